@@ -1,0 +1,267 @@
+//! Registers ↔ numbers: tables and addresses, types, word order, scale, raw sentinels, saturation.
+//!
+//! A value spans one to four 16-bit registers (or one coil). Integers are compared with their sentinels *before*
+//! scaling: −512 is "open circuit" to some modules and would scale to a plausible −32.0 °C.
+
+use std::fmt;
+
+use crate::reading::Reason;
+
+mod address;
+
+pub use address::{Address, Table};
+
+/// How a number lies in registers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum DataType {
+    /// One coil or discrete input; in a register: zero or not zero.
+    Bool,
+    /// Unsigned 16 bits.
+    U16,
+    /// Signed 16 bits, two's complement.
+    I16,
+    /// Unsigned 32 bits.
+    U32,
+    /// Signed 32 bits.
+    I32,
+    /// Unsigned 64 bits.
+    U64,
+    /// Signed 64 bits.
+    I64,
+    /// IEEE 754, 32 bits.
+    F32,
+    /// IEEE 754, 64 bits.
+    F64,
+}
+
+/// Which register of a value of several registers comes first. There is no default: devices differ.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum WordOrder {
+    /// The most significant word at the lowest address.
+    MswFirst,
+    /// The least significant word at the lowest address.
+    LswFirst,
+}
+
+/// Everything needed to turn registers into an engineering value and back: `value = raw · scale + offset`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Encoding {
+    /// How the bits are read.
+    pub data_type: DataType,
+    /// Order of the registers; meaningless for one register.
+    pub word_order: WordOrder,
+    /// The two bytes inside every register are exchanged.
+    pub byte_swap: bool,
+    /// Engineering units per count; never zero.
+    pub scale: f64,
+    /// Engineering value of raw zero.
+    pub offset: f64,
+    /// Added to the raw count on the wire (outputs; LinuxCNC wants 32768).
+    pub bias: i64,
+    /// Raw values that mean "no measurement".
+    pub bad: Vec<i64>,
+}
+
+/// Registers ready to be written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Encoded {
+    words: [u16; 4],
+    len: usize,
+    /// The value did not fit its type and was cut to the nearest one that does.
+    pub saturated: bool,
+}
+
+impl DataType {
+    /// How many registers a value takes.
+    pub const fn registers(self) -> u16 {
+        match self {
+            DataType::Bool | DataType::U16 | DataType::I16 => 1,
+            DataType::U32 | DataType::I32 | DataType::F32 => 2,
+            DataType::U64 | DataType::I64 | DataType::F64 => 4,
+        }
+    }
+
+    /// The word of the profile for it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            DataType::Bool => "bool",
+            DataType::U16 => "u16",
+            DataType::I16 => "i16",
+            DataType::U32 => "u32",
+            DataType::I32 => "i32",
+            DataType::U64 => "u64",
+            DataType::I64 => "i64",
+            DataType::F32 => "f32",
+            DataType::F64 => "f64",
+        }
+    }
+
+    /// Smallest and largest raw count of an integer type; `None` for floating point.
+    pub const fn integer_range(self) -> Option<(i128, i128)> {
+        Some(match self {
+            DataType::Bool => (0, 1),
+            DataType::U16 => (0, u16::MAX as i128),
+            DataType::I16 => (i16::MIN as i128, i16::MAX as i128),
+            DataType::U32 => (0, u32::MAX as i128),
+            DataType::I32 => (i32::MIN as i128, i32::MAX as i128),
+            DataType::U64 => (0, u64::MAX as i128),
+            DataType::I64 => (i64::MIN as i128, i64::MAX as i128),
+            DataType::F32 | DataType::F64 => return None,
+        })
+    }
+}
+
+impl Encoded {
+    /// The registers, lowest address first.
+    pub fn words(&self) -> &[u16] {
+        &self.words[..self.len]
+    }
+}
+
+impl Encoding {
+    /// The engineering value of one coil or discrete input.
+    pub fn decode_bit(&self, bit: bool) -> f64 {
+        f64::from(u8::from(bit)) * self.scale + self.offset
+    }
+
+    /// The engineering value of these registers (lowest address first, exactly `data_type.registers()` of them).
+    ///
+    /// # Errors
+    /// The reason why there is no value: a sentinel, NaN or infinity, or the wrong number of registers.
+    pub fn decode(&self, words: &[u16]) -> Result<f64, Reason> {
+        let bits = self.gather(words)?;
+        let raw = match self.data_type {
+            DataType::F32 | DataType::F64 => {
+                let value = float_of(self.data_type, bits);
+                if !value.is_finite() {
+                    return Err(Reason::NotANumber);
+                }
+                if self.bad.iter().any(|bad| same(value, as_float(i128::from(*bad)))) {
+                    return Err(Reason::Sentinel);
+                }
+                value
+            }
+            _ => {
+                let raw = integer_of(self.data_type, bits);
+                if self.bad.iter().any(|bad| i128::from(*bad) == raw) {
+                    return Err(Reason::Sentinel);
+                }
+                as_float(raw - i128::from(self.bias))
+            }
+        };
+        let value = raw * self.scale + self.offset;
+        if value.is_finite() { Ok(value) } else { Err(Reason::NotANumber) }
+    }
+
+    /// The registers that come nearest to `value`: whole counts, rounded half away from zero, cut to the type's range.
+    /// NaN is written as the count of zero and reported as saturated; callers never pass it.
+    pub fn encode(&self, value: f64) -> Encoded {
+        let scaled = (value - self.offset) / self.scale;
+        let (bits, saturated) = match self.data_type.integer_range() {
+            None => float_bits(self.data_type, scaled),
+            Some((low, high)) => {
+                let counts = if scaled.is_nan() { 0 } else { as_integer(scaled.round()) };
+                let wanted = counts.saturating_add(i128::from(self.bias));
+                let fits = wanted.clamp(low, high);
+                (to_bits(fits), fits != wanted || scaled.is_nan())
+            }
+        };
+        self.scatter(bits, saturated)
+    }
+
+    fn gather(&self, words: &[u16]) -> Result<u64, Reason> {
+        if words.len() != usize::from(self.data_type.registers()) {
+            return Err(Reason::BadReply);
+        }
+        let join = |bits: u64, word: &u16| (bits << 16) | u64::from(self.swap(*word));
+        Ok(match self.word_order {
+            WordOrder::MswFirst => words.iter().fold(0, join),
+            WordOrder::LswFirst => words.iter().rev().fold(0, join),
+        })
+    }
+
+    fn scatter(&self, bits: u64, saturated: bool) -> Encoded {
+        let len = usize::from(self.data_type.registers());
+        let mut words = [0u16; 4];
+        for (place, word) in words.iter_mut().take(len).enumerate() {
+            let rank = match self.word_order {
+                WordOrder::MswFirst => len - 1 - place,
+                WordOrder::LswFirst => place,
+            };
+            let [low, high, ..] = (bits >> (16 * rank)).to_le_bytes();
+            *word = self.swap(u16::from_le_bytes([low, high]));
+        }
+        Encoded { words, len, saturated }
+    }
+
+    fn swap(&self, word: u16) -> u16 {
+        if self.byte_swap { word.swap_bytes() } else { word }
+    }
+}
+
+/// Sentinels are exact: a float module sends 9999.0, not something near it.
+#[allow(clippy::float_cmp)]
+fn same(a: f64, b: f64) -> bool {
+    a == b
+}
+
+/// 64-bit counters beyond 2^53 lose their last digits here: a scale with 2^53 counts does not exist.
+#[allow(clippy::cast_precision_loss)]
+fn as_float(raw: i128) -> f64 {
+    raw as f64
+}
+
+/// `as` saturates at the ends, which is what is wanted before the range check.
+#[allow(clippy::cast_possible_truncation)]
+fn as_integer(rounded: f64) -> i128 {
+    rounded as i128
+}
+
+fn to_bits(raw: i128) -> u64 {
+    let bytes = raw.to_le_bytes();
+    let mut low = [0u8; 8];
+    low.copy_from_slice(&bytes[..8]);
+    u64::from_le_bytes(low)
+}
+
+fn integer_of(data_type: DataType, bits: u64) -> i128 {
+    let width = 16 * u32::from(data_type.registers());
+    let value = i128::from(bits);
+    let signed = matches!(data_type, DataType::I16 | DataType::I32 | DataType::I64);
+    match data_type {
+        DataType::Bool => i128::from(bits != 0),
+        _ if signed && bits >> (width - 1) == 1 => value - (1i128 << width),
+        _ => value,
+    }
+}
+
+fn float_of(data_type: DataType, bits: u64) -> f64 {
+    match u32::try_from(bits) {
+        Ok(narrow) if data_type == DataType::F32 => f64::from(f32::from_bits(narrow)),
+        _ => f64::from_bits(bits),
+    }
+}
+
+#[allow(clippy::cast_possible_truncation)]
+fn float_bits(data_type: DataType, value: f64) -> (u64, bool) {
+    let finite = if value.is_nan() { 0.0 } else { value };
+    if data_type == DataType::F32 {
+        let limit = f64::from(f32::MAX);
+        let fits = finite.clamp(-limit, limit);
+        return (u64::from((fits as f32).to_bits()), !same(fits, value));
+    }
+    let fits = finite.clamp(f64::MIN, f64::MAX);
+    (fits.to_bits(), !same(fits, value))
+}
+
+impl fmt::Display for WordOrder {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            WordOrder::MswFirst => "msw-first",
+            WordOrder::LswFirst => "lsw-first",
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;

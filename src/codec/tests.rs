@@ -1,0 +1,110 @@
+use proptest::prelude::*;
+
+use super::*;
+
+fn encoding(data_type: DataType, word_order: WordOrder) -> Encoding {
+    Encoding { data_type, word_order, byte_swap: false, scale: 1.0, offset: 0.0, bias: 0, bad: Vec::new() }
+}
+
+#[test]
+fn both_notations_name_the_same_register() {
+    for (protocol, modicon) in
+        [("input:0", "30001"), ("holding:100", "40101"), ("coil:19", "00020"), ("discrete:128", "10129")]
+    {
+        let address: Address = protocol.parse().unwrap();
+        assert_eq!(modicon.parse(), Ok(address));
+        assert_eq!((address.to_string().as_str(), address.modicon().as_str()), (protocol, modicon));
+    }
+    assert_eq!("465536".parse(), Ok(Address { table: Table::Holding, offset: 65535 }));
+    assert_eq!("holding:65535".parse::<Address>().unwrap().modicon(), "465536");
+}
+
+#[test]
+fn what_is_no_register_is_refused_with_what_is_allowed() {
+    for wrong in
+        ["", "holding", "holding:-1", "holding:65536", "holdin:1", "40000", "465537", "20001", "4000x"]
+    {
+        let said = wrong.parse::<Address>().unwrap_err();
+        assert!(said.contains("allowed") || said.contains("write a"), "{wrong}: {said}");
+    }
+}
+
+#[test]
+fn registers_become_the_numbers_that_devices_mean() {
+    let cases: [(DataType, WordOrder, &[u16], f64); 10] = [
+        (DataType::I16, WordOrder::MswFirst, &[0xFF01], -255.0),
+        (DataType::U16, WordOrder::MswFirst, &[0xFF01], 65281.0),
+        (DataType::I32, WordOrder::MswFirst, &[0xFFFF, 0xFFFF], -1.0),
+        (DataType::I32, WordOrder::LswFirst, &[0x0001, 0x0002], 131_073.0),
+        (DataType::I32, WordOrder::MswFirst, &[0x0001, 0x0002], 65_538.0),
+        (DataType::U32, WordOrder::MswFirst, &[0xFFFF, 0xFFFF], 4_294_967_295.0),
+        (DataType::F32, WordOrder::MswFirst, &[0x41C8, 0x0000], 25.0),
+        (DataType::F32, WordOrder::LswFirst, &[0x0000, 0x41C8], 25.0),
+        (DataType::I64, WordOrder::MswFirst, &[0xFFFF, 0xFFFF, 0xFFFF, 0xFFFE], -2.0),
+        (DataType::F64, WordOrder::MswFirst, &[0x4039, 0, 0, 0], 25.0),
+    ];
+    for (data_type, order, words, value) in cases {
+        assert_eq!(encoding(data_type, order).decode(words), Ok(value), "{data_type:?} {words:04x?}");
+    }
+    let swapped = Encoding { byte_swap: true, ..encoding(DataType::U16, WordOrder::MswFirst) };
+    assert_eq!(swapped.decode(&[0x3412]), Ok(f64::from(0x1234)));
+}
+
+#[test]
+fn a_sentinel_is_compared_before_scaling() {
+    let axiomatic =
+        Encoding { scale: 0.0625, bad: vec![-1, -512], ..encoding(DataType::I16, WordOrder::MswFirst) };
+    assert_eq!(axiomatic.decode(&[0xFE00]), Err(Reason::Sentinel));
+    assert_eq!(axiomatic.decode(&[0xFFFF]), Err(Reason::Sentinel));
+    assert_eq!(axiomatic.decode(&[400]), Ok(25.0));
+}
+
+#[test]
+fn nan_and_infinity_in_a_float_register_are_no_value() {
+    let float = encoding(DataType::F32, WordOrder::MswFirst);
+    assert_eq!(float.decode(&[0x7FC0, 0]), Err(Reason::NotANumber));
+    assert_eq!(float.decode(&[0x7F80, 0]), Err(Reason::NotANumber));
+}
+
+#[test]
+fn the_wrong_number_of_registers_is_a_bad_reply() {
+    let two = encoding(DataType::I32, WordOrder::MswFirst);
+    assert_eq!(two.decode(&[1]), Err(Reason::BadReply));
+    assert_eq!(two.decode(&[1, 2, 3]), Err(Reason::BadReply));
+}
+
+#[test]
+fn what_does_not_fit_is_cut_and_reported() {
+    let tenth = Encoding { scale: 0.1, ..encoding(DataType::I16, WordOrder::MswFirst) };
+    assert_eq!(tenth.encode(8.4).words(), [84]);
+    assert!(!tenth.encode(8.4).saturated);
+    let cut = tenth.encode(1e9);
+    assert_eq!((cut.words(), cut.saturated), ([0x7FFF].as_slice(), true));
+    assert!(tenth.encode(f64::NAN).saturated);
+}
+
+#[test]
+fn a_bias_keeps_a_negative_offset_above_zero_on_the_wire() {
+    let linuxcnc = Encoding { scale: 0.1, bias: 32768, ..encoding(DataType::U16, WordOrder::MswFirst) };
+    assert_eq!(linuxcnc.encode(-0.1).words(), [32767]);
+    assert_eq!(linuxcnc.encode(0.0).words(), [32768]);
+    assert!((linuxcnc.decode(&[32767]).unwrap() + 0.1).abs() < 1e-12);
+}
+
+proptest! {
+    #[test]
+    fn every_count_survives_the_way_there_and_back(raw: i32, order in prop_oneof![Just(WordOrder::MswFirst), Just(WordOrder::LswFirst)], byte_swap: bool) {
+        let encoding = Encoding { byte_swap, ..encoding(DataType::I32, order) };
+        let encoded = encoding.encode(f64::from(raw));
+        prop_assert!(!encoded.saturated);
+        prop_assert_eq!(encoding.decode(encoded.words()), Ok(f64::from(raw)));
+    }
+
+    #[test]
+    fn no_registers_decode_to_anything_but_a_finite_number(words in proptest::collection::vec(any::<u16>(), 0..6), kind in 0usize..9) {
+        let types = [DataType::Bool, DataType::U16, DataType::I16, DataType::U32, DataType::I32, DataType::U64, DataType::I64, DataType::F32, DataType::F64];
+        if let Ok(value) = encoding(types[kind], WordOrder::LswFirst).decode(&words) {
+            prop_assert!(value.is_finite());
+        }
+    }
+}

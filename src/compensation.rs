@@ -1,0 +1,300 @@
+//! The heart: from a snapshot of the machine to one decision per axis. Pure: no I/O, no clock, no allocation in a step.
+//!
+//! Time is an argument, so the same code runs in the gateway, the demo, the replay and the tests, and a recorded
+//! log gives the decisions of the day bit for bit.
+//!
+//! # Sign
+//! Cz is what is *added* to a position. With the displacement error e (actual minus commanded) a model yields `Cz = −e`.
+//!
+//! # Terms
+//! - **raw**: what the model asks for, µm.
+//! - **Cz**: what the guard lets through, in whole counts of the register.
+//! - **due**: an axis is stepped at its own period; a snapshot in between changes nothing but edges.
+
+use std::time::Duration;
+
+use crate::quantity::{Micron, Moment};
+use crate::reading::{Reading, SignalId};
+
+pub mod model;
+pub mod reference;
+pub mod settings;
+
+mod guard;
+mod state;
+
+pub use guard::Stages;
+pub use model::Unusable;
+pub use state::AxisState;
+
+use guard::{Guard, Pace};
+use model::Evaluate;
+use reference::{Machine, Noticed};
+use settings::{AxisSettings, MachineSettings, OnFault};
+
+/// The machine at one moment: one reading per signal of the profile, already aged.
+#[derive(Clone, Copy, Debug)]
+pub struct Snapshot<'a> {
+    /// The moment.
+    pub now: Moment,
+    /// By [`SignalId`].
+    pub readings: &'a [Reading],
+}
+
+impl Snapshot<'_> {
+    /// The value of a signal, if it may be used.
+    pub fn value(&self, id: SignalId) -> Option<f64> {
+        self.readings.get(id.0)?.usable()
+    }
+}
+
+/// What the world outside tells an axis at a step.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Control {
+    /// It may decide and write.
+    pub permit: Permit,
+    /// What stands in the register, where the axis has to take it over: at arming, and when an output comes back.
+    pub take_over: Option<Micron>,
+}
+
+/// Whether an axis may decide.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Permit {
+    /// Not armed.
+    #[default]
+    Off,
+    /// Armed, and what it wrote last was verified.
+    Armed,
+    /// Armed, but what it wrote last was not verified.
+    Unverified,
+    /// The gateway is stopping: the fault action runs without its waiting time.
+    Stopping,
+}
+
+impl Permit {
+    /// The word for it in a log.
+    pub fn name(self) -> &'static str {
+        match self {
+            Permit::Off => "off",
+            Permit::Armed => "armed",
+            Permit::Unverified => "unverified",
+            Permit::Stopping => "stopping",
+        }
+    }
+
+    /// The permit with this name.
+    pub fn from_name(name: &str) -> Option<Permit> {
+        [Permit::Off, Permit::Armed, Permit::Unverified, Permit::Stopping]
+            .into_iter()
+            .find(|permit| permit.name() == name)
+    }
+}
+
+/// What was decided for one axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Decision {
+    /// When.
+    pub at: Moment,
+    /// The model's Cz, before the guard.
+    pub raw: Option<Micron>,
+    /// Which model gave it: its place in the profile's list.
+    pub model: Option<usize>,
+    /// Cz after the guard: what is to be written.
+    pub cz: Micron,
+    /// What the axis is doing.
+    pub state: AxisState,
+    /// The stages of the guard that changed the value.
+    pub acted: Stages,
+    /// What the preferred model lacks.
+    pub lacks: Option<Unusable>,
+}
+
+/// All axes of a machine, and what they remember.
+#[derive(Clone, Debug)]
+pub struct Compensation {
+    settings: MachineSettings,
+    machine: Machine,
+    axes: Vec<Axis>,
+}
+
+#[derive(Clone, Debug)]
+struct Axis {
+    settings: AxisSettings,
+    guard: Guard,
+    state: AxisState,
+    stepped: Option<Moment>,
+    due: Option<Moment>,
+    decision: Decision,
+}
+
+/// What a call of [`Compensation::step`] did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stepped {
+    /// At least one axis decided, or an edge was seen: a row for the log.
+    pub anything: bool,
+    /// Machine start and zero.
+    pub noticed: Noticed,
+}
+
+impl Compensation {
+    /// Axes at rest, with what the machine remembers from before ([`Machine::default`] where it remembers nothing).
+    pub fn new(settings: MachineSettings, axes: Vec<AxisSettings>, machine: Machine) -> Compensation {
+        let axes = axes.into_iter().map(Axis::new).collect();
+        Compensation { settings, machine, axes }
+    }
+
+    /// Steps each axis that is due at `snapshot.now`, under its control (same order, one each).
+    pub fn step(&mut self, snapshot: &Snapshot<'_>, controls: &[Control]) -> Stepped {
+        let due = self.axes.iter().any(|axis| axis.is_due(snapshot.now));
+        if !due && !self.machine.would_notice(&self.settings, snapshot) {
+            return Stepped::default();
+        }
+        let noticed = self.machine.observe(&self.settings, snapshot);
+        for (axis, control) in self.axes.iter_mut().zip(controls) {
+            if axis.is_due(snapshot.now) {
+                axis.step(snapshot, &self.machine, *control);
+            }
+        }
+        Stepped { anything: true, noticed }
+    }
+
+    /// The earliest moment at which an axis is due; `None` where there are no axes.
+    pub fn next_due(&self) -> Option<Moment> {
+        self.axes.iter().map(|axis| axis.due.unwrap_or_default()).min()
+    }
+
+    /// The last decision of each axis.
+    pub fn decisions(&self) -> impl Iterator<Item = &Decision> {
+        self.axes.iter().map(|axis| &axis.decision)
+    }
+
+    /// The last decision of one axis.
+    pub fn decision(&self, axis: usize) -> Option<&Decision> {
+        self.axes.get(axis).map(|axis| &axis.decision)
+    }
+
+    /// Whether some model of this axis could be used now.
+    pub fn has_usable_model(&self, axis: usize, snapshot: &Snapshot<'_>) -> bool {
+        self.axes.get(axis).is_some_and(|axis| axis.choose(snapshot, &self.machine).0.is_some())
+    }
+
+    /// What is worth keeping over a restart.
+    pub fn machine(&self) -> &Machine {
+        &self.machine
+    }
+
+    /// Captures the "zero" references from now on.
+    pub fn zero(&mut self, now: Moment) {
+        self.machine.zero(&self.settings, now);
+    }
+}
+
+impl Axis {
+    fn new(settings: AxisSettings) -> Axis {
+        let decision = Decision {
+            at: Moment::default(),
+            raw: None,
+            model: None,
+            cz: Micron::ZERO,
+            state: AxisState::Off,
+            acted: Stages::default(),
+            lacks: None,
+        };
+        Axis { settings, guard: Guard::default(), state: AxisState::Off, stepped: None, due: None, decision }
+    }
+
+    /// At its period; at once where it never ran or where time went back.
+    fn is_due(&self, now: Moment) -> bool {
+        let (Some(due), Some(last)) = (self.due, self.stepped) else { return true };
+        now >= due || now < last
+    }
+
+    /// The first usable model with its value, and what the preferred one lacks.
+    fn choose(
+        &self,
+        snapshot: &Snapshot<'_>,
+        machine: &Machine,
+    ) -> (Option<(usize, Micron)>, Option<Unusable>) {
+        let mut lacks = None;
+        for (place, model) in self.settings.models.iter().enumerate() {
+            match model.evaluate(snapshot, machine) {
+                Ok(value) => return (Micron::new(value).map(|raw| (place, raw)), lacks),
+                Err(reason) => lacks = lacks.or(Some(reason)),
+            }
+        }
+        (None, lacks)
+    }
+
+    fn step(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, control: Control) {
+        let now = snapshot.now;
+        let dt = self.stepped.map_or(self.settings.every, |last| now.since(last));
+        let (chosen, lacks) = self.choose(snapshot, machine);
+        if let Some(found) = control.take_over {
+            self.guard.take_over(found, &self.settings.guard);
+        }
+        self.state = self.next_state(now, chosen.map(|(place, _)| place), control.permit);
+        let (target, pace) = match (self.state, chosen, self.settings.on_fault) {
+            (AxisState::Active | AxisState::Degraded, Some((_, raw)), _) => (Some(raw), Pace::Follow),
+            (AxisState::Ramping, _, OnFault::Zero) => (Some(Micron::ZERO), Pace::Steps),
+            (AxisState::Ramping, _, _) => (Some(Micron::ZERO), Pace::Ramp),
+            _ => (None, Pace::Follow),
+        };
+        let (cz, acted) = match target {
+            Some(target) => self.guard.advance(target, dt, pace, &self.settings.guard),
+            None => (self.guard.value(), Stages::default()),
+        };
+        if self.state == AxisState::Ramping && cz == Micron::ZERO {
+            self.state = AxisState::Zeroed;
+        }
+        self.decision = Decision {
+            at: now,
+            raw: chosen.map(|(_, raw)| raw),
+            model: chosen.map(|(place, _)| place),
+            cz,
+            state: self.state,
+            acted,
+            lacks,
+        };
+        let first = self.due.filter(|due| *due <= now).unwrap_or(now);
+        self.due = Some(now.next_tick(first, self.period()));
+        self.stepped = Some(now);
+    }
+
+    fn next_state(&self, now: Moment, model: Option<usize>, permit: Permit) -> AxisState {
+        match (permit, model) {
+            (Permit::Off, _) => AxisState::Off,
+            (Permit::Armed, Some(0)) => AxisState::Active,
+            (Permit::Armed, Some(_)) => AxisState::Degraded,
+            (Permit::Armed | Permit::Unverified, _) => self.fault_action(now, false),
+            (Permit::Stopping, _) => self.fault_action(now, true),
+        }
+    }
+
+    fn fault_action(&self, now: Moment, at_once: bool) -> AxisState {
+        let since = match self.state {
+            AxisState::Ramping | AxisState::Zeroed if self.guard.value() == Micron::ZERO => {
+                return AxisState::Zeroed;
+            }
+            AxisState::Ramping | AxisState::Zeroed => return AxisState::Ramping,
+            AxisState::Holding(since) => since,
+            AxisState::Off | AxisState::Active | AxisState::Degraded => now,
+        };
+        let leaves = match self.settings.on_fault {
+            OnFault::Hold => false,
+            OnFault::Ramp { after } => at_once || now.since(since) >= after,
+            OnFault::Zero => true,
+        };
+        if leaves { AxisState::Ramping } else { AxisState::Holding(since) }
+    }
+
+    /// An axis going to zero updates as often as its rate needs it to, however slow its normal period.
+    fn period(&self) -> Duration {
+        let guard = &self.settings.guard;
+        let ramping = self.state == AxisState::Ramping && self.settings.on_fault != OnFault::Zero;
+        let one_step = Duration::try_from_secs_f64(guard.step.get() / guard.rate).unwrap_or(Duration::MAX);
+        if ramping { self.settings.every.min(one_step) } else { self.settings.every }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,152 @@
+//! What ΔT is measured from, and how long the machine has been running.
+//!
+//! Both belong to the machine, not to an axis, and both survive a restart. Edges of the `on` and `zero` signals
+//! are seen between two calls of [`Machine::observe`]; the caller asks [`Machine::would_notice`] on every new
+//! reading, so that a short press of a button is not lost between two updates.
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::Snapshot;
+use super::model::Reference;
+use super::settings::MachineSettings;
+use crate::quantity::Moment;
+use crate::reading::SignalId;
+
+/// Machine-on time and the captured references of every signal.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Machine {
+    on_since: Option<Moment>,
+    was_on: Option<bool>,
+    was_zeroed: Option<bool>,
+    start: Vec<Capture>,
+    zero: Vec<Capture>,
+}
+
+/// The reference of one signal: captured, or being gathered.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct Capture {
+    value: Option<f64>,
+    gathering: Option<Gathering>,
+}
+
+/// A mean that is still growing.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+struct Gathering {
+    until: Moment,
+    sum: f64,
+    count: u32,
+}
+
+/// What [`Machine::observe`] noticed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Noticed {
+    /// Machine-on time begins now.
+    pub started: bool,
+    /// The references given as "zero" are captured from now on.
+    pub zeroed: bool,
+}
+
+impl Machine {
+    /// How long the machine has been running; `None` before it was first seen running.
+    pub fn on_time(&self, now: Moment) -> Option<Duration> {
+        self.on_since.map(|since| now.since(since))
+    }
+
+    /// The reference value of a term; `None` while it has not been captured.
+    pub fn reference(&self, reference: Reference, signal: SignalId) -> Option<f64> {
+        match reference {
+            Reference::Fixed(value) => Some(value),
+            Reference::Start => self.start.get(signal.0)?.value,
+            Reference::Zero => self.zero.get(signal.0)?.value,
+        }
+    }
+
+    /// Whether this snapshot holds an edge that [`Machine::observe`] would act upon.
+    pub fn would_notice(&self, settings: &MachineSettings, snapshot: &Snapshot<'_>) -> bool {
+        let differs = |signal: Option<SignalId>, last: Option<bool>| {
+            let level = signal.and_then(|id| level(snapshot, id));
+            level.is_some() && level != last
+        };
+        differs(settings.on, self.was_on) || differs(settings.zero, self.was_zeroed)
+    }
+
+    /// Takes in a snapshot: edges, machine-on time, references being gathered.
+    pub fn observe(&mut self, settings: &MachineSettings, snapshot: &Snapshot<'_>) -> Noticed {
+        self.start.resize(settings.signals, Capture::default());
+        self.zero.resize(settings.signals, Capture::default());
+        let started = self.begins_to_run(settings, snapshot);
+        if started {
+            self.on_since = Some(snapshot.now);
+            let fresh = Capture { value: None, gathering: Some(Gathering::new(snapshot.now, settings)) };
+            self.start.fill(fresh);
+            // A machine that was never zeroed is zeroed by its first start.
+            for capture in self.zero.iter_mut().filter(|capture| capture.value.is_none()) {
+                *capture = fresh;
+            }
+        }
+        let zeroed = rising(&mut self.was_zeroed, settings.zero, snapshot);
+        if zeroed {
+            self.zero(settings, snapshot.now);
+        }
+        for (place, reading) in snapshot.readings.iter().enumerate() {
+            let Some(value) = reading.usable() else { continue };
+            for captures in [&mut self.start, &mut self.zero] {
+                if let Some(capture) = captures.get_mut(place) {
+                    capture.gather(value, snapshot.now);
+                }
+            }
+        }
+        Noticed { started, zeroed }
+    }
+
+    /// Captures the "zero" references from now on. The old ones serve until the new ones are complete.
+    pub fn zero(&mut self, settings: &MachineSettings, now: Moment) {
+        self.zero.resize(settings.signals, Capture::default());
+        for capture in &mut self.zero {
+            capture.gathering = Some(Gathering::new(now, settings));
+        }
+    }
+
+    fn begins_to_run(&mut self, settings: &MachineSettings, snapshot: &Snapshot<'_>) -> bool {
+        if settings.on.is_some() {
+            return rising(&mut self.was_on, settings.on, snapshot);
+        }
+        self.on_since.is_none() && snapshot.readings.iter().any(|reading| reading.usable().is_some())
+    }
+}
+
+impl Gathering {
+    fn new(now: Moment, settings: &MachineSettings) -> Gathering {
+        Gathering { until: now.after(settings.settle), sum: 0.0, count: 0 }
+    }
+}
+
+impl Capture {
+    fn gather(&mut self, value: f64, now: Moment) {
+        let Some(gathering) = &mut self.gathering else { return };
+        gathering.sum += value;
+        gathering.count += 1;
+        if now >= gathering.until {
+            self.value = Some(gathering.sum / f64::from(gathering.count));
+            self.gathering = None;
+        }
+    }
+}
+
+/// A signal as a yes or no; `None` while it cannot be read.
+fn level(snapshot: &Snapshot<'_>, id: SignalId) -> Option<bool> {
+    snapshot.value(id).map(|value| value >= 0.5)
+}
+
+/// A signal that is high now and was not: a first look at a high signal counts as its edge.
+fn rising(last: &mut Option<bool>, signal: Option<SignalId>, snapshot: &Snapshot<'_>) -> bool {
+    let Some(now) = signal.and_then(|id| level(snapshot, id)) else { return false };
+    let rose = now && *last != Some(true);
+    *last = Some(now);
+    rose
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,64 @@
+//! What an axis is told once, by the profile.
+
+use std::time::Duration;
+
+use super::model::Model;
+use crate::quantity::Micron;
+use crate::reading::SignalId;
+
+/// What concerns every axis of the machine: machine-on time and captured references.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MachineSettings {
+    /// The signal whose rising edge starts machine-on time; without one, the first good reading does.
+    pub on: Option<SignalId>,
+    /// The signal whose rising edge captures the references given as "zero".
+    pub zero: Option<SignalId>,
+    /// A captured reference is the mean over this long; zero takes the first good reading.
+    pub settle: Duration,
+    /// How many signals the machine has: the length of every snapshot.
+    pub signals: usize,
+}
+
+/// One axis: its models in order of preference, and the guard that stands before the register.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AxisSettings {
+    /// The axis's name in the profile.
+    pub name: String,
+    /// The first whose signals are all good is used. Never empty.
+    pub models: Vec<Model>,
+    /// Bounds of the offset.
+    pub guard: GuardSettings,
+    /// Update period.
+    pub every: Duration,
+    /// What happens when no model can be used.
+    pub on_fault: OnFault,
+}
+
+/// The bounds of an offset. All positive and finite.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GuardSettings {
+    /// Largest |Cz|.
+    pub limit: Micron,
+    /// Largest change of one update.
+    pub step: Micron,
+    /// Largest speed, µm/s.
+    pub rate: f64,
+    /// A change smaller than this is not made.
+    pub deadband: Micron,
+    /// One count of the register in µm of Cz; `None` where the register takes fractions.
+    pub count: Option<Micron>,
+}
+
+/// What an axis does when its inputs or outputs fail.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OnFault {
+    /// Keep the last value for as long as the fault lasts.
+    Hold,
+    /// Keep it this long, then go to zero at the axis's `rate`.
+    Ramp {
+        /// How long the last value is kept.
+        after: Duration,
+    },
+    /// Go to zero at once, as fast as `step` per update allows.
+    Zero,
+}

@@ -1,0 +1,69 @@
+//! The states of an axis.
+//!
+//! ```text
+//!            armed                    no usable model, or outputs not verified
+//!   Off ─────────────► Active ─────────────────────────────► Holding
+//!    ▲                  ▲  ▲  ◄─────────────────────────────    │
+//!    │ disarmed         │  │            all good again          │ after (ramp) · at once (zero)
+//!    │ (from anywhere)  │  │                                    ▼
+//!                       │  └────────── all good again ────── Ramping
+//!      preferred model  │                                       │ at zero
+//!      not usable       ▼                                       ▼
+//!                    Degraded                                 Zeroed ──► (all good again: Active)
+//! ```
+//!
+//! # Theory of operation
+//! An axis that is off decides nothing; what stands in the register stays. Arming takes over what stands there, so
+//! the first decision is a step from it, never a jump to something else. While a model can be used and what was
+//! written was verified, the axis follows the model through the guard; on a lesser model it says so. When either
+//! fails it keeps its value, and then does what the profile says. Coming back is the same walk through the guard.
+
+use std::fmt;
+
+use crate::quantity::Moment;
+
+/// What an axis is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+pub enum AxisState {
+    /// Not armed: nothing is decided, nothing written.
+    #[default]
+    Off,
+    /// Following its preferred model.
+    Active,
+    /// Following a lesser model, because the preferred one cannot be used.
+    Degraded,
+    /// Keeping its last value since this moment.
+    Holding(Moment),
+    /// Going to zero.
+    Ramping,
+    /// At zero, until its inputs and outputs are good again.
+    Zeroed,
+}
+
+impl AxisState {
+    /// The word for it everywhere: `z_state`, page, metrics, log.
+    pub fn name(self) -> &'static str {
+        match self {
+            AxisState::Off => "off",
+            AxisState::Active => "active",
+            AxisState::Degraded => "degraded",
+            AxisState::Holding(_) => "holding",
+            AxisState::Ramping => "ramping",
+            AxisState::Zeroed => "zeroed",
+        }
+    }
+
+    /// Every name, for those who count them.
+    pub const NAMES: [&'static str; 6] = ["off", "active", "degraded", "holding", "ramping", "zeroed"];
+
+    /// Following a model.
+    pub fn is_following(self) -> bool {
+        matches!(self, AxisState::Active | AxisState::Degraded)
+    }
+}
+
+impl fmt::Display for AxisState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}

@@ -1,0 +1,273 @@
+//! A machine profile: one TOML file, resolved into final types before anything is opened.
+//!
+//! [`load`] reads the layers (profile, `.local.toml` beside it, environment, `--set`), reports every error at
+//! once with its place, and gives a [`Profile`] in which each name has become an index and each text a type.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use crate::codec::{Address, Encoding};
+use crate::compensation::model::Condition;
+use crate::compensation::settings::{AxisSettings, MachineSettings};
+use crate::reading::SignalId;
+
+/// One physical line: its place in the profile's list.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct BusId(pub usize);
+
+/// One device: its place in the profile's list.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct DeviceId(pub usize);
+
+/// One axis: its place in the profile's list.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct AxisId(pub usize);
+
+/// One output: its place in the profile's list.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct OutputId(pub usize);
+
+/// A whole machine, checked. Lists are in the order of the file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Profile {
+    /// `machine.name`, `[a-z0-9-]`.
+    pub name: String,
+    /// One line for people.
+    pub description: String,
+    /// The file it came from.
+    pub path: PathBuf,
+    /// Machine-on time and references.
+    pub machine: MachineSettings,
+    /// When an axis may begin to write.
+    pub arm: Arm,
+    /// The lines.
+    pub buses: Vec<Bus>,
+    /// What hangs on them.
+    pub devices: Vec<Device>,
+    /// What is read. `SignalId` counts here.
+    pub signals: Vec<Signal>,
+    /// What is computed. Same order as [`Profile::outputs`]' `axis`.
+    pub axes: Vec<Axis>,
+    /// What is written.
+    pub outputs: Vec<Output>,
+    /// The register that lets the CNC see the gateway die.
+    pub heartbeat: Option<Heartbeat>,
+    /// Page, API, metrics.
+    pub web: Option<Web>,
+    /// Where state and logs are kept.
+    pub history: History,
+}
+
+/// When an axis may begin to write.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Arm {
+    /// Once its devices are verified and its readings good.
+    Auto,
+    /// When a person says so.
+    Manual,
+}
+
+/// One Modbus TCP connection.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bus {
+    /// Its name in the profile.
+    pub name: String,
+    /// Host and port, as written.
+    pub address: String,
+    /// Longest wait for one answer, and for a connection.
+    pub timeout: Duration,
+    /// What its devices need to be treated like.
+    pub quirks: Quirks,
+}
+
+/// Ways in which a device is peculiar, by the names users know from Telegraf.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Quirks {
+    /// Silence after connecting.
+    pub pause_after_connect: Duration,
+    /// Silence between two requests.
+    pub pause_between_requests: Duration,
+    /// Reads are not merged at all.
+    pub one_request_per_field: bool,
+    /// Largest number of registers in one read, 1 to 125.
+    pub max_registers_per_request: u16,
+    /// Unused registers that a merged read may bridge.
+    pub max_gap: u16,
+}
+
+/// One unit on a bus.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Device {
+    /// Its name in the profile.
+    pub name: String,
+    /// Its line.
+    pub bus: BusId,
+    /// Modbus unit identifier.
+    pub unit: u8,
+    /// Poll period of its signals.
+    pub every: Duration,
+    /// The function codes it may be sent.
+    pub functions: Functions,
+    /// The bus's quirks with the device's own over them.
+    pub quirks: Quirks,
+}
+
+/// The function codes that may be sent to a device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(clippy::struct_excessive_bools, reason = "eight independent permissions")]
+pub struct Functions {
+    /// 01
+    pub read_coils: bool,
+    /// 02
+    pub read_discrete: bool,
+    /// 03
+    pub read_holding: bool,
+    /// 04
+    pub read_input: bool,
+    /// 05
+    pub write_coil: bool,
+    /// 06
+    pub write_single: bool,
+    /// 15
+    pub write_coils: bool,
+    /// 16
+    pub write_multiple: bool,
+}
+
+/// One value that is read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Signal {
+    /// Its name in the profile.
+    pub name: String,
+    /// Where it is read.
+    pub device: DeviceId,
+    /// Its first register or its bit.
+    pub address: Address,
+    /// How registers become the value.
+    pub encoding: Encoding,
+    /// Its engineering unit.
+    pub unit: Unit,
+    /// Smallest and largest believable value.
+    pub range: Option<(f64, f64)>,
+    /// Fastest believable change per second.
+    pub max_rate: Option<f64>,
+    /// Older is stale.
+    pub max_age: Duration,
+    /// A condition on other signals that condemns this one.
+    pub fault_when: Option<Condition>,
+    /// May share a read request with its neighbours.
+    pub merge: bool,
+}
+
+/// Engineering units.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Unit(pub &'static str);
+
+/// One axis with its place in the profile's words.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Axis {
+    /// What the pure step needs.
+    pub settings: AxisSettings,
+    /// A lathe's X: the offset acts on the diameter, Cz is doubled when written.
+    pub diameter: bool,
+}
+
+/// One value that is written.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Output {
+    /// Its name in the profile.
+    pub name: String,
+    /// Whose Cz.
+    pub axis: AxisId,
+    /// Where it goes.
+    pub device: DeviceId,
+    /// Its first register.
+    pub address: Address,
+    /// How the value becomes registers.
+    pub encoding: Encoding,
+    /// What is written.
+    pub writes: Writes,
+    /// How a write is believed.
+    pub verify: Verify,
+    /// Written again though unchanged.
+    pub refresh: Option<Duration>,
+    /// Interlock: otherwise held.
+    pub when: Option<Condition>,
+}
+
+/// What an output writes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Writes {
+    /// Cz, in µm, on the axis's period.
+    Offset,
+    /// Position + Cz, in mm, as soon as the position is read.
+    Corrected {
+        /// The scale.
+        position: SignalId,
+    },
+}
+
+/// How a write is believed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verify {
+    /// The register is read again.
+    ReadBack,
+    /// The answer repeats address and value.
+    Echo,
+}
+
+/// The register that counts while the gateway lives.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Heartbeat {
+    /// Where.
+    pub device: DeviceId,
+    /// A holding register.
+    pub address: Address,
+    /// How often it counts.
+    pub every: Duration,
+}
+
+/// Page, API, metrics.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Web {
+    /// Host and port; port 0 takes any free one.
+    pub listen: String,
+    /// A file with the token that is asked for; required beyond loopback.
+    pub token_file: Option<PathBuf>,
+}
+
+/// State and logs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct History {
+    /// `None`: the platform's state directory.
+    pub directory: Option<PathBuf>,
+    /// How long logs are kept.
+    pub keep: Duration,
+}
+
+impl Profile {
+    /// The signal.
+    pub fn signal(&self, id: SignalId) -> &Signal {
+        &self.signals[id.0]
+    }
+
+    /// The device.
+    pub fn device(&self, id: DeviceId) -> &Device {
+        &self.devices[id.0]
+    }
+
+    /// The bus.
+    pub fn bus(&self, id: BusId) -> &Bus {
+        &self.buses[id.0]
+    }
+
+    /// The axis.
+    pub fn axis(&self, id: AxisId) -> &Axis {
+        &self.axes[id.0]
+    }
+
+    /// The output.
+    pub fn output(&self, id: OutputId) -> &Output {
+        &self.outputs[id.0]
+    }
+}

@@ -1,0 +1,158 @@
+//! One value read from the machine: what it is, when it was taken, and whether it may be used.
+
+use std::fmt;
+use std::time::Duration;
+
+use crate::quantity::Moment;
+
+/// Which signal of the profile: its place in the profile's list.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct SignalId(pub usize);
+
+/// A value in the signal's engineering unit, with the moment it was taken and its quality.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reading {
+    /// In the signal's unit. Meaningless unless the quality is good.
+    pub value: f64,
+    /// When it was taken.
+    pub at: Moment,
+    /// Whether it may be used.
+    pub quality: Quality,
+}
+
+/// Whether a value may be used, and if not, why.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Quality {
+    /// Fresh, inside its range, its device healthy.
+    Good,
+    /// Not to be used.
+    Bad(Reason),
+}
+
+/// Why a value may not be used, in the order in which a maintenance person would ask.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Reason {
+    /// No answer since the gateway started.
+    NeverRead,
+    /// The last good value is older than `max_age`.
+    Stale,
+    /// The raw count is one the device sends for a broken sensor.
+    Sentinel,
+    /// A floating-point register holds NaN or infinity.
+    NotANumber,
+    /// Outside `range`.
+    OutOfRange,
+    /// It changed faster than `max_rate`.
+    TooFast,
+    /// The device answered with this Modbus exception code.
+    Exception(u8),
+    /// The device did not answer in time.
+    Timeout,
+    /// No connection to the device.
+    LinkDown,
+    /// The answer was not one to this question (length, unit, function, transaction).
+    BadReply,
+    /// The signal's `fault_when` holds, or its own signals cannot be read.
+    FaultBit,
+    /// A replayed log has no value here.
+    NotInLog,
+}
+
+impl Reading {
+    /// The reading before anything was read.
+    pub const NEVER: Reading = Reading::bad(Moment::from_nanos(0), Reason::NeverRead);
+
+    /// A good value.
+    pub const fn good(value: f64, at: Moment) -> Reading {
+        Reading { value, at, quality: Quality::Good }
+    }
+
+    /// No value, for this reason.
+    pub const fn bad(at: Moment, reason: Reason) -> Reading {
+        Reading { value: f64::NAN, at, quality: Quality::Bad(reason) }
+    }
+
+    /// The value if it may be used.
+    pub fn usable(&self) -> Option<f64> {
+        (self.quality == Quality::Good && self.value.is_finite()).then_some(self.value)
+    }
+
+    /// This reading as it counts at `now`: a good one older than `max_age` is stale.
+    pub fn aged(self, now: Moment, max_age: Duration) -> Reading {
+        if self.quality == Quality::Good && now.since(self.at) > max_age {
+            return Reading { quality: Quality::Bad(Reason::Stale), ..self };
+        }
+        self
+    }
+}
+
+impl Reason {
+    /// One word for programs: metrics, JSON, logs.
+    pub fn code(self) -> &'static str {
+        match self {
+            Reason::NeverRead => "never-read",
+            Reason::Stale => "stale",
+            Reason::Sentinel => "sentinel",
+            Reason::NotANumber => "not-a-number",
+            Reason::OutOfRange => "out-of-range",
+            Reason::TooFast => "too-fast",
+            Reason::Exception(_) => "exception",
+            Reason::Timeout => "timeout",
+            Reason::LinkDown => "link-down",
+            Reason::BadReply => "bad-reply",
+            Reason::FaultBit => "fault-bit",
+            Reason::NotInLog => "not-in-log",
+        }
+    }
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Reason::NeverRead => "never read",
+            Reason::Stale => "stale",
+            Reason::Sentinel => "sensor fault (sentinel value)",
+            Reason::NotANumber => "not a number",
+            Reason::OutOfRange => "out of range",
+            Reason::TooFast => "changing too fast",
+            Reason::Exception(code) => return write!(f, "device exception {code}"),
+            Reason::Timeout => "no answer in time",
+            Reason::LinkDown => "no connection",
+            Reason::BadReply => "wrong reply",
+            Reason::FaultBit => "fault bit set",
+            Reason::NotInLog => "not in the log",
+        })
+    }
+}
+
+impl fmt::Display for Quality {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Quality::Good => f.write_str("good"),
+            Quality::Bad(reason) => reason.fmt(f),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_good_reading_turns_stale_when_it_is_older_than_its_maximum_age() {
+        let taken = Moment::from_nanos(0);
+        let reading = Reading::good(27.5, taken);
+        let age = Duration::from_secs(5);
+        assert_eq!(reading.aged(taken.after(age), age).usable(), Some(27.5));
+        let late = reading.aged(taken.after(age + Duration::from_nanos(1)), age);
+        assert_eq!(late.quality, Quality::Bad(Reason::Stale));
+        assert_eq!(late.usable(), None);
+    }
+
+    #[test]
+    fn a_bad_reading_keeps_its_first_reason_when_it_ages() {
+        let reading = Reading::bad(Moment::from_nanos(0), Reason::Sentinel);
+        let later = reading.aged(Moment::from_nanos(u64::MAX), Duration::from_secs(1));
+        assert_eq!(later.quality, Quality::Bad(Reason::Sentinel));
+    }
+}
