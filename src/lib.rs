@@ -9,6 +9,7 @@
 //! virtual_machine ← cli                                compensation: no tokio, no I/O, no clock
 //! ```
 
+pub mod clock;
 pub mod codec;
 pub mod compensation;
 pub mod profile;

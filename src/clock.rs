@@ -1,0 +1,156 @@
+//! Time: the wall's, or a virtual one. The only place that knows which.
+//!
+//! Every task that acts by the clock holds a [`Sleeper`]. The virtual clock advances only when every sleeper sleeps,
+//! and then wakes exactly one: the earliest, and of those due at the same moment the one that joined first. So real
+//! sockets are waited for, protocol timeouts stay wall time, and one seed gives the same run at any speed.
+//! (tokio's paused clock cannot do this: it runs ahead while a real socket waits.)
+//!
+//! Whatever makes a sleeper's task act before its time goes through its [`Bell`]; a message that a sleeping task
+//! would have to notice by itself could be overtaken by the clock.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use crate::quantity::Moment;
+
+mod simulated;
+mod wall;
+
+use simulated::Simulated;
+use wall::Wall;
+
+/// A clock that tasks share.
+#[derive(Clone, Debug)]
+pub struct Clock(Source);
+
+#[derive(Clone, Debug)]
+enum Source {
+    Wall(Arc<Wall>),
+    Simulated(Arc<Simulated>),
+}
+
+/// One task's hold on the clock.
+#[derive(Debug)]
+pub struct Sleeper {
+    clock: Clock,
+    place: Place,
+}
+
+#[derive(Debug)]
+enum Place {
+    Wall(Arc<tokio::sync::Notify>),
+    Simulated(simulated::Seat),
+}
+
+/// Wakes one sleeper before its time, from any thread.
+#[derive(Clone, Debug)]
+pub struct Bell(Rope);
+
+#[derive(Clone, Debug)]
+enum Rope {
+    Wall(Arc<tokio::sync::Notify>),
+    Simulated(simulated::Rope),
+}
+
+/// Keeps a virtual clock from advancing while a run is being set up.
+#[derive(Debug)]
+pub struct Hold {
+    _seat: Option<simulated::Seat>,
+}
+
+impl Clock {
+    /// The wall's time. Anchored once, monotonic from there.
+    pub fn wall() -> Clock {
+        Clock(Source::Wall(Arc::new(Wall::start())))
+    }
+
+    /// A virtual time that begins at `start` and runs at most `speed` times as fast as the wall; `None`: as fast as
+    /// its sleepers allow.
+    pub fn simulated(start: Moment, speed: Option<f64>) -> Clock {
+        Clock(Source::Simulated(Simulated::start(start, speed)))
+    }
+
+    /// The present moment.
+    pub fn now(&self) -> Moment {
+        match &self.0 {
+            Source::Wall(wall) => wall.now(),
+            Source::Simulated(simulated) => simulated.now(),
+        }
+    }
+
+    /// A hold for one more task. Join before the task is started, in the order in which simultaneous sleepers shall
+    /// act.
+    pub fn join(&self) -> Sleeper {
+        let place = match &self.0 {
+            Source::Wall(_) => Place::Wall(Arc::new(tokio::sync::Notify::new())),
+            Source::Simulated(simulated) => Place::Simulated(simulated.sit_down()),
+        };
+        Sleeper { clock: self.clone(), place }
+    }
+
+    /// Stops a virtual clock until the hold is dropped.
+    pub fn hold(&self) -> Hold {
+        match &self.0 {
+            Source::Wall(_) => Hold { _seat: None },
+            Source::Simulated(simulated) => Hold { _seat: Some(simulated.sit_down()) },
+        }
+    }
+
+    /// Moves a virtual clock ahead at once, as a suspended computer finds it on waking. The wall's is not moved.
+    pub fn skip(&self, span: Duration) {
+        if let Source::Simulated(simulated) = &self.0 {
+            simulated.skip(span);
+        }
+    }
+}
+
+impl Sleeper {
+    /// The present moment.
+    pub fn now(&self) -> Moment {
+        self.clock.now()
+    }
+
+    /// The clock it belongs to.
+    pub fn clock(&self) -> &Clock {
+        &self.clock
+    }
+
+    /// What wakes this sleeper before its time.
+    pub fn bell(&self) -> Bell {
+        Bell(match &self.place {
+            Place::Wall(notify) => Rope::Wall(notify.clone()),
+            Place::Simulated(seat) => Rope::Simulated(seat.rope()),
+        })
+    }
+
+    /// Returns at `deadline`, or as soon as the bell rings (also when it rang since the last sleep).
+    pub async fn sleep_until(&mut self, deadline: Moment) {
+        match &mut self.place {
+            Place::Wall(notify) => {
+                let span = deadline.since(self.clock.now());
+                if !span.is_zero() {
+                    let _ = tokio::time::timeout(span, notify.notified()).await;
+                }
+            }
+            Place::Simulated(seat) => seat.sleep_until(deadline).await,
+        }
+    }
+
+    /// Returns after `span`, or as soon as the bell rings.
+    pub async fn sleep(&mut self, span: Duration) {
+        self.sleep_until(self.now().after(span)).await;
+    }
+}
+
+impl Bell {
+    /// Wakes the sleeper, or keeps it from its next sleep.
+    pub fn ring(&self) {
+        match &self.0 {
+            Rope::Wall(notify) => notify.notify_one(),
+            Rope::Simulated(rope) => rope.pull(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

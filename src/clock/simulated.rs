@@ -1,0 +1,247 @@
+//! The virtual clock: seats around one table, a single guest awake at a time.
+
+#![allow(clippy::disallowed_types, reason = "pacing needs the wall's time")]
+
+use std::collections::BTreeMap;
+use std::future::Future;
+use std::pin::Pin;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
+use std::task::{Context, Poll, Waker};
+use std::time::{Duration, Instant};
+
+use crate::quantity::Moment;
+
+#[derive(Debug)]
+pub(super) struct Simulated {
+    table: Mutex<Table>,
+    /// Tells the pacer that there is something to wait for, or that the clock is gone.
+    pacing: Condvar,
+    start: Moment,
+    started: Instant,
+    speed: Option<f64>,
+}
+
+#[derive(Debug)]
+struct Table {
+    now: Moment,
+    seats: BTreeMap<u64, Guest>,
+    next_seat: u64,
+    /// Everybody sleeps, and the wall has not yet come to the next deadline.
+    waits_for_wall: bool,
+    closed: bool,
+}
+
+#[derive(Debug, Default)]
+struct Guest {
+    /// `Some` while asleep.
+    until: Option<Moment>,
+    waker: Option<Waker>,
+    rung: bool,
+}
+
+/// A sleeper's place; leaving it lets the others go on.
+#[derive(Debug)]
+pub(super) struct Seat {
+    clock: Arc<Simulated>,
+    number: u64,
+}
+
+#[derive(Clone, Debug)]
+pub(super) struct Rope {
+    clock: Weak<Simulated>,
+    number: u64,
+}
+
+impl Simulated {
+    pub(super) fn start(start: Moment, speed: Option<f64>) -> Arc<Simulated> {
+        let table =
+            Table { now: start, seats: BTreeMap::new(), next_seat: 0, waits_for_wall: false, closed: false };
+        let speed = speed.filter(|speed| speed.is_finite() && *speed > 0.0);
+        let clock = Arc::new(Simulated {
+            table: Mutex::new(table),
+            pacing: Condvar::new(),
+            start,
+            started: Instant::now(),
+            speed,
+        });
+        if speed.is_some() {
+            let pacer = Arc::downgrade(&clock);
+            std::thread::spawn(move || pace(&pacer));
+        }
+        clock
+    }
+
+    pub(super) fn now(&self) -> Moment {
+        self.table().now
+    }
+
+    pub(super) fn skip(&self, span: Duration) {
+        let mut table = self.table();
+        table.now = table.now.after(span);
+    }
+
+    pub(super) fn sit_down(self: &Arc<Simulated>) -> Seat {
+        let mut table = self.table();
+        let number = table.next_seat;
+        table.next_seat += 1;
+        table.seats.insert(number, Guest::default());
+        Seat { clock: self.clone(), number }
+    }
+
+    /// A panic elsewhere while the table was locked left it whole: every change to it is a single assignment.
+    fn table(&self) -> MutexGuard<'_, Table> {
+        self.table.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// How long the wall still has to run until `deadline` may come.
+    fn wall_wait(&self, deadline: Moment) -> Duration {
+        let Some(speed) = self.speed else { return Duration::ZERO };
+        let due = Duration::try_from_secs_f64(deadline.since(self.start).as_secs_f64() / speed);
+        due.unwrap_or(Duration::MAX).saturating_sub(self.started.elapsed())
+    }
+
+    /// If everybody sleeps: wakes the next one, or leaves that to the pacer.
+    fn advance(&self, table: &mut Table) {
+        table.waits_for_wall = false;
+        let Some((number, deadline)) = table.next() else { return };
+        if self.wall_wait(deadline).is_zero() {
+            table.wake(number, deadline);
+        } else {
+            table.waits_for_wall = true;
+            self.pacing.notify_one();
+        }
+    }
+}
+
+impl Table {
+    /// Who wakes next, and when; `None` while somebody is awake.
+    fn next(&self) -> Option<(u64, Moment)> {
+        let mut earliest = None;
+        for (number, guest) in &self.seats {
+            let until = guest.until?;
+            if earliest.is_none_or(|(_, first)| until < first) {
+                earliest = Some((*number, until));
+            }
+        }
+        earliest
+    }
+
+    fn wake(&mut self, number: u64, deadline: Moment) {
+        self.now = self.now.max(deadline);
+        self.waits_for_wall = false;
+        if let Some(guest) = self.seats.get_mut(&number) {
+            guest.until = None;
+            if let Some(waker) = guest.waker.take() {
+                waker.wake();
+            }
+        }
+    }
+}
+
+impl Drop for Simulated {
+    fn drop(&mut self) {
+        self.table().closed = true;
+        self.pacing.notify_all();
+    }
+}
+
+/// Waits for the wall on behalf of a table where everybody sleeps.
+fn pace(clock: &Weak<Simulated>) {
+    while let Some(clock) = clock.upgrade() {
+        let mut table = clock.table();
+        if table.closed {
+            return;
+        }
+        let wait = match table.next().filter(|_| table.waits_for_wall) {
+            Some((number, deadline)) => {
+                let wait = clock.wall_wait(deadline);
+                if wait.is_zero() {
+                    table.wake(number, deadline);
+                    continue;
+                }
+                wait
+            }
+            None => Duration::from_millis(20),
+        };
+        // Short waits, so that a clock nobody holds any more is noticed and its thread ends.
+        let wait = wait.min(Duration::from_millis(20));
+        drop(clock.pacing.wait_timeout(table, wait));
+    }
+}
+
+impl Seat {
+    pub(super) fn rope(&self) -> Rope {
+        Rope { clock: Arc::downgrade(&self.clock), number: self.number }
+    }
+
+    pub(super) fn sleep_until(&mut self, deadline: Moment) -> Nap<'_> {
+        Nap { seat: self, deadline, asleep: false }
+    }
+}
+
+impl Drop for Seat {
+    fn drop(&mut self) {
+        let mut table = self.clock.table();
+        table.seats.remove(&self.number);
+        self.clock.advance(&mut table);
+    }
+}
+
+impl Rope {
+    pub(super) fn pull(&self) {
+        let Some(clock) = self.clock.upgrade() else { return };
+        let mut table = clock.table();
+        let now = table.now;
+        if let Some(guest) = table.seats.get_mut(&self.number) {
+            if guest.until.is_some() {
+                table.wake(self.number, now);
+            } else {
+                guest.rung = true;
+            }
+        }
+    }
+}
+
+/// One sleep. Dropped early, its task is awake again.
+pub(super) struct Nap<'a> {
+    seat: &'a mut Seat,
+    deadline: Moment,
+    asleep: bool,
+}
+
+impl Future for Nap<'_> {
+    type Output = ();
+
+    fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<()> {
+        let clock = self.seat.clock.clone();
+        let mut table = clock.table();
+        let now = table.now;
+        let Some(guest) = table.seats.get_mut(&self.seat.number) else { return Poll::Ready(()) };
+        if self.asleep && guest.until.is_none() {
+            self.asleep = false;
+            return Poll::Ready(());
+        }
+        guest.waker = Some(context.waker().clone());
+        if self.asleep {
+            return Poll::Pending;
+        }
+        if std::mem::take(&mut guest.rung) {
+            return Poll::Ready(());
+        }
+        guest.until = Some(self.deadline.max(now));
+        self.asleep = true;
+        clock.advance(&mut table);
+        Poll::Pending
+    }
+}
+
+impl Drop for Nap<'_> {
+    fn drop(&mut self) {
+        if self.asleep
+            && let Some(guest) = self.seat.clock.table().seats.get_mut(&self.seat.number)
+        {
+            guest.until = None;
+            guest.waker = None;
+        }
+    }
+}

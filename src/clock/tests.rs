@@ -1,0 +1,112 @@
+use std::sync::Mutex;
+
+use super::*;
+
+const SECOND: Duration = Duration::from_secs(1);
+
+fn noon() -> Moment {
+    Moment::from_nanos(1_000_000_000_000)
+}
+
+#[tokio::test]
+async fn ten_virtual_hours_pass_as_soon_as_everybody_sleeps() {
+    let clock = Clock::simulated(noon(), None);
+    let mut sleeper = clock.join();
+    sleeper.sleep(Duration::from_secs(36_000)).await;
+    assert_eq!(clock.now().since(noon()), Duration::from_secs(36_000));
+}
+
+#[tokio::test]
+async fn simultaneous_sleepers_wake_one_at_a_time_in_the_order_in_which_they_joined() {
+    let clock = Clock::simulated(noon(), None);
+    let diary = Arc::new(Mutex::new(Vec::new()));
+    let hold = clock.hold();
+    let tasks: Vec<_> = ["plant", "line", "watch"]
+        .into_iter()
+        .map(|name| {
+            let (mut sleeper, diary) = (clock.join(), diary.clone());
+            tokio::spawn(async move {
+                for tick in 1..=3u32 {
+                    sleeper.sleep_until(noon().after(SECOND * tick)).await;
+                    diary.lock().unwrap().push((tick, name, "wakes"));
+                    // A real wait in between must not let the others overtake.
+                    tokio::time::sleep(Duration::from_millis(2)).await;
+                    diary.lock().unwrap().push((tick, name, "sleeps"));
+                }
+            })
+        })
+        .collect();
+    drop(hold);
+    for task in tasks {
+        task.await.unwrap();
+    }
+    let mut expected = Vec::new();
+    for tick in 1..=3 {
+        for name in ["plant", "line", "watch"] {
+            expected.extend([(tick, name, "wakes"), (tick, name, "sleeps")]);
+        }
+    }
+    assert_eq!(*diary.lock().unwrap(), expected);
+}
+
+#[tokio::test]
+async fn the_clock_stands_still_while_a_task_waits_for_something_real() {
+    let clock = Clock::simulated(noon(), None);
+    let _busy = clock.hold();
+    let mut sleeper = clock.join();
+    let slept = tokio::time::timeout(Duration::from_millis(30), sleeper.sleep(SECOND)).await;
+    assert!(slept.is_err());
+    assert_eq!(clock.now(), noon());
+}
+
+#[tokio::test]
+async fn a_bell_wakes_a_sleeper_before_its_time_and_is_remembered_when_it_rang_early() {
+    for clock in [Clock::wall(), Clock::simulated(noon(), None)] {
+        let _busy = clock.hold();
+        let mut sleeper = clock.join();
+        let bell = sleeper.bell();
+        bell.ring();
+        let begun = clock.now();
+        sleeper.sleep(SECOND * 3600).await;
+        let task = tokio::spawn(async move { sleeper.sleep(SECOND * 3600).await });
+        tokio::time::sleep(Duration::from_millis(5)).await;
+        bell.ring();
+        task.await.unwrap();
+        assert!(clock.now().since(begun) < SECOND * 60);
+    }
+}
+
+#[tokio::test]
+async fn a_task_that_ends_lets_the_others_go_on() {
+    let clock = Clock::simulated(noon(), None);
+    let gone = clock.join();
+    let mut sleeper = clock.join();
+    let task = tokio::spawn(async move { sleeper.sleep(SECOND).await });
+    tokio::time::sleep(Duration::from_millis(5)).await;
+    drop(gone);
+    task.await.unwrap();
+    assert_eq!(clock.now().since(noon()), SECOND);
+}
+
+#[tokio::test]
+async fn a_speed_paces_the_virtual_time() {
+    let wall = Clock::wall();
+    let clock = Clock::simulated(noon(), Some(1000.0));
+    let mut sleeper = clock.join();
+    let begun = wall.now();
+    for _ in 0..10 {
+        sleeper.sleep(SECOND * 5).await;
+    }
+    assert_eq!(clock.now().since(noon()), SECOND * 50);
+    assert!(wall.now().since(begun) >= Duration::from_millis(45));
+}
+
+#[tokio::test]
+async fn a_skipped_hour_wakes_every_sleeper_once() {
+    let clock = Clock::simulated(noon(), None);
+    let mut sleeper = clock.join();
+    sleeper.sleep(SECOND).await;
+    clock.skip(SECOND * 3600);
+    sleeper.sleep_until(noon().after(SECOND * 2)).await;
+    assert_eq!(clock.now().since(noon()), SECOND * 3601);
+}
