@@ -1,0 +1,4 @@
+//! What people and programs see: events, the state of everything, the page, metrics. Never awaited by the loop.
+
+pub mod events;
+pub mod status;

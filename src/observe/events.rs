@@ -1,0 +1,263 @@
+//! What happened, as one enum: the log line, the counter and the page's list come from the same variant.
+//!
+//! An event is told once, when a state begins or ends, with a count of what was not told in between.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::fmt;
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+use serde::Serialize;
+
+use crate::quantity::{Micron, Moment};
+
+/// How many events are kept for the page.
+const KEPT: usize = 200;
+
+/// Something that happened, in the names of the profile.
+#[derive(Clone, Debug, PartialEq)]
+#[allow(
+    missing_docs,
+    reason = "each field is what its name says: a name of the profile, or a figure in its unit"
+)]
+pub enum Event {
+    /// The gateway runs.
+    Started { machine: String, bus_requests: usize },
+    /// It was asked to stop and runs the fault actions.
+    Stopping { within: Duration },
+    /// It has stopped; `left` tells what stays in the registers.
+    Stopped { left: String },
+    /// A connection could not be made, or broke.
+    LinkDown { bus: String, address: String, fault: String },
+    /// A connection is back.
+    LinkUp { bus: String, address: String, attempts: u64 },
+    /// A device stopped answering properly.
+    DeviceLost { device: String, unit: u8, fault: String },
+    /// It answers again.
+    DeviceBack { device: String, unit: u8, missed: u64 },
+    /// A signal became unusable.
+    SignalBad { signal: String, reason: String },
+    /// It is usable again.
+    SignalGood { signal: String, bad_for: Duration },
+    /// An axis changed its state.
+    AxisState { axis: String, from: &'static str, to: &'static str, why: String },
+    /// An axis is armed; `from` is what stood in its register.
+    Armed { axis: String, from: Micron },
+    /// An axis is off.
+    Disarmed { axis: String, why: String },
+    /// An axis cannot be armed.
+    ArmRefused { axis: String, why: String },
+    /// The model asks for more than the limit.
+    AtLimit { axis: String, wanted: Micron, limit: Micron },
+    /// A value did not fit its register and was cut.
+    Saturated { output: String, wanted: f64 },
+    /// What was read back is not what was written.
+    VerifyFailed { output: String, wrote: String, found: String },
+    /// A write failed on its way.
+    WriteFailed { output: String, fault: String },
+    /// A write was verified again.
+    Verified { output: String, failures: u64 },
+    /// Somebody else wrote to our register.
+    ForeignChange { output: String, expected: String, found: String },
+    /// The register was back at zero: the CNC was restarted.
+    CncRestarted { output: String, expected: String },
+    /// The output's interlock opened; nothing is written.
+    Interlocked { output: String, when: String },
+    /// It closed again.
+    Released { output: String },
+    /// Machine-on time began.
+    MachineStarted,
+    /// The "zero" references are captured from now on.
+    Zeroed,
+    /// A cycle took longer than its period.
+    Overrun { bus: String, late: Duration },
+    /// A task of the gateway failed inside; its axes take the fault action.
+    TaskFailed { task: String, why: String },
+    /// The state or the log could not be kept on disk.
+    NotKept { what: String, why: String },
+    /// The state or the log is kept again.
+    KeptAgain { what: String },
+}
+
+/// How much an event matters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Level {
+    /// For the record.
+    Info,
+    /// Somebody should know.
+    Warning,
+    /// Somebody should act.
+    Error,
+}
+
+impl Event {
+    /// One word for programs: the counter's label.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Event::Started { .. } => "started",
+            Event::Stopping { .. } => "stopping",
+            Event::Stopped { .. } => "stopped",
+            Event::LinkDown { .. } => "link-down",
+            Event::LinkUp { .. } => "link-up",
+            Event::DeviceLost { .. } => "device-lost",
+            Event::DeviceBack { .. } => "device-back",
+            Event::SignalBad { .. } => "signal-bad",
+            Event::SignalGood { .. } => "signal-good",
+            Event::AxisState { .. } => "axis-state",
+            Event::Armed { .. } => "armed",
+            Event::Disarmed { .. } => "disarmed",
+            Event::ArmRefused { .. } => "arm-refused",
+            Event::AtLimit { .. } => "at-limit",
+            Event::Saturated { .. } => "saturated",
+            Event::VerifyFailed { .. } => "verify-failed",
+            Event::WriteFailed { .. } => "write-failed",
+            Event::Verified { .. } => "verified",
+            Event::ForeignChange { .. } => "foreign-change",
+            Event::CncRestarted { .. } => "cnc-restarted",
+            Event::Interlocked { .. } => "interlocked",
+            Event::Released { .. } => "released",
+            Event::MachineStarted => "machine-started",
+            Event::Zeroed => "zeroed",
+            Event::Overrun { .. } => "overrun",
+            Event::TaskFailed { .. } => "task-failed",
+            Event::NotKept { .. } => "not-kept",
+            Event::KeptAgain { .. } => "kept-again",
+        }
+    }
+
+    /// How much it matters.
+    pub fn level(&self) -> Level {
+        match self {
+            Event::TaskFailed { .. }
+            | Event::VerifyFailed { .. }
+            | Event::ForeignChange { .. }
+            | Event::ArmRefused { .. } => Level::Error,
+            Event::LinkDown { .. }
+            | Event::DeviceLost { .. }
+            | Event::SignalBad { .. }
+            | Event::AtLimit { .. }
+            | Event::Saturated { .. }
+            | Event::WriteFailed { .. }
+            | Event::CncRestarted { .. }
+            | Event::Disarmed { .. }
+            | Event::Overrun { .. }
+            | Event::NotKept { .. } => Level::Warning,
+            Event::AxisState { to, .. } if matches!(*to, "holding" | "ramping" | "degraded" | "zeroed") => {
+                Level::Warning
+            }
+            _ => Level::Info,
+        }
+    }
+}
+
+impl fmt::Display for Event {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let span = |duration: &Duration| humantime::format_duration(Duration::from_secs(duration.as_secs()));
+        match self {
+            Event::Started { machine, bus_requests } => {
+                write!(f, "{machine}: the gateway runs, {bus_requests} read requests a round")
+            }
+            Event::Stopping { within } => {
+                write!(f, "stopping: the fault actions run, at most {}", span(within))
+            }
+            Event::Stopped { left } => write!(f, "stopped; {left}"),
+            Event::LinkDown { bus, address, fault } => write!(f, "bus {bus} ({address}): {fault}"),
+            Event::LinkUp { bus, address, attempts } => {
+                write!(f, "bus {bus} ({address}): connected after {attempts} attempts")
+            }
+            Event::DeviceLost { device, unit, fault } => write!(f, "device {device} (unit {unit}): {fault}"),
+            Event::DeviceBack { device, unit, missed } => {
+                write!(f, "device {device} (unit {unit}): answers again, {missed} requests failed")
+            }
+            Event::SignalBad { signal, reason } => write!(f, "signal {signal}: {reason}"),
+            Event::SignalGood { signal, bad_for } => {
+                write!(f, "signal {signal}: good again after {}", span(bad_for))
+            }
+            Event::AxisState { axis, from, to, why } if why.is_empty() => {
+                write!(f, "axis {axis}: {from} → {to}")
+            }
+            Event::AxisState { axis, from, to, why } => write!(f, "axis {axis}: {from} → {to}: {why}"),
+            Event::Armed { axis, from } => write!(f, "axis {axis}: armed, starting from {from}"),
+            Event::Disarmed { axis, why } => write!(f, "axis {axis}: off: {why}"),
+            Event::ArmRefused { axis, why } => write!(f, "axis {axis}: cannot be armed: {why}"),
+            Event::AtLimit { axis, wanted, limit } => {
+                write!(f, "axis {axis}: the model asks for {wanted}, held at its limit of ±{limit}")
+            }
+            Event::Saturated { output, wanted } => {
+                write!(f, "output {output}: {wanted} does not fit the register and was cut")
+            }
+            Event::VerifyFailed { output, wrote, found } => {
+                write!(f, "output {output}: wrote {wrote}, read back {found}")
+            }
+            Event::WriteFailed { output, fault } => write!(f, "output {output}: not written: {fault}"),
+            Event::Verified { output, failures } => {
+                write!(f, "output {output}: written and verified again after {failures} failures")
+            }
+            Event::ForeignChange { output, expected, found } => {
+                write!(f, "output {output}: somebody else wrote {found} where {expected} stood; left alone")
+            }
+            Event::CncRestarted { output, expected } => {
+                write!(f, "output {output}: back at zero where {expected} stood; the CNC was restarted")
+            }
+            Event::Interlocked { output, when } => write!(f, "output {output}: held, because not {when}"),
+            Event::Released { output } => write!(f, "output {output}: interlock released"),
+            Event::MachineStarted => write!(f, "the machine was started: machine-on time begins"),
+            Event::Zeroed => write!(f, "zero: references are captured from now on"),
+            Event::Overrun { bus, late } => {
+                write!(f, "bus {bus}: a cycle ended {} ms late", late.as_millis())
+            }
+            Event::TaskFailed { task, why } => write!(f, "{task} failed: {why}"),
+            Event::NotKept { what, why } => write!(f, "{what} cannot be kept: {why}"),
+            Event::KeptAgain { what } => write!(f, "{what} is kept again"),
+        }
+    }
+}
+
+/// An event with its moment, as the page shows it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Entry {
+    /// RFC 3339.
+    pub at: String,
+    /// [`Event::kind`].
+    pub kind: &'static str,
+    /// How much it matters.
+    pub level: Level,
+    /// The sentence.
+    pub text: String,
+}
+
+/// The events of a run: a line in the log and a count of each, the last ones kept.
+#[derive(Debug, Default)]
+pub struct Journal(Mutex<Pages>);
+
+#[derive(Debug, Default)]
+struct Pages {
+    last: VecDeque<Entry>,
+    counts: BTreeMap<&'static str, u64>,
+}
+
+impl Journal {
+    /// Tells an event: log, count, page.
+    pub fn tell(&self, at: Moment, event: &Event) {
+        match event.level() {
+            Level::Info => tracing::info!(kind = event.kind(), "{event}"),
+            Level::Warning => tracing::warn!(kind = event.kind(), "{event}"),
+            Level::Error => tracing::error!(kind = event.kind(), "{event}"),
+        }
+        let entry =
+            Entry { at: at.to_string(), kind: event.kind(), level: event.level(), text: event.to_string() };
+        let mut pages = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        *pages.counts.entry(event.kind()).or_default() += 1;
+        if pages.last.len() == KEPT {
+            pages.last.pop_front();
+        }
+        pages.last.push_back(entry);
+    }
+
+    /// The last events, oldest first, and how often each kind happened since the start.
+    pub fn read(&self) -> (Vec<Entry>, BTreeMap<&'static str, u64>) {
+        let pages = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        (pages.last.iter().cloned().collect(), pages.counts.clone())
+    }
+}

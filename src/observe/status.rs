@@ -1,0 +1,166 @@
+//! The state of everything at one moment: what `/api/status`, the page, the metrics and the demo's table are made of.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::events::Entry;
+
+/// Whoever can tell the state of a running gateway, from any thread, without making it wait.
+pub trait Source: Send + Sync + 'static {
+    /// The state now.
+    fn status(&self) -> Status;
+
+    /// Does what a person asks for; the answer is a sentence for that person.
+    ///
+    /// # Errors
+    /// A sentence that says why not.
+    fn command(&self, command: Command) -> Result<String, String>;
+}
+
+/// What a person may ask of a running gateway.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Command {
+    /// Let the axes write.
+    Arm,
+    /// Let them write no more; what stands in the registers stays.
+    Disarm,
+    /// Capture the "zero" references.
+    Zero,
+}
+
+/// The state of a gateway.
+#[derive(Clone, Debug, Serialize)]
+pub struct Status {
+    /// The machine's name.
+    pub machine: String,
+    /// Its description.
+    pub description: String,
+    /// Program version.
+    pub version: &'static str,
+    /// RFC 3339; the machine's time, which in a demo is not the wall's.
+    pub now: String,
+    /// Seconds since the gateway started.
+    pub uptime_s: f64,
+    /// Seconds since the machine was switched on, once it was.
+    pub machine_on_s: Option<f64>,
+    /// Nothing is written.
+    pub dry_run: bool,
+    /// Every device answered at least once, and every axis has decided.
+    pub ready: bool,
+    /// In the profile's order.
+    pub axes: Vec<AxisStatus>,
+    /// In the profile's order.
+    pub signals: Vec<SignalStatus>,
+    /// In the profile's order.
+    pub buses: Vec<BusStatus>,
+    /// In the profile's order.
+    pub devices: Vec<DeviceStatus>,
+    /// In the profile's order.
+    pub outputs: Vec<OutputStatus>,
+    /// The last events, oldest first.
+    pub events: Vec<Entry>,
+    /// How often each kind of event happened.
+    pub event_counts: BTreeMap<&'static str, u64>,
+}
+
+/// One axis.
+#[derive(Clone, Debug, Serialize)]
+pub struct AxisStatus {
+    /// Name in the profile.
+    pub name: String,
+    /// off, active, degraded, holding, ramping, zeroed.
+    pub state: &'static str,
+    /// What the preferred model lacks, in words; empty where nothing.
+    pub why: String,
+    /// The model in use.
+    pub model: Option<String>,
+    /// The model's Cz, µm.
+    pub raw_um: Option<f64>,
+    /// Cz after the guard, µm.
+    pub cz_um: f64,
+    /// The stages of the guard that acted: limit, deadband, step, rate, round.
+    pub acted: Vec<&'static str>,
+    /// Largest |Cz|, µm.
+    pub limit_um: f64,
+    /// It may write.
+    pub armed: bool,
+}
+
+/// One signal.
+#[derive(Clone, Debug, Serialize)]
+pub struct SignalStatus {
+    /// Name in the profile.
+    pub name: String,
+    /// Device in the profile.
+    pub device: String,
+    /// The last value, where it may be used.
+    pub value: Option<f64>,
+    /// Engineering unit.
+    pub unit: &'static str,
+    /// `good`, or the reason's code.
+    pub quality: &'static str,
+    /// The reason in words.
+    pub reason: String,
+    /// Seconds since it was taken; `None` before the first.
+    pub age_s: Option<f64>,
+}
+
+/// One line.
+#[derive(Clone, Debug, Serialize)]
+pub struct BusStatus {
+    /// Name in the profile.
+    pub name: String,
+    /// Host and port.
+    pub address: String,
+    /// There is a connection.
+    pub connected: bool,
+    /// Cycles run.
+    pub cycles: u64,
+    /// Cycles that ended later than their period allowed.
+    pub overruns: u64,
+    /// How late cycles began, as counts per upper bound in milliseconds (the last bound is infinite).
+    pub jitter_ms: Vec<(f64, u64)>,
+}
+
+/// One device.
+#[derive(Clone, Debug, Serialize)]
+pub struct DeviceStatus {
+    /// Name in the profile.
+    pub name: String,
+    /// Bus in the profile.
+    pub bus: String,
+    /// Modbus unit.
+    pub unit: u8,
+    /// `ok`, `never-answered`, `lost`.
+    pub state: &'static str,
+    /// What is wrong, in words; empty where nothing.
+    pub fault: String,
+    /// Requests sent.
+    pub requests: u64,
+    /// Requests that failed, by blame: timeout, link, peer, exception.
+    pub failures: BTreeMap<&'static str, u64>,
+}
+
+/// One output.
+#[derive(Clone, Debug, Serialize)]
+pub struct OutputStatus {
+    /// Name in the profile.
+    pub name: String,
+    /// Axis in the profile.
+    pub axis: String,
+    /// Device in the profile.
+    pub device: String,
+    /// The register in both notations.
+    pub register: String,
+    /// `offset` or `corrected`.
+    pub writes: &'static str,
+    /// `off`, `unknown`, `verified`, `unverified`, `interlocked`, `foreign`.
+    pub state: &'static str,
+    /// The last verified value, in the output's unit (µm for an offset, mm for a corrected position).
+    pub value: Option<f64>,
+    /// Writes that were verified.
+    pub writes_done: u64,
+    /// Seconds since the last verified write.
+    pub age_s: Option<f64>,
+}
