@@ -13,8 +13,11 @@ use std::time::Duration;
 
 use crate::quantity::Moment;
 
+mod patience;
 mod simulated;
 mod wall;
+
+pub use patience::Patience;
 
 use simulated::Simulated;
 use wall::Wall;

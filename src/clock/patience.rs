@@ -1,0 +1,49 @@
+//! A protocol timeout: wall time always, also under a virtual clock, because a real socket is waited for.
+//!
+//! The timer is set once and moved only when it fires too early, so that a request which is answered in time, as
+//! nearly all are, costs no timer at all.
+
+#![allow(clippy::disallowed_types, reason = "timeouts are wall time")]
+
+use std::future::{Future, poll_fn};
+use std::pin::{Pin, pin};
+use std::task::Poll;
+use std::time::Duration;
+
+use tokio::time::{Instant, Sleep};
+
+/// How long one answer is waited for.
+#[derive(Debug, Default)]
+pub struct Patience {
+    timer: Option<Pin<Box<Sleep>>>,
+}
+
+impl Patience {
+    /// A timer that has not been set.
+    pub fn new() -> Patience {
+        Patience::default()
+    }
+
+    /// What the future gives, or `None` where it takes longer than `span`.
+    pub async fn within<F: Future>(&mut self, span: Duration, future: F) -> Option<F::Output> {
+        let limit = Instant::now() + span;
+        let timer = self.timer.get_or_insert_with(|| Box::pin(tokio::time::sleep_until(limit)));
+        if timer.deadline() > limit {
+            timer.as_mut().reset(limit);
+        }
+        let mut future = pin!(future);
+        poll_fn(|context| {
+            if let Poll::Ready(output) = future.as_mut().poll(context) {
+                return Poll::Ready(Some(output));
+            }
+            while timer.as_mut().poll(context).is_ready() {
+                if Instant::now() >= limit {
+                    return Poll::Ready(None);
+                }
+                timer.as_mut().reset(limit);
+            }
+            Poll::Pending
+        })
+        .await
+    }
+}

@@ -1,0 +1,126 @@
+//! What went wrong on the fieldbus, by who is to blame.
+
+use std::fmt;
+
+use crate::reading::Reason;
+
+/// Why a request has no answer. Small, so that a test is one comparison.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Fault {
+    /// We asked for something that cannot be asked.
+    Caller(CallerFault),
+    /// The connection.
+    Link(LinkFault),
+    /// The device answered something else than what was asked.
+    Peer(PeerFault),
+    /// The device says no, with this Modbus exception code.
+    Exception(u8),
+    /// No answer in time.
+    Timeout,
+}
+
+/// A request that must not leave the house.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum CallerFault {
+    /// Zero registers, more than a request carries, or beyond the last address.
+    Extent,
+    /// A function code that the profile does not allow for this device.
+    Function,
+}
+
+/// How a connection fails.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum LinkFault {
+    /// Nobody listens there.
+    Refused,
+    /// The host cannot be reached, or has no such name.
+    Unreachable,
+    /// It was closed or broke in the middle.
+    Broken,
+    /// It is down, and not yet time to try again.
+    Down,
+}
+
+/// How an answer is wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum PeerFault {
+    /// Another transaction or another unit: a late reply to an older question, or somebody else's.
+    Foreign,
+    /// Another function code.
+    Function,
+    /// More or fewer registers than asked for.
+    Length,
+    /// A write answered with another address, value or count.
+    Echo,
+    /// Not Modbus at all.
+    Malformed,
+}
+
+impl Fault {
+    /// One word for counters and programs.
+    pub const fn blame(self) -> &'static str {
+        match self {
+            Fault::Caller(_) => "caller",
+            Fault::Link(_) => "link",
+            Fault::Peer(_) => "peer",
+            Fault::Exception(_) => "exception",
+            Fault::Timeout => "timeout",
+        }
+    }
+
+    /// Every word of [`Fault::blame`].
+    pub const BLAMES: [&'static str; 5] = ["caller", "link", "peer", "exception", "timeout"];
+
+    /// Whether the connection can no longer be trusted: what still arrives on it may answer an older question.
+    pub const fn spoils_connection(self) -> bool {
+        matches!(self, Fault::Link(_) | Fault::Peer(_) | Fault::Timeout)
+    }
+
+    /// What it means for a reading.
+    pub const fn reason(self) -> Reason {
+        match self {
+            Fault::Exception(code) => Reason::Exception(code),
+            Fault::Timeout => Reason::Timeout,
+            Fault::Link(_) => Reason::LinkDown,
+            Fault::Peer(_) | Fault::Caller(_) => Reason::BadReply,
+        }
+    }
+}
+
+impl std::error::Error for Fault {}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Fault::Caller(CallerFault::Extent) => "request outside what Modbus allows",
+            Fault::Caller(CallerFault::Function) => "function code not allowed by the profile",
+            Fault::Link(LinkFault::Refused) => "connection refused: nobody listens there",
+            Fault::Link(LinkFault::Unreachable) => "host not reachable",
+            Fault::Link(LinkFault::Broken) => "connection closed or broken",
+            Fault::Link(LinkFault::Down) => "no connection",
+            Fault::Peer(PeerFault::Foreign) => "reply of another transaction or unit",
+            Fault::Peer(PeerFault::Function) => "reply with another function code",
+            Fault::Peer(PeerFault::Length) => "reply with the wrong number of registers",
+            Fault::Peer(PeerFault::Echo) => "write answered with another address or value",
+            Fault::Peer(PeerFault::Malformed) => "reply is not Modbus",
+            Fault::Exception(code) => return write!(f, "exception {code} ({})", exception_name(*code)),
+            Fault::Timeout => "no answer in time",
+        })
+    }
+}
+
+/// The names of the Modbus specification.
+const fn exception_name(code: u8) -> &'static str {
+    match code {
+        1 => "illegal function",
+        2 => "illegal data address",
+        3 => "illegal data value",
+        4 => "device failure",
+        5 => "acknowledge",
+        6 => "device busy",
+        8 => "memory parity error",
+        10 => "gateway path unavailable",
+        11 => "gateway target does not respond",
+        _ => "unknown code",
+    }
+}

@@ -1,0 +1,155 @@
+//! Modbus TCP through tokio-modbus: the only file that knows the library.
+//!
+//! The library compares transaction, unit and function of an answer, but not the length of a read nor the echo of a
+//! write (in release builds; in debug builds its typed calls panic), and it has no timeout and no reconnect. So the
+//! untyped `call` is used, everything is checked here, and [`super::line`] does the rest.
+
+use std::borrow::Cow;
+use std::fmt;
+use std::io;
+use std::time::Duration;
+
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::TcpStream;
+use tokio_modbus::client::{Client, Context, tcp};
+use tokio_modbus::slave::SlaveContext as _;
+use tokio_modbus::{Error, ProtocolError, Request as Pdu, Response, Slave};
+
+use super::error::{Fault, LinkFault, PeerFault};
+use super::wire::{Answer, Boxed, Dial, Request, Wire};
+use crate::codec::Table;
+
+/// Opens TCP connections to one address.
+#[derive(Clone, Debug)]
+pub struct TcpDial {
+    address: String,
+    pause_after_connect: Duration,
+}
+
+impl TcpDial {
+    /// To `host:port`.
+    pub fn new(address: &str, pause_after_connect: Duration) -> TcpDial {
+        TcpDial { address: address.to_owned(), pause_after_connect }
+    }
+}
+
+impl Dial for TcpDial {
+    fn dial(&mut self) -> Boxed<'_, Result<Box<dyn Wire>, Fault>> {
+        Box::pin(async {
+            let stream =
+                TcpStream::connect(self.address.as_str()).await.map_err(|error| dial_fault(&error))?;
+            // A small request must not wait for the answer to the last one.
+            stream.set_nodelay(true).map_err(|_| Fault::Link(LinkFault::Broken))?;
+            if !self.pause_after_connect.is_zero() {
+                tokio::time::sleep(self.pause_after_connect).await;
+            }
+            Ok(attach(stream))
+        })
+    }
+}
+
+/// Modbus TCP over any stream.
+pub fn attach<T>(stream: T) -> Box<dyn Wire>
+where
+    T: AsyncRead + AsyncWrite + Send + Unpin + fmt::Debug + 'static,
+{
+    Box::new(ModbusTcp { context: tcp::attach(stream) })
+}
+
+struct ModbusTcp {
+    context: Context,
+}
+
+impl Wire for ModbusTcp {
+    fn call<'a>(&'a mut self, unit: u8, request: Request<'a>) -> Boxed<'a, Result<Answer, Fault>> {
+        Box::pin(async move {
+            self.context.set_slave(Slave(unit));
+            match self.context.call(pdu(request)).await {
+                Ok(Ok(response)) => check(request, response),
+                Ok(Err(exception)) => Err(Fault::Exception(exception.into())),
+                Err(Error::Protocol(ProtocolError::HeaderMismatch { .. })) => {
+                    Err(Fault::Peer(PeerFault::Foreign))
+                }
+                Err(Error::Protocol(ProtocolError::FunctionCodeMismatch { .. })) => {
+                    Err(Fault::Peer(PeerFault::Function))
+                }
+                Err(Error::Transport(error)) => Err(transport_fault(&error)),
+            }
+        })
+    }
+}
+
+fn pdu(request: Request<'_>) -> Pdu<'_> {
+    match request {
+        Request::Read { from, count } => match from.table {
+            Table::Coil => Pdu::ReadCoils(from.offset, count),
+            Table::Discrete => Pdu::ReadDiscreteInputs(from.offset, count),
+            Table::Input => Pdu::ReadInputRegisters(from.offset, count),
+            Table::Holding => Pdu::ReadHoldingRegisters(from.offset, count),
+        },
+        Request::WriteCoil { at, value } => Pdu::WriteSingleCoil(at, value),
+        Request::WriteSingle { at, word } => Pdu::WriteSingleRegister(at, word),
+        Request::WriteMultiple { at, words } => Pdu::WriteMultipleRegisters(at, Cow::Borrowed(words)),
+    }
+}
+
+/// Whether this is the answer to that question, in every part the protocol repeats.
+fn check(request: Request<'_>, response: Response) -> Result<Answer, Fault> {
+    match (request, response) {
+        (
+            Request::Read { count, .. },
+            Response::ReadInputRegisters(words) | Response::ReadHoldingRegisters(words),
+        ) => {
+            if words.len() == usize::from(count) {
+                Ok(Answer::Words(words))
+            } else {
+                Err(length())
+            }
+        }
+        (
+            Request::Read { count, .. },
+            Response::ReadCoils(mut bits) | Response::ReadDiscreteInputs(mut bits),
+        ) => {
+            // Bits travel in whole bytes.
+            if bits.len() != usize::from(count).next_multiple_of(8) && bits.len() != usize::from(count) {
+                return Err(length());
+            }
+            bits.truncate(usize::from(count));
+            Ok(Answer::Bits(bits))
+        }
+        (Request::WriteCoil { at, value }, Response::WriteSingleCoil(echoed, to)) => {
+            echo(at == echoed && value == to)
+        }
+        (Request::WriteSingle { at, word }, Response::WriteSingleRegister(echoed, to)) => {
+            echo(at == echoed && word == to)
+        }
+        (Request::WriteMultiple { at, words }, Response::WriteMultipleRegisters(echoed, count)) => {
+            echo(at == echoed && words.len() == usize::from(count))
+        }
+        _ => Err(Fault::Peer(PeerFault::Function)),
+    }
+}
+
+const fn length() -> Fault {
+    Fault::Peer(PeerFault::Length)
+}
+
+fn echo(repeated: bool) -> Result<Answer, Fault> {
+    if repeated { Ok(Answer::Done) } else { Err(Fault::Peer(PeerFault::Echo)) }
+}
+
+fn dial_fault(error: &io::Error) -> Fault {
+    match error.kind() {
+        io::ErrorKind::ConnectionRefused => Fault::Link(LinkFault::Refused),
+        io::ErrorKind::TimedOut => Fault::Timeout,
+        _ => Fault::Link(LinkFault::Unreachable),
+    }
+}
+
+/// Where the stream ends in the middle the library reports whatever error the system had last, "Success" included.
+fn transport_fault(error: &io::Error) -> Fault {
+    match error.kind() {
+        io::ErrorKind::InvalidData | io::ErrorKind::InvalidInput => Fault::Peer(PeerFault::Malformed),
+        _ => Fault::Link(LinkFault::Broken),
+    }
+}

@@ -1,0 +1,104 @@
+//! The small border behind which the Modbus library lives: a wire carries one request and brings one answer.
+//!
+//! Everything the gateway knows of a library is in the files that implement [`Wire`] and [`Dial`]; another library,
+//! another transport or a test's own device replaces them in a day.
+
+use std::future::Future;
+use std::pin::Pin;
+
+use super::error::Fault;
+use crate::codec::{Address, Table};
+
+/// A future that a trait object can return.
+pub type Boxed<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
+
+/// One request to one unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Request<'a> {
+    /// Functions 01 to 04, by table.
+    Read {
+        /// First register or bit.
+        from: Address,
+        /// How many.
+        count: u16,
+    },
+    /// Function 05.
+    WriteCoil {
+        /// Zero-based coil.
+        at: u16,
+        /// On or off.
+        value: bool,
+    },
+    /// Function 06.
+    WriteSingle {
+        /// Zero-based holding register.
+        at: u16,
+        /// Its new value.
+        word: u16,
+    },
+    /// Function 16.
+    WriteMultiple {
+        /// Zero-based holding register.
+        at: u16,
+        /// The new values, lowest address first.
+        words: &'a [u16],
+    },
+}
+
+/// What a checked answer brings.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Answer {
+    /// Exactly as many registers as were asked for.
+    Words(Vec<u16>),
+    /// Exactly as many bits as were asked for.
+    Bits(Vec<bool>),
+    /// A write, repeated as it was sent.
+    Done,
+}
+
+/// An open connection.
+pub trait Wire: Send {
+    /// Sends the request and waits for its answer, for as long as it takes. The answer has been checked against the
+    /// request: transaction, unit, function, length, echo.
+    fn call<'a>(&'a mut self, unit: u8, request: Request<'a>) -> Boxed<'a, Result<Answer, Fault>>;
+}
+
+/// What opens connections.
+pub trait Dial: Send {
+    /// Opens one, for as long as it takes.
+    fn dial(&mut self) -> Boxed<'_, Result<Box<dyn Wire>, Fault>>;
+}
+
+impl Request<'_> {
+    /// The Modbus function code it needs.
+    pub const fn function(self) -> u8 {
+        match self {
+            Request::Read { from, .. } => match from.table {
+                Table::Coil => 1,
+                Table::Discrete => 2,
+                Table::Holding => 3,
+                Table::Input => 4,
+            },
+            Request::WriteCoil { .. } => 5,
+            Request::WriteSingle { .. } => 6,
+            Request::WriteMultiple { .. } => 16,
+        }
+    }
+
+    /// It changes nothing.
+    pub const fn is_read(self) -> bool {
+        matches!(self, Request::Read { .. })
+    }
+
+    /// Whether a Modbus request can carry it.
+    pub fn fits(self) -> bool {
+        let (at, count, most) = match self {
+            Request::Read { from, count } => {
+                (from.offset, count, if from.table.is_bits() { 2000 } else { 125 })
+            }
+            Request::WriteCoil { at, .. } | Request::WriteSingle { at, .. } => (at, 1, 1),
+            Request::WriteMultiple { at, words } => (at, u16::try_from(words.len()).unwrap_or(u16::MAX), 123),
+        };
+        (1..=most).contains(&count) && u32::from(at) + u32::from(count) <= 65536
+    }
+}
