@@ -11,6 +11,8 @@
 
 pub mod codec;
 pub mod compensation;
+pub mod explain;
+pub mod fieldbus;
 pub mod profile;
 pub mod quantity;
 pub mod reading;
