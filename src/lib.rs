@@ -12,6 +12,7 @@
 pub mod clock;
 pub mod codec;
 pub mod compensation;
+pub mod explain;
 pub mod fieldbus;
 pub mod observe;
 pub mod profile;

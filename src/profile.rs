@@ -6,10 +6,22 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use crate::codec::{Address, Encoding};
+use crate::codec::{Address, Encoding, Table};
 use crate::compensation::model::Condition;
 use crate::compensation::settings::{AxisSettings, MachineSettings};
 use crate::reading::SignalId;
+
+mod check;
+mod error;
+mod load;
+mod merge;
+mod place;
+mod raw;
+mod walk;
+
+pub use error::{Errors, ProfileError};
+pub use load::{Loaded, environment, load, parse};
+pub use raw::schema;
 
 /// One physical line: its place in the profile's list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -112,6 +124,18 @@ pub struct Device {
     pub quirks: Quirks,
 }
 
+impl Default for Quirks {
+    fn default() -> Quirks {
+        Quirks {
+            pause_after_connect: Duration::ZERO,
+            pause_between_requests: Duration::ZERO,
+            one_request_per_field: false,
+            max_registers_per_request: 125,
+            max_gap: 8,
+        }
+    }
+}
+
 /// The function codes that may be sent to a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(clippy::struct_excessive_bools, reason = "eight independent permissions")]
@@ -162,6 +186,32 @@ pub struct Signal {
 /// Engineering units.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unit(pub &'static str);
+
+impl Unit {
+    /// The units a profile may name; "1" is a number without one.
+    pub const WORDS: [&'static str; 23] = [
+        "degC", "K", "mm", "um", "rpm", "bool", "percent", "mm/min", "m/s", "l/min", "bar", "V", "mV", "A",
+        "mA", "W", "kW", "N", "Nm", "Hz", "s", "count", "1",
+    ];
+
+    /// The unit with this name.
+    pub fn named(name: &str) -> Option<Unit> {
+        Unit::WORDS.into_iter().find(|known| *known == name).map(Unit)
+    }
+}
+
+impl std::fmt::Display for Unit {
+    /// As people write it.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self.0 {
+            "degC" => "°C",
+            "um" => "µm",
+            "percent" => "%",
+            "1" => "",
+            name => name,
+        })
+    }
+}
 
 /// One axis with its place in the profile's words.
 #[derive(Clone, Debug, PartialEq)]
@@ -243,6 +293,60 @@ pub struct History {
     pub directory: Option<PathBuf>,
     /// How long logs are kept.
     pub keep: Duration,
+}
+
+/// A function code that writes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WriteFunction {
+    /// 06: one register.
+    Single,
+    /// 16: any number of registers.
+    Multiple,
+}
+
+impl WriteFunction {
+    /// The code on the wire.
+    pub const fn code(self) -> u8 {
+        match self {
+            WriteFunction::Single => 6,
+            WriteFunction::Multiple => 16,
+        }
+    }
+}
+
+impl Functions {
+    /// Every function.
+    pub const ALL: Functions = Functions {
+        read_coils: true,
+        read_discrete: true,
+        read_holding: true,
+        read_input: true,
+        write_coil: true,
+        write_single: true,
+        write_coils: true,
+        write_multiple: true,
+    };
+
+    /// May this table be read?
+    pub const fn reads(self, table: Table) -> bool {
+        match table {
+            Table::Coil => self.read_coils,
+            Table::Discrete => self.read_discrete,
+            Table::Holding => self.read_holding,
+            Table::Input => self.read_input,
+        }
+    }
+
+    /// What writes this many holding registers: 06 for a single one where it may be sent, else 16.
+    pub const fn writes(self, registers: u16) -> Option<WriteFunction> {
+        if registers == 1 && self.write_single {
+            Some(WriteFunction::Single)
+        } else if self.write_multiple {
+            Some(WriteFunction::Multiple)
+        } else {
+            None
+        }
+    }
 }
 
 impl Profile {

@@ -48,6 +48,16 @@ impl Table {
         matches!(self, Table::Coil | Table::Holding)
     }
 
+    /// The function code that reads it.
+    pub const fn read_function(self) -> u8 {
+        match self {
+            Table::Coil => 1,
+            Table::Discrete => 2,
+            Table::Holding => 3,
+            Table::Input => 4,
+        }
+    }
+
     /// The first digit of its Modicon numbers.
     const fn digit(self) -> u32 {
         match self {

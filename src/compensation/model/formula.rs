@@ -21,6 +21,7 @@ const DEPTH: usize = 32;
 /// A parsed expression over signals and machine-on time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Expression {
+    text: String,
     operations: Vec<Operation>,
 }
 
@@ -80,7 +81,12 @@ impl Expression {
         text: &str,
         resolve: &dyn Fn(&str) -> Option<Symbol>,
     ) -> Result<Expression, ExpressionError> {
-        parser::parse(text, resolve).map(|operations| Expression { operations })
+        parser::parse(text, resolve).map(|operations| Expression { text: text.to_owned(), operations })
+    }
+
+    /// As the profile wrote it.
+    pub fn text(&self) -> &str {
+        &self.text
     }
 
     /// Its value, with `value` giving each signal and `time` the machine-on time in seconds.

@@ -1,0 +1,246 @@
+//! What a good profile will do, in words and figures: what is read, what is written, which way it moves.
+//!
+//! A person reads it before the gateway touches a machine; a program reads the same as one JSON document.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use crate::codec::Address;
+use crate::fieldbus::plan::{plan, summary};
+use crate::profile::{Device, DeviceId, Profile};
+use crate::reading::SignalId;
+
+mod axis;
+mod output;
+
+pub use axis::{AxisExplained, ModelExplained};
+pub use output::{HeartbeatExplained, WriteExplained};
+
+/// The whole machine.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Explanation {
+    /// `machine.name`.
+    pub machine: String,
+    /// One line for people.
+    pub description: String,
+    /// The lines.
+    pub buses: Vec<BusExplained>,
+    /// What is read from each device.
+    pub devices: Vec<DeviceExplained>,
+    /// Where each signal lies.
+    pub signals: Vec<SignalExplained>,
+    /// What is computed, and which way it moves.
+    pub axes: Vec<AxisExplained>,
+    /// Everything that is ever written.
+    pub writes: Vec<WriteExplained>,
+    /// The register that counts.
+    pub heartbeat: Option<HeartbeatExplained>,
+}
+
+/// One line.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct BusExplained {
+    /// Its name.
+    pub name: String,
+    /// Host and port.
+    pub address: String,
+    /// Longest wait for an answer.
+    pub timeout: String,
+}
+
+/// One device and its read plan.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DeviceExplained {
+    /// Its name.
+    pub name: String,
+    /// Its line.
+    pub bus: String,
+    /// Modbus unit identifier.
+    pub unit: u8,
+    /// Poll period.
+    pub every: String,
+    /// `3 requests touching 17 registers for 9 signals`.
+    pub summary: String,
+    /// The requests of one poll.
+    pub requests: Vec<RequestExplained>,
+}
+
+/// One read request.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RequestExplained {
+    /// `read input:0..7 (30001..30008), 8 registers`.
+    pub read: String,
+    /// Function code.
+    pub function: u8,
+    /// The signals in its answer.
+    pub signals: Vec<String>,
+}
+
+/// A register in both notations.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Register {
+    /// Zero-based: `holding:104`.
+    pub protocol: String,
+    /// One-based: `40105`.
+    pub modicon: String,
+}
+
+/// One signal.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct SignalExplained {
+    /// Its name.
+    pub name: String,
+    /// Where it is read.
+    pub device: String,
+    /// Its first register.
+    pub register: Register,
+    /// `i32`.
+    pub data_type: &'static str,
+    /// Which register comes first; `None` for one register.
+    pub word_order: Option<String>,
+    /// `value = raw · scale + offset`.
+    pub scale: f64,
+    /// See `scale`.
+    pub offset: f64,
+    /// As the profile names it.
+    pub unit: &'static str,
+    /// When it is not believed.
+    pub doubts: Vec<String>,
+}
+
+impl Register {
+    fn of(address: Address) -> Register {
+        Register { protocol: address.to_string(), modicon: address.modicon() }
+    }
+}
+
+impl fmt::Display for Register {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ({})", self.protocol, self.modicon)
+    }
+}
+
+impl Explanation {
+    /// Explains a profile.
+    pub fn of(profile: &Profile) -> Explanation {
+        let buses = profile.buses.iter().map(|bus| BusExplained {
+            name: bus.name.clone(),
+            address: bus.address.clone(),
+            timeout: humantime::format_duration(bus.timeout).to_string(),
+        });
+        let devices = profile.devices.iter().enumerate();
+        Explanation {
+            machine: profile.name.clone(),
+            description: profile.description.clone(),
+            buses: buses.collect(),
+            devices: devices
+                .map(|(index, device)| device_explained(profile, DeviceId(index), device))
+                .collect(),
+            signals: (0..profile.signals.len())
+                .map(|index| signal_explained(profile, SignalId(index)))
+                .collect(),
+            axes: profile.axes.iter().map(|axis| axis::explained(profile, axis)).collect(),
+            writes: profile.outputs.iter().map(|output| output::explained(profile, output)).collect(),
+            heartbeat: profile.heartbeat.as_ref().map(|heartbeat| output::heartbeat(profile, heartbeat)),
+        }
+    }
+}
+
+fn device_explained(profile: &Profile, id: DeviceId, device: &Device) -> DeviceExplained {
+    let signals = profile.signals.iter().enumerate().filter(|(_, signal)| signal.device == id);
+    let requests = plan(device, signals.map(|(index, signal)| (SignalId(index), signal)));
+    let explained = requests.iter().map(|request| RequestExplained {
+        read: request.to_string(),
+        function: request.table.read_function(),
+        signals: request.fields.iter().map(|field| profile.signal(field.signal).name.clone()).collect(),
+    });
+    DeviceExplained {
+        name: device.name.clone(),
+        bus: profile.bus(device.bus).name.clone(),
+        unit: device.unit,
+        every: humantime::format_duration(device.every).to_string(),
+        summary: summary(&requests),
+        requests: explained.collect(),
+    }
+}
+
+fn signal_explained(profile: &Profile, id: SignalId) -> SignalExplained {
+    let signal = profile.signal(id);
+    let encoding = &signal.encoding;
+    let mut doubts = Vec::new();
+    if !encoding.bad.is_empty() {
+        let raw: Vec<String> = encoding.bad.iter().map(i64::to_string).collect();
+        doubts.push(format!("raw {} means no measurement", raw.join(" or ")));
+    }
+    if let Some((low, high)) = signal.range {
+        doubts.push(format!("outside {low} to {high} {}", signal.unit));
+    }
+    if let Some(rate) = signal.max_rate {
+        doubts.push(format!("faster than {rate} {} per second", signal.unit));
+    }
+    doubts.push(format!("older than {}", humantime::format_duration(signal.max_age)));
+    if let Some(condition) = &signal.fault_when {
+        doubts.push(format!("when {}", condition.text));
+    }
+    SignalExplained {
+        name: signal.name.clone(),
+        device: profile.device(signal.device).name.clone(),
+        register: Register::of(signal.address),
+        data_type: encoding.data_type.name(),
+        word_order: (encoding.data_type.registers() > 1).then(|| encoding.word_order.to_string()),
+        scale: encoding.scale,
+        offset: encoding.offset,
+        unit: signal.unit.0,
+        doubts,
+    }
+}
+
+impl fmt::Display for Explanation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.machine)?;
+        if !self.description.is_empty() {
+            write!(f, ": {}", self.description)?;
+        }
+        writeln!(f)?;
+        for bus in &self.buses {
+            writeln!(f, "\nbus {}: Modbus TCP at {}, timeout {}", bus.name, bus.address, bus.timeout)?;
+            for device in self.devices.iter().filter(|device| device.bus == bus.name) {
+                writeln!(
+                    f,
+                    "  {}: unit {}, every {}: {}",
+                    device.name, device.unit, device.every, device.summary
+                )?;
+                for request in &device.requests {
+                    let signals = request.signals.join(", ");
+                    writeln!(f, "    {}, function {:02}: {signals}", request.read, request.function)?;
+                }
+            }
+        }
+        writeln!(f, "\nsignals")?;
+        for signal in &self.signals {
+            write!(f, "  {}: {} of {}, {}", signal.name, signal.register, signal.device, signal.data_type)?;
+            if let Some(order) = &signal.word_order {
+                write!(f, " {order}")?;
+            }
+            let unit = if signal.unit == "1" { "" } else { signal.unit };
+            write!(f, ", {} {unit} per count", signal.scale)?;
+            if signal.offset.abs() > 0.0 {
+                write!(f, ", plus {}", signal.offset)?;
+            }
+            writeln!(f, "; not believed {}", signal.doubts.join(", "))?;
+        }
+        for axis in &self.axes {
+            write!(f, "\n{axis}")?;
+        }
+        writeln!(f, "\nwrites")?;
+        for write in &self.writes {
+            write!(f, "{write}")?;
+        }
+        match &self.heartbeat {
+            Some(heartbeat) => writeln!(f, "  {heartbeat}"),
+            None if self.writes.is_empty() => writeln!(f, "  nothing"),
+            None => Ok(()),
+        }
+    }
+}

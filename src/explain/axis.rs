@@ -1,0 +1,181 @@
+//! An axis in words: how Cz is computed, which way it moves, how far and how fast.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use crate::compensation::model::{Formula, Kind, Linear, Model, Reference};
+use crate::compensation::settings::OnFault;
+use crate::profile::{Axis, Profile};
+use crate::reading::SignalId;
+
+/// One axis.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct AxisExplained {
+    /// Its name.
+    pub name: String,
+    /// In order of preference.
+    pub models: Vec<ModelExplained>,
+    /// What a positive Cz means.
+    pub sign: String,
+    /// How far and how fast Cz may move.
+    pub guard: String,
+    /// What happens when no model or output can be used.
+    pub on_fault: String,
+}
+
+/// One model.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ModelExplained {
+    /// Its name.
+    pub name: String,
+    /// `Cz = 2.4·(bed − 0) − 2.4·(wheelhead − 0) + 0 µm`.
+    pub formula: String,
+    /// What one unit more of each signal does.
+    pub effects: Vec<String>,
+}
+
+pub(super) fn explained(profile: &Profile, axis: &Axis) -> AxisExplained {
+    let settings = &axis.settings;
+    let guard = &settings.guard;
+    let every = humantime::format_duration(settings.every);
+    let mut words = format!(
+        "Cz stays within ±{} µm and changes by at most {} µm every {every} and {} µm/s",
+        guard.limit.get(),
+        guard.step.get(),
+        guard.rate
+    );
+    if guard.deadband.get() > 0.0 {
+        words.push_str(&format!("; a change of up to {} µm is not made", guard.deadband.get()));
+    }
+    if let Some(count) = guard.count {
+        words.push_str(&format!("; it moves in counts of {} µm", count.get()));
+    }
+    let mut sign =
+        "Cz is added to the position: a positive Cz makes the commanded or displayed position larger"
+            .to_owned();
+    if axis.diameter {
+        sign.push_str("; it acts on a diameter, so twice Cz is written");
+    }
+    AxisExplained {
+        name: settings.name.clone(),
+        models: settings.models.iter().map(|model| model_explained(profile, model)).collect(),
+        sign,
+        guard: words,
+        on_fault: fault_action(settings.on_fault, guard.rate),
+    }
+}
+
+fn fault_action(action: OnFault, rate: f64) -> String {
+    match action {
+        OnFault::Hold => "keeps the last Cz for as long as the fault lasts".to_owned(),
+        OnFault::Zero => "takes Cz to zero at once, step by step".to_owned(),
+        OnFault::Ramp { after } => {
+            let after = humantime::format_duration(after);
+            format!("keeps the last Cz for {after}, then takes it to zero at {rate} µm/s")
+        }
+    }
+}
+
+fn model_explained(profile: &Profile, model: &Model) -> ModelExplained {
+    let (formula, effects) = match &model.kind {
+        Kind::Linear(linear) => (linear_text(profile, linear), linear_effects(profile, linear)),
+        Kind::Formula(formula) => {
+            let names: Vec<&str> =
+                formula.expression.signals().into_iter().map(|id| profile.signal(id).name.as_str()).collect();
+            let text = format!("Cz = {} µm, over {}", formula.expression.text(), names.join(", "));
+            (text, formula_effects(profile, formula))
+        }
+    };
+    ModelExplained { name: model.name.clone(), formula, effects }
+}
+
+fn linear_text(profile: &Profile, linear: &Linear) -> String {
+    let mut text = "Cz =".to_owned();
+    for (place, term) in linear.terms.iter().enumerate() {
+        let sign = match (place, term.gain < 0.0) {
+            (0, false) => " ",
+            (0, true) => " −",
+            (_, false) => " + ",
+            (_, true) => " − ",
+        };
+        let reference = match term.reference {
+            Reference::Fixed(number) => figure(number),
+            Reference::Start => "its value at machine start".to_owned(),
+            Reference::Zero => "its value at zero".to_owned(),
+        };
+        let name = &profile.signal(term.signal).name;
+        text.push_str(&format!("{sign}{}·({name} − {reference})", figure(term.gain.abs())));
+    }
+    let sign = if linear.offset < 0.0 { "−" } else { "+" };
+    text.push_str(&format!(" {sign} {} µm", figure(linear.offset.abs())));
+    text
+}
+
+fn linear_effects(profile: &Profile, linear: &Linear) -> Vec<String> {
+    let mut gains: Vec<(SignalId, f64)> = Vec::new();
+    for term in &linear.terms {
+        match gains.iter_mut().find(|(signal, _)| *signal == term.signal) {
+            Some((_, gain)) => *gain += term.gain,
+            None => gains.push((term.signal, term.gain)),
+        }
+    }
+    gains.into_iter().map(|(signal, gain)| effect(profile, signal, gain, "")).collect()
+}
+
+/// A formula may bend: its effect is told at one point, the machine just started and every signal in the middle of its
+/// range.
+fn formula_effects(profile: &Profile, formula: &Formula) -> Vec<String> {
+    let middle = |id: SignalId| match profile.signal(id).range {
+        Some((low, high)) => f64::midpoint(low, high),
+        None => 20.0,
+    };
+    let at = |raised: Option<SignalId>| {
+        let value = |id: SignalId| Some(middle(id) + if raised == Some(id) { 1.0 } else { 0.0 });
+        formula.expression.evaluate(&value, Some(0.0)).ok().filter(|cz| cz.is_finite())
+    };
+    let change = |id: SignalId| match (at(None), at(Some(id))) {
+        (Some(before), Some(after)) => {
+            let place = format!(" (from {} at t = 0)", figure(middle(id)));
+            effect(profile, id, after - before, &place)
+        }
+        _ => format!(
+            "at {} = {} and t = 0 the formula has no value",
+            profile.signal(id).name,
+            figure(middle(id))
+        ),
+    };
+    formula.expression.signals().into_iter().map(change).collect()
+}
+
+fn effect(profile: &Profile, id: SignalId, change: f64, place: &str) -> String {
+    let signal = profile.signal(id);
+    let unit = signal.unit.to_string();
+    let space = if unit.is_empty() { "" } else { " " };
+    let sign = if change < 0.0 { "−" } else { "+" };
+    format!(
+        "when {} rises by 1{space}{unit}{place}, Cz changes by {sign}{} µm",
+        signal.name,
+        figure(change.abs())
+    )
+}
+
+/// Without the last digits, which come from binary fractions.
+fn figure(number: f64) -> String {
+    format!("{:.9}", number).trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
+impl fmt::Display for AxisExplained {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "axis {}", self.name)?;
+        for (place, model) in self.models.iter().enumerate() {
+            writeln!(f, "  {}. {}: {}", place + 1, model.name, model.formula)?;
+            for effect in &model.effects {
+                writeln!(f, "     {effect}")?;
+            }
+        }
+        writeln!(f, "  sign: {}", self.sign)?;
+        writeln!(f, "  guard: {}", self.guard)?;
+        writeln!(f, "  on a fault: {}", self.on_fault)
+    }
+}

@@ -1,0 +1,167 @@
+//! What is written, where, how, and how it is believed.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use super::Register;
+use crate::profile::{Heartbeat, Output, Profile, Verify, Writes};
+
+/// 1 mm in µm.
+const MICRONS: f64 = 1000.0;
+
+/// One output.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct WriteExplained {
+    /// Its name.
+    pub output: String,
+    /// Whose Cz.
+    pub axis: String,
+    /// Where it goes.
+    pub device: String,
+    /// Its first register.
+    pub register: Register,
+    /// How many registers.
+    pub registers: u16,
+    /// `i32`.
+    pub data_type: &'static str,
+    /// Which register comes first; `None` for one register.
+    pub word_order: Option<String>,
+    /// The worth of one count, in `unit`.
+    pub scale: f64,
+    /// µm for an offset, mm for a corrected position.
+    pub unit: &'static str,
+    /// Added to the raw count.
+    pub bias: i64,
+    /// Smallest and largest count that is ever written, bias included; `None` where the profile does not bound it.
+    pub counts: Option<(i64, i64)>,
+    /// Function code of the write.
+    pub function: u8,
+    /// What the register means, and which way it moves.
+    pub meaning: String,
+    /// How a write is believed.
+    pub verify: String,
+    /// Written again though unchanged.
+    pub refresh: Option<String>,
+    /// Interlock.
+    pub when: Option<String>,
+}
+
+/// The register that counts while the gateway lives.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct HeartbeatExplained {
+    /// Where.
+    pub device: String,
+    /// The register.
+    pub register: Register,
+    /// How often it counts.
+    pub every: String,
+    /// Function code of the write.
+    pub function: u8,
+}
+
+pub(super) fn explained(profile: &Profile, output: &Output) -> WriteExplained {
+    let axis = profile.axis(output.axis);
+    let device = profile.device(output.device);
+    let encoding = &output.encoding;
+    let registers = encoding.data_type.registers();
+    let factor = if axis.diameter { 2.0 } else { 1.0 };
+    let limit = axis.settings.guard.limit.get() * factor;
+    let (unit, reach, meaning) = match output.writes {
+        Writes::Offset => {
+            let counts = figure(factor / encoding.scale);
+            let what = if axis.diameter { "twice Cz" } else { "Cz" };
+            ("µm", Some((-limit, limit)), format!("{what}: +1 µm of Cz is {counts} counts"))
+        }
+        Writes::Corrected { position } => {
+            let signal = profile.signal(position);
+            let reach = signal.range.map(|(low, high)| (low - limit / MICRONS, high + limit / MICRONS));
+            let what = if axis.diameter { "2·Cz" } else { "Cz" };
+            ("mm", reach, format!("{} + {what}, each time the scale is read", signal.name))
+        }
+    };
+    WriteExplained {
+        output: output.name.clone(),
+        axis: axis.settings.name.clone(),
+        device: device.name.clone(),
+        register: Register::of(output.address),
+        registers,
+        data_type: encoding.data_type.name(),
+        word_order: (registers > 1).then(|| encoding.word_order.to_string()),
+        scale: encoding.scale,
+        unit,
+        bias: encoding.bias,
+        counts: reach.filter(|_| encoding.data_type.integer_range().is_some()).map(|(low, high)| {
+            let (a, b) =
+                (count(low, encoding.scale, encoding.bias), count(high, encoding.scale, encoding.bias));
+            (a.min(b), a.max(b))
+        }),
+        function: device.functions.writes(registers).map_or(0, crate::profile::WriteFunction::code),
+        meaning,
+        verify: match output.verify {
+            Verify::ReadBack => "the register is read again after every write".to_owned(),
+            Verify::Echo => "the answer repeats what was written; the register is not read again".to_owned(),
+        },
+        refresh: output.refresh.map(|refresh| humantime::format_duration(refresh).to_string()),
+        when: output.when.as_ref().map(|condition| condition.text.clone()),
+    }
+}
+
+pub(super) fn heartbeat(profile: &Profile, heartbeat: &Heartbeat) -> HeartbeatExplained {
+    let device = profile.device(heartbeat.device);
+    HeartbeatExplained {
+        device: device.name.clone(),
+        register: Register::of(heartbeat.address),
+        every: humantime::format_duration(heartbeat.every).to_string(),
+        function: device.functions.writes(1).map_or(0, crate::profile::WriteFunction::code),
+    }
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "the check has seen that it fits the register's type")]
+fn count(value: f64, scale: f64, bias: i64) -> i64 {
+    ((value / scale).round() as i64).saturating_add(bias)
+}
+
+fn figure(number: f64) -> String {
+    let text = format!("{:.6}", number.abs());
+    let sign = if number < 0.0 { "−" } else { "+" };
+    format!("{sign}{}", text.trim_end_matches('0').trim_end_matches('.'))
+}
+
+impl fmt::Display for WriteExplained {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let plural = if self.registers == 1 { "" } else { "s" };
+        write!(f, "  {}: {} of {}, {}", self.output, self.register, self.device, self.data_type)?;
+        if let Some(order) = &self.word_order {
+            write!(f, " {order}")?;
+        }
+        write!(f, ", {} {} per count", self.scale, self.unit)?;
+        if self.bias != 0 {
+            write!(f, ", bias {}", self.bias)?;
+        }
+        writeln!(f, "; function {:02}, {} register{plural}", self.function, self.registers)?;
+        writeln!(f, "    writes {}", self.meaning)?;
+        match self.counts {
+            Some((low, high)) => writeln!(f, "    counts {low} to {high}")?,
+            None => writeln!(f, "    counts are bounded by the register's type alone")?,
+        }
+        writeln!(f, "    believed when {}", self.verify)?;
+        if let Some(refresh) = &self.refresh {
+            writeln!(f, "    written again every {refresh}")?;
+        }
+        match &self.when {
+            Some(when) => writeln!(f, "    only when {when}, otherwise held"),
+            None => writeln!(f, "    no interlock"),
+        }
+    }
+}
+
+impl fmt::Display for HeartbeatExplained {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let HeartbeatExplained { device, register, every, function } = self;
+        write!(
+            f,
+            "heartbeat: {register} of {device}, u16, counts every {every}; function {function:02}, 1 register"
+        )
+    }
+}

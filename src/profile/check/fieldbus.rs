@@ -1,0 +1,177 @@
+//! Lines and devices.
+
+use std::time::Duration;
+
+use super::{Check, Zero, bus_of, get, host_of, shown};
+use crate::profile::place::child;
+use crate::profile::raw::{BusType, FunctionWord, RawBus, RawDevice, RawQuirks};
+use crate::profile::{Bus, BusId, Device, Functions, Quirks};
+
+const TIMEOUT: Duration = Duration::from_millis(500);
+const EVERY: Duration = Duration::from_secs(1);
+
+impl Check<'_> {
+    pub(super) fn buses(&mut self) -> Vec<Option<Bus>> {
+        let raw = self.raw;
+        let each = self.buses.each();
+        each.into_iter().map(|(_, name, path)| self.bus(&path, &name, raw.bus.get(&name)?)).collect()
+    }
+
+    fn bus(&mut self, path: &str, name: &str, raw: &RawBus) -> Option<Bus> {
+        let quirks = self.quirks(&child(path, "quirks"), raw.quirks.as_ref(), Quirks::default());
+        let given = self.span(&child(path, "timeout"), raw.timeout.as_ref(), Zero::Refused);
+        let timeout = given.unwrap_or_else(|| self.default_timeout(name));
+        if raw.tls.is_some() {
+            self.not_built(
+                &child(path, "tls"),
+                "Modbus/TCP Security (tls)",
+                Some("use a plain line in a closed network"),
+            );
+        }
+        let kind = raw.kind?;
+        self.foreign_keys(path, kind, raw);
+        let what = match kind {
+            BusType::ModbusTcp => None,
+            BusType::ModbusRtu => Some("a serial line (modbus-rtu)"),
+            BusType::ModbusRtuOverTcp => Some("RTU frames over TCP (modbus-rtu-over-tcp)"),
+            BusType::Can => Some("a CAN line (can)"),
+        };
+        if let Some(what) = what {
+            let help =
+                "a Modbus gateway (Ethernet to serial) and type = \"modbus-tcp\" reach serial devices today";
+            self.not_built(&child(path, "type"), what, (kind != BusType::Can).then_some(help));
+            return None;
+        }
+        let Some(address) = &raw.address else {
+            let help = "write host and port, as \"192.168.0.10:502\"; 502 is Modbus TCP's usual port";
+            self.missing(path, "address", "`address` is missing: where is the line?", help);
+            return None;
+        };
+        if host_of(address).is_none() {
+            let help = format!("write host and port, as \"{address}:502\"; 502 is Modbus TCP's usual port");
+            self.wrong(&child(path, "address"), format!("`{address}` is no host and port"), help);
+            return None;
+        }
+        Some(Bus { name: name.to_owned(), address: address.clone(), timeout, quirks })
+    }
+
+    fn foreign_keys(&mut self, path: &str, kind: BusType, raw: &RawBus) {
+        let serial = kind == BusType::ModbusRtu;
+        let can = kind == BusType::Can;
+        let keys = [
+            ("address", raw.address.is_some(), !serial && !can, "a TCP line"),
+            ("port", raw.port.is_some(), serial, "a modbus-rtu line"),
+            ("baud", raw.baud.is_some(), serial, "a modbus-rtu line"),
+            ("parity", raw.parity.is_some(), serial, "a modbus-rtu line"),
+            ("stop_bits", raw.stop_bits.is_some(), serial, "a modbus-rtu line"),
+            ("interface", raw.interface.is_some(), can, "a can line"),
+        ];
+        for (key, there, belongs, owner) in keys {
+            if there && !belongs {
+                self.wrong_key(
+                    &child(path, key),
+                    format!("`{key}` belongs to {owner}"),
+                    "remove it, or change `type`",
+                );
+            }
+        }
+    }
+
+    /// Never as long as a poll period: a default must not contradict what was written.
+    fn default_timeout(&self, bus: &str) -> Duration {
+        let devices = self.raw.device.values().filter(|device| device.bus.as_deref() == Some(bus));
+        let periods = devices.filter_map(|device| humantime::parse_duration(&device.every.as_ref()?.0).ok());
+        periods.filter(|period| !period.is_zero()).map(|period| period / 2).fold(TIMEOUT, Duration::min)
+    }
+
+    pub(super) fn devices(&mut self, buses: &[Option<Bus>]) -> Vec<Option<Device>> {
+        let raw = self.raw;
+        let each = self.devices.each();
+        each.into_iter()
+            .map(|(_, name, path)| self.device(&path, &name, raw.device.get(&name)?, buses))
+            .collect()
+    }
+
+    fn device(&mut self, path: &str, name: &str, raw: &RawDevice, buses: &[Option<Bus>]) -> Option<Device> {
+        self.device_not_built(path, raw);
+        let every = self.span(&child(path, "every"), raw.every.as_ref(), Zero::Refused).unwrap_or(EVERY);
+        let functions = functions(raw.functions.as_deref());
+        if raw.functions.as_ref().is_some_and(Vec::is_empty) {
+            let help = "name what it may be sent, as [\"read-holding\", \"write-multiple\"], or leave the key out: all";
+            self.wrong(&child(path, "functions"), "a device that may be sent nothing is of no use", help);
+        }
+        let bus = raw.bus.as_ref().and_then(|bus| self.bus_index(&child(path, "bus"), bus));
+        let over = bus.and_then(|bus| get(buses, bus)).map_or_else(Quirks::default, |bus| bus.quirks);
+        let quirks = self.quirks(&child(path, "quirks"), raw.quirks.as_ref(), over);
+        let modbus = raw.bus.as_ref().is_none_or(|bus| self.is_modbus(bus));
+        if raw.unit.is_none() && modbus {
+            let help = "write the unit identifier of the device, 0 to 255; one that is alone at its address often has 1 or 255";
+            self.missing(path, "unit", "`unit` is missing", help);
+        }
+        let device =
+            Device { name: name.to_owned(), bus: BusId(bus?), unit: raw.unit?, every, functions, quirks };
+        if let Some(bus) = bus_of(&device, buses)
+            && bus.timeout >= every
+        {
+            let (timeout, every) = (shown(bus.timeout), shown(every));
+            let message = format!(
+                "the bus `{}` waits {timeout} for an answer, as long as the poll period {every}",
+                bus.name
+            );
+            let help = "make `timeout` of the bus shorter than `every` of each of its devices";
+            self.wrong(&child(path, "every"), message, help);
+        }
+        Some(device)
+    }
+
+    fn device_not_built(&mut self, path: &str, raw: &RawDevice) {
+        let spelled_out = "give each of its signals `register`, `type`, `scale` and `bad`";
+        let parts = [
+            ("template", raw.template.is_some(), "device templates", Some(spelled_out)),
+            ("dbc", raw.dbc.is_some(), "devices described by a DBC file", None),
+            ("node", raw.node.is_some(), "CANopen nodes", None),
+            ("heartbeat", raw.heartbeat.is_some(), "the CANopen heartbeat", None),
+            ("setup", raw.setup.is_some(), "CANopen objects written before start", None),
+            ("verify", raw.verify.is_some(), "CANopen objects read before arming", None),
+        ];
+        for (key, there, what, help) in parts {
+            if there {
+                self.not_built(&child(path, key), &format!("{what} ({key})"), help);
+            }
+        }
+        if let Some(heartbeat) = &raw.heartbeat {
+            self.span(&child(path, "heartbeat"), Some(heartbeat), Zero::Refused);
+        }
+    }
+
+    fn quirks(&mut self, path: &str, raw: Option<&RawQuirks>, over: Quirks) -> Quirks {
+        let Some(raw) = raw else { return over };
+        let mut span = |key: &str, value| self.span(&child(path, key), value, Zero::Allowed);
+        let after_connect = span("pause_after_connect", raw.pause_after_connect.as_ref());
+        let between = span("pause_between_requests", raw.pause_between_requests.as_ref());
+        Quirks {
+            pause_after_connect: after_connect.unwrap_or(over.pause_after_connect),
+            pause_between_requests: between.unwrap_or(over.pause_between_requests),
+            one_request_per_field: raw.one_request_per_field.unwrap_or(over.one_request_per_field),
+            max_registers_per_request: raw
+                .max_registers_per_request
+                .unwrap_or(over.max_registers_per_request),
+            max_gap: raw.max_gap.unwrap_or(over.max_gap),
+        }
+    }
+}
+
+fn functions(words: Option<&[FunctionWord]>) -> Functions {
+    let Some(words) = words else { return Functions::ALL };
+    let has = |word| words.contains(&word);
+    Functions {
+        read_coils: has(FunctionWord::ReadCoils),
+        read_discrete: has(FunctionWord::ReadDiscrete),
+        read_holding: has(FunctionWord::ReadHolding),
+        read_input: has(FunctionWord::ReadInput),
+        write_coil: has(FunctionWord::WriteCoil),
+        write_single: has(FunctionWord::WriteSingle),
+        write_coils: has(FunctionWord::WriteCoils),
+        write_multiple: has(FunctionWord::WriteMultiple),
+    }
+}

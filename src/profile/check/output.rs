@@ -1,0 +1,315 @@
+//! Outputs and the heartbeat: what is written, and whether it can be.
+
+use super::{Check, Signals, Zero, bus_of, get, shown};
+use crate::codec::{Address, DataType, Encoding, Table};
+use crate::profile::place::child;
+use crate::profile::raw::{RawOutput, Share, VerifyWord, WritesWord};
+use crate::profile::{Axis, AxisId, Bus, Device, DeviceId, Heartbeat, Output, Verify, Writes};
+use crate::quantity::Micron;
+
+/// 1 mm in µm.
+const MICRONS: f64 = 1000.0;
+
+impl Check<'_> {
+    /// The outputs, and the axes with the coarsest count that is written of them.
+    pub(super) fn outputs(
+        &mut self,
+        mut axes: Vec<Option<Axis>>,
+        devices: &[Option<Device>],
+        signals: &Signals,
+        buses: &[Option<Bus>],
+    ) -> (Vec<Option<Output>>, Vec<Option<Axis>>) {
+        let raw = self.raw;
+        let mut outputs = Vec::new();
+        for (_, name, path) in self.outputs.each() {
+            let output =
+                raw.output.get(&name).and_then(|raw| self.output(&path, &name, raw, devices, signals));
+            if let Some(output) = &output {
+                self.moves(&path, output, get(&axes, output.axis.0), signals);
+                self.output_times(&path, output, get(&axes, output.axis.0), devices, buses);
+                if let Some(Some(axis)) = axes.get_mut(output.axis.0) {
+                    note_count(axis, output);
+                }
+            }
+            outputs.push(output);
+        }
+        (outputs, axes)
+    }
+
+    fn output(
+        &mut self,
+        path: &str,
+        name: &str,
+        raw: &RawOutput,
+        devices: &[Option<Device>],
+        signals: &Signals,
+    ) -> Option<Output> {
+        self.output_not_built(path, raw);
+        let axis = raw.axis.as_ref().and_then(|axis| self.axis_index(&child(path, "axis"), axis));
+        let index = raw.device.as_ref().and_then(|device| self.device_index(&child(path, "device"), device));
+        let writes = self.writes(path, raw, signals);
+        let refresh = self.span(&child(path, "refresh"), raw.refresh.as_ref(), Zero::Refused);
+        let when = raw.when.as_ref().and_then(|text| self.condition(&child(path, "when"), text, None));
+        let verify = if raw.verify == Some(VerifyWord::Echo) { Verify::Echo } else { Verify::ReadBack };
+        let address = raw.register.as_ref().and_then(|text| self.holding(&child(path, "register"), text));
+        let data_type = raw.kind.map(DataType::from);
+        if data_type == Some(DataType::Bool) {
+            let help = "write an integer or floating-point type: i16, i32, f32, …";
+            self.wrong(&child(path, "type"), "one bit cannot hold a compensation value", help);
+        }
+        let word_order = self.word_order(path, data_type, raw.word_order);
+        let scale = self.output_scale(path, raw, data_type);
+        let (address, data_type) = (address?, data_type?);
+        self.fits(&child(path, "register"), address, data_type);
+        if let Some(device) = index.and_then(|index| get(devices, index)) {
+            self.writable(&child(path, "register"), data_type.registers(), device);
+            if verify == Verify::ReadBack {
+                self.readable(&child(path, "register"), Table::Holding, device);
+            }
+        }
+        let encoding = Encoding {
+            data_type,
+            word_order: word_order?,
+            byte_swap: raw.byte_swap.unwrap_or(false),
+            scale: scale?,
+            offset: 0.0,
+            bias: raw.bias.unwrap_or(0),
+            bad: Vec::new(),
+        };
+        if data_type.integer_range().is_none() && encoding.bias != 0 {
+            let help = "a floating-point register holds negative values as they are: remove `bias`";
+            self.wrong(&child(path, "bias"), "a bias belongs to whole counts", help);
+        }
+        Some(Output {
+            name: name.to_owned(),
+            axis: AxisId(axis?),
+            device: DeviceId(index?),
+            address,
+            encoding,
+            writes: writes?,
+            verify,
+            refresh,
+            when,
+        })
+    }
+
+    fn output_not_built(&mut self, path: &str, raw: &RawOutput) {
+        if raw.share == Some(Share::Ledger) {
+            let help = Some("share = \"whole\": a register of our own");
+            self.not_built(
+                &child(path, "share"),
+                "a share of an operator's register (share = \"ledger\")",
+                help,
+            );
+        }
+        if raw.handshake.is_some() {
+            self.not_built(&child(path, "handshake"), "a strobe and its acknowledgement (handshake)", None);
+        }
+        if raw.restart.is_some() {
+            self.not_built(&child(path, "restart"), "the boot counter of a CNC (restart)", None);
+        }
+    }
+
+    fn writes(&mut self, path: &str, raw: &RawOutput, signals: &Signals) -> Option<Writes> {
+        let at = child(path, "position");
+        match raw.writes? {
+            WritesWord::Offset => {
+                if raw.position.is_some() {
+                    self.wrong_key(
+                        &at,
+                        "an offset has no position",
+                        "remove it, or write writes = \"corrected\"",
+                    );
+                }
+                Some(Writes::Offset)
+            }
+            WritesWord::Corrected => {
+                let Some(name) = &raw.position else {
+                    let help = "name the scale's signal, in mm: position + Cz is written";
+                    self.missing(path, "position", "`position` is missing: which scale is corrected?", help);
+                    return None;
+                };
+                let position = self.signal(&at, name)?;
+                // Where the unit was a wrong word, that has been said.
+                if let Some(signal) = get(signals, position.0)
+                    && signal.unit.0 != "mm"
+                {
+                    let unit = signal.unit.0;
+                    let message = format!("`{name}` is in \"{unit}\"; a position that is corrected is in mm");
+                    let help =
+                        format!("write unit = \"mm\" and the scale in mm per count at signal `{name}`");
+                    self.wrong(&at, message, help);
+                }
+                Some(Writes::Corrected { position })
+            }
+            WritesWord::Intercept | WritesWord::Slope | WritesWord::Reference => {
+                let what = "outputs that write intercept, slope or reference";
+                self.not_built(&child(path, "writes"), what, Some("\"offset\" and \"corrected\" are there"));
+                None
+            }
+        }
+    }
+
+    fn output_scale(&mut self, path: &str, raw: &RawOutput, data_type: Option<DataType>) -> Option<f64> {
+        let whole = data_type?.integer_range().is_some();
+        if raw.scale.is_none() && whole {
+            let help = "write the value of one count: µm where it writes an offset, mm where it writes a corrected position";
+            self.missing(path, "scale", "`scale` is missing: what is one count worth?", help);
+            return None;
+        }
+        if raw.scale.is_none() && self.places.contains(&child(path, "scale")) {
+            return None;
+        }
+        self.scale(&child(path, "scale"), raw.scale.unwrap_or(1.0))
+    }
+
+    fn holding(&mut self, path: &str, text: &str) -> Option<Address> {
+        let address = self.address(path, text)?;
+        if address.table == Table::Holding {
+            return Some(address);
+        }
+        let table = address.table.name();
+        let message = if address.table.is_writable() {
+            format!("{address} is one bit; this does not fit into it")
+        } else {
+            format!("{address} cannot be written: {table} registers are read-only")
+        };
+        self.wrong(path, message, "write to a holding register, as \"holding:100\" or \"40101\"");
+        None
+    }
+
+    fn writable(&mut self, path: &str, registers: u16, device: &Device) {
+        if device.functions.writes(registers).is_none() {
+            let words =
+                if registers == 1 { "\"write-single\" or \"write-multiple\"" } else { "\"write-multiple\"" };
+            let message = format!(
+                "writing {registers} register(s) needs {words}, which `{}` may not be sent",
+                device.name
+            );
+            self.wrong(
+                path,
+                message,
+                format!("add {words} to `functions` of the device, if the device can do it"),
+            );
+        }
+    }
+
+    /// The register can hold every value that the axis may reach, and one step is enough to change it.
+    fn moves(&mut self, path: &str, output: &Output, axis: Option<&Axis>, signals: &Signals) {
+        let Some(axis) = axis else { return };
+        let encoding = &output.encoding;
+        let guard = &axis.settings.guard;
+        let Some((low, high)) = encoding.data_type.integer_range() else { return };
+        let factor = if axis.diameter { 2.0 } else { 1.0 };
+        let limit = guard.limit.get() * factor;
+        let reach = match output.writes {
+            Writes::Offset => Some((-limit, limit)),
+            Writes::Corrected { position } => get(signals, position.0)
+                .and_then(|signal| signal.range)
+                .map(|(from, to)| (from - limit / MICRONS, to + limit / MICRONS)),
+        };
+        if let Some((from, to)) = reach
+            && (encoding.encode(from).saturated || encoding.encode(to).saturated)
+        {
+            let unit = if output.writes == Writes::Offset { "µm" } else { "mm" };
+            let name = encoding.data_type.name();
+            let message = format!(
+                "{from} to {to} {unit} do not fit {name} at {} {unit} per count with bias {}: it holds {low} to {high} counts",
+                encoding.scale, encoding.bias
+            );
+            self.wrong(
+                &child(path, "type"),
+                message,
+                "take a wider type, a coarser `scale`, a `bias`, or a smaller `limit`",
+            );
+        }
+        let count = encoding.scale.abs();
+        let step = guard.step.get() * factor;
+        if output.writes == Writes::Offset && step < count * (1.0 - 1e-9) {
+            let axis = &axis.settings.name;
+            let message = format!(
+                "one count is {count} µm, one step of axis `{axis}` is {step} µm: it could never move"
+            );
+            self.wrong(
+                &child(path, "scale"),
+                message,
+                format!("make `step` of axis `{axis}` at least one count"),
+            );
+        }
+    }
+
+    fn output_times(
+        &mut self,
+        path: &str,
+        output: &Output,
+        axis: Option<&Axis>,
+        devices: &[Option<Device>],
+        buses: &[Option<Bus>],
+    ) {
+        let Some(bus) = get(devices, output.device.0).and_then(|device| bus_of(device, buses)) else {
+            return;
+        };
+        let timeout = shown(bus.timeout);
+        if let Some(axis) = axis.filter(|axis| axis.settings.every <= bus.timeout) {
+            let (name, every) = (&axis.settings.name, shown(axis.settings.every));
+            let message = format!(
+                "the bus `{}` waits {timeout} for an answer, as long as axis `{name}`'s period {every}",
+                bus.name
+            );
+            self.wrong(
+                &child(path, "device"),
+                message,
+                "make `timeout` of the bus shorter than `every` of the axis",
+            );
+        }
+        if let Some(refresh) = output.refresh.filter(|refresh| *refresh <= bus.timeout) {
+            let message = format!(
+                "the bus `{}` waits {timeout} for an answer, as long as `refresh` {}",
+                bus.name,
+                shown(refresh)
+            );
+            self.wrong(&child(path, "refresh"), message, "make `refresh` longer than `timeout` of the bus");
+        }
+    }
+
+    pub(super) fn heartbeat(
+        &mut self,
+        devices: &[Option<Device>],
+        buses: &[Option<Bus>],
+    ) -> Option<Heartbeat> {
+        let raw = self.raw.heartbeat.as_ref()?;
+        let every = self.span("heartbeat.every", raw.every.as_ref(), Zero::Refused);
+        let index = raw.device.as_ref().and_then(|device| self.device_index("heartbeat.device", device));
+        let address = raw.register.as_ref().and_then(|text| self.holding("heartbeat.register", text));
+        if let Some(device) = index.and_then(|index| get(devices, index)) {
+            self.writable("heartbeat.register", 1, device);
+            if let (Some(bus), Some(every)) = (bus_of(device, buses), every)
+                && every < bus.timeout
+            {
+                let (name, timeout, every) = (&bus.name, shown(bus.timeout), shown(every));
+                let message = format!(
+                    "the bus `{name}` waits {timeout} for an answer, longer than the heartbeat's {every}"
+                );
+                self.wrong(
+                    "heartbeat.every",
+                    message,
+                    "make `timeout` of the bus shorter, or the heartbeat slower",
+                );
+            }
+        }
+        Some(Heartbeat { device: DeviceId(index?), address: address?, every: every? })
+    }
+}
+
+/// The guard decides whole counts of the coarsest register. Cz is doubled on its way to a diameter, so a count there
+/// is worth half.
+fn note_count(axis: &mut Axis, output: &Output) {
+    if output.writes != Writes::Offset || output.encoding.data_type.integer_range().is_none() {
+        return;
+    }
+    let count = output.encoding.scale.abs() * if axis.diameter { 0.5 } else { 1.0 };
+    let known = axis.settings.guard.count;
+    if known.is_none_or(|known| known.get() < count) {
+        axis.settings.guard.count = Micron::new(count);
+    }
+}

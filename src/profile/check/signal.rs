@@ -1,0 +1,286 @@
+//! Signals, and the registers and encodings that they share with outputs.
+
+use std::time::Duration;
+
+use super::{Check, Zero, bus_of, get, shown};
+use crate::codec::{Address, DataType, Encoding, Table, WordOrder};
+use crate::profile::place::child;
+use crate::profile::raw::{RawSignal, TypeWord, WordOrderWord};
+use crate::profile::{Bus, Device, DeviceId, Signal, Unit};
+
+impl Check<'_> {
+    pub(super) fn signals(
+        &mut self,
+        devices: &[Option<Device>],
+        buses: &[Option<Bus>],
+    ) -> Vec<Option<Signal>> {
+        let raw = self.raw;
+        let each = self.signals.each();
+        let one = |(_, name, path): (usize, String, String)| {
+            self.one_signal(&path, &name, raw.signal.get(&name)?, devices, buses)
+        };
+        each.into_iter().map(one).collect()
+    }
+
+    fn one_signal(
+        &mut self,
+        path: &str,
+        name: &str,
+        raw: &RawSignal,
+        devices: &[Option<Device>],
+        buses: &[Option<Bus>],
+    ) -> Option<Signal> {
+        let index = raw.device.as_ref().and_then(|device| self.device_index(&child(path, "device"), device));
+        let device = index.and_then(|index| get(devices, index));
+        let elsewhere = self.signal_not_built(path, raw);
+        let max_age = self.max_age(path, raw, device, buses);
+        let range = self.range(&child(path, "range"), raw.range);
+        let max_rate = self.positive(&child(path, "max_rate"), raw.max_rate);
+        let fault_when = raw
+            .fault_when
+            .as_ref()
+            .and_then(|text| self.condition(&child(path, "fault_when"), text, Some(name)));
+        if elsewhere && raw.register.is_none() {
+            return None;
+        }
+        let address = match &raw.register {
+            Some(register) => self.address(&child(path, "register"), register),
+            None => {
+                let help =
+                    "write a zero-based protocol address (\"input:0\") or a Modicon number (\"30001\")";
+                self.missing(path, "register", "`register` is missing: where is the signal read?", help);
+                None
+            }
+        };
+        let data_type = self.signal_type(path, raw.kind, address);
+        let word_order = self.word_order(path, data_type, raw.word_order);
+        let scale = self.scale(&child(path, "scale"), raw.scale.unwrap_or(1.0));
+        let (address, data_type) = (address?, data_type?);
+        self.fits(&child(path, "register"), address, data_type);
+        if let Some(device) = device {
+            self.readable(&child(path, "register"), address.table, device);
+            self.in_one_request(&child(path, "type"), data_type, device);
+        }
+        let bits = data_type == DataType::Bool;
+        let unit = raw.unit.as_deref().unwrap_or(if bits { "bool" } else { "1" });
+        let encoding = Encoding {
+            data_type,
+            word_order: word_order?,
+            byte_swap: raw.byte_swap.unwrap_or(false),
+            scale: scale?,
+            offset: raw.offset.unwrap_or(0.0),
+            bias: 0,
+            bad: raw.bad.clone().unwrap_or_default(),
+        };
+        self.sentinels(&child(path, "bad"), &encoding);
+        Some(Signal {
+            name: name.to_owned(),
+            device: DeviceId(index?),
+            address,
+            encoding,
+            unit: Unit::named(unit)?,
+            range,
+            max_rate,
+            max_age: max_age?,
+            fault_when,
+            merge: raw.merge.unwrap_or(true),
+        })
+    }
+
+    /// Whether the signal lies somewhere that cannot be read yet.
+    fn signal_not_built(&mut self, path: &str, raw: &RawSignal) -> bool {
+        let spelled_out = "give the signal `register`, `type`, `scale` and `bad`";
+        let parts = [
+            ("channel", raw.channel.is_some(), "channels of a device template", Some(spelled_out)),
+            ("dbc", raw.dbc.is_some(), "signals described by a DBC file", None),
+            ("pdo", raw.pdo.is_some(), "CANopen process data", None),
+            ("sdo", raw.sdo.is_some(), "CANopen objects", None),
+            ("frame", raw.frame.is_some(), "raw CAN frames", None),
+        ];
+        for (key, there, what, help) in parts {
+            if there {
+                self.not_built(&child(path, key), &format!("{what} ({key})"), help);
+            }
+        }
+        let there = parts.iter().filter(|(_, there, ..)| *there).count();
+        if there + usize::from(raw.register.is_some()) > 1 {
+            let help = "keep one of register, channel, dbc, pdo, sdo, frame";
+            self.wrong_key(path, "the signal is read from more than one place", help);
+        }
+        there > 0
+    }
+
+    fn max_age(
+        &mut self,
+        path: &str,
+        raw: &RawSignal,
+        device: Option<&Device>,
+        buses: &[Option<Bus>],
+    ) -> Option<Duration> {
+        let path = child(path, "max_age");
+        let given = self.span(&path, raw.max_age.as_ref(), Zero::Refused);
+        let device = device?;
+        let every = device.every;
+        let Some(age) = given else {
+            let timeout = bus_of(device, buses).map_or(Duration::ZERO, |bus| bus.timeout);
+            return Some((5 * every).max(3 * timeout));
+        };
+        let figures =
+            format!("`max_age` is {}, `{}` is read every {}", shown(age), device.name, shown(every));
+        let help = format!("allow at least two polls, \"{}\"", shown(2 * every));
+        if age <= every {
+            self.wrong(&path, format!("{figures}: the signal would always go stale"), help);
+        } else if age < 2 * every {
+            let message = format!("{figures}: one late answer makes the signal stale");
+            self.warnings.push(self.places.at_value(&path, message, Some(help)));
+        }
+        Some(age)
+    }
+
+    fn range(&mut self, path: &str, range: Option<[f64; 2]>) -> Option<(f64, f64)> {
+        let [low, high] = range?;
+        if low >= high {
+            let message = format!("the range {low} to {high} is empty");
+            self.wrong(path, message, "write the smaller value first, as [-10.0, 80.0]");
+        }
+        Some((low, high))
+    }
+
+    fn signal_type(
+        &mut self,
+        path: &str,
+        word: Option<TypeWord>,
+        address: Option<Address>,
+    ) -> Option<DataType> {
+        let bits = address?.table.is_bits();
+        match (word.map(DataType::from), bits) {
+            (None | Some(DataType::Bool), true) => Some(DataType::Bool),
+            (Some(wrong), true) => {
+                let message = format!("{} does not fit one bit", wrong.name());
+                self.wrong(
+                    &child(path, "type"),
+                    message,
+                    "a coil and a discrete input are \"bool\": leave `type` out",
+                );
+                None
+            }
+            (Some(word), false) => Some(word),
+            (None, false) => {
+                let help =
+                    "allowed: bool, u16, i16, u32, i32, u64, i64, f32, f64; the device's manual says which";
+                self.missing(
+                    path,
+                    "type",
+                    "`type` is missing: how does the value lie in its registers?",
+                    help,
+                );
+                None
+            }
+        }
+    }
+
+    pub(super) fn address(&mut self, path: &str, text: &str) -> Option<Address> {
+        match text.parse() {
+            Ok(address) => Some(address),
+            Err(why) => {
+                let (table, _) = text.split_once(':').unwrap_or_default();
+                let near = crate::profile::error::nearest(table, &["coil", "discrete", "input", "holding"]);
+                let near = near.filter(|near| *near != table && !table.is_empty());
+                let (message, help) = match why.split_once("; ") {
+                    Some((message, help)) => (message.to_owned(), help.to_owned()),
+                    None => (why.clone(), "write \"input:0\" or \"30001\"".to_owned()),
+                };
+                let help = near.map(|near| format!("did you mean `{near}`? {help}")).unwrap_or(help);
+                self.wrong(path, message, help);
+                None
+            }
+        }
+    }
+
+    pub(super) fn word_order(
+        &mut self,
+        path: &str,
+        data_type: Option<DataType>,
+        word: Option<WordOrderWord>,
+    ) -> Option<WordOrder> {
+        let data_type = data_type?;
+        if word.is_none() && data_type.registers() > 1 {
+            let message = format!(
+                "`word_order` is missing: {} takes {} registers",
+                data_type.name(),
+                data_type.registers()
+            );
+            let help = "write \"msw-first\" (most significant register first) or \"lsw-first\"; devices differ, the manual says which";
+            self.missing(path, "word_order", message, help);
+            return None;
+        }
+        Some(word.map_or(WordOrder::MswFirst, WordOrder::from))
+    }
+
+    pub(super) fn scale(&mut self, path: &str, scale: f64) -> Option<f64> {
+        if scale.abs() < f64::MIN_POSITIVE {
+            self.wrong(path, "a scale of zero makes every value the same", "write the value of one count");
+            return None;
+        }
+        Some(scale)
+    }
+
+    /// The last register is one that exists.
+    pub(super) fn fits(&mut self, path: &str, address: Address, data_type: DataType) {
+        let last = u32::from(address.offset) + u32::from(data_type.registers()) - 1;
+        if last > u32::from(u16::MAX) {
+            let message =
+                format!("{} at {address} ends at {last}, beyond the last register", data_type.name());
+            self.wrong(path, message, "allowed: addresses up to 65535");
+        }
+    }
+
+    pub(super) fn readable(&mut self, path: &str, table: Table, device: &Device) {
+        if !device.functions.reads(table) {
+            let word = match table {
+                Table::Coil => "read-coils",
+                Table::Discrete => "read-discrete",
+                Table::Holding => "read-holding",
+                Table::Input => "read-input",
+            };
+            let message = format!("reading this needs {word}, which `{}` may not be sent", device.name);
+            self.wrong(
+                path,
+                message,
+                format!("add \"{word}\" to `functions` of the device, if the device can do it"),
+            );
+        }
+    }
+
+    /// A value that comes in two answers may be two halves of different values.
+    fn in_one_request(&mut self, path: &str, data_type: DataType, device: &Device) {
+        let most = device.quirks.max_registers_per_request;
+        if data_type.registers() > most {
+            let message = format!(
+                "{} takes {} registers, one request reads {most}",
+                data_type.name(),
+                data_type.registers()
+            );
+            self.wrong(
+                path,
+                message,
+                "raise `max_registers_per_request` in the quirks, or take a smaller type",
+            );
+        }
+    }
+
+    /// A sentinel that the type cannot hold is never seen: a broken sensor would be believed.
+    fn sentinels(&mut self, path: &str, encoding: &Encoding) {
+        let Some((low, high)) = encoding.data_type.integer_range() else { return };
+        for bad in &encoding.bad {
+            if !(low..=high).contains(&i128::from(*bad)) {
+                let message = format!("{} never holds {bad}", encoding.data_type.name());
+                self.wrong(
+                    path,
+                    message,
+                    format!("allowed: {low} to {high}, as the raw count reads in this type"),
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! What is wrong with a profile: every error with its place, what is allowed, and the nearest word.
+
+use std::fmt;
+
+use serde::Serialize;
+
+/// One thing that is wrong, or worth a warning.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct ProfileError {
+    /// The file, `environment ISOTHERM__…` or `--set key`.
+    pub file: String,
+    /// Counted from 1; `None` where there is no file.
+    pub line: Option<usize>,
+    /// Counted from 1, in characters.
+    pub column: Option<usize>,
+    /// The path of the key: `axis.z.model[0].terms[1].gain`.
+    pub key: String,
+    /// What is wrong.
+    pub message: String,
+    /// What is allowed, the nearest word, or the remedy.
+    pub help: Option<String>,
+    /// The line it stands in.
+    #[serde(skip)]
+    pub excerpt: Option<String>,
+}
+
+/// Everything that is wrong with a profile, in the order of the layers and of their lines.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(transparent)]
+pub struct Errors(pub Vec<ProfileError>);
+
+impl ProfileError {
+    /// An error about a whole file.
+    pub(crate) fn about(
+        file: impl Into<String>,
+        message: impl Into<String>,
+        help: Option<String>,
+    ) -> ProfileError {
+        ProfileError {
+            file: file.into(),
+            line: None,
+            column: None,
+            key: String::new(),
+            message: message.into(),
+            help,
+            excerpt: None,
+        }
+    }
+}
+
+impl fmt::Display for ProfileError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}:", self.file)?;
+        if let (Some(line), Some(column)) = (self.line, self.column) {
+            write!(f, "{line}:{column}:")?;
+        }
+        if !self.key.is_empty() {
+            write!(f, " {}:", self.key)?;
+        }
+        write!(f, " {}", self.message)?;
+        if let (Some(excerpt), Some(column)) = (&self.excerpt, self.column) {
+            // Tabs stay tabs, so that the caret stands under its character in every terminal.
+            let blank: String =
+                excerpt.chars().take(column - 1).map(|c| if c == '\t' { '\t' } else { ' ' }).collect();
+            write!(f, "\n    {excerpt}\n    {blank}^")?;
+        }
+        if let Some(help) = &self.help {
+            write!(f, "\n  help: {help}")?;
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for Errors {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for error in &self.0 {
+            writeln!(f, "{error}")?;
+        }
+        let plural = if self.0.len() == 1 { "" } else { "s" };
+        write!(f, "{} error{plural} in the profile", self.0.len())
+    }
+}
+
+impl std::error::Error for Errors {}
+
+/// "did you mean `step`? allowed: …", from the words that are allowed.
+pub(crate) fn allowed<'a>(word: &str, words: impl IntoIterator<Item = &'a str>) -> String {
+    let words: Vec<&str> = words.into_iter().collect();
+    let list = if words.is_empty() { "nothing".to_owned() } else { words.join(", ") };
+    match nearest(word, &words) {
+        Some(near) => format!("did you mean `{near}`? allowed: {list}"),
+        None => format!("allowed: {list}"),
+    }
+}
+
+/// The word that was probably meant.
+pub(crate) fn nearest<'a>(word: &str, words: &[&'a str]) -> Option<&'a str> {
+    let lower = word.to_lowercase();
+    let far = 1 + word.chars().count() / 3;
+    let distance = |known: &str| strsim::damerau_levenshtein(&lower, &known.to_lowercase());
+    words
+        .iter()
+        .copied()
+        .map(|known| (distance(known), known))
+        .filter(|(d, _)| *d <= far)
+        .min()
+        .map(|(_, known)| known)
+}

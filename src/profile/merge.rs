@@ -1,0 +1,74 @@
+//! The layers become one: tables are merged, everything else is replaced by the later layer.
+//!
+//! The crate `config` does it, and only that. It would turn "100" into 100 and 3.7 into 4 where the target wants an
+//! integer, so each layer has been checked against the schema before, and the result is taken out as it is. Its key
+//! paths (`a.b[0]`) are read only in top-level keys, which are plain words of the schema by now.
+
+use std::collections::HashMap;
+
+use config::{ConfigError, Source, ValueKind};
+use serde_json::Value;
+
+/// A checked layer.
+#[derive(Clone, Debug)]
+struct Layer(Value);
+
+impl Source for Layer {
+    fn clone_into_box(&self) -> Box<dyn Source + Send + Sync> {
+        Box::new(self.clone())
+    }
+
+    fn collect(&self) -> Result<HashMap<String, config::Value>, ConfigError> {
+        match kind(&self.0) {
+            ValueKind::Table(table) => Ok(table),
+            _ => Ok(HashMap::new()),
+        }
+    }
+}
+
+fn kind(value: &Value) -> ValueKind {
+    let inner = |value: &Value| config::Value::new(None, kind(value));
+    match value {
+        Value::Null => ValueKind::Nil,
+        Value::Bool(yes) => ValueKind::Boolean(*yes),
+        Value::Number(number) => match number.as_i64() {
+            Some(whole) => ValueKind::I64(whole),
+            None => ValueKind::Float(number.as_f64().unwrap_or(f64::NAN)),
+        },
+        Value::String(text) => ValueKind::String(text.clone()),
+        Value::Array(items) => ValueKind::Array(items.iter().map(inner).collect()),
+        Value::Object(table) => {
+            ValueKind::Table(table.iter().map(|(key, value)| (key.clone(), inner(value))).collect())
+        }
+    }
+}
+
+/// All layers in one, the later ones over the earlier ones.
+pub(crate) fn merged(layers: &[Value]) -> Result<Value, ConfigError> {
+    let start = config::Config::builder();
+    let builder = layers.iter().fold(start, |builder, layer| builder.add_source(Layer(layer.clone())));
+    builder.build()?.try_deserialize()
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn tables_are_merged_and_lists_are_replaced() {
+        let below =
+            json!({ "bus": { "cell": { "address": "a:1", "timeout": "1s" } }, "x": { "list": [1, 2, 3] } });
+        let above = json!({ "bus": { "cell": { "address": "b:2" } }, "x": { "list": [4] } });
+        let together =
+            json!({ "bus": { "cell": { "address": "b:2", "timeout": "1s" } }, "x": { "list": [4] } });
+        assert_eq!(merged(&[below, above]).unwrap(), together);
+    }
+
+    #[test]
+    fn keys_keep_their_case_and_their_hyphens_and_values_their_type() {
+        let layer = json!({ "axis": { "Z-1": { "Kz": 2.0, "kz": 3, "text": "3", "a.b[0]": true, "empty": {}, "none": [] } } });
+        assert_eq!(merged(std::slice::from_ref(&layer)).unwrap(), layer);
+    }
+}

@@ -1,0 +1,256 @@
+//! `[axis.*]`, `[[axis.*.model]]` and `[output.*]` as written.
+
+use std::collections::BTreeMap;
+
+use schemars::{JsonSchema, Schema, SchemaGenerator};
+use serde::Deserialize;
+
+use super::{Span, TypeWord, WordOrderWord};
+
+/// One compensated axis.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawAxis {
+    /// Largest |Cz|, µm.
+    #[schemars(required)]
+    pub(crate) limit: Option<f64>,
+    /// Largest change of one update, µm.
+    #[schemars(required)]
+    pub(crate) step: Option<f64>,
+    /// Largest speed, µm/s.
+    #[schemars(required)]
+    pub(crate) rate: Option<f64>,
+    /// A smaller change is not made, µm. Default 0.
+    pub(crate) deadband: Option<f64>,
+    /// Update period.
+    #[schemars(required)]
+    pub(crate) every: Option<Span>,
+    /// What happens when no model or no output can be used.
+    #[schemars(required)]
+    pub(crate) on_fault: Option<FaultAction>,
+    /// A lathe's X: the offset acts on the diameter, Cz is doubled when written. Default false.
+    pub(crate) diameter: Option<bool>,
+    /// Models in order of preference: the first whose signals are all good is used.
+    #[schemars(required)]
+    pub(crate) model: Option<Vec<RawModel>>,
+}
+
+/// What happens on a fault.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct FaultAction {
+    /// hold: keep the last value; ramp: keep it for `after`, then to zero at `rate`; zero: to zero at once, `step` by `step`.
+    #[schemars(required)]
+    pub(crate) action: Option<FaultActionWord>,
+    /// How long the last value is kept before the ramp; required for it.
+    pub(crate) after: Option<Span>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum FaultActionWord {
+    Hold,
+    Ramp,
+    Zero,
+}
+
+/// One way to compute Cz.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawModel {
+    /// For people: the page and the log say which model is used.
+    #[schemars(required)]
+    pub(crate) name: Option<String>,
+    /// How it computes.
+    #[schemars(required)]
+    pub(crate) kind: Option<ModelKind>,
+    /// linear: Cz where every rise is zero, µm. Default 0.
+    pub(crate) offset: Option<f64>,
+    /// linear: gains times temperature rises, added up.
+    pub(crate) terms: Option<Vec<RawTerm>>,
+    /// formula: Cz in µm, as "Kz * (A - (b*t + c))".
+    pub(crate) formula: Option<String>,
+    /// formula: names and the signals they stand for; matrix and network: the signals in order.
+    pub(crate) inputs: Option<Inputs>,
+    /// formula: names and their numbers.
+    pub(crate) constants: Option<BTreeMap<String, f64>>,
+    /// A second set of terms that grows with the distance from a reference position, µm/mm.
+    pub(crate) slope: Option<RawSlope>,
+    /// matrix, network: the file with the coefficients.
+    pub(crate) file: Option<String>,
+    /// A file with the temperatures the model was identified on.
+    pub(crate) envelope: Option<String>,
+    /// matrix: the signal that tells where the axis is.
+    pub(crate) position: Option<String>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum ModelKind {
+    Linear,
+    Formula,
+    Matrix,
+    Network,
+}
+
+/// Signals of a model: by name, or in order.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub(crate) enum Inputs {
+    ByName(BTreeMap<String, String>),
+    #[allow(dead_code, reason = "read by the schema, refused by the check")]
+    InOrder(Vec<String>),
+}
+
+/// One gain times one temperature rise.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawTerm {
+    /// The temperature.
+    #[schemars(required)]
+    pub(crate) signal: Option<String>,
+    /// µm per unit of the signal. Either this, or `expansion` and `length`.
+    pub(crate) gain: Option<f64>,
+    /// What the rise is measured from: a number (default 0: the temperature itself), "start" or "zero".
+    pub(crate) reference: Option<ReferenceValue>,
+    /// Time constant of a first-order lag.
+    pub(crate) lag: Option<Span>,
+    /// Coefficient of linear expansion, 1/K.
+    pub(crate) expansion: Option<f64>,
+    /// Length that expands, mm.
+    pub(crate) length: Option<f64>,
+}
+
+/// What a rise is measured from.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(untagged)]
+pub(crate) enum ReferenceValue {
+    Number(f64),
+    Word(ReferenceWord),
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum ReferenceWord {
+    Start,
+    Zero,
+}
+
+impl JsonSchema for ReferenceValue {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "Reference".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        schemars::json_schema!({ "anyOf": [{ "type": "number" }, { "type": "string", "enum": ["start", "zero"] }] })
+    }
+}
+
+/// Terms that grow with the position.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code, reason = "read by the schema, refused by the check")]
+pub(crate) struct RawSlope {
+    /// The signal that tells where the axis is.
+    #[schemars(required)]
+    pub(crate) position: Option<String>,
+    /// Where the slope adds nothing, mm. Default 0.
+    pub(crate) reference: Option<f64>,
+    /// Gains in µm/mm per unit of the signal.
+    #[schemars(required)]
+    pub(crate) terms: Option<Vec<RawTerm>>,
+}
+
+/// One value that is written.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawOutput {
+    /// Whose Cz.
+    #[schemars(required)]
+    pub(crate) axis: Option<String>,
+    /// Where it goes.
+    #[schemars(required)]
+    pub(crate) device: Option<String>,
+    /// corrected: position + Cz; offset: Cz; intercept, slope, reference: the parts of a line.
+    #[schemars(required)]
+    pub(crate) writes: Option<WritesWord>,
+    /// corrected: the scale's signal, in mm.
+    pub(crate) position: Option<String>,
+    /// A holding register: "holding:104" or "40105".
+    #[schemars(required)]
+    pub(crate) register: Option<String>,
+    /// How the value lies in its registers.
+    #[serde(rename = "type")]
+    #[schemars(required)]
+    pub(crate) kind: Option<TypeWord>,
+    /// Which register comes first; required for 32 bits and more.
+    pub(crate) word_order: Option<WordOrderWord>,
+    /// The two bytes inside every register are exchanged. Default false.
+    pub(crate) byte_swap: Option<bool>,
+    /// offset: µm per count; corrected: mm per count. Required for whole counts; default 1 for f32 and f64.
+    pub(crate) scale: Option<f64>,
+    /// Added to the raw count. Default 0.
+    pub(crate) bias: Option<i64>,
+    /// How a write is believed. Default "read-back".
+    pub(crate) verify: Option<VerifyWord>,
+    /// Written again after this long though unchanged.
+    pub(crate) refresh: Option<Span>,
+    /// Interlock, a condition on signals: otherwise held.
+    pub(crate) when: Option<String>,
+    /// whole: the register is ours; ledger: an operator's register, of which we own a share. Default "whole".
+    pub(crate) share: Option<Share>,
+    /// A strobe and its acknowledgement around each write.
+    pub(crate) handshake: Option<Handshake>,
+    /// How a restart of the CNC is seen, besides the register going to zero.
+    pub(crate) restart: Option<Restart>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum WritesWord {
+    Corrected,
+    Offset,
+    Intercept,
+    Slope,
+    Reference,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum VerifyWord {
+    ReadBack,
+    Echo,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Share {
+    Whole,
+    Ledger,
+}
+
+/// A strobe and its acknowledgement.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code, reason = "read by the schema, refused by the check")]
+pub(crate) struct Handshake {
+    /// The bit that says "take it".
+    #[schemars(required)]
+    pub(crate) strobe: Option<String>,
+    /// The bit that says "taken".
+    #[schemars(required)]
+    pub(crate) acknowledge: Option<String>,
+    /// Longest wait for it.
+    #[schemars(required)]
+    pub(crate) timeout: Option<Span>,
+}
+
+/// How a restart of the CNC is seen.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code, reason = "read by the schema, refused by the check")]
+pub(crate) struct Restart {
+    /// A register that changes at every start of the CNC.
+    #[schemars(required)]
+    pub(crate) boot_counter: Option<String>,
+}

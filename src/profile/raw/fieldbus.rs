@@ -1,0 +1,309 @@
+//! `[bus.*]`, `[device.*]` and `[signal.*]` as written.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::Span;
+use crate::codec::{DataType, WordOrder};
+
+/// One physical line.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawBus {
+    /// What it speaks.
+    #[serde(rename = "type")]
+    #[schemars(required)]
+    pub(crate) kind: Option<BusType>,
+    /// Host and port of a TCP line: "192.168.0.10:502".
+    pub(crate) address: Option<String>,
+    /// Longest wait for one answer. Default "500ms", or half the shortest poll period of its devices if that is less.
+    pub(crate) timeout: Option<Span>,
+    /// Modbus/TCP Security: certificate files.
+    pub(crate) tls: Option<RawTls>,
+    /// What all its devices need to be treated like.
+    pub(crate) quirks: Option<RawQuirks>,
+    /// Serial port of an RTU line.
+    pub(crate) port: Option<String>,
+    /// Bits per second of an RTU line.
+    pub(crate) baud: Option<u32>,
+    /// Parity of an RTU line.
+    pub(crate) parity: Option<Parity>,
+    /// Stop bits of an RTU line, 1 or 2.
+    #[schemars(range(min = 1, max = 2))]
+    pub(crate) stop_bits: Option<u8>,
+    /// Network interface of a CAN line.
+    pub(crate) interface: Option<String>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum BusType {
+    ModbusTcp,
+    ModbusRtu,
+    ModbusRtuOverTcp,
+    Can,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Parity {
+    None,
+    Even,
+    Odd,
+}
+
+/// Certificate files of Modbus/TCP Security.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code, reason = "read by the schema, refused by the check")]
+pub(crate) struct RawTls {
+    /// Who signs the devices' certificates.
+    #[schemars(required)]
+    pub(crate) ca: Option<String>,
+    /// The gateway's certificate.
+    #[schemars(required)]
+    pub(crate) cert: Option<String>,
+    /// The gateway's private key.
+    #[schemars(required)]
+    pub(crate) key: Option<String>,
+}
+
+/// Ways in which a device is peculiar.
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawQuirks {
+    /// Silence after connecting. Default "0s".
+    pub(crate) pause_after_connect: Option<Span>,
+    /// Silence between two requests. Default "0s".
+    pub(crate) pause_between_requests: Option<Span>,
+    /// Reads are not merged at all. Default false.
+    pub(crate) one_request_per_field: Option<bool>,
+    /// Largest number of registers in one read. Default 125.
+    #[schemars(range(min = 1, max = 125))]
+    pub(crate) max_registers_per_request: Option<u16>,
+    /// Unused registers that a merged read may bridge; 0 for a device that refuses registers it does not have. Default 8.
+    #[schemars(range(max = 124))]
+    pub(crate) max_gap: Option<u16>,
+}
+
+/// One unit on a line.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawDevice {
+    /// The line it hangs on.
+    #[schemars(required)]
+    pub(crate) bus: Option<String>,
+    /// Modbus unit identifier; required on a Modbus line.
+    pub(crate) unit: Option<u8>,
+    /// Poll period of its signals. Default "1s".
+    pub(crate) every: Option<Span>,
+    /// A device template that gives channels their registers, types and sentinels.
+    pub(crate) template: Option<String>,
+    /// The only function codes it may be sent. Default: all.
+    pub(crate) functions: Option<Vec<FunctionWord>>,
+    /// What it needs to be treated like, over the bus's quirks.
+    pub(crate) quirks: Option<RawQuirks>,
+    /// A DBC file that describes its CAN frames.
+    pub(crate) dbc: Option<String>,
+    /// CANopen node number.
+    #[schemars(range(min = 1, max = 127))]
+    pub(crate) node: Option<u8>,
+    /// CANopen: its heartbeat missed this long is bad.
+    pub(crate) heartbeat: Option<Span>,
+    /// CANopen: objects written before start.
+    pub(crate) setup: Option<Vec<RawSetup>>,
+    /// CANopen: objects read before arming.
+    pub(crate) verify: Option<Vec<RawVerify>>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum FunctionWord {
+    ReadCoils,
+    ReadDiscrete,
+    ReadHolding,
+    ReadInput,
+    WriteCoil,
+    WriteSingle,
+    WriteCoils,
+    WriteMultiple,
+}
+
+/// One object that is written before start.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code, reason = "read by the schema, refused by the check")]
+pub(crate) struct RawSetup {
+    /// Index and subindex, hexadecimal: "1800:05".
+    #[schemars(required, regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
+    pub(crate) sdo: Option<String>,
+    /// How the value lies in the object.
+    #[serde(rename = "type")]
+    #[schemars(required)]
+    pub(crate) kind: Option<TypeWord>,
+    /// What is written.
+    #[schemars(required)]
+    pub(crate) value: Option<i64>,
+}
+
+/// One object that is read before arming.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code, reason = "read by the schema, refused by the check")]
+pub(crate) struct RawVerify {
+    /// Index and subindex, hexadecimal: "6110:01".
+    #[schemars(required, regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
+    pub(crate) sdo: Option<String>,
+    /// How the value lies in the object.
+    #[serde(rename = "type")]
+    #[schemars(required)]
+    pub(crate) kind: Option<TypeWord>,
+    /// What it must be; a mismatch refuses to arm.
+    #[schemars(required)]
+    pub(crate) equals: Option<i64>,
+}
+
+/// One value that is read.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct RawSignal {
+    /// Where it is read.
+    #[schemars(required)]
+    pub(crate) device: Option<String>,
+    /// Channel of the device's template.
+    pub(crate) channel: Option<u16>,
+    /// "input:0", "holding:84", "coil:1", "discrete:3": table and zero-based protocol address; or the one-based Modicon
+    /// number "30001".
+    pub(crate) register: Option<String>,
+    /// How the value lies in its registers; required for input and holding registers.
+    #[serde(rename = "type")]
+    pub(crate) kind: Option<TypeWord>,
+    /// Which register comes first; required for 32 bits and more, because devices differ.
+    pub(crate) word_order: Option<WordOrderWord>,
+    /// The two bytes inside every register are exchanged. Default false.
+    pub(crate) byte_swap: Option<bool>,
+    /// Engineering units per count, not zero. Default 1.
+    pub(crate) scale: Option<f64>,
+    /// Engineering value of raw zero. Default 0.
+    pub(crate) offset: Option<f64>,
+    /// Raw values that mean "no measurement", compared before scaling.
+    pub(crate) bad: Option<Vec<i64>>,
+    /// Engineering unit. Default: "bool" for a coil or a discrete input, else "1".
+    #[serde(default)]
+    #[schemars(schema_with = "unit_words")]
+    pub(crate) unit: Option<String>,
+    /// Smallest and largest believable value, in the unit; outside: bad.
+    pub(crate) range: Option<[f64; 2]>,
+    /// Fastest believable change, units per second; faster: bad.
+    pub(crate) max_rate: Option<f64>,
+    /// Older is stale. Default: five polls, and at least three timeouts.
+    pub(crate) max_age: Option<Span>,
+    /// A condition on other signals that condemns this one: "bed_open == 1".
+    pub(crate) fault_when: Option<String>,
+    /// May share a read request with its neighbours. Default true.
+    pub(crate) merge: Option<bool>,
+    /// Message and signal of the device's DBC file: "Message.Signal".
+    pub(crate) dbc: Option<String>,
+    /// CANopen process data.
+    pub(crate) pdo: Option<RawPdo>,
+    /// CANopen object polled every `every`: "7130:01".
+    #[schemars(regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
+    pub(crate) sdo: Option<String>,
+    /// Raw CAN frame without a DBC.
+    pub(crate) frame: Option<RawFrame>,
+}
+
+/// Where a value lies in a CANopen process data object.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code, reason = "read by the schema, refused by the check")]
+pub(crate) struct RawPdo {
+    /// CAN identifier.
+    #[schemars(required)]
+    pub(crate) cob_id: Option<u32>,
+    /// First bit.
+    #[schemars(required)]
+    pub(crate) start: Option<u16>,
+    /// Number of bits.
+    #[schemars(required)]
+    pub(crate) length: Option<u16>,
+    /// Two's complement.
+    pub(crate) signed: Option<bool>,
+}
+
+/// Where a value lies in a raw CAN frame.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[allow(dead_code, reason = "read by the schema, refused by the check")]
+pub(crate) struct RawFrame {
+    /// CAN identifier.
+    #[schemars(required)]
+    pub(crate) id: Option<u32>,
+    /// First bit.
+    #[schemars(required)]
+    pub(crate) start: Option<u16>,
+    /// Number of bits.
+    #[schemars(required)]
+    pub(crate) length: Option<u16>,
+    /// Byte order.
+    pub(crate) order: Option<ByteOrder>,
+    /// Two's complement.
+    pub(crate) signed: Option<bool>,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum ByteOrder {
+    Little,
+    Big,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum TypeWord {
+    Bool,
+    U16,
+    I16,
+    U32,
+    I32,
+    U64,
+    I64,
+    F32,
+    F64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum WordOrderWord {
+    MswFirst,
+    LswFirst,
+}
+
+impl From<TypeWord> for DataType {
+    fn from(word: TypeWord) -> DataType {
+        match word {
+            TypeWord::Bool => DataType::Bool,
+            TypeWord::U16 => DataType::U16,
+            TypeWord::I16 => DataType::I16,
+            TypeWord::U32 => DataType::U32,
+            TypeWord::I32 => DataType::I32,
+            TypeWord::U64 => DataType::U64,
+            TypeWord::I64 => DataType::I64,
+            TypeWord::F32 => DataType::F32,
+            TypeWord::F64 => DataType::F64,
+        }
+    }
+}
+
+impl From<WordOrderWord> for WordOrder {
+    fn from(word: WordOrderWord) -> WordOrder {
+        match word {
+            WordOrderWord::MswFirst => WordOrder::MswFirst,
+            WordOrderWord::LswFirst => WordOrder::LswFirst,
+        }
+    }
+}
+
+fn unit_words(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
+    schemars::json_schema!({ "type": "string", "enum": crate::profile::Unit::WORDS })
+}
