@@ -5,7 +5,7 @@ use crate::reading::SignalId;
 mod formula;
 mod linear;
 
-pub use formula::{Condition, Expression, ExpressionError, Formula};
+pub use formula::{Condition, Expression, ExpressionError, Formula, Symbol};
 pub use linear::{Linear, Reference, Term};
 
 use super::Snapshot;
