@@ -9,7 +9,8 @@
 //! # Terms
 //! - **raw**: what the model asks for, µm.
 //! - **Cz**: what the guard lets through, in whole counts of the register.
-//! - **due**: an axis is stepped at its own period; a snapshot in between changes nothing but edges.
+//! - **due**: an axis is stepped at its own period, and at once where its permit changes or it has something to take
+//!   over; any other snapshot in between changes nothing but edges.
 
 use std::time::Duration;
 
@@ -122,6 +123,7 @@ struct Axis {
     settings: AxisSettings,
     guard: Guard,
     state: AxisState,
+    permit: Permit,
     stepped: Option<Moment>,
     due: Option<Moment>,
     decision: Decision,
@@ -145,13 +147,15 @@ impl Compensation {
 
     /// Steps each axis that is due at `snapshot.now`, under its control (same order, one each).
     pub fn step(&mut self, snapshot: &Snapshot<'_>, controls: &[Control]) -> Stepped {
-        let due = self.axes.iter().any(|axis| axis.is_due(snapshot.now));
-        if !due && !self.machine.would_notice(&self.settings, snapshot) {
+        let due = |axis: &Axis, control: &Control| axis.is_due(snapshot.now, control);
+        if !self.axes.iter().zip(controls).any(|(axis, control)| due(axis, control))
+            && !self.machine.would_notice(&self.settings, snapshot)
+        {
             return Stepped::default();
         }
         let noticed = self.machine.observe(&self.settings, snapshot);
         for (axis, control) in self.axes.iter_mut().zip(controls) {
-            if axis.is_due(snapshot.now) {
+            if due(axis, control) {
                 axis.step(snapshot, &self.machine, *control);
             }
         }
@@ -175,7 +179,12 @@ impl Compensation {
 
     /// Whether some model of this axis could be used now.
     pub fn has_usable_model(&self, axis: usize, snapshot: &Snapshot<'_>) -> bool {
-        self.axes.get(axis).is_some_and(|axis| axis.choose(snapshot, &self.machine).0.is_some())
+        self.model_value(axis, snapshot).is_some()
+    }
+
+    /// What the first usable model of this axis would ask for now, with its place in the profile's list.
+    pub fn model_value(&self, axis: usize, snapshot: &Snapshot<'_>) -> Option<(usize, Micron)> {
+        self.axes.get(axis)?.choose(snapshot, &self.machine).0
     }
 
     /// What is worth keeping over a restart.
@@ -200,13 +209,21 @@ impl Axis {
             acted: Stages::default(),
             lacks: None,
         };
-        Axis { settings, guard: Guard::default(), state: AxisState::Off, stepped: None, due: None, decision }
+        Axis {
+            settings,
+            guard: Guard::default(),
+            state: AxisState::Off,
+            permit: Permit::Off,
+            stepped: None,
+            due: None,
+            decision,
+        }
     }
 
-    /// At its period; at once where it never ran or where time went back.
-    fn is_due(&self, now: Moment) -> bool {
+    /// At its period; at once where it never ran, where time went back, and where its control says something new.
+    fn is_due(&self, now: Moment, control: &Control) -> bool {
         let (Some(due), Some(last)) = (self.due, self.stepped) else { return true };
-        now >= due || now < last
+        now >= due || now < last || control.permit != self.permit || control.take_over.is_some()
     }
 
     /// The first usable model with its value, and what the preferred one lacks.
@@ -255,14 +272,33 @@ impl Axis {
             acted,
             lacks,
         };
-        let first = self.due.filter(|due| *due <= now).unwrap_or(now);
-        self.due = Some(now.next_tick(first, self.period()));
+        self.due = Some(self.next_due(now));
+        self.permit = control.permit;
         self.stepped = Some(now);
+    }
+
+    /// The next tick of the period, or the end of a hold that comes before it.
+    fn next_due(&self, now: Moment) -> Moment {
+        let period = self.period();
+        let tick = match self.due {
+            // It acted before its time, or time went back.
+            Some(due) if due > now => due.min(now.after(period)),
+            Some(due) => now.next_tick(due, period),
+            None => now.after(period),
+        };
+        match (self.state, self.settings.on_fault) {
+            (AxisState::Holding(since), OnFault::Ramp { after }) if since.after(after) > now => {
+                tick.min(since.after(after))
+            }
+            _ => tick,
+        }
     }
 
     fn next_state(&self, now: Moment, model: Option<usize>, permit: Permit) -> AxisState {
         match (permit, model) {
             (Permit::Off, _) => AxisState::Off,
+            // It never took over what stands in the register, so there is nothing of its own to bring back.
+            (Permit::Stopping, _) if self.state == AxisState::Off => AxisState::Off,
             (Permit::Armed, Some(0)) => AxisState::Active,
             (Permit::Armed, Some(_)) => AxisState::Degraded,
             (Permit::Armed | Permit::Unverified, _) => self.fault_action(now, false),
@@ -276,7 +312,8 @@ impl Axis {
                 return AxisState::Zeroed;
             }
             AxisState::Ramping | AxisState::Zeroed => return AxisState::Ramping,
-            AxisState::Holding(since) => since,
+            // Where time went back, the hold does not wait for the moment at which it began to come again.
+            AxisState::Holding(since) => since.min(now),
             AxisState::Off | AxisState::Active | AxisState::Degraded => now,
         };
         let leaves = match self.settings.on_fault {
@@ -290,11 +327,16 @@ impl Axis {
     /// An axis going to zero updates as often as its rate needs it to, however slow its normal period.
     fn period(&self) -> Duration {
         let guard = &self.settings.guard;
-        let ramping = self.state == AxisState::Ramping && self.settings.on_fault != OnFault::Zero;
+        if self.state != AxisState::Ramping {
+            return self.settings.every;
+        }
         let one_step = Duration::try_from_secs_f64(guard.step.get() / guard.rate).unwrap_or(Duration::MAX);
-        if ramping { self.settings.every.min(one_step) } else { self.settings.every }
+        self.settings.every.min(one_step.max(SHORTEST_PERIOD))
     }
 }
+
+/// A ramp in the tiniest steps updates no oftener than this: a fieldbus could not follow.
+const SHORTEST_PERIOD: Duration = Duration::from_millis(100);
 
 #[cfg(test)]
 mod tests;

@@ -77,9 +77,11 @@ pub(super) struct Guard {
 }
 
 impl Guard {
-    /// Takes over what stands in the register. Rounded towards rest, so that it is inside the limit.
+    /// Takes over what stands in the register: as whole counts inside the limit, so that holding it never writes
+    /// what may not be written.
     pub(super) fn take_over(&mut self, found: Micron, settings: &GuardSettings) {
-        self.place = found.clamp_to(settings.limit);
+        let inside = found.clamp_to(settings.limit);
+        self.place = settings.count.map_or(inside, |count| Grid { count, settings }.nearest(inside));
         self.counted = self.place;
     }
 
@@ -101,34 +103,71 @@ impl Guard {
         stages.add_if(inside != target, Stages::LIMIT);
 
         let change = inside - self.place;
-        let idle = pace == Pace::Follow && change != Micron::ZERO && change.abs() <= settings.deadband;
+        let idle = pace == Pace::Follow && change != Micron::ZERO && change.abs() < settings.deadband;
         stages.add_if(idle, Stages::DEADBAND);
         if !idle {
             let (allowed, stage) = allowance(dt, pace, settings);
             let cut = change.clamp_to(allowed);
             stages.add_if(cut != change, stage);
-            self.place = if cut == change { inside } else { self.place + cut };
+            self.place = if cut == change { inside } else { (self.place + cut).clamp_to(settings.limit) };
         }
-        let rounded = self.whole_counts(settings);
-        stages.add_if(rounded != self.place, Stages::ROUND);
-        self.counted = rounded;
-        (rounded, stages)
+        stages.0 |= self.count_off(settings).0;
+        (self.counted, stages)
     }
 
-    /// The whole counts nearest to the place, unless they lie outside the limit or a step away from the last
-    /// value: then the next ones inwards.
-    fn whole_counts(&self, settings: &GuardSettings) -> Micron {
-        let Some(count) = settings.count else { return self.place };
-        let (place, last, count) = (self.place.get(), self.counted.get(), count.get());
-        let (limit, step) = (settings.limit.get(), settings.step.get() * (1.0 + 1e-9));
-        let nearest = (place / count).round();
-        let fits = |counts: f64| {
-            let value = counts * count;
-            value.abs() <= limit && (value - last).abs() <= step
+    /// Decides the whole counts nearest to the place, inside the limit and at most a step from the last ones.
+    fn count_off(&mut self, settings: &GuardSettings) -> Stages {
+        let mut stages = Stages::default();
+        let Some(count) = settings.count else {
+            self.counted = self.place;
+            return stages;
         };
-        let inwards = if nearest * count > last { nearest - 1.0 } else { nearest + 1.0 };
-        let chosen = [nearest, inwards].into_iter().find(|counts| fits(*counts));
-        chosen.and_then(|counts| Micron::new(counts * count)).unwrap_or(self.counted)
+        let grid = Grid { count, settings };
+        let wanted = grid.nearest(self.place);
+        self.counted = grid.nearest_within_step(self.place, self.counted);
+        stages.add_if((self.counted - self.place).abs().get() > SAME * count.get(), Stages::ROUND);
+        if self.counted != wanted {
+            // A step that is not a multiple of the count: the place waits, else it would run away from the counts.
+            stages.add_if(true, Stages::STEP);
+            let half = Micron::new(count.get() / 2.0).unwrap_or_default();
+            self.place = self.counted + (self.place - self.counted).clamp_to(half);
+        }
+        stages
+    }
+}
+
+/// Values closer than this, relative to their size, differ only by the rounding of arithmetic.
+const SAME: f64 = 1e-12;
+
+/// The values that a register can hold.
+struct Grid<'a> {
+    count: Micron,
+    settings: &'a GuardSettings,
+}
+
+impl Grid<'_> {
+    fn nearest(&self, place: Micron) -> Micron {
+        self.value(self.counts(place))
+    }
+
+    fn nearest_within_step(&self, place: Micron, last: Micron) -> Micron {
+        let (last, reach) = (self.counts(last), self.whole_in(self.settings.step));
+        self.value(self.counts(place).min(last + reach).max(last - reach))
+    }
+
+    /// The count nearest to `place` inside the limit.
+    fn counts(&self, place: Micron) -> f64 {
+        let most = self.whole_in(self.settings.limit);
+        (place.get() / self.count.get()).round().min(most).max(-most)
+    }
+
+    fn whole_in(&self, span: Micron) -> f64 {
+        (span.get() / self.count.get() * (1.0 + SAME)).floor()
+    }
+
+    /// Adding zero turns −0 into 0; the clamp takes away the last digit by which 3 · 0.1 exceeds 0.3.
+    fn value(&self, counts: f64) -> Micron {
+        Micron::new(counts * self.count.get() + 0.0).unwrap_or_default().clamp_to(self.settings.limit)
     }
 }
 

@@ -63,23 +63,27 @@ impl Machine {
         }
     }
 
-    /// Whether this snapshot holds an edge that [`Machine::observe`] would act upon.
+    /// Whether this snapshot holds an edge, or the first good reading, that [`Machine::observe`] would act upon.
     pub fn would_notice(&self, settings: &MachineSettings, snapshot: &Snapshot<'_>) -> bool {
         let differs = |signal: Option<SignalId>, last: Option<bool>| {
             let level = signal.and_then(|id| level(snapshot, id));
             level.is_some() && level != last
         };
-        differs(settings.on, self.was_on) || differs(settings.zero, self.was_zeroed)
+        differs(settings.on, self.was_on)
+            || differs(settings.zero, self.was_zeroed)
+            || self.first_good_reading(settings, snapshot)
     }
 
     /// Takes in a snapshot: edges, machine-on time, references being gathered.
     pub fn observe(&mut self, settings: &MachineSettings, snapshot: &Snapshot<'_>) -> Noticed {
-        self.start.resize(settings.signals, Capture::default());
-        self.zero.resize(settings.signals, Capture::default());
+        let fresh = Capture { value: None, gathering: Some(Gathering::new(snapshot.now, settings)) };
+        // A signal that the profile gained since the machine started is captured from now on.
+        let unseen = if self.on_since.is_some() { fresh } else { Capture::default() };
+        self.start.resize(settings.signals, unseen);
+        self.zero.resize(settings.signals, unseen);
         let started = self.begins_to_run(settings, snapshot);
         if started {
             self.on_since = Some(snapshot.now);
-            let fresh = Capture { value: None, gathering: Some(Gathering::new(snapshot.now, settings)) };
             self.start.fill(fresh);
             // A machine that was never zeroed is zeroed by its first start.
             for capture in self.zero.iter_mut().filter(|capture| capture.value.is_none()) {
@@ -113,7 +117,14 @@ impl Machine {
         if settings.on.is_some() {
             return rising(&mut self.was_on, settings.on, snapshot);
         }
-        self.on_since.is_none() && snapshot.readings.iter().any(|reading| reading.usable().is_some())
+        self.first_good_reading(settings, snapshot)
+    }
+
+    /// What starts a machine that has no signal for it.
+    fn first_good_reading(&self, settings: &MachineSettings, snapshot: &Snapshot<'_>) -> bool {
+        settings.on.is_none()
+            && self.on_since.is_none()
+            && snapshot.readings.iter().any(|reading| reading.usable().is_some())
     }
 }
 

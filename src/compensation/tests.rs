@@ -1,1 +1,137 @@
+use super::model::{Expression, Formula, Kind, Linear, Model, Reference, Symbol, Term};
+use super::settings::GuardSettings;
+use super::*;
+use crate::reading::Reason;
 
+mod models;
+mod properties;
+mod states;
+
+const BED: SignalId = SignalId(0);
+const WHEELHEAD: SignalId = SignalId(1);
+const ON: SignalId = SignalId(2);
+const BUTTON: SignalId = SignalId(3);
+
+fn um(value: f64) -> Micron {
+    Micron::new(value).unwrap()
+}
+
+fn seconds(seconds: f64) -> Duration {
+    Duration::from_secs_f64(seconds)
+}
+
+fn term(signal: SignalId, gain: f64, reference: Reference) -> Term {
+    Term { signal, gain, reference }
+}
+
+fn linear(name: &str, offset: f64, terms: &[Term]) -> Model {
+    Model { name: name.to_owned(), kind: Kind::Linear(Linear { offset, terms: terms.to_vec() }) }
+}
+
+fn formula(name: &str, text: &str) -> Model {
+    let resolve = |name: &str| match name {
+        "A" => Some(Symbol::Signal(BED)),
+        "t" => Some(Symbol::Time),
+        "Kz" => Some(Symbol::Constant(2.4)),
+        "b" => Some(Symbol::Constant(2e-5)),
+        "c" => Some(Symbol::Constant(23.4)),
+        _ => None,
+    };
+    let expression = Expression::parse(text, &resolve).unwrap();
+    Model { name: name.to_owned(), kind: Kind::Formula(Formula { expression }) }
+}
+
+/// M1: `Cz = Kz (A − B)`.
+fn difference() -> Model {
+    let absolute = Reference::Fixed(0.0);
+    linear("difference", 0.0, &[term(BED, 2.4, absolute), term(WHEELHEAD, -2.4, absolute)])
+}
+
+/// M2: `Cz = Kz·A + f1(t)`.
+fn bed_only() -> Model {
+    formula("bed only", "Kz * (A - (b*t + c))")
+}
+
+fn axis(models: Vec<Model>) -> AxisSettings {
+    AxisSettings {
+        name: "z".to_owned(),
+        models,
+        guard: GuardSettings {
+            limit: um(40.0),
+            step: um(1.0),
+            rate: 0.5,
+            deadband: um(0.1),
+            count: Some(um(0.1)),
+        },
+        every: seconds(10.0),
+        on_fault: OnFault::Ramp { after: seconds(60.0) },
+    }
+}
+
+/// A machine with one axis that is shown values; NaN is a bad reading.
+struct Rig {
+    compensation: Compensation,
+    now: Moment,
+    values: [f64; 4],
+    control: Control,
+}
+
+impl Rig {
+    fn new(axis: AxisSettings) -> Rig {
+        Rig::with(MachineSettings { signals: 4, ..MachineSettings::default() }, axis)
+    }
+
+    fn with(settings: MachineSettings, axis: AxisSettings) -> Rig {
+        Rig {
+            compensation: Compensation::new(settings, vec![axis], Machine::default()),
+            now: Moment::from_nanos(0),
+            values: [27.5, 24.0, 0.0, 0.0],
+            control: Control { permit: Permit::Armed, take_over: None },
+        }
+    }
+
+    /// Steps at the present moment; a take-over is handed over once.
+    fn step(&mut self) -> Decision {
+        let (now, values) = (self.now, self.values);
+        let readings = values.map(|value| match value.is_nan() {
+            true => Reading::bad(now, Reason::Timeout),
+            false => Reading::good(value, now),
+        });
+        self.compensation.step(&Snapshot { now, readings: &readings }, &[self.control]);
+        self.control.take_over = None;
+        *self.compensation.decision(0).unwrap()
+    }
+
+    fn after(&mut self, span: f64) -> Decision {
+        self.now = self.now.after(seconds(span));
+        self.step()
+    }
+
+    /// Steps whenever the axis is due, for so long; the decisions made.
+    fn run(&mut self, span: f64) -> Vec<Decision> {
+        let end = self.now.after(seconds(span));
+        let mut decisions = Vec::new();
+        while let Some(due) = self.compensation.next_due().filter(|due| *due <= end) {
+            self.now = due.max(self.now);
+            decisions.push(self.step());
+        }
+        self.now = end;
+        decisions
+    }
+
+    fn permit(&mut self, permit: Permit) -> &mut Rig {
+        self.control.permit = permit;
+        self
+    }
+
+    fn found(&mut self, found: f64) -> &mut Rig {
+        self.control.take_over = Some(um(found));
+        self
+    }
+
+    fn show(&mut self, bed: f64, wheelhead: f64) -> &mut Rig {
+        self.values[0] = bed;
+        self.values[1] = wheelhead;
+        self
+    }
+}

@@ -89,7 +89,8 @@ impl Expression {
         &self.text
     }
 
-    /// Its value, with `value` giving each signal and `time` the machine-on time in seconds.
+    /// Its value, with `value` giving each signal and `time` the machine-on time in seconds. NaN where any part of it
+    /// is not a number.
     ///
     /// # Errors
     /// The first signal without a value, or machine-on time that has not begun.
@@ -115,6 +116,10 @@ impl Expression {
                     top -= 1;
                     stack[top - 1] = operator.apply(stack[top - 1], stack[top]);
                 }
+            }
+            // `max(0/0, 3)` and `0/0 > 1` would hide it.
+            if stack[top - 1].is_nan() {
+                return Ok(f64::NAN);
             }
         }
         Ok(stack[0])
@@ -220,9 +225,10 @@ impl Condition {
         Ok(Condition { text: text.to_owned(), expression })
     }
 
-    /// Whether it holds; `None` where a signal it names has no value.
+    /// Whether it holds; `None` where a signal it names has no value, or it is not a number.
     pub fn holds(&self, value: &dyn Fn(SignalId) -> Option<f64>) -> Option<bool> {
-        self.expression.evaluate(value, None).ok().map(is_true)
+        let value = self.expression.evaluate(value, None).ok()?;
+        (!value.is_nan()).then(|| is_true(value))
     }
 
     /// The signals it names.

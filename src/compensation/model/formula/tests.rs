@@ -86,6 +86,20 @@ fn a_condition_with_a_missing_signal_is_neither_true_nor_false() {
     assert_eq!(condition.holds(&|_| None), None);
 }
 
+#[test]
+fn what_is_not_a_number_on_the_way_is_not_one_at_the_end() {
+    for text in ["max(0/0, 3)", "min(3, sqrt(-1))", "0/0 > 1", "not (0/0)", "(0/0) ^ 0", "0/0 or 1"] {
+        assert!(value(text).is_nan(), "{text} = {}", value(text));
+    }
+    assert!((value("1 / (1/0)") - 0.0).abs() < 1e-12, "infinity alone does no harm");
+}
+
+#[test]
+fn a_condition_that_is_not_a_number_does_not_hold_a_door_open() {
+    let condition = Condition::parse("on / on", &|name| (name == "on").then_some(SignalId(0))).unwrap();
+    assert_eq!(condition.holds(&|_| Some(0.0)), None);
+}
+
 proptest! {
     #[test]
     fn no_text_makes_the_parser_panic(text in "[A-Ct0-9+*/^()., =<>!e-]{0,60}") {

@@ -1,0 +1,130 @@
+use proptest::prelude::*;
+
+use super::*;
+
+fn any_value() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        8 => -50.0..120.0,
+        1 => Just(f64::NAN),
+        1 => prop_oneof![Just(f64::INFINITY), Just(f64::NEG_INFINITY), Just(f64::MAX), Just(f64::MIN)],
+    ]
+}
+
+fn any_permit() -> impl Strategy<Value = Permit> {
+    prop_oneof![
+        5 => Just(Permit::Armed), 1 => Just(Permit::Off), 1 => Just(Permit::Unverified), 1 => Just(Permit::Stopping)
+    ]
+}
+
+/// Nanoseconds to go on: normal, none at all, back, far ahead.
+fn any_jump() -> impl Strategy<Value = i64> {
+    prop_oneof![
+        6 => 0..30_000_000_000i64,
+        1 => Just(0i64),
+        1 => -7_200_000_000_000..0i64,
+        1 => 0..90_000_000_000_000i64,
+    ]
+}
+
+fn any_axis() -> impl Strategy<Value = AxisSettings> {
+    let count = prop_oneof![Just(None), (0.01..3.0).prop_map(Some), Just(Some(0.1))];
+    let on_fault = prop_oneof![
+        Just(OnFault::Hold),
+        Just(OnFault::Zero),
+        (0u64..120).prop_map(|after| OnFault::Ramp { after: Duration::from_secs(after) })
+    ];
+    ((0.1..100.0, 0.001..20.0, 1e-4..50.0, 0.0..1.0, count), on_fault, 1u64..600_000).prop_map(
+        |((limit, step, rate, deadband, count), on_fault, every)| AxisSettings {
+            guard: GuardSettings {
+                limit: um(limit),
+                step: um(step),
+                rate,
+                deadband: um(deadband),
+                count: count.map(um),
+            },
+            every: Duration::from_millis(every),
+            on_fault,
+            ..axis(vec![
+                linear(
+                    "rise",
+                    0.0,
+                    &[term(BED, 2.0, Reference::Start), term(WHEELHEAD, -1.0, Reference::Zero)],
+                ),
+                difference(),
+                bed_only(),
+            ])
+        },
+    )
+}
+
+type Look = (i64, [f64; 4], Permit, Option<f64>);
+
+fn any_look() -> impl Strategy<Value = Look> {
+    let level = prop_oneof![Just(0.0), Just(1.0), any_value()];
+    let values =
+        (any_value(), any_value(), level.clone(), level).prop_map(|(a, b, on, zero)| [a, b, on, zero]);
+    (any_jump(), values, any_permit(), prop::option::weighted(0.1, -300.0..300.0))
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(512))]
+
+    #[test]
+    fn whatever_happens_the_offset_stays_inside_its_bounds(
+        axis in any_axis(),
+        by_signals: bool,
+        settle in 0u64..300,
+        looks in prop::collection::vec(any_look(), 1..80),
+    ) {
+        let guard = axis.guard;
+        let settings = MachineSettings {
+            on: by_signals.then_some(ON),
+            zero: by_signals.then_some(BUTTON),
+            settle: Duration::from_secs(settle),
+            signals: 4,
+        };
+        let mut rig = Rig::with(settings, axis);
+        let mut last = Micron::ZERO;
+        let mut nanos = 1_700_000_000_000_000_000u64;
+        for (jump, values, permit, found) in looks {
+            nanos = nanos.saturating_add_signed(jump);
+            rig.now = Moment::from_nanos(nanos);
+            rig.values = values;
+            rig.control = Control { permit, take_over: found.map(um) };
+            let before = rig.compensation.decision(0).unwrap().at;
+            let decision = rig.step();
+            if let Some(found) = found {
+                let grain = guard.count.map_or(0.0, Micron::get);
+                last = um(found).clamp_to(guard.limit);
+                prop_assert!((decision.cz - last).abs().get() <= guard.step.get() + grain + 1e-9);
+            } else {
+                prop_assert!((decision.cz - last).abs().get() <= guard.step.get() + 1e-9, "{last:?} to {decision:?}");
+            }
+            prop_assert!(decision.cz.abs() <= guard.limit, "{:?}", decision);
+            if let Some(count) = guard.count {
+                let counts = decision.cz.get() / count.get();
+                prop_assert!((counts - counts.round()).abs() < 1e-6, "{:?}", decision);
+            }
+            if decision.at != before && permit != Permit::Armed {
+                prop_assert!(!decision.state.is_following());
+            }
+            prop_assert!(rig.compensation.next_due().is_some_and(|due| due > rig.now), "no burst");
+            last = decision.cz;
+        }
+    }
+
+    #[test]
+    fn the_same_looks_give_the_same_decisions(axis in any_axis(), looks in prop::collection::vec(any_look(), 1..40)) {
+        let mut decisions = [Vec::new(), Vec::new()];
+        for decisions in &mut decisions {
+            let mut rig = Rig::new(axis.clone());
+            for (jump, values, permit, found) in &looks {
+                rig.now = Moment::from_nanos(rig.now.as_nanos().saturating_add_signed(*jump));
+                rig.values = *values;
+                rig.control = Control { permit: *permit, take_over: found.map(um) };
+                decisions.push(rig.step());
+            }
+        }
+        prop_assert_eq!(&decisions[0], &decisions[1]);
+    }
+}

@@ -1,0 +1,86 @@
+//! The control loop must not wait for an allocator: a steady step asks it for nothing.
+
+use std::time::Duration;
+
+use isotherm::compensation::model::{Expression, Formula, Kind, Linear, Model, Reference, Symbol, Term};
+use isotherm::compensation::reference::Machine;
+use isotherm::compensation::settings::{AxisSettings, GuardSettings, MachineSettings, OnFault};
+use isotherm::compensation::{Compensation, Control, Permit, Snapshot};
+use isotherm::quantity::{Micron, Moment};
+use isotherm::reading::{Reading, Reason, SignalId};
+
+fn um(value: f64) -> Micron {
+    Micron::new(value).expect("finite")
+}
+
+fn compensation() -> Compensation {
+    let term = |place, reference| Term { signal: SignalId(place), gain: 2.4, reference };
+    let terms = vec![term(0, Reference::Start), term(1, Reference::Zero), term(2, Reference::Fixed(20.0))];
+    let resolve = |name: &str| match name {
+        "A" => Some(Symbol::Signal(SignalId(0))),
+        "t" => Some(Symbol::Time),
+        _ => None,
+    };
+    let expression = Expression::parse("2.4 * max(A - (2e-5*t + 23.4), 0)", &resolve).expect("a formula");
+    let axis = AxisSettings {
+        name: "z".to_owned(),
+        models: vec![
+            Model { name: "rises".to_owned(), kind: Kind::Linear(Linear { offset: 0.0, terms }) },
+            Model { name: "bed only".to_owned(), kind: Kind::Formula(Formula { expression }) },
+        ],
+        guard: GuardSettings {
+            limit: um(40.0),
+            step: um(1.0),
+            rate: 0.5,
+            deadband: um(0.1),
+            count: Some(um(0.1)),
+        },
+        every: Duration::from_secs(10),
+        on_fault: OnFault::Ramp { after: Duration::from_secs(60) },
+    };
+    let machine = MachineSettings {
+        on: Some(SignalId(3)),
+        zero: Some(SignalId(4)),
+        settle: Duration::from_secs(30),
+        signals: 5,
+    };
+    Compensation::new(machine, vec![axis.clone(), axis], Machine::default())
+}
+
+#[test]
+fn a_step_allocates_nothing() {
+    let mut compensation = compensation();
+    let mut seen = Vec::with_capacity(6);
+    let mut look = |at: u32| {
+        let now = Moment::from_nanos(u64::from(at) * 10_000_000_000);
+        let level = f64::from(u8::from(at % 50 > 10));
+        let bed = if at % 90 > 60 { Reading::bad(now, Reason::Timeout) } else { Reading::good(25.0, now) };
+        let other = if at % 40 > 30 { Reading::bad(now, Reason::Stale) } else { Reading::good(22.0, now) };
+        let level = Reading::good(level, now);
+        let readings = [bed, other, Reading::good(21.0, now), level, level];
+        let permit = if at % 300 > 280 { Permit::Stopping } else { Permit::Armed };
+        let take_over = (at % 100 == 0).then(|| um(5.0));
+        let control = Control { permit, take_over };
+        compensation.step(&Snapshot { now, readings: &readings }, &[control, control]);
+        if at % 70 == 0 {
+            compensation.zero(now);
+        }
+        for decision in compensation.decisions() {
+            if !seen.contains(&decision.state.name()) && seen.len() < seen.capacity() {
+                seen.push(decision.state.name());
+            }
+        }
+    };
+    look(0);
+    let allocated = allocation_counter::measure(|| (1..5000).for_each(&mut look));
+    assert_eq!(allocated.count_total, 0, "{allocated:?}");
+    for state in ["active", "degraded", "holding", "ramping", "zeroed"] {
+        assert!(seen.contains(&state), "{state} was not visited: {seen:?}");
+    }
+}
+
+#[test]
+fn the_counter_counts() {
+    let allocated = allocation_counter::measure(|| drop(std::hint::black_box(vec![0u8; 64])));
+    assert_eq!(allocated.count_total, 1);
+}
