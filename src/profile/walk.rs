@@ -123,12 +123,15 @@ impl Walk<'_> {
     /// Of several alternatives the one of the value's type.
     fn choice<'s>(schema: &'s Value, value: &DeValue<'_>) -> &'s Value {
         let Some(choices) = schema.get("anyOf").and_then(Value::as_array) else { return schema };
-        let fits = |choice: &&Value| match (choice.get("type").and_then(Value::as_str), value) {
-            (Some("number"), DeValue::Integer(_) | DeValue::Float(_))
-            | (Some("string"), DeValue::String(_))
-            | (Some("object"), DeValue::Table(_))
-            | (Some("array"), DeValue::Array(_)) => true,
-            _ => false,
+        let fits = |choice: &&Value| {
+            let kind = choice.get("type").and_then(Value::as_str);
+            match value {
+                DeValue::Integer(_) | DeValue::Float(_) => kind == Some("number"),
+                DeValue::String(_) => kind == Some("string"),
+                DeValue::Table(_) => kind == Some("object"),
+                DeValue::Array(_) => kind == Some("array"),
+                DeValue::Boolean(_) | DeValue::Datetime(_) => false,
+            }
         };
         choices.iter().find(fits).unwrap_or(schema)
     }
