@@ -7,6 +7,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::error::{ProfileError, allowed};
 use super::place::{Places, child, element};
+use super::raw::Span;
 
 /// Walks one layer.
 pub(crate) struct Walk<'a> {
@@ -70,10 +71,10 @@ impl Walk<'_> {
         value: &Spanned<DeValue<'_>>,
     ) -> Option<Value> {
         let described = schema;
-        let duration = schema.get("$ref").and_then(Value::as_str) == Some("#/$defs/Duration");
         let at = value.span().start;
         let schema = Self::choice(resolved(self.schema, schema), value.get_ref());
         let wanted = schema.get("type").and_then(Value::as_str).unwrap_or_default();
+        let duration = schema.get("pattern").is_some_and(|pattern| pattern == Span::PATTERN);
         match (value.get_ref(), wanted) {
             (DeValue::Table(table), "object") => Some(self.table(schema, path, table)),
             (DeValue::Array(items), "array") => {

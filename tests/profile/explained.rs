@@ -20,7 +20,7 @@ fn the_schema_describes_every_key_and_forbids_the_others() {
     assert!(tables > 15, "{tables}");
     assert!(!schema.to_string().contains("null"), "TOML has no null");
     assert_eq!(definitions["Duration"]["type"], "string");
-    assert_eq!(definitions["RawSignal"]["properties"]["unit"]["enum"][0], "degC");
+    assert_eq!(definitions["Signal"]["properties"]["unit"]["enum"][0], "degC");
 }
 
 #[test]

@@ -57,6 +57,27 @@ fn nothing_is_coerced() {
 }
 
 #[test]
+fn a_wrong_duration_is_told_wherever_it_stands() {
+    refused("every = \"10s\"", "every = \"10\"", "axis.z.every", "\"10\"", &["is no duration"]);
+    refused("every = \"500ms\"", "every = 500", "heartbeat.every", "500", &["a duration in quotes"]);
+    refused("after = \"60s\"", "after = \"soon\"", "axis.z.on_fault.after", "\"soon\"", &["is no duration"]);
+}
+
+#[test]
+fn a_profile_without_one_of_its_lines_is_taken_or_refused_with_a_place() {
+    for left_out in 0..GRINDER.lines().count() {
+        let lines = GRINDER.lines().enumerate().filter(|(index, _)| *index != left_out);
+        let text: Vec<&str> = lines.map(|(_, line)| line).collect();
+        if let Err(Errors(found)) = parse(&text.join("\n")) {
+            assert!(!found.is_empty());
+            for error in found {
+                assert!(error.line.is_some() && error.excerpt.is_some(), "{error}");
+            }
+        }
+    }
+}
+
+#[test]
 fn nan_and_infinity_are_no_numbers() {
     refused("rate = 0.5", "rate = nan", "axis.z.rate", "nan", &["finite"]);
     refused("gain = 2.4", "gain = -inf", "axis.z.model[0].terms[0].gain", "-inf", &["finite"]);
