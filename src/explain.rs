@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use crate::codec::Address;
 use crate::fieldbus::plan::{plan, summary};
-use crate::profile::{Device, DeviceId, Profile};
+use crate::profile::{Device, DeviceId, Profile, Unit};
 use crate::reading::SignalId;
 
 mod axis;
@@ -171,7 +171,7 @@ fn signal_explained(profile: &Profile, id: SignalId) -> SignalExplained {
     let mut doubts = Vec::new();
     if !encoding.bad.is_empty() {
         let raw: Vec<String> = encoding.bad.iter().map(i64::to_string).collect();
-        doubts.push(format!("raw {} means no measurement", raw.join(" or ")));
+        doubts.push(format!("at raw {}", raw.join(" or ")));
     }
     if let Some((low, high)) = signal.range {
         doubts.push(format!("outside {low} to {high} {}", signal.unit));
@@ -223,8 +223,11 @@ impl fmt::Display for Explanation {
             if let Some(order) = &signal.word_order {
                 write!(f, " {order}")?;
             }
-            let unit = if signal.unit == "1" { "" } else { signal.unit };
-            write!(f, ", {} {unit} per count", signal.scale)?;
+            if signal.data_type != "bool" {
+                let unit = Unit(signal.unit).to_string();
+                let space = if unit.is_empty() { "" } else { " " };
+                write!(f, ", {}{space}{unit} per count", signal.scale)?;
+            }
             if signal.offset.abs() > 0.0 {
                 write!(f, ", plus {}", signal.offset)?;
             }

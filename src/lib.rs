@@ -6,7 +6,7 @@
 //! ```text
 //! quantity ← reading ← { codec, compensation } ← profile ← fieldbus ← gateway ← cli
 //! clock ← { fieldbus, gateway, virtual_machine }      observe ← gateway: events and the state they tell
-//! virtual_machine ← cli                                compensation: no tokio, no I/O, no clock
+//! explain ← cli      virtual_machine ← cli            compensation: no tokio, no I/O, no clock
 //! ```
 
 pub mod clock;

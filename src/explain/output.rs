@@ -99,8 +99,10 @@ pub(super) fn explained(profile: &Profile, output: &Output) -> WriteExplained {
         function: device.functions.writes(registers).map_or(0, crate::profile::WriteFunction::code),
         meaning,
         verify: match output.verify {
-            Verify::ReadBack => "the register is read again after every write".to_owned(),
-            Verify::Echo => "the answer repeats what was written; the register is not read again".to_owned(),
+            Verify::ReadBack => "once the register reads back what was written".to_owned(),
+            Verify::Echo => {
+                "once the answer repeats what was written; the register is not read back".to_owned()
+            }
         },
         refresh: output.refresh.map(|refresh| humantime::format_duration(refresh).to_string()),
         when: output.when.as_ref().map(|condition| condition.text.clone()),
@@ -145,7 +147,7 @@ impl fmt::Display for WriteExplained {
             Some((low, high)) => writeln!(f, "    counts {low} to {high}")?,
             None => writeln!(f, "    counts are bounded by the register's type alone")?,
         }
-        writeln!(f, "    believed when {}", self.verify)?;
+        writeln!(f, "    believed {}", self.verify)?;
         if let Some(refresh) = &self.refresh {
             writeln!(f, "    written again every {refresh}")?;
         }

@@ -133,6 +133,9 @@ impl fmt::Display for ReadRequest {
 
 /// `3 requests touching 17 registers for 9 signals`.
 pub fn summary(requests: &[ReadRequest]) -> String {
+    if requests.is_empty() {
+        return "nothing is read".to_owned();
+    }
     let counted = |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
     let touched = |bits: bool| {
         requests
@@ -147,9 +150,13 @@ pub fn summary(requests: &[ReadRequest]) -> String {
         .filter(|(count, _)| *count > 0)
         .map(|(count, what)| counted(count, what))
         .collect();
-    let cells = if cells.is_empty() { "nothing".to_owned() } else { cells.join(" and ") };
     let signals = requests.iter().map(|request| request.fields.len()).sum();
-    format!("{} touching {cells} for {}", counted(requests.len(), "request"), counted(signals, "signal"))
+    format!(
+        "{} touching {} for {}",
+        counted(requests.len(), "request"),
+        cells.join(" and "),
+        counted(signals, "signal")
+    )
 }
 
 #[cfg(test)]

@@ -259,7 +259,8 @@ impl Check<'_> {
         names: &[String],
         found: Option<usize>,
     ) -> Option<usize> {
-        if found.is_none() {
+        // A thing that is there but wrong has been reported itself.
+        if found.is_none() && !self.places.contains(&child(kind, name)) {
             let help = allowed(name, names.iter().map(String::as_str));
             self.wrong(path, format!("there is no {kind} named `{name}`"), help);
         }

@@ -203,6 +203,10 @@ impl Loader<'_> {
                 Ok(Loaded { profile, warnings })
             }
             _ => {
+                if self.errors.is_empty() {
+                    let message = "the profile cannot be resolved, and no key can be blamed for it";
+                    self.errors.push(ProfileError::about("the layers", message, None));
+                }
                 self.places.sort(&mut self.errors);
                 self.errors.dedup();
                 Err(Errors(self.errors))

@@ -28,6 +28,11 @@ pub(crate) use fieldbus::{
 #[serde(transparent)]
 pub(crate) struct Span(pub(crate) String);
 
+impl Span {
+    /// How editors know a duration, and how the walk knows one: a required key has this schema itself, not a `$ref`.
+    pub(crate) const PATTERN: &'static str = "^\\s*(\\d+\\s*[a-zA-Zµ]+\\s*)+$";
+}
+
 impl JsonSchema for Span {
     fn schema_name() -> std::borrow::Cow<'static, str> {
         "Duration".into()
@@ -37,7 +42,7 @@ impl JsonSchema for Span {
         schemars::json_schema!({
             "description": "A duration with its unit, as \"300ms\", \"10s\", \"3min\", \"2h\" or \"90d\".",
             "type": "string",
-            "pattern": "^\\s*(\\d+\\s*[a-zA-Zµ]+\\s*)+$",
+            "pattern": Span::PATTERN,
             "examples": ["300ms", "10s", "3min"],
         })
     }
@@ -79,6 +84,7 @@ pub(crate) struct RawProfile {
 /// What the machine is.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "Machine")]
 pub(crate) struct RawMachine {
     /// Used in topics, metrics and file names.
     #[schemars(required, regex(pattern = "^[a-z0-9-]+$"))]
@@ -105,6 +111,7 @@ pub(crate) enum ArmWord {
 /// A register that counts while the gateway lives.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "Heartbeat")]
 pub(crate) struct RawHeartbeat {
     /// The device it is written to.
     #[schemars(required)]
@@ -120,6 +127,7 @@ pub(crate) struct RawHeartbeat {
 /// Page, API and metrics.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "Web")]
 pub(crate) struct RawWeb {
     /// Host and port. Default "127.0.0.1:8080"; port 0 takes any free one.
     pub(crate) listen: Option<String>,
@@ -131,6 +139,7 @@ pub(crate) struct RawWeb {
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[allow(dead_code, reason = "read by the schema, refused by the check")]
+#[schemars(rename = "Mqtt")]
 pub(crate) struct RawMqtt {
     /// The broker's address: "mqtt://host:1883".
     #[schemars(required)]
@@ -151,6 +160,7 @@ pub(crate) enum MqttFormat {
 /// State and logs.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "History")]
 pub(crate) struct RawHistory {
     /// Where state, ledger and log are kept. Default: the platform's state directory.
     pub(crate) directory: Option<String>,

@@ -7,6 +7,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::error::{ProfileError, allowed};
 use super::place::{Places, child, element};
+use super::raw::Span;
 
 /// Walks one layer.
 pub(crate) struct Walk<'a> {
@@ -70,10 +71,10 @@ impl Walk<'_> {
         value: &Spanned<DeValue<'_>>,
     ) -> Option<Value> {
         let described = schema;
-        let duration = schema.get("$ref").and_then(Value::as_str) == Some("#/$defs/Duration");
         let at = value.span().start;
         let schema = Self::choice(resolved(self.schema, schema), value.get_ref());
         let wanted = schema.get("type").and_then(Value::as_str).unwrap_or_default();
+        let duration = schema.get("pattern").is_some_and(|pattern| pattern == Span::PATTERN);
         match (value.get_ref(), wanted) {
             (DeValue::Table(table), "object") => Some(self.table(schema, path, table)),
             (DeValue::Array(items), "array") => {
@@ -123,12 +124,15 @@ impl Walk<'_> {
     /// Of several alternatives the one of the value's type.
     fn choice<'s>(schema: &'s Value, value: &DeValue<'_>) -> &'s Value {
         let Some(choices) = schema.get("anyOf").and_then(Value::as_array) else { return schema };
-        let fits = |choice: &&Value| match (choice.get("type").and_then(Value::as_str), value) {
-            (Some("number"), DeValue::Integer(_) | DeValue::Float(_))
-            | (Some("string"), DeValue::String(_))
-            | (Some("object"), DeValue::Table(_))
-            | (Some("array"), DeValue::Array(_)) => true,
-            _ => false,
+        let fits = |choice: &&Value| {
+            let kind = choice.get("type").and_then(Value::as_str);
+            match value {
+                DeValue::Integer(_) | DeValue::Float(_) => kind == Some("number"),
+                DeValue::String(_) => kind == Some("string"),
+                DeValue::Table(_) => kind == Some("object"),
+                DeValue::Array(_) => kind == Some("array"),
+                DeValue::Boolean(_) | DeValue::Datetime(_) => false,
+            }
         };
         choices.iter().find(fits).unwrap_or(schema)
     }

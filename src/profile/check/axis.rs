@@ -247,6 +247,10 @@ impl Check<'_> {
             }
             None => &none,
         };
+        let dropped = |key: &str, there: bool| !there && self.places.contains(&child(path, key));
+        if dropped("inputs", raw.inputs.is_some()) || dropped("constants", raw.constants.is_some()) {
+            return None;
+        }
         let Some(text) = &raw.formula else {
             let help =
                 "write formula = \"K * (A - 20)\", with inputs = { A = \"bed\" } and constants = { K = 2.4 }";

@@ -59,10 +59,15 @@ impl Check<'_> {
             }
         }
         symbols.entry("t").or_insert(Symbol::Time);
+        let places = self.places;
         let seen = RefCell::new(BTreeSet::new());
         let find = |name: &str| {
             seen.borrow_mut().insert(name.to_owned());
-            symbols.get(name).copied()
+            // One that is there but wrong has been reported: the rest of the formula can still be read.
+            let wrong = ["inputs", "constants"]
+                .iter()
+                .any(|table| places.contains(&child(&child(path, table), name)));
+            symbols.get(name).copied().or(wrong.then_some(Symbol::Constant(0.0)))
         };
         let formula = child(path, "formula");
         match Expression::parse(text, &find) {

@@ -10,6 +10,7 @@ use super::{Span, TypeWord, WordOrderWord};
 /// One compensated axis.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "Axis")]
 pub(crate) struct RawAxis {
     /// Largest |Cz|, µm.
     #[schemars(required)]
@@ -57,6 +58,7 @@ pub(crate) enum FaultActionWord {
 /// One way to compute Cz.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "Model")]
 pub(crate) struct RawModel {
     /// For people: the page and the log say which model is used.
     #[schemars(required)]
@@ -105,6 +107,7 @@ pub(crate) enum Inputs {
 /// One gain times one temperature rise.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "Term")]
 pub(crate) struct RawTerm {
     /// The temperature.
     #[schemars(required)]
@@ -150,6 +153,7 @@ impl JsonSchema for ReferenceValue {
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[allow(dead_code, reason = "read by the schema, refused by the check")]
+#[schemars(rename = "Slope")]
 pub(crate) struct RawSlope {
     /// The signal that tells where the axis is.
     #[schemars(required)]
@@ -164,6 +168,7 @@ pub(crate) struct RawSlope {
 /// One value that is written.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "Output")]
 pub(crate) struct RawOutput {
     /// Whose Cz.
     #[schemars(required)]

@@ -9,6 +9,7 @@ use crate::codec::{DataType, WordOrder};
 /// One physical line.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "Bus")]
 pub(crate) struct RawBus {
     /// What it speaks.
     #[serde(rename = "type")]
@@ -56,6 +57,7 @@ pub(crate) enum Parity {
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[allow(dead_code, reason = "read by the schema, refused by the check")]
+#[schemars(rename = "Tls")]
 pub(crate) struct RawTls {
     /// Who signs the devices' certificates.
     #[schemars(required)]
@@ -71,6 +73,7 @@ pub(crate) struct RawTls {
 /// Ways in which a device is peculiar.
 #[derive(Clone, Debug, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "Quirks")]
 pub(crate) struct RawQuirks {
     /// Silence after connecting. Default "0s".
     pub(crate) pause_after_connect: Option<Span>,
@@ -89,6 +92,7 @@ pub(crate) struct RawQuirks {
 /// One unit on a line.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "Device")]
 pub(crate) struct RawDevice {
     /// The line it hangs on.
     #[schemars(required)]
@@ -133,6 +137,7 @@ pub(crate) enum FunctionWord {
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[allow(dead_code, reason = "read by the schema, refused by the check")]
+#[schemars(rename = "Setup")]
 pub(crate) struct RawSetup {
     /// Index and subindex, hexadecimal: "1800:05".
     #[schemars(required, regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
@@ -150,6 +155,7 @@ pub(crate) struct RawSetup {
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[allow(dead_code, reason = "read by the schema, refused by the check")]
+#[schemars(rename = "Verify")]
 pub(crate) struct RawVerify {
     /// Index and subindex, hexadecimal: "6110:01".
     #[schemars(required, regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
@@ -166,6 +172,7 @@ pub(crate) struct RawVerify {
 /// One value that is read.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(rename = "Signal")]
 pub(crate) struct RawSignal {
     /// Where it is read.
     #[schemars(required)]
@@ -217,6 +224,7 @@ pub(crate) struct RawSignal {
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[allow(dead_code, reason = "read by the schema, refused by the check")]
+#[schemars(rename = "Pdo")]
 pub(crate) struct RawPdo {
     /// CAN identifier.
     #[schemars(required)]
@@ -235,6 +243,7 @@ pub(crate) struct RawPdo {
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[allow(dead_code, reason = "read by the schema, refused by the check")]
+#[schemars(rename = "Frame")]
 pub(crate) struct RawFrame {
     /// CAN identifier.
     #[schemars(required)]

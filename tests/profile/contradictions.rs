@@ -1,0 +1,200 @@
+//! Figures, registers and permissions that contradict each other.
+
+use super::*;
+
+#[test]
+fn registers_that_collide_are_told_with_both_places() {
+    let line =
+        |what: &str| format!("machine.toml:{}", GRINDER.lines().position(|line| line == what).unwrap() + 1);
+    refused(
+        "register = \"holding:100\"",
+        "register = \"holding:105\"",
+        "heartbeat.register",
+        "\"holding:105\"",
+        &["writes the same registers", &line("register = \"holding:104\"")],
+    );
+    refused(
+        "register = \"holding:90\"",
+        "register = \"holding:105\"",
+        "output.cnc_z.register",
+        "\"holding:104\"",
+        &["overlaps", &line("register = \"holding:90\"")],
+    );
+    refused(
+        "register = \"holding:104\"",
+        "register = \"input:104\"",
+        "output.cnc_z.register",
+        "\"input:104\"",
+        &["read-only"],
+    );
+    refused(
+        "register = \"holding:104\"",
+        "register = \"coil:4\"",
+        "output.cnc_z.register",
+        "\"coil:4\"",
+        &["one bit"],
+    );
+    refused(
+        "register = \"holding:84\"",
+        "register = \"holding:65535\"",
+        "signal.scale_z.register",
+        "\"holding:65535\"",
+        &["beyond the last register"],
+    );
+}
+
+#[test]
+fn the_same_value_may_have_two_names_and_be_read_back_as_a_signal() {
+    let second = "[signal.bed_too]\ndevice = \"module\"\nregister = \"30001\"\ntype = \"i16\"\n\n[axis.z]";
+    let echo = "[signal.offset]\ndevice = \"cnc\"\nregister = \"holding:104\"\ntype = \"i32\"\nword_order = \"msw-first\"\n\n[axis.z]";
+    for more in [second, echo] {
+        let loaded = with("[axis.z]", more).unwrap();
+        assert_eq!(loaded.warnings.len(), 1);
+        assert!(loaded.warnings[0].message.contains("only recorded"), "{}", loaded.warnings[0]);
+    }
+}
+
+#[test]
+fn a_corrected_position_never_overwrites_its_own_scale() {
+    let text = GRINDER.replacen("device = \"readout\"", "device = \"counter\"", 1).replacen(
+        "register = \"holding:10\"",
+        "register = \"holding:84\"",
+        1,
+    );
+    let error = only_error(&text, "output.readout_z.register", "\"holding:84\"");
+    assert!(error.message.contains("overwrite"), "{error}");
+}
+
+#[test]
+fn figures_that_contradict_each_other_are_told_with_both() {
+    refused("step = 1.0", "step = 41.0", "axis.z.step", "41.0", &["41", "40"]);
+    refused("deadband = 0.1", "deadband = 40.0", "axis.z.deadband", "40.0", &["never move"]);
+    refused("rate = 0.5", "rate = 0", "axis.z.rate", "0", &["above zero"]);
+    refused(
+        "scale = 0.1\nrefresh",
+        "scale = 2.0\nrefresh",
+        "output.cnc_z.scale",
+        "2.0",
+        &["one count is 2 µm", "1 µm"],
+    );
+    refused("range = [-10.0, 80.0]", "range = [80.0, -10.0]", "signal.wheelhead.range", "[80.0", &["empty"]);
+    refused("scale = 0.0005", "scale = 0.0", "signal.scale_z.scale", "0.0", &["zero"]);
+    refused(
+        "bad = [-32768, 32767]",
+        "bad = [32768]",
+        "signal.wheelhead.bad",
+        "[32768]",
+        &["never holds 32768"],
+    );
+    refused("every = \"400ms\"", "every = \"300ms\"", "device.counter.every", "\"300ms\"", &["300ms"]);
+    refused(
+        "max_age = \"5s\"",
+        "max_age = \"1s\"",
+        "signal.wheelhead.max_age",
+        "\"1s\"",
+        &["always go stale"],
+    );
+    refused("every = \"500ms\"", "every = \"200ms\"", "heartbeat.every", "\"200ms\"", &["300ms", "200ms"]);
+    refused("every = \"10s\"", "every = \"0s\"", "axis.z.every", "\"0s\"", &["zero"]);
+    refused("unit = \"mm\"", "unit = \"um\"", "output.readout_z.position", "\"scale_z\"", &["in mm"]);
+    refused(
+        "address = \"127.0.0.1:1502\"",
+        "address = \"127.0.0.1\"",
+        "bus.cell.address",
+        "\"127",
+        &["127.0.0.1:502"],
+    );
+    refused(
+        "name = \"grinder-1\"",
+        "name = \"Grinder 1\"",
+        "machine.name",
+        "\"Grinder 1\"",
+        &["small letters"],
+    );
+    refused(
+        "action = \"ramp\"",
+        "action = \"hold\"",
+        "axis.z.on_fault.after",
+        "\"60s\"",
+        &["only a ramp waits"],
+    );
+}
+
+#[test]
+fn a_register_must_hold_the_limit() {
+    let narrow = "type = \"i16\"\nscale = 0.001\nrefresh";
+    let wide = "type = \"i32\"\nword_order = \"msw-first\"\nscale = 0.1\nrefresh";
+    refused(
+        wide,
+        narrow,
+        "output.cnc_z.type",
+        "\"i16\"",
+        &["-40 to 40 µm do not fit i16", "-32768 to 32767"],
+    );
+    refused(wide, "type = \"u16\"\nscale = 0.1\nrefresh", "output.cnc_z.type", "\"u16\"", &["bias 0"]);
+    assert!(with(wide, "type = \"u16\"\nscale = 0.1\nbias = 32768\nrefresh").is_ok());
+    let corrected = "scale = 0.0001";
+    refused(corrected, "scale = 1e-8", "output.readout_z.type", "\"i32\"", &["500.04 mm do not fit i32"]);
+}
+
+#[test]
+fn a_diameter_is_counted_in_halves() {
+    let loaded = with("deadband = 0.1", "deadband = 0.1\ndiameter = true").unwrap();
+    let count = loaded.profile.axes[0].settings.guard.count.unwrap();
+    assert!((count.get() - 0.05).abs() < 1e-12);
+}
+
+#[test]
+fn a_function_that_the_device_may_not_be_sent_is_refused() {
+    let functions = "functions = [\"read-holding\", \"write-multiple\"]";
+    refused(
+        functions,
+        "functions = [\"read-holding\", \"write-single\"]",
+        "output.readout_z.register",
+        "\"holding:10\"",
+        &["write-multiple", "`readout`"],
+    );
+    refused(
+        functions,
+        "functions = [\"write-multiple\"]",
+        "output.readout_z.register",
+        "\"holding:10\"",
+        &["read-holding"],
+    );
+    refused(
+        "unit = 2",
+        "unit = 2\nfunctions = [\"read-input\"]",
+        "signal.scale_z.register",
+        "\"holding:84\"",
+        &["read-holding"],
+    );
+}
+
+#[test]
+fn a_page_for_the_network_wants_a_token() {
+    refused(
+        "listen = \"127.0.0.1:0\"",
+        "listen = \"0.0.0.0:8080\"",
+        "web.listen",
+        "\"0.0.0.0",
+        &["token_file"],
+    );
+    refused("listen = \"127.0.0.1:0\"", "listen = \"8080\"", "web.listen", "\"8080\"", &["host and port"]);
+    assert!(with("listen = \"127.0.0.1:0\"", "listen = \"[::1]:8080\"").is_ok());
+    assert!(with("listen = \"127.0.0.1:0\"", "listen = \"0.0.0.0:80\"\ntoken_file = \"/etc/token\"").is_ok());
+}
+
+#[test]
+fn what_is_odd_but_runs_is_a_warning() {
+    let loaded = with("max_age = \"5s\"", "max_age = \"1500ms\"").unwrap();
+    assert!(loaded.warnings[0].message.contains("one late answer"), "{}", loaded.warnings[0]);
+    let unused = "[device.spare]\nbus = \"cell\"\nunit = 9\n\n[signal.wheelhead]";
+    let loaded = with("[signal.wheelhead]", unused).unwrap();
+    assert!(loaded.warnings[0].message.contains("nothing is read from `spare`"), "{}", loaded.warnings[0]);
+}
+
+#[test]
+fn a_timeout_that_nobody_wrote_contradicts_nothing() {
+    let loaded = with("timeout = \"300ms\"\n", "").unwrap();
+    assert_eq!(loaded.profile.buses[0].timeout.as_millis(), 200);
+}

@@ -1,0 +1,59 @@
+//! What the profile tells people and programs: the explanation, the schema, errors as documents.
+
+use super::*;
+
+#[test]
+fn the_schema_describes_every_key_and_forbids_the_others() {
+    let schema = profile::schema();
+    assert_eq!(schema["$schema"], "https://json-schema.org/draft/2020-12/schema");
+    assert_eq!(schema["required"], serde_json::json!(["machine"]));
+    let mut tables = 0;
+    let definitions = schema["$defs"].as_object().unwrap();
+    for (name, table) in definitions.iter().filter(|(_, table)| table["type"] == "object") {
+        tables += 1;
+        assert_eq!(table["additionalProperties"], false, "{name}");
+        for (key, property) in table["properties"].as_object().unwrap() {
+            let described = property["description"].as_str().is_some_and(|text| text.len() > 5);
+            assert!(described, "{name}.{key}: {property}");
+        }
+    }
+    assert!(tables > 15, "{tables}");
+    assert!(!schema.to_string().contains("null"), "TOML has no null");
+    assert_eq!(definitions["Duration"]["type"], "string");
+    assert_eq!(definitions["Signal"]["properties"]["unit"]["enum"][0], "degC");
+}
+
+#[test]
+fn an_error_is_a_document_for_programs_too() {
+    let found = errors(with("limit = 40.0", "limt = 40.0"));
+    let document = serde_json::to_value(Errors(found)).unwrap();
+    assert_eq!(document[0]["key"], "axis.z.limit");
+    assert_eq!(document[1]["help"].as_str().unwrap().split('?').next(), Some("did you mean `limit`"));
+    assert_eq!((&document[1]["file"], &document[1]["column"]), (&"machine.toml".into(), &1.into()));
+}
+
+#[test]
+fn a_good_profile_is_explained_in_words_and_figures() {
+    let machine = parse(GRINDER).unwrap().profile;
+    let explanation = isotherm::explain::Explanation::of(&machine);
+    let told = explanation.to_string();
+    for words in [
+        "read input:0..1 (30001..30002), 2 registers, function 04: bed, wheelhead",
+        "module: unit 1, every 1s: 2 requests touching 2 registers and 1 bit for 3 signals",
+        "scale_z: holding:84 (40085) of counter, i32 lsw-first",
+        "Cz = 2.4·(bed − 0) + 3.45·(wheelhead − its value at machine start) + 0 µm",
+        "when bed rises by 1 °C, Cz changes by +2.4 µm",
+        "Cz = Kz * (A - (b*t + c)) µm, over bed",
+        "a positive Cz makes the commanded or displayed position larger",
+        "±40 µm",
+        "keeps the last Cz for 1m, then takes it to zero at 0.5 µm/s",
+        "cnc_z: holding:104 (40105) of cnc, i32 msw-first, 0.1 µm per count; function 16, 2 registers",
+        "counts -400 to 400",
+        "only when cnc_on == 1",
+        "heartbeat: holding:100 (40101) of cnc, u16, counts every 500ms; function 06",
+    ] {
+        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+    }
+    let document = serde_json::to_value(&explanation).unwrap();
+    assert_eq!(document["writes"][1]["register"]["modicon"], "40105");
+}

@@ -1,0 +1,81 @@
+//! What is not built yet is read, checked, and refused with these very words.
+
+use super::*;
+
+#[test]
+fn what_is_not_built_yet_says_so_where_it_stands() {
+    let cases = [
+        (
+            "type = \"modbus-tcp\"\naddress = \"127.0.0.1:1502\"",
+            "type = \"modbus-rtu\"\nport = \"/dev/ttyUSB0\"\nbaud = 9600\nparity = \"none\"\nstop_bits = 1",
+            "bus.cell.type",
+        ),
+        ("type = \"modbus-tcp\"", "type = \"modbus-rtu-over-tcp\"", "bus.cell.type"),
+        (
+            "timeout = \"300ms\"",
+            "timeout = \"300ms\"\ntls = { ca = \"ca.pem\", cert = \"gw.pem\", key = \"gw.key\" }",
+            "bus.cell.tls",
+        ),
+        ("unit = 1", "unit = 1\ntemplate = \"icp-das-m7019r\"", "device.module.template"),
+        ("unit = 1", "unit = 1\nnode = 5", "device.module.node"),
+        ("unit = 1", "unit = 1\nheartbeat = \"2s\"", "device.module.heartbeat"),
+        (
+            "unit = 1",
+            "unit = 1\nsetup = [ { sdo = \"1800:05\", type = \"u16\", value = 100 } ]",
+            "device.module.setup",
+        ),
+        (
+            "unit = 1",
+            "unit = 1\nverify = [ { sdo = \"6110:01\", type = \"u16\", equals = 3 } ]",
+            "device.module.verify",
+        ),
+        ("register = \"input:0\"\ntype = \"i16\"", "channel = 0", "signal.bed.channel"),
+        ("register = \"input:0\"\ntype = \"i16\"", "dbc = \"Top.T\"", "signal.bed.dbc"),
+        (
+            "register = \"input:0\"\ntype = \"i16\"",
+            "pdo = { cob_id = 0x185, start = 0, length = 16, signed = true }",
+            "signal.bed.pdo",
+        ),
+        ("register = \"input:0\"\ntype = \"i16\"", "sdo = \"7130:01\"", "signal.bed.sdo"),
+        (
+            "register = \"input:0\"\ntype = \"i16\"",
+            "frame = { id = 0x100, start = 0, length = 16, order = \"little\" }",
+            "signal.bed.frame",
+        ),
+        ("gain = 2.4", "gain = 2.4, lag = \"30min\"", "axis.z.model[0].terms[0].lag"),
+        (
+            "kind = \"linear\"",
+            "kind = \"linear\"\nslope = { position = \"scale_z\", terms = [] }",
+            "axis.z.model[0].slope",
+        ),
+        ("kind = \"linear\"", "kind = \"linear\"\nenvelope = \"z.json\"", "axis.z.model[0].envelope"),
+        (
+            "kind = \"formula\"\nformula = \"Kz * (A - (b*t + c))\"\ninputs = { A = \"bed\" }\nconstants = { Kz = 2.4, b = 2e-5, c = 23.4 }",
+            "kind = \"network\"\nfile = \"z.onnx\"\ninputs = [\"bed\"]",
+            "axis.z.model[1].kind",
+        ),
+        ("writes = \"offset\"", "writes = \"slope\"", "output.cnc_z.writes"),
+        ("share = \"whole\"", "share = \"ledger\"", "output.cnc_z.share"),
+        (
+            "share = \"whole\"",
+            "handshake = { strobe = \"coil:20\", acknowledge = \"discrete:20\", timeout = \"500ms\" }",
+            "output.cnc_z.handshake",
+        ),
+        ("share = \"whole\"", "restart = { boot_counter = \"holding:98\" }", "output.cnc_z.restart"),
+        ("[history]", "[mqtt]\nbroker = \"mqtt://127.0.0.1:1883\"\nformat = \"json\"\n\n[history]", "mqtt"),
+    ];
+    for (from, to, key) in cases {
+        let found = errors(with(from, to));
+        assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
+        assert_eq!(found[0].key, key);
+        assert!(found[0].message.starts_with("not built yet: "), "{}", found[0]);
+    }
+}
+
+#[test]
+fn what_is_not_built_yet_is_still_checked() {
+    refused("gain = 2.4", "gain = 2.4, lag = 30", "axis.z.model[0].terms[0].lag", "30", &["a duration"]);
+    let found = errors(with("unit = 1", "unit = 1\nsetup = [ { sdo = \"1800:05\", type = \"u61\" } ]"));
+    let told: Vec<&str> = found.iter().map(|error| error.key.as_str()).collect();
+    assert_eq!(told, ["device.module.setup", "device.module.setup[0].value", "device.module.setup[0].type"]);
+}
