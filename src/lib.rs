@@ -15,3 +15,4 @@ pub mod compensation;
 pub mod profile;
 pub mod quantity;
 pub mod reading;
+pub mod virtual_machine;
