@@ -18,3 +18,4 @@ pub mod observe;
 pub mod profile;
 pub mod quantity;
 pub mod reading;
+pub mod virtual_machine;

@@ -1,0 +1,300 @@
+//! The virtual machine: the hardware that is not there.
+//!
+//! One Modbus TCP server per device of a profile on real sockets, in front of a thermal plant that warms up, drifts
+//! and bends by its own laws, and that knows its true error. Written offsets act on it as they would on a machine, so
+//! a run ends with what the compensation was worth. A fault script breaks answers, sensors, connections and memories.
+//!
+//! # Layout
+//! ```text
+//! plant     a thermal network with sensors, pure          wander    values for signals no plant knows
+//! registers the tables of a device                        modbus    bytes ↔ requests and answers, pure
+//! fault     what goes wrong, when, for how long           hardware  plant + registers + faults
+//! server    sockets                                       truth     error, Cz, residual, and their ranges
+//! ```
+//!
+//! # Time
+//! Everything acts by the clock it is given. On a virtual clock one seed gives one run, byte for byte, at any speed:
+//! the plant moves on its own grid, and requests are answered while the clock stands.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::net::TcpListener;
+use tokio::sync::{mpsc, oneshot, watch};
+use tokio::task::JoinSet;
+
+use crate::clock::{Clock, Sleeper};
+use crate::profile::{BusId, DeviceId, Profile};
+use crate::quantity::Moment;
+
+pub mod fault;
+pub mod plant;
+
+mod hardware;
+mod modbus;
+mod registers;
+mod server;
+#[cfg(test)]
+mod shipped;
+#[cfg(test)]
+mod tests;
+mod truth;
+mod wander;
+
+pub use fault::{FaultError, FaultScript};
+pub use plant::{Plant, PlantError, PlantSpec};
+pub use truth::{AxisSummary, AxisTruth, Extent, FIRST_SAMPLE, Summary, TruthRow};
+
+use fault::Faults;
+use hardware::Hardware;
+use server::{Door, Line, Shared};
+use truth::Observer;
+
+/// How often the truth is sampled and faults that come by themselves are looked for.
+pub const TICK: Duration = Duration::from_secs(1);
+
+/// What a virtual machine is made of besides its profile.
+#[derive(Clone, Debug, Default)]
+pub struct Setup {
+    /// Without one, signals wander plausibly and there is no true error.
+    pub plant: Option<PlantSpec>,
+    /// The day.
+    pub seed: u64,
+    /// What goes wrong.
+    pub faults: FaultScript,
+    /// Where to listen.
+    pub ports: Ports,
+    /// What is answered for a unit that is not there.
+    pub unknown_unit: UnknownUnit,
+    /// How often a row of the truth is kept; `None`: no rows, only the summary.
+    pub truth_every: Option<Duration>,
+}
+
+/// Where the devices listen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Ports {
+    /// At the addresses of the profile.
+    #[default]
+    AsInProfile,
+    /// At any free port of the loopback.
+    Free,
+}
+
+/// What a line does with a request to a unit that is not there.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum UnknownUnit {
+    /// Exception 0x0B, as gateways do.
+    #[default]
+    Exception,
+    /// Nothing, as a serial line does.
+    Silence,
+}
+
+/// Why a virtual machine does not run.
+#[derive(Debug, thiserror::Error)]
+pub enum VirtualMachineError {
+    /// An address cannot be listened at.
+    #[error("cannot listen at {address} (bus `{bus}`): {source}")]
+    Listen {
+        /// The bus of the profile.
+        bus: String,
+        /// Its address.
+        address: String,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// One of its tasks has failed.
+    #[error("the virtual machine has failed: {0}")]
+    Failed(String),
+}
+
+/// A running virtual machine. Dropped, it ends at once.
+#[derive(Debug)]
+pub struct VirtualMachine {
+    addresses: Vec<(BusId, SocketAddr)>,
+    shared: Shared,
+    stop: watch::Sender<bool>,
+    tasks: JoinSet<Result<(), String>>,
+}
+
+/// A listener as the plant's task sees it: its devices, and the way to close and open it.
+struct Gate {
+    devices: Vec<DeviceId>,
+    door: mpsc::Sender<Door>,
+    is_open: bool,
+}
+
+impl VirtualMachine {
+    /// Binds the listeners and starts the tasks on the current runtime. Start it before whatever shall talk to it: its
+    /// hold on the clock is taken first, so that at equal moments the plant moves first.
+    ///
+    /// # Errors
+    /// An address cannot be listened at.
+    pub async fn start(
+        profile: &Profile,
+        setup: Setup,
+        clock: &Clock,
+    ) -> Result<VirtualMachine, VirtualMachineError> {
+        let sleeper = clock.join();
+        let begin = clock.now();
+        let plant = setup.plant.as_ref().map(|spec| Plant::new(spec, setup.seed, begin));
+        let faults = Faults::new(setup.faults, begin);
+        let hardware = Hardware::new(profile, plant, setup.seed, faults, begin, |axes| {
+            Observer::new(axes, begin, setup.truth_every)
+        });
+        let shared = Shared::new(hardware, clock.clone(), setup.unknown_unit);
+        let (stop, stopped) = watch::channel(false);
+        let mut machine = VirtualMachine { addresses: Vec::new(), shared, stop, tasks: JoinSet::new() };
+        let mut gates = Vec::new();
+        for (index, bus) in profile.buses.iter().enumerate() {
+            let is_same = |other: &crate::profile::Bus| other.address == bus.address;
+            let first = profile.buses.iter().position(is_same).unwrap_or(index);
+            if let Some((_, address)) = machine.addresses.iter().find(|(id, _)| id.0 == first) {
+                let address = *address;
+                machine.addresses.push((BusId(index), address));
+                continue;
+            }
+            let listener = listen(bus, setup.ports).await?;
+            let address = listener.local_addr().map_err(|source| refused(bus, source))?;
+            machine.addresses.push((BusId(index), address));
+            gates.push(machine.open(profile, index, listener, stopped.clone()));
+        }
+        let (shared, stop) = (machine.shared.clone(), stopped);
+        machine.tasks.spawn(live(shared, sleeper, begin, gates, stop));
+        Ok(machine)
+    }
+
+    fn open(
+        &mut self,
+        profile: &Profile,
+        bus: usize,
+        listener: TcpListener,
+        stop: watch::Receiver<bool>,
+    ) -> Gate {
+        let on_line =
+            |device: &crate::profile::Device| profile.bus(device.bus).address == profile.buses[bus].address;
+        let devices = profile.devices.iter().enumerate().filter(|(_, device)| on_line(device));
+        let units: Vec<_> = devices.map(|(index, device)| (device.unit, DeviceId(index))).collect();
+        let (door, doors) = mpsc::channel(1);
+        let gate = Gate { devices: units.iter().map(|(_, id)| *id).collect(), door, is_open: true };
+        let line = Arc::new(Line { units, shared: self.shared.clone() });
+        self.tasks.spawn(async move {
+            let address = listener.local_addr();
+            server::serve(listener, line, doors, stop).await.map_err(|error| match address {
+                Ok(address) => format!("{address}: {error}"),
+                Err(_) => error.to_string(),
+            })
+        });
+        gate
+    }
+
+    /// Where each bus of the profile really is.
+    pub fn addresses(&self) -> &[(BusId, SocketAddr)] {
+        &self.addresses
+    }
+
+    /// Where one bus really is.
+    pub fn address(&self, bus: BusId) -> Option<SocketAddr> {
+        self.addresses.iter().find(|(id, _)| *id == bus).map(|(_, address)| *address)
+    }
+
+    /// The run so far.
+    pub fn summary(&self) -> Summary {
+        self.shared.hardware().observer.summary().clone()
+    }
+
+    /// The rows kept so far; none unless [`Setup::truth_every`] asks for them.
+    pub fn truth_log(&self) -> Vec<TruthRow> {
+        self.shared.hardware().observer.rows().to_vec()
+    }
+
+    /// The truth at the last tick; `None` before the first, and without a plant.
+    pub fn latest_truth(&self) -> Option<TruthRow> {
+        self.shared.hardware().observer.latest().cloned()
+    }
+
+    /// Returns only when a task has failed. To be awaited beside whatever the machine is for.
+    pub async fn failure(&mut self) -> VirtualMachineError {
+        match self.tasks.join_next().await {
+            Some(Ok(Ok(()))) => VirtualMachineError::Failed("a task ended by itself".to_owned()),
+            Some(Ok(Err(message))) => VirtualMachineError::Failed(message),
+            Some(Err(error)) => VirtualMachineError::Failed(error.to_string()),
+            None => std::future::pending().await,
+        }
+    }
+
+    /// Ends it: listeners and connections are closed.
+    ///
+    /// # Errors
+    /// A task had failed.
+    pub async fn stop(mut self) -> Result<Summary, VirtualMachineError> {
+        let _ = self.stop.send(true);
+        while let Some(ended) = self.tasks.join_next().await {
+            ended
+                .map_err(|error| VirtualMachineError::Failed(error.to_string()))?
+                .map_err(VirtualMachineError::Failed)?;
+        }
+        Ok(self.summary())
+    }
+}
+
+async fn listen(bus: &crate::profile::Bus, ports: Ports) -> Result<TcpListener, VirtualMachineError> {
+    let address = match ports {
+        Ports::AsInProfile => bus.address.as_str(),
+        Ports::Free => "127.0.0.1:0",
+    };
+    TcpListener::bind(address).await.map_err(|source| refused(bus, source))
+}
+
+fn refused(bus: &crate::profile::Bus, source: std::io::Error) -> VirtualMachineError {
+    VirtualMachineError::Listen { bus: bus.name.clone(), address: bus.address.clone(), source }
+}
+
+/// The plant's task: ticks, samples the truth, closes and opens listeners.
+async fn live(
+    shared: Shared,
+    mut sleeper: Sleeper,
+    begin: Moment,
+    mut gates: Vec<Gate>,
+    mut stop: watch::Receiver<bool>,
+) -> Result<(), String> {
+    loop {
+        let now = sleeper.now();
+        let refused: Vec<DeviceId> = {
+            let mut hardware = shared.hardware();
+            hardware.advance_to(now);
+            hardware.observe(now);
+            hardware.faults.refused(now).collect()
+        };
+        for gate in &mut gates {
+            let shall_be_open = !gate.devices.iter().any(|device| refused.contains(device));
+            let turned = gate.turn(shall_be_open).await;
+            if *stop.borrow() {
+                return Ok(());
+            }
+            turned?;
+        }
+        tokio::select! {
+            () = sleeper.sleep_until(now.next_tick(begin, TICK)) => {}
+            _ = stop.changed() => return Ok(()),
+        }
+    }
+}
+
+impl Gate {
+    /// Opens or closes the listener, and returns when that is done: the clock stands meanwhile.
+    async fn turn(&mut self, shall_be_open: bool) -> Result<(), String> {
+        if self.is_open == shall_be_open {
+            return Ok(());
+        }
+        let (done, is_done) = oneshot::channel();
+        let message = if shall_be_open { Door::Open(done) } else { Door::Shut(done) };
+        let told = self.door.send(message).await;
+        if told.is_err() || is_done.await.is_err() {
+            return Err("a listener is gone".to_owned());
+        }
+        self.is_open = shall_be_open;
+        Ok(())
+    }
+}

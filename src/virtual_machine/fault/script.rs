@@ -1,0 +1,214 @@
+//! The fault script as TOML has it, and its check against the profile.
+
+use std::time::Duration;
+
+use serde::{Deserialize, Deserializer, de::Error as _};
+
+use super::{Fault, FaultScript, Kind, Lasts, Reads, ReplyFault};
+use crate::codec::{Address, DataType};
+use crate::profile::{DeviceId, Profile};
+use crate::reading::SignalId;
+
+/// A fault script that cannot be used, in words; where TOML itself is wrong, with line and column.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct FaultError(String);
+
+const KINDS: [&str; 21] = [
+    "silent",
+    "late",
+    "exception",
+    "close",
+    "half-open",
+    "refuse",
+    "garbage",
+    "wrong-unit",
+    "wrong-transaction",
+    "wrong-function",
+    "short-read",
+    "long-read",
+    "wrong-echo",
+    "ignored-write",
+    "one-behind",
+    "one-behind-stale",
+    "sentinel",
+    "nan",
+    "value",
+    "register",
+    "restart",
+];
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ScriptFile {
+    #[serde(default)]
+    fault: Vec<FaultFile>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FaultFile {
+    device: String,
+    kind: String,
+    #[serde(default, deserialize_with = "duration")]
+    at: Option<Duration>,
+    after: Option<u64>,
+    #[serde(rename = "for")]
+    replies: Option<u64>,
+    #[serde(default, deserialize_with = "duration")]
+    for_time: Option<Duration>,
+    #[serde(default, deserialize_with = "duration")]
+    delay: Option<Duration>,
+    code: Option<u8>,
+    signal: Option<String>,
+    raw: Option<i64>,
+    value: Option<f64>,
+    register: Option<String>,
+    words: Option<Vec<u16>>,
+}
+
+impl FaultScript {
+    /// Reads a fault script for the machine of this profile.
+    ///
+    /// # Errors
+    /// What is wrong with it: TOML's own message with its line and column, or every fault that does not fit the
+    /// profile, one to a line.
+    pub fn parse(text: &str, profile: &Profile) -> Result<FaultScript, FaultError> {
+        let file: ScriptFile = toml::from_str(text).map_err(|error| FaultError(error.to_string()))?;
+        let (mut faults, mut errors) = (Vec::new(), Vec::new());
+        for (place, fault) in file.fault.into_iter().enumerate() {
+            let kind = fault.kind.clone();
+            match fault.resolve(profile) {
+                Ok(fault) => faults.push(fault),
+                Err(error) => errors.push(format!("fault {} ({kind}): {error}", place + 1)),
+            }
+        }
+        if errors.is_empty() { Ok(FaultScript { faults }) } else { Err(FaultError(errors.join("\n"))) }
+    }
+}
+
+impl FaultFile {
+    fn resolve(mut self, profile: &Profile) -> Result<Fault, String> {
+        let device =
+            profile.devices.iter().position(|device| device.name == self.device).ok_or_else(|| {
+                let names = profile.devices.iter().map(|device| device.name.as_str());
+                format!("there is no device `{}`; allowed: {}", self.device, list(names))
+            })?;
+        let kind = self.kind(profile, DeviceId(device))?;
+        self.no_key_is_left()?;
+        let lasts = match (self.replies, self.for_time) {
+            (Some(_), Some(_)) => return Err("give `for` (replies) or `for_time`, not both".to_owned()),
+            (Some(0), None) => return Err("`for` must be 1 or more".to_owned()),
+            (Some(count), None) => Lasts::Replies(count),
+            (None, Some(span)) => Lasts::Time(span),
+            (None, None) => Lasts::Ever,
+        };
+        match kind {
+            Kind::Refuse if self.replies.is_some() => {
+                return Err("a closed listener gives no replies to count; give `for_time`".to_owned());
+            }
+            Kind::Register { .. } | Kind::Restart if lasts != Lasts::Ever => {
+                return Err("happens once; `for` and `for_time` mean nothing here".to_owned());
+            }
+            _ => {}
+        }
+        let (at, after) = (self.at.unwrap_or_default(), self.after.unwrap_or_default());
+        Ok(Fault { device: DeviceId(device), at, after, lasts, kind })
+    }
+
+    fn kind(&mut self, profile: &Profile, device: DeviceId) -> Result<Kind, String> {
+        let fault = match self.kind.as_str() {
+            "silent" => ReplyFault::Silent,
+            "late" => ReplyFault::Late(self.delay.take().ok_or("`delay` is missing, for example \"400ms\"")?),
+            "exception" => {
+                let code = self.code.take().ok_or("`code` is missing, for example 4")?;
+                ReplyFault::Exception(code)
+            }
+            "close" => ReplyFault::Close,
+            "half-open" => ReplyFault::HalfOpen,
+            "garbage" => ReplyFault::Garbage,
+            "wrong-unit" => ReplyFault::WrongUnit,
+            "wrong-transaction" => ReplyFault::WrongTransaction,
+            "wrong-function" => ReplyFault::WrongFunction,
+            "short-read" => ReplyFault::ShortRead,
+            "long-read" => ReplyFault::LongRead,
+            "wrong-echo" => ReplyFault::WrongEcho,
+            "ignored-write" => ReplyFault::IgnoredWrite,
+            "one-behind" => ReplyFault::OneBehind { stale_transaction: false },
+            "one-behind-stale" => ReplyFault::OneBehind { stale_transaction: true },
+            "refuse" => return Ok(Kind::Refuse),
+            "restart" => return Ok(Kind::Restart),
+            "register" => return self.register(),
+            "sentinel" | "nan" | "value" => return self.broken_signal(profile, device),
+            _ => return Err(format!("there is no such kind; allowed: {}", list(KINDS.into_iter()))),
+        };
+        Ok(Kind::Reply(fault))
+    }
+
+    fn register(&mut self) -> Result<Kind, String> {
+        let register = self.register.take().ok_or("`register` is missing, for example \"holding:104\"")?;
+        let words = self.words.take().ok_or("`words` is missing, for example [0, 5]")?;
+        let address: Address = register.parse()?;
+        if words.is_empty() || usize::from(address.offset) + words.len() > 65536 {
+            return Err(format!("{} words do not fit from {address} on", words.len()));
+        }
+        if address.table.is_bits() && words.iter().any(|word| *word > 1) {
+            return Err("`words`: a bit is 0 or 1".to_owned());
+        }
+        Ok(Kind::Register { address, words })
+    }
+
+    fn broken_signal(&mut self, profile: &Profile, device: DeviceId) -> Result<Kind, String> {
+        let name = self.signal.take().ok_or("`signal` is missing")?;
+        let mut of_device = profile.signals.iter().enumerate().filter(|(_, signal)| signal.device == device);
+        let found = of_device.clone().find(|(_, signal)| signal.name == name);
+        let (place, signal) = found.ok_or_else(|| {
+            let names = list(of_device.by_ref().map(|(_, signal)| signal.name.as_str()));
+            format!("device `{}` has no signal `{name}`; allowed: {names}", self.device)
+        })?;
+        let reads = match self.kind.as_str() {
+            "nan" if !matches!(signal.encoding.data_type, DataType::F32 | DataType::F64) => {
+                return Err(format!(
+                    "`{name}` is {}: only f32 and f64 know NaN",
+                    signal.encoding.data_type.name()
+                ));
+            }
+            "nan" => Reads::Nan,
+            "value" => {
+                let value = self.value.take().filter(|value| value.is_finite());
+                Reads::Value(value.ok_or("`value` is missing or no finite number")?)
+            }
+            _ => {
+                let raw = self.raw.take().or_else(|| signal.encoding.bad.first().copied());
+                Reads::Raw(raw.ok_or_else(|| format!("`raw` is missing, and `{name}` has no `bad` value"))?)
+            }
+        };
+        Ok(Kind::Signal { signal: SignalId(place), reads })
+    }
+
+    /// What the kind did not take is a mistake.
+    fn no_key_is_left(&self) -> Result<(), String> {
+        let left = [
+            ("delay", self.delay.is_some()),
+            ("code", self.code.is_some()),
+            ("signal", self.signal.is_some()),
+            ("raw", self.raw.is_some()),
+            ("value", self.value.is_some()),
+            ("register", self.register.is_some()),
+            ("words", self.words.is_some()),
+        ];
+        match left.into_iter().find(|(_, is_left)| *is_left) {
+            Some((key, _)) => Err(format!("`{key}` means nothing here")),
+            None => Ok(()),
+        }
+    }
+}
+
+fn list<'a>(names: impl Iterator<Item = &'a str>) -> String {
+    names.collect::<Vec<_>>().join(", ")
+}
+
+fn duration<'de, D: Deserializer<'de>>(input: D) -> Result<Option<Duration>, D::Error> {
+    let text = String::deserialize(input)?;
+    humantime::parse_duration(&text).map(Some).map_err(D::Error::custom)
+}

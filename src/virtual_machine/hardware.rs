@@ -1,0 +1,324 @@
+//! The machine behind the sockets: plant, registers and faults in one place, brought up to date whenever asked.
+//!
+//! Registers are filled at the moment of a request from the plant at that moment, so the plant's own tick decides
+//! nothing that a client could see.
+
+use crate::codec::{Address, Encoding, Table};
+use crate::profile::{AxisId, DeviceId, Output, Profile, Signal, Writes};
+use crate::quantity::Moment;
+use crate::reading::SignalId;
+
+use super::fault::{Faults, Incident, Reads, ReplyFault};
+use super::modbus::{self, Request};
+use super::plant::Plant;
+use super::registers::Bank;
+use super::truth::{AxisTruth, Observer, TruthRow};
+use super::wander::wander;
+
+/// Everything of a virtual machine that is not a socket.
+#[derive(Debug)]
+pub(super) struct Hardware {
+    profile: Profile,
+    plant: Option<Plant>,
+    seed: u64,
+    begin: Moment,
+    /// By device; those of one unit on one line share the first one's.
+    units: Vec<Unit>,
+    /// The unit of each device: its place in `units`.
+    unit_of: Vec<usize>,
+    /// What corrected outputs add to their positions, µm; by output.
+    corrections: Vec<f64>,
+    /// Axes the plant knows, with their place in the profile.
+    axes: Vec<(AxisId, String)>,
+    pub(super) faults: Faults,
+    pub(super) observer: Observer,
+}
+
+#[derive(Debug)]
+struct Unit {
+    /// The device it is known by.
+    device: DeviceId,
+    bank: Bank,
+    at_power_on: Bank,
+    requests: u64,
+    /// The signals it measures. A register that an output or the heartbeat owns is not among them.
+    measures: Vec<SignalId>,
+}
+
+/// What a unit answers: the honest answer, and what is wrong with the one that is sent.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Reply {
+    /// `None`: nothing was done and nothing is answered.
+    pub(super) pdu: Option<Vec<u8>>,
+    pub(super) fault: Option<ReplyFault>,
+}
+
+impl Hardware {
+    pub(super) fn new(
+        profile: &Profile,
+        plant: Option<Plant>,
+        seed: u64,
+        faults: Faults,
+        begin: Moment,
+        observe: impl FnOnce(&[String]) -> Observer,
+    ) -> Hardware {
+        let (units, unit_of) = units(profile);
+        let known = |axis: &str| plant.as_ref().is_some_and(|plant| plant.true_error_um(axis).is_some());
+        let names = profile.axes.iter().map(|axis| axis.settings.name.clone()).enumerate();
+        let axes: Vec<_> =
+            names.map(|(place, name)| (AxisId(place), name)).filter(|(_, name)| known(name)).collect();
+        let observer = observe(&axes.iter().map(|(_, name)| name.clone()).collect::<Vec<_>>());
+        Hardware {
+            corrections: vec![0.0; profile.outputs.len()],
+            profile: profile.clone(),
+            plant,
+            seed,
+            begin,
+            units,
+            unit_of,
+            axes,
+            faults,
+            observer,
+        }
+    }
+
+    /// Lets time pass: the plant, and faults that come by themselves.
+    pub(super) fn advance_to(&mut self, now: Moment) {
+        if let Some(plant) = &mut self.plant {
+            plant.advance_to(now);
+        }
+        let (units, unit_of) = (&self.units, &self.unit_of);
+        let incidents = self.faults.advance(now, |device| units[unit_of[device.0]].requests);
+        for incident in incidents {
+            self.happen(incident);
+        }
+    }
+
+    /// Takes a sample of the truth.
+    pub(super) fn observe(&mut self, now: Moment) {
+        let Some(plant) = &self.plant else { return };
+        let axes = self.axes.iter().map(|(axis, name)| AxisTruth {
+            error_um: plant.true_error_um(name).unwrap_or_default(),
+            cz_um: self.applied_um(*axis),
+        });
+        let row = TruthRow { at: now, axes: axes.collect() };
+        self.observer.sample(row);
+    }
+
+    /// The Cz that stands in the machine: in the axis's offset register; where it has none, in its corrected position.
+    pub(super) fn applied_um(&self, axis: AxisId) -> f64 {
+        let outputs = || self.profile.outputs.iter().enumerate().filter(|(_, output)| output.axis == axis);
+        let written = outputs()
+            .find(|(_, output)| output.writes == Writes::Offset)
+            .map(|(_, output)| {
+                self.decoded(output.device, output.address, &output.encoding).unwrap_or_default()
+            })
+            .or_else(|| outputs().next().map(|(place, _)| self.corrections[place]))
+            .unwrap_or_default();
+        if self.profile.axis(axis).diameter { 0.5 * written } else { written }
+    }
+
+    /// Carries out one request to a device.
+    pub(super) fn serve(&mut self, device: DeviceId, pdu: &[u8], now: Moment) -> Reply {
+        let place = self.unit_of[device.0];
+        let device = self.units[place].device;
+        self.units[place].requests += 1;
+        self.advance_to(now);
+        self.measure(place, now);
+        let request = match Request::decode(pdu) {
+            Ok(request) if request.is_among(&self.profile.device(device).functions) => request,
+            Ok(_) => return Reply::honest(modbus::exception(pdu, modbus::ILLEGAL_FUNCTION)),
+            Err(code) => return Reply::honest(modbus::exception(pdu, code)),
+        };
+        self.faults.count_signals(device, now);
+        let fault = self.faults.reply(device, request.is_write(), now);
+        let unit = &mut self.units[place];
+        let answer = match fault {
+            Some(ReplyFault::Silent | ReplyFault::HalfOpen) => return Reply { pdu: None, fault },
+            Some(ReplyFault::Exception(code)) => Err(code),
+            Some(ReplyFault::IgnoredWrite) => request.answer(pdu, &mut unit.bank.clone()),
+            _ => request.answer(pdu, &mut unit.bank),
+        };
+        if let (Ok(_), Some((address, values))) = (&answer, request.written())
+            && fault != Some(ReplyFault::IgnoredWrite)
+        {
+            let count = u16::try_from(values.len()).unwrap_or(u16::MAX);
+            self.note_corrections(place, address, count);
+        }
+        Reply { pdu: Some(answer.unwrap_or_else(|code| modbus::exception(pdu, code))), fault }
+    }
+
+    /// Fills the registers of a unit with what it measures now.
+    fn measure(&mut self, place: usize, now: Moment) {
+        let seconds = now.since(self.begin).as_secs_f64();
+        let unit = &mut self.units[place];
+        let broken: Vec<_> = self.faults.signals(unit.device, now).collect();
+        for id in &unit.measures {
+            let signal = &self.profile.signals[id.0];
+            let known = self.plant.as_ref().and_then(|plant| plant.sensor(&signal.name));
+            let value = known.unwrap_or_else(|| wander(signal, self.seed, seconds));
+            let reads = broken.iter().find(|(broken, _)| broken == id).map(|(_, reads)| *reads);
+            let words = cells(signal, reads.unwrap_or(Reads::Value(value)));
+            let fits = unit.bank.write(signal.address, &words);
+            debug_assert!(fits.is_some(), "room was made for every signal");
+        }
+    }
+
+    /// Keeps what a corrected output adds to its position: D' as written, D as the scale showed it last.
+    fn note_corrections(&mut self, place: usize, address: Address, count: u16) {
+        for (index, output) in self.profile.outputs.iter().enumerate() {
+            let Writes::Corrected { position } = output.writes else { continue };
+            let width = output.encoding.data_type.registers();
+            let touched =
+                self.unit_of[output.device.0] == place && overlap((output.address, width), (address, count));
+            let scale = self.profile.signal(position);
+            if !touched {
+                continue;
+            }
+            if let (Some(corrected), Some(shown)) = (
+                self.decoded(output.device, output.address, &output.encoding),
+                self.decoded(scale.device, scale.address, &scale.encoding),
+            ) {
+                self.corrections[index] = 1000.0 * (corrected - shown);
+            }
+        }
+    }
+
+    fn happen(&mut self, incident: Incident) {
+        match incident {
+            Incident::Register { device, address, words } => {
+                let place = self.unit_of[device.0];
+                let count = u16::try_from(words.len()).unwrap_or(u16::MAX);
+                let bank = &mut self.units[place].bank;
+                bank.reserve(address, count);
+                let fits = bank.write(address, &words);
+                debug_assert!(fits.is_some(), "room was made for it");
+                self.note_corrections(place, address, count);
+            }
+            Incident::Restart { device } => {
+                let place = self.unit_of[device.0];
+                let unit = &mut self.units[place];
+                unit.bank = unit.at_power_on.clone();
+                for (output, correction) in self.profile.outputs.iter().zip(&mut self.corrections) {
+                    if self.unit_of[output.device.0] == place {
+                        *correction = 0.0;
+                    }
+                }
+            }
+        }
+    }
+
+    fn decoded(&self, device: DeviceId, address: Address, encoding: &Encoding) -> Option<f64> {
+        let bank = &self.units[self.unit_of[device.0]].bank;
+        let words = bank.read(address, encoding.data_type.registers())?;
+        if address.table.is_bits() {
+            return words.first().map(|bit| encoding.decode_bit(*bit != 0));
+        }
+        encoding.decode(words).ok()
+    }
+}
+
+impl Reply {
+    fn honest(pdu: Vec<u8>) -> Reply {
+        Reply { pdu: Some(pdu), fault: None }
+    }
+}
+
+/// Devices of one unit on one line are one piece of hardware.
+fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
+    let mut units: Vec<Unit> = Vec::new();
+    let mut unit_of = Vec::new();
+    for (index, device) in profile.devices.iter().enumerate() {
+        let line = &profile.bus(device.bus).address;
+        let same = |unit: &Unit| {
+            let other = profile.device(unit.device);
+            other.unit == device.unit && profile.bus(other.bus).address == *line
+        };
+        let place = units.iter().position(same).unwrap_or(units.len());
+        if place == units.len() {
+            units.push(Unit {
+                device: DeviceId(index),
+                bank: Bank::default(),
+                at_power_on: Bank::default(),
+                requests: 0,
+                measures: Vec::new(),
+            });
+        }
+        unit_of.push(place);
+    }
+    let mut owned: Vec<(usize, Address, u16)> = Vec::new();
+    for Output { device, address, encoding, .. } in &profile.outputs {
+        let place = unit_of[device.0];
+        let width = encoding.data_type.registers();
+        let bank = &mut units[place].bank;
+        bank.reserve(*address, width);
+        let fits = bank.write(*address, encoding.encode(0.0).words());
+        debug_assert!(fits.is_some(), "room was made for it");
+        owned.push((place, *address, width));
+    }
+    if let Some(heartbeat) = &profile.heartbeat {
+        let place = unit_of[heartbeat.device.0];
+        units[place].bank.reserve(heartbeat.address, 1);
+        owned.push((place, heartbeat.address, 1));
+    }
+    for (index, signal) in profile.signals.iter().enumerate() {
+        let (place, width) = (unit_of[signal.device.0], signal.encoding.data_type.registers());
+        units[place].bank.reserve(signal.address, width);
+        let is_owned = |(other, address, count): &(usize, Address, u16)| {
+            *other == place && overlap((*address, *count), (signal.address, width))
+        };
+        if !owned.iter().any(is_owned) {
+            units[place].measures.push(SignalId(index));
+        }
+    }
+    for unit in &mut units {
+        unit.at_power_on = unit.bank.clone();
+    }
+    (units, unit_of)
+}
+
+fn overlap((first, count): (Address, u16), (other, other_count): (Address, u16)) -> bool {
+    let end = |address: Address, count: u16| u32::from(address.offset) + u32::from(count);
+    first.table == other.table
+        && u32::from(first.offset) < end(other, other_count)
+        && u32::from(other.offset) < end(first, count)
+}
+
+/// A signal's registers for what it reads.
+fn cells(signal: &Signal, reads: Reads) -> Vec<u16> {
+    let encoding = &signal.encoding;
+    let encoded = match reads {
+        Reads::Value(value) => encoding.encode(value),
+        Reads::Raw(raw) => {
+            let plain = Encoding { scale: 1.0, offset: 0.0, bias: 0, ..encoding.clone() };
+            plain.encode(exact(raw))
+        }
+        Reads::Nan => return not_a_number(encoding),
+    };
+    let mut words = encoded.words().to_vec();
+    if matches!(signal.address.table, Table::Coil | Table::Discrete) {
+        words.iter_mut().for_each(|word| *word = (*word).min(1));
+    }
+    words
+}
+
+/// All exponent bits and a mantissa bit set: a quiet NaN in either word order, once the words are in their order.
+fn not_a_number(encoding: &Encoding) -> Vec<u16> {
+    let width = usize::from(encoding.data_type.registers());
+    let highest = if encoding.byte_swap { 0x7fff_u16.swap_bytes() } else { 0x7fff };
+    let mut words = vec![0xffff; width];
+    let at = match encoding.word_order {
+        crate::codec::WordOrder::MswFirst => 0,
+        crate::codec::WordOrder::LswFirst => width.saturating_sub(1),
+    };
+    if let Some(word) = words.get_mut(at) {
+        *word = highest;
+    }
+    words
+}
+
+/// Sentinels are small numbers; one beyond 2^53 does not exist.
+#[allow(clippy::cast_precision_loss)]
+fn exact(raw: i64) -> f64 {
+    raw as f64
+}

@@ -1,0 +1,106 @@
+//! What drives a plant and differs from day to day: the air, and what the machine is made to do.
+
+use rand::RngExt;
+use rand_pcg::Pcg32;
+
+use super::spec::{AmbientSpec, DutySpec, Span, Varied, When};
+use super::{STEP, stream};
+use std::f64::consts::TAU;
+
+/// One day's air.
+#[derive(Clone, Debug)]
+pub(super) struct Ambient {
+    mean: f64,
+    amplitude: f64,
+    peak_hour: f64,
+    drift_per_day: f64,
+    weather: [Wave; 2],
+    /// Hour of the day at which the run begins.
+    begin_hour: f64,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Wave {
+    amplitude: f64,
+    period_hours: f64,
+    phase: f64,
+}
+
+impl Ambient {
+    pub(super) fn new(spec: &AmbientSpec, seed: u64, begin_hour: f64) -> Ambient {
+        let mut random = stream(seed, "ambient");
+        let mut draw = |varied: Varied| varied.nominal + varied.varies * random.random_range(-1.0..=1.0);
+        let (mean, amplitude) = (draw(spec.mean), draw(spec.amplitude));
+        let (peak_hour, drift_per_day) = (draw(spec.peak_hour), draw(spec.drift_per_day));
+        let mut wave = |share: f64, shortest: f64, longest: f64| Wave {
+            amplitude: spec.weather * share,
+            period_hours: random.random_range(shortest..=longest),
+            phase: random.random_range(0.0..=TAU),
+        };
+        let weather = [wave(0.7, 7.0, 13.0), wave(0.3, 2.0, 4.0)];
+        Ambient { mean, amplitude, peak_hour, drift_per_day, weather, begin_hour }
+    }
+
+    /// The air's temperature this many seconds after the run began; negative: during the soak before it.
+    pub(super) fn at(&self, seconds: f64) -> f64 {
+        let hours = seconds / 3600.0;
+        let day = self.amplitude * (TAU * (self.begin_hour + hours - self.peak_hour) / 24.0).cos();
+        let weather: f64 = self
+            .weather
+            .iter()
+            .map(|wave| wave.amplitude * (TAU * hours / wave.period_hours + wave.phase).sin())
+            .sum();
+        self.mean + day + self.drift_per_day * hours.max(0.0) / 24.0 + weather
+    }
+}
+
+/// What the machine is doing, step by step.
+#[derive(Clone, Debug)]
+pub(super) struct Duty {
+    spec: DutySpec,
+    random: Pcg32,
+    phase: Phase,
+    /// The step at which the phase ends.
+    until: u64,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    Off,
+    Work,
+    Pause,
+}
+
+impl Duty {
+    pub(super) fn new(spec: &DutySpec, seed: u64) -> Duty {
+        let mut random = stream(seed, "duty");
+        let until = steps(&mut random, spec.on_after);
+        Duty { spec: *spec, random, phase: Phase::Off, until }
+    }
+
+    /// Moves on to this step; steps come in order.
+    pub(super) fn advance_to(&mut self, step: u64) {
+        while step >= self.until {
+            let (phase, span) = match self.phase {
+                Phase::Work => (Phase::Pause, self.spec.pause),
+                Phase::Off | Phase::Pause => (Phase::Work, self.spec.work),
+            };
+            self.phase = phase;
+            self.until += steps(&mut self.random, span);
+        }
+    }
+
+    pub(super) fn holds(&self, when: When) -> bool {
+        match when {
+            When::Always => true,
+            When::On => self.phase != Phase::Off,
+            When::Work => self.phase == Phase::Work,
+        }
+    }
+}
+
+/// A duration drawn from a span, in whole steps.
+fn steps(random: &mut Pcg32, span: Span) -> u64 {
+    let count = |duration: std::time::Duration| duration.as_secs() / STEP.as_secs().max(1);
+    random.random_range(count(span.shortest)..=count(span.longest))
+}

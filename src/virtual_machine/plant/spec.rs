@@ -1,0 +1,183 @@
+//! What a plant is made of: `profiles/<machine>.plant.toml`, checked, with every name turned into an index.
+
+use std::time::Duration;
+
+use crate::quantity::Moment;
+
+mod raw;
+
+/// A plant file that cannot be used, in words; where TOML itself is wrong, with line and column.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct PlantError(String);
+
+/// A thermal network with everything that drives, measures and bends it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlantSpec {
+    pub(super) start: Moment,
+    pub(super) soak: Duration,
+    pub(super) ambient: AmbientSpec,
+    pub(super) duty: DutySpec,
+    pub(super) nodes: Vec<Node>,
+    pub(super) links: Vec<Link>,
+    pub(super) sources: Vec<Source>,
+    pub(super) sensors: Vec<SensorSpec>,
+    pub(super) positions: Vec<Position>,
+    pub(super) switches: Vec<Switch>,
+    pub(super) axes: Vec<Displacement>,
+}
+
+/// The air: a day's curve, a weather that drifts, and by how much two days differ (uniform, plus or minus).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct AmbientSpec {
+    pub(super) mean: Varied,
+    pub(super) amplitude: Varied,
+    pub(super) peak_hour: Varied,
+    pub(super) drift_per_day: Varied,
+    /// Largest swing of the slow weather, K.
+    pub(super) weather: f64,
+}
+
+/// A value, and how far another seed's may lie from it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Varied {
+    pub(super) nominal: f64,
+    pub(super) varies: f64,
+}
+
+/// When the machine is switched on, and how it works from then on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct DutySpec {
+    /// Switched on this long after the run begins, at the earliest and at the latest.
+    pub(super) on_after: Span,
+    pub(super) work: Span,
+    pub(super) pause: Span,
+}
+
+/// A shortest and a longest duration; the seed draws between them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Span {
+    pub(super) shortest: Duration,
+    pub(super) longest: Duration,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Node {
+    pub(super) name: String,
+    /// J/K
+    pub(super) capacity: f64,
+    /// °C before the soak.
+    pub(super) initial: f64,
+}
+
+/// Something that has a temperature.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Point {
+    Node(usize),
+    Ambient,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Link {
+    pub(super) node: usize,
+    pub(super) other: Point,
+    /// W/K
+    pub(super) conductance: f64,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Source {
+    pub(super) name: String,
+    pub(super) node: usize,
+    pub(super) watts: f64,
+    /// By how much of itself another seed's power may differ.
+    pub(super) varies: f64,
+    pub(super) when: When,
+}
+
+/// What the machine must be doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum When {
+    Always,
+    /// Switched on.
+    On,
+    /// Switched on and working, not pausing.
+    Work,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct SensorSpec {
+    pub(super) signal: String,
+    /// Temperatures it feels, with their shares.
+    pub(super) feels: Vec<(Point, f64)>,
+    /// Seconds; zero: at once.
+    pub(super) lag: f64,
+    /// Smallest step it shows; zero: any.
+    pub(super) resolution: f64,
+    /// Standard deviation.
+    pub(super) noise: f64,
+}
+
+/// A scale that moves up and down: `middle + stroke/2 · sin(2π t / period)`, mm.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Position {
+    pub(super) signal: String,
+    pub(super) middle: f64,
+    pub(super) stroke: f64,
+    pub(super) period: f64,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Switch {
+    pub(super) signal: String,
+    pub(super) when: When,
+}
+
+/// An axis's true error: gains in µm/K on rises since the run began.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Displacement {
+    pub(super) axis: String,
+    pub(super) gains: Vec<(Point, f64)>,
+}
+
+impl PlantSpec {
+    /// Reads a plant file.
+    ///
+    /// # Errors
+    /// What is wrong with it: TOML's own message with its line and column, or every name and number that does not
+    /// fit, one to a line.
+    pub fn parse(text: &str) -> Result<PlantSpec, PlantError> {
+        let file: raw::PlantFile = toml::from_str(text).map_err(|error| PlantError(error.to_string()))?;
+        file.resolve().map_err(|errors| PlantError(errors.join("\n")))
+    }
+
+    /// The plant that belongs to a shipped profile; `None` where there is none of that name.
+    ///
+    /// # Errors
+    /// As [`PlantSpec::parse`].
+    pub fn shipped(machine: &str) -> Option<Result<PlantSpec, PlantError>> {
+        let text = match machine {
+            "surface-grinder" => include_str!("../../../profiles/surface-grinder.plant.toml"),
+            "sinker-edm" => include_str!("../../../profiles/sinker-edm.plant.toml"),
+            _ => return None,
+        };
+        Some(PlantSpec::parse(text))
+    }
+
+    /// The moment at which a virtual clock begins, so that the day's curve is where the machine's story wants it.
+    pub fn start(&self) -> Moment {
+        self.start
+    }
+
+    /// The signals it gives values to.
+    pub fn signals(&self) -> impl Iterator<Item = &str> {
+        let sensors = self.sensors.iter().map(|sensor| sensor.signal.as_str());
+        let positions = self.positions.iter().map(|position| position.signal.as_str());
+        sensors.chain(positions).chain(self.switches.iter().map(|switch| switch.signal.as_str()))
+    }
+
+    /// The axes it knows the true error of.
+    pub fn axes(&self) -> impl Iterator<Item = &str> {
+        self.axes.iter().map(|displacement| displacement.axis.as_str())
+    }
+}

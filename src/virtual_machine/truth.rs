@@ -1,0 +1,157 @@
+//! What really happens to the tool: each axis's error, what is applied against it, and what is left.
+
+use std::time::Duration;
+
+use crate::quantity::Moment;
+
+/// Samples begin this long after the run: the warm-up with its transient belongs to them, the setting up does not.
+pub const FIRST_SAMPLE: Duration = Duration::from_secs(60);
+
+/// One axis at one moment, µm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxisTruth {
+    /// Without compensation.
+    pub error_um: f64,
+    /// The Cz that stands in the machine.
+    pub cz_um: f64,
+}
+
+/// All axes at one moment, in the order of [`Summary::axes`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct TruthRow {
+    /// When.
+    pub at: Moment,
+    /// One for each axis the plant knows the true error of.
+    pub axes: Vec<AxisTruth>,
+}
+
+/// Smallest and largest value of a run, µm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Extent {
+    /// Smallest.
+    pub min_um: f64,
+    /// Largest.
+    pub max_um: f64,
+}
+
+/// The whole run of one axis. Both extents are over the same samples: one a second, from the first minute on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AxisSummary {
+    /// Its name in the profile.
+    pub axis: String,
+    /// How many samples.
+    pub samples: u64,
+    /// The error alone.
+    pub uncompensated: Extent,
+    /// The error and what was applied against it.
+    pub compensated: Extent,
+}
+
+/// The whole run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Summary {
+    /// One for each axis the plant knows the true error of; none without a plant.
+    pub axes: Vec<AxisSummary>,
+}
+
+impl AxisTruth {
+    /// What is left: error + Cz.
+    pub fn residual_um(self) -> f64 {
+        self.error_um + self.cz_um
+    }
+}
+
+impl Extent {
+    const NOTHING: Extent = Extent { min_um: f64::INFINITY, max_um: f64::NEG_INFINITY };
+
+    /// Largest minus smallest; zero before the first sample.
+    pub fn range_um(self) -> f64 {
+        (self.max_um - self.min_um).max(0.0)
+    }
+
+    fn take(&mut self, value: f64) {
+        self.min_um = self.min_um.min(value);
+        self.max_um = self.max_um.max(value);
+    }
+}
+
+/// Gathers samples into a summary and, if asked to, into rows.
+#[derive(Clone, Debug)]
+pub(super) struct Observer {
+    begin: Moment,
+    summary: Summary,
+    every: Option<Duration>,
+    rows: Vec<TruthRow>,
+    latest: Option<TruthRow>,
+}
+
+impl Observer {
+    /// `every`: how often a row is kept; `None`: no rows, for runs that never end.
+    pub(super) fn new(axes: &[String], begin: Moment, every: Option<Duration>) -> Observer {
+        let axes = axes.iter().map(|axis| AxisSummary {
+            axis: axis.clone(),
+            samples: 0,
+            uncompensated: Extent::NOTHING,
+            compensated: Extent::NOTHING,
+        });
+        let summary = Summary { axes: axes.collect() };
+        Observer { begin, summary, every, rows: Vec::new(), latest: None }
+    }
+
+    pub(super) fn sample(&mut self, row: TruthRow) {
+        if row.at.since(self.begin) >= FIRST_SAMPLE {
+            for (axis, truth) in self.summary.axes.iter_mut().zip(&row.axes) {
+                axis.samples += 1;
+                axis.uncompensated.take(truth.error_um);
+                axis.compensated.take(truth.residual_um());
+            }
+        }
+        let due = |every| self.rows.last().is_none_or(|last| row.at.since(last.at) >= every);
+        if self.every.is_some_and(due) {
+            self.rows.push(row.clone());
+        }
+        self.latest = Some(row);
+    }
+
+    pub(super) fn summary(&self) -> &Summary {
+        &self.summary
+    }
+
+    pub(super) fn rows(&self) -> &[TruthRow] {
+        &self.rows
+    }
+
+    pub(super) fn latest(&self) -> Option<&TruthRow> {
+        self.latest.as_ref()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_extents_are_over_the_same_samples_and_the_transient_is_among_them() {
+        let begin = Moment::from_nanos(0);
+        let mut observer = Observer::new(&["z".to_owned()], begin, Some(Duration::from_secs(60)));
+        for (second, error_um, cz_um) in
+            [(59, 100.0, 0.0), (60, -4.0, 0.0), (61, -5.0, 4.5), (120, -20.0, 19.0)]
+        {
+            let axes = vec![AxisTruth { error_um, cz_um }];
+            observer.sample(TruthRow { at: begin.after(Duration::from_secs(second)), axes });
+        }
+        let z = &observer.summary().axes[0];
+        assert_eq!((z.axis.as_str(), z.samples), ("z", 3));
+        assert_eq!(z.uncompensated, Extent { min_um: -20.0, max_um: -4.0 });
+        assert_eq!(z.compensated, Extent { min_um: -4.0, max_um: -0.5 });
+        assert!((z.compensated.range_um() - 3.5).abs() < 1e-12);
+        let seconds: Vec<u64> = observer.rows().iter().map(|row| row.at.since(begin).as_secs()).collect();
+        assert_eq!(seconds, [59, 120]);
+    }
+
+    #[test]
+    fn a_run_without_samples_has_no_range() {
+        let observer = Observer::new(&["z".to_owned()], Moment::from_nanos(0), None);
+        assert!(observer.summary().axes[0].compensated.range_um() < 1e-12);
+    }
+}

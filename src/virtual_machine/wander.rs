@@ -1,0 +1,37 @@
+//! Plausible values for signals no plant knows: any profile can be served, only not a true error.
+
+use std::f64::consts::TAU;
+
+use rand::RngExt;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::plant::stream;
+use crate::profile::Signal;
+
+/// The value of a signal this many seconds after the run began.
+pub(super) fn wander(signal: &Signal, seed: u64, seconds: f64) -> f64 {
+    let phase: f64 = stream(seed, &signal.name).random_range(0.0..TAU);
+    let wave = |period: f64| (TAU * seconds / period + phase).sin();
+    let value = match signal.unit.0 {
+        "degC" => 22.0 + 2.0 * wave(6.0 * 3600.0) + 0.03 * noise(signal, seed, seconds),
+        "K" => wave(6.0 * 3600.0) + 0.03 * noise(signal, seed, seconds),
+        "mm" => 100.0 + 20.0 * wave(600.0),
+        "um" => 2.0 * wave(3600.0),
+        "rpm" => 1000.0,
+        _ => 1.0,
+    };
+    match signal.range {
+        Some((low, high)) if value < low || value > high => 0.5 * (low + high),
+        _ => value,
+    }
+}
+
+/// New every second, and the same whenever that second is asked for.
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "whole seconds since the run began"
+)]
+fn noise(signal: &Signal, seed: u64, seconds: f64) -> f64 {
+    StandardNormal.sample(&mut stream(seed.wrapping_add((seconds as u64).rotate_left(20)), &signal.name))
+}
