@@ -64,6 +64,33 @@ pub struct Status {
     pub event_counts: BTreeMap<&'static str, u64>,
 }
 
+impl Status {
+    /// What keeps the machine from being held to its cold geometry now, in words; empty where nothing does.
+    pub fn missing(&self) -> Vec<String> {
+        let sentence = |kind: &str, name: &str, state: &str, why: &str| match why {
+            "" => format!("{kind} {name}: {state}"),
+            why => format!("{kind} {name}: {state}: {why}"),
+        };
+        let devices = self.devices.iter().filter(|device| device.state != "ok");
+        let axes = self.axes.iter().filter(|axis| !matches!(axis.state, "active" | "degraded"));
+        let mut missing: Vec<String> = devices
+            .map(|device| sentence("device", &device.name, device.state, &device.fault))
+            .chain(axes.map(|axis| sentence("axis", &axis.name, axis.state, &axis.why)))
+            .collect();
+        if !self.ready {
+            missing.insert(0, "not every device has answered and every axis decided since the start".into());
+        }
+        missing
+    }
+}
+
+impl OutputStatus {
+    /// The unit of its value.
+    pub fn unit(&self) -> &'static str {
+        if self.writes == "corrected" { "mm" } else { "µm" }
+    }
+}
+
 /// One axis.
 #[derive(Clone, Debug, Serialize)]
 pub struct AxisStatus {
@@ -119,7 +146,8 @@ pub struct BusStatus {
     pub cycles: u64,
     /// Cycles that ended later than their period allowed.
     pub overruns: u64,
-    /// How late cycles began, as counts per upper bound in milliseconds (the last bound is infinite).
+    /// How late cycles began, as counts per upper bound in milliseconds: of this bound alone, not of those below
+    /// it too. The last bound is infinite, which JSON shows as null.
     pub jitter_ms: Vec<(f64, u64)>,
 }
 

@@ -1,0 +1,202 @@
+//! The gateway's door for people and programs: page, status, live stream, metrics, health, commands.
+//!
+//! ```text
+//! request ──► access (who may) ──► route ──► Source::status / Source::command
+//!                                    ▲
+//!                      live: one status a second, shared by every open page
+//! ```
+//!
+//! Nothing here is awaited by the loop: a slow or silent reader costs only itself.
+
+mod access;
+mod live;
+
+use std::io;
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::body::Bytes;
+use axum::extract::rejection::BytesRejection;
+use axum::extract::{ConnectInfo, DefaultBodyLimit, Path, State};
+use axum::http::{HeaderName, HeaderValue, StatusCode, header};
+use axum::response::{Html, IntoResponse, Json, Response};
+use axum::routing::{get, post};
+use axum::{Router, middleware};
+use serde::Serialize;
+use tokio::net::TcpListener;
+use tokio::sync::watch;
+
+use self::access::{Access, Entered};
+use super::status::{Command, Source, Status};
+use super::{metrics, page};
+
+/// How long open requests may take to end once the gateway stops.
+const GRACE: Duration = Duration::from_millis(500);
+/// Commands have no body worth more.
+const LARGEST_BODY: usize = 1024;
+
+/// On every answer. The page loads nothing from elsewhere, runs no script but its own, and stands in no frame,
+/// so that nobody can lay something over its buttons.
+const HEADERS: [(HeaderName, &str); 5] = [
+    (
+        header::CONTENT_SECURITY_POLICY,
+        "default-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    ),
+    (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+    (header::X_FRAME_OPTIONS, "DENY"),
+    (header::REFERRER_POLICY, "no-referrer"),
+    (header::CACHE_CONTROL, "no-store"),
+];
+
+/// What every handler may use.
+#[derive(Clone)]
+struct Room {
+    source: Arc<dyn Source>,
+    access: Arc<Access>,
+    live: live::Live,
+}
+
+/// The answer to a command.
+#[derive(Serialize)]
+struct Answer {
+    done: bool,
+    answer: String,
+}
+
+/// Answers on `listener` until `shutdown` completes; then ends the live streams and returns within a second.
+///
+/// With a `token`, everything but `/healthz` asks for it. Without one, requests must name this computer by
+/// `localhost` or by address, and commands are taken from this computer only.
+///
+/// # Errors
+/// When the listener has no address, or the token is empty.
+pub async fn serve(
+    listener: TcpListener,
+    source: Arc<dyn Source>,
+    token: Option<String>,
+    shutdown: impl Future<Output = ()> + Send + 'static,
+) -> io::Result<()> {
+    if token.as_deref().is_some_and(str::is_empty) {
+        return Err(io::Error::new(
+            io::ErrorKind::InvalidInput,
+            "the token is empty: leave it out or set one",
+        ));
+    }
+    let access = Arc::new(Access::new(token, listener.local_addr()?.ip()));
+    let (stop, stopped) = watch::channel(());
+    let live = live::Live::start(Arc::clone(&source), stopped.clone());
+    let app = router(Room { source, access, live });
+    let service = app.into_make_service_with_connect_info::<SocketAddr>();
+    let serving = axum::serve(listener, service).with_graceful_shutdown(ended(stopped.clone()));
+    // A peer that never finishes its request must not keep the gateway from stopping.
+    let overdue = async {
+        shutdown.await;
+        drop(stop);
+        tokio::time::sleep(GRACE).await;
+    };
+    tokio::select! {
+        served = serving => served,
+        () = overdue => Ok(()),
+    }
+}
+
+/// Completes when the sender is gone.
+async fn ended(mut stopped: watch::Receiver<()>) {
+    while stopped.changed().await.is_ok() {}
+}
+
+fn router(room: Room) -> Router {
+    let guard = middleware::from_fn_with_state(Arc::clone(&room.access), access::check);
+    Router::new()
+        .route("/", get(front))
+        .route("/page/{file}", get(file))
+        .route("/api/status", get(status))
+        .route("/api/live", get(stream))
+        .route("/api/arm", post(arm))
+        .route("/api/disarm", post(disarm))
+        .route("/api/zero", post(zero))
+        .route("/metrics", get(scrape))
+        .route("/healthz", get(|| async { "ok" }))
+        .route("/readyz", get(ready))
+        .fallback(|| async { (StatusCode::NOT_FOUND, "There is nothing here. The page is at /.\n") })
+        .method_not_allowed_fallback(|| async {
+            (
+                StatusCode::METHOD_NOT_ALLOWED,
+                "This address does not take that method; see the Allow header.\n",
+            )
+        })
+        .layer(DefaultBodyLimit::max(LARGEST_BODY))
+        .layer(guard)
+        .layer(middleware::map_response(with_headers))
+        .with_state(room)
+}
+
+async fn with_headers(mut response: Response) -> Response {
+    for (name, value) in HEADERS {
+        response.headers_mut().insert(name, HeaderValue::from_static(value));
+    }
+    response
+}
+
+async fn front(
+    State(room): State<Room>,
+    ConnectInfo(peer): ConnectInfo<SocketAddr>,
+    entered: Option<axum::Extension<Entered>>,
+) -> Response {
+    let shell = page::front(&room.source.status(), room.access.takes_commands_from(peer.ip()));
+    let shell = Html(shell.into_string());
+    match entered.and_then(|entered| room.access.cookie(&entered)) {
+        Some(cookie) => ([(header::SET_COOKIE, cookie)], shell).into_response(),
+        None => shell.into_response(),
+    }
+}
+
+async fn file(Path(name): Path<String>) -> Response {
+    match page::file(&name) {
+        Some((kind, text)) => ([(header::CONTENT_TYPE, kind)], text).into_response(),
+        None => (StatusCode::NOT_FOUND, "The page has no such file.\n").into_response(),
+    }
+}
+
+async fn status(State(room): State<Room>) -> Json<Status> {
+    Json(room.source.status())
+}
+
+async fn stream(State(room): State<Room>) -> Response {
+    room.live.stream().into_response()
+}
+
+async fn arm(State(room): State<Room>, body: Result<Bytes, BytesRejection>) -> Response {
+    command(&room, Command::Arm, body)
+}
+
+async fn disarm(State(room): State<Room>, body: Result<Bytes, BytesRejection>) -> Response {
+    command(&room, Command::Disarm, body)
+}
+
+async fn zero(State(room): State<Room>, body: Result<Bytes, BytesRejection>) -> Response {
+    command(&room, Command::Zero, body)
+}
+
+fn command(room: &Room, command: Command, body: Result<Bytes, BytesRejection>) -> Response {
+    if let Err(refused) = body {
+        return (refused.status(), "A command needs no body, and certainly not such a long one.\n")
+            .into_response();
+    }
+    match room.source.command(command) {
+        Ok(answer) => Json(Answer { done: true, answer }).into_response(),
+        Err(answer) => (StatusCode::CONFLICT, Json(Answer { done: false, answer })).into_response(),
+    }
+}
+
+async fn scrape(State(room): State<Room>) -> Response {
+    let text = metrics::exposition(&room.source.status());
+    ([(header::CONTENT_TYPE, "text/plain; version=0.0.4; charset=utf-8")], text).into_response()
+}
+
+async fn ready(State(room): State<Room>) -> Response {
+    let missing = room.source.status().missing();
+    let code = if missing.is_empty() { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
+    (code, Json(missing)).into_response()
+}

@@ -1,0 +1,214 @@
+//! Who may see, and who may command.
+//!
+//! | token | seeing | commands |
+//! |---|---|---|
+//! | set | `Authorization: Bearer`, or the cookie that `/?token=` gives once | the same; with the cookie only from our own page |
+//! | none | anybody who names us by `localhost` or by address | from this computer only, and only from our own page |
+//!
+//! Naming by address: a foreign site can point a name of its own at this computer and then read and command as if
+//! it were ours (DNS rebinding), but it cannot do so with an address. `/healthz` is for everybody.
+
+use std::hint::black_box;
+use std::net::{IpAddr, SocketAddr};
+use std::sync::Arc;
+
+use axum::extract::{ConnectInfo, Request, State};
+use axum::http::{HeaderMap, Method, StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+
+const COOKIE: &str = "isotherm_token";
+
+/// This request brought the token in its address: the answer sets the cookie.
+#[derive(Clone, Copy)]
+pub(super) struct Entered;
+
+/// The rules of one listener.
+pub(super) struct Access {
+    token: Option<String>,
+    listens_at: IpAddr,
+}
+
+/// Why a request is refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Refusal {
+    NoToken,
+    StrangeHost,
+    StrangeOrigin,
+    NotFromHere,
+}
+
+/// Lets a request through, or answers why not.
+pub(super) async fn check(
+    State(access): State<Arc<Access>>,
+    ConnectInfo(peer): ConnectInfo<SocketAddr>,
+    mut request: Request,
+    next: Next,
+) -> Response {
+    if request.uri().path() == "/healthz" {
+        return next.run(request).await;
+    }
+    match access.judge(&request, peer.ip()) {
+        Ok(entered) => {
+            if let Some(entered) = entered {
+                request.extensions_mut().insert(entered);
+            }
+            next.run(request).await
+        }
+        Err(refusal) => refusal.into_response(),
+    }
+}
+
+impl Access {
+    pub(super) fn new(token: Option<String>, listens_at: IpAddr) -> Access {
+        Access { token, listens_at }
+    }
+
+    /// A browser there may command, as far as one can tell before it does.
+    pub(super) fn takes_commands_from(&self, peer: IpAddr) -> bool {
+        self.token.is_some() || peer.to_canonical().is_loopback()
+    }
+
+    /// The cookie for a browser that came with the token. Hexadecimal, because a token may hold any character.
+    pub(super) fn cookie(&self, _proof: &Entered) -> Option<String> {
+        let token = self.token.as_deref()?;
+        Some(format!("{COOKIE}={}; Path=/; HttpOnly; SameSite=Strict", hexadecimal(token)))
+    }
+
+    fn judge(&self, request: &Request, peer: IpAddr) -> Result<Option<Entered>, Refusal> {
+        let headers = request.headers();
+        let changes = !matches!(*request.method(), Method::GET | Method::HEAD);
+        let Some(token) = self.token.as_deref() else {
+            return match () {
+                () if !self.knows_host(headers) => Err(Refusal::StrangeHost),
+                () if changes && !peer.to_canonical().is_loopback() => Err(Refusal::NotFromHere),
+                () if changes && !is_own_page(headers) => Err(Refusal::StrangeOrigin),
+                () => Ok(None),
+            };
+        };
+        if bearer(headers).is_some_and(|given| same(given, token)) {
+            return Ok(None);
+        }
+        if cookies(headers).any(|given| same(given, &hexadecimal(token))) {
+            return if changes && !is_own_page(headers) { Err(Refusal::StrangeOrigin) } else { Ok(None) };
+        }
+        let in_address = request.uri().query().and_then(token_in);
+        match in_address {
+            Some(given) if !changes && request.uri().path() == "/" && same(&given, token) => {
+                Ok(Some(Entered))
+            }
+            _ => Err(Refusal::NoToken),
+        }
+    }
+
+    fn knows_host(&self, headers: &HeaderMap) -> bool {
+        let Some(host) = text(headers, "host").map(without_port) else { return false };
+        if host.eq_ignore_ascii_case("localhost") {
+            return true;
+        }
+        let bare = host.strip_prefix('[').and_then(|rest| rest.strip_suffix(']')).unwrap_or(host);
+        let ours = self.listens_at.to_canonical();
+        bare.parse::<IpAddr>().is_ok_and(|named| {
+            let named = named.to_canonical();
+            // A listener on every address cannot list them; any literal address is as safe.
+            named.is_loopback() || named == ours || ours.is_unspecified()
+        })
+    }
+}
+
+/// A browser tells where a request comes from; a program that sends no `Origin` is no browser.
+fn is_own_page(headers: &HeaderMap) -> bool {
+    match text(headers, "origin") {
+        Some(origin) => {
+            let place = origin.strip_prefix("http://").or_else(|| origin.strip_prefix("https://"));
+            let host = text(headers, "host");
+            place.zip(host).is_some_and(|(place, host)| place.eq_ignore_ascii_case(host))
+        }
+        None => {
+            !headers.contains_key("origin")
+                && text(headers, "sec-fetch-site").is_none_or(|site| site == "same-origin")
+        }
+    }
+}
+
+fn text<'a>(headers: &'a HeaderMap, name: &str) -> Option<&'a str> {
+    headers.get(name)?.to_str().ok()
+}
+
+fn without_port(host: &str) -> &str {
+    match host.rsplit_once(':') {
+        Some((name, port)) if port.bytes().all(|digit| digit.is_ascii_digit()) => name,
+        _ => host,
+    }
+}
+
+fn bearer(headers: &HeaderMap) -> Option<&str> {
+    let (scheme, given) = text(headers, "authorization")?.split_once(' ')?;
+    scheme.eq_ignore_ascii_case("bearer").then(|| given.trim())
+}
+
+fn cookies(headers: &HeaderMap) -> impl Iterator<Item = &str> {
+    let pairs = headers.get_all(header::COOKIE).into_iter().filter_map(|line| line.to_str().ok());
+    pairs
+        .flat_map(|line| line.split(';'))
+        .filter_map(|pair| pair.trim().split_once('='))
+        .filter(|(name, _)| *name == COOKIE)
+        .map(|(_, value)| value)
+}
+
+fn token_in(query: &str) -> Option<String> {
+    let given = query.split('&').find_map(|pair| pair.strip_prefix("token="))?;
+    let mut bytes = Vec::with_capacity(given.len());
+    let mut rest = given.bytes();
+    while let Some(byte) = rest.next() {
+        bytes.push(match byte {
+            b'%' => hex_digit(rest.next()?)? << 4 | hex_digit(rest.next()?)?,
+            plain => plain,
+        });
+    }
+    String::from_utf8(bytes).ok()
+}
+
+fn hex_digit(byte: u8) -> Option<u8> {
+    char::from(byte).to_digit(16).and_then(|digit| u8::try_from(digit).ok())
+}
+
+fn hexadecimal(token: &str) -> String {
+    token.bytes().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Takes as long for a first wrong character as for a last one, so that nobody can guess them one by one.
+fn same(given: &str, token: &str) -> bool {
+    let differences = given.bytes().zip(token.bytes()).fold(0, |seen, (a, b)| black_box(seen | (a ^ b)));
+    given.len() == token.len() && differences == 0
+}
+
+impl IntoResponse for Refusal {
+    fn into_response(self) -> Response {
+        match self {
+            Refusal::NoToken => (
+                StatusCode::UNAUTHORIZED,
+                [(header::WWW_AUTHENTICATE, "Bearer realm=\"isotherm\"")],
+                "This gateway wants its token: open /?token=… once in a browser, or send Authorization: Bearer.\n",
+            )
+                .into_response(),
+            Refusal::StrangeHost => (
+                StatusCode::MISDIRECTED_REQUEST,
+                "Without a token this gateway answers only to localhost or to its own address. \
+                 Use the address instead of the name, or start the gateway with a token.\n",
+            )
+                .into_response(),
+            Refusal::StrangeOrigin => (
+                StatusCode::FORBIDDEN,
+                "Commands from a browser are taken only from the gateway's own page.\n",
+            )
+                .into_response(),
+            Refusal::NotFromHere => (
+                StatusCode::FORBIDDEN,
+                "Without a token, commands are taken only from the computer the gateway runs on. \
+                 Start the gateway with a token to command it from here.\n",
+            )
+                .into_response(),
+        }
+    }
+}

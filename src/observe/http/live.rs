@@ -1,0 +1,65 @@
+//! One status a second for every open page: read and written out once, whoever listens.
+
+use std::convert::Infallible;
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::response::sse::{Event, Sse};
+use tokio::sync::watch;
+use tokio::time::MissedTickBehavior;
+use tokio_stream::wrappers::WatchStream;
+use tokio_stream::{Stream, StreamExt};
+
+use crate::observe::status::Source;
+
+const PERIOD: Duration = Duration::from_secs(1);
+/// What a browser waits before it comes back.
+const RETRY: Duration = Duration::from_secs(2);
+
+/// Hands out streams of the status.
+#[derive(Clone)]
+pub(super) struct Live {
+    source: Arc<dyn Source>,
+    latest: watch::Receiver<Arc<str>>,
+}
+
+impl Live {
+    /// Starts the ticking. It stops, and every stream ends, when the sender of `stopped` is gone.
+    pub(super) fn start(source: Arc<dyn Source>, stopped: watch::Receiver<()>) -> Live {
+        let (sender, latest) = watch::channel(Arc::from(""));
+        tokio::spawn(tick(Arc::clone(&source), sender, stopped));
+        Live { source, latest }
+    }
+
+    /// The status now, then one a second. A reader that is too slow misses some, and gets the newest.
+    pub(super) fn stream(&self) -> Sse<impl Stream<Item = Result<Event, Infallible>> + use<>> {
+        let first = event(&told(self.source.as_ref())).retry(RETRY);
+        let mut latest = self.latest.clone();
+        latest.mark_unchanged();
+        let rest = WatchStream::from_changes(latest).map(|text| event(&text));
+        Sse::new(tokio_stream::once(first).chain(rest).map(Ok))
+    }
+}
+
+async fn tick(source: Arc<dyn Source>, sender: watch::Sender<Arc<str>>, mut stopped: watch::Receiver<()>) {
+    let mut ticks = tokio::time::interval(PERIOD);
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Skip);
+    loop {
+        tokio::select! {
+            _ = ticks.tick() => {}
+            _ = stopped.changed() => return,
+        }
+        // One receiver is the one that new streams are cloned from.
+        if sender.receiver_count() > 1 {
+            sender.send_replace(told(source.as_ref()));
+        }
+    }
+}
+
+fn told(source: &dyn Source) -> Arc<str> {
+    serde_json::to_string(&source.status()).unwrap_or_default().into()
+}
+
+fn event(text: &str) -> Event {
+    Event::default().event("status").data(text)
+}

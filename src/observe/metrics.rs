@@ -1,0 +1,151 @@
+//! The state as Prometheus text, made when it is asked for: nothing is counted on the way of a reading.
+//!
+//! What is not known has no line: no NaN, no zero that only looks like a value.
+
+use metrics::{Label, counter, describe_counter, describe_gauge, gauge, with_local_recorder};
+use metrics_exporter_prometheus::PrometheusBuilder;
+
+use super::status::{AxisStatus, BusStatus, DeviceStatus, OutputStatus, SignalStatus, Status};
+use crate::compensation::{AxisState, Stages};
+
+/// The whole exposition.
+pub(super) fn exposition(status: &Status) -> String {
+    let recorder = PrometheusBuilder::new().build_recorder();
+    with_local_recorder(&recorder, || {
+        describe();
+        record(status);
+    });
+    let mut text = recorder.handle().render();
+    write_jitter(&mut text, status);
+    text
+}
+
+fn describe() {
+    describe_gauge!("isotherm_axis_cz_micrometers", "Compensation after the guard.");
+    describe_gauge!("isotherm_axis_raw_micrometers", "Compensation as the model computes it.");
+    describe_gauge!("isotherm_axis_state", "1 for the state the axis is in, 0 for the others.");
+    describe_gauge!("isotherm_axis_armed", "1 when the axis may write.");
+    describe_gauge!("isotherm_guard_acting", "1 when the stage changed the last value.");
+    describe_gauge!("isotherm_signal_value", "Last usable value, in the unit of its label.");
+    describe_gauge!("isotherm_signal_good", "1 when the signal may be used.");
+    describe_gauge!("isotherm_signal_age_seconds", "Time since the value was taken.");
+    describe_gauge!("isotherm_device_up", "1 when the device answers.");
+    describe_counter!("isotherm_device_requests_total", "Requests sent.");
+    describe_counter!("isotherm_device_failures_total", "Requests that failed, by blame.");
+    describe_gauge!("isotherm_bus_connected", "1 when there is a connection.");
+    describe_counter!("isotherm_bus_cycles_total", "Cycles run.");
+    describe_counter!("isotherm_bus_overruns_total", "Cycles that ended too late.");
+    describe_gauge!("isotherm_output_value", "Last verified value, in the unit of its label.");
+    describe_gauge!("isotherm_output_verified", "1 when the last write was read back as written.");
+    describe_counter!("isotherm_output_writes_total", "Writes that were verified.");
+    describe_counter!("isotherm_events_total", "Events, by kind.");
+    describe_gauge!("isotherm_build_info", "Always 1; the version is the label.");
+}
+
+fn record(status: &Status) {
+    let of = |more: &[(&'static str, &str)]| labels(&status.machine, more);
+    gauge!("isotherm_build_info", of(&[("version", status.version)])).set(1.0);
+    for (kind, count) in &status.event_counts {
+        counter!("isotherm_events_total", of(&[("kind", kind)])).absolute(*count);
+    }
+    status.axes.iter().for_each(|axis| record_axis(axis, &of));
+    status.signals.iter().for_each(|signal| record_signal(signal, &of));
+    status.devices.iter().for_each(|device| record_device(device, &of));
+    status.buses.iter().for_each(|bus| record_bus(bus, &of));
+    status.outputs.iter().for_each(|output| record_output(output, &of));
+}
+
+type Labels<'a> = &'a dyn Fn(&[(&'static str, &str)]) -> Vec<Label>;
+
+fn record_axis(axis: &AxisStatus, of: Labels<'_>) {
+    let named = of(&[("axis", &axis.name)]);
+    set("isotherm_axis_cz_micrometers", &named, Some(axis.cz_um));
+    set("isotherm_axis_raw_micrometers", &named, axis.raw_um);
+    set("isotherm_axis_armed", &named, Some(flag(axis.armed)));
+    for state in AxisState::NAMES {
+        let named = of(&[("axis", &axis.name), ("state", state)]);
+        set("isotherm_axis_state", &named, Some(flag(axis.state == state)));
+    }
+    for (_, stage) in Stages::ALL {
+        let named = of(&[("axis", &axis.name), ("stage", stage)]);
+        set("isotherm_guard_acting", &named, Some(flag(axis.acted.contains(&stage))));
+    }
+}
+
+fn record_signal(signal: &SignalStatus, of: Labels<'_>) {
+    let named = of(&[("signal", &signal.name)]);
+    set("isotherm_signal_value", &of(&[("signal", &signal.name), ("unit", signal.unit)]), signal.value);
+    set("isotherm_signal_good", &named, Some(flag(signal.quality == "good")));
+    set("isotherm_signal_age_seconds", &named, signal.age_s);
+}
+
+fn record_device(device: &DeviceStatus, of: Labels<'_>) {
+    let named = of(&[("device", &device.name), ("bus", &device.bus)]);
+    set("isotherm_device_up", &named, Some(flag(device.state == "ok")));
+    counter!("isotherm_device_requests_total", named).absolute(device.requests);
+    for (blame, count) in &device.failures {
+        let named = of(&[("device", &device.name), ("bus", &device.bus), ("blame", blame)]);
+        counter!("isotherm_device_failures_total", named).absolute(*count);
+    }
+}
+
+fn record_bus(bus: &BusStatus, of: Labels<'_>) {
+    let named = of(&[("bus", &bus.name)]);
+    set("isotherm_bus_connected", &named, Some(flag(bus.connected)));
+    counter!("isotherm_bus_cycles_total", named.clone()).absolute(bus.cycles);
+    counter!("isotherm_bus_overruns_total", named).absolute(bus.overruns);
+}
+
+fn record_output(output: &OutputStatus, of: Labels<'_>) {
+    let named = of(&[("output", &output.name), ("axis", &output.axis)]);
+    let unit = output.unit();
+    set("isotherm_output_verified", &named, Some(flag(output.state == "verified")));
+    counter!("isotherm_output_writes_total", named).absolute(output.writes_done);
+    let named = of(&[("output", &output.name), ("axis", &output.axis), ("unit", unit)]);
+    set("isotherm_output_value", &named, output.value);
+}
+
+fn set(name: &'static str, labels: &[Label], value: Option<f64>) {
+    if let Some(value) = value.filter(|value| value.is_finite()) {
+        gauge!(name, labels.to_vec()).set(value);
+    }
+}
+
+fn flag(is: bool) -> f64 {
+    f64::from(u8::from(is))
+}
+
+/// The exporter takes a backslash for the start of an escape and keeps a pair as one: written twice, it stays.
+fn labels(machine: &str, more: &[(&'static str, &str)]) -> Vec<Label> {
+    let label = |name, value: &str| Label::new(name, value.replace('\\', "\\\\"));
+    let machine = std::iter::once(label("machine", machine));
+    machine.chain(more.iter().map(|(name, value)| label(name, value))).collect()
+}
+
+/// By hand, because the exporter's histograms take single observations and the counts are ready. There is no
+/// `_sum`: how late each cycle was is not kept.
+fn write_jitter(text: &mut String, status: &Status) {
+    const NAME: &str = "isotherm_bus_jitter_seconds";
+    if status.buses.is_empty() {
+        return;
+    }
+    let mut lines = vec![format!("# HELP {NAME} How late cycles began."), format!("# TYPE {NAME} histogram")];
+    for bus in &status.buses {
+        let named = format!("machine=\"{}\",bus=\"{}\"", escaped(&status.machine), escaped(&bus.name));
+        let mut total = 0_u64;
+        for (bound_ms, count) in &bus.jitter_ms {
+            total = total.saturating_add(*count);
+            if bound_ms.is_finite() {
+                lines.push(format!("{NAME}_bucket{{{named},le=\"{}\"}} {total}", bound_ms / 1000.0));
+            }
+        }
+        lines.push(format!("{NAME}_bucket{{{named},le=\"+Inf\"}} {total}"));
+        lines.push(format!("{NAME}_count{{{named}}} {total}"));
+    }
+    lines.push(String::new());
+    text.push_str(&lines.join("\n"));
+}
+
+fn escaped(value: &str) -> String {
+    value.replace('\\', "\\\\").replace('"', "\\\"").replace('\n', "\\n")
+}

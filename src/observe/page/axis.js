@@ -1,0 +1,96 @@
+// One card for each axis: its value, where it stands in its limit, what the guard did, and its course.
+
+import { Chart } from "./chart.js";
+import { axisState, badge, element, say, signed, fixed } from "./words.js";
+
+const STAGES = [
+  ["limit", "more than the limit was asked for"],
+  ["deadband", "the change was too small to be made"],
+  ["step", "the change was cut to the largest step"],
+  ["rate", "the change was cut to the largest speed"],
+  ["round", "rounded to whole counts"],
+];
+
+class Card {
+  constructor(name) {
+    this.state = element("span", { className: "badge" });
+    this.value = element("span", { className: "figure" });
+    this.raw = element("dd");
+    this.model = element("dd");
+    this.armed = element("dd");
+    this.why = element("p", { className: "why" });
+    this.stages = STAGES.map(([stage, title]) => element("li", { title }, stage));
+    this.bar = new Bar();
+    this.chart = new Chart();
+    this.root = element("article", { className: "card axis" },
+      element("div", { className: "row" }, element("h2", {}, `Axis ${name}`), this.state),
+      this.why,
+      element("p", { className: "cz" }, element("abbr", { title: "compensation value" }, "Cz"), " ",
+        this.value, " ", element("span", { className: "unit" }, "µm")),
+      this.bar.root,
+      element("dl", { className: "facts" },
+        element("div", {}, element("dt", {}, "Model asks for"), this.raw),
+        element("div", { className: "wide" }, element("dt", {}, "Model in use"), this.model),
+        element("div", {}, element("dt", {}, "Writing"), this.armed)),
+      element("p", { className: "label" }, "Guard: ",
+        element("span", { className: "quiet" }, "● changed the last value, ○ let it pass")),
+      element("ol", { className: "chain", ariaLabel: "Stages of the guard" }, ...this.stages),
+      this.chart.root);
+  }
+
+  show(axis, status) {
+    const [tone, words] = axisState(axis.state);
+    badge(this.state, tone, axis.state);
+    say(this.why, axis.why ? `${words}: ${axis.why}` : words);
+    say(this.value, signed(axis.cz_um, 1));
+    say(this.raw, axis.raw_um === null ? "nothing" : `${signed(axis.raw_um, 2)} µm`);
+    say(this.model, axis.model ?? "none");
+    say(this.armed, status.dry_run ? "nothing (dry run)" : axis.armed ? "armed" : "not armed");
+    this.stages.forEach((node, index) => {
+      const acted = axis.acted.includes(STAGES[index][0]);
+      node.classList.toggle("acted", acted);
+      say(node, `${acted ? "●" : "○"} ${STAGES[index][0]}`);
+    });
+    this.bar.show(axis);
+    this.chart.add(new Date(status.now).getTime(), axis);
+  }
+}
+
+class Bar {
+  constructor() {
+    this.fill = element("div", { className: "fill" });
+    this.wish = element("div", { className: "wish", title: "what the model asks for" });
+    this.low = element("span");
+    this.high = element("span");
+    this.track = element("div", { className: "track", role: "img" },
+      this.fill, element("div", { className: "middle" }), this.wish);
+    this.root = element("div", { className: "bar" }, this.track,
+      element("div", { className: "ends", ariaHidden: "true" }, this.low, element("span", {}, "0"), this.high));
+  }
+
+  show(axis) {
+    const limit = axis.limit_um > 0 ? axis.limit_um : 1;
+    const place = (value) => 50 + 50 * Math.max(-1, Math.min(1, value / limit));
+    const end = place(axis.cz_um);
+    this.fill.style.left = `${Math.min(50, end)}%`;
+    this.fill.style.width = `${Math.abs(end - 50)}%`;
+    this.wish.hidden = axis.raw_um === null;
+    this.wish.style.left = `${place(axis.raw_um ?? 0)}%`;
+    say(this.low, `${signed(-axis.limit_um, 0)}`);
+    say(this.high, `${signed(axis.limit_um, 0)} µm`);
+    this.track.ariaLabel = `${signed(axis.cz_um, 1)} of ±${fixed(axis.limit_um, 0)} micrometres`;
+  }
+}
+
+const cards = new Map();
+
+export function showAxes(root, status) {
+  for (const axis of status.axes) {
+    if (!cards.has(axis.name)) {
+      const card = new Card(axis.name);
+      cards.set(axis.name, card);
+      root.append(card.root);
+    }
+    cards.get(axis.name).show(axis, status);
+  }
+}

@@ -1,0 +1,103 @@
+// The lists: signals, outputs, devices, buses, events. A row is made once and then only its words change.
+
+import { badge, clock, day, element, outputTone, quantity, say, signed, span } from "./words.js";
+
+const count = (number) => number.toLocaleString("en").replaceAll(",", "\u202f");
+
+class Table {
+  constructor(id) {
+    this.body = document.querySelector(`#${id} tbody`);
+    this.labels = [...document.querySelectorAll(`#${id} th`)].map((head) => head.textContent.toLowerCase());
+    this.rows = new Map();
+  }
+
+  // Each cell: { text, small, tone }. A tone makes the text a badge, small stands below it.
+  row(name, cells) {
+    if (!this.rows.has(name)) {
+      const made = cells.map((_, index) => {
+        const main = element("span");
+        const small = element("small");
+        const cell = element(index ? "td" : "th", index ? { role: "cell" } : { scope: "row", role: "rowheader" }, main, small);
+        return { cell, main, small };
+      });
+      this.rows.set(name, made);
+      this.body.append(element("tr", { role: "row" }, ...made.map(({ cell }) => cell)));
+    }
+    this.rows.get(name).forEach(({ cell, main, small }, index) => {
+      const { text, tone, small: below = "", figure = false } = cells[index];
+      cell.classList.toggle("number", figure);
+      if (figure) cell.dataset.label = this.labels[index];
+      main.classList.toggle("badge", tone !== undefined);
+      if (tone) badge(main, tone, text);
+      else say(main, text);
+      say(small, below);
+    });
+  }
+}
+
+const signals = new Table("signals");
+const outputs = new Table("outputs");
+const devices = new Table("devices");
+const buses = new Table("buses");
+
+export function showTables(status) {
+  for (const signal of status.signals) {
+    const good = signal.quality === "good";
+    signals.row(signal.name, [
+      { text: signal.name, small: signal.device },
+      { text: signal.value === null ? "–" : `${quantity(signal.value, signal.unit)} ${signal.unit}`, figure: true },
+      { text: good ? "good" : "not usable", tone: good ? "good" : "bad", small: good ? "" : signal.reason || signal.quality },
+      { text: signal.age_s === null ? "never" : span(signal.age_s), figure: true },
+    ]);
+  }
+  for (const output of status.outputs) {
+    const corrected = output.writes === "corrected";
+    const value = corrected ? `${signed(output.value, 4)} mm` : `${signed(output.value, 1)} µm`;
+    outputs.row(output.name, [
+      { text: output.name, small: `axis ${output.axis} → ${output.device}, ${output.register}` },
+      { text: output.value === null ? "–" : value, small: corrected ? "corrected position" : "offset", figure: true },
+      { text: output.state, tone: outputTone(output.state), small: `${count(output.writes_done)} writes` },
+      { text: output.age_s === null ? "never" : span(output.age_s), figure: true },
+    ]);
+  }
+  for (const device of status.devices) {
+    const failures = Object.entries(device.failures).filter(([, times]) => times > 0);
+    const tone = device.state === "ok" ? "good" : "bad";
+    devices.row(device.name, [
+      { text: device.name, small: `unit ${device.unit} on ${device.bus}` },
+      { text: device.state.replace("-", " "), tone, small: device.fault },
+      { text: count(device.requests), figure: true },
+      {
+        text: count(failures.reduce((sum, [, times]) => sum + times, 0)),
+        small: failures.map(([blame, times]) => `${blame}\u00a0${count(times)}`).join(", "),
+        figure: true,
+      },
+    ]);
+  }
+  for (const bus of status.buses) {
+    buses.row(bus.name, [
+      { text: bus.name, small: bus.address },
+      { text: bus.connected ? "connected" : "no connection", tone: bus.connected ? "good" : "bad" },
+      { text: count(bus.cycles), figure: true },
+      { text: count(bus.overruns), figure: true },
+    ]);
+  }
+}
+
+const LEVELS = { info: "off", warning: "warn", error: "bad" };
+let shown = "";
+
+export function showEvents(list, events, now) {
+  const last = events.at(-1);
+  const mark = `${events.length} ${last?.at} ${last?.text}`;
+  if (mark === shown) return;
+  shown = mark;
+  const rows = events.map((event) => {
+    const at = new Date(event.at);
+    const time = day(at) === day(now) ? clock(at) : `${day(at).slice(5)} ${clock(at)}`;
+    const level = element("span", { className: "badge" });
+    badge(level, LEVELS[event.level] ?? "off", event.level);
+    return element("li", {}, element("time", { dateTime: event.at }, time), level, element("span", { className: "text" }, event.text));
+  });
+  list.replaceChildren(...rows.reverse());
+}

@@ -1,0 +1,309 @@
+//! The gateway's door, over real sockets: what it shows, whom it lets in, and that it closes in time.
+
+#[path = "http/fake.rs"]
+mod fake;
+
+use std::net::IpAddr;
+use std::time::Duration;
+
+use isotherm::observe::status::Command;
+use tokio::time::timeout;
+
+use fake::{Door, Reply, status};
+
+const SECOND: Duration = Duration::from_secs(1);
+
+#[tokio::test]
+async fn the_page_and_its_files_come_from_the_gateway_alone() {
+    let door = Door::open(None).await;
+    let page = door.get("/").await;
+    assert_eq!(page.code, 200);
+    assert!(page.header("content-security-policy").starts_with("default-src 'self'"));
+    assert!(page.body.contains("Grinder &quot;3&quot; &lt;west&gt;"), "the name is escaped");
+    assert!(!page.body.contains("http://") && !page.body.contains("https://"));
+    assert!(!page.body.contains("style="), "the policy forbids inline style");
+    let links = page.body.split(['"']).filter(|text| text.starts_with("/page/")).collect::<Vec<_>>();
+    assert!(links.len() >= 4);
+    for link in links {
+        let file = door.get(link).await;
+        assert_eq!((file.code, file.header("x-content-type-options")), (200, "nosniff"), "{link}");
+    }
+    for module in ["words.js", "axis.js", "chart.js", "tables.js"] {
+        let file = door.get(&format!("/page/{module}")).await;
+        assert_eq!(file.header("content-type"), "text/javascript; charset=utf-8", "{module}");
+    }
+    assert_eq!(door.get("/page/../Cargo.toml").await.code, 404);
+    assert_eq!(door.get("/page/%2e%2e%2fCargo.toml").await.code, 404);
+}
+
+#[tokio::test]
+async fn the_status_is_one_json_document() {
+    let door = Door::open(None).await;
+    let reply = door.get("/api/status").await;
+    let status: serde_json::Value = serde_json::from_str(&reply.body).unwrap();
+    assert_eq!(reply.header("content-type"), "application/json");
+    assert_eq!(status["axes"][0]["cz_um"], 12.5);
+    assert_eq!(status["axes"][0]["raw_um"], serde_json::Value::Null);
+}
+
+#[tokio::test]
+async fn unknown_addresses_and_methods_are_refused_in_words() {
+    let door = Door::open(None).await;
+    let unknown = door.get("/nothing").await;
+    assert_eq!((unknown.code, unknown.body.contains("The page is at /")), (404, true));
+    let method = door.send("DELETE", "/api/status", &[], "").await;
+    assert_eq!((method.code, method.header("allow")), (405, "GET,HEAD"));
+    assert_eq!(door.get("/api/arm").await.code, 405, "a link can not arm a machine");
+    let head = door.send("HEAD", "/api/status", &[], "").await;
+    assert_eq!((head.code, head.body.as_str()), (200, ""));
+    assert_eq!(door.send("HEAD", "/api/live", &[], "").await.code, 200);
+}
+
+#[tokio::test]
+async fn a_command_reaches_the_gateway_and_its_answer_comes_back() {
+    let door = Door::open(None).await;
+    let done = door.send("POST", "/api/arm", &[], "").await;
+    assert_eq!((done.code, done.body.as_str()), (200, r#"{"done":true,"answer":"axis z armed"}"#));
+    assert_eq!(door.send("POST", "/api/disarm", &[], "").await.code, 200);
+    let refused = door.send("POST", "/api/zero", &[], "").await;
+    assert_eq!((refused.code, refused.body.as_str()), (409, r#"{"done":false,"answer":"axis z moves"}"#));
+    assert_eq!(door.commands(), [Command::Arm, Command::Disarm, Command::Zero]);
+}
+
+#[tokio::test]
+async fn a_long_body_is_refused_and_nothing_done() {
+    let door = Door::open(None).await;
+    let reply = door.send("POST", "/api/arm", &[], &"x".repeat(2000)).await;
+    assert_eq!((reply.code, door.commands().len()), (413, 0));
+}
+
+#[tokio::test]
+async fn without_a_token_a_foreign_page_can_not_command() {
+    let door = Door::open(None).await;
+    let own = format!("http://{}", door.address);
+    for (headers, code) in [
+        (vec![("Origin", own.as_str())], 200),
+        (vec![("Origin", own.as_str()), ("Sec-Fetch-Site", "same-origin")], 200),
+        (vec![("Origin", "http://evil.example")], 403),
+        (vec![("Origin", "http://127.0.0.1:1")], 403),
+        (vec![("Origin", "null")], 403),
+        (vec![("Origin", "")], 403),
+        (vec![("Sec-Fetch-Site", "cross-site")], 403),
+    ] {
+        let reply = door.send("POST", "/api/arm", &headers, "").await;
+        assert_eq!(reply.code, code, "{headers:?}: {}", reply.body);
+    }
+    assert_eq!(door.commands().len(), 2);
+}
+
+#[tokio::test]
+async fn without_a_token_only_its_own_names_are_answered() {
+    let door = Door::open(None).await;
+    let port = door.address.port();
+    for (host, code) in [
+        ("localhost".to_owned(), 200),
+        (format!("LOCALHOST:{port}"), 200),
+        ("127.0.0.1:9".to_owned(), 200),
+        (format!("[::1]:{port}"), 200),
+        (format!("evil.example:{port}"), 421),
+        ("127.0.0.1.evil.example".to_owned(), 421),
+        ("localhost.evil.example".to_owned(), 421),
+        ("192.0.2.7".to_owned(), 421),
+        (String::new(), 421),
+    ] {
+        for path in ["/api/status", "/", "/metrics"] {
+            assert_eq!(door.send("GET", path, &[("Host", &host)], "").await.code, code, "{host} {path}");
+        }
+        let same = format!("http://{host}");
+        let reply = door.send("POST", "/api/arm", &[("Host", &host), ("Origin", &same)], "").await;
+        assert_eq!(reply.code, code, "{host}");
+        assert_eq!(door.send("GET", "/healthz", &[("Host", &host)], "").await.code, 200);
+    }
+}
+
+#[tokio::test]
+async fn without_a_token_another_computer_may_look_but_not_command() {
+    let Some(elsewhere) = own_address_that_is_not_loopback() else {
+        eprintln!("this computer has no address but loopback: nothing to try");
+        return;
+    };
+    let door = Door::open_at("0.0.0.0:0", None).await.seen_from(elsewhere);
+    assert_eq!(door.get("/api/status").await.code, 200);
+    assert!(door.get("/").await.body.contains("commands are taken only at"));
+    let reply = door.send("POST", "/api/arm", &[], "").await;
+    assert_eq!((reply.code, door.commands().len()), (403, 0));
+    assert_eq!(door.send("GET", "/api/status", &[("Host", "gateway.example")], "").await.code, 421);
+}
+
+#[tokio::test]
+async fn with_a_token_everything_but_health_asks_for_it() {
+    let door = Door::open(Some("s3 cret;\"")).await;
+    for path in ["/", "/page/main.js", "/api/status", "/api/live", "/metrics", "/readyz", "/nothing"] {
+        let refused = door.get(path).await;
+        assert_eq!(
+            (refused.code, refused.header("www-authenticate")),
+            (401, "Bearer realm=\"isotherm\""),
+            "{path}"
+        );
+    }
+    assert_eq!(door.get("/healthz").await.code, 200);
+    assert_eq!(door.send("POST", "/api/arm", &[], "").await.code, 401);
+    for (given, code) in [
+        ("Bearer s3 cret;\"", 200),
+        ("bearer s3 cret;\"", 200),
+        ("Bearer s3 cret;", 401),
+        ("Bearer ", 401),
+        ("x", 401),
+    ] {
+        assert_eq!(
+            door.send("GET", "/api/status", &[("Authorization", given)], "").await.code,
+            code,
+            "{given}"
+        );
+        assert_eq!(
+            door.send("POST", "/api/arm", &[("Authorization", given)], "").await.code,
+            code,
+            "{given}"
+        );
+    }
+    let by_name = [("Authorization", "Bearer s3 cret;\""), ("Host", "gateway.example")];
+    assert_eq!(door.send("GET", "/metrics", &by_name, "").await.code, 200, "the token stands for the name");
+}
+
+#[tokio::test]
+async fn a_browser_brings_the_token_once_and_then_a_cookie() {
+    let door = Door::open(Some("s3 cret;\"")).await;
+    assert_eq!(door.get("/?token=wrong").await.code, 401);
+    assert_eq!(door.get("/?token=%").await.code, 401);
+    assert_eq!(door.get("/api/status?token=s3%20cret;%22").await.code, 401, "only the page takes it");
+    assert_eq!(door.send("POST", "/api/arm?token=s3%20cret;%22", &[], "").await.code, 401);
+    let entered = door.get("/?x=1&token=s3%20cret%3b%22").await;
+    let (cookie, attributes) = entered.header("set-cookie").split_once(';').unwrap();
+    assert_eq!((entered.code, attributes), (200, " Path=/; HttpOnly; SameSite=Strict"));
+    let with = |origin| [("Cookie", cookie), ("Origin", origin)];
+    let own = format!("http://{}", door.address);
+    assert_eq!(door.send("GET", "/api/status", &[("Cookie", &format!("a=b; {cookie}"))], "").await.code, 200);
+    assert_eq!(door.send("POST", "/api/arm", &with(&own), "").await.code, 200);
+    assert_eq!(door.send("POST", "/api/arm", &with("http://evil.example"), "").await.code, 403);
+    assert_eq!(door.send("GET", "/api/status", &[("Cookie", "isotherm_token=00")], "").await.code, 401);
+}
+
+#[tokio::test]
+async fn an_empty_token_is_refused_before_anything_is_served() {
+    let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let source = std::sync::Arc::new(fake::Fake::default());
+    let served =
+        isotherm::observe::http::serve(listener, source, Some(String::new()), std::future::pending());
+    assert_eq!(served.await.unwrap_err().kind(), std::io::ErrorKind::InvalidInput);
+}
+
+#[tokio::test]
+async fn the_live_stream_tells_the_status_every_second_and_ends_with_the_gateway() {
+    let mut door = Door::open(None).await;
+    let mut stream = door.stream("/api/live").await;
+    for _ in 0..3 {
+        let event = timeout(3 * SECOND, stream.until("\n\n")).await.unwrap();
+        let data = event.lines().find_map(|line| line.strip_prefix("data: ")).unwrap();
+        assert!(event.contains("event: status"), "{event}");
+        assert_eq!(serde_json::from_str::<serde_json::Value>(data).unwrap()["axes"][0]["name"], "z");
+    }
+    timeout(SECOND, door.shut()).await.expect("stops within a second").unwrap();
+    timeout(SECOND, stream.rest()).await.expect("and the stream is at its end");
+}
+
+#[tokio::test]
+async fn a_peer_that_never_finishes_its_request_does_not_keep_it_from_stopping() {
+    let mut door = Door::open(None).await;
+    let _silent = door.connect().await;
+    let mut half = door.connect().await;
+    half.write("POST /api/arm HTTP/1.1\r\nHost: localhost\r\nContent-Length: 5\r\n\r\nx").await;
+    tokio::time::sleep(Duration::from_millis(50)).await;
+    timeout(SECOND, door.shut()).await.expect("stops within a second").unwrap();
+}
+
+#[tokio::test]
+async fn ready_tells_what_is_missing() {
+    let door = Door::open(None).await;
+    let reply = door.get("/readyz").await;
+    let missing: Vec<String> = serde_json::from_str(&reply.body).unwrap();
+    assert_eq!(reply.code, 503);
+    assert_eq!(
+        missing,
+        [
+            "not every device has answered and every axis decided since the start",
+            "device rtd: lost: no answer in time",
+            "axis z: holding: t1: stale",
+        ]
+    );
+    door.change(|status| {
+        status.ready = true;
+        status.devices[0].state = "ok";
+        status.axes[0].state = "degraded";
+    });
+    let reply = door.get("/readyz").await;
+    assert_eq!((reply.code, reply.body.as_str()), (200, "[]"));
+    assert_eq!(door.get("/healthz").await.body, "ok");
+}
+
+#[tokio::test]
+async fn metrics_are_valid_and_leave_out_what_is_not_known() {
+    let door = Door::open(None).await;
+    let reply = door.get("/metrics").await;
+    assert_eq!(reply.header("content-type"), "text/plain; version=0.0.4; charset=utf-8");
+    let samples = fake::exposition(&reply.body);
+    let machine = r#"machine="Grinder \"3\" <west>\n\\x""#;
+    let expect = |name: &str, labels: &str, value: &str| {
+        let wanted = format!("{name}{{{machine}{labels}}}");
+        let found = samples.get(&wanted).unwrap_or_else(|| panic!("{wanted} in\n{}", reply.body));
+        assert_eq!(found, value, "{wanted}");
+    };
+    expect("isotherm_build_info", r#",version="1.2.3""#, "1");
+    expect("isotherm_axis_cz_micrometers", r#",axis="z""#, "12.5");
+    expect("isotherm_axis_state", r#",axis="z",state="holding""#, "1");
+    expect("isotherm_axis_state", r#",axis="z",state="active""#, "0");
+    expect("isotherm_axis_armed", r#",axis="z""#, "1");
+    expect("isotherm_guard_acting", r#",axis="z",stage="limit""#, "1");
+    expect("isotherm_guard_acting", r#",axis="z",stage="round""#, "0");
+    expect("isotherm_signal_value", r#",signal="t2",unit="°C""#, "21.25");
+    expect("isotherm_signal_good", r#",signal="t1""#, "0");
+    expect("isotherm_signal_age_seconds", r#",signal="t2""#, "0.5");
+    expect("isotherm_device_up", r#",device="rtd",bus="cell""#, "0");
+    expect("isotherm_device_requests_total", r#",device="rtd",bus="cell""#, "40");
+    expect("isotherm_device_failures_total", r#",device="rtd",bus="cell",blame="timeout""#, "7");
+    expect("isotherm_bus_connected", r#",bus="cell""#, "1");
+    expect("isotherm_bus_cycles_total", r#",bus="cell""#, "31");
+    expect("isotherm_bus_overruns_total", r#",bus="cell""#, "2");
+    expect("isotherm_bus_jitter_seconds_bucket", r#",bus="cell",le="0.001""#, "20");
+    expect("isotherm_bus_jitter_seconds_bucket", r#",bus="cell",le="0.005""#, "30");
+    expect("isotherm_bus_jitter_seconds_bucket", r#",bus="cell",le="+Inf""#, "31");
+    expect("isotherm_bus_jitter_seconds_count", r#",bus="cell""#, "31");
+    expect("isotherm_output_value", r#",output="z_offset",axis="z",unit="µm""#, "12.5");
+    expect("isotherm_output_verified", r#",output="z_offset",axis="z""#, "1");
+    expect("isotherm_output_writes_total", r#",output="z_offset",axis="z""#, "9");
+    expect("isotherm_events_total", r#",kind="signal-bad""#, "4");
+    assert!(!reply.body.contains("isotherm_axis_raw_micrometers"), "the model gives nothing");
+    assert!(!reply.body.contains(r#"isotherm_signal_value{machine="Grinder \"3\" <west>\n\\x",signal="t1""#));
+    assert!(!reply.body.contains("NaN"));
+}
+
+#[tokio::test]
+async fn many_readers_at_once_are_all_answered() {
+    let door = Door::open(None).await;
+    let mut streams = Vec::new();
+    for _ in 0..20 {
+        streams.push(door.stream("/api/live").await);
+    }
+    for stream in &mut streams {
+        let first = timeout(3 * SECOND, stream.until("\n\n")).await.unwrap();
+        assert!(first.contains("event: status"));
+    }
+    let Reply { code, body, .. } = door.get("/api/status").await;
+    assert_eq!((code, body), (200, serde_json::to_string(&status()).unwrap()));
+}
+
+fn own_address_that_is_not_loopback() -> Option<IpAddr> {
+    // Connecting a datagram socket sends nothing; it only chooses the address it would send from.
+    let probe = std::net::UdpSocket::bind("0.0.0.0:0").ok()?;
+    probe.connect("192.0.2.1:9").ok()?;
+    Some(probe.local_addr().ok()?.ip()).filter(|ip| !ip.is_loopback() && !ip.is_unspecified())
+}

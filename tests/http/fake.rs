@@ -1,0 +1,294 @@
+//! A gateway that is not there, behind the real door, and a client that speaks HTTP/1.1 by hand.
+
+use std::collections::BTreeMap;
+use std::io;
+use std::net::{IpAddr, SocketAddr};
+use std::sync::{Arc, Mutex};
+
+use isotherm::observe::events::{Entry, Level};
+use isotherm::observe::http::serve;
+use isotherm::observe::status::{
+    AxisStatus, BusStatus, Command, DeviceStatus, OutputStatus, SignalStatus, Source, Status,
+};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::oneshot;
+use tokio::task::JoinHandle;
+
+pub(crate) struct Fake {
+    status: Mutex<Status>,
+    commands: Mutex<Vec<Command>>,
+}
+
+impl Default for Fake {
+    fn default() -> Fake {
+        Fake { status: Mutex::new(status()), commands: Mutex::default() }
+    }
+}
+
+impl Source for Fake {
+    fn status(&self) -> Status {
+        self.status.lock().unwrap().clone()
+    }
+
+    fn command(&self, command: Command) -> Result<String, String> {
+        self.commands.lock().unwrap().push(command);
+        match command {
+            Command::Arm => Ok("axis z armed".into()),
+            Command::Disarm => Ok("axis z is off".into()),
+            Command::Zero => Err("axis z moves".into()),
+        }
+    }
+}
+
+/// A machine with trouble, and with a name that wants escaping everywhere.
+pub(crate) fn status() -> Status {
+    let signal = |name: &str, value, quality, reason: &str, age_s| SignalStatus {
+        name: name.into(),
+        device: "rtd".into(),
+        value,
+        unit: "°C",
+        quality,
+        reason: reason.into(),
+        age_s,
+    };
+    Status {
+        machine: "Grinder \"3\" <west>\n\\x".into(),
+        description: String::new(),
+        version: "1.2.3",
+        now: "2026-07-02T12:00:00Z".into(),
+        uptime_s: 61.0,
+        machine_on_s: None,
+        dry_run: false,
+        ready: false,
+        axes: vec![AxisStatus {
+            name: "z".into(),
+            state: "holding",
+            why: "t1: stale".into(),
+            model: None,
+            raw_um: None,
+            cz_um: 12.5,
+            acted: vec!["limit"],
+            limit_um: 60.0,
+            armed: true,
+        }],
+        signals: vec![
+            signal("t1", None, "stale", "stale", None),
+            signal("t2", Some(21.25), "good", "", Some(0.5)),
+            signal("t3", Some(f64::NAN), "not-a-number", "not a number", Some(f64::INFINITY)),
+        ],
+        buses: vec![BusStatus {
+            name: "cell".into(),
+            address: "192.0.2.9:502".into(),
+            connected: true,
+            cycles: 31,
+            overruns: 2,
+            jitter_ms: vec![(1.0, 20), (5.0, 10), (f64::INFINITY, 1)],
+        }],
+        devices: vec![DeviceStatus {
+            name: "rtd".into(),
+            bus: "cell".into(),
+            unit: 1,
+            state: "lost",
+            fault: "no answer in time".into(),
+            requests: 40,
+            failures: BTreeMap::from([("timeout", 7)]),
+        }],
+        outputs: vec![OutputStatus {
+            name: "z_offset".into(),
+            axis: "z".into(),
+            device: "cnc".into(),
+            register: "40101 (holding 100)".into(),
+            writes: "offset",
+            state: "verified",
+            value: Some(12.5),
+            writes_done: 9,
+            age_s: Some(2.0),
+        }],
+        events: vec![Entry {
+            at: "2026-07-02T11:59:00Z".into(),
+            kind: "signal-bad",
+            level: Level::Warning,
+            text: "signal t1: stale".into(),
+        }],
+        event_counts: BTreeMap::from([("signal-bad", 4)]),
+    }
+}
+
+/// The door, open on a free port.
+pub(crate) struct Door {
+    pub(crate) address: SocketAddr,
+    fake: Arc<Fake>,
+    stop: Option<oneshot::Sender<()>>,
+    serving: JoinHandle<io::Result<()>>,
+}
+
+impl Door {
+    pub(crate) async fn open(token: Option<&str>) -> Door {
+        Door::open_at("127.0.0.1:0", token).await
+    }
+
+    pub(crate) async fn open_at(address: &str, token: Option<&str>) -> Door {
+        let listener = TcpListener::bind(address).await.unwrap();
+        let address = listener.local_addr().unwrap();
+        let fake = Arc::new(Fake::default());
+        let (stop, stopped) = oneshot::channel::<()>();
+        let shutdown = async { drop(stopped.await) };
+        let source = Arc::clone(&fake) as Arc<dyn Source>;
+        let serving = tokio::spawn(serve(listener, source, token.map(str::to_owned), shutdown));
+        Door { address, fake, stop: Some(stop), serving }
+    }
+
+    pub(crate) fn seen_from(mut self, address: IpAddr) -> Door {
+        self.address.set_ip(address);
+        self
+    }
+
+    pub(crate) fn commands(&self) -> Vec<Command> {
+        self.fake.commands.lock().unwrap().clone()
+    }
+
+    pub(crate) fn change(&self, change: impl FnOnce(&mut Status)) {
+        change(&mut self.fake.status.lock().unwrap());
+    }
+
+    pub(crate) async fn shut(&mut self) -> io::Result<()> {
+        drop(self.stop.take());
+        (&mut self.serving).await.unwrap()
+    }
+
+    pub(crate) async fn connect(&self) -> Line {
+        Line { socket: TcpStream::connect(self.address).await.unwrap(), unread: String::new() }
+    }
+
+    pub(crate) async fn get(&self, path: &str) -> Reply {
+        self.send("GET", path, &[], "").await
+    }
+
+    pub(crate) async fn send(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &str) -> Reply {
+        let mut line = self.connect().await;
+        line.write(&self.request(method, path, headers, body)).await;
+        Reply::parse(&line.rest().await)
+    }
+
+    /// A stream, read up to the end of its headers.
+    pub(crate) async fn stream(&self, path: &str) -> Line {
+        let mut line = self.connect().await;
+        line.write(&self.request("GET", path, &[], "")).await;
+        let head = line.until("\r\n\r\n").await;
+        assert!(head.contains("text/event-stream"), "{head}");
+        line
+    }
+
+    fn request(&self, method: &str, path: &str, headers: &[(&str, &str)], body: &str) -> String {
+        let mut text = format!("{method} {path} HTTP/1.1\r\nConnection: close\r\n");
+        if !headers.iter().any(|(name, _)| *name == "Host") {
+            text += &format!("Host: {}\r\n", self.address);
+        }
+        for (name, value) in headers {
+            text += &format!("{name}: {value}\r\n");
+        }
+        text + &format!("Content-Length: {}\r\n\r\n{body}", body.len())
+    }
+}
+
+/// A connection.
+pub(crate) struct Line {
+    socket: TcpStream,
+    unread: String,
+}
+
+impl Line {
+    pub(crate) async fn write(&mut self, text: &str) {
+        self.socket.write_all(text.as_bytes()).await.unwrap();
+    }
+
+    pub(crate) async fn until(&mut self, mark: &str) -> String {
+        loop {
+            if let Some((before, after)) = self.unread.split_once(mark) {
+                let (before, after) = (before.to_owned(), after.to_owned());
+                self.unread = after;
+                return before;
+            }
+            let mut bytes = [0; 8192];
+            let count = self.socket.read(&mut bytes).await.unwrap();
+            assert_ne!(count, 0, "ended before {mark:?}: {}", self.unread);
+            self.unread += &String::from_utf8_lossy(&bytes[..count]);
+        }
+    }
+
+    /// Everything up to the end; a connection that is reset has ended too.
+    pub(crate) async fn rest(&mut self) -> String {
+        let mut bytes = Vec::new();
+        let _reset = self.socket.read_to_end(&mut bytes).await;
+        std::mem::take(&mut self.unread) + &String::from_utf8_lossy(&bytes)
+    }
+}
+
+pub(crate) struct Reply {
+    pub(crate) code: u16,
+    head: String,
+    pub(crate) body: String,
+}
+
+impl Reply {
+    fn parse(text: &str) -> Reply {
+        let (head, body) = text.split_once("\r\n\r\n").unwrap_or_else(|| panic!("no answer: {text:?}"));
+        let code = head.split(' ').nth(1).unwrap().parse().unwrap();
+        Reply { code, head: head.to_owned(), body: body.to_owned() }
+    }
+
+    pub(crate) fn header(&self, name: &str) -> &str {
+        let pairs = self.head.lines().skip(1).filter_map(|line| line.split_once(": "));
+        pairs.clone().find(|(known, _)| known.eq_ignore_ascii_case(name)).map_or("", |(_, value)| value)
+    }
+}
+
+/// Reads Prometheus text strictly: every sample after the HELP and TYPE of its family, each family in one piece,
+/// no sample twice, every label value closed and escaped. Gives the samples by name and labels.
+pub(crate) fn exposition(text: &str) -> BTreeMap<String, String> {
+    assert!(text.ends_with('\n'));
+    let mut samples = BTreeMap::new();
+    let mut families = Vec::<String>::new();
+    let mut helped = String::new();
+    for line in text.lines().filter(|line| !line.is_empty()) {
+        if let Some(help) = line.strip_prefix("# HELP ") {
+            helped = help.split(' ').next().unwrap().to_owned();
+        } else if let Some(kind) = line.strip_prefix("# TYPE ") {
+            let (name, kind) = kind.split_once(' ').unwrap();
+            assert_eq!(name, helped, "HELP and TYPE stand together");
+            assert!(["gauge", "counter", "histogram"].contains(&kind), "{line}");
+            assert!(!families.contains(&helped), "{name} stands twice");
+            families.push(helped.clone());
+        } else {
+            let (series, value) = line.rsplit_once(' ').unwrap();
+            let (name, labels) = series.split_once('{').unwrap();
+            let family = families.last().unwrap();
+            let of_histogram = ["_bucket", "_count"].map(|suffix| format!("{family}{suffix}"));
+            assert!(name == family || of_histogram.iter().any(|known| known == name), "{line} in {family}");
+            assert!(name.bytes().all(|byte| byte.is_ascii_lowercase() || byte == b'_'), "{line}");
+            check_labels(labels.strip_suffix('}').unwrap());
+            value.parse::<f64>().unwrap();
+            assert_eq!(samples.insert(series.to_owned(), value.to_owned()), None, "{line} stands twice");
+        }
+    }
+    samples
+}
+
+fn check_labels(labels: &str) {
+    let mut rest = labels;
+    while !rest.is_empty() {
+        let (name, value) = rest.split_once("=\"").unwrap();
+        assert!(name.bytes().all(|byte| byte.is_ascii_lowercase()), "{labels}");
+        let mut letters = value.char_indices();
+        let end = loop {
+            match letters.next().unwrap() {
+                (_, '\\') => assert!(matches!(letters.next(), Some((_, '\\' | '"' | 'n'))), "{labels}"),
+                (place, '"') => break place,
+                _ => {}
+            }
+        };
+        rest = &value[end + 1..];
+        rest = if rest.is_empty() { rest } else { rest.strip_prefix(',').unwrap() };
+    }
+}
