@@ -212,6 +212,21 @@ async fn the_live_stream_tells_the_status_every_second_and_ends_with_the_gateway
 }
 
 #[tokio::test]
+async fn one_status_a_second_serves_every_reader_and_none_is_made_for_nobody() {
+    let door = Door::open(None).await;
+    assert_eq!(door.get("/healthz").await.code, 200);
+    tokio::time::sleep(SECOND + SECOND / 2).await;
+    assert_eq!(door.asked(), 0, "nobody listens");
+    let mut streams = Vec::new();
+    for _ in 0..10 {
+        streams.push(door.stream("/api/live").await);
+    }
+    tokio::time::sleep(2 * SECOND).await;
+    assert!((12..=13).contains(&door.asked()), "one for each at once, then one a second: {}", door.asked());
+    drop(streams);
+}
+
+#[tokio::test]
 async fn a_peer_that_never_finishes_its_request_does_not_keep_it_from_stopping() {
     let mut door = Door::open(None).await;
     let _silent = door.connect().await;

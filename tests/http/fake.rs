@@ -1,8 +1,11 @@
 //! A gateway that is not there, behind the real door, and a client that speaks HTTP/1.1 by hand.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a helper of tests")]
+
 use std::collections::BTreeMap;
 use std::io;
 use std::net::{IpAddr, SocketAddr};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
 use isotherm::observe::events::{Entry, Level};
@@ -18,16 +21,18 @@ use tokio::task::JoinHandle;
 pub(crate) struct Fake {
     status: Mutex<Status>,
     commands: Mutex<Vec<Command>>,
+    asked: AtomicUsize,
 }
 
 impl Default for Fake {
     fn default() -> Fake {
-        Fake { status: Mutex::new(status()), commands: Mutex::default() }
+        Fake { status: Mutex::new(status()), commands: Mutex::default(), asked: AtomicUsize::new(0) }
     }
 }
 
 impl Source for Fake {
     fn status(&self) -> Status {
+        self.asked.fetch_add(1, Ordering::Relaxed);
         self.status.lock().unwrap().clone()
     }
 
@@ -146,6 +151,10 @@ impl Door {
 
     pub(crate) fn commands(&self) -> Vec<Command> {
         self.fake.commands.lock().unwrap().clone()
+    }
+
+    pub(crate) fn asked(&self) -> usize {
+        self.fake.asked.load(Ordering::Relaxed)
     }
 
     pub(crate) fn change(&self, change: impl FnOnce(&mut Status)) {

@@ -20,7 +20,8 @@ const RETRY: Duration = Duration::from_secs(2);
 #[derive(Clone)]
 pub(super) struct Live {
     source: Arc<dyn Source>,
-    latest: watch::Receiver<Arc<str>>,
+    /// Shared, so that beside it there are as many receivers as streams.
+    latest: Arc<watch::Receiver<Arc<str>>>,
 }
 
 impl Live {
@@ -28,13 +29,13 @@ impl Live {
     pub(super) fn start(source: Arc<dyn Source>, stopped: watch::Receiver<()>) -> Live {
         let (sender, latest) = watch::channel(Arc::from(""));
         tokio::spawn(tick(Arc::clone(&source), sender, stopped));
-        Live { source, latest }
+        Live { source, latest: Arc::new(latest) }
     }
 
     /// The status now, then one a second. A reader that is too slow misses some, and gets the newest.
     pub(super) fn stream(&self) -> Sse<impl Stream<Item = Result<Event, Infallible>> + use<>> {
         let first = event(&told(self.source.as_ref())).retry(RETRY);
-        let mut latest = self.latest.clone();
+        let mut latest = self.latest.as_ref().clone();
         latest.mark_unchanged();
         let rest = WatchStream::from_changes(latest).map(|text| event(&text));
         Sse::new(tokio_stream::once(first).chain(rest).map(Ok))
@@ -49,7 +50,6 @@ async fn tick(source: Arc<dyn Source>, sender: watch::Sender<Arc<str>>, mut stop
             _ = ticks.tick() => {}
             _ = stopped.changed() => return,
         }
-        // One receiver is the one that new streams are cloned from.
         if sender.receiver_count() > 1 {
             sender.send_replace(told(source.as_ref()));
         }

@@ -6,14 +6,18 @@ import { SIGNS, clock, day, overall, say, span } from "./words.js";
 
 const SILENT_AFTER_MS = 3500;
 const RETRY_MS = 2000;
+// An attempt on a dead path may hang for minutes; another one may find a way that has come back.
+const GIVE_UP_MS = 10000;
 const LOST_TITLE = "no connection · ";
 
 const by = (id) => document.getElementById(id);
 const buttons = [...document.querySelectorAll(".buttons button")];
 const mayCommand = document.querySelector(".buttons").dataset.may === "true";
 const title = document.title;
+const opened = new Date();
 
 let stream = null;
+let tried = 0;
 let lastHeard = null;
 let lost = false;
 
@@ -55,10 +59,9 @@ function setLost(now) {
     (lastHeard ? "The figures below are old." : "There are no figures yet."));
 }
 
-const opened = new Date();
-
 function connect() {
   stream?.close();
+  tried = Date.now();
   stream = new EventSource("/api/live");
   stream.addEventListener("status", heard);
   // A browser gives up by itself after some kinds of failure; coming back is decided here.
@@ -72,8 +75,11 @@ function connect() {
 // A broken network path closes nothing: silence counts as lost too.
 function listenForSilence() {
   const since = lastHeard ?? opened;
-  if (!lost && Date.now() - since.getTime() > SILENT_AFTER_MS) {
+  const silent = Date.now() - since.getTime() > SILENT_AFTER_MS;
+  if (!lost && silent) {
     setLost(true);
+    connect();
+  } else if (lost && Date.now() - tried > GIVE_UP_MS) {
     connect();
   }
 }
