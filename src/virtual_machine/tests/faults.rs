@@ -146,3 +146,15 @@ async fn an_operator_writes_and_a_control_forgets() {
     assert_eq!(control.read(CNC, 3, 105, 1).await, [55]);
     assert_eq!(control.read(CNC, 3, 105, 1).await, [0]);
 }
+
+#[tokio::test]
+async fn two_devices_of_one_unit_are_one_piece_of_hardware_with_the_same_faults() {
+    let mut profile = profile();
+    profile.devices[1].unit = THERMOCOUPLES;
+    let faults = FaultScript::parse(&fault("counter", "silent", "for = 1"), &profile).unwrap();
+    let run = super::support::start_with(&profile, Setup { faults, ..Setup::default() }).await;
+    let mut cell = run.cell().await;
+    assert_eq!(cell.request(THERMOCOUPLES, &READ_BED).await, Answer::Silence);
+    assert_eq!(cell.read(THERMOCOUPLES, 4, 0, 1).await.len(), 1);
+    assert_eq!(cell.read(THERMOCOUPLES, 3, 84, 2).await.len(), 2);
+}
