@@ -127,7 +127,8 @@ struct Gate {
 
 impl VirtualMachine {
     /// Binds the listeners and starts the tasks on the current runtime. Start it before whatever shall talk to it: its
-    /// hold on the clock is taken first, so that at equal moments the plant moves first.
+    /// hold on the clock is taken first, so that at equal moments the plant moves first. Keep a virtual clock on
+    /// [`Clock::hold`] until everybody has joined: alone, the plant would run ahead.
     ///
     /// # Errors
     /// An address cannot be listened at.

@@ -148,6 +148,13 @@ impl Faults {
         Faults { begin, running }
     }
 
+    /// Calls devices that are one piece of hardware by one name.
+    pub(super) fn rename(&mut self, name: impl Fn(DeviceId) -> DeviceId) {
+        for running in &mut self.running {
+            running.fault.device = name(running.fault.device);
+        }
+    }
+
     /// Takes note of the time and of how many requests each device has had; gives the one-time faults that are due.
     pub(super) fn advance(&mut self, now: Moment, requests: impl Fn(DeviceId) -> u64) -> Vec<Incident> {
         let mut incidents = Vec::new();

@@ -58,11 +58,12 @@ impl Hardware {
         profile: &Profile,
         plant: Option<Plant>,
         seed: u64,
-        faults: Faults,
+        mut faults: Faults,
         begin: Moment,
         observe: impl FnOnce(&[String]) -> Observer,
     ) -> Hardware {
         let (units, unit_of) = units(profile);
+        faults.rename(|device| units[unit_of[device.0]].device);
         let known = |axis: &str| plant.as_ref().is_some_and(|plant| plant.true_error_um(axis).is_some());
         let names = profile.axes.iter().map(|axis| axis.settings.name.clone()).enumerate();
         let axes: Vec<_> =

@@ -1,1 +1,9 @@
+use super::*;
 
+mod client;
+mod faults;
+mod machine;
+pub(super) mod support;
+
+use client::Client;
+use support::{CNC, THERMOCOUPLES, profile, start};

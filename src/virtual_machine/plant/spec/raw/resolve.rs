@@ -1,0 +1,247 @@
+//! From the plant file's names and numbers to a checked [`PlantSpec`], or to every complaint at once.
+
+use std::collections::BTreeMap;
+
+use super::super::{
+    AmbientSpec, Displacement, DutySpec, Link, Node, PlantSpec, Point, Position, SensorSpec, Source, Switch,
+    Varied, When,
+};
+use super::{
+    AmbientFile, BendingFile, ExpansionFile, LinkFile, NodeFile, PlantFile, PositionFile, SensorFile,
+    SourceFile, WhenFile,
+};
+use crate::virtual_machine::plant::STEP;
+
+/// What a link, a sensor or a displacement calls the air.
+const AMBIENT: &str = "ambient";
+
+/// The names of the nodes, and every complaint so far.
+struct Check {
+    names: Vec<String>,
+    errors: Vec<String>,
+}
+
+impl Check {
+    fn demand(&mut self, holds: bool, complaint: impl FnOnce() -> String) {
+        if !holds {
+            self.errors.push(complaint());
+        }
+    }
+
+    /// The point of this name; a wrong one is noted and taken for the air.
+    fn point(&mut self, place: &str, name: &str) -> Point {
+        if name == AMBIENT {
+            return Point::Ambient;
+        }
+        if let Some(index) = self.names.iter().position(|known| known == name) {
+            return Point::Node(index);
+        }
+        let known = self.names.join(", ");
+        self.errors.push(format!("{place}: there is no node `{name}`; allowed: {known}, {AMBIENT}"));
+        Point::Ambient
+    }
+
+    /// As [`Check::point`], for places where the air will not do.
+    fn node(&mut self, place: &str, name: &str) -> usize {
+        match self.point(place, name) {
+            Point::Node(index) => index,
+            Point::Ambient => {
+                self.demand(name != AMBIENT, || {
+                    format!("{place}: `{AMBIENT}` has no heat capacity; name a node")
+                });
+                0
+            }
+        }
+    }
+}
+
+impl PlantFile {
+    pub(in super::super) fn resolve(self) -> Result<PlantSpec, Vec<String>> {
+        let names = self.node.keys().cloned().collect();
+        let mut check = Check { names, errors: Vec::new() };
+        let nodes: Vec<Node> =
+            self.node.into_iter().map(|(name, file)| file.resolve(name, &mut check)).collect();
+        let links: Vec<Link> = self.link.iter().map(|file| file.resolve(&mut check)).collect();
+        stable(&nodes, &links, &mut check);
+        let sources = self.source.into_iter().map(|(name, file)| file.resolve(name, &mut check)).collect();
+        let sensors = self.sensor.into_iter().map(|(name, file)| file.resolve(name, &mut check)).collect();
+        let positions =
+            self.position.into_iter().map(|(name, file)| file.resolve(name, &mut check)).collect();
+        let switches = self
+            .switch
+            .into_iter()
+            .map(|(signal, file)| Switch { signal, when: file.when.resolve() })
+            .collect();
+        let axes = displacements(&self.expansion, &self.bending, &mut check);
+        let ambient = self.ambient.resolve(&mut check);
+        check.demand(!self.duty.work.shortest.is_zero(), || "duty.work: must be longer than 0s".to_owned());
+        if !check.errors.is_empty() {
+            return Err(check.errors);
+        }
+        Ok(PlantSpec {
+            start: self.start,
+            soak: self.soak,
+            ambient,
+            duty: DutySpec { on_after: self.duty.on_after, work: self.duty.work, pause: self.duty.pause },
+            nodes,
+            links,
+            sources,
+            sensors,
+            positions,
+            switches,
+            axes,
+        })
+    }
+}
+
+impl AmbientFile {
+    fn resolve(self, check: &mut Check) -> AmbientSpec {
+        let varies = self.varies;
+        let all = [self.mean, self.amplitude, self.peak_hour, self.drift_per_day, self.weather];
+        let spread = [varies.mean, varies.amplitude, varies.peak_hour, varies.drift_per_day];
+        check.demand(all.iter().all(|value| value.is_finite()), || {
+            "ambient: every value must be a finite number".to_owned()
+        });
+        check.demand(spread.iter().all(|value| value.is_finite() && *value >= 0.0), || {
+            "ambient.varies: every value must be 0 or more".to_owned()
+        });
+        let varied = |nominal, varies| Varied { nominal, varies };
+        AmbientSpec {
+            mean: varied(self.mean, varies.mean),
+            amplitude: varied(self.amplitude, varies.amplitude),
+            peak_hour: varied(self.peak_hour, varies.peak_hour),
+            drift_per_day: varied(self.drift_per_day, varies.drift_per_day),
+            weather: self.weather,
+        }
+    }
+}
+
+impl NodeFile {
+    fn resolve(self, name: String, check: &mut Check) -> Node {
+        check.demand(name != AMBIENT, || format!("node.{AMBIENT}: this name belongs to the air"));
+        check.demand(self.capacity.is_finite() && self.capacity > 0.0, || {
+            format!("node.{name}.capacity: {} J/K; must be more than 0", self.capacity)
+        });
+        check.demand(self.initial.is_finite(), || format!("node.{name}.initial: must be a finite number"));
+        Node { name, capacity: self.capacity, initial: self.initial }
+    }
+}
+
+impl LinkFile {
+    fn resolve(&self, check: &mut Check) -> Link {
+        let [first, second] = &self.between;
+        let place = format!("link between {first} and {second}");
+        check.demand(first != second, || format!("{place}: a node is not linked to itself"));
+        check.demand(self.conductance.is_finite() && self.conductance > 0.0, || {
+            format!("{place}: conductance {} W/K; must be more than 0", self.conductance)
+        });
+        let (node, other) = if first == AMBIENT { (second, first) } else { (first, second) };
+        Link {
+            node: check.node(&place, node),
+            other: check.point(&place, other),
+            conductance: self.conductance,
+        }
+    }
+}
+
+impl SourceFile {
+    fn resolve(self, name: String, check: &mut Check) -> Source {
+        let place = format!("source.{name}");
+        check.demand(self.watts.is_finite(), || format!("{place}.watts: must be a finite number"));
+        check.demand((0.0..1.0).contains(&self.varies), || format!("{place}.varies: must lie in 0 to 1"));
+        let node = check.node(&place, &self.node);
+        Source { name, node, watts: self.watts, varies: self.varies, when: self.when.resolve() }
+    }
+}
+
+impl WhenFile {
+    fn resolve(self) -> When {
+        match self {
+            WhenFile::Always => When::Always,
+            WhenFile::On => When::On,
+            WhenFile::Work => When::Work,
+        }
+    }
+}
+
+impl SensorFile {
+    fn resolve(self, signal: String, check: &mut Check) -> SensorSpec {
+        let place = format!("sensor.{signal}");
+        check.demand(self.noise.is_finite() && self.noise >= 0.0, || {
+            format!("{place}.noise: must be 0 or more")
+        });
+        check.demand(self.resolution.is_finite() && self.resolution >= 0.0, || {
+            format!("{place}.resolution: must be 0 or more")
+        });
+        let first = check.point(&place, &self.node);
+        let mut feels = vec![(first, 1.0)];
+        if let Some(blend) = self.blend {
+            check.demand((0.0..=1.0).contains(&blend.share), || {
+                format!("{place}.blend.share: must lie in 0 to 1")
+            });
+            feels = vec![(first, 1.0 - blend.share), (check.point(&place, &blend.node), blend.share)];
+        }
+        SensorSpec {
+            signal,
+            feels,
+            lag: self.lag.as_secs_f64(),
+            resolution: self.resolution,
+            noise: self.noise,
+        }
+    }
+}
+
+impl PositionFile {
+    fn resolve(self, signal: String, check: &mut Check) -> Position {
+        let place = format!("position.{signal}");
+        check.demand(self.middle.is_finite() && self.stroke.is_finite(), || {
+            format!("{place}: middle and stroke must be finite numbers")
+        });
+        check.demand(!self.period.is_zero(), || format!("{place}.period: must be longer than 0s"));
+        Position { signal, middle: self.middle, stroke: self.stroke, period: self.period.as_secs_f64() }
+    }
+}
+
+/// The network is stepped explicitly: a step must be short against every node's own time constant.
+fn stable(nodes: &[Node], links: &[Link], check: &mut Check) {
+    for (index, node) in nodes.iter().enumerate() {
+        let total: f64 = links
+            .iter()
+            .filter(|link| link.node == index || link.other == Point::Node(index))
+            .map(|link| link.conductance)
+            .sum();
+        check.demand(total * STEP.as_secs_f64() < 0.1 * node.capacity, || {
+            format!("node.{}: {total} W/K is too much for {} J/K", node.name, node.capacity)
+        });
+    }
+}
+
+fn displacements(
+    expansions: &[ExpansionFile],
+    bendings: &[BendingFile],
+    check: &mut Check,
+) -> Vec<Displacement> {
+    let mut axes: BTreeMap<&str, Vec<(Point, f64)>> = BTreeMap::new();
+    for file in expansions {
+        let place = format!("expansion of axis {} by {}", file.axis, file.node);
+        check.demand((file.sign.abs() - 1.0).abs() < f64::EPSILON, || {
+            format!("{place}: sign {} must be 1 or -1", file.sign)
+        });
+        check.demand(file.coefficient.is_finite() && file.length_mm.is_finite(), || {
+            format!("{place}: coefficient and length_mm must be finite numbers")
+        });
+        let gain = file.sign * file.coefficient * file.length_mm * 1000.0;
+        let point = check.point(&place, &file.node);
+        axes.entry(&file.axis).or_default().push((point, gain));
+    }
+    for file in bendings {
+        let place = format!("bending of axis {} by {} and {}", file.axis, file.warm, file.cold);
+        check.demand(file.um_per_kelvin.is_finite(), || {
+            format!("{place}: um_per_kelvin must be a finite number")
+        });
+        let (warm, cold) = (check.point(&place, &file.warm), check.point(&place, &file.cold));
+        let gains = axes.entry(&file.axis).or_default();
+        gains.extend([(warm, file.um_per_kelvin), (cold, -file.um_per_kelvin)]);
+    }
+    axes.into_iter().map(|(axis, gains)| Displacement { axis: axis.to_owned(), gains }).collect()
+}

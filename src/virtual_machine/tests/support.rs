@@ -1,0 +1,177 @@
+//! A small machine by hand: thermocouples, counter and readout on one line, a control on another.
+
+use super::*;
+use crate::clock::Sleeper;
+use crate::codec::{Address, DataType, Encoding, WordOrder};
+use crate::compensation::settings::{AxisSettings, GuardSettings, MachineSettings, OnFault};
+use crate::profile::{
+    Arm, Axis, AxisId, Bus, Device, Functions, Heartbeat, History, Output, Quirks, Signal, Unit, Verify,
+    Writes,
+};
+use crate::quantity::Micron;
+use crate::reading::SignalId;
+
+pub(in crate::virtual_machine) const THERMOCOUPLES: u8 = 1;
+pub(in crate::virtual_machine) const CNC: u8 = 1;
+
+/// A machine that runs on a virtual clock which stands while the test is awake.
+pub(super) struct Run {
+    pub(super) machine: VirtualMachine,
+    pub(super) sleeper: Sleeper,
+    pub(super) begin: Moment,
+}
+
+/// Starts the small machine in front of the grinder's plant.
+pub(super) async fn start(faults: &str) -> Run {
+    let profile = profile();
+    let faults = FaultScript::parse(faults, &profile).unwrap();
+    let plant = PlantSpec::shipped("surface-grinder").unwrap().unwrap();
+    let truth_every = Some(Duration::from_secs(60));
+    start_with(&profile, Setup { plant: Some(plant), seed: 1, faults, truth_every, ..Setup::default() }).await
+}
+
+pub(super) async fn start_with(profile: &Profile, setup: Setup) -> Run {
+    let begin = PlantSpec::shipped("surface-grinder").unwrap().unwrap().start();
+    let clock = Clock::simulated(begin, None);
+    let hold = clock.hold();
+    let machine =
+        VirtualMachine::start(profile, Setup { ports: Ports::Free, ..setup }, &clock).await.unwrap();
+    let sleeper = clock.join();
+    drop(hold);
+    Run { machine, sleeper, begin }
+}
+
+impl Run {
+    /// A connection to the thermocouples' line.
+    pub(super) async fn cell(&self) -> Client {
+        Client::connect(self.machine.address(BusId(0)).unwrap()).await
+    }
+
+    /// A connection to the control's line.
+    pub(super) async fn control(&self) -> Client {
+        Client::connect(self.machine.address(BusId(1)).unwrap()).await
+    }
+}
+
+pub(in crate::virtual_machine) fn profile() -> Profile {
+    let axis = AxisSettings {
+        name: "z".to_owned(),
+        models: Vec::new(),
+        guard: GuardSettings {
+            limit: Micron::new(40.0).unwrap(),
+            step: Micron::new(1.0).unwrap(),
+            rate: 0.5,
+            deadband: Micron::ZERO,
+            count: None,
+        },
+        every: Duration::from_secs(10),
+        on_fault: OnFault::Hold,
+    };
+    let signals = vec![
+        signal("bed", 0, "input:0", plain(DataType::I16, 0.1), "degC"),
+        signal("wheelhead", 0, "input:1", plain(DataType::I16, 0.1), "degC"),
+        signal("oil", 0, "input:2", plain(DataType::F32, 1.0), "degC"),
+        signal("scale_z", 1, "holding:84", plain(DataType::I32, 0.0001), "mm"),
+        signal("hydraulics_on", 3, "discrete:0", plain(DataType::Bool, 1.0), "bool"),
+        signal("offset_now", 3, "holding:104", plain(DataType::I32, 0.1), "um"),
+    ];
+    let machine = MachineSettings { signals: signals.len(), ..MachineSettings::default() };
+    Profile {
+        name: "small".to_owned(),
+        description: String::new(),
+        path: "small.toml".into(),
+        machine,
+        arm: Arm::Auto,
+        buses: vec![bus("cell", "127.0.0.1:1502"), bus("control", "127.0.0.1:1503")],
+        devices: vec![
+            device("thermocouples", 0, THERMOCOUPLES),
+            device("counter", 0, 2),
+            device("readout", 0, 3),
+            device("cnc", 1, CNC),
+        ],
+        signals,
+        axes: vec![Axis { settings: axis, diameter: false }],
+        outputs: vec![
+            output("readout_z", 2, "holding:10", 0.0001, Writes::Corrected { position: SignalId(3) }),
+            output("cnc_z", 3, "holding:104", 0.1, Writes::Offset),
+        ],
+        heartbeat: Some(Heartbeat {
+            device: DeviceId(3),
+            address: "holding:100".parse().unwrap(),
+            every: Duration::from_secs(1),
+        }),
+        web: None,
+        history: History { directory: None, keep: Duration::ZERO },
+    }
+}
+
+fn plain(data_type: DataType, scale: f64) -> Encoding {
+    Encoding {
+        data_type,
+        word_order: WordOrder::MswFirst,
+        byte_swap: false,
+        scale,
+        offset: 0.0,
+        bias: 0,
+        bad: if data_type == DataType::I16 { vec![32767] } else { Vec::new() },
+    }
+}
+
+fn bus(name: &str, address: &str) -> Bus {
+    let quirks = quirks();
+    Bus { name: name.to_owned(), address: address.to_owned(), timeout: Duration::from_millis(300), quirks }
+}
+
+fn quirks() -> Quirks {
+    Quirks {
+        pause_after_connect: Duration::ZERO,
+        pause_between_requests: Duration::ZERO,
+        one_request_per_field: false,
+        max_registers_per_request: 125,
+        max_gap: 0,
+    }
+}
+
+fn device(name: &str, bus: usize, unit: u8) -> Device {
+    let functions = Functions {
+        read_coils: true,
+        read_discrete: true,
+        read_holding: true,
+        read_input: true,
+        write_coil: true,
+        write_single: name != "readout",
+        write_coils: true,
+        write_multiple: true,
+    };
+    let (name, every) = (name.to_owned(), Duration::from_secs(1));
+    Device { name, bus: BusId(bus), unit, every, functions, quirks: quirks() }
+}
+
+fn signal(name: &str, device: usize, register: &str, encoding: Encoding, unit: &'static str) -> Signal {
+    Signal {
+        name: name.to_owned(),
+        device: DeviceId(device),
+        address: register.parse::<Address>().unwrap(),
+        encoding,
+        unit: Unit(unit),
+        range: None,
+        max_rate: None,
+        max_age: Duration::from_secs(5),
+        fault_when: None,
+        merge: true,
+    }
+}
+
+fn output(name: &str, device: usize, register: &str, scale: f64, writes: Writes) -> Output {
+    Output {
+        name: name.to_owned(),
+        axis: AxisId(0),
+        device: DeviceId(device),
+        address: register.parse().unwrap(),
+        encoding: plain(DataType::I32, scale),
+        writes,
+        verify: Verify::ReadBack,
+        refresh: None,
+        when: None,
+    }
+}
