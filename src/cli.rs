@@ -1,0 +1,3 @@
+//! The verbs of the command line, one small file each.
+
+pub mod replay;
