@@ -9,11 +9,13 @@
 //! explain ← cli      virtual_machine ← cli            compensation: no tokio, no I/O, no clock
 //! ```
 
+pub mod cli;
 pub mod clock;
 pub mod codec;
 pub mod compensation;
 pub mod explain;
 pub mod fieldbus;
+pub mod gateway;
 pub mod observe;
 pub mod profile;
 pub mod quantity;

@@ -1,0 +1,140 @@
+//! `isotherm replay`: the gateway's own step over a recorded log.
+//!
+//! A log that the gateway wrote gives its decisions again, bit for bit; the summary says whether it did.
+//!
+//! A log from elsewhere is shown to the same step, row by row, armed and with its registers at zero:
+//! - an axis updates at a row only where its period has passed since its last update. Where rows come faster, `z_cz_um`,
+//!   `z_state` and `z_acted` stand until the next update; where they come slower, there is one update per row, so that
+//!   Cz may lag where the machine's would not, and a warning says so.
+//! - `z_raw_um` and `z_model` are the model's at every row, whether or not the axis updates there.
+//! - `range` is applied to its values; `max_rate`, `max_age` and `fault_when` are not: a row is fresh by definition.
+
+use std::io::{Read, Write};
+
+use anyhow::Context;
+
+use crate::compensation::reference::Machine;
+use crate::compensation::{Compensation, Decision, Snapshot};
+use crate::gateway::log::{LogReader, LogRow, number};
+use crate::profile::Profile;
+use crate::quantity::Micron;
+
+mod summary;
+#[cfg(test)]
+mod tests;
+
+use summary::Tally;
+pub use summary::{AxisSummary, Difference, ErrorSummary, Range, Reproduced, Summary};
+
+/// What one axis came to at one row.
+#[derive(Clone, Debug)]
+struct Outcome<'a> {
+    raw: Option<Micron>,
+    model: &'a str,
+    decision: Decision,
+    error: Option<f64>,
+}
+
+/// Replays a log, writes a row for each of its rows to `out`, and sums up. `name` is the log's name in messages.
+///
+/// # Errors
+/// A log that cannot be read, with the place; an output that cannot be written.
+pub fn replay(
+    profile: &Profile,
+    log: impl Read,
+    name: &str,
+    out: Option<&mut dyn Write>,
+) -> anyhow::Result<Summary> {
+    let mut reader = LogReader::open(profile, log, name)?;
+    let mut table = out.map(csv::Writer::from_writer);
+    if let Some(table) = &mut table {
+        table.write_record(header(profile, &reader))?;
+    }
+    let mut compensation = at_rest(profile, Machine::default());
+    let mut tally = Tally::new(profile);
+    let mut cells = Vec::new();
+    while let Some(row) = reader.next_row()? {
+        if let Some(memory) = &row.begins {
+            compensation = at_rest(profile, memory.clone());
+        }
+        if let Some(at) = row.zeroed {
+            compensation.zero(at);
+        }
+        let snapshot = Snapshot { now: row.now, readings: &row.readings };
+        compensation.step(&snapshot, &row.controls);
+        tally.row(row.now);
+        cells.clear();
+        cells.push(row.time.clone());
+        for axis in 0..profile.axes.len() {
+            let Some(outcome) = outcome(profile, &compensation, axis, &snapshot, &row) else { continue };
+            tally.axis(axis, &row, &outcome);
+            outcome.write(&mut cells, reader.has_error(axis));
+        }
+        if let Some(table) = &mut table {
+            table.write_record(&cells).context("cannot write the replayed rows")?;
+        }
+    }
+    if let Some(table) = &mut table {
+        table.flush().context("cannot write the replayed rows")?;
+    }
+    Ok(tally.summary(name, reader.warnings()))
+}
+
+fn at_rest(profile: &Profile, memory: Machine) -> Compensation {
+    let axes = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
+    Compensation::new(profile.machine.clone(), axes, memory)
+}
+
+fn header<R: Read>(profile: &Profile, reader: &LogReader<R>) -> Vec<String> {
+    let mut names = vec!["time".to_owned()];
+    for (place, axis) in profile.axes.iter().enumerate() {
+        let residual = reader.has_error(place).then_some("residual_um");
+        for column in ["raw_um", "cz_um", "model", "state", "acted"].into_iter().chain(residual) {
+            names.push(format!("{}_{column}", axis.settings.name));
+        }
+    }
+    names
+}
+
+fn outcome<'a>(
+    profile: &'a Profile,
+    compensation: &Compensation,
+    axis: usize,
+    snapshot: &Snapshot<'_>,
+    row: &LogRow,
+) -> Option<Outcome<'a>> {
+    let decision = *compensation.decision(axis)?;
+    let is_own = row.decided.get(axis)?.is_some();
+    let (raw, place) = if is_own {
+        (decision.raw, decision.model)
+    } else {
+        compensation.model_value(axis, snapshot).map_or((None, None), |(place, raw)| (Some(raw), Some(place)))
+    };
+    let models = &profile.axes.get(axis)?.settings.models;
+    let model = place.and_then(|place| models.get(place)).map_or("", |model| model.name.as_str());
+    Some(Outcome { raw, model, decision, error: *row.errors.get(axis)? })
+}
+
+impl Outcome<'_> {
+    /// What is left of the error.
+    fn residual(&self) -> Option<f64> {
+        self.error.map(|error| error + self.decision.cz.get())
+    }
+
+    fn write(&self, cells: &mut Vec<String>, with_residual: bool) {
+        cells.push(self.raw.map(|raw| text(raw.get())).unwrap_or_default());
+        cells.push(text(self.decision.cz.get()));
+        cells.push(self.model.to_owned());
+        cells.push(self.decision.state.name().to_owned());
+        cells.push(self.decision.acted.to_string());
+        if with_residual {
+            cells.push(self.residual().map(text).unwrap_or_default());
+        }
+    }
+}
+
+fn text(value: f64) -> String {
+    let mut text = Vec::new();
+    number(&mut text, value);
+    String::from_utf8(text).unwrap_or_default()
+}

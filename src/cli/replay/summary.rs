@@ -1,0 +1,302 @@
+//! What a replay came to, for a person and for a program.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::time::Duration;
+
+use serde::Serialize;
+
+use super::Outcome;
+use crate::compensation::AxisState;
+use crate::gateway::log::{Decided, LogRow};
+use crate::profile::Profile;
+use crate::quantity::Moment;
+
+/// A replayed log in numbers.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Summary {
+    /// The log's name.
+    pub log: String,
+    /// Rows replayed.
+    pub rows: u64,
+    /// From the earliest to the latest moment, s.
+    pub span_s: f64,
+    /// What is odd about the log.
+    pub warnings: Vec<String>,
+    /// By name.
+    pub axes: BTreeMap<String, AxisSummary>,
+}
+
+/// One axis in numbers.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct AxisSummary {
+    /// The model's Cz; `None` where no model was ever usable.
+    pub raw_um: Option<Range>,
+    /// Cz after the guard.
+    pub cz_um: Option<Range>,
+    /// Share of the rows in each state that occurred.
+    pub states: BTreeMap<&'static str, f64>,
+    /// Where the log has the measured error.
+    pub error: Option<ErrorSummary>,
+    /// Where the log has the gateway's own decisions.
+    pub reproduced: Option<Reproduced>,
+}
+
+/// Smallest and largest.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Range {
+    /// Smallest.
+    pub min: f64,
+    /// Largest.
+    pub max: f64,
+}
+
+/// The measured error, as it was and with Cz added, over the rows that have one.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ErrorSummary {
+    /// Rows with an error.
+    pub rows: u64,
+    /// Largest minus smallest error, µm.
+    pub range_before_um: f64,
+    /// Largest minus smallest residual, µm.
+    pub range_after_um: f64,
+    /// Root of the mean square of the error, µm.
+    pub rms_before_um: f64,
+    /// Root of the mean square of the residual, µm.
+    pub rms_after_um: f64,
+}
+
+/// Whether the decisions of the day came out again, every bit of them.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Reproduced {
+    /// Rows with a decision in the log.
+    pub rows: u64,
+    /// Rows whose decision came out different.
+    pub differing: u64,
+    /// The first of them.
+    pub first: Option<Difference>,
+}
+
+/// A decision that came out different.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Difference {
+    /// Line in the log.
+    pub line: u64,
+    /// The column.
+    pub column: String,
+    /// What the log says.
+    pub recorded: String,
+    /// What came out.
+    pub replayed: String,
+}
+
+/// Gathers a [`Summary`] row by row.
+#[derive(Debug)]
+pub(super) struct Tally {
+    rows: u64,
+    span: Option<(Moment, Moment)>,
+    last: Option<Moment>,
+    axes: Vec<AxisTally>,
+}
+
+#[derive(Debug)]
+struct AxisTally {
+    name: String,
+    every: Duration,
+    /// Rows that came later than a period after the one before.
+    late: u64,
+    raw: Spread,
+    cz: Spread,
+    states: BTreeMap<&'static str, u64>,
+    before: Spread,
+    after: Spread,
+    reproduced: Reproduced,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Spread {
+    range: Option<Range>,
+    rows: u64,
+    squares: f64,
+}
+
+impl Spread {
+    fn add(&mut self, value: f64) {
+        let Range { min, max } = self.range.unwrap_or(Range { min: value, max: value });
+        self.range = Some(Range { min: min.min(value), max: max.max(value) });
+        self.rows += 1;
+        self.squares += value * value;
+    }
+
+    fn width(&self) -> f64 {
+        self.range.map_or(0.0, |range| range.max - range.min)
+    }
+
+    fn rms(&self) -> f64 {
+        (self.squares / count(self.rows.max(1))).sqrt()
+    }
+}
+
+/// No log has 2^53 rows.
+#[allow(clippy::cast_precision_loss)]
+fn count(rows: u64) -> f64 {
+    rows as f64
+}
+
+impl Tally {
+    pub(super) fn new(profile: &Profile) -> Tally {
+        let axes = profile.axes.iter().map(|axis| AxisTally {
+            name: axis.settings.name.clone(),
+            every: axis.settings.every,
+            late: 0,
+            raw: Spread::default(),
+            cz: Spread::default(),
+            states: BTreeMap::new(),
+            before: Spread::default(),
+            after: Spread::default(),
+            reproduced: Reproduced::default(),
+        });
+        Tally { rows: 0, span: None, last: None, axes: axes.collect() }
+    }
+
+    pub(super) fn row(&mut self, now: Moment) {
+        self.rows += 1;
+        let (first, latest) = self.span.unwrap_or((now, now));
+        self.span = Some((first.min(now), latest.max(now)));
+        for axis in &mut self.axes {
+            axis.late += u64::from(self.last.is_some_and(|last| now.since(last) > axis.every));
+        }
+        self.last = Some(now);
+    }
+
+    pub(super) fn axis(&mut self, place: usize, row: &LogRow, outcome: &Outcome<'_>) {
+        let Some(axis) = self.axes.get_mut(place) else { return };
+        if let Some(raw) = outcome.raw {
+            axis.raw.add(raw.get());
+        }
+        axis.cz.add(outcome.decision.cz.get());
+        *axis.states.entry(outcome.decision.state.name()).or_default() += 1;
+        if let (Some(before), Some(after)) = (outcome.error, outcome.residual()) {
+            axis.before.add(before);
+            axis.after.add(after);
+        }
+        if let Some(Some(decided)) = row.decided.get(place) {
+            let difference = difference(&axis.name, row.line, decided, outcome);
+            axis.reproduced.rows += 1;
+            axis.reproduced.differing += u64::from(difference.is_some());
+            axis.reproduced.first = axis.reproduced.first.take().or(difference);
+        }
+    }
+
+    pub(super) fn summary(self, log: &str, odd: &[String]) -> Summary {
+        let mut warnings = odd.to_vec();
+        for axis in self.axes.iter().filter(|axis| axis.reproduced.rows == 0 && 2 * axis.late > self.rows) {
+            warnings.push(format!(
+                "{log}: most rows are further apart than axis {} updates ({}); there is one update per row, so Cz may lag",
+                axis.name,
+                humantime::format_duration(axis.every),
+            ));
+        }
+        let span = self.span.map_or(Duration::ZERO, |(first, latest)| latest.since(first));
+        let axes = self.axes.into_iter().map(|axis| (axis.name.clone(), axis.summary(self.rows))).collect();
+        Summary { log: log.to_owned(), rows: self.rows, span_s: span.as_secs_f64(), warnings, axes }
+    }
+}
+
+impl AxisTally {
+    fn summary(self, rows: u64) -> AxisSummary {
+        let error = (self.before.rows > 0).then(|| ErrorSummary {
+            rows: self.before.rows,
+            range_before_um: self.before.width(),
+            range_after_um: self.after.width(),
+            rms_before_um: self.before.rms(),
+            rms_after_um: self.after.rms(),
+        });
+        let states = self.states.into_iter().map(|(name, times)| (name, count(times) / count(rows.max(1))));
+        AxisSummary {
+            raw_um: self.raw.range,
+            cz_um: self.cz.range,
+            states: states.collect(),
+            error,
+            reproduced: (self.reproduced.rows > 0).then_some(self.reproduced),
+        }
+    }
+}
+
+/// The first column in which the log and the replay disagree, down to the last bit.
+fn difference(axis: &str, line: u64, decided: &Decided, outcome: &Outcome<'_>) -> Option<Difference> {
+    let decision = &outcome.decision;
+    let (raw, cz) = (outcome.raw.map(|raw| raw.get()), decision.cz.get());
+    let number = |value: Option<f64>| value.map(super::text).unwrap_or_default();
+    let same = |a: Option<f64>, b: Option<f64>| a.map(f64::to_bits) == b.map(f64::to_bits);
+    let acted = decision.acted.to_string();
+    let columns = [
+        ("raw_um", same(decided.raw, raw), number(decided.raw), number(raw)),
+        ("cz_um", same(Some(decided.cz), Some(cz)), number(Some(decided.cz)), number(Some(cz))),
+        ("model", decided.model == outcome.model, decided.model.clone(), outcome.model.to_owned()),
+        ("state", decided.state == decision.state.name(), decided.state.clone(), decision.state.to_string()),
+        ("acted", decided.acted == acted, decided.acted.clone(), acted.clone()),
+    ];
+    let (column, _, recorded, replayed) = columns.into_iter().find(|(_, same, ..)| !same)?;
+    Some(Difference { line, column: format!("{axis}_{column}"), recorded, replayed })
+}
+
+impl fmt::Display for Summary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let span = Duration::try_from_secs_f64(self.span_s.round()).unwrap_or_default();
+        writeln!(f, "{}: {} rows over {}", self.log, self.rows, humantime::format_duration(span))?;
+        for (name, axis) in &self.axes {
+            write!(f, "axis {name}: model ")?;
+            write_range(f, axis.raw_um)?;
+            write!(f, ", Cz ")?;
+            write_range(f, axis.cz_um)?;
+            writeln!(f)?;
+            let known = |name: &&str| axis.states.contains_key(name);
+            write!(f, "  ")?;
+            for (place, state) in AxisState::NAMES.iter().filter(|name| known(name)).enumerate() {
+                let between = if place > 0 { ", " } else { "" };
+                write!(
+                    f,
+                    "{between}{state} {:.1} %",
+                    axis.states.get(state).map_or(0.0, |share| share * 100.0)
+                )?;
+            }
+            writeln!(f)?;
+            if let Some(error) = &axis.error {
+                writeln!(
+                    f,
+                    "  error: range {:.2} µm → {:.2} µm, rms {:.2} µm → {:.2} µm ({} rows)",
+                    error.range_before_um,
+                    error.range_after_um,
+                    error.rms_before_um,
+                    error.rms_after_um,
+                    error.rows
+                )?;
+            }
+            if let Some(reproduced) = &axis.reproduced {
+                reproduced.fmt(f)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn write_range(f: &mut fmt::Formatter<'_>, range: Option<Range>) -> fmt::Result {
+    match range {
+        Some(Range { min, max }) => write!(f, "{min:.2} … {max:.2} µm"),
+        None => f.write_str("never usable"),
+    }
+}
+
+impl fmt::Display for Reproduced {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Some(first) = &self.first else {
+            return writeln!(f, "  the {} decisions in the log came out again, bit for bit", self.rows);
+        };
+        writeln!(
+            f,
+            "  {} of {} decisions came out different; first in line {}: {} is `{}` in the log, `{}` here",
+            self.differing, self.rows, first.line, first.column, first.recorded, first.replayed
+        )
+    }
+}

@@ -1,0 +1,235 @@
+use std::time::Duration;
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::compensation::{Control, Permit};
+use crate::gateway::log::{Recorder, sample};
+use crate::quantity::Moment;
+use crate::reading::{Reading, Reason};
+
+fn replayed(profile: &Profile, log: &str) -> (Summary, Vec<Vec<String>>) {
+    let mut out = Vec::new();
+    let summary = replay(profile, log.as_bytes(), "day.csv", Some(&mut out)).unwrap();
+    let mut table = csv::ReaderBuilder::new().has_headers(false).from_reader(out.as_slice());
+    let rows = table.records().map(|row| row.unwrap().iter().map(str::to_owned).collect());
+    (summary, rows.collect())
+}
+
+fn column(table: &[Vec<String>], name: &str) -> Vec<String> {
+    let place = table[0].iter().position(|header| header == name).expect(name);
+    table[1..].iter().map(|row| row[place].clone()).collect()
+}
+
+fn numbers(table: &[Vec<String>], name: &str) -> Vec<f64> {
+    column(table, name).iter().map(|text| text.parse().unwrap()).collect()
+}
+
+/// Temperatures of a machine that warms up.
+fn warming(time: f64) -> (f64, f64) {
+    (20.0 + 7.5 * (1.0 - (-time / 5400.0).exp()), 20.0 + 4.0 * (1.0 - (-time / 1800.0).exp()))
+}
+
+#[test]
+fn the_models_value_stands_at_every_row_whatever_the_time_step() {
+    let irregular = [0.3, 9.9, 0.1, 31.7, 1e-6, 120.0];
+    for steps in [&[1.0][..], &[10.0], &[60.0], &irregular] {
+        let (mut log, mut time, mut expected) = ("time,bed,wheelhead\n".to_owned(), 0.0, Vec::new());
+        for step in steps.iter().cycle().take(600) {
+            let (bed, wheelhead) = warming(time);
+            log += &format!("{time},{bed},{wheelhead}\n");
+            expected.push(2.4 * (bed - wheelhead));
+            time += step;
+        }
+        let (summary, table) = replayed(&sample::profile(), &log);
+        let raw = numbers(&table, "z_raw_um");
+        assert_eq!((raw.len(), summary.rows), (600, 600));
+        for (raw, expected) in raw.iter().zip(&expected) {
+            assert!((raw - expected).abs() < 1e-6, "{steps:?}: {raw} {expected}");
+        }
+        let lags = summary.warnings.iter().any(|warning| warning.contains("axis z updates (10s)"));
+        assert_eq!(lags, steps == [60.0], "{:?}", summary.warnings);
+        for pair in numbers(&table, "z_cz_um").windows(2) {
+            assert!((pair[1] - pair[0]).abs() <= 1.0 + 1e-9);
+        }
+    }
+}
+
+#[test]
+fn machine_on_time_is_the_same_in_seconds_and_in_dates() {
+    for (start, later) in [("0", "30000"), ("2026-01-31T08:00:00Z", "2026-01-31T16:20:00Z")] {
+        let log = format!("time,bed,hydraulics_on\n{start},27.5,1\n{later},27.5,1\n");
+        let (_, table) = replayed(&sample::profile(), &log);
+        assert!((numbers(&table, "z_raw_um")[1] - 8.4).abs() < 1e-9);
+        assert_eq!(column(&table, "z_model"), ["bed, only"; 2]);
+        assert_eq!(column(&table, "time"), [start, later], "time is written as it was read");
+    }
+}
+
+#[test]
+fn the_columns_are_those_that_programs_expect() {
+    let (_, table) =
+        replayed(&sample::profile(), "time,bed,wheelhead,z_error_um\n0,25,20,-8.4\n10,25,,\n20,,,1\n");
+    let wanted = "time,z_raw_um,z_cz_um,z_model,z_state,z_acted,z_residual_um,\
+                  x_raw_um,x_cz_um,x_model,x_state,x_acted";
+    assert_eq!(table[0].join(","), wanted);
+    assert_eq!(table[1][..7].join(","), "0,12,1,difference,active,step,-7.4");
+    assert_eq!(table[2][..7].join(","), "10,,1,,holding,,");
+    assert_eq!(table[3][..7].join(","), "20,,1,,holding,,2");
+}
+
+#[test]
+fn between_updates_cz_stands_while_the_model_moves() {
+    let log = (0..=20).fold("time,bed,wheelhead\n".to_owned(), |log, time| {
+        log + &format!("{time},{},24\n", 24.0 + f64::from(time) / 100.0)
+    });
+    let (_, table) = replayed(&sample::profile(), &log);
+    let cz = numbers(&table, "z_cz_um");
+    assert!(
+        cz[..10].iter().all(|cz| *cz < 0.05) && (cz[10] - 0.2).abs() < 1e-9 && (cz[19] - cz[10]).abs() < 1e-9
+    );
+    assert!((numbers(&table, "z_raw_um")[7] - 0.168).abs() < 1e-9);
+}
+
+#[test]
+fn the_summary_tells_the_error_before_and_after() {
+    let mut log = "time,bed,wheelhead,z_error_um\n".to_owned();
+    for row in 0..200u32 {
+        let (bed, wheelhead) = warming(f64::from(row) * 10.0);
+        log += &format!("{},{bed},{wheelhead},{}\n", row * 10, -2.4 * (bed - wheelhead));
+    }
+    let (summary, _) = replayed(&sample::profile(), &log);
+    let axis = &summary.axes["z"];
+    let error = axis.error.unwrap();
+    assert_eq!((summary.rows, error.rows), (200, 200));
+    assert!((summary.span_s - 1990.0).abs() < 1e-9);
+    assert!(error.range_before_um > 1.0 && error.range_after_um < 0.5, "{error:?}");
+    assert!(error.rms_after_um < error.rms_before_um);
+    assert!((axis.states["active"] - 1.0).abs() < 1e-9);
+    assert_eq!(axis.reproduced, None);
+    assert!(summary.axes["x"].raw_um.is_none() && summary.axes["x"].error.is_none());
+    let told = summary.to_string();
+    assert!(told.contains("200 rows over 33m 10s") && told.contains("active 100.0 %"), "{told}");
+    assert!(told.contains("never usable"), "{told}");
+    let json = serde_json::to_value(&summary).unwrap();
+    assert_eq!(json["axes"]["z"]["error"]["rows"], 200);
+}
+
+#[test]
+fn a_log_without_rows_is_replayed_as_nothing() {
+    let (summary, table) = replayed(&sample::profile(), "time,bed\n");
+    assert_eq!((summary.rows, table.len()), (0, 1));
+}
+
+/// One event of a day: how long after the last one, what is read, what is permitted, what is taken over, commands.
+#[derive(Clone, Debug)]
+struct Event {
+    nanos: i64,
+    values: [Option<f64>; 4],
+    controls: [(Permit, Option<f64>); 2],
+    zero: bool,
+    restart: bool,
+}
+
+fn any_event() -> impl Strategy<Value = Event> {
+    let nanos = prop_oneof![
+        6 => 0..12_000_000_000i64,
+        1 => Just(10_000_000_000i64),
+        1 => 0..40_000_000_000_000i64,
+        1 => -3_000_000_000_000..0i64
+    ];
+    let value = || prop::option::weighted(0.9, 15.0..45.0f64);
+    let level = || prop::option::weighted(0.9, prop_oneof![4 => Just(0.0), 1 => Just(1.0)]);
+    let permit = prop_oneof![
+        8 => Just(Permit::Armed), 1 => Just(Permit::Off), 1 => Just(Permit::Unverified), 1 => Just(Permit::Stopping)
+    ];
+    let control = (permit, prop::option::weighted(0.1, -50.0..50.0f64));
+    let values = (value(), value(), level(), level()).prop_map(|(a, b, on, zero)| [a, b, on, zero]);
+    let commands = (prop::bool::weighted(0.05), prop::bool::weighted(0.03));
+    (nanos, values, [control.clone(), control], commands).prop_map(
+        |(nanos, values, controls, (zero, restart))| Event { nanos, values, controls, zero, restart },
+    )
+}
+
+/// The log of a day, written only where a step did anything, as the gateway does.
+fn log_of(profile: &Profile, day: &[Event]) -> String {
+    let axes = || profile.axes.iter().map(|axis| axis.settings.clone()).collect();
+    let mut compensation = Compensation::new(profile.machine.clone(), axes(), Machine::default());
+    let mut recorder = Recorder::new(profile);
+    let mut log = Recorder::header(profile).into_bytes();
+    let mut nanos = 1_700_000_000_000_000_000u64;
+    recorder.begin(compensation.machine());
+    for event in day {
+        nanos = nanos.saturating_add_signed(event.nanos);
+        let now = Moment::from_nanos(nanos);
+        if event.restart {
+            compensation = Compensation::new(profile.machine.clone(), axes(), compensation.machine().clone());
+            recorder.begin(compensation.machine());
+        }
+        if event.zero {
+            let asked = Moment::from_nanos(nanos - 1);
+            compensation.zero(asked);
+            recorder.zeroed(asked);
+        }
+        let reading = |value: Option<f64>| {
+            value.map_or(Reading::bad(now, Reason::Timeout), |value| Reading::good(value, now))
+        };
+        let readings = event.values.map(reading);
+        let controls =
+            event.controls.map(|(permit, found)| Control { permit, take_over: found.and_then(Micron::new) });
+        let snapshot = Snapshot { now, readings: &readings };
+        if compensation.step(&snapshot, &controls).anything {
+            log.extend_from_slice(recorder.row(&snapshot, &controls, compensation.decisions()));
+        }
+    }
+    String::from_utf8(log).unwrap()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(128))]
+
+    #[test]
+    fn a_replayed_day_gives_the_decisions_of_the_day_bit_for_bit(
+        day in prop::collection::vec(any_event(), 1..150),
+    ) {
+        let profile = sample::profile();
+        let log = log_of(&profile, &day);
+        let (summary, table) = replayed(&profile, &log);
+        for (name, axis) in &summary.axes {
+            let reproduced = axis.reproduced.as_ref().unwrap();
+            prop_assert_eq!(reproduced.rows, summary.rows);
+            prop_assert_eq!(reproduced.differing, 0, "{}: {:?}", name, reproduced.first);
+        }
+        let mut recorded = csv::ReaderBuilder::new().has_headers(false).from_reader(log.as_bytes());
+        let recorded: Vec<Vec<String>> =
+            recorded.records().map(|row| row.unwrap().iter().map(str::to_owned).collect()).collect();
+        for name in ["time", "z_raw_um", "z_cz_um", "z_model", "z_state", "z_acted", "x_raw_um", "x_cz_um", "x_model",
+            "x_state", "x_acted"] {
+            prop_assert_eq!(column(&table, name), column(&recorded, name), "{}", name);
+        }
+    }
+}
+
+#[test]
+fn a_decision_that_does_not_come_out_again_is_told_with_its_line() {
+    let profile = sample::profile();
+    let event = Event {
+        nanos: 10_000_000_000,
+        values: [Some(27.5), Some(24.0), Some(1.0), Some(0.0)],
+        controls: [(Permit::Armed, None); 2],
+        zero: false,
+        restart: false,
+    };
+    let log = log_of(&profile, &vec![event; 30]);
+    let mut other = profile.clone();
+    other.axes[0].settings.guard.step = Micron::new(0.5).unwrap();
+    other.axes[0].settings.every = Duration::from_secs(10);
+    let (summary, _) = replayed(&other, &log);
+    let reproduced = summary.axes["z"].reproduced.clone().unwrap();
+    let first = reproduced.first.unwrap();
+    assert_eq!((first.line, first.column.as_str()), (2, "z_cz_um"));
+    assert_eq!((first.recorded.as_str(), first.replayed.as_str()), ("1", "0.5"));
+    assert!(reproduced.differing > 10);
+    assert_eq!(summary.axes["x"].reproduced.as_ref().unwrap().differing, 0);
+    assert!(summary.to_string().contains("first in line 2: z_cz_um is `1` in the log, `0.5` here"));
+}

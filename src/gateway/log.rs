@@ -1,0 +1,36 @@
+//! The log of a run: CSV, one row per step, from which [`replay`](crate::cli::replay) gives the same decisions again.
+//!
+//! ```text
+//! time, <signal>…, then per axis z: z_permit, z_from_um, z_raw_um, z_cz_um, z_model, z_state, z_acted,
+//! and at the end: machine_memory, machine_zero
+//! ```
+//!
+//! - `time`: RFC 3339 in UTC with every nanosecond. A log from elsewhere may count seconds.
+//! - `<signal>`: the value in its engineering unit, with every digit it has; empty where it could not be used.
+//! - `z_permit`: off, armed, unverified, stopping. `z_from_um`: what was taken over from the register, else empty.
+//! - `z_raw_um` … `z_acted`: the axis's decision, made at this row or standing since an earlier one.
+//! - `machine_memory`: at the first row of a run, what the machine remembered from before (JSON).
+//! - `machine_zero`: the moment of a command to zero that was given since the row before.
+//!
+//! A log from elsewhere needs `time` and at least one signal; `z_error_um` is the measured error of axis z.
+
+mod reader;
+mod recorder;
+#[cfg(test)]
+pub(crate) mod sample;
+#[cfg(test)]
+mod tests;
+mod time;
+
+pub use reader::{Decided, LogError, LogReader, LogRow};
+pub use recorder::{Recorder, number};
+
+const TIME: &str = "time";
+const MEMORY: &str = "machine_memory";
+const ZERO: &str = "machine_zero";
+
+const PERMIT: &str = "permit";
+const FROM: &str = "from_um";
+const ERROR: &str = "error_um";
+/// What was decided for an axis, in the order of the columns.
+const DECIDED: [&str; 5] = ["raw_um", "cz_um", "model", "state", "acted"];

@@ -1,0 +1,324 @@
+//! Reads the gateway's own logs and those from elsewhere.
+
+use std::collections::HashMap;
+use std::fmt::Display;
+use std::io::Read;
+
+use csv::StringRecord;
+
+use super::{DECIDED, ERROR, FROM, MEMORY, PERMIT, TIME, ZERO, time};
+use crate::compensation::reference::Machine;
+use crate::compensation::{Control, Permit};
+use crate::profile::Profile;
+use crate::quantity::{Micron, Moment};
+use crate::reading::{Reading, Reason};
+
+/// A log that cannot be read, with the place.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{file}, line {line}{}: {message}", .column.as_ref().map(|name| format!(", column {name}")).unwrap_or_default())]
+pub struct LogError {
+    /// The log's name.
+    pub file: String,
+    /// Counted from one; the header is line one.
+    pub line: u64,
+    /// The column's name, where one is to blame.
+    pub column: Option<String>,
+    /// What is wrong, in words.
+    pub message: String,
+}
+
+/// One row: the machine at one moment.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LogRow {
+    /// Its line in the file.
+    pub line: u64,
+    /// `time` as the log wrote it.
+    pub time: String,
+    /// `time` as a moment.
+    pub now: Moment,
+    /// By signal of the profile.
+    pub readings: Vec<Reading>,
+    /// By axis of the profile.
+    pub controls: Vec<Control>,
+    /// By axis: its measured error in µm.
+    pub errors: Vec<Option<f64>>,
+    /// By axis: what the log says was decided.
+    pub decided: Vec<Option<Decided>>,
+    /// A run of the gateway begins here, with this memory of the machine.
+    pub begins: Option<Machine>,
+    /// "Zero" was commanded at this moment, before this row.
+    pub zeroed: Option<Moment>,
+}
+
+/// A decision as a log tells it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Decided {
+    /// The model's Cz, µm.
+    pub raw: Option<f64>,
+    /// Cz after the guard, µm.
+    pub cz: f64,
+    /// The model's name.
+    pub model: String,
+    /// The axis's state.
+    pub state: String,
+    /// The stages of the guard that acted.
+    pub acted: String,
+}
+
+/// Gives the rows of a log, one after the other.
+#[derive(Debug)]
+pub struct LogReader<R> {
+    csv: csv::Reader<R>,
+    file: String,
+    names: Vec<String>,
+    columns: Columns,
+    ranges: Vec<Option<(f64, f64)>>,
+    record: StringRecord,
+    last: Option<Moment>,
+    warnings: Vec<String>,
+}
+
+/// Where things stand in a row.
+#[derive(Clone, Debug)]
+struct Columns {
+    time: usize,
+    signals: Vec<Option<usize>>,
+    axes: Vec<AxisColumns>,
+    memory: Option<usize>,
+    zero: Option<usize>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct AxisColumns {
+    permit: Option<usize>,
+    from: Option<usize>,
+    error: Option<usize>,
+    decided: Option<[usize; 5]>,
+}
+
+/// A log whose clock runs wild would give a warning per row.
+const MOST_WARNINGS: usize = 20;
+
+impl<R: Read> LogReader<R> {
+    /// Reads the header. `file` is the log's name in messages.
+    ///
+    /// # Errors
+    /// A header that is none: no `time`, no signal of the profile, a name twice.
+    pub fn open(profile: &Profile, input: R, file: &str) -> Result<LogReader<R>, LogError> {
+        let mut csv = csv::ReaderBuilder::new().flexible(true).from_reader(input);
+        let error = |message: String| LogError { file: file.to_owned(), line: 1, column: None, message };
+        let header = csv.headers().map_err(|cause| error(cause.to_string()))?;
+        let names: Vec<String> = header.iter().map(|name| name.trim().to_owned()).collect();
+        if names.iter().all(String::is_empty) {
+            return Err(error("the log is empty; its first line names the columns".to_owned()));
+        }
+        if let [only] = names.as_slice()
+            && only.contains([';', '\t'])
+        {
+            return Err(error(
+                "the columns are not separated by commas; write commas, and decimal points".to_owned(),
+            ));
+        }
+        let mut places = HashMap::new();
+        for (place, name) in names.iter().enumerate() {
+            if !name.is_empty() && places.insert(name.as_str(), place).is_some() {
+                return Err(error(format!("the column {name} is there twice")));
+            }
+        }
+        let columns = Columns::find(profile, &places)
+            .ok_or_else(|| error(format!("there is no column {TIME}; there are {}", names.join(", "))))?;
+        let missing: Vec<&str> = (profile.signals.iter().zip(&columns.signals))
+            .filter_map(|(signal, place)| place.is_none().then_some(signal.name.as_str()))
+            .collect();
+        if missing.len() == profile.signals.len() {
+            let message = format!("none of the profile's signals is in the log: {}", missing.join(", "));
+            return Err(error(message));
+        }
+        let warnings = match missing.as_slice() {
+            [] => Vec::new(),
+            names => vec![format!("{file}: not in the log: {}", names.join(", "))],
+        };
+        let ranges = profile.signals.iter().map(|signal| signal.range).collect();
+        let record = StringRecord::new();
+        Ok(LogReader { csv, file: file.to_owned(), names, columns, ranges, record, last: None, warnings })
+    }
+
+    /// What is odd about the log, but did not keep it from being read.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
+    /// The log has a column with this axis's measured error.
+    pub fn has_error(&self, axis: usize) -> bool {
+        self.columns.axes.get(axis).is_some_and(|columns| columns.error.is_some())
+    }
+
+    /// The next row; `None` at the end.
+    ///
+    /// # Errors
+    /// The place of what cannot be read.
+    pub fn next_row(&mut self) -> Result<Option<LogRow>, LogError> {
+        if !self.read_record()? {
+            return Ok(None);
+        }
+        let line = self.line();
+        let (found, wanted) = (self.record.len(), self.names.len());
+        if found != wanted {
+            if found < wanted && !self.read_record()? {
+                self.warn(format!("line {line}: the last row is cut off, left out"));
+                return Ok(None);
+            }
+            let hint = if found > wanted { "; are there decimal commas?" } else { "" };
+            let message = format!("{found} cells under {wanted} column names{hint}");
+            return Err(LogError { file: self.file.clone(), line, column: None, message });
+        }
+        let row = self.row(line)?;
+        if self.last.is_some_and(|last| row.now < last) {
+            self.warn(format!("line {line}: time runs back, to {}", row.time));
+        }
+        self.last = Some(row.now);
+        Ok(Some(row))
+    }
+
+    fn read_record(&mut self) -> Result<bool, LogError> {
+        self.csv.read_record(&mut self.record).map_err(|cause| LogError {
+            file: self.file.clone(),
+            line: cause.position().map_or(self.csv.position().line(), csv::Position::line),
+            column: None,
+            message: match cause.kind() {
+                csv::ErrorKind::Utf8 { .. } => "this is not text in UTF-8".to_owned(),
+                _ => cause.to_string(),
+            },
+        })
+    }
+
+    fn line(&self) -> u64 {
+        self.record.position().map_or(0, csv::Position::line)
+    }
+
+    fn warn(&mut self, warning: String) {
+        match self.warnings.len() {
+            MOST_WARNINGS.. => {}
+            length if length + 1 == MOST_WARNINGS => {
+                self.warnings.push(format!("{}: further warnings are left out", self.file));
+            }
+            _ => self.warnings.push(format!("{}, {warning}", self.file)),
+        }
+    }
+
+    fn row(&self, line: u64) -> Result<LogRow, LogError> {
+        let time = self.cell(self.columns.time);
+        let now = time::parse(time).map_err(|message| self.error(line, self.columns.time, message))?;
+        let mut row = LogRow { line, time: time.to_owned(), now, ..LogRow::default() };
+        for (place, range) in self.columns.signals.iter().zip(&self.ranges) {
+            row.readings.push(reading(self.number(line, *place)?, *range, now));
+        }
+        for columns in &self.columns.axes {
+            row.controls.push(self.control(line, columns)?);
+            row.errors.push(self.number(line, columns.error)?.filter(|error| error.is_finite()));
+            row.decided.push(self.decided(line, columns)?);
+        }
+        if let Some((place, text)) = self.filled(self.columns.memory) {
+            let machine = serde_json::from_str(text).map_err(|cause| self.error(line, place, cause))?;
+            row.begins = Some(machine);
+        }
+        if let Some((place, text)) = self.filled(self.columns.zero) {
+            row.zeroed = Some(time::parse(text).map_err(|message| self.error(line, place, message))?);
+        }
+        Ok(row)
+    }
+
+    /// An axis without a permit in the log is armed, and at the first row finds its register at zero.
+    fn control(&self, line: u64, columns: &AxisColumns) -> Result<Control, LogError> {
+        let take_over = self.micron(line, columns.from)?;
+        let Some(place) = columns.permit else {
+            let at_rest = self.last.is_none().then_some(Micron::ZERO);
+            return Ok(Control { permit: Permit::Armed, take_over: take_over.or(at_rest) });
+        };
+        let word = self.cell(place).trim();
+        let permit = Permit::from_name(word).ok_or_else(|| {
+            self.error(line, place, format!("`{word}` is none of off, armed, unverified, stopping"))
+        })?;
+        Ok(Control { permit, take_over })
+    }
+
+    fn decided(&self, line: u64, columns: &AxisColumns) -> Result<Option<Decided>, LogError> {
+        let Some([raw, cz, model, state, acted]) = columns.decided else { return Ok(None) };
+        let Some(cz) = self.number(line, Some(cz))? else { return Ok(None) };
+        Ok(Some(Decided {
+            raw: self.number(line, Some(raw))?,
+            cz,
+            model: self.cell(model).to_owned(),
+            state: self.cell(state).to_owned(),
+            acted: self.cell(acted).to_owned(),
+        }))
+    }
+
+    fn cell(&self, place: usize) -> &str {
+        self.record.get(place).unwrap_or_default()
+    }
+
+    fn filled(&self, place: Option<usize>) -> Option<(usize, &str)> {
+        let place = place?;
+        Some((place, self.cell(place))).filter(|(_, text)| !text.is_empty())
+    }
+
+    /// A number, which may be NaN or infinite; `None` where the cell is empty.
+    fn number(&self, line: u64, place: Option<usize>) -> Result<Option<f64>, LogError> {
+        let Some((place, text)) = self.filled(place) else { return Ok(None) };
+        let text = text.trim();
+        if text.is_empty() {
+            return Ok(None);
+        }
+        text.parse().map(Some).map_err(|_| {
+            let dotted = text.replace(',', ".");
+            let comma = text.contains(',') && dotted.parse::<f64>().is_ok();
+            let hint = if comma {
+                format!("has a decimal comma; write {dotted}")
+            } else {
+                "is no number".to_owned()
+            };
+            self.error(line, place, format!("`{text}` {hint}"))
+        })
+    }
+
+    fn micron(&self, line: u64, place: Option<usize>) -> Result<Option<Micron>, LogError> {
+        Ok(self.number(line, place)?.and_then(Micron::new))
+    }
+
+    fn error(&self, line: u64, place: usize, message: impl Display) -> LogError {
+        let column = self.names.get(place).cloned();
+        LogError { file: self.file.clone(), line, column, message: message.to_string() }
+    }
+}
+
+impl Columns {
+    fn find(profile: &Profile, places: &HashMap<&str, usize>) -> Option<Columns> {
+        let at = |name: &str| places.get(name).copied();
+        let axes = profile.axes.iter().map(|axis| {
+            let of = |column: &str| at(&format!("{}_{column}", axis.settings.name));
+            let [raw, cz, model, state, acted] = DECIDED.map(of);
+            let decided = (|| Some([raw?, cz?, model?, state?, acted?]))();
+            AxisColumns { permit: of(PERMIT), from: of(FROM), error: of(ERROR), decided }
+        });
+        Some(Columns {
+            time: at(TIME)?,
+            signals: profile.signals.iter().map(|signal| at(&signal.name)).collect(),
+            axes: axes.collect(),
+            memory: at(MEMORY),
+            zero: at(ZERO),
+        })
+    }
+}
+
+/// What the gateway would have made of this value: a log holds no broken sensor's −32 °C as a temperature.
+fn reading(value: Option<f64>, range: Option<(f64, f64)>, now: Moment) -> Reading {
+    match (value, range) {
+        (None, _) => Reading::bad(now, Reason::NotInLog),
+        (Some(value), _) if !value.is_finite() => Reading::bad(now, Reason::NotANumber),
+        (Some(value), Some((low, high))) if !(low..=high).contains(&value) => {
+            Reading::bad(now, Reason::OutOfRange)
+        }
+        (Some(value), _) => Reading::good(value, now),
+    }
+}

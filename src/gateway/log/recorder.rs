@@ -1,0 +1,115 @@
+//! Formats rows into one buffer that is used again; knows nothing of files.
+
+use std::io::Write;
+
+use super::{DECIDED, FROM, MEMORY, PERMIT, TIME, ZERO, time};
+use crate::compensation::reference::Machine;
+use crate::compensation::{Control, Decision, Snapshot};
+use crate::profile::{Axis, Profile};
+use crate::quantity::Moment;
+
+/// Turns steps into rows.
+#[derive(Clone, Debug)]
+pub struct Recorder {
+    /// By axis and model, ready to stand in a cell.
+    models: Vec<Vec<String>>,
+    memory: Option<String>,
+    zeroed: Option<Moment>,
+    line: Vec<u8>,
+}
+
+impl Recorder {
+    /// For the axes of this profile.
+    pub fn new(profile: &Profile) -> Recorder {
+        let names = |axis: &Axis| axis.settings.models.iter().map(|model| cell(&model.name)).collect();
+        let models = profile.axes.iter().map(names).collect();
+        Recorder { models, memory: None, zeroed: None, line: Vec::with_capacity(512) }
+    }
+
+    /// The first line of a log, with its line break.
+    pub fn header(profile: &Profile) -> String {
+        let mut header = TIME.to_owned();
+        for signal in &profile.signals {
+            header += ",";
+            header += &cell(&signal.name);
+        }
+        for axis in &profile.axes {
+            for column in [PERMIT, FROM].into_iter().chain(DECIDED) {
+                header += ",";
+                header += &cell(&format!("{}_{column}", axis.settings.name));
+            }
+        }
+        header + "," + MEMORY + "," + ZERO + "\n"
+    }
+
+    /// A run begins with the next row: the axes are at rest, the machine remembers this.
+    pub fn begin(&mut self, machine: &Machine) {
+        self.memory = serde_json::to_string(machine).ok().map(|json| cell(&json));
+    }
+
+    /// "Zero" was commanded, at this moment, before the next row.
+    pub fn zeroed(&mut self, at: Moment) {
+        self.zeroed = Some(at);
+    }
+
+    /// The row of a step, with its line break. Control and decision: one for each axis, in the profile's order.
+    pub fn row<'a>(
+        &mut self,
+        snapshot: &Snapshot<'_>,
+        controls: &[Control],
+        decisions: impl IntoIterator<Item = &'a Decision>,
+    ) -> &[u8] {
+        self.line.clear();
+        time::write(&mut self.line, snapshot.now);
+        for reading in snapshot.readings {
+            optional(&mut self.line, reading.usable());
+        }
+        for ((control, decision), models) in controls.iter().zip(decisions).zip(&self.models) {
+            let model = decision.model.and_then(|place| models.get(place)).map_or("", String::as_str);
+            let line = &mut self.line;
+            text(line, control.permit.name());
+            optional(line, control.take_over.map(|found| found.get()));
+            optional(line, decision.raw.map(|raw| raw.get()));
+            optional(line, Some(decision.cz.get()));
+            text(line, model);
+            text(line, decision.state.name());
+            // Writing to a vector never fails.
+            let _ = write!(line, ",{}", decision.acted);
+        }
+        text(&mut self.line, self.memory.take().as_deref().unwrap_or_default());
+        text(&mut self.line, "");
+        if let Some(at) = self.zeroed.take() {
+            time::write(&mut self.line, at);
+        }
+        self.line.push(b'\n');
+        &self.line
+    }
+}
+
+fn text(line: &mut Vec<u8>, text: &str) {
+    line.push(b',');
+    line.extend_from_slice(text.as_bytes());
+}
+
+fn optional(line: &mut Vec<u8>, value: Option<f64>) {
+    line.push(b',');
+    if let Some(value) = value {
+        number(line, value);
+    }
+}
+
+/// The shortest text that reads back as exactly this number.
+pub fn number(line: &mut Vec<u8>, value: f64) {
+    let size = value.abs();
+    let plain = (1e-6..1e17).contains(&size) || size.to_bits() == 0;
+    // Writing to a vector never fails.
+    let _ = if plain { write!(line, "{value}") } else { write!(line, "{value:e}") };
+}
+
+/// Quoted where CSV wants it.
+fn cell(text: &str) -> String {
+    if text.contains(['"', ',', '\n', '\r']) {
+        return format!("\"{}\"", text.replace('"', "\"\""));
+    }
+    text.to_owned()
+}

@@ -1,0 +1,95 @@
+//! A profile for tests of logs: two axes, four signals.
+
+use std::time::Duration;
+
+use crate::codec::{Address, DataType, Encoding, Table, WordOrder};
+use crate::compensation::model::{Expression, Formula, Kind, Linear, Model, Reference, Symbol, Term};
+use crate::compensation::settings::{AxisSettings, GuardSettings, MachineSettings, OnFault};
+use crate::profile::{Arm, Axis, DeviceId, History, Profile, Signal, Unit};
+use crate::quantity::Micron;
+use crate::reading::SignalId;
+
+fn um(value: f64) -> Micron {
+    Micron::new(value).unwrap()
+}
+
+fn signal(name: &str) -> Signal {
+    Signal {
+        name: name.to_owned(),
+        device: DeviceId(0),
+        address: Address { table: Table::Input, offset: 0 },
+        encoding: Encoding {
+            data_type: DataType::F64,
+            word_order: WordOrder::MswFirst,
+            byte_swap: false,
+            scale: 1.0,
+            offset: 0.0,
+            bias: 0,
+            bad: Vec::new(),
+        },
+        unit: Unit("degC"),
+        range: Some((-20.0, 100.0)),
+        max_rate: None,
+        max_age: Duration::from_secs(5),
+        fault_when: None,
+        merge: true,
+    }
+}
+
+fn linear(name: &str, terms: &[(usize, f64, Reference)]) -> Model {
+    let terms = terms.iter().map(|(place, gain, reference)| Term {
+        signal: SignalId(*place),
+        gain: *gain,
+        reference: *reference,
+    });
+    Model { name: name.to_owned(), kind: Kind::Linear(Linear { offset: 0.0, terms: terms.collect() }) }
+}
+
+fn axis(name: &str, every: u64, count: f64, on_fault: OnFault, models: Vec<Model>) -> Axis {
+    let guard = GuardSettings {
+        limit: um(40.0),
+        step: um(1.0),
+        rate: 0.5,
+        deadband: um(0.1),
+        count: Some(um(count)),
+    };
+    let every = Duration::from_secs(every);
+    Axis { settings: AxisSettings { name: name.to_owned(), models, guard, every, on_fault }, diameter: false }
+}
+
+/// `bed`, `wheelhead`, `hydraulics_on`, `zero_button`; z every 10 s (M1, then M2), x every 7 s (rises over zero and start).
+pub(crate) fn profile() -> Profile {
+    let resolve = |name: &str| match name {
+        "A" => Some(Symbol::Signal(SignalId(0))),
+        "t" => Some(Symbol::Time),
+        _ => None,
+    };
+    let expression = Expression::parse("2.4 * (A - (2e-5*t + 23.4))", &resolve).unwrap();
+    let bed_only = Model { name: "bed, only".to_owned(), kind: Kind::Formula(Formula { expression }) };
+    let absolute = Reference::Fixed(0.0);
+    let difference = linear("difference", &[(0, 2.4, absolute), (1, -2.4, absolute)]);
+    let rises = linear("the \"rises\"", &[(0, 1.7, Reference::Zero), (1, -0.3, Reference::Start)]);
+    Profile {
+        name: "sample".to_owned(),
+        description: String::new(),
+        path: "sample.toml".into(),
+        machine: MachineSettings {
+            on: Some(SignalId(2)),
+            zero: Some(SignalId(3)),
+            settle: Duration::from_secs(45),
+            signals: 4,
+        },
+        arm: Arm::Auto,
+        buses: Vec::new(),
+        devices: Vec::new(),
+        signals: ["bed", "wheelhead", "hydraulics_on", "zero_button"].map(signal).into(),
+        axes: vec![
+            axis("z", 10, 0.1, OnFault::Ramp { after: Duration::from_secs(60) }, vec![difference, bed_only]),
+            axis("x", 7, 0.3, OnFault::Zero, vec![rises]),
+        ],
+        outputs: Vec::new(),
+        heartbeat: None,
+        web: None,
+        history: History { directory: None, keep: Duration::from_secs(86_400) },
+    }
+}
