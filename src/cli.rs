@@ -1,2 +1,0 @@
-//! The verbs.
-pub mod replay;

@@ -1,2 +1,0 @@
-//! The gateway.
-pub mod log;
