@@ -112,6 +112,14 @@ impl DataType {
 }
 
 impl Encoded {
+    /// Registers as they were read: at most four, lowest address first.
+    pub fn of(words: &[u16]) -> Encoded {
+        let mut kept = [0; 4];
+        let len = words.len().min(kept.len());
+        kept[..len].copy_from_slice(&words[..len]);
+        Encoded { words: kept, len, saturated: false }
+    }
+
     /// The registers, lowest address first.
     pub fn words(&self) -> &[u16] {
         &self.words[..self.len]

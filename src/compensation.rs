@@ -68,6 +68,8 @@ pub enum Permit {
     Armed,
     /// Armed, but what it wrote last was not verified.
     Unverified,
+    /// Armed, but an interlock keeps what stands in the register: the axis waits, however long that takes.
+    Held,
     /// The gateway is stopping: the fault action runs without its waiting time.
     Stopping,
 }
@@ -79,13 +81,14 @@ impl Permit {
             Permit::Off => "off",
             Permit::Armed => "armed",
             Permit::Unverified => "unverified",
+            Permit::Held => "held",
             Permit::Stopping => "stopping",
         }
     }
 
     /// The permit with this name.
     pub fn from_name(name: &str) -> Option<Permit> {
-        [Permit::Off, Permit::Armed, Permit::Unverified, Permit::Stopping]
+        [Permit::Off, Permit::Armed, Permit::Unverified, Permit::Held, Permit::Stopping]
             .into_iter()
             .find(|permit| permit.name() == name)
     }
@@ -226,7 +229,8 @@ impl Axis {
         now >= due || now < last || control.permit != self.permit || control.take_over.is_some()
     }
 
-    /// The first usable model with its value, and what the preferred one lacks.
+    /// The first model whose signals are all good, with its value, and what the preferred one lacks. One that only
+    /// waits for a reference or for the machine's start is waited for: lesser models stand in for broken sensors.
     fn choose(
         &self,
         snapshot: &Snapshot<'_>,
@@ -236,6 +240,9 @@ impl Axis {
         for (place, model) in self.settings.models.iter().enumerate() {
             match model.evaluate(snapshot, machine) {
                 Ok(value) => return (Micron::new(value).map(|raw| (place, raw)), lacks),
+                Err(reason @ (Unusable::Reference(_) | Unusable::MachineOff)) => {
+                    return (None, lacks.or(Some(reason)));
+                }
                 Err(reason) => lacks = lacks.or(Some(reason)),
             }
         }
@@ -299,6 +306,10 @@ impl Axis {
             (Permit::Off, _) => AxisState::Off,
             // It never took over what stands in the register, so there is nothing of its own to bring back.
             (Permit::Stopping, _) if self.state == AxisState::Off => AxisState::Off,
+            (Permit::Held, _) => match self.state {
+                AxisState::Holding(since) => AxisState::Holding(since),
+                _ => AxisState::Holding(now),
+            },
             (Permit::Armed, Some(0)) => AxisState::Active,
             (Permit::Armed, Some(_)) => AxisState::Degraded,
             (Permit::Armed | Permit::Unverified, _) => self.fault_action(now, false),

@@ -118,6 +118,27 @@ pub struct VirtualMachine {
     tasks: JoinSet<Result<(), String>>,
 }
 
+/// A look at the truth of a running machine, from any thread.
+#[derive(Clone, Debug)]
+pub struct Window(Shared);
+
+impl Window {
+    /// The run so far.
+    pub fn summary(&self) -> Summary {
+        self.0.hardware().observer.summary().clone()
+    }
+
+    /// The rows kept so far; none unless [`Setup::truth_every`] asks for them.
+    pub fn truth_log(&self) -> Vec<TruthRow> {
+        self.0.hardware().observer.rows().to_vec()
+    }
+
+    /// The truth at the last tick; `None` before the first, and without a plant.
+    pub fn latest_truth(&self) -> Option<TruthRow> {
+        self.0.hardware().observer.latest().cloned()
+    }
+}
+
 /// A listener as the plant's task sees it: its devices, and the way to close and open it.
 struct Gate {
     devices: Vec<DeviceId>,
@@ -200,19 +221,9 @@ impl VirtualMachine {
         self.addresses.iter().find(|(id, _)| *id == bus).map(|(_, address)| *address)
     }
 
-    /// The run so far.
-    pub fn summary(&self) -> Summary {
-        self.shared.hardware().observer.summary().clone()
-    }
-
-    /// The rows kept so far; none unless [`Setup::truth_every`] asks for them.
-    pub fn truth_log(&self) -> Vec<TruthRow> {
-        self.shared.hardware().observer.rows().to_vec()
-    }
-
-    /// The truth at the last tick; `None` before the first, and without a plant.
-    pub fn latest_truth(&self) -> Option<TruthRow> {
-        self.shared.hardware().observer.latest().cloned()
+    /// Its truth.
+    pub fn window(&self) -> Window {
+        Window(self.shared.clone())
     }
 
     /// Returns only when a task has failed. To be awaited beside whatever the machine is for.
@@ -236,7 +247,7 @@ impl VirtualMachine {
                 .map_err(|error| VirtualMachineError::Failed(error.to_string()))?
                 .map_err(VirtualMachineError::Failed)?;
         }
-        Ok(self.summary())
+        Ok(self.window().summary())
     }
 }
 

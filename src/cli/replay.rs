@@ -11,8 +11,12 @@
 
 use std::io::{Read, Write};
 
+use std::fs::File;
+use std::path::PathBuf;
+
 use anyhow::Context;
 
+use super::{Failure, ProfileArguments, load, print_json};
 use crate::compensation::reference::Machine;
 use crate::compensation::{Compensation, Decision, Snapshot};
 use crate::gateway::log::{LogReader, LogRow, number};
@@ -25,6 +29,43 @@ mod tests;
 
 use summary::Tally;
 pub use summary::{AxisSummary, Difference, ErrorSummary, Range, Reproduced, Summary};
+
+/// The gateway's own step over a recorded log: every stage of Cz, and the error before and after where the log has one.
+///
+/// A log is CSV: first column `time` (seconds, or RFC 3339), one column per signal in its unit, `<axis>_error_um` where
+/// the error was measured. Missing values are empty.
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Example:\n  isotherm replay my-machine.toml monday.csv --out replayed.csv")]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    profile: ProfileArguments,
+    /// The log
+    #[arg(value_name = "LOG.csv")]
+    log: PathBuf,
+    /// Where the replayed rows go
+    #[arg(long, value_name = "FILE.csv")]
+    out: Option<PathBuf>,
+    /// One JSON document
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let profile = load(&arguments.profile, arguments.json)?;
+    let name = arguments.log.display().to_string();
+    let log = File::open(&arguments.log).with_context(|| format!("the log {name} cannot be read"))?;
+    let mut out = match &arguments.out {
+        Some(path) => Some(File::create(path).with_context(|| format!("cannot write {}", path.display()))?),
+        None => None,
+    };
+    let out = out.as_mut().map(|file| file as &mut dyn Write);
+    let summary = replay(&profile, std::io::BufReader::new(log), &name, out)?;
+    if arguments.json {
+        return print_json(&summary);
+    }
+    print!("{summary}");
+    Ok(())
+}
 
 /// What one axis came to at one row.
 #[derive(Clone, Debug)]

@@ -49,6 +49,19 @@ pub struct Noticed {
 }
 
 impl Machine {
+    /// The same machine after its profile has changed: `place` finds a signal's old place by its name.
+    pub fn for_signals<'a>(
+        &self,
+        place: impl Fn(&str) -> Option<usize>,
+        names: impl Iterator<Item = &'a str> + Clone,
+    ) -> Machine {
+        let moved = |captures: &[Capture]| {
+            let old = |name| place(name).and_then(|place| captures.get(place)).copied().unwrap_or_default();
+            names.clone().map(old).collect()
+        };
+        Machine { start: moved(&self.start), zero: moved(&self.zero), ..self.clone() }
+    }
+
     /// How long the machine has been running; `None` before it was first seen running.
     pub fn on_time(&self, now: Moment) -> Option<Duration> {
         self.on_since.map(|since| now.since(since))

@@ -6,9 +6,10 @@
 
 use std::fmt;
 
-use crate::codec::{Address, Table};
+use super::wire::{Answer, Request};
+use crate::codec::{Address, Encoding, Table};
 use crate::profile::{Device, Signal};
-use crate::reading::SignalId;
+use crate::reading::{Reason, SignalId};
 
 /// Most coils or discrete inputs that one request may ask for, by the protocol.
 const MAX_BITS: u16 = 2000;
@@ -105,6 +106,11 @@ impl ReadRequest {
         self.fields.push(Field { signal: want.signal, at, len: want.len });
     }
 
+    /// As it goes over the wire.
+    pub fn request(&self) -> Request<'static> {
+        Request::Read { from: self.first(), count: self.count }
+    }
+
     /// The address of the first register or bit.
     pub fn first(&self) -> Address {
         Address { table: self.table, offset: self.start }
@@ -113,6 +119,21 @@ impl ReadRequest {
     /// The address of the last register or bit.
     pub fn last(&self) -> Address {
         Address { table: self.table, offset: self.start.saturating_add(self.count - 1) }
+    }
+}
+
+impl Field {
+    /// The signal's value in the answer to its request.
+    ///
+    /// # Errors
+    /// Why there is none.
+    pub fn decode(&self, encoding: &Encoding, answer: &Answer) -> Result<f64, Reason> {
+        let (from, to) = (usize::from(self.at), usize::from(self.at) + usize::from(self.len));
+        match answer {
+            Answer::Words(words) => encoding.decode(words.get(from..to).ok_or(Reason::BadReply)?),
+            Answer::Bits(bits) => Ok(encoding.decode_bit(*bits.get(from).ok_or(Reason::BadReply)?)),
+            Answer::Done => Err(Reason::BadReply),
+        }
     }
 }
 

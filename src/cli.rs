@@ -1,0 +1,211 @@
+//! The verbs: one small file each. Results go to stdout, diagnostics to stderr.
+
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::{Args, CommandFactory, Parser, Subcommand};
+
+use crate::profile::{self, Profile};
+
+mod check;
+mod command;
+mod demo;
+mod gauge;
+mod machines;
+mod read;
+pub mod replay;
+mod run;
+mod services;
+mod signals;
+mod simulate;
+
+/// Holds a machine tool to its cold geometry.
+///
+/// isotherm polls thermocouple modules, computes the thermal compensation Cz of each axis and writes the offset to the
+/// CNC, or the corrected position to a readout. It is not a safety function.
+#[derive(Debug, Parser)]
+#[command(
+    version,
+    max_term_width = 100,
+    after_help = "Try it without hardware:  isotherm demo\nCheck a profile:          isotherm check my-machine.toml"
+)]
+pub struct Arguments {
+    /// What is logged to stderr: error, warn, info, debug, or a filter such as `isotherm=debug`
+    #[arg(long, global = true, value_name = "FILTER", env = "ISOTHERM_LOG")]
+    log: Option<String>,
+    /// The verb.
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Debug, Subcommand)]
+enum Verb {
+    /// The whole job without hardware: a virtual machine on real loopback sockets, compensated live
+    Demo(demo::Arguments),
+    /// The gateway
+    Run(run::Arguments),
+    /// Every error of a profile with its place; then what would be read and written
+    Check(check::Arguments),
+    /// One reading of every signal, with its quality
+    Read(read::Arguments),
+    /// The devices of a profile as virtual hardware
+    Virtual(simulate::Arguments),
+    /// The gateway's own step over a recorded log
+    Replay(replay::Arguments),
+    /// Let the running gateway write
+    Arm(command::Arguments),
+    /// Let the running gateway write no more; what stands in the registers stays
+    Disarm(command::Arguments),
+    /// Capture the "zero" references in the running gateway
+    Zero(command::Arguments),
+    /// The JSON Schema of the profile, for editors
+    Schema,
+    /// Completions for a shell
+    Completions {
+        /// bash, zsh, fish, elvish, powershell
+        shell: clap_complete::Shell,
+    },
+    /// The manual page
+    Man,
+}
+
+/// A profile and what is laid over it.
+#[derive(Args, Debug)]
+struct ProfileArguments {
+    /// The machine's profile, or the name of a shipped one
+    #[arg(value_name = "PROFILE")]
+    path: PathBuf,
+    /// Overrides one key, as often as needed: `--set bus.cell.address=10.0.0.7:502`
+    #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value)]
+    set: Vec<(String, String)>,
+}
+
+fn key_and_value(text: &str) -> Result<(String, String), String> {
+    let (key, value) = text.split_once('=').ok_or("write it as KEY=VALUE, e.g. bus.cell.timeout=500ms")?;
+    Ok((key.trim().to_owned(), value.trim().to_owned()))
+}
+
+/// Why a verb ended without success.
+#[derive(Debug)]
+enum Failure {
+    /// The profile is wrong; everything about it has been printed.
+    Profile,
+    /// It ran and failed.
+    Ran(anyhow::Error),
+}
+
+impl Arguments {
+    /// What is logged where nothing is said.
+    pub fn log_filter(&self) -> &str {
+        match (&self.log, &self.verb) {
+            (Some(filter), _) => filter,
+            (None, Verb::Demo(demo)) => demo.quiet_log(),
+            (None, Verb::Run(_) | Verb::Virtual(_)) => "info",
+            (None, _) => "warn",
+        }
+    }
+}
+
+impl From<anyhow::Error> for Failure {
+    fn from(error: anyhow::Error) -> Failure {
+        Failure::Ran(error)
+    }
+}
+
+impl From<std::io::Error> for Failure {
+    fn from(error: std::io::Error) -> Failure {
+        Failure::Ran(error.into())
+    }
+}
+
+/// Carries out the arguments.
+pub fn run(arguments: Arguments) -> ExitCode {
+    let done = match arguments.verb {
+        Verb::Demo(arguments) => demo::run(&arguments),
+        Verb::Run(arguments) => run::run(&arguments),
+        Verb::Check(arguments) => check::run(&arguments),
+        Verb::Read(arguments) => read::run(&arguments),
+        Verb::Virtual(arguments) => simulate::run(&arguments),
+        Verb::Replay(arguments) => replay::run(&arguments),
+        Verb::Arm(arguments) => command::run(&arguments, crate::observe::status::Command::Arm),
+        Verb::Disarm(arguments) => command::run(&arguments, crate::observe::status::Command::Disarm),
+        Verb::Zero(arguments) => command::run(&arguments, crate::observe::status::Command::Zero),
+        Verb::Schema => print_json(&profile::schema()),
+        Verb::Completions { shell } => {
+            clap_complete::generate(shell, &mut Arguments::command(), "isotherm", &mut std::io::stdout());
+            Ok(())
+        }
+        Verb::Man => {
+            clap_mangen::Man::new(Arguments::command()).render(&mut std::io::stdout()).map_err(Failure::from)
+        }
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(Failure::Profile) => ExitCode::from(64),
+        Err(Failure::Ran(error)) if is_closed_pipe(&error) => ExitCode::SUCCESS,
+        Err(Failure::Ran(error)) => {
+            eprintln!("isotherm: {error:#}");
+            ExitCode::from(1)
+        }
+    }
+}
+
+/// `isotherm check … | head` is no failure.
+fn is_closed_pipe(error: &anyhow::Error) -> bool {
+    error.downcast_ref::<std::io::Error>().is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
+}
+
+/// Starts the log on stderr. Under a service manager, which stamps lines itself, without times.
+pub fn start_log(filter: &str) {
+    use tracing_subscriber::EnvFilter;
+    let filter = EnvFilter::try_new(filter).unwrap_or_else(|_| EnvFilter::new("info"));
+    let log = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .with_target(false);
+    // A second start in one process, as tests make, keeps the first.
+    let _ = if std::env::var_os("JOURNAL_STREAM").is_some() {
+        log.without_time().try_init()
+    } else {
+        log.try_init()
+    };
+}
+
+/// Loads a profile, or prints everything that is wrong with it.
+fn load(arguments: &ProfileArguments, json: bool) -> Result<Profile, Failure> {
+    load_with(&arguments.path, &arguments.set, json)
+}
+
+fn load_with(path: &Path, set: &[(String, String)], json: bool) -> Result<Profile, Failure> {
+    let environment = profile::environment();
+    // A shipped machine may be named without having its file.
+    let shipped = path.to_str().filter(|_| !path.exists()).and_then(machines::text);
+    let loaded = match shipped {
+        Some((path, text)) => profile::parse(&path, text, set, &environment),
+        None => profile::load(path, set, &environment),
+    };
+    match loaded {
+        Ok(loaded) => {
+            for warning in &loaded.warnings {
+                eprintln!("warning: {warning}");
+            }
+            Ok(loaded.profile)
+        }
+        Err(errors) => {
+            if json {
+                print_json(&errors)?;
+            } else {
+                eprint!("{errors}");
+            }
+            Err(Failure::Profile)
+        }
+    }
+}
+
+fn print_json(document: &impl serde::Serialize) -> Result<(), Failure> {
+    use std::io::Write;
+    let text = serde_json::to_string_pretty(document).map_err(anyhow::Error::from)?;
+    Ok(writeln!(std::io::stdout(), "{text}")?)
+}

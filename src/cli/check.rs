@@ -1,0 +1,45 @@
+//! `isotherm check`: what a profile says, and what is wrong with it.
+
+use super::gauge::{self, Gauge};
+use super::{Failure, ProfileArguments, load, print_json};
+use crate::explain::Explanation;
+
+/// Every error of the profile with its place; then what would happen: the read plan, each register in both notations,
+/// the write list, the signs in words.
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  isotherm check my-machine.toml\n  isotherm check my-machine.toml --online     asks the \
+                  devices as well, reading only"
+)]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    profile: ProfileArguments,
+    /// Ask the devices as well: reads every signal and every output register once, writes nothing
+    #[arg(long)]
+    online: bool,
+    /// One JSON document
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let profile = load(&arguments.profile, arguments.json)?;
+    let explanation = Explanation::of(&profile);
+    if !arguments.online {
+        if arguments.json {
+            return print_json(&explanation);
+        }
+        print!("{explanation}");
+        return Ok(());
+    }
+    let status = gauge::once(profile)?;
+    if arguments.json {
+        print_json(&serde_json::json!({ "profile": explanation, "online": status }))?;
+    } else {
+        print!("{explanation}");
+        println!("\nOnline");
+        print!("{}", Gauge(&status));
+        print!("{}", gauge::Fieldbus(&status));
+    }
+    gauge::judge(&status)
+}

@@ -1,0 +1,213 @@
+//! `isotherm demo`: the main job with no hardware.
+
+use std::io::IsTerminal;
+use std::net::SocketAddr;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use serde::Serialize;
+
+use super::services::Sockets;
+use super::signals::Signals;
+use super::{Failure, machines, print_json};
+use crate::clock::Clock;
+use crate::gateway::{Gateway, Options};
+use crate::observe::status::Source;
+use crate::profile::{Profile, Web};
+use crate::virtual_machine::{PlantSpec, Ports, Setup, Summary, VirtualMachine, Window};
+
+mod table;
+
+use table::Table;
+
+/// The main job with no hardware: starts the virtual machine's devices on real loopback sockets, runs the gateway
+/// against them, serves the page, and ends with what the compensation was worth.
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:\n  isotherm demo\n  isotherm demo sinker-edm --for 12h\n  \
+                  isotherm demo --speed 3600 --for 8h --seed 7 --json")]
+pub(super) struct Arguments {
+    /// A shipped machine: surface-grinder, sinker-edm
+    #[arg(default_value = "surface-grinder")]
+    machine: String,
+    /// How many times faster than the wall the machine's time runs, at most
+    #[arg(long, default_value_t = 600.0, value_name = "FACTOR", value_parser = positive)]
+    speed: f64,
+    /// How much machine time is shown
+    #[arg(long = "for", default_value = "8h", value_name = "SPAN", value_parser = humantime::parse_duration)]
+    span: Duration,
+    /// The day: duty cycle, ambient and noise follow from it
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Where the page listens; port 0 takes any free one. Default 127.0.0.1:8080, or any free one where that is taken
+    #[arg(long, value_name = "ADDR")]
+    listen: Option<String>,
+    /// One JSON document at the end, nothing else on stdout
+    #[arg(long)]
+    json: bool,
+}
+
+/// What a demo ends with.
+#[derive(Debug, Serialize)]
+struct Report {
+    machine: String,
+    seed: u64,
+    machine_hours: f64,
+    uncompensated_range_um: f64,
+    compensated_range_um: f64,
+    axes: serde_json::Map<String, serde_json::Value>,
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(factor) if factor > 0.0 && factor.is_finite() => Ok(factor),
+        _ => Err("write a number above 0, such as 600".to_owned()),
+    }
+}
+
+impl Arguments {
+    /// The log would run through the table; warnings are in its list of events.
+    pub(super) fn quiet_log(&self) -> &'static str {
+        if std::io::stdout().is_terminal() && !self.json { "off" } else { "warn" }
+    }
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let (profile, plant) = machines::with_plant(&arguments.machine)?;
+    let clock = Clock::simulated(plant.start(), Some(arguments.speed));
+    let hold = clock.hold();
+    let virtual_runtime = runtime()?;
+    let mut machine = virtual_runtime
+        .block_on(VirtualMachine::start(&profile, setup(plant, arguments.seed), &clock))
+        .map_err(anyhow::Error::from)?;
+    let profile = at_addresses(profile, &machine);
+    let window = machine.window();
+    let mut sockets = Sockets::default();
+    let page = open_page(&mut sockets, arguments.listen.as_deref(), profile.web.as_ref())?;
+    let (ended, end) = tokio::sync::oneshot::channel::<()>();
+    let hardware = std::thread::Builder::new().name("virtual-machine".to_owned()).spawn(move || {
+        // Its tasks live in this runtime; an error means that the demo is gone.
+        let _ = virtual_runtime.block_on(end);
+    })?;
+    let begun = clock.now();
+    let summary = Arc::new(Mutex::new(window.summary()));
+    let outcome = runtime()?.block_on(async {
+        let mut signals = Signals::listen()?;
+        let mut last = clock.join();
+        let gateway = Gateway::new(profile, &clock, Options::default());
+        let source = gateway.source();
+        let _services = sockets.serve(&source)?;
+        drop(hold);
+        let over = async {
+            tokio::select! {
+                () = last.sleep_until(begun.after(arguments.span)) => {}
+                () = signals.next() => {}
+            }
+            *summary.lock().unwrap_or_else(PoisonError::into_inner) = window.summary();
+            drop(last);
+        };
+        let shown = show(arguments, &source, &window, page);
+        tokio::select! {
+            outcome = gateway.run(over, std::future::pending()) => anyhow::Ok(outcome),
+            error = machine.failure() => Err(error.into()),
+            never = shown => match never {},
+        }
+    })?;
+    let machine_hours = clock.now().since(begun).as_secs_f64() / 3600.0;
+    let _ = ended.send(());
+    drop(machine);
+    let _ = hardware.join();
+    let summary = summary.lock().unwrap_or_else(PoisonError::into_inner).clone();
+    report(arguments, &summary, machine_hours.min(arguments.span.as_secs_f64() / 3600.0))?;
+    if outcome.failed {
+        return Err(anyhow::anyhow!("something failed inside; run it again with --log info").into());
+    }
+    Ok(())
+}
+
+fn runtime() -> std::io::Result<tokio::runtime::Runtime> {
+    tokio::runtime::Builder::new_current_thread().enable_all().build()
+}
+
+fn setup(plant: PlantSpec, seed: u64) -> Setup {
+    Setup { plant: Some(plant), seed, ports: Ports::Free, ..Setup::default() }
+}
+
+/// The profile with the addresses at which the virtual devices really listen.
+fn at_addresses(mut profile: Profile, machine: &VirtualMachine) -> Profile {
+    for (bus, address) in machine.addresses() {
+        if let Some(bus) = profile.buses.get_mut(bus.0) {
+            bus.address = address.to_string();
+        }
+    }
+    profile
+}
+
+/// The page is worth having, but no reason to refuse a demo: where its port is taken, any other will do.
+fn open_page(sockets: &mut Sockets, listen: Option<&str>, web: Option<&Web>) -> anyhow::Result<SocketAddr> {
+    let at = |listen: &str| Web { listen: listen.to_owned(), token_file: None };
+    if let Some(listen) = listen {
+        return sockets.open_page(&at(listen));
+    }
+    let usual = web.map_or("127.0.0.1:8080", |web| web.listen.as_str());
+    sockets.open_page(&at(usual)).or_else(|_| sockets.open_page(&at("127.0.0.1:0")))
+}
+
+/// Draws until the demo is over.
+async fn show(
+    arguments: &Arguments,
+    source: &Arc<dyn Source>,
+    window: &Window,
+    page: SocketAddr,
+) -> std::convert::Infallible {
+    let mut table = Table::new(arguments.json, page, arguments.span);
+    loop {
+        if let Err(error) = table.draw(&source.status(), window.latest_truth().as_ref(), &window.summary()) {
+            // Nobody reads it; the demo goes on.
+            tracing::debug!("the table cannot be drawn: {error}");
+        }
+        tokio::time::sleep(Duration::from_millis(200)).await;
+    }
+}
+
+fn report(arguments: &Arguments, summary: &Summary, machine_hours: f64) -> Result<(), Failure> {
+    let mut axes = serde_json::Map::new();
+    for axis in &summary.axes {
+        let ranges = serde_json::json!({
+            "uncompensated_range_um": round(axis.uncompensated.range_um()),
+            "compensated_range_um": round(axis.compensated.range_um()),
+        });
+        axes.insert(axis.axis.clone(), ranges);
+    }
+    let worst = |range: fn(&crate::virtual_machine::AxisSummary) -> f64| {
+        round(summary.axes.iter().map(range).fold(0.0, f64::max))
+    };
+    let report = Report {
+        machine: arguments.machine.clone(),
+        seed: arguments.seed,
+        machine_hours: round(machine_hours),
+        uncompensated_range_um: worst(|axis| axis.uncompensated.range_um()),
+        compensated_range_um: worst(|axis| axis.compensated.range_um()),
+        axes,
+    };
+    if arguments.json {
+        return print_json(&report);
+    }
+    println!("\n{}, seed {}: {:.1} h of machine time", report.machine, report.seed, report.machine_hours);
+    for axis in &summary.axes {
+        println!(
+            "  {}: error range {:.1} µm uncompensated, {:.1} µm compensated",
+            axis.axis,
+            axis.uncompensated.range_um(),
+            axis.compensated.range_um()
+        );
+    }
+    println!(
+        "The virtual machine is ours; its day was not the one on which the coefficients were identified."
+    );
+    Ok(())
+}
+
+/// Nanometres are below what means anything here.
+fn round(value: f64) -> f64 {
+    (value * 1000.0).round() / 1000.0
+}

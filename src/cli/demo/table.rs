@@ -1,0 +1,165 @@
+//! The live table: on a terminal redrawn in place, elsewhere a row each half hour of machine time.
+
+use std::fmt::Write as _;
+use std::io::{IsTerminal, Write};
+use std::net::SocketAddr;
+use std::time::Duration;
+
+use crate::observe::status::{AxisStatus, Status};
+use crate::virtual_machine::{Summary, TruthRow};
+
+/// Where no terminal redraws, a row this often.
+const ROW_EVERY: f64 = 1800.0;
+
+/// What is drawn, and how.
+pub(super) struct Table {
+    mode: Mode,
+    page: SocketAddr,
+    span: Duration,
+    next_row: f64,
+    drawn: usize,
+}
+
+enum Mode {
+    /// A terminal on stdout.
+    Live,
+    /// Rows on stdout.
+    Rows,
+    /// stdout belongs to the JSON document: progress on stderr, if that is a terminal.
+    Progress,
+    Nothing,
+}
+
+impl Table {
+    pub(super) fn new(json: bool, page: SocketAddr, span: Duration) -> Table {
+        let mode = match (json, std::io::stdout().is_terminal(), std::io::stderr().is_terminal()) {
+            (false, true, _) => Mode::Live,
+            (false, false, _) => Mode::Rows,
+            (true, _, true) => Mode::Progress,
+            (true, _, false) => Mode::Nothing,
+        };
+        Table { mode, page, span, next_row: 0.0, drawn: 0 }
+    }
+
+    pub(super) fn draw(
+        &mut self,
+        status: &Status,
+        truth: Option<&TruthRow>,
+        summary: &Summary,
+    ) -> std::io::Result<()> {
+        match self.mode {
+            Mode::Live => self.live(status, truth, summary),
+            Mode::Rows => self.row(status, truth),
+            Mode::Progress => {
+                let share = 100.0 * status.uptime_s / self.span.as_secs_f64();
+                write!(
+                    std::io::stderr(),
+                    "\r{:.1} h of machine time ({share:.0} %) ",
+                    status.uptime_s / 3600.0
+                )
+            }
+            Mode::Nothing => Ok(()),
+        }
+    }
+
+    fn live(&mut self, status: &Status, truth: Option<&TruthRow>, summary: &Summary) -> std::io::Result<()> {
+        let mut text = String::new();
+        let share = (status.uptime_s / self.span.as_secs_f64()).clamp(0.0, 1.0);
+        let lines = self.lines(status, truth, summary, share);
+        if self.drawn > 0 {
+            let _ = write!(text, "\x1b[{}A", self.drawn);
+        }
+        for line in &lines {
+            let _ = writeln!(text, "\x1b[2K{line}");
+        }
+        self.drawn = lines.len();
+        let mut out = std::io::stdout().lock();
+        out.write_all(text.as_bytes())?;
+        out.flush()
+    }
+
+    fn lines(&self, status: &Status, truth: Option<&TruthRow>, summary: &Summary, share: f64) -> Vec<String> {
+        let mut lines = vec![
+            format!("{} — {}", status.machine, status.description),
+            format!("page  http://{}", self.page),
+            format!(
+                "time  {}   {} {:>4.1} h of {:.1} h",
+                clock(&status.now),
+                bar(share),
+                status.uptime_s / 3600.0,
+                self.span.as_secs_f64() / 3600.0
+            ),
+            String::new(),
+            format!(
+                "{:<6}{:>13}{:>11}{:>13}   {:<10}{}",
+                "axis", "error", "Cz", "what is left", "state", "guard"
+            ),
+        ];
+        for (place, axis) in status.axes.iter().enumerate() {
+            let known = truth.and_then(|truth| truth.axes.get(place));
+            let micron =
+                |value: Option<f64>| value.map_or("—".to_owned(), |value| format!("{value:+.1} µm"));
+            lines.push(format!(
+                "{:<6}{:>13}{:>11}{:>13}   {:<10}{}",
+                axis.name,
+                micron(known.map(|known| known.error_um)),
+                micron(Some(axis.cz_um)),
+                micron(known.map(|known| known.residual_um())),
+                axis.state,
+                axis.acted.join(" ")
+            ));
+        }
+        for axis in &summary.axes {
+            lines.push(format!(
+                "      range so far: {:.1} µm uncompensated, {:.1} µm compensated",
+                axis.uncompensated.range_um(),
+                axis.compensated.range_um()
+            ));
+        }
+        lines.push(String::new());
+        lines.extend(status.signals.iter().map(|signal| {
+            let value = signal.value.map_or("—".to_owned(), |value| format!("{value:.3}"));
+            format!("{:<14}{:>12} {:<5} {}", signal.name, value, signal.unit, signal.quality)
+        }));
+        lines.push(String::new());
+        let newest = status.events.iter().rev().take(4);
+        lines.extend(newest.map(|event| format!("{}  {}", clock(&event.at), event.text)));
+        lines.resize(lines.len() + 4usize.saturating_sub(status.events.len()), String::new());
+        lines.iter().map(|line| line.chars().take(100).collect()).collect()
+    }
+
+    fn row(&mut self, status: &Status, truth: Option<&TruthRow>) -> std::io::Result<()> {
+        if status.uptime_s < self.next_row {
+            return Ok(());
+        }
+        let mut out = std::io::stdout().lock();
+        if self.next_row < ROW_EVERY {
+            writeln!(out, "{} — {}\npage  http://{}\n", status.machine, status.description, self.page)?;
+            writeln!(
+                out,
+                "{:>6}  {:<5}{:>10}{:>10}{:>14}   state",
+                "hours", "axis", "error", "Cz", "what is left"
+            )?;
+        }
+        self.next_row = (status.uptime_s / ROW_EVERY).floor() * ROW_EVERY + ROW_EVERY;
+        for (place, axis) in status.axes.iter().enumerate() {
+            let known = truth.and_then(|truth| truth.axes.get(place));
+            let (error, left) =
+                known.map_or((f64::NAN, f64::NAN), |known| (known.error_um, known.residual_um()));
+            let AxisStatus { name, cz_um, state, .. } = axis;
+            let hours = status.uptime_s / 3600.0;
+            writeln!(out, "{hours:>6.1}  {name:<5}{error:>10.1}{cz_um:>10.1}{left:>14.1}   {state}")?;
+        }
+        out.flush()
+    }
+}
+
+/// `14:05:00` of an RFC 3339 time.
+fn clock(time: &str) -> &str {
+    time.get(11..19).unwrap_or(time)
+}
+
+fn bar(share: f64) -> String {
+    let tenths = (0..30u8).filter(|tenth| f64::from(*tenth) < share * 30.0).count();
+    format!("{}{}", "█".repeat(tenths), "░".repeat(30 - tenths))
+}

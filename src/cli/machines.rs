@@ -1,0 +1,37 @@
+//! The machines that are shipped inside the program: their profiles, by name.
+
+use std::path::{Path, PathBuf};
+
+use super::Failure;
+use crate::profile::{self, Profile};
+use crate::virtual_machine::PlantSpec;
+
+/// Name and text of each, the default first.
+const SHIPPED: [(&str, &str); 2] = [
+    ("surface-grinder", include_str!("../../profiles/surface-grinder.toml")),
+    ("sinker-edm", include_str!("../../profiles/sinker-edm.toml")),
+];
+
+/// The names, for help and errors.
+pub(super) fn names() -> impl Iterator<Item = &'static str> {
+    SHIPPED.iter().map(|(name, _)| *name)
+}
+
+/// The text of a shipped profile, and the path under which its errors are told.
+pub(super) fn text(name: &str) -> Option<(PathBuf, &'static str)> {
+    let (name, text) = SHIPPED.iter().find(|(shipped, _)| *shipped == name)?;
+    Some((Path::new("profiles").join(format!("{name}.toml")), text))
+}
+
+/// A shipped machine with its plant.
+pub(super) fn with_plant(name: &str) -> Result<(Profile, PlantSpec), Failure> {
+    let Some((path, text)) = text(name) else {
+        let known: Vec<&str> = names().collect();
+        return Err(anyhow::anyhow!("there is no machine `{name}`; shipped are: {}", known.join(", ")).into());
+    };
+    let loaded = profile::parse(&path, text, &[], &[]).map_err(|errors| anyhow::anyhow!("{errors}"))?;
+    let plant = PlantSpec::shipped(name)
+        .ok_or_else(|| anyhow::anyhow!("the machine `{name}` has no plant"))?
+        .map_err(anyhow::Error::from)?;
+    Ok((loaded.profile, plant))
+}

@@ -1,0 +1,112 @@
+//! `isotherm run`: the gateway.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::Context;
+
+use super::services::Sockets;
+use super::signals::Signals;
+use super::{Failure, ProfileArguments, load};
+use crate::clock::Clock;
+use crate::explain::Explanation;
+use crate::gateway::{Gateway, Options};
+use crate::profile::{Profile, Web};
+
+/// The gateway: polls, computes, writes, until SIGTERM or Ctrl-C.
+///
+/// A stop carries out the axes' fault actions (hold, ramp or zero) before the program ends; a second signal ends it at
+/// once and leaves the registers as they are.
+#[derive(clap::Args, Debug)]
+#[command(after_help = "Examples:\n  isotherm run my-machine.toml --dry-run      see what it would do\n  \
+                  isotherm run my-machine.toml --set bus.cell.address=10.0.0.7:502\n  \
+                  isotherm run my-machine.toml --listen 127.0.0.1:0 --state /var/lib/isotherm")]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    profile: ProfileArguments,
+    /// Where the page listens, instead of the profile's [web]; port 0 takes any free one and prints it
+    #[arg(long, value_name = "ADDR")]
+    listen: Option<String>,
+    /// Where state and log are kept, instead of the profile's [history]
+    #[arg(long, value_name = "DIR")]
+    state: Option<PathBuf>,
+    /// Read, compute and show; write nothing
+    #[arg(long)]
+    dry_run: bool,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let profile = load(&arguments.profile, false)?;
+    let directory = state_directory(arguments.state.as_deref(), &profile)?;
+    let mut sockets = Sockets::default();
+    if let Some(web) = web(arguments.listen.as_deref(), &profile) {
+        let address = sockets.open_page(&web)?;
+        println!("page http://{address}");
+    }
+    sockets.open_control(&directory, &profile.name)?;
+    for device in &Explanation::of(&profile).devices {
+        tracing::info!("device {}: {}", device.name, device.summary);
+        for request in &device.requests {
+            tracing::info!("device {}: {}: {}", device.name, request.read, request.signals.join(", "));
+        }
+    }
+    let options = Options {
+        dry_run: arguments.dry_run,
+        directory: Some(directory),
+        give_up: Arc::new(|| std::process::exit(1)),
+        ..Options::default()
+    };
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let outcome = runtime.block_on(async {
+        let mut first = Signals::listen()?;
+        let mut second = Signals::listen()?;
+        let gateway = Gateway::new(profile, &Clock::wall(), options);
+        let _services = sockets.serve(&gateway.source())?;
+        let hurry = async {
+            // It hears the first signal as well.
+            second.next().await;
+            second.next().await;
+        };
+        anyhow::Ok(gateway.run(first.next(), hurry).await)
+    })?;
+    if outcome.failed {
+        return Err(anyhow::anyhow!("something failed inside (see above); {}", outcome.left).into());
+    }
+    if !outcome.rested {
+        return Err(anyhow::anyhow!(
+            "stopped before the fault actions had come to their end; {}",
+            outcome.left
+        )
+        .into());
+    }
+    Ok(())
+}
+
+fn web(listen: Option<&str>, profile: &Profile) -> Option<Web> {
+    match (listen, &profile.web) {
+        (Some(listen), web) => Some(Web {
+            listen: listen.to_owned(),
+            token_file: web.as_ref().and_then(|web| web.token_file.clone()),
+        }),
+        (None, web) => web.clone(),
+    }
+}
+
+/// The option, the profile, or where the platform keeps such things; made if it is not there.
+pub(super) fn state_directory(option: Option<&Path>, profile: &Profile) -> anyhow::Result<PathBuf> {
+    let home = || std::env::var_os("HOME").map(|home| PathBuf::from(home).join(".local/state"));
+    let platform = || {
+        let of_service = std::env::var_os("STATE_DIRECTORY").map(PathBuf::from);
+        let of_person = std::env::var_os("XDG_STATE_HOME").map(PathBuf::from).or_else(home);
+        of_service.or_else(|| of_person.map(|base| base.join("isotherm")))
+    };
+    let directory = option
+        .map(Path::to_owned)
+        .or_else(|| profile.history.directory.clone())
+        .or_else(platform)
+        .unwrap_or_else(|| PathBuf::from("/var/lib/isotherm"));
+    std::fs::create_dir_all(&directory).with_context(|| {
+        format!("the state directory {} cannot be made; name another with --state", directory.display())
+    })?;
+    Ok(directory)
+}

@@ -1,0 +1,80 @@
+//! `isotherm virtual`: the devices of a profile as virtual hardware.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+
+use super::signals::Signals;
+use super::{Failure, ProfileArguments, load};
+use crate::clock::Clock;
+use crate::profile::Profile;
+use crate::virtual_machine::{FaultScript, PlantSpec, Ports, Setup, VirtualMachine};
+
+/// The devices of a profile as virtual hardware: Modbus TCP servers at the addresses of the profile.
+///
+/// Values come from the plant beside the profile (`<name>.plant.toml`) or of the shipped machine of that name; without
+/// one they wander plausibly.
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  isotherm virtual surface-grinder         in one terminal\n  isotherm run \
+                  surface-grinder             in another\n  isotherm virtual my-machine.toml --faults faults.toml"
+)]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    profile: ProfileArguments,
+    /// What goes wrong, and when
+    #[arg(long, value_name = "FILE")]
+    faults: Option<PathBuf>,
+    /// The day: duty cycle, ambient and noise follow from it
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let profile = load(&arguments.profile, false)?;
+    let faults = match &arguments.faults {
+        Some(path) => {
+            let text = std::fs::read_to_string(path)
+                .with_context(|| format!("the fault script {} cannot be read", path.display()))?;
+            FaultScript::parse(&text, &profile)
+                .map_err(|error| anyhow::anyhow!("{}: {error}", path.display()))?
+        }
+        None => FaultScript::default(),
+    };
+    let plant = plant(&arguments.profile.path, &profile)?;
+    let with =
+        if plant.is_some() { "its plant" } else { "wandering values (no plant file beside the profile)" };
+    let setup = Setup { plant, seed: arguments.seed, faults, ports: Ports::AsInProfile, ..Setup::default() };
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    runtime.block_on(async {
+        let mut signals = Signals::listen()?;
+        let mut machine =
+            VirtualMachine::start(&profile, setup, &Clock::wall()).await.map_err(anyhow::Error::from)?;
+        println!("{} with {with}, seed {}", profile.name, arguments.seed);
+        for (bus, address) in machine.addresses() {
+            let devices = profile.devices.iter().filter(|device| device.bus == *bus);
+            let devices: Vec<String> =
+                devices.map(|device| format!("{} (unit {})", device.name, device.unit)).collect();
+            println!("bus {} listens on {address}: {}", profile.bus(*bus).name, devices.join(", "));
+        }
+        println!("stop with Ctrl-C");
+        tokio::select! {
+            () = signals.next() => Ok(()),
+            error = machine.failure() => Err(anyhow::Error::from(error)),
+        }
+    })?;
+    Ok(())
+}
+
+/// The plant beside the profile, or of the shipped machine of the same name.
+fn plant(path: &Path, profile: &Profile) -> anyhow::Result<Option<PlantSpec>> {
+    let beside = path.with_extension("plant.toml");
+    if beside.exists() {
+        let text = std::fs::read_to_string(&beside)
+            .with_context(|| format!("the plant {} cannot be read", beside.display()))?;
+        let plant =
+            PlantSpec::parse(&text).map_err(|error| anyhow::anyhow!("{}: {error}", beside.display()))?;
+        return Ok(Some(plant));
+    }
+    Ok(PlantSpec::shipped(&profile.name).transpose()?)
+}

@@ -1,0 +1,237 @@
+//! The gateway: lines, axes and outputs of one profile, wired and run.
+//!
+//! Each line has one task that owns it: it reads, steps the axes whose inputs it has just read, and writes what was
+//! decided. What the lines share stands behind one lock that is held for microseconds. Events, page, log and state
+//! file are told, never waited for.
+
+use std::collections::HashMap;
+use std::future::Future;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::Notify;
+use tokio::task::{Id, JoinError, JoinSet};
+
+use crate::clock::{Clock, Sleeper};
+use crate::fieldbus::line::Line;
+use crate::fieldbus::modbus::TcpDial;
+use crate::fieldbus::wire::Dial;
+use crate::observe::events::{Event, Journal};
+use crate::observe::status::Source;
+use crate::profile::{Bus, BusId, DeviceId, Profile};
+
+mod apply;
+mod arming;
+mod board;
+pub mod control;
+mod keeper;
+pub mod log;
+mod memory;
+mod output;
+mod poll;
+mod shared;
+mod status;
+mod watch;
+
+use keeper::Keeper;
+use memory::Memory;
+use poll::LineTask;
+use shared::Shared;
+use watch::Watch;
+
+/// What opens the connections of a bus.
+pub type Dialer = Arc<dyn Fn(&Bus) -> Box<dyn Dial> + Send + Sync>;
+
+/// How a gateway is run.
+pub struct Options {
+    /// Read, compute, show; write nothing.
+    pub dry_run: bool,
+    /// Where state and log are kept; nowhere without it.
+    pub directory: Option<PathBuf>,
+    /// What opens connections; TCP in the field, something else in tests.
+    pub dialer: Dialer,
+    /// How long a line may go without a cycle; `None`: what its timeouts allow. Tests make it short.
+    pub watch: Option<Duration>,
+    /// Called where a stuck gateway cannot even stop.
+    pub give_up: Arc<dyn Fn() + Send + Sync>,
+}
+
+impl Default for Options {
+    fn default() -> Options {
+        Options {
+            dry_run: false,
+            directory: None,
+            dialer: Arc::new(|bus: &Bus| {
+                let pause = bus.quirks.pause_after_connect;
+                Box::new(TcpDial::new(&bus.address, pause)) as Box<dyn Dial>
+            }),
+            watch: None,
+            give_up: Arc::new(|| {}),
+        }
+    }
+}
+
+/// A gateway that is about to run.
+pub struct Gateway {
+    shared: Arc<Shared>,
+    options: Options,
+    sleepers: Vec<Sleeper>,
+}
+
+/// How a gateway ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Outcome {
+    /// Something failed inside; what it was stands in the events.
+    pub failed: bool,
+    /// The fault actions came to their end within their time.
+    pub rested: bool,
+    /// What stays in the registers, in words.
+    pub left: String,
+}
+
+impl Gateway {
+    /// Wires a profile. Joins the clock, one sleeper a line, in the order of the profile.
+    pub fn new(profile: Profile, clock: &Clock, options: Options) -> Gateway {
+        let profile = Arc::new(profile);
+        let journal = Arc::new(Journal::default());
+        let mut recalled = memory::Recalled::default();
+        let mut keeper = Keeper::default();
+        if let Some(directory) = options.directory.as_deref() {
+            recalled = Memory::recall(&Memory::path(directory, &profile), &profile);
+            keeper = Keeper::start(&profile, directory, &recalled.machine, journal.clone());
+        }
+        let sleepers: Vec<Sleeper> = profile.buses.iter().map(|_| clock.join()).collect();
+        let bells = sleepers.iter().map(Sleeper::bell).collect();
+        let (machine, trouble) = (recalled.machine, recalled.trouble);
+        let shared =
+            Arc::new(Shared::new(profile, clock.clone(), journal, options.dry_run, machine, keeper, bells));
+        if let Some(why) = trouble {
+            shared.tell(&Event::NotKept { what: "the saved state".to_owned(), why });
+        }
+        Gateway { shared, options, sleepers }
+    }
+
+    /// Who can tell its state and take commands, from any thread.
+    pub fn source(&self) -> Arc<dyn Source> {
+        self.shared.clone()
+    }
+
+    /// Runs until `shutdown` is ready or something fails inside, then runs the fault actions, and returns when the axes
+    /// are at rest or their time is over. `hurry` ends that early.
+    pub async fn run(
+        mut self,
+        shutdown: impl Future<Output = ()>,
+        hurry: impl Future<Output = ()>,
+    ) -> Outcome {
+        let stop = Arc::new(Notify::new());
+        let mut tasks = JoinSet::new();
+        let mut lines = HashMap::new();
+        let requests = self.start_lines(&mut tasks, &mut lines);
+        let machine = self.shared.profile.name.clone();
+        self.shared.tell(&Event::Started { machine, bus_requests: requests });
+        let _watch = self.watch(&stop);
+        tokio::select! {
+            () = shutdown => {}
+            () = stop.notified() => self.shared.core().failed = true,
+            Some(ended) = tasks.join_next_with_id() => {
+                self.line_failed(ended.map(|(id, ())| id), &mut tasks, &mut lines);
+            }
+        }
+        let within = self.shared.begin_stop();
+        self.shared.tell(&Event::Stopping { within });
+        let _ = sd_notify::notify(&[sd_notify::NotifyState::Stopping]);
+        let rested = tokio::select! {
+            rested = self.rest(within) => rested,
+            () = hurry => false,
+        };
+        tasks.shutdown().await;
+        let left = self.shared.what_is_left();
+        self.shared.tell(&Event::Stopped { left: left.clone() });
+        let mut core = self.shared.core();
+        let core = &mut *core;
+        core.keeper.remember_now(
+            self.shared.clock.now(),
+            &core.compensation,
+            &self.shared.profile,
+            &core.outputs,
+        );
+        core.keeper.finish();
+        Outcome { failed: core.failed, rested, left }
+    }
+
+    fn start_lines(&mut self, tasks: &mut JoinSet<()>, lines: &mut HashMap<Id, BusId>) -> usize {
+        let start = self.shared.clock.now();
+        let sleepers = std::mem::take(&mut self.sleepers);
+        let mut requests = 0;
+        for (place, sleeper) in sleepers.into_iter().enumerate() {
+            let task = self.line_task(BusId(place), start);
+            requests += task.requests();
+            lines.insert(tasks.spawn(task.run(sleeper)).id(), BusId(place));
+        }
+        requests
+    }
+
+    fn line_task(&self, bus: BusId, start: crate::quantity::Moment) -> LineTask {
+        let profile = &self.shared.profile;
+        let devices: Vec<(DeviceId, _)> = profile
+            .devices
+            .iter()
+            .enumerate()
+            .map(|(place, device)| (DeviceId(place), device))
+            .filter(|(_, device)| device.bus == bus)
+            .collect();
+        let settings = profile.bus(bus);
+        let line = Line::new(settings, &devices, (self.options.dialer)(settings));
+        LineTask::new(self.shared.clone(), bus, line, start)
+    }
+
+    fn watch(&self, stop: &Arc<Notify>) -> Watch {
+        let (stop, give_up) = (stop.clone(), self.options.give_up.clone());
+        Watch::start(self.shared.clone(), self.options.watch, move || stop.notify_one(), move || give_up())
+    }
+
+    /// A line's task ended, which it only does by a panic: it is started once more, to carry out the fault actions.
+    fn line_failed(
+        &self,
+        ended: Result<Id, JoinError>,
+        tasks: &mut JoinSet<()>,
+        lines: &mut HashMap<Id, BusId>,
+    ) {
+        let (id, why) = match ended {
+            Ok(id) => (id, "it ended".to_owned()),
+            Err(error) => (error.id(), panic_message(error)),
+        };
+        let Some(bus) = lines.remove(&id) else { return };
+        let task = format!("bus {}", self.shared.profile.bus(bus).name);
+        self.shared.tell(&Event::TaskFailed { task, why });
+        self.shared.core().failed = true;
+        let sleeper = self.shared.clock.join();
+        self.shared.hang_bell(bus, sleeper.bell());
+        let again = self.line_task(bus, self.shared.clock.now());
+        lines.insert(tasks.spawn(again.run(sleeper)).id(), bus);
+    }
+
+    /// Waits until every axis is at rest; `false` where that takes too long.
+    async fn rest(&self, within: Duration) -> bool {
+        let mut sleeper = self.shared.clock.join();
+        let deadline = sleeper.now().after(within);
+        while !self.shared.at_rest() {
+            if sleeper.now() >= deadline {
+                return false;
+            }
+            sleeper.sleep(Duration::from_millis(100)).await;
+        }
+        true
+    }
+}
+
+fn panic_message(error: JoinError) -> String {
+    match error.try_into_panic() {
+        Ok(panic) => {
+            let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+            text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "panic".to_owned())
+        }
+        Err(error) => error.to_string(),
+    }
+}

@@ -1,0 +1,106 @@
+//! When an axis may decide: arming, what it takes over, and what its outputs allow.
+
+use crate::compensation::Permit;
+use crate::profile::{Arm, Profile, Writes};
+use crate::quantity::Micron;
+
+use super::output::{OutputState, Standing};
+
+/// Whether one axis is armed, and why not.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Arming {
+    pub(super) armed: bool,
+    /// A person, or a foreign change, switched it off: it stays off until a person arms it.
+    pub(super) latched: bool,
+    /// A person asked for it and it could not be done yet.
+    pub(super) asked: bool,
+    /// Why the last attempt was refused; told once.
+    pub(super) refusal: Option<String>,
+    /// To be taken over at the next step.
+    pub(super) take_over: Option<Micron>,
+}
+
+/// What an attempt to arm found.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Attempt {
+    /// Not wanted now, or something is not known yet.
+    NotYet,
+    /// It may start from this value.
+    From(Micron),
+    /// It must not.
+    Refused(String),
+}
+
+impl Arming {
+    /// Whether the axis may be armed now, and from which value.
+    pub(super) fn attempt(
+        &self,
+        profile: &Profile,
+        axis: usize,
+        outputs: &[OutputState],
+        ready: bool,
+    ) -> Attempt {
+        let wanted = match profile.arm {
+            Arm::Auto => !self.latched || self.asked,
+            Arm::Manual => self.asked,
+        };
+        if self.armed || !wanted || !ready {
+            return Attempt::NotYet;
+        }
+        let mut from = None;
+        for (output, state) in of_axis(profile, axis, outputs) {
+            if output.writes != Writes::Offset {
+                continue;
+            }
+            match (state.standing, state.cz) {
+                (Standing::Verified | Standing::Foreign, Some(cz)) => {
+                    let limit = profile.axes[axis].settings.guard.limit;
+                    if cz.abs() > limit {
+                        return Attempt::Refused(format!(
+                            "the register of output {} holds {cz}, beyond the limit of ±{limit}; set it to zero at \
+                             the CNC, or raise axis.{}.limit",
+                            output.name, profile.axes[axis].settings.name
+                        ));
+                    }
+                    from = from.or(Some(cz));
+                }
+                _ => return Attempt::NotYet,
+            }
+        }
+        Attempt::From(from.unwrap_or(Micron::ZERO))
+    }
+
+    /// What the axis may do now.
+    pub(super) fn permit(
+        &self,
+        profile: &Profile,
+        axis: usize,
+        outputs: &[OutputState],
+        stopping: bool,
+    ) -> Permit {
+        if !self.armed {
+            return Permit::Off;
+        }
+        if stopping {
+            return Permit::Stopping;
+        }
+        let mut permit = Permit::Armed;
+        for (output, state) in of_axis(profile, axis, outputs) {
+            match state.standing {
+                Standing::Unverified => return Permit::Unverified,
+                Standing::Unknown if output.writes == Writes::Offset => return Permit::Unverified,
+                Standing::Interlocked if output.writes == Writes::Offset => permit = Permit::Held,
+                _ => {}
+            }
+        }
+        permit
+    }
+}
+
+fn of_axis<'a>(
+    profile: &'a Profile,
+    axis: usize,
+    outputs: &'a [OutputState],
+) -> impl Iterator<Item = (&'a crate::profile::Output, &'a OutputState)> {
+    profile.outputs.iter().zip(outputs).filter(move |(output, _)| output.axis.0 == axis)
+}

@@ -1,0 +1,133 @@
+//! The latest readings of the machine, filtered: what was read, whether it may be believed, and since when not.
+
+use crate::profile::Profile;
+use crate::quantity::Moment;
+use crate::reading::{Quality, Reading, Reason, SignalId};
+
+/// One place per signal of the profile.
+#[derive(Debug)]
+pub(super) struct Board {
+    /// As the lines bring them.
+    readings: Vec<Reading>,
+    /// Why the last attempts to read it failed; its last value serves until it is stale.
+    failing: Vec<Option<Reason>>,
+    /// What the rate of change is measured from.
+    believed: Vec<Option<(f64, Moment)>>,
+    /// Aged and condemned: what a step sees. Filled anew for each step, never reallocated.
+    seen: Vec<Reading>,
+    /// The quality last told to people, and since when it has been bad.
+    told: Vec<Option<(Reason, Moment)>>,
+}
+
+/// A signal whose quality changed in a way that people should hear of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Change {
+    /// It cannot be used any more.
+    Lost(SignalId, Reason),
+    /// It can be used again; it could not since this moment.
+    Back(SignalId, Moment),
+}
+
+impl Board {
+    pub(super) fn new(profile: &Profile) -> Board {
+        let signals = profile.signals.len();
+        Board {
+            readings: vec![Reading::NEVER; signals],
+            failing: vec![None; signals],
+            believed: vec![None; signals],
+            seen: vec![Reading::NEVER; signals],
+            told: vec![None; signals],
+        }
+    }
+
+    /// Takes in what a line brought, if it can be believed: inside the signal's range, and not faster than its rate
+    /// allows since the last value that was believed.
+    pub(super) fn store(&mut self, profile: &Profile, id: SignalId, value: Result<f64, Reason>, at: Moment) {
+        let signal = profile.signal(id);
+        self.failing[id.0] = None;
+        let believed = self.believed[id.0];
+        let judged = value.and_then(|value| {
+            if signal.range.is_some_and(|(low, high)| !(low..=high).contains(&value)) {
+                return Err(Reason::OutOfRange);
+            }
+            if let (Some(rate), Some((last, taken))) = (signal.max_rate, believed) {
+                // A second at least: two polls close together must not make noise look fast.
+                let seconds = at.since(taken).as_secs_f64().max(1.0);
+                if (value - last).abs() > rate * seconds {
+                    return Err(Reason::TooFast);
+                }
+            }
+            Ok(value)
+        });
+        self.readings[id.0] = match judged {
+            Ok(value) => {
+                self.believed[id.0] = Some((value, at));
+                Reading::good(value, at)
+            }
+            Err(reason) => Reading::bad(at, reason),
+        };
+    }
+
+    /// An attempt to read it failed. One lost answer is no fault of the machine: the last value serves until it is stale.
+    pub(super) fn fail(&mut self, id: SignalId, reason: Reason) {
+        self.failing[id.0] = Some(reason);
+    }
+
+    /// When it was last read.
+    pub(super) fn taken(&self, id: SignalId) -> Moment {
+        self.readings[id.0].at
+    }
+
+    /// The machine at `now`: every reading aged, and condemned where its `fault_when` holds or cannot be known.
+    pub(super) fn look(&mut self, profile: &Profile, now: Moment) -> &[Reading] {
+        for (place, signal) in profile.signals.iter().enumerate() {
+            let mut reading = self.readings[place].aged(now, signal.max_age);
+            if let (Quality::Bad(Reason::Stale | Reason::NeverRead), Some(reason)) =
+                (reading.quality, self.failing[place])
+            {
+                reading.quality = Quality::Bad(reason);
+            }
+            self.seen[place] = reading;
+        }
+        for (place, signal) in profile.signals.iter().enumerate() {
+            let Some(condition) = &signal.fault_when else { continue };
+            let value = |id: SignalId| self.readings[id.0].aged(now, profile.signal(id).max_age).usable();
+            if self.seen[place].quality == Quality::Good && condition.holds(&value) != Some(false) {
+                self.seen[place] = Reading::bad(self.seen[place].at, Reason::FaultBit);
+            }
+        }
+        &self.seen
+    }
+
+    /// The machine as it was last looked at.
+    pub(super) fn seen(&self) -> &[Reading] {
+        &self.seen
+    }
+
+    /// A signal's value at `now`, if it may be used.
+    pub(super) fn value(&self, profile: &Profile, id: SignalId, now: Moment) -> Option<f64> {
+        self.readings[id.0].aged(now, profile.signal(id).max_age).usable()
+    }
+
+    /// What changed in the view since it was last asked for.
+    pub(super) fn changes(&mut self, now: Moment) -> Vec<Change> {
+        let mut changes = Vec::new();
+        for (place, reading) in self.seen.iter().enumerate() {
+            match (reading.quality, self.told[place]) {
+                (Quality::Good, Some((_, since))) => {
+                    self.told[place] = None;
+                    changes.push(Change::Back(SignalId(place), since));
+                }
+                (Quality::Bad(reason), None) if reason != Reason::NeverRead => {
+                    self.told[place] = Some((reason, now));
+                    changes.push(Change::Lost(SignalId(place), reason));
+                }
+                _ => {}
+            }
+        }
+        changes
+    }
+}
+
+#[cfg(test)]
+mod tests;

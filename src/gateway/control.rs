@@ -1,0 +1,113 @@
+//! Commands to a running gateway over its own Unix socket in the state directory: `isotherm arm`, `disarm`, `zero`.
+//!
+//! One line in, one line out: `arm` → `ok z: will be armed …` or `error …`. Who may open the file may command.
+
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt};
+use tokio::net::{UnixListener, unix::OwnedReadHalf};
+
+use crate::observe::status::{Command, Source};
+
+/// Longest command line that is read.
+const LONGEST: u64 = 64;
+
+/// The socket of a machine.
+pub fn path(directory: &Path, machine: &str) -> PathBuf {
+    directory.join(format!("{machine}.sock"))
+}
+
+/// Opens the socket, for the owner and its group only. One left behind by a gateway that is gone is replaced.
+///
+/// # Errors
+/// Where another gateway answers on it, or the directory cannot be written.
+pub fn open(path: &Path) -> std::io::Result<std::os::unix::net::UnixListener> {
+    if UnixStream::connect(path).is_ok() {
+        let message =
+            format!("another gateway of this machine is running (it answers on {})", path.display());
+        return Err(std::io::Error::new(std::io::ErrorKind::AddrInUse, message));
+    }
+    let _ = std::fs::remove_file(path);
+    if let Some(directory) = path.parent() {
+        std::fs::create_dir_all(directory)?;
+    }
+    let listener = std::os::unix::net::UnixListener::bind(path)?;
+    std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o660))?;
+    listener.set_nonblocking(true)?;
+    Ok(listener)
+}
+
+/// Answers commands until the task is dropped.
+///
+/// # Errors
+/// Where the listener cannot be used by this runtime.
+pub async fn serve(
+    listener: std::os::unix::net::UnixListener,
+    source: Arc<dyn Source>,
+) -> std::io::Result<()> {
+    let listener = UnixListener::from_std(listener)?;
+    loop {
+        let Ok((stream, _)) = listener.accept().await else {
+            tokio::time::sleep(Duration::from_millis(100)).await;
+            continue;
+        };
+        let source = source.clone();
+        tokio::spawn(async move {
+            let (reader, mut writer) = stream.into_split();
+            let heard = tokio::time::timeout(Duration::from_secs(5), hear(reader)).await;
+            let answer = match heard.ok().flatten().and_then(|line| command(line.trim())) {
+                Some(command) => match source.command(command) {
+                    Ok(said) => format!("ok {said}\n"),
+                    Err(why) => format!("error {why}\n"),
+                },
+                None => "error this socket understands arm, disarm, zero\n".to_owned(),
+            };
+            let _ = writer.write_all(answer.as_bytes()).await;
+        });
+    }
+}
+
+async fn hear(reader: OwnedReadHalf) -> Option<String> {
+    let mut line = String::new();
+    tokio::io::BufReader::new(reader.take(LONGEST)).read_line(&mut line).await.ok()?;
+    Some(line)
+}
+
+/// Sends a command to the running gateway; the answer is a sentence.
+///
+/// # Errors
+/// A sentence: no gateway runs there, or what it refused and why.
+pub fn send(path: &Path, command: Command) -> Result<String, String> {
+    let explain = |error: std::io::Error| {
+        format!(
+            "no gateway of this machine is running here ({}: {error}); start it with `isotherm run`",
+            path.display()
+        )
+    };
+    let mut stream = UnixStream::connect(path).map_err(explain)?;
+    stream.set_read_timeout(Some(Duration::from_secs(5))).map_err(explain)?;
+    writeln!(stream, "{}", word(command)).map_err(explain)?;
+    let mut answer = String::new();
+    BufReader::new(stream).read_line(&mut answer).map_err(explain)?;
+    match answer.trim().split_once(' ') {
+        Some(("ok", said)) => Ok(said.to_owned()),
+        Some((_, why)) => Err(why.to_owned()),
+        None => Err("the gateway gave no answer".to_owned()),
+    }
+}
+
+const WORDS: [(Command, &str); 3] =
+    [(Command::Arm, "arm"), (Command::Disarm, "disarm"), (Command::Zero, "zero")];
+
+fn command(word: &str) -> Option<Command> {
+    WORDS.into_iter().find(|(_, known)| *known == word).map(|(command, _)| command)
+}
+
+fn word(command: Command) -> &'static str {
+    WORDS.into_iter().find(|(known, _)| *known == command).map_or("", |(_, word)| word)
+}

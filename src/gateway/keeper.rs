@@ -1,0 +1,245 @@
+//! Keeps the log and the state on disk, by a thread of its own: a full or slow disk changes nothing on the bus.
+
+use std::collections::BTreeMap;
+use std::fs::{File, OpenOptions};
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::time::Duration;
+
+use super::log::Recorder;
+use super::memory::Memory;
+use super::output::OutputState;
+use crate::compensation::reference::Machine;
+use crate::compensation::{Compensation, Control, Snapshot};
+use crate::observe::events::{Event, Journal};
+use crate::profile::{Profile, Writes};
+use crate::quantity::Moment;
+
+/// The state is written at most this often, and once at the end.
+const REMEMBER_EVERY: Duration = Duration::from_secs(10);
+/// Rows that may wait for a slow disk; more are dropped, and that is told.
+const QUEUE: usize = 4096;
+
+/// Whether a log has this header and ends with a whole row: one that a power cut left half-written would swallow the
+/// next.
+fn continues(path: &Path, header: &[u8]) -> std::io::Result<bool> {
+    let mut file = File::open(path)?;
+    let mut begins = vec![0; header.len()];
+    if file.metadata()?.len() < u64::try_from(header.len()).unwrap_or(u64::MAX) {
+        return Ok(false);
+    }
+    file.read_exact(&mut begins)?;
+    let mut last = [0];
+    file.seek(SeekFrom::End(-1))?;
+    file.read_exact(&mut last)?;
+    Ok(begins == header && last == *b"\n")
+}
+
+/// The loop's end of the queue. Without a directory it keeps nothing.
+#[derive(Debug, Default)]
+pub(super) struct Keeper {
+    queue: Option<SyncSender<Job>>,
+    recorder: Option<Recorder>,
+    remembered: Option<Moment>,
+    thread: Option<std::thread::JoinHandle<()>>,
+}
+
+#[derive(Debug)]
+enum Job {
+    Row(Moment, Vec<u8>),
+    State(Box<Memory>),
+}
+
+impl Keeper {
+    /// Keeps the log and the state of this machine in this directory.
+    pub(super) fn start(
+        profile: &Profile,
+        directory: &Path,
+        machine: &Machine,
+        journal: Arc<Journal>,
+    ) -> Keeper {
+        let (queue, jobs) = sync_channel(QUEUE);
+        let mut desk = Desk {
+            directory: directory.to_owned(),
+            machine: profile.name.clone(),
+            header: Recorder::header(profile),
+            state: Memory::path(directory, profile),
+            keep: profile.history.keep,
+            day: String::new(),
+            file: None,
+            failing: BTreeMap::new(),
+            journal,
+        };
+        let thread =
+            std::thread::Builder::new().name("keeper".to_owned()).spawn(move || desk.work(&jobs)).ok();
+        let mut recorder = Recorder::new(profile);
+        recorder.begin(machine);
+        Keeper { queue: Some(queue), recorder: Some(recorder), remembered: None, thread }
+    }
+
+    /// Queues one row of the log.
+    pub(super) fn record(
+        &mut self,
+        snapshot: &Snapshot<'_>,
+        controls: &[Control],
+        compensation: &Compensation,
+    ) {
+        if let Some(recorder) = &mut self.recorder {
+            let row = recorder.row(snapshot, controls, compensation.decisions()).to_vec();
+            self.hand_over(Job::Row(snapshot.now, row));
+        }
+    }
+
+    /// "Zero" was commanded at this moment.
+    pub(super) fn zeroed(&mut self, at: Moment) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.zeroed(at);
+        }
+    }
+
+    /// Queues the state, if the last time was long enough ago.
+    pub(super) fn remember(
+        &mut self,
+        now: Moment,
+        compensation: &Compensation,
+        profile: &Profile,
+        outputs: &[OutputState],
+    ) {
+        if self.remembered.is_none_or(|last| now.since(last) >= REMEMBER_EVERY) {
+            self.remembered = Some(now);
+            self.remember_now(now, compensation, profile, outputs);
+        }
+    }
+
+    /// Queues the state.
+    pub(super) fn remember_now(
+        &mut self,
+        now: Moment,
+        compensation: &Compensation,
+        profile: &Profile,
+        outputs: &[OutputState],
+    ) {
+        if self.queue.is_none() {
+            return;
+        }
+        let verified =
+            profile.outputs.iter().zip(outputs).filter(|(output, _)| output.writes == Writes::Offset);
+        let verified =
+            verified.filter_map(|(output, state)| Some((output.name.clone(), state.cz?.get()))).collect();
+        self.hand_over(Job::State(Box::new(Memory::new(profile, now, compensation.machine(), verified))));
+    }
+
+    /// Waits until everything queued is on disk.
+    pub(super) fn finish(&mut self) {
+        self.queue = None;
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+
+    fn hand_over(&mut self, job: Job) {
+        // A full queue means a disk that has been failing for long, which its own event has told.
+        if let Some(queue) = &self.queue
+            && let Err(TrySendError::Disconnected(_)) = queue.try_send(job)
+        {
+            self.queue = None;
+        }
+    }
+}
+
+/// The disk's end of the queue.
+struct Desk {
+    directory: PathBuf,
+    machine: String,
+    header: String,
+    state: PathBuf,
+    keep: Duration,
+    day: String,
+    file: Option<File>,
+    failing: BTreeMap<&'static str, ()>,
+    journal: Arc<Journal>,
+}
+
+impl Desk {
+    fn work(&mut self, jobs: &Receiver<Job>) {
+        while let Ok(job) = jobs.recv() {
+            match job {
+                Job::Row(at, row) => {
+                    let done = self.write_row(at, &row);
+                    if done.is_err() {
+                        self.file = None;
+                    }
+                    self.report(at, "the log", done);
+                }
+                Job::State(memory) => {
+                    let done =
+                        std::fs::create_dir_all(&self.directory).and_then(|()| memory.save(&self.state));
+                    self.report(memory.at, "the state", done);
+                }
+            }
+        }
+    }
+
+    fn write_row(&mut self, at: Moment, row: &[u8]) -> std::io::Result<()> {
+        let day = at.to_string().chars().take(10).collect::<String>();
+        if self.file.is_none() || day != self.day {
+            self.file = Some(self.open(&day)?);
+            self.day = day;
+            self.discard_old(at);
+        }
+        let Some(file) = &mut self.file else { return Ok(()) };
+        file.write_all(row)
+    }
+
+    /// The day's file. One that was begun with other columns is left as it is and a new one is begun beside it.
+    fn open(&self, day: &str) -> std::io::Result<File> {
+        std::fs::create_dir_all(&self.directory)?;
+        for part in 1.. {
+            let suffix = if part == 1 { String::new() } else { format!(".{part}") };
+            let path = self.directory.join(format!("{}-{day}{suffix}.csv", self.machine));
+            let mut file = OpenOptions::new().create(true).append(true).open(&path)?;
+            if file.metadata()?.len() == 0 {
+                file.write_all(self.header.as_bytes())?;
+                return Ok(file);
+            }
+            if continues(&path, self.header.as_bytes())? {
+                return Ok(file);
+            }
+        }
+        Err(std::io::Error::other("no free name for the log"))
+    }
+
+    fn discard_old(&self, now: Moment) {
+        let oldest = Moment::from_nanos(
+            now.as_nanos().saturating_sub(u64::try_from(self.keep.as_nanos()).unwrap_or(u64::MAX)),
+        );
+        let oldest = oldest.to_string().chars().take(10).collect::<String>();
+        let Ok(entries) = std::fs::read_dir(&self.directory) else { return };
+        for entry in entries.flatten() {
+            let name = entry.file_name();
+            let day = name.to_str().and_then(|name| name.strip_prefix(&format!("{}-", self.machine)));
+            let day = day.filter(|rest| rest.ends_with(".csv")).and_then(|rest| rest.get(..10));
+            if day.is_some_and(|day| day.as_bytes()[4] == b'-' && day < oldest.as_str()) {
+                let _ = std::fs::remove_file(entry.path());
+            }
+        }
+    }
+
+    fn report(&mut self, at: Moment, what: &'static str, done: std::io::Result<()>) {
+        match done {
+            Ok(()) => {
+                if self.failing.remove(what).is_some() {
+                    self.journal.tell(at, &Event::KeptAgain { what: what.to_owned() });
+                }
+            }
+            Err(error) => {
+                if self.failing.insert(what, ()).is_none() {
+                    let why = format!("{}: {error}", self.directory.display());
+                    self.journal.tell(at, &Event::NotKept { what: what.to_owned(), why });
+                }
+            }
+        }
+    }
+}

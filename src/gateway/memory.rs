@@ -1,0 +1,103 @@
+//! What the gateway remembers over a restart: machine-on time, references, what it last wrote and verified.
+//!
+//! One JSON file in the state directory, replaced atomically. A file that cannot be used is set aside, never
+//! overwritten, and the gateway starts as if it had none.
+
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::compensation::reference::Machine;
+use crate::profile::Profile;
+use crate::quantity::Moment;
+
+/// The layout of the file. A file of another layout is set aside.
+const VERSION: u32 = 1;
+
+/// The file's content.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Memory {
+    pub(super) version: u32,
+    /// When it was written.
+    pub(super) at: Moment,
+    /// The signals that the references count by.
+    pub(super) signals: Vec<String>,
+    pub(super) machine: Machine,
+    /// Cz as last verified in each offset output, µm.
+    pub(super) verified_um: BTreeMap<String, f64>,
+}
+
+/// What was found at start.
+#[derive(Debug, Default)]
+pub(super) struct Recalled {
+    pub(super) machine: Machine,
+    /// A sentence where a file was set aside.
+    pub(super) trouble: Option<String>,
+}
+
+impl Memory {
+    pub(super) fn new(
+        profile: &Profile,
+        at: Moment,
+        machine: &Machine,
+        verified_um: BTreeMap<String, f64>,
+    ) -> Memory {
+        let signals = profile.signals.iter().map(|signal| signal.name.clone()).collect();
+        Memory { version: VERSION, at, signals, machine: machine.clone(), verified_um }
+    }
+
+    /// The file of a machine in a state directory.
+    pub(super) fn path(directory: &Path, profile: &Profile) -> PathBuf {
+        directory.join(format!("{}.state.json", profile.name))
+    }
+
+    /// Replaces the file as a whole, or leaves the old one.
+    pub(super) fn save(&self, path: &Path) -> std::io::Result<()> {
+        let mut file = atomic_write_file::AtomicWriteFile::open(path)?;
+        serde_json::to_writer_pretty(&mut file, self).map_err(std::io::Error::other)?;
+        file.write_all(b"\n")?;
+        file.commit()
+    }
+
+    /// Reads the file; a missing one is a machine that remembers nothing.
+    pub(super) fn recall(path: &Path, profile: &Profile) -> Recalled {
+        let text = match std::fs::read_to_string(path) {
+            Ok(text) => text,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Recalled::default(),
+            Err(error) => {
+                let trouble =
+                    Some(format!("{} cannot be read ({error}); starting without it", path.display()));
+                return Recalled { trouble, ..Recalled::default() };
+            }
+        };
+        match serde_json::from_str::<Memory>(&text) {
+            Ok(memory) if memory.version == VERSION => {
+                let machine = memory.machine.for_signals(
+                    |name| memory.signals.iter().position(|known| known == name),
+                    profile.signals.iter().map(|signal| signal.name.as_str()),
+                );
+                Recalled { machine, trouble: None }
+            }
+            Ok(memory) => {
+                set_aside(path, &format!("it has version {}, this program writes {VERSION}", memory.version))
+            }
+            Err(error) => set_aside(path, &error.to_string()),
+        }
+    }
+}
+
+fn set_aside(path: &Path, why: &str) -> Recalled {
+    let aside = path.with_extension("json.bad");
+    let moved = match std::fs::rename(path, &aside) {
+        Ok(()) => format!("it is kept as {}", aside.display()),
+        Err(error) => format!("and it could not be set aside ({error})"),
+    };
+    let trouble = format!(
+        "the saved state {} cannot be used: {why}; {moved}; references and machine-on time begin anew",
+        path.display()
+    );
+    Recalled { machine: Machine::default(), trouble: Some(trouble) }
+}

@@ -1,0 +1,46 @@
+//! What the gateway knows of one output: whether what it wrote is what stands there.
+
+use crate::quantity::{Micron, Moment};
+
+/// Where an output stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub(super) enum Standing {
+    /// Its register has not been read since the connection was made.
+    #[default]
+    Unknown,
+    /// What stands in the register is known, and is ours.
+    Verified,
+    /// The last write failed, or was not what was read back.
+    Unverified,
+    /// Its interlock is open.
+    Interlocked,
+    /// Somebody else wrote to it.
+    Foreign,
+}
+
+/// One output, as the axes and the people see it.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct OutputState {
+    pub(super) standing: Standing,
+    /// Cz in the register as last verified; for a corrected position the Cz that went into it.
+    pub(super) cz: Option<Micron>,
+    /// The value in the register, in the output's unit.
+    pub(super) value: Option<f64>,
+    pub(super) verified_at: Option<Moment>,
+    pub(super) writes: u64,
+    /// Failures since the last verified write.
+    pub(super) failures: u64,
+}
+
+impl Standing {
+    /// The word for it on the page and in the metrics.
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Standing::Unknown => "unknown",
+            Standing::Verified => "verified",
+            Standing::Unverified => "unverified",
+            Standing::Interlocked => "interlocked",
+            Standing::Foreign => "foreign",
+        }
+    }
+}

@@ -1,0 +1,319 @@
+//! The task of one line: writes, reads, steps, and writes again what was just decided, in one bus cycle.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::apply::Writer;
+use super::shared::{JITTER_MS, Shared};
+use crate::clock::Sleeper;
+use crate::compensation::model::Evaluate;
+use crate::fieldbus::error::{Fault, LinkFault};
+use crate::fieldbus::line::Line;
+use crate::fieldbus::plan::{ReadRequest, plan};
+use crate::fieldbus::wire::{Answer, Request};
+use crate::observe::events::Event;
+use crate::profile::{BusId, DeviceId, OutputId, Profile, Writes};
+use crate::quantity::Moment;
+use crate::reading::SignalId;
+
+/// Consecutive failures after which people are told: a single lost answer is only counted.
+const TOLD_AFTER: u64 = 2;
+
+/// Owns one line and everything that is read and written on it.
+pub(super) struct LineTask {
+    shared: Arc<Shared>,
+    bus: BusId,
+    line: Line,
+    polls: Vec<Poll>,
+    writers: Vec<Writer>,
+    pulse: Option<Pulse>,
+    /// Inputs of an axis are read here, so its steps are made here, right after them.
+    steps_axes: bool,
+    /// A position read here is corrected on another line.
+    feeds_others: bool,
+}
+
+/// One device's reads.
+struct Poll {
+    device: DeviceId,
+    every: Duration,
+    due: Moment,
+    requests: Vec<ReadRequest>,
+}
+
+/// The heartbeat.
+struct Pulse {
+    device: DeviceId,
+    register: u16,
+    every: Duration,
+    due: Moment,
+    count: u16,
+}
+
+impl LineTask {
+    pub(super) fn new(shared: Arc<Shared>, bus: BusId, line: Line, start: Moment) -> LineTask {
+        let profile = &shared.profile;
+        let here = |device: DeviceId| profile.device(device).bus == bus;
+        let positions: Vec<(SignalId, DeviceId)> = profile
+            .outputs
+            .iter()
+            .filter_map(|output| match output.writes {
+                Writes::Corrected { position } => Some((position, output.device)),
+                Writes::Offset => None,
+            })
+            .collect();
+        let reads_position = |device: DeviceId| {
+            positions.iter().any(|(position, _)| profile.signal(*position).device == device)
+        };
+        let mut polls: Vec<Poll> = devices_of(profile, bus)
+            .map(|device| Poll {
+                device,
+                every: profile.device(device).every,
+                due: start,
+                requests: plan(profile.device(device), signals_of(profile, device)),
+            })
+            .filter(|poll| !poll.requests.is_empty())
+            .collect();
+        // Positions are read last, so that nothing stands between reading and correcting one.
+        polls.sort_by_key(|poll| reads_position(poll.device));
+        let writers = (0..profile.outputs.len())
+            .map(OutputId)
+            .filter(|id| here(profile.output(*id).device))
+            .map(Writer::new);
+        let writers = writers.collect();
+        let pulse =
+            profile.heartbeat.as_ref().filter(|heartbeat| here(heartbeat.device)).map(|heartbeat| Pulse {
+                device: heartbeat.device,
+                register: heartbeat.address.offset,
+                every: heartbeat.every,
+                due: start,
+                count: 0,
+            });
+        let steps_axes = home_lines(profile).contains(&bus);
+        let feeds_others = positions
+            .iter()
+            .any(|(position, device)| here(profile.signal(*position).device) && !here(*device));
+        LineTask { bus, line, polls, writers, pulse, steps_axes, feeds_others, shared }
+    }
+
+    /// Read requests of one round.
+    pub(super) fn requests(&self) -> usize {
+        self.polls.iter().map(|poll| poll.requests.len()).sum()
+    }
+
+    /// Cycles until the gateway has stopped.
+    pub(super) async fn run(mut self, mut sleeper: Sleeper) {
+        loop {
+            let due = self.due();
+            sleeper.sleep_until(due).await;
+            let now = sleeper.now();
+            self.cycle(now).await;
+            self.account(due, now, sleeper.now());
+        }
+    }
+
+    /// One round of what is due at `now`.
+    pub(super) async fn cycle(&mut self, now: Moment) {
+        self.write(now).await;
+        self.beat(now).await;
+        let mut polled = false;
+        for place in 0..self.polls.len() {
+            if now >= self.polls[place].due {
+                self.poll(place, now).await;
+                polled = true;
+            }
+        }
+        if self.steps_axes {
+            self.shared.advance(now, self.bus);
+        }
+        if polled && self.feeds_others {
+            self.shared.ring_others(self.bus);
+        }
+        self.write(now).await;
+    }
+
+    /// Everything that is decided and not yet written.
+    async fn write(&mut self, now: Moment) {
+        for writer in &mut self.writers {
+            match writer.position(&self.shared.profile) {
+                None => writer.offset(&mut self.line, &self.shared, now).await,
+                Some(position) => writer.corrected(&mut self.line, &self.shared, position, now).await,
+            }
+        }
+    }
+
+    async fn beat(&mut self, now: Moment) {
+        let Some(pulse) = self.pulse.as_mut().filter(|pulse| now >= pulse.due && !self.shared.dry_run) else {
+            return;
+        };
+        pulse.count = pulse.count.wrapping_add(1);
+        pulse.due = now.next_tick(pulse.due, pulse.every);
+        let (device, at, word) = (pulse.device, pulse.register, [pulse.count]);
+        let single = self.shared.profile.device(device).functions.write_single;
+        let request = if single {
+            Request::WriteSingle { at, word: word[0] }
+        } else {
+            Request::WriteMultiple { at, words: &word }
+        };
+        // A failure is counted and told where every request fails; the next beat is the repetition.
+        let _ = call(&mut self.line, &self.shared, device, request, now).await;
+    }
+
+    async fn poll(&mut self, place: usize, now: Moment) {
+        let poll = &mut self.polls[place];
+        poll.due = now.next_tick(poll.due, poll.every);
+        for read in &poll.requests {
+            let answer = call(&mut self.line, &self.shared, poll.device, read.request(), now).await;
+            let taken = self.shared.clock.now();
+            let mut core = self.shared.core();
+            for field in &read.fields {
+                match &answer {
+                    Ok(answer) => {
+                        let encoding = &self.shared.profile.signal(field.signal).encoding;
+                        core.board.store(
+                            &self.shared.profile,
+                            field.signal,
+                            field.decode(encoding, answer),
+                            taken,
+                        );
+                    }
+                    Err(fault) => core.board.fail(field.signal, fault.reason()),
+                }
+            }
+        }
+    }
+
+    /// The earliest moment at which there is something to do.
+    fn due(&self) -> Moment {
+        let polls = self.polls.iter().map(|poll| poll.due);
+        let refreshes = self.writers.iter().filter_map(|writer| writer.due(&self.shared.profile));
+        let pulse = self.pulse.iter().map(|pulse| pulse.due);
+        let steps = self.steps_axes.then(|| self.shared.core().compensation.next_due()).flatten();
+        let idle = self.shared.clock.now().after(Duration::from_secs(1));
+        // A writer whose refresh is overdue because its device rests must not make the line spin.
+        let soon = self.shared.clock.now().after(Duration::from_millis(100));
+        polls.chain(pulse).chain(steps).chain(refreshes.map(|due| due.max(soon))).min().unwrap_or(idle)
+    }
+
+    fn account(&self, due: Moment, began: Moment, ended: Moment) {
+        let mut core = self.shared.core();
+        let count = &mut core.buses[self.bus.0];
+        count.cycles += 1;
+        count.last_cycle = ended;
+        count.connected = self.line.is_connected();
+        let late_ms = began.since(due).as_secs_f64() * 1000.0;
+        let bucket = JITTER_MS.iter().position(|bound| late_ms <= *bound).unwrap_or(JITTER_MS.len());
+        count.jitter[bucket] += 1;
+        let next = self.polls.iter().map(|poll| poll.due).min();
+        if let Some(late) = next.map(|next| ended.since(next)).filter(|late| !late.is_zero()) {
+            count.overruns += 1;
+            // Told at the first, the tenth, the hundredth …
+            let told = count.overruns.is_power_of_two() && count.overruns.trailing_zeros().is_multiple_of(3);
+            drop(core);
+            if told {
+                let bus = self.shared.profile.bus(self.bus).name.clone();
+                self.shared.tell(&Event::Overrun { bus, late });
+            }
+        }
+    }
+}
+
+/// The lines on which axes are stepped: where the first input of each is read, or its output is written.
+fn home_lines(profile: &Profile) -> Vec<BusId> {
+    let homes = profile.axes.iter().enumerate().map(|(axis, settings)| {
+        let input = settings.settings.models.iter().flat_map(Evaluate::inputs).next();
+        let input = input.map(|signal| profile.signal(signal).device);
+        let output = profile.outputs.iter().find(|output| output.axis.0 == axis).map(|output| output.device);
+        input.or(output).map_or(BusId(0), |device| profile.device(device).bus)
+    });
+    homes.collect()
+}
+
+fn devices_of(profile: &Profile, bus: BusId) -> impl Iterator<Item = DeviceId> {
+    (0..profile.devices.len()).map(DeviceId).filter(move |id| profile.device(*id).bus == bus)
+}
+
+fn signals_of(
+    profile: &Profile,
+    device: DeviceId,
+) -> impl Iterator<Item = (SignalId, &crate::profile::Signal)> {
+    let signals = profile.signals.iter().enumerate().map(|(place, signal)| (SignalId(place), signal));
+    signals.filter(move |(_, signal)| signal.device == device)
+}
+
+/// Asks a device; counts, and tells what begins and what ends.
+pub(super) async fn call(
+    line: &mut Line,
+    shared: &Shared,
+    device: DeviceId,
+    request: Request<'_>,
+    now: Moment,
+) -> Result<Answer, Fault> {
+    let rested = line.is_resting(device, now);
+    let answer = line.call(device, request, now).await;
+    let mut core = shared.core();
+    let count = &mut core.devices[device.0];
+    if !rested {
+        count.requests += 1;
+        if let Err(fault) = &answer {
+            *count.failures.entry(fault.blame()).or_default() += 1;
+        }
+    }
+    let events = match &answer {
+        Ok(_) | Err(Fault::Exception(_)) if count.lost.is_none() && count.answered => return answer,
+        Ok(_) | Err(Fault::Exception(_) | Fault::Caller(_)) => core.device_answers(shared, device),
+        Err(fault) if !rested => core.device_fails(shared, device, *fault, line),
+        Err(_) => return answer,
+    };
+    drop(core);
+    for event in events.into_iter().flatten() {
+        shared.tell(&event);
+    }
+    answer
+}
+
+impl super::shared::Core {
+    fn device_answers(&mut self, shared: &Shared, id: DeviceId) -> [Option<Event>; 2] {
+        let device = shared.profile.device(id);
+        let count = &mut self.devices[id.0];
+        count.answered = true;
+        let lost = count.lost.take();
+        let bus = shared.profile.bus(device.bus);
+        let up = self.buses[device.bus.0].down.take().map(|attempts| Event::LinkUp {
+            bus: bus.name.clone(),
+            address: bus.address.clone(),
+            attempts,
+        });
+        let back = lost.filter(|lost| lost.told).map(|lost| Event::DeviceBack {
+            device: device.name.clone(),
+            unit: device.unit,
+            missed: lost.missed,
+        });
+        [up, back]
+    }
+
+    fn device_fails(
+        &mut self,
+        shared: &Shared,
+        id: DeviceId,
+        fault: Fault,
+        line: &Line,
+    ) -> [Option<Event>; 2] {
+        let device = shared.profile.device(id);
+        let lost = self.devices[id.0].lost.get_or_insert_default();
+        lost.missed += 1;
+        lost.fault = fault.to_string();
+        if matches!(fault, Fault::Link(LinkFault::Refused | LinkFault::Unreachable | LinkFault::Down)) {
+            let bus = shared.profile.bus(device.bus);
+            let (attempts, fault) = line.refusals();
+            lost.fault = fault.to_string();
+            let told = self.buses[device.bus.0].down.replace(u64::from(attempts)).is_some();
+            let (bus, address) = (bus.name.clone(), bus.address.clone());
+            return [(!told).then(|| Event::LinkDown { bus, address, fault: fault.to_string() }), None];
+        }
+        let tell = lost.missed >= TOLD_AFTER && !lost.told;
+        lost.told |= tell;
+        let (device, unit) = (device.name.clone(), device.unit);
+        [tell.then(|| Event::DeviceLost { device, unit, fault: fault.to_string() }), None]
+    }
+}

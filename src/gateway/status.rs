@@ -1,0 +1,148 @@
+//! The state of the gateway as people and programs see it.
+
+use std::time::Duration;
+
+use super::shared::{Core, JITTER_MS, Shared};
+use crate::compensation::Stages;
+use crate::observe::status::{
+    AxisStatus, BusStatus, Command, DeviceStatus, OutputStatus, SignalStatus, Source, Status,
+};
+use crate::profile::Writes;
+use crate::quantity::{Micron, Moment};
+use crate::reading::{Quality, Reason, SignalId};
+
+impl Source for Shared {
+    fn status(&self) -> Status {
+        let now = self.clock.now();
+        let (events, event_counts) = self.journal.read();
+        let mut core = self.core();
+        core.board.look(&self.profile, now);
+        let machine_on = core.compensation.machine().on_time(now);
+        let (axes, devices) = (axes(self, &core), devices(self, &core));
+        Status {
+            machine: self.profile.name.clone(),
+            description: self.profile.description.clone(),
+            version: env!("CARGO_PKG_VERSION"),
+            now: now.to_string(),
+            uptime_s: now.since(self.started).as_secs_f64(),
+            machine_on_s: machine_on.map(|span| span.as_secs_f64()),
+            dry_run: self.dry_run,
+            ready: core.devices.iter().all(|device| device.answered)
+                && core.compensation.decisions().all(|decision| decision.at > Moment::default()),
+            axes,
+            signals: signals(self, &core, now),
+            buses: buses(self, &core),
+            devices,
+            outputs: outputs(self, &core, now),
+            events,
+            event_counts,
+        }
+    }
+
+    fn command(&self, command: Command) -> Result<String, String> {
+        self.obey(command)
+    }
+}
+
+fn axes(shared: &Shared, core: &Core) -> Vec<AxisStatus> {
+    let axes = shared.profile.axes.iter().zip(core.compensation.decisions()).enumerate();
+    axes.map(|(place, (axis, decision))| AxisStatus {
+        name: axis.settings.name.clone(),
+        state: decision.state.name(),
+        why: core.why(shared, place),
+        model: decision
+            .model
+            .and_then(|model| axis.settings.models.get(model))
+            .map(|model| model.name.clone()),
+        raw_um: decision.raw.map(Micron::get),
+        cz_um: decision.cz.get(),
+        acted: Stages::ALL
+            .iter()
+            .filter(|(stage, _)| decision.acted.contains(*stage))
+            .map(|(_, name)| *name)
+            .collect(),
+        limit_um: axis.settings.guard.limit.get(),
+        armed: core.arming[place].armed,
+    })
+    .collect()
+}
+
+fn signals(shared: &Shared, core: &Core, now: Moment) -> Vec<SignalStatus> {
+    let seen = core.board.seen();
+    let signals = shared.profile.signals.iter().enumerate().zip(seen);
+    signals
+        .map(|((place, signal), reading)| {
+            let taken = core.board.taken(SignalId(place));
+            SignalStatus {
+                name: signal.name.clone(),
+                device: shared.profile.device(signal.device).name.clone(),
+                value: reading.usable(),
+                unit: signal.unit.0,
+                quality: match reading.quality {
+                    Quality::Good => "good",
+                    Quality::Bad(reason) => reason.code(),
+                },
+                reason: match reading.quality {
+                    Quality::Good => String::new(),
+                    Quality::Bad(reason) => reason.to_string(),
+                },
+                age_s: (taken > Moment::default() && reading.quality != Quality::Bad(Reason::NeverRead))
+                    .then(|| now.since(taken).as_secs_f64()),
+            }
+        })
+        .collect()
+}
+
+fn buses(shared: &Shared, core: &Core) -> Vec<BusStatus> {
+    let bounds = || JITTER_MS.iter().copied().chain([f64::INFINITY]);
+    let buses = shared.profile.buses.iter().zip(&core.buses);
+    buses
+        .map(|(bus, count)| BusStatus {
+            name: bus.name.clone(),
+            address: bus.address.clone(),
+            connected: count.connected,
+            cycles: count.cycles,
+            overruns: count.overruns,
+            jitter_ms: bounds().zip(count.jitter).collect(),
+        })
+        .collect()
+}
+
+fn devices(shared: &Shared, core: &Core) -> Vec<DeviceStatus> {
+    let devices = shared.profile.devices.iter().zip(&core.devices);
+    devices
+        .map(|(device, count)| DeviceStatus {
+            name: device.name.clone(),
+            bus: shared.profile.bus(device.bus).name.clone(),
+            unit: device.unit,
+            state: match (&count.lost, count.answered) {
+                (Some(_), _) => "lost",
+                (None, false) => "never-answered",
+                (None, true) => "ok",
+            },
+            fault: count.lost.as_ref().map_or(String::new(), |lost| lost.fault.clone()),
+            requests: count.requests,
+            failures: count.failures.clone(),
+        })
+        .collect()
+}
+
+fn outputs(shared: &Shared, core: &Core, now: Moment) -> Vec<OutputStatus> {
+    let outputs = shared.profile.outputs.iter().zip(&core.outputs);
+    outputs
+        .map(|(output, state)| OutputStatus {
+            name: output.name.clone(),
+            axis: shared.profile.axis(output.axis).settings.name.clone(),
+            device: shared.profile.device(output.device).name.clone(),
+            register: format!("{} ({})", output.address, output.address.modicon()),
+            writes: match output.writes {
+                Writes::Offset => "offset",
+                Writes::Corrected { .. } => "corrected",
+            },
+            state: if core.arming[output.axis.0].armed { state.standing.name() } else { "off" },
+            value: state.value,
+            writes_done: state.writes,
+            age_s: state.verified_at.map(|at| now.since(at)).as_ref().map(Duration::as_secs_f64),
+        })
+        .collect()
+}

@@ -1,0 +1,82 @@
+//! Watches the lines from a thread of its own: one that no longer cycles stops the gateway, and where even that has no
+//! effect, ends the process. The service manager's watchdog is fed only while everything cycles.
+
+use std::sync::Arc;
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::time::Duration;
+
+use super::shared::Shared;
+use crate::observe::events::Event;
+use crate::profile::{BusId, Profile};
+
+/// How often the watch looks.
+const LOOK_EVERY: Duration = Duration::from_millis(500);
+
+/// A running watch; dropping it ends the thread.
+#[derive(Debug)]
+pub(super) struct Watch {
+    _ends_with_this: Sender<()>,
+}
+
+impl Watch {
+    /// Watches every line. `stop` asks the gateway to stop; `give_up` is called where it has not within its time.
+    pub(super) fn start(
+        shared: Arc<Shared>,
+        patience: Option<Duration>,
+        stop: impl Fn() + Send + 'static,
+        give_up: impl Fn() + Send + 'static,
+    ) -> Watch {
+        let (sender, receiver) = channel();
+        let limits: Vec<Duration> = (0..shared.profile.buses.len())
+            .map(|bus| patience.unwrap_or_else(|| limit(&shared.profile, BusId(bus))))
+            .collect();
+        let watch = move || {
+            let mut stuck = Duration::ZERO;
+            let mut told = false;
+            while receiver.recv_timeout(LOOK_EVERY) == Err(RecvTimeoutError::Timeout) {
+                let Some(late) = late_line(&shared, &limits, &mut stuck) else {
+                    let _ = sd_notify::notify(&[sd_notify::NotifyState::Watchdog]);
+                    continue;
+                };
+                if !told {
+                    told = true;
+                    let task = format!("bus {late}");
+                    shared.tell(&Event::TaskFailed { task, why: "it does not cycle any more".to_owned() });
+                    stop();
+                } else if stuck > Duration::from_secs(10) {
+                    give_up();
+                }
+                stuck += LOOK_EVERY;
+            }
+        };
+        // Without a thread there is no watch, which the service manager's watchdog then notices.
+        let _ = std::thread::Builder::new().name("watch".to_owned()).spawn(watch);
+        Watch { _ends_with_this: sender }
+    }
+}
+
+/// The name of a line that has not cycled for too long; also one that keeps the lock.
+fn late_line(shared: &Shared, limits: &[Duration], stuck: &mut Duration) -> Option<String> {
+    let now = shared.clock.now();
+    let Some(core) = shared.try_core() else {
+        *stuck += LOOK_EVERY;
+        return (*stuck > Duration::from_secs(5)).then(|| "(state locked)".to_owned());
+    };
+    for (place, (count, limit)) in core.buses.iter().zip(limits).enumerate() {
+        let last = count.last_cycle.max(shared.started);
+        if now.since(last) > *limit {
+            return Some(shared.profile.bus(BusId(place)).name.clone());
+        }
+    }
+    *stuck = Duration::ZERO;
+    None
+}
+
+/// The longest a line may take for one cycle: each of its requests connects and then times out.
+fn limit(profile: &Profile, bus: BusId) -> Duration {
+    let devices = profile.devices.iter().filter(|device| device.bus == bus);
+    let longest = devices.clone().map(|device| device.every).max().unwrap_or_default();
+    let requests = devices.count() + profile.signals.len() + 4 * profile.outputs.len();
+    let requests = u32::try_from(requests).unwrap_or(u32::MAX);
+    Duration::from_secs(5) + longest * 4 + profile.bus(bus).timeout.saturating_mul(requests.saturating_mul(2))
+}
