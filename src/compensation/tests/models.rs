@@ -57,13 +57,13 @@ fn a_result_that_is_no_number_leaves_the_next_model_to_serve() {
 }
 
 #[test]
-fn a_model_is_unusable_until_its_reference_is_complete() {
+fn a_reference_is_waited_for_although_a_lesser_model_could_serve() {
     let settings = MachineSettings { settle: seconds(30.0), signals: 4, ..MachineSettings::default() };
     let rise = linear("rise", 0.0, &[term(BED, 2.0, Reference::Start)]);
     let mut rig = Rig::with(settings, axis(vec![rise, bed_only()]));
     for bed in [20.0, 21.0, 22.0] {
         let decision = rig.show(bed, 24.0).step();
-        assert_eq!((decision.model, decision.lacks), (Some(1), Some(Unusable::Reference(BED))));
+        assert_eq!((decision.model, decision.lacks), (None, Some(Unusable::Reference(BED))));
         rig.now = rig.now.after(seconds(10.0));
     }
     let decision = rig.show(25.0, 24.0).step();

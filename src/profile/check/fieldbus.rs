@@ -8,6 +8,7 @@ use crate::profile::raw::{BusType, FunctionWord, RawBus, RawDevice, RawQuirks};
 use crate::profile::{Bus, BusId, Device, Functions, Quirks};
 
 const TIMEOUT: Duration = Duration::from_millis(500);
+const SHORTEST_TIMEOUT: Duration = Duration::from_millis(100);
 const EVERY: Duration = Duration::from_secs(1);
 
 impl Check<'_> {
@@ -77,11 +78,11 @@ impl Check<'_> {
         }
     }
 
-    /// Never as long as a poll period: a default must not contradict what was written.
+    /// Where nothing is written: half a fast poll period, but never so short that a sound device is missed.
     fn default_timeout(&self, bus: &str) -> Duration {
         let devices = self.raw.device.values().filter(|device| device.bus.as_deref() == Some(bus));
         let periods = devices.filter_map(|device| humantime::parse_duration(&device.every.as_ref()?.0).ok());
-        periods.filter(|period| !period.is_zero()).map(|period| period / 2).fold(TIMEOUT, Duration::min)
+        periods.map(|period| (period / 2).max(SHORTEST_TIMEOUT)).fold(TIMEOUT, Duration::min)
     }
 
     pub(super) fn devices(&mut self, buses: &[Option<Bus>]) -> Vec<Option<Device>> {
@@ -119,7 +120,14 @@ impl Check<'_> {
                 bus.name
             );
             let help = "make `timeout` of the bus shorter than `every` of each of its devices";
-            self.wrong(&child(path, "every"), message, help);
+            let written = self.raw.bus.get(&bus.name).is_some_and(|raw| raw.timeout.is_some());
+            if bus.timeout > TIMEOUT {
+                self.wrong(&child(path, "every"), message, help);
+            } else if written {
+                // An ordinary timeout over a fast scale: a lost answer costs some polls, which are skipped.
+                let warning = self.places.at_value(&child(path, "every"), message, Some(help.to_owned()));
+                self.warnings.push(warning);
+            }
         }
         Some(device)
     }

@@ -65,7 +65,7 @@ async fn what_is_written_as_an_offset_acts_on_the_error() {
     assert_eq!(control.read(CNC, 3, 100, 6).await, [0; 6]);
     control.write(CNC, 104, -123).await;
     run.sleeper.sleep(TICK).await;
-    let truth = run.machine.latest_truth().unwrap();
+    let truth = run.machine.window().latest_truth().unwrap();
     assert!((truth.axes[0].cz_um + 12.3).abs() < 1e-9);
     assert!((truth.axes[0].residual_um() - truth.axes[0].error_um + 12.3).abs() < 1e-9);
     // The offset's own register is not overwritten by the signal that shows it.
@@ -85,7 +85,7 @@ async fn without_an_offset_the_corrected_position_tells_what_is_applied() {
     let shown = joined(&cell.read(2, 3, 84, 2).await);
     cell.write(3, 10, shown + 84).await;
     run.sleeper.sleep(Duration::from_secs(30)).await;
-    let truth = run.machine.latest_truth().unwrap();
+    let truth = run.machine.window().latest_truth().unwrap();
     assert!((truth.axes[0].cz_um - 8.4).abs() < 1e-6, "{truth:?}");
 }
 
@@ -95,12 +95,12 @@ async fn a_client_that_writes_minus_the_error_leaves_next_to_nothing() {
     let mut control = run.control().await;
     for _ in 0..360 {
         run.sleeper.sleep(Duration::from_secs(10)).await;
-        let error = run.machine.latest_truth().unwrap().axes[0].error_um;
+        let error = run.machine.window().latest_truth().unwrap().axes[0].error_um;
         let counts = (-error * 10.0).round();
         let counts = (-400..400).find(|whole| (f64::from(*whole) - counts).abs() < 0.5).unwrap();
         control.write(CNC, 104, counts).await;
     }
-    let log = run.machine.truth_log();
+    let log = run.machine.window().truth_log();
     assert_eq!(log.len(), 61);
     assert_eq!(log[60].at.since(run.begin), Duration::from_secs(3600));
     let summary = run.machine.stop().await.unwrap();
@@ -124,7 +124,7 @@ async fn one_seed_gives_one_run_and_another_seed_another() {
             run.sleeper.sleep(Duration::from_millis(7_300)).await;
             seen.push(cell.read(THERMOCOUPLES, 4, 0, 4).await);
         }
-        runs.push((seen, run.machine.truth_log()));
+        runs.push((seen, run.machine.window().truth_log()));
     }
     assert_eq!(runs[0], runs[1]);
     assert_ne!(runs[0], runs[2]);
@@ -139,8 +139,8 @@ async fn any_profile_can_be_served_without_a_plant() {
         assert!((195..=245).contains(&word), "{word}");
     }
     assert_eq!(run.control().await.ask(CNC, &[2, 0, 0, 0, 1]).await, [2, 1, 1]);
-    assert_eq!(run.machine.latest_truth().map(|row| row.axes.len()), None);
-    assert_eq!(run.machine.summary().axes, []);
+    assert_eq!(run.machine.window().latest_truth().map(|row| row.axes.len()), None);
+    assert_eq!(run.machine.window().summary().axes, []);
 }
 
 #[tokio::test]
