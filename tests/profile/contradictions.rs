@@ -86,7 +86,6 @@ fn figures_that_contradict_each_other_are_told_with_both() {
         "[32768]",
         &["never holds 32768"],
     );
-    refused("every = \"400ms\"", "every = \"300ms\"", "device.counter.every", "\"300ms\"", &["300ms"]);
     refused(
         "max_age = \"5s\"",
         "max_age = \"1s\"",
@@ -197,4 +196,14 @@ fn what_is_odd_but_runs_is_a_warning() {
 fn a_timeout_that_nobody_wrote_contradicts_nothing() {
     let loaded = with("timeout = \"300ms\"\n", "").unwrap();
     assert_eq!(loaded.profile.buses[0].timeout.as_millis(), 200);
+}
+
+#[test]
+fn a_timeout_as_long_as_a_poll_period_is_doubted_and_a_long_one_refused() {
+    let doubted = with("every = \"400ms\"", "every = \"300ms\"").unwrap().warnings;
+    assert_eq!(doubted.len(), 1, "{doubted:?}");
+    assert_eq!(doubted[0].key, "device.counter.every");
+    assert!(doubted[0].message.contains("waits 300ms"), "{}", doubted[0].message);
+    let refused = errors(with("timeout = \"300ms\"", "timeout = \"2s\""));
+    assert!(refused.iter().any(|error| error.key == "device.counter.every"), "{refused:?}");
 }
