@@ -5,6 +5,7 @@
 //! - [`line`] — one request at a time, timeout, breaker per device, reconnection.
 
 pub mod backoff;
+mod eager;
 pub mod error;
 pub mod line;
 pub mod modbus;

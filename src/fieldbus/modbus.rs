@@ -11,10 +11,10 @@ use std::time::Duration;
 
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
-use tokio_modbus::client::{Client, Context, tcp};
-use tokio_modbus::slave::SlaveContext as _;
+use tokio_modbus::client::{Client, tcp};
 use tokio_modbus::{Error, ProtocolError, Request as Pdu, Response, Slave};
 
+use super::eager::Eager;
 use super::error::{Fault, LinkFault, PeerFault};
 use super::wire::{Answer, Boxed, Dial, Request, Wire};
 use crate::codec::Table;
@@ -43,7 +43,7 @@ impl Dial for TcpDial {
             if !self.pause_after_connect.is_zero() {
                 tokio::time::sleep(self.pause_after_connect).await;
             }
-            Ok(attach(stream))
+            Ok(attach(Eager::new(stream)))
         })
     }
 }
@@ -53,18 +53,18 @@ pub fn attach<T>(stream: T) -> Box<dyn Wire>
 where
     T: AsyncRead + AsyncWrite + Send + Unpin + fmt::Debug + 'static,
 {
-    Box::new(ModbusTcp { context: tcp::attach(stream) })
+    Box::new(ModbusTcp { client: tcp::attach(stream).into() })
 }
 
 struct ModbusTcp {
-    context: Context,
+    client: Box<dyn Client>,
 }
 
 impl Wire for ModbusTcp {
     fn call<'a>(&'a mut self, unit: u8, request: Request<'a>) -> Boxed<'a, Result<Answer, Fault>> {
         Box::pin(async move {
-            self.context.set_slave(Slave(unit));
-            match self.context.call(pdu(request)).await {
+            self.client.set_slave(Slave(unit));
+            match self.client.call(pdu(request)).await {
                 Ok(Ok(response)) => check(request, response),
                 Ok(Err(exception)) => Err(Fault::Exception(exception.into())),
                 Err(Error::Protocol(ProtocolError::HeaderMismatch { .. })) => {
