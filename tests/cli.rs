@@ -1,5 +1,7 @@
 //! The verbs as a newcomer uses them: their help, their exit codes, and what they say when something is wrong.
 
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
 use std::path::Path;
 use std::process::{Command, Output};
 use std::time::Duration;

@@ -2,6 +2,8 @@
 //!
 //! They need pymodbus and libmodbus; `tests/run interop` installs both. Without them these tests fail and say so.
 
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -1,6 +1,7 @@
 //! The program as a person starts it: a process with its output, ended by signals.
 
 #![allow(dead_code, reason = "each of the tests uses its part")]
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
