@@ -54,19 +54,27 @@ enum Verb {
     /// The gateway's own step over a recorded log
     Replay(replay::Arguments),
     /// Let the running gateway write
+    #[command(after_help = "Example:\n  isotherm arm my-machine.toml")]
     Arm(command::Arguments),
     /// Let the running gateway write no more; what stands in the registers stays
+    #[command(after_help = "Example:\n  isotherm disarm my-machine.toml")]
     Disarm(command::Arguments),
     /// Capture the "zero" references in the running gateway
+    #[command(after_help = "Example:\n  isotherm zero my-machine.toml")]
     Zero(command::Arguments),
     /// The JSON Schema of the profile, for editors
+    #[command(after_help = "Example:\n  isotherm schema > isotherm.schema.json")]
     Schema,
     /// Completions for a shell
+    #[command(
+        after_help = "Example:\n  isotherm completions bash > ~/.local/share/bash-completion/completions/isotherm"
+    )]
     Completions {
         /// bash, zsh, fish, elvish, powershell
         shell: clap_complete::Shell,
     },
     /// The manual page
+    #[command(after_help = "Example:\n  isotherm man > isotherm.1")]
     Man,
 }
 

@@ -2,7 +2,7 @@
 //!
 //! - [`plan`] — pure: the signals of a device become the fewest read requests.
 //! - [`wire`] — the border behind which the Modbus library lives; [`modbus`] is the library's side of it.
-//! - [`line`] — one request at a time, timeout, breaker per device, reconnection.
+//! - [`mod@line`] — one request at a time, timeout, breaker per device, reconnection.
 
 pub mod backoff;
 mod eager;

@@ -1,13 +1,19 @@
 //! isotherm holds a machine tool to its cold geometry.
 //!
 //! # Layout
-//! Arrows only point left; a test reads the `use` lines and fails where one runs the other way.
+//! An arrow points from who knows to who is known, and only to the left; `tests/house.rs` holds the table and fails
+//! where a `crate::` path runs the other way.
 //!
 //! ```text
 //! quantity ← reading ← { codec, compensation } ← profile ← fieldbus ← gateway ← cli
-//! clock ← { fieldbus, gateway, virtual_machine }      observe ← gateway: events and the state they tell
-//! explain ← cli      virtual_machine ← cli            compensation: no tokio, no I/O, no clock
+//! quantity ← clock ← { fieldbus, gateway, virtual_machine, cli }
+//! quantity, the states of compensation ← observe ← cli           observe's events and status ← gateway
+//! { codec, profile, clock } ← virtual_machine ← cli              nobody else knows virtual_machine
+//! { profile, the read plan of fieldbus } ← explain ← cli         nobody else knows explain
 //! ```
+//!
+//! fieldbus and compensation never know each other. compensation has no tokio, no input or output and no clock: time is
+//! an argument of its step. Only clock knows what time it is.
 
 pub mod cli;
 pub mod clock;

@@ -9,7 +9,6 @@ use crate::observe::status::Command;
 
 /// Sends a command to the gateway that runs this profile on this computer.
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Example:\n  isotherm arm my-machine.toml")]
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,

@@ -41,7 +41,7 @@ pub(super) struct Arguments {
     profile: ProfileArguments,
     /// The log
     #[arg(value_name = "LOG.csv")]
-    log: PathBuf,
+    recording: PathBuf,
     /// Where the replayed rows go
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
@@ -52,8 +52,8 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let profile = load(&arguments.profile, arguments.json)?;
-    let name = arguments.log.display().to_string();
-    let log = File::open(&arguments.log).with_context(|| format!("the log {name} cannot be read"))?;
+    let name = arguments.recording.display().to_string();
+    let log = File::open(&arguments.recording).with_context(|| format!("the log {name} cannot be read"))?;
     let mut out = match &arguments.out {
         Some(path) => Some(File::create(path).with_context(|| format!("cannot write {}", path.display()))?),
         None => None,

@@ -1,6 +1,5 @@
 //! What runs beside the loop, on a thread and a runtime of its own: the page and the command socket.
 
-use std::future::Future;
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
 use std::path::Path;
 use std::sync::Arc;
@@ -105,11 +104,9 @@ impl Sockets {
     }
 }
 
-fn until(mut stopped: watch::Receiver<bool>) -> impl Future<Output = ()> + Send + 'static {
-    async move {
-        // An error means that the sender is gone, which ends the services as well.
-        let _ = stopped.wait_for(|stopped| *stopped).await;
-    }
+async fn until(mut stopped: watch::Receiver<bool>) {
+    // An error means that the sender is gone, which ends the services as well.
+    let _ = stopped.wait_for(|stopped| *stopped).await;
 }
 
 fn report(what: &str, ended: std::io::Result<()>) {

@@ -144,11 +144,12 @@ impl Table {
         self.next_row = (status.uptime_s / ROW_EVERY).floor() * ROW_EVERY + ROW_EVERY;
         for (place, axis) in status.axes.iter().enumerate() {
             let known = truth.and_then(|truth| truth.axes.get(place));
+            let micron = |value: Option<f64>| value.map_or("—".to_owned(), |value| format!("{value:.1}"));
             let (error, left) =
-                known.map_or((f64::NAN, f64::NAN), |known| (known.error_um, known.residual_um()));
+                (micron(known.map(|known| known.error_um)), micron(known.map(|known| known.residual_um())));
             let AxisStatus { name, cz_um, state, .. } = axis;
             let hours = status.uptime_s / 3600.0;
-            writeln!(out, "{hours:>6.1}  {name:<5}{error:>10.1}{cz_um:>10.1}{left:>14.1}   {state}")?;
+            writeln!(out, "{hours:>6.1}  {name:<5}{error:>10}{cz_um:>10.1}{left:>14}   {state}")?;
         }
         out.flush()
     }

@@ -1,0 +1,285 @@
+//! The verbs as a newcomer uses them: their help, their exit codes, and what they say when something is wrong.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use std::path::Path;
+use std::process::{Command, Output};
+use std::time::Duration;
+
+use serde_json::Value;
+
+mod process;
+
+use process::{PATIENCE, Running, file, free_port, isotherm};
+
+const MACHINE: &str = include_str!("interop/machine.toml");
+
+const VERBS: [&str; 12] = [
+    "demo",
+    "run",
+    "check",
+    "read",
+    "virtual",
+    "replay",
+    "arm",
+    "disarm",
+    "zero",
+    "schema",
+    "completions",
+    "man",
+];
+
+/// A verb that has ended.
+struct Ended {
+    code: Option<i32>,
+    out: String,
+    said: String,
+}
+
+fn ended(command: &mut Command) -> Ended {
+    let Output { status, stdout, stderr } = command.output().unwrap();
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    Ended { code: status.code(), out: text(stdout), said: text(stderr) }
+}
+
+fn run(arguments: &[&str]) -> Ended {
+    let home = tempfile::tempdir().unwrap();
+    ended(isotherm(home.path()).args(arguments))
+}
+
+/// The machine of the interop tests behind a port of its own.
+fn machine(directory: &Path) -> (String, String) {
+    let address = format!("127.0.0.1:{}", free_port());
+    (MACHINE.replace("127.0.0.1:1\"", &format!("{address}\"")), directory.display().to_string())
+}
+
+fn devices(home: &Path, profile: &Path) -> Running {
+    let mut devices = Running::start(isotherm(home).arg("virtual").arg(profile));
+    devices.hears("stop with Ctrl-C");
+    devices
+}
+
+#[test]
+fn the_help_of_each_verb_has_an_example() {
+    let all = run(&["--help"]);
+    assert_eq!(all.code, Some(0));
+    for verb in VERBS {
+        assert!(all.out.lines().any(|line| line.trim_start().starts_with(verb)), "{verb} is not in --help");
+        let help = run(&[verb, "--help"]);
+        assert_eq!(help.code, Some(0), "{verb}");
+        assert!(help.out.contains(&format!("  isotherm {verb}")), "{verb} has no example:\n{}", help.out);
+    }
+    let commands = all.out.split("Commands:").nth(1).unwrap().split("\n\n").next().unwrap();
+    assert_eq!(commands.lines().filter(|line| !line.trim().is_empty()).count(), VERBS.len() + 1, "and help");
+}
+
+#[test]
+fn wrong_arguments_are_code_2_and_tell_what_is_allowed() {
+    for (arguments, word) in [
+        (&["demmo"][..], "demo"),
+        (&["demo", "--speed", "0"], "above 0"),
+        (&["run"], "PROFILE"),
+        (&["check", "x.toml", "--set", "bus.cell.address"], "KEY=VALUE"),
+        (&["completions", "tcsh"], "bash"),
+    ] {
+        let ended = run(arguments);
+        assert_eq!(ended.code, Some(2), "{arguments:?}");
+        assert!(ended.said.contains(word), "{arguments:?}: {}", ended.said);
+    }
+}
+
+#[test]
+fn a_wrong_profile_is_code_64_with_every_error_at_its_place() {
+    let home = tempfile::tempdir().unwrap();
+    let text = MACHINE
+        .replace("limit    = 40.0", "limit    = -40.0")
+        .replace("deadband = 0.0", "dedband = 0.0")
+        .replace("word_order = \"lsw-first\"\n", "");
+    let profile = file(home.path(), "wrong.toml", &text);
+    let line = |part: &str| text.lines().position(|line| line.contains(part)).unwrap() + 1;
+    let ended_in_words = ended(isotherm(home.path()).arg("check").arg(&profile));
+    assert_eq!((ended_in_words.code, ended_in_words.out.as_str()), (Some(64), ""));
+    for (part, words) in [("limit    = -40.0", "axis.z.limit"), ("dedband", "did you mean `deadband`?")] {
+        let place = format!("wrong.toml:{}:", line(part));
+        assert!(ended_in_words.said.contains(&place), "{place} in {}", ended_in_words.said);
+        assert!(ended_in_words.said.contains(words), "{words} in {}", ended_in_words.said);
+    }
+    assert!(ended_in_words.said.contains("signal.scale_z.word_order"), "{}", ended_in_words.said);
+    let document = ended(isotherm(home.path()).arg("check").arg(&profile).arg("--json"));
+    assert_eq!(document.code, Some(64));
+    let errors: Value = serde_json::from_str(&document.out).unwrap();
+    let keys: Vec<&str> =
+        errors.as_array().unwrap().iter().filter_map(|error| error["key"].as_str()).collect();
+    assert!(keys.contains(&"axis.z.limit") && keys.contains(&"signal.scale_z.word_order"), "{keys:?}");
+    for verb in ["run", "read", "virtual", "arm"] {
+        let refused = ended(isotherm(home.path()).arg(verb).arg(&profile));
+        assert_eq!(refused.code, Some(64), "{verb}: {}", refused.said);
+    }
+    assert_eq!(run(&["check", "not-there.toml"]).code, Some(64));
+}
+
+#[test]
+fn a_later_layer_wins() {
+    let home = tempfile::tempdir().unwrap();
+    let profile = file(home.path(), "machine.toml", MACHINE);
+    let address = |command: &mut Command| {
+        let ended = ended(command.arg("check").arg(&profile).arg("--json"));
+        let document: Value = serde_json::from_str(&ended.out).unwrap_or_else(|_| panic!("{}", ended.said));
+        document["buses"][0]["address"].as_str().unwrap().to_owned()
+    };
+    assert_eq!(address(&mut isotherm(home.path())), "127.0.0.1:1");
+    file(home.path(), "machine.local.toml", "[bus.cell]\naddress = \"127.0.0.1:2\"\n");
+    assert_eq!(address(&mut isotherm(home.path())), "127.0.0.1:2");
+    let variable = ("ISOTHERM__BUS__CELL__ADDRESS", "127.0.0.1:3");
+    assert_eq!(address(isotherm(home.path()).env(variable.0, variable.1)), "127.0.0.1:3");
+    let set = ["--set", "bus.cell.address=127.0.0.1:4"];
+    let mut all = isotherm(home.path());
+    let ended = ended(all.env(variable.0, variable.1).arg("check").arg(&profile).arg("--json").args(set));
+    assert!(ended.out.contains("127.0.0.1:4"), "{}{}", ended.out, ended.said);
+}
+
+#[test]
+fn what_a_program_reads_can_be_read() {
+    let schema: Value = serde_json::from_str(&run(&["schema"]).out).unwrap();
+    assert!(schema["$schema"].as_str().is_some_and(|url| url.contains("json-schema.org")));
+    let checked: Value = serde_json::from_str(&run(&["check", "surface-grinder", "--json"]).out).unwrap();
+    assert_eq!(checked["machine"], "surface-grinder");
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let completions = run(&["completions", shell]);
+        assert!(completions.code == Some(0) && completions.out.contains("replay"), "{shell}");
+    }
+    assert!(run(&["man"]).out.starts_with(".ie"), "a manual page");
+}
+
+#[test]
+fn a_short_demo_gives_one_json_document_the_same_for_the_same_seed() {
+    let demo = || {
+        run(&[
+            "demo",
+            "--json",
+            "--for",
+            "20min",
+            "--speed",
+            "100000",
+            "--seed",
+            "7",
+            "--listen",
+            "127.0.0.1:0",
+        ])
+    };
+    let (first, second) = (demo(), demo());
+    assert_eq!((first.code, first.said.as_str()), (Some(0), ""));
+    let document: Value = serde_json::from_str(&first.out).unwrap();
+    assert_eq!(document["machine"], "surface-grinder");
+    assert_eq!(document["seed"], 7);
+    assert!((document["machine_hours"].as_f64().unwrap() - 1.0 / 3.0).abs() < 0.01);
+    assert!(document["axes"]["z"]["uncompensated_range_um"].is_f64());
+    assert_eq!(first.out, second.out);
+}
+
+#[test]
+fn an_unknown_machine_is_told_the_known_ones() {
+    let demo = run(&["demo", "lathe"]);
+    assert_eq!(demo.code, Some(1));
+    assert!(demo.said.contains("surface-grinder, sinker-edm"), "{}", demo.said);
+}
+
+#[test]
+fn a_taken_port_and_a_missing_gateway_are_told_in_words() {
+    let home = tempfile::tempdir().unwrap();
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    let refused = ended(isotherm(home.path()).args(["run", "surface-grinder", "--listen", &address]));
+    assert_eq!(refused.code, Some(1));
+    assert!(refused.said.contains(&format!("the page cannot listen on {address}")), "{}", refused.said);
+    assert!(refused.said.contains("--listen"), "{}", refused.said);
+    for verb in ["arm", "disarm", "zero"] {
+        let alone = ended(isotherm(home.path()).args([verb, "surface-grinder"]));
+        assert_eq!(alone.code, Some(1), "{verb}");
+        assert!(alone.said.contains("no gateway of this machine is running here"), "{}", alone.said);
+        assert!(alone.said.contains("start it with `isotherm run`"), "{}", alone.said);
+    }
+    let open = ended(isotherm(home.path()).args(["run", "surface-grinder", "--listen", "0.0.0.0:0"]));
+    assert_eq!(open.code, Some(1));
+    assert!(open.said.contains("token_file"), "{}", open.said);
+}
+
+#[test]
+fn reading_devices_that_are_not_there_is_a_failure_that_names_them() {
+    let home = tempfile::tempdir().unwrap();
+    let (text, _) = machine(home.path());
+    let profile = file(home.path(), "machine.toml", &text);
+    for arguments in [&["read"][..], &["check", "--online"]] {
+        let read = ended(isotherm(home.path()).args(arguments).arg(&profile));
+        assert_eq!(read.code, Some(1), "{}", read.out);
+        assert!(read.said.contains("4 of 4 signals cannot be used: bed ("), "{}", read.said);
+    }
+}
+
+#[test]
+fn a_stopped_gateway_is_at_rest_remembers_and_its_log_replays_bit_for_bit() {
+    let home = tempfile::tempdir().unwrap();
+    let (text, state) = machine(home.path());
+    let profile = file(home.path(), "machine.toml", &text);
+    let _devices = devices(home.path(), &profile);
+    let mut gateway = isotherm(home.path());
+    gateway.arg("run").arg(&profile).args(["--listen", "127.0.0.1:0", "--state", &state]);
+    let mut gateway = Running::start(&mut gateway);
+    gateway.hears("page http://127.0.0.1:");
+    gateway.hears("axis z: armed, starting from 0.0 µm");
+    let command = |verb: &str| ended(isotherm(home.path()).arg(verb).arg(&profile).args(["--state", &state]));
+    let second = ended(isotherm(home.path()).arg("run").arg(&profile).args(["--state", &state]));
+    assert_eq!(second.code, Some(1));
+    assert!(second.said.contains("another gateway of this machine is running"), "{}", second.said);
+    let off = command("disarm");
+    assert!(off.code == Some(0) && off.out.contains("what stands in the registers stays"), "{}", off.said);
+    gateway.hears("switched off by a person");
+    assert_eq!(command("arm").code, Some(0));
+    gateway.hears("axis z: armed");
+    std::thread::sleep(Duration::from_secs(3));
+    gateway.signal("TERM");
+    gateway.hears("stopping: the fault actions run, at most");
+    assert_eq!(gateway.ends_within(PATIENCE).code(), Some(0), "{}", gateway.said.join("\n"));
+    assert!(gateway.said.join("\n").contains("stopped; cnc_z holds 0.0 µm"), "{}", gateway.said.join("\n"));
+    assert!(home.path().join("interop.state.json").exists());
+
+    let files = std::fs::read_dir(home.path()).unwrap().map(|entry| entry.unwrap().path());
+    let logs: Vec<_> = files.filter(|path| path.extension().is_some_and(|end| end == "csv")).collect();
+    assert!(!logs.is_empty());
+    for log in logs {
+        let replay = ended(isotherm(home.path()).arg("replay").arg(&profile).arg(&log).arg("--json"));
+        assert_eq!(replay.code, Some(0), "{}", replay.said);
+        let document: Value = serde_json::from_str(&replay.out).unwrap();
+        assert_eq!(document["axes"]["z"]["reproduced"]["differing"], 0, "{}", replay.out);
+        assert!(document["axes"]["z"]["reproduced"]["rows"].as_u64().unwrap() > 3, "{}", replay.out);
+        let out = home.path().join("replayed.out");
+        let replay =
+            ended(isotherm(home.path()).arg("replay").arg(&profile).arg(&log).arg("--out").arg(&out));
+        assert!(replay.out.contains("bit for bit"), "{}", replay.out);
+        let table = std::fs::read_to_string(out).unwrap();
+        assert_eq!(table.lines().next(), Some("time,z_raw_um,z_cz_um,z_model,z_state,z_acted"));
+    }
+}
+
+#[test]
+fn a_second_signal_ends_it_at_once_and_says_what_is_left() {
+    let home = tempfile::tempdir().unwrap();
+    let (text, state) = machine(home.path());
+    // Some 40 µm are asked for; at this rate the way back is as long as the way there.
+    let text = text
+        .replace("  { signal = \"wheelhead\", gain = -2.4 },\n", "")
+        .replace("rate     = 50.0", "rate     = 0.5");
+    let profile = file(home.path(), "machine.toml", &text);
+    let _devices = devices(home.path(), &profile);
+    let mut gateway = isotherm(home.path());
+    let mut gateway = Running::start(gateway.arg("run").arg(&profile).args(["--state", &state]));
+    gateway.hears("axis z: armed");
+    std::thread::sleep(Duration::from_secs(8));
+    gateway.signal("TERM");
+    gateway.hears("stopping: the fault actions run, at most");
+    gateway.signal("TERM");
+    assert_eq!(gateway.ends_within(Duration::from_secs(3)).code(), Some(1), "{}", gateway.said.join("\n"));
+    let said = gateway.said.join("\n");
+    assert!(said.contains("stopped before the fault actions had come to their end; cnc_z hold"), "{said}");
+    assert!(home.path().join("interop.state.json").exists());
+}

@@ -1,0 +1,264 @@
+//! The order of the house: which room may know which, and what stands nowhere.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use isotherm::profile;
+
+#[path = "house/source.rs"]
+mod source;
+
+/// Which rooms each room may import. A name behind `::` narrows it to that part of the room.
+///
+/// The picture of the same is in `src/lib.rs`.
+const ARROWS: [(&str, &[&str]); 12] = [
+    ("quantity", &[]),
+    ("reading", &["quantity"]),
+    ("clock", &["quantity"]),
+    ("codec", &["quantity", "reading"]),
+    ("compensation", &["quantity", "reading"]),
+    ("profile", &["quantity", "reading", "codec", "compensation"]),
+    ("fieldbus", &["quantity", "reading", "codec", "profile", "clock"]),
+    ("observe", &["quantity", "compensation::AxisState", "compensation::Stages"]),
+    (
+        "gateway",
+        &[
+            "quantity",
+            "reading",
+            "codec",
+            "compensation",
+            "profile",
+            "fieldbus",
+            "clock",
+            "observe::events",
+            "observe::status",
+        ],
+    ),
+    ("virtual_machine", &["quantity", "reading", "codec", "profile", "clock"]),
+    ("explain", &["quantity", "reading", "codec", "compensation", "profile", "fieldbus::plan"]),
+    (
+        "cli",
+        &[
+            "quantity",
+            "reading",
+            "compensation",
+            "profile",
+            "clock",
+            "gateway",
+            "observe",
+            "virtual_machine",
+            "explain",
+        ],
+    ),
+];
+
+const TOP: [&str; 11] = [
+    "Cargo.toml",
+    "Cargo.lock",
+    "README.md",
+    "LICENSE",
+    "CHANGELOG.md",
+    "src",
+    "profiles",
+    "tests",
+    "benches",
+    "docker",
+    "packaging",
+];
+
+const LONGEST: usize = 400;
+
+/// Longer than that, and how long they may be: they were so before this rule, and may only shrink.
+const LONGER: [(&str, usize); 2] = [("src/gateway/apply.rs", 480), ("src/gateway/shared.rs", 480)];
+
+fn root() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// What belongs to the project: the files under version control; where there is none, all but build and dot directories.
+fn files() -> Vec<PathBuf> {
+    let listed = Command::new("git").args(["ls-files", "-z"]).current_dir(root()).output();
+    if let Ok(listed) = listed
+        && listed.status.success()
+        && !listed.stdout.is_empty()
+    {
+        let names = String::from_utf8(listed.stdout).unwrap();
+        let names = names.split('\0').filter(|name| !name.is_empty()).map(PathBuf::from);
+        return names.filter(|name| root().join(name).is_file()).collect();
+    }
+    let mut found = Vec::new();
+    gather(root(), &mut found);
+    found.iter().map(|path| path.strip_prefix(root()).unwrap().to_owned()).collect()
+}
+
+fn gather(directory: &Path, found: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(directory).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_str().unwrap().to_owned();
+        if path.is_dir() && name != "target" && name != ".git" {
+            gather(&path, found);
+        } else if path.is_file() {
+            found.push(path);
+        }
+    }
+}
+
+#[test]
+fn every_arrow_points_left() {
+    let mut wrong = Vec::new();
+    for source in source::all(root()) {
+        if ["lib", "main"].contains(&source.room()) {
+            continue;
+        }
+        let (_, may) = ARROWS
+            .iter()
+            .find(|(room, _)| *room == source.room())
+            .unwrap_or_else(|| panic!("the room of {} is not in the table ARROWS", source.path));
+        for path in source.crate_paths() {
+            let inside = path.first().is_some_and(|room| room == source.room());
+            let path = path.join("::");
+            let allowed = |known: &&&str| path == **known || path.starts_with(&format!("{known}::"));
+            if !inside && !may.iter().any(|known| allowed(&known)) {
+                wrong.push(format!("{}: crate::{path}", source.path));
+            }
+        }
+        let escapes = source.escapes();
+        wrong.extend(escapes.iter().map(|line| format!("{}: {line}: say crate::", source.path)));
+    }
+    assert!(wrong.is_empty(), "these run the wrong way:\n{}", wrong.join("\n"));
+}
+
+#[test]
+fn the_table_of_arrows_has_no_circle() {
+    // Each room may only know rooms that can be put before it.
+    let mut placed: Vec<&str> = Vec::new();
+    while placed.len() < ARROWS.len() {
+        let next = ARROWS.iter().find(|(room, may)| {
+            let known = |other: &&str| placed.contains(&other.split("::").next().unwrap());
+            !placed.contains(room) && may.iter().all(known)
+        });
+        let (room, _) = next.unwrap_or_else(|| panic!("a circle among the rooms that are not in {placed:?}"));
+        placed.push(room);
+    }
+}
+
+#[test]
+fn every_room_of_the_library_is_in_the_table() {
+    let library = std::fs::read_to_string(root().join("src/lib.rs")).unwrap();
+    let rooms = library.lines().filter_map(|line| line.strip_prefix("pub mod ")?.strip_suffix(';'));
+    for room in rooms.clone() {
+        assert!(ARROWS.iter().any(|(known, _)| *known == room), "{room} is not in the table ARROWS");
+        assert!(library.matches(room).count() > 1, "{room} is not in the picture of src/lib.rs");
+    }
+    assert_eq!(rooms.count(), ARROWS.len());
+}
+
+#[test]
+fn only_the_clock_knows_what_time_it_is() {
+    let words = ["Instant", "SystemTime"];
+    let wrong: Vec<String> = source::all(root())
+        .iter()
+        .filter(|source| source.room() != "clock")
+        .filter(|source| words.iter().any(|word| source.code.contains(word)))
+        .map(|source| source.path.clone())
+        .collect();
+    assert!(wrong.is_empty(), "the time comes from crate::clock, not here: {wrong:?}");
+}
+
+#[test]
+fn the_heart_touches_nothing_outside_itself() {
+    let outside = ["tokio", "std::fs", "std::net", "std::io", "std::thread", "std::env", "tracing", "rand"];
+    for source in source::all(root()).iter().filter(|source| source.room() == "compensation") {
+        for word in outside {
+            assert!(!source.code.contains(word), "{} uses {word}", source.path);
+        }
+    }
+}
+
+#[test]
+fn no_source_file_is_longer_than_a_person_reads_at_once() {
+    for source in source::all(root()) {
+        let lines = source.text.lines().count();
+        let longest =
+            LONGER.iter().find(|(path, _)| *path == source.path).map_or(LONGEST, |(_, lines)| *lines);
+        assert!(lines <= longest, "{} has {lines} lines, {longest} are allowed: split it", source.path);
+    }
+}
+
+#[test]
+fn nothing_lies_at_the_top_that_does_not_belong_there() {
+    for file in files() {
+        let top = file.iter().next().unwrap().to_str().unwrap().to_owned();
+        assert!(TOP.contains(&top.as_str()) || top.starts_with('.'), "{top} does not belong at the top");
+    }
+}
+
+#[test]
+fn the_project_speaks_of_itself_and_leaves_nothing_for_later() {
+    // Written in two halves, so that this file does not find itself.
+    let words =
+        [concat!("ses", "sion"), concat!("ses", "sions"), concat!("ag", "ent"), concat!("ag", "ents")];
+    let marks = [
+        concat!("/wo", "rk"),
+        concat!("/t", "mp/"),
+        concat!("../sha", "red"),
+        concat!("TO", "DO"),
+        concat!("FIX", "ME"),
+        concat!("to", "do!"),
+        concat!("unimple", "mented!"),
+    ];
+    let mut wrong = Vec::new();
+    for file in files() {
+        // The lock file and the licence are not our words.
+        if ["Cargo.lock", "LICENSE"].iter().any(|name| file == Path::new(name)) {
+            continue;
+        }
+        let Ok(text) = std::fs::read_to_string(root().join(&file)) else { continue };
+        for (number, line) in text.lines().enumerate() {
+            let mut spoken = line.split(|c: char| !c.is_alphanumeric()).map(str::to_lowercase);
+            if marks.iter().any(|mark| line.contains(mark))
+                || spoken.any(|word| words.contains(&word.as_str()))
+            {
+                wrong.push(format!("{}:{}: {}", file.display(), number + 1, line.trim()));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "these words do not belong here:\n{}", wrong.join("\n"));
+}
+
+#[test]
+fn every_shipped_profile_is_taken_without_a_word() {
+    let mut count = 0;
+    for entry in std::fs::read_dir(root().join("profiles")).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_str().unwrap();
+        if !name.ends_with(".toml") || name.ends_with(".plant.toml") {
+            continue;
+        }
+        match profile::load(&path, &[], &[]) {
+            Ok(loaded) => assert_eq!(loaded.warnings, [], "{name}"),
+            Err(errors) => panic!("{errors}"),
+        }
+        count += 1;
+    }
+    assert!(count >= 2, "the shipped machines are gone");
+}
+
+/// The profile that README explains is the one that is taken.
+#[test]
+fn the_profile_in_the_readme_is_taken_without_a_word() {
+    let readme = std::fs::read_to_string(root().join("README.md")).unwrap();
+    let profiles: Vec<&str> = readme
+        .split("```toml\n")
+        .skip(1)
+        .map(|rest| rest.split("```").next().unwrap())
+        .filter(|text| text.contains("[machine]"))
+        .collect();
+    assert_eq!(profiles.len(), 1, "README has one whole profile");
+    match profile::parse(Path::new("README.md"), profiles[0], &[], &[]) {
+        Ok(loaded) => assert_eq!(loaded.warnings, []),
+        Err(errors) => panic!("{errors}"),
+    }
+}

@@ -1,0 +1,235 @@
+//! Rust text without what is no code, and the paths in it that begin at the crate.
+
+use std::path::{Path, PathBuf};
+
+/// A source file whose comments, strings and test modules are gone.
+pub(super) struct Source {
+    /// From the root of the repository: `src/gateway/apply.rs`.
+    pub(super) path: String,
+    /// As it is on disk.
+    pub(super) text: String,
+    /// Code only.
+    pub(super) code: String,
+}
+
+impl Source {
+    /// The module directly under the crate: `gateway`.
+    pub(super) fn room(&self) -> &str {
+        let rest = self.path.strip_prefix("src/").unwrap_or(&self.path);
+        rest.split('/').next().unwrap_or(rest).trim_end_matches(".rs")
+    }
+
+    /// Every path that begins at the crate, as its segments, the trees of `use` spread out.
+    pub(super) fn crate_paths(&self) -> Vec<Vec<String>> {
+        let mut found = Vec::new();
+        for begin in ["crate::", "isotherm::"] {
+            for (at, _) in self.code.match_indices(begin) {
+                let before = self.code[..at].chars().next_back();
+                if !before.is_some_and(|c| c.is_alphanumeric() || c == '_' || c == ':') {
+                    tree(&self.code[at + begin.len()..], &[], &mut found);
+                }
+            }
+        }
+        found
+    }
+
+    /// `super::` chains that leave the room, which would hide an arrow from this test.
+    pub(super) fn escapes(&self) -> Vec<String> {
+        let depth = self.path.trim_start_matches("src/").split('/').count();
+        let chains = self.code.match_indices("super::").filter(|(at, _)| !self.code[..*at].ends_with("::"));
+        let length = |at: usize| self.code[at..].split("::").take_while(|part| *part == "super").count();
+        chains.filter(|(at, _)| length(*at) >= depth).map(|(at, _)| line_of(&self.code, at)).collect()
+    }
+}
+
+fn line_of(code: &str, at: usize) -> String {
+    let begin = code[..at].rfind('\n').map_or(0, |end| end + 1);
+    code[begin..].lines().next().unwrap_or_default().trim().to_owned()
+}
+
+/// Spreads `a::{b, c::{d, e}}` out. Gives back what follows the tree.
+fn tree<'a>(text: &'a str, before: &[String], found: &mut Vec<Vec<String>>) -> &'a str {
+    let mut path = before.to_vec();
+    let mut rest = text.trim_start();
+    loop {
+        if let Some(mut inner) = rest.strip_prefix('{') {
+            loop {
+                inner = inner.trim_start().trim_start_matches(',').trim_start();
+                match inner.strip_prefix('}') {
+                    Some(after) => return after,
+                    None if inner.is_empty() => return inner,
+                    None => inner = tree(inner, &path, found),
+                }
+            }
+        }
+        let end = rest.find(|c: char| !c.is_alphanumeric() && c != '_').unwrap_or(rest.len());
+        // `*`, or something that is no path: one step on, so that a broken tree cannot hang the test.
+        let end = if end == 0 { rest.chars().next().map_or(0, char::len_utf8) } else { end };
+        path.push(rest[..end].to_owned());
+        rest = rest[end..].trim_start();
+        match rest.strip_prefix("::") {
+            Some(after) => rest = after.trim_start(),
+            None => break,
+        }
+    }
+    found.push(path);
+    match rest.strip_prefix("as ") {
+        Some(renamed) => renamed.trim_start().trim_start_matches(|c: char| c.is_alphanumeric() || c == '_'),
+        None => rest,
+    }
+}
+
+/// Every source file of the crate, but for the modules that only tests see.
+pub(super) fn all(root: &Path) -> Vec<Source> {
+    let mut files = Vec::new();
+    walk(&root.join("src"), &mut files);
+    files.sort();
+    let mut sources = Vec::new();
+    let mut tests: Vec<String> = Vec::new();
+    for file in files {
+        let text = std::fs::read_to_string(&file).unwrap();
+        let path = file.strip_prefix(root).unwrap().to_str().unwrap().to_owned();
+        let bare = bare(&text);
+        let (code, mut declared) = without_tests(&bare, &path);
+        tests.append(&mut declared);
+        sources.push(Source { path, text, code });
+    }
+    let is_test = |path: &str| {
+        tests.iter().any(|test| path == format!("{test}.rs") || path.starts_with(&format!("{test}/")))
+    };
+    sources.retain(|source| !is_test(&source.path));
+    sources
+}
+
+fn walk(directory: &Path, files: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(directory).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            walk(&path, files);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            files.push(path);
+        }
+    }
+}
+
+/// Comments and the contents of strings become blanks; lines stay lines.
+fn bare(text: &str) -> String {
+    let mut code = String::with_capacity(text.len());
+    let mut rest = text;
+    while let Some(c) = rest.chars().next() {
+        let skipped = if rest.starts_with("//") {
+            rest.find('\n').unwrap_or(rest.len())
+        } else if rest.starts_with("/*") {
+            rest.find("*/").map_or(rest.len(), |end| end + 2)
+        } else if let Some(length) = raw_string(rest) {
+            length
+        } else if c == '"' {
+            quoted(rest)
+        } else if c == '\'' {
+            character(rest)
+        } else {
+            0
+        };
+        if skipped == 0 {
+            code.push(c);
+            rest = &rest[c.len_utf8()..];
+        } else {
+            code.extend(rest[..skipped].chars().map(|c| if c == '\n' { '\n' } else { ' ' }));
+            rest = &rest[skipped..];
+        }
+    }
+    code
+}
+
+/// The length of `r#"…"#`, where one begins here.
+fn raw_string(rest: &str) -> Option<usize> {
+    let marks = rest.strip_prefix('r')?;
+    let count = marks.bytes().take_while(|byte| *byte == b'#').count();
+    marks[count..].strip_prefix('"')?;
+    let end = format!("\"{}", "#".repeat(count));
+    let begin = 1 + count + 1;
+    Some(rest[begin..].find(&end).map_or(rest.len(), |at| begin + at + end.len()))
+}
+
+fn quoted(rest: &str) -> usize {
+    let mut escaped = false;
+    for (at, c) in rest.char_indices().skip(1) {
+        match c {
+            '"' if !escaped => return at + 1,
+            _ => escaped = c == '\\' && !escaped,
+        }
+    }
+    rest.len()
+}
+
+/// The length of a character; a lifetime has none.
+fn character(rest: &str) -> usize {
+    let mut chars = rest.char_indices().skip(1);
+    match chars.next() {
+        Some((_, '\\')) => rest[3..].find('\'').map_or(rest.len(), |at| at + 4),
+        Some(_) => match chars.next() {
+            Some((at, '\'')) => at + 1,
+            _ => 0,
+        },
+        None => 0,
+    }
+}
+
+/// The code without its inline test modules, and the test modules that lie in files of their own.
+fn without_tests(code: &str, path: &str) -> (String, Vec<String>) {
+    let mut declared = Vec::new();
+    let mut kept = String::new();
+    let mut rest = code;
+    while let Some(at) = rest.find("#[cfg(test)]") {
+        kept.push_str(&rest[..at]);
+        let item = &rest[at + "#[cfg(test)]".len()..];
+        let end = item.find([';', '{']).unwrap_or(item.len());
+        let name = item[..end].split_whitespace().skip_while(|word| *word != "mod").nth(1);
+        if item[end..].starts_with(';') {
+            let of = path.trim_end_matches(".rs").trim_end_matches("/mod");
+            declared.extend(name.map(|name| format!("{of}/{name}")));
+            rest = &item[end + 1..];
+        } else {
+            rest = &item[block(&item[end..]) + end..];
+        }
+    }
+    kept.push_str(rest);
+    (kept, declared)
+}
+
+/// The length of a block that begins here.
+fn block(text: &str) -> usize {
+    let mut depth = 0usize;
+    for (at, c) in text.char_indices() {
+        match c {
+            '{' => depth += 1,
+            '}' if depth <= 1 => return at + 1,
+            '}' => depth -= 1,
+            _ => {}
+        }
+    }
+    text.len()
+}
+
+#[test]
+fn a_tree_of_uses_is_spread_out_and_what_is_no_code_is_not_seen() {
+    let text = "//! crate::comment\nuse crate::{a::B, c::{self, d as e,\n  *}};\nlet s = \"crate::text\"; let c = '\"';\n\
+                fn f<'a>(x: &'a crate::g::H<'a>) {}\n#[cfg(test)]\nmod tests {\n fn t() { crate::hidden::x() } }\n\
+                #[cfg(test)]\nmod elsewhere;\n";
+    let (code, declared) = without_tests(&bare(text), "src/room/file.rs");
+    let source = Source { path: "src/room/file.rs".to_owned(), text: String::new(), code };
+    let paths: Vec<String> = source.crate_paths().iter().map(|path| path.join("::")).collect();
+    assert_eq!(paths, ["a::B", "c::self", "c::d", "c::*", "g::H"]);
+    assert_eq!(declared, ["src/room/file/elsewhere"]);
+    assert_eq!(source.room(), "room");
+}
+
+#[test]
+fn a_way_out_of_the_room_is_seen() {
+    let at = |path: &str, code: &str| {
+        Source { path: path.to_owned(), text: String::new(), code: code.to_owned() }.escapes()
+    };
+    assert_eq!(at("src/room/file.rs", "use super::shared::Shared;"), Vec::<String>::new());
+    assert_eq!(at("src/room/file.rs", "use super::super::cli::X;"), ["use super::super::cli::X;"]);
+    assert_eq!(at("src/room.rs", "use super::cli::X;"), ["use super::cli::X;"]);
+}

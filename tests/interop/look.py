@@ -1,0 +1,106 @@
+"""Opens a page in a real browser and prints the text that a person sees there.
+
+Takes URL and the words to wait for. Prints the text once all of them are there; after a minute it prints what is there
+and exits with 1. Speaks the browser's own debugging protocol; needs nothing but Python and chromium.
+"""
+
+import base64
+import json
+import os
+import socket
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.request
+
+PATIENCE = 60
+
+
+class Tab:
+    """One open page, asked over its web socket."""
+
+    def __init__(self, address):
+        host, _, path = address.removeprefix("ws://").partition("/")
+        name, port = host.split(":")
+        self.socket = socket.create_connection((name, int(port)), timeout=PATIENCE)
+        key = base64.b64encode(os.urandom(16)).decode()
+        request = f"GET /{path} HTTP/1.1\r\nHost: {host}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        request += f"Sec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n\r\n"
+        self.socket.sendall(request.encode())
+        self.file = self.socket.makefile("rb")
+        while self.file.readline().strip():
+            pass
+        self.asked = 0
+
+    def evaluate(self, expression):
+        self.asked += 1
+        parameters = {"expression": expression, "returnByValue": True}
+        question = {"id": self.asked, "method": "Runtime.evaluate", "params": parameters}
+        self.send(json.dumps(question).encode())
+        while True:
+            answer = json.loads(self.receive())
+            if answer.get("id") == self.asked:
+                return answer["result"]["result"].get("value")
+
+    def send(self, payload):
+        mask = os.urandom(4)
+        masked = bytes(byte ^ mask[place % 4] for place, byte in enumerate(payload))
+        self.socket.sendall(b"\x81" + struct.pack(">BH", 0x80 | 126, len(payload)) + mask + masked)
+
+    def receive(self):
+        length = self.file.read(2)[1] & 0x7F
+        if length == 126:
+            (length,) = struct.unpack(">H", self.file.read(2))
+        elif length == 127:
+            (length,) = struct.unpack(">Q", self.file.read(8))
+        return self.file.read(length)
+
+
+def wait_for(what, look):
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        found = look()
+        if found:
+            return found
+        time.sleep(0.2)
+    sys.exit(f"the browser never had {what}")
+
+
+def main(url, words):
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as home:
+        command = ["chromium", "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
+        command += ["--remote-debugging-port=0", f"--user-data-dir={home}", url]
+        log = open(os.path.join(home, "log"), "w")
+        browser = subprocess.Popen(command, stdout=log, stderr=log)
+        try:
+            return look(home, url, words)
+        finally:
+            browser.terminate()
+            browser.wait()
+
+
+def look(home, url, words):
+    note = os.path.join(home, "DevToolsActivePort")
+    port = wait_for("a port", lambda: os.path.exists(note) and open(note).read().split("\n")[0])
+
+    def page():
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/json/list") as answer:
+            pages = [tab for tab in json.load(answer) if tab["url"].startswith(url)]
+        return pages and pages[0]["webSocketDebuggerUrl"]
+
+    tab = Tab(wait_for("the page", page))
+    deadline = time.monotonic() + PATIENCE
+    while True:
+        text = tab.evaluate("document.body.innerText") or ""
+        missing = [word for word in words if word not in text]
+        if not missing or time.monotonic() > deadline:
+            print(text)
+            if missing:
+                print("missing:", missing, file=sys.stderr)
+            return 1 if missing else 0
+        time.sleep(0.2)
+
+
+sys.exit(main(sys.argv[1], sys.argv[2:]))

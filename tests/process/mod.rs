@@ -1,0 +1,126 @@
+//! The program as a person starts it: a process with its output, ended by signals.
+
+#![allow(dead_code, reason = "each of the tests uses its part")]
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, Command, ExitStatus, Stdio};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::Duration;
+
+/// How long anything may take before a test gives up; generous, because a loaded machine is no failure.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(60);
+
+/// `isotherm` with a home of its own, so that no test sees the state of another.
+pub(crate) fn isotherm(home: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_isotherm"));
+    command.env_clear().env("HOME", home).env("PATH", std::env::var_os("PATH").unwrap_or_default());
+    command
+}
+
+/// A process and the lines that it has printed; killed when it is dropped.
+pub(crate) struct Running {
+    child: Child,
+    lines: Receiver<String>,
+    pub(crate) said: Vec<String>,
+}
+
+impl Running {
+    /// Starts it. What it says on stdout and stderr is one stream of lines.
+    pub(crate) fn start(command: &mut Command) -> Running {
+        let begun = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
+        let mut child = begun.unwrap_or_else(|error| panic!("{command:?} cannot be started: {error}"));
+        let (tell, lines) = channel();
+        let streams: [Box<dyn std::io::Read + Send>; 2] =
+            [Box::new(child.stdout.take().unwrap()), Box::new(child.stderr.take().unwrap())];
+        for stream in streams {
+            let tell = tell.clone();
+            std::thread::spawn(move || {
+                for line in BufReader::new(stream).lines().map_while(Result::ok) {
+                    if tell.send(line).is_err() {
+                        return;
+                    }
+                }
+            });
+        }
+        Running { child, lines, said: Vec::new() }
+    }
+
+    /// Waits for a line with this text in it.
+    #[track_caller]
+    pub(crate) fn hears(&mut self, text: &str) -> String {
+        loop {
+            match self.lines.recv_timeout(PATIENCE) {
+                Ok(line) => {
+                    self.said.push(line.clone());
+                    if line.contains(text) {
+                        return line;
+                    }
+                }
+                Err(why) => panic!("`{text}` was not said ({why}); it said:\n{}", self.said.join("\n")),
+            }
+        }
+    }
+
+    /// What it is told.
+    pub(crate) fn stdin(&mut self) -> &mut ChildStdin {
+        self.child.stdin.as_mut().unwrap()
+    }
+
+    /// Sends it a signal by name: `TERM`.
+    pub(crate) fn signal(&self, name: &str) {
+        let sent = Command::new("kill").arg(format!("-{name}")).arg(self.child.id().to_string()).status();
+        assert!(sent.is_ok_and(|status| status.success()), "the signal {name} could not be sent");
+    }
+
+    /// Waits until it has ended.
+    #[track_caller]
+    pub(crate) fn ends_within(&mut self, span: Duration) -> ExitStatus {
+        let tick = Duration::from_millis(20);
+        let mut waited = Duration::ZERO;
+        while waited < span {
+            if let Some(status) = self.child.try_wait().unwrap() {
+                self.said.extend(self.lines.iter());
+                return status;
+            }
+            std::thread::sleep(tick);
+            waited += tick;
+        }
+        self.said.extend(self.lines.try_iter());
+        panic!("it has not ended within {span:?}; it said:\n{}", self.said.join("\n"));
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Asks every 50 ms until `done` says yes.
+#[track_caller]
+pub(crate) fn until(what: &str, mut done: impl FnMut() -> Result<(), String>) {
+    let mut last = String::new();
+    for _ in 0..PATIENCE.as_millis() / 50 {
+        match done() {
+            Ok(()) => return,
+            Err(why) => last = why,
+        }
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    panic!("{what}: {last}");
+}
+
+/// A file of this content in this directory.
+pub(crate) fn file(directory: &Path, name: &str, text: &str) -> PathBuf {
+    let path = directory.join(name);
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+/// A port that was free a moment ago.
+pub(crate) fn free_port() -> u16 {
+    std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port()
+}
