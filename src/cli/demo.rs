@@ -2,7 +2,7 @@
 
 use std::io::IsTerminal;
 use std::net::SocketAddr;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 use serde::Serialize;
@@ -11,7 +11,7 @@ use super::services::Sockets;
 use super::signals::Signals;
 use super::{Failure, machines, print_json};
 use crate::clock::Clock;
-use crate::gateway::{Gateway, Options};
+use crate::gateway::{Gateway, Options, Outcome};
 use crate::observe::status::Source;
 use crate::profile::{Profile, Web};
 use crate::virtual_machine::{PlantSpec, Ports, Setup, Summary, VirtualMachine, Window};
@@ -74,59 +74,61 @@ impl Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (profile, plant) = machines::with_plant(&arguments.machine)?;
-    let clock = Clock::simulated(plant.start(), Some(arguments.speed));
-    let hold = clock.hold();
-    let virtual_runtime = runtime()?;
-    let mut machine = virtual_runtime
-        .block_on(VirtualMachine::start(&profile, setup(plant, arguments.seed), &clock))
-        .map_err(anyhow::Error::from)?;
-    let profile = at_addresses(profile, &machine);
-    let window = machine.window();
     let mut sockets = Sockets::default();
     let page = open_page(&mut sockets, arguments.listen.as_deref(), profile.web.as_ref())?;
-    let (ended, end) = tokio::sync::oneshot::channel::<()>();
-    let hardware = std::thread::Builder::new().name("virtual-machine".to_owned()).spawn(move || {
-        // Its tasks live in this runtime; an error means that the demo is gone.
-        let _ = virtual_runtime.block_on(end);
-    })?;
-    let begun = clock.now();
-    let summary = Arc::new(Mutex::new(window.summary()));
-    let outcome = runtime()?.block_on(async {
-        let mut signals = Signals::listen()?;
-        let mut last = clock.join();
-        let gateway = Gateway::new(profile, &clock, Options::default());
-        let source = gateway.source();
-        let _services = sockets.serve(&source)?;
-        drop(hold);
-        let over = async {
-            tokio::select! {
-                () = last.sleep_until(begun.after(arguments.span)) => {}
-                () = signals.next() => {}
-            }
-            *summary.lock().unwrap_or_else(PoisonError::into_inner) = window.summary();
-            drop(last);
-        };
-        let shown = show(arguments, &source, &window, page);
-        tokio::select! {
-            outcome = gateway.run(over, std::future::pending()) => anyhow::Ok(outcome),
-            error = machine.failure() => Err(error.into()),
-            never = shown => match never {},
-        }
-    })?;
-    let machine_hours = clock.now().since(begun).as_secs_f64() / 3600.0;
-    let _ = ended.send(());
-    drop(machine);
-    let _ = hardware.join();
-    let summary = summary.lock().unwrap_or_else(PoisonError::into_inner).clone();
-    report(arguments, &summary, machine_hours.min(arguments.span.as_secs_f64() / 3600.0))?;
-    if outcome.failed {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    let shown = runtime.block_on(show(arguments, profile, plant, sockets, page))?;
+    report(arguments, &shown)?;
+    if shown.outcome.failed {
         return Err(anyhow::anyhow!("something failed inside; run it again with --log info").into());
     }
     Ok(())
 }
 
-fn runtime() -> std::io::Result<tokio::runtime::Runtime> {
-    tokio::runtime::Builder::new_current_thread().enable_all().build()
+/// What was seen until the end of the span, or until a person ended it.
+struct Shown {
+    summary: Summary,
+    span: Duration,
+    outcome: Outcome,
+}
+
+async fn show(
+    arguments: &Arguments,
+    profile: Profile,
+    plant: PlantSpec,
+    sockets: Sockets,
+    page: SocketAddr,
+) -> anyhow::Result<Shown> {
+    let clock = Clock::simulated(plant.start(), Some(arguments.speed));
+    let begun = clock.now();
+    // Nobody may run ahead before everybody sits at the table.
+    let hold = clock.hold();
+    let mut machine = VirtualMachine::start(&profile, setup(plant, arguments.seed), &clock).await?;
+    let profile = at_addresses(profile, &machine);
+    let window = machine.window();
+    let mut signals = Signals::listen()?;
+    let mut last = clock.join();
+    let gateway = Gateway::new(profile, &clock, Options::default());
+    let source = gateway.source();
+    let _services = sockets.serve(&source)?;
+    drop(hold);
+    let mut seen = None;
+    let over = async {
+        tokio::select! {
+            () = last.sleep_until(begun.after(arguments.span)) => {}
+            () = signals.next() => {}
+        }
+        // Before the fault actions take Cz away again.
+        seen = Some((window.summary(), clock.now().since(begun)));
+        drop(last);
+    };
+    let outcome = tokio::select! {
+        outcome = gateway.run(over, std::future::pending()) => outcome,
+        error = machine.failure() => return Err(error.into()),
+        never = draw(arguments, &source, &window, page) => match never {},
+    };
+    let (summary, span) = seen.unwrap_or_else(|| (window.summary(), clock.now().since(begun)));
+    Ok(Shown { summary, span, outcome })
 }
 
 fn setup(plant: PlantSpec, seed: u64) -> Setup {
@@ -154,7 +156,7 @@ fn open_page(sockets: &mut Sockets, listen: Option<&str>, web: Option<&Web>) -> 
 }
 
 /// Draws until the demo is over.
-async fn show(
+async fn draw(
     arguments: &Arguments,
     source: &Arc<dyn Source>,
     window: &Window,
@@ -170,7 +172,8 @@ async fn show(
     }
 }
 
-fn report(arguments: &Arguments, summary: &Summary, machine_hours: f64) -> Result<(), Failure> {
+fn report(arguments: &Arguments, shown: &Shown) -> Result<(), Failure> {
+    let summary = &shown.summary;
     let mut axes = serde_json::Map::new();
     for axis in &summary.axes {
         let ranges = serde_json::json!({
@@ -185,7 +188,7 @@ fn report(arguments: &Arguments, summary: &Summary, machine_hours: f64) -> Resul
     let report = Report {
         machine: arguments.machine.clone(),
         seed: arguments.seed,
-        machine_hours: round(machine_hours),
+        machine_hours: round(shown.span.as_secs_f64() / 3600.0),
         uncompensated_range_um: worst(|axis| axis.uncompensated.range_um()),
         compensated_range_um: worst(|axis| axis.compensated.range_um()),
         axes,
