@@ -157,14 +157,14 @@ impl Encoding {
                 as_float(raw - i128::from(self.bias))
             }
         };
-        let value = raw * self.scale + self.offset;
+        let value = self.scaled(raw) + self.offset;
         if value.is_finite() { Ok(value) } else { Err(Reason::NotANumber) }
     }
 
     /// The registers that come nearest to `value`: whole counts, rounded half away from zero, cut to the type's range.
     /// NaN is written as the count of zero and reported as saturated; callers never pass it.
     pub fn encode(&self, value: f64) -> Encoded {
-        let scaled = (value - self.offset) / self.scale;
+        let scaled = self.unscaled(value - self.offset);
         let (bits, saturated) = match self.data_type.integer_range() {
             None => float_bits(self.data_type, scaled),
             Some((low, high)) => {
@@ -175,6 +175,29 @@ impl Encoding {
             }
         };
         self.scatter(bits, saturated)
+    }
+
+    /// `raw · scale`, where a scale such as 0.1 is taken for the tenth that is meant: 229 counts are 22.9, not
+    /// 22.900000000000002.
+    fn scaled(&self, raw: f64) -> f64 {
+        match self.counts_per_unit() {
+            Some(counts) => raw / counts,
+            None => raw * self.scale,
+        }
+    }
+
+    fn unscaled(&self, value: f64) -> f64 {
+        match self.counts_per_unit() {
+            Some(counts) => value * counts,
+            None => value / self.scale,
+        }
+    }
+
+    /// Where a unit is a whole number of counts: that number.
+    fn counts_per_unit(&self) -> Option<f64> {
+        let counts = (1.0 / self.scale).round();
+        let is_whole = counts.abs() >= 1.0 && same(1.0 / counts, self.scale);
+        is_whole.then_some(counts)
     }
 
     fn gather(&self, words: &[u16]) -> Result<u64, Reason> {

@@ -24,17 +24,18 @@ impl Patience {
         Patience::default()
     }
 
-    /// What the future gives, or `None` where it takes longer than `span`.
+    /// What the future gives, or `None` where it takes longer than `span`. One that is ready at once costs nothing.
     pub async fn within<F: Future>(&mut self, span: Duration, future: F) -> Option<F::Output> {
-        let limit = Instant::now() + span;
-        let timer = self.timer.get_or_insert_with(|| Box::pin(tokio::time::sleep_until(limit)));
-        if timer.deadline() > limit {
-            timer.as_mut().reset(limit);
-        }
         let mut future = pin!(future);
+        let mut limit = None;
         poll_fn(|context| {
             if let Poll::Ready(output) = future.as_mut().poll(context) {
                 return Poll::Ready(Some(output));
+            }
+            let limit = *limit.get_or_insert_with(|| Instant::now() + span);
+            let timer = self.timer.get_or_insert_with(|| Box::pin(tokio::time::sleep_until(limit)));
+            if timer.deadline() > limit {
+                timer.as_mut().reset(limit);
             }
             while timer.as_mut().poll(context).is_ready() {
                 if Instant::now() >= limit {

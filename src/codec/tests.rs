@@ -84,6 +84,18 @@ fn what_does_not_fit_is_cut_and_reported() {
 }
 
 #[test]
+fn tenths_and_thousandths_come_out_as_they_are_written() {
+    for (raw, scale, value) in
+        [(229, 0.1, 22.9), (3, 0.1, 0.3), (-84, 0.1, -8.4), (123_457, 0.0001, 12.3457), (7, 0.0005, 0.0035)]
+    {
+        let encoding = Encoding { scale, ..encoding(DataType::I32, WordOrder::MswFirst) };
+        let words = encoding.encode(value);
+        assert_eq!(encoding.decode(words.words()), Ok(value), "{raw} counts of {scale}");
+        assert_eq!(Encoding { scale: 1.0, ..encoding }.decode(words.words()), Ok(f64::from(raw)));
+    }
+}
+
+#[test]
 fn a_bias_keeps_a_negative_offset_above_zero_on_the_wire() {
     let linuxcnc = Encoding { scale: 0.1, bias: 32768, ..encoding(DataType::U16, WordOrder::MswFirst) };
     assert_eq!(linuxcnc.encode(-0.1).words(), [32767]);

@@ -12,6 +12,9 @@ use socket2::SockRef;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::TcpStream;
 
+/// A whole answer: header and the longest of Modbus's messages.
+const LONGEST_FRAME: usize = 260;
+
 /// A connection to a peer that may be on this computer.
 #[derive(Debug)]
 pub(super) struct Eager {
@@ -39,13 +42,14 @@ impl AsyncRead for Eager {
         if self.is_local {
             std::thread::yield_now();
             // Past tokio, which only asks the system again after its event queue has spoken.
-            let read = (&*SockRef::from(&self.stream)).read(buffer.initialize_unfilled());
-            match read {
+            let mut frame = [0; LONGEST_FRAME];
+            let room = frame.len().min(buffer.remaining());
+            match (&*SockRef::from(&self.stream)).read(&mut frame[..room]) {
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 Err(error) => return Poll::Ready(Err(error)),
                 Ok(length) => {
-                    buffer.advance(length);
+                    buffer.put_slice(&frame[..length]);
                     return Poll::Ready(Ok(()));
                 }
             }
