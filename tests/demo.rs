@@ -1,0 +1,86 @@
+//! What the compensation is worth: both shipped machines on days that their coefficients never saw, as a person would
+//! run them, over real sockets.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use std::sync::Mutex;
+
+use serde_json::Value;
+
+mod process;
+
+use process::isotherm;
+
+/// One run of the demo, as fast as it goes.
+fn demo(machine: &str, span: &str, seed: u64) -> Value {
+    demo_at("1000000", machine, span, seed)
+}
+
+fn demo_at(speed: &str, machine: &str, span: &str, seed: u64) -> Value {
+    let home = tempfile::tempdir().unwrap();
+    let seed = seed.to_string();
+    let arguments = [
+        "demo",
+        machine,
+        "--for",
+        span,
+        "--seed",
+        &seed,
+        "--speed",
+        speed,
+        "--listen",
+        "127.0.0.1:0",
+        "--json",
+    ];
+    let output = isotherm(home.path()).args(arguments).output().unwrap();
+    assert!(output.status.success(), "{machine}, seed {seed}: {}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// Twenty days, two at a time.
+fn twenty_days(machine: &str, span: &str) {
+    let seeds = Mutex::new(1..=20u64);
+    let figures = Mutex::new(Vec::new());
+    let next = || seeds.lock().unwrap().next();
+    std::thread::scope(|scope| {
+        for _ in 0..2 {
+            scope.spawn(|| {
+                while let Some(seed) = next() {
+                    let report = demo(machine, span, seed);
+                    let range = |key: &str| report[key].as_f64().unwrap();
+                    let figure = (seed, range("uncompensated_range_um"), range("compensated_range_um"));
+                    figures.lock().unwrap().push(figure);
+                }
+            });
+        }
+    });
+    let mut figures = figures.into_inner().unwrap();
+    figures.sort_by_key(|(seed, ..)| *seed);
+    println!("{machine}: {figures:?}");
+    assert_eq!(figures.len(), 20);
+    for (seed, uncompensated, compensated) in figures {
+        assert!(uncompensated >= 15.0, "{machine}, seed {seed}: {uncompensated} µm uncompensated");
+        assert!(
+            compensated > 0.0 && compensated <= 5.0,
+            "{machine}, seed {seed}: {compensated} µm compensated"
+        );
+    }
+}
+
+#[test]
+fn the_surface_grinder_stays_within_five_microns_on_twenty_days_it_never_saw() {
+    twenty_days("surface-grinder", "8h");
+}
+
+#[test]
+fn the_sinker_edm_stays_within_five_microns_on_twenty_days_it_never_saw() {
+    twenty_days("sinker-edm", "12h");
+}
+
+#[test]
+fn a_seed_is_the_same_day_again_at_any_speed() {
+    let day = demo("surface-grinder", "2h", 7);
+    assert_eq!(day, demo("surface-grinder", "2h", 7));
+    assert_eq!(day, demo_at("1500", "surface-grinder", "2h", 7));
+    assert_ne!(day, demo("surface-grinder", "2h", 8));
+}
