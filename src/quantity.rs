@@ -97,6 +97,11 @@ impl Moment {
         Moment(self.0.saturating_add(u64::try_from(span.as_nanos()).unwrap_or(u64::MAX)))
     }
 
+    /// The moment `span` earlier, saturating at the beginning of time.
+    pub fn before(self, span: Duration) -> Moment {
+        Moment(self.0.saturating_sub(u64::try_from(span.as_nanos()).unwrap_or(u64::MAX)))
+    }
+
     /// The next tick of a period counted from `first`, strictly later than `self`: missed ticks are skipped.
     pub fn next_tick(self, first: Moment, period: Duration) -> Moment {
         let period = u64::try_from(period.as_nanos()).unwrap_or(u64::MAX).max(1);

@@ -67,6 +67,8 @@ pub struct Setup {
     pub ports: Ports,
     /// What is answered for a unit that is not there.
     pub unknown_unit: UnknownUnit,
+    /// How far into the plant's day the machine is met.
+    pub lived: Duration,
     /// How often a row of the truth is kept; `None`: no rows, only the summary.
     pub truth_every: Option<Duration>,
 }
@@ -160,7 +162,11 @@ impl VirtualMachine {
     ) -> Result<VirtualMachine, VirtualMachineError> {
         let sleeper = clock.join();
         let begin = clock.now();
-        let plant = setup.plant.as_ref().map(|spec| Plant::new(spec, setup.seed, begin));
+        let plant = setup.plant.as_ref().map(|spec| {
+            let mut plant = Plant::new(spec, setup.seed, begin.before(setup.lived));
+            plant.advance_to(begin);
+            plant
+        });
         let faults = Faults::new(setup.faults, begin);
         let hardware = Hardware::new(profile, plant, setup.seed, faults, begin, |axes| {
             Observer::new(axes, begin, setup.truth_every)

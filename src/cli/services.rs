@@ -1,7 +1,7 @@
 //! What runs beside the loop, on a thread and a runtime of its own: the page and the command socket.
 
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
@@ -17,13 +17,14 @@ use crate::profile::Web;
 #[derive(Debug, Default)]
 pub(super) struct Sockets {
     page: Option<(TcpListener, Option<String>)>,
-    control: Option<std::os::unix::net::UnixListener>,
+    control: Option<(std::os::unix::net::UnixListener, PathBuf)>,
 }
 
 /// The running services; dropping them ends them.
 pub(super) struct Services {
     stop: Option<watch::Sender<bool>>,
     thread: Option<JoinHandle<()>>,
+    control: Option<PathBuf>,
 }
 
 impl Sockets {
@@ -60,7 +61,8 @@ impl Sockets {
 
     /// Opens the command socket.
     pub(super) fn open_control(&mut self, directory: &Path, machine: &str) -> anyhow::Result<()> {
-        self.control = Some(control::open(&control::path(directory, machine))?);
+        let path = control::path(directory, machine);
+        self.control = Some((control::open(&path)?, path));
         Ok(())
     }
 
@@ -68,17 +70,18 @@ impl Sockets {
     pub(super) fn serve(self, source: &Arc<dyn Source>) -> anyhow::Result<Services> {
         let (stop, stopped) = watch::channel(false);
         let source = source.clone();
+        let control = self.control.as_ref().map(|(_, path)| path.clone());
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         let thread = std::thread::Builder::new().name("services".to_owned()).spawn(move || {
             runtime.block_on(self.all(source, stopped));
         })?;
-        Ok(Services { stop: Some(stop), thread: Some(thread) })
+        Ok(Services { stop: Some(stop), thread: Some(thread), control })
     }
 
     async fn all(self, source: Arc<dyn Source>, stopped: watch::Receiver<bool>) {
         let control = async {
             match self.control {
-                Some(listener) => {
+                Some((listener, _)) => {
                     report("the command socket", control::serve(listener, source.clone()).await)
                 }
                 None => std::future::pending().await,
@@ -122,6 +125,10 @@ impl Drop for Services {
         }
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
+        }
+        if let Some(path) = self.control.take() {
+            // One that is left behind is replaced by the next gateway.
+            let _ = std::fs::remove_file(path);
         }
     }
 }

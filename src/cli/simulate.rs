@@ -1,6 +1,7 @@
 //! `isotherm virtual`: the devices of a profile as virtual hardware.
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use anyhow::Context;
 
@@ -8,7 +9,7 @@ use super::signals::Signals;
 use super::{Failure, ProfileArguments, load};
 use crate::clock::Clock;
 use crate::profile::Profile;
-use crate::virtual_machine::{FaultScript, PlantSpec, Ports, Setup, VirtualMachine};
+use crate::virtual_machine::{FaultScript, PlantSpec, Setup, VirtualMachine};
 
 /// The devices of a profile as virtual hardware: Modbus TCP servers at the addresses of the profile.
 ///
@@ -28,6 +29,9 @@ pub(super) struct Arguments {
     /// The day: duty cycle, ambient and noise follow from it
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// How long ago the machine's day began: a little into it the shipped machines have been switched on
+    #[arg(long, default_value = "10min", value_name = "SPAN", value_parser = humantime::parse_duration)]
+    from: Duration,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
@@ -44,7 +48,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let plant = plant(&arguments.profile.path, &profile)?;
     let with =
         if plant.is_some() { "its plant" } else { "wandering values (no plant file beside the profile)" };
-    let setup = Setup { plant, seed: arguments.seed, faults, ports: Ports::AsInProfile, ..Setup::default() };
+    let setup = Setup { plant, seed: arguments.seed, faults, lived: arguments.from, ..Setup::default() };
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
         let mut signals = Signals::listen()?;

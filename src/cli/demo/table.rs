@@ -47,6 +47,10 @@ impl Table {
         truth: Option<&TruthRow>,
         summary: &Summary,
     ) -> std::io::Result<()> {
+        // What follows are the fault actions of a stop, not the machine's day.
+        if status.uptime_s > self.span.as_secs_f64() {
+            return Ok(());
+        }
         match self.mode {
             Mode::Live => self.live(status, truth, summary),
             Mode::Rows => self.row(status, truth),
