@@ -5,4 +5,5 @@
 
 mod answers;
 mod law;
+mod outputs;
 mod rig;
