@@ -44,6 +44,8 @@ pub(super) struct Writer {
     applied: Moment,
     /// The share of Cz in the last corrected position, and the decision it followed.
     corrected: Option<(Micron, Moment)>,
+    /// A share of Cz that was sent and may or may not have arrived: only the same again is near to both.
+    sent: Option<Micron>,
     written_at: Moment,
     tried_at: Moment,
     trouble: Option<Trouble>,
@@ -82,6 +84,7 @@ impl Writer {
             compare: false,
             applied: Moment::default(),
             corrected: None,
+            sent: None,
             written_at: Moment::default(),
             tried_at: Moment::default(),
             trouble: None,
@@ -165,7 +168,7 @@ impl Writer {
         }
         let order = self.order(shared, now);
         if order.off || shared.dry_run {
-            self.corrected = None;
+            (self.corrected, self.sent) = (None, None);
             self.applied = taken;
             return;
         }
@@ -180,7 +183,9 @@ impl Writer {
         let cz = self.share(shared, output, &order);
         let factor = cz_factor(&shared.profile, output);
         let target = self.encode(shared, output, position + cz.get() * factor / 1000.0);
-        if self.write(line, shared, output, target).await {
+        let is_written = self.write(line, shared, output, target).await;
+        self.sent = self.uncertain.map(|_| cz);
+        if is_written {
             self.corrected = Some((cz, order.decided));
             self.settle_as(shared, cz, output.encoding.decode(target.words()).ok());
             shared.core().outputs[self.id.0].writes += 1;
@@ -190,6 +195,9 @@ impl Writer {
     /// Cz as it goes into a position: one step nearer to the axis's at each of its decisions. The axis's own may jump,
     /// where it takes over what a restarted CNC holds.
     fn share(&self, shared: &Shared, output: &Output, order: &Order) -> Micron {
+        if let Some(sent) = self.sent {
+            return sent;
+        }
         let Some((last, decided)) = self.corrected else { return order.cz };
         let step = shared.profile.axis(output.axis).settings.guard.step;
         if decided == order.decided { last } else { last + (order.cz - last).clamp_to(step) }
@@ -211,14 +219,7 @@ impl Writer {
     }
 
     /// While the axis is off: looks at the register again with each decision.
-    async fn watch(
-        &mut self,
-        line: &mut Line,
-        shared: &Shared,
-        output: &Output,
-        order: &Order,
-        now: Moment,
-    ) {
+    async fn watch(&mut self, line: &mut Line, shared: &Shared, output: &Output, order: &Order, now: Moment) {
         (self.compare, self.interlocked) = (false, false);
         let fresh = order.decided == self.applied && self.known.is_some() && self.trouble.is_none();
         if fresh || line.is_resting(output.device, now) {
@@ -234,7 +235,11 @@ impl Writer {
             return self.settle(shared, output, known);
         }
         match self.read(line, shared, output).await {
-            Ok(found) => self.settle(shared, output, found),
+            Ok(found) => {
+                // Nothing of ours is to be verified any more.
+                self.trouble = None;
+                self.settle(shared, output, found);
+            }
             Err(fault) => self.fail(shared, output, fault),
         }
     }
@@ -282,12 +287,7 @@ impl Writer {
         Words::of(encoded.words())
     }
 
-    async fn read(
-        &self,
-        line: &mut Line,
-        shared: &Shared,
-        output: &Output,
-    ) -> Result<Words, Fault> {
+    async fn read(&self, line: &mut Line, shared: &Shared, output: &Output) -> Result<Words, Fault> {
         let count = output.encoding.data_type.registers();
         let request = Request::Read { from: output.address, count };
         match poll::call(line, shared, output.device, request).await? {
@@ -340,7 +340,12 @@ impl Writer {
             return self.take_over(shared, output, found);
         }
         shared.tell(&Event::ForeignChange { output: name, expected, found: words_in_text(output, &found) });
-        self.leave_alone(shared, output, found, "somebody else wrote to its register; arm it again when that is settled");
+        self.leave_alone(
+            shared,
+            output,
+            found,
+            "somebody else wrote to its register; arm it again when that is settled",
+        );
     }
 
     /// What stands in the register is known again: the axis goes on from there.
@@ -370,13 +375,7 @@ impl Writer {
     }
 
     /// Writes and verifies; what went wrong is told, and known afterwards.
-    async fn write(
-        &mut self,
-        line: &mut Line,
-        shared: &Shared,
-        output: &Output,
-        target: Words,
-    ) -> bool {
+    async fn write(&mut self, line: &mut Line, shared: &Shared, output: &Output, target: Words) -> bool {
         let single = target.words().len() == 1 && shared.profile.device(output.device).functions.write_single;
         let request = if single {
             Request::WriteSingle { at: output.address.offset, word: target.words()[0] }

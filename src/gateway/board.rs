@@ -103,7 +103,9 @@ impl Board {
             (Quality::Bad(Reason::Stale | Reason::NeverRead), Some(reason), _) => {
                 Reading { quality: Quality::Bad(reason), ..reading }
             }
-            (Quality::Good, _, Some(condition)) if condition.holds(&|id| plain(id).usable()) != Some(false) => {
+            (Quality::Good, _, Some(condition))
+                if condition.holds(&|id| plain(id).usable()) != Some(false) =>
+            {
                 Reading::bad(reading.at, Reason::FaultBit)
             }
             _ => reading,

@@ -287,9 +287,7 @@ impl super::shared::Core {
         count.answered = true;
         let now = shared.clock.now();
         let returned = match &mut count.lost {
-            Some(lost) if lost.told => {
-                now.since(*lost.answers_since.get_or_insert(now)) >= BELIEVED_AFTER
-            }
+            Some(lost) if lost.told => now.since(*lost.answers_since.get_or_insert(now)) >= BELIEVED_AFTER,
             _ => true,
         };
         let lost = if returned { count.lost.take() } else { None };

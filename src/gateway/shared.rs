@@ -269,8 +269,7 @@ impl Shared {
             }
             Command::Disarm => {
                 for (place, axis) in self.profile.axes.iter().enumerate() {
-                    let told =
-                        core.disarm(AxisId(place), &axis.settings.name, "switched off by a person");
+                    let told = core.disarm(AxisId(place), &axis.settings.name, "switched off by a person");
                     events.extend(told);
                 }
                 format!("{names}: off; what stands in the registers stays")

@@ -120,7 +120,11 @@ fn devices(shared: &Shared, core: &Core) -> Vec<DeviceStatus> {
                 (_, false) => "never-answered",
                 (_, true) => "ok",
             },
-            fault: count.lost.as_ref().filter(|lost| lost.answers_since.is_none()).map_or(String::new(), |lost| lost.fault.clone()),
+            fault: count
+                .lost
+                .as_ref()
+                .filter(|lost| lost.answers_since.is_none())
+                .map_or(String::new(), |lost| lost.fault.clone()),
             requests: count.requests,
             failures: count.failures.clone(),
         })

@@ -62,8 +62,10 @@ fn a_server_that_is_killed_and_comes_back_is_told_once_each_way_and_nothing_jump
 
 #[test]
 fn a_cnc_that_is_killed_and_comes_back_is_written_again_from_what_stands_in_it() {
-    let trace =
-        bench("[[fault]]\ndevice = \"cnc\"\nkind = \"refuse\"\nat = \"60s\"\nfor_time = \"100s\"", 5 * MINUTE);
+    let trace = bench(
+        "[[fault]]\ndevice = \"cnc\"\nkind = \"refuse\"\nat = \"60s\"\nfor_time = \"100s\"",
+        5 * MINUTE,
+    );
     law::holds(&trace);
     one_line_each_way(&trace, "link-down", "link-up");
     assert_eq!(trace.told("interlocked") + trace.told("cnc-restarted"), 0, "{}", trace.lines());
@@ -241,7 +243,7 @@ fn a_sentinel_is_a_broken_sensor_and_no_cold_machine() {
     one_line_each_way(&trace, "signal-bad", "signal-good");
     assert_eq!(trace.qualities("bed", 55, 300), ["good", "sentinel", "good"]);
     let states = trace.states_between(50, 300);
-    assert_eq!(states, ["active", "holding", "ramping", "active"], "{}", trace.lines());
+    assert_eq!(states, ["active", "holding", "ramping", "zeroed", "active"], "{}", trace.lines());
 }
 
 #[test]

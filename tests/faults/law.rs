@@ -67,22 +67,31 @@ fn is_inside(trace: &Trace, place: usize, output: &Output, corrections: &mut Has
             let count = 1000.0 * output.encoding.scale / factor;
             let last = corrections.get(&output.name).copied();
             let shown = recent(trace, place, signal, signal.max_age);
-            let cz = shown.iter().map(|position| 1000.0 * (wanted - position) / factor).min_by(|a, b| {
-                let from = last.map_or(0.0, |(_, cz)| cz);
-                (a - from).abs().total_cmp(&(b - from).abs())
+            let share = |position: &f64| 1000.0 * (wanted - position) / factor;
+            assert!(!shown.is_empty(), "I3: corrected without a position: {seen:?}");
+            let last = last.filter(|(since, _)| !was_off(trace, output, *since, seen.at));
+            // The latest position; where its answer was lost, one before it, as long as that is fresh.
+            let fits = |cz: &f64| {
+                cz.abs() <= limit + count + EPSILON
+                    && last.is_none_or(|(_, last)| (cz - last).abs() <= step + count + EPSILON)
+            };
+            let cz = shown.iter().map(share).find(fits);
+            let cz = cz.unwrap_or_else(|| {
+                panic!(
+                    "I2: D' − D = {} µm after {last:?} at {:.1} s\n{}",
+                    share(&shown[0]),
+                    trace.seconds(seen.at),
+                    trace.lines()
+                )
             });
-            let cz = cz.unwrap_or_else(|| panic!("I3: corrected without a position: {seen:?}"));
-            assert!(cz.abs() <= limit + count + EPSILON, "I2, limit: D' − D = {cz} µm, {seen:?}");
-            if let Some((_, last)) = last {
-                assert!(
-                    (cz - last).abs() <= step + count + EPSILON,
-                    "I2, step: D' − D = {last} → {cz} µm at {:.1} s",
-                    trace.seconds(seen.at)
-                );
-            }
             corrections.insert(output.name.clone(), (seen.at, cz));
         }
     }
+}
+
+fn was_off(trace: &Trace, output: &Output, from: Moment, to: Moment) -> bool {
+    let between = trace.samples.iter().filter(|sample| sample.at >= from && sample.at <= to);
+    between.into_iter().any(|sample| sample.status.axes[output.axis.0].state == "off")
 }
 
 /// What a device had in a signal's registers when they were read, not longer ago than `age` before this request.
@@ -109,11 +118,14 @@ fn measured(seen: &Seen, signal: &Signal) -> Option<f64> {
     signal.encoding.decode(words).ok()
 }
 
-/// I3: an offset moves away from zero only where its axis has good readings to follow.
+/// I3: an axis follows only good readings, and an offset moves away from zero only towards what was decided from them.
 fn grows_only_while_active(trace: &Trace) {
-    for sample in &trace.samples {
+    // Where the clock was just set ahead, the decision of before still stands.
+    let steady = |sample: &&crate::rig::Sample| sample.status.now == sample.at.to_string();
+    for sample in trace.samples.iter().filter(steady) {
         for (axis, status) in trace.profile.axes.iter().zip(&sample.status.axes) {
-            let Some(model) = axis.settings.models.iter().find(|model| Some(&model.name) == status.model.as_ref())
+            let Some(model) =
+                axis.settings.models.iter().find(|model| Some(&model.name) == status.model.as_ref())
             else {
                 assert!(!matches!(status.state, "active" | "degraded"), "I3: {status:?}");
                 continue;
@@ -128,7 +140,8 @@ fn grows_only_while_active(trace: &Trace) {
         }
     }
     for seen in trace.wire.iter().filter(|seen| seen.is_write()) {
-        let Some(output) = written(&trace.profile, seen).filter(|output| output.writes == Writes::Offset) else {
+        let Some(output) = written(&trace.profile, seen).filter(|output| output.writes == Writes::Offset)
+        else {
             continue;
         };
         let value = |words: &[u16]| output.encoding.decode(words).unwrap().abs();
@@ -136,8 +149,12 @@ fn grows_only_while_active(trace: &Trace) {
             continue;
         }
         let near = |at: Moment| at.since(seen.at) + seen.at.since(at) <= Duration::from_secs(6);
-        let follows = trace.samples.iter().filter(|sample| near(sample.at)).any(|sample| {
-            matches!(sample.status.axes[output.axis.0].state, "active" | "degraded")
+        let wanted = value(&seen.wanted);
+        let factor = if trace.profile.axis(output.axis).diameter { 2.0 } else { 1.0 };
+        let decided = trace.samples.iter().filter(|sample| near(sample.at));
+        let follows = decided.into_iter().map(|sample| &sample.status.axes[output.axis.0]).any(|axis| {
+            matches!(axis.state, "active" | "degraded" | "holding")
+                && axis.cz_um.abs() * factor + output.encoding.scale + EPSILON >= wanted
         });
         assert!(
             follows,
@@ -163,12 +180,7 @@ fn readings_are_measured(trace: &Trace) {
                 .take_while(|seen| seen.at <= sample.at)
                 .filter_map(|seen| measured(seen, signal))
                 .any(|measured| (measured - value).abs() < 1e-9);
-            assert!(
-                is_from_there,
-                "I5: {} shows {value} at {:.1} s",
-                signal.name,
-                trace.seconds(sample.at)
-            );
+            assert!(is_from_there, "I5: {} shows {value} at {:.1} s", signal.name, trace.seconds(sample.at));
         }
     }
 }

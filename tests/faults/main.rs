@@ -4,6 +4,10 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "these are tests")]
 
 mod answers;
+mod day;
+mod keeping;
 mod law;
+mod load;
 mod outputs;
 mod rig;
+mod stop;

@@ -169,7 +169,12 @@ fn a_cnc_that_is_busy_at_first_does_not_keep_its_axis_from_arming() {
 fn a_cnc_whose_writes_never_end_well_is_not_told_of_for_ever() {
     let trace = bench(&cnc("kind = \"wrong-echo\"\nat = \"60s\""), 15 * MINUTE);
     law::holds(&trace);
-    assert!(trace.events.len() <= 25, "{} lines in a quarter of an hour\n{}", trace.events.len(), trace.lines());
+    assert!(
+        trace.events.len() <= 25,
+        "{} lines in a quarter of an hour\n{}",
+        trace.events.len(),
+        trace.lines()
+    );
 }
 
 #[test]

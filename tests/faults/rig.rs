@@ -16,12 +16,14 @@ use isotherm::virtual_machine::{FaultScript, PlantSpec, Ports, Seen, Setup, Unkn
 pub(crate) const BENCH: &str = include_str!("bench.toml");
 pub(crate) const GRINDER: &str = include_str!("../../profiles/surface-grinder.toml");
 
+/// How often the gateway is asked for its state.
+const SAMPLE_EVERY: Duration = Duration::from_secs(1);
+
 /// The hardware, and the clock that it shares with whatever talks to it.
 pub(crate) struct World {
     pub(crate) profile: Profile,
     pub(crate) clock: Clock,
     pub(crate) machine: VirtualMachine,
-    pub(crate) begin: Moment,
     hold: Option<Hold>,
 }
 
@@ -38,7 +40,6 @@ pub(crate) struct Trial<'a> {
     world: &'a mut World,
     options: Options,
     acts: Vec<(Duration, Act<'a>)>,
-    sample_every: Duration,
 }
 
 /// The state at one moment.
@@ -90,7 +91,7 @@ impl World {
     pub(crate) async fn start(mut profile: Profile, faults: FaultScript, clock: Option<Clock>) -> World {
         let plant = PlantSpec::shipped("surface-grinder").unwrap().unwrap();
         let clock = clock.unwrap_or_else(|| Clock::simulated(plant.start(), None));
-        let (begin, hold) = (clock.now(), clock.hold());
+        let hold = clock.hold();
         let setup = Setup {
             plant: Some(plant),
             seed: 1,
@@ -104,27 +105,17 @@ impl World {
         for (bus, address) in machine.addresses() {
             profile.buses[bus.0].address = address.to_string();
         }
-        World { profile, clock, machine, begin, hold: Some(hold) }
+        World { profile, clock, machine, hold: Some(hold) }
     }
 
     pub(crate) fn gateway(&mut self) -> Trial<'_> {
-        Trial {
-            world: self,
-            options: Options::default(),
-            acts: Vec::new(),
-            sample_every: Duration::from_secs(1),
-        }
+        Trial { world: self, options: Options::default(), acts: Vec::new() }
     }
 }
 
 impl<'a> Trial<'a> {
     pub(crate) fn options(mut self, change: impl FnOnce(&mut Options)) -> Self {
         change(&mut self.options);
-        self
-    }
-
-    pub(crate) fn sampled_every(mut self, span: Duration) -> Self {
-        self.sample_every = span;
         self
     }
 
@@ -142,7 +133,7 @@ impl<'a> Trial<'a> {
 
     /// Runs the gateway for this long and lets it come to rest.
     pub(crate) async fn run(self, span: Duration) -> Trace {
-        let Trial { world, options, acts, sample_every } = self;
+        let Trial { world, options, acts } = self;
         let clock = world.clock.clone();
         let begin = clock.now();
         let gateway = Gateway::new(world.profile.clone(), &clock, options);
@@ -171,7 +162,7 @@ impl<'a> Trial<'a> {
                             act(&Stage { source: &source, clock: &clock });
                         }
                         look(now);
-                        watcher.sleep_until(now.next_tick(begin, sample_every)).await;
+                        watcher.sleep_until(now.next_tick(begin, SAMPLE_EVERY)).await;
                     }
                 };
                 let over = async {
