@@ -5,7 +5,7 @@ use std::time::Duration;
 use isotherm::observe::status::Command;
 
 use crate::law;
-use crate::rig::{BENCH, Stage, Trace, World, bench, block_on, run};
+use crate::rig::{BENCH, LATHE, Stage, Trace, World, bench, block_on, run};
 
 const MINUTE: Duration = Duration::from_secs(60);
 const SECOND: Duration = Duration::from_secs(1);
@@ -263,4 +263,51 @@ fn a_person_is_answered_in_words() {
     });
     let said = said.into_inner();
     assert!(said[0].starts_with("z: off") && said[2].starts_with("z: will be armed"), "{said:?}");
+}
+
+#[test]
+fn several_axes_and_outputs_on_several_lines_each_get_their_own() {
+    let trace = run(LATHE, "", 2 * MINUTE);
+    law::holds(&trace);
+    let last = |output: &str| *values(&trace, output, 0.0, 120.0).last().unwrap();
+    assert!((-14.0..=-10.0).contains(&last("cnc_x")), "the diameter: {}", last("cnc_x"));
+    assert!((last("cnc_x") - last("spare_x")).abs() <= 0.21, "{} {}", last("cnc_x"), last("spare_x"));
+    assert!((7.0..=12.0).contains(&last("cnc_z")), "{}", last("cnc_z"));
+    let states = &trace.samples[100].status.axes;
+    assert!(states.iter().all(|axis| axis.state == "active"), "{}", trace.lines());
+    // X ramps to zero, Z holds.
+    assert!(trace.outcome.rested, "{:?}\n{}", trace.outcome, trace.lines());
+    assert!(trace.outcome.left.contains("cnc_x holds 0.0"), "{:?}", trace.outcome);
+    assert!(!trace.outcome.left.contains("cnc_z holds 0.0"), "{:?}", trace.outcome);
+}
+
+#[test]
+fn an_axis_whose_second_output_dies_is_held_and_the_other_axis_goes_on() {
+    let faults = "[[fault]]\ndevice = \"spare\"\nkind = \"silent\"\nat = \"60s\"\nfor_time = \"60s\"";
+    let trace = run(LATHE, faults, 4 * MINUTE);
+    law::holds(&trace);
+    assert!(trace.samples.iter().all(|sample| sample.status.axes[1].state != "ramping"));
+    let z = trace.between(20, 240).all(|sample| sample.status.axes[1].state == "active");
+    assert!(z, "{}", trace.lines());
+    assert_eq!(trace.states_between(230, 240), ["active"], "{}", trace.lines());
+}
+
+#[test]
+fn an_output_that_can_only_be_written_is_never_jumped_after_it_was_off() {
+    let short = "[device.spare]\nfunctions = [\"write-single\", \"write-multiple\"]\n";
+    let mut text = LATHE.replace("[device.spare]\n", short);
+    let from = text.find("[output.cnc_x]").unwrap();
+    let to = text.find("[output.spare_x]").unwrap();
+    text.replace_range(from..to, "");
+    let faults = "[[fault]]\ndevice = \"spare\"\nkind = \"late\"\ndelay = \"150ms\"\nat = \"6s\"\nfor = 2";
+    let trace = block_on(async {
+        let mut world = World::new(&text, faults).await;
+        let trial = world.gateway().command(MINUTE, Command::Disarm).command(90 * SECOND, Command::Arm);
+        trial.run(3 * MINUTE).await
+    });
+    law::holds(&trace);
+    let functions: std::collections::BTreeSet<u8> =
+        trace.wire.iter().filter(|seen| seen.device.0 == 1).map(|seen| seen.function).collect();
+    assert!(!functions.contains(&3), "{functions:?}");
+    assert_eq!(trace.states_between(150, 180), ["active"], "{}", trace.lines());
 }

@@ -14,6 +14,7 @@ use isotherm::quantity::Moment;
 use isotherm::virtual_machine::{FaultScript, PlantSpec, Ports, Seen, Setup, UnknownUnit, VirtualMachine};
 
 pub(crate) const BENCH: &str = include_str!("bench.toml");
+pub(crate) const LATHE: &str = include_str!("lathe.toml");
 pub(crate) const GRINDER: &str = include_str!("../../profiles/surface-grinder.toml");
 
 /// How often the gateway is asked for its state.
