@@ -33,6 +33,7 @@ mod poll;
 mod shared;
 mod status;
 mod watch;
+mod words;
 
 use keeper::Keeper;
 use memory::Memory;
@@ -149,15 +150,13 @@ impl Gateway {
         let left = self.shared.what_is_left();
         self.shared.tell(&Event::Stopped { left: left.clone() });
         let mut core = self.shared.core();
-        let core = &mut *core;
-        core.keeper.remember_now(
-            self.shared.clock.now(),
-            &core.compensation,
-            &self.shared.profile,
-            &core.outputs,
-        );
-        core.keeper.finish();
-        Outcome { failed: core.failed, rested, left }
+        let mut keeper = std::mem::take(&mut core.keeper);
+        let now = self.shared.clock.now();
+        keeper.remember_now(now, &core.compensation, &self.shared.profile, &core.outputs);
+        let failed = core.failed;
+        drop(core);
+        keeper.finish();
+        Outcome { failed, rested, left }
     }
 
     fn start_lines(&mut self, tasks: &mut JoinSet<()>, lines: &mut HashMap<Id, BusId>) -> usize {

@@ -10,6 +10,7 @@
 //! registers the tables of a device                        modbus    bytes ↔ requests and answers, pure
 //! fault     what goes wrong, when, for how long           hardware  plant + registers + faults
 //! server    sockets                                       truth     error, Cz, residual, and their ranges
+//! journal   what came over the wire, for tests
 //! ```
 //!
 //! # Time
@@ -32,6 +33,7 @@ pub mod fault;
 pub mod plant;
 
 mod hardware;
+mod journal;
 mod modbus;
 mod registers;
 mod server;
@@ -43,6 +45,7 @@ mod truth;
 mod wander;
 
 pub use fault::{FaultError, FaultScript};
+pub use journal::Seen;
 pub use plant::{Plant, PlantError, PlantSpec};
 pub use truth::{AxisSummary, AxisTruth, Extent, FIRST_SAMPLE, Summary, TruthRow};
 
@@ -71,6 +74,8 @@ pub struct Setup {
     pub lived: Duration,
     /// How often a row of the truth is kept; `None`: no rows, only the summary.
     pub truth_every: Option<Duration>,
+    /// Keep every request that reaches a device, for [`Window::requests`].
+    pub journal: bool,
 }
 
 /// Where the devices listen.
@@ -135,6 +140,11 @@ impl Window {
         self.0.hardware().observer.rows().to_vec()
     }
 
+    /// Every request that has reached a device, in its order; none unless [`Setup::journal`] asks for them.
+    pub fn requests(&self) -> Vec<Seen> {
+        self.0.hardware().journal.clone().unwrap_or_default()
+    }
+
     /// The truth at the last tick; `None` before the first, and without a plant.
     pub fn latest_truth(&self) -> Option<TruthRow> {
         self.0.hardware().observer.latest().cloned()
@@ -168,9 +178,10 @@ impl VirtualMachine {
             plant
         });
         let faults = Faults::new(setup.faults, begin);
-        let hardware = Hardware::new(profile, plant, setup.seed, faults, begin, |axes| {
+        let mut hardware = Hardware::new(profile, plant, setup.seed, faults, begin, |axes| {
             Observer::new(axes, begin, setup.truth_every)
         });
+        hardware.journal = setup.journal.then(Vec::new);
         let shared = Shared::new(hardware, clock.clone(), setup.unknown_unit);
         let (stop, stopped) = watch::channel(false);
         let mut machine = VirtualMachine { addresses: Vec::new(), shared, stop, tasks: JoinSet::new() };

@@ -124,7 +124,9 @@ impl Line {
         match &answer {
             Err(fault) if fault.spoils_connection() => {
                 self.wire = None;
-                unit.breaker.fail(now);
+                // The pause begins when the timeout is over, else several dead units would have none left.
+                let waited = if *fault == Fault::Timeout { self.timeout } else { Duration::ZERO };
+                unit.breaker.fail(now.after(waited));
                 unit.last_fault = *fault;
             }
             _ => unit.breaker.succeed(),

@@ -153,3 +153,6 @@ fn transport_fault(error: &io::Error) -> Fault {
         _ => Fault::Link(LinkFault::Broken),
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -97,7 +97,8 @@ impl Arming {
     }
 }
 
-fn of_axis<'a>(
+/// The outputs of an axis with their state.
+pub(super) fn of_axis<'a>(
     profile: &'a Profile,
     axis: usize,
     outputs: &'a [OutputState],

@@ -24,8 +24,8 @@ pub(super) struct Board {
 pub(super) enum Change {
     /// It cannot be used any more.
     Lost(SignalId, Reason),
-    /// It can be used again; it could not since this moment.
-    Back(SignalId, Moment),
+    /// It can be used again; for this reason it could not, since this moment.
+    Back(SignalId, Reason, Moment),
 }
 
 impl Board {
@@ -80,21 +80,8 @@ impl Board {
 
     /// The machine at `now`: every reading aged, and condemned where its `fault_when` holds or cannot be known.
     pub(super) fn look(&mut self, profile: &Profile, now: Moment) -> &[Reading] {
-        for (place, signal) in profile.signals.iter().enumerate() {
-            let mut reading = self.readings[place].aged(now, signal.max_age);
-            if let (Quality::Bad(Reason::Stale | Reason::NeverRead), Some(reason)) =
-                (reading.quality, self.failing[place])
-            {
-                reading.quality = Quality::Bad(reason);
-            }
-            self.seen[place] = reading;
-        }
-        for (place, signal) in profile.signals.iter().enumerate() {
-            let Some(condition) = &signal.fault_when else { continue };
-            let value = |id: SignalId| self.readings[id.0].aged(now, profile.signal(id).max_age).usable();
-            if self.seen[place].quality == Quality::Good && condition.holds(&value) != Some(false) {
-                self.seen[place] = Reading::bad(self.seen[place].at, Reason::FaultBit);
-            }
+        for place in 0..self.seen.len() {
+            self.seen[place] = self.judge(profile, SignalId(place), now);
         }
         &self.seen
     }
@@ -106,7 +93,23 @@ impl Board {
 
     /// A signal's value at `now`, if it may be used.
     pub(super) fn value(&self, profile: &Profile, id: SignalId, now: Moment) -> Option<f64> {
-        self.readings[id.0].aged(now, profile.signal(id).max_age).usable()
+        self.judge(profile, id, now).usable()
+    }
+
+    fn judge(&self, profile: &Profile, id: SignalId, now: Moment) -> Reading {
+        let plain = |id: SignalId| self.readings[id.0].aged(now, profile.signal(id).max_age);
+        let reading = plain(id);
+        match (reading.quality, self.failing[id.0], &profile.signal(id).fault_when) {
+            (Quality::Bad(Reason::Stale | Reason::NeverRead), Some(reason), _) => {
+                Reading { quality: Quality::Bad(reason), ..reading }
+            }
+            (Quality::Good, _, Some(condition))
+                if condition.holds(&|id| plain(id).usable()) != Some(false) =>
+            {
+                Reading::bad(reading.at, Reason::FaultBit)
+            }
+            _ => reading,
+        }
     }
 
     /// What changed in the view since it was last asked for.
@@ -114,9 +117,9 @@ impl Board {
         let mut changes = Vec::new();
         for (place, reading) in self.seen.iter().enumerate() {
             match (reading.quality, self.told[place]) {
-                (Quality::Good, Some((_, since))) => {
+                (Quality::Good, Some((reason, since))) => {
                     self.told[place] = None;
-                    changes.push(Change::Back(SignalId(place), since));
+                    changes.push(Change::Back(SignalId(place), reason, since));
                 }
                 (Quality::Bad(reason), None) if reason != Reason::NeverRead => {
                     self.told[place] = Some((reason, now));

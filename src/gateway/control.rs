@@ -111,3 +111,6 @@ fn command(word: &str) -> Option<Command> {
 fn word(command: Command) -> &'static str {
     WORDS.into_iter().find(|(known, _)| *known == command).map_or("", |(_, word)| word)
 }
+
+#[cfg(test)]
+mod tests;

@@ -19,6 +19,8 @@ use crate::quantity::Moment;
 
 /// The state is written at most this often, and once at the end.
 const REMEMBER_EVERY: Duration = Duration::from_secs(10);
+/// How long the end of a run waits for the disk.
+const LAST_PATIENCE: Duration = Duration::from_secs(5);
 /// Rows that may wait for a slow disk; more are dropped, and that is told.
 const QUEUE: usize = 4096;
 
@@ -43,7 +45,8 @@ pub(super) struct Keeper {
     queue: Option<SyncSender<Job>>,
     recorder: Option<Recorder>,
     remembered: Option<Moment>,
-    thread: Option<std::thread::JoinHandle<()>>,
+    /// Ends with the thread.
+    working: Option<Receiver<()>>,
 }
 
 #[derive(Debug)]
@@ -72,11 +75,16 @@ impl Keeper {
             failing: BTreeMap::new(),
             journal,
         };
-        let thread =
-            std::thread::Builder::new().name("keeper".to_owned()).spawn(move || desk.work(&jobs)).ok();
+        let (ends_with_the_thread, working) = sync_channel(0);
+        let work = move || {
+            desk.work(&jobs);
+            drop(ends_with_the_thread);
+        };
+        // Without a thread nothing is kept: the queue finds nobody at its other end.
+        let _ = std::thread::Builder::new().name("keeper".to_owned()).spawn(work);
         let mut recorder = Recorder::new(profile);
         recorder.begin(machine);
-        Keeper { queue: Some(queue), recorder: Some(recorder), remembered: None, thread }
+        Keeper { queue: Some(queue), recorder: Some(recorder), remembered: None, working: Some(working) }
     }
 
     /// Queues one row of the log.
@@ -131,11 +139,11 @@ impl Keeper {
         self.hand_over(Job::State(Box::new(Memory::new(profile, now, compensation.machine(), verified))));
     }
 
-    /// Waits until everything queued is on disk.
+    /// Waits until everything queued is on disk; not for ever, where the disk hangs.
     pub(super) fn finish(&mut self) {
         self.queue = None;
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
+        if let Some(working) = self.working.take() {
+            let _ = working.recv_timeout(LAST_PATIENCE);
         }
     }
 
@@ -243,3 +251,6 @@ impl Desk {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -101,3 +101,6 @@ fn set_aside(path: &Path, why: &str) -> Recalled {
     );
     Recalled { machine: Machine::default(), trouble: Some(trouble) }
 }
+
+#[cfg(test)]
+mod tests;

@@ -32,6 +32,15 @@ pub(super) struct OutputState {
     pub(super) failures: u64,
 }
 
+impl OutputState {
+    /// What stands in the register is not certain any more.
+    pub(super) fn doubt(&mut self) {
+        if self.standing != Standing::Unknown {
+            self.standing = Standing::Unverified;
+        }
+    }
+}
+
 impl Standing {
     /// The word for it on the page and in the metrics.
     pub(super) const fn name(self) -> &'static str {

@@ -12,12 +12,15 @@ use crate::fieldbus::line::Line;
 use crate::fieldbus::plan::{ReadRequest, plan};
 use crate::fieldbus::wire::{Answer, Request};
 use crate::observe::events::Event;
-use crate::profile::{BusId, DeviceId, OutputId, Profile, Writes};
+use crate::profile::{Arm, BusId, DeviceId, OutputId, Profile, Writes};
 use crate::quantity::Moment;
 use crate::reading::SignalId;
 
 /// Consecutive failures after which people are told: a single lost answer is only counted.
 const TOLD_AFTER: u64 = 2;
+
+/// A device that was lost has returned when it has answered for this long: one that comes and goes is told once.
+const BELIEVED_AFTER: Duration = Duration::from_secs(10);
 
 /// Owns one line and everything that is read and written on it.
 pub(super) struct LineTask {
@@ -114,7 +117,7 @@ impl LineTask {
 
     /// One round of what is due at `now`.
     pub(super) async fn cycle(&mut self, now: Moment) {
-        self.write(now).await;
+        self.write().await;
         self.beat(now).await;
         let mut polled = false;
         for place in 0..self.polls.len() {
@@ -124,30 +127,33 @@ impl LineTask {
             }
         }
         if self.steps_axes {
-            self.shared.advance(now, self.bus);
+            self.shared.advance(self.bus);
         }
         if polled && self.feeds_others {
             self.shared.ring_others(self.bus);
         }
-        self.write(now).await;
+        self.write().await;
     }
 
     /// Everything that is decided and not yet written.
-    async fn write(&mut self, now: Moment) {
+    async fn write(&mut self) {
         for writer in &mut self.writers {
             match writer.position(&self.shared.profile) {
-                None => writer.offset(&mut self.line, &self.shared, now).await,
-                Some(position) => writer.corrected(&mut self.line, &self.shared, position, now).await,
+                None => writer.offset(&mut self.line, &self.shared).await,
+                Some(position) => writer.corrected(&mut self.line, &self.shared, position).await,
             }
         }
     }
 
     async fn beat(&mut self, now: Moment) {
-        let Some(pulse) = self.pulse.as_mut().filter(|pulse| now >= pulse.due && !self.shared.dry_run) else {
-            return;
-        };
-        pulse.count = pulse.count.wrapping_add(1);
+        let Some(pulse) = self.pulse.as_mut().filter(|pulse| now >= pulse.due) else { return };
         pulse.due = now.next_tick(pulse.due, pulse.every);
+        // Where a person arms, nothing at all is written before; from then on it beats as long as the gateway lives.
+        let wanted = self.shared.profile.arm == Arm::Auto || self.shared.core().was_armed;
+        if self.shared.dry_run || !wanted {
+            return;
+        }
+        pulse.count = pulse.count.wrapping_add(1);
         let (device, at, word) = (pulse.device, pulse.register, [pulse.count]);
         let single = self.shared.profile.device(device).functions.write_single;
         let request = if single {
@@ -156,14 +162,14 @@ impl LineTask {
             Request::WriteMultiple { at, words: &word }
         };
         // A failure is counted and told where every request fails; the next beat is the repetition.
-        let _ = call(&mut self.line, &self.shared, device, request, now).await;
+        let _ = call(&mut self.line, &self.shared, device, request).await;
     }
 
     async fn poll(&mut self, place: usize, now: Moment) {
         let poll = &mut self.polls[place];
         poll.due = now.next_tick(poll.due, poll.every);
         for read in &poll.requests {
-            let answer = call(&mut self.line, &self.shared, poll.device, read.request(), now).await;
+            let answer = call(&mut self.line, &self.shared, poll.device, read.request()).await;
             let taken = self.shared.clock.now();
             let mut core = self.shared.core();
             for field in &read.fields {
@@ -207,7 +213,7 @@ impl LineTask {
         let next = self.polls.iter().map(|poll| poll.due).min();
         if let Some(late) = next.map(|next| ended.since(next)).filter(|late| !late.is_zero()) {
             count.overruns += 1;
-            // Told at the first, the tenth, the hundredth …
+            // Told at the first, the eighth, the sixty-fourth …
             let told = count.overruns.is_power_of_two() && count.overruns.trailing_zeros().is_multiple_of(3);
             drop(core);
             if told {
@@ -247,8 +253,8 @@ pub(super) async fn call(
     shared: &Shared,
     device: DeviceId,
     request: Request<'_>,
-    now: Moment,
 ) -> Result<Answer, Fault> {
+    let now = shared.clock.now();
     let rested = line.is_resting(device, now);
     let answer = line.call(device, request, now).await;
     let mut core = shared.core();
@@ -261,7 +267,9 @@ pub(super) async fn call(
     }
     let events = match &answer {
         Ok(_) | Err(Fault::Exception(_)) if count.lost.is_none() && count.answered => return answer,
-        Ok(_) | Err(Fault::Exception(_) | Fault::Caller(_)) => core.device_answers(shared, device),
+        Ok(_) | Err(Fault::Exception(_)) => core.device_answers(shared, device),
+        // It never left the house.
+        Err(Fault::Caller(_)) => return answer,
         Err(fault) if !rested => core.device_fails(shared, device, *fault, line),
         Err(_) => return answer,
     };
@@ -277,7 +285,12 @@ impl super::shared::Core {
         let device = shared.profile.device(id);
         let count = &mut self.devices[id.0];
         count.answered = true;
-        let lost = count.lost.take();
+        let now = shared.clock.now();
+        let returned = match &mut count.lost {
+            Some(lost) if lost.told => now.since(*lost.answers_since.get_or_insert(now)) >= BELIEVED_AFTER,
+            _ => true,
+        };
+        let lost = if returned { count.lost.take() } else { None };
         let bus = shared.profile.bus(device.bus);
         let up = self.buses[device.bus.0].down.take().map(|attempts| Event::LinkUp {
             bus: bus.name.clone(),
@@ -302,6 +315,7 @@ impl super::shared::Core {
         let device = shared.profile.device(id);
         let lost = self.devices[id.0].lost.get_or_insert_default();
         lost.missed += 1;
+        lost.answers_since = None;
         lost.fault = fault.to_string();
         if matches!(fault, Fault::Link(LinkFault::Refused | LinkFault::Unreachable | LinkFault::Down)) {
             let bus = shared.profile.bus(device.bus);

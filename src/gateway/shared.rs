@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::Duration;
 
-use super::arming::{Arming, Attempt};
+use super::arming::{Arming, Attempt, of_axis};
 use super::board::{Board, Change};
 use super::keeper::Keeper;
 use super::output::{OutputState, Standing};
@@ -39,9 +39,13 @@ pub(super) struct Core {
     pub(super) buses: Vec<BusCount>,
     pub(super) keeper: Keeper,
     pub(super) stopping: bool,
+    /// An axis has been armed since the start.
+    pub(super) was_armed: bool,
     /// Something failed inside: the process ends with an error after the fault actions.
     pub(super) failed: bool,
     controls: Vec<Control>,
+    /// Events of a step, told when the lock is free again.
+    untold: Vec<Event>,
     told_states: Vec<AxisState>,
     at_limit: Vec<bool>,
 }
@@ -62,6 +66,8 @@ pub(super) struct Lost {
     /// Requests that failed since.
     pub(super) missed: u64,
     pub(super) told: bool,
+    /// It answers again, since then.
+    pub(super) answers_since: Option<Moment>,
 }
 
 /// Cycles of one line.
@@ -99,7 +105,9 @@ impl Shared {
             buses: vec![BusCount::default(); profile.buses.len()],
             keeper,
             stopping: false,
+            was_armed: false,
             failed: false,
+            untold: Vec::new(),
             controls: vec![Control::default(); profile.axes.len()],
             told_states: vec![AxisState::Off; profile.axes.len()],
             at_limit: vec![false; profile.axes.len()],
@@ -159,8 +167,14 @@ impl Shared {
 
     /// Steps each axis that is due and wakes the other lines, which may have to write. Called by the line that has
     /// just read its inputs.
-    pub(super) fn advance(&self, now: Moment, bus: BusId) {
-        let stepped = self.core().advance(self, now);
+    pub(super) fn advance(&self, bus: BusId) {
+        let (stepped, events) = {
+            let mut core = self.core();
+            // Not the beginning of the line's cycle: readings have aged since, and another line may have stepped.
+            let now = self.clock.now();
+            (core.advance(self, now), std::mem::take(&mut core.untold))
+        };
+        events.iter().for_each(|event| self.tell(event));
         if stepped {
             self.ring_others(bus);
         }
@@ -205,15 +219,16 @@ impl Shared {
                 AxisState::Holding(_) => settings.settings.on_fault == OnFault::Hold,
                 _ => false,
             };
-            let written = self.profile.outputs.iter().zip(&core.outputs).all(|(output, state)| {
-                output.axis.0 != axis
-                    || output.writes != Writes::Offset
-                    || decision.state == AxisState::Off
-                    || self.dry_run
-                    || (state.standing == Standing::Verified
-                        && state.cz.is_some_and(|cz| {
-                            (cz - decision.cz).abs() <= settings.settings.guard.count.unwrap_or(Micron::ZERO)
-                        }))
+            if decision.state == AxisState::Off || self.dry_run {
+                return rested;
+            }
+            let count = settings.settings.guard.count.unwrap_or(Micron::ZERO);
+            let mut outputs = of_axis(&self.profile, axis, &core.outputs);
+            let written = outputs.all(|(output, state)| match state.standing {
+                Standing::Verified => state.cz.is_some_and(|cz| (cz - decision.cz).abs() <= count),
+                // It cannot be written, however long one waits; a position that is not read is not corrected.
+                Standing::Interlocked => true,
+                _ => output.writes != Writes::Offset,
             });
             rested && written
         })
@@ -240,6 +255,7 @@ impl Shared {
     /// Does what a person asks for.
     pub(crate) fn obey(&self, command: Command) -> Result<String, String> {
         let mut core = self.core();
+        let mut events = Vec::new();
         let names: Vec<&str> = self.profile.axes.iter().map(|axis| axis.settings.name.as_str()).collect();
         let names = names.join(", ");
         let answer = match command {
@@ -253,7 +269,8 @@ impl Shared {
             }
             Command::Disarm => {
                 for (place, axis) in self.profile.axes.iter().enumerate() {
-                    core.disarm(self, AxisId(place), &axis.settings.name, "switched off by a person");
+                    let told = core.disarm(AxisId(place), &axis.settings.name, "switched off by a person");
+                    events.extend(told);
                 }
                 format!("{names}: off; what stands in the registers stays")
             }
@@ -261,11 +278,12 @@ impl Shared {
                 let now = self.clock.now();
                 core.compensation.zero(now);
                 core.keeper.zeroed(now);
-                self.tell(&Event::Zeroed);
+                events.push(Event::Zeroed);
                 "references are captured from now on".to_owned()
             }
         };
         drop(core);
+        events.iter().for_each(|event| self.tell(event));
         self.ring();
         Ok(answer)
     }
@@ -296,10 +314,10 @@ impl Core {
         }
         self.keeper.remember(now, &self.compensation, profile, &self.outputs);
         if stepped.noticed.started {
-            shared.tell(&Event::MachineStarted);
+            self.untold.push(Event::MachineStarted);
         }
         if stepped.noticed.zeroed {
-            shared.tell(&Event::Zeroed);
+            self.untold.push(Event::Zeroed);
         }
         self.tell_signals(shared, now);
         self.tell_axes(shared);
@@ -323,11 +341,12 @@ impl Core {
                             state.standing = Standing::Verified;
                         }
                     }
-                    shared.tell(&Event::Armed { axis: name.clone(), from });
+                    self.was_armed = true;
+                    self.untold.push(Event::Armed { axis: name.clone(), from });
                 }
                 Attempt::Refused(why) => {
                     if self.arming[axis].refusal.as_ref() != Some(&why) {
-                        shared.tell(&Event::ArmRefused { axis: name.clone(), why: why.clone() });
+                        self.untold.push(Event::ArmRefused { axis: name.clone(), why: why.clone() });
                         self.arming[axis].refusal = Some(why);
                     }
                 }
@@ -335,13 +354,11 @@ impl Core {
         }
     }
 
-    /// Switches an axis off until a person arms it again.
-    pub(super) fn disarm(&mut self, shared: &Shared, axis: AxisId, name: &str, why: &str) {
-        let arming = &mut self.arming[axis.0];
-        if arming.armed {
-            shared.tell(&Event::Disarmed { axis: name.to_owned(), why: why.to_owned() });
-        }
-        *arming = Arming { latched: true, ..Arming::default() };
+    /// Switches an axis off until a person arms it again; what is to be told of that.
+    pub(super) fn disarm(&mut self, axis: AxisId, name: &str, why: &str) -> Option<Event> {
+        let latched = Arming { latched: true, ..Arming::default() };
+        let was = std::mem::replace(&mut self.arming[axis.0], latched);
+        was.armed.then(|| Event::Disarmed { axis: name.to_owned(), why: why.to_owned() })
     }
 
     /// An output's register was found to hold this much Cz after it had not been known: the axis goes on from there.
@@ -360,14 +377,15 @@ impl Core {
         for change in self.board.changes(now) {
             match change {
                 // The device or the bus has been told already.
-                Change::Lost(_, Reason::LinkDown | Reason::Timeout | Reason::BadReply) => {}
+                Change::Lost(_, reason) | Change::Back(_, reason, _)
+                    if matches!(reason, Reason::LinkDown | Reason::Timeout | Reason::BadReply) => {}
                 Change::Lost(id, reason) => {
                     let signal = shared.profile.signal(id).name.clone();
-                    shared.tell(&Event::SignalBad { signal, reason: reason.to_string() });
+                    self.untold.push(Event::SignalBad { signal, reason: reason.to_string() });
                 }
-                Change::Back(id, since) => {
+                Change::Back(id, _, since) => {
                     let signal = shared.profile.signal(id).name.clone();
-                    shared.tell(&Event::SignalGood { signal, bad_for: now.since(since) });
+                    self.untold.push(Event::SignalGood { signal, bad_for: now.since(since) });
                 }
             }
         }
@@ -378,7 +396,7 @@ impl Core {
             let Some(decision) = self.compensation.decision(axis) else { continue };
             let name = &settings.settings.name;
             if self.told_states[axis].name() != decision.state.name() {
-                shared.tell(&Event::AxisState {
+                self.untold.push(Event::AxisState {
                     axis: name.clone(),
                     from: self.told_states[axis].name(),
                     to: decision.state.name(),
@@ -392,7 +410,7 @@ impl Core {
                 && let Some(wanted) = decision.raw
             {
                 let limit = settings.settings.guard.limit;
-                shared.tell(&Event::AtLimit { axis: name.clone(), wanted, limit });
+                self.untold.push(Event::AtLimit { axis: name.clone(), wanted, limit });
             }
             self.at_limit[axis] = at_limit;
         }

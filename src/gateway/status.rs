@@ -116,11 +116,15 @@ fn devices(shared: &Shared, core: &Core) -> Vec<DeviceStatus> {
             bus: shared.profile.bus(device.bus).name.clone(),
             unit: device.unit,
             state: match (&count.lost, count.answered) {
-                (Some(_), _) => "lost",
-                (None, false) => "never-answered",
-                (None, true) => "ok",
+                (Some(lost), _) if lost.answers_since.is_none() => "lost",
+                (_, false) => "never-answered",
+                (_, true) => "ok",
             },
-            fault: count.lost.as_ref().map_or(String::new(), |lost| lost.fault.clone()),
+            fault: count
+                .lost
+                .as_ref()
+                .filter(|lost| lost.answers_since.is_none())
+                .map_or(String::new(), |lost| lost.fault.clone()),
             requests: count.requests,
             failures: count.failures.clone(),
         })

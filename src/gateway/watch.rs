@@ -33,8 +33,9 @@ impl Watch {
         let watch = move || {
             let mut stuck = Duration::ZERO;
             let mut told = false;
+            let mut cycles = vec![0; limits.len()];
             while receiver.recv_timeout(LOOK_EVERY) == Err(RecvTimeoutError::Timeout) {
-                let Some(late) = late_line(&shared, &limits, &mut stuck) else {
+                let Some(late) = late_line(&shared, &limits, &mut cycles, &mut stuck) else {
                     let _ = sd_notify::notify(&[sd_notify::NotifyState::Watchdog]);
                     continue;
                 };
@@ -56,15 +57,22 @@ impl Watch {
 }
 
 /// The name of a line that has not cycled for too long; also one that keeps the lock.
-fn late_line(shared: &Shared, limits: &[Duration], stuck: &mut Duration) -> Option<String> {
+fn late_line(
+    shared: &Shared,
+    limits: &[Duration],
+    cycles: &mut [u64],
+    stuck: &mut Duration,
+) -> Option<String> {
     let now = shared.clock.now();
     let Some(core) = shared.try_core() else {
         *stuck += LOOK_EVERY;
         return (*stuck > Duration::from_secs(5)).then(|| "(state locked)".to_owned());
     };
-    for (place, (count, limit)) in core.buses.iter().zip(limits).enumerate() {
+    for (place, ((count, limit), seen)) in core.buses.iter().zip(limits).zip(cycles).enumerate() {
         let last = count.last_cycle.max(shared.started);
-        if now.since(last) > *limit {
+        // Late and at the same cycle as at the last look: a clock that was set ahead makes every line late for once.
+        let stands = std::mem::replace(seen, count.cycles) == count.cycles;
+        if stands && now.since(last) > *limit {
             return Some(shared.profile.bus(BusId(place)).name.clone());
         }
     }

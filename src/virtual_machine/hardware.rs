@@ -9,6 +9,7 @@ use crate::quantity::Moment;
 use crate::reading::SignalId;
 
 use super::fault::{Faults, Incident, Reads, ReplyFault};
+use super::journal::Seen;
 use super::modbus::{self, Request};
 use super::plant::Plant;
 use super::registers::Bank;
@@ -32,6 +33,8 @@ pub(super) struct Hardware {
     axes: Vec<(AxisId, String)>,
     pub(super) faults: Faults,
     pub(super) observer: Observer,
+    /// Every request that came, where somebody wants to know.
+    pub(super) journal: Option<Vec<Seen>>,
 }
 
 #[derive(Debug)]
@@ -80,6 +83,7 @@ impl Hardware {
             axes,
             faults,
             observer,
+            journal: None,
         }
     }
 
@@ -128,11 +132,46 @@ impl Hardware {
         self.measure(place, now);
         let request = match Request::decode(pdu) {
             Ok(request) if request.is_among(&self.profile.device(device).functions) => request,
-            Ok(_) => return Reply::honest(modbus::exception(pdu, modbus::ILLEGAL_FUNCTION)),
+            Ok(request) => {
+                let stands = self.cells_of(place, &request);
+                self.note(device, pdu, &request, stands.clone(), stands, now);
+                return Reply::honest(modbus::exception(pdu, modbus::ILLEGAL_FUNCTION));
+            }
             Err(code) => return Reply::honest(modbus::exception(pdu, code)),
         };
         self.faults.count_signals(device, now);
         let fault = self.faults.reply(device, request.is_write(), now);
+        let before = self.cells_of(place, &request);
+        let reply = self.carry_out(place, &request, pdu, fault);
+        let after = self.cells_of(place, &request);
+        self.note(device, pdu, &request, before, after, now);
+        reply
+    }
+
+    fn note(
+        &mut self,
+        device: DeviceId,
+        pdu: &[u8],
+        request: &Request,
+        before: Vec<u16>,
+        after: Vec<u16>,
+        at: Moment,
+    ) {
+        let Some(journal) = &mut self.journal else { return };
+        let (address, count) = request.extent();
+        let function = pdu.first().copied().unwrap_or_default();
+        let wanted = request.written().map_or(Vec::new(), |(_, values)| values.to_vec());
+        journal.push(Seen { at, device, function, address, count, before, after, wanted });
+    }
+
+    /// The cells a request speaks of; nothing where nobody wants to know, or where one does not exist.
+    fn cells_of(&self, place: usize, request: &Request) -> Vec<u16> {
+        let (address, count) = request.extent();
+        let cells = self.journal.as_ref().and_then(|_| self.units[place].bank.read(address, count));
+        cells.unwrap_or_default().to_vec()
+    }
+
+    fn carry_out(&mut self, place: usize, request: &Request, pdu: &[u8], fault: Option<ReplyFault>) -> Reply {
         let unit = &mut self.units[place];
         let answer = match fault {
             Some(ReplyFault::Silent | ReplyFault::HalfOpen) => return Reply { pdu: None, fault },

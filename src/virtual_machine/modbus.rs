@@ -111,6 +111,17 @@ impl Request {
         }
     }
 
+    /// The first cell it speaks of, and how many.
+    pub(super) fn extent(&self) -> (Address, u16) {
+        match self {
+            Request::Read { address, count } => (*address, *count),
+            Request::WriteOne { address, .. } => (*address, 1),
+            Request::WriteMany { address, values } => {
+                (*address, u16::try_from(values.len()).unwrap_or(u16::MAX))
+            }
+        }
+    }
+
     /// Changes a register or a coil.
     pub(super) fn is_write(&self) -> bool {
         !matches!(self, Request::Read { .. })

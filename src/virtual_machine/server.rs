@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use rand::RngExt;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::{TcpListener, TcpStream};
+use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::task::{JoinError, JoinSet};
 
@@ -62,19 +62,23 @@ pub(super) async fn serve(
 ) -> io::Result<()> {
     let address = listener.local_addr()?;
     let mut listener = Some(listener);
+    // A socket that is bound and does not listen refuses, and keeps the port from everybody else.
+    let mut closed: Option<TcpSocket> = None;
     let mut connections = JoinSet::new();
     loop {
         tokio::select! {
             _ = stop.changed() => return Ok(()),
             door = doors.recv() => match door {
                 Some(Door::Shut(done)) => {
-                    listener = None;
+                    if listener.take().is_some() {
+                        closed = Some(bound(address)?);
+                    }
                     connections.shutdown().await;
                     let _ = done.send(());
                 }
                 Some(Door::Open(done)) => {
-                    if listener.is_none() {
-                        listener = Some(TcpListener::bind(address).await?);
+                    if let Some(socket) = closed.take() {
+                        listener = Some(socket.listen(1024)?);
                     }
                     let _ = done.send(());
                 }
@@ -88,6 +92,14 @@ pub(super) async fn serve(
             Some(ended) = connections.join_next() => report(ended)?,
         }
     }
+}
+
+/// A socket at this address that does not listen yet.
+fn bound(address: SocketAddr) -> io::Result<TcpSocket> {
+    let socket = if address.is_ipv4() { TcpSocket::new_v4()? } else { TcpSocket::new_v6()? };
+    socket.set_reuseaddr(true)?;
+    socket.bind(address)?;
+    Ok(socket)
 }
 
 /// The next connection; never, where nothing listens.

@@ -1,1 +1,231 @@
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex};
 
+use super::*;
+use crate::codec::{Address, Table};
+use crate::fieldbus::wire::Boxed;
+use crate::profile::{BusId, Quirks};
+
+/// What happens to one request or one attempt to connect.
+#[derive(Clone, Debug)]
+enum Turn {
+    Gives(Result<Answer, Fault>),
+    NeverEnds,
+}
+
+#[derive(Debug, Default)]
+struct Script {
+    dials: VecDeque<Turn>,
+    answers: VecDeque<Turn>,
+    dialled: u32,
+    /// Unit, function, and milliseconds since the test began.
+    asked: Vec<(u8, u8, u128)>,
+    began: Option<tokio_time::Instant>,
+}
+
+#[allow(clippy::disallowed_types, reason = "the paused clock of the test itself")]
+mod tokio_time {
+    pub(super) type Instant = tokio::time::Instant;
+}
+
+type Shared = Arc<Mutex<Script>>;
+
+struct Scripted(Shared);
+
+impl Dial for Scripted {
+    fn dial(&mut self) -> Boxed<'_, Result<Box<dyn Wire>, Fault>> {
+        Box::pin(async {
+            let turn = {
+                let mut script = self.0.lock().unwrap();
+                script.dialled += 1;
+                script.dials.pop_front()
+            };
+            match turn {
+                Some(Turn::NeverEnds) => std::future::pending().await,
+                Some(Turn::Gives(Err(fault))) => Err(fault),
+                _ => Ok(Box::new(Scripted(self.0.clone())) as Box<dyn Wire>),
+            }
+        })
+    }
+}
+
+impl Wire for Scripted {
+    fn call<'a>(&'a mut self, unit: u8, request: Request<'a>) -> Boxed<'a, Result<Answer, Fault>> {
+        Box::pin(async move {
+            let turn = {
+                let mut script = self.0.lock().unwrap();
+                let began = *script.began.get_or_insert_with(tokio_time::Instant::now);
+                script.asked.push((unit, request.function(), began.elapsed().as_millis()));
+                script.answers.pop_front()
+            };
+            match turn {
+                Some(Turn::NeverEnds) => std::future::pending().await,
+                Some(Turn::Gives(answer)) => answer,
+                None => Ok(good()),
+            }
+        })
+    }
+}
+
+fn good() -> Answer {
+    Answer::Words(vec![7])
+}
+
+const READ: Request<'static> = Request::Read { from: Address { table: Table::Holding, offset: 1 }, count: 1 };
+const WRITE: Request<'static> = Request::WriteSingle { at: 1, word: 9 };
+const BROKEN: Fault = Fault::Link(LinkFault::Broken);
+
+fn line(change: impl Fn(&mut Device)) -> (Line, Shared) {
+    let bus = Bus {
+        name: "cell".to_owned(),
+        address: String::new(),
+        timeout: Duration::from_millis(300),
+        quirks: Quirks::default(),
+    };
+    let device = |unit| {
+        let mut device = Device {
+            name: format!("unit{unit}"),
+            bus: BusId(0),
+            unit,
+            every: Duration::from_secs(1),
+            functions: Functions::ALL,
+            quirks: Quirks::default(),
+        };
+        change(&mut device);
+        device
+    };
+    let (one, two) = (device(1), device(2));
+    let script = Shared::default();
+    let line =
+        Line::new(&bus, &[(DeviceId(0), &one), (DeviceId(1), &two)], Box::new(Scripted(script.clone())));
+    (line, script)
+}
+
+fn at(millis: u64) -> Moment {
+    Moment::default().after(Duration::from_millis(1_000_000 + millis))
+}
+
+fn answers(script: &Shared, turns: &[Turn]) {
+    script.lock().unwrap().answers.extend(turns.iter().cloned());
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_silent_unit_is_left_alone_for_a_pause_and_the_other_one_is_served() {
+    let (mut line, script) = line(|_| {});
+    answers(&script, &[Turn::NeverEnds]);
+    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Err(Fault::Timeout));
+    assert!(line.is_resting(DeviceId(0), at(1000)) && !line.is_resting(DeviceId(1), at(0)));
+    assert_eq!(
+        line.call(DeviceId(0), READ, at(400)).await,
+        Err(Fault::Timeout),
+        "at once, with its last fault"
+    );
+    assert_eq!(line.call(DeviceId(1), READ, at(400)).await, Ok(good()));
+    assert_eq!(script.lock().unwrap().asked.len(), 2, "the resting unit was not asked");
+    assert!(!line.is_resting(DeviceId(0), at(1300)), "the pause begins when the timeout is over");
+    assert_eq!(line.call(DeviceId(0), READ, at(1300)).await, Ok(good()));
+}
+
+#[tokio::test(start_paused = true)]
+async fn after_a_timeout_and_after_a_wrong_answer_the_connection_is_a_new_one() {
+    let (mut line, script) = line(|_| {});
+    answers(
+        &script,
+        &[Turn::NeverEnds, Turn::Gives(Err(Fault::Peer(crate::fieldbus::error::PeerFault::Foreign)))],
+    );
+    for now in [at(0), at(2000), at(4000)] {
+        let _ = line.call(DeviceId(0), READ, now).await;
+    }
+    assert_eq!(script.lock().unwrap().dialled, 3);
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_exception_is_an_answer_and_keeps_the_connection() {
+    let (mut line, script) = line(|_| {});
+    answers(&script, &[Turn::Gives(Err(Fault::Exception(4)))]);
+    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Err(Fault::Exception(4)));
+    assert_eq!(line.call(DeviceId(0), READ, at(1)).await, Ok(good()));
+    assert_eq!(script.lock().unwrap().dialled, 1);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_read_on_a_connection_that_broke_while_idle_is_asked_once_more() {
+    let (mut line, script) = line(|_| {});
+    answers(&script, &[Turn::Gives(Ok(good())), Turn::Gives(Err(BROKEN))]);
+    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Ok(good()));
+    assert_eq!(line.call(DeviceId(0), READ, at(1000)).await, Ok(good()));
+    let script = script.lock().unwrap();
+    assert_eq!((script.dialled, script.asked.len()), (2, 3));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_write_on_a_connection_that_broke_is_never_repeated() {
+    let (mut line, script) = line(|_| {});
+    answers(&script, &[Turn::Gives(Ok(good())), Turn::Gives(Err(BROKEN))]);
+    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Ok(good()));
+    assert_eq!(line.call(DeviceId(0), WRITE, at(1000)).await, Err(BROKEN));
+    let script = script.lock().unwrap();
+    let writes = script.asked.iter().filter(|(_, function, _)| *function == 6).count();
+    assert_eq!((script.dialled, writes), (2, 1));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_connection_that_breaks_at_once_again_is_not_tried_for_ever() {
+    let (mut line, script) = line(|_| {});
+    answers(&script, &[Turn::Gives(Ok(good())), Turn::Gives(Err(BROKEN)), Turn::Gives(Err(BROKEN))]);
+    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Ok(good()));
+    assert_eq!(line.call(DeviceId(0), READ, at(1000)).await, Err(BROKEN));
+    assert!(line.is_resting(DeviceId(0), at(1001)));
+    assert_eq!(script.lock().unwrap().asked.len(), 3);
+}
+
+#[tokio::test(start_paused = true)]
+async fn while_nobody_listens_requests_fail_at_once_and_one_attempt_is_made_per_pause() {
+    let (mut line, script) = line(|_| {});
+    let refused = Fault::Link(LinkFault::Refused);
+    script.lock().unwrap().dials.extend([Turn::Gives(Err(refused)), Turn::Gives(Err(refused))]);
+    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Err(refused));
+    assert_eq!(line.call(DeviceId(1), READ, at(1)).await, Err(Fault::Link(LinkFault::Down)));
+    assert_eq!(line.call(DeviceId(1), READ, at(1000)).await, Err(refused));
+    assert_eq!(line.refusals(), (2, refused));
+    assert_eq!(
+        line.call(DeviceId(0), READ, at(3000)).await,
+        Ok(good()),
+        "no unit rests for the line's fault"
+    );
+    assert_eq!(script.lock().unwrap().dialled, 3);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_host_that_never_answers_the_dial_costs_one_timeout() {
+    let (mut line, script) = line(|_| {});
+    script.lock().unwrap().dials.push_back(Turn::NeverEnds);
+    let began = tokio_time::Instant::now();
+    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Err(Fault::Link(LinkFault::Unreachable)));
+    let took = began.elapsed().as_millis();
+    assert!((300..310).contains(&took), "{took} ms");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_pause_between_requests_is_kept_and_none_is_made_before_the_first() {
+    let (mut line, script) = line(|device| device.quirks.pause_between_requests = Duration::from_millis(50));
+    for _ in 0..3 {
+        assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Ok(good()));
+    }
+    let asked: Vec<u128> = script.lock().unwrap().asked.iter().map(|(_, _, at)| *at).collect();
+    assert!(asked[0] == 0 && (50..55).contains(&asked[1]) && (100..110).contains(&asked[2]), "{asked:?}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_the_profile_does_not_list_and_what_does_not_fit_never_leaves_the_house() {
+    let (mut line, script) = line(|device| device.functions.write_single = false);
+    let refused = Err(Fault::Caller(CallerFault::Function));
+    assert_eq!(line.call(DeviceId(0), WRITE, at(0)).await, refused);
+    let too_far = Request::Read { from: Address { table: Table::Holding, offset: 65535 }, count: 2 };
+    assert_eq!(line.call(DeviceId(0), too_far, at(0)).await, Err(Fault::Caller(CallerFault::Extent)));
+    let too_many = Request::Read { from: Address { table: Table::Holding, offset: 0 }, count: 126 };
+    assert_eq!(line.call(DeviceId(0), too_many, at(0)).await, Err(Fault::Caller(CallerFault::Extent)));
+    assert_eq!(line.call(DeviceId(9), READ, at(0)).await, Err(Fault::Caller(CallerFault::Extent)));
+    let script = script.lock().unwrap();
+    assert!(script.asked.is_empty() && script.dialled == 0);
+}

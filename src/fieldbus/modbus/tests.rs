@@ -1,0 +1,125 @@
+//! Against a peer that writes its answers by hand.
+
+use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
+
+use super::*;
+use crate::codec::Address;
+
+const READ: Request<'static> = Request::Read { from: Address { table: Table::Holding, offset: 4 }, count: 2 };
+const WRITE: Request<'static> = Request::WriteSingle { at: 4, word: 9 };
+const WRITE_TWO: Request<'static> = Request::WriteMultiple { at: 4, words: &[1, 2] };
+
+/// A frame around these bytes, with what is added to its transaction and unit.
+fn frame(asked: &[u8], transaction: u8, unit: u8, pdu: &[u8]) -> Vec<u8> {
+    let length = u8::try_from(pdu.len() + 1).unwrap();
+    let mut bytes = vec![asked[0], asked[1].wrapping_add(transaction), 0, 0, 0, length, asked[6] + unit];
+    bytes.extend(pdu);
+    bytes
+}
+
+async fn hear(peer: &mut DuplexStream) -> Vec<u8> {
+    let mut header = [0; 6];
+    peer.read_exact(&mut header).await.unwrap();
+    let mut asked = header.to_vec();
+    asked.resize(6 + usize::from(header[5]), 0);
+    peer.read_exact(&mut asked[6..]).await.unwrap();
+    asked
+}
+
+/// What one request comes to where the peer answers it like this and then closes.
+async fn asked(request: Request<'_>, answer: impl FnOnce(&[u8]) -> Vec<u8>) -> Result<Answer, Fault> {
+    let (ours, mut theirs) = duplex(512);
+    let mut wire = attach(ours);
+    let peer = async {
+        let asked = hear(&mut theirs).await;
+        theirs.write_all(&answer(&asked)).await.unwrap();
+        drop(theirs);
+    };
+    tokio::join!(wire.call(3, request), peer).0
+}
+
+async fn plain(request: Request<'_>, pdu: &[u8]) -> Result<Answer, Fault> {
+    asked(request, |asked| frame(asked, 0, 0, pdu)).await
+}
+
+const fn peer(fault: PeerFault) -> Result<Answer, Fault> {
+    Err(Fault::Peer(fault))
+}
+
+#[tokio::test]
+async fn registers_arrive_in_their_order() {
+    assert_eq!(plain(READ, &[3, 4, 0, 1, 2, 3]).await, Ok(Answer::Words(vec![1, 0x0203])));
+}
+
+#[tokio::test]
+async fn too_few_and_too_many_registers_are_no_answer() {
+    assert_eq!(plain(READ, &[3, 2, 0, 1]).await, peer(PeerFault::Length));
+    assert_eq!(plain(READ, &[3, 6, 0, 1, 0, 2, 0, 3]).await, peer(PeerFault::Length));
+}
+
+#[tokio::test]
+async fn an_answer_of_another_transaction_or_unit_is_foreign() {
+    let pdu = [3, 4, 0, 1, 0, 2];
+    assert_eq!(asked(READ, |asked| frame(asked, 1, 0, &pdu)).await, peer(PeerFault::Foreign));
+    assert_eq!(asked(READ, |asked| frame(asked, 255, 0, &pdu)).await, peer(PeerFault::Foreign));
+    assert_eq!(asked(READ, |asked| frame(asked, 0, 1, &pdu)).await, peer(PeerFault::Foreign));
+}
+
+#[tokio::test]
+async fn an_answer_of_another_function_is_no_answer() {
+    assert_eq!(plain(READ, &[4, 4, 0, 1, 0, 2]).await, peer(PeerFault::Function));
+    assert_eq!(plain(WRITE, &[5, 0, 4, 255, 0]).await, peer(PeerFault::Function));
+}
+
+#[tokio::test]
+async fn a_write_is_done_only_where_the_echo_repeats_it() {
+    assert_eq!(plain(WRITE, &[6, 0, 4, 0, 9]).await, Ok(Answer::Done));
+    assert_eq!(plain(WRITE, &[6, 0, 4, 0, 8]).await, peer(PeerFault::Echo));
+    assert_eq!(plain(WRITE, &[6, 0, 5, 0, 9]).await, peer(PeerFault::Echo));
+    assert_eq!(plain(WRITE_TWO, &[16, 0, 4, 0, 2]).await, Ok(Answer::Done));
+    assert_eq!(plain(WRITE_TWO, &[16, 0, 4, 0, 1]).await, peer(PeerFault::Echo));
+    assert_eq!(plain(WRITE_TWO, &[16, 0, 3, 0, 2]).await, peer(PeerFault::Echo));
+    let coil = Request::WriteCoil { at: 4, value: true };
+    assert_eq!(plain(coil, &[5, 0, 4, 255, 0]).await, Ok(Answer::Done));
+    assert_eq!(plain(coil, &[5, 0, 4, 0, 0]).await, peer(PeerFault::Echo));
+}
+
+#[tokio::test]
+async fn an_exception_comes_with_its_code() {
+    assert_eq!(plain(READ, &[0x83, 2]).await, Err(Fault::Exception(2)));
+    assert_eq!(plain(WRITE, &[0x86, 6]).await, Err(Fault::Exception(6)));
+}
+
+#[tokio::test]
+async fn an_exception_with_a_code_of_its_own_is_still_an_exception() {
+    assert_eq!(plain(READ, &[0x83, 0x42]).await, Err(Fault::Exception(0x42)));
+}
+
+#[tokio::test]
+async fn bits_come_in_whole_bytes_and_only_those_asked_for_are_kept() {
+    let bits = |count| Request::Read { from: Address { table: Table::Discrete, offset: 0 }, count };
+    assert_eq!(plain(bits(3), &[2, 1, 0b101]).await, Ok(Answer::Bits(vec![true, false, true])));
+    assert_eq!(plain(bits(3), &[2, 2, 0b101, 0]).await, peer(PeerFault::Length));
+    assert_eq!(plain(bits(9), &[2, 1, 0xff]).await, peer(PeerFault::Length));
+}
+
+#[tokio::test]
+async fn what_is_no_modbus_is_never_an_answer() {
+    let answer = asked(READ, |asked| {
+        let mut bytes = frame(asked, 0, 0, &[3, 4, 0, 1, 0, 2]);
+        bytes[2] = 7;
+        bytes
+    });
+    let answer = answer.await;
+    assert!(matches!(answer, Err(Fault::Peer(_) | Fault::Link(LinkFault::Broken))), "{answer:?}");
+    let answer = plain(READ, &[3, 9, 0, 1]).await;
+    assert!(matches!(answer, Err(Fault::Peer(_) | Fault::Link(LinkFault::Broken))), "{answer:?}");
+}
+
+#[tokio::test]
+async fn a_connection_that_ends_in_the_middle_of_an_answer_is_broken() {
+    for kept in 0..12 {
+        let answer = asked(READ, |asked| frame(asked, 0, 0, &[3, 4, 0, 1, 0, 2])[..kept].to_vec()).await;
+        assert_eq!(answer, Err(Fault::Link(LinkFault::Broken)), "after {kept} bytes");
+    }
+}

@@ -1,0 +1,76 @@
+use std::sync::Mutex;
+
+use super::*;
+use crate::observe::status::Status;
+
+#[derive(Default)]
+struct Fake(Mutex<Vec<Command>>);
+
+impl Source for Fake {
+    fn status(&self) -> Status {
+        panic!("nobody asks for it here")
+    }
+
+    fn command(&self, command: Command) -> Result<String, String> {
+        self.0.lock().unwrap().push(command);
+        if command == Command::Zero { Err("axis z moves".to_owned()) } else { Ok("z: as you say".to_owned()) }
+    }
+}
+
+/// Runs something that blocks beside the served socket.
+async fn beside<T: Send + 'static>(
+    path: &Path,
+    act: impl FnOnce() -> T + Send + 'static,
+) -> (T, Vec<Command>) {
+    let fake = Arc::new(Fake::default());
+    let serving = tokio::spawn(serve(open(path).unwrap(), fake.clone()));
+    let result = tokio::task::spawn_blocking(act).await.unwrap();
+    serving.abort();
+    let commands = fake.0.lock().unwrap().clone();
+    (result, commands)
+}
+
+#[tokio::test]
+async fn commands_arrive_and_their_answers_return() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = path(directory.path(), "m");
+    let socket = path.clone();
+    let send_all = move || WORDS.map(|(command, _)| send(&socket, command));
+    let (answers, commands) = beside(&path, send_all).await;
+    assert_eq!(commands, [Command::Arm, Command::Disarm, Command::Zero]);
+    assert_eq!(answers[0], Ok("z: as you say".to_owned()));
+    assert_eq!(answers[2], Err("axis z moves".to_owned()));
+}
+
+#[tokio::test]
+async fn a_word_it_does_not_know_is_refused_and_one_that_never_ends_is_cut() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = path(directory.path(), "m");
+    let socket = path.clone();
+    let (answers, commands) = beside(&path, move || {
+        ["launch\n".to_owned(), "a".repeat(10_000)].map(|word| {
+            let mut stream = UnixStream::connect(&socket).unwrap();
+            let _ = stream.write_all(word.as_bytes());
+            let mut answer = String::new();
+            let _ = BufReader::new(stream).read_line(&mut answer);
+            answer
+        })
+    })
+    .await;
+    assert!(answers[0].starts_with("error this socket understands"), "{answers:?}");
+    assert!(commands.is_empty());
+}
+
+#[tokio::test]
+async fn a_second_gateway_is_refused_and_the_socket_of_a_dead_one_is_replaced() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = path(directory.path(), "m");
+    let first = open(&path).unwrap();
+    let error = open(&path).unwrap_err();
+    assert_eq!(error.kind(), std::io::ErrorKind::AddrInUse);
+    assert!(error.to_string().contains("another gateway"), "{error}");
+    drop(first);
+    assert!(path.exists(), "a dead gateway leaves its socket behind");
+    open(&path).unwrap();
+    assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o660);
+}

@@ -1,0 +1,45 @@
+//! What an output's registers mean in the axis's terms.
+
+use crate::codec::{Encoded, Encoding};
+use crate::profile::{Output, Profile, Writes};
+use crate::quantity::Micron;
+
+use super::shared::Shared;
+
+/// The largest change of one write, in the output's unit: whole counts, so that rounding cannot add to it.
+pub(super) fn one_step(profile: &Profile, output: &Output) -> f64 {
+    let most = profile.axis(output.axis).settings.guard.step.get() * cz_factor(profile, output);
+    match output.encoding.data_type.integer_range() {
+        // What makes 3 · 0.1 a little more than 0.3 must not cost a count.
+        Some(_) => (most / output.encoding.scale.abs() * (1.0 + 1e-12)).floor() * output.encoding.scale.abs(),
+        None => most,
+    }
+}
+
+/// A diameter changes by twice what the radius does.
+pub(super) fn cz_factor(profile: &Profile, output: &Output) -> f64 {
+    if profile.axis(output.axis).diameter { 2.0 } else { 1.0 }
+}
+
+pub(super) fn in_micron(output: &Output, factor: f64, words: &Encoded) -> Option<Micron> {
+    let value = output.encoding.decode(words.words()).ok()?;
+    Micron::new(value / factor)
+}
+
+pub(super) fn words_in_text(output: &Output, words: &Encoded) -> String {
+    let unit = if output.writes == Writes::Offset { "µm" } else { "mm" };
+    match output.encoding.decode(words.words()) {
+        Ok(value) => format!("{} {unit}", tidy(value, &output.encoding)),
+        Err(_) => format!("{:04x?}", words.words()),
+    }
+}
+
+/// As many digits as a count has.
+fn tidy(value: f64, encoding: &Encoding) -> String {
+    let digits = (0..6).find(|digits| encoding.scale.abs() * 10f64.powi(*digits) >= 0.999).unwrap_or(6);
+    format!("{value:.*}", usize::try_from(digits).unwrap_or(6))
+}
+
+pub(super) fn can_be_read(shared: &Shared, output: &Output) -> bool {
+    shared.profile.device(output.device).functions.read_holding
+}

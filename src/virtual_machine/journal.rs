@@ -1,0 +1,33 @@
+//! What really came over the wire, request by request: what a test holds a client to.
+
+use crate::codec::Address;
+use crate::profile::DeviceId;
+use crate::quantity::Moment;
+
+/// One request as it reached a device.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Seen {
+    /// When.
+    pub at: Moment,
+    /// To whom; devices of one unit go by the first one's name.
+    pub device: DeviceId,
+    /// The function code.
+    pub function: u8,
+    /// The first register or bit.
+    pub address: Address,
+    /// How many.
+    pub count: u16,
+    /// What stood there when it came.
+    pub before: Vec<u16>,
+    /// What stood there when it had been dealt with. The client may have been told something else.
+    pub after: Vec<u16>,
+    /// What a write wanted to stand there; empty for a read.
+    pub wanted: Vec<u16>,
+}
+
+impl Seen {
+    /// It wanted to change something.
+    pub fn is_write(&self) -> bool {
+        !self.wanted.is_empty()
+    }
+}

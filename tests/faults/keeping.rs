@@ -1,0 +1,146 @@
+//! Disk, HTTP and the log: nothing of them changes anything on the bus, and the log gives the day again.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use isotherm::cli::replay::replay;
+use isotherm::gateway::Options;
+
+use crate::law;
+use crate::rig::{BENCH, Trace, World, block_on, profile};
+
+const MINUTE: Duration = Duration::from_secs(60);
+
+/// The bench with a patience that a busy computer does not exhaust: runs are compared bit for bit.
+fn patient() -> String {
+    BENCH.replace("100ms", "900ms")
+}
+
+fn kept_in(directory: Option<PathBuf>) -> impl FnOnce(&mut Options) {
+    move |options| options.directory = directory
+}
+
+fn run_with(directory: Option<&Path>) -> Trace {
+    block_on(async {
+        let mut world = World::new(&patient(), "").await;
+        world.gateway().options(kept_in(directory.map(Path::to_owned))).run(5 * MINUTE).await
+    })
+}
+
+fn same_on_the_wire(one: &Trace, other: &Trace) {
+    assert_eq!(one.wire.len(), other.wire.len());
+    for (one, other) in one.wire.iter().zip(&other.wire) {
+        assert_eq!(one, other);
+    }
+}
+
+#[test]
+fn a_state_directory_that_is_a_file_changes_nothing_on_the_bus() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("state");
+    fs::write(&file, "not a directory").unwrap();
+    let (without, with) = (run_with(None), run_with(Some(&file)));
+    law::holds(&with);
+    same_on_the_wire(&without, &with);
+    assert_eq!(
+        with.told("not-kept"),
+        3,
+        "state not read, state and log not kept, once each\n{}",
+        with.lines()
+    );
+}
+
+#[test]
+fn a_full_disk_changes_nothing_on_the_bus_and_is_told_once() {
+    let directory = tempfile::tempdir().unwrap();
+    let log = directory.path().join("bench-2026-01-05.csv");
+    std::os::unix::fs::symlink("/dev/full", &log).unwrap();
+    let (without, with) = (run_with(None), run_with(Some(directory.path())));
+    same_on_the_wire(&without, &with);
+    assert_eq!(with.told("not-kept"), 1, "{}", with.lines());
+    assert!(directory.path().join("bench.state.json").exists());
+}
+
+#[test]
+fn a_disk_that_works_changes_nothing_on_the_bus_either() {
+    let directory = tempfile::tempdir().unwrap();
+    same_on_the_wire(&run_with(None), &run_with(Some(directory.path())));
+}
+
+#[test]
+fn clients_that_never_read_change_nothing_on_the_bus() {
+    let without = run_with(None);
+    let with = block_on(async {
+        let mut world = World::new(&patient(), "").await;
+        let mut clients = Vec::new();
+        let trial = world.gateway().at(Duration::ZERO, |stage| {
+            let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+            listener.set_nonblocking(true).unwrap();
+            let address = listener.local_addr().unwrap();
+            let listener = tokio::net::TcpListener::from_std(listener).unwrap();
+            let source = stage.source.clone();
+            tokio::spawn(isotherm::observe::http::serve(listener, source, None, std::future::pending()));
+            for _ in 0..20 {
+                let mut client = std::net::TcpStream::connect(address).unwrap();
+                let ask = "GET /api/status HTTP/1.1\r\nHost: localhost\r\n\r\n".repeat(50);
+                std::io::Write::write_all(&mut client, ask.as_bytes()).unwrap();
+                clients.push(client);
+            }
+        });
+        trial.run(5 * MINUTE).await
+    });
+    same_on_the_wire(&without, &with);
+}
+
+#[test]
+fn the_log_of_a_day_with_faults_and_a_restart_gives_its_decisions_again_bit_for_bit() {
+    let directory = tempfile::tempdir().unwrap();
+    let faults = "
+        [[fault]]
+        device = \"thermocouples\"
+        kind = \"sentinel\"
+        signal = \"bed\"
+        at = \"5min\"
+        for_time = \"2min\"
+        [[fault]]
+        device = \"thermocouples\"
+        kind = \"nan\"
+        signal = \"wheelhead\"
+        at = \"9min\"
+        for_time = \"2min\"
+        [[fault]]
+        device = \"cnc\"
+        kind = \"restart\"
+        at = \"15min\"
+        [[fault]]
+        device = \"cnc\"
+        kind = \"refuse\"
+        at = \"18min\"
+        for_time = \"90s\"
+        [[fault]]
+        device = \"cnc\"
+        kind = \"register\"
+        register = \"holding:104\"
+        words = [0, 33]
+        at = \"55min\"";
+    let (first, second) = block_on(async {
+        let mut world = World::new(&patient(), faults).await;
+        let state = Some(directory.path().to_owned());
+        let first = world.gateway().options(kept_in(state.clone())).run(40 * MINUTE).await;
+        let second = world.gateway().options(kept_in(state));
+        let zero = isotherm::observe::status::Command::Zero;
+        (first, second.command(10 * MINUTE, zero).run(25 * MINUTE).await)
+    });
+    law::holds(&first);
+    law::holds(&second);
+    let log = directory.path().join("bench-2026-01-05.csv");
+    let summary = replay(&profile(&patient()), fs::File::open(log).unwrap(), "the day", None).unwrap();
+    let axis = &summary.axes["z"];
+    let reproduced = axis.reproduced.as_ref().unwrap();
+    assert_eq!(reproduced.first, None, "{summary}");
+    assert!(reproduced.rows > 1500, "{summary}");
+    for state in ["off", "active", "degraded", "holding", "ramping", "zeroed"] {
+        assert!(axis.states.contains_key(state), "{state}: {summary}");
+    }
+}

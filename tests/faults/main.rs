@@ -1,0 +1,13 @@
+//! Faults by script against a running gateway, over real sockets: what the readings become, what the axis does, what
+//! is on the wire, and what is told.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "these are tests")]
+
+mod answers;
+mod day;
+mod keeping;
+mod law;
+mod load;
+mod outputs;
+mod rig;
+mod stop;

@@ -1,0 +1,212 @@
+//! How a gateway ends: asked to, by a panic inside, by a line that no longer cycles; and how the next one goes on.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
+
+use isotherm::clock::Clock;
+use isotherm::fieldbus::error::Fault;
+use isotherm::fieldbus::modbus::TcpDial;
+use isotherm::fieldbus::wire::{Answer, Boxed, Dial, Request, Wire};
+use isotherm::gateway::Dialer;
+use isotherm::profile::Bus;
+use isotherm::virtual_machine::FaultScript;
+
+use crate::law;
+use crate::rig::{BENCH, GRINDER, Trace, World, bench, block_on, profile, run};
+
+const MINUTE: Duration = Duration::from_secs(60);
+const RAMP: &str = "on_fault = { action = \"ramp\", after = \"30s\" }";
+
+fn last_write(trace: &Trace) -> f64 {
+    trace.writes("cnc_z").last().unwrap().1
+}
+
+fn took(trace: &Trace) -> Duration {
+    trace.stopped.1.since(trace.stopped.0)
+}
+
+/// The deadline that the gateway gave itself.
+fn deadline(trace: &Trace) -> Duration {
+    let line = trace.events.iter().find(|event| event.kind == "stopping").unwrap();
+    let (_, span) = line.text.split_once("at most ").unwrap();
+    humantime::parse_duration(span).unwrap() + Duration::from_secs(1)
+}
+
+#[test]
+fn asked_to_stop_it_ramps_to_zero_and_ends_within_its_deadline() {
+    let trace = bench("", MINUTE);
+    law::holds(&trace);
+    assert!(trace.outcome.rested && !trace.outcome.failed, "{:?}", trace.outcome);
+    assert!(
+        last_write(&trace).abs() < 1e-9 && trace.outcome.left.contains("cnc_z holds 0.0"),
+        "{:?}",
+        trace.outcome
+    );
+    assert!(took(&trace) <= deadline(&trace), "{:?}", took(&trace));
+    assert!(took(&trace) >= Duration::from_secs(14), "a ramp, no jump: {:?}", took(&trace));
+    assert_eq!((trace.told("stopping"), trace.told("stopped")), (1, 1));
+}
+
+#[test]
+fn asked_to_stop_it_holds_where_the_profile_says_hold() {
+    let trace = run(&BENCH.replace(RAMP, "on_fault = { action = \"hold\" }"), "", MINUTE);
+    law::holds(&trace);
+    assert!(trace.outcome.rested && last_write(&trace) > 5.0, "{:?}", trace.outcome);
+    assert!(took(&trace) <= deadline(&trace), "{:?}", took(&trace));
+}
+
+#[test]
+fn asked_to_stop_it_goes_to_zero_in_whole_steps_where_the_profile_says_zero() {
+    let trace = run(&BENCH.replace(RAMP, "on_fault = { action = \"zero\" }"), "", MINUTE);
+    law::holds(&trace);
+    assert!(trace.outcome.rested && last_write(&trace).abs() < 1e-9, "{:?}", trace.outcome);
+    assert!(took(&trace) <= deadline(&trace), "{:?}", took(&trace));
+}
+
+#[test]
+fn a_cnc_that_is_gone_does_not_keep_it_from_ending_within_its_deadline() {
+    let faults = "[[fault]]\ndevice = \"cnc\"\nkind = \"refuse\"\nat = \"60s\"";
+    let trace = bench(faults, 70 * Duration::from_secs(1));
+    law::holds(&trace);
+    assert!(!trace.outcome.rested && !trace.outcome.failed, "{:?}", trace.outcome);
+    assert!(took(&trace) <= deadline(&trace) + Duration::from_secs(1), "{:?}", took(&trace));
+    assert!(trace.outcome.left.contains("when it was last verified"), "{:?}", trace.outcome);
+}
+
+#[test]
+fn an_axis_that_was_never_armed_ends_at_once() {
+    let trace = run(&BENCH.replace("arm  = \"auto\"", "arm  = \"manual\""), "", MINUTE);
+    law::holds(&trace);
+    assert!(trace.outcome.rested && took(&trace) < Duration::from_secs(3), "{:?}", took(&trace));
+}
+
+#[test]
+fn an_open_interlock_does_not_keep_it_from_ending() {
+    let faults =
+        "[[fault]]\ndevice = \"cnc\"\nkind = \"value\"\nsignal = \"cnc_on\"\nvalue = 0\nat = \"40s\"";
+    let trace = bench(faults, MINUTE);
+    law::holds(&trace);
+    assert!(trace.outcome.rested, "{:?}\n{}", trace.outcome, trace.lines());
+    assert!(took(&trace) <= deadline(&trace), "{:?}", took(&trace));
+}
+
+#[test]
+fn a_second_run_goes_on_from_the_references_and_the_machine_time_of_the_first() {
+    let directory = tempfile::tempdir().unwrap();
+    let state = Some(directory.path().to_owned());
+    let (first, second) = block_on(async {
+        let mut world = World::new(GRINDER, "").await;
+        let first = world.gateway().options(|options| options.directory = state.clone());
+        let first = first.run(40 * MINUTE).await;
+        let second = world.gateway().options(|options| options.directory = state.clone());
+        (first, second.run(5 * MINUTE).await)
+    });
+    law::holds(&first);
+    law::holds(&second);
+    let on = |trace: &Trace, place: usize| trace.samples[place].status.machine_on_s;
+    let (before, after) = (on(&first, first.samples.len() - 1).unwrap(), on(&second, 1).unwrap());
+    assert!(after >= before && after < before + 120.0, "{before} {after}");
+    assert_eq!(second.states_between(15, 300), ["active"], "no settling again\n{}", second.lines());
+    assert_eq!(second.told("machine-started"), 0, "{}", second.lines());
+}
+
+/// What happens to the thread at one request.
+#[derive(Clone, Copy)]
+enum Mishap {
+    Panic,
+    Block(Duration),
+}
+
+/// A dialer whose wires come to grief once, at the nth request on the bus of this name.
+fn grief(bus: &'static str, nth: u32, mishap: Mishap) -> Dialer {
+    let calls = Arc::new(AtomicU32::new(0));
+    Arc::new(move |settings: &Bus| {
+        let dial = TcpDial::new(&settings.address, Duration::ZERO);
+        if settings.name != bus {
+            return Box::new(dial);
+        }
+        Box::new(BadDial { dial, calls: calls.clone(), nth, mishap })
+    })
+}
+
+struct BadDial {
+    dial: TcpDial,
+    calls: Arc<AtomicU32>,
+    nth: u32,
+    mishap: Mishap,
+}
+
+struct BadWire {
+    wire: Box<dyn Wire>,
+    calls: Arc<AtomicU32>,
+    nth: u32,
+    mishap: Mishap,
+}
+
+impl Dial for BadDial {
+    fn dial(&mut self) -> Boxed<'_, Result<Box<dyn Wire>, Fault>> {
+        Box::pin(async {
+            let wire = self.dial.dial().await?;
+            let (calls, nth, mishap) = (self.calls.clone(), self.nth, self.mishap);
+            Ok(Box::new(BadWire { wire, calls, nth, mishap }) as Box<dyn Wire>)
+        })
+    }
+}
+
+impl Wire for BadWire {
+    fn call<'a>(&'a mut self, unit: u8, request: Request<'a>) -> Boxed<'a, Result<Answer, Fault>> {
+        if self.calls.fetch_add(1, Ordering::Relaxed) == self.nth {
+            match self.mishap {
+                Mishap::Panic => panic!("the wire is hot"),
+                Mishap::Block(span) => std::thread::sleep(span),
+            }
+        }
+        self.wire.call(unit, request)
+    }
+}
+
+fn panicking(bus: &'static str) -> Trace {
+    let trace = block_on(async {
+        let mut world = World::new(BENCH, "").await;
+        let trial = world.gateway().options(|options| options.dialer = grief(bus, 150, Mishap::Panic));
+        trial.run(10 * MINUTE).await
+    });
+    law::holds(&trace);
+    assert!(trace.outcome.failed && trace.outcome.rested, "{:?}\n{}", trace.outcome, trace.lines());
+    assert_eq!(trace.told("task-failed"), 1, "{}", trace.lines());
+    assert!(trace.lines().contains("the wire is hot"), "{}", trace.lines());
+    assert!(last_write(&trace).abs() < 1e-9, "the fault action ran: {}", last_write(&trace));
+    trace
+}
+
+#[test]
+fn a_panic_in_the_task_of_the_sensors_leads_to_the_fault_action() {
+    panicking("sensors");
+}
+
+#[test]
+fn a_panic_in_the_task_of_the_cnc_leads_to_the_fault_action() {
+    panicking("control");
+}
+
+#[test]
+fn a_line_that_no_longer_cycles_leads_to_the_fault_action() {
+    let text = BENCH
+        .replace(RAMP, "on_fault = { action = \"zero\" }")
+        .replace("every = \"1s\"", "every = \"200ms\"");
+    let text =
+        text.replace("step = 1.0", "step = 4.0").replace("rate = 0.5", "rate = 20.0").replace("2s", "500ms");
+    let trace = block_on(async {
+        let mut world = World::start(profile(&text), FaultScript::default(), Some(Clock::wall())).await;
+        let block = Mishap::Block(Duration::from_millis(2500));
+        let trial = world.gateway().options(|options| {
+            options.dialer = grief("sensors", 20, block);
+            options.watch = Some(Duration::from_secs(1));
+        });
+        trial.run(MINUTE).await
+    });
+    assert!(trace.outcome.failed && trace.outcome.rested, "{:?}\n{}", trace.outcome, trace.lines());
+    assert!(trace.lines().contains("does not cycle any more"), "{}", trace.lines());
+    assert!(last_write(&trace).abs() < 1e-9, "the fault action ran: {}", last_write(&trace));
+}
