@@ -126,22 +126,25 @@ impl Sleeper {
         })
     }
 
-    /// Returns at `deadline`, or as soon as the bell rings (also when it rang since the last sleep).
-    pub async fn sleep_until(&mut self, deadline: Moment) {
+    /// Returns at `deadline`, or as soon as the bell rings (also when it rang since the last sleep); and tells when
+    /// that is.
+    pub async fn sleep_until(&mut self, deadline: Moment) -> Moment {
         match &mut self.place {
             Place::Wall(notify) => {
-                let span = deadline.since(self.clock.now());
-                if !span.is_zero() {
-                    let _ = tokio::time::timeout(span, notify.notified()).await;
+                let now = self.clock.now();
+                if now >= deadline {
+                    return now;
                 }
+                let _ = tokio::time::timeout(deadline.since(now), notify.notified()).await;
             }
             Place::Simulated(seat) => seat.sleep_until(deadline).await,
         }
+        self.clock.now()
     }
 
     /// Returns after `span`, or as soon as the bell rings.
-    pub async fn sleep(&mut self, span: Duration) {
-        self.sleep_until(self.now().after(span)).await;
+    pub async fn sleep(&mut self, span: Duration) -> Moment {
+        self.sleep_until(self.now().after(span)).await
     }
 }
 

@@ -305,7 +305,7 @@ async fn live(
             turned?;
         }
         tokio::select! {
-            () = sleeper.sleep_until(now.next_tick(begin, TICK)) => {}
+            _ = sleeper.sleep_until(now.next_tick(begin, TICK)) => {}
             _ = stop.changed() => return Ok(()),
         }
     }

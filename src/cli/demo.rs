@@ -115,7 +115,7 @@ async fn show(
     let mut seen = None;
     let over = async {
         tokio::select! {
-            () = last.sleep_until(begun.after(arguments.span)) => {}
+            _ = last.sleep_until(begun.after(arguments.span)) => {}
             () = signals.next() => {}
         }
         // Before the fault actions take Cz away again.

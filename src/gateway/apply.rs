@@ -69,6 +69,8 @@ struct Order {
     cz: Micron,
     decided: Moment,
     off: bool,
+    /// The position to be corrected, where it may be used.
+    position: Option<f64>,
     /// Whether the interlock allows writing; `None` where that cannot be known.
     allowed: Option<bool>,
     /// What stands in the register has not been taken over yet: the decision is older than that.
@@ -154,18 +156,17 @@ impl Writer {
         if self.write(line, shared, output, target).await {
             self.applied = order.decided;
             self.written_at = now;
-            self.settle(shared, output, target);
-            shared.core().outputs[self.id.0].writes += 1;
+            self.settle(shared, output, target, true);
         }
     }
 
     /// Writes position + Cz as soon as a new position has been read.
     pub(super) async fn corrected(&mut self, line: &mut Line, shared: &Shared, position: SignalId) {
-        let (output, now) = (shared.profile.output(self.id), shared.clock.now());
-        let (value, taken) = shared.position(position, now);
+        let taken = shared.core().board.taken(position);
         if taken == self.applied {
             return;
         }
+        let (output, now) = (shared.profile.output(self.id), shared.clock.now());
         let order = self.order(shared, now);
         if order.off || shared.dry_run {
             (self.corrected, self.sent) = (None, None);
@@ -176,7 +177,7 @@ impl Writer {
             return;
         }
         self.applied = taken;
-        let Some(position) = value else { return };
+        let Some(position) = order.position else { return };
         if self.holds_back(shared, output, &order) {
             return;
         }
@@ -187,8 +188,7 @@ impl Writer {
         self.sent = self.uncertain.map(|_| cz);
         if is_written {
             self.corrected = Some((cz, order.decided));
-            self.settle_as(shared, cz, output.encoding.decode(target.words()).ok());
-            shared.core().outputs[self.id.0].writes += 1;
+            self.settle_as(shared, cz, output.encoding.decode(target.words()).ok(), true);
         }
     }
 
@@ -212,6 +212,7 @@ impl Writer {
         Order {
             cz: decision.map_or(Micron::ZERO, |decision| decision.cz),
             decided: decision.map_or(Moment::default(), |decision| decision.at),
+            position: self.position(&shared.profile).and_then(value),
             off: !arming.armed || decision.is_none_or(|decision| decision.state == AxisState::Off),
             allowed: output.when.as_ref().map_or(Some(true), |when| when.holds(&value)),
             outdated: arming.take_over.is_some(),
@@ -232,13 +233,13 @@ impl Writer {
         if !can_be_read(shared, output) {
             // Nothing to go by but our own word: what was written last, and zero before that.
             let known = self.known.unwrap_or_else(|| Words::of(output.encoding.encode(0.0).words()));
-            return self.settle(shared, output, known);
+            return self.settle(shared, output, known, false);
         }
         match self.read(line, shared, output).await {
             Ok(found) => {
                 // Nothing of ours is to be verified any more.
                 self.trouble = None;
-                self.settle(shared, output, found);
+                self.settle(shared, output, found, false);
             }
             Err(fault) => self.fail(shared, output, fault),
         }
@@ -355,7 +356,7 @@ impl Writer {
         let Some(cz) = cz.filter(|cz| cz.abs() <= limit) else {
             return self.leave_alone(shared, output, found, "its register holds a value beyond its limit");
         };
-        self.settle(shared, output, found);
+        self.settle(shared, output, found, false);
         shared.core().found(&shared.profile, self.id, cz);
         shared.ring_others(shared.profile.device(output.device).bus);
     }
@@ -440,22 +441,24 @@ impl Writer {
         shared.core().outputs[self.id.0].doubt();
     }
 
-    /// An offset register is known to hold this. After trouble the axis goes on from there.
-    fn settle(&mut self, shared: &Shared, output: &Output, words: Words) {
+    /// An offset register is known to hold this, because it was read or because it was written. After trouble the axis goes on from there.
+    fn settle(&mut self, shared: &Shared, output: &Output, words: Words, is_written: bool) {
         let cz = in_micron(output, cz_factor(&shared.profile, output), &words);
         let recovered = self.trouble.is_some();
         (self.known, self.uncertain) = (Some(words), None);
-        self.settle_as(shared, cz.unwrap_or_default(), output.encoding.decode(words.words()).ok());
+        let value = output.encoding.decode(words.words()).ok();
+        self.settle_as(shared, cz.unwrap_or_default(), value, is_written);
         if recovered {
             shared.core().found(&shared.profile, self.id, cz.unwrap_or_default());
         }
     }
 
-    fn settle_as(&mut self, shared: &Shared, cz: Micron, value: Option<f64>) {
+    fn settle_as(&mut self, shared: &Shared, cz: Micron, value: Option<f64>, is_written: bool) {
         let mut core = shared.core();
         let state = &mut core.outputs[self.id.0];
         let failures = std::mem::take(&mut state.failures);
         state.standing = Standing::Verified;
+        state.writes += u64::from(is_written);
         state.cz = Some(cz);
         state.value = value;
         state.verified_at = Some(shared.clock.now());

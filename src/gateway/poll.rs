@@ -106,12 +106,11 @@ impl LineTask {
 
     /// Cycles until the gateway has stopped.
     pub(super) async fn run(mut self, mut sleeper: Sleeper) {
+        let mut due = sleeper.now();
         loop {
-            let due = self.due();
-            sleeper.sleep_until(due).await;
-            let now = sleeper.now();
-            self.cycle(now).await;
-            self.account(due, now, sleeper.now());
+            let began = sleeper.sleep_until(due).await;
+            self.cycle(began).await;
+            due = self.account(due, began, sleeper.now());
         }
     }
 
@@ -189,20 +188,10 @@ impl LineTask {
         }
     }
 
-    /// The earliest moment at which there is something to do.
-    fn due(&self) -> Moment {
-        let polls = self.polls.iter().map(|poll| poll.due);
-        let refreshes = self.writers.iter().filter_map(|writer| writer.due(&self.shared.profile));
-        let pulse = self.pulse.iter().map(|pulse| pulse.due);
-        let steps = self.steps_axes.then(|| self.shared.core().compensation.next_due()).flatten();
-        let idle = self.shared.clock.now().after(Duration::from_secs(1));
-        // A writer whose refresh is overdue because its device rests must not make the line spin.
-        let soon = self.shared.clock.now().after(Duration::from_millis(100));
-        polls.chain(pulse).chain(steps).chain(refreshes.map(|due| due.max(soon))).min().unwrap_or(idle)
-    }
-
-    fn account(&self, due: Moment, began: Moment, ended: Moment) {
+    /// Counts a cycle, and tells when there is something to do again.
+    fn account(&self, due: Moment, began: Moment, ended: Moment) -> Moment {
         let mut core = self.shared.core();
+        let step = if self.steps_axes { core.compensation.next_due() } else { None };
         let count = &mut core.buses[self.bus.0];
         count.cycles += 1;
         count.last_cycle = ended;
@@ -210,8 +199,8 @@ impl LineTask {
         let late_ms = began.since(due).as_secs_f64() * 1000.0;
         let bucket = JITTER_MS.iter().position(|bound| late_ms <= *bound).unwrap_or(JITTER_MS.len());
         count.jitter[bucket] += 1;
-        let next = self.polls.iter().map(|poll| poll.due).min();
-        if let Some(late) = next.map(|next| ended.since(next)).filter(|late| !late.is_zero()) {
+        let poll = self.polls.iter().map(|poll| poll.due).min();
+        if let Some(late) = poll.map(|poll| ended.since(poll)).filter(|late| !late.is_zero()) {
             count.overruns += 1;
             // Told at the first, the eighth, the sixty-fourth …
             let told = count.overruns.is_power_of_two() && count.overruns.trailing_zeros().is_multiple_of(3);
@@ -221,6 +210,12 @@ impl LineTask {
                 self.shared.tell(&Event::Overrun { bus, late });
             }
         }
+        // A writer whose refresh is overdue because its device rests must not make the line spin.
+        let soon = ended.after(Duration::from_millis(100));
+        let refreshes = self.writers.iter().filter_map(|writer| writer.due(&self.shared.profile));
+        let pulse = self.pulse.iter().map(|pulse| pulse.due);
+        let idle = ended.after(Duration::from_secs(1));
+        refreshes.map(|due| due.max(soon)).chain(poll).chain(pulse).chain(step).min().unwrap_or(idle)
     }
 }
 

@@ -159,12 +159,6 @@ impl Shared {
         }
     }
 
-    /// A position as it may be used now, and when it was taken.
-    pub(super) fn position(&self, id: SignalId, now: Moment) -> (Option<f64>, Moment) {
-        let core = self.core();
-        (core.board.value(&self.profile, id, now), core.board.taken(id))
-    }
-
     /// Steps each axis that is due and wakes the other lines, which may have to write. Called by the line that has
     /// just read its inputs.
     pub(super) fn advance(&self, bus: BusId) {
