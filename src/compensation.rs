@@ -335,19 +335,10 @@ impl Axis {
         if leaves { AxisState::Ramping } else { AxisState::Holding(since) }
     }
 
-    /// An axis going to zero updates as often as its rate needs it to, however slow its normal period.
     fn period(&self) -> Duration {
-        let guard = &self.settings.guard;
-        if self.state != AxisState::Ramping {
-            return self.settings.every;
-        }
-        let one_step = Duration::try_from_secs_f64(guard.step.get() / guard.rate).unwrap_or(Duration::MAX);
-        self.settings.every.min(one_step.max(SHORTEST_PERIOD))
+        if self.state == AxisState::Ramping { self.settings.ramp_period() } else { self.settings.every }
     }
 }
-
-/// A ramp in the tiniest steps updates no oftener than this: a fieldbus could not follow.
-const SHORTEST_PERIOD: Duration = Duration::from_millis(100);
 
 #[cfg(test)]
 mod tests;

@@ -34,6 +34,32 @@ pub struct AxisSettings {
     pub on_fault: OnFault,
 }
 
+impl AxisSettings {
+    /// How often an axis that goes to zero updates: as often as its rate needs it to, however slow its normal period,
+    /// but no oftener than a fieldbus could follow.
+    pub fn ramp_period(&self) -> Duration {
+        let one_step = self.guard.step.get() / self.guard.rate;
+        let one_step = Duration::try_from_secs_f64(one_step).unwrap_or(Duration::MAX);
+        self.every.min(one_step.max(SHORTEST_PERIOD))
+    }
+
+    /// How long the fault action takes from this Cz, once it has begun.
+    pub fn time_to_rest(&self, cz: Micron) -> Duration {
+        let period = self.ramp_period();
+        let a_step_each = self.guard.step.get() / period.as_secs_f64();
+        let speed = match self.on_fault {
+            OnFault::Hold => return Duration::ZERO,
+            OnFault::Zero => a_step_each,
+            OnFault::Ramp { .. } => a_step_each.min(self.guard.rate),
+        };
+        let way = Duration::try_from_secs_f64(cz.abs().get() / speed).unwrap_or(Duration::MAX);
+        way.saturating_add(period * 2)
+    }
+}
+
+/// A ramp in the tiniest steps updates no oftener than this.
+const SHORTEST_PERIOD: Duration = Duration::from_millis(100);
+
 /// The bounds of an offset. All positive and finite.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GuardSettings {

@@ -11,18 +11,18 @@ use std::time::Duration;
 
 use crate::codec::Encoded;
 use crate::compensation::AxisState;
-use crate::fieldbus::error::Fault;
 use crate::fieldbus::line::Line;
-use crate::fieldbus::wire::{Answer, Request};
 use crate::observe::events::Event;
 use crate::profile::{Output, OutputId, Profile, Verify, Writes};
 use crate::quantity::{Micron, Moment};
 use crate::reading::SignalId;
 
 use super::output::Standing;
-use super::poll;
 use super::shared::Shared;
-use super::words::{can_be_read, cz_factor, in_micron, one_step, words_in_text};
+use super::words::{can_be_read, cz_factor, one_step};
+
+mod corrected;
+mod register;
 
 /// The registers of one value.
 type Words = Encoded;
@@ -116,8 +116,8 @@ impl Writer {
     }
 
     /// Carries out the axis's last decision, where there is something to do.
-    pub(super) async fn offset(&mut self, line: &mut Line, shared: &Shared) {
-        let (output, now) = (shared.profile.output(self.id), shared.clock.now());
+    pub(super) async fn offset(&mut self, line: &mut Line, shared: &Shared, now: Moment) {
+        let output = shared.profile.output(self.id);
         let order = self.order(shared, now);
         self.idle = order.off || shared.dry_run;
         if self.idle {
@@ -145,7 +145,7 @@ impl Writer {
         }
         self.tried_at = now;
         let first_reads = output.verify == Verify::ReadBack || unsettled || self.uncertain.is_some();
-        if first_reads && !self.is_ours(line, shared, output).await {
+        if first_reads && !self.is_ours(line, shared, output, now).await {
             return;
         }
         let target = match self.uncertain.take() {
@@ -153,54 +153,11 @@ impl Writer {
             Some(sent) if !can_be_read(shared, output) => sent,
             _ => self.target(shared, output, &order),
         };
-        if self.write(line, shared, output, target).await {
+        if self.write(line, shared, output, target, now).await {
             self.applied = order.decided;
             self.written_at = now;
-            self.settle(shared, output, target, true);
+            self.settle(shared, output, target, now, true);
         }
-    }
-
-    /// Writes position + Cz as soon as a new position has been read.
-    pub(super) async fn corrected(&mut self, line: &mut Line, shared: &Shared, position: SignalId) {
-        let taken = shared.core().board.taken(position);
-        if taken == self.applied {
-            return;
-        }
-        let (output, now) = (shared.profile.output(self.id), shared.clock.now());
-        let order = self.order(shared, now);
-        if order.off || shared.dry_run {
-            (self.corrected, self.sent) = (None, None);
-            self.applied = taken;
-            return;
-        }
-        if line.is_resting(output.device, now) {
-            return;
-        }
-        self.applied = taken;
-        let Some(position) = order.position else { return };
-        if self.holds_back(shared, output, &order) {
-            return;
-        }
-        let cz = self.share(shared, output, &order);
-        let factor = cz_factor(&shared.profile, output);
-        let target = self.encode(shared, output, position + cz.get() * factor / 1000.0);
-        let is_written = self.write(line, shared, output, target).await;
-        self.sent = self.uncertain.map(|_| cz);
-        if is_written {
-            self.corrected = Some((cz, order.decided));
-            self.settle_as(shared, cz, output.encoding.decode(target.words()).ok(), true);
-        }
-    }
-
-    /// Cz as it goes into a position: one step nearer to the axis's at each of its decisions. The axis's own may jump,
-    /// where it takes over what a restarted CNC holds.
-    fn share(&self, shared: &Shared, output: &Output, order: &Order) -> Micron {
-        if let Some(sent) = self.sent {
-            return sent;
-        }
-        let Some((last, decided)) = self.corrected else { return order.cz };
-        let step = shared.profile.axis(output.axis).settings.guard.step;
-        if decided == order.decided { last } else { last + (order.cz - last).clamp_to(step) }
     }
 
     fn order(&self, shared: &Shared, now: Moment) -> Order {
@@ -233,13 +190,13 @@ impl Writer {
         if !can_be_read(shared, output) {
             // Nothing to go by but our own word: what was written last, and zero before that.
             let known = self.known.unwrap_or_else(|| Words::of(output.encoding.encode(0.0).words()));
-            return self.settle(shared, output, known, false);
+            return self.settle(shared, output, known, now, false);
         }
-        match self.read(line, shared, output).await {
+        match self.read(line, shared, output, now).await {
             Ok(found) => {
                 // Nothing of ours is to be verified any more.
                 self.trouble = None;
-                self.settle(shared, output, found, false);
+                self.settle(shared, output, found, now, false);
             }
             Err(fault) => self.fail(shared, output, fault),
         }
@@ -286,186 +243,5 @@ impl Writer {
         }
         self.saturated = encoded.saturated;
         Words::of(encoded.words())
-    }
-
-    async fn read(&self, line: &mut Line, shared: &Shared, output: &Output) -> Result<Words, Fault> {
-        let count = output.encoding.data_type.registers();
-        let request = Request::Read { from: output.address, count };
-        match poll::call(line, shared, output.device, request).await? {
-            Answer::Words(words) => Ok(Encoded::of(&words)),
-            Answer::Bits(_) | Answer::Done => Ok(Encoded::of(&[])),
-        }
-    }
-
-    /// Reads the register. Whether what stands there is ours and the decision is still to be carried out.
-    async fn is_ours(&mut self, line: &mut Line, shared: &Shared, output: &Output) -> bool {
-        if !can_be_read(shared, output) {
-            self.compare = false;
-            return true;
-        }
-        let found = match self.read(line, shared, output).await {
-            Ok(found) => found,
-            Err(fault) => {
-                self.fail(shared, output, fault);
-                return false;
-            }
-        };
-        let (known, sent) = (self.known, self.uncertain.take());
-        let compared = std::mem::take(&mut self.compare);
-        let arrived = sent == Some(found);
-        if known.is_some_and(|known| known != found) && !arrived {
-            self.not_ours(shared, output, found);
-            return false;
-        }
-        self.known = Some(found);
-        let is_settled = match self.trouble {
-            _ if arrived || known.is_none() => true,
-            Some(Trouble::Verify) => false,
-            // What was sent did not arrive: only a write that does shows that the device can be written again.
-            Some(Trouble::Link) => sent.is_none(),
-            None => compared,
-        };
-        if is_settled {
-            self.take_over(shared, output, found);
-        }
-        !is_settled
-    }
-
-    /// Something else stands there than what was written last.
-    fn not_ours(&mut self, shared: &Shared, output: &Output, found: Words) {
-        let expected = self.known.map_or(String::new(), |known| words_in_text(output, &known));
-        let name = output.name.clone();
-        let zero = output.encoding.encode(0.0);
-        if found == zero || found.words().iter().all(|word| *word == 0) {
-            shared.tell(&Event::CncRestarted { output: name, expected });
-            return self.take_over(shared, output, found);
-        }
-        shared.tell(&Event::ForeignChange { output: name, expected, found: words_in_text(output, &found) });
-        self.leave_alone(
-            shared,
-            output,
-            found,
-            "somebody else wrote to its register; arm it again when that is settled",
-        );
-    }
-
-    /// What stands in the register is known again: the axis goes on from there.
-    fn take_over(&mut self, shared: &Shared, output: &Output, found: Words) {
-        let cz = in_micron(output, cz_factor(&shared.profile, output), &found);
-        let limit = shared.profile.axis(output.axis).settings.guard.limit;
-        let Some(cz) = cz.filter(|cz| cz.abs() <= limit) else {
-            return self.leave_alone(shared, output, found, "its register holds a value beyond its limit");
-        };
-        self.settle(shared, output, found, false);
-        shared.core().found(&shared.profile, self.id, cz);
-        shared.ring_others(shared.profile.device(output.device).bus);
-    }
-
-    /// The axis is off until a person arms it; what stands in the register stays.
-    fn leave_alone(&mut self, shared: &Shared, output: &Output, found: Words, why: &str) {
-        (self.known, self.uncertain, self.trouble) = (Some(found), None, None);
-        let mut core = shared.core();
-        let state = &mut core.outputs[self.id.0];
-        state.standing = Standing::Foreign;
-        state.cz = in_micron(output, cz_factor(&shared.profile, output), &found);
-        state.value = output.encoding.decode(found.words()).ok();
-        let axis = &shared.profile.axis(output.axis).settings.name;
-        let told = core.disarm(output.axis, axis, why);
-        drop(core);
-        told.iter().for_each(|event| shared.tell(event));
-    }
-
-    /// Writes and verifies; what went wrong is told, and known afterwards.
-    async fn write(&mut self, line: &mut Line, shared: &Shared, output: &Output, target: Words) -> bool {
-        let single = target.words().len() == 1 && shared.profile.device(output.device).functions.write_single;
-        let request = if single {
-            Request::WriteSingle { at: output.address.offset, word: target.words()[0] }
-        } else {
-            Request::WriteMultiple { at: output.address.offset, words: target.words() }
-        };
-        self.uncertain = Some(target);
-        if let Err(fault) = poll::call(line, shared, output.device, request).await {
-            if !fault.spoils_connection() {
-                // The device refused: what stood there still stands.
-                self.uncertain = None;
-            }
-            self.fail(shared, output, fault);
-            return false;
-        }
-        if output.verify == Verify::ReadBack {
-            match self.read(line, shared, output).await {
-                Ok(found) if found.words() == target.words() => {}
-                Ok(found) => {
-                    self.uncertain = None;
-                    let factor = cz_factor(&shared.profile, output);
-                    let limit = shared.profile.axis(output.axis).settings.guard.limit;
-                    if in_micron(output, factor, &found).is_none_or(|cz| cz.abs() > limit) {
-                        self.not_ours(shared, output, found);
-                        return false;
-                    }
-                    self.known = Some(found);
-                    if self.trouble != Some(Trouble::Verify) {
-                        let wrote = words_in_text(output, &target);
-                        let found = words_in_text(output, &found);
-                        shared.tell(&Event::VerifyFailed { output: output.name.clone(), wrote, found });
-                    }
-                    self.doubt(shared, Trouble::Verify);
-                    shared.core().outputs[self.id.0].failures += 1;
-                    return false;
-                }
-                Err(fault) => {
-                    self.fail(shared, output, fault);
-                    return false;
-                }
-            }
-        }
-        self.uncertain = None;
-        self.known = Some(target);
-        true
-    }
-
-    fn fail(&mut self, shared: &Shared, output: &Output, fault: Fault) {
-        // A device that is lost has been told; one that refuses has not.
-        if !fault.spoils_connection() && self.trouble.is_none() {
-            shared.tell(&Event::WriteFailed { output: output.name.clone(), fault: fault.to_string() });
-        }
-        self.doubt(shared, if fault.spoils_connection() { Trouble::Link } else { Trouble::Verify });
-        shared.core().outputs[self.id.0].failures += 1;
-    }
-
-    /// What stands in the register is not certain any more.
-    fn doubt(&mut self, shared: &Shared, trouble: Trouble) {
-        if self.trouble != Some(Trouble::Verify) {
-            self.trouble = Some(trouble);
-        }
-        shared.core().outputs[self.id.0].doubt();
-    }
-
-    /// An offset register is known to hold this, because it was read or because it was written. After trouble the axis goes on from there.
-    fn settle(&mut self, shared: &Shared, output: &Output, words: Words, is_written: bool) {
-        let cz = in_micron(output, cz_factor(&shared.profile, output), &words);
-        let recovered = self.trouble.is_some();
-        (self.known, self.uncertain) = (Some(words), None);
-        let value = output.encoding.decode(words.words()).ok();
-        self.settle_as(shared, cz.unwrap_or_default(), value, is_written);
-        if recovered {
-            shared.core().found(&shared.profile, self.id, cz.unwrap_or_default());
-        }
-    }
-
-    fn settle_as(&mut self, shared: &Shared, cz: Micron, value: Option<f64>, is_written: bool) {
-        let mut core = shared.core();
-        let state = &mut core.outputs[self.id.0];
-        let failures = std::mem::take(&mut state.failures);
-        state.standing = Standing::Verified;
-        state.writes += u64::from(is_written);
-        state.cz = Some(cz);
-        state.value = value;
-        state.verified_at = Some(shared.clock.now());
-        drop(core);
-        if self.trouble.take() == Some(Trouble::Verify) {
-            let output = shared.profile.output(self.id).name.clone();
-            shared.tell(&Event::Verified { output, failures });
-        }
     }
 }

@@ -116,7 +116,7 @@ impl LineTask {
 
     /// One round of what is due at `now`.
     pub(super) async fn cycle(&mut self, now: Moment) {
-        self.write().await;
+        self.write(now).await;
         self.beat(now).await;
         let mut polled = false;
         for place in 0..self.polls.len() {
@@ -125,21 +125,25 @@ impl LineTask {
                 polled = true;
             }
         }
+        // Not the beginning of the cycle: readings have aged since, and another line may have stepped.
+        let now = self.shared.clock.now();
         if self.steps_axes {
-            self.shared.advance(self.bus);
+            self.shared.advance(self.bus, now);
         }
         if polled && self.feeds_others {
             self.shared.ring_others(self.bus);
         }
-        self.write().await;
+        self.write(now).await;
     }
 
     /// Everything that is decided and not yet written.
-    async fn write(&mut self) {
-        for writer in &mut self.writers {
+    async fn write(&mut self, begun: Moment) {
+        for (place, writer) in self.writers.iter_mut().enumerate() {
+            // The one before it may have waited for its device.
+            let now = if place == 0 { begun } else { self.shared.clock.now() };
             match writer.position(&self.shared.profile) {
-                None => writer.offset(&mut self.line, &self.shared).await,
-                Some(position) => writer.corrected(&mut self.line, &self.shared, position).await,
+                None => writer.offset(&mut self.line, &self.shared, now).await,
+                Some(position) => writer.corrected(&mut self.line, &self.shared, position, now).await,
             }
         }
     }
@@ -161,15 +165,17 @@ impl LineTask {
             Request::WriteMultiple { at, words: &word }
         };
         // A failure is counted and told where every request fails; the next beat is the repetition.
-        let _ = call(&mut self.line, &self.shared, device, request).await;
+        let now = self.shared.clock.now();
+        let _ = call(&mut self.line, &self.shared, device, request, now).await;
     }
 
     async fn poll(&mut self, place: usize, now: Moment) {
         let poll = &mut self.polls[place];
         poll.due = now.next_tick(poll.due, poll.every);
+        let mut taken = if place == 0 { now } else { self.shared.clock.now() };
         for read in &poll.requests {
-            let answer = call(&mut self.line, &self.shared, poll.device, read.request()).await;
-            let taken = self.shared.clock.now();
+            let answer = call(&mut self.line, &self.shared, poll.device, read.request(), taken).await;
+            taken = self.shared.clock.now();
             let mut core = self.shared.core();
             for field in &read.fields {
                 match &answer {
@@ -242,14 +248,15 @@ fn signals_of(
     signals.filter(move |(_, signal)| signal.device == device)
 }
 
-/// Asks a device; counts, and tells what begins and what ends.
+/// Asks a device; counts, and tells what begins and what ends. `now` is the moment at which nothing on the line is under
+/// way any more: pauses after a failure begin there.
 pub(super) async fn call(
     line: &mut Line,
     shared: &Shared,
     device: DeviceId,
     request: Request<'_>,
+    now: Moment,
 ) -> Result<Answer, Fault> {
-    let now = shared.clock.now();
     let rested = line.is_resting(device, now);
     let answer = line.call(device, request, now).await;
     let mut core = shared.core();

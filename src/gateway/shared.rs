@@ -2,21 +2,22 @@
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
-use std::time::Duration;
 
-use super::arming::{Arming, Attempt, of_axis};
-use super::board::{Board, Change};
+use super::arming::Arming;
+use super::board::Board;
 use super::keeper::Keeper;
-use super::output::{OutputState, Standing};
+use super::output::OutputState;
 use crate::clock::{Bell, Clock};
 use crate::compensation::reference::Machine;
-use crate::compensation::settings::OnFault;
-use crate::compensation::{AxisState, Compensation, Control, Permit, Snapshot, Stages, Unusable};
+use crate::compensation::{AxisState, Compensation, Control};
 use crate::observe::events::{Event, Journal};
 use crate::observe::status::Command;
-use crate::profile::{AxisId, BusId, OutputId, Profile, Writes};
-use crate::quantity::{Micron, Moment};
-use crate::reading::{Reason, SignalId};
+use crate::profile::{AxisId, BusId, Profile};
+use crate::quantity::Moment;
+
+mod step;
+mod stop;
+mod tell;
 
 /// The gateway's state, shared by its tasks.
 pub(crate) struct Shared {
@@ -161,89 +162,15 @@ impl Shared {
 
     /// Steps each axis that is due and wakes the other lines, which may have to write. Called by the line that has
     /// just read its inputs.
-    pub(super) fn advance(&self, bus: BusId) {
+    pub(super) fn advance(&self, bus: BusId, now: Moment) {
         let (stepped, events) = {
             let mut core = self.core();
-            // Not the beginning of the line's cycle: readings have aged since, and another line may have stepped.
-            let now = self.clock.now();
             (core.advance(self, now), std::mem::take(&mut core.untold))
         };
         events.iter().for_each(|event| self.tell(event));
-        if stepped {
+        if stepped && self.profile.buses.len() > 1 {
             self.ring_others(bus);
         }
-    }
-
-    /// A request to stop: the axes take their fault actions. How long that takes at most.
-    pub(super) fn begin_stop(&self) -> Duration {
-        let mut core = self.core();
-        core.stopping = true;
-        let longest = core
-            .compensation
-            .decisions()
-            .zip(&self.profile.axes)
-            .map(|(decision, axis)| {
-                let (guard, every) = (&axis.settings.guard, axis.settings.every);
-                let steps = (decision.cz.abs().get() / guard.step.get()).ceil() + 1.0;
-                match axis.settings.on_fault {
-                    OnFault::Hold => every,
-                    OnFault::Zero => every.mul_f64(steps + 1.0),
-                    OnFault::Ramp { .. } => {
-                        let slowest =
-                            guard.step.get().min(guard.rate * every.as_secs_f64()) / guard.step.get();
-                        let by_rate = Duration::from_secs_f64(decision.cz.abs().get() / guard.rate);
-                        by_rate.max(Duration::from_secs_f64(steps * slowest)) + every * 2
-                    }
-                }
-            })
-            .max()
-            .unwrap_or_default();
-        drop(core);
-        self.ring();
-        longest + Duration::from_secs(2)
-    }
-
-    /// Every axis has done what its fault action asks for, and what it decided stands in the registers.
-    pub(super) fn at_rest(&self) -> bool {
-        let core = self.core();
-        self.profile.axes.iter().enumerate().all(|(axis, settings)| {
-            let Some(decision) = core.compensation.decision(axis) else { return true };
-            let rested = match decision.state {
-                AxisState::Off | AxisState::Zeroed => true,
-                AxisState::Holding(_) => settings.settings.on_fault == OnFault::Hold,
-                _ => false,
-            };
-            if decision.state == AxisState::Off || self.dry_run {
-                return rested;
-            }
-            let count = settings.settings.guard.count.unwrap_or(Micron::ZERO);
-            let mut outputs = of_axis(&self.profile, axis, &core.outputs);
-            let written = outputs.all(|(output, state)| match state.standing {
-                Standing::Verified => state.cz.is_some_and(|cz| (cz - decision.cz).abs() <= count),
-                // It cannot be written, however long one waits; a position that is not read is not corrected.
-                Standing::Interlocked => true,
-                _ => output.writes != Writes::Offset,
-            });
-            rested && written
-        })
-    }
-
-    /// What stays in the registers, in words.
-    pub(super) fn what_is_left(&self) -> String {
-        let core = self.core();
-        let left: Vec<String> = self
-            .profile
-            .outputs
-            .iter()
-            .zip(&core.outputs)
-            .filter(|(output, _)| output.writes == Writes::Offset)
-            .map(|(output, state)| match (state.standing, state.cz) {
-                (Standing::Verified, Some(cz)) => format!("{} holds {cz}", output.name),
-                (_, Some(cz)) => format!("{} held {cz} when it was last verified", output.name),
-                (_, None) => format!("{} was never read", output.name),
-            })
-            .collect();
-        if left.is_empty() { "no offset outputs".to_owned() } else { left.join(", ") }
     }
 
     /// Does what a person asks for.
@@ -280,171 +207,5 @@ impl Shared {
         events.iter().for_each(|event| self.tell(event));
         self.ring();
         Ok(answer)
-    }
-}
-
-impl Core {
-    fn advance(&mut self, shared: &Shared, now: Moment) -> bool {
-        let profile = &shared.profile;
-        self.board.look(profile, now);
-        let due = self.compensation.next_due().is_some_and(|due| now >= due);
-        if due {
-            self.arm_where_possible(shared, now);
-        }
-        for (axis, arming) in self.arming.iter_mut().enumerate() {
-            let permit = arming.permit(profile, axis, &self.outputs, self.stopping);
-            self.controls[axis] = Control { permit, take_over: arming.take_over };
-        }
-        let snapshot = Snapshot { now, readings: self.board.seen() };
-        let stepped = self.compensation.step(&snapshot, &self.controls);
-        if !stepped.anything {
-            return false;
-        }
-        self.keeper.record(&snapshot, &self.controls, &self.compensation);
-        for (axis, arming) in self.arming.iter_mut().enumerate() {
-            if self.compensation.decision(axis).is_some_and(|decision| decision.at == now) {
-                arming.take_over = None;
-            }
-        }
-        self.keeper.remember(now, &self.compensation, profile, &self.outputs);
-        if stepped.noticed.started {
-            self.untold.push(Event::MachineStarted);
-        }
-        if stepped.noticed.zeroed {
-            self.untold.push(Event::Zeroed);
-        }
-        self.tell_signals(shared, now);
-        self.tell_axes(shared);
-        true
-    }
-
-    fn arm_where_possible(&mut self, shared: &Shared, now: Moment) {
-        if self.stopping {
-            return;
-        }
-        for axis in 0..self.arming.len() {
-            let snapshot = Snapshot { now, readings: self.board.seen() };
-            let ready = self.compensation.has_usable_model(axis, &snapshot);
-            let name = &shared.profile.axes[axis].settings.name;
-            match self.arming[axis].attempt(&shared.profile, axis, &self.outputs, ready) {
-                Attempt::NotYet => {}
-                Attempt::From(from) => {
-                    self.arming[axis] = Arming { armed: true, take_over: Some(from), ..Arming::default() };
-                    for (output, state) in shared.profile.outputs.iter().zip(&mut self.outputs) {
-                        if output.axis.0 == axis && state.standing == Standing::Foreign {
-                            state.standing = Standing::Verified;
-                        }
-                    }
-                    self.was_armed = true;
-                    self.untold.push(Event::Armed { axis: name.clone(), from });
-                }
-                Attempt::Refused(why) => {
-                    if self.arming[axis].refusal.as_ref() != Some(&why) {
-                        self.untold.push(Event::ArmRefused { axis: name.clone(), why: why.clone() });
-                        self.arming[axis].refusal = Some(why);
-                    }
-                }
-            }
-        }
-    }
-
-    /// Switches an axis off until a person arms it again; what is to be told of that.
-    pub(super) fn disarm(&mut self, axis: AxisId, name: &str, why: &str) -> Option<Event> {
-        let latched = Arming { latched: true, ..Arming::default() };
-        let was = std::mem::replace(&mut self.arming[axis.0], latched);
-        was.armed.then(|| Event::Disarmed { axis: name.to_owned(), why: why.to_owned() })
-    }
-
-    /// An output's register was found to hold this much Cz after it had not been known: the axis goes on from there.
-    pub(super) fn found(&mut self, profile: &Profile, id: OutputId, cz: Micron) {
-        let axis = profile.output(id).axis.0;
-        let first = profile
-            .outputs
-            .iter()
-            .position(|output| output.axis.0 == axis && output.writes == Writes::Offset);
-        if self.arming[axis].armed && first == Some(id.0) {
-            self.arming[axis].take_over = Some(cz);
-        }
-    }
-
-    fn tell_signals(&mut self, shared: &Shared, now: Moment) {
-        for change in self.board.changes(now) {
-            match change {
-                // The device or the bus has been told already.
-                Change::Lost(_, reason) | Change::Back(_, reason, _)
-                    if matches!(reason, Reason::LinkDown | Reason::Timeout | Reason::BadReply) => {}
-                Change::Lost(id, reason) => {
-                    let signal = shared.profile.signal(id).name.clone();
-                    self.untold.push(Event::SignalBad { signal, reason: reason.to_string() });
-                }
-                Change::Back(id, _, since) => {
-                    let signal = shared.profile.signal(id).name.clone();
-                    self.untold.push(Event::SignalGood { signal, bad_for: now.since(since) });
-                }
-            }
-        }
-    }
-
-    fn tell_axes(&mut self, shared: &Shared) {
-        for (axis, settings) in shared.profile.axes.iter().enumerate() {
-            let Some(decision) = self.compensation.decision(axis) else { continue };
-            let name = &settings.settings.name;
-            if self.told_states[axis].name() != decision.state.name() {
-                self.untold.push(Event::AxisState {
-                    axis: name.clone(),
-                    from: self.told_states[axis].name(),
-                    to: decision.state.name(),
-                    why: self.why(shared, axis),
-                });
-                self.told_states[axis] = decision.state;
-            }
-            let at_limit = decision.acted.contains(Stages::LIMIT);
-            if at_limit
-                && !self.at_limit[axis]
-                && let Some(wanted) = decision.raw
-            {
-                let limit = settings.settings.guard.limit;
-                self.untold.push(Event::AtLimit { axis: name.clone(), wanted, limit });
-            }
-            self.at_limit[axis] = at_limit;
-        }
-    }
-
-    /// Why an axis is not following its preferred model, in words; empty where it is.
-    pub(super) fn why(&self, shared: &Shared, axis: usize) -> String {
-        let Some(decision) = self.compensation.decision(axis) else { return String::new() };
-        if decision.state == AxisState::Off {
-            return self.arming[axis].refusal.clone().unwrap_or_default();
-        }
-        let permit = self.arming[axis].permit(&shared.profile, axis, &self.outputs, self.stopping);
-        if permit == Permit::Stopping {
-            return "the gateway is stopping".to_owned();
-        }
-        let troubled = shared
-            .profile
-            .outputs
-            .iter()
-            .zip(&self.outputs)
-            .find(|(output, state)| {
-                output.axis.0 == axis && !matches!(state.standing, Standing::Verified | Standing::Unknown)
-            })
-            .map(|(output, state)| format!("output {} is {}", output.name, state.standing.name()));
-        if let (Permit::Unverified | Permit::Held, Some(words)) = (permit, troubled) {
-            return words;
-        }
-        let signal = |id: SignalId| {
-            let quality =
-                self.board.seen().get(id.0).map_or(String::new(), |reading| reading.quality.to_string());
-            format!("{}: {quality}", shared.profile.signal(id).name)
-        };
-        match decision.lacks {
-            None => String::new(),
-            Some(Unusable::Signal(id)) => signal(id),
-            Some(Unusable::Reference(id)) => {
-                format!("the reference of {} is not captured yet", shared.profile.signal(id).name)
-            }
-            Some(Unusable::MachineOff) => "the machine has not been seen running yet".to_owned(),
-            Some(Unusable::NotANumber) => "the model's result is not a number".to_owned(),
-        }
     }
 }

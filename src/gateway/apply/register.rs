@@ -1,0 +1,230 @@
+//! The register itself: read, compared, written, verified. What is known of it afterwards is true.
+
+use super::{Trouble, Words, Writer};
+use crate::codec::Encoded;
+use crate::fieldbus::error::Fault;
+use crate::fieldbus::line::Line;
+use crate::fieldbus::wire::{Answer, Request};
+use crate::gateway::output::Standing;
+use crate::gateway::poll;
+use crate::gateway::shared::Shared;
+use crate::gateway::words::{can_be_read, cz_factor, in_micron, words_in_text};
+use crate::observe::events::Event;
+use crate::profile::{Output, Verify};
+use crate::quantity::{Micron, Moment};
+
+impl Writer {
+    pub(super) async fn read(
+        &self,
+        line: &mut Line,
+        shared: &Shared,
+        output: &Output,
+        now: Moment,
+    ) -> Result<Words, Fault> {
+        let count = output.encoding.data_type.registers();
+        let request = Request::Read { from: output.address, count };
+        match poll::call(line, shared, output.device, request, now).await? {
+            Answer::Words(words) => Ok(Encoded::of(&words)),
+            Answer::Bits(_) | Answer::Done => Ok(Encoded::of(&[])),
+        }
+    }
+
+    /// Reads the register. Whether what stands there is ours and the decision is still to be carried out.
+    pub(super) async fn is_ours(
+        &mut self,
+        line: &mut Line,
+        shared: &Shared,
+        output: &Output,
+        now: Moment,
+    ) -> bool {
+        if !can_be_read(shared, output) {
+            self.compare = false;
+            return true;
+        }
+        let found = match self.read(line, shared, output, now).await {
+            Ok(found) => found,
+            Err(fault) => {
+                self.fail(shared, output, fault);
+                return false;
+            }
+        };
+        let (known, sent) = (self.known, self.uncertain.take());
+        let compared = std::mem::take(&mut self.compare);
+        let arrived = sent == Some(found);
+        if known.is_some_and(|known| known != found) && !arrived {
+            self.not_ours(shared, output, found, now);
+            return false;
+        }
+        self.known = Some(found);
+        let is_settled = match self.trouble {
+            _ if arrived || known.is_none() => true,
+            Some(Trouble::Verify) => false,
+            // What was sent did not arrive: only a write that does shows that the device can be written again.
+            Some(Trouble::Link) => sent.is_none(),
+            None => compared,
+        };
+        if is_settled {
+            self.take_over(shared, output, found, now);
+        }
+        !is_settled
+    }
+
+    /// Something else stands there than what was written last.
+    pub(super) fn not_ours(&mut self, shared: &Shared, output: &Output, found: Words, now: Moment) {
+        let expected = self.known.map_or(String::new(), |known| words_in_text(output, &known));
+        let name = output.name.clone();
+        let zero = output.encoding.encode(0.0);
+        if found == zero || found.words().iter().all(|word| *word == 0) {
+            shared.tell(&Event::CncRestarted { output: name, expected });
+            return self.take_over(shared, output, found, now);
+        }
+        shared.tell(&Event::ForeignChange { output: name, expected, found: words_in_text(output, &found) });
+        self.leave_alone(
+            shared,
+            output,
+            found,
+            "somebody else wrote to its register; arm it again when that is settled",
+        );
+    }
+
+    /// What stands in the register is known again: the axis goes on from there.
+    pub(super) fn take_over(&mut self, shared: &Shared, output: &Output, found: Words, now: Moment) {
+        let cz = in_micron(output, cz_factor(&shared.profile, output), &found);
+        let limit = shared.profile.axis(output.axis).settings.guard.limit;
+        let Some(cz) = cz.filter(|cz| cz.abs() <= limit) else {
+            return self.leave_alone(shared, output, found, "its register holds a value beyond its limit");
+        };
+        self.settle(shared, output, found, now, false);
+        shared.core().found(&shared.profile, self.id, cz);
+        shared.ring_others(shared.profile.device(output.device).bus);
+    }
+
+    /// The axis is off until a person arms it; what stands in the register stays.
+    pub(super) fn leave_alone(&mut self, shared: &Shared, output: &Output, found: Words, why: &str) {
+        (self.known, self.uncertain, self.trouble) = (Some(found), None, None);
+        let mut core = shared.core();
+        let state = &mut core.outputs[self.id.0];
+        state.standing = Standing::Foreign;
+        state.cz = in_micron(output, cz_factor(&shared.profile, output), &found);
+        state.value = output.encoding.decode(found.words()).ok();
+        let axis = &shared.profile.axis(output.axis).settings.name;
+        let told = core.disarm(output.axis, axis, why);
+        drop(core);
+        told.iter().for_each(|event| shared.tell(event));
+    }
+
+    /// Writes and verifies; what went wrong is told, and known afterwards.
+    pub(super) async fn write(
+        &mut self,
+        line: &mut Line,
+        shared: &Shared,
+        output: &Output,
+        target: Words,
+        now: Moment,
+    ) -> bool {
+        let single = target.words().len() == 1 && shared.profile.device(output.device).functions.write_single;
+        let request = if single {
+            Request::WriteSingle { at: output.address.offset, word: target.words()[0] }
+        } else {
+            Request::WriteMultiple { at: output.address.offset, words: target.words() }
+        };
+        self.uncertain = Some(target);
+        if let Err(fault) = poll::call(line, shared, output.device, request, now).await {
+            if !fault.spoils_connection() {
+                // The device refused: what stood there still stands.
+                self.uncertain = None;
+            }
+            self.fail(shared, output, fault);
+            return false;
+        }
+        if output.verify == Verify::ReadBack {
+            match self.read(line, shared, output, now).await {
+                Ok(found) if found.words() == target.words() => {}
+                Ok(found) => {
+                    self.uncertain = None;
+                    let factor = cz_factor(&shared.profile, output);
+                    let limit = shared.profile.axis(output.axis).settings.guard.limit;
+                    if in_micron(output, factor, &found).is_none_or(|cz| cz.abs() > limit) {
+                        self.not_ours(shared, output, found, now);
+                        return false;
+                    }
+                    self.known = Some(found);
+                    if self.trouble != Some(Trouble::Verify) {
+                        let wrote = words_in_text(output, &target);
+                        let found = words_in_text(output, &found);
+                        shared.tell(&Event::VerifyFailed { output: output.name.clone(), wrote, found });
+                    }
+                    self.doubt(shared, Trouble::Verify);
+                    shared.core().outputs[self.id.0].failures += 1;
+                    return false;
+                }
+                Err(fault) => {
+                    self.fail(shared, output, fault);
+                    return false;
+                }
+            }
+        }
+        self.uncertain = None;
+        self.known = Some(target);
+        true
+    }
+
+    pub(super) fn fail(&mut self, shared: &Shared, output: &Output, fault: Fault) {
+        // A device that is lost has been told; one that refuses has not.
+        if !fault.spoils_connection() && self.trouble.is_none() {
+            shared.tell(&Event::WriteFailed { output: output.name.clone(), fault: fault.to_string() });
+        }
+        self.doubt(shared, if fault.spoils_connection() { Trouble::Link } else { Trouble::Verify });
+        shared.core().outputs[self.id.0].failures += 1;
+    }
+
+    /// What stands in the register is not certain any more.
+    pub(super) fn doubt(&mut self, shared: &Shared, trouble: Trouble) {
+        if self.trouble != Some(Trouble::Verify) {
+            self.trouble = Some(trouble);
+        }
+        shared.core().outputs[self.id.0].doubt();
+    }
+
+    /// An offset register is known to hold this, because it was read or because it was written. After trouble the axis goes on from there.
+    pub(super) fn settle(
+        &mut self,
+        shared: &Shared,
+        output: &Output,
+        words: Words,
+        now: Moment,
+        is_written: bool,
+    ) {
+        let cz = in_micron(output, cz_factor(&shared.profile, output), &words);
+        let recovered = self.trouble.is_some();
+        (self.known, self.uncertain) = (Some(words), None);
+        let value = output.encoding.decode(words.words()).ok();
+        self.settle_as(shared, cz.unwrap_or_default(), value, now, is_written);
+        if recovered {
+            shared.core().found(&shared.profile, self.id, cz.unwrap_or_default());
+        }
+    }
+
+    pub(super) fn settle_as(
+        &mut self,
+        shared: &Shared,
+        cz: Micron,
+        value: Option<f64>,
+        now: Moment,
+        is_written: bool,
+    ) {
+        let mut core = shared.core();
+        let state = &mut core.outputs[self.id.0];
+        let failures = std::mem::take(&mut state.failures);
+        state.standing = Standing::Verified;
+        state.writes += u64::from(is_written);
+        state.cz = Some(cz);
+        state.value = value;
+        state.verified_at = Some(now);
+        drop(core);
+        if self.trouble.take() == Some(Trouble::Verify) {
+            let output = shared.profile.output(self.id).name.clone();
+            shared.tell(&Event::Verified { output, failures });
+        }
+    }
+}

@@ -1,0 +1,94 @@
+//! One step of the axes with everything around it: arming, controls, the log, what is told.
+
+use super::{Core, Shared};
+use crate::compensation::{Control, Snapshot};
+use crate::gateway::arming::{Arming, Attempt};
+use crate::gateway::output::Standing;
+use crate::observe::events::Event;
+use crate::profile::{AxisId, OutputId, Profile, Writes};
+use crate::quantity::{Micron, Moment};
+
+impl Core {
+    pub(super) fn advance(&mut self, shared: &Shared, now: Moment) -> bool {
+        let profile = &shared.profile;
+        self.board.look(profile, now);
+        let due = self.compensation.next_due().is_some_and(|due| now >= due);
+        if due {
+            self.arm_where_possible(shared, now);
+        }
+        for (axis, arming) in self.arming.iter_mut().enumerate() {
+            let permit = arming.permit(profile, axis, &self.outputs, self.stopping);
+            self.controls[axis] = Control { permit, take_over: arming.take_over };
+        }
+        let snapshot = Snapshot { now, readings: self.board.seen() };
+        let stepped = self.compensation.step(&snapshot, &self.controls);
+        if !stepped.anything {
+            return false;
+        }
+        self.keeper.record(&snapshot, &self.controls, &self.compensation);
+        for (axis, arming) in self.arming.iter_mut().enumerate() {
+            if self.compensation.decision(axis).is_some_and(|decision| decision.at == now) {
+                arming.take_over = None;
+            }
+        }
+        self.keeper.remember(now, &self.compensation, profile, &self.outputs);
+        if stepped.noticed.started {
+            self.untold.push(Event::MachineStarted);
+        }
+        if stepped.noticed.zeroed {
+            self.untold.push(Event::Zeroed);
+        }
+        self.tell_signals(shared, now);
+        self.tell_axes(shared);
+        true
+    }
+
+    pub(super) fn arm_where_possible(&mut self, shared: &Shared, now: Moment) {
+        if self.stopping {
+            return;
+        }
+        for axis in 0..self.arming.len() {
+            let snapshot = Snapshot { now, readings: self.board.seen() };
+            let ready = self.compensation.has_usable_model(axis, &snapshot);
+            let name = &shared.profile.axes[axis].settings.name;
+            match self.arming[axis].attempt(&shared.profile, axis, &self.outputs, ready) {
+                Attempt::NotYet => {}
+                Attempt::From(from) => {
+                    self.arming[axis] = Arming { armed: true, take_over: Some(from), ..Arming::default() };
+                    for (output, state) in shared.profile.outputs.iter().zip(&mut self.outputs) {
+                        if output.axis.0 == axis && state.standing == Standing::Foreign {
+                            state.standing = Standing::Verified;
+                        }
+                    }
+                    self.was_armed = true;
+                    self.untold.push(Event::Armed { axis: name.clone(), from });
+                }
+                Attempt::Refused(why) => {
+                    if self.arming[axis].refusal.as_ref() != Some(&why) {
+                        self.untold.push(Event::ArmRefused { axis: name.clone(), why: why.clone() });
+                        self.arming[axis].refusal = Some(why);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Switches an axis off until a person arms it again; what is to be told of that.
+    pub(in crate::gateway) fn disarm(&mut self, axis: AxisId, name: &str, why: &str) -> Option<Event> {
+        let latched = Arming { latched: true, ..Arming::default() };
+        let was = std::mem::replace(&mut self.arming[axis.0], latched);
+        was.armed.then(|| Event::Disarmed { axis: name.to_owned(), why: why.to_owned() })
+    }
+
+    /// An output's register was found to hold this much Cz after it had not been known: the axis goes on from there.
+    pub(in crate::gateway) fn found(&mut self, profile: &Profile, id: OutputId, cz: Micron) {
+        let axis = profile.output(id).axis.0;
+        let first = profile
+            .outputs
+            .iter()
+            .position(|output| output.axis.0 == axis && output.writes == Writes::Offset);
+        if self.arming[axis].armed && first == Some(id.0) {
+            self.arming[axis].take_over = Some(cz);
+        }
+    }
+}

@@ -1,0 +1,69 @@
+//! The end of a run: the fault actions, how long they take, and what they leave.
+
+use std::time::Duration;
+
+use super::Shared;
+use crate::compensation::AxisState;
+use crate::compensation::settings::OnFault;
+use crate::gateway::arming::of_axis;
+use crate::gateway::output::Standing;
+use crate::profile::Writes;
+use crate::quantity::Micron;
+
+impl Shared {
+    /// A request to stop: the axes take their fault actions. How long that takes at most.
+    pub(in crate::gateway) fn begin_stop(&self) -> Duration {
+        let mut core = self.core();
+        core.stopping = true;
+        let axes = self.profile.axes.iter().zip(core.compensation.decisions());
+        let longest = axes.map(|(axis, decision)| axis.settings.time_to_rest(decision.cz)).max();
+        drop(core);
+        self.ring();
+        // The last value is still to be written and read back, by a device that may be slow.
+        let slowest = self.profile.buses.iter().map(|bus| bus.timeout * 6).max();
+        longest.unwrap_or_default() + slowest.unwrap_or_default() + Duration::from_secs(2)
+    }
+
+    /// Every axis has done what its fault action asks for, and what it decided stands in the registers.
+    pub(in crate::gateway) fn at_rest(&self) -> bool {
+        let core = self.core();
+        self.profile.axes.iter().enumerate().all(|(axis, settings)| {
+            let Some(decision) = core.compensation.decision(axis) else { return true };
+            let rested = match decision.state {
+                AxisState::Off | AxisState::Zeroed => true,
+                AxisState::Holding(_) => settings.settings.on_fault == OnFault::Hold,
+                _ => false,
+            };
+            if decision.state == AxisState::Off || self.dry_run {
+                return rested;
+            }
+            let count = settings.settings.guard.count.unwrap_or(Micron::ZERO);
+            let mut outputs = of_axis(&self.profile, axis, &core.outputs);
+            let written = outputs.all(|(output, state)| match state.standing {
+                Standing::Verified => state.cz.is_some_and(|cz| (cz - decision.cz).abs() <= count),
+                // It cannot be written, however long one waits; a position that is not read is not corrected.
+                Standing::Interlocked => true,
+                _ => output.writes != Writes::Offset,
+            });
+            rested && written
+        })
+    }
+
+    /// What stays in the registers, in words.
+    pub(in crate::gateway) fn what_is_left(&self) -> String {
+        let core = self.core();
+        let left: Vec<String> = self
+            .profile
+            .outputs
+            .iter()
+            .zip(&core.outputs)
+            .filter(|(output, _)| output.writes == Writes::Offset)
+            .map(|(output, state)| match (state.standing, state.cz) {
+                (Standing::Verified, Some(cz)) => format!("{} holds {cz}", output.name),
+                (_, Some(cz)) => format!("{} held {cz} when it was last verified", output.name),
+                (_, None) => format!("{} was never read", output.name),
+            })
+            .collect();
+        if left.is_empty() { "no offset outputs".to_owned() } else { left.join(", ") }
+    }
+}

@@ -1,0 +1,104 @@
+//! What changed in a step, as events; and why an axis does what it does, in words.
+
+use super::{Core, Shared};
+use crate::compensation::{Permit, Stages, Unusable};
+use crate::gateway::arming::of_axis;
+use crate::gateway::board::Change;
+use crate::gateway::output::Standing;
+use crate::observe::events::Event;
+use crate::profile::{Arm, Writes};
+use crate::quantity::Moment;
+use crate::reading::{Reason, SignalId};
+
+impl Core {
+    pub(super) fn tell_signals(&mut self, shared: &Shared, now: Moment) {
+        for change in self.board.changes(now) {
+            match change {
+                // The device or the bus has been told already.
+                Change::Lost(_, reason) | Change::Back(_, reason, _)
+                    if matches!(reason, Reason::LinkDown | Reason::Timeout | Reason::BadReply) => {}
+                Change::Lost(id, reason) => {
+                    let signal = shared.profile.signal(id).name.clone();
+                    self.untold.push(Event::SignalBad { signal, reason: reason.to_string() });
+                }
+                Change::Back(id, _, since) => {
+                    let signal = shared.profile.signal(id).name.clone();
+                    self.untold.push(Event::SignalGood { signal, bad_for: now.since(since) });
+                }
+            }
+        }
+    }
+
+    pub(super) fn tell_axes(&mut self, shared: &Shared) {
+        for (axis, settings) in shared.profile.axes.iter().enumerate() {
+            let Some(decision) = self.compensation.decision(axis) else { continue };
+            let name = &settings.settings.name;
+            if self.told_states[axis].name() != decision.state.name() {
+                self.untold.push(Event::AxisState {
+                    axis: name.clone(),
+                    from: self.told_states[axis].name(),
+                    to: decision.state.name(),
+                    why: self.why(shared, axis),
+                });
+                self.told_states[axis] = decision.state;
+            }
+            let at_limit = decision.acted.contains(Stages::LIMIT);
+            if at_limit
+                && !self.at_limit[axis]
+                && let Some(wanted) = decision.raw
+            {
+                let limit = settings.settings.guard.limit;
+                self.untold.push(Event::AtLimit { axis: name.clone(), wanted, limit });
+            }
+            self.at_limit[axis] = at_limit;
+        }
+    }
+
+    /// Why an axis is not following its preferred model, in words; empty where it is.
+    pub(in crate::gateway) fn why(&self, shared: &Shared, axis: usize) -> String {
+        let Some(decision) = self.compensation.decision(axis) else { return String::new() };
+        let arming = &self.arming[axis];
+        if let Some(refusal) = &arming.refusal {
+            return refusal.clone();
+        }
+        if arming.latched && !arming.asked {
+            return "switched off; arm it again".to_owned();
+        }
+        let permit = arming.permit(&shared.profile, axis, &self.outputs, self.stopping);
+        if permit == Permit::Stopping {
+            return "the gateway is stopping".to_owned();
+        }
+        let is_well = |standing| match permit {
+            Permit::Off => standing == Standing::Verified,
+            _ => matches!(standing, Standing::Verified | Standing::Unknown),
+        };
+        let troubled = of_axis(&shared.profile, axis, &self.outputs)
+            .find(|(output, state)| output.writes == Writes::Offset && !is_well(state.standing))
+            .map(|(output, state)| format!("output {} is {}", output.name, state.standing.name()));
+        match (permit, troubled, decision.lacks) {
+            (Permit::Unverified | Permit::Held | Permit::Off, Some(words), _) => words,
+            (_, _, Some(lacks)) => self.lacks(shared, lacks),
+            (Permit::Off, None, None) if shared.profile.arm == Arm::Manual => "waits to be armed".to_owned(),
+            _ => String::new(),
+        }
+    }
+
+    fn lacks(&self, shared: &Shared, lacks: Unusable) -> String {
+        let name = |id: SignalId| &shared.profile.signal(id).name;
+        match lacks {
+            Unusable::Signal(id) => {
+                let seen = self.board.seen().get(id.0);
+                format!("{}: {}", name(id), seen.map_or(String::new(), |reading| reading.quality.to_string()))
+            }
+            Unusable::Reference(id) if self.compensation.machine().on_time(shared.clock.now()).is_none() => {
+                format!(
+                    "the machine has not been seen running yet, which is what {} is counted from",
+                    name(id)
+                )
+            }
+            Unusable::Reference(id) => format!("the reference of {} is not captured yet", name(id)),
+            Unusable::MachineOff => "the machine has not been seen running yet".to_owned(),
+            Unusable::NotANumber => "the model's result is not a number".to_owned(),
+        }
+    }
+}
