@@ -4,7 +4,7 @@
 //! processor. Waiting for it through the event queue costs more than the answer itself, so it is first given one turn
 //! of the processor. Towards another computer that turn would be wasted, and the stream is left as it is.
 
-use std::io::{self, Read};
+use std::io::{self, Read, Write};
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
@@ -33,6 +33,11 @@ impl Eager {
     }
 }
 
+/// Waiting, or trying again, is all that it asks for.
+fn is_passing(error: &io::Error) -> bool {
+    matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted)
+}
+
 impl AsyncRead for Eager {
     fn poll_read(
         mut self: Pin<&mut Self>,
@@ -45,8 +50,7 @@ impl AsyncRead for Eager {
             let mut frame = [0; LONGEST_FRAME];
             let room = frame.len().min(buffer.remaining());
             match (&*SockRef::from(&self.stream)).read(&mut frame[..room]) {
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
-                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) if is_passing(&error) => {}
                 Err(error) => return Poll::Ready(Err(error)),
                 Ok(length) => {
                     buffer.put_slice(&frame[..length]);
@@ -64,6 +68,12 @@ impl AsyncWrite for Eager {
         context: &mut Context<'_>,
         bytes: &[u8],
     ) -> Poll<io::Result<usize>> {
+        if self.is_local {
+            match (&*SockRef::from(&self.stream)).write(bytes) {
+                Err(error) if is_passing(&error) => {}
+                done => return Poll::Ready(done),
+            }
+        }
         Pin::new(&mut self.stream).poll_write(context, bytes)
     }
 
