@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use super::backoff::Backoff;
 use super::error::{CallerFault, Fault, LinkFault};
-use super::wire::{Answer, Dial, Request, Wire};
+use super::wire::{Answer, Connection, Dial, Request};
 use crate::clock::Patience;
 use crate::profile::{Bus, Device, DeviceId, Functions};
 use crate::quantity::Moment;
@@ -19,7 +19,7 @@ const FIRST_PAUSE: Duration = Duration::from_secs(1);
 /// The owner of a line: nobody else speaks on it.
 pub struct Line {
     dial: Box<dyn Dial>,
-    wire: Option<Box<dyn Wire>>,
+    wire: Option<Connection>,
     patience: Patience,
     timeout: Duration,
     redial: Backoff,

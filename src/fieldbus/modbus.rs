@@ -16,7 +16,7 @@ use tokio_modbus::{Error, ProtocolError, Request as Pdu, Response, Slave};
 
 use super::eager::Eager;
 use super::error::{Fault, LinkFault, PeerFault};
-use super::wire::{Answer, Boxed, Dial, Request, Wire};
+use super::wire::{Answer, Boxed, Connection, Dial, Request, Wire};
 use crate::codec::Table;
 
 /// Opens TCP connections to one address.
@@ -34,7 +34,7 @@ impl TcpDial {
 }
 
 impl Dial for TcpDial {
-    fn dial(&mut self) -> Boxed<'_, Result<Box<dyn Wire>, Fault>> {
+    fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
         Box::pin(async {
             let stream =
                 TcpStream::connect(self.address.as_str()).await.map_err(|error| dial_fault(&error))?;
@@ -43,39 +43,44 @@ impl Dial for TcpDial {
             if !self.pause_after_connect.is_zero() {
                 tokio::time::sleep(self.pause_after_connect).await;
             }
-            Ok(attach(Eager::new(stream)))
+            Ok(Connection::Modbus(attach(Eager::new(stream))))
         })
     }
 }
 
 /// Modbus TCP over any stream.
-pub fn attach<T>(stream: T) -> Box<dyn Wire>
+pub fn attach<T>(stream: T) -> ModbusTcp
 where
     T: AsyncRead + AsyncWrite + Send + Unpin + fmt::Debug + 'static,
 {
-    Box::new(ModbusTcp { client: tcp::attach(stream).into() })
+    ModbusTcp { client: tcp::attach(stream).into() }
 }
 
-struct ModbusTcp {
+/// An open Modbus TCP connection.
+pub struct ModbusTcp {
     client: Box<dyn Client>,
+}
+
+impl ModbusTcp {
+    pub(super) async fn exchange(&mut self, unit: u8, request: Request<'_>) -> Result<Answer, Fault> {
+        self.client.set_slave(Slave(unit));
+        match self.client.call(pdu(request)).await {
+            Ok(Ok(response)) => check(request, response),
+            Ok(Err(exception)) => Err(Fault::Exception(exception.into())),
+            Err(Error::Protocol(ProtocolError::HeaderMismatch { .. })) => {
+                Err(Fault::Peer(PeerFault::Foreign))
+            }
+            Err(Error::Protocol(ProtocolError::FunctionCodeMismatch { .. })) => {
+                Err(Fault::Peer(PeerFault::Function))
+            }
+            Err(Error::Transport(error)) => Err(transport_fault(&error)),
+        }
+    }
 }
 
 impl Wire for ModbusTcp {
     fn call<'a>(&'a mut self, unit: u8, request: Request<'a>) -> Boxed<'a, Result<Answer, Fault>> {
-        Box::pin(async move {
-            self.client.set_slave(Slave(unit));
-            match self.client.call(pdu(request)).await {
-                Ok(Ok(response)) => check(request, response),
-                Ok(Err(exception)) => Err(Fault::Exception(exception.into())),
-                Err(Error::Protocol(ProtocolError::HeaderMismatch { .. })) => {
-                    Err(Fault::Peer(PeerFault::Foreign))
-                }
-                Err(Error::Protocol(ProtocolError::FunctionCodeMismatch { .. })) => {
-                    Err(Fault::Peer(PeerFault::Function))
-                }
-                Err(Error::Transport(error)) => Err(transport_fault(&error)),
-            }
-        })
+        Box::pin(self.exchange(unit, request))
     }
 }
 

@@ -7,6 +7,7 @@ use std::future::Future;
 use std::pin::Pin;
 
 use super::error::Fault;
+use super::modbus::ModbusTcp;
 use crate::codec::{Address, Table};
 
 /// A future that a trait object can return.
@@ -66,7 +67,28 @@ pub trait Wire: Send {
 /// What opens connections.
 pub trait Dial: Send {
     /// Opens one, for as long as it takes.
-    fn dial(&mut self) -> Boxed<'_, Result<Box<dyn Wire>, Fault>>;
+    fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>>;
+}
+
+/// An open connection of any kind.
+pub enum Connection {
+    /// The kind that most have, spoken to without a detour: a loop that runs freely would feel it.
+    Modbus(ModbusTcp),
+    /// Any other.
+    Other(Box<dyn Wire>),
+}
+
+impl Connection {
+    /// As [`Wire::call`].
+    ///
+    /// # Errors
+    /// Whatever makes the answer unusable.
+    pub async fn call(&mut self, unit: u8, request: Request<'_>) -> Result<Answer, Fault> {
+        match self {
+            Connection::Modbus(wire) => wire.exchange(unit, request).await,
+            Connection::Other(wire) => wire.call(unit, request).await,
+        }
+    }
 }
 
 impl Request<'_> {

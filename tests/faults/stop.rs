@@ -7,7 +7,7 @@ use std::time::Duration;
 use isotherm::clock::Clock;
 use isotherm::fieldbus::error::Fault;
 use isotherm::fieldbus::modbus::TcpDial;
-use isotherm::fieldbus::wire::{Answer, Boxed, Dial, Request, Wire};
+use isotherm::fieldbus::wire::{Answer, Boxed, Connection, Dial, Request, Wire};
 use isotherm::gateway::Dialer;
 use isotherm::profile::Bus;
 use isotherm::virtual_machine::FaultScript;
@@ -138,18 +138,18 @@ struct BadDial {
 }
 
 struct BadWire {
-    wire: Box<dyn Wire>,
+    wire: Connection,
     calls: Arc<AtomicU32>,
     nth: u32,
     mishap: Mishap,
 }
 
 impl Dial for BadDial {
-    fn dial(&mut self) -> Boxed<'_, Result<Box<dyn Wire>, Fault>> {
+    fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
         Box::pin(async {
             let wire = self.dial.dial().await?;
             let (calls, nth, mishap) = (self.calls.clone(), self.nth, self.mishap);
-            Ok(Box::new(BadWire { wire, calls, nth, mishap }) as Box<dyn Wire>)
+            Ok(Connection::Other(Box::new(BadWire { wire, calls, nth, mishap })))
         })
     }
 }
@@ -162,7 +162,7 @@ impl Wire for BadWire {
                 Mishap::Block(span) => std::thread::sleep(span),
             }
         }
-        self.wire.call(unit, request)
+        Box::pin(self.wire.call(unit, request))
     }
 }
 

@@ -4,6 +4,7 @@ use std::sync::{Arc, Mutex};
 use super::*;
 use crate::codec::{Address, Table};
 use crate::fieldbus::wire::Boxed;
+use crate::fieldbus::wire::Wire;
 use crate::profile::{BusId, Quirks};
 
 /// What happens to one request or one attempt to connect.
@@ -33,7 +34,7 @@ type Shared = Arc<Mutex<Script>>;
 struct Scripted(Shared);
 
 impl Dial for Scripted {
-    fn dial(&mut self) -> Boxed<'_, Result<Box<dyn Wire>, Fault>> {
+    fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
         Box::pin(async {
             let turn = {
                 let mut script = self.0.lock().unwrap();
@@ -43,7 +44,7 @@ impl Dial for Scripted {
             match turn {
                 Some(Turn::NeverEnds) => std::future::pending().await,
                 Some(Turn::Gives(Err(fault))) => Err(fault),
-                _ => Ok(Box::new(Scripted(self.0.clone())) as Box<dyn Wire>),
+                _ => Ok(Connection::Other(Box::new(Scripted(self.0.clone())))),
             }
         })
     }
