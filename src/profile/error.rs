@@ -96,7 +96,8 @@ pub(crate) fn allowed<'a>(word: &str, words: impl IntoIterator<Item = &'a str>) 
 /// The word that was probably meant.
 pub(crate) fn nearest<'a>(word: &str, words: &[&'a str]) -> Option<&'a str> {
     let lower = word.to_lowercase();
-    let far = 1 + word.chars().count() / 3;
+    // One slip in a short word, more in a longer one.
+    let far = ((word.chars().count() + 1) / 3).max(1);
     let distance = |known: &str| strsim::damerau_levenshtein(&lower, &known.to_lowercase());
     words
         .iter()
