@@ -11,8 +11,7 @@ use std::time::Duration;
 use super::log::Recorder;
 use super::memory::Memory;
 use super::output::OutputState;
-use crate::compensation::reference::Machine;
-use crate::compensation::{Compensation, Control, Snapshot};
+use crate::compensation::{Compensation, Control, Remembered, Snapshot};
 use crate::observe::events::{Event, Journal};
 use crate::profile::{Profile, Writes};
 use crate::quantity::Moment;
@@ -57,7 +56,7 @@ impl Keeper {
     pub(super) fn start(
         profile: &Profile,
         directory: &Path,
-        machine: &Machine,
+        remembered: &Remembered,
         journal: Arc<Journal>,
     ) -> Keeper {
         let (queue, jobs) = sync_channel(QUEUE);
@@ -75,7 +74,7 @@ impl Keeper {
         let thread =
             std::thread::Builder::new().name("keeper".to_owned()).spawn(move || desk.work(&jobs)).ok();
         let mut recorder = Recorder::new(profile);
-        recorder.begin(machine);
+        recorder.begin(remembered);
         Keeper { queue: Some(queue), recorder: Some(recorder), remembered: None, thread }
     }
 
@@ -128,7 +127,7 @@ impl Keeper {
             profile.outputs.iter().zip(outputs).filter(|(output, _)| output.writes == Writes::Offset);
         let verified =
             verified.filter_map(|(output, state)| Some((output.name.clone(), state.cz?.get()))).collect();
-        self.hand_over(Job::State(Box::new(Memory::new(profile, now, compensation.machine(), verified))));
+        self.hand_over(Job::State(Box::new(Memory::new(profile, now, compensation.remembered(), verified))));
     }
 
     /// Waits until everything queued is on disk.

@@ -7,11 +7,11 @@ use std::time::Duration;
 use super::arming::{Arming, Attempt};
 use super::board::{Board, Change};
 use super::keeper::Keeper;
+use super::levels::LevelsTold;
 use super::output::{OutputState, Standing};
 use crate::clock::{Bell, Clock};
-use crate::compensation::reference::Machine;
 use crate::compensation::settings::OnFault;
-use crate::compensation::{AxisState, Compensation, Control, Permit, Snapshot, Stages, Unusable};
+use crate::compensation::{AxisState, Compensation, Control, Permit, Remembered, Snapshot, Unusable};
 use crate::observe::events::{Event, Journal};
 use crate::observe::status::Command;
 use crate::profile::{AxisId, BusId, OutputId, Profile, Writes};
@@ -43,7 +43,7 @@ pub(super) struct Core {
     pub(super) failed: bool,
     controls: Vec<Control>,
     told_states: Vec<AxisState>,
-    at_limit: Vec<bool>,
+    pub(super) levels: Vec<LevelsTold>,
 }
 
 /// Requests and failures of one device.
@@ -85,14 +85,14 @@ impl Shared {
         clock: Clock,
         journal: Arc<Journal>,
         dry_run: bool,
-        machine: Machine,
+        remembered: Remembered,
         keeper: Keeper,
         bells: Vec<Bell>,
     ) -> Shared {
         let axes = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
         let core = Core {
             board: Board::new(&profile),
-            compensation: Compensation::new(profile.machine.clone(), axes, machine),
+            compensation: Compensation::new(profile.machine.clone(), axes, remembered),
             arming: vec![Arming::default(); profile.axes.len()],
             outputs: vec![OutputState::default(); profile.outputs.len()],
             devices: vec![DeviceCount::default(); profile.devices.len()],
@@ -102,7 +102,7 @@ impl Shared {
             failed: false,
             controls: vec![Control::default(); profile.axes.len()],
             told_states: vec![AxisState::Off; profile.axes.len()],
-            at_limit: vec![false; profile.axes.len()],
+            levels: vec![LevelsTold::default(); profile.axes.len()],
         };
         let started = clock.now();
         Shared { profile, clock, journal, dry_run, started, bells: Mutex::new(bells), core: Mutex::new(core) }
@@ -205,17 +205,7 @@ impl Shared {
                 AxisState::Holding(_) => settings.settings.on_fault == OnFault::Hold,
                 _ => false,
             };
-            let written = self.profile.outputs.iter().zip(&core.outputs).all(|(output, state)| {
-                output.axis.0 != axis
-                    || output.writes != Writes::Offset
-                    || decision.state == AxisState::Off
-                    || self.dry_run
-                    || (state.standing == Standing::Verified
-                        && state.cz.is_some_and(|cz| {
-                            (cz - decision.cz).abs() <= settings.settings.guard.count.unwrap_or(Micron::ZERO)
-                        }))
-            });
-            rested && written
+            rested && core.has_arrived(&self.profile, axis, self.dry_run)
         })
     }
 
@@ -246,7 +236,7 @@ impl Shared {
             Command::Arm if core.stopping => return Err("the gateway is stopping".to_owned()),
             Command::Arm => {
                 for arming in &mut core.arming {
-                    arming.asked = !arming.armed;
+                    arming.asked = !arming.armed || arming.tripped;
                     arming.refusal = None;
                 }
                 format!("{names}: will be armed as soon as devices and readings allow it")
@@ -281,7 +271,7 @@ impl Core {
         }
         for (axis, arming) in self.arming.iter_mut().enumerate() {
             let permit = arming.permit(profile, axis, &self.outputs, self.stopping);
-            self.controls[axis] = Control { permit, take_over: arming.take_over };
+            self.controls[axis] = Control { permit, take_over: arming.take_over, ..Control::default() };
         }
         let snapshot = Snapshot { now, readings: self.board.seen() };
         let stepped = self.compensation.step(&snapshot, &self.controls);
@@ -294,6 +284,7 @@ impl Core {
                 arming.take_over = None;
             }
         }
+        self.disarm_tripped(shared);
         self.keeper.remember(now, &self.compensation, profile, &self.outputs);
         if stepped.noticed.started {
             shared.tell(&Event::MachineStarted);
@@ -313,8 +304,9 @@ impl Core {
         for axis in 0..self.arming.len() {
             let snapshot = Snapshot { now, readings: self.board.seen() };
             let ready = self.compensation.has_usable_model(axis, &snapshot);
+            let beyond = self.compensation.beyond_error(axis, &snapshot);
             let name = &shared.profile.axes[axis].settings.name;
-            match self.arming[axis].attempt(&shared.profile, axis, &self.outputs, ready) {
+            match self.arming[axis].attempt(&shared.profile, axis, &self.outputs, ready, beyond) {
                 Attempt::NotYet => {}
                 Attempt::From(from) => {
                     self.arming[axis] = Arming { armed: true, take_over: Some(from), ..Arming::default() };
@@ -333,6 +325,20 @@ impl Core {
                 }
             }
         }
+    }
+
+    /// What an axis decided last stands in its registers.
+    pub(super) fn has_arrived(&self, profile: &Profile, axis: usize, dry_run: bool) -> bool {
+        let Some(decision) = self.compensation.decision(axis) else { return true };
+        let count = profile.axes[axis].settings.guard.count.unwrap_or(Micron::ZERO);
+        profile.outputs.iter().zip(&self.outputs).all(|(output, state)| {
+            output.axis.0 != axis
+                || output.writes != Writes::Offset
+                || decision.state == AxisState::Off
+                || dry_run
+                || (state.standing == Standing::Verified
+                    && state.cz.is_some_and(|cz| (cz - decision.cz).abs() <= count))
+        })
     }
 
     /// Switches an axis off until a person arms it again.
@@ -386,15 +392,9 @@ impl Core {
                 });
                 self.told_states[axis] = decision.state;
             }
-            let at_limit = decision.acted.contains(Stages::LIMIT);
-            if at_limit
-                && !self.at_limit[axis]
-                && let Some(wanted) = decision.raw
-            {
-                let limit = settings.settings.guard.limit;
-                shared.tell(&Event::AtLimit { axis: name.clone(), wanted, limit });
+            for event in self.levels[axis].events(&settings.settings, decision).into_iter().flatten() {
+                shared.tell(&event);
             }
-            self.at_limit[axis] = at_limit;
         }
     }
 
@@ -425,6 +425,9 @@ impl Core {
                 self.board.seen().get(id.0).map_or(String::new(), |reading| reading.quality.to_string());
             format!("{}: {quality}", shared.profile.signal(id).name)
         };
+        if decision.tripped {
+            return "its model asked for more than the error level".to_owned();
+        }
         match decision.lacks {
             None => String::new(),
             Some(Unusable::Signal(id)) => signal(id),
