@@ -12,8 +12,6 @@
 //! - **due**: an axis is stepped at its own period, and at once where its permit changes or it has something to take
 //!   over; any other snapshot in between changes nothing but edges.
 
-use std::time::Duration;
-
 use crate::quantity::{Micron, Moment};
 use crate::reading::{Reading, SignalId};
 
@@ -21,17 +19,20 @@ pub mod model;
 pub mod reference;
 pub mod settings;
 
+mod axis;
+mod datum;
 mod guard;
+mod remembered;
 mod state;
 
 pub use guard::Stages;
 pub use model::Unusable;
+pub use remembered::{AxisRemembered, Remembered};
 pub use state::AxisState;
 
-use guard::{Guard, Pace};
-use model::Evaluate;
+use axis::Axis;
 use reference::{Machine, Noticed};
-use settings::{AxisSettings, MachineSettings, OnFault};
+use settings::{AxisSettings, MachineSettings};
 
 /// The machine at one moment: one reading per signal of the profile, already aged.
 #[derive(Clone, Copy, Debug)]
@@ -56,6 +57,15 @@ pub struct Control {
     pub permit: Permit,
     /// What stands in the register, where the axis has to take it over: at arming, and when an output comes back.
     pub take_over: Option<Micron>,
+    /// The same for a slope that the control applies itself: what it comes to at the axis's reach.
+    pub take_over_slope: Option<Micron>,
+}
+
+impl Control {
+    /// There is something to take over.
+    pub fn takes_over(&self) -> bool {
+        self.take_over.is_some() || self.take_over_slope.is_some()
+    }
 }
 
 /// Whether an axis may decide.
@@ -105,12 +115,17 @@ pub struct Decision {
     pub model: Option<usize>,
     /// Cz after the guard: what is to be written.
     pub cz: Micron,
+    /// Where the control applies the slope itself: what it comes to at the axis's reach, after the guard; else zero.
+    /// Cz is K0 there, the value at the reference position.
+    pub slope: Micron,
     /// What the axis is doing.
     pub state: AxisState,
     /// The stages of the guard that changed the value.
     pub acted: Stages,
     /// What the preferred model lacks.
     pub lacks: Option<Unusable>,
+    /// A model asked for more than the error level: the axis runs its fault action and waits to be armed again.
+    pub tripped: bool,
 }
 
 /// All axes of a machine, and what they remember.
@@ -119,17 +134,6 @@ pub struct Compensation {
     settings: MachineSettings,
     machine: Machine,
     axes: Vec<Axis>,
-}
-
-#[derive(Clone, Debug)]
-struct Axis {
-    settings: AxisSettings,
-    guard: Guard,
-    state: AxisState,
-    permit: Permit,
-    stepped: Option<Moment>,
-    due: Option<Moment>,
-    decision: Decision,
 }
 
 /// What a call of [`Compensation::step`] did.
@@ -142,10 +146,15 @@ pub struct Stepped {
 }
 
 impl Compensation {
-    /// Axes at rest, with what the machine remembers from before ([`Machine::default`] where it remembers nothing).
-    pub fn new(settings: MachineSettings, axes: Vec<AxisSettings>, machine: Machine) -> Compensation {
-        let axes = axes.into_iter().map(Axis::new).collect();
-        Compensation { settings, machine, axes }
+    /// Axes at rest, with what is remembered from before ([`Remembered::default`] where that is nothing).
+    pub fn new(settings: MachineSettings, axes: Vec<AxisSettings>, remembered: Remembered) -> Compensation {
+        let mut axes: Vec<Axis> = axes.into_iter().map(Axis::new).collect();
+        for axis in &mut axes {
+            if let Some(remembered) = remembered.axis(&axis.settings.name) {
+                axis.recall(remembered);
+            }
+        }
+        Compensation { settings, machine: remembered.machine, axes }
     }
 
     /// Steps each axis that is due at `snapshot.now`, under its control (same order, one each).
@@ -157,6 +166,12 @@ impl Compensation {
             return Stepped::default();
         }
         let noticed = self.machine.observe(&self.settings, snapshot);
+        for axis in &mut self.axes {
+            axis.follow(snapshot, &self.machine);
+            if noticed.zeroed {
+                axis.zero(&self.settings, snapshot.now);
+            }
+        }
         for (axis, control) in self.axes.iter_mut().zip(controls) {
             if due(axis, control) {
                 axis.step(snapshot, &self.machine, *control);
@@ -187,156 +202,42 @@ impl Compensation {
 
     /// What the first usable model of this axis would ask for now, with its place in the profile's list.
     pub fn model_value(&self, axis: usize, snapshot: &Snapshot<'_>) -> Option<(usize, Micron)> {
-        self.axes.get(axis)?.choose(snapshot, &self.machine).0
+        let chosen = self.axes.get(axis)?.choose(snapshot, &self.machine).0?;
+        Some((chosen.model, chosen.raw))
     }
 
-    /// What is worth keeping over a restart.
+    /// What the model asks for now, where that lies beyond the axis's error level.
+    pub fn beyond_error(&self, axis: usize, snapshot: &Snapshot<'_>) -> Option<Micron> {
+        let axis = self.axes.get(axis)?;
+        let chosen = axis.choose(snapshot, &self.machine).0?;
+        axis.is_beyond_error(&chosen).then_some(chosen.raw)
+    }
+
+    /// The lags go on to a snapshot at which no axis decided. A gateway records no such row; a log from elsewhere has
+    /// rows between two updates, and what it says there is not to be lost.
+    pub fn follow(&mut self, snapshot: &Snapshot<'_>) {
+        for axis in &mut self.axes {
+            axis.follow(snapshot, &self.machine);
+        }
+    }
+
+    /// Machine-on time and references.
     pub fn machine(&self) -> &Machine {
         &self.machine
     }
 
-    /// Captures the "zero" references from now on.
+    /// What is worth keeping over a restart.
+    pub fn remembered(&self) -> Remembered {
+        let axes = self.axes.iter().filter_map(Axis::remembered).collect();
+        Remembered { machine: self.machine.clone(), axes }
+    }
+
+    /// Captures the "zero" references and takes the datum from now on.
     pub fn zero(&mut self, now: Moment) {
         self.machine.zero(&self.settings, now);
-    }
-}
-
-impl Axis {
-    fn new(settings: AxisSettings) -> Axis {
-        let decision = Decision {
-            at: Moment::default(),
-            raw: None,
-            model: None,
-            cz: Micron::ZERO,
-            state: AxisState::Off,
-            acted: Stages::default(),
-            lacks: None,
-        };
-        Axis {
-            settings,
-            guard: Guard::default(),
-            state: AxisState::Off,
-            permit: Permit::Off,
-            stepped: None,
-            due: None,
-            decision,
+        for axis in &mut self.axes {
+            axis.zero(&self.settings, now);
         }
-    }
-
-    /// At its period; at once where it never ran, where time went back, and where its control says something new.
-    fn is_due(&self, now: Moment, control: &Control) -> bool {
-        let (Some(due), Some(last)) = (self.due, self.stepped) else { return true };
-        now >= due || now < last || control.permit != self.permit || control.take_over.is_some()
-    }
-
-    /// The first model whose signals are all good, with its value, and what the preferred one lacks. One that only
-    /// waits for a reference or for the machine's start is waited for: lesser models stand in for broken sensors.
-    fn choose(
-        &self,
-        snapshot: &Snapshot<'_>,
-        machine: &Machine,
-    ) -> (Option<(usize, Micron)>, Option<Unusable>) {
-        let mut lacks = None;
-        for (place, model) in self.settings.models.iter().enumerate() {
-            match model.evaluate(snapshot, machine) {
-                Ok(value) => return (Micron::new(value).map(|raw| (place, raw)), lacks),
-                Err(reason @ (Unusable::Reference(_) | Unusable::MachineOff)) => {
-                    return (None, lacks.or(Some(reason)));
-                }
-                Err(reason) => lacks = lacks.or(Some(reason)),
-            }
-        }
-        (None, lacks)
-    }
-
-    fn step(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, control: Control) {
-        let now = snapshot.now;
-        let dt = self.stepped.map_or(self.settings.every, |last| now.since(last));
-        let (chosen, lacks) = self.choose(snapshot, machine);
-        if let Some(found) = control.take_over {
-            self.guard.take_over(found, &self.settings.guard);
-        }
-        self.state = self.next_state(now, chosen.map(|(place, _)| place), control.permit);
-        let (target, pace) = match (self.state, chosen, self.settings.on_fault) {
-            (AxisState::Active | AxisState::Degraded, Some((_, raw)), _) => (Some(raw), Pace::Follow),
-            (AxisState::Ramping, _, OnFault::Zero) => (Some(Micron::ZERO), Pace::Steps),
-            (AxisState::Ramping, _, _) => (Some(Micron::ZERO), Pace::Ramp),
-            _ => (None, Pace::Follow),
-        };
-        let (cz, acted) = match target {
-            Some(target) => self.guard.advance(target, dt, pace, &self.settings.guard),
-            None => (self.guard.value(), Stages::default()),
-        };
-        if self.state == AxisState::Ramping && cz == Micron::ZERO {
-            self.state = AxisState::Zeroed;
-        }
-        self.decision = Decision {
-            at: now,
-            raw: chosen.map(|(_, raw)| raw),
-            model: chosen.map(|(place, _)| place),
-            cz,
-            state: self.state,
-            acted,
-            lacks,
-        };
-        self.due = Some(self.next_due(now));
-        self.permit = control.permit;
-        self.stepped = Some(now);
-    }
-
-    /// The next tick of the period, or the end of a hold that comes before it.
-    fn next_due(&self, now: Moment) -> Moment {
-        let period = self.period();
-        let tick = match self.due {
-            // It acted before its time, or time went back.
-            Some(due) if due > now => due.min(now.after(period)),
-            Some(due) => now.next_tick(due, period),
-            None => now.after(period),
-        };
-        match (self.state, self.settings.on_fault) {
-            (AxisState::Holding(since), OnFault::Ramp { after }) if since.after(after) > now => {
-                tick.min(since.after(after))
-            }
-            _ => tick,
-        }
-    }
-
-    fn next_state(&self, now: Moment, model: Option<usize>, permit: Permit) -> AxisState {
-        match (permit, model) {
-            (Permit::Off, _) => AxisState::Off,
-            // It never took over what stands in the register, so there is nothing of its own to bring back.
-            (Permit::Stopping, _) if self.state == AxisState::Off => AxisState::Off,
-            (Permit::Held, _) => match self.state {
-                AxisState::Holding(since) => AxisState::Holding(since),
-                _ => AxisState::Holding(now),
-            },
-            (Permit::Armed, Some(0)) => AxisState::Active,
-            (Permit::Armed, Some(_)) => AxisState::Degraded,
-            (Permit::Armed | Permit::Unverified, _) => self.fault_action(now, false),
-            (Permit::Stopping, _) => self.fault_action(now, true),
-        }
-    }
-
-    fn fault_action(&self, now: Moment, at_once: bool) -> AxisState {
-        let since = match self.state {
-            AxisState::Ramping | AxisState::Zeroed if self.guard.value() == Micron::ZERO => {
-                return AxisState::Zeroed;
-            }
-            AxisState::Ramping | AxisState::Zeroed => return AxisState::Ramping,
-            // Where time went back, the hold does not wait for the moment at which it began to come again.
-            AxisState::Holding(since) => since.min(now),
-            AxisState::Off | AxisState::Active | AxisState::Degraded => now,
-        };
-        let leaves = match self.settings.on_fault {
-            OnFault::Hold => false,
-            OnFault::Ramp { after } => at_once || now.since(since) >= after,
-            OnFault::Zero => true,
-        };
-        if leaves { AxisState::Ramping } else { AxisState::Holding(since) }
-    }
-
-    fn period(&self) -> Duration {
-        if self.state == AxisState::Ramping { self.settings.ramp_period() } else { self.settings.every }
     }
 }
 

@@ -26,6 +26,7 @@ mod arming;
 mod board;
 pub mod control;
 mod keeper;
+mod levels;
 pub mod log;
 mod memory;
 mod output;
@@ -100,13 +101,20 @@ impl Gateway {
         let mut keeper = Keeper::default();
         if let Some(directory) = options.directory.as_deref() {
             recalled = Memory::recall(&Memory::path(directory, &profile), &profile);
-            keeper = Keeper::start(&profile, directory, &recalled.machine, journal.clone());
+            keeper = Keeper::start(&profile, directory, &recalled.remembered, journal.clone());
         }
         let sleepers: Vec<Sleeper> = profile.buses.iter().map(|_| clock.join()).collect();
         let bells = sleepers.iter().map(Sleeper::bell).collect();
-        let (machine, trouble) = (recalled.machine, recalled.trouble);
-        let shared =
-            Arc::new(Shared::new(profile, clock.clone(), journal, options.dry_run, machine, keeper, bells));
+        let (remembered, trouble) = (recalled.remembered, recalled.trouble);
+        let shared = Arc::new(Shared::new(
+            profile,
+            clock.clone(),
+            journal,
+            options.dry_run,
+            remembered,
+            keeper,
+            bells,
+        ));
         if let Some(why) = trouble {
             shared.tell(&Event::NotKept { what: "the saved state".to_owned(), why });
         }

@@ -3,10 +3,13 @@
 
 use std::time::Duration;
 
-use isotherm::compensation::model::{Expression, Formula, Kind, Linear, Model, Reference, Symbol, Term};
-use isotherm::compensation::reference::Machine;
-use isotherm::compensation::settings::{AxisSettings, GuardSettings, MachineSettings, OnFault};
-use isotherm::compensation::{Compensation, Control, Permit, Snapshot};
+use isotherm::compensation::model::{
+    Expression, Formula, Kind, Linear, Model, Reference, Slope, Symbol, Term,
+};
+use isotherm::compensation::settings::{
+    AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault,
+};
+use isotherm::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
 use isotherm::quantity::{Micron, Moment};
 use isotherm::reading::{Reading, Reason, SignalId};
 
@@ -15,8 +18,15 @@ fn um(value: f64) -> Micron {
 }
 
 fn compensation() -> Compensation {
-    let term = |place, reference| Term { signal: SignalId(place), gain: 2.4, reference };
-    let terms = vec![term(0, Reference::Start), term(1, Reference::Zero), term(2, Reference::Fixed(20.0))];
+    let term = |place, reference, lag| Term { signal: SignalId(place), gain: 2.4, reference, lag };
+    let half_an_hour = Some(Duration::from_secs(1800));
+    let terms = vec![
+        term(0, Reference::Start, None),
+        term(1, Reference::Zero, half_an_hour),
+        term(2, Reference::Fixed(20.0), half_an_hour),
+    ];
+    let inclined = vec![term(1, Reference::Start, half_an_hour)];
+    let slope = Some(Slope { position: SignalId(2), reference: 20.0, terms: inclined });
     let resolve = |name: &str| match name {
         "A" => Some(Symbol::Signal(SignalId(0))),
         "t" => Some(Symbol::Time),
@@ -26,7 +36,7 @@ fn compensation() -> Compensation {
     let axis = AxisSettings {
         name: "z".to_owned(),
         models: vec![
-            Model { name: "rises".to_owned(), kind: Kind::Linear(Linear { offset: 0.0, terms }) },
+            Model { name: "rises".to_owned(), kind: Kind::Linear(Linear { offset: 0.0, terms, slope }) },
             Model { name: "bed only".to_owned(), kind: Kind::Formula(Formula { expression }) },
         ],
         guard: GuardSettings {
@@ -38,6 +48,9 @@ fn compensation() -> Compensation {
         },
         every: Duration::from_secs(10),
         on_fault: OnFault::Ramp { after: Duration::from_secs(60) },
+        levels: Levels::default(),
+        datum: Datum::Zero,
+        apart: None,
     };
     let machine = MachineSettings {
         on: Some(SignalId(3)),
@@ -45,7 +58,7 @@ fn compensation() -> Compensation {
         settle: Duration::from_secs(30),
         signals: 5,
     };
-    Compensation::new(machine, vec![axis.clone(), axis], Machine::default())
+    Compensation::new(machine, vec![axis.clone(), axis], Remembered::default())
 }
 
 #[test]
@@ -61,7 +74,7 @@ fn a_step_allocates_nothing() {
         let readings = [bed, other, Reading::good(21.0, now), level, level];
         let permit = if at % 300 > 280 { Permit::Stopping } else { Permit::Armed };
         let take_over = at.is_multiple_of(100).then(|| um(5.0));
-        let control = Control { permit, take_over };
+        let control = Control { permit, take_over, ..Control::default() };
         compensation.step(&Snapshot { now, readings: &readings }, &[control, control]);
         if at.is_multiple_of(70) {
             compensation.zero(now);

@@ -17,8 +17,7 @@ use std::path::PathBuf;
 use anyhow::Context;
 
 use super::{Failure, ProfileArguments, load, print_json};
-use crate::compensation::reference::Machine;
-use crate::compensation::{Compensation, Decision, Snapshot};
+use crate::compensation::{Compensation, Decision, Remembered, Snapshot};
 use crate::gateway::log::{LogReader, LogRow, number};
 use crate::profile::Profile;
 use crate::quantity::Micron;
@@ -91,7 +90,7 @@ pub fn replay(
     if let Some(table) = &mut table {
         table.write_record(header(profile, &reader))?;
     }
-    let mut compensation = at_rest(profile, Machine::default());
+    let mut compensation = at_rest(profile, Remembered::default());
     let mut tally = Tally::new(profile);
     let mut cells = Vec::new();
     while let Some(row) = reader.next_row()? {
@@ -102,7 +101,9 @@ pub fn replay(
             compensation.zero(at);
         }
         let snapshot = Snapshot { now: row.now, readings: &row.readings };
-        compensation.step(&snapshot, &row.controls);
+        if !compensation.step(&snapshot, &row.controls).anything {
+            compensation.follow(&snapshot);
+        }
         tally.row(row.now);
         cells.clear();
         cells.push(row.time.clone());
@@ -121,7 +122,7 @@ pub fn replay(
     Ok(tally.summary(name, reader.warnings()))
 }
 
-fn at_rest(profile: &Profile, memory: Machine) -> Compensation {
+fn at_rest(profile: &Profile, memory: Remembered) -> Compensation {
     let axes = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
     Compensation::new(profile.machine.clone(), axes, memory)
 }

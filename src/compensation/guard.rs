@@ -39,6 +39,11 @@ impl Stages {
         self.0 & stage.0 == stage.0
     }
 
+    /// The stages of both.
+    pub(super) fn and(self, other: Stages) -> Stages {
+        Stages(self.0 | other.0)
+    }
+
     fn add_if(&mut self, acted: bool, stage: Stages) {
         if acted {
             self.0 |= stage.0;

@@ -3,10 +3,12 @@
 use crate::reading::SignalId;
 
 mod formula;
+mod lag;
 mod linear;
 
 pub use formula::{Condition, Expression, ExpressionError, Formula, Symbol};
-pub use linear::{Linear, Reference, Term};
+pub use lag::{Lag, Lagged};
+pub use linear::{Linear, Reference, Slope, Term};
 
 use super::Snapshot;
 use super::reference::Machine;
@@ -42,25 +44,59 @@ pub enum Unusable {
     NotANumber,
 }
 
+/// What a model is evaluated from.
+#[derive(Clone, Copy, Debug)]
+pub struct Known<'a> {
+    /// The readings.
+    pub snapshot: &'a Snapshot<'a>,
+    /// Machine-on time and references.
+    pub machine: &'a Machine,
+    /// One for each of the model's terms, in their order.
+    pub lags: &'a [Lag],
+    /// The control itself multiplies the slope by the distance: the two parts are wanted apart.
+    pub apart: bool,
+}
+
+/// What a model asks for.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Asked {
+    /// Cz at the present position, µm; where the parts are wanted apart, K0: Cz at the reference position.
+    pub cz: f64,
+    /// tanβ in µm/mm where the parts are wanted apart, else 0.
+    pub slope: f64,
+}
+
 /// What every kind of model can do.
 pub trait Evaluate {
-    /// The compensation value in µm, from good readings only.
+    /// The compensation value, from good readings only.
     ///
     /// # Errors
     /// What is missing.
-    fn evaluate(&self, snapshot: &Snapshot<'_>, machine: &Machine) -> Result<f64, Unusable>;
+    fn evaluate(&self, known: &Known<'_>) -> Result<Asked, Unusable>;
 
     /// The signals it needs.
     fn inputs(&self) -> Vec<SignalId>;
 }
 
+impl Model {
+    /// Its terms, those of the slope last.
+    pub fn terms(&self) -> impl Iterator<Item = &Term> {
+        let linear = match &self.kind {
+            Kind::Linear(linear) => Some(linear),
+            Kind::Formula(_) => None,
+        };
+        linear.into_iter().flat_map(Linear::all_terms)
+    }
+}
+
 impl Evaluate for Model {
-    fn evaluate(&self, snapshot: &Snapshot<'_>, machine: &Machine) -> Result<f64, Unusable> {
-        let value = match &self.kind {
-            Kind::Linear(linear) => linear.evaluate(snapshot, machine),
-            Kind::Formula(formula) => formula.evaluate(snapshot, machine),
+    fn evaluate(&self, known: &Known<'_>) -> Result<Asked, Unusable> {
+        let asked = match &self.kind {
+            Kind::Linear(linear) => linear.evaluate(known),
+            Kind::Formula(formula) => formula.evaluate(known),
         }?;
-        if value.is_finite() { Ok(value) } else { Err(Unusable::NotANumber) }
+        let is_number = asked.cz.is_finite() && asked.slope.is_finite();
+        if is_number { Ok(asked) } else { Err(Unusable::NotANumber) }
     }
 
     fn inputs(&self) -> Vec<SignalId> {

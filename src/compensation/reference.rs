@@ -28,7 +28,19 @@ pub struct Machine {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct Capture {
     value: Option<f64>,
+    /// When it was complete: tells two captures of the same value apart.
+    #[serde(default)]
+    at: Moment,
     gathering: Option<Gathering>,
+}
+
+/// A reference value.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Captured {
+    /// In the signal's unit.
+    pub value: f64,
+    /// When it was complete; the beginning of time for a fixed one.
+    pub at: Moment,
 }
 
 /// A mean that is still growing.
@@ -68,12 +80,13 @@ impl Machine {
     }
 
     /// The reference value of a term; `None` while it has not been captured.
-    pub fn reference(&self, reference: Reference, signal: SignalId) -> Option<f64> {
-        match reference {
-            Reference::Fixed(value) => Some(value),
-            Reference::Start => self.start.get(signal.0)?.value,
-            Reference::Zero => self.zero.get(signal.0)?.value,
-        }
+    pub fn captured(&self, reference: Reference, signal: SignalId) -> Option<Captured> {
+        let capture = match reference {
+            Reference::Fixed(value) => return Some(Captured { value, at: Moment::default() }),
+            Reference::Start => self.start.get(signal.0)?,
+            Reference::Zero => self.zero.get(signal.0)?,
+        };
+        Some(Captured { value: capture.value?, at: capture.at })
     }
 
     /// Whether this snapshot holds an edge, or the first good reading, that [`Machine::observe`] would act upon.
@@ -89,7 +102,7 @@ impl Machine {
 
     /// Takes in a snapshot: edges, machine-on time, references being gathered.
     pub fn observe(&mut self, settings: &MachineSettings, snapshot: &Snapshot<'_>) -> Noticed {
-        let fresh = Capture { value: None, gathering: Some(Gathering::new(snapshot.now, settings)) };
+        let fresh = Capture { gathering: Some(Gathering::new(snapshot.now, settings)), ..Capture::default() };
         // A signal that the profile gained since the machine started is captured from now on.
         let unseen = if self.on_since.is_some() { fresh } else { Capture::default() };
         self.start.resize(settings.signals, unseen);
@@ -154,6 +167,7 @@ impl Capture {
         gathering.count += 1;
         if now >= gathering.until {
             self.value = Some(gathering.sum / f64::from(gathering.count));
+            self.at = now;
             self.gathering = None;
         }
     }

@@ -32,6 +32,41 @@ pub struct AxisSettings {
     pub every: Duration,
     /// What happens when no model can be used.
     pub on_fault: OnFault,
+    /// Sizes of Cz at which people are told, and at which the axis gives up.
+    pub levels: Levels,
+    /// What Cz is measured from.
+    pub datum: Datum,
+    /// The control multiplies the slope by the distance itself and is given both parts; `None`: it is given Cz.
+    pub apart: Option<Apart>,
+}
+
+/// Two levels of |Cz|, as controls have them (Beckhoff TF5200: warn, error). `warn` ≤ `limit` ≤ `error`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Levels {
+    /// Beyond it people are told, once.
+    pub warn: Option<Micron>,
+    /// A model that asks for more is not believed: the axis takes its fault action and stays off until armed.
+    pub error: Option<Micron>,
+}
+
+/// What an axis's Cz is measured from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Datum {
+    /// The model's own zero.
+    #[default]
+    Model,
+    /// What the model asked for at the last zero: `Cz(t) − Cz(t_zero)`. A datum measured while the machine is warm has
+    /// that much drift in it already.
+    Zero,
+}
+
+/// The bounds of a slope that the control applies itself.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Apart {
+    /// The farthest that the axis goes from the reference position, mm: tanβ times this obeys the axis's guard.
+    pub reach: f64,
+    /// One count of the slope's register, as its effect at the reach in µm; `None` where it takes fractions.
+    pub count: Option<Micron>,
 }
 
 impl AxisSettings {

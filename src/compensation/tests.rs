@@ -1,8 +1,12 @@
-use super::model::{Expression, Formula, Kind, Linear, Model, Reference, Symbol, Term};
-use super::settings::GuardSettings;
+use super::model::{Expression, Formula, Kind, Linear, Model, Reference, Slope, Symbol, Term};
+use super::settings::{Datum, GuardSettings, Levels, OnFault};
 use super::*;
 use crate::reading::Reason;
+use std::time::Duration;
 
+mod datum;
+mod lags;
+mod levels;
 mod models;
 mod properties;
 mod states;
@@ -21,11 +25,11 @@ fn seconds(seconds: f64) -> Duration {
 }
 
 fn term(signal: SignalId, gain: f64, reference: Reference) -> Term {
-    Term { signal, gain, reference }
+    Term { signal, gain, reference, lag: None }
 }
 
 fn linear(name: &str, offset: f64, terms: &[Term]) -> Model {
-    Model { name: name.to_owned(), kind: Kind::Linear(Linear { offset, terms: terms.to_vec() }) }
+    Model { name: name.to_owned(), kind: Kind::Linear(Linear { offset, terms: terms.to_vec(), slope: None }) }
 }
 
 fn formula(name: &str, text: &str) -> Model {
@@ -65,6 +69,9 @@ fn axis(models: Vec<Model>) -> AxisSettings {
         },
         every: seconds(10.0),
         on_fault: OnFault::Ramp { after: seconds(60.0) },
+        levels: Levels::default(),
+        datum: Datum::Model,
+        apart: None,
     }
 }
 
@@ -83,10 +90,10 @@ impl Rig {
 
     fn with(settings: MachineSettings, axis: AxisSettings) -> Rig {
         Rig {
-            compensation: Compensation::new(settings, vec![axis], Machine::default()),
+            compensation: Compensation::new(settings, vec![axis], Remembered::default()),
             now: Moment::from_nanos(0),
             values: [27.5, 24.0, 0.0, 0.0],
-            control: Control { permit: Permit::Armed, take_over: None },
+            control: Control { permit: Permit::Armed, ..Control::default() },
         }
     }
 

@@ -4,8 +4,8 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::compensation::model::{Formula, Kind, Linear, Model, Reference};
-use crate::compensation::settings::OnFault;
+use crate::compensation::model::{Formula, Kind, Linear, Model, Reference, Term};
+use crate::compensation::settings::{AxisSettings, Datum, OnFault};
 use crate::profile::{Axis, Profile};
 use crate::reading::SignalId;
 
@@ -51,11 +51,15 @@ pub(super) fn explained(profile: &Profile, axis: &Axis) -> AxisExplained {
     if let Some(count) = guard.count {
         words.push_str(&format!("; it moves in counts of {} µm", count.get()));
     }
+    words.push_str(&levels(settings));
     let mut sign =
         "Cz is added to the position: a positive Cz makes the commanded or displayed position larger"
             .to_owned();
     if axis.diameter {
         sign.push_str("; it acts on a diameter, so twice Cz is written");
+    }
+    if settings.datum == Datum::Zero {
+        sign.push_str("; it is measured from its value at the last zero");
     }
     AxisExplained {
         name: settings.name.clone(),
@@ -64,6 +68,20 @@ pub(super) fn explained(profile: &Profile, axis: &Axis) -> AxisExplained {
         guard: words,
         on_fault: fault_action(settings.on_fault, guard.rate),
     }
+}
+
+fn levels(settings: &AxisSettings) -> String {
+    let mut words = String::new();
+    if let Some(warn) = settings.levels.warn {
+        words.push_str(&format!("; beyond ±{} µm it warns", warn.get()));
+    }
+    if let Some(error) = settings.levels.error {
+        words.push_str(&format!(
+            "; a model that asks for more than ±{} µm switches the axis off until it is armed",
+            error.get()
+        ));
+    }
+    words
 }
 
 fn fault_action(action: OnFault, rate: f64) -> String {
@@ -91,11 +109,27 @@ fn model_explained(profile: &Profile, model: &Model) -> ModelExplained {
 }
 
 fn linear_text(profile: &Profile, linear: &Linear) -> String {
-    let mut text = "Cz =".to_owned();
-    for (place, term) in linear.terms.iter().enumerate() {
+    let mut text = format!("Cz = {}", sum_text(profile, &linear.terms));
+    let sign = if linear.offset < 0.0 { "−" } else { "+" };
+    let zero = if linear.terms.is_empty() { "" } else { " " };
+    text.push_str(&format!("{zero}{sign} {} µm", figure(linear.offset.abs())));
+    if let Some(slope) = &linear.slope {
+        let position = &profile.signal(slope.position).name;
+        text.push_str(&format!(
+            " + ({}) µm/mm·({position} − {} mm)",
+            sum_text(profile, &slope.terms),
+            figure(slope.reference)
+        ));
+    }
+    text
+}
+
+fn sum_text(profile: &Profile, terms: &[Term]) -> String {
+    let mut text = String::new();
+    for (place, term) in terms.iter().enumerate() {
         let sign = match (place, term.gain < 0.0) {
-            (0, false) => " ",
-            (0, true) => " −",
+            (0, false) => "",
+            (0, true) => "−",
             (_, false) => " + ",
             (_, true) => " − ",
         };
@@ -106,21 +140,49 @@ fn linear_text(profile: &Profile, linear: &Linear) -> String {
         };
         let name = &profile.signal(term.signal).name;
         text.push_str(&format!("{sign}{}·({name} − {reference})", figure(term.gain.abs())));
+        if let Some(lag) = term.lag {
+            text.push_str(&format!(" lagged by {}", humantime::format_duration(lag)));
+        }
     }
-    let sign = if linear.offset < 0.0 { "−" } else { "+" };
-    text.push_str(&format!(" {sign} {} µm", figure(linear.offset.abs())));
     text
 }
 
 fn linear_effects(profile: &Profile, linear: &Linear) -> Vec<String> {
-    let mut gains: Vec<(SignalId, f64)> = Vec::new();
-    for term in &linear.terms {
-        match gains.iter_mut().find(|(signal, _)| *signal == term.signal) {
-            Some((_, gain)) => *gain += term.gain,
-            None => gains.push((term.signal, term.gain)),
+    let mut effects = gains(&linear.terms)
+        .into_iter()
+        .map(|(term, gain)| effect(profile, term.signal, gain, &late(profile, &term, "")))
+        .collect::<Vec<String>>();
+    if let Some(slope) = &linear.slope {
+        let position = &profile.signal(slope.position).name;
+        for (term, gain) in gains(&slope.terms) {
+            let beside = format!(" and {position} stands 100 mm above {} mm", figure(slope.reference));
+            effects.push(effect(profile, term.signal, gain * 100.0, &late(profile, &term, &beside)));
         }
     }
-    gains.into_iter().map(|(signal, gain)| effect(profile, signal, gain, "")).collect()
+    effects
+}
+
+/// The gains of each signal and each lag added up.
+fn gains(terms: &[Term]) -> Vec<(Term, f64)> {
+    let mut gains: Vec<(Term, f64)> = Vec::new();
+    for term in terms {
+        match gains.iter_mut().find(|(known, _)| (known.signal, known.lag) == (term.signal, term.lag)) {
+            Some((_, gain)) => *gain += term.gain,
+            None => gains.push((*term, term.gain)),
+        }
+    }
+    gains
+}
+
+fn late(profile: &Profile, term: &Term, beside: &str) -> String {
+    let signal = &profile.signal(term.signal).name;
+    match term.lag {
+        Some(lag) => {
+            let lag = humantime::format_duration(lag);
+            format!("{beside} (63 % of it {lag} after {signal} has risen)")
+        }
+        None => beside.to_owned(),
+    }
 }
 
 /// A formula may bend: its effect is told at one point, the machine just started and every signal in the middle of its

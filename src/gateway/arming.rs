@@ -12,6 +12,8 @@ pub(super) struct Arming {
     pub(super) armed: bool,
     /// A person, or a foreign change, switched it off: it stays off until a person arms it.
     pub(super) latched: bool,
+    /// Its model asked for more than the error level: it is switched off when the fault action has come to its end.
+    pub(super) tripped: bool,
     /// A person asked for it and it could not be done yet.
     pub(super) asked: bool,
     /// Why the last attempt was refused; told once.
@@ -39,6 +41,7 @@ impl Arming {
         axis: usize,
         outputs: &[OutputState],
         ready: bool,
+        beyond_error: Option<Micron>,
     ) -> Attempt {
         let wanted = match profile.arm {
             Arm::Auto => !self.latched || self.asked,
@@ -46,6 +49,12 @@ impl Arming {
         };
         if self.armed || !wanted || !ready {
             return Attempt::NotYet;
+        }
+        if let Some(wanted) = beyond_error {
+            let name = &profile.axes[axis].settings.name;
+            return Attempt::Refused(format!(
+                "its model asks for {wanted}, more than axis.{name}.error; look for the sensor or the cause first"
+            ));
         }
         let mut from = None;
         for (output, state) in of_axis(profile, axis, outputs) {

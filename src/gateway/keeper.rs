@@ -11,8 +11,7 @@ use std::time::Duration;
 use super::log::Recorder;
 use super::memory::Memory;
 use super::output::OutputState;
-use crate::compensation::reference::Machine;
-use crate::compensation::{Compensation, Control, Snapshot};
+use crate::compensation::{Compensation, Control, Remembered, Snapshot};
 use crate::observe::events::{Event, Journal};
 use crate::profile::{Profile, Writes};
 use crate::quantity::Moment;
@@ -60,7 +59,7 @@ impl Keeper {
     pub(super) fn start(
         profile: &Profile,
         directory: &Path,
-        machine: &Machine,
+        remembered: &Remembered,
         journal: Arc<Journal>,
     ) -> Keeper {
         let (queue, jobs) = sync_channel(QUEUE);
@@ -83,7 +82,7 @@ impl Keeper {
         // Without a thread nothing is kept: the queue finds nobody at its other end.
         let _ = std::thread::Builder::new().name("keeper".to_owned()).spawn(work);
         let mut recorder = Recorder::new(profile);
-        recorder.begin(machine);
+        recorder.begin(remembered);
         Keeper { queue: Some(queue), recorder: Some(recorder), remembered: None, working: Some(working) }
     }
 
@@ -136,7 +135,7 @@ impl Keeper {
             profile.outputs.iter().zip(outputs).filter(|(output, _)| output.writes == Writes::Offset);
         let verified =
             verified.filter_map(|(output, state)| Some((output.name.clone(), state.cz?.get()))).collect();
-        self.hand_over(Job::State(Box::new(Memory::new(profile, now, compensation.machine(), verified))));
+        self.hand_over(Job::State(Box::new(Memory::new(profile, now, compensation.remembered(), verified))));
     }
 
     /// Waits until everything queued is on disk; not for ever, where the disk hangs.

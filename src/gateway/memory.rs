@@ -1,4 +1,5 @@
-//! What the gateway remembers over a restart: machine-on time, references, what it last wrote and verified.
+//! What the gateway remembers over a restart: machine-on time, references, lags, datums, what it last wrote and
+//! verified.
 //!
 //! One JSON file in the state directory, replaced atomically. A file that cannot be used is set aside, never
 //! overwritten, and the gateway starts as if it had none.
@@ -9,12 +10,12 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use crate::compensation::reference::Machine;
+use crate::compensation::Remembered;
 use crate::profile::Profile;
 use crate::quantity::Moment;
 
-/// The layout of the file. A file of another layout is set aside.
-const VERSION: u32 = 1;
+/// The layout of the file. One of a later layout is set aside; the first had no lags and no datums.
+const VERSION: u32 = 2;
 
 /// The file's content.
 #[derive(Debug, Serialize, Deserialize)]
@@ -23,9 +24,10 @@ pub(super) struct Memory {
     pub(super) version: u32,
     /// When it was written.
     pub(super) at: Moment,
-    /// The signals that the references count by.
+    /// The signals that references and terms count by.
     pub(super) signals: Vec<String>,
-    pub(super) machine: Machine,
+    #[serde(rename = "machine")]
+    pub(super) remembered: Remembered,
     /// Cz as last verified in each offset output, µm.
     pub(super) verified_um: BTreeMap<String, f64>,
 }
@@ -33,7 +35,7 @@ pub(super) struct Memory {
 /// What was found at start.
 #[derive(Debug, Default)]
 pub(super) struct Recalled {
-    pub(super) machine: Machine,
+    pub(super) remembered: Remembered,
     /// A sentence where a file was set aside.
     pub(super) trouble: Option<String>,
 }
@@ -42,11 +44,11 @@ impl Memory {
     pub(super) fn new(
         profile: &Profile,
         at: Moment,
-        machine: &Machine,
+        remembered: Remembered,
         verified_um: BTreeMap<String, f64>,
     ) -> Memory {
         let signals = profile.signals.iter().map(|signal| signal.name.clone()).collect();
-        Memory { version: VERSION, at, signals, machine: machine.clone(), verified_um }
+        Memory { version: VERSION, at, signals, remembered, verified_um }
     }
 
     /// The file of a machine in a state directory.
@@ -74,12 +76,12 @@ impl Memory {
             }
         };
         match serde_json::from_str::<Memory>(&text) {
-            Ok(memory) if memory.version == VERSION => {
-                let machine = memory.machine.for_signals(
+            Ok(memory) if (1..=VERSION).contains(&memory.version) => {
+                let remembered = memory.remembered.for_signals(
                     |name| memory.signals.iter().position(|known| known == name),
                     profile.signals.iter().map(|signal| signal.name.as_str()),
                 );
-                Recalled { machine, trouble: None }
+                Recalled { remembered, trouble: None }
             }
             Ok(memory) => {
                 set_aside(path, &format!("it has version {}, this program writes {VERSION}", memory.version))
@@ -96,10 +98,10 @@ fn set_aside(path: &Path, why: &str) -> Recalled {
         Err(error) => format!("and it could not be set aside ({error})"),
     };
     let trouble = format!(
-        "the saved state {} cannot be used: {why}; {moved}; references and machine-on time begin anew",
+        "the saved state {} cannot be used: {why}; {moved}; references, lags and machine-on time begin anew",
         path.display()
     );
-    Recalled { machine: Machine::default(), trouble: Some(trouble) }
+    Recalled { remembered: Remembered::default(), trouble: Some(trouble) }
 }
 
 #[cfg(test)]

@@ -6,10 +6,10 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use super::arming::Arming;
 use super::board::Board;
 use super::keeper::Keeper;
+use super::levels::LevelsTold;
 use super::output::OutputState;
 use crate::clock::{Bell, Clock};
-use crate::compensation::reference::Machine;
-use crate::compensation::{AxisState, Compensation, Control};
+use crate::compensation::{AxisState, Compensation, Control, Remembered};
 use crate::observe::events::{Event, Journal};
 use crate::observe::status::Command;
 use crate::profile::{AxisId, BusId, Profile};
@@ -46,9 +46,9 @@ pub(super) struct Core {
     pub(super) failed: bool,
     controls: Vec<Control>,
     /// Events of a step, told when the lock is free again.
-    untold: Vec<Event>,
+    pub(super) untold: Vec<Event>,
     told_states: Vec<AxisState>,
-    at_limit: Vec<bool>,
+    pub(super) levels: Vec<LevelsTold>,
 }
 
 /// Requests and failures of one device.
@@ -92,14 +92,14 @@ impl Shared {
         clock: Clock,
         journal: Arc<Journal>,
         dry_run: bool,
-        machine: Machine,
+        remembered: Remembered,
         keeper: Keeper,
         bells: Vec<Bell>,
     ) -> Shared {
         let axes = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
         let core = Core {
             board: Board::new(&profile),
-            compensation: Compensation::new(profile.machine.clone(), axes, machine),
+            compensation: Compensation::new(profile.machine.clone(), axes, remembered),
             arming: vec![Arming::default(); profile.axes.len()],
             outputs: vec![OutputState::default(); profile.outputs.len()],
             devices: vec![DeviceCount::default(); profile.devices.len()],
@@ -111,7 +111,7 @@ impl Shared {
             untold: Vec::new(),
             controls: vec![Control::default(); profile.axes.len()],
             told_states: vec![AxisState::Off; profile.axes.len()],
-            at_limit: vec![false; profile.axes.len()],
+            levels: vec![LevelsTold::default(); profile.axes.len()],
         };
         let started = clock.now();
         Shared { profile, clock, journal, dry_run, started, bells: Mutex::new(bells), core: Mutex::new(core) }
@@ -183,7 +183,7 @@ impl Shared {
             Command::Arm if core.stopping => return Err("the gateway is stopping".to_owned()),
             Command::Arm => {
                 for arming in &mut core.arming {
-                    arming.asked = !arming.armed;
+                    arming.asked = !arming.armed || arming.tripped;
                     arming.refusal = None;
                 }
                 format!("{names}: will be armed as soon as devices and readings allow it")

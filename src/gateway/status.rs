@@ -62,6 +62,9 @@ fn axes(shared: &Shared, core: &Core) -> Vec<AxisStatus> {
             .map(|(_, name)| *name)
             .collect(),
         limit_um: axis.settings.guard.limit.get(),
+        warn_um: axis.settings.levels.warn.map(Micron::get),
+        warned: core.levels[place].is_warned(),
+        error_um: axis.settings.levels.error.map(Micron::get),
         armed: core.arming[place].armed,
     })
     .collect()

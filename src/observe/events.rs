@@ -49,6 +49,10 @@ pub enum Event {
     ArmRefused { axis: String, why: String },
     /// The model asks for more than the limit.
     AtLimit { axis: String, wanted: Micron, limit: Micron },
+    /// |Cz| passed the level at which people are to be told.
+    Warned { axis: String, cz: Micron, warn: Micron },
+    /// The model asks for more than the level at which it is not believed any more.
+    BeyondError { axis: String, wanted: Micron, error: Micron },
     /// A value did not fit its register and was cut.
     Saturated { output: String, wanted: f64 },
     /// What was read back is not what was written.
@@ -109,6 +113,8 @@ impl Event {
             Event::Disarmed { .. } => "disarmed",
             Event::ArmRefused { .. } => "arm-refused",
             Event::AtLimit { .. } => "at-limit",
+            Event::Warned { .. } => "warned",
+            Event::BeyondError { .. } => "beyond-error",
             Event::Saturated { .. } => "saturated",
             Event::VerifyFailed { .. } => "verify-failed",
             Event::WriteFailed { .. } => "write-failed",
@@ -132,11 +138,13 @@ impl Event {
             Event::TaskFailed { .. }
             | Event::VerifyFailed { .. }
             | Event::ForeignChange { .. }
+            | Event::BeyondError { .. }
             | Event::ArmRefused { .. } => Level::Error,
             Event::LinkDown { .. }
             | Event::DeviceLost { .. }
             | Event::SignalBad { .. }
             | Event::AtLimit { .. }
+            | Event::Warned { .. }
             | Event::Saturated { .. }
             | Event::WriteFailed { .. }
             | Event::CncRestarted { .. }
@@ -184,6 +192,14 @@ impl fmt::Display for Event {
             Event::AtLimit { axis, wanted, limit } => {
                 write!(f, "axis {axis}: the model asks for {wanted}, held at its limit of ±{limit}")
             }
+            Event::Warned { axis, cz, warn } => {
+                write!(f, "axis {axis}: Cz is {cz}, beyond its warning level of ±{warn}")
+            }
+            Event::BeyondError { axis, wanted, error } => write!(
+                f,
+                "axis {axis}: the model asks for {wanted}, beyond its error level of ±{error}; the fault action runs, \
+                 and it stays off until it is armed"
+            ),
             Event::Saturated { output, wanted } => {
                 write!(f, "output {output}: {wanted} does not fit the register and was cut")
             }

@@ -110,6 +110,12 @@ pub struct AxisStatus {
     pub acted: Vec<&'static str>,
     /// Largest |Cz|, µm.
     pub limit_um: f64,
+    /// |Cz| at which people are told, µm.
+    pub warn_um: Option<f64>,
+    /// |Cz| lies beyond it.
+    pub warned: bool,
+    /// The size of a model's Cz at which the axis gives up, µm.
+    pub error_um: Option<f64>,
     /// It may write.
     pub armed: bool,
 }

@@ -16,6 +16,7 @@ use crate::reading::SignalId;
 mod axis;
 mod expression;
 mod fieldbus;
+mod model;
 mod output;
 mod registers;
 mod signal;
@@ -98,7 +99,7 @@ impl Check<'_> {
         let buses = self.buses();
         let devices = self.devices(&buses);
         let signals = self.signals(&devices, &buses);
-        let axes = self.axes();
+        let axes = self.axes(&signals);
         let (outputs, axes) = self.outputs(axes, &devices, &signals, &buses);
         let heartbeat = self.heartbeat(&devices, &buses);
         let web = self.web();

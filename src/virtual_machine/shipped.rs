@@ -5,9 +5,8 @@ use std::time::Duration;
 
 use super::plant::{Plant, PlantSpec};
 use crate::compensation::model::{Kind, Linear, Model, Reference, Term};
-use crate::compensation::reference::Machine;
-use crate::compensation::settings::{AxisSettings, GuardSettings, MachineSettings, OnFault};
-use crate::compensation::{Compensation, Control, Permit, Snapshot};
+use crate::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault};
+use crate::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
 use crate::quantity::Micron;
 use crate::reading::{Reading, SignalId};
 
@@ -77,7 +76,7 @@ impl Shipped {
             for (reading, signal) in readings.iter_mut().zip(signals) {
                 *reading = Reading::good(plant.sensor(signal).unwrap(), now);
             }
-            let control = Control { permit: Permit::Armed, take_over: None };
+            let control = Control { permit: Permit::Armed, ..Control::default() };
             core.step(&Snapshot { now, readings: &readings }, &[control]);
             if second >= 60 {
                 let error = plant.true_error_um("z").unwrap();
@@ -96,8 +95,9 @@ impl Shipped {
             signal: SignalId(place + 1),
             gain: *gain,
             reference: Reference::Start,
+            lag: None,
         });
-        let linear = Linear { offset: number(self.model(0), "offset"), terms: terms.collect() };
+        let linear = Linear { offset: number(self.model(0), "offset"), terms: terms.collect(), slope: None };
         let micron = |key| Micron::new(number(axis, key)).unwrap();
         let settings = AxisSettings {
             name: "z".to_owned(),
@@ -111,6 +111,9 @@ impl Shipped {
             },
             every: Duration::from_secs(10),
             on_fault: OnFault::Hold,
+            levels: Levels::default(),
+            datum: Datum::Model,
+            apart: None,
         };
         let machine = MachineSettings {
             on: Some(SignalId(0)),
@@ -118,7 +121,7 @@ impl Shipped {
             settle: Duration::from_secs(180),
             signals: 1 + self.terms().len(),
         };
-        Compensation::new(machine, vec![settings], Machine::default())
+        Compensation::new(machine, vec![settings], Remembered::default())
     }
 
     /// The calibration day as a person would record it, one row a minute: machine-on time, the model's signals, and

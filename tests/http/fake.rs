@@ -75,6 +75,9 @@ pub(crate) fn status() -> Status {
             cz_um: 12.5,
             acted: vec!["limit"],
             limit_um: 60.0,
+            warn_um: None,
+            warned: false,
+            error_um: None,
             armed: true,
         }],
         signals: vec![

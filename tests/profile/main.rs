@@ -8,6 +8,7 @@ mod contradictions;
 mod explained;
 mod layers;
 mod mistakes;
+mod models;
 mod not_built;
 
 /// A machine in which everything that is built is used.

@@ -3,10 +3,12 @@ use std::time::Duration;
 use proptest::prelude::*;
 
 use super::*;
-use crate::compensation::{Control, Permit};
+use crate::compensation::{Control, Permit, Remembered};
 use crate::gateway::log::{Recorder, sample};
 use crate::quantity::Moment;
 use crate::reading::{Reading, Reason};
+
+mod lags;
 
 fn replayed(profile: &Profile, log: &str) -> (Summary, Vec<Vec<String>>) {
     let mut out = Vec::new();
@@ -154,17 +156,17 @@ fn any_event() -> impl Strategy<Value = Event> {
 /// The log of a day, written only where a step did anything, as the gateway does.
 fn log_of(profile: &Profile, day: &[Event]) -> String {
     let axes = || profile.axes.iter().map(|axis| axis.settings.clone()).collect();
-    let mut compensation = Compensation::new(profile.machine.clone(), axes(), Machine::default());
+    let mut compensation = Compensation::new(profile.machine.clone(), axes(), Remembered::default());
     let mut recorder = Recorder::new(profile);
     let mut log = Recorder::header(profile).into_bytes();
     let mut nanos = 1_700_000_000_000_000_000u64;
-    recorder.begin(compensation.machine());
+    recorder.begin(&compensation.remembered());
     for event in day {
         nanos = nanos.saturating_add_signed(event.nanos);
         let now = Moment::from_nanos(nanos);
         if event.restart {
-            compensation = Compensation::new(profile.machine.clone(), axes(), compensation.machine().clone());
-            recorder.begin(compensation.machine());
+            compensation = Compensation::new(profile.machine.clone(), axes(), compensation.remembered());
+            recorder.begin(&compensation.remembered());
         }
         if event.zero {
             let asked = Moment::from_nanos(nanos - 1);
@@ -175,8 +177,11 @@ fn log_of(profile: &Profile, day: &[Event]) -> String {
             value.map_or(Reading::bad(now, Reason::Timeout), |value| Reading::good(value, now))
         };
         let readings = event.values.map(reading);
-        let controls =
-            event.controls.map(|(permit, found)| Control { permit, take_over: found.and_then(Micron::new) });
+        let controls = event.controls.map(|(permit, found)| Control {
+            permit,
+            take_over: found.and_then(Micron::new),
+            ..Control::default()
+        });
         let snapshot = Snapshot { now, readings: &readings };
         if compensation.step(&snapshot, &controls).anything {
             log.extend_from_slice(recorder.row(&snapshot, &controls, compensation.decisions()));

@@ -4,9 +4,7 @@
 //! first: `or`, `and`, `not`, `== != < <= > >=`, `+ -`, `* /`, unary `-`, `^`. Functions: `abs exp ln sqrt min max`.
 //! M2 of JP H07-61598 B2 is the reference case.
 
-use super::{Evaluate, Unusable};
-use crate::compensation::Snapshot;
-use crate::compensation::reference::Machine;
+use super::{Asked, Evaluate, Known, Unusable};
 use crate::reading::SignalId;
 
 mod parser;
@@ -194,9 +192,10 @@ pub struct Formula {
 }
 
 impl Evaluate for Formula {
-    fn evaluate(&self, snapshot: &Snapshot<'_>, machine: &Machine) -> Result<f64, Unusable> {
-        let time = machine.on_time(snapshot.now).map(|span| span.as_secs_f64());
-        self.expression.evaluate(&|id| snapshot.value(id), time)
+    fn evaluate(&self, known: &Known<'_>) -> Result<Asked, Unusable> {
+        let time = known.machine.on_time(known.snapshot.now).map(|span| span.as_secs_f64());
+        let cz = self.expression.evaluate(&|id| known.snapshot.value(id), time)?;
+        Ok(Asked { cz, slope: 0.0 })
     }
 
     fn inputs(&self) -> Vec<SignalId> {

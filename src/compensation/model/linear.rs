@@ -1,8 +1,12 @@
-//! `Cz = offset + Σ gain · (T − T_ref)`: M1 and M3 of JP H07-61598 B2, and every regression on temperature rises.
+//! `Cz = offset + Σ gain · (T − T_ref) + slope · (P − P0)`: M1 and M3 of JP H07-61598 B2, the lagged expansions of
+//! Janeczko 1989, and every regression on temperature rises.
+//!
+//! The slope is a second sum, in µm/mm, that grows with the distance from a reference position: Li, Yang, Zhang, Zhang
+//! 1998, `Δz(z1) = Δz(z0) + k·(z1 − z0)`; in a SINUMERIK `ΔK = K0(T) + tanβ(T)·(P − P0)`.
 
-use super::{Evaluate, Unusable};
-use crate::compensation::Snapshot;
-use crate::compensation::reference::Machine;
+use std::time::Duration;
+
+use super::{Asked, Evaluate, Known, Lag, Unusable};
 use crate::reading::SignalId;
 
 /// A constant plus a sum of terms, µm.
@@ -12,6 +16,8 @@ pub struct Linear {
     pub offset: f64,
     /// Added up.
     pub terms: Vec<Term>,
+    /// What grows with the position.
+    pub slope: Option<Slope>,
 }
 
 /// One gain times one rise.
@@ -19,10 +25,12 @@ pub struct Linear {
 pub struct Term {
     /// The temperature.
     pub signal: SignalId,
-    /// µm per unit of the signal.
+    /// µm per unit of the signal; in a slope µm/mm per unit.
     pub gain: f64,
     /// What the rise is measured from.
     pub reference: Reference,
+    /// Time constant C of the first-order lag, above zero; `None`: the rise acts at once.
+    pub lag: Option<Duration>,
 }
 
 /// What ΔT is measured from.
@@ -36,19 +44,57 @@ pub enum Reference {
     Zero,
 }
 
+/// A sum of terms, µm/mm, times the distance from a reference position.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Slope {
+    /// Where the axis is, mm.
+    pub position: SignalId,
+    /// P0: where the slope adds nothing, mm.
+    pub reference: f64,
+    /// Added up.
+    pub terms: Vec<Term>,
+}
+
+impl Linear {
+    /// Every term, those of the slope last: one [`Lag`] belongs to each.
+    pub fn all_terms(&self) -> impl Iterator<Item = &Term> {
+        self.terms.iter().chain(self.slope.iter().flat_map(|slope| &slope.terms))
+    }
+}
+
 impl Evaluate for Linear {
-    fn evaluate(&self, snapshot: &Snapshot<'_>, machine: &Machine) -> Result<f64, Unusable> {
-        let mut sum = self.offset;
-        for term in &self.terms {
-            let value = snapshot.value(term.signal).ok_or(Unusable::Signal(term.signal))?;
-            let reference =
-                machine.reference(term.reference, term.signal).ok_or(Unusable::Reference(term.signal))?;
-            sum += term.gain * (value - reference);
+    fn evaluate(&self, known: &Known<'_>) -> Result<Asked, Unusable> {
+        let mut lags = known.lags.iter();
+        let cz = sum(self.offset, &self.terms, &mut lags, known)?;
+        let Some(slope) = &self.slope else { return Ok(Asked { cz, slope: 0.0 }) };
+        let per_mm = sum(0.0, &slope.terms, &mut lags, known)?;
+        if known.apart {
+            return Ok(Asked { cz, slope: per_mm });
         }
-        Ok(sum)
+        let position = known.snapshot.value(slope.position).ok_or(Unusable::Signal(slope.position))?;
+        Ok(Asked { cz: cz + per_mm * (position - slope.reference), slope: 0.0 })
     }
 
     fn inputs(&self) -> Vec<SignalId> {
-        self.terms.iter().map(|term| term.signal).collect()
+        let positions = self.slope.iter().map(|slope| slope.position);
+        self.all_terms().map(|term| term.signal).chain(positions).collect()
     }
+}
+
+fn sum<'a>(
+    offset: f64,
+    terms: &[Term],
+    lags: &mut impl Iterator<Item = &'a Lag>,
+    known: &Known<'_>,
+) -> Result<f64, Unusable> {
+    let mut sum = offset;
+    for term in terms {
+        let lag = lags.next().copied().unwrap_or_default();
+        let value = known.snapshot.value(term.signal).ok_or(Unusable::Signal(term.signal))?;
+        let reference =
+            known.machine.captured(term.reference, term.signal).ok_or(Unusable::Reference(term.signal))?;
+        let rise = if term.lag.is_some() { lag.rise(term, known) } else { value - reference.value };
+        sum += term.gain * rise;
+    }
+    Ok(sum)
 }

@@ -90,7 +90,7 @@ proptest! {
             nanos = nanos.saturating_add_signed(jump);
             rig.now = Moment::from_nanos(nanos);
             rig.values = values;
-            rig.control = Control { permit, take_over: found.map(um) };
+            rig.control = Control { permit, take_over: found.map(um), ..Control::default() };
             let before = rig.compensation.decision(0).unwrap().at;
             let decision = rig.step();
             if let Some(found) = found {
@@ -121,7 +121,7 @@ proptest! {
             for (jump, values, permit, found) in &looks {
                 rig.now = Moment::from_nanos(rig.now.as_nanos().saturating_add_signed(*jump));
                 rig.values = *values;
-                rig.control = Control { permit: *permit, take_over: found.map(um) };
+                rig.control = Control { permit: *permit, take_over: found.map(um), ..Control::default() };
                 decisions.push(rig.step());
             }
         }

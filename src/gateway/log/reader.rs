@@ -7,8 +7,7 @@ use std::io::Read;
 use csv::StringRecord;
 
 use super::{DECIDED, ERROR, FROM, MEMORY, PERMIT, TIME, ZERO, time};
-use crate::compensation::reference::Machine;
-use crate::compensation::{Control, Permit};
+use crate::compensation::{Control, Permit, Remembered};
 use crate::profile::Profile;
 use crate::quantity::{Micron, Moment};
 use crate::reading::{Reading, Reason};
@@ -44,8 +43,8 @@ pub struct LogRow {
     pub errors: Vec<Option<f64>>,
     /// By axis: what the log says was decided.
     pub decided: Vec<Option<Decided>>,
-    /// A run of the gateway begins here, with this memory of the machine.
-    pub begins: Option<Machine>,
+    /// A run of the gateway begins here, with this memory.
+    pub begins: Option<Remembered>,
     /// "Zero" was commanded at this moment, before this row.
     pub zeroed: Option<Moment>,
 }
@@ -219,8 +218,8 @@ impl<R: Read> LogReader<R> {
             row.decided.push(self.decided(line, columns)?);
         }
         if let Some((place, text)) = self.filled(self.columns.memory) {
-            let machine = serde_json::from_str(text).map_err(|cause| self.error(line, place, cause))?;
-            row.begins = Some(machine);
+            let remembered = serde_json::from_str(text).map_err(|cause| self.error(line, place, cause))?;
+            row.begins = Some(remembered);
         }
         if let Some((place, text)) = self.filled(self.columns.zero) {
             row.zeroed = Some(time::parse(text).map_err(|message| self.error(line, place, message))?);
@@ -233,13 +232,17 @@ impl<R: Read> LogReader<R> {
         let take_over = self.micron(line, columns.from)?;
         let Some(place) = columns.permit else {
             let at_rest = self.last.is_none().then_some(Micron::ZERO);
-            return Ok(Control { permit: Permit::Armed, take_over: take_over.or(at_rest) });
+            return Ok(Control {
+                permit: Permit::Armed,
+                take_over: take_over.or(at_rest),
+                ..Control::default()
+            });
         };
         let word = self.cell(place).trim();
         let permit = Permit::from_name(word).ok_or_else(|| {
             self.error(line, place, format!("`{word}` is none of off, armed, unverified, stopping"))
         })?;
-        Ok(Control { permit, take_over })
+        Ok(Control { permit, take_over, ..Control::default() })
     }
 
     fn decided(&self, line: u64, columns: &AxisColumns) -> Result<Option<Decided>, LogError> {

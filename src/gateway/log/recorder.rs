@@ -3,8 +3,7 @@
 use std::io::Write;
 
 use super::{DECIDED, FROM, MEMORY, PERMIT, TIME, ZERO, time};
-use crate::compensation::reference::Machine;
-use crate::compensation::{Control, Decision, Snapshot};
+use crate::compensation::{Control, Decision, Remembered, Snapshot};
 use crate::profile::{Axis, Profile};
 use crate::quantity::Moment;
 
@@ -42,9 +41,9 @@ impl Recorder {
         header + "," + MEMORY + "," + ZERO + "\n"
     }
 
-    /// A run begins with the next row: the axes are at rest, the machine remembers this.
-    pub fn begin(&mut self, machine: &Machine) {
-        self.memory = serde_json::to_string(machine).ok().map(|json| cell(&json));
+    /// A run begins with the next row: the axes are at rest, and this is remembered.
+    pub fn begin(&mut self, remembered: &Remembered) {
+        self.memory = serde_json::to_string(remembered).ok().map(|json| cell(&json));
     }
 
     /// "Zero" was commanded, at this moment, before the next row.

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::codec::{Address, DataType, Encoding, Table, WordOrder};
 use crate::compensation::model::{Expression, Formula, Kind, Linear, Model, Reference, Symbol, Term};
-use crate::compensation::settings::{AxisSettings, GuardSettings, MachineSettings, OnFault};
+use crate::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault};
 use crate::profile::{Arm, Axis, DeviceId, History, Profile, Signal, Unit};
 use crate::quantity::Micron;
 use crate::reading::SignalId;
@@ -41,8 +41,12 @@ fn linear(name: &str, terms: &[(usize, f64, Reference)]) -> Model {
         signal: SignalId(*place),
         gain: *gain,
         reference: *reference,
+        lag: None,
     });
-    Model { name: name.to_owned(), kind: Kind::Linear(Linear { offset: 0.0, terms: terms.collect() }) }
+    Model {
+        name: name.to_owned(),
+        kind: Kind::Linear(Linear { offset: 0.0, terms: terms.collect(), slope: None }),
+    }
 }
 
 fn axis(name: &str, every: u64, count: f64, on_fault: OnFault, models: Vec<Model>) -> Axis {
@@ -54,7 +58,10 @@ fn axis(name: &str, every: u64, count: f64, on_fault: OnFault, models: Vec<Model
         count: Some(um(count)),
     };
     let every = Duration::from_secs(every);
-    Axis { settings: AxisSettings { name: name.to_owned(), models, guard, every, on_fault }, diameter: false }
+    let name = name.to_owned();
+    let (levels, datum) = (Levels::default(), Datum::Model);
+    let settings = AxisSettings { name, models, guard, every, on_fault, levels, datum, apart: None };
+    Axis { settings, diameter: false }
 }
 
 /// `bed`, `wheelhead`, `hydraulics_on`, `zero_button`; z every 10 s (M1, then M2), x every 7 s (rises over zero and start).

@@ -1,8 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::compensation::reference::Machine;
-use crate::compensation::{Compensation, Control, Permit, Snapshot};
+use crate::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
 use crate::quantity::{Micron, Moment};
 use crate::reading::{Quality, Reading, Reason};
 
@@ -68,7 +67,7 @@ fn a_log_from_elsewhere_needs_only_time_and_a_signal() {
     assert_eq!(rows[1].readings[0].quality, Quality::Bad(Reason::NotInLog));
     assert_eq!(rows[0].errors, [Some(-8.0), None]);
     assert_eq!((rows[1].errors[0], rows[1].line, rows[1].time.as_str()), (None, 3, "10"));
-    let armed = |take_over| Control { permit: Permit::Armed, take_over };
+    let armed = |take_over| Control { permit: Permit::Armed, take_over, ..Control::default() };
     assert_eq!(rows[0].controls, [armed(Some(Micron::ZERO)); 2]);
     assert_eq!(rows[1].controls, [armed(None); 2]);
     assert_eq!(rows[0].decided, [None, None]);
@@ -137,9 +136,9 @@ fn a_last_row_that_was_cut_off_is_left_out() {
 fn a_recorded_row_reads_as_what_was_recorded() {
     let profile = sample::profile();
     let axes = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
-    let mut compensation = Compensation::new(profile.machine.clone(), axes, Machine::default());
+    let mut compensation = Compensation::new(profile.machine.clone(), axes, Remembered::default());
     let mut recorder = Recorder::new(&profile);
-    recorder.begin(compensation.machine());
+    recorder.begin(&compensation.remembered());
     recorder.zeroed(Moment::from_nanos(41));
     let now = Moment::from_nanos(1_700_000_000_000_000_007);
     let readings = [
@@ -149,8 +148,8 @@ fn a_recorded_row_reads_as_what_was_recorded() {
         Reading::good(-0.0, now),
     ];
     let controls = [
-        Control { permit: Permit::Armed, take_over: Micron::new(0.1 + 0.2) },
-        Control { permit: Permit::Unverified, take_over: None },
+        Control { permit: Permit::Armed, take_over: Micron::new(0.1 + 0.2), ..Control::default() },
+        Control { permit: Permit::Unverified, ..Control::default() },
     ];
     let snapshot = Snapshot { now, readings: &readings };
     compensation.step(&snapshot, &controls);
@@ -166,7 +165,7 @@ fn a_recorded_row_reads_as_what_was_recorded() {
         (row.now, row.zeroed, row.controls.as_slice()),
         (now, Some(Moment::from_nanos(41)), &controls[..])
     );
-    assert_eq!(row.begins, Some(Machine::default()));
+    assert_eq!(row.begins, Some(Remembered::default()));
     let usable =
         |readings: &[Reading]| readings.iter().map(|r| r.usable().map(f64::to_bits)).collect::<Vec<_>>();
     assert_eq!(usable(&row.readings), usable(&readings));

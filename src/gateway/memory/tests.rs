@@ -1,66 +1,127 @@
-use super::*;
-use crate::compensation::model::Reference;
-use crate::reading::SignalId;
+use std::time::Duration;
 
-fn profile(signals: &[&str]) -> Profile {
-    let text = include_str!("../../../profiles/surface-grinder.toml");
-    let parsed = crate::profile::parse(Path::new("m.toml"), text, &[], &[]);
-    let mut profile = parsed.unwrap_or_else(|errors| panic!("{errors}")).profile;
-    let by_name = |name: &str| profile.signals.iter().find(|signal| signal.name == name).unwrap().clone();
-    profile.signals = signals.iter().map(|name| by_name(name)).collect();
+use super::*;
+use crate::compensation::model::{Kind, Reference};
+use crate::compensation::{Compensation, Control, Permit, Snapshot};
+use crate::gateway::log::sample;
+use crate::quantity::Micron;
+use crate::reading::Reading;
+
+/// Both terms of axis z's first model follow their temperature by half an hour.
+fn lagging() -> Profile {
+    let mut profile = sample::profile();
+    profile.machine.on = None;
+    let Kind::Linear(linear) = &mut profile.axes[0].settings.models[0].kind else { panic!("linear") };
+    for term in &mut linear.terms {
+        (term.lag, term.reference) = (Some(Duration::from_secs(1800)), Reference::Start);
+    }
     profile
 }
 
-const BED_FIRST: [&str; 2] = ["bed", "wheelhead"];
-
-/// What a machine remembers whose "start" references are these, by signal.
-fn machine(references: [f64; 2]) -> Machine {
-    let captures = references.map(|value| serde_json::json!({ "value": value, "gathering": null }));
-    let json = serde_json::json!({
-        "on_since": null, "was_on": true, "was_zeroed": null, "start": captures, "zero": captures
-    });
-    serde_json::from_value(json).unwrap()
+fn gateway(profile: &Profile, remembered: Remembered) -> Compensation {
+    let axes = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
+    Compensation::new(profile.machine.clone(), axes, remembered)
 }
 
-#[test]
-fn what_was_saved_is_recalled_and_a_missing_file_is_no_trouble() {
-    let directory = tempfile::tempdir().unwrap();
-    let profile = profile(&BED_FIRST);
-    let path = Memory::path(directory.path(), &profile);
-    let nothing = Memory::recall(&path, &profile);
-    assert_eq!((nothing.machine, nothing.trouble), (Machine::default(), None));
-    let saved = machine([20.0, 21.0]);
-    Memory::new(&profile, Moment::default(), &saved, BTreeMap::new()).save(&path).unwrap();
-    let recalled = Memory::recall(&path, &profile);
-    assert_eq!((recalled.machine, recalled.trouble), (saved, None));
-}
-
-#[test]
-fn a_file_that_cannot_be_used_is_set_aside_and_kept() {
-    let profile = profile(&BED_FIRST);
-    let older = serde_json::json!({
-        "version": 0, "at": Moment::default(), "signals": [], "machine": Machine::default(), "verified_um": {}
-    });
-    for content in ["{ half a fi", &older.to_string()] {
-        let directory = tempfile::tempdir().unwrap();
-        let path = Memory::path(directory.path(), &profile);
-        std::fs::write(&path, content).unwrap();
-        let recalled = Memory::recall(&path, &profile);
-        assert_eq!(recalled.machine, Machine::default());
-        let trouble = recalled.trouble.unwrap();
-        assert!(trouble.contains("it is kept as") && trouble.contains("begin anew"), "{trouble}");
-        assert!(!path.exists());
-        assert_eq!(std::fs::read_to_string(path.with_extension("json.bad")).unwrap(), content);
+/// Steps every 10 s from one moment to another; the values of axis z's Cz. Temperatures are straight lines.
+fn run(
+    compensation: &mut Compensation,
+    seconds: std::ops::Range<u64>,
+    mut take_over: Option<Micron>,
+) -> Vec<Micron> {
+    let mut found = Vec::new();
+    for second in seconds.step_by(10) {
+        let now = Moment::from_nanos(second * 1_000_000_000);
+        let time = now.as_secs_f64();
+        let values = [20.0 + 0.0015 * time, 20.0 - 0.0005 * time, 1.0, 0.0];
+        let readings = values.map(|value| Reading::good(value, now));
+        let control = Control { permit: Permit::Armed, take_over: take_over.take(), ..Control::default() };
+        compensation.step(&Snapshot { now, readings: &readings }, &[control; 2]);
+        found.push(compensation.decision(0).unwrap().cz);
     }
+    found
 }
 
 #[test]
-fn references_follow_their_signals_where_the_profile_was_reordered() {
+fn an_hour_off_differs_from_an_uninterrupted_run_by_less_than_a_count() {
+    let profile = lagging();
     let directory = tempfile::tempdir().unwrap();
-    let (before, after) = (profile(&BED_FIRST), profile(&["scale_z", "wheelhead", "bed"]));
-    let path = Memory::path(directory.path(), &before);
-    Memory::new(&before, Moment::default(), &machine([20.0, 21.0]), BTreeMap::new()).save(&path).unwrap();
-    let machine = Memory::recall(&path, &after).machine;
-    let references = [0, 1, 2].map(|place| machine.reference(Reference::Start, SignalId(place)));
-    assert_eq!(references, [None, Some(21.0), Some(20.0)]);
+    let path = Memory::path(directory.path(), &profile);
+    let mut whole = gateway(&profile, Remembered::default());
+    let uninterrupted = run(&mut whole, 0..9000, Some(Micron::ZERO));
+
+    let mut before = gateway(&profile, Remembered::default());
+    let last = *run(&mut before, 0..1810, Some(Micron::ZERO)).last().unwrap();
+    let stopped = Moment::from_nanos(1_800_000_000_000);
+    Memory::new(&profile, stopped, before.remembered(), BTreeMap::new()).save(&path).unwrap();
+    let recalled = Memory::recall(&path, &profile);
+    assert_eq!((&recalled.remembered, recalled.trouble.as_ref()), (&before.remembered(), None));
+
+    let mut after = gateway(&profile, recalled.remembered);
+    let resumed = run(&mut after, 5400..9000, Some(last));
+    for pair in [&[last][..], &resumed].concat().windows(2) {
+        assert!((pair[1] - pair[0]).abs().get() <= 1.0 + 1e-9, "{pair:?}");
+    }
+    let (raw, wanted) = (after.decision(0).unwrap().raw.unwrap(), whole.decision(0).unwrap().raw.unwrap());
+    assert!((raw - wanted).abs().get() < 1e-9, "{raw:?} {wanted:?}");
+    let (end, wanted) = (resumed.last().unwrap(), uninterrupted.last().unwrap());
+    assert!((*end - *wanted).abs().get() < 0.05, "{end:?} {wanted:?}");
+}
+
+#[test]
+fn a_lag_is_found_again_by_its_signals_name_when_the_list_has_changed() {
+    let profile = lagging();
+    let directory = tempfile::tempdir().unwrap();
+    let path = Memory::path(directory.path(), &profile);
+    let mut before = gateway(&profile, Remembered::default());
+    run(&mut before, 0..1810, None);
+    let stopped = Moment::from_nanos(1_800_000_000_000);
+    Memory::new(&profile, stopped, before.remembered(), BTreeMap::new()).save(&path).unwrap();
+    let mut changed = profile.clone();
+    changed.signals.swap(0, 1);
+    for axis in &mut changed.axes {
+        for model in &mut axis.settings.models {
+            let Kind::Linear(linear) = &mut model.kind else { continue };
+            linear.terms.iter_mut().for_each(|term| term.signal.0 = 1 - term.signal.0);
+        }
+    }
+    let recalled = Memory::recall(&path, &changed).remembered;
+    assert_eq!(gateway(&changed, recalled.clone()).remembered().axes.len(), 1);
+    assert_eq!(gateway(&changed, recalled.clone()).remembered(), recalled, "nothing was forgotten");
+}
+
+#[test]
+fn a_file_of_the_first_layout_is_still_read_and_one_of_a_later_is_set_aside() {
+    let profile = lagging();
+    let directory = tempfile::tempdir().unwrap();
+    let path = Memory::path(directory.path(), &profile);
+    let first = r#"{"version":1,"at":5,"signals":["bed"],"machine":{"on_since":3,"was_on":null,"was_zeroed":null,
+        "start":[{"value":20.5,"gathering":null}],"zero":[{"value":21.5,"gathering":null}]},"verified_um":{}}"#;
+    std::fs::write(&path, first).unwrap();
+    let recalled = Memory::recall(&path, &profile);
+    assert_eq!(recalled.trouble, None);
+    let captured = recalled.remembered.machine.captured(Reference::Zero, crate::reading::SignalId(0));
+    assert_eq!(captured.map(|captured| captured.value), Some(21.5));
+
+    std::fs::write(&path, first.replace("\"version\":1", "\"version\":9")).unwrap();
+    let recalled = Memory::recall(&path, &profile);
+    assert!(recalled.trouble.unwrap().contains("it has version 9, this program writes 2"));
+    assert_eq!(recalled.remembered, Remembered::default());
+    assert!(!path.exists());
+}
+
+#[test]
+fn a_file_that_cannot_be_read_as_a_state_is_set_aside_and_kept() {
+    let profile = sample::profile();
+    let directory = tempfile::tempdir().unwrap();
+    let path = Memory::path(directory.path(), &profile);
+    assert_eq!(Memory::recall(&path, &profile).trouble, None, "a missing file is no trouble");
+    let content = "{ half a fi";
+    std::fs::write(&path, content).unwrap();
+    let recalled = Memory::recall(&path, &profile);
+    assert_eq!(recalled.remembered, Remembered::default());
+    let trouble = recalled.trouble.unwrap();
+    assert!(trouble.contains("it is kept as") && trouble.contains("begin anew"), "{trouble}");
+    assert!(!path.exists());
+    assert_eq!(std::fs::read_to_string(path.with_extension("json.bad")).unwrap(), content);
 }

@@ -1,8 +1,8 @@
 //! One step of the axes with everything around it: arming, controls, the log, what is told.
 
 use super::{Core, Shared};
-use crate::compensation::{Control, Snapshot};
-use crate::gateway::arming::{Arming, Attempt};
+use crate::compensation::{AxisState, Control, Snapshot};
+use crate::gateway::arming::{Arming, Attempt, of_axis};
 use crate::gateway::output::Standing;
 use crate::observe::events::Event;
 use crate::profile::{AxisId, OutputId, Profile, Writes};
@@ -18,7 +18,7 @@ impl Core {
         }
         for (axis, arming) in self.arming.iter_mut().enumerate() {
             let permit = arming.permit(profile, axis, &self.outputs, self.stopping);
-            self.controls[axis] = Control { permit, take_over: arming.take_over };
+            self.controls[axis] = Control { permit, take_over: arming.take_over, ..Control::default() };
         }
         let snapshot = Snapshot { now, readings: self.board.seen() };
         let stepped = self.compensation.step(&snapshot, &self.controls);
@@ -31,6 +31,7 @@ impl Core {
                 arming.take_over = None;
             }
         }
+        self.disarm_tripped(shared);
         self.keeper.remember(now, &self.compensation, profile, &self.outputs);
         if stepped.noticed.started {
             self.untold.push(Event::MachineStarted);
@@ -50,8 +51,9 @@ impl Core {
         for axis in 0..self.arming.len() {
             let snapshot = Snapshot { now, readings: self.board.seen() };
             let ready = self.compensation.has_usable_model(axis, &snapshot);
+            let beyond = self.compensation.beyond_error(axis, &snapshot);
             let name = &shared.profile.axes[axis].settings.name;
-            match self.arming[axis].attempt(&shared.profile, axis, &self.outputs, ready) {
+            match self.arming[axis].attempt(&shared.profile, axis, &self.outputs, ready, beyond) {
                 Attempt::NotYet => {}
                 Attempt::From(from) => {
                     self.arming[axis] = Arming { armed: true, take_over: Some(from), ..Arming::default() };
@@ -71,6 +73,21 @@ impl Core {
                 }
             }
         }
+    }
+
+    /// What an axis decided last stands in its registers, or never will.
+    pub(in crate::gateway) fn has_arrived(&self, profile: &Profile, axis: usize, dry_run: bool) -> bool {
+        let Some(decision) = self.compensation.decision(axis) else { return true };
+        if decision.state == AxisState::Off || dry_run {
+            return true;
+        }
+        let count = profile.axes[axis].settings.guard.count.unwrap_or(Micron::ZERO);
+        of_axis(profile, axis, &self.outputs).all(|(output, state)| match state.standing {
+            Standing::Verified => state.cz.is_some_and(|cz| (cz - decision.cz).abs() <= count),
+            // It cannot be written, however long one waits; a position that is not read is not corrected.
+            Standing::Interlocked => true,
+            _ => output.writes != Writes::Offset,
+        })
     }
 
     /// Switches an axis off until a person arms it again; what is to be told of that.

@@ -5,10 +5,8 @@ use std::time::Duration;
 use super::Shared;
 use crate::compensation::AxisState;
 use crate::compensation::settings::OnFault;
-use crate::gateway::arming::of_axis;
 use crate::gateway::output::Standing;
 use crate::profile::Writes;
-use crate::quantity::Micron;
 
 impl Shared {
     /// A request to stop: the axes take their fault actions. How long that takes at most.
@@ -34,18 +32,7 @@ impl Shared {
                 AxisState::Holding(_) => settings.settings.on_fault == OnFault::Hold,
                 _ => false,
             };
-            if decision.state == AxisState::Off || self.dry_run {
-                return rested;
-            }
-            let count = settings.settings.guard.count.unwrap_or(Micron::ZERO);
-            let mut outputs = of_axis(&self.profile, axis, &core.outputs);
-            let written = outputs.all(|(output, state)| match state.standing {
-                Standing::Verified => state.cz.is_some_and(|cz| (cz - decision.cz).abs() <= count),
-                // It cannot be written, however long one waits; a position that is not read is not corrected.
-                Standing::Interlocked => true,
-                _ => output.writes != Writes::Offset,
-            });
-            rested && written
+            rested && core.has_arrived(&self.profile, axis, self.dry_run)
         })
     }
 

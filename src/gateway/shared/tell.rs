@@ -1,7 +1,7 @@
 //! What changed in a step, as events; and why an axis does what it does, in words.
 
 use super::{Core, Shared};
-use crate::compensation::{Permit, Stages, Unusable};
+use crate::compensation::{Permit, Unusable};
 use crate::gateway::arming::of_axis;
 use crate::gateway::board::Change;
 use crate::gateway::output::Standing;
@@ -42,15 +42,8 @@ impl Core {
                 });
                 self.told_states[axis] = decision.state;
             }
-            let at_limit = decision.acted.contains(Stages::LIMIT);
-            if at_limit
-                && !self.at_limit[axis]
-                && let Some(wanted) = decision.raw
-            {
-                let limit = settings.settings.guard.limit;
-                self.untold.push(Event::AtLimit { axis: name.clone(), wanted, limit });
-            }
-            self.at_limit[axis] = at_limit;
+            let events = self.levels[axis].events(&settings.settings, decision);
+            self.untold.extend(events.into_iter().flatten());
         }
     }
 
@@ -75,6 +68,9 @@ impl Core {
         let troubled = of_axis(&shared.profile, axis, &self.outputs)
             .find(|(output, state)| output.writes == Writes::Offset && !is_well(state.standing))
             .map(|(output, state)| format!("output {} is {}", output.name, state.standing.name()));
+        if decision.tripped {
+            return "its model asked for more than the error level".to_owned();
+        }
         match (permit, troubled, decision.lacks) {
             (Permit::Unverified | Permit::Held | Permit::Off, Some(words), _) => words,
             (_, _, Some(lacks)) => self.lacks(shared, lacks),

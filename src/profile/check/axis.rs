@@ -1,29 +1,25 @@
 //! Axes and their models.
 
-use std::collections::BTreeMap;
-
-use super::{Check, Zero};
-use crate::compensation::model::{Formula, Kind, Linear, Model, Reference, Term};
-use crate::compensation::settings::{AxisSettings, GuardSettings, OnFault};
+use super::{Check, Signals, Zero};
+use crate::compensation::model::Model;
+use crate::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, OnFault};
 use crate::profile::Axis;
 use crate::profile::place::{child, element};
 use crate::profile::raw::{
-    FaultAction, FaultActionWord, Inputs, ModelKind, RawAxis, RawModel, RawTerm, ReferenceValue,
-    ReferenceWord,
+    DatumWord, FaultAction, FaultActionWord, RawAxis, RawTerm, ReferenceValue, ReferenceWord,
 };
 use crate::quantity::Micron;
 
-/// 1 mm in µm.
-const MICRONS: f64 = 1000.0;
-
 impl Check<'_> {
-    pub(super) fn axes(&mut self) -> Vec<Option<Axis>> {
+    pub(super) fn axes(&mut self, signals: &Signals) -> Vec<Option<Axis>> {
         let raw = self.raw;
         let each = self.axes.each();
-        each.into_iter().map(|(_, name, path)| self.axis(&path, &name, raw.axis.get(&name)?)).collect()
+        each.into_iter()
+            .map(|(_, name, path)| self.axis(&path, &name, raw.axis.get(&name)?, signals))
+            .collect()
     }
 
-    fn axis(&mut self, path: &str, name: &str, raw: &RawAxis) -> Option<Axis> {
+    fn axis(&mut self, path: &str, name: &str, raw: &RawAxis, signals: &Signals) -> Option<Axis> {
         let guard = self.guard(path, raw);
         let every = self.span(&child(path, "every"), raw.every.as_ref(), Zero::Refused);
         let on_fault =
@@ -44,10 +40,12 @@ impl Check<'_> {
                 );
             }
         }
+        let levels = self.levels(path, raw);
+        let datum = self.datum(path, raw);
         let models: Vec<Option<Model>> = models
             .iter()
             .enumerate()
-            .map(|(index, model)| self.model(&element(&list, index), model))
+            .map(|(index, model)| self.model(&element(&list, index), model, signals))
             .collect();
         let settings = AxisSettings {
             name: name.to_owned(),
@@ -55,6 +53,9 @@ impl Check<'_> {
             guard: guard?,
             every: every?,
             on_fault: on_fault?,
+            levels: levels?,
+            datum,
+            apart: None,
         };
         Some(Axis { settings, diameter: raw.diameter.unwrap_or(false) })
     }
@@ -91,6 +92,49 @@ impl Check<'_> {
         })
     }
 
+    /// warn ≤ limit ≤ error.
+    fn levels(&mut self, path: &str, raw: &RawAxis) -> Option<Levels> {
+        let level = |check: &mut Self, key: &str, level: Option<f64>| match level {
+            Some(_) => check.positive(&child(path, key), level).map(Micron::new),
+            None => Some(None),
+        };
+        let warn = level(self, "warn", raw.warn);
+        let error = level(self, "error", raw.error);
+        let limit = raw.limit.filter(|limit| *limit > 0.0);
+        if let (Some(limit), Some(warn)) = (limit, raw.warn)
+            && warn > limit
+        {
+            let message = format!("warn at {warn} µm lies beyond the limit of {limit} µm");
+            let help = "Cz never gets there: make `warn` smaller, or `limit` larger";
+            self.wrong(&child(path, "warn"), message, help);
+        }
+        if let (Some(limit), Some(error)) = (limit, raw.error.filter(|error| *error > 0.0))
+            && error < limit
+        {
+            let message = format!("error at {error} µm lies within the limit of {limit} µm");
+            let help = "the limit would never act: make `error` larger, or `limit` smaller";
+            self.wrong(&child(path, "error"), message, help);
+        }
+        Some(Levels { warn: warn?, error: error? })
+    }
+
+    /// A reference and a datum that are both taken at zero would subtract the same drift twice.
+    fn datum(&mut self, path: &str, raw: &RawAxis) -> Datum {
+        if raw.datum != Some(DatumWord::Zero) {
+            return Datum::Model;
+        }
+        let models = raw.model.iter().flatten();
+        let slopes = models.clone().filter_map(|model| model.slope.as_ref()?.terms.as_ref());
+        let mut terms = models.filter_map(|model| model.terms.as_ref()).chain(slopes).flatten();
+        let at_zero =
+            |term: &RawTerm| matches!(term.reference, Some(ReferenceValue::Word(ReferenceWord::Zero)));
+        if terms.any(at_zero) {
+            let help = "remove `datum`, or give the terms a number or \"start\" as their reference";
+            self.wrong(&child(path, "datum"), "a term's reference is taken at zero already", help);
+        }
+        Datum::Zero
+    }
+
     fn on_fault(&mut self, path: &str, raw: &FaultAction) -> Option<OnFault> {
         let after = self.span(&child(path, "after"), raw.after.as_ref(), Zero::Allowed);
         let action = raw.action?;
@@ -110,153 +154,5 @@ impl Check<'_> {
                 after.map(|after| OnFault::Ramp { after })
             }
         }
-    }
-
-    fn model(&mut self, path: &str, raw: &RawModel) -> Option<Model> {
-        let fixed = [
-            ("slope", raw.slope.is_some(), "terms that grow with the position (slope)"),
-            ("envelope", raw.envelope.is_some(), "the envelope of a model (envelope)"),
-        ];
-        for (key, there, what) in fixed {
-            if there {
-                self.not_built(&child(path, key), what, None);
-            }
-        }
-        let kind = raw.kind?;
-        self.foreign_keys_of_model(path, kind, raw);
-        let kind = match kind {
-            ModelKind::Linear => self.linear(path, raw).map(Kind::Linear),
-            ModelKind::Formula => self.formula_model(path, raw).map(Kind::Formula),
-            ModelKind::Matrix | ModelKind::Network => {
-                let what = if kind == ModelKind::Matrix {
-                    "models of kind matrix"
-                } else {
-                    "models of kind network"
-                };
-                self.not_built(
-                    &child(path, "kind"),
-                    what,
-                    Some("kind = \"linear\" and kind = \"formula\" are there"),
-                );
-                None
-            }
-        };
-        Some(Model { name: raw.name.clone()?, kind: kind? })
-    }
-
-    fn foreign_keys_of_model(&mut self, path: &str, kind: ModelKind, raw: &RawModel) {
-        let (linear, formula) = (kind == ModelKind::Linear, kind == ModelKind::Formula);
-        let file = matches!(kind, ModelKind::Matrix | ModelKind::Network);
-        let keys = [
-            ("offset", raw.offset.is_some(), linear, "a linear model"),
-            ("terms", raw.terms.is_some(), linear, "a linear model"),
-            ("formula", raw.formula.is_some(), formula, "a formula"),
-            ("constants", raw.constants.is_some(), formula, "a formula"),
-            ("inputs", raw.inputs.is_some(), formula || file, "a formula, a matrix or a network"),
-            ("file", raw.file.is_some(), file, "a matrix or a network"),
-            ("position", raw.position.is_some(), kind == ModelKind::Matrix, "a matrix"),
-        ];
-        for (key, there, belongs, owner) in keys {
-            if there && !belongs {
-                self.wrong_key(
-                    &child(path, key),
-                    format!("`{key}` belongs to {owner}"),
-                    "remove it, or change `kind`",
-                );
-            }
-        }
-    }
-
-    fn linear(&mut self, path: &str, raw: &RawModel) -> Option<Linear> {
-        let list = child(path, "terms");
-        let Some(terms) = &raw.terms else {
-            let help = "write terms = [ { signal = \"…\", gain = … } ]";
-            self.missing(path, "terms", "`terms` is missing: a linear model adds up terms", help);
-            return None;
-        };
-        if terms.is_empty() {
-            self.wrong(&list, "a model without terms follows no temperature", "write at least one term");
-        }
-        let terms =
-            terms.iter().enumerate().map(|(index, term)| self.term(&element(&list, index), term)).collect();
-        Some(Linear { offset: raw.offset.unwrap_or(0.0), terms: super::complete(terms)? })
-    }
-
-    fn term(&mut self, path: &str, raw: &RawTerm) -> Option<Term> {
-        let signal = raw.signal.as_ref().and_then(|signal| self.signal(&child(path, "signal"), signal));
-        if raw.lag.is_some() {
-            self.not_built(&child(path, "lag"), "a term that lags behind its temperature (lag)", None);
-        }
-        let gain = self.gain(path, raw);
-        let reference = match raw.reference {
-            None => Reference::Fixed(0.0),
-            Some(ReferenceValue::Number(number)) => Reference::Fixed(number),
-            Some(ReferenceValue::Word(ReferenceWord::Start)) => Reference::Start,
-            Some(ReferenceValue::Word(ReferenceWord::Zero)) => Reference::Zero,
-        };
-        Some(Term { signal: signal?, gain: gain?, reference })
-    }
-
-    fn gain(&mut self, path: &str, raw: &RawTerm) -> Option<f64> {
-        match (raw.gain, raw.expansion, raw.length) {
-            (Some(gain), None, None) => Some(gain),
-            (None, Some(expansion), Some(length)) => Some(expansion * length * MICRONS),
-            (Some(_), ..) => {
-                let help = "keep `gain` (µm per unit), or `expansion` (1/K) and `length` (mm)";
-                self.wrong_key(&child(path, "gain"), "the gain is given twice", help);
-                None
-            }
-            (None, Some(_), None) => {
-                self.missing(
-                    path,
-                    "length",
-                    "`length` is missing",
-                    "`length` in mm goes with `expansion` in 1/K",
-                );
-                None
-            }
-            (None, None, Some(_)) => {
-                self.missing(
-                    path,
-                    "expansion",
-                    "`expansion` is missing",
-                    "`expansion` in 1/K goes with `length` in mm",
-                );
-                None
-            }
-            (None, None, None) => {
-                let help = "write `gain` (µm per unit of the signal), or `expansion` (1/K) and `length` (mm)";
-                if !self.places.contains(&child(path, "expansion"))
-                    && !self.places.contains(&child(path, "length"))
-                {
-                    self.missing(path, "gain", "`gain` is missing", help);
-                }
-                None
-            }
-        }
-    }
-
-    fn formula_model(&mut self, path: &str, raw: &RawModel) -> Option<Formula> {
-        let none = BTreeMap::new();
-        let inputs = match &raw.inputs {
-            Some(Inputs::ByName(inputs)) => inputs,
-            Some(Inputs::InOrder(_)) => {
-                let help = "write inputs = { A = \"bed\" }: a formula knows its signals by name";
-                self.wrong(&child(path, "inputs"), "a list of signals has no names", help);
-                return None;
-            }
-            None => &none,
-        };
-        let dropped = |key: &str, there: bool| !there && self.places.contains(&child(path, key));
-        if dropped("inputs", raw.inputs.is_some()) || dropped("constants", raw.constants.is_some()) {
-            return None;
-        }
-        let Some(text) = &raw.formula else {
-            let help =
-                "write formula = \"K * (A - 20)\", with inputs = { A = \"bed\" } and constants = { K = 2.4 }";
-            self.missing(path, "formula", "`formula` is missing", help);
-            return None;
-        };
-        self.formula(path, text, inputs, raw.constants.as_ref().unwrap_or(&BTreeMap::new()))
     }
 }

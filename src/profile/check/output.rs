@@ -4,7 +4,7 @@ use super::{Check, Signals, Zero, bus_of, get, shown};
 use crate::codec::{Address, DataType, Encoding, Table};
 use crate::profile::place::child;
 use crate::profile::raw::{RawOutput, Share, VerifyWord, WritesWord};
-use crate::profile::{Axis, AxisId, Bus, Device, DeviceId, Heartbeat, Output, Verify, Writes};
+use crate::profile::{Axis, AxisId, Bus, Device, DeviceId, Heartbeat, Output, Signal, Verify, Writes};
 use crate::quantity::Micron;
 
 /// 1 mm in µm.
@@ -130,16 +130,7 @@ impl Check<'_> {
                     return None;
                 };
                 let position = self.signal(&at, name)?;
-                // Where the unit was a wrong word, that has been said.
-                if let Some(signal) = get(signals, position.0)
-                    && signal.unit.0 != "mm"
-                {
-                    let unit = signal.unit.0;
-                    let message = format!("`{name}` is in \"{unit}\"; a position that is corrected is in mm");
-                    let help =
-                        format!("write unit = \"mm\" and the scale in mm per count at signal `{name}`");
-                    self.wrong(&at, message, help);
-                }
+                self.in_millimetres(&at, name, get(signals, position.0));
                 Some(Writes::Corrected { position })
             }
             WritesWord::Intercept | WritesWord::Slope | WritesWord::Reference => {
@@ -147,6 +138,15 @@ impl Check<'_> {
                 self.not_built(&child(path, "writes"), what, Some("\"offset\" and \"corrected\" are there"));
                 None
             }
+        }
+    }
+
+    /// A position is in mm. Where the unit was a wrong word, that has been said.
+    pub(super) fn in_millimetres(&mut self, path: &str, name: &str, signal: Option<&Signal>) {
+        if let Some(unit) = signal.map(|signal| signal.unit.0).filter(|unit| *unit != "mm") {
+            let message = format!("`{name}` is in \"{unit}\"; a position is in mm");
+            let help = format!("write unit = \"mm\" and the scale in mm per count at signal `{name}`");
+            self.wrong(path, message, help);
         }
     }
 

@@ -29,6 +29,13 @@ pub(crate) struct RawAxis {
     /// What happens when no model or no output can be used.
     #[schemars(required)]
     pub(crate) on_fault: Option<FaultAction>,
+    /// Told once when |Cz| passes it, µm; at most `limit`.
+    pub(crate) warn: Option<f64>,
+    /// A model that asks for more than this is not believed, µm; at least `limit`. The axis takes its fault action and
+    /// stays off until it is armed.
+    pub(crate) error: Option<f64>,
+    /// zero: Cz is measured from what the model asked for at the last zero. Default: from the model's own zero.
+    pub(crate) datum: Option<DatumWord>,
     /// A lathe's X: the offset acts on the diameter, Cz is doubled when written. Default false.
     pub(crate) diameter: Option<bool>,
     /// Models in order of preference: the first whose signals are all good is used.
@@ -55,6 +62,13 @@ pub(crate) enum FaultActionWord {
     Zero,
 }
 
+/// What Cz is measured from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum DatumWord {
+    Zero,
+}
+
 /// One way to compute Cz.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -76,7 +90,7 @@ pub(crate) struct RawModel {
     pub(crate) inputs: Option<Inputs>,
     /// formula: names and their numbers.
     pub(crate) constants: Option<BTreeMap<String, f64>>,
-    /// A second set of terms that grows with the distance from a reference position, µm/mm.
+    /// linear: a second sum of terms that grows with the distance from a reference position, µm/mm.
     pub(crate) slope: Option<RawSlope>,
     /// matrix, network: the file with the coefficients.
     pub(crate) file: Option<String>,
@@ -112,11 +126,11 @@ pub(crate) struct RawTerm {
     /// The temperature.
     #[schemars(required)]
     pub(crate) signal: Option<String>,
-    /// µm per unit of the signal. Either this, or `expansion` and `length`.
+    /// µm per unit of the signal; in a slope µm/mm per unit. Either this, or `expansion` and `length` (not in a slope).
     pub(crate) gain: Option<f64>,
     /// What the rise is measured from: a number (default 0: the temperature itself), "start" or "zero".
     pub(crate) reference: Option<ReferenceValue>,
-    /// Time constant of a first-order lag.
+    /// Time constant C of a first-order lag, 1 − e^(−t/C); needs a `reference`.
     pub(crate) lag: Option<Span>,
     /// Coefficient of linear expansion, 1/K.
     pub(crate) expansion: Option<f64>,
@@ -152,14 +166,16 @@ impl JsonSchema for ReferenceValue {
 /// Terms that grow with the position.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[allow(dead_code, reason = "read by the schema, refused by the check")]
 #[schemars(rename = "Slope")]
 pub(crate) struct RawSlope {
-    /// The signal that tells where the axis is.
+    /// The signal that tells where the axis is, in mm.
     #[schemars(required)]
     pub(crate) position: Option<String>,
-    /// Where the slope adds nothing, mm. Default 0.
+    /// Where the slope adds nothing, mm.
+    #[schemars(required)]
     pub(crate) reference: Option<f64>,
+    /// The ends of the axis's travel, mm; required where the control is given the slope: they bound its effect.
+    pub(crate) travel: Option<[f64; 2]>,
     /// Gains in µm/mm per unit of the signal.
     #[schemars(required)]
     pub(crate) terms: Option<Vec<RawTerm>>,

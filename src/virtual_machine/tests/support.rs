@@ -3,7 +3,7 @@
 use super::*;
 use crate::clock::Sleeper;
 use crate::codec::{Address, DataType, Encoding, WordOrder};
-use crate::compensation::settings::{AxisSettings, GuardSettings, MachineSettings, OnFault};
+use crate::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault};
 use crate::profile::{
     Arm, Axis, AxisId, Bus, Device, Functions, Heartbeat, History, Output, Quirks, Signal, Unit, Verify,
     Writes,
@@ -66,6 +66,9 @@ pub(in crate::virtual_machine) fn profile() -> Profile {
         },
         every: Duration::from_secs(10),
         on_fault: OnFault::Hold,
+        levels: Levels::default(),
+        datum: Datum::Model,
+        apart: None,
     };
     let signals = vec![
         signal("bed", 0, "input:0", plain(DataType::I16, 0.1), "degC"),

@@ -1,0 +1,84 @@
+use super::*;
+use crate::compensation::model::{Kind, Linear, Model, Reference, Term};
+use crate::compensation::settings::Datum;
+use crate::reading::SignalId;
+
+/// Janeczko's example on axis z: K = 11.5e-6 1/K, L = 300 mm, C = 1800 s, measured from 20 °C.
+fn lagging() -> Profile {
+    let mut profile = sample::profile();
+    profile.axes[0].settings.models = vec![model(Reference::Fixed(20.0))];
+    profile
+}
+
+fn model(reference: Reference) -> Model {
+    let (gain, lag) = (11.5e-6 * 300.0 * 1000.0, Some(Duration::from_secs(1800)));
+    let terms = vec![Term { signal: SignalId(0), gain, reference, lag }];
+    Model { name: "bearing".to_owned(), kind: Kind::Linear(Linear { offset: 0.0, terms, slope: None }) }
+}
+
+const STEPS: [&[f64]; 4] = [&[1.0], &[10.0], &[60.0], &[0.3, 9.7, 47.0, 1e-3, 120.0]];
+
+/// A log by these time steps, with a row at each moment that is asked for; the model's value there.
+fn at(moments: &[f64], begin: &str, steps: &[f64], bed: impl Fn(f64) -> f64) -> Vec<f64> {
+    let (mut log, mut time, mut steps) = (format!("time,bed\n{begin}"), 0.0, steps.iter().cycle());
+    for moment in moments {
+        while time < *moment {
+            let step: f64 = steps.next().unwrap().min(moment - time);
+            time = if moment - time - step < 1e-9 { *moment } else { time + step };
+            log += &format!("{time},{}\n", bed(time));
+        }
+    }
+    let (_, table) = replayed(&lagging(), &log);
+    let (times, raw) = (numbers(&table, "time"), numbers(&table, "z_raw_um"));
+    let find = |moment: &f64| times.iter().rposition(|time| (time - moment).abs() < 1e-9).unwrap();
+    moments.iter().map(|moment| raw[find(moment)]).collect()
+}
+
+const MOMENTS: [f64; 3] = [600.0, 1800.0, 3600.0];
+
+#[test]
+fn m4_the_step_is_reproduced_whatever_the_logs_time_step() {
+    // Between two rows a temperature is a straight line, so a log must say that its step takes no time. It may begin
+    // warm, for a term begins at rest on its reference; or have two rows at one moment; or two very close together.
+    for begin in ["0,25\n", "0,20\n0,25\n", "0,20\n1e-6,25\n"] {
+        for steps in STEPS {
+            let found = at(&MOMENTS, begin, steps, |_| 25.0);
+            for (found, wanted) in found.iter().zip([4.889835, 10.904080, 14.915466]) {
+                assert!((found - wanted).abs() < 1e-6, "{begin:?} {steps:?}: {found} {wanted}");
+            }
+        }
+    }
+    let rest = at(&[90_000.0], "0,25\n", &[60.0], |_| 25.0);
+    assert!((rest[0] - 17.25).abs() < 1e-6);
+}
+
+#[test]
+fn m4_the_ramp_is_reproduced_whatever_the_logs_time_step() {
+    for steps in STEPS {
+        let found = at(&MOMENTS, "0,20\n", steps, |time| 20.0 + 0.001 * time);
+        for (found, wanted) in found.iter().zip([0.309659, 2.284531, 7.050432]) {
+            assert!((found - wanted).abs() < 1e-6, "{steps:?}: {found} {wanted}");
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn a_replayed_day_with_lags_and_a_datum_is_the_day_bit_for_bit(
+        day in prop::collection::vec(any_event(), 1..150),
+    ) {
+        let mut profile = lagging();
+        profile.axes[0].settings.datum = Datum::Zero;
+        profile.axes[0].settings.models.push(sample::profile().axes[0].settings.models[0].clone());
+        let zeroed = Model { name: "zeroed".to_owned(), ..model(Reference::Zero) };
+        profile.axes[1].settings.models = vec![zeroed, model(Reference::Start)];
+        let log = log_of(&profile, &day);
+        let (summary, _) = replayed(&profile, &log);
+        for (name, axis) in &summary.axes {
+            let reproduced = axis.reproduced.as_ref().unwrap();
+            prop_assert_eq!(reproduced.differing, 0, "{}: {:?}", name, reproduced.first);
+        }
+    }
+}

@@ -1,0 +1,280 @@
+//! One axis: its models, its guard, and the state it is in.
+
+use std::time::Duration;
+
+use super::datum::Zeroing;
+use super::guard::{Guard, Pace};
+use super::model::{Asked, Evaluate, Known, Lag};
+use super::reference::Machine;
+use super::remembered::AxisRemembered;
+use super::settings::{Apart, AxisSettings, Datum, GuardSettings, MachineSettings, OnFault};
+use super::{AxisState, Control, Decision, Permit, Snapshot, Stages, Unusable};
+use crate::quantity::{Micron, Moment};
+
+#[derive(Clone, Debug)]
+pub(super) struct Axis {
+    pub(super) settings: AxisSettings,
+    /// By model, by term.
+    lags: Vec<Vec<Lag>>,
+    zeroing: Zeroing,
+    guard: Guard,
+    slope_guard: Guard,
+    state: AxisState,
+    permit: Permit,
+    /// The model asked for more than the error level since it was armed.
+    tripped: bool,
+    stepped: Option<Moment>,
+    pub(super) due: Option<Moment>,
+    pub(super) decision: Decision,
+}
+
+/// What the first usable model asks for.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Chosen {
+    /// Its place in the profile's list.
+    pub(super) model: usize,
+    /// Cz; where the parts are written apart, K0.
+    pub(super) raw: Micron,
+    /// What the slope comes to at the reach.
+    slope: Micron,
+}
+
+impl Axis {
+    pub(super) fn new(settings: AxisSettings) -> Axis {
+        let decision = Decision {
+            at: Moment::default(),
+            raw: None,
+            model: None,
+            cz: Micron::ZERO,
+            slope: Micron::ZERO,
+            state: AxisState::Off,
+            acted: Stages::default(),
+            lacks: None,
+            tripped: false,
+        };
+        let lags = settings.models.iter().map(|model| model.terms().map(|_| Lag::default()).collect());
+        Axis {
+            lags: lags.collect(),
+            zeroing: Zeroing::new(settings.models.len()),
+            settings,
+            guard: Guard::default(),
+            slope_guard: Guard::default(),
+            state: AxisState::Off,
+            permit: Permit::Off,
+            tripped: false,
+            stepped: None,
+            due: None,
+            decision,
+        }
+    }
+
+    /// Takes up what it remembers; a term that is not the one remembered begins anew.
+    pub(super) fn recall(&mut self, remembered: &AxisRemembered) {
+        for (model, lags) in self.settings.models.iter().zip(&mut self.lags) {
+            for ((place, term), lag) in model.terms().enumerate().zip(lags) {
+                *lag = remembered.lag(&model.name, place, term);
+            }
+        }
+        if self.settings.datum == Datum::Zero {
+            self.zeroing = remembered.zeroing(self.settings.models.iter().map(|model| model.name.as_str()));
+        }
+    }
+
+    /// What is worth keeping over a restart; `None` where that is nothing.
+    pub(super) fn remembered(&self) -> Option<AxisRemembered> {
+        AxisRemembered::of(&self.settings, &self.lags, &self.zeroing)
+    }
+
+    /// The lags go on to this snapshot, those of an axis that is not due or not armed too: its structure does not wait.
+    pub(super) fn follow(&mut self, snapshot: &Snapshot<'_>, machine: &Machine) {
+        for (model, lags) in self.settings.models.iter().zip(&mut self.lags) {
+            for (term, lag) in model.terms().zip(lags) {
+                lag.follow(term, snapshot, machine);
+            }
+        }
+    }
+
+    /// The datum is taken from now on.
+    pub(super) fn zero(&mut self, machine: &MachineSettings, now: Moment) {
+        if self.settings.datum == Datum::Zero {
+            self.zeroing.begin(now.after(machine.settle));
+        }
+    }
+
+    /// At its period; at once where it never ran, where time went back, and where its control says something new.
+    pub(super) fn is_due(&self, now: Moment, control: &Control) -> bool {
+        let (Some(due), Some(last)) = (self.due, self.stepped) else { return true };
+        now >= due || now < last || control.permit != self.permit || control.takes_over()
+    }
+
+    fn ask(&self, place: usize, snapshot: &Snapshot<'_>, machine: &Machine) -> Result<Asked, Unusable> {
+        let lags = self.lags.get(place).map(Vec::as_slice).unwrap_or_default();
+        let known = Known { snapshot, machine, lags, apart: self.settings.apart.is_some() };
+        self.settings.models.get(place).ok_or(Unusable::NotANumber)?.evaluate(&known)
+    }
+
+    /// The first model whose signals are all good, with its value, and what the preferred one lacks. One that only
+    /// waits for a reference or for the machine's start is waited for: lesser models stand in for broken sensors.
+    pub(super) fn choose(
+        &self,
+        snapshot: &Snapshot<'_>,
+        machine: &Machine,
+    ) -> (Option<Chosen>, Option<Unusable>) {
+        let mut lacks = None;
+        for place in 0..self.settings.models.len() {
+            match self.ask(place, snapshot, machine) {
+                Ok(asked) => return (self.chosen(place, asked), lacks),
+                Err(reason @ (Unusable::Reference(_) | Unusable::MachineOff)) => {
+                    return (None, lacks.or(Some(reason)));
+                }
+                Err(reason) => lacks = lacks.or(Some(reason)),
+            }
+        }
+        (None, lacks)
+    }
+
+    fn chosen(&self, model: usize, asked: Asked) -> Option<Chosen> {
+        let datum = self.zeroing.of(model);
+        let reach = self.settings.apart.map_or(0.0, |apart| apart.reach);
+        Some(Chosen {
+            model,
+            raw: Micron::new(asked.cz - datum.cz)?,
+            slope: Micron::new((asked.slope - datum.slope) * reach)?,
+        })
+    }
+
+    pub(super) fn step(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, control: Control) {
+        let now = snapshot.now;
+        let dt = self.stepped.map_or(self.settings.every, |last| now.since(last));
+        if self.zeroing.is_open() {
+            let mut zeroing = std::mem::take(&mut self.zeroing);
+            zeroing.gather(now, |place| self.ask(place, snapshot, machine).ok());
+            self.zeroing = zeroing;
+        }
+        let (chosen, lacks) = self.choose(snapshot, machine);
+        if let Some(found) = control.take_over {
+            self.guard.take_over(found, &self.settings.guard);
+        }
+        if let Some(found) = control.take_over_slope {
+            self.slope_guard.take_over(found, &self.slope_settings());
+        }
+        self.note_error_level(chosen, control.permit);
+        let followed = chosen.filter(|_| !self.tripped);
+        self.state = self.next_state(now, followed.map(|chosen| chosen.model), control.permit);
+        let (cz, slope, acted) = self.guarded(followed, dt);
+        if self.state == AxisState::Ramping && cz == Micron::ZERO && slope == Micron::ZERO {
+            self.state = AxisState::Zeroed;
+        }
+        self.decision = Decision {
+            at: now,
+            raw: chosen.map(|chosen| chosen.raw),
+            model: chosen.map(|chosen| chosen.model),
+            cz,
+            slope,
+            state: self.state,
+            acted,
+            lacks,
+            tripped: self.tripped,
+        };
+        self.due = Some(self.next_due(now));
+        self.permit = control.permit;
+        self.stepped = Some(now);
+    }
+
+    /// Beyond the error level the model is not believed any more, until the axis is armed again.
+    fn note_error_level(&mut self, chosen: Option<Chosen>, permit: Permit) {
+        let beyond = chosen.is_some_and(|chosen| self.is_beyond_error(&chosen));
+        self.tripped = permit != Permit::Off && (self.tripped || beyond);
+    }
+
+    pub(super) fn is_beyond_error(&self, chosen: &Chosen) -> bool {
+        let error = self.settings.levels.error;
+        error.is_some_and(|error| chosen.raw.abs() > error || chosen.slope.abs() > error)
+    }
+
+    /// Cz and the slope's effect after the guard, and the stages that acted on either.
+    fn guarded(&mut self, followed: Option<Chosen>, dt: Duration) -> (Micron, Micron, Stages) {
+        let (target, pace) = match (self.state, followed, self.settings.on_fault) {
+            (AxisState::Active | AxisState::Degraded, Some(chosen), _) => {
+                (Some((chosen.raw, chosen.slope)), Pace::Follow)
+            }
+            (AxisState::Ramping, _, OnFault::Zero) => (Some((Micron::ZERO, Micron::ZERO)), Pace::Steps),
+            (AxisState::Ramping, _, _) => (Some((Micron::ZERO, Micron::ZERO)), Pace::Ramp),
+            _ => (None, Pace::Follow),
+        };
+        let Some((cz, slope)) = target else {
+            return (self.guard.value(), self.slope_guard.value(), Stages::default());
+        };
+        let (cz, acted) = self.guard.advance(cz, dt, pace, &self.settings.guard);
+        if self.settings.apart.is_none() {
+            return (cz, Micron::ZERO, acted);
+        }
+        let (slope, also) = self.slope_guard.advance(slope, dt, pace, &self.slope_settings());
+        (cz, slope, acted.and(also))
+    }
+
+    /// The slope's effect at the reach has the same bounds as Cz, in counts of its own register.
+    fn slope_settings(&self) -> GuardSettings {
+        GuardSettings {
+            count: self.settings.apart.and_then(|Apart { count, .. }| count),
+            ..self.settings.guard
+        }
+    }
+
+    /// The next tick of the period, or the end of a hold that comes before it.
+    fn next_due(&self, now: Moment) -> Moment {
+        let period = self.period();
+        let tick = match self.due {
+            // It acted before its time, or time went back.
+            Some(due) if due > now => due.min(now.after(period)),
+            Some(due) => now.next_tick(due, period),
+            None => now.after(period),
+        };
+        match (self.state, self.settings.on_fault) {
+            (AxisState::Holding(since), OnFault::Ramp { after }) if since.after(after) > now => {
+                tick.min(since.after(after))
+            }
+            _ => tick,
+        }
+    }
+
+    fn next_state(&self, now: Moment, model: Option<usize>, permit: Permit) -> AxisState {
+        match (permit, model) {
+            (Permit::Off, _) => AxisState::Off,
+            // It never took over what stands in the register, so there is nothing of its own to bring back.
+            (Permit::Stopping, _) if self.state == AxisState::Off => AxisState::Off,
+            (Permit::Held, _) => match self.state {
+                AxisState::Holding(since) => AxisState::Holding(since),
+                _ => AxisState::Holding(now),
+            },
+            (Permit::Armed, Some(0)) => AxisState::Active,
+            (Permit::Armed, Some(_)) => AxisState::Degraded,
+            (Permit::Armed | Permit::Unverified, _) => self.fault_action(now, false),
+            (Permit::Stopping, _) => self.fault_action(now, true),
+        }
+    }
+
+    fn fault_action(&self, now: Moment, at_once: bool) -> AxisState {
+        let since = match self.state {
+            AxisState::Ramping | AxisState::Zeroed if self.is_at_zero() => return AxisState::Zeroed,
+            AxisState::Ramping | AxisState::Zeroed => return AxisState::Ramping,
+            // Where time went back, the hold does not wait for the moment at which it began to come again.
+            AxisState::Holding(since) => since.min(now),
+            AxisState::Off | AxisState::Active | AxisState::Degraded => now,
+        };
+        let leaves = match self.settings.on_fault {
+            OnFault::Hold => false,
+            OnFault::Ramp { after } => at_once || now.since(since) >= after,
+            OnFault::Zero => true,
+        };
+        if leaves { AxisState::Ramping } else { AxisState::Holding(since) }
+    }
+
+    fn is_at_zero(&self) -> bool {
+        self.guard.value() == Micron::ZERO && self.slope_guard.value() == Micron::ZERO
+    }
+
+    fn period(&self) -> Duration {
+        if self.state == AxisState::Ramping { self.settings.ramp_period() } else { self.settings.every }
+    }
+}

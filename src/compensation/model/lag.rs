@@ -1,0 +1,106 @@
+//! A structure follows its temperature late: `E = K·L·ΔT·(1 − e^(−t/C))`, Janeczko 1989.
+//!
+//! `1 − e^(−t/C)` is the step response of a first-order lag. For a temperature u that moves in a straight line between
+//! two readings (first-order hold) the lagged temperature y has the exact solution, with `a = e^(−dt/C)`,
+//!
+//! ```text
+//! y1 = a·y0 + (1 − a)·u0 + (1 − (1 − a)·C/dt)·(u1 − u0)
+//! ```
+//!
+//! for any dt: ten milliseconds, or the hour in which the gateway was off or the sensor was bad.
+//!
+//! # What the rise is measured from
+//! The temperature y itself is kept, not its rise, so that a reference may move without disturbing what is under way.
+//! - A term that begins is at rest on its reference: the article's t = 0.
+//! - A fixed reference is subtracted.
+//! - A machine start begins the term anew: y is the temperature at the start.
+//! - A zero lets y go on and measures from the y of that moment: the rise is zero there, and what the structure still
+//!   has to make up comes afterwards. Measured from the sensor's own temperature, the rise would jump by that rest.
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::{Known, Reference, Term};
+use crate::compensation::Snapshot;
+use crate::compensation::reference::{Captured, Machine};
+use crate::quantity::Moment;
+
+/// The lag of one term: nothing before its first reading.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Lag(Option<Lagged>);
+
+/// A temperature and the one that follows it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Lagged {
+    /// When both held.
+    at: Moment,
+    /// The reading.
+    input: f64,
+    /// What follows it.
+    follower: f64,
+    /// What the rise of the follower is measured from.
+    from: f64,
+    /// When the reference behind it was captured.
+    captured: Moment,
+}
+
+impl Lag {
+    /// The lag as it was kept.
+    pub fn recalled(lagged: Lagged) -> Lag {
+        Lag(Some(lagged))
+    }
+
+    /// What is worth keeping.
+    pub fn kept(&self) -> Option<Lagged> {
+        self.0
+    }
+
+    /// Goes on to this snapshot. A reading that cannot be used is waited for: the gap is a straight line to the next.
+    pub fn follow(&mut self, term: &Term, snapshot: &Snapshot<'_>, machine: &Machine) {
+        let (Some(constant), Some(input)) = (term.lag, snapshot.value(term.signal)) else { return };
+        let Some(reference) = machine.captured(term.reference, term.signal) else { return };
+        let mut lagged = self.0.unwrap_or_else(|| Lagged::begin(input, reference, snapshot.now));
+        lagged.advance(input, snapshot.now, constant);
+        lagged.measure_from(term.reference, reference);
+        // A reading of 1e308 may be believed by a profile without ranges; it must not stay for ever.
+        self.0 = lagged.follower.is_finite().then_some(lagged);
+    }
+
+    /// The lagged rise at this snapshot; NaN where it is no number.
+    pub(super) fn rise(mut self, term: &Term, known: &Known<'_>) -> f64 {
+        self.follow(term, known.snapshot, known.machine);
+        self.0.map_or(f64::NAN, |lagged| lagged.follower - lagged.from)
+    }
+}
+
+impl Lagged {
+    fn begin(input: f64, reference: Captured, at: Moment) -> Lagged {
+        let Captured { value, at: captured } = reference;
+        Lagged { at, input, follower: value, from: value, captured }
+    }
+
+    /// The exact solution. Where no time has passed, or it ran back, the follower stays where it is.
+    fn advance(&mut self, input: f64, now: Moment, constant: Duration) {
+        let share = now.since(self.at).as_secs_f64() / constant.as_secs_f64();
+        if share > 0.0 {
+            // 1 − a, without the digits that 1 − e^−x loses for a small x.
+            let gone = -(-share).exp_m1();
+            self.follower += gone * (self.input - self.follower);
+            self.follower += (1.0 - gone / share) * (input - self.input);
+        }
+        self.at = now;
+        self.input = input;
+    }
+
+    fn measure_from(&mut self, kind: Reference, reference: Captured) {
+        let anew = reference.at != self.captured;
+        self.captured = reference.at;
+        match kind {
+            Reference::Fixed(value) => self.from = value,
+            Reference::Start if anew => (self.follower, self.from) = (reference.value, reference.value),
+            Reference::Zero if anew => self.from = self.follower,
+            Reference::Start | Reference::Zero => {}
+        }
+    }
+}

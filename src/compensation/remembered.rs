@@ -1,0 +1,141 @@
+//! What is worth keeping over a restart: the machine's references, the lags of the terms, the datum of the axes.
+//!
+//! The same stands in the state file and at the first row of a run in its log, so that a replay goes on as the gateway
+//! did. A term is known by axis, model and place; one whose signal, lag or kind of reference is another begins anew.
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::datum::{Level, Zeroing};
+use super::model::{Lag, Lagged, Reference, Term};
+use super::reference::Machine;
+use super::settings::{AxisSettings, Datum};
+use crate::quantity::Moment;
+
+/// The memory of a machine.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Remembered {
+    /// Machine-on time and references.
+    #[serde(flatten)]
+    pub machine: Machine,
+    /// Those that have lags or a datum.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub axes: Vec<AxisRemembered>,
+}
+
+/// The memory of one axis.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AxisRemembered {
+    axis: String,
+    lags: Vec<TermRemembered>,
+    datum: Vec<DatumRemembered>,
+    /// When a datum that is being taken will be complete.
+    datum_until: Option<Moment>,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct TermRemembered {
+    model: String,
+    term: usize,
+    /// By place in the list of signals.
+    signal: usize,
+    constant: Duration,
+    reference: ReferenceKind,
+    lagged: Lagged,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum ReferenceKind {
+    Fixed,
+    Start,
+    Zero,
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+struct DatumRemembered {
+    model: String,
+    level: Level,
+}
+
+impl Remembered {
+    /// The same after the profile has changed: `place` finds a signal's old place by its name.
+    pub fn for_signals<'a>(
+        mut self,
+        place: impl Fn(&str) -> Option<usize>,
+        names: impl Iterator<Item = &'a str> + Clone,
+    ) -> Remembered {
+        self.machine = self.machine.for_signals(&place, names.clone());
+        for axis in &mut self.axes {
+            let new_place = |old| names.clone().position(|name| place(name) == Some(old));
+            axis.lags.retain_mut(|term| new_place(term.signal).inspect(|new| term.signal = *new).is_some());
+        }
+        self
+    }
+
+    /// The memory of an axis.
+    pub(super) fn axis(&self, name: &str) -> Option<&AxisRemembered> {
+        self.axes.iter().find(|axis| axis.axis == name)
+    }
+}
+
+impl From<Machine> for Remembered {
+    fn from(machine: Machine) -> Remembered {
+        Remembered { machine, axes: Vec::new() }
+    }
+}
+
+impl AxisRemembered {
+    pub(super) fn of(
+        settings: &AxisSettings,
+        lags: &[Vec<Lag>],
+        zeroing: &Zeroing,
+    ) -> Option<AxisRemembered> {
+        let mut terms = Vec::new();
+        for (model, lags) in settings.models.iter().zip(lags) {
+            for ((place, term), lag) in model.terms().enumerate().zip(lags) {
+                let Some((constant, lagged)) = term.lag.zip(lag.kept()) else { continue };
+                terms.push(TermRemembered {
+                    model: model.name.clone(),
+                    term: place,
+                    signal: term.signal.0,
+                    constant,
+                    reference: term.reference.into(),
+                    lagged,
+                });
+            }
+        }
+        let (levels, datum_until) = zeroing.kept();
+        let datum = settings.models.iter().zip(levels).filter(|_| settings.datum == Datum::Zero);
+        let datum = datum.map(|(model, level)| DatumRemembered { model: model.name.clone(), level: *level });
+        let kept =
+            AxisRemembered { axis: settings.name.clone(), lags: terms, datum: datum.collect(), datum_until };
+        (!kept.lags.is_empty() || !kept.datum.is_empty()).then_some(kept)
+    }
+
+    pub(super) fn lag(&self, model: &str, place: usize, term: &Term) -> Lag {
+        let same = |kept: &&TermRemembered| {
+            kept.model == model
+                && (kept.term, kept.signal) == (place, term.signal.0)
+                && (Some(kept.constant), kept.reference) == (term.lag, term.reference.into())
+        };
+        self.lags.iter().find(same).map_or(Lag::default(), |kept| Lag::recalled(kept.lagged))
+    }
+
+    pub(super) fn zeroing<'a>(&self, models: impl Iterator<Item = &'a str>) -> Zeroing {
+        let level = |name: &str| self.datum.iter().find(|kept| kept.model == name).map(|kept| kept.level);
+        let first = self.datum.first().map(|kept| kept.level).unwrap_or_default();
+        Zeroing::recalled(models.map(|name| level(name).unwrap_or(first)).collect(), self.datum_until)
+    }
+}
+
+impl From<Reference> for ReferenceKind {
+    fn from(reference: Reference) -> ReferenceKind {
+        match reference {
+            Reference::Fixed(_) => ReferenceKind::Fixed,
+            Reference::Start => ReferenceKind::Start,
+            Reference::Zero => ReferenceKind::Zero,
+        }
+    }
+}

@@ -1,0 +1,107 @@
+//! Lags, slopes, levels and datums: taken where they make sense, refused with a remedy where they do not.
+
+use isotherm::compensation::model::{Kind, Reference};
+use isotherm::compensation::settings::Datum;
+
+use super::*;
+
+const SLOPE: &str = "kind = \"linear\"\nslope = { position = \"scale_z\", reference = -50.0, travel = [-350.0, 0.0], \
+                     terms = [ { signal = \"bed\", gain = 0.007, reference = 20.0, lag = \"2h\" } ] }";
+
+#[test]
+fn a_lag_a_slope_levels_and_a_datum_are_taken() {
+    let text = GRINDER
+        .replacen("gain = 2.4 }", "gain = 2.4, reference = 20.0, lag = \"30min\" }", 1)
+        .replacen("kind = \"linear\"", SLOPE, 1)
+        .replacen("rate = 0.5", "rate = 0.5\nwarn = 30.0\nerror = 60.0\ndatum = \"zero\"", 1);
+    let loaded = parse(&text).unwrap();
+    assert_eq!(loaded.warnings, []);
+    let axis = &loaded.profile.axes[0].settings;
+    assert_eq!(axis.levels.warn.zip(axis.levels.error).map(|(w, e)| (w.get(), e.get())), Some((30.0, 60.0)));
+    assert_eq!(axis.datum, Datum::Zero);
+    let Kind::Linear(linear) = &axis.models[0].kind else { panic!("linear") };
+    assert_eq!(linear.terms[0].lag.map(|lag| lag.as_secs()), Some(1800));
+    assert_eq!(linear.terms[0].reference, Reference::Fixed(20.0));
+    let slope = linear.slope.as_ref().unwrap();
+    assert_eq!((slope.position.0, slope.terms[0].lag.map(|lag| lag.as_secs())), (6, Some(7200)));
+    assert!((slope.reference - -50.0).abs() < 1e-12);
+
+    let told = isotherm::explain::Explanation::of(&loaded.profile).to_string();
+    for words in [
+        "Cz = 2.4·(bed − 20) lagged by 30m + 3.45·(wheelhead − its value at machine start) + 0 µm \
+         + (0.007·(bed − 20) lagged by 2h) µm/mm·(scale_z − -50 mm)",
+        "when bed rises by 1 °C (63 % of it 30m after bed has risen), Cz changes by +2.4 µm",
+        "when bed rises by 1 °C and scale_z stands 100 mm above -50 mm (63 % of it 2h after bed has risen), \
+         Cz changes by +0.7 µm",
+        "beyond ±30 µm it warns",
+        "more than ±60 µm switches the axis off until it is armed",
+        "measured from its value at the last zero",
+    ] {
+        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+    }
+}
+
+#[test]
+fn a_lag_is_a_duration_above_zero_with_a_reference() {
+    let at = "axis.z.model[0].terms[0].lag";
+    refused("gain = 2.4", "gain = 2.4, reference = 20.0, lag = 30", at, "30", &["a duration"]);
+    refused(
+        "gain = 2.4",
+        "gain = 2.4, reference = 20.0, lag = \"0s\"",
+        at,
+        "\"0s\"",
+        &["zero makes no sense"],
+    );
+    refused(
+        "gain = 2.4",
+        "gain = 2.4, reference = 20.0, lag = \"30d\"",
+        at,
+        "\"30d\"",
+        &["longer than a week"],
+    );
+    let found = errors(with("gain = 2.4", "gain = 2.4, lag = \"30min\""));
+    assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
+    assert_eq!(found[0].key, "axis.z.model[0].terms[0].reference");
+    assert!(found[0].to_string().contains("begins at rest on it"), "{}", found[0]);
+}
+
+#[test]
+fn a_slope_has_a_position_in_mm_a_reference_and_terms_in_um_per_mm() {
+    let slope = |from: &str, to: &str| {
+        assert!(SLOPE.contains(from), "{from}");
+        with("kind = \"linear\"", &SLOPE.replacen(from, to, 1))
+    };
+    for (from, to, key, words) in [
+        ("\"scale_z\"", "\"bed\"", "slope.position", "a position is in mm"),
+        ("\"scale_z\"", "\"scale_y\"", "slope.position", "there is no signal named `scale_y`"),
+        ("reference = -50.0, ", "", "slope.reference", "missing"),
+        ("[-350.0, 0.0]", "[0.0, -350.0]", "slope.travel", "smaller end first"),
+        (
+            "gain = 0.007",
+            "expansion = 11.5e-6, length = 300",
+            "slope.terms[0].expansion",
+            "no length that expands",
+        ),
+    ] {
+        let found = errors(slope(from, to));
+        assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
+        assert_eq!(found[0].key, format!("axis.z.model[0].{key}"));
+        assert!(found[0].to_string().contains(words), "{}", found[0]);
+    }
+    let found = errors(with("kind = \"formula\"", &SLOPE.replacen("linear", "formula", 1)));
+    assert!(found[0].to_string().contains("`slope` belongs to a linear model"), "{}", found[0]);
+}
+
+#[test]
+fn warn_limit_and_error_stand_in_this_order() {
+    refused("rate = 0.5", "rate = 0.5\nwarn = 50.0", "axis.z.warn", "50.0", &["beyond the limit of 40"]);
+    refused("rate = 0.5", "rate = 0.5\nerror = 30.0", "axis.z.error", "30.0", &["within the limit of 40"]);
+    refused("rate = 0.5", "rate = 0.5\nwarn = -1.0", "axis.z.warn", "-1.0", &["not above zero"]);
+}
+
+#[test]
+fn what_is_taken_at_zero_is_not_taken_twice() {
+    let text = GRINDER.replacen("reference = \"start\"", "reference = \"zero\"", 1);
+    let text = text.replacen("rate = 0.5", "rate = 0.5\ndatum = \"zero\"", 1);
+    only_error(&text, "axis.z.datum", "\"zero\"");
+}
