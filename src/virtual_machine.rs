@@ -43,7 +43,7 @@ mod truth;
 mod wander;
 
 pub use fault::{FaultError, FaultScript};
-pub use plant::{Plant, PlantError, PlantSpec};
+pub use plant::{Plant, PlantError, PlantSpec, Published, PublishedAxis};
 pub use truth::{AxisSummary, AxisTruth, Extent, FIRST_SAMPLE, Summary, TruthRow};
 
 use fault::Faults;

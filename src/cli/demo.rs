@@ -26,7 +26,7 @@ use table::Table;
 #[command(after_help = "Examples:\n  isotherm demo\n  isotherm demo sinker-edm --for 12h\n  \
                   isotherm demo --speed 3600 --for 8h --seed 7 --json")]
 pub(super) struct Arguments {
-    /// A shipped machine: surface-grinder, sinker-edm
+    /// A shipped machine: surface-grinder, sinker-edm, xc100-lathe, ram-mc
     #[arg(default_value = "surface-grinder")]
     machine: String,
     /// How many times faster than the wall the machine's time runs, at most

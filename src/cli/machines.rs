@@ -7,9 +7,11 @@ use crate::profile::{self, Profile};
 use crate::virtual_machine::PlantSpec;
 
 /// Name and text of each, the default first.
-const SHIPPED: [(&str, &str); 2] = [
+const SHIPPED: [(&str, &str); 4] = [
     ("surface-grinder", include_str!("../../profiles/surface-grinder.toml")),
     ("sinker-edm", include_str!("../../profiles/sinker-edm.toml")),
+    ("xc100-lathe", include_str!("../../profiles/xc100-lathe.toml")),
+    ("ram-mc", include_str!("../../profiles/ram-mc.toml")),
 ];
 
 /// The names, for help and errors.
