@@ -239,11 +239,15 @@ fn every_shipped_profile_is_taken_without_a_word() {
         }
         match profile::load(&path, &[], &[]) {
             Ok(loaded) => assert_eq!(loaded.warnings, [], "{name}"),
+            // Its machine is not among the shipped ones before its model is there; nothing else may be wrong with it.
+            Err(errors) if errors.0.iter().all(|error| error.message.starts_with("not built yet")) => {
+                continue;
+            }
             Err(errors) => panic!("{errors}"),
         }
         count += 1;
     }
-    assert!(count >= 2, "the shipped machines are gone");
+    assert!(count >= 4, "the shipped machines are gone");
 }
 
 /// The profile that README explains is the one that is taken.

@@ -11,6 +11,11 @@ use crate::compensation::{Compensation, Control, Permit, Snapshot};
 use crate::quantity::Micron;
 use crate::reading::{Reading, SignalId};
 
+mod fit;
+mod hold;
+mod machines;
+mod rig;
+
 /// The day the coefficients were identified on.
 const CALIBRATION: u64 = 100;
 
