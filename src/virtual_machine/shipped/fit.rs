@@ -57,7 +57,7 @@ fn solve(mut system: Vec<Vec<f64>>) -> Vec<f64> {
 #[test]
 fn least_squares_finds_what_the_samples_were_made_of() {
     let rows: Vec<Vec<f64>> =
-        (0..50).map(|k| f64::from(k)).map(|x| vec![x, 1000.0 * (x * 0.3).sin(), 1.0]).collect();
+        (0..50).map(f64::from).map(|x| vec![x, 1000.0 * (x * 0.3).sin(), 1.0]).collect();
     let target: Vec<f64> = rows.iter().map(|row| 2.5 * row[0] - 0.004 * row[1] + 7.0).collect();
     let fit = least_squares(&rows, &target);
     for (found, made) in fit.coefficients.iter().zip([2.5, -0.004, 7.0]) {

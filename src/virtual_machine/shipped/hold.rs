@@ -63,11 +63,6 @@ impl Line {
     pub(super) fn all(&self) -> impl Iterator<Item = &Term> {
         self.terms.iter().chain(self.slope.iter().flat_map(|slope| &slope.terms))
     }
-
-    /// Needs more than a sum of gains times rises.
-    pub(super) fn has_memory_or_place(&self) -> bool {
-        self.slope.is_some() || self.terms.iter().any(|term| term.lag > 0.0)
-    }
 }
 
 impl Term {
