@@ -46,7 +46,7 @@ mod wander;
 
 pub use fault::{FaultError, FaultScript};
 pub use journal::Seen;
-pub use plant::{Plant, PlantError, PlantSpec};
+pub use plant::{Plant, PlantError, PlantSpec, Published, PublishedAxis};
 pub use truth::{AxisSummary, AxisTruth, Extent, FIRST_SAMPLE, Summary, TruthRow};
 
 use fault::Faults;

@@ -14,7 +14,7 @@ use crate::clock::Clock;
 use crate::gateway::{Gateway, Options, Outcome};
 use crate::observe::status::Source;
 use crate::profile::{Profile, Web};
-use crate::virtual_machine::{PlantSpec, Ports, Setup, Summary, VirtualMachine, Window};
+use crate::virtual_machine::{PlantSpec, Ports, Published, Setup, Summary, VirtualMachine, Window};
 
 mod table;
 
@@ -26,7 +26,7 @@ use table::Table;
 #[command(after_help = "Examples:\n  isotherm demo\n  isotherm demo sinker-edm --for 12h\n  \
                   isotherm demo --speed 3600 --for 8h --seed 7 --json")]
 pub(super) struct Arguments {
-    /// A shipped machine: surface-grinder, sinker-edm
+    /// A shipped machine: surface-grinder, sinker-edm, xc100-lathe, ram-mc, parts-vmc, spindle-hmc, jcs018a-vmc, screw-axis
     #[arg(default_value = "surface-grinder")]
     machine: String,
     /// How many times faster than the wall the machine's time runs, at most
@@ -90,6 +90,7 @@ struct Shown {
     summary: Summary,
     span: Duration,
     outcome: Outcome,
+    published: Option<Published>,
 }
 
 async fn show(
@@ -101,6 +102,7 @@ async fn show(
 ) -> anyhow::Result<Shown> {
     let clock = Clock::simulated(plant.start(), Some(arguments.speed));
     let begun = clock.now();
+    let published = plant.published().cloned();
     // Nobody may run ahead before everybody sits at the table.
     let hold = clock.hold();
     let mut machine = VirtualMachine::start(&profile, setup(plant, arguments.seed), &clock).await?;
@@ -128,7 +130,7 @@ async fn show(
         never = draw(arguments, &source, &window, page) => match never {},
     };
     let (summary, span) = seen.unwrap_or_else(|| (window.summary(), clock.now().since(begun)));
-    Ok(Shown { summary, span, outcome })
+    Ok(Shown { summary, span, outcome, published })
 }
 
 fn setup(plant: PlantSpec, seed: u64) -> Setup {
@@ -208,7 +210,21 @@ fn report(arguments: &Arguments, shown: &Shown) -> Result<(), Failure> {
     println!(
         "The virtual machine is ours; its day was not the one on which the coefficients were identified."
     );
+    for line in shown.published.iter().flat_map(told) {
+        println!("{line}");
+    }
     Ok(())
+}
+
+/// What the source of a machine reports, in words.
+fn told(published: &Published) -> Vec<String> {
+    let micron = |value: Option<f64>| value.map_or("not told".to_owned(), |value| format!("{value} µm"));
+    let mut lines = vec![format!("Its source: {}", published.text)];
+    lines.extend(published.axes.iter().map(|axis| {
+        let (before, after) = (micron(axis.uncompensated_um), micron(axis.compensated_um));
+        format!("  {}: {before} uncompensated, {after} compensated", axis.name)
+    }));
+    lines
 }
 
 /// Nanometres are below what means anything here.

@@ -7,9 +7,15 @@ use crate::profile::{self, Profile};
 use crate::virtual_machine::PlantSpec;
 
 /// Name and text of each, the default first.
-const SHIPPED: [(&str, &str); 2] = [
+const SHIPPED: [(&str, &str); 8] = [
     ("surface-grinder", include_str!("../../profiles/surface-grinder.toml")),
     ("sinker-edm", include_str!("../../profiles/sinker-edm.toml")),
+    ("xc100-lathe", include_str!("../../profiles/xc100-lathe.toml")),
+    ("ram-mc", include_str!("../../profiles/ram-mc.toml")),
+    ("parts-vmc", include_str!("../../profiles/parts-vmc.toml")),
+    ("spindle-hmc", include_str!("../../profiles/spindle-hmc.toml")),
+    ("jcs018a-vmc", include_str!("../../profiles/jcs018a-vmc.toml")),
+    ("screw-axis", include_str!("../../profiles/screw-axis.toml")),
 ];
 
 /// The names, for help and errors.

@@ -20,7 +20,7 @@ mod spec;
 #[cfg(test)]
 mod tests;
 
-pub use spec::{PlantError, PlantSpec};
+pub use spec::{PlantError, PlantSpec, Published, PublishedAxis};
 
 use drive::{Ambient, Duty};
 use spec::{Point, SensorSpec};
@@ -116,21 +116,27 @@ impl Plant {
             return Some(spec.shows(sensor.felt + sensor.noise));
         }
         if let Some(position) = self.spec.positions.iter().find(|position| position.signal == signal) {
-            let turns = self.now.since(self.begin).as_secs_f64() / position.period;
-            return Some(position.middle + 0.5 * position.stroke * (std::f64::consts::TAU * turns).sin());
+            return Some(position.at(self.now.since(self.begin).as_secs_f64()));
         }
         let switch = self.spec.switches.iter().find(|switch| switch.signal == signal)?;
         Some(f64::from(u8::from(self.duty.holds(switch.when))))
     }
 
-    /// The displacement error of an axis without compensation, µm: what Cz must cancel. Zero when the run begins.
+    /// The displacement error of an axis without compensation, µm: what Cz must cancel. Zero when the run begins. What
+    /// depends on a position is that of the present one.
     pub fn true_error_um(&self, axis: &str) -> Option<f64> {
         let displacement = self.spec.axes.iter().find(|displacement| displacement.axis == axis)?;
         let rise = |point: Point| match point {
             Point::Node(index) => self.temperatures[index] - self.zero[index],
             Point::Ambient => self.air - self.zero_air,
         };
-        Some(displacement.gains.iter().map(|(point, gain)| gain * rise(*point)).sum())
+        let sum = |gains: &[(Point, f64)]| gains.iter().map(|(point, gain)| gain * rise(*point)).sum::<f64>();
+        let seconds = self.now.since(self.begin).as_secs_f64();
+        let along = displacement.stretches.iter().map(|stretch| {
+            let position = self.spec.positions[stretch.position].at(seconds);
+            stretch.length(position) * sum(&stretch.gains)
+        });
+        Some(sum(&displacement.gains) + along.sum::<f64>())
     }
 
     /// The temperature of a node, °C: what no sensor sees exactly.
@@ -181,9 +187,7 @@ impl Plant {
         }
         if running {
             for (source, power) in self.spec.sources.iter().zip(&self.powers) {
-                if self.duty.holds(source.when) {
-                    self.flows[source.node] += power;
-                }
+                self.flows[source.node] += power * self.duty.share(source.when);
             }
         }
         for ((temperature, flow), node) in self.temperatures.iter_mut().zip(&self.flows).zip(&self.spec.nodes)

@@ -10,6 +10,11 @@ use crate::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
 use crate::quantity::Micron;
 use crate::reading::{Reading, SignalId};
 
+mod fit;
+mod hold;
+mod machines;
+mod rig;
+
 /// The day the coefficients were identified on.
 const CALIBRATION: u64 = 100;
 

@@ -60,6 +60,9 @@ pub(super) struct Duty {
     spec: DutySpec,
     random: Pcg32,
     phase: Phase,
+    /// How hard this spell of work is; its own random numbers, so that spells do not depend on it.
+    load: f64,
+    loads: Pcg32,
     /// The step at which the phase ends.
     until: u64,
 }
@@ -75,7 +78,7 @@ impl Duty {
     pub(super) fn new(spec: &DutySpec, seed: u64) -> Duty {
         let mut random = stream(seed, "duty");
         let until = steps(&mut random, spec.on_after);
-        Duty { spec: *spec, random, phase: Phase::Off, until }
+        Duty { spec: *spec, random, phase: Phase::Off, load: 1.0, loads: stream(seed, "load"), until }
     }
 
     /// Moves on to this step; steps come in order.
@@ -86,7 +89,20 @@ impl Duty {
                 Phase::Off | Phase::Pause => (Phase::Work, self.spec.work),
             };
             self.phase = phase;
+            if phase == Phase::Work {
+                let (lightest, hardest) = self.spec.load;
+                self.load = self.loads.random_range(lightest..=hardest);
+            }
             self.until += steps(&mut self.random, span);
+        }
+    }
+
+    /// The share of its power that a source has now.
+    pub(super) fn share(&self, when: When) -> f64 {
+        match (self.holds(when), when) {
+            (false, _) => 0.0,
+            (true, When::Work) => self.load,
+            (true, When::Always | When::On) => 1.0,
         }
     }
 

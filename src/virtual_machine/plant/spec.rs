@@ -4,7 +4,10 @@ use std::time::Duration;
 
 use crate::quantity::Moment;
 
+mod published;
 mod raw;
+
+pub use published::{Published, PublishedAxis};
 
 /// A plant file that cannot be used, in words; where TOML itself is wrong, with line and column.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -25,6 +28,7 @@ pub struct PlantSpec {
     pub(super) positions: Vec<Position>,
     pub(super) switches: Vec<Switch>,
     pub(super) axes: Vec<Displacement>,
+    published: Option<Published>,
 }
 
 /// The air: a day's curve, a weather that drifts, and by how much two days differ (uniform, plus or minus).
@@ -52,6 +56,8 @@ pub(super) struct DutySpec {
     pub(super) on_after: Span,
     pub(super) work: Span,
     pub(super) pause: Span,
+    /// How hard each spell of work is, smallest and largest: what the power of work is multiplied by.
+    pub(super) load: (f64, f64),
 }
 
 /// A shortest and a longest duration; the seed draws between them.
@@ -133,11 +139,41 @@ pub(super) struct Switch {
     pub(super) when: When,
 }
 
-/// An axis's true error: gains in µm/K on rises since the run began.
-#[derive(Clone, Debug, PartialEq)]
+/// An axis's true error: gains in µm/K on rises since the run began, and what grows with where the machine is.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Displacement {
     pub(super) axis: String,
     pub(super) gains: Vec<(Point, f64)>,
+    pub(super) stretches: Vec<Stretch>,
+}
+
+/// A part that lies along a travel. It adds the more, the more of it lies between a reference and the present position.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Stretch {
+    /// Place among the positions.
+    pub(super) position: usize,
+    /// Where it adds nothing, mm.
+    pub(super) reference: f64,
+    /// The part of the travel it lies along, mm.
+    pub(super) from: f64,
+    pub(super) to: f64,
+    /// µm per mm and K.
+    pub(super) gains: Vec<(Point, f64)>,
+}
+
+impl Position {
+    /// Where it is this many seconds after the run began, mm.
+    pub(super) fn at(&self, seconds: f64) -> f64 {
+        self.middle + 0.5 * self.stroke * (std::f64::consts::TAU * seconds / self.period).sin()
+    }
+}
+
+impl Stretch {
+    /// How much of it lies between its reference and this position, mm; negative on the reference's other side.
+    pub(super) fn length(&self, position: f64) -> f64 {
+        let within = |value: f64| value.clamp(self.from, self.to);
+        within(position) - within(self.reference)
+    }
 }
 
 impl PlantSpec {
@@ -158,6 +194,12 @@ impl PlantSpec {
     pub fn shipped(machine: &str) -> Option<Result<PlantSpec, PlantError>> {
         let text = match machine {
             "surface-grinder" => include_str!("../../../profiles/surface-grinder.plant.toml"),
+            "xc100-lathe" => include_str!("../../../profiles/xc100-lathe.plant.toml"),
+            "ram-mc" => include_str!("../../../profiles/ram-mc.plant.toml"),
+            "parts-vmc" => include_str!("../../../profiles/parts-vmc.plant.toml"),
+            "spindle-hmc" => include_str!("../../../profiles/spindle-hmc.plant.toml"),
+            "jcs018a-vmc" => include_str!("../../../profiles/jcs018a-vmc.plant.toml"),
+            "screw-axis" => include_str!("../../../profiles/screw-axis.plant.toml"),
             "sinker-edm" => include_str!("../../../profiles/sinker-edm.plant.toml"),
             _ => return None,
         };
@@ -174,6 +216,11 @@ impl PlantSpec {
         let sensors = self.sensors.iter().map(|sensor| sensor.signal.as_str());
         let positions = self.positions.iter().map(|position| position.signal.as_str());
         sensors.chain(positions).chain(self.switches.iter().map(|switch| switch.signal.as_str()))
+    }
+
+    /// What the machine's source reports; `None` where the plant is nobody's.
+    pub fn published(&self) -> Option<&Published> {
+        self.published.as_ref()
     }
 
     /// The axes it knows the true error of.

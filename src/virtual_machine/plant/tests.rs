@@ -157,3 +157,78 @@ fn a_wrong_plant_file_says_where_and_what_is_allowed() {
     let error = PlantSpec::parse(&unstable).unwrap_err().to_string();
     assert!(error.contains("node.ram: 32 W/K is too much for 40 J/K"), "{error}");
 }
+
+/// The electric discharge machine with a ram whose growth counts along a travel, as hard a day as it likes.
+fn with_a_travel(more: &str) -> PlantSpec {
+    let good = include_str!("../../../profiles/sinker-edm.plant.toml");
+    let travel = "[position.scale_z]\nmiddle = -50.0\nstroke = 300.0\nperiod = \"8min\"\n";
+    PlantSpec::parse(&format!("{good}\n{travel}\n{more}")).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// The error of another axis with this text alone, with the rises of both nodes and the position it is at.
+fn error_along(more: &str, seconds: u64) -> (f64, f64, f64, f64) {
+    let spec = with_a_travel(more);
+    let mut plant = Plant::new(&spec, NOMINAL, spec.start());
+    after(&mut plant, seconds);
+    let rise = |name: &str| {
+        let place = spec.nodes.iter().position(|node| node.name == name).unwrap();
+        plant.temperatures[place] - plant.zero[place]
+    };
+    (plant.true_error_um("u").unwrap(), rise("ram"), rise("column"), plant.sensor("scale_z").unwrap())
+}
+
+#[test]
+fn a_part_along_the_travel_counts_by_what_of_it_lies_between_reference_and_position() {
+    let screw = "[[stretch]]\naxis = \"u\"\nnode = \"ram\"\ncoefficient = 1e-5\nposition = \"scale_z\"\n\
+                 reference_mm = 0.0\nfrom_mm = -100.0\nto_mm = 20.0\nsign = 1\n";
+    for seconds in [0, 40, 80, 300, 360].map(|later| 3 * HOUR + later) {
+        let (error, ram, _, position) = error_along(screw, seconds);
+        let counts = position.clamp(-100.0, 20.0);
+        assert!((error - 0.01 * ram * counts).abs() < 1e-9, "{position} mm: {error} um");
+    }
+    let (error, _, _, position) = error_along(screw, 3 * HOUR + 120);
+    assert!((position + 200.0).abs() < 1e-6 && error < -0.1, "{position} mm: {error} um");
+}
+
+#[test]
+fn a_tilt_grows_with_the_difference_and_the_distance() {
+    let tilt = "[[tilt]]\naxis = \"u\"\nwarm = \"ram\"\ncold = \"column\"\num_per_mm_kelvin = 0.02\n\
+                position = \"scale_z\"\nreference_mm = 10.0\n";
+    let (error, ram, column, position) = error_along(tilt, 4 * HOUR);
+    assert!((error - 0.02 * (ram - column) * (position - 10.0)).abs() < 1e-9);
+}
+
+#[test]
+fn a_travel_that_is_not_there_is_named() {
+    let good = include_str!("../../../profiles/sinker-edm.plant.toml");
+    let wrong = "[[stretch]]\naxis = \"u\"\nnode = \"ram\"\ncoefficient = 1e-5\nposition = \"scale_y\"\n\
+                 reference_mm = 0.0\nsign = 1\n";
+    let error = PlantSpec::parse(&format!("{good}\n{wrong}")).unwrap_err().to_string();
+    assert_eq!(error, "stretch of axis u by ram: there is no position `scale_y`");
+}
+
+#[test]
+fn a_spell_of_work_has_a_load_of_its_own() {
+    let spec = PlantSpec::shipped("xc100-lathe").unwrap().unwrap();
+    let (lightest, hardest) = spec.duty.load;
+    let mut duty = Duty::new(&spec.duty, 3);
+    let mut seen: Vec<f64> = Vec::new();
+    for step in 0..8 * HOUR {
+        duty.advance_to(step);
+        let share = duty.share(spec::When::Work);
+        assert!(share.total_cmp(&0.0).is_eq() || (lightest..=hardest).contains(&share));
+        if share > 0.0 && seen.last().is_none_or(|last| (last - share).abs() > 1e-9) {
+            seen.push(share);
+        }
+    }
+    assert!(seen.len() >= 4, "{seen:?}");
+}
+
+#[test]
+fn a_plant_tells_what_its_source_reports() {
+    let spec = PlantSpec::shipped("xc100-lathe").unwrap().unwrap();
+    let published = spec.published().unwrap();
+    assert!(published.text.contains("Tachiya"));
+    let x = PublishedAxis { name: "x".to_owned(), uncompensated_um: Some(19.0), compensated_um: Some(8.0) };
+    assert_eq!(published.axes, [x]);
+}

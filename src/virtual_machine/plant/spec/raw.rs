@@ -5,10 +5,13 @@ use std::time::Duration;
 
 use serde::{Deserialize, Deserializer, de::Error as _};
 
-use super::Span;
+use super::{Published, Span};
 use crate::quantity::Moment;
 
+mod displacement;
 mod resolve;
+
+use displacement::{BendingFile, ExpansionFile, StretchFile, TiltFile};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -32,6 +35,11 @@ pub(super) struct PlantFile {
     expansion: Vec<ExpansionFile>,
     #[serde(default)]
     bending: Vec<BendingFile>,
+    #[serde(default)]
+    stretch: Vec<StretchFile>,
+    #[serde(default)]
+    tilt: Vec<TiltFile>,
+    published: Option<Published>,
 }
 
 #[derive(Deserialize)]
@@ -64,6 +72,12 @@ struct DutyFile {
     work: Span,
     #[serde(deserialize_with = "span")]
     pause: Span,
+    #[serde(default = "full_load")]
+    load: [f64; 2],
+}
+
+fn full_load() -> [f64; 2] {
+    [1.0, 1.0]
 }
 
 #[derive(Deserialize)]
@@ -129,25 +143,6 @@ struct PositionFile {
 #[serde(deny_unknown_fields)]
 struct SwitchFile {
     when: WhenFile,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ExpansionFile {
-    axis: String,
-    node: String,
-    coefficient: f64,
-    length_mm: f64,
-    sign: f64,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct BendingFile {
-    axis: String,
-    warm: String,
-    cold: String,
-    um_per_kelvin: f64,
 }
 
 fn moment<'de, D: Deserializer<'de>>(input: D) -> Result<Moment, D::Error> {

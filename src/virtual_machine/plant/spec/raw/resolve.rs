@@ -1,35 +1,30 @@
 //! From the plant file's names and numbers to a checked [`PlantSpec`], or to every complaint at once.
 
-use std::collections::BTreeMap;
-
 use super::super::{
-    AmbientSpec, Displacement, DutySpec, Link, Node, PlantSpec, Point, Position, SensorSpec, Source, Switch,
-    Varied, When,
+    AmbientSpec, DutySpec, Link, Node, PlantSpec, Point, Position, SensorSpec, Source, Switch, Varied, When,
 };
-use super::{
-    AmbientFile, BendingFile, ExpansionFile, LinkFile, NodeFile, PlantFile, PositionFile, SensorFile,
-    SourceFile, WhenFile,
-};
+use super::displacement::Displacements;
+use super::{AmbientFile, LinkFile, NodeFile, PlantFile, PositionFile, SensorFile, SourceFile, WhenFile};
 use crate::virtual_machine::plant::STEP;
 
 /// What a link, a sensor or a displacement calls the air.
 const AMBIENT: &str = "ambient";
 
 /// The names of the nodes, and every complaint so far.
-struct Check {
+pub(super) struct Check {
     names: Vec<String>,
     errors: Vec<String>,
 }
 
 impl Check {
-    fn demand(&mut self, holds: bool, complaint: impl FnOnce() -> String) {
+    pub(super) fn demand(&mut self, holds: bool, complaint: impl FnOnce() -> String) {
         if !holds {
             self.errors.push(complaint());
         }
     }
 
     /// The point of this name; a wrong one is noted and taken for the air.
-    fn point(&mut self, place: &str, name: &str) -> Point {
+    pub(super) fn point(&mut self, place: &str, name: &str) -> Point {
         if name == AMBIENT {
             return Point::Ambient;
         }
@@ -65,16 +60,25 @@ impl PlantFile {
         stable(&nodes, &links, &mut check);
         let sources = self.source.into_iter().map(|(name, file)| file.resolve(name, &mut check)).collect();
         let sensors = self.sensor.into_iter().map(|(name, file)| file.resolve(name, &mut check)).collect();
-        let positions =
+        let positions: Vec<Position> =
             self.position.into_iter().map(|(name, file)| file.resolve(name, &mut check)).collect();
         let switches = self
             .switch
             .into_iter()
             .map(|(signal, file)| Switch { signal, when: file.when.resolve() })
             .collect();
-        let axes = displacements(&self.expansion, &self.bending, &mut check);
+        let mut axes = Displacements::new(&positions, &mut check);
+        self.expansion.iter().for_each(|file| axes.expansion(file));
+        self.bending.iter().for_each(|file| axes.bending(file));
+        self.stretch.iter().for_each(|file| axes.stretch(file));
+        self.tilt.iter().for_each(|file| axes.tilt(file));
+        let axes = axes.all();
         let ambient = self.ambient.resolve(&mut check);
         check.demand(!self.duty.work.shortest.is_zero(), || "duty.work: must be longer than 0s".to_owned());
+        let [lightest, hardest] = self.duty.load;
+        check.demand(lightest >= 0.0 && lightest <= hardest && hardest.is_finite(), || {
+            "duty.load: a smallest and a largest number, 0 or more".to_owned()
+        });
         if !check.errors.is_empty() {
             return Err(check.errors);
         }
@@ -82,7 +86,12 @@ impl PlantFile {
             start: self.start,
             soak: self.soak,
             ambient,
-            duty: DutySpec { on_after: self.duty.on_after, work: self.duty.work, pause: self.duty.pause },
+            duty: DutySpec {
+                on_after: self.duty.on_after,
+                work: self.duty.work,
+                pause: self.duty.pause,
+                load: (lightest, hardest),
+            },
             nodes,
             links,
             sources,
@@ -90,6 +99,7 @@ impl PlantFile {
             positions,
             switches,
             axes,
+            published: self.published,
         })
     }
 }
@@ -214,34 +224,4 @@ fn stable(nodes: &[Node], links: &[Link], check: &mut Check) {
             format!("node.{}: {total} W/K is too much for {} J/K", node.name, node.capacity)
         });
     }
-}
-
-fn displacements(
-    expansions: &[ExpansionFile],
-    bendings: &[BendingFile],
-    check: &mut Check,
-) -> Vec<Displacement> {
-    let mut axes: BTreeMap<&str, Vec<(Point, f64)>> = BTreeMap::new();
-    for file in expansions {
-        let place = format!("expansion of axis {} by {}", file.axis, file.node);
-        check.demand((file.sign.abs() - 1.0).abs() < f64::EPSILON, || {
-            format!("{place}: sign {} must be 1 or -1", file.sign)
-        });
-        check.demand(file.coefficient.is_finite() && file.length_mm.is_finite(), || {
-            format!("{place}: coefficient and length_mm must be finite numbers")
-        });
-        let gain = file.sign * file.coefficient * file.length_mm * 1000.0;
-        let point = check.point(&place, &file.node);
-        axes.entry(&file.axis).or_default().push((point, gain));
-    }
-    for file in bendings {
-        let place = format!("bending of axis {} by {} and {}", file.axis, file.warm, file.cold);
-        check.demand(file.um_per_kelvin.is_finite(), || {
-            format!("{place}: um_per_kelvin must be a finite number")
-        });
-        let (warm, cold) = (check.point(&place, &file.warm), check.point(&place, &file.cold));
-        let gains = axes.entry(&file.axis).or_default();
-        gains.extend([(warm, file.um_per_kelvin), (cold, -file.um_per_kelvin)]);
-    }
-    axes.into_iter().map(|(axis, gains)| Displacement { axis: axis.to_owned(), gains }).collect()
 }

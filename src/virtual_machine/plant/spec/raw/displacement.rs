@@ -1,0 +1,145 @@
+//! What warm parts do to an axis: as written, and as gains.
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+
+use super::super::{Displacement, Point, Position, Stretch};
+use super::resolve::Check;
+
+/// A part that grows and takes the axis with it.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ExpansionFile {
+    axis: String,
+    node: String,
+    coefficient: f64,
+    length_mm: f64,
+    sign: f64,
+}
+
+/// Two sides of a part, of which the warmer one grows longer.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct BendingFile {
+    axis: String,
+    warm: String,
+    cold: String,
+    um_per_kelvin: f64,
+}
+
+/// A part along the travel: what of it lies between reference and present position grows.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct StretchFile {
+    axis: String,
+    node: String,
+    coefficient: f64,
+    position: String,
+    reference_mm: f64,
+    /// Where it begins and ends; without, it is as long as the travel.
+    from_mm: Option<f64>,
+    to_mm: Option<f64>,
+    sign: f64,
+}
+
+/// A bending that turns the axis: its error grows with the distance from a reference.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct TiltFile {
+    axis: String,
+    warm: String,
+    cold: String,
+    um_per_mm_kelvin: f64,
+    position: String,
+    reference_mm: f64,
+}
+
+/// The axes as they are gathered.
+pub(super) struct Displacements<'a> {
+    positions: &'a [Position],
+    check: &'a mut Check,
+    axes: BTreeMap<String, Displacement>,
+}
+
+impl<'a> Displacements<'a> {
+    pub(super) fn new(positions: &'a [Position], check: &'a mut Check) -> Displacements<'a> {
+        Displacements { positions, check, axes: BTreeMap::new() }
+    }
+
+    pub(super) fn all(self) -> Vec<Displacement> {
+        self.axes.into_values().collect()
+    }
+
+    pub(super) fn expansion(&mut self, file: &ExpansionFile) {
+        let place = format!("expansion of axis {} by {}", file.axis, file.node);
+        self.sign(&place, file.sign);
+        self.finite(&place, "coefficient and length_mm", &[file.coefficient, file.length_mm]);
+        let gain = file.sign * file.coefficient * file.length_mm * 1000.0;
+        let point = self.check.point(&place, &file.node);
+        self.axis(&file.axis).gains.push((point, gain));
+    }
+
+    pub(super) fn bending(&mut self, file: &BendingFile) {
+        let place = format!("bending of axis {} by {} and {}", file.axis, file.warm, file.cold);
+        self.finite(&place, "um_per_kelvin", &[file.um_per_kelvin]);
+        let gains = self.pair(&place, &file.warm, &file.cold, file.um_per_kelvin);
+        self.axis(&file.axis).gains.extend(gains);
+    }
+
+    pub(super) fn stretch(&mut self, file: &StretchFile) {
+        let place = format!("stretch of axis {} by {}", file.axis, file.node);
+        self.sign(&place, file.sign);
+        let (from, to) = (file.from_mm.unwrap_or(f64::MIN), file.to_mm.unwrap_or(f64::MAX));
+        self.finite(&place, "every number", &[file.coefficient, file.reference_mm, from, to]);
+        self.check.demand(from < to, || format!("{place}: from_mm must lie below to_mm"));
+        let point = self.check.point(&place, &file.node);
+        let gains = vec![(point, file.sign * file.coefficient * 1000.0)];
+        self.along(&place, &file.axis, &file.position, file.reference_mm, (from, to), gains);
+    }
+
+    pub(super) fn tilt(&mut self, file: &TiltFile) {
+        let place = format!("tilt of axis {} by {} and {}", file.axis, file.warm, file.cold);
+        self.finite(&place, "every number", &[file.um_per_mm_kelvin, file.reference_mm]);
+        let gains = self.pair(&place, &file.warm, &file.cold, file.um_per_mm_kelvin).to_vec();
+        let everywhere = (f64::MIN, f64::MAX);
+        self.along(&place, &file.axis, &file.position, file.reference_mm, everywhere, gains);
+    }
+
+    fn along(
+        &mut self,
+        place: &str,
+        axis: &str,
+        position: &str,
+        reference: f64,
+        (from, to): (f64, f64),
+        gains: Vec<(Point, f64)>,
+    ) {
+        let Some(position) = self.positions.iter().position(|known| known.signal == position) else {
+            self.check.demand(false, || format!("{place}: there is no position `{position}`"));
+            return;
+        };
+        self.axis(axis).stretches.push(Stretch { position, reference, from, to, gains });
+    }
+
+    fn axis(&mut self, name: &str) -> &mut Displacement {
+        let new = || Displacement { axis: name.to_owned(), ..Displacement::default() };
+        self.axes.entry(name.to_owned()).or_insert_with(new)
+    }
+
+    fn pair(&mut self, place: &str, warm: &str, cold: &str, gain: f64) -> [(Point, f64); 2] {
+        [(self.check.point(place, warm), gain), (self.check.point(place, cold), -gain)]
+    }
+
+    fn sign(&mut self, place: &str, sign: f64) {
+        self.check.demand((sign.abs() - 1.0).abs() < f64::EPSILON, || {
+            format!("{place}: sign {sign} must be 1 or -1")
+        });
+    }
+
+    fn finite(&mut self, place: &str, what: &str, values: &[f64]) {
+        self.check.demand(values.iter().all(|value| value.is_finite()), || {
+            format!("{place}: {what} must be finite")
+        });
+    }
+}
