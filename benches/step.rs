@@ -34,7 +34,7 @@ fn compensation(kind: Kind, signals: usize) -> Compensation {
     let micron = |value| Micron::new(value).unwrap_or_default();
     let axis = AxisSettings {
         name: "z".to_owned(),
-        models: vec![Model { name: "model".to_owned(), kind }],
+        models: vec![Model { name: "model".to_owned(), kind, envelope: None }],
         guard: GuardSettings {
             limit: micron(40.0),
             step: micron(1.0),

@@ -25,11 +25,11 @@ mod guard;
 mod state;
 
 pub use guard::Stages;
-pub use model::Unusable;
+pub use model::{Extrapolation, Unusable};
 pub use state::AxisState;
 
 use guard::{Guard, Pace};
-use model::Evaluate;
+use model::Outside;
 use reference::{Machine, Noticed};
 use settings::{AxisSettings, MachineSettings, OnFault};
 
@@ -111,6 +111,23 @@ pub struct Decision {
     pub acted: Stages,
     /// What the preferred model lacks.
     pub lacks: Option<Unusable>,
+    /// How far the machine is from what the model in use was identified on; `None` inside.
+    pub extrapolating: Option<Extrapolation>,
+}
+
+/// The model that serves now, and what it asks for.
+#[derive(Clone, Copy, Debug)]
+struct Chosen {
+    place: usize,
+    raw: Micron,
+    extrapolating: Option<Extrapolation>,
+}
+
+impl Chosen {
+    /// Outside the region it was identified on, and not to be followed there.
+    fn keeps(&self) -> bool {
+        self.extrapolating.is_some_and(|outside| outside.outside == Outside::Hold)
+    }
 }
 
 /// All axes of a machine, and what they remember.
@@ -187,7 +204,8 @@ impl Compensation {
 
     /// What the first usable model of this axis would ask for now, with its place in the profile's list.
     pub fn model_value(&self, axis: usize, snapshot: &Snapshot<'_>) -> Option<(usize, Micron)> {
-        self.axes.get(axis)?.choose(snapshot, &self.machine).0
+        let (chosen, _) = self.axes.get(axis)?.choose(snapshot, &self.machine);
+        chosen.map(|chosen| (chosen.place, chosen.raw))
     }
 
     /// What is worth keeping over a restart.
@@ -211,6 +229,7 @@ impl Axis {
             state: AxisState::Off,
             acted: Stages::default(),
             lacks: None,
+            extrapolating: None,
         };
         Axis {
             settings,
@@ -231,15 +250,14 @@ impl Axis {
 
     /// The first model whose signals are all good, with its value, and what the preferred one lacks. One that only
     /// waits for a reference or for the machine's start is waited for: lesser models stand in for broken sensors.
-    fn choose(
-        &self,
-        snapshot: &Snapshot<'_>,
-        machine: &Machine,
-    ) -> (Option<(usize, Micron)>, Option<Unusable>) {
+    fn choose(&self, snapshot: &Snapshot<'_>, machine: &Machine) -> (Option<Chosen>, Option<Unusable>) {
         let mut lacks = None;
         for (place, model) in self.settings.models.iter().enumerate() {
-            match model.evaluate(snapshot, machine) {
-                Ok(value) => return (Micron::new(value).map(|raw| (place, raw)), lacks),
+            match model.ask(snapshot, machine) {
+                Ok(asked) => {
+                    let chosen = |raw| Chosen { place, raw, extrapolating: asked.extrapolating };
+                    return (Micron::new(asked.value).map(chosen), lacks);
+                }
                 Err(reason @ (Unusable::Reference(_) | Unusable::MachineOff)) => {
                     return (None, lacks.or(Some(reason)));
                 }
@@ -256,9 +274,9 @@ impl Axis {
         if let Some(found) = control.take_over {
             self.guard.take_over(found, &self.settings.guard);
         }
-        self.state = self.next_state(now, chosen.map(|(place, _)| place), control.permit);
+        self.state = self.next_state(now, chosen.as_ref(), control.permit);
         let (target, pace) = match (self.state, chosen, self.settings.on_fault) {
-            (AxisState::Active | AxisState::Degraded, Some((_, raw)), _) => (Some(raw), Pace::Follow),
+            (AxisState::Active | AxisState::Degraded, Some(chosen), _) => (Some(chosen.raw), Pace::Follow),
             (AxisState::Ramping, _, OnFault::Zero) => (Some(Micron::ZERO), Pace::Steps),
             (AxisState::Ramping, _, _) => (Some(Micron::ZERO), Pace::Ramp),
             _ => (None, Pace::Follow),
@@ -272,12 +290,13 @@ impl Axis {
         }
         self.decision = Decision {
             at: now,
-            raw: chosen.map(|(_, raw)| raw),
-            model: chosen.map(|(place, _)| place),
+            raw: chosen.map(|chosen| chosen.raw),
+            model: chosen.map(|chosen| chosen.place),
             cz,
             state: self.state,
             acted,
             lacks,
+            extrapolating: chosen.and_then(|chosen| chosen.extrapolating),
         };
         self.due = Some(self.next_due(now));
         self.permit = control.permit;
@@ -301,18 +320,19 @@ impl Axis {
         }
     }
 
-    fn next_state(&self, now: Moment, model: Option<usize>, permit: Permit) -> AxisState {
-        match (permit, model) {
+    fn next_state(&self, now: Moment, chosen: Option<&Chosen>, permit: Permit) -> AxisState {
+        let keeps = permit == Permit::Held || (permit == Permit::Armed && chosen.is_some_and(Chosen::keeps));
+        match (permit, chosen.map(|chosen| chosen.place)) {
             (Permit::Off, _) => AxisState::Off,
             // It never took over what stands in the register, so there is nothing of its own to bring back.
             (Permit::Stopping, _) if self.state == AxisState::Off => AxisState::Off,
-            (Permit::Held, _) => match self.state {
+            _ if keeps => match self.state {
                 AxisState::Holding(since) => AxisState::Holding(since),
                 _ => AxisState::Holding(now),
             },
             (Permit::Armed, Some(0)) => AxisState::Active,
             (Permit::Armed, Some(_)) => AxisState::Degraded,
-            (Permit::Armed | Permit::Unverified, _) => self.fault_action(now, false),
+            (Permit::Armed | Permit::Unverified | Permit::Held, _) => self.fault_action(now, false),
             (Permit::Stopping, _) => self.fault_action(now, true),
         }
     }
@@ -323,6 +343,8 @@ impl Axis {
                 return AxisState::Zeroed;
             }
             AxisState::Ramping | AxisState::Zeroed => return AxisState::Ramping,
+            // What was kept outside an envelope was no fault: the fault begins now.
+            AxisState::Holding(_) if self.kept_outside() => now,
             // Where time went back, the hold does not wait for the moment at which it began to come again.
             AxisState::Holding(since) => since.min(now),
             AxisState::Off | AxisState::Active | AxisState::Degraded => now,
@@ -333,6 +355,12 @@ impl Axis {
             OnFault::Zero => true,
         };
         if leaves { AxisState::Ramping } else { AxisState::Holding(since) }
+    }
+
+    /// The last decision kept the value because the model's inputs lay outside its envelope.
+    fn kept_outside(&self) -> bool {
+        self.permit == Permit::Armed
+            && self.decision.extrapolating.is_some_and(|outside| outside.outside == Outside::Hold)
     }
 
     /// An axis going to zero updates as often as its rate needs it to, however slow its normal period.

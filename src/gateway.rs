@@ -25,6 +25,7 @@ mod apply;
 mod arming;
 mod board;
 pub mod control;
+mod extrapolation;
 mod keeper;
 pub mod log;
 mod memory;

@@ -26,8 +26,16 @@ fn compensation() -> Compensation {
     let axis = AxisSettings {
         name: "z".to_owned(),
         models: vec![
-            Model { name: "rises".to_owned(), kind: Kind::Linear(Linear { offset: 0.0, terms }) },
-            Model { name: "bed only".to_owned(), kind: Kind::Formula(Formula { expression }) },
+            Model {
+                name: "rises".to_owned(),
+                kind: Kind::Linear(Linear { offset: 0.0, terms }),
+                envelope: None,
+            },
+            Model {
+                name: "bed only".to_owned(),
+                kind: Kind::Formula(Formula { expression }),
+                envelope: None,
+            },
         ],
         guard: GuardSettings {
             limit: um(40.0),

@@ -2,11 +2,20 @@
 
 use crate::reading::SignalId;
 
-mod formula;
-mod linear;
+pub mod envelope;
+pub mod network;
 
+mod formula;
+mod input;
+mod linear;
+mod matrix;
+
+pub use envelope::{Beyond, Envelope, Extrapolation, Outside};
 pub use formula::{Condition, Expression, ExpressionError, Formula, Symbol};
+pub use input::Input;
 pub use linear::{Linear, Reference, Term};
+pub use matrix::Matrix;
+pub use network::Network;
 
 use super::Snapshot;
 use super::reference::Machine;
@@ -18,6 +27,17 @@ pub struct Model {
     pub name: String,
     /// How it computes.
     pub kind: Kind,
+    /// The region it was identified on, where the profile names one.
+    pub envelope: Option<Envelope>,
+}
+
+/// What a model asks for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Asked {
+    /// Cz in µm, finite; where the envelope shrinks, by so much.
+    pub value: f64,
+    /// How far the machine is from what the model was identified on; `None` inside.
+    pub extrapolating: Option<Extrapolation>,
 }
 
 /// The kinds of models.
@@ -27,6 +47,10 @@ pub enum Kind {
     Linear(Linear),
     /// An expression over temperatures and machine-on time.
     Formula(Formula),
+    /// Displacements of a guideway from one temperature per block of the structure.
+    Matrix(Matrix),
+    /// A network of neurons or radial basis functions.
+    Network(Network),
 }
 
 /// Why a model has no value now.
@@ -54,11 +78,33 @@ pub trait Evaluate {
     fn inputs(&self) -> Vec<SignalId>;
 }
 
+impl Model {
+    /// What it asks for now, its envelope considered.
+    ///
+    /// # Errors
+    /// What is missing.
+    pub fn ask(&self, snapshot: &Snapshot<'_>, machine: &Machine) -> Result<Asked, Unusable> {
+        let value = self.evaluate(snapshot, machine)?;
+        let outside = match &self.envelope {
+            Some(envelope) => envelope.look(snapshot, machine)?,
+            None => None,
+        };
+        let extrapolating = outside.or_else(|| match &self.kind {
+            Kind::Matrix(matrix) => matrix.beyond(snapshot),
+            _ => None,
+        });
+        let gain = extrapolating.map_or(1.0, |outside| outside.gain);
+        Ok(Asked { value: value * gain, extrapolating })
+    }
+}
+
 impl Evaluate for Model {
     fn evaluate(&self, snapshot: &Snapshot<'_>, machine: &Machine) -> Result<f64, Unusable> {
         let value = match &self.kind {
             Kind::Linear(linear) => linear.evaluate(snapshot, machine),
             Kind::Formula(formula) => formula.evaluate(snapshot, machine),
+            Kind::Matrix(matrix) => matrix.evaluate(snapshot, machine),
+            Kind::Network(network) => network.evaluate(snapshot, machine),
         }?;
         if value.is_finite() { Ok(value) } else { Err(Unusable::NotANumber) }
     }
@@ -67,6 +113,8 @@ impl Evaluate for Model {
         match &self.kind {
             Kind::Linear(linear) => linear.inputs(),
             Kind::Formula(formula) => formula.inputs(),
+            Kind::Matrix(matrix) => matrix.inputs(),
+            Kind::Network(network) => network.inputs(),
         }
     }
 }

@@ -4,6 +4,7 @@ use super::*;
 use crate::reading::Reason;
 
 mod models;
+mod outside;
 mod properties;
 mod states;
 
@@ -25,7 +26,11 @@ fn term(signal: SignalId, gain: f64, reference: Reference) -> Term {
 }
 
 fn linear(name: &str, offset: f64, terms: &[Term]) -> Model {
-    Model { name: name.to_owned(), kind: Kind::Linear(Linear { offset, terms: terms.to_vec() }) }
+    Model {
+        name: name.to_owned(),
+        kind: Kind::Linear(Linear { offset, terms: terms.to_vec() }),
+        envelope: None,
+    }
 }
 
 fn formula(name: &str, text: &str) -> Model {
@@ -38,7 +43,7 @@ fn formula(name: &str, text: &str) -> Model {
         _ => None,
     };
     let expression = Expression::parse(text, &resolve).unwrap();
-    Model { name: name.to_owned(), kind: Kind::Formula(Formula { expression }) }
+    Model { name: name.to_owned(), kind: Kind::Formula(Formula { expression }), envelope: None }
 }
 
 /// M1: `Cz = Kz (A − B)`.

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use super::arming::{Arming, Attempt};
 use super::board::{Board, Change};
+use super::extrapolation;
 use super::keeper::Keeper;
 use super::output::{OutputState, Standing};
 use crate::clock::{Bell, Clock};
@@ -44,6 +45,7 @@ pub(super) struct Core {
     controls: Vec<Control>,
     told_states: Vec<AxisState>,
     at_limit: Vec<bool>,
+    extrapolating: Vec<bool>,
 }
 
 /// Requests and failures of one device.
@@ -103,6 +105,7 @@ impl Shared {
             controls: vec![Control::default(); profile.axes.len()],
             told_states: vec![AxisState::Off; profile.axes.len()],
             at_limit: vec![false; profile.axes.len()],
+            extrapolating: vec![false; profile.axes.len()],
         };
         let started = clock.now();
         Shared { profile, clock, journal, dry_run, started, bells: Mutex::new(bells), core: Mutex::new(core) }
@@ -395,6 +398,16 @@ impl Core {
                 shared.tell(&Event::AtLimit { axis: name.clone(), wanted, limit });
             }
             self.at_limit[axis] = at_limit;
+            if self.extrapolating[axis] != decision.extrapolating.is_some() {
+                self.extrapolating[axis] = decision.extrapolating.is_some();
+                let axis = name.clone();
+                shared.tell(&match &decision.extrapolating {
+                    Some(found) => {
+                        Event::Extrapolating { axis, how: extrapolation::words(&shared.profile, found) }
+                    }
+                    None => Event::Interpolating { axis },
+                });
+            }
         }
     }
 
@@ -426,7 +439,10 @@ impl Core {
             format!("{}: {quality}", shared.profile.signal(id).name)
         };
         match decision.lacks {
-            None => String::new(),
+            None => match &decision.extrapolating {
+                Some(found) if !decision.state.is_following() => extrapolation::words(&shared.profile, found),
+                _ => String::new(),
+            },
             Some(Unusable::Signal(id)) => signal(id),
             Some(Unusable::Reference(id)) => {
                 format!("the reference of {} is not captured yet", shared.profile.signal(id).name)

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use super::extrapolation;
 use super::shared::{Core, JITTER_MS, Shared};
 use crate::compensation::Stages;
 use crate::observe::status::{
@@ -63,6 +64,10 @@ fn axes(shared: &Shared, core: &Core) -> Vec<AxisStatus> {
             .collect(),
         limit_um: axis.settings.guard.limit.get(),
         armed: core.arming[place].armed,
+        extrapolating: decision
+            .extrapolating
+            .as_ref()
+            .map(|found| extrapolation::status(&shared.profile, found)),
     })
     .collect()
 }

@@ -49,6 +49,10 @@ pub enum Event {
     ArmRefused { axis: String, why: String },
     /// The model asks for more than the limit.
     AtLimit { axis: String, wanted: Micron, limit: Micron },
+    /// The inputs left the region that the axis's model was identified on.
+    Extrapolating { axis: String, how: String },
+    /// They are inside again, or no model is in use.
+    Interpolating { axis: String },
     /// A value did not fit its register and was cut.
     Saturated { output: String, wanted: f64 },
     /// What was read back is not what was written.
@@ -109,6 +113,8 @@ impl Event {
             Event::Disarmed { .. } => "disarmed",
             Event::ArmRefused { .. } => "arm-refused",
             Event::AtLimit { .. } => "at-limit",
+            Event::Extrapolating { .. } => "extrapolating",
+            Event::Interpolating { .. } => "interpolating",
             Event::Saturated { .. } => "saturated",
             Event::VerifyFailed { .. } => "verify-failed",
             Event::WriteFailed { .. } => "write-failed",
@@ -137,6 +143,7 @@ impl Event {
             | Event::DeviceLost { .. }
             | Event::SignalBad { .. }
             | Event::AtLimit { .. }
+            | Event::Extrapolating { .. }
             | Event::Saturated { .. }
             | Event::WriteFailed { .. }
             | Event::CncRestarted { .. }
@@ -184,6 +191,8 @@ impl fmt::Display for Event {
             Event::AtLimit { axis, wanted, limit } => {
                 write!(f, "axis {axis}: the model asks for {wanted}, held at its limit of ±{limit}")
             }
+            Event::Extrapolating { axis, how } => write!(f, "axis {axis}: {how}"),
+            Event::Interpolating { axis } => write!(f, "axis {axis}: extrapolates no more"),
             Event::Saturated { output, wanted } => {
                 write!(f, "output {output}: {wanted} does not fit the register and was cut")
             }

@@ -16,8 +16,8 @@ mod axis;
 mod fieldbus;
 
 pub(crate) use axis::{
-    FaultAction, FaultActionWord, Inputs, ModelKind, RawAxis, RawModel, RawOutput, RawTerm, ReferenceValue,
-    ReferenceWord, Share, VerifyWord, WritesWord,
+    Carries, Component, FaultAction, FaultActionWord, InputValue, Inputs, ModelKind, OutsideWord, RawAxis,
+    RawModel, RawOutput, RawTerm, ReferenceValue, ReferenceWord, Share, VerifyWord, WritesWord,
 };
 pub(crate) use fieldbus::{
     BusType, FunctionWord, RawBus, RawDevice, RawQuirks, RawSignal, TypeWord, WordOrderWord,

@@ -76,6 +76,7 @@ pub(crate) fn status() -> Status {
             acted: vec!["limit"],
             limit_um: 60.0,
             armed: true,
+            extrapolating: None,
         }],
         signals: vec![
             signal("t1", None, "stale", "stale", None),

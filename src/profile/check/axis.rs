@@ -113,10 +113,7 @@ impl Check<'_> {
     }
 
     fn model(&mut self, path: &str, raw: &RawModel) -> Option<Model> {
-        let fixed = [
-            ("slope", raw.slope.is_some(), "terms that grow with the position (slope)"),
-            ("envelope", raw.envelope.is_some(), "the envelope of a model (envelope)"),
-        ];
+        let fixed = [("slope", raw.slope.is_some(), "terms that grow with the position (slope)")];
         for (key, there, what) in fixed {
             if there {
                 self.not_built(&child(path, key), what, None);
@@ -127,21 +124,12 @@ impl Check<'_> {
         let kind = match kind {
             ModelKind::Linear => self.linear(path, raw).map(Kind::Linear),
             ModelKind::Formula => self.formula_model(path, raw).map(Kind::Formula),
-            ModelKind::Matrix | ModelKind::Network => {
-                let what = if kind == ModelKind::Matrix {
-                    "models of kind matrix"
-                } else {
-                    "models of kind network"
-                };
-                self.not_built(
-                    &child(path, "kind"),
-                    what,
-                    Some("kind = \"linear\" and kind = \"formula\" are there"),
-                );
-                None
-            }
+            ModelKind::Matrix => self.matrix(path, raw).map(Kind::Matrix),
+            ModelKind::Network => self.network(path, raw).map(Kind::Network),
         };
-        Some(Model { name: raw.name.clone()?, kind: kind? })
+        let model = raw.name.clone().zip(kind).map(|(name, kind)| Model { name, kind, envelope: None });
+        let envelope = self.envelope(path, raw, model.as_ref())?;
+        Some(Model { envelope, ..model? })
     }
 
     fn foreign_keys_of_model(&mut self, path: &str, kind: ModelKind, raw: &RawModel) {
@@ -154,7 +142,10 @@ impl Check<'_> {
             ("constants", raw.constants.is_some(), formula, "a formula"),
             ("inputs", raw.inputs.is_some(), formula || file, "a formula, a matrix or a network"),
             ("file", raw.file.is_some(), file, "a matrix or a network"),
+            ("reference", raw.reference.is_some(), file, "a matrix or a network"),
             ("position", raw.position.is_some(), kind == ModelKind::Matrix, "a matrix"),
+            ("component", raw.component.is_some(), kind == ModelKind::Matrix, "a matrix"),
+            ("carries", raw.carries.is_some(), kind == ModelKind::Matrix, "a matrix"),
         ];
         for (key, there, belongs, owner) in keys {
             if there && !belongs {
@@ -188,12 +179,7 @@ impl Check<'_> {
             self.not_built(&child(path, "lag"), "a term that lags behind its temperature (lag)", None);
         }
         let gain = self.gain(path, raw);
-        let reference = match raw.reference {
-            None => Reference::Fixed(0.0),
-            Some(ReferenceValue::Number(number)) => Reference::Fixed(number),
-            Some(ReferenceValue::Word(ReferenceWord::Start)) => Reference::Start,
-            Some(ReferenceValue::Word(ReferenceWord::Zero)) => Reference::Zero,
-        };
+        let reference = raw.reference.map_or(Reference::Fixed(0.0), reference);
         Some(Term { signal: signal?, gain: gain?, reference })
     }
 
@@ -258,5 +244,13 @@ impl Check<'_> {
             return None;
         };
         self.formula(path, text, inputs, raw.constants.as_ref().unwrap_or(&BTreeMap::new()))
+    }
+}
+
+pub(super) fn reference(raw: ReferenceValue) -> Reference {
+    match raw {
+        ReferenceValue::Number(number) => Reference::Fixed(number),
+        ReferenceValue::Word(ReferenceWord::Start) => Reference::Start,
+        ReferenceValue::Word(ReferenceWord::Zero) => Reference::Zero,
     }
 }

@@ -1,0 +1,28 @@
+//! One input of a matrix or a network: a signal, and what its rise is measured from.
+
+use super::{Reference, Unusable};
+use crate::compensation::Snapshot;
+use crate::compensation::reference::Machine;
+use crate::reading::SignalId;
+
+/// A signal less its reference.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Input {
+    /// A temperature, a position, a speed.
+    pub signal: SignalId,
+    /// What is taken off it; the number 0 leaves the value itself.
+    pub reference: Reference,
+}
+
+impl Input {
+    /// The rise now, in the signal's unit.
+    ///
+    /// # Errors
+    /// The signal cannot be used, or its reference has not been captured.
+    pub fn rise(&self, snapshot: &Snapshot<'_>, machine: &Machine) -> Result<f64, Unusable> {
+        let value = snapshot.value(self.signal).ok_or(Unusable::Signal(self.signal))?;
+        let reference =
+            machine.reference(self.reference, self.signal).ok_or(Unusable::Reference(self.signal))?;
+        Ok(value - reference)
+    }
+}
