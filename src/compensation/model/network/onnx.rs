@@ -44,8 +44,10 @@ impl Onnx {
         }
         let mut hasher = DefaultHasher::new();
         bytes.hash(&mut hasher);
-        let model = ModelOptions::with_ops(operators())
-            .load(bytes)
+        let mut options = ModelOptions::with_ops(operators());
+        // Its fused operators panic where shapes do not fit, and save nothing in networks of this size.
+        options.enable_optimization(false);
+        let model = caught(|| options.load(bytes))?
             .map_err(|why| format!("it cannot be read as an ONNX network: {why}"))?;
         let (&[input], &[output]) = (model.input_ids(), model.output_ids()) else {
             return Err(format!(
@@ -88,14 +90,19 @@ impl Onnx {
         let row = Tensor::from_data(shape, row);
         let Graph { model, input, output, pool } = &*self.graph;
         let options = RunOptions::default().with_thread_pool(Some(pool.clone()));
-        let values = model
-            .run_n([(*input, row.into())].into(), [*output], Some(options))
+        let values = caught(|| model.run_n([(*input, row.into())].into(), [*output], Some(options)))?
             .map_err(|why| format!("it cannot be computed: {why}"))?;
         let [value] = &values;
         let view: TensorView<'_, f32> =
             value.try_into().map_err(|why| format!("its output is no number: {why}"))?;
         Ok(view.to_vec())
     }
+}
+
+/// A file may be wrong in a way that the runtime did not think of: that is the file's fault, not the machine's.
+fn caught<T>(run: impl FnOnce() -> T) -> Result<T, String> {
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(run))
+        .map_err(|_| "the ONNX runtime failed on it".to_owned())
 }
 
 /// How many numbers the input takes, and whether without a dimension for the row.
