@@ -30,10 +30,13 @@ const ENVELOPE: &str = r#"{ "format": "isotherm-envelope", "version": 1, "covari
 
 /// The grinder whose first model has these keys instead of its own.
 fn machine(keys: &str, files: &[File<'_>]) -> Result<Loaded, Errors> {
-    let begin = GRINDER.find("kind = \"linear\"").unwrap();
-    let end = begin + GRINDER[begin..].find("\n[[").unwrap();
-    let text = format!("{}{keys}\n{}", &GRINDER[..begin], &GRINDER[end..]);
-    profile::parse_with(Path::new("machine.toml"), &text, files, &[], &[])
+    profile::parse_with(Path::new("machine.toml"), &grinder(keys), files, &[], &[])
+}
+
+fn grinder(keys: &str) -> String {
+    let (before, rest) = GRINDER.split_once("kind = \"linear\"").unwrap_or_default();
+    let (_, after) = rest.split_once("\n[[").unwrap_or_default();
+    format!("{before}{keys}\n[[{after}")
 }
 
 #[track_caller]
@@ -164,12 +167,9 @@ fn an_onnx_file_is_found_beside_its_profile_and_must_fit_it() {
     let layers: [encode::Dense<'_>; 1] = [(&weights, &[0.0], "Tanh")];
     let file = encode::network(&[20.0, 20.0], &[4.0, 4.0], &layers, Some(2));
     let keys = NETWORK_KEYS.replace("n.json", "nets/n.onnx");
-    let begin = GRINDER.find("kind = \"linear\"").unwrap();
-    let end = begin + GRINDER[begin..].find("\n[[").unwrap();
     let path = directory.path().join("machine.toml");
     let load = |keys: &str| {
-        let text = format!("{}{keys}\n{}", &GRINDER[..begin], &GRINDER[end..]);
-        std::fs::write(&path, text).unwrap();
+        std::fs::write(&path, grinder(keys)).unwrap();
         profile::load(&path, &[], &[])
     };
     let missing = errors(load(&keys)).remove(0).to_string();

@@ -1,25 +1,78 @@
-//! Whether a file is all there. The runtime takes what a file cut short still says for the whole of it.
+//! Whether an ONNX file is all there and its parts fit into each other.
+//!
+//! The runtime takes what a file cut short still says for the whole of it, and sets memory aside for as many bytes as
+//! a damaged length claims. So each length is looked at first.
 
-/// The fields of an ONNX model without which there is none: its graph, and the operators' version.
-const NEEDED: [u64; 2] = [7, 8];
+/// The messages of an ONNX file that have parts, after `onnx.proto`. [`Message::Flat`] has none that are messages.
+#[derive(Clone, Copy)]
+enum Message {
+    Model,
+    Graph,
+    Node,
+    Attribute,
+    Tensor,
+    ValueInfo,
+    Type,
+    TensorType,
+    Sequence,
+    Shape,
+    Flat,
+}
 
-/// Whether the fields of the outermost message fill the file to its last byte, and those that are needed are there.
-pub(super) fn is_whole(mut bytes: &[u8]) -> bool {
-    let mut needed = NEEDED.to_vec();
+impl Message {
+    /// What a field holds; `None` where it is text or numbers.
+    fn part(self, field: u64) -> Option<Message> {
+        Some(match (self, field) {
+            (Message::Model, 7) | (Message::Attribute, 6 | 11) => Message::Graph,
+            (Message::Graph, 1) => Message::Node,
+            (Message::Graph, 5) | (Message::Attribute, 5 | 10) => Message::Tensor,
+            (Message::Graph, 11..=13) => Message::ValueInfo,
+            (Message::Node, 5) => Message::Attribute,
+            (Message::ValueInfo, 2) | (Message::Sequence, 1) => Message::Type,
+            (Message::Type, 1) => Message::TensorType,
+            (Message::Type, 4) => Message::Sequence,
+            (Message::TensorType, 2) => Message::Shape,
+            (Message::Model, 8 | 14) | (Message::Tensor, 13) | (Message::Shape, 1) => Message::Flat,
+            _ => return None,
+        })
+    }
+}
+
+/// Graphs lie in graphs only where there are branches and loops, which no network here has.
+const DEEPEST: u32 = 16;
+
+/// Whether the fields of each message fill it to its last byte, and there are a graph and the operators' version.
+pub(super) fn is_whole(bytes: &[u8]) -> bool {
+    let mut needed = vec![7, 8];
+    fills(bytes, Message::Model, DEEPEST, &mut |field| needed.retain(|needed| *needed != field))
+        && needed.is_empty()
+}
+
+fn fills(mut bytes: &[u8], message: Message, depth: u32, seen: &mut dyn FnMut(u64)) -> bool {
     while !bytes.is_empty() {
         let Some((tag, rest)) = varint(bytes) else { return false };
+        let field = tag >> 3;
         let after = match tag & 7 {
             0 => varint(rest).map(|(_, rest)| rest),
             1 => rest.get(8..),
-            2 => varint(rest).and_then(|(length, rest)| rest.get(usize::try_from(length).ok()?..)),
+            2 => inside(rest).and_then(|(inner, after)| match message.part(field) {
+                None => Some(after),
+                Some(part) => (depth > 0 && fills(inner, part, depth - 1, &mut |_| {})).then_some(after),
+            }),
             5 => rest.get(4..),
             _ => None,
         };
         let Some(after) = after else { return false };
-        needed.retain(|field| *field != tag >> 3);
+        seen(field);
         bytes = after;
     }
-    needed.is_empty()
+    true
+}
+
+/// What a length announces, and what follows it.
+fn inside(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
+    let (length, rest) = varint(bytes)?;
+    rest.split_at_checked(usize::try_from(length).ok()?)
 }
 
 /// A number of seven bits a byte, the last without the highest bit; and what follows it.
