@@ -44,3 +44,42 @@ pub(super) fn status(profile: &Profile, found: &Extrapolation) -> ExtrapolationS
         text: words(profile, found),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::compensation::model::Beyond;
+    use crate::gateway::log::sample;
+    use crate::reading::SignalId;
+
+    #[test]
+    fn how_far_outside_and_what_follows_is_a_sentence() {
+        let profile = sample::profile();
+        let beyond = |by| Some(Beyond { signal: SignalId(0), by });
+        let found =
+            |farthest, outside, gain| Extrapolation { distance: Some((4.21, 3.04)), farthest, outside, gain };
+        for (found, expected) in [
+            (
+                found(beyond(2.3), Outside::Hold, 1.0),
+                "extrapolating: bed is 2.30 °C above its largest value; distance 4.2, 3.0 is the edge; Cz is kept",
+            ),
+            (
+                found(beyond(-0.5), Outside::Shrink, 0.43),
+                "extrapolating: bed is 0.50 °C below its smallest value; distance 4.2, 3.0 is the edge; \
+                 Cz is the model's times 0.43",
+            ),
+            (
+                found(None, Outside::Warn, 1.0),
+                "extrapolating: the inputs never stood like this to each other; distance 4.2, 3.0 is the edge; \
+                 Cz follows the model all the same",
+            ),
+            (
+                Extrapolation { distance: None, ..found(beyond(35.0), Outside::Warn, 1.0) },
+                "extrapolating: bed is 35.00 °C above its largest value of the guideway; Cz is that of its end",
+            ),
+        ] {
+            assert_eq!(words(&profile, &found), expected);
+            assert_eq!(status(&profile, &found).text, expected);
+        }
+    }
+}
