@@ -253,10 +253,10 @@ impl Axis {
     fn choose(&self, snapshot: &Snapshot<'_>, machine: &Machine) -> (Option<Chosen>, Option<Unusable>) {
         let mut lacks = None;
         for (place, model) in self.settings.models.iter().enumerate() {
-            match model.ask(snapshot, machine) {
-                Ok(asked) => {
-                    let chosen = |raw| Chosen { place, raw, extrapolating: asked.extrapolating };
-                    return (Micron::new(asked.value).map(chosen), lacks);
+            match model.wants(snapshot, machine) {
+                Ok(wanted) => {
+                    let chosen = |raw| Chosen { place, raw, extrapolating: wanted.extrapolating };
+                    return (Micron::new(wanted.value).map(chosen), lacks);
                 }
                 Err(reason @ (Unusable::Reference(_) | Unusable::MachineOff)) => {
                     return (None, lacks.or(Some(reason)));

@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use isotherm::compensation::model::envelope::Known;
+use isotherm::compensation::model::envelope::Identified;
 use isotherm::compensation::model::network::{
     Activation, Layer, Layers, Net, Network, Node, Radial, Scaling,
 };
@@ -37,7 +37,7 @@ fn compensation() -> Compensation {
     let layer = Layer { weights: vec![vec![1.5]], bias: vec![0.5], activation: Activation::Tanh };
     let layers = Layers::new(scaling, vec![layer], (0.0, 1.0)).expect("layers");
     let network = |net| Kind::Network(Network::new("n.json", net, vec![input(1)]).expect("one input"));
-    let known = Known { input: input(1), mean: 1.0, range: (0.0, 1.5) };
+    let known = Identified { input: input(1), mean: 1.0, range: (0.0, 1.5) };
     let envelope = Envelope::new(vec![known], &[vec![1.0]], None, Outside::Hold).expect("a region");
     let axis = AxisSettings {
         name: "z".to_owned(),

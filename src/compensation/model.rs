@@ -31,9 +31,9 @@ pub struct Model {
     pub envelope: Option<Envelope>,
 }
 
-/// What a model asks for.
+/// What a model wants, its envelope considered.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Asked {
+pub struct Wanted {
     /// Cz in µm, finite; where the envelope shrinks, by so much.
     pub value: f64,
     /// How far the machine is from what the model was identified on; `None` inside.
@@ -79,11 +79,11 @@ pub trait Evaluate {
 }
 
 impl Model {
-    /// What it asks for now, its envelope considered.
+    /// What it wants now, its envelope considered.
     ///
     /// # Errors
     /// What is missing.
-    pub fn ask(&self, snapshot: &Snapshot<'_>, machine: &Machine) -> Result<Asked, Unusable> {
+    pub fn wants(&self, snapshot: &Snapshot<'_>, machine: &Machine) -> Result<Wanted, Unusable> {
         let value = self.evaluate(snapshot, machine)?;
         let outside = match &self.envelope {
             Some(envelope) => envelope.look(snapshot, machine)?,
@@ -94,7 +94,7 @@ impl Model {
             _ => None,
         });
         let gain = extrapolating.map_or(1.0, |outside| outside.gain);
-        Ok(Asked { value: value * gain, extrapolating })
+        Ok(Wanted { value: value * gain, extrapolating })
     }
 }
 

@@ -25,7 +25,7 @@ pub enum Outside {
 
 /// One input as it was when the model was identified.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Known {
+pub struct Identified {
     /// The signal, less its reference.
     pub input: Input,
     /// Its mean, in the signal's unit.
@@ -37,7 +37,7 @@ pub struct Known {
 /// A region.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Envelope {
-    inputs: Vec<Known>,
+    inputs: Vec<Identified>,
     /// The lower triangle of the covariance's Cholesky factor, row by row.
     factor: Vec<f64>,
     reach: f64,
@@ -90,7 +90,7 @@ impl Envelope {
     /// # Errors
     /// What is wrong, and with which input.
     pub fn new(
-        inputs: Vec<Known>,
+        inputs: Vec<Identified>,
         covariance: &[Vec<f64>],
         reach: Option<f64>,
         outside: Outside,
@@ -101,7 +101,7 @@ impl Envelope {
         if covariance.len() != inputs.len() || covariance.iter().any(|row| row.len() != inputs.len()) {
             return Err(BadEnvelope::Size);
         }
-        let good = |known: &Known| {
+        let good = |known: &Identified| {
             let (min, max) = known.range;
             (max - min).is_finite() && min < max && (min..=max).contains(&known.mean)
         };
@@ -116,7 +116,7 @@ impl Envelope {
     }
 
     /// The region's inputs.
-    pub fn inputs(&self) -> &[Known] {
+    pub fn inputs(&self) -> &[Identified] {
         &self.inputs
     }
 

@@ -49,7 +49,7 @@ pub(super) fn network(profile: &Profile, network: &Network) -> (String, Vec<Stri
 
 /// The region in words, and what happens outside.
 pub(super) fn envelope(profile: &Profile, envelope: &Envelope) -> String {
-    let range = |known: &crate::compensation::model::envelope::Known| {
+    let range = |known: &crate::compensation::model::envelope::Identified| {
         let signal = profile.signal(known.input.signal);
         let (min, max) = known.range;
         format!("{} {} … {} {}", rise(profile, &known.input), figure(min), figure(max), signal.unit)

@@ -2,7 +2,7 @@
 
 use super::Check;
 use super::axis::reference;
-use crate::compensation::model::envelope::Known;
+use crate::compensation::model::envelope::Identified;
 use crate::compensation::model::network::Net;
 use crate::compensation::model::{Envelope, Evaluate, Input, Matrix, Model, Network, Outside, Reference};
 use crate::profile::data::envelope::EnvelopeFile;
@@ -132,7 +132,7 @@ impl Check<'_> {
             };
             let reference = input.reference.map_or(Reference::Fixed(0.0), reference);
             let input_of = Input { signal, reference };
-            known.push(Known { input: input_of, mean: input.mean, range: (input.min, input.max) });
+            known.push(Identified { input: input_of, mean: input.mean, range: (input.min, input.max) });
         }
         let outside = match raw.outside? {
             OutsideWord::Warn => Outside::Warn,

@@ -3,9 +3,9 @@ use proptest::prelude::*;
 use super::*;
 use crate::compensation::model::Reference;
 
-fn known(mean: f64, min: f64, max: f64) -> Known {
+fn known(mean: f64, min: f64, max: f64) -> Identified {
     let input = Input { signal: SignalId(0), reference: Reference::Fixed(0.0) };
-    Known { input, mean, range: (min, max) }
+    Identified { input, mean, range: (min, max) }
 }
 
 fn two(covariance: [[f64; 2]; 2], outside: Outside) -> Result<Envelope, BadEnvelope> {

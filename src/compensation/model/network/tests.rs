@@ -88,7 +88,7 @@ fn inputs_are_rises_and_a_result_that_is_no_number_is_none() {
     let now = Moment::from_nanos(0);
     let ask = |model: &Model, a, b| {
         let readings = [Reading::good(a, now), Reading::good(b, now)];
-        model.ask(&Snapshot { now, readings: &readings }, &Machine::default()).map(|asked| asked.value)
+        model.wants(&Snapshot { now, readings: &readings }, &Machine::default()).map(|wanted| wanted.value)
     };
     let tanh = layers(Activation::Tanh);
     close(ask(&model(tanh.clone()), 27.5, 80.0).unwrap(), tanh.output(&[26.0, 80.0]));
