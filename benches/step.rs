@@ -5,8 +5,9 @@ use std::time::Duration;
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use isotherm::codec::{DataType, Encoding, WordOrder};
+use isotherm::compensation::model::network::{Activation, Layer, Layers, Net, Network, Scaling};
 use isotherm::compensation::model::{
-    Expression, Formula, Kind, Linear, Model, Reference, Slope, Symbol, Term,
+    Expression, Formula, Input, Kind, Linear, Matrix, Model, Reference, Slope, Symbol, Term,
 };
 use isotherm::compensation::settings::{
     AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault,
@@ -14,6 +15,10 @@ use isotherm::compensation::settings::{
 use isotherm::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
 use isotherm::quantity::{Micron, Moment};
 use isotherm::reading::{Reading, SignalId};
+
+#[cfg(feature = "onnx")]
+#[path = "../tests/onnx/encode.rs"]
+mod onnx;
 
 fn decode(criterion: &mut Criterion) {
     let encoding = Encoding {
@@ -37,7 +42,7 @@ fn compensation(kind: &Kind, signals: usize, axes: usize) -> Compensation {
     let micron = |value| Micron::new(value).unwrap_or_default();
     let axis = AxisSettings {
         name: "z".to_owned(),
-        models: vec![Model { name: "model".to_owned(), kind: kind.clone() }],
+        models: vec![Model { name: "model".to_owned(), kind: kind.clone(), envelope: None }],
         guard: GuardSettings {
             limit: micron(40.0),
             step: micron(1.0),
@@ -56,7 +61,7 @@ fn compensation(kind: &Kind, signals: usize, axes: usize) -> Compensation {
 }
 
 fn step(criterion: &mut Criterion, name: &str, kind: &Kind) {
-    const SIGNALS: usize = 16;
+    const SIGNALS: usize = 65;
     let mut compensation = compensation(kind, SIGNALS, 1);
     let control = [Control { permit: Permit::Armed, ..Control::default() }];
     let mut readings = [Reading::NEVER; SIGNALS];
@@ -123,5 +128,47 @@ fn three_axes(criterion: &mut Criterion) {
     });
 }
 
-criterion_group!(benches, decode, steps, three_axes);
+/// Not all the same, and the same every time.
+fn weight(place: usize) -> f64 {
+    f64::from(u8::try_from(place * 37 % 101).unwrap_or_default()) / 101.0 - 0.5
+}
+
+fn inputs(count: usize) -> Vec<Input> {
+    (0..count).map(|place| Input { signal: SignalId(place), reference: Reference::Fixed(20.0) }).collect()
+}
+
+/// What is in files: 64 blocks and 8 points of a guideway, which is a matrix of 24 rows; networks of 30-16-1.
+fn files(criterion: &mut Criterion) {
+    let guide = (0..8u8).map(|point| f64::from(point) * 5.0).collect();
+    let gains = (0..8 * 64).map(weight).collect();
+    if let Ok(matrix) = Matrix::new("column.json", inputs(64), SignalId(64), guide, gains) {
+        step(criterion, "step an axis with a matrix of 24 x 64", &Kind::Matrix(matrix));
+    }
+    let hidden: Vec<Vec<f64>> =
+        (0..16).map(|row| (0..30).map(|column| weight(row * 30 + column)).collect()).collect();
+    let last: Vec<Vec<f64>> = vec![(0..16).map(weight).collect()];
+    let (bias, mean, scale) = ([0.1; 16], [2.0; 30], [5.0; 30]);
+    let layer = |weights: &[Vec<f64>], bias: &[f64], activation| Layer {
+        weights: weights.to_vec(),
+        bias: bias.to_vec(),
+        activation,
+    };
+    let layers = vec![layer(&hidden, &bias, Activation::Tanh), layer(&last, &[0.0], Activation::Linear)];
+    let net = Scaling::new(&mean, &scale).and_then(|scaling| Layers::new(scaling, layers, (0.0, 10.0)));
+    if let Ok(network) = net.and_then(|net| Network::new("net.json", Net::Layers(net), inputs(30))) {
+        step(criterion, "step an axis with a network of 30-16-1", &Kind::Network(network));
+    }
+    #[cfg(feature = "onnx")]
+    {
+        use isotherm::compensation::model::network::Onnx;
+        let layers: [onnx::Dense<'_>; 2] = [(&hidden, &bias, "Tanh"), (&last, &[0.0], "")];
+        let file = onnx::network(&mean, &scale, &layers, Some(30));
+        let net = Onnx::new(file, 30).map(Net::Onnx);
+        if let Ok(network) = net.and_then(|net| Network::new("net.onnx", net, inputs(30))) {
+            step(criterion, "step an axis with an ONNX network of 30-16-1", &Kind::Network(network));
+        }
+    }
+}
+
+criterion_group!(benches, decode, steps, three_axes, files);
 criterion_main!(benches);

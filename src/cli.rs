@@ -191,7 +191,7 @@ fn load_with(path: &Path, set: &[(String, String)], json: bool) -> Result<Profil
     // A shipped machine may be named without having its file.
     let shipped = path.to_str().filter(|_| !path.exists()).and_then(machines::text);
     let loaded = match shipped {
-        Some((path, text)) => profile::parse(&path, text, set, &environment),
+        Some((path, text)) => profile::parse_with(&path, text, &machines::FILES, set, &environment),
         None => profile::load(path, set, &environment),
     };
     match loaded {

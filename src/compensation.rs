@@ -26,7 +26,7 @@ mod remembered;
 mod state;
 
 pub use guard::Stages;
-pub use model::Unusable;
+pub use model::{Extrapolation, Unusable};
 pub use remembered::{AxisRemembered, Remembered};
 pub use state::AxisState;
 
@@ -126,6 +126,8 @@ pub struct Decision {
     pub lacks: Option<Unusable>,
     /// A model asked for more than the error level: the axis runs its fault action and waits to be armed again.
     pub tripped: bool,
+    /// How far the machine is from what the model in use was identified on; `None` inside.
+    pub extrapolating: Option<Extrapolation>,
 }
 
 /// All axes of a machine, and what they remember.

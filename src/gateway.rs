@@ -25,6 +25,7 @@ mod apply;
 mod arming;
 mod board;
 pub mod control;
+mod extrapolation;
 mod keeper;
 mod levels;
 pub mod log;

@@ -12,7 +12,9 @@ use crate::compensation::settings::{AxisSettings, MachineSettings};
 use crate::reading::SignalId;
 
 mod check;
+mod data;
 mod error;
+mod files;
 mod load;
 mod merge;
 mod place;
@@ -20,7 +22,7 @@ mod raw;
 mod walk;
 
 pub use error::{Errors, ProfileError};
-pub use load::{Loaded, environment, load, parse};
+pub use load::{Loaded, environment, load, parse, parse_with};
 pub use raw::schema;
 
 /// One physical line: its place in the profile's list.

@@ -3,8 +3,13 @@
 
 use std::time::Duration;
 
+use isotherm::compensation::model::envelope::Identified;
+use isotherm::compensation::model::network::{
+    Activation, Layer, Layers, Net, Network, Node, Radial, Scaling,
+};
 use isotherm::compensation::model::{
-    Expression, Formula, Kind, Linear, Model, Reference, Slope, Symbol, Term,
+    Envelope, Expression, Formula, Input, Kind, Linear, Matrix, Model, Outside, Reference, Slope, Symbol,
+    Term,
 };
 use isotherm::compensation::settings::{
     AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault,
@@ -33,11 +38,29 @@ fn compensation() -> Compensation {
         _ => None,
     };
     let expression = Expression::parse("2.4 * max(A - (2e-5*t + 23.4), 0)", &resolve).expect("a formula");
+    let input = |place| Input { signal: SignalId(place), reference: Reference::Fixed(20.0) };
+    let matrix = Matrix::new("m.json", vec![input(0), input(1)], SignalId(2), vec![0.0, 20.5], vec![0.5; 4]);
+    let node = Node { centre: vec![1.0], width: 2.0, weight: 3.0 };
+    let scaling = Scaling::new(&[20.0], &[4.0]).expect("scaling");
+    let radial = Radial::new(scaling.clone(), vec![node], 0.0, (0.0, 1.0)).expect("nodes");
+    let layer = Layer { weights: vec![vec![1.5]], bias: vec![0.5], activation: Activation::Tanh };
+    let layers = Layers::new(scaling, vec![layer], (0.0, 1.0)).expect("layers");
+    let network = |net| Kind::Network(Network::new("n.json", net, vec![input(1)]).expect("one input"));
+    let known = Identified { input: input(1), mean: 1.0, range: (0.0, 1.5) };
+    let envelope = Envelope::new(vec![known], &[vec![1.0]], None, Outside::Hold).expect("a region");
     let axis = AxisSettings {
         name: "z".to_owned(),
         models: vec![
-            Model { name: "rises".to_owned(), kind: Kind::Linear(Linear { offset: 0.0, terms, slope }) },
-            Model { name: "bed only".to_owned(), kind: Kind::Formula(Formula { expression }) },
+            Model {
+                name: "rises".to_owned(),
+                kind: Kind::Linear(Linear { offset: 0.0, terms, slope }),
+                envelope: None,
+            },
+            Model {
+                name: "bed only".to_owned(),
+                kind: Kind::Formula(Formula { expression }),
+                envelope: None,
+            },
         ],
         guard: GuardSettings {
             limit: um(40.0),
@@ -58,7 +81,14 @@ fn compensation() -> Compensation {
         settle: Duration::from_secs(30),
         signals: 5,
     };
-    Compensation::new(machine, vec![axis.clone(), axis], Remembered::default())
+    let of_files =
+        [Kind::Matrix(matrix.expect("a matrix")), network(Net::Radial(radial)), network(Net::Layers(layers))];
+    let of_file = |kind| {
+        let model = Model { name: "file".to_owned(), kind, envelope: Some(envelope.clone()) };
+        AxisSettings { models: vec![model], ..axis.clone() }
+    };
+    let axes = of_files.into_iter().map(of_file).chain([axis.clone(), axis.clone()]).collect();
+    Compensation::new(machine, axes, Remembered::default())
 }
 
 #[test]
@@ -75,7 +105,7 @@ fn a_step_allocates_nothing() {
         let permit = if at % 300 > 280 { Permit::Stopping } else { Permit::Armed };
         let take_over = at.is_multiple_of(100).then(|| um(5.0));
         let control = Control { permit, take_over, ..Control::default() };
-        compensation.step(&Snapshot { now, readings: &readings }, &[control, control]);
+        compensation.step(&Snapshot { now, readings: &readings }, &[control; 5]);
         if at.is_multiple_of(70) {
             compensation.zero(now);
         }

@@ -18,6 +18,9 @@ const SHIPPED: [(&str, &str); 8] = [
     ("screw-axis", include_str!("../../profiles/screw-axis.toml")),
 ];
 
+/// The matrices, networks and envelopes that the shipped profiles name, by those names.
+pub(super) const FILES: [(&str, &[u8]); 0] = [];
+
 /// The names, for help and errors.
 pub(super) fn names() -> impl Iterator<Item = &'static str> {
     SHIPPED.iter().map(|(name, _)| *name)
@@ -35,7 +38,8 @@ pub(super) fn with_plant(name: &str) -> Result<(Profile, PlantSpec), Failure> {
         let known: Vec<&str> = names().collect();
         return Err(anyhow::anyhow!("there is no machine `{name}`; shipped are: {}", known.join(", ")).into());
     };
-    let loaded = profile::parse(&path, text, &[], &[]).map_err(|errors| anyhow::anyhow!("{errors}"))?;
+    let loaded =
+        profile::parse_with(&path, text, &FILES, &[], &[]).map_err(|errors| anyhow::anyhow!("{errors}"))?;
     let plant = PlantSpec::shipped(name)
         .ok_or_else(|| anyhow::anyhow!("the machine `{name}` has no plant"))?
         .map_err(anyhow::Error::from)?;

@@ -4,11 +4,11 @@ use std::time::Duration;
 
 use super::datum::Zeroing;
 use super::guard::{Guard, Pace};
-use super::model::{Asked, Evaluate, Known, Lag};
+use super::model::{Known, Lag, Outside, Wanted};
 use super::reference::Machine;
 use super::remembered::AxisRemembered;
 use super::settings::{Apart, AxisSettings, Datum, GuardSettings, MachineSettings, OnFault};
-use super::{AxisState, Control, Decision, Permit, Snapshot, Stages, Unusable};
+use super::{AxisState, Control, Decision, Extrapolation, Permit, Snapshot, Stages, Unusable};
 use crate::quantity::{Micron, Moment};
 
 #[derive(Clone, Debug)]
@@ -37,6 +37,19 @@ pub(super) struct Chosen {
     pub(super) raw: Micron,
     /// What the slope comes to at the reach.
     slope: Micron,
+    /// How far the machine is from what the model was identified on.
+    extrapolating: Option<Extrapolation>,
+}
+
+impl Chosen {
+    /// Outside the region it was identified on, and not to be followed there.
+    fn keeps(&self) -> bool {
+        is_kept(self.extrapolating)
+    }
+}
+
+fn is_kept(extrapolating: Option<Extrapolation>) -> bool {
+    extrapolating.is_some_and(|found| found.outside == Outside::Hold)
 }
 
 impl Axis {
@@ -51,6 +64,7 @@ impl Axis {
             acted: Stages::default(),
             lacks: None,
             tripped: false,
+            extrapolating: None,
         };
         let lags = settings.models.iter().map(|model| model.terms().map(|_| Lag::default()).collect());
         Axis {
@@ -107,10 +121,10 @@ impl Axis {
         now >= due || now < last || control.permit != self.permit || control.takes_over()
     }
 
-    fn ask(&self, place: usize, snapshot: &Snapshot<'_>, machine: &Machine) -> Result<Asked, Unusable> {
+    fn ask(&self, place: usize, snapshot: &Snapshot<'_>, machine: &Machine) -> Result<Wanted, Unusable> {
         let lags = self.lags.get(place).map(Vec::as_slice).unwrap_or_default();
         let known = Known { snapshot, machine, lags, apart: self.settings.apart.is_some() };
-        self.settings.models.get(place).ok_or(Unusable::NotANumber)?.evaluate(&known)
+        self.settings.models.get(place).ok_or(Unusable::NotANumber)?.wants(&known)
     }
 
     /// The first model whose signals are all good, with its value, and what the preferred one lacks. One that only
@@ -123,7 +137,7 @@ impl Axis {
         let mut lacks = None;
         for place in 0..self.settings.models.len() {
             match self.ask(place, snapshot, machine) {
-                Ok(asked) => return (self.chosen(place, asked), lacks),
+                Ok(wanted) => return (self.chosen(place, wanted), lacks),
                 Err(reason @ (Unusable::Reference(_) | Unusable::MachineOff)) => {
                     return (None, lacks.or(Some(reason)));
                 }
@@ -133,13 +147,17 @@ impl Axis {
         (None, lacks)
     }
 
-    fn chosen(&self, model: usize, asked: Asked) -> Option<Chosen> {
+    /// Where its envelope shrinks, what is left of the datum shrinks with it: far outside Cz goes to zero.
+    fn chosen(&self, model: usize, wanted: Wanted) -> Option<Chosen> {
+        let Wanted { asked, extrapolating } = wanted;
         let datum = self.zeroing.of(model);
+        let gain = extrapolating.map_or(1.0, |found| found.gain);
         let reach = self.settings.apart.map_or(0.0, |apart| apart.reach);
         Some(Chosen {
             model,
-            raw: Micron::new(asked.cz - datum.cz)?,
-            slope: Micron::new((asked.slope - datum.slope) * reach)?,
+            raw: Micron::new((asked.cz - datum.cz) * gain)?,
+            slope: Micron::new((asked.slope - datum.slope) * gain * reach)?,
+            extrapolating,
         })
     }
 
@@ -148,7 +166,7 @@ impl Axis {
         let dt = self.stepped.map_or(self.settings.every, |last| now.since(last));
         if self.zeroing.is_open() {
             let mut zeroing = std::mem::take(&mut self.zeroing);
-            zeroing.gather(now, |place| self.ask(place, snapshot, machine).ok());
+            zeroing.gather(now, |place| self.ask(place, snapshot, machine).ok().map(|wanted| wanted.asked));
             self.zeroing = zeroing;
         }
         let (chosen, lacks) = self.choose(snapshot, machine);
@@ -160,7 +178,7 @@ impl Axis {
         }
         self.note_error_level(chosen, control.permit);
         let followed = chosen.filter(|_| !self.tripped);
-        self.state = self.next_state(now, followed.map(|chosen| chosen.model), control.permit);
+        self.state = self.next_state(now, followed.as_ref(), control.permit);
         let (cz, slope, acted) = self.guarded(followed, dt);
         if self.state == AxisState::Ramping && cz == Micron::ZERO && slope == Micron::ZERO {
             self.state = AxisState::Zeroed;
@@ -175,6 +193,7 @@ impl Axis {
             acted,
             lacks,
             tripped: self.tripped,
+            extrapolating: chosen.and_then(|chosen| chosen.extrapolating),
         };
         self.due = Some(self.next_due(now));
         self.permit = control.permit;
@@ -238,18 +257,20 @@ impl Axis {
         }
     }
 
-    fn next_state(&self, now: Moment, model: Option<usize>, permit: Permit) -> AxisState {
-        match (permit, model) {
+    fn next_state(&self, now: Moment, followed: Option<&Chosen>, permit: Permit) -> AxisState {
+        let keeps =
+            permit == Permit::Held || (permit == Permit::Armed && followed.is_some_and(Chosen::keeps));
+        match (permit, followed.map(|chosen| chosen.model)) {
             (Permit::Off, _) => AxisState::Off,
             // It never took over what stands in the register, so there is nothing of its own to bring back.
             (Permit::Stopping, _) if self.state == AxisState::Off => AxisState::Off,
-            (Permit::Held, _) => match self.state {
+            _ if keeps => match self.state {
                 AxisState::Holding(since) => AxisState::Holding(since),
                 _ => AxisState::Holding(now),
             },
             (Permit::Armed, Some(0)) => AxisState::Active,
             (Permit::Armed, Some(_)) => AxisState::Degraded,
-            (Permit::Armed | Permit::Unverified, _) => self.fault_action(now, false),
+            (Permit::Armed | Permit::Unverified | Permit::Held, _) => self.fault_action(now, false),
             (Permit::Stopping, _) => self.fault_action(now, true),
         }
     }
@@ -258,6 +279,8 @@ impl Axis {
         let since = match self.state {
             AxisState::Ramping | AxisState::Zeroed if self.is_at_zero() => return AxisState::Zeroed,
             AxisState::Ramping | AxisState::Zeroed => return AxisState::Ramping,
+            // What was kept outside an envelope was no fault: the fault begins now.
+            AxisState::Holding(_) if self.kept_outside() => now,
             // Where time went back, the hold does not wait for the moment at which it began to come again.
             AxisState::Holding(since) => since.min(now),
             AxisState::Off | AxisState::Active | AxisState::Degraded => now,
@@ -268,6 +291,12 @@ impl Axis {
             OnFault::Zero => true,
         };
         if leaves { AxisState::Ramping } else { AxisState::Holding(since) }
+    }
+
+    /// The last decision kept the value because the model's inputs lay outside its envelope.
+    fn kept_outside(&self) -> bool {
+        let last = &self.decision;
+        self.permit == Permit::Armed && !last.tripped && is_kept(last.extrapolating)
     }
 
     fn is_at_zero(&self) -> bool {

@@ -2,13 +2,22 @@
 
 use crate::reading::SignalId;
 
+pub mod envelope;
+pub mod network;
+
 mod formula;
+mod input;
 mod lag;
 mod linear;
+mod matrix;
 
+pub use envelope::{Beyond, Envelope, Extrapolation, Outside};
 pub use formula::{Condition, Expression, ExpressionError, Formula, Symbol};
+pub use input::Input;
 pub use lag::{Lag, Lagged};
 pub use linear::{Linear, Reference, Slope, Term};
+pub use matrix::Matrix;
+pub use network::Network;
 
 use super::Snapshot;
 use super::reference::Machine;
@@ -20,6 +29,8 @@ pub struct Model {
     pub name: String,
     /// How it computes.
     pub kind: Kind,
+    /// The region it was identified on, where the profile names one.
+    pub envelope: Option<Envelope>,
 }
 
 /// The kinds of models.
@@ -29,6 +40,10 @@ pub enum Kind {
     Linear(Linear),
     /// An expression over temperatures and machine-on time.
     Formula(Formula),
+    /// Displacements of a guideway from one temperature per block of the structure.
+    Matrix(Matrix),
+    /// A network of neurons or radial basis functions.
+    Network(Network),
 }
 
 /// Why a model has no value now.
@@ -66,6 +81,15 @@ pub struct Asked {
     pub slope: f64,
 }
 
+/// What a model asks for, and whether it knows of what it speaks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Wanted {
+    /// As it comes from the model, finite: where the envelope shrinks it, before that.
+    pub asked: Asked,
+    /// How far the machine is from what the model was identified on; `None` inside.
+    pub extrapolating: Option<Extrapolation>,
+}
+
 /// What every kind of model can do.
 pub trait Evaluate {
     /// The compensation value, from good readings only.
@@ -83,9 +107,26 @@ impl Model {
     pub fn terms(&self) -> impl Iterator<Item = &Term> {
         let linear = match &self.kind {
             Kind::Linear(linear) => Some(linear),
-            Kind::Formula(_) => None,
+            Kind::Formula(_) | Kind::Matrix(_) | Kind::Network(_) => None,
         };
         linear.into_iter().flat_map(Linear::all_terms)
+    }
+
+    /// What it asks for now, and where its inputs lie.
+    ///
+    /// # Errors
+    /// What is missing.
+    pub fn wants(&self, known: &Known<'_>) -> Result<Wanted, Unusable> {
+        let asked = self.evaluate(known)?;
+        let outside = match &self.envelope {
+            Some(envelope) => envelope.look(known)?,
+            None => None,
+        };
+        let extrapolating = outside.or_else(|| match &self.kind {
+            Kind::Matrix(matrix) => matrix.beyond(known.snapshot),
+            _ => None,
+        });
+        Ok(Wanted { asked, extrapolating })
     }
 }
 
@@ -94,6 +135,8 @@ impl Evaluate for Model {
         let asked = match &self.kind {
             Kind::Linear(linear) => linear.evaluate(known),
             Kind::Formula(formula) => formula.evaluate(known),
+            Kind::Matrix(matrix) => matrix.evaluate(known),
+            Kind::Network(network) => network.evaluate(known),
         }?;
         let is_number = asked.cz.is_finite() && asked.slope.is_finite();
         if is_number { Ok(asked) } else { Err(Unusable::NotANumber) }
@@ -103,6 +146,8 @@ impl Evaluate for Model {
         match &self.kind {
             Kind::Linear(linear) => linear.inputs(),
             Kind::Formula(formula) => formula.inputs(),
+            Kind::Matrix(matrix) => matrix.inputs(),
+            Kind::Network(network) => network.inputs(),
         }
     }
 }

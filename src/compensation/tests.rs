@@ -8,6 +8,7 @@ mod datum;
 mod lags;
 mod levels;
 mod models;
+mod outside;
 mod properties;
 mod states;
 
@@ -29,7 +30,11 @@ fn term(signal: SignalId, gain: f64, reference: Reference) -> Term {
 }
 
 fn linear(name: &str, offset: f64, terms: &[Term]) -> Model {
-    Model { name: name.to_owned(), kind: Kind::Linear(Linear { offset, terms: terms.to_vec(), slope: None }) }
+    Model {
+        name: name.to_owned(),
+        kind: Kind::Linear(Linear { offset, terms: terms.to_vec(), slope: None }),
+        envelope: None,
+    }
 }
 
 fn formula(name: &str, text: &str) -> Model {
@@ -42,7 +47,7 @@ fn formula(name: &str, text: &str) -> Model {
         _ => None,
     };
     let expression = Expression::parse(text, &resolve).unwrap();
-    Model { name: name.to_owned(), kind: Kind::Formula(Formula { expression }) }
+    Model { name: name.to_owned(), kind: Kind::Formula(Formula { expression }), envelope: None }
 }
 
 /// M1: `Cz = Kz (A − B)`.

@@ -9,6 +9,8 @@ use crate::compensation::settings::{AxisSettings, Datum, OnFault};
 use crate::profile::{Axis, Profile};
 use crate::reading::SignalId;
 
+mod data;
+
 /// One axis.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AxisExplained {
@@ -33,6 +35,9 @@ pub struct ModelExplained {
     pub formula: String,
     /// What one unit more of each signal does.
     pub effects: Vec<String>,
+    /// The region it was identified on, and what happens outside; where the profile names one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub envelope: Option<String>,
 }
 
 pub(super) fn explained(profile: &Profile, axis: &Axis) -> AxisExplained {
@@ -104,8 +109,11 @@ fn model_explained(profile: &Profile, model: &Model) -> ModelExplained {
             let text = format!("Cz = {} µm, over {}", formula.expression.text(), names.join(", "));
             (text, formula_effects(profile, formula))
         }
+        Kind::Matrix(matrix) => data::matrix(profile, matrix),
+        Kind::Network(network) => data::network(profile, network),
     };
-    ModelExplained { name: model.name.clone(), formula, effects }
+    let envelope = model.envelope.as_ref().map(|envelope| data::envelope(profile, envelope));
+    ModelExplained { name: model.name.clone(), formula, effects, envelope }
 }
 
 fn linear_text(profile: &Profile, linear: &Linear) -> String {
@@ -133,11 +141,7 @@ fn sum_text(profile: &Profile, terms: &[Term]) -> String {
             (_, false) => " + ",
             (_, true) => " − ",
         };
-        let reference = match term.reference {
-            Reference::Fixed(number) => figure(number),
-            Reference::Start => "its value at machine start".to_owned(),
-            Reference::Zero => "its value at zero".to_owned(),
-        };
+        let reference = reference(term.reference);
         let name = &profile.signal(term.signal).name;
         text.push_str(&format!("{sign}{}·({name} − {reference})", figure(term.gain.abs())));
         if let Some(lag) = term.lag {
@@ -188,10 +192,7 @@ fn late(profile: &Profile, term: &Term, beside: &str) -> String {
 /// A formula may bend: its effect is told at one point, the machine just started and every signal in the middle of its
 /// range.
 fn formula_effects(profile: &Profile, formula: &Formula) -> Vec<String> {
-    let middle = |id: SignalId| match profile.signal(id).range {
-        Some((low, high)) => f64::midpoint(low, high),
-        None => 20.0,
-    };
+    let middle = |id: SignalId| middle(profile, id);
     let at = |raised: Option<SignalId>| {
         let value = |id: SignalId| Some(middle(id) + if raised == Some(id) { 1.0 } else { 0.0 });
         formula.expression.evaluate(&value, Some(0.0)).ok().filter(|cz| cz.is_finite())
@@ -208,6 +209,22 @@ fn formula_effects(profile: &Profile, formula: &Formula) -> Vec<String> {
         ),
     };
     formula.expression.signals().into_iter().map(change).collect()
+}
+
+fn reference(reference: Reference) -> String {
+    match reference {
+        Reference::Fixed(number) => figure(number),
+        Reference::Start => "its value at machine start".to_owned(),
+        Reference::Zero => "its value at zero".to_owned(),
+    }
+}
+
+/// Where the effect of a signal is told: in the middle of its range.
+fn middle(profile: &Profile, id: SignalId) -> f64 {
+    match profile.signal(id).range {
+        Some((low, high)) => f64::midpoint(low, high),
+        None => 20.0,
+    }
 }
 
 fn effect(profile: &Profile, id: SignalId, change: f64, place: &str) -> String {
@@ -234,6 +251,9 @@ impl fmt::Display for AxisExplained {
             writeln!(f, "  {}. {}: {}", place + 1, model.name, model.formula)?;
             for effect in &model.effects {
                 writeln!(f, "     {effect}")?;
+            }
+            if let Some(envelope) = &model.envelope {
+                writeln!(f, "     {envelope}")?;
             }
         }
         writeln!(f, "  sign: {}", self.sign)?;

@@ -49,6 +49,8 @@ pub(super) struct Core {
     pub(super) untold: Vec<Event>,
     told_states: Vec<AxisState>,
     pub(super) levels: Vec<LevelsTold>,
+    /// Told, and not come to its end.
+    extrapolating: Vec<bool>,
 }
 
 /// Requests and failures of one device.
@@ -112,6 +114,7 @@ impl Shared {
             controls: vec![Control::default(); profile.axes.len()],
             told_states: vec![AxisState::Off; profile.axes.len()],
             levels: vec![LevelsTold::default(); profile.axes.len()],
+            extrapolating: vec![false; profile.axes.len()],
         };
         let started = clock.now();
         Shared { profile, clock, journal, dry_run, started, bells: Mutex::new(bells), core: Mutex::new(core) }

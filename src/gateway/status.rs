@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use super::extrapolation;
 use super::shared::{Core, JITTER_MS, Shared};
 use crate::compensation::Stages;
 use crate::observe::status::{
@@ -66,6 +67,10 @@ fn axes(shared: &Shared, core: &Core) -> Vec<AxisStatus> {
         warned: core.levels[place].is_warned(),
         error_um: axis.settings.levels.error.map(Micron::get),
         armed: core.arming[place].armed,
+        extrapolating: decision
+            .extrapolating
+            .as_ref()
+            .map(|found| extrapolation::status(&shared.profile, found)),
     })
     .collect()
 }

@@ -53,6 +53,10 @@ pub enum Event {
     Warned { axis: String, cz: Micron, warn: Micron },
     /// The model asks for more than the level at which it is not believed any more.
     BeyondError { axis: String, wanted: Micron, error: Micron },
+    /// The inputs left the region that the axis's model was identified on.
+    Extrapolating { axis: String, how: String },
+    /// They are inside again, or no model is in use.
+    Interpolating { axis: String },
     /// A value did not fit its register and was cut.
     Saturated { output: String, wanted: f64 },
     /// What was read back is not what was written.
@@ -115,6 +119,8 @@ impl Event {
             Event::AtLimit { .. } => "at-limit",
             Event::Warned { .. } => "warned",
             Event::BeyondError { .. } => "beyond-error",
+            Event::Extrapolating { .. } => "extrapolating",
+            Event::Interpolating { .. } => "interpolating",
             Event::Saturated { .. } => "saturated",
             Event::VerifyFailed { .. } => "verify-failed",
             Event::WriteFailed { .. } => "write-failed",
@@ -145,6 +151,7 @@ impl Event {
             | Event::SignalBad { .. }
             | Event::AtLimit { .. }
             | Event::Warned { .. }
+            | Event::Extrapolating { .. }
             | Event::Saturated { .. }
             | Event::WriteFailed { .. }
             | Event::CncRestarted { .. }
@@ -200,6 +207,8 @@ impl fmt::Display for Event {
                 "axis {axis}: the model asks for {wanted}, beyond its error level of ±{error}; the fault action runs, \
                  and it stays off until it is armed"
             ),
+            Event::Extrapolating { axis, how } => write!(f, "axis {axis}: {how}"),
+            Event::Interpolating { axis } => write!(f, "axis {axis}: extrapolates no more"),
             Event::Saturated { output, wanted } => {
                 write!(f, "output {output}: {wanted} does not fit the register and was cut")
             }

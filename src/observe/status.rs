@@ -118,6 +118,27 @@ pub struct AxisStatus {
     pub error_um: Option<f64>,
     /// It may write.
     pub armed: bool,
+    /// The inputs lie outside what the model in use was identified on.
+    pub extrapolating: Option<ExtrapolationStatus>,
+}
+
+/// How far a model's inputs lie outside what it was identified on.
+#[derive(Clone, Debug, Serialize)]
+pub struct ExtrapolationStatus {
+    /// Mahalanobis distance of all inputs together; `None` where only a guideway ends.
+    pub distance: Option<f64>,
+    /// The largest distance that is inside.
+    pub reach: Option<f64>,
+    /// The signal that is farthest beyond its smallest or largest value; `None` where only the combination is new.
+    pub signal: Option<String>,
+    /// By how much, in its unit; negative below the smallest.
+    pub beyond: Option<f64>,
+    /// `warn`, `hold`, `shrink`.
+    pub outside: &'static str,
+    /// What the model's Cz is multiplied with.
+    pub gain: f64,
+    /// All of it in words.
+    pub text: String,
 }
 
 /// One signal.

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::error::{ProfileError, allowed};
+use super::files::Files;
 use super::place::{Places, child};
 use super::raw::{ArmWord, BusType, RawProfile, Span};
 use super::{Arm, Bus, Device, History, Profile, Signal, Web};
@@ -14,6 +15,7 @@ use crate::compensation::settings::MachineSettings;
 use crate::reading::SignalId;
 
 mod axis;
+mod data;
 mod expression;
 mod fieldbus;
 mod model;
@@ -37,6 +39,7 @@ pub(crate) struct Names {
 pub(crate) struct Check<'a> {
     raw: &'a RawProfile,
     places: &'a Places,
+    files: &'a Files<'a>,
     errors: Vec<ProfileError>,
     warnings: Vec<ProfileError>,
     buses: Names,
@@ -55,11 +58,12 @@ enum Zero {
 }
 
 /// Resolves a profile.
-pub(crate) fn check(raw: &RawProfile, places: &Places, path: PathBuf) -> Checked {
+pub(crate) fn check(raw: &RawProfile, places: &Places, path: PathBuf, files: &Files<'_>) -> Checked {
     let names = |table, keys: Vec<&String>| Names::ordered(table, keys, places);
     let mut check = Check {
         raw,
         places,
+        files,
         errors: Vec::new(),
         warnings: Vec::new(),
         buses: names("bus", raw.bus.keys().collect()),

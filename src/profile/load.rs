@@ -7,6 +7,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::error::{Errors, ProfileError, allowed};
+use super::files::Files;
 use super::place::{Origin, Places, child};
 use super::raw::{RawProfile, schema};
 use super::walk::{Walk, missing, resolved, types};
@@ -42,10 +43,11 @@ pub fn load(
         Err(why) if why.kind() == std::io::ErrorKind::NotFound => {}
         Err(why) => return Err(Errors(vec![unreadable(&local.display().to_string(), &why)])),
     }
-    layered(&files, settings, environment)
+    let beside = Files::Beside(path.parent().unwrap_or(Path::new("")));
+    layered(&files, &beside, settings, environment)
 }
 
-/// Reads a profile from a text that is already here, as one that is part of the program.
+/// Reads a profile from a text that is already here, as one that is part of the program. It cannot name files.
 ///
 /// # Errors
 /// Everything that is wrong with it, each with its place.
@@ -55,7 +57,21 @@ pub fn parse(
     settings: &[(String, String)],
     environment: &[(String, String)],
 ) -> Result<Loaded, Errors> {
-    layered(&[(name.to_owned(), text.to_owned())], settings, environment)
+    parse_with(name, text, &[], settings, environment)
+}
+
+/// The same for a text whose matrices, networks and envelopes are here as well: `files`, by the names it gives them.
+///
+/// # Errors
+/// Everything that is wrong with it, each with its place.
+pub fn parse_with(
+    name: &Path,
+    text: &str,
+    files: &[(&str, &[u8])],
+    settings: &[(String, String)],
+    environment: &[(String, String)],
+) -> Result<Loaded, Errors> {
+    layered(&[(name.to_owned(), text.to_owned())], &Files::Inside(files), settings, environment)
 }
 
 /// The variables of this process that are a layer of the profile.
@@ -87,7 +103,8 @@ fn local_beside(path: &Path) -> PathBuf {
 }
 
 fn layered(
-    files: &[(PathBuf, String)],
+    layers: &[(PathBuf, String)],
+    files: &Files<'_>,
     settings: &[(String, String)],
     environment: &[(String, String)],
 ) -> Result<Loaded, Errors> {
@@ -99,7 +116,7 @@ fn layered(
         layers: Vec::new(),
         broken: false,
     };
-    for (path, text) in files {
+    for (path, text) in layers {
         loader.file(path, text);
     }
     let below = loader.merged();
@@ -112,8 +129,8 @@ fn layered(
         let parts: Vec<&str> = key.split('.').collect();
         loader.setting(&format!("--set {key}"), &parts, value, &below, false);
     }
-    let path = files.first().map(|(path, _)| path.clone()).unwrap_or_default();
-    loader.finish(path)
+    let path = layers.first().map(|(path, _)| path.clone()).unwrap_or_default();
+    loader.finish(path, files)
 }
 
 struct Loader<'a> {
@@ -179,13 +196,13 @@ impl Loader<'_> {
         }
     }
 
-    fn finish(mut self, path: PathBuf) -> Result<Loaded, Errors> {
+    fn finish(mut self, path: PathBuf, files: &Files<'_>) -> Result<Loaded, Errors> {
         let merged = self.merged();
         let mut checked = None;
         if !self.broken {
             missing(self.schema, self.schema, "", &merged, &self.places, &mut self.errors);
             match serde_json::from_value::<RawProfile>(merged) {
-                Ok(raw) => checked = Some(check::check(&raw, &self.places, path)),
+                Ok(raw) => checked = Some(check::check(&raw, &self.places, path, files)),
                 Err(why) => self.errors.push(ProfileError::about("the layers", why.to_string(), None)),
             }
         }

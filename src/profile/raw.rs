@@ -16,8 +16,9 @@ mod axis;
 mod fieldbus;
 
 pub(crate) use axis::{
-    DatumWord, FaultAction, FaultActionWord, Inputs, ModelKind, RawAxis, RawModel, RawOutput, RawSlope,
-    RawTerm, ReferenceValue, ReferenceWord, Share, VerifyWord, WritesWord,
+    Carries, Component, DatumWord, FaultAction, FaultActionWord, InputValue, Inputs, ModelKind, OutsideWord,
+    RawAxis, RawModel, RawOutput, RawSlope, RawTerm, ReferenceValue, ReferenceWord, Share, VerifyWord,
+    WritesWord,
 };
 pub(crate) use fieldbus::{
     BusType, FunctionWord, RawBus, RawDevice, RawQuirks, RawSignal, TypeWord, WordOrderWord,

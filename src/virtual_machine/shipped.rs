@@ -106,7 +106,7 @@ impl Shipped {
         let micron = |key| Micron::new(number(axis, key)).unwrap();
         let settings = AxisSettings {
             name: "z".to_owned(),
-            models: vec![Model { name: "first".to_owned(), kind: Kind::Linear(linear) }],
+            models: vec![Model { name: "first".to_owned(), kind: Kind::Linear(linear), envelope: None }],
             guard: GuardSettings {
                 limit: micron("limit"),
                 step: micron("step"),

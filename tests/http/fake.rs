@@ -79,6 +79,7 @@ pub(crate) fn status() -> Status {
             warned: false,
             error_um: None,
             armed: true,
+            extrapolating: None,
         }],
         signals: vec![
             signal("t1", None, "stale", "stale", None),

@@ -42,12 +42,6 @@ fn what_is_not_built_yet_says_so_where_it_stands() {
             "frame = { id = 0x100, start = 0, length = 16, order = \"little\" }",
             "signal.bed.frame",
         ),
-        ("kind = \"linear\"", "kind = \"linear\"\nenvelope = \"z.json\"", "axis.z.model[0].envelope"),
-        (
-            "kind = \"formula\"\nformula = \"Kz * (A - (b*t + c))\"\ninputs = { A = \"bed\" }\nconstants = { Kz = 2.4, b = 2e-5, c = 23.4 }",
-            "kind = \"network\"\nfile = \"z.onnx\"\ninputs = [\"bed\"]",
-            "axis.z.model[1].kind",
-        ),
         ("writes = \"offset\"", "writes = \"slope\"", "output.cnc_z.writes"),
         ("share = \"whole\"", "share = \"ledger\"", "output.cnc_z.share"),
         (

@@ -189,7 +189,11 @@ fn m5_a_slope_adds_its_share_by_the_distance() {
     let position = SignalId(3);
     let slope = Slope { position, reference: 0.0, terms: vec![term(BED, 0.007, Reference::Fixed(20.0))] };
     let linear = Linear { offset: 0.0, terms: Vec::new(), slope: Some(slope) };
-    let model = |linear: &Linear| Model { name: "slope".to_owned(), kind: Kind::Linear(linear.clone()) };
+    let model = |linear: &Linear| Model {
+        name: "slope".to_owned(),
+        kind: Kind::Linear(linear.clone()),
+        envelope: None,
+    };
     let mut rig = Rig::new(axis(vec![model(&linear)]));
     rig.values[position.0] = -300.0;
     assert!((raw(rig.show(25.0, 0.0).step()) - -10.5).abs() < 1e-9);

@@ -46,6 +46,7 @@ fn linear(name: &str, terms: &[(usize, f64, Reference)]) -> Model {
     Model {
         name: name.to_owned(),
         kind: Kind::Linear(Linear { offset: 0.0, terms: terms.collect(), slope: None }),
+        envelope: None,
     }
 }
 
@@ -72,7 +73,8 @@ pub(crate) fn profile() -> Profile {
         _ => None,
     };
     let expression = Expression::parse("2.4 * (A - (2e-5*t + 23.4))", &resolve).unwrap();
-    let bed_only = Model { name: "bed, only".to_owned(), kind: Kind::Formula(Formula { expression }) };
+    let bed_only =
+        Model { name: "bed, only".to_owned(), kind: Kind::Formula(Formula { expression }), envelope: None };
     let absolute = Reference::Fixed(0.0);
     let difference = linear("difference", &[(0, 2.4, absolute), (1, -2.4, absolute)]);
     let rises = linear("the \"rises\"", &[(0, 1.7, Reference::Zero), (1, -0.3, Reference::Start)]);

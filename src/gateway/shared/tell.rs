@@ -4,6 +4,7 @@ use super::{Core, Shared};
 use crate::compensation::{Permit, Unusable};
 use crate::gateway::arming::of_axis;
 use crate::gateway::board::Change;
+use crate::gateway::extrapolation;
 use crate::gateway::output::Standing;
 use crate::observe::events::Event;
 use crate::profile::{Arm, Writes};
@@ -44,6 +45,16 @@ impl Core {
             }
             let events = self.levels[axis].events(&settings.settings, decision);
             self.untold.extend(events.into_iter().flatten());
+            if self.extrapolating[axis] != decision.extrapolating.is_some() {
+                self.extrapolating[axis] = decision.extrapolating.is_some();
+                let axis = name.clone();
+                self.untold.push(match &decision.extrapolating {
+                    Some(found) => {
+                        Event::Extrapolating { axis, how: extrapolation::words(&shared.profile, found) }
+                    }
+                    None => Event::Interpolating { axis },
+                });
+            }
         }
     }
 
@@ -75,7 +86,10 @@ impl Core {
             (Permit::Unverified | Permit::Held | Permit::Off, Some(words), _) => words,
             (_, _, Some(lacks)) => self.lacks(shared, lacks),
             (Permit::Off, None, None) if shared.profile.arm == Arm::Manual => "waits to be armed".to_owned(),
-            _ => String::new(),
+            _ => match &decision.extrapolating {
+                Some(found) if !decision.state.is_following() => extrapolation::words(&shared.profile, found),
+                _ => String::new(),
+            },
         }
     }
 

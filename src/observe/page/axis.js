@@ -41,7 +41,8 @@ class Card {
   show(axis, status) {
     const [tone, words] = axisState(axis.state);
     badge(this.state, tone, axis.state);
-    say(this.why, axis.why ? `${words}: ${axis.why}` : words);
+    const why = axis.why || axis.extrapolating?.text;
+    say(this.why, why ? `${words}: ${why}` : words);
     say(this.value, signed(axis.cz_um, 1));
     say(this.raw, axis.raw_um === null ? "nothing" : `${signed(axis.raw_um, 2)} µm`);
     say(this.model, axis.model ?? "none");

@@ -6,7 +6,8 @@ use crate::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, 
 use crate::profile::Axis;
 use crate::profile::place::{child, element};
 use crate::profile::raw::{
-    DatumWord, FaultAction, FaultActionWord, RawAxis, RawTerm, ReferenceValue, ReferenceWord,
+    DatumWord, FaultAction, FaultActionWord, InputValue, Inputs, RawAxis, RawModel, ReferenceValue,
+    ReferenceWord,
 };
 use crate::quantity::Micron;
 
@@ -125,12 +126,22 @@ impl Check<'_> {
         }
         let models = raw.model.iter().flatten();
         let slopes = models.clone().filter_map(|model| model.slope.as_ref()?.terms.as_ref());
-        let mut terms = models.filter_map(|model| model.terms.as_ref()).chain(slopes).flatten();
-        let at_zero =
-            |term: &RawTerm| matches!(term.reference, Some(ReferenceValue::Word(ReferenceWord::Zero)));
-        if terms.any(at_zero) {
+        let mut terms = models.clone().filter_map(|model| model.terms.as_ref()).chain(slopes).flatten();
+        let at_zero = |reference| matches!(reference, Some(ReferenceValue::Word(ReferenceWord::Zero)));
+        let input_at_zero = |input: &InputValue| match input {
+            InputValue::Name(_) => false,
+            InputValue::Table(input) => at_zero(input.reference),
+        };
+        let file_at_zero = |model: &RawModel| match &model.inputs {
+            Some(Inputs::InOrder(inputs)) => at_zero(model.reference) || inputs.iter().any(input_at_zero),
+            _ => false,
+        };
+        if terms.any(|term| at_zero(term.reference)) {
             let help = "remove `datum`, or give the terms a number or \"start\" as their reference";
             self.wrong(&child(path, "datum"), "a term's reference is taken at zero already", help);
+        } else if models.clone().any(file_at_zero) {
+            let help = "remove `datum`, or give the inputs a number or \"start\" as their reference";
+            self.wrong(&child(path, "datum"), "an input's reference is taken at zero already", help);
         }
         Datum::Zero
     }

@@ -22,29 +22,17 @@ enum Sum {
 
 impl Check<'_> {
     pub(super) fn model(&mut self, path: &str, raw: &RawModel, signals: &Signals) -> Option<Model> {
-        if raw.envelope.is_some() {
-            self.not_built(&child(path, "envelope"), "the envelope of a model (envelope)", None);
-        }
         let kind = raw.kind?;
         self.foreign_keys_of_model(path, kind, raw);
         let kind = match kind {
             ModelKind::Linear => self.linear(path, raw, signals).map(Kind::Linear),
             ModelKind::Formula => self.formula_model(path, raw).map(Kind::Formula),
-            ModelKind::Matrix | ModelKind::Network => {
-                let what = if kind == ModelKind::Matrix {
-                    "models of kind matrix"
-                } else {
-                    "models of kind network"
-                };
-                self.not_built(
-                    &child(path, "kind"),
-                    what,
-                    Some("kind = \"linear\" and kind = \"formula\" are there"),
-                );
-                None
-            }
+            ModelKind::Matrix => self.matrix(path, raw, signals).map(Kind::Matrix),
+            ModelKind::Network => self.network(path, raw).map(Kind::Network),
         };
-        Some(Model { name: raw.name.clone()?, kind: kind? })
+        let model = raw.name.clone().zip(kind).map(|(name, kind)| Model { name, kind, envelope: None });
+        let envelope = self.envelope(path, raw, model.as_ref())?;
+        Some(Model { envelope, ..model? })
     }
 
     fn foreign_keys_of_model(&mut self, path: &str, kind: ModelKind, raw: &RawModel) {
@@ -58,7 +46,10 @@ impl Check<'_> {
             ("constants", raw.constants.is_some(), formula, "a formula"),
             ("inputs", raw.inputs.is_some(), formula || file, "a formula, a matrix or a network"),
             ("file", raw.file.is_some(), file, "a matrix or a network"),
+            ("reference", raw.reference.is_some(), file, "a matrix or a network"),
             ("position", raw.position.is_some(), kind == ModelKind::Matrix, "a matrix"),
+            ("component", raw.component.is_some(), kind == ModelKind::Matrix, "a matrix"),
+            ("carries", raw.carries.is_some(), kind == ModelKind::Matrix, "a matrix"),
         ];
         for (key, there, belongs, owner) in keys {
             if there && !belongs {
@@ -121,12 +112,7 @@ impl Check<'_> {
         let signal = raw.signal.as_ref().and_then(|signal| self.signal(&child(path, "signal"), signal));
         let gain = self.gain(path, raw, sum);
         let lag = raw.lag.as_ref().map(|_| self.lag(path, raw));
-        let reference = match raw.reference {
-            None => Reference::Fixed(0.0),
-            Some(ReferenceValue::Number(number)) => Reference::Fixed(number),
-            Some(ReferenceValue::Word(ReferenceWord::Start)) => Reference::Start,
-            Some(ReferenceValue::Word(ReferenceWord::Zero)) => Reference::Zero,
-        };
+        let reference = raw.reference.map_or(Reference::Fixed(0.0), reference);
         let lag = match lag {
             Some(lag) => Some(lag?),
             None => None,
@@ -218,5 +204,13 @@ impl Check<'_> {
             return None;
         };
         self.formula(path, text, inputs, raw.constants.as_ref().unwrap_or(&BTreeMap::new()))
+    }
+}
+
+pub(super) fn reference(raw: ReferenceValue) -> Reference {
+    match raw {
+        ReferenceValue::Number(number) => Reference::Fixed(number),
+        ReferenceValue::Word(ReferenceWord::Start) => Reference::Start,
+        ReferenceValue::Word(ReferenceWord::Zero) => Reference::Zero,
     }
 }

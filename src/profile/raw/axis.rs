@@ -86,7 +86,7 @@ pub(crate) struct RawModel {
     pub(crate) terms: Option<Vec<RawTerm>>,
     /// formula: Cz in µm, as "Kz * (A - (b*t + c))".
     pub(crate) formula: Option<String>,
-    /// formula: names and the signals they stand for; matrix and network: the signals in order.
+    /// formula: names and the signals they stand for; matrix: one signal per block; network: the signals in its order.
     pub(crate) inputs: Option<Inputs>,
     /// formula: names and their numbers.
     pub(crate) constants: Option<BTreeMap<String, f64>>,
@@ -96,8 +96,16 @@ pub(crate) struct RawModel {
     pub(crate) file: Option<String>,
     /// A file with the temperatures the model was identified on.
     pub(crate) envelope: Option<String>,
-    /// matrix: the signal that tells where the axis is.
+    /// What the axis does outside its envelope: warn: follow the model; hold: keep Cz; shrink: follow it less and less.
+    pub(crate) outside: Option<OutsideWord>,
+    /// matrix: the signal that tells where the axis is, mm.
     pub(crate) position: Option<String>,
+    /// matrix, network: what rises are measured from: a number, "start" or "zero". A network's default is 0.
+    pub(crate) reference: Option<ReferenceValue>,
+    /// matrix: the component of the guideway's displacement along the axis, as it moves the axis to plus.
+    pub(crate) component: Option<Component>,
+    /// matrix: what the guideway carries: displaced to plus, a tool is too far in plus, the work too far in minus.
+    pub(crate) carries: Option<Carries>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -109,13 +117,77 @@ pub(crate) enum ModelKind {
     Network,
 }
 
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum OutsideWord {
+    Warn,
+    Hold,
+    Shrink,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+pub(crate) enum Component {
+    #[serde(rename = "x")]
+    X,
+    #[serde(rename = "y")]
+    Y,
+    #[serde(rename = "z")]
+    Z,
+    #[serde(rename = "-x")]
+    MinusX,
+    #[serde(rename = "-y")]
+    MinusY,
+    #[serde(rename = "-z")]
+    MinusZ,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum Carries {
+    Tool,
+    Work,
+}
+
 /// Signals of a model: by name, or in order.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub(crate) enum Inputs {
     ByName(BTreeMap<String, String>),
-    #[allow(dead_code, reason = "read by the schema, refused by the check")]
-    InOrder(Vec<String>),
+    InOrder(Vec<InputValue>),
+}
+
+/// One input: a signal's name, or a table where it has a reference of its own.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(untagged)]
+pub(crate) enum InputValue {
+    Name(String),
+    Table(RawInput),
+}
+
+/// One input of a matrix or a network.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "InputTable")]
+pub(crate) struct RawInput {
+    /// The signal.
+    #[schemars(required)]
+    pub(crate) signal: Option<String>,
+    /// What its rise is measured from: a number, "start" or "zero". Default: the model's `reference`.
+    pub(crate) reference: Option<ReferenceValue>,
+    /// network: it lags behind the signal: time constant of a first-order lag.
+    pub(crate) lag: Option<Span>,
+}
+
+impl JsonSchema for InputValue {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "Input".into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        // The alternative itself, not a `$ref` to it: the walk chooses by the type it sees.
+        let table = RawInput::json_schema(generator);
+        schemars::json_schema!({ "anyOf": [{ "type": "string" }, table] })
+    }
 }
 
 /// One gain times one temperature rise.

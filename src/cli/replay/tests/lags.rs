@@ -13,7 +13,11 @@ fn lagging() -> Profile {
 fn model(reference: Reference) -> Model {
     let (gain, lag) = (11.5e-6 * 300.0 * 1000.0, Some(Duration::from_secs(1800)));
     let terms = vec![Term { signal: SignalId(0), gain, reference, lag }];
-    Model { name: "bearing".to_owned(), kind: Kind::Linear(Linear { offset: 0.0, terms, slope: None }) }
+    Model {
+        name: "bearing".to_owned(),
+        kind: Kind::Linear(Linear { offset: 0.0, terms, slope: None }),
+        envelope: None,
+    }
 }
 
 const STEPS: [&[f64]; 4] = [&[1.0], &[10.0], &[60.0], &[0.3, 9.7, 47.0, 1e-3, 120.0]];

@@ -1,0 +1,215 @@
+//! The region of inputs that a model was identified on, and what an axis does outside it.
+//!
+//! Inside is where every input is between its smallest and its largest value, and the Mahalanobis distance
+//! `d = √((x − m)ᵀ·S⁻¹·(x − m))` of all of them together is at most the reach r. How far outside is one number:
+//! the excess `e = max(d/r − 1, largest (distance beyond min or max) / (max − min))`.
+
+use super::{Input, Known, Unusable};
+use crate::reading::SignalId;
+
+/// Most inputs of an envelope: a step keeps its numbers in a place of fixed size.
+pub const MOST: usize = 64;
+
+/// What an axis does while its inputs lie outside.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outside {
+    /// Follows the model all the same, and says so.
+    Warn,
+    /// Keeps its last value until the inputs are inside again.
+    Hold,
+    /// Follows `g·Cz` with `g = 1 / (1 + e²)`: 1 at the edge, without a kink there, a half where the excess is 1.
+    Shrink,
+}
+
+/// One input as it was when the model was identified.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Identified {
+    /// The signal, less its reference.
+    pub input: Input,
+    /// Its mean, in the signal's unit.
+    pub mean: f64,
+    /// Smallest and largest.
+    pub range: (f64, f64),
+}
+
+/// A region.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Envelope {
+    inputs: Vec<Identified>,
+    /// The lower triangle of the covariance's Cholesky factor, row by row.
+    factor: Vec<f64>,
+    reach: f64,
+    outside: Outside,
+}
+
+/// Why there is no such region. Inputs are counted from 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BadEnvelope {
+    /// No inputs, or more than [`MOST`].
+    Count,
+    /// The covariance is not one row and one column per input.
+    Size,
+    /// This input's numbers are not `min ≤ mean ≤ max` with `min < max`, all finite.
+    Range(usize),
+    /// The covariance of these two is not that of the two in the other order.
+    NotSymmetric(usize, usize),
+    /// The covariance is not positive definite: this input does not vary, or is made of those before it.
+    NotPositiveDefinite(usize),
+    /// The reach is not above zero.
+    Reach,
+}
+
+/// Where the inputs lie outside, and what follows from it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Extrapolation {
+    /// Mahalanobis distance and reach; `None` where only a guideway ends.
+    pub distance: Option<(f64, f64)>,
+    /// The input that is farthest beyond its smallest or largest value; `None` where it is the combination that is new.
+    pub farthest: Option<Beyond>,
+    /// What the axis does.
+    pub outside: Outside,
+    /// What the model's Cz is multiplied with: 1 but for [`Outside::Shrink`].
+    pub gain: f64,
+}
+
+/// An input beyond its range.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Beyond {
+    /// Which.
+    pub signal: SignalId,
+    /// By how much, in its unit: above the largest value, or negative: below the smallest.
+    pub by: f64,
+}
+
+impl Envelope {
+    /// A region of these inputs with their covariance. Without a reach it is the distance within which 99 % of a
+    /// normal distribution lie (chi-squared, by Wilson and Hilferty 1931).
+    ///
+    /// # Errors
+    /// What is wrong, and with which input.
+    pub fn new(
+        inputs: Vec<Identified>,
+        covariance: &[Vec<f64>],
+        reach: Option<f64>,
+        outside: Outside,
+    ) -> Result<Envelope, BadEnvelope> {
+        if inputs.is_empty() || inputs.len() > MOST {
+            return Err(BadEnvelope::Count);
+        }
+        if covariance.len() != inputs.len() || covariance.iter().any(|row| row.len() != inputs.len()) {
+            return Err(BadEnvelope::Size);
+        }
+        let good = |known: &Identified| {
+            let (min, max) = known.range;
+            (max - min).is_finite() && min < max && (min..=max).contains(&known.mean)
+        };
+        if let Some(place) = inputs.iter().position(|known| !good(known)) {
+            return Err(BadEnvelope::Range(place));
+        }
+        let reach = reach.unwrap_or_else(|| usual_reach(inputs.len()));
+        if !(reach > 0.0 && reach.is_finite()) {
+            return Err(BadEnvelope::Reach);
+        }
+        Ok(Envelope { factor: cholesky(covariance)?, inputs, reach, outside })
+    }
+
+    /// The region's inputs.
+    pub fn inputs(&self) -> &[Identified] {
+        &self.inputs
+    }
+
+    /// The largest distance that is inside.
+    pub fn reach(&self) -> f64 {
+        self.reach
+    }
+
+    /// What the axis does outside.
+    pub fn outside(&self) -> Outside {
+        self.outside
+    }
+
+    /// How far outside the machine is now; `None` inside.
+    ///
+    /// # Errors
+    /// A signal that cannot be used, a reference that has not been captured.
+    pub fn look(&self, known: &Known<'_>) -> Result<Option<Extrapolation>, Unusable> {
+        let mut rises = [0.0; MOST];
+        for (rise, identified) in rises.iter_mut().zip(&self.inputs) {
+            *rise = identified.input.rise(known)?;
+        }
+        Ok(self.judge(&rises))
+    }
+
+    fn judge(&self, rises: &[f64; MOST]) -> Option<Extrapolation> {
+        let mut share = 0.0;
+        let mut farthest = None;
+        for (known, rise) in self.inputs.iter().zip(rises) {
+            let (min, max) = known.range;
+            let by = rise - rise.clamp(min, max);
+            let of_range = (by / (max - min)).abs();
+            if of_range > share {
+                share = of_range;
+                farthest = Some(Beyond { signal: known.input.signal, by });
+            }
+        }
+        let distance = self.distance(rises);
+        let excess = (distance / self.reach - 1.0).max(share);
+        let gain = match self.outside {
+            Outside::Shrink => 1.0 / (1.0 + excess * excess),
+            Outside::Warn | Outside::Hold => 1.0,
+        };
+        let distance = Some((distance, self.reach));
+        (excess > 0.0).then_some(Extrapolation { distance, farthest, outside: self.outside, gain })
+    }
+
+    /// Mahalanobis: `|L⁻¹·(x − m)|`, by forward substitution. What is too large for a number is the largest there is.
+    fn distance(&self, rises: &[f64; MOST]) -> f64 {
+        let mut solved = [0.0; MOST];
+        let mut squared = 0.0;
+        let mut rows = self.factor.as_slice();
+        for (place, (known, rise)) in self.inputs.iter().zip(rises).enumerate() {
+            let (row, rest) = rows.split_at(place + 1);
+            rows = rest;
+            let (diagonal, before) = row.split_last().unwrap_or((&1.0, &[]));
+            let known_part: f64 = before.iter().zip(&solved).map(|(factor, value)| factor * value).sum();
+            solved[place] = (rise - known.mean - known_part) / diagonal;
+            squared += solved[place] * solved[place];
+        }
+        if squared.is_finite() { squared.sqrt() } else { f64::MAX }
+    }
+}
+
+fn usual_reach(inputs: usize) -> f64 {
+    const NORMAL_99: f64 = 2.326_347_874;
+    #[allow(clippy::cast_precision_loss, reason = "at most 64")]
+    let count = inputs as f64;
+    let ninth = 2.0 / (9.0 * count);
+    (count * (1.0 - ninth + NORMAL_99 * ninth.sqrt()).powi(3)).sqrt()
+}
+
+/// The lower triangle L with `L·Lᵀ = S`, row by row.
+fn cholesky(covariance: &[Vec<f64>]) -> Result<Vec<f64>, BadEnvelope> {
+    let mut lower: Vec<Vec<f64>> = Vec::new();
+    for (i, row) in covariance.iter().enumerate() {
+        let mut made: Vec<f64> = Vec::with_capacity(i + 1);
+        for (j, entry) in row.iter().take(i).enumerate() {
+            let (mirrored, size) = (covariance[j][i], (row[i] * covariance[j][j]).abs().sqrt());
+            if (entry - mirrored).abs() > 1e-6 * size {
+                return Err(BadEnvelope::NotSymmetric(j, i));
+            }
+            let dot: f64 = made.iter().zip(&lower[j]).map(|(a, b)| a * b).sum();
+            made.push((entry - dot) / lower[j][j]);
+        }
+        let left = row[i] - made.iter().map(|entry| entry * entry).sum::<f64>();
+        // Less than that of the variance is rounding.
+        if !(left > 1e-10 * row[i] && left.is_normal()) {
+            return Err(BadEnvelope::NotPositiveDefinite(i));
+        }
+        made.push(left.sqrt());
+        lower.push(made);
+    }
+    Ok(lower.into_iter().flatten().collect())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,124 @@
+//! `δ = P·ΔT`: the displacement of a guideway from one temperature per block of the structure, taken where the axis
+//! is. M11, after JP 6507619 B2 (JTEKT).
+//!
+//! P comes from a finite-element model of the structure; what is kept here of it is the one component that acts on
+//! the axis, as gains of Cz. Between two points of the guideway Cz is interpolated linearly; beyond its ends it stays
+//! what it is at the end, and [`Matrix::beyond`] says so.
+
+use super::{Asked, Beyond, Evaluate, Extrapolation, Input, Known, Outside, Unusable};
+use crate::compensation::Snapshot;
+use crate::reading::SignalId;
+
+/// Gains along a guideway.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Matrix {
+    source: String,
+    inputs: Vec<Input>,
+    position: SignalId,
+    guide: Vec<f64>,
+    gains: Vec<f64>,
+}
+
+impl Matrix {
+    /// From the signals of the blocks, the signal of the axis's position in mm, the points of the guideway in mm
+    /// (ascending), and the gains of Cz in µm/K: for each point one per block, point after point. `source` is the
+    /// file's name, for people.
+    ///
+    /// # Errors
+    /// A sentence: no points, points that do not ascend, not as many gains as points times blocks, a number that is
+    /// none.
+    pub fn new(
+        source: impl Into<String>,
+        inputs: Vec<Input>,
+        position: SignalId,
+        guide: Vec<f64>,
+        gains: Vec<f64>,
+    ) -> Result<Matrix, String> {
+        if guide.is_empty() || inputs.is_empty() {
+            return Err("a matrix needs at least one block and one point of the guideway".to_owned());
+        }
+        if let Some(pair) = guide.windows(2).find(|pair| pair[0].partial_cmp(&pair[1]) != Some(ASCENDING)) {
+            return Err(format!(
+                "the points of the guideway must ascend, and {} mm is followed by {} mm",
+                pair[0], pair[1]
+            ));
+        }
+        if gains.len() != guide.len() * inputs.len() {
+            return Err(format!(
+                "{} gains are no {} points times {} blocks",
+                gains.len(),
+                guide.len(),
+                inputs.len()
+            ));
+        }
+        if !guide.iter().chain(&gains).all(|number| number.is_finite()) {
+            return Err("every number must be finite".to_owned());
+        }
+        Ok(Matrix { source: source.into(), inputs, position, guide, gains })
+    }
+
+    /// The file's name.
+    pub fn source(&self) -> &str {
+        &self.source
+    }
+
+    /// One per block.
+    pub fn blocks(&self) -> &[Input] {
+        &self.inputs
+    }
+
+    /// Where the axis is.
+    pub fn position(&self) -> SignalId {
+        self.position
+    }
+
+    /// First and last point of the guideway, mm.
+    pub fn ends(&self) -> (f64, f64) {
+        (self.guide.first().copied().unwrap_or_default(), self.guide.last().copied().unwrap_or_default())
+    }
+
+    /// The gain of each block at a position in mm, µm/K.
+    pub fn gains_at(&self, position: f64) -> impl Iterator<Item = f64> + '_ {
+        let after = self.guide.partition_point(|point| *point <= position);
+        let (low, high) = (after.saturating_sub(1), after.min(self.guide.len() - 1));
+        let span = self.guide[high] - self.guide[low];
+        let share = if span > 0.0 { (position - self.guide[low]) / span } else { 0.0 };
+        let blocks = self.inputs.len();
+        let row = |point: usize| &self.gains[point * blocks..(point + 1) * blocks];
+        row(low).iter().zip(row(high)).map(move |(low, high)| low + share * (high - low))
+    }
+
+    /// The axis is beyond an end of the guideway: by how much.
+    pub fn beyond(&self, snapshot: &Snapshot<'_>) -> Option<Extrapolation> {
+        let position = snapshot.value(self.position)?;
+        let (first, last) = self.ends();
+        let by = position - position.clamp(first, last);
+        let farthest = Some(Beyond { signal: self.position, by });
+        (by.abs() > 0.0).then_some(Extrapolation {
+            distance: None,
+            farthest,
+            outside: Outside::Warn,
+            gain: 1.0,
+        })
+    }
+}
+
+const ASCENDING: std::cmp::Ordering = std::cmp::Ordering::Less;
+
+impl Evaluate for Matrix {
+    fn evaluate(&self, known: &Known<'_>) -> Result<Asked, Unusable> {
+        let position = known.snapshot.value(self.position).ok_or(Unusable::Signal(self.position))?;
+        let mut cz = 0.0;
+        for (input, gain) in self.inputs.iter().zip(self.gains_at(position)) {
+            cz += gain * input.rise(known)?;
+        }
+        Ok(Asked { cz, slope: 0.0 })
+    }
+
+    fn inputs(&self) -> Vec<SignalId> {
+        self.inputs.iter().map(|input| input.signal).chain([self.position]).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests;

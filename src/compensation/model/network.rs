@@ -1,0 +1,120 @@
+//! Networks: back-propagation and radial-basis ones of the project's own format, and any that an ONNX file describes.
+//! M10, after Ren et al., Chen and Wang, and the notes on radial-basis and Bayesian networks.
+//!
+//! Inputs are temperatures, positions, speeds, each less its reference, in the signal's unit; the result is Cz in µm.
+//! Scaling is the network's own: part of the weights, or of the ONNX graph.
+
+use super::{Asked, Evaluate, Input, Known, Unusable};
+use crate::reading::SignalId;
+
+mod layers;
+#[cfg(feature = "onnx")]
+mod onnx;
+mod radial;
+mod scaling;
+
+pub use layers::{Activation, Layer, Layers};
+#[cfg(feature = "onnx")]
+pub use onnx::Onnx;
+pub use radial::{Node, Radial};
+pub use scaling::Scaling;
+
+/// Most inputs of a network, and most neurons of a layer: a step keeps its numbers in a place of fixed size.
+pub const WIDEST: usize = 256;
+
+/// A network with the signals it reads.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Network {
+    source: String,
+    net: Net,
+    inputs: Vec<Input>,
+}
+
+/// What computes.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Net {
+    /// Layers of neurons, as back-propagation trains them. A step allocates nothing.
+    Layers(Layers),
+    /// Radial basis functions. A step allocates nothing.
+    Radial(Radial),
+    /// A graph of an ONNX file. The runtime allocates inside a step.
+    #[cfg(feature = "onnx")]
+    Onnx(Onnx),
+}
+
+impl Net {
+    /// How many inputs it takes.
+    pub fn takes(&self) -> usize {
+        match self {
+            Net::Layers(layers) => layers.takes(),
+            Net::Radial(radial) => radial.takes(),
+            #[cfg(feature = "onnx")]
+            Net::Onnx(onnx) => onnx.takes(),
+        }
+    }
+
+    /// What it is, for people.
+    pub fn what(&self) -> String {
+        match self {
+            Net::Layers(layers) => format!("back-propagation network {}", layers.shape()),
+            Net::Radial(radial) => format!("radial-basis network of {} nodes", radial.nodes()),
+            #[cfg(feature = "onnx")]
+            Net::Onnx(_) => "ONNX network".to_owned(),
+        }
+    }
+
+    /// The output, µm. NaN where it has none.
+    pub fn output(&self, inputs: &[f64]) -> f64 {
+        match self {
+            Net::Layers(layers) => layers.output(inputs),
+            Net::Radial(radial) => radial.output(inputs),
+            #[cfg(feature = "onnx")]
+            Net::Onnx(onnx) => onnx.output(inputs),
+        }
+    }
+}
+
+impl Network {
+    /// A network that reads these signals in this order. `source` is the file's name, for people.
+    ///
+    /// # Errors
+    /// A sentence: the network takes another number of inputs.
+    pub fn new(source: impl Into<String>, net: Net, inputs: Vec<Input>) -> Result<Network, String> {
+        if net.takes() != inputs.len() || inputs.len() > WIDEST {
+            return Err(format!("it takes {} inputs, the model names {}", net.takes(), inputs.len()));
+        }
+        Ok(Network { source: source.into(), net, inputs })
+    }
+
+    /// The file's name.
+    pub fn source(&self) -> &str {
+        &self.source
+    }
+
+    /// What computes.
+    pub fn net(&self) -> &Net {
+        &self.net
+    }
+
+    /// What it reads, in its order.
+    pub fn reads(&self) -> &[Input] {
+        &self.inputs
+    }
+}
+
+impl Evaluate for Network {
+    fn evaluate(&self, known: &Known<'_>) -> Result<Asked, Unusable> {
+        let mut rises = [0.0; WIDEST];
+        for (rise, input) in rises.iter_mut().zip(&self.inputs) {
+            *rise = input.rise(known)?;
+        }
+        Ok(Asked { cz: self.net.output(&rises[..self.inputs.len()]), slope: 0.0 })
+    }
+
+    fn inputs(&self) -> Vec<SignalId> {
+        self.inputs.iter().map(|input| input.signal).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,108 @@
+//! A network of layers: `y = f(W·x + b)`, layer after layer.
+
+use super::{Scaling, WIDEST};
+
+/// Layers with the scaling before and after them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layers {
+    scaling: Scaling,
+    layers: Vec<Layer>,
+    output: (f64, f64),
+}
+
+/// One layer of neurons.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layer {
+    /// One row per neuron, one column per neuron of the layer before.
+    pub weights: Vec<Vec<f64>>,
+    /// One per neuron.
+    pub bias: Vec<f64>,
+    /// What each neuron does with its sum.
+    pub activation: Activation,
+}
+
+/// What a neuron does with its sum.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Activation {
+    /// Hyperbolic tangent.
+    Tanh,
+    /// The sum where it is above zero, else zero.
+    Relu,
+    /// The sum itself.
+    Linear,
+}
+
+impl Activation {
+    fn of(self, sum: f64) -> f64 {
+        match self {
+            Activation::Tanh => sum.tanh(),
+            // Not `max`, which would turn NaN into zero.
+            Activation::Relu if sum < 0.0 => 0.0,
+            Activation::Relu | Activation::Linear => sum,
+        }
+    }
+}
+
+impl Layers {
+    /// From the scaling of the inputs, the layers, and the output's mean and scale, µm: Cz = mean + scale · y.
+    ///
+    /// # Errors
+    /// A sentence: layers that do not fit each other, a last layer of more than one neuron, a number that is none.
+    pub fn new(scaling: Scaling, layers: Vec<Layer>, output: (f64, f64)) -> Result<Layers, String> {
+        let mut width = scaling.count();
+        for (place, layer) in layers.iter().enumerate() {
+            let number = place + 1;
+            let neurons = layer.weights.len();
+            if neurons == 0 || neurons > WIDEST || neurons != layer.bias.len() {
+                return Err(format!(
+                    "layer {number} has {neurons} rows of weights and {} biases: one of each per neuron is wanted, \
+                     1 to {WIDEST} neurons",
+                    layer.bias.len()
+                ));
+            }
+            if let Some(row) = layer.weights.iter().position(|row| row.len() != width) {
+                return Err(format!(
+                    "layer {number}, neuron {}: {} weights, and the layer before it has {width} outputs",
+                    row + 1,
+                    layer.weights[row].len()
+                ));
+            }
+            if !layer.weights.iter().flatten().chain(&layer.bias).all(|number| number.is_finite()) {
+                return Err(format!("layer {number}: every number must be finite"));
+            }
+            width = neurons;
+        }
+        if width != 1 || layers.is_empty() {
+            return Err(format!("the last layer has {width} neurons: Cz is one number"));
+        }
+        if !output.0.is_finite() || !output.1.is_finite() {
+            return Err("the output's mean and scale must be finite".to_owned());
+        }
+        Ok(Layers { scaling, layers, output })
+    }
+
+    pub(super) fn takes(&self) -> usize {
+        self.scaling.count()
+    }
+
+    /// `30-16-1`.
+    pub(super) fn shape(&self) -> String {
+        let widths = self.layers.iter().map(|layer| format!("-{}", layer.bias.len()));
+        format!("{}{}", self.takes(), widths.collect::<String>())
+    }
+
+    pub(super) fn output(&self, inputs: &[f64]) -> f64 {
+        let (mut from, mut to) = ([0.0; WIDEST], [0.0; WIDEST]);
+        for (value, scaled) in from.iter_mut().zip(self.scaling.scaled(inputs)) {
+            *value = scaled;
+        }
+        for layer in &self.layers {
+            for ((value, row), bias) in to.iter_mut().zip(&layer.weights).zip(&layer.bias) {
+                let sum: f64 = row.iter().zip(&from).map(|(weight, input)| weight * input).sum();
+                *value = layer.activation.of(sum + bias);
+            }
+            std::mem::swap(&mut from, &mut to);
+        }
+        self.output.0 + self.output.1 * from[0]
+    }
+}

@@ -1,0 +1,179 @@
+//! A network out of an ONNX file, run by rten: one tensor in, of one row with one number per input; one number out.
+//!
+//! The graph computes in single precision, whatever the file says; one thread, so that the same inputs give the same
+//! bits. The runtime allocates inside a step: a handful of small tensors.
+
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::sync::Arc;
+
+use rten::{Dimension, Model, ModelOptions, NodeId, OpRegistry, RunOptions, ThreadPool, op_types};
+use rten_tensor::prelude::*;
+use rten_tensor::{Tensor, TensorView};
+
+use super::WIDEST;
+
+mod frame;
+
+/// A graph that has been tried once.
+#[derive(Clone)]
+pub struct Onnx {
+    graph: Arc<Graph>,
+    takes: usize,
+    shape: [usize; 2],
+    flat: bool,
+    fingerprint: u64,
+}
+
+struct Graph {
+    model: Model,
+    input: NodeId,
+    output: NodeId,
+    pool: Arc<ThreadPool>,
+}
+
+impl Onnx {
+    /// From the bytes of an ONNX file, tried with every input at zero. `inputs` is how many the model names: it
+    /// settles a dimension that the file leaves open.
+    ///
+    /// # Errors
+    /// A sentence: the bytes are no ONNX file, an operator is not one of those that networks of neurons are made of,
+    /// the graph does not take one row of numbers or does not give one number.
+    pub fn new(bytes: Vec<u8>, inputs: usize) -> Result<Onnx, String> {
+        if !frame::is_whole(&bytes) {
+            return Err("it is no ONNX file, or not the whole of one".to_owned());
+        }
+        let mut hasher = DefaultHasher::new();
+        bytes.hash(&mut hasher);
+        let mut options = ModelOptions::with_ops(operators());
+        // Its fused operators panic where shapes do not fit, and save nothing in networks of this size.
+        options.enable_optimization(false);
+        let model = caught(|| options.load(bytes))?
+            .map_err(|why| format!("it cannot be read as an ONNX network: {why}"))?;
+        let (&[input], &[output]) = (model.input_ids(), model.output_ids()) else {
+            return Err(format!(
+                "it has {} inputs and {} outputs: one tensor of all inputs and one of Cz is wanted",
+                model.input_ids().len(),
+                model.output_ids().len()
+            ));
+        };
+        let name = model.node_info(input).and_then(|node| node.name()).unwrap_or("input").to_owned();
+        let (takes, flat) = row(model.input_shape(0), inputs, &name)?;
+        if takes == 0 || takes > WIDEST {
+            return Err(format!("its input `{name}` takes {takes} numbers: 1 to {WIDEST} are allowed"));
+        }
+        let pool = Arc::new(ThreadPool::with_num_threads(1));
+        let graph = Arc::new(Graph { model, input, output, pool });
+        let onnx = Onnx { graph, takes, shape: [1, takes], flat, fingerprint: hasher.finish() };
+        // What the file says of its output need not be so: it is tried.
+        let values = onnx.run(&[0.0; WIDEST][..takes])?;
+        match values.len() {
+            1 => Ok(onnx),
+            count => Err(format!("it gives {count} numbers: Cz is one")),
+        }
+    }
+
+    pub(super) fn takes(&self) -> usize {
+        self.takes
+    }
+
+    pub(super) fn output(&self, inputs: &[f64]) -> f64 {
+        match self.run(inputs).as_deref() {
+            Ok([value]) => f64::from(*value),
+            _ => f64::NAN,
+        }
+    }
+
+    fn run(&self, inputs: &[f64]) -> Result<Vec<f32>, String> {
+        #[allow(clippy::cast_possible_truncation, reason = "the graph computes in single precision")]
+        let row: Vec<f32> = inputs.iter().map(|input| *input as f32).collect();
+        let shape = if self.flat { &self.shape[1..] } else { &self.shape[..] };
+        let row = Tensor::from_data(shape, row);
+        let Graph { model, input, output, pool } = &*self.graph;
+        let options = RunOptions::default().with_thread_pool(Some(pool.clone()));
+        let values = caught(|| model.run_n([(*input, row.into())].into(), [*output], Some(options)))?
+            .map_err(|why| format!("it cannot be computed: {why}"))?;
+        let [value] = &values;
+        let view: TensorView<'_, f32> =
+            value.try_into().map_err(|why| format!("its output is no number: {why}"))?;
+        Ok(view.to_vec())
+    }
+}
+
+/// A file may be wrong in a way that the runtime did not think of: that is the file's fault, not the machine's.
+fn caught<T>(run: impl FnOnce() -> T) -> Result<T, String> {
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(run))
+        .map_err(|_| "the ONNX runtime failed on it".to_owned())
+}
+
+/// How many numbers the input takes, and whether without a dimension for the row.
+fn row(shape: Option<Vec<Dimension>>, inputs: usize, name: &str) -> Result<(usize, bool), String> {
+    let size = |dimension: &Dimension| match dimension {
+        Dimension::Fixed(size) => *size,
+        Dimension::Symbolic(_) => inputs,
+    };
+    match shape.as_deref() {
+        None => Ok((inputs, false)),
+        Some([only]) => Ok((size(only), true)),
+        Some([Dimension::Fixed(1) | Dimension::Symbolic(_), numbers]) => Ok((size(numbers), false)),
+        Some(other) => {
+            let sizes: Vec<String> = other.iter().map(named).collect();
+            Err(format!("its input `{name}` has the shape [{}]: one row is wanted", sizes.join(", ")))
+        }
+    }
+}
+
+fn named(dimension: &Dimension) -> String {
+    match dimension {
+        Dimension::Fixed(size) => size.to_string(),
+        Dimension::Symbolic(name) => name.clone(),
+    }
+}
+
+/// What networks of neurons, and radial basis functions, are exported as. Any more would only make the program larger.
+fn operators() -> OpRegistry {
+    OpRegistry::with_ops(&[
+        &op_types::Abs,
+        &op_types::Add,
+        &op_types::Cast,
+        &op_types::Clip,
+        &op_types::Concat,
+        &op_types::Div,
+        &op_types::Elu,
+        &op_types::Exp,
+        &op_types::Flatten,
+        &op_types::Gather,
+        &op_types::Gemm,
+        &op_types::Identity,
+        &op_types::LeakyRelu,
+        &op_types::MatMul,
+        &op_types::Max,
+        &op_types::Min,
+        &op_types::Mul,
+        &op_types::Neg,
+        &op_types::Pow,
+        &op_types::ReduceSum,
+        &op_types::Relu,
+        &op_types::Reshape,
+        &op_types::Sigmoid,
+        &op_types::Softplus,
+        &op_types::Sqrt,
+        &op_types::Squeeze,
+        &op_types::Sub,
+        &op_types::Tanh,
+        &op_types::Transpose,
+        &op_types::Unsqueeze,
+    ])
+}
+
+/// Two are the same where their files are.
+impl PartialEq for Onnx {
+    fn eq(&self, other: &Onnx) -> bool {
+        (self.fingerprint, self.takes) == (other.fingerprint, other.takes)
+    }
+}
+
+impl std::fmt::Debug for Onnx {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Onnx").field("takes", &self.takes).field("fingerprint", &self.fingerprint).finish()
+    }
+}

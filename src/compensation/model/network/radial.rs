@@ -1,0 +1,70 @@
+//! Radial basis functions: `y = bias + Σ w·exp(−|x − c|² / (2·width²))`.
+
+use super::Scaling;
+
+/// Nodes with the scaling before and after them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Radial {
+    scaling: Scaling,
+    nodes: Vec<Node>,
+    bias: f64,
+    output: (f64, f64),
+}
+
+/// One radial basis function.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Node {
+    /// Where it is largest: one number per input, scaled.
+    pub centre: Vec<f64>,
+    /// The distance at which it has fallen to 0.61, scaled.
+    pub width: f64,
+    /// What it adds at its centre.
+    pub weight: f64,
+}
+
+impl Radial {
+    /// From the scaling of the inputs, the nodes, the bias, and the output's mean and scale, µm: Cz = mean + scale · y.
+    ///
+    /// # Errors
+    /// A sentence: no nodes, a centre of another dimension, a width that is not above zero, a number that is none.
+    pub fn new(scaling: Scaling, nodes: Vec<Node>, bias: f64, output: (f64, f64)) -> Result<Radial, String> {
+        if nodes.is_empty() {
+            return Err("it has no nodes".to_owned());
+        }
+        for (place, node) in nodes.iter().enumerate() {
+            let number = place + 1;
+            if node.centre.len() != scaling.count() {
+                let (has, wants) = (node.centre.len(), scaling.count());
+                return Err(format!("centre {number} has {has} numbers, and there are {wants} inputs"));
+            }
+            if !(node.width > 0.0 && node.width.is_normal()) {
+                return Err(format!("width {number} is {}: above zero is wanted", node.width));
+            }
+            if !node.centre.iter().chain([&node.weight]).all(|number| number.is_finite()) {
+                return Err(format!("node {number}: every number must be finite"));
+            }
+        }
+        if ![bias, output.0, output.1].iter().all(|number| number.is_finite()) {
+            return Err("bias and the output's mean and scale must be finite".to_owned());
+        }
+        Ok(Radial { scaling, nodes, bias, output })
+    }
+
+    pub(super) fn takes(&self) -> usize {
+        self.scaling.count()
+    }
+
+    pub(super) fn nodes(&self) -> usize {
+        self.nodes.len()
+    }
+
+    pub(super) fn output(&self, inputs: &[f64]) -> f64 {
+        let mut sum = self.bias;
+        for node in &self.nodes {
+            let apart = |(input, centre): (f64, &f64)| ((input - centre) / node.width).powi(2);
+            let squared: f64 = self.scaling.scaled(inputs).zip(&node.centre).map(apart).sum();
+            sum += node.weight * (-0.5 * squared).exp();
+        }
+        self.output.0 + self.output.1 * sum
+    }
+}

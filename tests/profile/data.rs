@@ -1,0 +1,238 @@
+//! Models in files: what fits becomes a model, what does not is refused at the key that names the file.
+
+use isotherm::compensation::model::{Kind, Outside};
+use isotherm::explain::Explanation;
+
+use super::*;
+
+#[cfg(feature = "onnx")]
+#[path = "../onnx/encode.rs"]
+mod encode;
+
+type File<'a> = (&'a str, &'a [u8]);
+
+const MATRIX: &str = r#"{ "format": "isotherm-matrix", "version": 1, "blocks": ["base", "head"], "guide_mm": [0, 400],
+  "guide_nodes": [11, 12], "P": [[0, 0], [0, 0], [0.001, 0.002], [0, 0], [0, 0], [0.003, 0.004]] }"#;
+const MATRIX_KEYS: &str = "kind = \"matrix\"\nfile = \"c.json\"\ninputs = [\"bed\", { signal = \"wheelhead\", reference = \"start\" }]\n\
+    reference = 20\nposition = \"scale_z\"\ncomponent = \"z\"\ncarries = \"tool\"";
+
+const NETWORK: &str = r#"{ "format": "isotherm-network", "version": 1, "type": "bp",
+  "inputs": { "names": ["a", "b"], "mean": [20, 20], "scale": [4, 4] }, "output": { "mean": 0, "scale": 1 },
+  "layers": [{ "weights": [[0.5, -0.5]], "bias": [0], "activation": "tanh" }] }"#;
+const RADIAL: &str = r#"{ "format": "isotherm-network", "version": 1, "type": "rbf",
+  "inputs": { "mean": [20, 20], "scale": [4, 4] }, "output": { "mean": 0, "scale": 1 },
+  "centres": [[0, 0]], "widths": [1], "weights": [3], "bias": 0 }"#;
+const NETWORK_KEYS: &str = "kind = \"network\"\nfile = \"n.json\"\ninputs = [\"bed\", \"wheelhead\"]";
+
+const ENVELOPE: &str = r#"{ "format": "isotherm-envelope", "version": 1, "covariance": [[4, 1], [1, 4]],
+  "inputs": [{ "signal": "bed", "mean": 24, "min": 20, "max": 30 },
+             { "signal": "wheelhead", "reference": "start", "mean": 2, "min": 0, "max": 9 }] }"#;
+
+/// The grinder whose first model has these keys instead of its own.
+fn machine(keys: &str, files: &[File<'_>]) -> Result<Loaded, Errors> {
+    profile::parse_with(Path::new("machine.toml"), &grinder(keys), files, &[], &[])
+}
+
+fn grinder(keys: &str) -> String {
+    let (before, rest) = GRINDER.split_once("kind = \"linear\"").unwrap_or_default();
+    let (_, after) = rest.split_once("\n[[").unwrap_or_default();
+    format!("{before}{keys}\n[[{after}")
+}
+
+#[track_caller]
+fn refused_at(keys: &str, files: &[File<'_>], key: &str, words: &[&str]) {
+    let found = errors(machine(keys, files));
+    assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
+    assert_eq!(found[0].key, format!("axis.z.model[0]{key}"), "{}", found[0]);
+    assert!(found[0].line.is_some(), "{}", found[0]);
+    for word in words {
+        assert!(found[0].to_string().contains(word), "`{word}` is not in: {}", found[0]);
+    }
+}
+
+fn told(loaded: &Loaded) -> String {
+    Explanation::of(&loaded.profile).to_string()
+}
+
+#[test]
+fn a_matrix_becomes_gains_of_cz_along_the_guideway() {
+    let loaded = machine(MATRIX_KEYS, &[("c.json", MATRIX.as_bytes())]).unwrap();
+    let Kind::Matrix(matrix) = &loaded.profile.axes[0].settings.models[0].kind else { panic!("a matrix") };
+    let gains: Vec<f64> = matrix.gains_at(100.0).collect();
+    for (gain, expected) in gains.iter().zip([-1.5, -2.5]) {
+        assert!((gain - expected).abs() < 1e-9, "{gains:?}");
+    }
+    let told = told(&loaded);
+    for words in [
+        "Cz = P·ΔT µm at scale_z, P of c.json from 0 to 400 mm (beyond them as at the end)",
+        "over (bed − 20), (wheelhead − its value at machine start)",
+        "when bed rises by 1 °C (at scale_z = 200 mm), Cz changes by −2 µm",
+    ] {
+        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+    }
+    for (from, to) in [("\"z\"\n", "\"-z\"\n"), ("\"tool\"", "\"work\"")] {
+        let other = machine(&MATRIX_KEYS.replace(from, to), &[("c.json", MATRIX.as_bytes())]).unwrap();
+        assert!(self::told(&other).contains("(at scale_z = 200 mm), Cz changes by +2 µm"), "{to}");
+    }
+}
+
+#[test]
+fn a_matrix_that_does_not_fit_is_refused_with_the_names_of_both() {
+    let with = |from: &str, to: &str| MATRIX.replace(from, to);
+    for (file, words) in [
+        (with("\"head\"]", "\"head\", \"top\"]"), &["row 1 of P has 2 columns; there are 3 blocks"][..]),
+        (
+            r#"{ "format": "isotherm-matrix", "version": 1, "blocks": ["base"], "guide_mm": [0], "P": [[0], [0], [0]] }"#.into(),
+            &["1 blocks (base)", "names 2: bed, wheelhead"],
+        ),
+        (with("[\"base\", \"head\"]", "[\"wheelhead\", \"bed\"]"), &["in another order: bed, wheelhead"]),
+        (with("[0, 400]", "[400, 0]"), &["must ascend"]),
+        (with("[0, 400]", "[0, 400, 800]"), &["P has 6 rows; 3 points in guide_mm want 9"]),
+        (with("\"guide_nodes\"", "\"guide_node\""), &["unknown field `guide_node`"]),
+        (with("\"version\": 1", "\"version\": 2"), &["version is 2"]),
+        (with("isotherm-matrix", "isotherm-network"), &["its format is \"isotherm-network\""]),
+        (MATRIX[..100].to_owned(), &["no JSON of ours"]),
+        (with("0.001", "1e999"), &["out of range"]),
+    ] {
+        refused_at(MATRIX_KEYS, &[("c.json", file.as_bytes())], ".file", &[&["c.json: "], words].concat());
+    }
+    refused_at(MATRIX_KEYS, &[], ".file", &["c.json is not among the files of this profile"]);
+}
+
+#[test]
+fn what_a_matrix_needs_has_no_default() {
+    let file: &[File<'_>] = &[("c.json", MATRIX.as_bytes())];
+    let without = |line: &str| MATRIX_KEYS.replace(line, "");
+    for (line, key) in [
+        ("reference = 20\n", ".reference"),
+        ("position = \"scale_z\"\n", ".position"),
+        ("component = \"z\"\n", ".component"),
+        ("carries = \"tool\"", ".carries"),
+    ] {
+        let found = errors(machine(&without(line), file));
+        assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
+        assert_eq!(found[0].key, format!("axis.z.model[0]{key}"));
+        assert!(found[0].message.contains("is missing"), "{}", found[0]);
+    }
+    refused_at(&MATRIX_KEYS.replace("scale_z", "bed"), file, ".position", &["in \"degC\"", "in mm"]);
+    refused_at(&MATRIX_KEYS.replace("\"bed\"", "\"bad\""), file, ".inputs[0]", &["did you mean `bed`?"]);
+}
+
+#[test]
+fn a_datum_taken_at_zero_wants_no_input_taken_at_zero() {
+    let files: [File<'_>; 2] = [("c.json", MATRIX.as_bytes()), ("n.json", NETWORK.as_bytes())];
+    let zeroed = "{ signal = \"wheelhead\", reference = \"zero\" }";
+    for (keys, twice) in [
+        (MATRIX_KEYS.to_owned(), false),
+        (MATRIX_KEYS.replace("reference = 20", "reference = \"zero\""), true),
+        (NETWORK_KEYS.to_owned(), false),
+        (NETWORK_KEYS.replace("\"wheelhead\"", zeroed), true),
+    ] {
+        let text = grinder(&keys).replacen("rate = 0.5", "rate = 0.5\ndatum = \"zero\"", 1);
+        let found = profile::parse_with(Path::new("machine.toml"), &text, &files, &[], &[]);
+        if twice {
+            let found = errors(found);
+            assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
+            assert_eq!(found[0].key, "axis.z.datum");
+            assert!(found[0].message.contains("an input's reference is taken at zero"), "{}", found[0]);
+        } else {
+            assert!(found.is_ok(), "{keys}");
+        }
+    }
+}
+
+#[test]
+fn networks_of_our_own_format_are_taken_and_explained() {
+    for (file, words) in [
+        (NETWORK, "Cz = back-propagation network 2-1 of n.json µm, over bed, wheelhead"),
+        (RADIAL, "Cz = radial-basis network of 1 nodes of n.json µm, over bed, wheelhead"),
+    ] {
+        let told = told(&machine(NETWORK_KEYS, &[("n.json", file.as_bytes())]).unwrap());
+        assert!(told.contains(words) && told.contains("when bed rises by 1 °C (from 20)"), "{told}");
+    }
+}
+
+#[test]
+fn a_network_that_does_not_fit_is_refused_with_the_names_of_both() {
+    let three = NETWORK_KEYS.replace("\"wheelhead\"]", "\"wheelhead\", \"scale_z\"]");
+    let n = |text: &'static str| [("n.json", text.as_bytes())];
+    refused_at(
+        &three,
+        &n(NETWORK),
+        ".file",
+        &["n.json: it has 2 inputs (a, b)", "names 3: bed, wheelhead, scale_z"],
+    );
+    refused_at(
+        &three,
+        &n(RADIAL),
+        ".file",
+        &["n.json: it takes 2 inputs, the model names 3: bed, wheelhead, scale_z"],
+    );
+    for (from, to, words) in [
+        ("\"bp\"", "\"cnn\"", "its type is \"cnn\""),
+        ("\"tanh\"", "\"tan\"", "unknown variant `tan`"),
+        ("[[0.5, -0.5]]", "[[0.5]]", "layer 1, neuron 1: 1 weights"),
+        ("\"scale\": [4, 4]", "\"scale\": [4, 0]", "the scale not zero"),
+        ("\"bias\": [0]", "\"bias\": [0], \"dropout\": 0.5", "unknown field `dropout`"),
+    ] {
+        let file = NETWORK.replace(from, to);
+        refused_at(NETWORK_KEYS, &[("n.json", file.as_bytes())], ".file", &[words]);
+    }
+    let lagged = NETWORK_KEYS.replace("\"wheelhead\"", "{ signal = \"wheelhead\", lag = \"12min\" }");
+    refused_at(&lagged, &n(NETWORK), ".inputs[1].lag", &["not built yet: "]);
+}
+
+#[cfg(feature = "onnx")]
+#[test]
+fn an_onnx_file_is_found_beside_its_profile_and_must_fit_it() {
+    let directory = tempfile::tempdir().unwrap();
+    let weights = vec![vec![0.5, -0.25]];
+    let layers: [encode::Dense<'_>; 1] = [(&weights, &[0.0], "Tanh")];
+    let file = encode::network(&[20.0, 20.0], &[4.0, 4.0], &layers, Some(2));
+    let keys = NETWORK_KEYS.replace("n.json", "nets/n.onnx");
+    let path = directory.path().join("machine.toml");
+    let load = |keys: &str| {
+        std::fs::write(&path, grinder(keys)).unwrap();
+        profile::load(&path, &[], &[])
+    };
+    let missing = errors(load(&keys)).remove(0).to_string();
+    assert!(missing.contains("n.onnx cannot be read: No such file"), "{missing}");
+    std::fs::create_dir(directory.path().join("nets")).unwrap();
+    std::fs::write(directory.path().join("nets/n.onnx"), &file).unwrap();
+    let loaded = load(&keys).unwrap();
+    assert_eq!(loaded, load(&keys).unwrap(), "the same files are the same profile");
+    assert!(told(&loaded).contains("Cz = ONNX network of nets/n.onnx µm, over bed, wheelhead"));
+    let one = errors(load(&keys.replace(", \"wheelhead\"", ""))).remove(0).to_string();
+    assert!(one.contains("nets/n.onnx: it takes 2 inputs, the model names 1: bed"), "{one}");
+    std::fs::write(directory.path().join("nets/n.onnx"), &file[..file.len() / 2]).unwrap();
+    let cut = errors(load(&keys)).remove(0).to_string();
+    assert!(cut.contains("nets/n.onnx: it is no ONNX file, or not the whole of one"), "{cut}");
+}
+
+#[test]
+fn an_envelope_belongs_to_any_model_and_says_what_happens_outside() {
+    let linear = "kind = \"linear\"\nterms = [ { signal = \"bed\", gain = 2.4 }, { signal = \"wheelhead\", gain = 1 } ]\n\
+        envelope = \"e.json\"\noutside = \"shrink\"";
+    let e = |text: &str| machine(linear, &[("e.json", text.as_bytes())]);
+    let loaded = e(ENVELOPE).unwrap();
+    let envelope = loaded.profile.axes[0].settings.models[0].envelope.as_ref().unwrap();
+    assert_eq!((envelope.outside(), envelope.inputs().len()), (Outside::Shrink, 2));
+    let told = told(&loaded);
+    let words = "identified on bed 20 … 30 °C, (wheelhead − its value at machine start) 0 … 9 °C, within 3.0";
+    assert!(told.contains(words) && told.contains("Cz is taken down"), "{told}");
+    for (from, to, words) in [
+        ("[[4, 1], [1, 4]]", "[[4, 4], [4, 4]]", "not positive definite: wheelhead"),
+        ("[[4, 1], [1, 4]]", "[[4]]", "1 rows of 1 columns; 2 inputs want as many of each"),
+        ("[[4, 1], [1, 4]]", "[[4, 1], [2, 4]]", "not symmetric: bed with wheelhead"),
+        ("\"mean\": 24", "\"mean\": 34", "bed: its mean must lie between"),
+        ("\"bed\"", "\"scale_z\"", "the model does not read `scale_z`"),
+        ("\"mean\": 24", "\"median\": 24", "unknown field `median`"),
+    ] {
+        let file = ENVELOPE.replace(from, to);
+        refused_at(linear, &[("e.json", file.as_bytes())], ".envelope", &["e.json: ", words]);
+    }
+    let file: &[File<'_>] = &[("e.json", ENVELOPE.as_bytes())];
+    refused_at(&linear.replace("outside = \"shrink\"", ""), file, ".outside", &["`outside` is missing"]);
+    refused_at(&linear.replace("envelope = \"e.json\"", ""), file, ".outside", &["no envelope"]);
+    refused_at(&linear.replace("shrink", "stop"), file, ".outside", &["allowed: warn, hold, shrink"]);
+}
