@@ -58,16 +58,15 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     };
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let outcome = runtime.block_on(async {
-        let mut first = Signals::listen()?;
-        let mut second = Signals::listen()?;
+        let signals = Signals::listen()?.count();
+        // An error would mean that nobody counts any more.
+        let after = |times: u32| {
+            let mut signals = signals.clone();
+            async move { drop(signals.wait_for(|count| *count >= times).await) }
+        };
         let gateway = Gateway::new(profile, &Clock::wall(), options);
         let _services = sockets.serve(&gateway.source())?;
-        let hurry = async {
-            // It hears the first signal as well.
-            second.next().await;
-            second.next().await;
-        };
-        anyhow::Ok(gateway.run(first.next(), hurry).await)
+        anyhow::Ok(gateway.run(after(1), after(2)).await)
     })?;
     if outcome.failed {
         return Err(anyhow::anyhow!("something failed inside (see above); {}", outcome.left).into());
