@@ -5,7 +5,7 @@
 //! what somebody else wrote is left alone.
 
 use crate::codec::{Encoded, Encoding};
-use crate::compensation::AxisState;
+use crate::compensation::{AxisState, Decision};
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::line::Line;
 use crate::fieldbus::wire::{Answer, Request};
@@ -84,7 +84,7 @@ impl Writer {
     pub(super) fn position(&self, profile: &Profile) -> Option<SignalId> {
         match profile.output(self.id).writes {
             Writes::Corrected { position } => Some(position),
-            Writes::Offset => None,
+            _ => None,
         }
     }
 
@@ -171,7 +171,7 @@ impl Writer {
         let decision = core.compensation.decision(output.axis.0);
         let value = |id: SignalId| core.board.value(&shared.profile, id, now);
         Order {
-            cz: decision.map_or(Micron::ZERO, |decision| decision.cz),
+            cz: decision.map_or(Micron::ZERO, |decision| part(decision, output.writes)),
             decided: decision.map_or(Moment::default(), |decision| decision.at),
             state: decision.map_or(AxisState::Off, |decision| decision.state),
             interlocked: output.when.as_ref().is_some_and(|when| when.holds(&value) != Some(true)),
@@ -196,7 +196,7 @@ impl Writer {
                 // Whatever happened meanwhile, the axis goes on from what stands there now.
                 self.known = None;
                 shared.core().outputs[self.id.0].standing = Standing::Unknown;
-                return output.writes == Writes::Offset;
+                return output.writes.is_scheduled();
             }
         }
         order.interlocked
@@ -204,6 +204,11 @@ impl Writer {
 
     /// The registers for this decision, at most one step from what stands there.
     fn target(&mut self, shared: &Shared, output: &Output, order: &Order) -> Words {
+        if let (Writes::Reference, Some(apart)) =
+            (output.writes, shared.profile.axis(output.axis).settings.apart)
+        {
+            return self.encode(shared, output, apart.reference);
+        }
         let factor = cz_factor(&shared.profile, output);
         let step = shared.profile.axis(output.axis).settings.guard.step;
         let standing = self.known.as_ref().and_then(|known| in_micron(output, factor, known));
@@ -407,9 +412,20 @@ impl Writer {
     }
 }
 
-/// A diameter changes by twice what the radius does.
+/// What an output makes of a decision: Cz, or what the slope comes to at the axis's reach.
+pub(super) fn part(decision: &Decision, writes: Writes) -> Micron {
+    if writes == Writes::Slope { decision.slope } else { decision.cz }
+}
+
+/// What 1 µm is in the register's unit. A diameter changes by twice what the radius does; a slope is its effect at the
+/// axis's reach, divided by that.
 fn cz_factor(profile: &Profile, output: &Output) -> f64 {
-    if profile.axis(output.axis).diameter { 2.0 } else { 1.0 }
+    let axis = profile.axis(output.axis);
+    match (output.writes, axis.settings.apart) {
+        (Writes::Slope, Some(apart)) => 1.0 / apart.reach,
+        _ if axis.diameter => 2.0,
+        _ => 1.0,
+    }
 }
 
 fn in_micron(output: &Output, factor: f64, words: &Words) -> Option<Micron> {
@@ -418,7 +434,7 @@ fn in_micron(output: &Output, factor: f64, words: &Words) -> Option<Micron> {
 }
 
 fn words_in_text(output: &Output, words: &Words) -> String {
-    let unit = if output.writes == Writes::Offset { "µm" } else { "mm" };
+    let unit = output.writes.unit();
     match output.encoding.decode(words.words()) {
         Ok(value) => format!("{} {unit}", tidy(value, &output.encoding)),
         Err(_) => format!("{:04x?}", words.words()),

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::Duration;
 
+use super::apply::part;
 use super::arming::{Arming, Attempt};
 use super::board::{Board, Change};
 use super::keeper::Keeper;
@@ -14,7 +15,7 @@ use crate::compensation::settings::OnFault;
 use crate::compensation::{AxisState, Compensation, Control, Permit, Remembered, Snapshot, Unusable};
 use crate::observe::events::{Event, Journal};
 use crate::observe::status::Command;
-use crate::profile::{AxisId, BusId, OutputId, Profile, Writes};
+use crate::profile::{AxisId, BusId, Output, OutputId, Profile, Writes};
 use crate::quantity::{Micron, Moment};
 use crate::reading::{Reason, SignalId};
 
@@ -217,7 +218,7 @@ impl Shared {
             .outputs
             .iter()
             .zip(&core.outputs)
-            .filter(|(output, _)| output.writes == Writes::Offset)
+            .filter(|(output, _)| output.writes.is_cz())
             .map(|(output, state)| match (state.standing, state.cz) {
                 (Standing::Verified, Some(cz)) => format!("{} holds {cz}", output.name),
                 (_, Some(cz)) => format!("{} held {cz} when it was last verified", output.name),
@@ -271,7 +272,8 @@ impl Core {
         }
         for (axis, arming) in self.arming.iter_mut().enumerate() {
             let permit = arming.permit(profile, axis, &self.outputs, self.stopping);
-            self.controls[axis] = Control { permit, take_over: arming.take_over, ..Control::default() };
+            self.controls[axis] =
+                Control { permit, take_over: arming.take_over, take_over_slope: arming.take_over_slope };
         }
         let snapshot = Snapshot { now, readings: self.board.seen() };
         let stepped = self.compensation.step(&snapshot, &self.controls);
@@ -281,7 +283,7 @@ impl Core {
         self.keeper.record(&snapshot, &self.controls, &self.compensation);
         for (axis, arming) in self.arming.iter_mut().enumerate() {
             if self.compensation.decision(axis).is_some_and(|decision| decision.at == now) {
-                arming.take_over = None;
+                (arming.take_over, arming.take_over_slope) = (None, None);
             }
         }
         self.disarm_tripped(shared);
@@ -308,8 +310,10 @@ impl Core {
             let name = &shared.profile.axes[axis].settings.name;
             match self.arming[axis].attempt(&shared.profile, axis, &self.outputs, ready, beyond) {
                 Attempt::NotYet => {}
-                Attempt::From(from) => {
-                    self.arming[axis] = Arming { armed: true, take_over: Some(from), ..Arming::default() };
+                Attempt::From(from, take_over_slope) => {
+                    let take_over = Some(from);
+                    self.arming[axis] =
+                        Arming { armed: true, take_over, take_over_slope, ..Arming::default() };
                     for (output, state) in shared.profile.outputs.iter().zip(&mut self.outputs) {
                         if output.axis.0 == axis && state.standing == Standing::Foreign {
                             state.standing = Standing::Verified;
@@ -330,14 +334,21 @@ impl Core {
     /// What an axis decided last stands in its registers.
     pub(super) fn has_arrived(&self, profile: &Profile, axis: usize, dry_run: bool) -> bool {
         let Some(decision) = self.compensation.decision(axis) else { return true };
-        let count = profile.axes[axis].settings.guard.count.unwrap_or(Micron::ZERO);
+        let settings = &profile.axes[axis].settings;
+        let grain = |output: &Output| match (output.writes, settings.apart) {
+            (Writes::Slope, Some(apart)) => apart.count.unwrap_or(Micron::ZERO),
+            _ => settings.guard.count.unwrap_or(Micron::ZERO),
+        };
         profile.outputs.iter().zip(&self.outputs).all(|(output, state)| {
             output.axis.0 != axis
-                || output.writes != Writes::Offset
+                || !output.writes.is_scheduled()
                 || decision.state == AxisState::Off
                 || dry_run
                 || (state.standing == Standing::Verified
-                    && state.cz.is_some_and(|cz| (cz - decision.cz).abs() <= count))
+                    && (output.writes == Writes::Reference
+                        || state
+                            .cz
+                            .is_some_and(|cz| (cz - part(decision, output.writes)).abs() <= grain(output))))
         })
     }
 
@@ -353,11 +364,15 @@ impl Core {
     /// An output's register was found to hold this much Cz after it had not been known: the axis goes on from there.
     pub(super) fn found(&mut self, profile: &Profile, id: OutputId, cz: Micron) {
         let axis = profile.output(id).axis.0;
-        let first = profile
-            .outputs
-            .iter()
-            .position(|output| output.axis.0 == axis && output.writes == Writes::Offset);
-        if self.arming[axis].armed && first == Some(id.0) {
+        let writes = profile.output(id).writes;
+        let first =
+            profile.outputs.iter().position(|output| output.axis.0 == axis && output.writes == writes);
+        if !self.arming[axis].armed || first != Some(id.0) {
+            return;
+        }
+        if writes == Writes::Slope {
+            self.arming[axis].take_over_slope = Some(cz);
+        } else if writes.is_cz() {
             self.arming[axis].take_over = Some(cz);
         }
     }
