@@ -6,7 +6,7 @@ use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::path::Path;
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use isotherm::clock::Clock;
 use isotherm::gateway::{Gateway, Options};
@@ -138,14 +138,15 @@ fn beside(bank: &Arc<Mutex<Bank>>, script: impl FnOnce(&dyn Source) + Send + 'st
 
 #[track_caller]
 fn wait_until(source: &dyn Source, what: &str, found: impl Fn(&Status) -> bool) {
-    let begun = Instant::now();
+    let clock = Clock::wall();
+    let begun = clock.now();
     loop {
         let status = source.status();
         if found(&status) {
             return;
         }
         let events: Vec<&str> = status.events.iter().map(|event| event.text.as_str()).collect();
-        assert!(begun.elapsed() < Duration::from_secs(20), "{what}: {:?} {events:#?}", status.axes);
+        assert!(clock.now().since(begun) < Duration::from_secs(20), "{what}: {:?} {events:#?}", status.axes);
         std::thread::sleep(Duration::from_millis(5));
     }
 }
