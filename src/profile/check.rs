@@ -16,6 +16,7 @@ use crate::reading::SignalId;
 mod axis;
 mod expression;
 mod fieldbus;
+mod line;
 mod model;
 mod output;
 mod registers;

@@ -48,7 +48,6 @@ fn what_is_not_built_yet_says_so_where_it_stands() {
             "kind = \"network\"\nfile = \"z.onnx\"\ninputs = [\"bed\"]",
             "axis.z.model[1].kind",
         ),
-        ("writes = \"offset\"", "writes = \"slope\"", "output.cnc_z.writes"),
         ("share = \"whole\"", "share = \"ledger\"", "output.cnc_z.share"),
         (
             "share = \"whole\"",
