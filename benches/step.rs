@@ -111,7 +111,7 @@ fn three_axes(criterion: &mut Criterion) {
         lag: Some(Duration::from_secs(600 + 60 * u64::try_from(place).unwrap_or(0))),
     };
     let position = SignalId(SIGNALS - 1);
-    let slope = Slope { position, reference: 0.0, terms: (20..30).map(term).collect() };
+    let slope = Slope { position, reference: 0.0, travel: None, terms: (20..30).map(term).collect() };
     let linear = Linear { offset: 0.0, terms: (0..20).map(term).collect(), slope: Some(slope) };
     let mut compensation = compensation(&Kind::Linear(linear), SIGNALS, 3);
     let control = [Control { permit: Permit::Armed, ..Control::default() }; 3];

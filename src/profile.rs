@@ -20,10 +20,12 @@ mod merge;
 mod place;
 mod raw;
 mod walk;
+mod writes;
 
 pub use error::{Errors, ProfileError};
 pub use load::{Loaded, environment, load, parse, parse_with};
 pub use raw::schema;
+pub use writes::Writes;
 
 /// One physical line: its place in the profile's list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -245,18 +247,6 @@ pub struct Output {
     pub refresh: Option<Duration>,
     /// Interlock: otherwise held.
     pub when: Option<Condition>,
-}
-
-/// What an output writes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Writes {
-    /// Cz, in µm, on the axis's period.
-    Offset,
-    /// Position + Cz, in mm, as soon as the position is read.
-    Corrected {
-        /// The scale.
-        position: SignalId,
-    },
 }
 
 /// How a write is believed.

@@ -31,7 +31,7 @@ fn compensation() -> Compensation {
         term(2, Reference::Fixed(20.0), half_an_hour),
     ];
     let inclined = vec![term(1, Reference::Start, half_an_hour)];
-    let slope = Some(Slope { position: SignalId(2), reference: 20.0, terms: inclined });
+    let slope = Some(Slope { position: SignalId(2), reference: 20.0, travel: None, terms: inclined });
     let resolve = |name: &str| match name {
         "A" => Some(Symbol::Signal(SignalId(0))),
         "t" => Some(Symbol::Time),

@@ -110,7 +110,8 @@ pub fn replay(
         for axis in 0..profile.axes.len() {
             let Some(outcome) = outcome(profile, &compensation, axis, &snapshot, &row) else { continue };
             tally.axis(axis, &row, &outcome);
-            outcome.write(&mut cells, reader.has_error(axis));
+            let apart = profile.axes.get(axis).is_some_and(|axis| axis.settings.apart.is_some());
+            outcome.write(&mut cells, apart, reader.has_error(axis));
         }
         if let Some(table) = &mut table {
             table.write_record(&cells).context("cannot write the replayed rows")?;
@@ -131,7 +132,9 @@ fn header<R: Read>(profile: &Profile, reader: &LogReader<R>) -> Vec<String> {
     let mut names = vec!["time".to_owned()];
     for (place, axis) in profile.axes.iter().enumerate() {
         let residual = reader.has_error(place).then_some("residual_um");
-        for column in ["raw_um", "cz_um", "model", "state", "acted"].into_iter().chain(residual) {
+        let slope = axis.settings.apart.map(|_| "slope_um");
+        for column in ["raw_um", "cz_um", "model", "state", "acted"].into_iter().chain(slope).chain(residual)
+        {
             names.push(format!("{}_{column}", axis.settings.name));
         }
     }
@@ -163,12 +166,15 @@ impl Outcome<'_> {
         self.error.map(|error| error + self.decision.cz.get())
     }
 
-    fn write(&self, cells: &mut Vec<String>, with_residual: bool) {
+    fn write(&self, cells: &mut Vec<String>, with_slope: bool, with_residual: bool) {
         cells.push(self.raw.map(|raw| text(raw.get())).unwrap_or_default());
         cells.push(text(self.decision.cz.get()));
         cells.push(self.model.to_owned());
         cells.push(self.decision.state.name().to_owned());
         cells.push(self.decision.acted.to_string());
+        if with_slope {
+            cells.push(text(self.decision.slope.get()));
+        }
         if with_residual {
             cells.push(self.residual().map(text).unwrap_or_default());
         }

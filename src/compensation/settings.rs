@@ -63,6 +63,8 @@ pub enum Datum {
 /// The bounds of a slope that the control applies itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Apart {
+    /// P0: where the slope adds nothing, mm.
+    pub reference: f64,
     /// The farthest that the axis goes from the reference position, mm: tanβ times this obeys the axis's guard.
     pub reach: f64,
     /// One count of the slope's register, as its effect at the reach in µm; `None` where it takes fractions.

@@ -17,6 +17,7 @@
 //! the first decision is a step from it, never a jump to something else. While a model can be used and what was
 //! written was verified, the axis follows the model through the guard; on a lesser model it says so. When either
 //! fails it keeps its value, and then does what the profile says. Coming back is the same walk through the guard.
+//! A model that asks for more than the error level counts as none until the axis is armed again.
 //! When the gateway stops, the action runs without its waiting time; an axis that is off stays off.
 
 use std::fmt;

@@ -1,9 +1,10 @@
 use super::model::{Expression, Formula, Kind, Linear, Model, Reference, Slope, Symbol, Term};
-use super::settings::{Datum, GuardSettings, Levels, OnFault};
+use super::settings::{Apart, Datum, GuardSettings, Levels, OnFault};
 use super::*;
 use crate::reading::Reason;
 use std::time::Duration;
 
+mod apart;
 mod datum;
 mod lags;
 mod levels;
@@ -110,7 +111,7 @@ impl Rig {
             false => Reading::good(value, now),
         });
         self.compensation.step(&Snapshot { now, readings: &readings }, &[self.control]);
-        self.control.take_over = None;
+        (self.control.take_over, self.control.take_over_slope) = (None, None);
         *self.compensation.decision(0).unwrap()
     }
 

@@ -73,6 +73,29 @@ pub(super) fn explained(profile: &Profile, output: &Output) -> WriteExplained {
             let what = if axis.diameter { "twice Cz" } else { "Cz" };
             ("µm", Some((-limit, limit)), format!("{what}: +1 µm of Cz is {counts} counts"))
         }
+        Writes::Intercept => {
+            let counts = figure(1.0 / encoding.scale);
+            (
+                "µm",
+                Some((-limit, limit)),
+                format!("K0, Cz at the reference position: +1 µm is {counts} counts"),
+            )
+        }
+        Writes::Slope => {
+            let reach = axis.settings.apart.map_or(f64::INFINITY, |apart| apart.reach);
+            let most = limit / reach;
+            let meaning = format!(
+                "tanβ, which the control multiplies by the distance from the reference position: +0.001 µm/mm is {} \
+                 counts; at most ±{} µm/mm, which is ±{limit} µm at {reach} mm",
+                figure(0.001 / encoding.scale),
+                figure(most).trim_start_matches('+'),
+            );
+            ("µm/mm", Some((-most, most)), meaning)
+        }
+        Writes::Reference => {
+            let reference = axis.settings.apart.map_or(0.0, |apart| apart.reference);
+            ("mm", Some((reference, reference)), format!("P0, the reference position: always {reference} mm"))
+        }
         Writes::Corrected { position } => {
             let signal = profile.signal(position);
             let reach = signal.range.map(|(low, high)| (low - limit / MICRONS, high + limit / MICRONS));

@@ -19,7 +19,7 @@ use crate::reading::SignalId;
 
 use super::output::Standing;
 use super::shared::Shared;
-use super::words::{can_be_read, cz_factor, one_step};
+use super::words::{can_be_read, cz_factor, one_step, part};
 
 mod corrected;
 mod register;
@@ -66,6 +66,7 @@ enum Trouble {
 
 /// What is to be done now, as the shared state says.
 struct Order {
+    /// Cz, or what the slope comes to at the axis's reach.
     cz: Micron,
     decided: Moment,
     off: bool,
@@ -99,7 +100,7 @@ impl Writer {
     /// When it wants to be called again even without a new decision.
     pub(super) fn due(&self, profile: &Profile) -> Option<Moment> {
         let output = profile.output(self.id);
-        let retries = output.writes == Writes::Offset && (self.trouble.is_some() || self.compare);
+        let retries = output.writes.is_scheduled() && (self.trouble.is_some() || self.compare);
         match output.refresh {
             _ if retries => Some(self.tried_at.after(RETRY)),
             Some(refresh) if !self.idle => Some(self.written_at.after(refresh)),
@@ -111,7 +112,7 @@ impl Writer {
     pub(super) fn position(&self, profile: &Profile) -> Option<SignalId> {
         match profile.output(self.id).writes {
             Writes::Corrected { position } => Some(position),
-            Writes::Offset => None,
+            _ => None,
         }
     }
 
@@ -167,12 +168,17 @@ impl Writer {
         let arming = &core.arming[output.axis.0];
         let value = |id: SignalId| core.board.value(&shared.profile, id, now);
         Order {
-            cz: decision.map_or(Micron::ZERO, |decision| decision.cz),
+            cz: decision.map_or(Micron::ZERO, |decision| part(decision, output.writes)),
             decided: decision.map_or(Moment::default(), |decision| decision.at),
             position: self.position(&shared.profile).and_then(value),
             off: !arming.armed || decision.is_none_or(|decision| decision.state == AxisState::Off),
             allowed: output.when.as_ref().map_or(Some(true), |when| when.holds(&value)),
-            outdated: arming.take_over.is_some(),
+            outdated: match output.writes {
+                Writes::Slope => arming.take_over_slope.is_some(),
+                // A constant.
+                Writes::Reference => false,
+                _ => arming.take_over.is_some(),
+            },
         }
     }
 
@@ -211,7 +217,7 @@ impl Writer {
                     shared.tell(&Event::Released { output: output.name.clone() });
                 }
                 // Whatever happened meanwhile, the axis goes on from what stands there now.
-                self.compare |= std::mem::take(&mut self.idle) && output.writes == Writes::Offset;
+                self.compare |= std::mem::take(&mut self.idle) && output.writes.is_scheduled();
                 return false;
             }
             Some(false) => {
@@ -227,8 +233,13 @@ impl Writer {
         true
     }
 
-    /// The registers for this decision, at most one step from what stands there.
+    /// The registers for this decision, at most one step from what stands there. A reference position is no correction:
+    /// it is written at once, and no slope acts before it stands there.
     fn target(&mut self, shared: &Shared, output: &Output, order: &Order) -> Words {
+        let apart = shared.profile.axis(output.axis).settings.apart;
+        if let (Writes::Reference, Some(apart)) = (output.writes, apart) {
+            return self.encode(shared, output, apart.reference);
+        }
         let wanted = order.cz.get() * cz_factor(&shared.profile, output);
         let standing = self.known.and_then(|known| output.encoding.decode(known.words()).ok());
         let most = one_step(&shared.profile, output);

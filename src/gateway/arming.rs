@@ -1,7 +1,7 @@
 //! When an axis may decide: arming, what it takes over, and what its outputs allow.
 
 use crate::compensation::Permit;
-use crate::profile::{Arm, Profile, Writes};
+use crate::profile::{Arm, Output, Profile, Writes};
 use crate::quantity::Micron;
 
 use super::output::{OutputState, Standing};
@@ -20,6 +20,8 @@ pub(super) struct Arming {
     pub(super) refusal: Option<String>,
     /// To be taken over at the next step.
     pub(super) take_over: Option<Micron>,
+    /// The same for a slope that the control applies: its effect at the axis's reach.
+    pub(super) take_over_slope: Option<Micron>,
 }
 
 /// What an attempt to arm found.
@@ -27,8 +29,8 @@ pub(super) struct Arming {
 pub(super) enum Attempt {
     /// Not wanted now, or something is not known yet.
     NotYet,
-    /// It may start from this value.
-    From(Micron),
+    /// It may start from this Cz, and this effect of its slope.
+    From(Micron, Option<Micron>),
     /// It must not.
     Refused(String),
 }
@@ -56,12 +58,13 @@ impl Arming {
                 "its model asks for {wanted}, more than axis.{name}.error; look for the sensor or the cause first"
             ));
         }
-        let mut from = None;
+        let (mut from, mut from_slope) = (None, None);
         for (output, state) in of_axis(profile, axis, outputs) {
-            if output.writes != Writes::Offset {
+            if !output.writes.is_scheduled() {
                 continue;
             }
             match (state.standing, state.cz) {
+                (Standing::Verified | Standing::Foreign, Some(_)) if output.writes == Writes::Reference => {}
                 (Standing::Verified | Standing::Foreign, Some(cz)) => {
                     let limit = profile.axes[axis].settings.guard.limit;
                     if cz.abs() > limit {
@@ -71,12 +74,27 @@ impl Arming {
                             output.name, profile.axes[axis].settings.name
                         ));
                     }
-                    from = from.or(Some(cz));
+                    if output.writes == Writes::Slope {
+                        from_slope = from_slope.or(Some(cz));
+                    } else {
+                        from = from.or(Some(cz));
+                    }
                 }
                 _ => return Attempt::NotYet,
             }
         }
-        Attempt::From(from.unwrap_or(Micron::ZERO))
+        if from_slope.is_some_and(|slope| slope != Micron::ZERO) {
+            let displaced =
+                |(output, state): &(&Output, &OutputState)| !has_its_reference(profile, output, state);
+            if let Some((output, _)) = of_axis(profile, axis, outputs).find(displaced) {
+                return Attempt::Refused(format!(
+                    "a slope is in effect about another reference position than output {} writes; set the slope to \
+                     zero at the CNC",
+                    output.name
+                ));
+            }
+        }
+        Attempt::From(from.unwrap_or(Micron::ZERO), from_slope)
     }
 
     /// What the axis may do now.
@@ -97,8 +115,10 @@ impl Arming {
         for (output, state) in of_axis(profile, axis, outputs) {
             match state.standing {
                 Standing::Unverified => return Permit::Unverified,
-                Standing::Unknown if output.writes == Writes::Offset => return Permit::Unverified,
-                Standing::Interlocked if output.writes == Writes::Offset => permit = Permit::Held,
+                Standing::Unknown if output.writes.is_scheduled() => return Permit::Unverified,
+                // No slope is brought in before the control knows what it is measured from.
+                _ if !has_its_reference(profile, output, state) => return Permit::Unverified,
+                Standing::Interlocked if output.writes.is_scheduled() => permit = Permit::Held,
                 _ => {}
             }
         }
@@ -106,11 +126,19 @@ impl Arming {
     }
 }
 
+/// An output that writes the reference position holds it, to half a count.
+pub(super) fn has_its_reference(profile: &Profile, output: &Output, state: &OutputState) -> bool {
+    let apart = profile.axis(output.axis).settings.apart;
+    let (Writes::Reference, Some(apart)) = (output.writes, apart) else { return true };
+    let near = output.encoding.scale.abs() * 0.501;
+    state.value.is_some_and(|value| (value - apart.reference).abs() <= near)
+}
+
 /// The outputs of an axis with their state.
 pub(super) fn of_axis<'a>(
     profile: &'a Profile,
     axis: usize,
     outputs: &'a [OutputState],
-) -> impl Iterator<Item = (&'a crate::profile::Output, &'a OutputState)> {
+) -> impl Iterator<Item = (&'a Output, &'a OutputState)> {
     profile.outputs.iter().zip(outputs).filter(move |(output, _)| output.axis.0 == axis)
 }

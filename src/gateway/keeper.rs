@@ -13,7 +13,7 @@ use super::memory::Memory;
 use super::output::OutputState;
 use crate::compensation::{Compensation, Control, Remembered, Snapshot};
 use crate::observe::events::{Event, Journal};
-use crate::profile::{Profile, Writes};
+use crate::profile::Profile;
 use crate::quantity::Moment;
 
 /// The state is written at most this often, and once at the end.
@@ -131,8 +131,7 @@ impl Keeper {
         if self.queue.is_none() {
             return;
         }
-        let verified =
-            profile.outputs.iter().zip(outputs).filter(|(output, _)| output.writes == Writes::Offset);
+        let verified = profile.outputs.iter().zip(outputs).filter(|(output, _)| output.writes.is_cz());
         let verified =
             verified.filter_map(|(output, state)| Some((output.name.clone(), state.cz?.get()))).collect();
         self.hand_over(Job::State(Box::new(Memory::new(profile, now, compensation.remembered(), verified))));

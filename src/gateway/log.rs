@@ -9,7 +9,9 @@
 //! - `<signal>`: the value in its engineering unit, with every digit it has; empty where it could not be used.
 //! - `z_permit`: off, armed, unverified, stopping. `z_from_um`: what was taken over from the register, else empty.
 //! - `z_raw_um` … `z_acted`: the axis's decision, made at this row or standing since an earlier one.
-//! - `machine_memory`: at the first row of a run, what the machine remembered from before (JSON).
+//! - `z_slope_from_um`, `z_slope_um`: the same of a slope that the control applies itself, as what it comes to at the
+//!   axis's reach; only on such an axis.
+//! - `machine_memory`: at the first row of a run, what was remembered from before (JSON).
 //! - `machine_zero`: the moment of a command to zero that was given since the row before.
 //!
 //! A log from elsewhere needs `time` and at least one signal; `z_error_um` is the measured error of axis z.
@@ -32,5 +34,8 @@ const ZERO: &str = "machine_zero";
 const PERMIT: &str = "permit";
 const FROM: &str = "from_um";
 const ERROR: &str = "error_um";
+/// Of a slope that the control applies: what was taken over and what was decided, as its effect at the axis's reach.
+const SLOPE_FROM: &str = "slope_from_um";
+const SLOPE: &str = "slope_um";
 /// What was decided for an axis, in the order of the columns.
 const DECIDED: [&str; 5] = ["raw_um", "cz_um", "model", "state", "acted"];

@@ -22,7 +22,8 @@ pub(super) enum Standing {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct OutputState {
     pub(super) standing: Standing,
-    /// Cz in the register as last verified; for a corrected position the Cz that went into it.
+    /// Cz in the register as last verified; of a slope what it comes to at the axis's reach, for a corrected position the
+    /// Cz that went into it. Of a reference position it says only that the register is known.
     pub(super) cz: Option<Micron>,
     /// The value in the register, in the output's unit.
     pub(super) value: Option<f64>,

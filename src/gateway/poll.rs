@@ -62,7 +62,7 @@ impl LineTask {
             .iter()
             .filter_map(|output| match output.writes {
                 Writes::Corrected { position } => Some((position, output.device)),
-                Writes::Offset => None,
+                _ => None,
             })
             .collect();
         let reads_position = |device: DeviceId| {

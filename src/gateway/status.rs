@@ -8,7 +8,6 @@ use crate::compensation::Stages;
 use crate::observe::status::{
     AxisStatus, BusStatus, Command, DeviceStatus, OutputStatus, SignalStatus, Source, Status,
 };
-use crate::profile::Writes;
 use crate::quantity::{Micron, Moment};
 use crate::reading::{Quality, Reason, SignalId};
 
@@ -147,10 +146,7 @@ fn outputs(shared: &Shared, core: &Core, now: Moment) -> Vec<OutputStatus> {
             axis: shared.profile.axis(output.axis).settings.name.clone(),
             device: shared.profile.device(output.device).name.clone(),
             register: format!("{} ({})", output.address, output.address.modicon()),
-            writes: match output.writes {
-                Writes::Offset => "offset",
-                Writes::Corrected { .. } => "corrected",
-            },
+            writes: output.writes.name(),
             state: if core.arming[output.axis.0].armed { state.standing.name() } else { "off" },
             value: state.value,
             writes_done: state.writes,

@@ -1,6 +1,7 @@
 //! What an output's registers mean in the axis's terms.
 
 use crate::codec::{Encoded, Encoding};
+use crate::compensation::Decision;
 use crate::profile::{Output, Profile, Writes};
 use crate::quantity::Micron;
 
@@ -16,9 +17,20 @@ pub(super) fn one_step(profile: &Profile, output: &Output) -> f64 {
     }
 }
 
-/// A diameter changes by twice what the radius does.
+/// What an output makes of a decision: Cz, or what the slope comes to at the axis's reach.
+pub(super) fn part(decision: &Decision, writes: Writes) -> Micron {
+    if writes == Writes::Slope { decision.slope } else { decision.cz }
+}
+
+/// What 1 µm is in the register's unit. A diameter changes by twice what the radius does; a slope is its effect at the
+/// axis's reach, divided by that.
 pub(super) fn cz_factor(profile: &Profile, output: &Output) -> f64 {
-    if profile.axis(output.axis).diameter { 2.0 } else { 1.0 }
+    let axis = profile.axis(output.axis);
+    match (output.writes, axis.settings.apart) {
+        (Writes::Slope, Some(apart)) => 1.0 / apart.reach,
+        _ if axis.diameter => 2.0,
+        _ => 1.0,
+    }
 }
 
 pub(super) fn in_micron(output: &Output, factor: f64, words: &Encoded) -> Option<Micron> {
@@ -26,8 +38,16 @@ pub(super) fn in_micron(output: &Output, factor: f64, words: &Encoded) -> Option
     Micron::new(value / factor)
 }
 
+/// What a register holds, where the axis may go on from it: within the limit. A reference position is no correction and
+/// has no limit.
+pub(super) fn within_limit(profile: &Profile, output: &Output, words: &Encoded) -> Option<Micron> {
+    let limit = profile.axis(output.axis).settings.guard.limit;
+    in_micron(output, cz_factor(profile, output), words)
+        .filter(|cz| output.writes == Writes::Reference || cz.abs() <= limit)
+}
+
 pub(super) fn words_in_text(output: &Output, words: &Encoded) -> String {
-    let unit = if output.writes == Writes::Offset { "µm" } else { "mm" };
+    let unit = output.writes.unit();
     match output.encoding.decode(words.words()) {
         Ok(value) => format!("{} {unit}", tidy(value, &output.encoding)),
         Err(_) => format!("{:04x?}", words.words()),

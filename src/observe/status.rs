@@ -87,7 +87,11 @@ impl Status {
 impl OutputStatus {
     /// The unit of its value.
     pub fn unit(&self) -> &'static str {
-        if self.writes == "corrected" { "mm" } else { "µm" }
+        match self.writes {
+            "corrected" | "reference" => "mm",
+            "slope" => "µm/mm",
+            _ => "µm",
+        }
     }
 }
 

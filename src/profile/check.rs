@@ -18,6 +18,7 @@ mod axis;
 mod data;
 mod expression;
 mod fieldbus;
+mod line;
 mod model;
 mod output;
 mod registers;

@@ -114,7 +114,7 @@ impl Hardware {
     pub(super) fn applied_um(&self, axis: AxisId) -> f64 {
         let outputs = || self.profile.outputs.iter().enumerate().filter(|(_, output)| output.axis == axis);
         let written = outputs()
-            .find(|(_, output)| output.writes == Writes::Offset)
+            .find(|(_, output)| output.writes.is_cz())
             .map(|(_, output)| {
                 self.decoded(output.device, output.address, &output.encoding).unwrap_or_default()
             })

@@ -48,11 +48,15 @@ fn is_inside(trace: &Trace, place: usize, output: &Output, corrections: &mut Has
     let seen = &trace.wire[place];
     let axis = trace.profile.axis(output.axis);
     let guard = &axis.settings.guard;
-    let factor = if axis.diameter { 2.0 } else { 1.0 };
+    let factor = match (output.writes, axis.settings.apart) {
+        (Writes::Slope, Some(apart)) => 1.0 / apart.reach,
+        _ if axis.diameter => 2.0,
+        _ => 1.0,
+    };
     let (limit, step) = (guard.limit.get(), guard.step.get());
     let wanted = output.encoding.decode(&seen.wanted).unwrap();
     match output.writes {
-        Writes::Offset => {
+        Writes::Offset | Writes::Intercept | Writes::Slope => {
             let (before, wanted) = (output.encoding.decode(&seen.before).unwrap() / factor, wanted / factor);
             assert!(wanted.abs() <= limit + EPSILON, "I2, limit: {wanted} µm, {seen:?}");
             assert!(
@@ -61,6 +65,11 @@ fn is_inside(trace: &Trace, place: usize, output: &Output, corrections: &mut Has
                 trace.seconds(seen.at),
                 trace.lines()
             );
+        }
+        Writes::Reference => {
+            let reference = axis.settings.apart.unwrap().reference;
+            let count = output.encoding.scale.abs();
+            assert!((wanted - reference).abs() <= 0.501 * count, "P0: {wanted} mm, {seen:?}");
         }
         Writes::Corrected { position } => {
             let signal = trace.profile.signal(position);

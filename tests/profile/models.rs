@@ -105,3 +105,66 @@ fn what_is_taken_at_zero_is_not_taken_twice() {
     let text = text.replacen("rate = 0.5", "rate = 0.5\ndatum = \"zero\"", 1);
     only_error(&text, "axis.z.datum", "\"zero\"");
 }
+
+/// The grinder's offset output replaced by the three parts of a line.
+#[allow(clippy::unwrap_used, reason = "the blocks are there")]
+fn line_of(from: &str, to: &str) -> String {
+    let block = &GRINDER[GRINDER.find("[output.cnc_z]").unwrap()..];
+    let block = &block[..block.find("\n[").map_or(block.len(), |end| end + 1)];
+    let part = |name: &str, writes: &str, register: u32, scale: &str| {
+        format!(
+            "[output.{name}]\naxis = \"z\"\ndevice = \"cnc\"\nwrites = \"{writes}\"\n\
+             register = \"holding:{register}\"\ntype = \"i32\"\nword_order = \"msw-first\"\nscale = {scale}\n\n"
+        )
+    };
+    let parts = part("k0", "intercept", 104, "0.1")
+        + &part("slope_z", "slope", 106, "0.0001")
+        + &part("p0", "reference", 108, "0.001");
+    assert!(parts.contains(from) || GRINDER.contains(from) || SLOPE.contains(from), "{from}");
+    let readout =
+        &GRINDER[GRINDER.find("[output.readout_z]").unwrap()..GRINDER.find("[output.cnc_z]").unwrap()];
+    GRINDER
+        .replacen(block, &parts, 1)
+        .replacen(readout, "", 1)
+        .replacen("kind = \"linear\"", SLOPE, 1)
+        .replacen(from, to, 1)
+}
+
+#[test]
+fn a_control_that_applies_the_line_itself_is_given_its_parts() {
+    let loaded = parse(&line_of("scale = 0.0001", "scale = 0.0001")).unwrap();
+    let apart = loaded.profile.axes[0].settings.apart.unwrap();
+    assert!((apart.reach - 300.0).abs() < 1e-12 && (apart.reference - -50.0).abs() < 1e-12);
+    assert!((apart.count.unwrap().get() - 0.03).abs() < 1e-12);
+    let told = isotherm::explain::Explanation::of(&loaded.profile).to_string();
+    for words in [
+        "K0, Cz at the reference position: +1 µm is +10 counts",
+        "tanβ, which the control multiplies by the distance from the reference position: +0.001 µm/mm is +10 counts",
+        "which is ±40 µm at 300 mm",
+        "P0, the reference position: always -50 mm",
+    ] {
+        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+    }
+}
+
+#[test]
+fn a_line_that_cannot_be_applied_is_refused() {
+    for (from, to, key, words) in [
+        ("travel = [-350.0, 0.0], ", "", "axis.z.model[0].slope.travel", "it bounds what a slope"),
+        ("writes = \"reference\"", "writes = \"offset\"", "output.p0.writes", "act twice"),
+        ("writes = \"intercept\"", "writes = \"slope\"", "axis.z", "writes its intercept (K0)"),
+        ("rate = 0.5", "rate = 0.5\ndiameter = true", "axis.z.diameter", "to the radius"),
+        (
+            "scale = 0.0001\n\n[output.p0]",
+            "scale = 0.01\n\n[output.p0]",
+            "output.slope_z.scale",
+            "one count is 3 µm",
+        ),
+    ] {
+        let found = errors(parse(&line_of(from, to)));
+        let there = found.iter().any(|error| error.key == key && error.to_string().contains(words));
+        assert!(there, "{}", Errors(found.clone()));
+    }
+    let text = line_of("kind = \"linear\"", "kind = \"linear\"").replacen(SLOPE, "kind = \"linear\"", 1);
+    assert!(errors(parse(&text))[0].to_string().contains("no model of `z` has a slope"));
+}

@@ -9,6 +9,7 @@ use crate::quantity::Moment;
 use crate::reading::{Reading, Reason};
 
 mod lags;
+mod models;
 
 fn replayed(profile: &Profile, log: &str) -> (Summary, Vec<Vec<String>>) {
     let mut out = Vec::new();
@@ -180,7 +181,7 @@ fn log_of(profile: &Profile, day: &[Event]) -> String {
         let controls = event.controls.map(|(permit, found)| Control {
             permit,
             take_over: found.and_then(Micron::new),
-            ..Control::default()
+            take_over_slope: found.and_then(|found| Micron::new(-0.5 * found)),
         });
         let snapshot = Snapshot { now, readings: &readings };
         if compensation.step(&snapshot, &controls).anything {

@@ -51,6 +51,8 @@ pub struct Slope {
     pub position: SignalId,
     /// P0: where the slope adds nothing, mm.
     pub reference: f64,
+    /// The ends of the axis's travel, mm, where they are known.
+    pub travel: Option<(f64, f64)>,
     /// Added up.
     pub terms: Vec<Term>,
 }

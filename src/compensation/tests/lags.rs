@@ -187,7 +187,12 @@ fn a_lag_goes_on_while_its_axis_is_off() {
 #[test]
 fn m5_a_slope_adds_its_share_by_the_distance() {
     let position = SignalId(3);
-    let slope = Slope { position, reference: 0.0, terms: vec![term(BED, 0.007, Reference::Fixed(20.0))] };
+    let slope = Slope {
+        position,
+        reference: 0.0,
+        travel: None,
+        terms: vec![term(BED, 0.007, Reference::Fixed(20.0))],
+    };
     let linear = Linear { offset: 0.0, terms: Vec::new(), slope: Some(slope) };
     let model = |linear: &Linear| Model {
         name: "slope".to_owned(),

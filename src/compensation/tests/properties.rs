@@ -33,8 +33,15 @@ fn any_axis() -> impl Strategy<Value = AxisSettings> {
         Just(OnFault::Zero),
         (0u64..120).prop_map(|after| OnFault::Ramp { after: Duration::from_secs(after) })
     ];
-    ((0.1..100.0, 0.001..20.0, 1e-4..50.0, 0.0..1.0, count), on_fault, 1u64..600_000).prop_map(
-        |((limit, step, rate, deadband, count), on_fault, every)| AxisSettings {
+    let lag = (1u64..20_000).prop_map(|lag| Some(Duration::from_secs(lag)));
+    let apart = prop::option::weighted(0.3, prop::option::of(0.01..3.0f64))
+        .prop_map(|apart| apart.map(|count| Apart { reference: 0.0, reach: 300.0, count: count.map(um) }));
+    let inclined = (lag, apart, any::<bool>());
+    ((0.1..100.0, 0.001..20.0, 1e-4..50.0, 0.0..1.0, count), on_fault, 1u64..600_000, inclined).prop_map(
+        |((limit, step, rate, deadband, count), on_fault, every, (lag, apart, zero))| AxisSettings {
+            levels: Levels { warn: None, error: zero.then(|| um(3.0 * limit)) },
+            datum: if zero { Datum::Zero } else { Datum::Model },
+            apart,
             guard: GuardSettings {
                 limit: um(limit),
                 step: um(step),
@@ -45,11 +52,23 @@ fn any_axis() -> impl Strategy<Value = AxisSettings> {
             every: Duration::from_millis(every),
             on_fault,
             ..axis(vec![
-                linear(
-                    "rise",
-                    0.0,
-                    &[term(BED, 2.0, Reference::Start), term(WHEELHEAD, -1.0, Reference::Zero)],
-                ),
+                Model {
+                    envelope: None,
+                    name: "rise".to_owned(),
+                    kind: Kind::Linear(Linear {
+                        offset: 0.0,
+                        terms: vec![
+                            Term { lag, ..term(BED, 2.0, Reference::Start) },
+                            Term { lag, ..term(WHEELHEAD, -1.0, Reference::Zero) },
+                        ],
+                        slope: Some(Slope {
+                            position: ON,
+                            reference: 0.0,
+                            travel: None,
+                            terms: vec![Term { lag, ..term(BED, 0.01, Reference::Fixed(20.0)) }],
+                        }),
+                    }),
+                },
                 difference(),
                 bed_only(),
             ])
@@ -83,14 +102,17 @@ proptest! {
             settle: Duration::from_secs(settle),
             signals: 4,
         };
+        let slope_count = axis.apart.and_then(|apart| apart.count);
         let mut rig = Rig::with(settings, axis);
-        let mut last = Micron::ZERO;
+        let (mut last, mut last_slope) = (Micron::ZERO, Micron::ZERO);
         let mut nanos = 1_700_000_000_000_000_000u64;
         for (jump, values, permit, found) in looks {
             nanos = nanos.saturating_add_signed(jump);
             rig.now = Moment::from_nanos(nanos);
             rig.values = values;
-            rig.control = Control { permit, take_over: found.map(um), ..Control::default() };
+            let found_slope = found.filter(|_| rig.compensation.axes[0].settings.apart.is_some());
+            let take_over_slope = found_slope.map(|found| um(found / 2.0));
+            rig.control = Control { permit, take_over: found.map(um), take_over_slope };
             let before = rig.compensation.decision(0).unwrap().at;
             let decision = rig.step();
             if let Some(found) = found {
@@ -101,6 +123,11 @@ proptest! {
                 prop_assert!((decision.cz - last).abs().get() <= guard.step.get() + 1e-9, "{last:?} to {decision:?}");
             }
             prop_assert!(decision.cz.abs() <= guard.limit, "{:?}", decision);
+            let grain = slope_count.filter(|_| take_over_slope.is_some()).map_or(0.0, Micron::get);
+            last_slope = take_over_slope.map_or(last_slope, |found| found.clamp_to(guard.limit));
+            prop_assert!((decision.slope - last_slope).abs().get() <= guard.step.get() + grain + 1e-9, "{decision:?}");
+            prop_assert!(decision.slope.abs() <= guard.limit, "{:?}", decision);
+            last_slope = decision.slope;
             if let Some(count) = guard.count {
                 let counts = decision.cz.get() / count.get();
                 prop_assert!((counts - counts.round()).abs() < 1e-6, "{:?}", decision);

@@ -8,7 +8,7 @@ use crate::fieldbus::wire::{Answer, Request};
 use crate::gateway::output::Standing;
 use crate::gateway::poll;
 use crate::gateway::shared::Shared;
-use crate::gateway::words::{can_be_read, cz_factor, in_micron, words_in_text};
+use crate::gateway::words::{can_be_read, cz_factor, in_micron, within_limit, words_in_text};
 use crate::observe::events::Event;
 use crate::profile::{Output, Verify};
 use crate::quantity::{Micron, Moment};
@@ -89,9 +89,7 @@ impl Writer {
 
     /// What stands in the register is known again: the axis goes on from there.
     pub(super) fn take_over(&mut self, shared: &Shared, output: &Output, found: Words, now: Moment) {
-        let cz = in_micron(output, cz_factor(&shared.profile, output), &found);
-        let limit = shared.profile.axis(output.axis).settings.guard.limit;
-        let Some(cz) = cz.filter(|cz| cz.abs() <= limit) else {
+        let Some(cz) = within_limit(&shared.profile, output, &found) else {
             return self.leave_alone(shared, output, found, "its register holds a value beyond its limit");
         };
         self.settle(shared, output, found, now, false);
@@ -142,9 +140,7 @@ impl Writer {
                 Ok(found) if found.words() == target.words() => {}
                 Ok(found) => {
                     self.uncertain = None;
-                    let factor = cz_factor(&shared.profile, output);
-                    let limit = shared.profile.axis(output.axis).settings.guard.limit;
-                    if in_micron(output, factor, &found).is_none_or(|cz| cz.abs() > limit) {
+                    if within_limit(&shared.profile, output, &found).is_none() {
                         self.not_ours(shared, output, found, now);
                         return false;
                     }
@@ -186,7 +182,8 @@ impl Writer {
         shared.core().outputs[self.id.0].doubt();
     }
 
-    /// An offset register is known to hold this, because it was read or because it was written. After trouble the axis goes on from there.
+    /// A register is known to hold this, because it was read or because it was written. After trouble the axis goes on
+    /// from there.
     pub(super) fn settle(
         &mut self,
         shared: &Shared,

@@ -6,7 +6,7 @@ use std::io::Read;
 
 use csv::StringRecord;
 
-use super::{DECIDED, ERROR, FROM, MEMORY, PERMIT, TIME, ZERO, time};
+use super::{DECIDED, ERROR, FROM, MEMORY, PERMIT, SLOPE_FROM, TIME, ZERO, time};
 use crate::compensation::{Control, Permit, Remembered};
 use crate::profile::Profile;
 use crate::quantity::{Micron, Moment};
@@ -91,6 +91,7 @@ struct Columns {
 struct AxisColumns {
     permit: Option<usize>,
     from: Option<usize>,
+    slope_from: Option<usize>,
     error: Option<usize>,
     decided: Option<[usize; 5]>,
 }
@@ -230,6 +231,7 @@ impl<R: Read> LogReader<R> {
     /// An axis without a permit in the log is armed, and at the first row finds its register at zero.
     fn control(&self, line: u64, columns: &AxisColumns) -> Result<Control, LogError> {
         let take_over = self.micron(line, columns.from)?;
+        let take_over_slope = self.micron(line, columns.slope_from)?;
         let Some(place) = columns.permit else {
             let at_rest = self.last.is_none().then_some(Micron::ZERO);
             return Ok(Control {
@@ -242,7 +244,7 @@ impl<R: Read> LogReader<R> {
         let permit = Permit::from_name(word).ok_or_else(|| {
             self.error(line, place, format!("`{word}` is none of off, armed, unverified, stopping"))
         })?;
-        Ok(Control { permit, take_over, ..Control::default() })
+        Ok(Control { permit, take_over, take_over_slope })
     }
 
     fn decided(&self, line: u64, columns: &AxisColumns) -> Result<Option<Decided>, LogError> {
@@ -302,7 +304,13 @@ impl Columns {
             let of = |column: &str| at(&format!("{}_{column}", axis.settings.name));
             let [raw, cz, model, state, acted] = DECIDED.map(of);
             let decided = (|| Some([raw?, cz?, model?, state?, acted?]))();
-            AxisColumns { permit: of(PERMIT), from: of(FROM), error: of(ERROR), decided }
+            AxisColumns {
+                permit: of(PERMIT),
+                from: of(FROM),
+                slope_from: of(SLOPE_FROM),
+                error: of(ERROR),
+                decided,
+            }
         });
         Some(Columns {
             time: at(TIME)?,

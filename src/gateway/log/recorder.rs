@@ -2,7 +2,7 @@
 
 use std::io::Write;
 
-use super::{DECIDED, FROM, MEMORY, PERMIT, TIME, ZERO, time};
+use super::{DECIDED, FROM, MEMORY, PERMIT, SLOPE, SLOPE_FROM, TIME, ZERO, time};
 use crate::compensation::{Control, Decision, Remembered, Snapshot};
 use crate::profile::{Axis, Profile};
 use crate::quantity::Moment;
@@ -12,6 +12,8 @@ use crate::quantity::Moment;
 pub struct Recorder {
     /// By axis and model, ready to stand in a cell.
     models: Vec<Vec<String>>,
+    /// By axis: the control is given the slope.
+    apart: Vec<bool>,
     memory: Option<String>,
     zeroed: Option<Moment>,
     line: Vec<u8>,
@@ -22,7 +24,8 @@ impl Recorder {
     pub fn new(profile: &Profile) -> Recorder {
         let names = |axis: &Axis| axis.settings.models.iter().map(|model| cell(&model.name)).collect();
         let models = profile.axes.iter().map(names).collect();
-        Recorder { models, memory: None, zeroed: None, line: Vec::with_capacity(512) }
+        let apart = profile.axes.iter().map(|axis| axis.settings.apart.is_some()).collect();
+        Recorder { models, apart, memory: None, zeroed: None, line: Vec::with_capacity(512) }
     }
 
     /// The first line of a log, with its line break.
@@ -33,7 +36,8 @@ impl Recorder {
             header += &cell(&signal.name);
         }
         for axis in &profile.axes {
-            for column in [PERMIT, FROM].into_iter().chain(DECIDED) {
+            let slope = axis.settings.apart.map(|_| [SLOPE_FROM, SLOPE]);
+            for column in [PERMIT, FROM].into_iter().chain(DECIDED).chain(slope.into_iter().flatten()) {
                 header += ",";
                 header += &cell(&format!("{}_{column}", axis.settings.name));
             }
@@ -63,7 +67,8 @@ impl Recorder {
         for reading in snapshot.readings {
             optional(&mut self.line, reading.usable());
         }
-        for ((control, decision), models) in controls.iter().zip(decisions).zip(&self.models) {
+        let axes = self.models.iter().zip(&self.apart);
+        for ((control, decision), (models, apart)) in controls.iter().zip(decisions).zip(axes) {
             let model = decision.model.and_then(|place| models.get(place)).map_or("", String::as_str);
             let line = &mut self.line;
             text(line, control.permit.name());
@@ -74,6 +79,10 @@ impl Recorder {
             text(line, decision.state.name());
             // Writing to a vector never fails.
             let _ = write!(line, ",{}", decision.acted);
+            if *apart {
+                optional(line, control.take_over_slope.map(|found| found.get()));
+                optional(line, Some(decision.slope.get()));
+            }
         }
         text(&mut self.line, self.memory.take().as_deref().unwrap_or_default());
         text(&mut self.line, "");

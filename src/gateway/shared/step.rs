@@ -4,8 +4,9 @@ use super::{Core, Shared};
 use crate::compensation::{AxisState, Control, Snapshot};
 use crate::gateway::arming::{Arming, Attempt, of_axis};
 use crate::gateway::output::Standing;
+use crate::gateway::words::part;
 use crate::observe::events::Event;
-use crate::profile::{AxisId, OutputId, Profile, Writes};
+use crate::profile::{AxisId, Output, OutputId, Profile, Writes};
 use crate::quantity::{Micron, Moment};
 
 impl Core {
@@ -18,7 +19,8 @@ impl Core {
         }
         for (axis, arming) in self.arming.iter_mut().enumerate() {
             let permit = arming.permit(profile, axis, &self.outputs, self.stopping);
-            self.controls[axis] = Control { permit, take_over: arming.take_over, ..Control::default() };
+            let Arming { take_over, take_over_slope, .. } = *arming;
+            self.controls[axis] = Control { permit, take_over, take_over_slope };
         }
         let snapshot = Snapshot { now, readings: self.board.seen() };
         let stepped = self.compensation.step(&snapshot, &self.controls);
@@ -28,7 +30,7 @@ impl Core {
         self.keeper.record(&snapshot, &self.controls, &self.compensation);
         for (axis, arming) in self.arming.iter_mut().enumerate() {
             if self.compensation.decision(axis).is_some_and(|decision| decision.at == now) {
-                arming.take_over = None;
+                (arming.take_over, arming.take_over_slope) = (None, None);
             }
         }
         self.disarm_tripped(shared);
@@ -55,8 +57,10 @@ impl Core {
             let name = &shared.profile.axes[axis].settings.name;
             match self.arming[axis].attempt(&shared.profile, axis, &self.outputs, ready, beyond) {
                 Attempt::NotYet => {}
-                Attempt::From(from) => {
-                    self.arming[axis] = Arming { armed: true, take_over: Some(from), ..Arming::default() };
+                Attempt::From(from, take_over_slope) => {
+                    let take_over = Some(from);
+                    self.arming[axis] =
+                        Arming { armed: true, take_over, take_over_slope, ..Arming::default() };
                     for (output, state) in shared.profile.outputs.iter().zip(&mut self.outputs) {
                         if output.axis.0 == axis && state.standing == Standing::Foreign {
                             state.standing = Standing::Verified;
@@ -81,12 +85,19 @@ impl Core {
         if decision.state == AxisState::Off || dry_run {
             return true;
         }
-        let count = profile.axes[axis].settings.guard.count.unwrap_or(Micron::ZERO);
+        let settings = &profile.axes[axis].settings;
+        let grain = |output: &Output| match (output.writes, settings.apart) {
+            (Writes::Slope, Some(apart)) => apart.count.unwrap_or(Micron::ZERO),
+            _ => settings.guard.count.unwrap_or(Micron::ZERO),
+        };
+        let is_there = |output: &Output, cz: Micron| {
+            output.writes == Writes::Reference || (cz - part(decision, output.writes)).abs() <= grain(output)
+        };
         of_axis(profile, axis, &self.outputs).all(|(output, state)| match state.standing {
-            Standing::Verified => state.cz.is_some_and(|cz| (cz - decision.cz).abs() <= count),
+            Standing::Verified => state.cz.is_some_and(|cz| is_there(output, cz)),
             // It cannot be written, however long one waits; a position that is not read is not corrected.
             Standing::Interlocked => true,
-            _ => output.writes != Writes::Offset,
+            _ => !output.writes.is_scheduled(),
         })
     }
 
@@ -100,11 +111,15 @@ impl Core {
     /// An output's register was found to hold this much Cz after it had not been known: the axis goes on from there.
     pub(in crate::gateway) fn found(&mut self, profile: &Profile, id: OutputId, cz: Micron) {
         let axis = profile.output(id).axis.0;
-        let first = profile
-            .outputs
-            .iter()
-            .position(|output| output.axis.0 == axis && output.writes == Writes::Offset);
-        if self.arming[axis].armed && first == Some(id.0) {
+        let writes = profile.output(id).writes;
+        let first =
+            profile.outputs.iter().position(|output| output.axis.0 == axis && output.writes == writes);
+        if !self.arming[axis].armed || first != Some(id.0) {
+            return;
+        }
+        if writes == Writes::Slope {
+            self.arming[axis].take_over_slope = Some(cz);
+        } else if writes.is_cz() {
             self.arming[axis].take_over = Some(cz);
         }
     }

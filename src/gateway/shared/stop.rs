@@ -6,7 +6,6 @@ use super::Shared;
 use crate::compensation::AxisState;
 use crate::compensation::settings::OnFault;
 use crate::gateway::output::Standing;
-use crate::profile::Writes;
 
 impl Shared {
     /// A request to stop: the axes take their fault actions. How long that takes at most.
@@ -14,7 +13,11 @@ impl Shared {
         let mut core = self.core();
         core.stopping = true;
         let axes = self.profile.axes.iter().zip(core.compensation.decisions());
-        let longest = axes.map(|(axis, decision)| axis.settings.time_to_rest(decision.cz)).max();
+        // A slope goes to zero beside Cz, in steps of the same size.
+        let times = axes.flat_map(|(axis, decision)| {
+            [decision.cz, decision.slope].map(|way| axis.settings.time_to_rest(way))
+        });
+        let longest = times.max();
         drop(core);
         self.ring();
         // The last value is still to be written and read back, by a device that may be slow.
@@ -44,7 +47,7 @@ impl Shared {
             .outputs
             .iter()
             .zip(&core.outputs)
-            .filter(|(output, _)| output.writes == Writes::Offset)
+            .filter(|(output, _)| output.writes.is_cz())
             .map(|(output, state)| match (state.standing, state.cz) {
                 (Standing::Verified, Some(cz)) => format!("{} holds {cz}", output.name),
                 (_, Some(cz)) => format!("{} held {cz} when it was last verified", output.name),

@@ -2,12 +2,12 @@
 
 use super::{Core, Shared};
 use crate::compensation::{Permit, Unusable};
-use crate::gateway::arming::of_axis;
+use crate::gateway::arming::{has_its_reference, of_axis};
 use crate::gateway::board::Change;
 use crate::gateway::extrapolation;
 use crate::gateway::output::Standing;
 use crate::observe::events::Event;
-use crate::profile::{Arm, Writes};
+use crate::profile::Arm;
 use crate::quantity::Moment;
 use crate::reading::{Reason, SignalId};
 
@@ -77,8 +77,14 @@ impl Core {
             _ => matches!(standing, Standing::Verified | Standing::Unknown),
         };
         let troubled = of_axis(&shared.profile, axis, &self.outputs)
-            .find(|(output, state)| output.writes == Writes::Offset && !is_well(state.standing))
+            .find(|(output, state)| output.writes.is_scheduled() && !is_well(state.standing))
             .map(|(output, state)| format!("output {} is {}", output.name, state.standing.name()));
+        let displaced = of_axis(&shared.profile, axis, &self.outputs)
+            .find(|(output, state)| {
+                permit == Permit::Unverified && !has_its_reference(&shared.profile, output, state)
+            })
+            .map(|(output, _)| format!("output {} does not hold the reference position yet", output.name));
+        let troubled = troubled.or(displaced);
         if decision.tripped {
             return "its model asked for more than the error level".to_owned();
         }

@@ -51,11 +51,12 @@ export function showTables(status) {
     ]);
   }
   for (const output of status.outputs) {
-    const corrected = output.writes === "corrected";
-    const value = corrected ? `${signed(output.value, 4)} mm` : `${signed(output.value, 1)} µm`;
+    const words = { corrected: "corrected position", intercept: "K0", slope: "tanβ", reference: "P0" };
+    const unit = { corrected: "mm", slope: "µm/mm", reference: "mm" }[output.writes] ?? "µm";
+    const value = `${signed(output.value, unit === "µm" ? 1 : 4)} ${unit}`;
     outputs.row(output.name, [
       { text: output.name, small: `axis ${output.axis} → ${output.device}, ${output.register}` },
-      { text: output.value === null ? "–" : value, small: corrected ? "corrected position" : "offset", figure: true },
+      { text: output.value === null ? "–" : value, small: words[output.writes] ?? "offset", figure: true },
       { text: output.state, tone: outputTone(output.state), small: `${count(output.writes_done)} writes` },
       { text: output.age_s === null ? "never" : span(output.age_s), figure: true },
     ]);

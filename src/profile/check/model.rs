@@ -105,7 +105,8 @@ impl Check<'_> {
             let message = format!("a travel from {from} to {to} mm has no length");
             self.wrong(&child(path, "travel"), message, "write the smaller end first, as [-300.0, 0.0]");
         }
-        Some(Slope { position: position?, reference: raw.reference?, terms: terms? })
+        let travel = raw.travel.map(|[from, to]| (from, to));
+        Some(Slope { position: position?, reference: raw.reference?, travel, terms: terms? })
     }
 
     fn term(&mut self, path: &str, raw: &RawTerm, sum: Sum) -> Option<Term> {

@@ -24,6 +24,10 @@ impl Check<'_> {
         for (_, name, path) in self.outputs.each() {
             let output =
                 raw.output.get(&name).and_then(|raw| self.output(&path, &name, raw, devices, signals));
+            outputs.push(output);
+        }
+        self.lines(&mut axes, &outputs);
+        for ((_, _, path), output) in self.outputs.each().into_iter().zip(&outputs) {
             if let Some(output) = &output {
                 self.moves(&path, output, get(&axes, output.axis.0), signals);
                 self.output_times(&path, output, get(&axes, output.axis.0), devices, buses);
@@ -31,7 +35,6 @@ impl Check<'_> {
                     note_count(axis, output);
                 }
             }
-            outputs.push(output);
         }
         (outputs, axes)
     }
@@ -113,15 +116,23 @@ impl Check<'_> {
     fn writes(&mut self, path: &str, raw: &RawOutput, signals: &Signals) -> Option<Writes> {
         let at = child(path, "position");
         match raw.writes? {
-            WritesWord::Offset => {
+            word @ (WritesWord::Offset
+            | WritesWord::Intercept
+            | WritesWord::Slope
+            | WritesWord::Reference) => {
                 if raw.position.is_some() {
                     self.wrong_key(
                         &at,
-                        "an offset has no position",
+                        "only a corrected position has a position",
                         "remove it, or write writes = \"corrected\"",
                     );
                 }
-                Some(Writes::Offset)
+                Some(match word {
+                    WritesWord::Intercept => Writes::Intercept,
+                    WritesWord::Slope => Writes::Slope,
+                    WritesWord::Reference => Writes::Reference,
+                    _ => Writes::Offset,
+                })
             }
             WritesWord::Corrected => {
                 let Some(name) = &raw.position else {
@@ -132,11 +143,6 @@ impl Check<'_> {
                 let position = self.signal(&at, name)?;
                 self.in_millimetres(&at, name, get(signals, position.0));
                 Some(Writes::Corrected { position })
-            }
-            WritesWord::Intercept | WritesWord::Slope | WritesWord::Reference => {
-                let what = "outputs that write intercept, slope or reference";
-                self.not_built(&child(path, "writes"), what, Some("\"offset\" and \"corrected\" are there"));
-                None
             }
         }
     }
@@ -153,7 +159,7 @@ impl Check<'_> {
     fn output_scale(&mut self, path: &str, raw: &RawOutput, data_type: Option<DataType>) -> Option<f64> {
         let whole = data_type?.integer_range().is_some();
         if raw.scale.is_none() && whole {
-            let help = "write the value of one count: µm where it writes an offset, mm where it writes a corrected position";
+            let help = "write the value of one count: µm of an offset or intercept, µm/mm of a slope, mm of a position";
             self.missing(path, "scale", "`scale` is missing: what is one count worth?", help);
             return None;
         }
@@ -203,7 +209,9 @@ impl Check<'_> {
         let factor = if axis.diameter { 2.0 } else { 1.0 };
         let limit = guard.limit.get() * factor;
         let reach = match output.writes {
-            Writes::Offset => Some((-limit, limit)),
+            Writes::Offset | Writes::Intercept => Some((-limit, limit)),
+            Writes::Slope => axis.settings.apart.map(|apart| (-limit / apart.reach, limit / apart.reach)),
+            Writes::Reference => axis.settings.apart.map(|apart| (apart.reference, apart.reference)),
             Writes::Corrected { position } => get(signals, position.0)
                 .and_then(|signal| signal.range)
                 .map(|(from, to)| (from - limit / MICRONS, to + limit / MICRONS)),
@@ -211,7 +219,7 @@ impl Check<'_> {
         if let Some((from, to)) = reach
             && (encoding.encode(from).saturated || encoding.encode(to).saturated)
         {
-            let unit = if output.writes == Writes::Offset { "µm" } else { "mm" };
+            let unit = output.writes.unit();
             let name = encoding.data_type.name();
             let message = format!(
                 "{from} to {to} {unit} do not fit {name} at {} {unit} per count with bias {}: it holds {low} to {high} counts",
@@ -225,7 +233,12 @@ impl Check<'_> {
         }
         let count = encoding.scale.abs();
         let step = guard.step.get() * factor;
-        if output.writes == Writes::Offset && step < count * (1.0 - 1e-9) {
+        let count = match (output.writes, axis.settings.apart) {
+            (Writes::Offset | Writes::Intercept, _) => count,
+            (Writes::Slope, Some(apart)) => count * apart.reach,
+            _ => return,
+        };
+        if step < count * (1.0 - 1e-9) {
             let axis = &axis.settings.name;
             let message = format!(
                 "one count is {count} µm, one step of axis `{axis}` is {step} µm: it could never move"
@@ -304,12 +317,18 @@ impl Check<'_> {
 /// The guard decides whole counts of the coarsest register. Cz is doubled on its way to a diameter, so a count there
 /// is worth half.
 fn note_count(axis: &mut Axis, output: &Output) {
-    if output.writes != Writes::Offset || output.encoding.data_type.integer_range().is_none() {
+    if output.encoding.data_type.integer_range().is_none() {
         return;
     }
-    let count = output.encoding.scale.abs() * if axis.diameter { 0.5 } else { 1.0 };
-    let known = axis.settings.guard.count;
-    if known.is_none_or(|known| known.get() < count) {
-        axis.settings.guard.count = Micron::new(count);
+    let count = output.encoding.scale.abs();
+    let coarser = |known: Option<Micron>, count| match known {
+        Some(known) if known.get() >= count => Some(known),
+        _ => Micron::new(count),
+    };
+    if output.writes.is_cz() {
+        let count = count * if axis.diameter { 0.5 } else { 1.0 };
+        axis.settings.guard.count = coarser(axis.settings.guard.count, count);
+    } else if let (Writes::Slope, Some(apart)) = (output.writes, &mut axis.settings.apart) {
+        apart.count = coarser(apart.count, count * apart.reach);
     }
 }

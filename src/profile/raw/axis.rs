@@ -264,7 +264,8 @@ pub(crate) struct RawOutput {
     /// Where it goes.
     #[schemars(required)]
     pub(crate) device: Option<String>,
-    /// corrected: position + Cz; offset: Cz; intercept, slope, reference: the parts of a line.
+    /// corrected: position + Cz; offset: Cz; intercept, slope, reference: K0 (µm), tanβ (µm/mm) and P0 (mm), for a
+    /// control that applies K0 + tanβ·(P − P0) itself.
     #[schemars(required)]
     pub(crate) writes: Option<WritesWord>,
     /// corrected: the scale's signal, in mm.
@@ -280,7 +281,7 @@ pub(crate) struct RawOutput {
     pub(crate) word_order: Option<WordOrderWord>,
     /// The two bytes inside every register are exchanged. Default false.
     pub(crate) byte_swap: Option<bool>,
-    /// offset: µm per count; corrected: mm per count. Required for whole counts; default 1 for f32 and f64.
+    /// offset, intercept: µm per count; slope: µm/mm per count; corrected, reference: mm per count. Required for whole counts; default 1 for f32 and f64.
     pub(crate) scale: Option<f64>,
     /// Added to the raw count. Default 0.
     pub(crate) bias: Option<i64>,

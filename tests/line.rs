@@ -1,0 +1,206 @@
+//! A control that applies K0 + tanβ·(P − P0) itself, and the level beyond which a model is not believed: the gateway
+//! over a real socket, with a device that keeps what is written in the order in which it came.
+#![allow(clippy::unwrap_used, reason = "a test may stop where it stands")]
+
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use isotherm::clock::Clock;
+use isotherm::gateway::{Gateway, Options};
+use isotherm::observe::status::{Source, Status};
+use isotherm::profile;
+
+const PROFILE: &str = r#"
+[machine]
+name = "line"
+[bus.cell]
+type = "modbus-tcp"
+address = "ADDRESS"
+timeout = "20ms"
+[device.cnc]
+bus = "cell"
+unit = 1
+every = "25ms"
+[signal.bed]
+device = "cnc"
+register = "holding:0"
+type = "i16"
+scale = 0.1
+unit = "degC"
+max_age = "5s"
+[signal.scale_y]
+device = "cnc"
+register = "holding:1"
+type = "i16"
+scale = 0.01
+unit = "mm"
+max_age = "5s"
+[axis.y]
+limit = 40.0
+warn = 4.5
+error = 60.0
+step = 1.0
+rate = 100.0
+every = "50ms"
+on_fault = { action = "zero" }
+[[axis.y.model]]
+name = "line"
+kind = "linear"
+terms = [ { signal = "bed", gain = 1.0, reference = 20.0 } ]
+slope = { position = "scale_y", reference = -50.0, travel = [-350.0, 0.0], terms = [ { signal = "bed", gain = 0.007, reference = 20.0 } ] }
+[output.tan_beta]
+axis = "y"
+device = "cnc"
+writes = "slope"
+register = "holding:11"
+type = "i16"
+scale = 0.001
+[output.k0]
+axis = "y"
+device = "cnc"
+writes = "intercept"
+register = "holding:10"
+type = "i16"
+scale = 0.1
+[output.p0]
+axis = "y"
+device = "cnc"
+writes = "reference"
+register = "holding:12"
+type = "i16"
+scale = 0.01
+"#;
+
+/// Twenty holding registers, and every write with its value in order.
+#[derive(Default)]
+struct Bank {
+    words: [u16; 20],
+    written: Vec<(u16, u16)>,
+}
+
+fn serve(bank: &Arc<Mutex<Bank>>) -> SocketAddr {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    let bank = bank.clone();
+    std::thread::spawn(move || {
+        for stream in listener.incoming() {
+            let bank = bank.clone();
+            std::thread::spawn(move || answer(stream.unwrap(), &bank));
+        }
+    });
+    address
+}
+
+fn answer(mut stream: TcpStream, bank: &Mutex<Bank>) {
+    let mut request = [0u8; 12];
+    while stream.read_exact(&mut request).is_ok() {
+        let word = |at: usize| u16::from_be_bytes([request[at], request[at + 1]]);
+        let (from, second) = (word(8), word(10));
+        let mut reply = request[..8].to_vec();
+        let mut bank = bank.lock().unwrap();
+        if request[7] == 3 {
+            reply.push(u8::try_from(2 * second).unwrap());
+            let (from, count) = (usize::from(from), usize::from(second));
+            reply.extend(bank.words[from..from + count].iter().flat_map(|word| word.to_be_bytes()));
+        } else {
+            bank.words[usize::from(from)] = second;
+            bank.written.push((from, second));
+            reply.extend_from_slice(&request[8..12]);
+        }
+        let length = u16::try_from(reply.len() - 6).unwrap();
+        reply[4..6].copy_from_slice(&length.to_be_bytes());
+        drop(bank);
+        if stream.write_all(&reply).is_err() {
+            return;
+        }
+    }
+}
+
+/// Runs the gateway beside what `script` does with its state; the script's end stops it.
+fn beside(bank: &Arc<Mutex<Bank>>, script: impl FnOnce(&dyn Source) + Send + 'static) {
+    let text = PROFILE.replace("ADDRESS", &serve(bank).to_string());
+    let loaded = profile::parse(Path::new("line.toml"), &text, &[], &[]);
+    let profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let gateway = Gateway::new(profile, &Clock::wall(), Options::default());
+        let source = gateway.source();
+        let done = tokio::task::spawn_blocking(move || script(source.as_ref()));
+        let (tell, told) = tokio::sync::oneshot::channel();
+        let stop = async move { drop(tell.send(done.await)) };
+        gateway.run(stop, std::future::pending()).await;
+        told.await.unwrap().unwrap();
+    });
+}
+
+#[track_caller]
+fn wait_until(source: &dyn Source, what: &str, found: impl Fn(&Status) -> bool) {
+    let clock = Clock::wall();
+    let begun = clock.now();
+    loop {
+        let status = source.status();
+        if found(&status) {
+            return;
+        }
+        let events: Vec<&str> = status.events.iter().map(|event| event.text.as_str()).collect();
+        assert!(clock.now().since(begun) < Duration::from_secs(20), "{what}: {:?} {events:#?}", status.axes);
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+fn signed(word: u16) -> i16 {
+    i16::from_be_bytes(word.to_be_bytes())
+}
+
+#[test]
+fn the_reference_position_comes_first_and_both_parts_walk_to_their_values() {
+    let bank = Arc::new(Mutex::new(Bank::default()));
+    bank.lock().unwrap().words[0] = 250;
+    let seen = bank.clone();
+    beside(&bank, move |source| {
+        wait_until(source, "K0 and tanβ arrive", |_| {
+            let bank = seen.lock().unwrap();
+            bank.words[10..13] == [50, 35, 0u16.wrapping_sub(5000)]
+        });
+        wait_until(source, "it is told", |status| status.axes[0].warned);
+    });
+    let bank = bank.lock().unwrap();
+    assert_eq!(bank.written[0], (12, 0u16.wrapping_sub(5000)), "{:?}", bank.written);
+    for (register, per_count) in [(10, 0.1), (11, 0.001 * 300.0)] {
+        let values = bank.written.iter().filter(|(at, _)| *at == register).map(|(_, word)| signed(*word));
+        let mut last = 0;
+        for value in values {
+            assert!(
+                f64::from(value - last).abs() * per_count <= 1.0 + 1e-9,
+                "{register}: {:?}",
+                bank.written
+            );
+            last = value;
+        }
+        assert_eq!(last, 0, "stopping takes it to zero");
+    }
+}
+
+#[test]
+fn beyond_the_error_level_the_axis_goes_to_zero_and_stays_off_until_it_is_armed() {
+    use isotherm::observe::status::Command;
+    let bank = Arc::new(Mutex::new(Bank::default()));
+    bank.lock().unwrap().words[0] = 250;
+    let seen = bank.clone();
+    beside(&bank, move |source| {
+        let set_bed = |tenths: u16| seen.lock().unwrap().words[0] = tenths;
+        wait_until(source, "it follows", |status| status.axes[0].state == "active");
+        set_bed(1000);
+        wait_until(source, "it is off", |status| !status.axes[0].armed && status.axes[0].state == "off");
+        assert_eq!(seen.lock().unwrap().words[10..12], [0, 0]);
+        let told = source.status().event_counts;
+        assert_eq!((told.get("beyond-error"), told.get("disarmed")), (Some(&1), Some(&1)), "{told:?}");
+        source.command(Command::Arm).unwrap();
+        wait_until(source, "it says why not", |status| status.event_counts.contains_key("arm-refused"));
+        set_bed(250);
+        wait_until(source, "it follows again", |status| status.axes[0].state == "active");
+    });
+}
