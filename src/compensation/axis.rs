@@ -173,7 +173,8 @@ impl Axis {
         if let Some(found) = control.take_over {
             self.guard.take_over(found, &self.settings.guard);
         }
-        if let Some(found) = control.take_over_slope {
+        // An axis without a line of its own has no slope to go on from.
+        if let Some(found) = control.take_over_slope.filter(|_| self.settings.apart.is_some()) {
             self.slope_guard.take_over(found, &self.slope_settings());
         }
         self.note_error_level(chosen, control.permit);
