@@ -60,8 +60,9 @@ impl Core {
             };
             let arming = &mut self.arming[place];
             arming.tripped = arming.armed && decision.tripped;
-            let (asked, written) = (arming.asked, self.has_arrived(&shared.profile, place, shared.dry_run));
-            if self.arming[place].tripped && ended && written && !self.stopping {
+            let asked = arming.asked;
+            let over = arming.tripped && ended && !self.stopping;
+            if over && self.has_arrived(&shared.profile, place, shared.dry_run) {
                 let why =
                     "its model asked for more than the error level; arm it again when the cause is found";
                 let told = self.disarm(AxisId(place), &axis.settings.name, why);

@@ -51,6 +51,9 @@ impl Core {
             return;
         }
         for axis in 0..self.arming.len() {
+            if self.arming[axis].armed {
+                continue;
+            }
             let snapshot = Snapshot { now, readings: self.board.seen() };
             let ready = self.compensation.has_usable_model(axis, &snapshot);
             let beyond = self.compensation.beyond_error(axis, &snapshot);
