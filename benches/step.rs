@@ -134,7 +134,9 @@ fn weight(place: usize) -> f64 {
 }
 
 fn inputs(count: usize) -> Vec<Input> {
-    (0..count).map(|place| Input { signal: SignalId(place), reference: Reference::Fixed(20.0) }).collect()
+    (0..count)
+        .map(|place| Input { signal: SignalId(place), reference: Reference::Fixed(20.0), lag: None })
+        .collect()
 }
 
 /// What is in files: 64 blocks and 8 points of a guideway, which is a matrix of 24 rows; networks of 30-16-1.

@@ -86,7 +86,7 @@ impl Axis {
     pub(super) fn recall(&mut self, remembered: &AxisRemembered) {
         for (model, lags) in self.settings.models.iter().zip(&mut self.lags) {
             for ((place, term), lag) in model.terms().enumerate().zip(lags) {
-                *lag = remembered.lag(&model.name, place, term);
+                *lag = remembered.lag(&model.name, place, &term);
             }
         }
         if self.settings.datum == Datum::Zero {
@@ -103,7 +103,7 @@ impl Axis {
     pub(super) fn follow(&mut self, snapshot: &Snapshot<'_>, machine: &Machine) {
         for (model, lags) in self.settings.models.iter().zip(&mut self.lags) {
             for (term, lag) in model.terms().zip(lags) {
-                lag.follow(term, snapshot, machine);
+                lag.follow(&term, snapshot, machine);
             }
         }
     }

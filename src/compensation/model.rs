@@ -103,13 +103,16 @@ pub trait Evaluate {
 }
 
 impl Model {
-    /// Its terms, those of the slope last.
-    pub fn terms(&self) -> impl Iterator<Item = &Term> {
-        let linear = match &self.kind {
-            Kind::Linear(linear) => Some(linear),
-            Kind::Formula(_) | Kind::Matrix(_) | Kind::Network(_) => None,
+    /// What may lag, in order, one [`Lag`] for each: its terms, those of the slope last; the inputs of a matrix or a
+    /// network, as terms of gain 1.
+    pub fn terms(&self) -> impl Iterator<Item = Term> + '_ {
+        let (linear, inputs) = match &self.kind {
+            Kind::Linear(linear) => (Some(linear), &[][..]),
+            Kind::Formula(_) => (None, &[][..]),
+            Kind::Matrix(matrix) => (None, matrix.blocks()),
+            Kind::Network(network) => (None, network.reads()),
         };
-        linear.into_iter().flat_map(Linear::all_terms)
+        linear.into_iter().flat_map(Linear::all_terms).copied().chain(inputs.iter().map(Input::term))
     }
 
     /// What it asks for now, and where its inputs lie.

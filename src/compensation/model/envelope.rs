@@ -4,7 +4,7 @@
 //! `d = √((x − m)ᵀ·S⁻¹·(x − m))` of all of them together is at most the reach r. How far outside is one number:
 //! the excess `e = max(d/r − 1, largest (distance beyond min or max) / (max − min))`.
 
-use super::{Input, Known, Unusable};
+use super::{Input, Known, Lag, Unusable};
 use crate::reading::SignalId;
 
 /// Most inputs of an envelope: a step keeps its numbers in a place of fixed size.
@@ -135,7 +135,7 @@ impl Envelope {
     pub fn look(&self, known: &Known<'_>) -> Result<Option<Extrapolation>, Unusable> {
         let mut rises = [0.0; MOST];
         for (rise, identified) in rises.iter_mut().zip(&self.inputs) {
-            *rise = identified.input.rise(known)?;
+            *rise = identified.input.rise(known, Lag::default())?;
         }
         Ok(self.judge(&rises))
     }

@@ -109,8 +109,9 @@ impl Evaluate for Matrix {
     fn evaluate(&self, known: &Known<'_>) -> Result<Asked, Unusable> {
         let position = known.snapshot.value(self.position).ok_or(Unusable::Signal(self.position))?;
         let mut cz = 0.0;
+        let mut lags = known.lags.iter().copied();
         for (input, gain) in self.inputs.iter().zip(self.gains_at(position)) {
-            cz += gain * input.rise(known)?;
+            cz += gain * input.rise(known, lags.next().unwrap_or_default())?;
         }
         Ok(Asked { cz, slope: 0.0 })
     }

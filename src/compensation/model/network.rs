@@ -105,8 +105,9 @@ impl Network {
 impl Evaluate for Network {
     fn evaluate(&self, known: &Known<'_>) -> Result<Asked, Unusable> {
         let mut rises = [0.0; WIDEST];
+        let mut lags = known.lags.iter().copied();
         for (rise, input) in rises.iter_mut().zip(&self.inputs) {
-            *rise = input.rise(known)?;
+            *rise = input.rise(known, lags.next().unwrap_or_default())?;
         }
         Ok(Asked { cz: self.net.output(&rises[..self.inputs.len()]), slope: 0.0 })
     }

@@ -9,7 +9,7 @@ use crate::compensation::model::{Envelope, Input, Outside};
 /// `Cz = 2·(bed − 20)`, identified on 18 to 28 °C.
 fn model(outside: Outside) -> Model {
     let mut model = linear("rise", 0.0, &[term(BED, 2.0, Reference::Fixed(20.0))]);
-    let input = Input { signal: BED, reference: Reference::Fixed(0.0) };
+    let input = Input { signal: BED, reference: Reference::Fixed(0.0), lag: None };
     let known = Identified { input, mean: 23.0, range: (18.0, 28.0) };
     model.envelope = Some(Envelope::new(vec![known], &[vec![9.0]], None, outside).unwrap());
     model

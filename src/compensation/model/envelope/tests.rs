@@ -4,7 +4,7 @@ use super::*;
 use crate::compensation::model::Reference;
 
 fn known(mean: f64, min: f64, max: f64) -> Identified {
-    let input = Input { signal: SignalId(0), reference: Reference::Fixed(0.0) };
+    let input = Input { signal: SignalId(0), reference: Reference::Fixed(0.0), lag: None };
     Identified { input, mean, range: (min, max) }
 }
 
