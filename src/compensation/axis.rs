@@ -4,11 +4,11 @@ use std::time::Duration;
 
 use super::datum::Zeroing;
 use super::guard::{Guard, Pace};
-use super::model::{Known, Lag, Outside, Wanted};
+use super::model::{CLEARLY_INSIDE, Known, Lag, Outside, Place, Wanted};
 use super::reference::Machine;
 use super::remembered::AxisRemembered;
 use super::settings::{Apart, AxisSettings, Datum, GuardSettings, MachineSettings, OnFault};
-use super::{AxisState, Control, Decision, Extrapolation, Permit, Snapshot, Stages, Unusable};
+use super::{AxisState, Control, Decision, Permit, Snapshot, Stages, Unusable};
 use crate::quantity::{Micron, Moment};
 
 #[derive(Clone, Debug)]
@@ -23,6 +23,8 @@ pub(super) struct Axis {
     permit: Permit,
     /// The model asked for more than the error level since it was armed.
     tripped: bool,
+    /// It keeps its value because the model's inputs lie outside its envelope.
+    kept_outside: bool,
     stepped: Option<Moment>,
     pub(super) due: Option<Moment>,
     pub(super) decision: Decision,
@@ -37,19 +39,8 @@ pub(super) struct Chosen {
     pub(super) raw: Micron,
     /// What the slope comes to at the reach.
     slope: Micron,
-    /// How far the machine is from what the model was identified on.
-    extrapolating: Option<Extrapolation>,
-}
-
-impl Chosen {
-    /// Outside the region it was identified on, and not to be followed there.
-    fn keeps(&self) -> bool {
-        is_kept(self.extrapolating)
-    }
-}
-
-fn is_kept(extrapolating: Option<Extrapolation>) -> bool {
-    extrapolating.is_some_and(|found| found.outside == Outside::Hold)
+    /// Where the machine is in or outside what the model was identified on.
+    place: Option<Place>,
 }
 
 impl Axis {
@@ -65,6 +56,7 @@ impl Axis {
             lacks: None,
             tripped: false,
             extrapolating: None,
+            excess: None,
         };
         let lags = settings.models.iter().map(|model| model.terms().map(|_| Lag::default()).collect());
         Axis {
@@ -76,6 +68,7 @@ impl Axis {
             state: AxisState::Off,
             permit: Permit::Off,
             tripped: false,
+            kept_outside: false,
             stepped: None,
             due: None,
             decision,
@@ -149,15 +142,15 @@ impl Axis {
 
     /// Where its envelope shrinks, what is left of the datum shrinks with it: far outside Cz goes to zero.
     fn chosen(&self, model: usize, wanted: Wanted) -> Option<Chosen> {
-        let Wanted { asked, extrapolating } = wanted;
+        let Wanted { asked, place } = wanted;
         let datum = self.zeroing.of(model);
-        let gain = extrapolating.map_or(1.0, |found| found.gain);
+        let gain = place.and_then(|place| place.extrapolating).map_or(1.0, |found| found.gain);
         let reach = self.settings.apart.map_or(0.0, |apart| apart.reach);
         Some(Chosen {
             model,
             raw: Micron::new((asked.cz - datum.cz) * gain)?,
             slope: Micron::new((asked.slope - datum.slope) * gain * reach)?,
-            extrapolating,
+            place,
         })
     }
 
@@ -179,7 +172,10 @@ impl Axis {
         }
         self.note_error_level(chosen, control.permit);
         let followed = chosen.filter(|_| !self.tripped);
-        self.state = self.next_state(now, followed.as_ref(), control.permit);
+        let keeps =
+            control.permit == Permit::Armed && followed.is_some_and(|chosen| self.keeps_outside(&chosen));
+        self.state = self.next_state(now, followed.map(|chosen| chosen.model), control.permit, keeps);
+        self.kept_outside = keeps;
         let (cz, slope, acted) = self.guarded(followed, dt);
         if self.state == AxisState::Ramping && cz == Micron::ZERO && slope == Micron::ZERO {
             self.state = AxisState::Zeroed;
@@ -194,7 +190,8 @@ impl Axis {
             acted,
             lacks,
             tripped: self.tripped,
-            extrapolating: chosen.and_then(|chosen| chosen.extrapolating),
+            extrapolating: chosen.and_then(|chosen| chosen.place?.extrapolating),
+            excess: chosen.and_then(|chosen| chosen.place).map(|place| place.excess),
         };
         self.due = Some(self.next_due(now));
         self.permit = control.permit;
@@ -258,10 +255,20 @@ impl Axis {
         }
     }
 
-    fn next_state(&self, now: Moment, followed: Option<&Chosen>, permit: Permit) -> AxisState {
-        let keeps =
-            permit == Permit::Held || (permit == Permit::Armed && followed.is_some_and(Chosen::keeps));
-        match (permit, followed.map(|chosen| chosen.model)) {
+    /// Outside the region the model was identified on, and not to be followed there until clearly inside again.
+    fn keeps_outside(&self, chosen: &Chosen) -> bool {
+        let envelope = self.settings.models.get(chosen.model).and_then(|model| model.envelope.as_ref());
+        let Some(place) = chosen.place.filter(|_| envelope.is_some_and(|e| e.outside() == Outside::Hold))
+        else {
+            return false;
+        };
+        let begins = place.extrapolating.is_some_and(|found| found.outside == Outside::Hold);
+        begins || (self.kept_outside && place.extrapolating.is_none() && place.excess >= CLEARLY_INSIDE)
+    }
+
+    fn next_state(&self, now: Moment, followed: Option<usize>, permit: Permit, outside: bool) -> AxisState {
+        let keeps = permit == Permit::Held || outside;
+        match (permit, followed) {
             (Permit::Off, _) => AxisState::Off,
             // It never took over what stands in the register, so there is nothing of its own to bring back.
             (Permit::Stopping, _) if self.state == AxisState::Off => AxisState::Off,
@@ -281,7 +288,7 @@ impl Axis {
             AxisState::Ramping | AxisState::Zeroed if self.is_at_zero() => return AxisState::Zeroed,
             AxisState::Ramping | AxisState::Zeroed => return AxisState::Ramping,
             // What was kept outside an envelope was no fault: the fault begins now.
-            AxisState::Holding(_) if self.kept_outside() => now,
+            AxisState::Holding(_) if self.kept_outside => now,
             // Where time went back, the hold does not wait for the moment at which it began to come again.
             AxisState::Holding(since) => since.min(now),
             AxisState::Off | AxisState::Active | AxisState::Degraded => now,
@@ -292,12 +299,6 @@ impl Axis {
             OnFault::Zero => true,
         };
         if leaves { AxisState::Ramping } else { AxisState::Holding(since) }
-    }
-
-    /// The last decision kept the value because the model's inputs lay outside its envelope.
-    fn kept_outside(&self) -> bool {
-        let last = &self.decision;
-        self.permit == Permit::Armed && !last.tripped && is_kept(last.extrapolating)
     }
 
     fn is_at_zero(&self) -> bool {

@@ -120,10 +120,14 @@ pub struct AxisStatus {
     pub warned: bool,
     /// The size of a model's Cz at which the axis gives up, µm.
     pub error_um: Option<f64>,
+    /// A model asked for more than that since the axis was armed.
+    pub tripped: bool,
     /// It may write.
     pub armed: bool,
     /// The inputs lie outside what the model in use was identified on.
     pub extrapolating: Option<ExtrapolationStatus>,
+    /// How far outside that is, as a share: above 0 outside, negative inside; `None` where the model has no region.
+    pub excess: Option<f64>,
 }
 
 /// How far a model's inputs lie outside what it was identified on.

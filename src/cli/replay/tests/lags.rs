@@ -1,6 +1,9 @@
 use super::*;
+use crate::compensation::model::envelope::Identified;
 use crate::compensation::model::network::{Activation, Layer, Layers, Net, Scaling};
-use crate::compensation::model::{Input, Kind, Linear, Matrix, Model, Network, Reference, Term};
+use crate::compensation::model::{
+    Envelope, Input, Kind, Linear, Matrix, Model, Network, Outside, Reference, Term,
+};
 use crate::compensation::settings::Datum;
 use crate::reading::SignalId;
 
@@ -76,10 +79,13 @@ fn lagging_files(reference: Reference) -> [Model; 2] {
     let layers = Layers::new(Scaling::new(&[0.0; 2], &[1.0; 2]).unwrap(), vec![layer], (0.0, 1.0)).unwrap();
     let network = Network::new("n.json", Net::Layers(layers), vec![other, input]).unwrap();
     let matrix = Matrix::new("m.json", vec![input], SignalId(3), vec![0.0, 1.0], vec![gain, gain]).unwrap();
+    // Kept outside of it, which an axis also goes by from step to step.
+    let known = Identified { input: Input { lag: None, ..input }, mean: 0.0, range: (-6.0, 6.0) };
+    let envelope = Envelope::new(vec![known], &[vec![900.0]], None, Outside::Hold).unwrap();
     [("matrix", Kind::Matrix(matrix)), ("network", Kind::Network(network))].map(|(name, kind)| Model {
         name: name.to_owned(),
         kind,
-        envelope: None,
+        envelope: Some(envelope.clone()),
     })
 }
 

@@ -48,7 +48,7 @@ fn between_two_points_it_is_interpolated_linearly() {
 
 #[test]
 fn beyond_the_ends_it_stays_and_says_so() {
-    let beyond = |at| with([22.0, 22.0, at], |snapshot| matrix().beyond(snapshot));
+    let beyond = |at| with([22.0, 22.0, at], |snapshot| matrix().place(snapshot).unwrap().extrapolating);
     for (at, expected, by) in [(-35.0, 4.0, -35.0), (1250.0, 26.0, 250.0), (1e300, 26.0, 1e300)] {
         assert!((cz(22.0, 22.0, at).unwrap() - expected).abs() < 1e-9, "{at} mm");
         let farthest = beyond(at).unwrap().farthest.unwrap();
