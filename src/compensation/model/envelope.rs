@@ -150,7 +150,7 @@ impl Envelope {
     pub fn look(&self, known: &Known<'_>) -> Result<Place, Unusable> {
         let mut rises = [0.0; MOST];
         for (rise, identified) in rises.iter_mut().zip(&self.inputs) {
-            *rise = identified.input.rise(known, Lag::default())?;
+            *rise = identified.input.rise(known, &Lag::NONE)?;
         }
         Ok(self.judge(&rises))
     }

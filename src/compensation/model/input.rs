@@ -26,7 +26,7 @@ impl Input {
     ///
     /// # Errors
     /// The signal cannot be used, or its reference has not been captured.
-    pub fn rise(&self, known: &Known<'_>, lag: Lag) -> Result<f64, Unusable> {
+    pub fn rise(&self, known: &Known<'_>, lag: &Lag) -> Result<f64, Unusable> {
         self.term().rise(known, lag)
     }
 }

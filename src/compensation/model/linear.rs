@@ -62,11 +62,14 @@ impl Term {
     ///
     /// # Errors
     /// The signal cannot be used, or its reference has not been captured.
-    pub(super) fn rise(&self, known: &Known<'_>, lag: Lag) -> Result<f64, Unusable> {
+    pub(super) fn rise(&self, known: &Known<'_>, lag: &Lag) -> Result<f64, Unusable> {
         let value = known.snapshot.value(self.signal).ok_or(Unusable::Signal(self.signal))?;
         let reference =
             known.machine.captured(self.reference, self.signal).ok_or(Unusable::Reference(self.signal))?;
-        Ok(if self.lag.is_some() { lag.rise(self, known) } else { value - reference.value })
+        Ok(match self.lag {
+            Some(_) => lag.rise(self, known, value, reference),
+            None => value - reference.value,
+        })
     }
 }
 
@@ -104,7 +107,7 @@ fn sum<'a>(
 ) -> Result<f64, Unusable> {
     let mut sum = offset;
     for term in terms {
-        sum += term.gain * term.rise(known, lags.next().copied().unwrap_or_default())?;
+        sum += term.gain * term.rise(known, lags.next().unwrap_or(&Lag::NONE))?;
     }
     Ok(sum)
 }

@@ -5,7 +5,7 @@
 //! the axis, as gains of Cz. Between two points of the guideway Cz is interpolated linearly; beyond its ends it stays
 //! what it is at the end, and [`Matrix::place`] says so.
 
-use super::{Asked, Beyond, Evaluate, Extrapolation, Input, Known, Outside, Place, Unusable};
+use super::{Asked, Beyond, Evaluate, Extrapolation, Input, Known, Lag, Outside, Place, Unusable};
 use crate::compensation::Snapshot;
 use crate::reading::SignalId;
 
@@ -111,9 +111,9 @@ impl Evaluate for Matrix {
     fn evaluate(&self, known: &Known<'_>) -> Result<Asked, Unusable> {
         let position = known.snapshot.value(self.position).ok_or(Unusable::Signal(self.position))?;
         let mut cz = 0.0;
-        let mut lags = known.lags.iter().copied();
+        let mut lags = known.lags.iter();
         for (input, gain) in self.inputs.iter().zip(self.gains_at(position)) {
-            cz += gain * input.rise(known, lags.next().unwrap_or_default())?;
+            cz += gain * input.rise(known, lags.next().unwrap_or(&Lag::NONE))?;
         }
         Ok(Asked { cz, slope: 0.0 })
     }
