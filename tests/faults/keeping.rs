@@ -11,14 +11,9 @@ use isotherm::quantity::Moment;
 use isotherm::virtual_machine::FaultScript;
 
 use crate::law;
-use crate::rig::{BENCH, Trace, World, block_on, profile};
+use crate::rig::{Trace, World, block_on, patient, profile};
 
 const MINUTE: Duration = Duration::from_secs(60);
-
-/// The bench with a patience that a busy computer does not exhaust: runs are compared bit for bit.
-fn patient() -> String {
-    BENCH.replace("100ms", "900ms")
-}
 
 fn kept_in(directory: Option<PathBuf>) -> impl FnOnce(&mut Options) {
     move |options| options.directory = directory
