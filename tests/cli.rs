@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
+use std::io::Write;
 use std::path::Path;
 use std::process::{Command, Output};
 use std::time::Duration;
@@ -282,4 +283,28 @@ fn a_second_signal_ends_it_at_once_and_says_what_is_left() {
     let said = gateway.said.join("\n");
     assert!(said.contains("stopped before the fault actions had come to their end; cnc_z hold"), "{said}");
     assert!(home.path().join("interop.state.json").exists());
+}
+
+#[test]
+fn nobody_reading_what_it_says_does_not_hold_it_up() {
+    let home = tempfile::tempdir().unwrap();
+    let (text, state) = machine(home.path());
+    let profile = file(home.path(), "machine.toml", &text);
+    let _devices = devices(home.path(), &profile);
+    // As full as a pipe can be: whoever writes another word waits for its reader.
+    let (_unread, mut full) = std::io::pipe().unwrap();
+    full.write_all(&[b'x'; 65_536]).unwrap();
+    let mut gateway = isotherm(home.path());
+    gateway.arg("run").arg(&profile).args(["--state", &state]).stderr(full);
+    let mut gateway = gateway.spawn().unwrap();
+    // Its last rows are there only if the loop goes on and the axis has been told about.
+    process::until("it does not go on", || {
+        let mut files = std::fs::read_dir(home.path()).unwrap().map(|entry| entry.unwrap().path());
+        let log = files.find(|path| path.extension().is_some_and(|end| end == "csv"));
+        let text = log.map_or(String::new(), |path| std::fs::read_to_string(path).unwrap());
+        let active = text.matches(",active,").count();
+        if active > 5 { Ok(()) } else { Err(format!("{active} updates")) }
+    });
+    gateway.kill().unwrap();
+    gateway.wait().unwrap();
 }

@@ -6,6 +6,8 @@
 //! far the nearest edge is. Outside begins at the edge, and ends where e is below [`CLEARLY_INSIDE`]: an input that
 //! trembles at the edge is outside once.
 
+use serde::{Deserialize, Serialize};
+
 use super::{Input, Known, Lag, Unusable};
 use crate::reading::SignalId;
 
@@ -17,7 +19,8 @@ pub const MOST: usize = 64;
 pub const CLEARLY_INSIDE: f64 = -0.05;
 
 /// What an axis does while its inputs lie outside.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Outside {
     /// Follows the model all the same, and says so.
     Warn,
@@ -66,7 +69,7 @@ pub enum BadEnvelope {
 }
 
 /// Where the inputs lie outside, and what follows from it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Extrapolation {
     /// Mahalanobis distance and reach; `None` where only a guideway ends.
     pub distance: Option<(f64, f64)>,
@@ -88,7 +91,7 @@ pub struct Place {
 }
 
 /// An input beyond its range.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Beyond {
     /// Which.
     pub signal: SignalId,
@@ -168,7 +171,7 @@ impl Envelope {
             }
         }
         let distance = self.distance(rises);
-        let excess = (distance / self.reach - 1.0).max(share);
+        let excess = (distance / self.reach - 1.0).max(share).min(f64::MAX);
         let gain = match self.outside {
             Outside::Shrink => 1.0 / (1.0 + excess * excess),
             Outside::Warn | Outside::Hold => 1.0,

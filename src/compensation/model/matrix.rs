@@ -99,8 +99,9 @@ impl Matrix {
             outside: Outside::Warn,
             gain: 1.0,
         };
-        // A guideway of a single point has no inside.
-        let excess = (first - position).max(position - last) / (last - first).max(f64::MIN_POSITIVE);
+        // A guideway of a single point has no length to take a share of: it counts as 1 mm.
+        let length = if last > first { last - first } else { 1.0 };
+        let excess = ((first - position).max(position - last) / length).min(f64::MAX);
         Some(Place { excess, extrapolating: (by.abs() > 0.0).then_some(found) })
     }
 }
