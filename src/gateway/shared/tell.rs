@@ -68,7 +68,7 @@ impl Core {
         if arming.latched && !arming.asked {
             return "switched off; arm it again".to_owned();
         }
-        let permit = arming.permit(&shared.profile, axis, &self.outputs, self.stopping);
+        let permit = arming.permit(&shared.profile, axis, &self.outputs, self.stopping, shared.dry_run);
         if permit == Permit::Stopping {
             return "the gateway is stopping".to_owned();
         }
