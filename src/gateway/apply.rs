@@ -60,6 +60,8 @@ pub(super) struct Writer {
     trouble: Option<Trouble>,
     saturated: bool,
     interlocked: bool,
+    /// Its interlock kept it from being written, or could not be known.
+    held: bool,
     /// Nothing is to be written for now: off, dry run, interlock.
     idle: bool,
 }
@@ -106,6 +108,7 @@ impl Writer {
             trouble: None,
             saturated: false,
             interlocked: false,
+            held: false,
             idle: true,
         }
     }
@@ -232,7 +235,7 @@ impl Writer {
 
     /// Nothing is to be compared or held back while the axis is off: what is read is what it starts from.
     fn rest(&mut self) {
-        (self.compare, self.restarted, self.interlocked) = (false, false, false);
+        (self.compare, self.restarted, self.interlocked, self.held) = (false, false, false, false);
     }
 
     /// Whether the interlock keeps it from being written now. Where its condition cannot be known that is a fault, which
@@ -244,7 +247,8 @@ impl Writer {
                     shared.tell(&Event::Released { output: output.name.clone() });
                 }
                 // Whatever happened meanwhile, the axis goes on from what stands there now.
-                self.compare |= std::mem::take(&mut self.idle) && output.writes.is_scheduled();
+                self.compare |= std::mem::take(&mut self.held) && output.writes.is_scheduled();
+                self.idle = false;
                 return false;
             }
             Some(false) => {
@@ -256,7 +260,7 @@ impl Writer {
             }
             None => shared.core().outputs[self.id.0].doubt(),
         }
-        self.idle = true;
+        (self.held, self.idle) = (true, true);
         true
     }
 

@@ -179,6 +179,8 @@ struct Refusing {
     from: u32,
     times: u32,
     kind: fn(&Request<'_>) -> bool,
+    /// Panics instead.
+    panics: bool,
 }
 
 struct RefusingWire {
@@ -201,6 +203,8 @@ impl Wire for RefusingWire {
             let mut counted = self.by.counted.lock().unwrap();
             *counted += 1;
             if (self.by.from..self.by.from + self.by.times).contains(&*counted) {
+                drop(counted);
+                assert!(!self.by.panics, "the wire is hot");
                 return Box::pin(async { Err(Fault::Exception(4)) });
             }
         }
@@ -212,7 +216,7 @@ fn refusing(from: u32, times: u32, kind: fn(&Request<'_>) -> bool) -> Trace {
     let counted = Arc::new(std::sync::Mutex::new(0));
     let dialer: Dialer = Arc::new(move |bus: &Bus| {
         let dial = TcpDial::new(&bus.address, Duration::ZERO);
-        Box::new(Refusing { dial, counted: counted.clone(), from, times, kind })
+        Box::new(Refusing { dial, counted: counted.clone(), from, times, kind, panics: false })
     });
     let trace = block_on(async {
         let mut world = World::new(&shaken(), "").await;
@@ -238,7 +242,7 @@ fn a_strobe_that_cannot_be_dropped_is_told_and_dropped_as_soon_as_that_is_possib
     let kind: fn(&Request<'_>) -> bool = |request| matches!(request, Request::WriteCoil { value: false, .. });
     let dialer: Dialer = Arc::new(move |bus: &Bus| {
         let dial = TcpDial::new(&bus.address, Duration::ZERO);
-        Box::new(Refusing { dial, counted: counted.clone(), from: 6, times: 5, kind })
+        Box::new(Refusing { dial, counted: counted.clone(), from: 6, times: 5, kind, panics: false })
     });
     let trace = block_on(async {
         let mut world = World::new(&shaken(), "").await;
@@ -296,7 +300,7 @@ fn asked_to_stop_while_no_acknowledge_comes_it_ends_with_the_strobe_dropped() {
     for place in 0..4u32 {
         let text = shaken().replace("{ action = \"ramp\", after = \"30s\" }", "{ action = \"hold\" }");
         let trace =
-            run(&text, &cnc("no-acknowledge", 20, 6000), 21 * SECOND + place * Duration::from_millis(170));
+            run(&text, &cnc("no-acknowledge", 20, 6000), 40 * SECOND + place * Duration::from_millis(170));
         holds(&trace);
         assert!(!trace.outcome.rested, "{:?}", trace.outcome);
     }
@@ -313,6 +317,30 @@ fn switched_off_in_the_middle_of_a_handshake_the_strobe_goes_down_all_the_same()
         });
         holds(&trace);
         assert_eq!(trace.states_between(30, 60), ["off"], "{}", trace.lines());
+    }
+}
+
+#[test]
+fn a_panic_in_the_middle_of_a_handshake_leaves_no_strobe_up() {
+    for from in 20..26 {
+        for action in ["{ action = \"ramp\", after = \"30s\" }", "{ action = \"hold\" }"] {
+            let text = shaken().replace("{ action = \"ramp\", after = \"30s\" }", action);
+            let counted = Arc::new(std::sync::Mutex::new(0));
+            let asks: fn(&Request<'_>) -> bool =
+                |request| matches!(request, Request::Read { from: ACKNOWLEDGE, .. });
+            let dialer: Dialer = Arc::new(move |bus: &Bus| {
+                let dial = TcpDial::new(&bus.address, Duration::ZERO);
+                let counted = counted.clone();
+                Box::new(Refusing { dial, counted, from, times: 1, kind: asks, panics: true })
+            });
+            let trace = block_on(async {
+                let mut world = World::new(&text, "").await;
+                world.gateway().options(|options| options.dialer = dialer).run(MINUTE).await
+            });
+            holds(&trace);
+            assert_eq!(trace.told("task-failed"), 1, "{}", trace.lines());
+            assert!(trace.outcome.failed && trace.outcome.rested, "{:?}\n{}", trace.outcome, trace.lines());
+        }
     }
 }
 

@@ -78,7 +78,10 @@ impl Core {
         };
         let troubled = of_axis(&shared.profile, axis, &self.outputs)
             .find(|(output, state)| output.writes.is_scheduled() && !is_well(state.standing))
-            .map(|(output, state)| format!("output {} is {}", output.name, state.standing.name()));
+            .map(|(output, state)| {
+                let stands = format!("output {} is {}", output.name, state.standing.name());
+                state.handshake.failed.map_or(stands.clone(), |failed| format!("{stands}: {failed}"))
+            });
         let displaced = of_axis(&shared.profile, axis, &self.outputs)
             .find(|(output, state)| {
                 permit == Permit::Unverified && !has_its_reference(&shared.profile, output, state)
