@@ -65,7 +65,7 @@ impl Shared {
     pub(super) fn look_for_restarts(&self, now: Moment) {
         let mut core = self.core();
         let is_on = self.profile.machine.on.and_then(|id| core.board.value(&self.profile, id, now));
-        let switched_on = core.restarts.switched_on(is_on.map(|level| level.abs() > 0.0));
+        let switched_on = core.restarts.switched_on(is_on.map(|level| level >= 0.5));
         let events = core.look_for_restarts(&self.profile, now);
         drop(core);
         events.iter().for_each(|event| self.tell(event));
