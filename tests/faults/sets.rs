@@ -4,6 +4,8 @@ use std::collections::HashMap;
 use std::time::Duration;
 
 use isotherm::virtual_machine::Seen;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg32;
 
 use crate::law;
 use crate::rig::{Trace, run};
@@ -94,6 +96,67 @@ fn whatever_is_lost_on_the_way_no_half_set_is_taken_and_nothing_jumps() {
         holds(&trace);
         assert_eq!(trace.told("foreign-change") + trace.told("disarmed"), 0, "{kind}\n{}", trace.lines());
         assert!(trace.outcome.rested, "{kind} {:?}\n{}", trace.outcome, trace.lines());
+    }
+}
+
+/// A fault every hundred seconds, at any place of an exchange, for one reply or for a while.
+fn day(seed: u64, with_handshake: bool) -> String {
+    let mut random = Pcg32::seed_from_u64(seed);
+    let kinds = [
+        "kind = \"silent\"",
+        "kind = \"late\"\ndelay = \"90ms\"",
+        "kind = \"exception\"\ncode = 6",
+        "kind = \"close\"",
+        "kind = \"half-open\"",
+        "kind = \"garbage\"",
+        "kind = \"wrong-unit\"",
+        "kind = \"wrong-echo\"",
+        "kind = \"short-read\"",
+        "kind = \"one-behind-stale\"",
+    ];
+    let shakes = [
+        "kind = \"no-acknowledge\"",
+        "kind = \"stuck-acknowledge\"",
+        "kind = \"late-acknowledge\"\ndelay = \"350ms\"",
+    ];
+    let faults = (0..13).map(|slot| {
+        let at = 30_000 + slot * 100_000 + random.random_range(0..30_000);
+        let lasts = match random.random_range(0..3) {
+            0 => format!("for_time = \"{}s\"", random.random_range(1..40)),
+            _ => format!("for = {}", random.random_range(1..4)),
+        };
+        let keys = match random.random_range(0..14) {
+            0 => "kind = \"restart\"".to_owned(),
+            1 => format!("kind = \"refuse\"\nfor_time = \"{}s\"", random.random_range(1..40)),
+            2 | 3 if with_handshake => {
+                format!(
+                    "{}\nfor_time = \"{}s\"",
+                    shakes[random.random_range(0..3)],
+                    random.random_range(1..40)
+                )
+            }
+            other => format!("{}\n{lasts}", kinds[other % kinds.len()]),
+        };
+        plc(&format!("at = \"{at}ms\"\n{keys}"))
+    });
+    faults.collect()
+}
+
+#[test]
+fn hours_of_every_fault_and_no_half_set_no_jump_and_no_strobe_left_up() {
+    for seed in 0..2 {
+        for (text, with_handshake) in
+            [(BLOCK.to_owned(), false), (apart(), false), (shaken(BLOCK), true), (shaken(&apart()), true)]
+        {
+            let trace = run(&text, &day(seed, with_handshake), 25 * MINUTE);
+            holds(&trace);
+            assert_eq!(trace.told("disarmed") + trace.told("task-failed"), 0, "{seed}\n{}", trace.lines());
+            let end: Vec<&str> =
+                trace.between(1420, 1500).map(|sample| sample.status.axes[2].state).collect();
+            assert!(end.iter().all(|state| *state == "active"), "{seed} {with_handshake}\n{}", trace.lines());
+            let strobe = writes(&trace).filter(|seen| seen.address.offset == 20).last();
+            assert!(strobe.is_none_or(|seen| seen.wanted == [0]), "{strobe:?}");
+        }
     }
 }
 
