@@ -121,6 +121,19 @@ fn an_acknowledge_that_does_not_come_is_told_and_the_axis_holds_until_it_does() 
     assert!(trace.samples.last().unwrap().status.outputs[1].handshake.is_empty());
 }
 
+/// The acknowledge is lost while Cz walks in, and comes back before or after the fault action has begun to take it out
+/// again: the control goes on in steps from what it took, the register from what it holds.
+#[test]
+fn an_acknowledge_that_is_lost_on_the_way_in_costs_no_step_when_it_comes_back() {
+    for at in [6, 7, 8, 9] {
+        for seconds in [10, 60] {
+            let trace = cut(&cnc("no-acknowledge", at, seconds));
+            assert_eq!(trace.told("acknowledge-missing"), 1, "{}", trace.lines());
+            assert_eq!(trace.states().contains(&"ramping"), seconds == 60, "{}", trace.lines());
+        }
+    }
+}
+
 #[test]
 fn an_acknowledge_that_does_not_drop_is_told_and_nothing_is_written_while_it_is_up() {
     let trace = cut(&cnc("stuck-acknowledge", 60, 20));
