@@ -32,6 +32,7 @@ pub mod log;
 mod memory;
 mod output;
 mod poll;
+mod restart;
 mod shared;
 mod status;
 mod watch;
@@ -155,6 +156,7 @@ impl Gateway {
             rested = self.rest(within) => rested,
             () = hurry => false,
         };
+        self.let_go().await;
         tasks.shutdown().await;
         let left = self.shared.what_is_left();
         self.shared.tell(&Event::Stopped { left: left.clone() });
@@ -218,6 +220,19 @@ impl Gateway {
         self.shared.hang_bell(bus, sleeper.bell());
         let again = self.line_task(bus, self.shared.clock.now());
         lines.insert(tasks.spawn(again.run(sleeper)).id(), bus);
+    }
+
+    /// Where a strobe is still up, the lines drop it before they end.
+    async fn let_go(&self) {
+        if !self.shared.leave() {
+            return;
+        }
+        let slowest = self.shared.profile.buses.iter().map(|bus| bus.timeout * 3).max();
+        let mut sleeper = self.shared.clock.join();
+        let deadline = sleeper.now().after(slowest.unwrap_or_default());
+        while self.shared.leave() && sleeper.now() < deadline {
+            sleeper.sleep(Duration::from_millis(20)).await;
+        }
     }
 
     /// Waits until every axis is at rest; `false` where that takes too long.

@@ -19,12 +19,14 @@ mod load;
 mod merge;
 mod place;
 mod raw;
+mod set;
 mod walk;
 mod writes;
 
 pub use error::{Errors, ProfileError};
 pub use load::{Loaded, environment, load, parse, parse_with};
 pub use raw::schema;
+pub use set::{Flag, Handshake, OutputSet, SetId, Stretch};
 pub use writes::Writes;
 
 /// One physical line: its place in the profile's list.
@@ -66,6 +68,8 @@ pub struct Profile {
     pub axes: Vec<Axis>,
     /// What is written.
     pub outputs: Vec<Output>,
+    /// Which of them are written as one.
+    pub sets: Vec<OutputSet>,
     /// The register that lets the CNC see the gateway die.
     pub heartbeat: Option<Heartbeat>,
     /// Page, API, metrics.
@@ -247,6 +251,10 @@ pub struct Output {
     pub refresh: Option<Duration>,
     /// Interlock: otherwise held.
     pub when: Option<Condition>,
+    /// What it is written with: a set of its own where it has a handshake of its own.
+    pub set: Option<SetId>,
+    /// The signal that changes at every start of the CNC.
+    pub boot_counter: Option<SignalId>,
 }
 
 /// How a write is believed.

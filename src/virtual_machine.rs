@@ -10,7 +10,7 @@
 //! registers the tables of a device                        modbus    bytes ↔ requests and answers, pure
 //! fault     what goes wrong, when, for how long           hardware  plant + registers + faults
 //! server    sockets                                       truth     error, Cz, residual, and their ranges
-//! journal   what came over the wire, for tests
+//! journal   what came over the wire, for tests            control   strobes, acknowledges, sets taken whole
 //! ```
 //!
 //! # Time
@@ -32,6 +32,7 @@ use crate::quantity::Moment;
 pub mod fault;
 pub mod plant;
 
+mod control;
 mod hardware;
 mod journal;
 mod modbus;
@@ -44,6 +45,7 @@ mod tests;
 mod truth;
 mod wander;
 
+pub use control::Taken;
 pub use fault::{FaultError, FaultScript};
 pub use journal::Seen;
 pub use plant::{Plant, PlantError, PlantSpec, Published, PublishedAxis};
@@ -143,6 +145,11 @@ impl Window {
     /// Every request that has reached a device, in its order; none unless [`Setup::journal`] asks for them.
     pub fn requests(&self) -> Vec<Seen> {
         self.0.hardware().journal.clone().unwrap_or_default()
+    }
+
+    /// What controls took of their sets, in its order; nothing unless [`Setup::journal`] asks for it.
+    pub fn taken(&self) -> Vec<Taken> {
+        self.0.hardware().taken.clone()
     }
 
     /// The truth at the last tick; `None` before the first, and without a plant.

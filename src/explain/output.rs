@@ -45,6 +45,8 @@ pub struct WriteExplained {
     pub refresh: Option<String>,
     /// Interlock.
     pub when: Option<String>,
+    /// How a restart of the control is seen, besides the register going to zero.
+    pub restart: Option<String>,
 }
 
 /// The register that counts while the gateway lives.
@@ -129,7 +131,17 @@ pub(super) fn explained(profile: &Profile, output: &Output) -> WriteExplained {
         },
         refresh: output.refresh.map(|refresh| humantime::format_duration(refresh).to_string()),
         when: output.when.as_ref().map(|condition| condition.text.clone()),
+        restart: restart(profile, output),
     }
+}
+
+fn restart(profile: &Profile, output: &Output) -> Option<String> {
+    let counter = output.boot_counter.map(|id| profile.signal(id).address);
+    let counter = counter.map(|address| format!("{address} ({}) changes", address.modicon()));
+    let on = profile.machine.on.filter(|_| output.writes.is_scheduled());
+    let on = on.map(|id| format!("{} rises", profile.signal(id).name));
+    let seen: Vec<String> = counter.into_iter().chain(on).collect();
+    (!seen.is_empty()).then(|| seen.join(", or "))
 }
 
 pub(super) fn heartbeat(profile: &Profile, heartbeat: &Heartbeat) -> HeartbeatExplained {
@@ -173,6 +185,9 @@ impl fmt::Display for WriteExplained {
         writeln!(f, "    believed {}", self.verify)?;
         if let Some(refresh) = &self.refresh {
             writeln!(f, "    written again every {refresh}")?;
+        }
+        if let Some(restart) = &self.restart {
+            writeln!(f, "    read anew, and Cz goes on from there, when {restart}")?;
         }
         match &self.when {
             Some(when) => writeln!(f, "    only when {when}, otherwise held"),

@@ -22,7 +22,12 @@ use super::shared::Shared;
 use super::words::{can_be_read, cz_factor, one_step, part};
 
 mod corrected;
+mod exchange;
+mod handshake;
 mod register;
+mod set;
+
+pub(super) use set::SetWriter;
 
 /// The registers of one value.
 type Words = Encoded;
@@ -40,6 +45,10 @@ pub(super) struct Writer {
     uncertain: Option<Words>,
     /// Something may have happened to the register: it is compared before anything else is done.
     compare: bool,
+    /// The control was restarted since: whatever stands there now is taken over.
+    restarted: bool,
+    /// Restarts taken note of.
+    restarts: u64,
     /// The decision that was carried out last; the position that was corrected last.
     applied: Moment,
     /// The share of Cz in the last corrected position, and the decision it followed.
@@ -51,6 +60,8 @@ pub(super) struct Writer {
     trouble: Option<Trouble>,
     saturated: bool,
     interlocked: bool,
+    /// Its interlock kept it from being written, or could not be known.
+    held: bool,
     /// Nothing is to be written for now: off, dry run, interlock.
     idle: bool,
 }
@@ -76,6 +87,8 @@ struct Order {
     allowed: Option<bool>,
     /// What stands in the register has not been taken over yet: the decision is older than that.
     outdated: bool,
+    /// Restarts of the control so far.
+    restarts: u64,
 }
 
 impl Writer {
@@ -85,6 +98,8 @@ impl Writer {
             known: None,
             uncertain: None,
             compare: false,
+            restarted: false,
+            restarts: 0,
             applied: Moment::default(),
             corrected: None,
             sent: None,
@@ -93,6 +108,7 @@ impl Writer {
             trouble: None,
             saturated: false,
             interlocked: false,
+            held: false,
             idle: true,
         }
     }
@@ -120,6 +136,7 @@ impl Writer {
     pub(super) async fn offset(&mut self, line: &mut Line, shared: &Shared, now: Moment) {
         let output = shared.profile.output(self.id);
         let order = self.order(shared, now);
+        self.note_restarts(&order);
         self.idle = order.off || shared.dry_run;
         if self.idle {
             return self.watch(line, shared, output, &order, now).await;
@@ -179,12 +196,20 @@ impl Writer {
                 Writes::Reference => false,
                 _ => arming.take_over.is_some(),
             },
+            restarts: core.restarts.of(self.id),
+        }
+    }
+
+    /// After a restart the register is read and compared before anything else.
+    fn note_restarts(&mut self, order: &Order) {
+        if std::mem::replace(&mut self.restarts, order.restarts) != order.restarts {
+            (self.compare, self.restarted) = (true, true);
         }
     }
 
     /// While the axis is off: looks at the register again with each decision.
     async fn watch(&mut self, line: &mut Line, shared: &Shared, output: &Output, order: &Order, now: Moment) {
-        (self.compare, self.interlocked) = (false, false);
+        self.rest();
         let fresh = order.decided == self.applied && self.known.is_some() && self.trouble.is_none();
         if fresh || line.is_resting(output.device, now) {
             return;
@@ -208,6 +233,11 @@ impl Writer {
         }
     }
 
+    /// Nothing is to be compared or held back while the axis is off: what is read is what it starts from.
+    fn rest(&mut self) {
+        (self.compare, self.restarted, self.interlocked, self.held) = (false, false, false, false);
+    }
+
     /// Whether the interlock keeps it from being written now. Where its condition cannot be known that is a fault, which
     /// the lost signal has told.
     fn holds_back(&mut self, shared: &Shared, output: &Output, order: &Order) -> bool {
@@ -217,7 +247,8 @@ impl Writer {
                     shared.tell(&Event::Released { output: output.name.clone() });
                 }
                 // Whatever happened meanwhile, the axis goes on from what stands there now.
-                self.compare |= std::mem::take(&mut self.idle) && output.writes.is_scheduled();
+                self.compare |= std::mem::take(&mut self.held) && output.writes.is_scheduled();
+                self.idle = false;
                 return false;
             }
             Some(false) => {
@@ -229,7 +260,7 @@ impl Writer {
             }
             None => shared.core().outputs[self.id.0].doubt(),
         }
-        self.idle = true;
+        (self.held, self.idle) = (true, true);
         true
     }
 

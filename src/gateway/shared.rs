@@ -8,6 +8,7 @@ use super::board::Board;
 use super::keeper::Keeper;
 use super::levels::LevelsTold;
 use super::output::OutputState;
+use super::restart::Restarts;
 use crate::clock::{Bell, Clock};
 use crate::compensation::{AxisState, Compensation, Control, Remembered};
 use crate::observe::events::{Event, Journal};
@@ -39,7 +40,10 @@ pub(super) struct Core {
     pub(super) devices: Vec<DeviceCount>,
     pub(super) buses: Vec<BusCount>,
     pub(super) keeper: Keeper,
+    pub(super) restarts: Restarts,
     pub(super) stopping: bool,
+    /// The lines end now: no strobe stays up.
+    pub(super) leaving: bool,
     /// An axis has been armed since the start.
     pub(super) was_armed: bool,
     /// Something failed inside: the process ends with an error after the fault actions.
@@ -107,7 +111,9 @@ impl Shared {
             devices: vec![DeviceCount::default(); profile.devices.len()],
             buses: vec![BusCount::default(); profile.buses.len()],
             keeper,
+            restarts: Restarts::new(&profile),
             stopping: false,
+            leaving: false,
             was_armed: false,
             failed: false,
             untold: Vec::new(),

@@ -150,6 +150,7 @@ fn outputs(shared: &Shared, core: &Core, now: Moment) -> Vec<OutputStatus> {
             register: format!("{} ({})", output.address, output.address.modicon()),
             writes: output.writes.name(),
             state: if core.arming[output.axis.0].armed { state.standing.name() } else { "off" },
+            handshake: state.handshake.words(output.set.and_then(|id| shared.profile.set(id).handshake)),
             value: state.value,
             writes_done: state.writes,
             age_s: state.verified_at.map(|at| now.since(at)).as_ref().map(Duration::as_secs_f64),

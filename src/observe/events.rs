@@ -11,6 +11,10 @@ use serde::Serialize;
 
 use crate::quantity::{Micron, Moment};
 
+mod handshake;
+
+pub use handshake::HandshakeFault;
+
 /// How many events are kept for the page.
 const KEPT: usize = 200;
 
@@ -69,6 +73,10 @@ pub enum Event {
     ForeignChange { output: String, expected: String, found: String },
     /// The register was back at zero: the CNC was restarted.
     CncRestarted { output: String, expected: String },
+    /// The boot counter of a control changed.
+    CncBooted { device: String, from: f64, to: f64 },
+    /// A control did not take what was written; `set` is "output cnc_z" or "set plc".
+    Handshake { set: String, fault: HandshakeFault },
     /// The output's interlock opened; nothing is written.
     Interlocked { output: String, when: String },
     /// It closed again.
@@ -127,6 +135,8 @@ impl Event {
             Event::Verified { .. } => "verified",
             Event::ForeignChange { .. } => "foreign-change",
             Event::CncRestarted { .. } => "cnc-restarted",
+            Event::CncBooted { .. } => "cnc-booted",
+            Event::Handshake { fault, .. } => fault.kind(),
             Event::Interlocked { .. } => "interlocked",
             Event::Released { .. } => "released",
             Event::MachineStarted => "machine-started",
@@ -143,6 +153,7 @@ impl Event {
         match self {
             Event::TaskFailed { .. }
             | Event::VerifyFailed { .. }
+            | Event::Handshake { .. }
             | Event::ForeignChange { .. }
             | Event::BeyondError { .. }
             | Event::ArmRefused { .. } => Level::Error,
@@ -155,6 +166,7 @@ impl Event {
             | Event::Saturated { .. }
             | Event::WriteFailed { .. }
             | Event::CncRestarted { .. }
+            | Event::CncBooted { .. }
             | Event::Disarmed { .. }
             | Event::Overrun { .. }
             | Event::NotKept { .. } => Level::Warning,
@@ -225,6 +237,11 @@ impl fmt::Display for Event {
             Event::CncRestarted { output, expected } => {
                 write!(f, "output {output}: back at zero where {expected} stood; the CNC was restarted")
             }
+            Event::CncBooted { device, from, to } => write!(
+                f,
+                "device {device}: its boot counter went from {from} to {to}; the CNC was restarted, its registers are read anew"
+            ),
+            Event::Handshake { set, fault } => fault.write(f, set),
             Event::Interlocked { output, when } => write!(f, "output {output}: held, because not {when}"),
             Event::Released { output } => write!(f, "output {output}: interlock released"),
             Event::MachineStarted => write!(f, "the machine was started: machine-on time begins"),

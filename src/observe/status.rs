@@ -220,6 +220,8 @@ pub struct OutputStatus {
     pub writes: &'static str,
     /// `off`, `unknown`, `verified`, `unverified`, `interlocked`, `foreign`.
     pub state: &'static str,
+    /// What its handshake waits for, or failed at last; empty where neither, or where it has none.
+    pub handshake: String,
     /// The last verified value, in the output's unit (µm for an offset, mm for a corrected position).
     pub value: Option<f64>,
     /// Writes that were verified.

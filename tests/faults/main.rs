@@ -5,9 +5,12 @@
 
 mod answers;
 mod day;
+mod handshakes;
 mod keeping;
 mod law;
 mod load;
 mod outputs;
+mod restarts;
 mod rig;
+mod sets;
 mod stop;

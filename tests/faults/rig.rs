@@ -11,7 +11,11 @@ use isotherm::observe::events::Entry;
 use isotherm::observe::status::{Command, Source, Status};
 use isotherm::profile::{Profile, parse};
 use isotherm::quantity::Moment;
-use isotherm::virtual_machine::{FaultScript, PlantSpec, Ports, Seen, Setup, UnknownUnit, VirtualMachine};
+use isotherm::virtual_machine::{
+    FaultScript, PlantSpec, Ports, Seen, Setup, Taken, UnknownUnit, VirtualMachine,
+};
+
+use crate::law;
 
 pub(crate) const BENCH: &str = include_str!("bench.toml");
 pub(crate) const LATHE: &str = include_str!("lathe.toml");
@@ -56,6 +60,8 @@ pub(crate) struct Trace {
     pub(crate) samples: Vec<Sample>,
     pub(crate) events: Vec<Entry>,
     pub(crate) wire: Vec<Seen>,
+    /// What the controls took of their sets.
+    pub(crate) taken: Vec<Taken>,
     pub(crate) outcome: Outcome,
     /// When it was asked to stop, and when it had.
     pub(crate) stopped: (Moment, Moment),
@@ -206,8 +212,10 @@ impl<'a> Trial<'a> {
         let ended = clock.now();
         let wire = world.machine.window().requests();
         let wire = wire.into_iter().filter(|seen| seen.at >= begin).collect();
+        let taken = world.machine.window().taken();
+        let taken = taken.into_iter().filter(|taken| taken.at >= begin).collect();
         let profile = world.profile.clone();
-        Trace { profile, begin, samples, events, wire, outcome, stopped: (asked, ended) }
+        Trace { profile, begin, samples, events, wire, taken, outcome, stopped: (asked, ended) }
     }
 }
 
@@ -258,11 +266,8 @@ impl Trace {
     /// What an output was asked to hold, in its unit, in the order of the wire.
     pub(crate) fn writes(&self, output: &str) -> Vec<(Moment, f64)> {
         let output = self.profile.outputs.iter().find(|known| known.name == output).unwrap();
-        self.wire
-            .iter()
-            .filter(|seen| seen.is_write() && seen.device == output.device && seen.address == output.address)
-            .map(|seen| (seen.at, output.encoding.decode(&seen.wanted).unwrap()))
-            .collect()
+        let writes = self.wire.iter().filter_map(|seen| law::of_output(seen, output));
+        writes.map(|seen| (seen.at, output.encoding.decode(&seen.wanted).unwrap())).collect()
     }
 
     /// The counts of the heartbeat.

@@ -112,6 +112,7 @@ pub(crate) fn status() -> Status {
             register: "40101 (holding 100)".into(),
             writes: "offset",
             state: "verified",
+            handshake: String::new(),
             value: Some(12.5),
             writes_done: 9,
             age_s: Some(2.0),

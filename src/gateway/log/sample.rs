@@ -97,6 +97,7 @@ pub(crate) fn profile() -> Profile {
             axis("x", 7, 0.3, OnFault::Zero, vec![rises]),
         ],
         outputs: Vec::new(),
+        sets: Vec::new(),
         heartbeat: None,
         web: None,
         history: History { directory: None, keep: Duration::from_secs(86_400) },

@@ -18,7 +18,7 @@ impl Core {
             self.arm_where_possible(shared, now);
         }
         for (axis, arming) in self.arming.iter_mut().enumerate() {
-            let permit = arming.permit(profile, axis, &self.outputs, self.stopping);
+            let permit = arming.permit(profile, axis, &self.outputs, self.stopping, shared.dry_run);
             let Arming { take_over, take_over_slope, .. } = *arming;
             self.controls[axis] = Control { permit, take_over, take_over_slope };
         }

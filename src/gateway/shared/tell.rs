@@ -60,7 +60,7 @@ impl Core {
         if arming.latched && !arming.asked {
             return "switched off; arm it again".to_owned();
         }
-        let permit = arming.permit(&shared.profile, axis, &self.outputs, self.stopping);
+        let permit = arming.permit(&shared.profile, axis, &self.outputs, self.stopping, shared.dry_run);
         if permit == Permit::Stopping {
             return "the gateway is stopping".to_owned();
         }
@@ -70,7 +70,10 @@ impl Core {
         };
         let troubled = of_axis(&shared.profile, axis, &self.outputs)
             .find(|(output, state)| output.writes.is_scheduled() && !is_well(state.standing))
-            .map(|(output, state)| format!("output {} is {}", output.name, state.standing.name()));
+            .map(|(output, state)| {
+                let stands = format!("output {} is {}", output.name, state.standing.name());
+                state.handshake.failed.map_or(stands.clone(), |failed| format!("{stands}: {failed}"))
+            });
         let displaced = of_axis(&shared.profile, axis, &self.outputs)
             .find(|(output, state)| {
                 permit == Permit::Unverified && !has_its_reference(&shared.profile, output, state)

@@ -93,6 +93,8 @@ impl Check<'_> {
             verify,
             refresh,
             when,
+            set: None,
+            boot_counter: None,
         })
     }
 
@@ -104,12 +106,6 @@ impl Check<'_> {
                 "a share of an operator's register (share = \"ledger\")",
                 help,
             );
-        }
-        if raw.handshake.is_some() {
-            self.not_built(&child(path, "handshake"), "a strobe and its acknowledgement (handshake)", None);
-        }
-        if raw.restart.is_some() {
-            self.not_built(&child(path, "restart"), "the boot counter of a CNC (restart)", None);
         }
     }
 
@@ -169,7 +165,7 @@ impl Check<'_> {
         self.scale(&child(path, "scale"), raw.scale.unwrap_or(1.0))
     }
 
-    fn holding(&mut self, path: &str, text: &str) -> Option<Address> {
+    pub(super) fn holding(&mut self, path: &str, text: &str) -> Option<Address> {
         let address = self.address(path, text)?;
         if address.table == Table::Holding {
             return Some(address);
@@ -184,7 +180,7 @@ impl Check<'_> {
         None
     }
 
-    fn writable(&mut self, path: &str, registers: u16, device: &Device) {
+    pub(super) fn writable(&mut self, path: &str, registers: u16, device: &Device) {
         if device.functions.writes(registers).is_none() {
             let words =
                 if registers == 1 { "\"write-single\" or \"write-multiple\"" } else { "\"write-multiple\"" };

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
-use super::{Span, TypeWord, WordOrderWord};
+use super::{RawHandshake, RawRestart, Span, TypeWord, WordOrderWord};
 
 /// One compensated axis.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
@@ -293,10 +293,12 @@ pub(crate) struct RawOutput {
     pub(crate) when: Option<String>,
     /// whole: the register is ours; ledger: an operator's register, of which we own a share. Default "whole".
     pub(crate) share: Option<Share>,
+    /// The set it belongs to: outputs of one device that the control sees together or not at all.
+    pub(crate) set: Option<String>,
     /// A strobe and its acknowledgement around each write.
-    pub(crate) handshake: Option<Handshake>,
+    pub(crate) handshake: Option<RawHandshake>,
     /// How a restart of the CNC is seen, besides the register going to zero.
-    pub(crate) restart: Option<Restart>,
+    pub(crate) restart: Option<RawRestart>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -321,30 +323,4 @@ pub(crate) enum VerifyWord {
 pub(crate) enum Share {
     Whole,
     Ledger,
-}
-
-/// A strobe and its acknowledgement.
-#[derive(Clone, Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[allow(dead_code, reason = "read by the schema, refused by the check")]
-pub(crate) struct Handshake {
-    /// The bit that says "take it".
-    #[schemars(required)]
-    pub(crate) strobe: Option<String>,
-    /// The bit that says "taken".
-    #[schemars(required)]
-    pub(crate) acknowledge: Option<String>,
-    /// Longest wait for it.
-    #[schemars(required)]
-    pub(crate) timeout: Option<Span>,
-}
-
-/// How a restart of the CNC is seen.
-#[derive(Clone, Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[allow(dead_code, reason = "read by the schema, refused by the check")]
-pub(crate) struct Restart {
-    /// A register that changes at every start of the CNC.
-    #[schemars(required)]
-    pub(crate) boot_counter: Option<String>,
 }

@@ -98,6 +98,7 @@ pub(in crate::virtual_machine) fn profile() -> Profile {
             output("readout_z", 2, "holding:10", 0.0001, Writes::Corrected { position: SignalId(3) }),
             output("cnc_z", 3, "holding:104", 0.1, Writes::Offset),
         ],
+        sets: Vec::new(),
         heartbeat: Some(Heartbeat {
             device: DeviceId(3),
             address: "holding:100".parse().unwrap(),
@@ -176,5 +177,7 @@ fn output(name: &str, device: usize, register: &str, scale: f64, writes: Writes)
         verify: Verify::ReadBack,
         refresh: None,
         when: None,
+        set: None,
+        boot_counter: None,
     }
 }
