@@ -27,6 +27,7 @@ mod board;
 pub mod control;
 mod extrapolation;
 mod keeper;
+mod ledger;
 mod levels;
 pub mod log;
 mod memory;
@@ -38,10 +39,14 @@ mod watch;
 mod words;
 
 use keeper::Keeper;
+use ledger::Ledger;
 use memory::Memory;
 use poll::LineTask;
 use shared::Shared;
 use watch::Watch;
+
+/// How long the end of a run waits for the ledger to be on disk.
+const LAST_PATIENCE: Duration = Duration::from_secs(5);
 
 /// What opens the connections of a bus.
 pub type Dialer = Arc<dyn Fn(&Bus) -> Box<dyn Dial> + Send + Sync>;
@@ -104,6 +109,8 @@ impl Gateway {
             recalled = Memory::recall(&Memory::path(directory, &profile), &profile);
             keeper = Keeper::start(&profile, directory, journal.clone());
         }
+        let remembers = |output: &str| recalled.verified.contains(output);
+        let ledger = Ledger::open(&profile, options.directory.as_deref(), remembers, journal.clone(), clock);
         let sleepers: Vec<Sleeper> = profile.buses.iter().map(|_| clock.join()).collect();
         let bells = sleepers.iter().map(Sleeper::bell).collect();
         let (remembered, trouble) = (recalled.remembered, recalled.trouble);
@@ -113,7 +120,7 @@ impl Gateway {
             journal,
             options.dry_run,
             remembered,
-            keeper,
+            (keeper, ledger),
             bells,
         ));
         if let Some(why) = trouble {
@@ -165,6 +172,7 @@ impl Gateway {
         let failed = core.failed;
         drop(core);
         keeper.finish();
+        self.shared.ledger.finish(LAST_PATIENCE).await;
         Outcome { failed, rested, left }
     }
 

@@ -247,6 +247,17 @@ pub struct Output {
     pub refresh: Option<Duration>,
     /// Interlock: otherwise held.
     pub when: Option<Condition>,
+    /// Whose register it is.
+    pub share: Share,
+}
+
+/// Whose register an output writes to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Share {
+    /// Ours.
+    Whole,
+    /// An operator's, of which we own a share; how much, a ledger says.
+    Ledger,
 }
 
 /// How a write is believed.

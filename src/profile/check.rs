@@ -22,6 +22,7 @@ mod line;
 mod model;
 mod output;
 mod registers;
+mod share;
 mod signal;
 
 /// What the check found.

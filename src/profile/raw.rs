@@ -17,7 +17,7 @@ mod fieldbus;
 
 pub(crate) use axis::{
     Carries, Component, DatumWord, FaultAction, FaultActionWord, InputValue, Inputs, ModelKind, OutsideWord,
-    RawAxis, RawModel, RawOutput, RawSlope, RawTerm, ReferenceValue, ReferenceWord, Share, VerifyWord,
+    RawAxis, RawModel, RawOutput, RawSlope, RawTerm, ReferenceValue, ReferenceWord, ShareWord, VerifyWord,
     WritesWord,
 };
 pub(crate) use fieldbus::{

@@ -113,6 +113,7 @@ pub(crate) fn status() -> Status {
             writes: "offset",
             state: "verified",
             value: Some(12.5),
+            shares: None,
             writes_done: 9,
             age_s: Some(2.0),
         }],

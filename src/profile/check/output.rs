@@ -3,7 +3,7 @@
 use super::{Check, Signals, Zero, bus_of, get, shown};
 use crate::codec::{Address, DataType, Encoding, Table};
 use crate::profile::place::child;
-use crate::profile::raw::{RawOutput, Share, VerifyWord, WritesWord};
+use crate::profile::raw::{RawOutput, VerifyWord, WritesWord};
 use crate::profile::{Axis, AxisId, Bus, Device, DeviceId, Heartbeat, Output, Signal, Verify, Writes};
 use crate::quantity::Micron;
 
@@ -70,6 +70,7 @@ impl Check<'_> {
                 self.readable(&child(path, "register"), Table::Holding, device);
             }
         }
+        let share = self.share(path, raw, data_type, index.and_then(|index| get(devices, index)));
         let encoding = Encoding {
             data_type,
             word_order: word_order?,
@@ -93,18 +94,11 @@ impl Check<'_> {
             verify,
             refresh,
             when,
+            share,
         })
     }
 
     fn output_not_built(&mut self, path: &str, raw: &RawOutput) {
-        if raw.share == Some(Share::Ledger) {
-            let help = Some("share = \"whole\": a register of our own");
-            self.not_built(
-                &child(path, "share"),
-                "a share of an operator's register (share = \"ledger\")",
-                help,
-            );
-        }
         if raw.handshake.is_some() {
             self.not_built(&child(path, "handshake"), "a strobe and its acknowledgement (handshake)", None);
         }

@@ -5,8 +5,8 @@ use crate::clock::Sleeper;
 use crate::codec::{Address, DataType, Encoding, WordOrder};
 use crate::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault};
 use crate::profile::{
-    Arm, Axis, AxisId, Bus, Device, Functions, Heartbeat, History, Output, Quirks, Signal, Unit, Verify,
-    Writes,
+    Arm, Axis, AxisId, Bus, Device, Functions, Heartbeat, History, Output, Quirks, Share, Signal, Unit,
+    Verify, Writes,
 };
 use crate::quantity::Micron;
 use crate::reading::SignalId;
@@ -176,5 +176,6 @@ fn output(name: &str, device: usize, register: &str, scale: f64, writes: Writes)
         verify: Verify::ReadBack,
         refresh: None,
         when: None,
+        share: Share::Whole,
     }
 }
