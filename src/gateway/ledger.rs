@@ -22,7 +22,8 @@
 //! that is lost, cannot be read, or speaks of another register; then no share is taken to be in it.
 //!
 //! What cannot be seen at all: an operator who changes the register by exactly the difference of a promise that did not
-//! arrive; and one who writes in the milliseconds between our reading and our writing of the register, whose value is
+//! arrive; a restart of the CNC after which an operator enters his part before the gateway has read the zero, which looks
+//! like a change of his part; and an operator who writes in the milliseconds between our reading and our writing of the register, whose value is
 //! overwritten, because Modbus cannot compare and write at once. The register is read again after the promise is on
 //! disk, so that this gap is a single exchange.
 

@@ -7,6 +7,7 @@ mod answers;
 mod day;
 mod keeping;
 mod law;
+mod ledger;
 mod load;
 mod outputs;
 mod rig;

@@ -173,6 +173,3 @@ impl Desk {
         }
     }
 }
-
-#[cfg(test)]
-mod tests;
