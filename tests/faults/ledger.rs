@@ -133,9 +133,8 @@ fn an_operators_edit_while_nobody_looks_is_his_when_the_gateway_is_back() {
         world.clock.skip(20 * SECOND);
         [first, world.gateway().options(|options| options.directory = state).run(MINUTE).await]
     });
-    let share = shares(&traces[0], 59).1;
-    assert!(share > 5.0, "{}", traces[0].lines());
-    near(left(&traces[0]), BASE + share);
+    let share = left(&traces[0]) - BASE;
+    assert!((5.0..=12.0).contains(&share), "{share}\n{}", traces[0].lines());
     let again = &traces[1];
     assert_eq!((again.told("operator-change"), again.told("ledger-opened")), (1, 0), "{}", again.lines());
     assert!(again.lines().contains(&format!("armed, starting from {share:.1}")), "{}", again.lines());
@@ -176,9 +175,10 @@ fn a_cnc_that_ignores_writes_is_no_operator() {
 
 #[test]
 fn an_edit_while_the_fate_of_a_write_is_unknown_is_a_question_and_the_answer_makes_it_right() {
-    // Three writes whose answers are lost, and an edit before the register can be read again.
-    let faults =
-        at_start() + &cnc("kind = \"silent\"\nat = \"9s\"\nfor_time = \"15s\"") + &register(3000, "15s");
+    // The write of the tenth second is not answered as it should be, and the edit comes before the next look.
+    let faults = at_start()
+        + &cnc("kind = \"wrong-echo\"\nat = \"9500ms\"\nfor_time = \"1s\"")
+        + &register(3000, "10500ms");
     let trace = block_on(async {
         let mut world = World::new(&joint(), &faults).await;
         let directory = tempfile::tempdir().unwrap();
@@ -187,14 +187,9 @@ fn an_edit_while_the_fate_of_a_write_is_unknown_is_a_question_and_the_answer_mak
         trial.command(2 * MINUTE, Command::Arm).run(4 * MINUTE).await
     });
     law::holds(&trace);
-    if trace.told("ledger-doubt") == 0 {
-        // The silence began between two writes: then nothing was in flight, and the edit is plainly the operator's.
-        assert_eq!(trace.told("operator-change"), 1, "{}", trace.lines());
-        return;
-    }
     assert_eq!(trace.told("ledger-doubt"), 1, "{}", trace.lines());
     assert!(trace.lines().contains("perhaps"), "{}", trace.lines());
-    assert_eq!(writes(&trace, 25, 119), [0.0; 0], "nothing is written while it is in question");
+    assert_eq!(writes(&trace, 12, 119), [0.0; 0], "nothing is written while it is in question");
     assert_eq!(trace.states_between(130, 230), ["active"], "{}", trace.lines());
 }
 
@@ -293,15 +288,8 @@ fn a_spoilt_ledger_is_a_question_and_a_person_answers_it() {
     assert_eq!((trace.told("ledger-doubt"), trace.told("ledger-opened")), (1, 1), "{}", trace.lines());
     assert_eq!(trace.states_between(70, 170), ["active"], "{}", trace.lines());
     near(shares(&trace, 170).0, BASE);
-    assert!(
-        directory.path().join("bench.ledger.json.bad").exists()
-            || directory.path().join("bench.ledger.bad").exists()
-            || fs::read_dir(directory.path()).unwrap().any(|entry| entry
-                .unwrap()
-                .file_name()
-                .to_string_lossy()
-                .ends_with(".bad"))
-    );
+    let aside = fs::read_to_string(directory.path().join("bench.ledger.json.bad"));
+    assert_eq!(aside.unwrap(), "{ half");
 }
 
 #[test]

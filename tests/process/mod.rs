@@ -74,6 +74,14 @@ impl Running {
         assert!(sent.is_ok_and(|status| status.success()), "the signal {name} could not be sent");
     }
 
+    /// Kills it (SIGKILL); what it had said.
+    pub(crate) fn killed(mut self) -> Vec<String> {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+        self.said.extend(self.lines.iter());
+        std::mem::take(&mut self.said)
+    }
+
     /// Waits until it has ended.
     #[track_caller]
     pub(crate) fn ends_within(&mut self, span: Duration) -> ExitStatus {
