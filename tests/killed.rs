@@ -76,6 +76,9 @@ scale = 0.1
 share = "ledger"
 "#;
 
+/// What it says where only a person can tell.
+const QUESTION: &str = "are taken to be ours";
+
 /// An operator at the CNC: reads and writes the whole register.
 struct Operator(TcpStream);
 
@@ -220,7 +223,7 @@ impl Lane {
             assert_eq!(starts, share, "the share that stood there, of {}\n{text}", self.base);
         }
         self.look_at_the_ledger();
-        if said.iter().any(|line| line.contains("are taken to be ours")) {
+        if said.iter().any(|line| line.contains(QUESTION)) {
             self.answer();
             register = self.operator.read();
         }
@@ -237,7 +240,7 @@ impl Lane {
     fn answer(&mut self) {
         self.count.questions += 1;
         let mut gateway = self.run(&self.up);
-        let line = gateway.hears("are taken to be ours");
+        let line = gateway.hears(QUESTION);
         let share = told(&line, "of which ").unwrap();
         self.operator.write(self.base + share);
         self.count_on();
@@ -255,7 +258,12 @@ impl Lane {
     /// The last one is asked to stop, and takes its share back: exactly the operator's part is left.
     fn end(mut self) -> Count {
         let mut gateway = self.run(&self.up);
-        gateway.hears("armed, starting from");
+        if gateway.hears_one_of(&["armed, starting from", QUESTION]).contains(QUESTION) {
+            gateway.killed();
+            self.answer();
+            gateway = self.run(&self.up);
+            gateway.hears("armed, starting from");
+        }
         gateway.signal("TERM");
         gateway.ends_within(process::PATIENCE);
         let left = self.operator.read();

@@ -50,15 +50,21 @@ impl Running {
     /// Waits for a line with this text in it.
     #[track_caller]
     pub(crate) fn hears(&mut self, text: &str) -> String {
+        self.hears_one_of(&[text])
+    }
+
+    /// Waits for a line with one of these texts in it.
+    #[track_caller]
+    pub(crate) fn hears_one_of(&mut self, texts: &[&str]) -> String {
         loop {
             match self.lines.recv_timeout(PATIENCE) {
                 Ok(line) => {
                     self.said.push(line.clone());
-                    if line.contains(text) {
+                    if texts.iter().any(|text| line.contains(text)) {
                         return line;
                     }
                 }
-                Err(why) => panic!("`{text}` was not said ({why}); it said:\n{}", self.said.join("\n")),
+                Err(why) => panic!("{texts:?} was not said ({why}); it said:\n{}", self.said.join("\n")),
             }
         }
     }

@@ -31,6 +31,8 @@ pub(super) struct Joint {
     account: Option<Account>,
     /// The account has been on disk since it was opened or confirmed.
     is_kept: bool,
+    /// It has not been told that it was opened or confirmed.
+    is_new: bool,
     promise: Option<Promise>,
     promised_at: Moment,
     /// The disk did not answer in time when it was last waited for.
@@ -130,7 +132,7 @@ impl Writer {
         self.compare = false;
         if !self.idle && self.joint.doubt().is_some() {
             // Only a person arms an axis whose account is in question.
-            self.open(shared, output, |account| account.confirm(found.counts));
+            self.open(|account| account.confirm(found.counts));
         }
         if self.joint.account.is_none() {
             let new = shared.ledger.new_account(&shared.profile, output, found.counts);
@@ -138,7 +140,7 @@ impl Writer {
             let is_new = known.is_none();
             self.joint.account = Some(known.unwrap_or(new));
             if is_new {
-                self.open(shared, output, |_| ());
+                self.open(|_| ());
             }
         }
         match self.note(shared, output, found, now) {
@@ -217,6 +219,7 @@ impl Writer {
             Kept::Yes => self.joint.promise = None,
         }
         let was_kept = std::mem::replace(&mut self.joint.is_kept, true);
+        self.tell_opened(shared, output);
         if stands && (!was_kept || matches!(self.trouble, None | Some(Trouble::Disk))) {
             self.applied = order.decided;
             self.settle_share(shared, output, now, false);
@@ -243,16 +246,20 @@ impl Writer {
     }
 
     /// An account begins, or a person says that it is right.
-    fn open(&mut self, shared: &Shared, output: &Output, change: impl FnOnce(&mut Account)) {
-        let Some(account) = &mut self.joint.account else { return };
-        change(account);
-        let event = Event::LedgerOpened {
+    fn open(&mut self, change: impl FnOnce(&mut Account)) {
+        self.joint.account.as_mut().map(change);
+        (self.joint.is_kept, self.joint.is_new, self.joint.doubt_told) = (false, true, false);
+    }
+
+    /// Tells what begins, once it is on disk: before that a restart could still ask again.
+    fn tell_opened(&mut self, shared: &Shared, output: &Output) {
+        let Some(account) = self.joint.account.as_ref().filter(|_| self.joint.is_new) else { return };
+        shared.tell(&Event::LedgerOpened {
             output: output.name.clone(),
             base: counts_in_text(output, account.base()),
             share: counts_in_text(output, account.share()),
-        };
-        (self.joint.is_kept, self.joint.doubt_told) = (false, false);
-        shared.tell(&event);
+        });
+        self.joint.is_new = false;
     }
 
     /// Our share after this decision: at most one step from the one that stands, and as much as the register can hold

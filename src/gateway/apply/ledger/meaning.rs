@@ -89,13 +89,15 @@ impl Writer {
         let state = &mut core.outputs[self.id.0];
         (state.standing, state.cz, state.shares) = (Standing::Foreign, cz, None);
         state.value = output.encoding.decode(found.words.words()).ok();
+        if std::mem::replace(&mut self.joint.doubt_told, true) {
+            // The person who arms it next must not be overruled.
+            return;
+        }
         let axis = &shared.profile.axis(output.axis).settings.name;
         let told = core.disarm(output.axis, axis, "what of its register is ours is in question");
         drop(core);
-        if !std::mem::replace(&mut self.joint.doubt_told, true) {
-            self.keep(shared, output);
-            shared.tell(&Event::LedgerDoubt { output: output.name.clone(), why });
-        }
+        self.keep(shared, output);
+        shared.tell(&Event::LedgerDoubt { output: output.name.clone(), why });
         told.iter().for_each(|event| shared.tell(event));
     }
 }
