@@ -305,3 +305,28 @@ fn a_dry_run_keeps_no_ledger() {
     assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
     assert!(!directory.path().join("bench.ledger.json").exists());
 }
+
+#[test]
+fn a_disk_that_hangs_holds_nobody_up_and_its_output_waits_for_it() {
+    let directory = tempfile::tempdir().unwrap();
+    fs::write(directory.path().join("bench.ledger.json"), "{ half").unwrap();
+    // Keeping the spoilt file aside waits until somebody reads from this pipe.
+    let pipe = directory.path().join("bench.ledger.json.bad");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let trace = block_on(async {
+        let mut world = World::new(&joint(), &at_start()).await;
+        let state = Some(directory.path().to_owned());
+        let trial = world.gateway().options(|options| options.directory = state);
+        let trial = trial.command(20 * SECOND, Command::Arm);
+        let reads = move |_: &crate::rig::Stage<'_>| drop(std::thread::spawn(move || fs::read(pipe)));
+        trial.at(MINUTE, reads).run(3 * MINUTE).await
+    });
+    law::holds(&trace);
+    assert_eq!(writes(&trace, 0, 59), [0.0; 0], "{}", trace.lines());
+    assert!(trace.lines().contains("the disk has not answered for 5 s"), "{}", trace.lines());
+    let late = trace.beats().len();
+    assert!(late >= 170, "{late} beats in three minutes");
+    assert_eq!(trace.states_between(120, 170), ["active"], "{}", trace.lines());
+    near(shares(&trace, 170).0, BASE);
+    near(left(&trace), BASE);
+}

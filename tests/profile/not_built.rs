@@ -42,7 +42,6 @@ fn what_is_not_built_yet_says_so_where_it_stands() {
             "frame = { id = 0x100, start = 0, length = 16, order = \"little\" }",
             "signal.bed.frame",
         ),
-        ("share = \"whole\"", "share = \"ledger\"", "output.cnc_z.share"),
         (
             "share = \"whole\"",
             "handshake = { strobe = \"coil:20\", acknowledge = \"discrete:20\", timeout = \"500ms\" }",
