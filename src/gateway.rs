@@ -165,6 +165,13 @@ impl Gateway {
         tasks.shutdown().await;
         let left = self.shared.what_is_left();
         self.shared.tell(&Event::Stopped { left: left.clone() });
+        self.shared.ledger.finish(LAST_PATIENCE).await;
+        let failed = self.keep_for_the_last_time();
+        Outcome { failed, rested, left }
+    }
+
+    /// Puts the state on disk. Whether something failed inside.
+    fn keep_for_the_last_time(&self) -> bool {
         let mut core = self.shared.core();
         let mut keeper = std::mem::take(&mut core.keeper);
         let now = self.shared.clock.now();
@@ -172,8 +179,7 @@ impl Gateway {
         let failed = core.failed;
         drop(core);
         keeper.finish();
-        self.shared.ledger.finish(LAST_PATIENCE).await;
-        Outcome { failed, rested, left }
+        failed
     }
 
     fn start_lines(&mut self, tasks: &mut JoinSet<()>, lines: &mut HashMap<Id, BusId>) -> usize {

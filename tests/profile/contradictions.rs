@@ -213,8 +213,8 @@ fn a_share_of_an_operators_register_needs_whole_counts_that_can_be_read() {
     let ledger = "share = \"ledger\"";
     let shared = |from: &str, to: &str| GRINDER.replace("share = \"whole\"", ledger).replacen(from, to, 1);
     assert!(parse(&shared("", "")).is_ok());
-    let echo =
-        only_error(&shared("verify = \"read-back\"", "verify = \"echo\""), "output.cnc_z.verify", "\"echo\"");
+    let echo = shared(ledger, "share = \"ledger\"\nverify = \"echo\"");
+    let echo = only_error(&echo, "output.cnc_z.verify", "\"echo\"");
     assert!(echo.to_string().contains("known only from what is read"), "{echo}");
     let float = shared(
         "type = \"i32\"\nword_order = \"msw-first\"\nscale = 0.1",

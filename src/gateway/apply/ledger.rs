@@ -80,7 +80,7 @@ impl Writer {
         let refresh =
             !self.idle && output.refresh.is_some_and(|refresh| now >= self.written_at.after(refresh));
         let in_question = self.joint.doubt().is_some();
-        let opening = !self.joint.is_kept && !(shared.dry_run && self.joint.account.is_some());
+        let opening = !self.joint.is_kept && (!shared.dry_run || self.joint.account.is_none());
         let unsettled = self.compare
             || self.trouble.is_some()
             || self.joint.waits()

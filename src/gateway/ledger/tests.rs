@@ -10,7 +10,8 @@ fn account(base: i64, share: i64, promised: &[i64]) -> Account {
 fn what_a_register_means_follows_from_the_account_alone() {
     let moved = |from, to| Finding::Moved { from, to };
     // base, share, promised, found → finding, base, share
-    let cases: [(i64, i64, &[i64], i64, Finding, i64, i64); 12] = [
+    type Case<'a> = (i64, i64, &'a [i64], i64, Finding, i64, i64);
+    let cases: [Case<'_>; 12] = [
         (120, 31, &[], 151, Finding::Same, 120, 31),
         (120, 31, &[41], 151, Finding::Same, 120, 31),
         (120, 31, &[41], 161, Finding::Arrived, 120, 41),
