@@ -255,6 +255,17 @@ pub struct Output {
     pub set: Option<SetId>,
     /// The signal that changes at every start of the CNC.
     pub boot_counter: Option<SignalId>,
+    /// Whose register it is.
+    pub share: Share,
+}
+
+/// Whose register an output writes to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Share {
+    /// Ours.
+    Whole,
+    /// An operator's, of which we own a share; how much, a ledger says.
+    Ledger,
 }
 
 /// How a write is believed.

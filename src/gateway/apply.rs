@@ -13,7 +13,7 @@ use crate::codec::Encoded;
 use crate::compensation::AxisState;
 use crate::fieldbus::line::Line;
 use crate::observe::events::Event;
-use crate::profile::{Output, OutputId, Profile, Verify, Writes};
+use crate::profile::{Output, OutputId, Profile, Share, Verify, Writes};
 use crate::quantity::{Micron, Moment};
 use crate::reading::SignalId;
 
@@ -24,6 +24,7 @@ use super::words::{can_be_read, cz_factor, one_step, part};
 mod corrected;
 mod exchange;
 mod handshake;
+mod ledger;
 mod register;
 mod set;
 
@@ -64,6 +65,8 @@ pub(super) struct Writer {
     held: bool,
     /// Nothing is to be written for now: off, dry run, interlock.
     idle: bool,
+    /// Where the register is shared with an operator: what of it is ours.
+    joint: ledger::Joint,
 }
 
 /// Why the register is not what was decided.
@@ -73,6 +76,8 @@ enum Trouble {
     Link,
     /// It answered, and something else stood there; only a good write ends this.
     Verify,
+    /// The ledger is not on disk, so nothing may be sent.
+    Disk,
 }
 
 /// What is to be done now, as the shared state says.
@@ -110,6 +115,7 @@ impl Writer {
             interlocked: false,
             held: false,
             idle: true,
+            joint: ledger::Joint::default(),
         }
     }
 
@@ -118,6 +124,7 @@ impl Writer {
         let output = profile.output(self.id);
         let retries = output.writes.is_scheduled() && (self.trouble.is_some() || self.compare);
         match output.refresh {
+            _ if self.joint.waits() => Some(self.tried_at),
             _ if retries => Some(self.tried_at.after(RETRY)),
             Some(refresh) if !self.idle => Some(self.written_at.after(refresh)),
             _ => None,
@@ -135,6 +142,9 @@ impl Writer {
     /// Carries out the axis's last decision, where there is something to do.
     pub(super) async fn offset(&mut self, line: &mut Line, shared: &Shared, now: Moment) {
         let output = shared.profile.output(self.id);
+        if output.share == Share::Ledger {
+            return self.joint_offset(line, shared, output, now).await;
+        }
         let order = self.order(shared, now);
         self.note_restarts(&order);
         self.idle = order.off || shared.dry_run;

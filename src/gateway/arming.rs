@@ -1,7 +1,7 @@
 //! When an axis may decide: arming, what it takes over, and what its outputs allow.
 
 use crate::compensation::Permit;
-use crate::profile::{Arm, Output, Profile, Writes};
+use crate::profile::{Arm, Output, Profile, Share, Writes};
 use crate::quantity::Micron;
 
 use super::output::{OutputState, Standing};
@@ -67,12 +67,21 @@ impl Arming {
             match (state.standing, state.cz) {
                 (Standing::Verified | Standing::Foreign, Some(_)) if output.writes == Writes::Reference => {}
                 (Standing::Verified | Standing::Foreign, Some(cz)) => {
-                    if is_beyond_limit(profile, output, cz) {
-                        let limit = profile.axes[axis].settings.guard.limit;
+                    let limit = profile.axes[axis].settings.guard.limit;
+                    let is_beyond = is_beyond_limit(profile, output, cz);
+                    let axis = &profile.axes[axis].settings.name;
+                    if is_beyond && output.share == Share::Ledger {
+                        return Attempt::Refused(format!(
+                            "our share in the register of output {} is {cz}, beyond the limit of ±{limit}; raise \
+                             axis.{axis}.limit until it has gone back to zero",
+                            output.name
+                        ));
+                    }
+                    if is_beyond {
                         return Attempt::Refused(format!(
                             "the register of output {} holds {cz}, beyond the limit of ±{limit}; set it to zero at \
-                             the CNC, or raise axis.{}.limit",
-                            output.name, profile.axes[axis].settings.name
+                             the CNC, or raise axis.{axis}.limit",
+                            output.name
                         ));
                     }
                     if output.writes == Writes::Slope {

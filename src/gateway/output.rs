@@ -28,6 +28,8 @@ pub(super) struct OutputState {
     pub(super) cz: Option<Micron>,
     /// The value in the register, in the output's unit.
     pub(super) value: Option<f64>,
+    /// The operator's part of that and ours, where the register is shared.
+    pub(super) shares: Option<(f64, f64)>,
     pub(super) verified_at: Option<Moment>,
     pub(super) writes: u64,
     /// Failures since the last verified write.

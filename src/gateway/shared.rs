@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use super::arming::Arming;
 use super::board::Board;
 use super::keeper::Keeper;
+use super::ledger::Ledger;
 use super::levels::LevelsTold;
 use super::output::OutputState;
 use super::restart::Restarts;
@@ -27,6 +28,7 @@ pub(crate) struct Shared {
     pub(crate) journal: Arc<Journal>,
     pub(crate) dry_run: bool,
     pub(crate) started: Moment,
+    pub(super) ledger: Ledger,
     bells: Mutex<Vec<Bell>>,
     core: Mutex<Core>,
 }
@@ -99,7 +101,7 @@ impl Shared {
         journal: Arc<Journal>,
         dry_run: bool,
         remembered: Remembered,
-        keeper: Keeper,
+        (keeper, ledger): (Keeper, Ledger),
         bells: Vec<Bell>,
     ) -> Shared {
         let axes = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
@@ -123,7 +125,8 @@ impl Shared {
             extrapolating: vec![false; profile.axes.len()],
         };
         let started = clock.now();
-        Shared { profile, clock, journal, dry_run, started, bells: Mutex::new(bells), core: Mutex::new(core) }
+        let (bells, core) = (Mutex::new(bells), Mutex::new(core));
+        Shared { profile, clock, journal, dry_run, started, ledger, bells, core }
     }
 
     /// A task that panicked while it held the lock has already stopped the gateway; what it left is still needed for

@@ -6,7 +6,7 @@ use super::extrapolation;
 use super::shared::{Core, JITTER_MS, Shared};
 use crate::compensation::Stages;
 use crate::observe::status::{
-    AxisStatus, BusStatus, Command, DeviceStatus, OutputStatus, SignalStatus, Source, Status,
+    AxisStatus, BusStatus, Command, DeviceStatus, OutputStatus, SharesStatus, SignalStatus, Source, Status,
 };
 use crate::quantity::{Micron, Moment};
 use crate::reading::{Quality, Reason, SignalId};
@@ -152,6 +152,7 @@ fn outputs(shared: &Shared, core: &Core, now: Moment) -> Vec<OutputStatus> {
             state: if core.arming[output.axis.0].armed { state.standing.name() } else { "off" },
             handshake: state.handshake.words(output.set.and_then(|id| shared.profile.set(id).handshake)),
             value: state.value,
+            shares: state.shares.map(|(base, share)| SharesStatus { base, share }),
             writes_done: state.writes,
             age_s: state.verified_at.map(|at| now.since(at)).as_ref().map(Duration::as_secs_f64),
         })

@@ -63,6 +63,11 @@ pub(super) fn words_in_text(output: &Output, words: &Encoded) -> String {
     }
 }
 
+/// What so many counts of an output are worth.
+pub(super) fn counts_in_text(output: &Output, counts: i64) -> String {
+    format!("{} {}", tidy(output.encoding.value_of(counts), &output.encoding), output.writes.unit())
+}
+
 /// As many digits as a count has.
 fn tidy(value: f64, encoding: &Encoding) -> String {
     let digits = (0..6).find(|digits| encoding.scale.abs() * 10f64.powi(*digits) >= 0.999).unwrap_or(6);

@@ -71,6 +71,12 @@ pub enum Event {
     Verified { output: String, failures: u64 },
     /// Somebody else wrote to our register.
     ForeignChange { output: String, expected: String, found: String },
+    /// An operator changed his part of a register of which we own a share.
+    OperatorChange { output: String, from: String, to: String, share: String },
+    /// What of a register is the operator's and what is ours, from now on.
+    LedgerOpened { output: String, base: String, share: String },
+    /// What of a register is ours is not certain; a person has to say.
+    LedgerDoubt { output: String, why: String },
     /// The register was back at zero: the CNC was restarted.
     CncRestarted { output: String, expected: String },
     /// The boot counter of a control changed.
@@ -134,6 +140,9 @@ impl Event {
             Event::WriteFailed { .. } => "write-failed",
             Event::Verified { .. } => "verified",
             Event::ForeignChange { .. } => "foreign-change",
+            Event::OperatorChange { .. } => "operator-change",
+            Event::LedgerOpened { .. } => "ledger-opened",
+            Event::LedgerDoubt { .. } => "ledger-doubt",
             Event::CncRestarted { .. } => "cnc-restarted",
             Event::CncBooted { .. } => "cnc-booted",
             Event::Handshake { fault, .. } => fault.kind(),
@@ -155,6 +164,7 @@ impl Event {
             | Event::VerifyFailed { .. }
             | Event::Handshake { .. }
             | Event::ForeignChange { .. }
+            | Event::LedgerDoubt { .. }
             | Event::BeyondError { .. }
             | Event::ArmRefused { .. } => Level::Error,
             Event::LinkDown { .. }
@@ -234,6 +244,16 @@ impl fmt::Display for Event {
             Event::ForeignChange { output, expected, found } => {
                 write!(f, "output {output}: somebody else wrote {found} where {expected} stood; left alone")
             }
+            Event::OperatorChange { output, from, to, share } => {
+                write!(
+                    f,
+                    "output {output}: the operator's part went from {from} to {to}; kept, our share stays {share}"
+                )
+            }
+            Event::LedgerOpened { output, base, share } => {
+                write!(f, "output {output}: {base} in its register are the operator's, {share} are ours")
+            }
+            Event::LedgerDoubt { output, why } => write!(f, "output {output}: {why}"),
             Event::CncRestarted { output, expected } => {
                 write!(f, "output {output}: back at zero where {expected} stood; the CNC was restarted")
             }

@@ -224,8 +224,19 @@ pub struct OutputStatus {
     pub handshake: String,
     /// The last verified value, in the output's unit (µm for an offset, mm for a corrected position).
     pub value: Option<f64>,
+    /// Of that, the operator's part and ours, where the register is shared with an operator.
+    pub shares: Option<SharesStatus>,
     /// Writes that were verified.
     pub writes_done: u64,
     /// Seconds since the last verified write.
     pub age_s: Option<f64>,
+}
+
+/// Whose a register's value is.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct SharesStatus {
+    /// The operator's.
+    pub base: f64,
+    /// Ours.
+    pub share: f64,
 }

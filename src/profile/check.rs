@@ -24,6 +24,7 @@ mod output;
 mod registers;
 mod restart;
 mod set;
+mod share;
 mod signal;
 
 /// What the check found.

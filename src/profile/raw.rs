@@ -18,7 +18,7 @@ mod set;
 
 pub(crate) use axis::{
     Carries, Component, DatumWord, FaultAction, FaultActionWord, InputValue, Inputs, ModelKind, OutsideWord,
-    RawAxis, RawModel, RawOutput, RawSlope, RawTerm, ReferenceValue, ReferenceWord, Share, VerifyWord,
+    RawAxis, RawModel, RawOutput, RawSlope, RawTerm, ReferenceValue, ReferenceWord, ShareWord, VerifyWord,
     WritesWord,
 };
 pub(crate) use fieldbus::{

@@ -8,6 +8,7 @@ mod day;
 mod handshakes;
 mod keeping;
 mod law;
+mod ledger;
 mod load;
 mod outputs;
 mod restarts;

@@ -114,6 +114,7 @@ pub(crate) fn status() -> Status {
             state: "verified",
             handshake: String::new(),
             value: Some(12.5),
+            shares: None,
             writes_done: 9,
             age_s: Some(2.0),
         }],

@@ -75,7 +75,7 @@ impl Writer {
             _ if arrived || known.is_none() => true,
             Some(Trouble::Verify) => false,
             // What was sent did not arrive: only a write that does shows that the device can be written again.
-            Some(Trouble::Link) => sent.is_none(),
+            Some(Trouble::Link | Trouble::Disk) => sent.is_none(),
             None => compared,
         };
         if is_settled {
@@ -135,14 +135,8 @@ impl Writer {
         target: Words,
         now: Moment,
     ) -> bool {
-        let single = target.words().len() == 1 && shared.profile.device(output.device).functions.write_single;
-        let request = if single {
-            Request::WriteSingle { at: output.address.offset, word: target.words()[0] }
-        } else {
-            Request::WriteMultiple { at: output.address.offset, words: target.words() }
-        };
         self.uncertain = Some(target);
-        if let Err(fault) = poll::call(line, shared, output.device, request, now).await {
+        if let Err(fault) = send(line, shared, output, target, now).await {
             if !fault.spoils_connection() {
                 // The device refused: what stood there still stands.
                 self.uncertain = None;
@@ -251,4 +245,21 @@ impl Writer {
             shared.tell(&Event::Verified { output, failures });
         }
     }
+}
+
+/// Writes the registers of one value; that they stand there is not known yet.
+pub(super) async fn send(
+    line: &mut Line,
+    shared: &Shared,
+    output: &Output,
+    target: Words,
+    now: Moment,
+) -> Result<(), Fault> {
+    let single = target.words().len() == 1 && shared.profile.device(output.device).functions.write_single;
+    let request = if single {
+        Request::WriteSingle { at: output.address.offset, word: target.words()[0] }
+    } else {
+        Request::WriteMultiple { at: output.address.offset, words: target.words() }
+    };
+    poll::call(line, shared, output.device, request, now).await.map(|_| ())
 }

@@ -6,6 +6,7 @@ use super::Shared;
 use crate::compensation::AxisState;
 use crate::compensation::settings::OnFault;
 use crate::gateway::output::Standing;
+use crate::profile::Share;
 
 impl Shared {
     /// A request to stop: the axes take their fault actions. How long that takes at most.
@@ -69,6 +70,9 @@ impl Shared {
             .zip(&core.outputs)
             .filter(|(output, _)| output.writes.is_cz())
             .map(|(output, state)| match (state.standing, state.cz) {
+                (Standing::Verified, Some(cz)) if output.share == Share::Ledger => {
+                    format!("{} holds {cz} of ours beside the operator's part", output.name)
+                }
                 (Standing::Verified, Some(cz)) => format!("{} holds {cz}", output.name),
                 (_, Some(cz)) => format!("{} held {cz} when it was last verified", output.name),
                 (_, None) => format!("{} was never read", output.name),

@@ -3,8 +3,8 @@
 use super::{Check, Zero, bus_of, get, shown};
 use crate::codec::{Address, Table};
 use crate::profile::place::child;
-use crate::profile::raw::{RawHandshake, RawSet, Share, VerifyWord};
-use crate::profile::{Axis, Bus, Device, Flag, Handshake, Output, OutputId, OutputSet, SetId, Writes};
+use crate::profile::raw::{RawHandshake, RawSet, VerifyWord};
+use crate::profile::{Axis, Bus, Device, Flag, Handshake, Output, OutputId, OutputSet, SetId, Share, Writes};
 
 impl Check<'_> {
     /// The named sets, and one for each output that has a handshake of its own; the outputs are told where they belong.
@@ -94,7 +94,7 @@ impl Check<'_> {
             let message = format!("with a {key} the register is read before and after each write");
             self.wrong(&child(path, "verify"), message, "write verify = \"read-back\"");
         }
-        if raw.is_some_and(|raw| raw.share == Some(Share::Ledger)) {
+        if output.share == Share::Ledger {
             let message = format!("a share of an operator's register has no {key}");
             self.wrong(&child(path, "share"), message, format!("remove `{key}`, or write share = \"whole\""));
         }

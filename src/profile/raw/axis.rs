@@ -291,8 +291,8 @@ pub(crate) struct RawOutput {
     pub(crate) refresh: Option<Span>,
     /// Interlock, a condition on signals: otherwise held.
     pub(crate) when: Option<String>,
-    /// whole: the register is ours; ledger: an operator's register, of which we own a share. Default "whole".
-    pub(crate) share: Option<Share>,
+    /// whole: the register is ours; ledger: an operator's register, of which we own a share, kept in a ledger on disk. Default "whole".
+    pub(crate) share: Option<ShareWord>,
     /// The set it belongs to: outputs of one device that the control sees together or not at all.
     pub(crate) set: Option<String>,
     /// A strobe and its acknowledgement around each write.
@@ -320,7 +320,7 @@ pub(crate) enum VerifyWord {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum Share {
+pub(crate) enum ShareWord {
     Whole,
     Ledger,
 }

@@ -5,8 +5,8 @@ use crate::clock::Sleeper;
 use crate::codec::{Address, DataType, Encoding, WordOrder};
 use crate::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault};
 use crate::profile::{
-    Arm, Axis, AxisId, Bus, Device, Functions, Heartbeat, History, Output, Quirks, Signal, Unit, Verify,
-    Writes,
+    Arm, Axis, AxisId, Bus, Device, Functions, Heartbeat, History, Output, Quirks, Share, Signal, Unit,
+    Verify, Writes,
 };
 use crate::quantity::Micron;
 use crate::reading::SignalId;
@@ -179,5 +179,6 @@ fn output(name: &str, device: usize, register: &str, scale: f64, writes: Writes)
         when: None,
         set: None,
         boot_counter: None,
+        share: Share::Whole,
     }
 }
