@@ -74,6 +74,7 @@ fn compensation() -> Compensation {
         levels: Levels::default(),
         datum: Datum::Zero,
         apart: None,
+        probe: None,
     };
     let machine = MachineSettings {
         on: Some(SignalId(3)),

@@ -10,6 +10,7 @@ mod input;
 mod lag;
 mod linear;
 mod matrix;
+mod taught;
 
 pub use envelope::{Beyond, Envelope, Extrapolation, Outside};
 pub use formula::{Condition, Expression, ExpressionError, Formula, Symbol};
@@ -108,11 +109,7 @@ pub trait Evaluate {
 impl Model {
     /// Its terms, those of the slope last.
     pub fn terms(&self) -> impl Iterator<Item = &Term> {
-        let linear = match &self.kind {
-            Kind::Linear(linear) => Some(linear),
-            Kind::Formula(_) | Kind::Matrix(_) | Kind::Network(_) => None,
-        };
-        linear.into_iter().flat_map(Linear::all_terms)
+        self.linear().into_iter().flat_map(Linear::all_terms)
     }
 
     /// What it asks for now, and where its inputs lie.

@@ -78,6 +78,7 @@ fn axis(models: Vec<Model>) -> AxisSettings {
         levels: Levels::default(),
         datum: Datum::Model,
         apart: None,
+        probe: None,
     }
 }
 

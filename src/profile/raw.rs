@@ -14,6 +14,7 @@ use serde_json::Value;
 
 mod axis;
 mod fieldbus;
+mod probe;
 
 pub(crate) use axis::{
     Carries, Component, DatumWord, FaultAction, FaultActionWord, InputValue, Inputs, ModelKind, OutsideWord,
@@ -23,6 +24,7 @@ pub(crate) use axis::{
 pub(crate) use fieldbus::{
     BusType, FunctionWord, RawBus, RawDevice, RawQuirks, RawSignal, TypeWord, WordOrderWord,
 };
+pub(crate) use probe::{RawGains, RawProbe};
 
 /// A duration: "300ms", "10s", "3min", "2h", "90d".
 #[derive(Clone, Debug, Deserialize)]

@@ -119,6 +119,7 @@ impl Shipped {
             levels: Levels::default(),
             datum: Datum::Model,
             apart: None,
+            probe: None,
         };
         let machine = MachineSettings {
             on: Some(SignalId(0)),

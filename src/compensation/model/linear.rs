@@ -91,12 +91,18 @@ fn sum<'a>(
 ) -> Result<f64, Unusable> {
     let mut sum = offset;
     for term in terms {
-        let lag = lags.next().copied().unwrap_or_default();
-        let value = known.snapshot.value(term.signal).ok_or(Unusable::Signal(term.signal))?;
-        let reference =
-            known.machine.captured(term.reference, term.signal).ok_or(Unusable::Reference(term.signal))?;
-        let rise = if term.lag.is_some() { lag.rise(term, known) } else { value - reference.value };
-        sum += term.gain * rise;
+        sum += term.part(lags.next().copied().unwrap_or_default(), known)?;
     }
     Ok(sum)
+}
+
+impl Term {
+    /// What it adds to the sum now.
+    pub(super) fn part(&self, lag: Lag, known: &Known<'_>) -> Result<f64, Unusable> {
+        let value = known.snapshot.value(self.signal).ok_or(Unusable::Signal(self.signal))?;
+        let reference =
+            known.machine.captured(self.reference, self.signal).ok_or(Unusable::Reference(self.signal))?;
+        let rise = if self.lag.is_some() { lag.rise(self, known) } else { value - reference.value };
+        Ok(self.gain * rise)
+    }
 }

@@ -20,7 +20,7 @@ impl Core {
         for (axis, arming) in self.arming.iter_mut().enumerate() {
             let permit = arming.permit(profile, axis, &self.outputs, self.stopping);
             let Arming { take_over, take_over_slope, .. } = *arming;
-            self.controls[axis] = Control { permit, take_over, take_over_slope };
+            self.controls[axis] = Control { permit, take_over, take_over_slope, ..Control::default() };
         }
         self.keeper.prepare(now, &self.compensation);
         let snapshot = Snapshot { now, readings: self.board.seen() };
