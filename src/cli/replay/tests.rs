@@ -190,6 +190,7 @@ fn logs_of(profile: &Profile, days: &[Event]) -> Vec<String> {
             permit,
             take_over: found.and_then(Micron::new),
             take_over_slope: found.and_then(|found| Micron::new(-0.5 * found)),
+            ..Control::default()
         });
         let snapshot = Snapshot { now, readings: &readings };
         let running = event.midnight.then(|| compensation.running());

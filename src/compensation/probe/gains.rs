@@ -16,8 +16,6 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::compensation::settings::GainSettings;
-
 /// The scatter of a probing, µm: a touch probe's repeatability and what the surface adds.
 const SCATTER: f64 = 1.0;
 
@@ -28,8 +26,8 @@ pub(super) struct Gains {
     estimate: Vec<f64>,
     /// P, row by row.
     covariance: Vec<f64>,
-    /// Where each variance begins, and what it never exceeds.
-    prior: Vec<f64>,
+    /// How far each estimate may go: believed to be two standard deviations at first.
+    bounds: Vec<f64>,
     /// Room for φ and Pφ: learning asks for none.
     #[serde(skip)]
     regressors: Vec<f64>,
@@ -38,36 +36,38 @@ pub(super) struct Gains {
 }
 
 impl Gains {
-    /// For so many gains, each believed to be right within `limit` (two standard deviations), and an offset inside
-    /// `offset_limit`.
+    /// For so many gains, each inside ±`limit`, and an offset inside ±`offset_limit` µm.
     pub(super) fn new(terms: usize, limit: f64, offset_limit: f64) -> Gains {
-        let variance = |limit: f64| (0.5 * limit).powi(2);
-        let prior: Vec<f64> = (0..terms).map(|_| variance(limit)).chain([variance(offset_limit)]).collect();
-        let mut gains = Gains { estimate: vec![0.0; terms + 1], prior, ..Gains::default() };
+        let bounds: Vec<f64> = (0..terms).map(|_| limit).chain([offset_limit]).collect();
+        let mut gains = Gains { estimate: vec![0.0; terms + 1], bounds, ..Gains::default() };
         gains.make_room();
         gains.begin_covariance();
         gains
     }
 
     fn make_room(&mut self) {
-        let size = self.prior.len();
+        let size = self.bounds.len();
         self.covariance.resize(size * size, 0.0);
         self.regressors.resize(size, 0.0);
         self.product.resize(size, 0.0);
     }
 
-    /// The same as it was kept, if it is of this shape; else `fresh`.
+    /// The same as it was kept, inside the bounds of `fresh`; `fresh` itself where it is not of this shape.
     pub(super) fn recalled(self, fresh: Gains) -> Gains {
-        let size = fresh.prior.len();
+        let size = fresh.bounds.len();
         let finite = self.estimate.iter().chain(&self.covariance).all(|number| number.is_finite());
-        if (self.estimate.len(), self.covariance.len()) != (size, size * size)
-            || !finite
-            || self.prior != fresh.prior
-        {
+        if (self.estimate.len(), self.covariance.len()) != (size, size * size) || !finite {
             return fresh;
         }
         let mut gains = self;
         gains.make_room();
+        if gains.bounds != fresh.bounds {
+            gains.bounds = fresh.bounds;
+            for (estimate, bound) in gains.estimate.iter_mut().zip(&gains.bounds) {
+                *estimate = estimate.clamp(-bound, *bound);
+            }
+            gains.bound_covariance();
+        }
         gains
     }
 
@@ -81,34 +81,26 @@ impl Gains {
         self.factors().iter().zip(parts).map(|(factor, part)| factor * part).sum()
     }
 
-    pub(super) fn learn(
-        &mut self,
-        wanted: f64,
-        parts: impl Iterator<Item = f64>,
-        settings: &GainSettings,
-        offset_limit: f64,
-    ) {
-        let size = self.prior.len();
+    pub(super) fn learn(&mut self, wanted: f64, parts: impl Iterator<Item = f64>, forgetting: f64) {
+        let size = self.bounds.len();
         for (regressor, part) in self.regressors.iter_mut().zip(parts.chain([1.0])) {
             *regressor = part;
         }
         for (product, row) in self.product.iter_mut().zip(self.covariance.chunks_exact(size)) {
             *product = dot(row, &self.regressors);
         }
-        let scatter = settings.forgetting * SCATTER * SCATTER + dot(&self.regressors, &self.product);
+        let scatter = forgetting * SCATTER * SCATTER + dot(&self.regressors, &self.product);
         let surprise = wanted - dot(&self.regressors, &self.estimate);
         if !(scatter.is_finite() && scatter > 0.0 && surprise.is_finite()) {
             return self.begin_covariance();
         }
-        let last = size - 1;
-        for (place, (estimate, product)) in self.estimate.iter_mut().zip(&self.product).enumerate() {
-            let limit = if place == last { offset_limit } else { settings.limit };
-            *estimate = (*estimate + product / scatter * surprise).clamp(-limit, limit);
+        for (place, (estimate, bound)) in self.estimate.iter_mut().zip(&self.bounds).enumerate() {
+            *estimate = (*estimate + self.product[place] / scatter * surprise).clamp(-bound, *bound);
         }
         for row in 0..size {
             for column in row..size {
                 let taken = self.product[row] * self.product[column] / scatter;
-                let value = (self.covariance[row * size + column] - taken) / settings.forgetting;
+                let value = (self.covariance[row * size + column] - taken) / forgetting;
                 self.covariance[row * size + column] = value;
                 self.covariance[column * size + row] = value;
             }
@@ -117,14 +109,15 @@ impl Gains {
     }
 
     fn bound_covariance(&mut self) {
-        let size = self.prior.len();
+        let size = self.bounds.len();
         for place in 0..size {
             let variance = self.covariance[place * size + place];
             if !(variance.is_finite() && variance > 0.0) {
                 return self.begin_covariance();
             }
-            if variance > self.prior[place] {
-                let shrink = (self.prior[place] / variance).sqrt();
+            let most = variance_within(self.bounds[place]);
+            if variance > most {
+                let shrink = (most / variance).sqrt();
                 for other in 0..size {
                     self.covariance[place * size + other] *= shrink;
                     self.covariance[other * size + place] *= shrink;
@@ -135,28 +128,33 @@ impl Gains {
 
     fn begin_covariance(&mut self) {
         self.covariance.fill(0.0);
-        let size = self.prior.len();
-        for (place, variance) in self.prior.iter().enumerate() {
-            self.covariance[place * size + place] = *variance;
+        let size = self.bounds.len();
+        for (place, bound) in self.bounds.iter().enumerate() {
+            self.covariance[place * size + place] = variance_within(*bound);
         }
     }
 
     /// The offset is this from here on, and not well known.
     pub(super) fn begin_at(&mut self, offset: f64) {
-        let size = self.prior.len();
+        let size = self.bounds.len();
         let last = size - 1;
         self.estimate[last] = offset;
         for other in 0..size {
             self.covariance[last * size + other] = 0.0;
             self.covariance[other * size + last] = 0.0;
         }
-        self.covariance[last * size + last] = self.prior[last];
+        self.covariance[last * size + last] = variance_within(self.bounds[last]);
     }
 
     pub(super) fn clear(&mut self) {
         self.estimate.fill(0.0);
         self.begin_covariance();
     }
+}
+
+/// What is not known yet lies within ±`bound`: two standard deviations.
+fn variance_within(bound: f64) -> f64 {
+    (0.5 * bound).powi(2)
 }
 
 fn dot(one: &[f64], other: &[f64]) -> f64 {

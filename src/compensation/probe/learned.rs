@@ -43,7 +43,7 @@ impl Learned {
         settings: &ProbeSettings,
     ) {
         if let (Some(gains), Some(bounds)) = (&mut self.gains, &settings.gains) {
-            gains.learn(wanted, parts.clone(), bounds, settings.limit.get());
+            gains.learn(wanted, parts.clone(), bounds.forgetting);
         }
         let rest = wanted - self.correction(parts, settings);
         let limit = settings.limit.get();
