@@ -244,15 +244,16 @@ impl Compensation {
     /// Whether this axis would learn from a measured error now; it is not changed.
     ///
     /// # Errors
-    /// Why not.
+    /// What it came to, with why not.
     pub fn would_learn(
         &self,
         axis: usize,
         snapshot: &Snapshot<'_>,
         measured: Measured,
-    ) -> Result<(), Refused> {
-        let axis = self.axes.get(axis).ok_or(Refused::NoModel)?;
-        axis.judge(snapshot, &self.machine, measured).refused.map_or(Ok(()), Err)
+    ) -> Result<(), Probed> {
+        let Some(axis) = self.axes.get(axis) else { return Ok(()) };
+        let probed = axis.judge(snapshot, &self.machine, measured);
+        if probed.refused.is_some() { Err(probed) } else { Ok(()) }
     }
 
     /// The lags go on to a snapshot at which no axis decided. A gateway records no such row; a log from elsewhere has

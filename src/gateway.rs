@@ -32,6 +32,7 @@ pub mod log;
 mod memory;
 mod output;
 mod poll;
+mod probing;
 mod shared;
 mod status;
 mod watch;

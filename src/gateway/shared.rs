@@ -8,6 +8,7 @@ use super::board::Board;
 use super::keeper::Keeper;
 use super::levels::LevelsTold;
 use super::output::OutputState;
+use super::probing::Probing;
 use crate::clock::{Bell, Clock};
 use crate::compensation::{AxisState, Compensation, Control, Remembered};
 use crate::observe::events::{Event, Journal};
@@ -15,9 +16,12 @@ use crate::observe::status::Command;
 use crate::profile::{AxisId, BusId, Profile};
 use crate::quantity::Moment;
 
+mod probing;
 mod step;
 mod stop;
 mod tell;
+
+pub(super) use probing::refused_in_words;
 
 /// The gateway's state, shared by its tasks.
 pub(crate) struct Shared {
@@ -35,6 +39,7 @@ pub(super) struct Core {
     pub(super) board: Board,
     pub(super) compensation: Compensation,
     pub(super) arming: Vec<Arming>,
+    pub(super) probing: Vec<Probing>,
     pub(super) outputs: Vec<OutputState>,
     pub(super) devices: Vec<DeviceCount>,
     pub(super) buses: Vec<BusCount>,
@@ -103,6 +108,7 @@ impl Shared {
             board: Board::new(&profile),
             compensation: Compensation::new(profile.machine.clone(), axes, remembered),
             arming: vec![Arming::default(); profile.axes.len()],
+            probing: vec![Probing::default(); profile.axes.len()],
             outputs: vec![OutputState::default(); profile.outputs.len()],
             devices: vec![DeviceCount::default(); profile.devices.len()],
             buses: vec![BusCount::default(); profile.buses.len()],

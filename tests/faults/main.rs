@@ -9,5 +9,6 @@ mod keeping;
 mod law;
 mod load;
 mod outputs;
+mod probing;
 mod rig;
 mod stop;
