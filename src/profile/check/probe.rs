@@ -87,16 +87,9 @@ impl Check<'_> {
         signals: &Signals,
         diameter: bool,
     ) -> Option<Option<ProbeInput>> {
-        let at = child(path, "signal");
-        let signal = match &raw.signal {
-            Some(name) => Some((name, self.signal(&at, name))),
-            None => None,
-        };
-        let at_trigger = child(path, "trigger");
-        let trigger = match &raw.trigger {
-            Some(name) => Some(self.signal(&at_trigger, name)?),
-            None => None,
-        };
+        let (at, at_trigger) = (child(path, "signal"), child(path, "trigger"));
+        let signal = raw.signal.as_ref().map(|name| (name, self.signal(&at, name)));
+        let trigger = raw.trigger.as_ref().map(|name| self.signal(&at_trigger, name));
         let Some((name, signal)) = signal else {
             if trigger.is_some() {
                 let help = "write `signal`, where the measured error is read, or remove `trigger`";
@@ -105,6 +98,10 @@ impl Check<'_> {
             return Some(None);
         };
         let signal = signal?;
+        let trigger = match trigger {
+            Some(found) => Some(found?),
+            None => None,
+        };
         if trigger == Some(signal) {
             let help = "remove `trigger`: each change of the error counts then; or name a flag or a counter";
             self.wrong(&at_trigger, "the error cannot be its own trigger", help);
