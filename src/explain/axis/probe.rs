@@ -18,7 +18,7 @@ pub(super) fn probe(profile: &Profile, axis: &Axis, settings: &ProbeSettings) ->
     let diameter = if axis.diameter { ", on the diameter" } else { "" };
     let mut words = format!(
         "measured errors (actual minus commanded{diameter}, with Cz acting) come from {from}; a positive one lowers the \
-         model's Cz by {} of it, in all by at most {} µm; one that the model should have known {} µm better is refused",
+         model's Cz by {} of it, in all by at most {} µm; one by which the model would be wrong by more than {} µm is refused",
         settings.filter,
         settings.limit.get(),
         settings.max_error.get()
