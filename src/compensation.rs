@@ -30,7 +30,7 @@ mod running;
 mod state;
 
 pub use guard::Stages;
-pub use model::{Extrapolation, Unusable};
+pub use model::{CLEARLY_INSIDE, Extrapolation, Unusable};
 pub use probe::{Measured, Probe, Probed, Refused, Residual};
 pub use remembered::{AxisRemembered, Remembered};
 pub use running::AxisRunning;
@@ -142,6 +142,9 @@ pub struct Decision {
     pub tripped: bool,
     /// How far the machine is from what the model in use was identified on; `None` inside.
     pub extrapolating: Option<Extrapolation>,
+    /// The same as a number: above 0 outside, negative inside; `None` where the model in use has neither envelope nor
+    /// guideway. [`CLEARLY_INSIDE`] says when outside is over.
+    pub excess: Option<f64>,
 }
 
 /// All axes of a machine, and what they remember.

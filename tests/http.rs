@@ -326,6 +326,9 @@ async fn metrics_are_valid_and_leave_out_what_is_not_known() {
     expect("isotherm_probe_correction_micrometers", r#",axis="z""#, "-1.5");
     expect("isotherm_probe_residual_micrometers", r#",axis="z""#, "3");
     expect("isotherm_probe_gain_change", r#",axis="z",model="a",signal="t1",term="0""#, "0.05");
+    expect("isotherm_axis_warned", r#",axis="z""#, "1");
+    expect("isotherm_axis_extrapolating", r#",axis="z""#, "0");
+    expect("isotherm_axis_excess_ratio", r#",axis="z""#, "-0.2");
     expect("isotherm_guard_acting", r#",axis="z",stage="limit""#, "1");
     expect("isotherm_guard_acting", r#",axis="z",stage="round""#, "0");
     expect("isotherm_signal_value", r#",signal="t2",unit="°C""#, "21.25");
@@ -346,6 +349,7 @@ async fn metrics_are_valid_and_leave_out_what_is_not_known() {
     expect("isotherm_output_writes_total", r#",output="z_offset",axis="z""#, "9");
     expect("isotherm_events_total", r#",kind="signal-bad""#, "4");
     assert!(!reply.body.contains("isotherm_axis_raw_micrometers"), "the model gives nothing");
+    assert!(!reply.body.contains("isotherm_axis_tripped{"), "the axis has no error level");
     assert!(!reply.body.contains(r#"isotherm_signal_value{machine="Grinder \"3\" <west>\n\\x",signal="t1""#));
     assert!(!reply.body.contains("NaN"));
 }

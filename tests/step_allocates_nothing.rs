@@ -38,8 +38,9 @@ fn compensation() -> Compensation {
         _ => None,
     };
     let expression = Expression::parse("2.4 * max(A - (2e-5*t + 23.4), 0)", &resolve).expect("a formula");
-    let input = |place| Input { signal: SignalId(place), reference: Reference::Fixed(20.0) };
-    let matrix = Matrix::new("m.json", vec![input(0), input(1)], SignalId(2), vec![0.0, 20.5], vec![0.5; 4]);
+    let input = |place| Input { signal: SignalId(place), reference: Reference::Fixed(20.0), lag: None };
+    let late = Input { lag: half_an_hour, ..input(0) };
+    let matrix = Matrix::new("m.json", vec![late, input(1)], SignalId(2), vec![0.0, 20.5], vec![0.5; 4]);
     let node = Node { centre: vec![1.0], width: 2.0, weight: 3.0 };
     let scaling = Scaling::new(&[20.0], &[4.0]).expect("scaling");
     let radial = Radial::new(scaling.clone(), vec![node], 0.0, (0.0, 1.0)).expect("nodes");

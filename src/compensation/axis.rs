@@ -4,12 +4,12 @@ use std::time::Duration;
 
 use super::datum::Zeroing;
 use super::guard::{Guard, Pace};
-use super::model::{Known, Lag, Model, Outside, Reference, Unusable, Wanted};
+use super::model::{CLEARLY_INSIDE, Known, Lag, Model, Outside, Place, Reference, Unusable, Wanted};
 use super::probe::Probe;
 use super::reference::Machine;
 use super::remembered::AxisRemembered;
 use super::settings::{Apart, AxisSettings, Datum, GuardSettings, MachineSettings, OnFault};
-use super::{AxisRunning, AxisState, Control, Decision, Extrapolation, Permit, Snapshot, Stages};
+use super::{AxisRunning, AxisState, Control, Decision, Permit, Snapshot, Stages};
 use crate::quantity::{Micron, Moment};
 
 mod learn;
@@ -27,6 +27,8 @@ pub(super) struct Axis {
     permit: Permit,
     /// The model asked for more than the error level since it was armed.
     tripped: bool,
+    /// It keeps its value because the model's inputs lie outside its envelope.
+    kept_outside: bool,
     stepped: Option<Moment>,
     pub(super) due: Option<Moment>,
     pub(super) decision: Decision,
@@ -43,19 +45,8 @@ pub(super) struct Chosen {
     correction: Micron,
     /// What the slope comes to at the reach.
     slope: Micron,
-    /// How far the machine is from what the model was identified on.
-    extrapolating: Option<Extrapolation>,
-}
-
-impl Chosen {
-    /// Outside the region it was identified on, and not to be followed there.
-    fn keeps(&self) -> bool {
-        is_kept(self.extrapolating)
-    }
-}
-
-fn is_kept(extrapolating: Option<Extrapolation>) -> bool {
-    extrapolating.is_some_and(|found| found.outside == Outside::Hold)
+    /// Where the machine is in or outside what the model was identified on.
+    place: Option<Place>,
 }
 
 impl Axis {
@@ -72,6 +63,7 @@ impl Axis {
             lacks: None,
             tripped: false,
             extrapolating: None,
+            excess: None,
         };
         let lags = settings.models.iter().map(|model| model.terms().map(|_| Lag::default()).collect());
         Axis {
@@ -84,6 +76,7 @@ impl Axis {
             state: AxisState::Off,
             permit: Permit::Off,
             tripped: false,
+            kept_outside: false,
             stepped: None,
             due: None,
             decision,
@@ -94,7 +87,7 @@ impl Axis {
     pub(super) fn recall(&mut self, remembered: &AxisRemembered) {
         for (model, lags) in self.settings.models.iter().zip(&mut self.lags) {
             for ((place, term), lag) in model.terms().enumerate().zip(lags) {
-                *lag = remembered.lag(&model.name, place, term);
+                *lag = remembered.lag(&model.name, place, &term);
             }
         }
         if self.settings.datum == Datum::Zero {
@@ -114,6 +107,7 @@ impl Axis {
     pub(super) fn go_on(&mut self, running: &AxisRunning) {
         (self.guard, self.slope_guard) = (running.guard, running.slope_guard);
         (self.state, self.permit, self.tripped) = (running.state, running.permit, running.tripped);
+        self.kept_outside = running.kept_outside;
         (self.stepped, self.due, self.decision) = (running.stepped, running.due, running.decision);
     }
 
@@ -126,6 +120,7 @@ impl Axis {
             state: self.state,
             permit: self.permit,
             tripped: self.tripped,
+            kept_outside: self.kept_outside,
             stepped: self.stepped,
             due: self.due,
             decision: self.decision,
@@ -136,7 +131,7 @@ impl Axis {
     pub(super) fn follow(&mut self, snapshot: &Snapshot<'_>, machine: &Machine) {
         for (model, lags) in self.settings.models.iter().zip(&mut self.lags) {
             for (term, lag) in model.terms().zip(lags) {
-                lag.follow(term, snapshot, machine);
+                lag.follow(&term, snapshot, machine);
             }
         }
     }
@@ -203,16 +198,16 @@ impl Axis {
     /// Where its envelope shrinks, what is left of the datum and of the correction shrinks with it: far outside Cz goes
     /// to zero.
     fn chosen(&self, model: usize, wanted: Wanted, correction: f64) -> Option<Chosen> {
-        let Wanted { asked, extrapolating } = wanted;
+        let Wanted { asked, place } = wanted;
         let datum = self.zeroing.of(model);
-        let gain = extrapolating.map_or(1.0, |found| found.gain);
+        let gain = place.and_then(|place| place.extrapolating).map_or(1.0, |found| found.gain);
         let reach = self.settings.apart.map_or(0.0, |apart| apart.reach);
         Some(Chosen {
             model,
             raw: Micron::new((asked.cz - datum.cz + correction) * gain)?,
             correction: Micron::new(correction * gain)?,
             slope: Micron::new((asked.slope - datum.slope) * gain * reach)?,
-            extrapolating,
+            place,
         })
     }
 
@@ -237,7 +232,10 @@ impl Axis {
         }
         self.note_error_level(chosen, control.permit);
         let followed = chosen.filter(|_| !self.tripped);
-        self.state = self.next_state(now, followed.as_ref(), control.permit);
+        let keeps =
+            control.permit == Permit::Armed && followed.is_some_and(|chosen| self.keeps_outside(&chosen));
+        self.state = self.next_state(now, followed.map(|chosen| chosen.model), control.permit, keeps);
+        self.kept_outside = keeps;
         let (cz, slope, acted) = self.guarded(followed, dt);
         if self.state == AxisState::Ramping && cz == Micron::ZERO && slope == Micron::ZERO {
             self.state = AxisState::Zeroed;
@@ -253,7 +251,8 @@ impl Axis {
             acted,
             lacks,
             tripped: self.tripped,
-            extrapolating: chosen.and_then(|chosen| chosen.extrapolating),
+            extrapolating: chosen.and_then(|chosen| chosen.place?.extrapolating),
+            excess: chosen.and_then(|chosen| chosen.place).map(|place| place.excess),
         };
         self.due = Some(self.next_due(now));
         self.permit = control.permit;
@@ -317,10 +316,20 @@ impl Axis {
         }
     }
 
-    fn next_state(&self, now: Moment, followed: Option<&Chosen>, permit: Permit) -> AxisState {
-        let keeps =
-            permit == Permit::Held || (permit == Permit::Armed && followed.is_some_and(Chosen::keeps));
-        match (permit, followed.map(|chosen| chosen.model)) {
+    /// Outside the region the model was identified on, and not to be followed there until clearly inside again.
+    fn keeps_outside(&self, chosen: &Chosen) -> bool {
+        let envelope = self.settings.models.get(chosen.model).and_then(|model| model.envelope.as_ref());
+        let Some(place) = chosen.place.filter(|_| envelope.is_some_and(|e| e.outside() == Outside::Hold))
+        else {
+            return false;
+        };
+        let begins = place.extrapolating.is_some_and(|found| found.outside == Outside::Hold);
+        begins || (self.kept_outside && place.extrapolating.is_none() && place.excess >= CLEARLY_INSIDE)
+    }
+
+    fn next_state(&self, now: Moment, followed: Option<usize>, permit: Permit, outside: bool) -> AxisState {
+        let keeps = permit == Permit::Held || outside;
+        match (permit, followed) {
             (Permit::Off, _) => AxisState::Off,
             // It never took over what stands in the register, so there is nothing of its own to bring back.
             (Permit::Stopping, _) if self.state == AxisState::Off => AxisState::Off,
@@ -340,7 +349,7 @@ impl Axis {
             AxisState::Ramping | AxisState::Zeroed if self.is_at_zero() => return AxisState::Zeroed,
             AxisState::Ramping | AxisState::Zeroed => return AxisState::Ramping,
             // What was kept outside an envelope was no fault: the fault begins now.
-            AxisState::Holding(_) if self.kept_outside() => now,
+            AxisState::Holding(_) if self.kept_outside => now,
             // Where time went back, the hold does not wait for the moment at which it began to come again.
             AxisState::Holding(since) => since.min(now),
             AxisState::Off | AxisState::Active | AxisState::Degraded => now,
@@ -351,12 +360,6 @@ impl Axis {
             OnFault::Zero => true,
         };
         if leaves { AxisState::Ramping } else { AxisState::Holding(since) }
-    }
-
-    /// The last decision kept the value because the model's inputs lay outside its envelope.
-    fn kept_outside(&self) -> bool {
-        let last = &self.decision;
-        self.permit == Permit::Armed && !last.tripped && is_kept(last.extrapolating)
     }
 
     fn is_at_zero(&self) -> bool {

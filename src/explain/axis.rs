@@ -1,6 +1,7 @@
 //! An axis in words: how Cz is computed, which way it moves, how far and how fast.
 
 use std::fmt;
+use std::time::Duration;
 
 use serde::Serialize;
 
@@ -159,13 +160,14 @@ fn sum_text(profile: &Profile, terms: &[Term]) -> String {
 fn linear_effects(profile: &Profile, linear: &Linear) -> Vec<String> {
     let mut effects = gains(&linear.terms)
         .into_iter()
-        .map(|(term, gain)| effect(profile, term.signal, gain, &late(profile, &term, "")))
+        .map(|(term, gain)| effect(profile, term.signal, gain, &late(profile, term.signal, term.lag, "")))
         .collect::<Vec<String>>();
     if let Some(slope) = &linear.slope {
         let position = &profile.signal(slope.position).name;
         for (term, gain) in gains(&slope.terms) {
             let beside = format!(" and {position} stands 100 mm above {} mm", figure(slope.reference));
-            effects.push(effect(profile, term.signal, gain * 100.0, &late(profile, &term, &beside)));
+            let place = late(profile, term.signal, term.lag, &beside);
+            effects.push(effect(profile, term.signal, gain * 100.0, &place));
         }
     }
     effects
@@ -183,9 +185,9 @@ fn gains(terms: &[Term]) -> Vec<(Term, f64)> {
     gains
 }
 
-fn late(profile: &Profile, term: &Term, beside: &str) -> String {
-    let signal = &profile.signal(term.signal).name;
-    match term.lag {
+fn late(profile: &Profile, signal: SignalId, lag: Option<Duration>, beside: &str) -> String {
+    let signal = &profile.signal(signal).name;
+    match lag {
         Some(lag) => {
             let lag = humantime::format_duration(lag);
             format!("{beside} (63 % of it {lag} after {signal} has risen)")

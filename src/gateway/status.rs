@@ -70,12 +70,14 @@ fn axes(shared: &Shared, core: &Core) -> Vec<AxisStatus> {
         warn_um: axis.settings.levels.warn.map(Micron::get),
         warned: core.levels[place].is_warned(),
         error_um: axis.settings.levels.error.map(Micron::get),
+        tripped: decision.tripped,
         armed: core.arming[place].armed,
         probe: probe(shared, core, place),
         extrapolating: decision
             .extrapolating
             .as_ref()
             .map(|found| extrapolation::status(&shared.profile, found)),
+        excess: decision.excess,
     })
     .collect()
 }

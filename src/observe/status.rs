@@ -126,12 +126,16 @@ pub struct AxisStatus {
     pub warned: bool,
     /// The size of a model's Cz at which the axis gives up, µm.
     pub error_um: Option<f64>,
+    /// A model asked for more than that since the axis was armed.
+    pub tripped: bool,
     /// It may write.
     pub armed: bool,
     /// What measured errors have taught it; `None` where the profile has no probe.
     pub probe: Option<ProbeStatus>,
     /// The inputs lie outside what the model in use was identified on.
     pub extrapolating: Option<ExtrapolationStatus>,
+    /// How far outside that is, as a share: above 0 outside, negative inside; `None` where the model has no region.
+    pub excess: Option<f64>,
 }
 
 /// What measured errors have taught an axis.

@@ -94,8 +94,17 @@ impl World {
         World::start(profile, faults, None).await
     }
 
-    pub(crate) async fn start(mut profile: Profile, faults: FaultScript, clock: Option<Clock>) -> World {
+    pub(crate) async fn start(profile: Profile, faults: FaultScript, clock: Option<Clock>) -> World {
         let plant = PlantSpec::shipped("surface-grinder").unwrap().unwrap();
+        World::with(plant, profile, faults, clock).await
+    }
+
+    pub(crate) async fn with(
+        plant: PlantSpec,
+        mut profile: Profile,
+        faults: FaultScript,
+        clock: Option<Clock>,
+    ) -> World {
         let clock = clock.unwrap_or_else(|| Clock::simulated(plant.start(), None));
         let hold = clock.hold();
         let setup = Setup {
@@ -113,6 +122,14 @@ impl World {
             profile.buses[bus.0].address = address.to_string();
         }
         World { profile, clock, machine, hold: Some(hold) }
+    }
+
+    /// Lets this much time pass without a gateway.
+    pub(crate) async fn wait(&mut self, span: Duration) {
+        let mut ticket = self.clock.join();
+        drop(self.hold.take());
+        ticket.sleep_until(self.clock.now().after(span)).await;
+        self.hold = Some(self.clock.hold());
     }
 
     pub(crate) fn gateway(&mut self) -> Trial<'_> {

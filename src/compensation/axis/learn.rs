@@ -1,7 +1,7 @@
 //! Probings of an axis: judged, learned from, taken back, and begun anew with a new datum.
 
-use super::{Axis, is_kept};
-use crate::compensation::model::{Evaluate, Reference};
+use super::Axis;
+use crate::compensation::model::{Evaluate, Outside, Place, Reference};
 use crate::compensation::probe::{Measured, Probed, Refused};
 use crate::compensation::reference::Machine;
 use crate::compensation::settings::{Datum, ProbeSettings};
@@ -71,11 +71,7 @@ impl Axis {
         let max_error = self.settings.probe.map_or(Micron::ZERO, |settings| settings.max_error);
         let refused = match (chosen, residual) {
             (Some(_), _) if self.tripped => Some(Refused::Tripped),
-            (Some(chosen), _)
-                if chosen.keeps() || chosen.extrapolating.is_some_and(|found| found.gain < 1.0) =>
-            {
-                Some(Refused::Outside)
-            }
+            (Some(chosen), _) if is_left(chosen.place) => Some(Refused::Outside),
             (Some(_), Some(residual)) if residual.abs() > max_error => Some(Refused::Implausible),
             (Some(_), Some(_)) => None,
             _ => Some(Refused::NoModel),
@@ -96,8 +92,7 @@ impl Axis {
         for (place, learned) in models.iter_mut().enumerate() {
             let Some((model, known)) = self.model(place, snapshot, machine) else { continue };
             let Ok(wanted) = model.wants(&known) else { continue };
-            let shrinks = wanted.extrapolating.is_some_and(|found| found.gain < 1.0);
-            if shrinks || is_kept(wanted.extrapolating) {
+            if is_left(wanted.place) {
                 continue;
             }
             let missing = cz - (wanted.asked.cz - self.zeroing.of(place).cz);
@@ -108,4 +103,10 @@ impl Axis {
         }
         self.probe.models = models;
     }
+}
+
+/// Outside the region that the model was identified on, and not followed there.
+fn is_left(place: Option<Place>) -> bool {
+    let found = place.and_then(|place| place.extrapolating);
+    found.is_some_and(|found| found.outside == Outside::Hold || found.gain < 1.0)
 }

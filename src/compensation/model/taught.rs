@@ -1,6 +1,6 @@
 //! What probings need to know of a model: its gains, what each contributes, what it is measured from.
 
-use super::{Kind, Known, Linear, Model, Reference, Term};
+use super::{Kind, Known, Lag, Linear, Model, Reference, Term};
 
 impl Model {
     /// The terms whose gains can be corrected: those of a linear model, without its slope's.
@@ -12,25 +12,20 @@ impl Model {
     pub fn parts<'a>(&'a self, known: Known<'a>) -> impl Iterator<Item = f64> + Clone + 'a {
         let terms = self.linear().map_or(&[][..], |linear| &linear.terms).iter();
         terms.enumerate().map(move |(place, term)| {
-            let lag = known.lags.get(place).copied().unwrap_or_default();
+            let lag = known.lags.get(place).unwrap_or(&Lag::NONE);
             term.part(lag, &known).unwrap_or(f64::NAN)
         })
     }
 
     /// The offset and the gains that the profile gives a linear model.
     pub fn numbers(&self) -> impl Iterator<Item = f64> {
-        let offset = self.linear().map(|linear| linear.offset);
-        offset.into_iter().chain(self.terms().map(|term| term.gain))
+        let linear = self.linear().into_iter();
+        linear.flat_map(|linear| [linear.offset].into_iter().chain(linear.all_terms().map(|term| term.gain)))
     }
 
     /// What its rises are measured from.
     pub fn references(&self) -> impl Iterator<Item = Reference> {
-        let inputs = match &self.kind {
-            Kind::Matrix(matrix) => matrix.blocks(),
-            Kind::Network(network) => network.reads(),
-            Kind::Linear(_) | Kind::Formula(_) => &[],
-        };
-        self.terms().map(|term| term.reference).chain(inputs.iter().map(|input| input.reference))
+        self.terms().map(|term| term.reference)
     }
 
     pub(super) fn linear(&self) -> Option<&Linear> {

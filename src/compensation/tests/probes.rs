@@ -153,7 +153,7 @@ fn outside_its_envelope_a_model_learns_only_where_it_is_followed_there() {
         (Outside::Hold, Some(Refused::Outside)),
         (Outside::Shrink, Some(Refused::Outside)),
     ] {
-        let input = Input { signal: BED, reference: Reference::Fixed(0.0) };
+        let input = Input { signal: BED, reference: Reference::Fixed(0.0), lag: None };
         let known = Identified { input, mean: 25.0, range: (20.0, 26.0) };
         let envelope = Some(Envelope::new(vec![known], &[vec![1.0]], None, outside).unwrap());
         let models = vec![Model { envelope, ..difference() }];

@@ -45,16 +45,8 @@ impl Core {
             }
             let events = self.levels[axis].events(&settings.settings, decision);
             self.untold.extend(events.into_iter().flatten());
-            if self.extrapolating[axis] != decision.extrapolating.is_some() {
-                self.extrapolating[axis] = decision.extrapolating.is_some();
-                let axis = name.clone();
-                self.untold.push(match &decision.extrapolating {
-                    Some(found) => {
-                        Event::Extrapolating { axis, how: extrapolation::words(&shared.profile, found) }
-                    }
-                    None => Event::Interpolating { axis },
-                });
-            }
+            let told = extrapolation::event(&shared.profile, name, decision, &mut self.extrapolating[axis]);
+            self.untold.extend(told);
         }
     }
 

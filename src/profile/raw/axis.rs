@@ -176,7 +176,7 @@ pub(crate) struct RawInput {
     pub(crate) signal: Option<String>,
     /// What its rise is measured from: a number, "start" or "zero". Default: the model's `reference`.
     pub(crate) reference: Option<ReferenceValue>,
-    /// network: it lags behind the signal: time constant of a first-order lag.
+    /// It lags behind the signal: time constant C of a first-order lag, 1 − e^(−t/C); needs a `reference`.
     pub(crate) lag: Option<Span>,
 }
 
