@@ -61,6 +61,7 @@ fn compensation(kind: &Kind, signals: usize, axes: usize) -> Compensation {
         levels: Levels::default(),
         datum: Datum::Model,
         apart: None,
+        probe: None,
     };
     let machine = MachineSettings { signals, ..MachineSettings::default() };
     Compensation::new(machine, vec![axis; axes], Remembered::default())

@@ -33,6 +33,7 @@ pub mod log;
 mod memory;
 mod output;
 mod poll;
+mod probing;
 mod restart;
 mod shared;
 mod status;

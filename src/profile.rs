@@ -228,6 +228,19 @@ pub struct Axis {
     pub settings: AxisSettings,
     /// A lathe's X: the offset acts on the diameter, Cz is doubled when written.
     pub diameter: bool,
+    /// Where its measured error is read; `None`: errors come by command only, if it takes any.
+    pub probe_input: Option<ProbeInput>,
+}
+
+/// Where a probing cycle leaves its result.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ProbeInput {
+    /// The measured error.
+    pub signal: SignalId,
+    /// Tells when there is a new one; without it each change of the error does.
+    pub trigger: Option<SignalId>,
+    /// One unit of the signal in µm of Cz: half of it where the axis acts on a diameter.
+    pub micron: f64,
 }
 
 /// One value that is written.

@@ -4,12 +4,15 @@ use std::time::Duration;
 
 use super::datum::Zeroing;
 use super::guard::{Guard, Pace};
-use super::model::{CLEARLY_INSIDE, Known, Lag, Outside, Place, Wanted};
+use super::model::{CLEARLY_INSIDE, Known, Lag, Model, Outside, Place, Reference, Unusable, Wanted};
+use super::probe::Probe;
 use super::reference::Machine;
 use super::remembered::AxisRemembered;
 use super::settings::{Apart, AxisSettings, Datum, GuardSettings, MachineSettings, OnFault};
-use super::{AxisRunning, AxisState, Control, Decision, Permit, Snapshot, Stages, Unusable};
+use super::{AxisRunning, AxisState, Control, Decision, Permit, Snapshot, Stages};
 use crate::quantity::{Micron, Moment};
+
+mod learn;
 
 #[derive(Clone, Debug)]
 pub(super) struct Axis {
@@ -17,6 +20,7 @@ pub(super) struct Axis {
     /// By model, by term.
     lags: Vec<Vec<Lag>>,
     zeroing: Zeroing,
+    pub(super) probe: Probe,
     guard: Guard,
     slope_guard: Guard,
     state: AxisState,
@@ -37,6 +41,8 @@ pub(super) struct Chosen {
     pub(super) model: usize,
     /// Cz; where the parts are written apart, K0.
     pub(super) raw: Micron,
+    /// What of it probings have added.
+    correction: Micron,
     /// What the slope comes to at the reach.
     slope: Micron,
     /// Where the machine is in or outside what the model was identified on.
@@ -48,6 +54,7 @@ impl Axis {
         let decision = Decision {
             at: Moment::default(),
             raw: None,
+            correction: Micron::ZERO,
             model: None,
             cz: Micron::ZERO,
             slope: Micron::ZERO,
@@ -62,6 +69,7 @@ impl Axis {
         Axis {
             lags: lags.collect(),
             zeroing: Zeroing::new(settings.models.len()),
+            probe: Probe::new(&settings.models, settings.probe.as_ref()),
             settings,
             guard: Guard::default(),
             slope_guard: Guard::default(),
@@ -85,11 +93,14 @@ impl Axis {
         if self.settings.datum == Datum::Zero {
             self.zeroing = remembered.zeroing(self.settings.models.iter().map(|model| model.name.as_str()));
         }
+        if let (Some(settings), Some(kept)) = (&self.settings.probe, remembered.probe()) {
+            self.probe.recall(kept, &self.settings.models, settings);
+        }
     }
 
     /// What is worth keeping over a restart; `None` where that is nothing.
     pub(super) fn remembered(&self) -> Option<AxisRemembered> {
-        AxisRemembered::of(&self.settings, &self.lags, &self.zeroing)
+        AxisRemembered::of(&self.settings, &self.lags, &self.zeroing, &self.probe)
     }
 
     /// Takes up where it stood in the middle of a run.
@@ -130,18 +141,35 @@ impl Axis {
         if self.settings.datum == Datum::Zero {
             self.zeroing.begin(now.after(machine.settle));
         }
+        self.renew(Reference::Zero, now.after(machine.settle));
+    }
+
+    /// The machine was started: what is measured from that is captured from now on.
+    pub(super) fn started(&mut self, machine: &MachineSettings, now: Moment) {
+        self.renew(Reference::Start, now.after(machine.settle));
     }
 
     /// At its period; at once where it never ran, where time went back, and where its control says something new.
     pub(super) fn is_due(&self, now: Moment, control: &Control) -> bool {
         let (Some(due), Some(last)) = (self.due, self.stepped) else { return true };
-        now >= due || now < last || control.permit != self.permit || control.takes_over()
+        now >= due || now < last || control.permit != self.permit || control.takes_over() || control.teaches()
     }
 
     fn ask(&self, place: usize, snapshot: &Snapshot<'_>, machine: &Machine) -> Result<Wanted, Unusable> {
+        let (model, known) = self.model(place, snapshot, machine).ok_or(Unusable::NotANumber)?;
+        model.wants(&known)
+    }
+
+    /// A model, and what it is evaluated from.
+    fn model<'a>(
+        &'a self,
+        place: usize,
+        snapshot: &'a Snapshot<'a>,
+        machine: &'a Machine,
+    ) -> Option<(&'a Model, Known<'a>)> {
         let lags = self.lags.get(place).map(Vec::as_slice).unwrap_or_default();
         let known = Known { snapshot, machine, lags, apart: self.settings.apart.is_some() };
-        self.settings.models.get(place).ok_or(Unusable::NotANumber)?.wants(&known)
+        Some((self.settings.models.get(place)?, known))
     }
 
     /// The first model whose signals are all good, with its value, and what the preferred one lacks. One that only
@@ -154,7 +182,10 @@ impl Axis {
         let mut lacks = None;
         for place in 0..self.settings.models.len() {
             match self.ask(place, snapshot, machine) {
-                Ok(wanted) => return (self.chosen(place, wanted), lacks),
+                Ok(wanted) => {
+                    let correction = self.correction(place, snapshot, machine);
+                    return (self.chosen(place, wanted, correction), lacks);
+                }
                 Err(reason @ (Unusable::Reference(_) | Unusable::MachineOff)) => {
                     return (None, lacks.or(Some(reason)));
                 }
@@ -164,15 +195,17 @@ impl Axis {
         (None, lacks)
     }
 
-    /// Where its envelope shrinks, what is left of the datum shrinks with it: far outside Cz goes to zero.
-    fn chosen(&self, model: usize, wanted: Wanted) -> Option<Chosen> {
+    /// Where its envelope shrinks, what is left of the datum and of the correction shrinks with it: far outside Cz goes
+    /// to zero.
+    fn chosen(&self, model: usize, wanted: Wanted, correction: f64) -> Option<Chosen> {
         let Wanted { asked, place } = wanted;
         let datum = self.zeroing.of(model);
         let gain = place.and_then(|place| place.extrapolating).map_or(1.0, |found| found.gain);
         let reach = self.settings.apart.map_or(0.0, |apart| apart.reach);
         Some(Chosen {
             model,
-            raw: Micron::new((asked.cz - datum.cz) * gain)?,
+            raw: Micron::new((asked.cz - datum.cz + correction) * gain)?,
+            correction: Micron::new(correction * gain)?,
             slope: Micron::new((asked.slope - datum.slope) * gain * reach)?,
             place,
         })
@@ -185,6 +218,9 @@ impl Axis {
             let mut zeroing = std::mem::take(&mut self.zeroing);
             zeroing.gather(now, |place| self.ask(place, snapshot, machine).ok().map(|wanted| wanted.asked));
             self.zeroing = zeroing;
+        }
+        if self.settings.probe.is_some() {
+            self.be_taught(snapshot, machine, control);
         }
         let (chosen, lacks) = self.choose(snapshot, machine);
         if let Some(found) = control.take_over {
@@ -207,6 +243,7 @@ impl Axis {
         self.decision = Decision {
             at: now,
             raw: chosen.map(|chosen| chosen.raw),
+            correction: chosen.map_or(Micron::ZERO, |chosen| chosen.correction),
             model: chosen.map(|chosen| chosen.model),
             cz,
             slope,

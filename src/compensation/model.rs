@@ -10,6 +10,7 @@ mod input;
 mod lag;
 mod linear;
 mod matrix;
+mod taught;
 
 pub use envelope::{Beyond, CLEARLY_INSIDE, Envelope, Extrapolation, Outside, Place};
 pub use formula::{Condition, Expression, ExpressionError, Formula, Symbol};

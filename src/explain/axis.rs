@@ -11,6 +11,7 @@ use crate::profile::{Axis, Profile};
 use crate::reading::SignalId;
 
 mod data;
+mod probe;
 
 /// One axis.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -25,6 +26,9 @@ pub struct AxisExplained {
     pub guard: String,
     /// What happens when no model or output can be used.
     pub on_fault: String,
+    /// What measured errors may change; where the axis takes any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub probe: Option<String>,
 }
 
 /// One model.
@@ -73,6 +77,7 @@ pub(super) fn explained(profile: &Profile, axis: &Axis) -> AxisExplained {
         sign,
         guard: words,
         on_fault: fault_action(settings.on_fault, guard.rate),
+        probe: settings.probe.as_ref().map(|probe| probe::probe(profile, axis, probe)),
     }
 }
 
@@ -260,6 +265,10 @@ impl fmt::Display for AxisExplained {
         }
         writeln!(f, "  sign: {}", self.sign)?;
         writeln!(f, "  guard: {}", self.guard)?;
-        writeln!(f, "  on a fault: {}", self.on_fault)
+        writeln!(f, "  on a fault: {}", self.on_fault)?;
+        match &self.probe {
+            Some(probe) => writeln!(f, "  probe: {probe}"),
+            None => Ok(()),
+        }
     }
 }

@@ -1,5 +1,5 @@
-//! What the gateway remembers over a restart: machine-on time, references, lags, datums, what it last wrote and
-//! verified.
+//! What the gateway remembers over a restart: machine-on time, references, lags, datums, what probings taught,
+//! what it last wrote and verified.
 //!
 //! One JSON file in the state directory, replaced atomically. A file that cannot be used is set aside, never
 //! overwritten, and the gateway starts as if it had none.
@@ -14,8 +14,9 @@ use crate::compensation::Remembered;
 use crate::profile::Profile;
 use crate::quantity::Moment;
 
-/// The layout of the file. One of a later layout is set aside; the first had no lags and no datums.
-const VERSION: u32 = 2;
+/// The layout of the file. One of a later layout is set aside; the first had no lags and no datums, the
+/// second no corrections by probing.
+const VERSION: u32 = 3;
 
 /// The file's content.
 #[derive(Debug, Serialize, Deserialize)]

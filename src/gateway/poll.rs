@@ -96,9 +96,12 @@ impl LineTask {
                 count: 0,
             });
         let steps_axes = home_lines(profile).contains(&bus);
+        let probed = profile.axes.iter().filter_map(|axis| axis.probe_input);
+        let mut probed = probed.flat_map(|input| [Some(input.signal), input.trigger]).flatten();
         let feeds_others = positions
             .iter()
-            .any(|(position, device)| here(profile.signal(*position).device) && !here(*device));
+            .any(|(position, device)| here(profile.signal(*position).device) && !here(*device))
+            || (!steps_axes && probed.any(|signal| here(profile.signal(signal).device)));
         LineTask { bus, line, polls, writers, sets, pulse, steps_axes, feeds_others, shared }
     }
 

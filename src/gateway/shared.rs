@@ -9,6 +9,7 @@ use super::keeper::Keeper;
 use super::ledger::Ledger;
 use super::levels::LevelsTold;
 use super::output::OutputState;
+use super::probing::Probing;
 use super::restart::Restarts;
 use crate::clock::{Bell, Clock};
 use crate::compensation::{AxisState, Compensation, Control, Remembered};
@@ -17,9 +18,12 @@ use crate::observe::status::Command;
 use crate::profile::{AxisId, BusId, Profile};
 use crate::quantity::Moment;
 
+mod probing;
 mod step;
 mod stop;
 mod tell;
+
+pub(super) use probing::refused_in_words;
 
 /// The gateway's state, shared by its tasks.
 pub(crate) struct Shared {
@@ -38,6 +42,7 @@ pub(super) struct Core {
     pub(super) board: Board,
     pub(super) compensation: Compensation,
     pub(super) arming: Vec<Arming>,
+    pub(super) probing: Vec<Probing>,
     pub(super) outputs: Vec<OutputState>,
     pub(super) devices: Vec<DeviceCount>,
     pub(super) buses: Vec<BusCount>,
@@ -109,6 +114,7 @@ impl Shared {
             board: Board::new(&profile),
             compensation: Compensation::new(profile.machine.clone(), axes, remembered),
             arming: vec![Arming::default(); profile.axes.len()],
+            probing: vec![Probing::default(); profile.axes.len()],
             outputs: vec![OutputState::default(); profile.outputs.len()],
             devices: vec![DeviceCount::default(); profile.devices.len()],
             buses: vec![BusCount::default(); profile.buses.len()],

@@ -61,6 +61,14 @@ pub enum Event {
     Extrapolating { axis: String, how: String },
     /// They are inside again, or no model is in use.
     Interpolating { axis: String },
+    /// A measured error was learned from.
+    Probed { axis: String, error: Micron, residual: Micron, correction: Micron },
+    /// It was not.
+    ProbeRefused { axis: String, error: Option<Micron>, why: String },
+    /// What measured errors have taught was taken back.
+    ProbeForgotten { axis: String },
+    /// A model was wrong by more than the level at which people are to be told.
+    ModelAges { axis: String, residual: Micron, warn: Micron },
     /// A value did not fit its register and was cut.
     Saturated { output: String, wanted: f64 },
     /// What was read back is not what was written.
@@ -135,6 +143,10 @@ impl Event {
             Event::BeyondError { .. } => "beyond-error",
             Event::Extrapolating { .. } => "extrapolating",
             Event::Interpolating { .. } => "interpolating",
+            Event::Probed { .. } => "probed",
+            Event::ProbeRefused { .. } => "probe-refused",
+            Event::ProbeForgotten { .. } => "probe-forgotten",
+            Event::ModelAges { .. } => "model-ages",
             Event::Saturated { .. } => "saturated",
             Event::VerifyFailed { .. } => "verify-failed",
             Event::WriteFailed { .. } => "write-failed",
@@ -173,6 +185,8 @@ impl Event {
             | Event::AtLimit { .. }
             | Event::Warned { .. }
             | Event::Extrapolating { .. }
+            | Event::ProbeRefused { .. }
+            | Event::ModelAges { .. }
             | Event::Saturated { .. }
             | Event::WriteFailed { .. }
             | Event::CncRestarted { .. }
@@ -231,6 +245,23 @@ impl fmt::Display for Event {
             ),
             Event::Extrapolating { axis, how } => write!(f, "axis {axis}: {how}"),
             Event::Interpolating { axis } => write!(f, "axis {axis}: extrapolates no more"),
+            Event::Probed { axis, error, residual, correction } => write!(
+                f,
+                "axis {axis}: probed {error}; the model was wrong by {residual}, its correction is {correction} now"
+            ),
+            Event::ProbeRefused { axis, error: Some(error), why } => {
+                write!(f, "axis {axis}: probed {error}, not learned from: {why}")
+            }
+            Event::ProbeRefused { axis, error: None, why } => {
+                write!(f, "axis {axis}: a probing is not learned from: {why}")
+            }
+            Event::ProbeForgotten { axis } => {
+                write!(f, "axis {axis}: what probings have taught is taken back")
+            }
+            Event::ModelAges { axis, residual, warn } => write!(
+                f,
+                "axis {axis}: the model was wrong by {residual}, beyond ±{warn}; where that repeats, identify it anew"
+            ),
             Event::Saturated { output, wanted } => {
                 write!(f, "output {output}: {wanted} does not fit the register and was cut")
             }

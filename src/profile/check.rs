@@ -21,6 +21,7 @@ mod fieldbus;
 mod line;
 mod model;
 mod output;
+mod probe;
 mod registers;
 mod restart;
 mod set;

@@ -14,6 +14,7 @@ use serde_json::Value;
 
 mod axis;
 mod fieldbus;
+mod probe;
 mod set;
 
 pub(crate) use axis::{
@@ -24,6 +25,7 @@ pub(crate) use axis::{
 pub(crate) use fieldbus::{
     BusType, FunctionWord, RawBus, RawDevice, RawQuirks, RawSignal, TypeWord, WordOrderWord,
 };
+pub(crate) use probe::{RawGains, RawProbe};
 pub(crate) use set::{RawHandshake, RawRestart, RawSet};
 
 /// A duration: "300ms", "10s", "3min", "2h", "90d".

@@ -12,6 +12,7 @@ use super::fault::{Faults, Incident, Reads, ReplyFault};
 use super::journal::Seen;
 use super::modbus::{self, Request};
 use super::plant::Plant;
+use super::probing::Cycle;
 use super::truth::{AxisTruth, Observer, TruthRow};
 use super::wander::wander;
 
@@ -38,6 +39,7 @@ pub(super) struct Hardware {
     controls: Vec<Control>,
     /// What they took, where somebody wants to know what came over the wire.
     pub(super) taken: Vec<Taken>,
+    cycles: Vec<Cycle>,
     pub(super) faults: Faults,
     pub(super) observer: Observer,
     /// Every request that came, where somebody wants to know.
@@ -59,6 +61,7 @@ impl Hardware {
         seed: u64,
         mut faults: Faults,
         begin: Moment,
+        cycles: Vec<Cycle>,
         observe: impl FnOnce(&[String]) -> Observer,
     ) -> Hardware {
         let (units, unit_of) = units(profile);
@@ -83,6 +86,7 @@ impl Hardware {
             units,
             unit_of,
             axes,
+            cycles,
             faults,
             observer,
             journal: None,
@@ -103,6 +107,20 @@ impl Hardware {
             let unit = &mut self.units[control.place];
             let taken = control.advance(&mut unit.bank, self.faults.acknowledges(unit.device, now), now);
             self.taken.extend(taken.filter(|_| self.journal.is_some()));
+        }
+        self.probe(now);
+    }
+
+    /// Runs the probing cycles that are due, where the plant knows the axis.
+    fn probe(&mut self, now: Moment) {
+        for place in 0..self.cycles.len() {
+            let axis = AxisId(self.cycles[place].axis);
+            let name = &self.profile.axis(axis).settings.name;
+            let error = self.plant.as_ref().and_then(|plant| plant.true_error_um(name));
+            if let Some(error) = error.filter(|_| self.cycles[place].is_due(now)) {
+                let left = error + self.applied_um(axis);
+                self.cycles[place].measure(left, now);
+            }
         }
     }
 
@@ -218,7 +236,8 @@ impl Hardware {
         for id in &unit.measures {
             let signal = &self.profile.signals[id.0];
             let known = self.plant.as_ref().and_then(|plant| plant.sensor(&signal.name));
-            let value = known.unwrap_or_else(|| wander(signal, self.seed, seconds));
+            let probed = self.cycles.iter().find_map(|cycle| cycle.shows(*id, signal, now));
+            let value = probed.or(known).unwrap_or_else(|| wander(signal, self.seed, seconds));
             let reads = broken.iter().find(|(broken, _)| broken == id).map(|(_, reads)| *reads);
             let words = cells(signal, reads.unwrap_or(Reads::Value(value)));
             let fits = unit.bank.write(signal.address, &words);

@@ -11,6 +11,7 @@ mod law;
 mod ledger;
 mod load;
 mod outputs;
+mod probing;
 mod restarts;
 mod rig;
 mod sets;

@@ -120,6 +120,7 @@ impl World {
             ports: Ports::Free,
             unknown_unit: UnknownUnit::Silence,
             journal: true,
+            probe_every: Some(Duration::from_secs(120)),
             ..Setup::default()
         };
         let machine = VirtualMachine::start(&profile, setup, &clock).await.unwrap();

@@ -107,7 +107,14 @@ fn sum<'a>(
 ) -> Result<f64, Unusable> {
     let mut sum = offset;
     for term in terms {
-        sum += term.gain * term.rise(known, lags.next().unwrap_or(&Lag::NONE))?;
+        sum += term.part(lags.next().unwrap_or(&Lag::NONE), known)?;
     }
     Ok(sum)
+}
+
+impl Term {
+    /// What it adds to the sum now.
+    pub(super) fn part(&self, lag: &Lag, known: &Known<'_>) -> Result<f64, Unusable> {
+        Ok(self.gain * self.rise(known, lag)?)
+    }
 }

@@ -1,6 +1,7 @@
 // One card for each axis: its value, where it stands in its limit, what the guard did, and its course.
 
 import { Chart } from "./chart.js";
+import { Probe } from "./probe.js";
 import { axisState, badge, element, say, signed, fixed } from "./words.js";
 
 const STAGES = [
@@ -24,6 +25,7 @@ class Card {
     this.stages = STAGES.map(([stage, title]) => element("li", { title }, stage));
     this.bar = new Bar();
     this.chart = new Chart();
+    this.probe = new Probe();
     this.root = element("article", { className: "card axis" },
       element("div", { className: "row" }, element("h2", {}, `Axis ${name}`), this.state),
       this.why,
@@ -38,7 +40,8 @@ class Card {
       element("p", { className: "label" }, "Guard: ",
         element("span", { className: "quiet" }, "● changed the last value, ○ let it pass")),
       element("ol", { className: "chain", ariaLabel: "Stages of the guard" }, ...this.stages),
-      this.chart.root);
+      this.chart.root,
+      this.probe.root);
   }
 
   show(axis, status) {
@@ -64,6 +67,7 @@ class Card {
       say(node, `${acted ? "●" : "○"} ${STAGES[index][0]}`);
     });
     this.bar.show(axis);
+    this.probe.show(axis.probe);
     this.chart.add(new Date(status.now).getTime(), axis);
   }
 }

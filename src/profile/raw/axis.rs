@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
-use super::{RawHandshake, RawRestart, Span, TypeWord, WordOrderWord};
+use super::{RawHandshake, RawProbe, RawRestart, Span, TypeWord, WordOrderWord};
 
 /// One compensated axis.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
@@ -38,6 +38,8 @@ pub(crate) struct RawAxis {
     pub(crate) datum: Option<DatumWord>,
     /// A lathe's X: the offset acts on the diameter, Cz is doubled when written. Default false.
     pub(crate) diameter: Option<bool>,
+    /// Measured errors correct the models.
+    pub(crate) probe: Option<RawProbe>,
     /// Models in order of preference: the first whose signals are all good is used.
     #[schemars(required)]
     pub(crate) model: Option<Vec<RawModel>>,

@@ -69,6 +69,7 @@ pub(in crate::virtual_machine) fn profile() -> Profile {
         levels: Levels::default(),
         datum: Datum::Model,
         apart: None,
+        probe: None,
     };
     let signals = vec![
         signal("bed", 0, "input:0", plain(DataType::I16, 0.1), "degC"),
@@ -93,7 +94,7 @@ pub(in crate::virtual_machine) fn profile() -> Profile {
             device("cnc", 1, CNC),
         ],
         signals,
-        axes: vec![Axis { settings: axis, diameter: false }],
+        axes: vec![Axis { settings: axis, diameter: false, probe_input: None }],
         outputs: vec![
             output("readout_z", 2, "holding:10", 0.0001, Writes::Corrected { position: SignalId(3) }),
             output("cnc_z", 3, "holding:104", 0.1, Writes::Offset),
