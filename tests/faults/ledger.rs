@@ -152,9 +152,7 @@ fn a_restart_finds_the_share_that_is_there_and_neither_doubles_nor_drops_it() {
         assert!(shares(trace, 50).1 > 5.0, "{:?}\n{}", shares(trace, 50), trace.lines());
     }
     for pair in traces.windows(2) {
-        let left =
-            pair[0].samples.last().unwrap().status.outputs.iter().find_map(|output| output.shares).unwrap();
-        let from = format!("armed, starting from {:.1} µm", left.share);
+        let from = format!("armed, starting from {:.1} µm", left(&pair[0]) - BASE);
         assert!(pair[1].lines().contains(&from), "{from}\n{}", pair[1].lines());
     }
     assert_eq!(traces.iter().map(|trace| trace.told("ledger-opened")).sum::<usize>(), 1);
