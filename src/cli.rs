@@ -16,6 +16,7 @@ mod gauge;
 mod machines;
 mod measured;
 mod read;
+mod record;
 pub mod replay;
 mod run;
 mod services;
@@ -54,6 +55,7 @@ enum Verb {
     /// The devices of a profile as virtual hardware
     Virtual(simulate::Arguments),
     /// The gateway's own step over a recorded log
+    Record(record::Arguments),
     Replay(replay::Arguments),
     /// Let the running gateway write
     #[command(after_help = "Example:\n  isotherm arm my-machine.toml")]
@@ -140,6 +142,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Check(arguments) => check::run(&arguments),
         Verb::Read(arguments) => read::run(&arguments),
         Verb::Virtual(arguments) => simulate::run(&arguments),
+        Verb::Record(arguments) => record::run(&arguments),
         Verb::Replay(arguments) => replay::run(&arguments),
         Verb::Arm(arguments) => command::run(&arguments, crate::observe::status::Command::Arm),
         Verb::Disarm(arguments) => command::run(&arguments, crate::observe::status::Command::Disarm),

@@ -21,6 +21,7 @@ const VERBS: [&str; 13] = [
     "check",
     "read",
     "virtual",
+    "record",
     "replay",
     "arm",
     "disarm",
@@ -331,4 +332,59 @@ fn nobody_reading_what_it_says_does_not_hold_it_up() {
     });
     gateway.kill().unwrap();
     gateway.wait().unwrap();
+}
+
+#[test]
+fn a_recorded_run_has_every_signal_and_overwrites_nothing() {
+    let home = tempfile::tempdir().unwrap();
+    let (text, _) = machine(home.path());
+    let profile = file(home.path(), "machine.toml", &text);
+    let _devices = devices(home.path(), &profile);
+    let log = home.path().join("monday.csv");
+    let record = || {
+        let mut record = isotherm(home.path());
+        record.arg("record").arg(&profile).arg("--out").arg(&log).args(["--every", "100ms"]);
+        record
+    };
+    let mut recording = Running::start(&mut record());
+    recording.hears("recording 4 signals into");
+    std::thread::sleep(Duration::from_secs(2));
+    recording.signal("INT");
+    assert_eq!(recording.ends_within(PATIENCE).code(), Some(0), "{}", recording.said.join("\n"));
+    assert!(recording.said.join("\n").contains("rows over "), "{}", recording.said.join("\n"));
+    let rows = std::fs::read_to_string(&log).unwrap();
+    assert_eq!(rows.lines().next(), Some("time,bed,wheelhead,scale_z,cnc_on"));
+    let last = rows.lines().last().unwrap();
+    assert!(rows.lines().count() > 10 && last.split(',').all(|cell| !cell.is_empty()), "{rows}");
+    let again = ended(&mut record());
+    assert_eq!(again.code, Some(1));
+    assert!(again.said.contains("nothing is overwritten"), "{}", again.said);
+    assert_eq!(std::fs::read_to_string(&log).unwrap(), rows);
+}
+
+#[test]
+fn a_recording_on_a_plant_is_the_same_for_the_same_seed_and_turns_to_a_new_file_in_time() {
+    let home = tempfile::tempdir().unwrap();
+    let record = |out: &str| {
+        let out = home.path().join(out);
+        let arguments =
+            ["surface-grinder", "--virtual", "--seed", "3", "--for", "25min", "--rotate", "10min"];
+        let ended = ended(isotherm(home.path()).arg("record").args(arguments).arg("--out").arg(out));
+        assert_eq!(ended.code, Some(0), "{}", ended.said);
+        ended.out
+    };
+    let said = record("day.csv");
+    assert!(said.contains("day-3.csv: 150 rows over 25m"), "{said}");
+    record("again/");
+    let read = |path: &Path| std::fs::read_to_string(path).unwrap();
+    let mut again: Vec<_> =
+        std::fs::read_dir(home.path().join("again")).unwrap().map(|entry| entry.unwrap().path()).collect();
+    again.sort();
+    assert_eq!(again.len(), 3);
+    for (again, name) in again.iter().zip(["day.csv", "day-2.csv", "day-3.csv"]) {
+        let day = read(&home.path().join(name));
+        assert_eq!(read(again), day);
+        let header: Vec<&str> = day.lines().next().unwrap().split(',').collect();
+        assert_eq!((header[0], *header.last().unwrap()), ("time", "z_error_um"));
+    }
 }
