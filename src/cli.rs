@@ -12,6 +12,7 @@ mod check;
 mod command;
 mod demo;
 mod gauge;
+mod identify;
 mod machines;
 mod read;
 pub mod replay;
@@ -53,6 +54,8 @@ enum Verb {
     Virtual(simulate::Arguments),
     /// The gateway's own step over a recorded log
     Replay(replay::Arguments),
+    /// The model of an axis from logs with its measured error, judged on runs it never saw
+    Identify(identify::Arguments),
     /// Let the running gateway write
     #[command(after_help = "Example:\n  isotherm arm my-machine.toml")]
     Arm(command::Arguments),
@@ -136,6 +139,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Read(arguments) => read::run(&arguments),
         Verb::Virtual(arguments) => simulate::run(&arguments),
         Verb::Replay(arguments) => replay::run(&arguments),
+        Verb::Identify(arguments) => identify::run(&arguments),
         Verb::Arm(arguments) => command::run(&arguments, crate::observe::status::Command::Arm),
         Verb::Disarm(arguments) => command::run(&arguments, crate::observe::status::Command::Disarm),
         Verb::Zero(arguments) => command::run(&arguments, crate::observe::status::Command::Zero),

@@ -68,7 +68,7 @@ impl Lag {
     }
 
     /// The lagged rise at this snapshot; NaN where it is no number.
-    pub(super) fn rise(mut self, term: &Term, known: &Known<'_>) -> f64 {
+    pub fn rise(mut self, term: &Term, known: &Known<'_>) -> f64 {
         self.follow(term, known.snapshot, known.machine);
         self.0.map_or(f64::NAN, |lagged| lagged.follower - lagged.from)
     }

@@ -2,10 +2,10 @@
 
 use std::io::Write;
 
-use super::{DECIDED, FROM, MEMORY, PERMIT, SLOPE, SLOPE_FROM, TIME, ZERO, time};
+use super::{DECIDED, FROM, MEMORY, PERMIT, SLOPE, SLOPE_FROM, TIME, ZERO};
 use crate::compensation::{Control, Decision, Remembered, Snapshot};
 use crate::profile::{Axis, Profile};
-use crate::quantity::Moment;
+use crate::quantity::{Moment, time};
 
 /// Turns steps into rows.
 #[derive(Clone, Debug)]
