@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use anyhow::Context;
 
-use super::{Failure, ProfileArguments, load, print_json};
+use super::{Failure, ProfileArguments, load_quietly, print_json};
 use crate::compensation::model::Outside;
 use crate::identify::dataset::{Dataset, Split};
 use crate::identify::method::{Method, Settings};
@@ -108,7 +108,8 @@ enum OutsideWord {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let profile = load(&arguments.profile, arguments.json)?;
+    // A profile in the making has signals that no model uses yet: no word about them.
+    let profile = load_quietly(&arguments.profile.path, &arguments.profile.set, arguments.json)?.profile;
     let found = find(arguments, &profile)?;
     if let Some(path) = &arguments.write {
         write(arguments, &found, path)?;
@@ -125,9 +126,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 fn find(arguments: &Arguments, profile: &Profile) -> Result<Identified, Failure> {
     let split = Split { column: arguments.run_column.clone(), gap: arguments.gap };
-    let unit = |name: &str| {
-        profile.signals.iter().find(|signal| signal.name == name).map(|signal| signal.unit.0)
-    };
+    let unit =
+        |name: &str| profile.signals.iter().find(|signal| signal.name == name).map(|signal| signal.unit.0);
     let dataset = Dataset::read(&arguments.logs, &split, &unit).map_err(anyhow::Error::from)?;
     let choice = Choice {
         axis: arguments.axis.clone(),

@@ -108,10 +108,9 @@ fn axis(profile: &Profile, choice: &Choice, wrong: &mut Vec<String>) -> Option<S
     let names: Vec<&str> = profile.axes.iter().map(|axis| axis.settings.name.as_str()).collect();
     match (&choice.axis, names.as_slice()) {
         (Some(wanted), _) if names.contains(&wanted.as_str()) => return Some(wanted.clone()),
-        (Some(wanted), _) => wrong.push(format!(
-            "the profile has no axis `{wanted}`{}",
-            nearest(wanted, &names)
-        )),
+        (Some(wanted), _) => {
+            wrong.push(format!("the profile has no axis `{wanted}`{}", nearest(wanted, &names)))
+        }
         (None, [only]) => return Some((*only).to_owned()),
         (None, []) => wrong.push("the profile has no axis; add [axis.z]".to_owned()),
         (None, _) => wrong.push(format!("name the axis with --axis: one of {}", names.join(", "))),
@@ -292,10 +291,9 @@ fn check_error(dataset: &Dataset, error: usize, wrong: &mut Vec<String>) {
         ));
     } else if widest < 0.05 {
         let rows: usize = dataset.runs.iter().map(|run| values(run).len()).sum();
-        let mean = dataset.runs.iter().map(|run| range(&values(run))).sum::<f64>() / count(dataset.runs.len());
-        wrong.push(format!(
-            "{name} moves by {mean:.4} over {rows} rows: that looks like mm; write µm"
-        ));
+        let mean =
+            dataset.runs.iter().map(|run| range(&values(run))).sum::<f64>() / count(dataset.runs.len());
+        wrong.push(format!("{name} moves by {mean:.4} over {rows} rows: that looks like mm; write µm"));
     }
 }
 

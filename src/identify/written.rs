@@ -89,8 +89,7 @@ fn sum(terms: &[TermFound], position: Option<&(String, f64)>) -> String {
     text.push(']');
     let mut slope = terms.iter().filter(|term| term.slope).peekable();
     if let (Some((name, reference)), Some(_)) = (position, slope.peek()) {
-        let begin =
-            format!("\nslope = {{ position = {}, reference = {reference:?}, terms = [", quoted(name));
+        let begin = format!("\nslope = {{ position = {}, reference = {reference:?}, terms = [", quoted(name));
         list(&mut text, &begin, slope);
         text.push_str("] }");
     }

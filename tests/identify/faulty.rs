@@ -43,7 +43,10 @@ fn a_frozen_sensor_is_named_with_its_times() {
     days[1].temperatures[0][100..400].fill(held);
     let found = reasons(&days);
     assert_eq!(found.len(), 1, "{found:?}");
-    assert!(found[0].0 == "s0" && found[0].1.starts_with("stuck at one number from 1:40 h to 6:39 h"), "{found:?}");
+    assert!(
+        found[0].0 == "s0" && found[0].1.starts_with("stuck at one number from 1:40 h to 6:39 h"),
+        "{found:?}"
+    );
 }
 
 #[test]

@@ -22,9 +22,9 @@ fn machine(step: f64, rows: usize) -> Machine {
 /// residual and that of the cross-validation, µm, and the rows compared.
 fn apart(machine: &Machine, method: Method, resample: u64) -> (f64, usize) {
     let days: Vec<String> = (0..5).map(|day| machine.day(day).log()).collect();
-    let choice =
-        Choice { resample: std::time::Duration::from_secs(resample), ..Choice::default() };
-    let settings = Settings { method, terms: Some(4).filter(|_| method == Method::Lag), ..Settings::default() };
+    let choice = Choice { resample: std::time::Duration::from_secs(resample), ..Choice::default() };
+    let settings =
+        Settings { method, terms: Some(4).filter(|_| method == Method::Lag), ..Settings::default() };
     let profile = rig::profile(3);
     let all = dataset(&days).unwrap();
     let validated = ready(&profile, &all, &choice).unwrap();
@@ -40,7 +40,8 @@ fn apart(machine: &Machine, method: Method, resample: u64) -> (f64, usize) {
     }
     let pasted = directory.path().join("pasted.toml");
     std::fs::write(&pasted, profile_with(3, &block.block)).unwrap();
-    let pasted = isotherm::profile::load(&pasted, &[], &[]).unwrap_or_else(|errors| panic!("{errors}\n{}", block.block));
+    let pasted = isotherm::profile::load(&pasted, &[], &[])
+        .unwrap_or_else(|errors| panic!("{errors}\n{}", block.block));
     assert_eq!(pasted.profile.axes[0].settings.models.len(), 1 + found.fallbacks.len());
     let mut out = Vec::new();
     replay(&pasted.profile, days[4].as_bytes(), "day4.csv", Some(&mut out)).unwrap();
@@ -61,7 +62,8 @@ fn apart(machine: &Machine, method: Method, resample: u64) -> (f64, usize) {
     for (row, second) in held.seconds.iter().enumerate() {
         // Rows that were averaged together have their mean time.
         let window = (resample as f64 / 2.0).max(1e-6);
-        let inside: Vec<f64> = replayed.iter().filter(|(time, _)| (time - second).abs() < window).map(|row| row.1).collect();
+        let inside: Vec<f64> =
+            replayed.iter().filter(|(time, _)| (time - second).abs() < window).map(|row| row.1).collect();
         let wanted = if resample == 0 { 1 } else { (resample as f64 / machine.step).round() as usize };
         if inside.len() != wanted {
             continue;

@@ -23,8 +23,10 @@ impl Rule for Difference {
             }
         }
         let Some((_, gain, a, b)) = best else {
-            return Err("a difference wants two sensors that do not move alike: name them, --inputs bed,wheelhead"
-                .to_owned());
+            return Err(
+                "a difference wants two sensors that do not move alike: name them, --inputs bed,wheelhead"
+                    .to_owned(),
+            );
         };
         Ok(vec![(a, gain), (b, -gain)])
     }

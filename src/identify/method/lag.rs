@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::forward::forward_once_each;
 use super::inner;
-use crate::identify::bank::{Bank, Candidate, trace};
+use crate::identify::bank::{Bank, Candidate, LAGS_MIN, trace};
 use crate::identify::campaign::Campaign;
 use crate::identify::gram::{Gram, count};
 use crate::identify::learn::{Learned, Learner};
@@ -44,8 +44,13 @@ impl<'a> Lagging<'a> {
             folds if folds.is_empty() => vec![(all.clone(), all)],
             folds => folds.into_iter().map(|(rest, fold)| (rest, Gram::sum(&self.grams, &fold))).collect(),
         };
-        let group: Vec<Option<usize>> = self.bank.candidates.iter().map(|candidate| Some(candidate.input))
-            .map(|input| input.filter(|input| !without.contains(input))).collect();
+        let group: Vec<Option<usize>> = self
+            .bank
+            .candidates
+            .iter()
+            .map(|candidate| Some(candidate.input))
+            .map(|input| input.filter(|input| !without.contains(input)))
+            .collect();
         let chosen = forward_once_each(&folds, PENALTY, self.terms, &group);
         chosen.into_iter().map(|column| self.bank.candidates[column]).collect()
     }
@@ -94,18 +99,23 @@ impl Learner for Lagging<'_> {
         let mut columns = self.columns(runs, &candidates);
         for round in 0..ROUNDS {
             let around = AROUND.powf(1.0 / count(round + 1));
-            for place in 0..candidates.len() {
-                let now = candidates[place].lag.map_or(60.0, |lag| lag.as_secs_f64());
+            for (place, candidate) in candidates.iter_mut().enumerate() {
+                let now = candidate.lag.map_or(60.0, |lag| lag.as_secs_f64());
                 let mut cost = |log: f64| {
-                    let tried = Candidate { lag: lag(log.exp()), ..candidates[place] };
+                    let tried = Candidate { lag: lag(log.exp()), ..*candidate };
                     for (columns, new) in columns.iter_mut().zip(self.columns(runs, &[tried])) {
                         columns.set_column(place, &new.column(0));
                     }
                     self.fit(runs, &columns).0
                 };
-                let log = golden(now.ln() - around.ln(), now.ln() + around.ln(), &mut cost);
+                // There may be several valleys: the best of the bank's lags says which.
+                let starts = LAGS_MIN.iter().skip(1).map(|minutes| f64::from(*minutes) * 60.0).chain([now]);
+                let logs = starts.map(|start| (cost(start.ln()), start.ln()));
+                let start =
+                    logs.min_by(|one, other| one.0.total_cmp(&other.0)).map_or(now.ln(), |best| best.1);
+                let log = golden(start - around.ln(), start + around.ln(), &mut cost);
                 cost(log);
-                candidates[place].lag = lag(log.exp());
+                candidate.lag = lag(log.exp());
             }
         }
         let gains = self.fit(runs, &columns).1;

@@ -10,8 +10,9 @@ pub(super) fn bank(campaign: &Campaign<'_>) -> Result<Bank, String> {
         return Err("position wants the signal that says where the axis was: --position scale_z".to_owned());
     };
     let values = || campaign.dataset.runs.iter().flat_map(|run| &run.values[position.column]);
-    let (low, high) =
-        values().filter(|v| v.is_finite()).fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(*v), high.max(*v)));
+    let (low, high) = values()
+        .filter(|v| v.is_finite())
+        .fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(*v), high.max(*v)));
     if high - low < 1.0 || low > high {
         return Err(format!(
             "{} stays at one place: a slope wants errors measured at several positions of the axis",
