@@ -14,13 +14,14 @@ use process::{PATIENCE, Running, file, free_port, isotherm};
 
 const MACHINE: &str = include_str!("interop/machine.toml");
 
-const VERBS: [&str; 12] = [
+const VERBS: [&str; 14] = [
     "demo",
     "run",
     "check",
     "read",
     "virtual",
     "replay",
+    "identify",
     "arm",
     "disarm",
     "zero",
