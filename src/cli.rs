@@ -13,6 +13,7 @@ mod check;
 mod command;
 mod demo;
 mod gauge;
+mod identify;
 mod machines;
 mod measured;
 mod read;
@@ -57,6 +58,8 @@ enum Verb {
     /// The gateway's own step over a recorded log
     Record(record::Arguments),
     Replay(replay::Arguments),
+    /// The model of an axis from logs with its measured error, judged on runs it never saw
+    Identify(Box<identify::Arguments>),
     /// Let the running gateway write
     #[command(after_help = "Example:\n  isotherm arm my-machine.toml")]
     Arm(command::Arguments),
@@ -144,6 +147,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Virtual(arguments) => simulate::run(&arguments),
         Verb::Record(arguments) => record::run(&arguments),
         Verb::Replay(arguments) => replay::run(&arguments),
+        Verb::Identify(arguments) => identify::run(&arguments),
         Verb::Arm(arguments) => command::run(&arguments, crate::observe::status::Command::Arm),
         Verb::Disarm(arguments) => command::run(&arguments, crate::observe::status::Command::Disarm),
         Verb::Zero(arguments) => command::run(&arguments, crate::observe::status::Command::Zero),
@@ -201,6 +205,15 @@ fn load(arguments: &ProfileArguments, json: bool) -> Result<Profile, Failure> {
 }
 
 fn load_with(path: &Path, set: &[(String, String)], json: bool) -> Result<Profile, Failure> {
+    let loaded = load_quietly(path, set, json)?;
+    for warning in &loaded.warnings {
+        eprintln!("warning: {warning}");
+    }
+    Ok(loaded.profile)
+}
+
+/// The same, its warnings left to the caller.
+fn load_quietly(path: &Path, set: &[(String, String)], json: bool) -> Result<profile::Loaded, Failure> {
     let environment = profile::environment();
     // A shipped machine may be named without having its file.
     let shipped = path.to_str().filter(|_| !path.exists()).and_then(machines::text);
@@ -209,12 +222,7 @@ fn load_with(path: &Path, set: &[(String, String)], json: bool) -> Result<Profil
         None => profile::load(path, set, &environment),
     };
     match loaded {
-        Ok(loaded) => {
-            for warning in &loaded.warnings {
-                eprintln!("warning: {warning}");
-            }
-            Ok(loaded.profile)
-        }
+        Ok(loaded) => Ok(loaded),
         Err(errors) => {
             if json {
                 print_json(&errors)?;

@@ -9,6 +9,7 @@
 //! quantity ← clock ← { fieldbus, gateway, virtual_machine, cli }
 //! quantity, the states of compensation ← observe ← cli           observe's events and status ← gateway
 //! { codec, profile, clock } ← virtual_machine ← cli              nobody else knows virtual_machine
+//! { compensation, profile } ← identify ← cli                   nobody else knows identify
 //! { profile, the read plan of fieldbus } ← explain ← cli         nobody else knows explain
 //! ```
 //!
@@ -22,6 +23,7 @@ pub mod compensation;
 pub mod explain;
 pub mod fieldbus;
 pub mod gateway;
+pub mod identify;
 pub mod observe;
 pub mod profile;
 pub mod quantity;

@@ -25,7 +25,6 @@ mod recorder;
 pub(crate) mod sample;
 #[cfg(test)]
 mod tests;
-mod time;
 
 pub use reader::{Decided, LogError, LogReader, LogRow};
 pub use recorder::{Recorder, number};

@@ -71,7 +71,7 @@ impl Lag {
     }
 
     /// The lagged rise at this snapshot, whose reading and reference are these; NaN where it is no number.
-    pub(super) fn rise(&self, term: &Term, known: &Known<'_>, input: f64, reference: Captured) -> f64 {
+    pub fn rise(&self, term: &Term, known: &Known<'_>, input: f64, reference: Captured) -> f64 {
         let rise = |lagged: &Lagged| lagged.follower - lagged.from;
         match &self.0 {
             // As every step has it: the lag has gone on to this snapshot already.

@@ -6,10 +6,10 @@ use std::io::Read;
 
 use csv::StringRecord;
 
-use super::{ACTING, DECIDED, ERROR, FORGET, FROM, MEASURED, MEMORY, PERMIT, SLOPE_FROM, TIME, ZERO, time};
+use super::{ACTING, DECIDED, ERROR, FORGET, FROM, MEASURED, MEMORY, PERMIT, SLOPE_FROM, TIME, ZERO};
 use crate::compensation::{Control, Measured, Permit, Remembered};
 use crate::profile::Profile;
-use crate::quantity::{Micron, Moment};
+use crate::quantity::{Micron, Moment, time};
 use crate::reading::{Reading, Reason};
 
 /// A log that cannot be read, with the place.

@@ -3,11 +3,11 @@
 use std::io::Write;
 
 use super::{
-    ACTING, CORRECTION, DECIDED, FORGET, FROM, MEASURED, MEMORY, PERMIT, SLOPE, SLOPE_FROM, TIME, ZERO, time,
+    ACTING, CORRECTION, DECIDED, FORGET, FROM, MEASURED, MEMORY, PERMIT, SLOPE, SLOPE_FROM, TIME, ZERO,
 };
 use crate::compensation::{Control, Decision, Remembered, Snapshot};
 use crate::profile::{Axis, Profile};
-use crate::quantity::Moment;
+use crate::quantity::{Moment, time};
 
 /// Turns steps into rows.
 #[derive(Clone, Debug)]

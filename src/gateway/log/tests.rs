@@ -2,7 +2,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
-use crate::quantity::{Micron, Moment};
+use crate::quantity::{Micron, Moment, time};
 use crate::reading::{Quality, Reading, Reason};
 
 fn rows(log: &str) -> Result<(Vec<LogRow>, Vec<String>), LogError> {

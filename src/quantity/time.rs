@@ -1,11 +1,14 @@
-//! The `time` of a row: seconds or RFC 3339, exact to the nanosecond in both directions.
+//! The time of a row of a log: seconds or RFC 3339, exact to the nanosecond in both directions.
 
 use std::io::Write;
 
-use crate::quantity::Moment;
+use super::Moment;
 
 /// Reads seconds (`12`, `0.1`, `1.7e9`) or RFC 3339.
-pub(super) fn parse(text: &str) -> Result<Moment, String> {
+///
+/// # Errors
+/// A sentence that says how to write it.
+pub fn parse(text: &str) -> Result<Moment, String> {
     let text = text.trim();
     if text.is_empty() {
         return Err("the time is missing".to_owned());
@@ -57,7 +60,7 @@ fn seconds(text: &str) -> Option<Moment> {
 }
 
 /// Writes RFC 3339 in UTC with nine decimals.
-pub(super) fn write(line: &mut Vec<u8>, moment: Moment) {
+pub fn write(line: &mut Vec<u8>, moment: Moment) {
     // Writing to a vector never fails.
     let _ = match jiff::Timestamp::from_nanosecond(i128::from(moment.as_nanos())) {
         Ok(stamp) => write!(line, "{stamp:.9}"),

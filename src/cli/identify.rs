@@ -1,0 +1,179 @@
+//! `isotherm identify`: from logs with a measured error to a model, its cross-validation and its block.
+
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use anyhow::Context;
+
+use super::{Failure, ProfileArguments, load_quietly, print_json};
+use crate::compensation::model::Outside;
+use crate::identify::dataset::{Dataset, Split};
+use crate::identify::method::{Method, Settings};
+use crate::identify::setup::{Choice, ready};
+use crate::identify::written::written;
+use crate::identify::{Identified, identify};
+use crate::profile::Profile;
+
+mod told;
+
+/// Finds the model of an axis from logs: coefficients with their uncertainty, and how it fares on days it never saw.
+///
+/// A log is CSV: a column `time` (seconds, or RFC 3339), `time_s` or `time_min`, one column per signal of the
+/// profile, and the measured displacement error in µm. One file is one run: a warm-up from a cold machine on. Faulty
+/// sensors are found, told and left out. Each run is held out in turn.
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  isotherm identify my-machine.toml mon.csv tue.csv wed.csv --axis z --error z_error_um\n  isotherm identify my-machine.toml week.csv --gap 2h --axis z --write z-model.toml"
+)]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    profile: ProfileArguments,
+    /// The logs
+    #[arg(value_name = "LOG", required = true)]
+    logs: Vec<PathBuf>,
+    /// The axis; may be left out where the profile has only one
+    #[arg(long, value_name = "NAME")]
+    axis: Option<String>,
+    /// The column with the measured error e, µm [default: <axis>_error_um]
+    #[arg(long, value_name = "COLUMN")]
+    error: Option<String>,
+    /// How the model is found
+    #[arg(long, value_enum, default_value_t)]
+    method: Method,
+    /// The inputs, instead of every temperature of the profile
+    #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
+    inputs: Vec<String>,
+    /// Inputs that are left out
+    #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
+    without: Vec<String>,
+    /// Inputs that stay in though they look faulty
+    #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
+    keep: Vec<String>,
+    /// Time constants that are tried [default: 0s,3min,6min,12min,25min,50min,100min,200min]
+    #[arg(long, value_name = "TIME", value_delimiter = ',', value_parser = humantime::parse_duration)]
+    lags: Vec<Duration>,
+    /// Most terms of the model
+    #[arg(long, value_name = "N")]
+    terms: Option<usize>,
+    /// Rows closer than this count as one sample in F tests
+    #[arg(long, value_name = "TIME", default_value = "30min", value_parser = humantime::parse_duration)]
+    independent: Duration,
+    /// Judges with a probe that measures the error at this interval and takes it out
+    #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
+    probe: Option<Duration>,
+    /// Rows are averaged over this long, after the lags; 0s leaves them as they are
+    #[arg(long, value_name = "TIME", default_value = "1min", value_parser = humantime::parse_duration)]
+    resample: Duration,
+    /// Where the axis was, for errors measured at several positions (--method position)
+    #[arg(long, value_name = "SIGNAL")]
+    position: Option<String>,
+    /// Where the slope adds nothing, mm
+    #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true)]
+    position_reference: f64,
+    /// two-source: the runs in which the spindle waits
+    #[arg(long, value_name = "RUN", value_delimiter = ',')]
+    waiting: Vec<String>,
+    /// two-source: the sensors of the first source
+    #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
+    first: Vec<String>,
+    /// two-source: the sensors of the second
+    #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
+    second: Vec<String>,
+    /// A new run begins where this column changes
+    #[arg(long, value_name = "COLUMN")]
+    run_column: Option<String>,
+    /// A new run begins after so long without a row
+    #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
+    gap: Option<Duration>,
+    /// Writes the [[axis.…model]] block, with its envelope beside it
+    #[arg(long, value_name = "MODEL.toml")]
+    write: Option<PathBuf>,
+    /// What the block says the axis does outside its envelope
+    #[arg(long, value_enum, default_value_t = OutsideWord::Warn)]
+    outside: OutsideWord,
+    /// One JSON document
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum OutsideWord {
+    /// Follows the model all the same
+    Warn,
+    /// Keeps Cz
+    Hold,
+    /// Follows it less and less
+    Shrink,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    // A profile in the making has signals that no model uses yet: no word about them.
+    let profile = load_quietly(&arguments.profile.path, &arguments.profile.set, arguments.json)?.profile;
+    let found = find(arguments, &profile)?;
+    if let Some(path) = &arguments.write {
+        write(arguments, &found, path)?;
+    }
+    if arguments.json {
+        return print_json(&found);
+    }
+    print!("{}", told::told(&found, arguments.probe));
+    if let Some(path) = &arguments.write {
+        println!("the block is in {}", path.display());
+    }
+    Ok(())
+}
+
+fn find(arguments: &Arguments, profile: &Profile) -> Result<Identified, Failure> {
+    let split = Split { column: arguments.run_column.clone(), gap: arguments.gap };
+    let unit =
+        |name: &str| profile.signals.iter().find(|signal| signal.name == name).map(|signal| signal.unit.0);
+    let dataset = Dataset::read(&arguments.logs, &split, &unit).map_err(anyhow::Error::from)?;
+    let choice = Choice {
+        axis: arguments.axis.clone(),
+        error: arguments.error.clone(),
+        inputs: arguments.inputs.clone(),
+        without: arguments.without.clone(),
+        keep: arguments.keep.clone(),
+        resample: arguments.resample,
+        position: arguments.position.clone().map(|name| (name, arguments.position_reference)),
+    };
+    let ready = ready(profile, &dataset, &choice).map_err(anyhow::Error::from)?;
+    let mut settings = Settings {
+        method: arguments.method,
+        terms: arguments.terms,
+        independent: arguments.independent,
+        waiting: arguments.waiting.clone(),
+        first: arguments.first.clone(),
+        second: arguments.second.clone(),
+        ..Settings::default()
+    };
+    if !arguments.lags.is_empty() {
+        settings.lags = arguments.lags.iter().map(|lag| (!lag.is_zero()).then_some(*lag)).collect();
+    }
+    let shows = std::io::stderr().is_terminal();
+    let progress = |done: usize, all: usize| {
+        if shows {
+            let end = if done == all { "\n" } else { "" };
+            eprint!("\rheld out: {done} of {all} runs{end}");
+        }
+    };
+    let probe = arguments.probe.map(|interval| interval.as_secs_f64());
+    let fallbacks = arguments.write.is_some();
+    Ok(identify(&ready, &settings, probe, fallbacks, &progress).map_err(anyhow::Error::msg)?)
+}
+
+fn write(arguments: &Arguments, found: &Identified, path: &std::path::Path) -> Result<(), Failure> {
+    let stem = path.file_stem().and_then(|stem| stem.to_str()).unwrap_or("model");
+    let outside = match arguments.outside {
+        OutsideWord::Warn => Outside::Warn,
+        OutsideWord::Hold => Outside::Hold,
+        OutsideWord::Shrink => Outside::Shrink,
+    };
+    let written = written(found, stem, outside);
+    let beside = written.files.iter().map(|(name, text)| (path.with_file_name(name), text));
+    for (path, text) in [(path.to_owned(), &written.block)].into_iter().chain(beside) {
+        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(())
+}

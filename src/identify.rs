@@ -1,0 +1,31 @@
+//! Offline: from the logs of some days to a model that holds on a day it never saw.
+//!
+//! ```text
+//! dataset ── setup ── campaign ── bank ── gram ── method ── validate ── identified ── written
+//!  (logs)   (checks,   (profile's  (rises   (X'X)   (learn)    (one run    (JSON)        (TOML)
+//!           faults)     view)     and lags)                   left out)
+//! ```
+//! The rises and lags of the bank are computed by the gateway's own [`compensation`](crate::compensation): what is
+//! found is what runs.
+//!
+//! # Sign
+//! Methods learn the compensation that is wanted, Cz = −(e − its cold value): a gain is the profile's gain.
+
+pub mod bank;
+pub mod campaign;
+pub mod dataset;
+pub mod faults;
+pub mod gram;
+pub mod identified;
+pub mod learn;
+pub mod method;
+pub mod region;
+pub mod setup;
+pub mod validate;
+pub mod written;
+
+mod parallel;
+mod solve;
+mod uncertainty;
+
+pub use identified::{Identified, identify};

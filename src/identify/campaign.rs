@@ -1,0 +1,168 @@
+//! The runs of a dataset as the gateway would see them: through a profile's signals, with one measured error.
+
+use std::time::Duration;
+
+use crate::compensation::settings::{AxisSettings, MachineSettings};
+use crate::identify::dataset::{Dataset, Run};
+use crate::profile::Profile;
+use crate::quantity::Moment;
+use crate::reading::{Reading, Reason, SignalId};
+
+/// What a reference is the mean over where the profile does not say.
+pub const USUAL_SETTLE: Duration = Duration::from_secs(180);
+
+/// Runs, inputs and the error that is to be compensated.
+#[derive(Clone, Debug)]
+pub struct Campaign<'a> {
+    /// The logs.
+    pub dataset: &'a Dataset,
+    /// What a model may be made of.
+    pub inputs: Vec<Input>,
+    /// The column with the measured error e, µm.
+    pub error: usize,
+    /// The profile's machine; its `settle` is [`USUAL_SETTLE`] where the profile has none.
+    pub machine: MachineSettings,
+    /// Rows are averaged over this long; zero leaves them as they are.
+    pub resample: Duration,
+    /// Where the axis was, for errors measured at several positions.
+    pub position: Option<Position>,
+    pub(super) axes: Vec<AxisSettings>,
+    /// By signal of the profile: its column and its range.
+    columns: Vec<Option<Channel>>,
+}
+
+/// One input of a model.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Input {
+    /// The signal's name, in the profile and in the logs.
+    pub name: String,
+    /// In the profile.
+    pub signal: SignalId,
+    /// In the dataset.
+    pub column: usize,
+}
+
+/// A signal that says where the axis is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Position {
+    /// Its name.
+    pub name: String,
+    /// In the profile.
+    pub signal: SignalId,
+    /// In the dataset.
+    pub column: usize,
+    /// Where the slope adds nothing, mm.
+    pub reference: f64,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Channel {
+    column: usize,
+    range: Option<(f64, f64)>,
+}
+
+impl<'a> Campaign<'a> {
+    /// The runs through the profile's signals. Inputs are chosen with [`Campaign::with_inputs`].
+    pub fn new(profile: &Profile, dataset: &'a Dataset, error: usize, resample: Duration) -> Campaign<'a> {
+        let mut machine = profile.machine.clone();
+        if machine.settle.is_zero() {
+            machine.settle = USUAL_SETTLE;
+        }
+        let bare = |axis: &crate::profile::Axis| AxisSettings { models: Vec::new(), ..axis.settings.clone() };
+        let channel = |signal: &crate::profile::Signal| {
+            let column = dataset.column(&signal.name)?;
+            Some(Channel { column, range: signal.range })
+        };
+        Campaign {
+            dataset,
+            inputs: Vec::new(),
+            error,
+            machine,
+            resample,
+            position: None,
+            axes: profile.axes.iter().map(bare).collect(),
+            columns: profile.signals.iter().map(channel).collect(),
+        }
+    }
+
+    /// The same with these inputs.
+    #[must_use]
+    pub fn with_inputs(self, inputs: Vec<Input>) -> Campaign<'a> {
+        Campaign { inputs, ..self }
+    }
+
+    /// How long one row stands for after averaging: the averaging window, or the log's own step where that is longer.
+    pub(super) fn row_seconds(&self) -> f64 {
+        let steps = self.dataset.runs.iter().flat_map(|run| run.times.windows(2));
+        let mut steps: Vec<f64> = steps.map(|pair| pair[1].since(pair[0]).as_secs_f64()).collect();
+        steps.sort_by(f64::total_cmp);
+        let usual = steps.get(steps.len() / 2).copied().unwrap_or(60.0);
+        usual.max(self.resample.as_secs_f64()).max(1e-3)
+    }
+
+    /// The readings of one row, as the gateway would believe them.
+    pub(super) fn readings(&self, run: &Run, row: usize, now: Moment, readings: &mut Vec<Reading>) {
+        readings.clear();
+        readings.extend(self.columns.iter().map(|channel| {
+            let Some(Channel { column, range }) = channel else { return Reading::bad(now, Reason::NotInLog) };
+            let value = run.values[*column][row];
+            match range {
+                _ if value.is_nan() => Reading::bad(now, Reason::NotInLog),
+                Some((low, high)) if !(*low..=*high).contains(&value) => {
+                    Reading::bad(now, Reason::OutOfRange)
+                }
+                _ => Reading::good(value, now),
+            }
+        }));
+    }
+
+    /// When the machine of this run starts: at the rising edge of its signal, else at the first good reading.
+    pub(super) fn start(&self, run: &Run) -> Option<Moment> {
+        let mut readings = Vec::new();
+        run.times.iter().enumerate().find_map(|(row, now)| {
+            self.readings(run, row, *now, &mut readings);
+            let runs = match self.machine.on {
+                Some(on) => readings.get(on.0).and_then(Reading::usable).is_some_and(|level| level >= 0.5),
+                None => readings.iter().any(|reading| reading.usable().is_some()),
+            };
+            runs.then_some(*now)
+        })
+    }
+
+    /// The compensation that is wanted at each row: Cz = −(e − its mean while the references settle), µm; NaN where the
+    /// error is missing, and before the machine starts. With a position, each place has a mean of its own: a scale's
+    /// cold error is no drift.
+    pub(super) fn wanted(&self, run: &Run) -> Vec<f64> {
+        let errors = &run.values[self.error];
+        let Some(start) = self.start(run) else { return vec![f64::NAN; errors.len()] };
+        let places: Vec<i64> = match &self.position {
+            Some(position) => run.values[position.column].iter().map(|place| whole(*place)).collect(),
+            None => vec![0; errors.len()],
+        };
+        let mut cold: std::collections::HashMap<i64, (f64, f64)> = std::collections::HashMap::new();
+        // The references of the temperatures take in the first row after their time, too: the same rows here.
+        let settled = run.times.iter().find(|time| **time >= start.after(self.machine.settle));
+        for ((time, error), place) in run.times.iter().zip(errors).zip(&places) {
+            let settles = *time >= start && settled.is_none_or(|settled| time <= settled);
+            // A place first visited later is measured from its first visit.
+            if error.is_finite() && *time >= start && (settles || !cold.contains_key(place)) {
+                let (sum, count) = cold.entry(*place).or_default();
+                *sum += error;
+                *count += 1.0;
+            }
+        }
+        let rows = run.times.iter().zip(errors).zip(&places);
+        rows.map(|((time, error), place)| {
+            let Some((sum, count)) = cold.get(place).filter(|_| *time >= start) else { return f64::NAN };
+            sum / count - error
+        })
+        .collect()
+    }
+}
+
+/// Positions are the same where they differ by less than a millimetre.
+fn whole(place: f64) -> i64 {
+    #[allow(clippy::cast_possible_truncation, reason = "a travel in mm; beyond it the cast saturates")]
+    let whole = place.round() as i64;
+    whole
+}

@@ -1,0 +1,76 @@
+//! What a column seems to be.
+
+use std::fmt;
+
+/// What a column of numbers seems to be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// °C.
+    Temperature,
+    /// rpm, mm/min.
+    Speed,
+    /// mm.
+    Position,
+    /// µm.
+    Displacement,
+    /// Nothing but 0 and 1.
+    Switch,
+    /// None of these.
+    Other,
+}
+
+impl Kind {
+    /// By the unit that a profile knows, else by the name's ending, else by the values.
+    pub fn guess<'a>(
+        name: &str,
+        unit: Option<&str>,
+        values: impl Iterator<Item = &'a [f64]> + Clone,
+    ) -> Kind {
+        if let Some(kind) = unit.and_then(of_unit) {
+            return kind;
+        }
+        let name = name.to_ascii_lowercase();
+        let ending = name.rsplit('_').next().filter(|ending| ending.len() < name.len());
+        if let Some(kind) = ending.and_then(of_unit) {
+            return kind;
+        }
+        let numbers = || values.clone().flatten().copied().filter(|value| value.is_finite());
+        if numbers().all(|value| value.abs() < 1e-12 || (value - 1.0).abs() < 1e-12) {
+            return Kind::Switch;
+        }
+        let is_named = ["t", "temp", "temperature"].iter().any(|word| {
+            name.strip_prefix(word).is_some_and(|rest| rest.bytes().all(|b| !b.is_ascii_alphabetic()))
+        });
+        // A shop, its machine and its coolant; a column that leaves this is something else, or in another unit.
+        let is_plausible = numbers().all(|value| (-40.0..=150.0).contains(&value));
+        if is_named || is_plausible { Kind::Temperature } else { Kind::Other }
+    }
+}
+
+fn of_unit(unit: &str) -> Option<Kind> {
+    Some(match unit.to_ascii_lowercase().as_str() {
+        "degc" | "c" | "k" | "celsius" => Kind::Temperature,
+        "rpm" | "mm/min" | "m/s" | "hz" | "speed" => Kind::Speed,
+        "mm" => Kind::Position,
+        "um" | "µm" => Kind::Displacement,
+        "bool" | "on" => Kind::Switch,
+        "percent" | "l/min" | "bar" | "v" | "mv" | "a" | "ma" | "w" | "kw" | "n" | "nm" | "s" | "count" => {
+            Kind::Other
+        }
+        _ => return None,
+    })
+}
+
+impl fmt::Display for Kind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Kind::Temperature => "temperature",
+            Kind::Speed => "speed",
+            Kind::Position => "position",
+            Kind::Displacement => "displacement",
+            Kind::Switch => "switch",
+            Kind::Other => "other",
+        })
+    }
+}

@@ -1,0 +1,256 @@
+//! What was found, and how far it may be believed.
+
+use serde::Serialize;
+
+use super::bank::Candidate;
+use super::campaign::Campaign;
+use super::dataset::Kind;
+use super::faults::Excluded;
+use super::gram::count;
+use super::learn::{Learned, Learner};
+use super::method::{Method, Settings};
+use super::region::Region;
+use super::setup::Ready;
+use super::uncertainty::standard_errors;
+use super::validate::{HeldOut, RunScore, leave_one_run_out};
+
+/// A model with its cross-validation. Serialized, it is the JSON of `identify`.
+#[derive(Clone, Debug, Serialize)]
+pub struct Identified {
+    /// The method's word.
+    pub method: &'static str,
+    /// The axis.
+    pub axis: String,
+    /// The column with the measured error.
+    pub error: String,
+    /// The terms of Cz = Σ gain·rise; empty for a network.
+    pub terms: Vec<TermFound>,
+    /// Each run, held out.
+    pub runs: Vec<RunScore>,
+    /// Mean over the runs of the held-out range, µm.
+    pub mean_range_um: f64,
+    /// The worst run's range, µm.
+    pub worst_range_um: f64,
+    /// Mean over the runs of the held-out root mean square, µm.
+    pub mean_rmse_um: f64,
+    /// The same means of the bare machine, µm.
+    pub uncompensated: Means,
+    /// The interval of the probe, s, where the residual is taken out at one.
+    pub probe_s: Option<f64>,
+    /// Sensors left out, with the reason.
+    pub excluded: Vec<Excluded>,
+    /// What each column of the logs was taken for.
+    pub columns: Vec<ColumnShown>,
+    /// Models for the loss of each sensor, the best first.
+    pub fallbacks: Vec<Fallback>,
+    /// What is odd.
+    pub remarks: Vec<String>,
+    /// Every held-out run, row by row.
+    #[serde(skip)]
+    pub held_out: Vec<HeldOut>,
+    /// The model over all runs.
+    #[serde(skip)]
+    pub learned: Learned,
+    /// Where its inputs were.
+    #[serde(skip)]
+    pub region: Option<Region>,
+    /// The slope's position signal and where the slope adds nothing, mm.
+    pub position: Option<(String, f64)>,
+    /// What references are the mean over, s.
+    pub settle_s: f64,
+}
+
+/// One term of the sum.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct TermFound {
+    /// The signal.
+    pub signal: String,
+    /// Time constant, s; 0: it acts at once.
+    pub lag_s: f64,
+    /// µm per unit of the signal, for Cz = −e; a term of the slope: µm/mm per unit.
+    pub gain: f64,
+    /// The gain's standard error.
+    pub se: f64,
+    /// It belongs to the slope over the position.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub slope: bool,
+}
+
+/// Figures over all runs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Means {
+    /// Mean range, µm.
+    pub mean_range_um: f64,
+    /// Worst range, µm.
+    pub worst_range_um: f64,
+    /// Mean of the root mean squares, µm.
+    pub mean_rmse_um: f64,
+}
+
+/// A column, and what it was taken for.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ColumnShown {
+    /// Its name.
+    pub name: String,
+    /// What it seems to be.
+    pub kind: Kind,
+    /// What it is used as.
+    pub used: &'static str,
+}
+
+/// The model that stands in where a sensor is lost.
+#[derive(Clone, Debug, Serialize)]
+pub struct Fallback {
+    /// The signal that is not there.
+    pub without: String,
+    /// Its terms.
+    pub terms: Vec<TermFound>,
+    /// Held out.
+    #[serde(flatten)]
+    pub means: Means,
+}
+
+/// Finds the model, validates it, and looks for its stand-ins. `progress` is told what is done, out of how much.
+///
+/// # Errors
+/// What the method says: a sentence that says what to do.
+pub fn identify(
+    ready: &Ready<'_>,
+    settings: &Settings,
+    probe: Option<f64>,
+    fallbacks: bool,
+    progress: &(dyn Fn(usize, usize) + Sync),
+) -> Result<Identified, String> {
+    let campaign = &ready.campaign;
+    let learner = settings.method.prepare(campaign, settings)?;
+    check_rows(learner.as_ref())?;
+    let held_out = leave_one_run_out(campaign, learner.as_ref(), &[], probe, progress)?;
+    let runs: Vec<usize> = (0..learner.bank().runs.len()).collect();
+    let learned = learner.learn(&runs, &[])?;
+    let inputs = inputs_of(&learned);
+    let stand_ins = if fallbacks && inputs.len() > 1 {
+        stand_ins(campaign, learner.as_ref(), &inputs)?
+    } else {
+        Vec::new()
+    };
+    let error = campaign.dataset.columns[campaign.error].name.clone();
+    let means = means(held_out.iter().map(|held| (held.score.range_um, held.score.rmse_um)));
+    let bare = |held: &HeldOut| (held.score.uncompensated_range_um, held.score.uncompensated_rmse_um);
+    Ok(Identified {
+        method: settings.method.name(),
+        axis: ready.axis.clone(),
+        terms: terms(campaign, learner.as_ref(), &learned, &held_out, settings.method),
+        runs: held_out.iter().map(|held| held.score.clone()).collect(),
+        mean_range_um: means.mean_range_um,
+        worst_range_um: means.worst_range_um,
+        mean_rmse_um: means.mean_rmse_um,
+        uncompensated: self::means(held_out.iter().map(bare)),
+        probe_s: probe,
+        excluded: ready.excluded.clone(),
+        columns: columns(campaign, &error, &ready.excluded),
+        fallbacks: stand_ins,
+        remarks: ready.remarks.clone(),
+        region: Region::of(campaign, learner.bank(), &inputs),
+        position: campaign.position.as_ref().map(|position| (position.name.clone(), position.reference)),
+        settle_s: campaign.machine.settle.as_secs_f64(),
+        error,
+        held_out,
+        learned,
+    })
+}
+
+fn check_rows(learner: &dyn Learner) -> Result<(), String> {
+    match learner.bank().runs.iter().find(|run| run.wanted.is_empty()) {
+        None => Ok(()),
+        Some(run) => Err(format!(
+            "{} has no row in which the error and every sensor are there: leave it out, or leave the sensor out that \
+             is missing with --without",
+            run.name
+        )),
+    }
+}
+
+/// The places of the inputs that a model needs.
+fn inputs_of(learned: &Learned) -> Vec<usize> {
+    let mut inputs: Vec<usize> = match learned {
+        Learned::Sum(gains) => gains.iter().map(|(candidate, _)| candidate.input).collect(),
+        Learned::Net { inputs, .. } => inputs.clone(),
+    };
+    inputs.sort_unstable();
+    inputs.dedup();
+    inputs
+}
+
+fn terms(
+    campaign: &Campaign<'_>,
+    learner: &dyn Learner,
+    learned: &Learned,
+    held_out: &[HeldOut],
+    method: Method,
+) -> Vec<TermFound> {
+    let Learned::Sum(gains) = learned else { return Vec::new() };
+    let left_out: Vec<&Learned> = held_out.iter().map(|held| &held.learned).collect();
+    let errors = standard_errors(learner.bank(), gains, &left_out, method.is_penalized());
+    gains.iter().zip(errors).map(|((candidate, gain), se)| shown(campaign, candidate, *gain, se)).collect()
+}
+
+fn shown(campaign: &Campaign<'_>, candidate: &Candidate, gain: f64, se: f64) -> TermFound {
+    TermFound {
+        signal: campaign.inputs[candidate.input].name.clone(),
+        lag_s: candidate.lag.map_or(0.0, |lag| lag.as_secs_f64()),
+        gain,
+        se,
+        slope: candidate.along,
+    }
+}
+
+fn stand_ins(
+    campaign: &Campaign<'_>,
+    learner: &dyn Learner,
+    inputs: &[usize],
+) -> Result<Vec<Fallback>, String> {
+    let runs: Vec<usize> = (0..learner.bank().runs.len()).collect();
+    let mut found = Vec::new();
+    for lost in inputs {
+        let Learned::Sum(gains) = learner.learn(&runs, &[*lost])? else { return Ok(Vec::new()) };
+        if gains.is_empty() {
+            continue;
+        }
+        let held = leave_one_run_out(campaign, learner, &[*lost], None, &|_, _| {})?;
+        found.push(Fallback {
+            without: campaign.inputs[*lost].name.clone(),
+            terms: gains.iter().map(|(candidate, gain)| shown(campaign, candidate, *gain, 0.0)).collect(),
+            means: means(held.iter().map(|held| (held.score.range_um, held.score.rmse_um))),
+        });
+    }
+    found.sort_by(|one, other| one.means.mean_range_um.total_cmp(&other.means.mean_range_um));
+    Ok(found)
+}
+
+fn means(scores: impl Iterator<Item = (f64, f64)>) -> Means {
+    let (mut ranges, mut squares, mut worst, mut runs) = (0.0, 0.0, 0.0_f64, 0_usize);
+    for (range, rms) in scores {
+        ranges += range;
+        squares += rms;
+        worst = worst.max(range);
+        runs += 1;
+    }
+    let runs = count(runs).max(1.0);
+    Means { mean_range_um: ranges / runs, worst_range_um: worst, mean_rmse_um: squares / runs }
+}
+
+fn columns(campaign: &Campaign<'_>, error: &str, excluded: &[Excluded]) -> Vec<ColumnShown> {
+    let used = |name: &str| {
+        if name == error {
+            "error"
+        } else if campaign.inputs.iter().any(|input| input.name == name) {
+            "input"
+        } else if excluded.iter().any(|faulty| faulty.signal == name) {
+            "left out: faulty"
+        } else {
+            "not used"
+        }
+    };
+    let columns = campaign.dataset.columns.iter();
+    columns.map(|c| ColumnShown { name: c.name.clone(), kind: c.kind, used: used(&c.name) }).collect()
+}

@@ -1,0 +1,194 @@
+//! The methods: each learns a [`Learned`](super::learn::Learned) from some runs of a campaign.
+
+use std::fmt;
+use std::time::Duration;
+
+use super::bank::{Bank, Candidate, usual_lags};
+use super::campaign::Campaign;
+use super::gram::Gram;
+use super::learn::{Learned, Learner};
+
+mod difference;
+mod forward;
+mod lag;
+mod least_squares;
+mod position;
+
+mod ridge;
+mod sparse;
+mod stepwise;
+mod two_source;
+
+/// How a model is found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Method {
+    /// Some of (sensor, lag), chosen on runs that were left out; with --terms N at most so many
+    #[default]
+    SparseLag,
+    /// Ridge regression on every sensor through every lag
+    RidgeLag,
+    /// Stepwise over (sensor, lag) by partial F tests, in and out
+    Stepwise,
+    /// Least squares on the rises of all sensors, without lags
+    Ols,
+    /// One time constant for each of a few sensors, fitted (Janeczko 1989)
+    Lag,
+    /// Terms of Cz and of its slope over --position (Li et al. 1998)
+    Position,
+    /// --first sensors from the --waiting runs, --second sensors from what is left on the others (Tachiya et al. 2013)
+    TwoSource,
+    /// One gain for the difference of two sensors (JP H07-61598 B2)
+    Difference,
+    /// No model: the bare machine, or a probe alone
+    None,
+}
+
+/// What a method may be told.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// How.
+    pub method: Method,
+    /// Time constants that are tried.
+    pub lags: Vec<Option<Duration>>,
+    /// Most terms of a chosen model; `None`: the method's own limit.
+    pub terms: Option<usize>,
+    /// two-source: the runs in which only the first source is at work.
+    pub waiting: Vec<String>,
+    /// two-source: inputs of the first source.
+    pub first: Vec<String>,
+    /// two-source: inputs of the second.
+    pub second: Vec<String>,
+    /// Rows closer than this are no independent samples: partial F tests count one sample per so long.
+    pub independent: Duration,
+}
+
+impl Default for Settings {
+    fn default() -> Settings {
+        Settings {
+            method: Method::default(),
+            lags: usual_lags(),
+            terms: None,
+            waiting: Vec::new(),
+            first: Vec::new(),
+            second: Vec::new(),
+            independent: Duration::from_secs(1800),
+        }
+    }
+}
+
+impl Method {
+    /// The word for it on the command line and in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Method::SparseLag => "sparse-lag",
+            Method::RidgeLag => "ridge-lag",
+            Method::Stepwise => "stepwise",
+            Method::Ols => "ols",
+            Method::Lag => "lag",
+            Method::Position => "position",
+            Method::TwoSource => "two-source",
+            Method::Difference => "difference",
+            Method::None => "none",
+        }
+    }
+
+    /// Its gains are held small or chosen: how far they may be off shows in their spread, not in a normal equation.
+    pub(super) fn is_penalized(self) -> bool {
+        matches!(self, Method::SparseLag | Method::RidgeLag)
+    }
+
+    /// The method with its data.
+    ///
+    /// # Errors
+    /// A sentence: what the method lacks.
+    pub fn prepare<'a>(
+        self,
+        campaign: &'a Campaign<'a>,
+        settings: &Settings,
+    ) -> Result<Box<dyn Learner + 'a>, String> {
+        let stepwise = stepwise::Stepwise {
+            rows_per_sample: (settings.independent.as_secs_f64() / campaign.row_seconds()).max(1.0),
+            terms: settings.terms.unwrap_or(usize::MAX),
+        };
+        let rule: Box<dyn Rule> = match self {
+            Method::SparseLag => Box::new(sparse::Sparse { terms: settings.terms }),
+            Method::RidgeLag => Box::new(ridge::Ridge),
+            Method::Stepwise | Method::Position => Box::new(stepwise),
+            Method::Ols => Box::new(least_squares::LeastSquares),
+            Method::None => Box::new(Nothing),
+            Method::Difference => Box::new(difference::Difference),
+            Method::TwoSource => Box::new(two_source::TwoSource::new(campaign, settings)?),
+            Method::Lag => {
+                let bank = Bank::of(campaign, &settings.lags);
+                return Ok(Box::new(lag::Lagging::new(campaign, bank, settings.terms)));
+            }
+        };
+        let plain: &[Option<Duration>] = &[None];
+        let bank = match self {
+            Method::SparseLag | Method::RidgeLag | Method::Stepwise => Bank::of(campaign, &settings.lags),
+            Method::Position => position::bank(campaign)?,
+            _ => Bank::of(campaign, plain),
+        };
+        let grams = Gram::each(&bank);
+        Ok(Box::new(OnBank { bank, grams, rule }))
+    }
+}
+
+impl fmt::Display for Method {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// A linear method that needs no more than the products of each run.
+trait Rule: Sync {
+    /// Columns of the bank with their gains; `columns` are those that may be used.
+    fn fit(&self, grams: &[Gram], runs: &[usize], columns: &[usize]) -> Result<Vec<(usize, f64)>, String>;
+}
+
+struct OnBank {
+    bank: Bank,
+    grams: Vec<Gram>,
+    rule: Box<dyn Rule>,
+}
+
+impl Learner for OnBank {
+    fn bank(&self) -> &Bank {
+        &self.bank
+    }
+
+    fn learn(&self, runs: &[usize], without: &[usize]) -> Result<Learned, String> {
+        let may = |(_, candidate): &(usize, &Candidate)| !without.contains(&candidate.input);
+        let columns: Vec<usize> =
+            self.bank.candidates.iter().enumerate().filter(may).map(|(place, _)| place).collect();
+        let gains = self.rule.fit(&self.grams, runs, &columns)?;
+        let gains = gains.into_iter().map(|(column, gain)| (self.bank.candidates[column], gain));
+        Ok(Learned::Sum(gains.collect()))
+    }
+}
+
+struct Nothing;
+
+impl Rule for Nothing {
+    fn fit(&self, _: &[Gram], _: &[usize], _: &[usize]) -> Result<Vec<(usize, f64)>, String> {
+        Ok(Vec::new())
+    }
+}
+
+/// The runs that are left for training beside each inner fold, with the fold. One run alone has no inner validation.
+fn inner(grams: &[Gram], runs: &[usize]) -> Vec<(Gram, Vec<usize>)> {
+    if runs.len() < 2 {
+        return Vec::new();
+    }
+    let fold = |fold: Vec<usize>| {
+        let others: Vec<usize> = runs.iter().copied().filter(|run| !fold.contains(run)).collect();
+        (Gram::sum(grams, &others), fold)
+    };
+    super::validate::folds(runs).into_iter().map(fold).collect()
+}
+
+/// The place of the smallest cost; the first of equals.
+fn smallest(costs: &[f64]) -> usize {
+    let place = |best: usize, place: usize| if costs[place] < costs[best] { place } else { best };
+    (1..costs.len()).fold(0, place)
+}
