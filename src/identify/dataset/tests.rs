@@ -74,3 +74,44 @@ fn missing_cells_are_missing_and_decimal_commas_are_told() {
     let told = read("t1,t2\n0,20\n", &Split::default()).unwrap_err().to_string();
     assert!(told.contains("line 1: there is no column time") && told.contains("there are t1, t2"), "{told}");
 }
+
+#[cfg(feature = "parquet")]
+#[test]
+fn parquet_is_read_like_csv() {
+    use std::sync::Arc;
+
+    use ::parquet::data_type::{ByteArray, ByteArrayType, DoubleType};
+    use ::parquet::file::properties::WriterProperties;
+    use ::parquet::file::writer::SerializedFileWriter;
+    use ::parquet::schema::parser::parse_message_type;
+
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("day.parquet");
+    let schema = "message log { required double time; optional double t1; required binary part (UTF8); }";
+    let schema = Arc::new(parse_message_type(schema).unwrap());
+    let file = std::fs::File::create(&path).unwrap();
+    let mut writer =
+        SerializedFileWriter::new(file, schema, Arc::new(WriterProperties::builder().build())).unwrap();
+    let mut rows = writer.next_row_group().unwrap();
+    let mut column = rows.next_column().unwrap().unwrap();
+    column.typed::<DoubleType>().write_batch(&[0.5, 60.25, 120.0], None, None).unwrap();
+    column.close().unwrap();
+    let mut column = rows.next_column().unwrap().unwrap();
+    column.typed::<DoubleType>().write_batch(&[20.125, 21.1], Some(&[1, 0, 1]), None).unwrap();
+    column.close().unwrap();
+    let mut column = rows.next_column().unwrap().unwrap();
+    let parts = ["A", "A", "B"].map(ByteArray::from);
+    column.typed::<ByteArrayType>().write_batch(&parts, None, None).unwrap();
+    column.close().unwrap();
+    rows.close().unwrap();
+    writer.close().unwrap();
+
+    let split = Split { column: Some("part".to_owned()), gap: None };
+    let found = Dataset::read(&[path], &split, &|_| None).unwrap();
+    let csv = read("time,t1,part\n0.5,20.125,A\n60.25,,A\n120,21.1,B\n", &split).unwrap();
+    assert_eq!(found.columns, csv.columns);
+    for (one, other) in found.runs.iter().zip(&csv.runs) {
+        assert_eq!((&one.name, &one.times), (&other.name, &other.times));
+        assert_eq!(format!("{:?}", one.values), format!("{:?}", other.values));
+    }
+}
