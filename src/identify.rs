@@ -11,8 +11,10 @@
 //! # Sign
 //! Methods learn the compensation that is wanted, Cz = −(e − its cold value): a gain is the profile's gain.
 
+pub mod alike;
 pub mod bank;
 pub mod campaign;
+pub mod collinear;
 pub mod dataset;
 pub mod faults;
 pub mod gram;
@@ -20,6 +22,8 @@ pub mod identified;
 pub mod learn;
 pub mod method;
 pub mod region;
+pub mod report;
+pub mod select;
 pub mod setup;
 pub mod validate;
 pub mod written;

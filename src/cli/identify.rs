@@ -110,9 +110,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 fn find(arguments: &Arguments, profile: &Profile) -> Result<Identified, Failure> {
     let split = Split { column: arguments.run_column.clone(), gap: arguments.gap };
-    let unit = |name: &str| {
-        profile.signals.iter().find(|signal| signal.name == name).map(|signal| signal.unit.0)
-    };
+    let unit =
+        |name: &str| profile.signals.iter().find(|signal| signal.name == name).map(|signal| signal.unit.0);
     let dataset = Dataset::read(&arguments.logs, &split, &unit).map_err(anyhow::Error::from)?;
     let choice = Choice {
         axis: arguments.axis.clone(),
@@ -132,16 +131,20 @@ fn find(arguments: &Arguments, profile: &Profile) -> Result<Identified, Failure>
     if !arguments.lags.is_empty() {
         settings.lags = arguments.lags.iter().map(|lag| (!lag.is_zero()).then_some(*lag)).collect();
     }
+    let probe = arguments.probe.map(|interval| interval.as_secs_f64());
+    let fallbacks = arguments.write.is_some();
+    Ok(identify(&ready, &settings, probe, fallbacks, &progress()).map_err(anyhow::Error::msg)?)
+}
+
+/// Says on a terminal how many runs have been held out.
+pub(super) fn progress() -> impl Fn(usize, usize) + Sync {
     let shows = std::io::stderr().is_terminal();
-    let progress = |done: usize, all: usize| {
+    move |done, all| {
         if shows {
             let end = if done == all { "\n" } else { "" };
             eprint!("\rheld out: {done} of {all} runs{end}");
         }
-    };
-    let probe = arguments.probe.map(|interval| interval.as_secs_f64());
-    let fallbacks = arguments.write.is_some();
-    Ok(identify(&ready, &settings, probe, fallbacks, &progress).map_err(anyhow::Error::msg)?)
+    }
 }
 
 fn write(arguments: &Arguments, found: &Identified, path: &std::path::Path) -> Result<(), Failure> {

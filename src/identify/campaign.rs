@@ -85,6 +85,24 @@ impl<'a> Campaign<'a> {
         }
     }
 
+    /// The runs without a profile: every column is a signal of its own, in its place.
+    pub fn of_columns(dataset: &'a Dataset, error: usize, resample: Duration) -> Campaign<'a> {
+        let columns: Vec<Option<Channel>> =
+            (0..dataset.columns.len()).map(|column| Some(Channel { column, range: None })).collect();
+        let machine =
+            MachineSettings { settle: USUAL_SETTLE, signals: columns.len(), ..MachineSettings::default() };
+        Campaign {
+            dataset,
+            inputs: Vec::new(),
+            error,
+            machine,
+            resample,
+            position: None,
+            axes: Vec::new(),
+            columns,
+        }
+    }
+
     /// The same with these inputs.
     #[must_use]
     pub fn with_inputs(self, inputs: Vec<Input>) -> Campaign<'a> {
@@ -108,7 +126,9 @@ impl<'a> Campaign<'a> {
             let value = run.values[*column][row];
             match range {
                 _ if value.is_nan() => Reading::bad(now, Reason::NotInLog),
-                Some((low, high)) if !(*low..=*high).contains(&value) => Reading::bad(now, Reason::OutOfRange),
+                Some((low, high)) if !(*low..=*high).contains(&value) => {
+                    Reading::bad(now, Reason::OutOfRange)
+                }
                 _ => Reading::good(value, now),
             }
         }));

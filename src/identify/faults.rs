@@ -71,7 +71,9 @@ fn reasons(dataset: &Dataset, series: &[Vec<Minutes>], place: usize, column: usi
             reasons.push(format!("missing in {:.0} % of the rows of {}", 100.0 * share, run.name));
         }
         reasons.extend(jump(own).map(|fault| format!("{fault} in {}", run.name)));
-        reasons.extend(stuck(sensors, place, resolution, lively).map(|fault| format!("{fault} in {}", run.name)));
+        reasons.extend(
+            stuck(sensors, place, resolution, lively).map(|fault| format!("{fault} in {}", run.name)),
+        );
     }
     reasons
 }
@@ -106,8 +108,7 @@ fn jump(own: &Minutes) -> Option<String> {
         let (before, at) = (own.values[place - 1], clock(own.seconds[place]));
         let soon = (place..own.values.len())
             .take_while(|next| own.seconds[*next] - own.seconds[place] <= SPIKE_LASTS.as_secs_f64());
-        let returns =
-            soon.clone().skip(1).any(|next| (own.values[next] - before).abs() < 0.5 * step.abs());
+        let returns = soon.clone().skip(1).any(|next| (own.values[next] - before).abs() < 0.5 * step.abs());
         if returns && step.abs() > SPIKE {
             let spikes = spikes(own);
             let more = if spikes > 1 { format!(", {spikes} times") } else { String::new() };
@@ -138,13 +139,15 @@ fn stuck(sensors: &[Minutes], place: usize, resolution: f64, lively: f64) -> Opt
     let mut begin = 0;
     let mut longest: Option<(f64, f64, f64)> = None;
     for end in 1..=own.values.len() {
-        let goes_on =
-            end < own.values.len() && (own.values[end] - own.values[begin]).abs() < 1e-9 * own.values[begin].abs().max(1.0);
+        let goes_on = end < own.values.len()
+            && (own.values[end] - own.values[begin]).abs() < 1e-9 * own.values[begin].abs().max(1.0);
         if goes_on {
             continue;
         }
         let (from, to) = (own.seconds[begin], own.seconds[end - 1]);
-        if to - from >= STUCK.as_secs_f64() && longest.is_none_or(|(from, to, _)| own.seconds[end - 1] - own.seconds[begin] > to - from) {
+        if to - from >= STUCK.as_secs_f64()
+            && longest.is_none_or(|(from, to, _)| own.seconds[end - 1] - own.seconds[begin] > to - from)
+        {
             let expected = lively * neighbours(sensors, place, from, to);
             if expected > MOVED.max(MOVED_STEPS * resolution) {
                 longest = Some((from, to, expected));
@@ -163,7 +166,8 @@ fn stuck(sensors: &[Minutes], place: usize, resolution: f64, lively: f64) -> Opt
 /// How far the other sensors moved in this time: the median of their ranges.
 fn neighbours(sensors: &[Minutes], place: usize, from: f64, to: f64) -> f64 {
     let moved = |sensor: &Minutes| {
-        let inside = sensor.seconds.iter().zip(&sensor.values).filter(|(second, _)| (from..=to).contains(*second));
+        let inside =
+            sensor.seconds.iter().zip(&sensor.values).filter(|(second, _)| (from..=to).contains(*second));
         range(&inside.map(|(_, value)| *value).collect::<Vec<f64>>())
     };
     let others = sensors.iter().enumerate().filter(|(other, _)| *other != place);
@@ -180,7 +184,7 @@ fn liveliness(series: &[Vec<Minutes>], place: usize) -> f64 {
 }
 
 /// The smallest step between two values of a column.
-fn resolution(dataset: &Dataset, column: usize) -> f64 {
+pub(super) fn resolution(dataset: &Dataset, column: usize) -> f64 {
     let pairs = dataset.runs.iter().flat_map(|run| run.values[column].windows(2));
     let steps = pairs.map(|pair| (pair[1] - pair[0]).abs()).filter(|step| *step > 1e-9);
     let smallest = steps.fold(f64::MAX, f64::min);

@@ -6,13 +6,13 @@ use super::bank::Candidate;
 use super::campaign::Campaign;
 use super::dataset::Kind;
 use super::faults::Excluded;
+use super::gram::count;
 use super::learn::{Learned, Learner};
 use super::method::{Method, Settings};
 use super::region::Region;
 use super::setup::Ready;
 use super::uncertainty::standard_errors;
 use super::validate::{HeldOut, RunScore, leave_one_run_out};
-use super::gram::count;
 
 /// A model with its cross-validation. Serialized, it is the JSON of `identify`.
 #[derive(Clone, Debug, Serialize)]
@@ -126,8 +126,11 @@ pub fn identify(
     let runs: Vec<usize> = (0..learner.bank().runs.len()).collect();
     let learned = learner.learn(&runs, &[])?;
     let inputs = inputs_of(&learned);
-    let stand_ins =
-        if fallbacks && inputs.len() > 1 { stand_ins(campaign, learner.as_ref(), &inputs)? } else { Vec::new() };
+    let stand_ins = if fallbacks && inputs.len() > 1 {
+        stand_ins(campaign, learner.as_ref(), &inputs)?
+    } else {
+        Vec::new()
+    };
     let error = campaign.dataset.columns[campaign.error].name.clone();
     let means = means(held_out.iter().map(|held| (held.score.range_um, held.score.rmse_um)));
     let bare = |held: &HeldOut| (held.score.uncompensated_range_um, held.score.uncompensated_rmse_um);

@@ -100,10 +100,9 @@ fn axis(profile: &Profile, choice: &Choice, wrong: &mut Vec<String>) -> Option<S
     let names: Vec<&str> = profile.axes.iter().map(|axis| axis.settings.name.as_str()).collect();
     match (&choice.axis, names.as_slice()) {
         (Some(wanted), _) if names.contains(&wanted.as_str()) => return Some(wanted.clone()),
-        (Some(wanted), _) => wrong.push(format!(
-            "the profile has no axis `{wanted}`{}",
-            nearest(wanted, &names)
-        )),
+        (Some(wanted), _) => {
+            wrong.push(format!("the profile has no axis `{wanted}`{}", nearest(wanted, &names)))
+        }
         (None, [only]) => return Some((*only).to_owned()),
         (None, []) => wrong.push("the profile has no axis; add [axis.z]".to_owned()),
         (None, _) => wrong.push(format!("name the axis with --axis: one of {}", names.join(", "))),
@@ -133,7 +132,7 @@ fn error_column(
     found
 }
 
-fn check_runs(dataset: &Dataset, wrong: &mut Vec<String>) {
+pub(super) fn check_runs(dataset: &Dataset, wrong: &mut Vec<String>) {
     if let [only] = dataset.runs.as_slice() {
         wrong.push(format!(
             "there is one run only, {}: a model must be judged on a run that it never saw; record another day, or \
@@ -224,7 +223,7 @@ fn inputs(
     found
 }
 
-fn check_units(dataset: &Dataset, inputs: &[Input], wrong: &mut Vec<String>) {
+pub(super) fn check_units(dataset: &Dataset, inputs: &[Input], wrong: &mut Vec<String>) {
     let temperatures = inputs.iter().filter(|input| dataset.columns[input.column].kind == Kind::Temperature);
     let begins: Vec<f64> = temperatures
         .filter_map(|input| {
@@ -242,7 +241,7 @@ fn check_units(dataset: &Dataset, inputs: &[Input], wrong: &mut Vec<String>) {
     }
 }
 
-fn check_error(dataset: &Dataset, error: usize, wrong: &mut Vec<String>) {
+pub(super) fn check_error(dataset: &Dataset, error: usize, wrong: &mut Vec<String>) {
     let name = &dataset.columns[error].name;
     let values = |run: &super::dataset::Run| -> Vec<f64> {
         run.values[error].iter().copied().filter(|value| value.is_finite()).collect()
@@ -260,11 +259,20 @@ fn check_error(dataset: &Dataset, error: usize, wrong: &mut Vec<String>) {
         ));
     } else if widest < 0.05 {
         let rows: usize = dataset.runs.iter().map(|run| values(run).len()).sum();
-        let mean = dataset.runs.iter().map(|run| range(&values(run))).sum::<f64>() / count(dataset.runs.len());
-        wrong.push(format!(
-            "{name} moves by {mean:.4} over {rows} rows: that looks like mm; write µm"
-        ));
+        let mean =
+            dataset.runs.iter().map(|run| range(&values(run))).sum::<f64>() / count(dataset.runs.len());
+        wrong.push(format!("{name} moves by {mean:.4} over {rows} rows: that looks like mm; write µm"));
     }
+}
+
+/// The column of this name.
+pub(super) fn column_of(dataset: &Dataset, name: &str, wrong: &mut Vec<String>) -> Option<usize> {
+    let found = dataset.column(name);
+    if found.is_none() {
+        let names: Vec<&str> = dataset.columns.iter().map(|column| column.name.as_str()).collect();
+        wrong.push(format!("no log has a column of numbers `{name}`{}", nearest(name, &names)));
+    }
+    found
 }
 
 /// "; did you mean …", or what there is.

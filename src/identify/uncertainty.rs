@@ -64,7 +64,8 @@ fn by_residuals(bank: &Bank, gains: &[(Candidate, f64)]) -> Option<Vec<f64>> {
         let left: Vec<f64> = (0..run.wanted.len())
             .map(|row| {
                 let terms = columns.iter().zip(gains);
-                run.wanted[row] - terms.map(|(column, (_, gain))| gain * run.rises[(row, *column)]).sum::<f64>()
+                run.wanted[row]
+                    - terms.map(|(column, (_, gain))| gain * run.rises[(row, *column)]).sum::<f64>()
             })
             .collect();
         power += left.iter().map(|value| value * value).sum::<f64>();
