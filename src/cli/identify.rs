@@ -6,10 +6,12 @@ use std::time::Duration;
 
 use anyhow::Context;
 
-use super::{Failure, ProfileArguments, load, print_json};
+use super::{Failure, ProfileArguments, load_quietly, print_json};
+use crate::clock::Clock;
 use crate::compensation::model::Outside;
 use crate::identify::dataset::{Dataset, Split};
 use crate::identify::method::{Method, Settings};
+use crate::identify::report::{self, Subject};
 use crate::identify::setup::{Choice, ready};
 use crate::identify::written::written;
 use crate::identify::{Identified, identify};
@@ -24,7 +26,7 @@ mod told;
 /// sensors are found, told and left out. Each run is held out in turn.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  isotherm identify my-machine.toml mon.csv tue.csv wed.csv --axis z --error z_error_um\n  isotherm identify my-machine.toml week.parquet --gap 2h --axis z --write z-model.toml"
+    after_help = "Examples:\n  isotherm identify my-machine.toml mon.csv tue.csv wed.csv --axis z --error z_error_um\n  isotherm identify my-machine.toml week.parquet --gap 2h --axis z --write z-model.toml --report z.html"
 )]
 pub(super) struct Arguments {
     #[command(flatten)]
@@ -65,6 +67,21 @@ pub(super) struct Arguments {
     /// Rows are averaged over this long, after the lags; 0s leaves them as they are
     #[arg(long, value_name = "TIME", default_value = "1min", value_parser = humantime::parse_duration)]
     resample: Duration,
+    /// Where the axis was, for errors measured at several positions (--method position)
+    #[arg(long, value_name = "SIGNAL")]
+    position: Option<String>,
+    /// Where the slope adds nothing, mm
+    #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true)]
+    position_reference: f64,
+    /// two-source: the runs in which the spindle waits
+    #[arg(long, value_name = "RUN", value_delimiter = ',')]
+    waiting: Vec<String>,
+    /// two-source: the sensors of the first source
+    #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
+    first: Vec<String>,
+    /// two-source: the sensors of the second
+    #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
+    second: Vec<String>,
     /// A new run begins where this column changes
     #[arg(long, value_name = "COLUMN")]
     run_column: Option<String>,
@@ -74,6 +91,9 @@ pub(super) struct Arguments {
     /// Writes the [[axis.…model]] block, with its envelope beside it
     #[arg(long, value_name = "MODEL.toml")]
     write: Option<PathBuf>,
+    /// Writes a page with pictures that can be sent to anyone: one file, opened by any browser
+    #[arg(long, value_name = "OUT.html")]
+    report: Option<PathBuf>,
     /// What the block says the axis does outside its envelope
     #[arg(long, value_enum, default_value_t = OutsideWord::Warn)]
     outside: OutsideWord,
@@ -93,7 +113,8 @@ enum OutsideWord {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let profile = load(&arguments.profile, arguments.json)?;
+    // A profile in the making has signals that no model uses yet: no word about them.
+    let profile = load_quietly(&arguments.profile.path, &arguments.profile.set, arguments.json)?.profile;
     let found = find(arguments, &profile)?;
     if let Some(path) = &arguments.write {
         write(arguments, &found, path)?;
@@ -104,6 +125,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     print!("{}", told::told(&found, arguments.probe));
     if let Some(path) = &arguments.write {
         println!("the block is in {}", path.display());
+    }
+    if let Some(path) = &arguments.report {
+        println!("the report is in {}", path.display());
     }
     Ok(())
 }
@@ -120,20 +144,30 @@ fn find(arguments: &Arguments, profile: &Profile) -> Result<Identified, Failure>
         without: arguments.without.clone(),
         keep: arguments.keep.clone(),
         resample: arguments.resample,
+        position: arguments.position.clone().map(|name| (name, arguments.position_reference)),
     };
     let ready = ready(profile, &dataset, &choice).map_err(anyhow::Error::from)?;
     let mut settings = Settings {
         method: arguments.method,
         terms: arguments.terms,
         independent: arguments.independent,
+        waiting: arguments.waiting.clone(),
+        first: arguments.first.clone(),
+        second: arguments.second.clone(),
         ..Settings::default()
     };
     if !arguments.lags.is_empty() {
         settings.lags = arguments.lags.iter().map(|lag| (!lag.is_zero()).then_some(*lag)).collect();
     }
     let probe = arguments.probe.map(|interval| interval.as_secs_f64());
-    let fallbacks = arguments.write.is_some();
-    Ok(identify(&ready, &settings, probe, fallbacks, &progress()).map_err(anyhow::Error::msg)?)
+    let fallbacks = arguments.write.is_some() || arguments.report.is_some();
+    let found = identify(&ready, &settings, probe, fallbacks, &progress()).map_err(anyhow::Error::msg)?;
+    if let Some(path) = &arguments.report {
+        let subject = Subject { profile, ready: &ready, found: &found, made: Clock::wall().now() };
+        let page = report::identified(&subject);
+        std::fs::write(path, page).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(found)
 }
 
 /// Says on a terminal how many runs have been held out.

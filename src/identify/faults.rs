@@ -25,6 +25,8 @@ const STUCK: Duration = Duration::from_secs(3600);
 const MOVED: f64 = 0.1;
 const MOVED_STEPS: f64 = 5.0;
 const MISSING: f64 = 0.2;
+/// A sensor that moves less, °C, in any run is constant.
+const STANDS_STILL: f64 = 1e-6;
 
 /// A sensor that is left out.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -58,7 +60,8 @@ pub fn find(dataset: &Dataset, columns: &[usize]) -> Vec<Excluded> {
 fn reasons(dataset: &Dataset, series: &[Vec<Minutes>], place: usize, column: usize) -> Vec<String> {
     let resolution = resolution(dataset, column);
     let spans: Vec<f64> = series.iter().map(|run| range(&run[place].values)).collect();
-    if spans.iter().all(|span| *span < 2.0 * resolution.min(0.05)) {
+    let least = (2.0 * resolution).clamp(STANDS_STILL, 0.05);
+    if spans.iter().all(|span| *span < least) {
         return vec!["constant: it tells nothing".to_owned()];
     }
     let lively = liveliness(series, place);

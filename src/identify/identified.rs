@@ -54,6 +54,8 @@ pub struct Identified {
     /// Where its inputs were.
     #[serde(skip)]
     pub region: Option<Region>,
+    /// The slope's position signal and where the slope adds nothing, mm.
+    pub position: Option<(String, f64)>,
     /// What references are the mean over, s.
     pub settle_s: f64,
 }
@@ -120,7 +122,7 @@ pub fn identify(
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<Identified, String> {
     let campaign = &ready.campaign;
-    let learner = settings.method.prepare(campaign, settings);
+    let learner = settings.method.prepare(campaign, settings)?;
     check_rows(learner.as_ref())?;
     let held_out = leave_one_run_out(campaign, learner.as_ref(), &[], probe, progress)?;
     let runs: Vec<usize> = (0..learner.bank().runs.len()).collect();
@@ -149,6 +151,7 @@ pub fn identify(
         fallbacks: stand_ins,
         remarks: ready.remarks.clone(),
         region: Region::of(campaign, learner.bank(), &inputs),
+        position: campaign.position.as_ref().map(|position| (position.name.clone(), position.reference)),
         settle_s: campaign.machine.settle.as_secs_f64(),
         error,
         held_out,

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::campaign::{Campaign, Input};
+use super::campaign::{Campaign, Input, Position};
 use super::dataset::{BadLog, Dataset, Kind};
 use super::faults::{self, Excluded};
 use super::gram::count;
@@ -25,6 +25,8 @@ pub struct Choice {
     pub keep: Vec<String>,
     /// Rows are averaged over this long.
     pub resample: Duration,
+    /// The signal that says where the axis was, and where the slope adds nothing, mm.
+    pub position: Option<(String, f64)>,
 }
 
 /// A campaign that can be learnt from.
@@ -60,6 +62,7 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
     let mut remarks = dataset.remarks.clone();
     let inputs = inputs(profile, dataset, choice, &mut wrong, &mut remarks);
     check_units(dataset, &inputs, &mut wrong);
+    let position = position(profile, dataset, choice, &mut wrong);
     if let Some(error) = error {
         check_error(dataset, error, &mut wrong);
     }
@@ -92,7 +95,12 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
                 .to_owned(),
         );
     }
-    let campaign = Campaign::new(profile, dataset, error, choice.resample).with_inputs(good);
+    let mut campaign = Campaign::new(profile, dataset, error, choice.resample).with_inputs(good);
+    if position.is_some() {
+        // Places that are visited in turn must not be averaged.
+        campaign.resample = Duration::ZERO;
+        campaign.position = position;
+    }
     Ok(Ready { campaign, axis, excluded, remarks })
 }
 
@@ -221,6 +229,30 @@ fn inputs(
     }
     found.retain(|input| !choice.without.contains(&input.name));
     found
+}
+
+fn position(
+    profile: &Profile,
+    dataset: &Dataset,
+    choice: &Choice,
+    wrong: &mut Vec<String>,
+) -> Option<Position> {
+    let (name, reference) = choice.position.as_ref()?;
+    let signal = profile.signals.iter().position(|signal| signal.name == *name);
+    match (signal, dataset.column(name)) {
+        (Some(signal), Some(column)) => {
+            Some(Position { name: name.clone(), signal: SignalId(signal), column, reference: *reference })
+        }
+        (None, _) => {
+            let signals: Vec<&str> = profile.signals.iter().map(|signal| signal.name.as_str()).collect();
+            wrong.push(format!("the profile has no signal `{name}`{}", nearest(name, &signals)));
+            None
+        }
+        (_, None) => {
+            wrong.push(format!("no log has a column `{name}` with the position of the axis"));
+            None
+        }
+    }
 }
 
 pub(super) fn check_units(dataset: &Dataset, inputs: &[Input], wrong: &mut Vec<String>) {
