@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
-use crate::compensation::settings::{AxisSettings, MachineSettings};
+use crate::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault};
 use crate::identify::dataset::{Dataset, Run};
 use crate::profile::Profile;
-use crate::quantity::Moment;
+use crate::quantity::{Micron, Moment};
 use crate::reading::{Reading, Reason, SignalId};
 
 /// What a reference is the mean over where the profile does not say.
@@ -98,7 +98,7 @@ impl<'a> Campaign<'a> {
             machine,
             resample,
             position: None,
-            axes: Vec::new(),
+            axes: vec![onlooker()],
             columns,
         }
     }
@@ -175,6 +175,26 @@ impl<'a> Campaign<'a> {
             sum / count - error
         })
         .collect()
+    }
+}
+
+/// An axis that moves nothing: references are captured for the axes that are due, so there must be one at every row.
+fn onlooker() -> AxisSettings {
+    AxisSettings {
+        name: "onlooker".to_owned(),
+        models: Vec::new(),
+        guard: GuardSettings {
+            limit: Micron::ZERO,
+            step: Micron::ZERO,
+            rate: 1.0,
+            deadband: Micron::ZERO,
+            count: None,
+        },
+        every: Duration::from_nanos(1),
+        on_fault: OnFault::Hold,
+        levels: Levels::default(),
+        datum: Datum::default(),
+        apart: None,
     }
 }
 

@@ -68,12 +68,13 @@ fn figure(title: &str, picture: &Markup, caption: &str) -> Markup {
     }
 }
 
-/// A table whose first column names its rows; it scrolls where the page is narrow.
+/// A table whose first column names its rows; it scrolls where the page is narrow. A head that ends in a colon stands over
+/// words, the others over figures.
 fn table(heads: &[&str], rows: &Markup) -> Markup {
     html! {
         div .scroll tabindex="0" {
             table {
-                thead { tr { @for head in heads { th scope="col" { (head) } } } }
+                thead { tr { @for head in heads { th scope="col" .words[head.ends_with(':')] { (head.trim_end_matches(':')) } } } }
                 tbody { (rows) }
             }
         }
@@ -98,9 +99,18 @@ fn three_digits(value: f64) -> String {
     decimals(value, places)
 }
 
+/// A step of a sensor: no more digits than it has.
+fn plain(value: f64) -> String {
+    let text = format!("{value:.6}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}
+
 fn duration(seconds: f64) -> String {
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a run's length in minutes")]
     let minutes = (seconds / 60.0).round().max(0.0) as u64;
+    if seconds < 60.0 {
+        return format!("{} s", plain(seconds));
+    }
     match (minutes / 60, minutes % 60) {
         (0, minutes) => format!("{minutes} min"),
         (hours, 0) => format!("{hours} h"),

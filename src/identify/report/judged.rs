@@ -12,10 +12,10 @@ use crate::identify::validate::{HeldOut, RunScore};
 pub(super) fn headline(means: &Means, bare: &Means) -> Markup {
     html! {
         dl .figures {
-            div { dt { "mean range of a run" } dd { (number(means.mean_range_um)) " µm" br; small { "without compensation " (number(bare.mean_range_um)) " µm" } } }
-            div { dt { "worst run" } dd { (number(means.worst_range_um)) " µm" br; small { "without compensation " (number(bare.worst_range_um)) " µm" } } }
-            div { dt { "mean RMS" } dd { (number(means.mean_rmse_um)) " µm" br; small { "without compensation " (number(bare.mean_rmse_um)) " µm" } } }
-            div { dt { "range cut by" } dd { (cut(means.mean_range_um, bare.mean_range_um)) br; small { "each run held out in turn" } } }
+            div { dt { "mean range of a run" } dd { (number(means.mean_range_um)) " µm" small { "without compensation " (number(bare.mean_range_um)) " µm" } } }
+            div { dt { "worst run" } dd { (number(means.worst_range_um)) " µm" small { "without compensation " (number(bare.worst_range_um)) " µm" } } }
+            div { dt { "mean RMS" } dd { (number(means.mean_rmse_um)) " µm" small { "without compensation " (number(bare.mean_rmse_um)) " µm" } } }
+            div { dt { "range cut by" } dd { (cut(means.mean_range_um, bare.mean_range_um)) small { "each run held out in turn" } } }
         }
     }
 }

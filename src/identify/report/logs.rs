@@ -3,11 +3,11 @@
 use maud::{Markup, html};
 
 use super::chart::{self, Line, Look};
-use super::{date, decimals, duration, figure, table, three_digits};
+use super::{date, decimals, duration, figure, plain, table, three_digits};
 use crate::identify::alike::{correlations, order};
 use crate::identify::bank::Bank;
 use crate::identify::campaign::Campaign;
-use crate::identify::dataset::{Dataset, Kind, Run};
+use crate::identify::dataset::{Column, Dataset, Kind, Run};
 use crate::identify::faults::{self, Excluded};
 use crate::identify::gram::count;
 use crate::identify::validate::range;
@@ -91,23 +91,27 @@ pub(super) fn sensors(
             tr {
                 th scope="row" { (column.name) }
                 td .words style="min-width: 7rem" { (column.kind) }
-                td { (three_digits(faults::resolution(dataset, place))) }
+                td { (plain(faults::resolution(dataset, place))) }
                 td { (spanned(&dataset.runs.iter().flat_map(|run| run.values[place].iter().copied()).collect::<Vec<f64>>(), 2)) }
                 td .words style="min-width: 6rem" { (used(&column.name)) }
-                td .words { (remarks(&column.name, excluded)) }
+                td .words { (remarks(column, excluded)) }
             }
         }
     };
     html! {
         h2 { "Sensors" }
-        (table(&["column", "kind", "resolution", "from … to", "used as", "what was found"], &rows))
+        (table(&["column", "kind:", "resolution", "from … to", "used as:", "what was found:"], &rows))
     }
 }
 
-fn remarks(name: &str, excluded: &[Excluded]) -> String {
-    let own = excluded.iter().filter(|faulty| faulty.signal == name).map(|faulty| faulty.reason.as_str());
+fn remarks(column: &Column, excluded: &[Excluded]) -> String {
+    let own = excluded.iter().filter(|faulty| faulty.signal == column.name).map(|faulty| faulty.reason.as_str());
     let own: Vec<&str> = own.collect();
-    if own.is_empty() { "–".to_owned() } else { own.join("; ") }
+    match column.kind {
+        _ if !own.is_empty() => own.join("; "),
+        Kind::Temperature => "nothing odd".to_owned(),
+        _ => "–".to_owned(),
+    }
 }
 
 /// One small picture for each temperature: every run over the other.
@@ -139,7 +143,7 @@ fn sensor(dataset: &Dataset, place: usize, name: &str, excluded: &[Excluded]) ->
     let widest = dataset.runs.iter().map(|run| {
         range(&run.values[place].iter().copied().filter(|value| value.is_finite()).collect::<Vec<f64>>())
     });
-    let caption = format!("moves by up to {} °C in a run", three_digits(widest.fold(0.0, f64::max)));
+    let caption = format!("up to {} °C in a run", three_digits(widest.fold(0.0, f64::max)));
     let picture = chart::lines(240, 150, "°C", &format!("{name} over every run"), &lines, None);
     figure(name, &picture, &caption)
 }

@@ -76,7 +76,7 @@ fn recommended(found: &Selected) -> Markup {
             }
         }
     };
-    table(&["point", "chosen in held-out fits", "much the same"], &rows)
+    table(&["point", "chosen in held-out fits", "much the same:"], &rows)
 }
 
 fn by_count(found: &Selected) -> Markup {
@@ -101,7 +101,7 @@ fn by_count(found: &Selected) -> Markup {
         p { "For each run the points were chosen from all the others, and judged on that run: how much is left, by how many are kept." }
         ul .keys { li { "mean RMS held out, by the number of points; a ring: recommended" } li .dashed { "with every point" } }
         (super::figure("", &chart::curve("µm RMS", "held-out error by the number of points", &values, found.recommended.k, found.all_points.mean_rmse_um), ""))
-        (table(&["points", "mean RMS, µm", "mean range, µm", "worst run, µm", "comes in (on all runs)"], &rows))
+        (table(&["points", "mean RMS, µm", "mean range, µm", "worst run, µm", "comes in (on all runs):"], &rows))
     }
 }
 
@@ -159,6 +159,6 @@ fn stepwise(found: &Selected) -> Markup {
             "In the order in which points come in, on rises without lags, counting " (decimals(found.stepwise.samples, 0))
             " independent samples. The chance is that of such an F where the point has nothing to do with the error."
         }
-        (table(&["point", "", "partial F", "chance"], &rows))
+        (table(&["point", "step:", "partial F", "chance"], &rows))
     }
 }

@@ -51,7 +51,7 @@ pub(super) fn terms(campaign: &Campaign<'_>, found: &Identified) -> Markup {
                 td { (three_digits(found.terms[*place].gain)) }
                 td { (three_digits(found.terms[*place].se)) }
                 td { @if found.terms[*place].slope { "µm/mm" } @else { "µm" } }
-                td { @if let Some(apart) = &apart { (three_digits(apart.inflation[*place])) } @else { "–" } }
+                td { @if let Some(apart) = &apart { (inflation(apart.inflation[*place])) } @else { "–" } }
             }
         }
     };
@@ -61,13 +61,18 @@ pub(super) fn terms(campaign: &Campaign<'_>, found: &Identified) -> Markup {
             "Cz = −e is the sum of these: each the rise of a sensor since the start of the run, in °C, through a lag with this \
              time constant, times its gain. The whisker is one standard error to either side."
         }
-        (chart::bars("gains with their standard errors", &plain))
-        @if !slopes.is_empty() {
-            p { "Terms of the slope, in µm/mm per °C:" }
-            (chart::bars("gains of the slope with their standard errors", &slopes))
+        div .gallery {
+            (super::figure("Terms", &chart::bars("gains with their standard errors", &plain), "µm per °C ± standard error"))
+            @if !slopes.is_empty() {
+                (super::figure("Terms of the slope", &chart::bars("gains of the slope with their standard errors", &slopes), "µm/mm per °C ± standard error"))
+            }
+            (at_rest(&found.terms))
         }
         @if order.len() > MOST_BARS { p .quiet { "The " (MOST_BARS) " largest of " (order.len()) " terms." } }
-        (table(&["sensor", "time constant τ", "gain per °C", "standard error", "of", "variance inflation"], &rows))
+        details open[order.len() <= MOST_BARS] {
+            summary { "All " (order.len()) " terms in figures" }
+            (table(&["sensor", "time constant τ", "gain per °C", "standard error", "of", "variance inflation"], &rows))
+        }
         @if let Some(apart) = &apart {
             p {
                 "Condition number " (three_digits(apart.condition)) ": "
@@ -76,6 +81,40 @@ pub(super) fn terms(campaign: &Campaign<'_>, found: &Identified) -> Markup {
             }
         }
     }
+}
+
+/// Beyond a thousand it only says that the term cannot be told from the others.
+fn inflation(value: f64) -> String {
+    if value > 1000.0 { "> 1000".to_owned() } else { three_digits(value) }
+}
+
+/// What a sensor does once all its lags have come to rest: the sum of its gains.
+fn at_rest(terms: &[TermFound]) -> Markup {
+    let mut sums: Vec<(&str, f64)> = Vec::new();
+    for term in terms.iter().filter(|term| !term.slope) {
+        match sums.iter_mut().find(|(signal, _)| *signal == term.signal) {
+            Some((_, sum)) => *sum += term.gain,
+            None => sums.push((&term.signal, term.gain)),
+        }
+    }
+    let plain = terms.iter().filter(|term| !term.slope).count();
+    if sums.len() == plain {
+        return html! {};
+    }
+    sums.sort_by(|one, other| other.1.abs().total_cmp(&one.1.abs()));
+    let bar = |(signal, sum): &(&str, f64)| Bar {
+        name: (*signal).to_owned(),
+        value: *sum,
+        doubt: 0.0,
+        outline: None,
+        figure: format!("{} µm/°C", three_digits(*sum)),
+    };
+    let bars: Vec<Bar> = sums.iter().map(bar).collect();
+    super::figure(
+        "Each sensor at rest",
+        &chart::bars("sum of the gains of each sensor", &bars),
+        "The sum of a sensor's gains: what one degree does in the end, all its lags over.",
+    )
 }
 
 fn lag(term: &TermFound) -> String {
@@ -137,7 +176,7 @@ pub(super) fn envelope(region: Option<&Region>) -> Markup {
 /// What bounds the axis, whatever the model asks for.
 pub(super) fn limits(axis: &AxisSettings) -> Markup {
     let micron = |value: f64| format!("{} µm", chart::tick(value));
-    let time = |time: Duration| humantime::format_duration(time).to_string();
+    let time = |time: Duration| super::duration(time.as_secs_f64());
     let fault = match axis.on_fault {
         OnFault::Hold => "Cz stays as it is".to_owned(),
         OnFault::Ramp { after } => format!("Cz stays for {}, then goes to zero at the rate", time(after)),

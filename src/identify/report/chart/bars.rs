@@ -22,9 +22,9 @@ pub(in crate::identify::report) struct Bar {
 }
 
 const WIDTH: f64 = 480.0;
-const ROW: f64 = 26.0;
+const ROW: f64 = 28.0;
 /// Pixels of one letter, about.
-const LETTER: f64 = 7.6;
+const LETTER: f64 = 9.6;
 
 /// The bars below each other, over one scale that takes zero in.
 pub(in crate::identify::report) fn bars(says: &str, all: &[Bar]) -> Markup {
@@ -36,12 +36,12 @@ pub(in crate::identify::report) fn bars(says: &str, all: &[Bar]) -> Markup {
         let letters = all.iter().map(|bar| text(bar).chars().count()).max().unwrap_or(0);
         crate::identify::gram::count(letters) * LETTER + 8.0
     };
-    let (before, behind) = (widest(|bar| &bar.name).min(200.0), widest(|bar| &bar.figure).min(150.0));
+    let (before, behind) = (widest(|bar| &bar.name).min(210.0), widest(|bar| &bar.figure).min(160.0));
     let place = |value: f64| before + (value - low) / (high - low) * (WIDTH - before - behind);
     let height = crate::identify::gram::count(all.len()) * ROW + 8.0;
     let most = letters_in(before);
     sheet(480, pixels(height).unsigned_abs(), says, |paper| {
-        let right = letters(14.0, INK).pos(Pos::new(HPos::Right, VPos::Center));
+        let right = letters(16.0, INK).pos(Pos::new(HPos::Right, VPos::Center));
         let stroke = |x: f64, from: f64, to: f64, color: RGBColor| {
             let x = pixels(x);
             PathElement::new([(x, pixels(from)), (x, pixels(to))], color.stroke_width(2))

@@ -64,10 +64,10 @@ pub(in crate::identify::report) fn lines(
     let small = width < 300;
     sheet(width, height, says, |paper| {
         let mut chart = ChartBuilder::on(paper)
-            .margin_top(22)
+            .margin_top(26)
             .margin_right(if small { 12 } else { 16 })
-            .x_label_area_size(24)
-            .y_label_area_size(44)
+            .x_label_area_size(28)
+            .y_label_area_size(50)
             .build_cartesian_2d(0.0..last, low..high)?;
         chart
             .configure_mesh()
@@ -76,11 +76,11 @@ pub(in crate::identify::report) fn lines(
             .max_light_lines(0)
             .bold_line_style(RULE)
             .axis_style(QUIET)
-            .label_style(letters(14.0, QUIET))
+            .label_style(letters(16.0, QUIET))
             .x_label_formatter(&hours)
             .y_label_formatter(&|value| tick(*value))
             .draw()?;
-        paper.draw(&Text::new(unit.to_owned(), (2, 2), letters(14.0, QUIET)))?;
+        paper.draw(&Text::new(unit.to_owned(), (2, 2), letters(16.0, QUIET)))?;
         if low < 0.0 && high > 0.0 {
             chart.draw_series(LineSeries::new([(0.0, 0.0), (last, 0.0)], QUIET))?;
         }
@@ -121,10 +121,10 @@ pub(in crate::identify::report) fn curve(
     sheet(480, 280, says, |paper| {
         let last = number(values.len().saturating_sub(1));
         let mut chart = ChartBuilder::on(paper)
-            .margin_top(22)
+            .margin_top(26)
             .margin_right(16)
-            .x_label_area_size(24)
-            .y_label_area_size(44)
+            .x_label_area_size(28)
+            .y_label_area_size(50)
             .build_cartesian_2d(-0.3..last + 0.3, 0.0..high)?;
         chart
             .configure_mesh()
@@ -133,11 +133,11 @@ pub(in crate::identify::report) fn curve(
             .max_light_lines(0)
             .bold_line_style(RULE)
             .axis_style(QUIET)
-            .label_style(letters(14.0, QUIET))
+            .label_style(letters(16.0, QUIET))
             .x_label_formatter(&|value| if value.fract().abs() < 1e-6 { tick(*value) } else { String::new() })
             .y_label_formatter(&|value| tick(*value))
             .draw()?;
-        paper.draw(&Text::new(unit.to_owned(), (2, 2), letters(14.0, QUIET)))?;
+        paper.draw(&Text::new(unit.to_owned(), (2, 2), letters(16.0, QUIET)))?;
         let across = [(-0.3, level), (last + 0.3, level)];
         chart.draw_series(DashedLineSeries::new(across, 7, 4, WARM.stroke_width(2)))?;
         chart.draw_series(LineSeries::new(places(), INK.stroke_width(2)))?;
@@ -154,10 +154,10 @@ pub(in crate::identify::report) fn scatter(unit: &str, says: &str, pairs: &[(f64
     let (low, high) = span(pairs.iter().flat_map(|(one, other)| [*one, *other]), true);
     sheet(480, 440, says, |paper| {
         let mut chart = ChartBuilder::on(paper)
-            .margin_top(22)
+            .margin_top(26)
             .margin_right(16)
-            .x_label_area_size(24)
-            .y_label_area_size(44)
+            .x_label_area_size(28)
+            .y_label_area_size(50)
             .build_cartesian_2d(low..high, low..high)?;
         chart
             .configure_mesh()
@@ -166,11 +166,11 @@ pub(in crate::identify::report) fn scatter(unit: &str, says: &str, pairs: &[(f64
             .max_light_lines(0)
             .bold_line_style(RULE)
             .axis_style(QUIET)
-            .label_style(letters(14.0, QUIET))
+            .label_style(letters(16.0, QUIET))
             .x_label_formatter(&|value| tick(*value))
             .y_label_formatter(&|value| tick(*value))
             .draw()?;
-        paper.draw(&Text::new(unit.to_owned(), (2, 2), letters(14.0, QUIET)))?;
+        paper.draw(&Text::new(unit.to_owned(), (2, 2), letters(16.0, QUIET)))?;
         chart.draw_series(pairs.iter().map(|pair| Circle::new(*pair, 2, INK.mix(0.35).filled())))?;
         chart.draw_series(LineSeries::new([(low, low), (high, high)], WARM.stroke_width(2)))?;
         Ok(())

@@ -8,7 +8,7 @@ use super::{INK, letters, pixels, sheet};
 use crate::identify::gram::count;
 
 const CELL: f64 = 30.0;
-const LETTER: f64 = 7.6;
+const LETTER: f64 = 8.4;
 
 /// One row and one column for each name, in hundredths.
 pub(in crate::identify::report) fn map(says: &str, names: &[&str], values: &[Vec<f64>]) -> Markup {
@@ -18,7 +18,7 @@ pub(in crate::identify::report) fn map(says: &str, names: &[&str], values: &[Vec
     let side = count(names.len()) * CELL;
     let (width, height) = (pixels(before + side + 4.0), pixels(side + 30.0));
     sheet(width.unsigned_abs(), height.unsigned_abs(), says, |paper| {
-        let right = letters(14.0, INK).pos(Pos::new(HPos::Right, VPos::Center));
+        let right = letters(13.0, INK).pos(Pos::new(HPos::Right, VPos::Center));
         let middle = |color| letters(12.0, color).pos(Pos::new(HPos::Center, VPos::Center));
         for (row, name) in names.iter().enumerate() {
             let top = 26.0 + count(row) * CELL;
