@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Args, CommandFactory, Parser, Subcommand};
+use tracing_appender::non_blocking::WorkerGuard;
 
 use crate::profile::{self, Profile};
 
@@ -14,6 +15,7 @@ mod demo;
 mod gauge;
 mod identify;
 mod machines;
+mod measured;
 mod read;
 pub mod replay;
 mod run;
@@ -68,6 +70,8 @@ enum Verb {
     /// Capture the "zero" references in the running gateway
     #[command(after_help = "Example:\n  isotherm zero my-machine.toml")]
     Zero(command::Arguments),
+    /// An axis's measured error, for the running gateway to learn from
+    Measured(measured::Arguments),
     /// The JSON Schema of the profile, for editors
     #[command(after_help = "Example:\n  isotherm schema > isotherm.schema.json")]
     Schema,
@@ -135,6 +139,7 @@ impl From<std::io::Error> for Failure {
 
 /// Carries out the arguments.
 pub fn run(arguments: Arguments) -> ExitCode {
+    let log = start_log(arguments.log_filter());
     let done = match arguments.verb {
         Verb::Demo(arguments) => demo::run(&arguments),
         Verb::Run(arguments) => run::run(&arguments),
@@ -147,6 +152,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Arm(arguments) => command::run(&arguments, crate::observe::status::Command::Arm),
         Verb::Disarm(arguments) => command::run(&arguments, crate::observe::status::Command::Disarm),
         Verb::Zero(arguments) => command::run(&arguments, crate::observe::status::Command::Zero),
+        Verb::Measured(arguments) => measured::run(&arguments),
         Verb::Schema => print_json(&profile::schema()),
         Verb::Completions { shell } => {
             clap_complete::generate(shell, &mut Arguments::command(), "isotherm", &mut std::io::stdout());
@@ -156,6 +162,8 @@ pub fn run(arguments: Arguments) -> ExitCode {
             clap_mangen::Man::new(Arguments::command()).render(&mut std::io::stdout()).map_err(Failure::from)
         }
     };
+    // What has been logged stands before what is said last.
+    drop(log);
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(Failure::Profile) => ExitCode::from(64),
@@ -172,13 +180,15 @@ fn is_closed_pipe(error: &anyhow::Error) -> bool {
     error.downcast_ref::<std::io::Error>().is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
 }
 
-/// Starts the log on stderr. Under a service manager, which stamps lines itself, without times.
-pub fn start_log(filter: &str) {
+/// Starts the log on stderr. Under a service manager, which stamps lines itself, without times. A thread of its own writes
+/// it, so that nobody waits for a reader who does not read; what it has not written is written when the guard is dropped.
+fn start_log(filter: &str) -> WorkerGuard {
     use tracing_subscriber::EnvFilter;
     let filter = EnvFilter::try_new(filter).unwrap_or_else(|_| EnvFilter::new("info"));
+    let (writer, guard) = tracing_appender::non_blocking(std::io::stderr());
     let log = tracing_subscriber::fmt()
         .with_env_filter(filter)
-        .with_writer(std::io::stderr)
+        .with_writer(writer)
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false);
     // A second start in one process, as tests make, keeps the first.
@@ -187,6 +197,7 @@ pub fn start_log(filter: &str) {
     } else {
         log.try_init()
     };
+    guard
 }
 
 /// Loads a profile, or prints everything that is wrong with it.

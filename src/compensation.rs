@@ -12,6 +12,8 @@
 //! - **due**: an axis is stepped at its own period, and at once where its permit changes or it has something to take
 //!   over; any other snapshot in between changes nothing but edges.
 
+use serde::{Deserialize, Serialize};
+
 use crate::quantity::{Micron, Moment};
 use crate::reading::{Reading, SignalId};
 
@@ -22,12 +24,16 @@ pub mod settings;
 mod axis;
 mod datum;
 mod guard;
+mod probe;
 mod remembered;
+mod running;
 mod state;
 
 pub use guard::Stages;
-pub use model::{Extrapolation, Unusable};
+pub use model::{CLEARLY_INSIDE, Extrapolation, Unusable};
+pub use probe::{Measured, Probe, Probed, Refused, Residual};
 pub use remembered::{AxisRemembered, Remembered};
+pub use running::AxisRunning;
 pub use state::AxisState;
 
 use axis::Axis;
@@ -59,6 +65,10 @@ pub struct Control {
     pub take_over: Option<Micron>,
     /// The same for a slope that the control applies itself: what it comes to at the axis's reach.
     pub take_over_slope: Option<Micron>,
+    /// What probings have taught is taken back.
+    pub forget: bool,
+    /// An error that was measured, to learn from.
+    pub measured: Option<Measured>,
 }
 
 impl Control {
@@ -69,7 +79,8 @@ impl Control {
 }
 
 /// Whether an axis may decide.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Permit {
     /// Not armed.
     #[default]
@@ -105,12 +116,15 @@ impl Permit {
 }
 
 /// What was decided for one axis.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Decision {
     /// When.
     pub at: Moment,
-    /// The model's Cz, before the guard.
+    /// The model's Cz with its correction, before the guard.
     pub raw: Option<Micron>,
+    /// What probings have added to the model's own Cz.
+    #[serde(default)]
+    pub correction: Micron,
     /// Which model gave it: its place in the profile's list.
     pub model: Option<usize>,
     /// Cz after the guard: what is to be written.
@@ -128,6 +142,9 @@ pub struct Decision {
     pub tripped: bool,
     /// How far the machine is from what the model in use was identified on; `None` inside.
     pub extrapolating: Option<Extrapolation>,
+    /// The same as a number: above 0 outside, negative inside; `None` where the model in use has neither envelope nor
+    /// guideway. [`CLEARLY_INSIDE`] says when outside is over.
+    pub excess: Option<f64>,
 }
 
 /// All axes of a machine, and what they remember.
@@ -148,12 +165,16 @@ pub struct Stepped {
 }
 
 impl Compensation {
-    /// Axes at rest, with what is remembered from before ([`Remembered::default`] where that is nothing).
+    /// With what is remembered from before ([`Remembered::default`] where that is nothing). The axes are at rest, but for
+    /// those whose running state is among it.
     pub fn new(settings: MachineSettings, axes: Vec<AxisSettings>, remembered: Remembered) -> Compensation {
         let mut axes: Vec<Axis> = axes.into_iter().map(Axis::new).collect();
         for axis in &mut axes {
             if let Some(remembered) = remembered.axis(&axis.settings.name) {
                 axis.recall(remembered);
+            }
+            if let Some(running) = remembered.running(&axis.settings.name) {
+                axis.go_on(running);
             }
         }
         Compensation { settings, machine: remembered.machine, axes }
@@ -172,6 +193,9 @@ impl Compensation {
             axis.follow(snapshot, &self.machine);
             if noticed.zeroed {
                 axis.zero(&self.settings, snapshot.now);
+            }
+            if noticed.started {
+                axis.started(&self.settings, snapshot.now);
             }
         }
         for (axis, control) in self.axes.iter_mut().zip(controls) {
@@ -215,6 +239,26 @@ impl Compensation {
         axis.is_beyond_error(&chosen).then_some(chosen.raw)
     }
 
+    /// What probings have taught an axis; `None` where it takes none.
+    pub fn probe(&self, axis: usize) -> Option<&Probe> {
+        self.axes.get(axis).filter(|axis| axis.settings.probe.is_some()).map(|axis| &axis.probe)
+    }
+
+    /// Whether this axis would learn from a measured error now; it is not changed.
+    ///
+    /// # Errors
+    /// What it came to, with why not.
+    pub fn would_learn(
+        &self,
+        axis: usize,
+        snapshot: &Snapshot<'_>,
+        measured: Measured,
+    ) -> Result<(), Probed> {
+        let Some(axis) = self.axes.get(axis) else { return Ok(()) };
+        let probed = axis.judge(snapshot, &self.machine, measured);
+        if probed.refused.is_some() { Err(probed) } else { Ok(()) }
+    }
+
     /// The lags go on to a snapshot at which no axis decided. A gateway records no such row; a log from elsewhere has
     /// rows between two updates, and what it says there is not to be lost.
     pub fn follow(&mut self, snapshot: &Snapshot<'_>) {
@@ -231,7 +275,12 @@ impl Compensation {
     /// What is worth keeping over a restart.
     pub fn remembered(&self) -> Remembered {
         let axes = self.axes.iter().filter_map(Axis::remembered).collect();
-        Remembered { machine: self.machine.clone(), axes }
+        Remembered { machine: self.machine.clone(), axes, running: Vec::new() }
+    }
+
+    /// The same with where each axis stands now: whoever begins from it decides as this goes on.
+    pub fn running(&self) -> Remembered {
+        Remembered { running: self.axes.iter().map(Axis::running).collect(), ..self.remembered() }
     }
 
     /// Captures the "zero" references and takes the datum from now on.

@@ -5,7 +5,7 @@ use std::time::Duration;
 use isotherm::observe::status::Command;
 
 use crate::law;
-use crate::rig::{BENCH, LATHE, Stage, Trace, World, bench, block_on, run};
+use crate::rig::{BENCH, LATHE, Stage, Trace, World, bench, block_on, patient, run};
 
 const MINUTE: Duration = Duration::from_secs(60);
 const SECOND: Duration = Duration::from_secs(1);
@@ -64,6 +64,15 @@ fn an_open_interlock_keeps_the_register_and_the_axis_waits_however_long_it_takes
     assert_eq!((trace.told("interlocked"), trace.told("released")), (1, 1), "{}", trace.lines());
     let polls = trace.wire.iter().filter(|seen| !seen.is_write()).count();
     assert!(polls < 1800, "{polls} reads in five minutes");
+}
+
+#[test]
+fn an_interlock_that_closes_lets_a_steady_axis_go_on_also_without_a_refresh() {
+    let text = BENCH.replace("refresh = \"10s\"\n", "").replace("deadband = 0.1", "deadband = 5.0");
+    let open = cnc("kind = \"value\"\nsignal = \"cnc_on\"\nvalue = 0\nat = \"60s\"\nfor_time = \"20s\"");
+    let trace = run(&text, &open, 2 * MINUTE);
+    law::holds(&trace);
+    assert_eq!(trace.states_between(50, 120), ["active", "holding", "active"], "{}", trace.lines());
 }
 
 #[test]
@@ -188,6 +197,41 @@ fn a_register_beyond_the_limit_refuses_to_arm_with_a_sentence() {
     assert_eq!(trace.states(), ["off"]);
 }
 
+/// 40.2 µm in 32 bits reads as 40.200001; 17 counts of 0.001 µm/mm at 310 mm come to 5.270000000000001 µm.
+#[test]
+fn a_register_exactly_at_the_limit_is_armed_from_whatever_rounding_makes_of_it() {
+    let float = BENCH
+        .replace(
+            "type = \"i32\"\nword_order = \"msw-first\"\nscale = 0.1",
+            "type = \"f32\"\nword_order = \"msw-first\"",
+        )
+        .replace("limit = 40.0", "limit = 40.2");
+    let bits = 40.2f32.to_bits();
+    let words = format!("words = [{}, {}]", bits >> 16, bits & 0xffff);
+    let trace =
+        run(&float, &cnc(&format!("kind = \"register\"\nregister = \"holding:104\"\n{words}")), MINUTE);
+    law::holds(&trace);
+    assert_eq!((trace.told("arm-refused"), trace.states()), (0, vec!["off", "active"]), "{}", trace.lines());
+    let line = include_str!("line.toml")
+        .replace("limit = 40.0", "limit = 5.27")
+        .replace("-350.0, 0.0", "-360.0, 0.0");
+    let held = "kind = \"register\"\nregister = \"holding:10\"\nwords = [0, 17, 60536, 1]";
+    let trace = run(&line, &cnc(held), MINUTE);
+    law::holds(&trace);
+    assert_eq!((trace.told("arm-refused"), trace.states()), (0, vec!["off", "active"]), "{}", trace.lines());
+}
+
+#[test]
+fn a_dry_run_does_not_wait_for_a_reference_position_that_it_never_writes() {
+    let trace = block_on(async {
+        let mut world = World::new(include_str!("line.toml"), "").await;
+        world.gateway().options(|options| options.dry_run = true).run(MINUTE).await
+    });
+    law::holds(&trace);
+    assert_eq!(trace.wire.iter().filter(|seen| seen.is_write()).count(), 0);
+    assert_eq!(trace.states(), ["off", "active"], "it shows what it would do\n{}", trace.lines());
+}
+
 #[test]
 fn a_step_that_is_no_multiple_of_the_count_is_never_exceeded_by_rounding() {
     let text = BENCH.replace("step = 1.0", "step = 0.25");
@@ -221,7 +265,7 @@ fn a_diameter_changes_by_twice_what_the_radius_does() {
 
 #[test]
 fn what_the_readout_is_told_is_the_position_plus_what_the_cnc_is_told() {
-    let trace = bench("", 3 * MINUTE);
+    let trace = run(&patient(), "", 3 * MINUTE);
     law::holds(&trace);
     let scale = &trace.profile.signals[2];
     let (mut position, mut offset, mut compared) = (None, None, 0);
