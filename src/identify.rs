@@ -8,6 +8,8 @@
 //! The rises and lags of the bank are computed by the gateway's own [`compensation`](crate::compensation): what is
 //! found is what runs.
 //!
+//! [`select`] says which points are worth keeping, without a profile; [`report`] draws both for a customer.
+//!
 //! # Sign
 //! Methods learn the compensation that is wanted, Cz = −(e − its cold value): a gain is the profile's gain.
 

@@ -15,7 +15,7 @@ use process::{PATIENCE, Running, file, free_port, isotherm};
 
 const MACHINE: &str = include_str!("interop/machine.toml");
 
-const VERBS: [&str; 14] = [
+const VERBS: [&str; 15] = [
     "demo",
     "run",
     "check",
@@ -23,6 +23,7 @@ const VERBS: [&str; 14] = [
     "virtual",
     "replay",
     "identify",
+    "select",
     "arm",
     "disarm",
     "zero",

@@ -195,6 +195,7 @@ fn onlooker() -> AxisSettings {
         levels: Levels::default(),
         datum: Datum::default(),
         apart: None,
+        probe: None,
     }
 }
 

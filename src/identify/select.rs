@@ -47,7 +47,8 @@ pub struct Selected {
     pub by_count: Vec<Counted>,
     /// Held out with every point.
     pub all_points: Counted,
-    /// The fewest points whose root mean square is at most a tenth above the best of `by_count`.
+    /// The fewest points whose mean range and root mean square (their geometric mean) are at most a tenth above the best of
+    /// `by_count`.
     pub recommended: Recommended,
     /// Sensors left out, with the reason.
     pub excluded: Vec<Excluded>,
@@ -78,7 +79,7 @@ pub struct Grouped {
 }
 
 /// Which points to keep.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Recommended {
     /// How many.
     pub k: usize,

@@ -105,7 +105,8 @@ pub(super) fn sensors(
 }
 
 fn remarks(column: &Column, excluded: &[Excluded]) -> String {
-    let own = excluded.iter().filter(|faulty| faulty.signal == column.name).map(|faulty| faulty.reason.as_str());
+    let own =
+        excluded.iter().filter(|faulty| faulty.signal == column.name).map(|faulty| faulty.reason.as_str());
     let own: Vec<&str> = own.collect();
     match column.kind {
         _ if !own.is_empty() => own.join("; "),

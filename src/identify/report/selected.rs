@@ -80,7 +80,11 @@ fn recommended(found: &Selected) -> Markup {
 }
 
 fn by_count(found: &Selected) -> Markup {
-    let values: Vec<f64> = found.by_count.iter().map(|row| row.mean_rmse_um).collect();
+    let of = |figure: fn(&Counted) -> f64| {
+        let values: Vec<f64> = found.by_count.iter().map(figure).collect();
+        let says = "held-out error by the number of points";
+        chart::curve("µm", says, &values, found.recommended.k, figure(&found.all_points))
+    };
     let row = |row: &Counted, name: String, added: &str| {
         html! {
             tr .kept[row.k == found.recommended.k && added != "all"] {
@@ -99,8 +103,11 @@ fn by_count(found: &Selected) -> Markup {
     html! {
         h2 { "How many points" }
         p { "For each run the points were chosen from all the others, and judged on that run: how much is left, by how many are kept." }
-        ul .keys { li { "mean RMS held out, by the number of points; a ring: recommended" } li .dashed { "with every point" } }
-        (super::figure("", &chart::curve("µm RMS", "held-out error by the number of points", &values, found.recommended.k, found.all_points.mean_rmse_um), ""))
+        ul .keys { li { "held out, over the number of points; a ring: recommended" } li .dashed { "with every point" } }
+        div .gallery {
+            (super::figure("Mean range of a run", &of(|row| row.mean_range_um), ""))
+            (super::figure("Mean RMS of a run", &of(|row| row.mean_rmse_um), ""))
+        }
         (table(&["points", "mean RMS, µm", "mean range, µm", "worst run, µm", "comes in (on all runs):"], &rows))
     }
 }

@@ -159,22 +159,28 @@ impl Found {
     /// The fewest that are as good as the best.
     pub(super) fn recommended(&self, groups: &[Grouped], name: &dyn Fn(&usize) -> String) -> Recommended {
         let table = self.table(name);
-        let best = table.iter().map(|row| row.mean_rmse_um).fold(f64::MAX, f64::min);
-        let k = table.iter().position(|row| row.mean_rmse_um <= AS_GOOD * best).unwrap_or(0);
+        let size = |row: &Counted| (row.mean_range_um * row.mean_rmse_um).sqrt();
+        let least = table.iter().map(size).fold(f64::MAX, f64::min);
+        let k = table.iter().position(|row| size(row) <= AS_GOOD * least).unwrap_or(0);
+        let Some(best) = table.iter().min_by(|one, other| size(one).total_cmp(&size(other))) else {
+            return Recommended::default();
+        };
         let (row, bare) = (&table[k], &table[0]);
         let why = if k == 0 {
             format!(
-                "no point helps on a run that was held out: {:.2} µm RMS bare, {best:.2} µm at best; record more runs, \
-                 or points nearer to the heat",
-                bare.mean_rmse_um
+                "no choice of up to {} points is clearly better on a run that was held out than no compensation: a mean \
+                 range of {:.2} µm at best, {:.2} µm bare; record more runs, or points nearer to the heat",
+                self.path.len(),
+                best.mean_range_um,
+                bare.mean_range_um
             )
         } else {
             let points = if k == 1 { "1 point leaves".to_owned() } else { format!("{k} points leave") };
             format!(
-                "{points} {:.2} µm RMS on a run that was held out, {:.2} µm without compensation; the best of up to {} \
-                 points leaves {best:.2} µm, and a difference of less than a tenth means nothing",
-                row.mean_rmse_um,
-                bare.mean_rmse_um,
+                "{points} a mean range of {:.2} µm on runs that were held out, {:.2} µm without compensation; no more \
+                 than a tenth is to be had from up to {} points, and a tenth means nothing: runs are few",
+                row.mean_range_um,
+                bare.mean_range_um,
                 self.path.len()
             )
         };

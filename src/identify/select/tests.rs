@@ -32,7 +32,8 @@ fn day(number: u32) -> Run {
         let error = 3.0 * bent - 2.0 * oil + 0.05 * noise(&mut seed);
         let nose = bearing + 0.4 * noise(&mut seed);
         for (column, value) in values.iter_mut().zip([guard, bearing, nose, oil, lamp]) {
-            column.push(20.0 + value);
+            // A reading never stands quite still.
+            column.push(20.0 + value + 0.01 * noise(&mut seed));
         }
         values[5].push(error);
     }
@@ -62,7 +63,11 @@ fn the_points_that_make_the_error_are_kept_and_no_other() {
     kept.sort();
     assert_eq!(kept, ["bearing", "oil"], "{}", found.recommended.why);
     assert_eq!(found.recommended.k, 2);
-    assert!(found.recommended.chosen_in.values().all(|times| *times >= 5), "{:?}", found.recommended.chosen_in);
+    assert!(
+        found.recommended.chosen_in.values().all(|times| *times >= 5),
+        "{:?}",
+        found.recommended.chosen_in
+    );
     assert_eq!(found.recommended.alike["bearing"], ["nose"]);
     let (bare, two) = (&found.by_count[0], &found.by_count[2]);
     assert!(two.mean_rmse_um < 0.1 * bare.mean_rmse_um, "{two:?} {bare:?}");
@@ -107,7 +112,11 @@ fn partial_f_takes_the_sources_in_and_stops() {
     let found = found(&Settings::default());
     let first: Vec<&str> = found.stepwise.steps.iter().take(2).map(|step| step.point.as_str()).collect();
     assert!(first.iter().any(|point| ["bearing", "nose"].contains(point)), "{:?}", found.stepwise);
-    assert!(found.stepwise.steps.iter().all(|step| !step.comes_in || step.chance < 0.01), "{:?}", found.stepwise);
+    assert!(
+        found.stepwise.steps.iter().all(|step| !step.comes_in || step.chance < 0.01),
+        "{:?}",
+        found.stepwise
+    );
     assert!((found.stepwise.samples - 72.0).abs() < 0.5, "{}", found.stepwise.samples);
     // Everything that is not in is not significant.
     assert!(found.stepwise.next.as_ref().is_some_and(|next| next.chance >= 0.01), "{:?}", found.stepwise);
@@ -133,7 +142,10 @@ fn wrong_choices_are_told_all_at_once_with_what_to_do() {
     let said = |choice: &Choice| points(&week, choice).unwrap_err().to_string();
     let wrong = Choice { error: "z_eror_um".to_owned(), inputs: vec!["bering".to_owned()], ..choice() };
     let told = said(&wrong);
-    assert!(told.contains("no log has a column of numbers `z_eror_um`; did you mean `z_error_um`?"), "{told}");
+    assert!(
+        told.contains("no log has a column of numbers `z_eror_um`; did you mean `z_error_um`?"),
+        "{told}"
+    );
     assert!(told.contains("`bering`; did you mean `bearing`?"), "{told}");
     let told = said(&Choice { inputs: vec!["oil".to_owned()], ..choice() });
     assert!(told.contains("1 temperature points are left") && told.contains("--inputs"), "{told}");

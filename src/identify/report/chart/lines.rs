@@ -29,12 +29,15 @@ pub(in crate::identify::report) struct Line {
 
 /// Most points of a line: more than a printer shows at this width.
 const MOST_POINTS: usize = 200;
+/// Of one among many.
+const MOST_POINTS_FAINT: usize = 80;
 
 impl Line {
     /// Thinned out: of each stretch the two ends of what it spans, so that no spike is lost.
     pub(in crate::identify::report) fn new(look: Look, points: impl Iterator<Item = (f64, f64)>) -> Line {
         let all: Vec<(f64, f64)> = points.filter(|(_, value)| value.is_finite()).collect();
-        let stretch = all.len().div_ceil(MOST_POINTS / 2);
+        let most = if look == Look::Faint { MOST_POINTS_FAINT } else { MOST_POINTS };
+        let stretch = all.len().div_ceil(most / 2);
         if stretch <= 2 {
             return Line { look, points: all };
         }
@@ -179,4 +182,34 @@ pub(in crate::identify::report) fn scatter(unit: &str, says: &str, pairs: &[(f64
 
 fn number(place: usize) -> f64 {
     crate::identify::gram::count(place)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_is_thinned_out_and_keeps_its_spike_and_its_order() {
+        let value = |minute: u32| if minute == 777 { 9.0 } else { f64::from(minute) * 1e-3 };
+        let line = Line::new(Look::Solid, (0..5000).map(|minute| (f64::from(minute) / 60.0, value(minute))));
+        assert!(line.points.len() <= MOST_POINTS, "{}", line.points.len());
+        assert!(line.points.iter().any(|(_, value)| *value > 8.0));
+        assert!(line.points.windows(2).all(|pair| pair[0].0 <= pair[1].0));
+    }
+
+    #[test]
+    fn missing_values_are_no_points() {
+        let line = Line::new(Look::Faint, [(0.0, 1.0), (1.0, f64::NAN), (2.0, 3.0)].into_iter());
+        assert_eq!(line.points, [(0.0, 1.0), (2.0, 3.0)]);
+    }
+
+    #[test]
+    fn a_picture_without_points_is_a_picture_all_the_same() {
+        for line in [Vec::new(), vec![Line { look: Look::Solid, points: vec![(0.0, 2.0), (1.0, 2.0)] }]] {
+            let picture = lines(480, 280, "µm", "an \"empty\" one", &line, None).into_string();
+            assert!(picture.starts_with("<svg viewBox=\"0 0 480 280\" role=\"img\""), "{picture}");
+            assert!(picture.contains("an &quot;empty&quot; one") && picture.ends_with("</svg>"), "{picture}");
+            assert!(!picture.contains("NaN") && !picture.contains("http"), "{picture}");
+        }
+    }
 }

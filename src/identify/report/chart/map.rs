@@ -13,7 +13,7 @@ const LETTER: f64 = 8.4;
 /// One row and one column for each name, in hundredths.
 pub(in crate::identify::report) fn map(says: &str, names: &[&str], values: &[Vec<f64>]) -> Markup {
     let longest = names.iter().map(|name| name.chars().count()).max().unwrap_or(0);
-    let before = count(longest) * LETTER + 12.0;
+    let before = count(longest) * LETTER + 34.0;
     // Columns carry the numbers of the rows: names on end are hard to read.
     let side = count(names.len()) * CELL;
     let (width, height) = (pixels(before + side + 4.0), pixels(side + 30.0));
@@ -22,7 +22,7 @@ pub(in crate::identify::report) fn map(says: &str, names: &[&str], values: &[Vec
         let middle = |color| letters(12.0, color).pos(Pos::new(HPos::Center, VPos::Center));
         for (row, name) in names.iter().enumerate() {
             let top = 26.0 + count(row) * CELL;
-            let label = format!("{name} {}", row + 1);
+            let label = format!("{name} ({})", row + 1);
             paper.draw(&Text::new(label, (pixels(before - 4.0), pixels(top + CELL / 2.0)), right.clone()))?;
             let head = (pixels(before + (count(row) + 0.5) * CELL), 13);
             paper.draw(&Text::new((row + 1).to_string(), head, middle(INK)))?;
