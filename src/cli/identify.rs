@@ -1,6 +1,6 @@
 //! `isotherm identify`: from logs with a measured error to a model, its cross-validation and its block.
 
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -122,12 +122,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.json {
         return print_json(&found);
     }
-    print!("{}", told::told(&found, arguments.probe));
+    let mut out = std::io::stdout();
+    write!(out, "{}", told::told(&found, arguments.probe))?;
     if let Some(path) = &arguments.write {
-        println!("the block is in {}", path.display());
+        writeln!(out, "the block is in {}", path.display())?;
     }
     if let Some(path) = &arguments.report {
-        println!("the report is in {}", path.display());
+        writeln!(out, "the report is in {}", path.display())?;
     }
     Ok(())
 }

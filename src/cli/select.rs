@@ -1,5 +1,6 @@
 //! `isotherm select`: which temperature points are worth keeping.
 
+use std::io::Write;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -105,9 +106,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.json {
         return print_json(&found);
     }
-    print!("{}", told::told(&found));
+    let mut out = std::io::stdout();
+    write!(out, "{}", told::told(&found))?;
     if let Some(path) = &arguments.report {
-        println!("the report is in {}", path.display());
+        writeln!(out, "the report is in {}", path.display())?;
     }
     Ok(())
 }
