@@ -17,12 +17,12 @@ mod told;
 
 /// Says which temperature points to keep, and how much is left with so many of them on a run that was held out.
 ///
-/// A log is CSV or Parquet, as for identify; no profile is needed. Each column of temperatures is a point: its
+/// A log is CSV, as for identify; no profile is needed. Each column of temperatures is a point: its
 /// correlation with the error, its grey relational grade, those that say the same, the order in which partial F
 /// tests take points in, and a recommendation from runs that were left out.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  isotherm select mon.csv tue.csv wed.csv --error z_error_um\n  isotherm select week.parquet --gap 2h --error z_error_um --report points.html"
+    after_help = "Examples:\n  isotherm select mon.csv tue.csv wed.csv --error z_error_um\n  isotherm select week.csv --gap 2h --error z_error_um --report points.html"
 )]
 pub(super) struct Arguments {
     /// The logs
