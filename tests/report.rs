@@ -91,7 +91,7 @@ fn day(number: u32) -> String {
     let mut text = "time,bearing,oil,ambient,spindle_rpm,z_error_um\n".to_owned();
     let (mut bearing, mut bent, mut oil) = (0.0_f64, 0.0, 0.0);
     for minute in 0..300_u32 {
-        let runs = (minute / (60 + 10 * number)) % 2 == 0;
+        let runs = (minute / (60 + 10 * number)).is_multiple_of(2);
         let pump = if (minute / (35 + 7 * number)) % 2 == 1 { 6.0 } else { 0.0 };
         bearing += (if runs { 8.0 + f64::from(number) } else { 0.0 } - bearing) / 15.0;
         bent += (bearing - bent) / 25.0;

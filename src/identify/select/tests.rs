@@ -22,7 +22,8 @@ fn day(number: u32) -> Run {
     let (mut bearing, mut bent, mut oil, mut guard, mut lamp) = (0.0, 0.0, 0.0, 0.0, 0.0);
     let times: Vec<Moment> = (0..360).map(|minute| Moment::from_nanos(minute * 60_000_000_000)).collect();
     for minute in 0..360_u32 {
-        let power = if (minute / (60 + 10 * number)) % 2 == 0 { 8.0 + f64::from(number) } else { 0.0 };
+        let power =
+            if (minute / (60 + 10 * number)).is_multiple_of(2) { 8.0 + f64::from(number) } else { 0.0 };
         let pump = if (minute / (35 + 7 * number)) % 2 == 1 { 6.0 } else { 0.0 };
         bearing += (power - bearing) / 15.0;
         bent += (bearing - bent) / 25.0;

@@ -26,8 +26,7 @@ pub(in crate::identify::report) fn map(says: &str, names: &[&str], values: &[Vec
             paper.draw(&Text::new(label, (pixels(before - 4.0), pixels(top + CELL / 2.0)), right.clone()))?;
             let head = (pixels(before + (count(row) + 0.5) * CELL), 13);
             paper.draw(&Text::new((row + 1).to_string(), head, middle(INK)))?;
-            for column in 0..names.len() {
-                let value = values[row][column];
+            for (column, value) in values[row].iter().enumerate() {
                 let left = before + count(column) * CELL;
                 let corners =
                     [(pixels(left), pixels(top)), (pixels(left + CELL - 1.0), pixels(top + CELL - 1.0))];
