@@ -20,6 +20,7 @@ mod read;
 mod record;
 pub mod replay;
 mod run;
+mod select;
 mod services;
 mod signals;
 mod simulate;
@@ -60,6 +61,8 @@ enum Verb {
     Replay(replay::Arguments),
     /// The model of an axis from logs with its measured error, judged on runs it never saw
     Identify(Box<identify::Arguments>),
+    /// Which temperature points to keep, from logs with a measured error
+    Select(select::Arguments),
     /// Let the running gateway write
     #[command(after_help = "Example:\n  isotherm arm my-machine.toml")]
     Arm(command::Arguments),
@@ -148,6 +151,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Record(arguments) => record::run(&arguments),
         Verb::Replay(arguments) => replay::run(&arguments),
         Verb::Identify(arguments) => identify::run(&arguments),
+        Verb::Select(arguments) => select::run(&arguments),
         Verb::Arm(arguments) => command::run(&arguments, crate::observe::status::Command::Arm),
         Verb::Disarm(arguments) => command::run(&arguments, crate::observe::status::Command::Disarm),
         Verb::Zero(arguments) => command::run(&arguments, crate::observe::status::Command::Zero),

@@ -8,11 +8,15 @@
 //! The rises and lags of the bank are computed by the gateway's own [`compensation`](crate::compensation): what is
 //! found is what runs.
 //!
+//! [`select`] says which points are worth keeping, without a profile; [`report`] draws both for a customer.
+//!
 //! # Sign
 //! Methods learn the compensation that is wanted, Cz = −(e − its cold value): a gain is the profile's gain.
 
+pub mod alike;
 pub mod bank;
 pub mod campaign;
+pub mod collinear;
 pub mod dataset;
 pub mod faults;
 pub mod gram;
@@ -20,6 +24,8 @@ pub mod identified;
 pub mod learn;
 pub mod method;
 pub mod region;
+pub mod report;
+pub mod select;
 pub mod setup;
 pub mod validate;
 pub mod written;

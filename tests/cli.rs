@@ -24,6 +24,7 @@ const VERBS: [&str; 15] = [
     "record",
     "replay",
     "identify",
+    "select",
     "arm",
     "disarm",
     "zero",

@@ -1,15 +1,17 @@
 //! `isotherm identify`: from logs with a measured error to a model, its cross-validation and its block.
 
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::Context;
 
 use super::{Failure, ProfileArguments, load_quietly, print_json};
+use crate::clock::Clock;
 use crate::compensation::model::Outside;
 use crate::identify::dataset::{Dataset, Split};
 use crate::identify::method::{Method, Settings};
+use crate::identify::report::{self, Subject};
 use crate::identify::setup::{Choice, ready};
 use crate::identify::written::written;
 use crate::identify::{Identified, identify};
@@ -24,7 +26,7 @@ mod told;
 /// sensors are found, told and left out. Each run is held out in turn.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  isotherm identify my-machine.toml mon.csv tue.csv wed.csv --axis z --error z_error_um\n  isotherm identify my-machine.toml week.parquet --gap 2h --axis z --write z-model.toml"
+    after_help = "Examples:\n  isotherm identify my-machine.toml mon.csv tue.csv wed.csv --axis z --error z_error_um\n  isotherm identify my-machine.toml week.parquet --gap 2h --axis z --write z-model.toml --report z.html"
 )]
 pub(super) struct Arguments {
     #[command(flatten)]
@@ -89,6 +91,9 @@ pub(super) struct Arguments {
     /// Writes the [[axis.…model]] block, with its envelope beside it
     #[arg(long, value_name = "MODEL.toml")]
     write: Option<PathBuf>,
+    /// Writes a page with pictures that can be sent to anyone: one file, opened by any browser
+    #[arg(long, value_name = "OUT.html")]
+    report: Option<PathBuf>,
     /// What the block says the axis does outside its envelope
     #[arg(long, value_enum, default_value_t = OutsideWord::Warn)]
     outside: OutsideWord,
@@ -117,9 +122,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.json {
         return print_json(&found);
     }
-    print!("{}", told::told(&found, arguments.probe));
+    let mut out = std::io::stdout();
+    write!(out, "{}", told::told(&found, arguments.probe))?;
     if let Some(path) = &arguments.write {
-        println!("the block is in {}", path.display());
+        writeln!(out, "the block is in {}", path.display())?;
+    }
+    if let Some(path) = &arguments.report {
+        writeln!(out, "the report is in {}", path.display())?;
     }
     Ok(())
 }
@@ -151,16 +160,26 @@ fn find(arguments: &Arguments, profile: &Profile) -> Result<Identified, Failure>
     if !arguments.lags.is_empty() {
         settings.lags = arguments.lags.iter().map(|lag| (!lag.is_zero()).then_some(*lag)).collect();
     }
+    let probe = arguments.probe.map(|interval| interval.as_secs_f64());
+    let fallbacks = arguments.write.is_some() || arguments.report.is_some();
+    let found = identify(&ready, &settings, probe, fallbacks, &progress()).map_err(anyhow::Error::msg)?;
+    if let Some(path) = &arguments.report {
+        let subject = Subject { profile, ready: &ready, found: &found, made: Clock::wall().now() };
+        let page = report::identified(&subject);
+        std::fs::write(path, page).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(found)
+}
+
+/// Says on a terminal how many runs have been held out.
+pub(super) fn progress() -> impl Fn(usize, usize) + Sync {
     let shows = std::io::stderr().is_terminal();
-    let progress = |done: usize, all: usize| {
+    move |done, all| {
         if shows {
             let end = if done == all { "\n" } else { "" };
             eprint!("\rheld out: {done} of {all} runs{end}");
         }
-    };
-    let probe = arguments.probe.map(|interval| interval.as_secs_f64());
-    let fallbacks = arguments.write.is_some();
-    Ok(identify(&ready, &settings, probe, fallbacks, &progress).map_err(anyhow::Error::msg)?)
+    }
 }
 
 fn write(arguments: &Arguments, found: &Identified, path: &std::path::Path) -> Result<(), Failure> {

@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
-use crate::compensation::settings::{AxisSettings, MachineSettings};
+use crate::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault};
 use crate::identify::dataset::{Dataset, Run};
 use crate::profile::Profile;
-use crate::quantity::Moment;
+use crate::quantity::{Micron, Moment};
 use crate::reading::{Reading, Reason, SignalId};
 
 /// What a reference is the mean over where the profile does not say.
@@ -85,6 +85,24 @@ impl<'a> Campaign<'a> {
         }
     }
 
+    /// The runs without a profile: every column is a signal of its own, in its place.
+    pub fn of_columns(dataset: &'a Dataset, error: usize, resample: Duration) -> Campaign<'a> {
+        let columns: Vec<Option<Channel>> =
+            (0..dataset.columns.len()).map(|column| Some(Channel { column, range: None })).collect();
+        let machine =
+            MachineSettings { settle: USUAL_SETTLE, signals: columns.len(), ..MachineSettings::default() };
+        Campaign {
+            dataset,
+            inputs: Vec::new(),
+            error,
+            machine,
+            resample,
+            position: None,
+            axes: vec![onlooker()],
+            columns,
+        }
+    }
+
     /// The same with these inputs.
     #[must_use]
     pub fn with_inputs(self, inputs: Vec<Input>) -> Campaign<'a> {
@@ -157,6 +175,27 @@ impl<'a> Campaign<'a> {
             sum / count - error
         })
         .collect()
+    }
+}
+
+/// An axis that moves nothing: references are captured for the axes that are due, so there must be one at every row.
+fn onlooker() -> AxisSettings {
+    AxisSettings {
+        name: "onlooker".to_owned(),
+        models: Vec::new(),
+        guard: GuardSettings {
+            limit: Micron::ZERO,
+            step: Micron::ZERO,
+            rate: 1.0,
+            deadband: Micron::ZERO,
+            count: None,
+        },
+        every: Duration::from_nanos(1),
+        on_fault: OnFault::Hold,
+        levels: Levels::default(),
+        datum: Datum::default(),
+        apart: None,
+        probe: None,
     }
 }
 

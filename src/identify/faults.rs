@@ -187,7 +187,7 @@ fn liveliness(series: &[Vec<Minutes>], place: usize) -> f64 {
 }
 
 /// The smallest step between two values of a column.
-fn resolution(dataset: &Dataset, column: usize) -> f64 {
+pub(super) fn resolution(dataset: &Dataset, column: usize) -> f64 {
     let pairs = dataset.runs.iter().flat_map(|run| run.values[column].windows(2));
     let steps = pairs.map(|pair| (pair[1] - pair[0]).abs()).filter(|step| *step > 1e-9);
     let smallest = steps.fold(f64::MAX, f64::min);

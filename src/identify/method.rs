@@ -16,7 +16,7 @@ mod position;
 
 mod ridge;
 mod sparse;
-mod stepwise;
+pub(super) mod stepwise;
 mod two_source;
 
 /// How a model is found.
@@ -176,7 +176,7 @@ impl Rule for Nothing {
 }
 
 /// The runs that are left for training beside each inner fold, with the fold. One run alone has no inner validation.
-fn inner(grams: &[Gram], runs: &[usize]) -> Vec<(Gram, Vec<usize>)> {
+pub(super) fn inner(grams: &[Gram], runs: &[usize]) -> Vec<(Gram, Vec<usize>)> {
     if runs.len() < 2 {
         return Vec::new();
     }
@@ -188,7 +188,7 @@ fn inner(grams: &[Gram], runs: &[usize]) -> Vec<(Gram, Vec<usize>)> {
 }
 
 /// The place of the smallest cost; the first of equals.
-fn smallest(costs: &[f64]) -> usize {
+pub(super) fn smallest(costs: &[f64]) -> usize {
     let place = |best: usize, place: usize| if costs[place] < costs[best] { place } else { best };
     (1..costs.len()).fold(0, place)
 }

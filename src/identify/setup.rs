@@ -140,7 +140,7 @@ fn error_column(
     found
 }
 
-fn check_runs(dataset: &Dataset, wrong: &mut Vec<String>) {
+pub(super) fn check_runs(dataset: &Dataset, wrong: &mut Vec<String>) {
     if let [only] = dataset.runs.as_slice() {
         wrong.push(format!(
             "there is one run only, {}: a model must be judged on a run that it never saw; record another day, or \
@@ -255,7 +255,7 @@ fn position(
     }
 }
 
-fn check_units(dataset: &Dataset, inputs: &[Input], wrong: &mut Vec<String>) {
+pub(super) fn check_units(dataset: &Dataset, inputs: &[Input], wrong: &mut Vec<String>) {
     let temperatures = inputs.iter().filter(|input| dataset.columns[input.column].kind == Kind::Temperature);
     let begins: Vec<f64> = temperatures
         .filter_map(|input| {
@@ -273,7 +273,7 @@ fn check_units(dataset: &Dataset, inputs: &[Input], wrong: &mut Vec<String>) {
     }
 }
 
-fn check_error(dataset: &Dataset, error: usize, wrong: &mut Vec<String>) {
+pub(super) fn check_error(dataset: &Dataset, error: usize, wrong: &mut Vec<String>) {
     let name = &dataset.columns[error].name;
     let values = |run: &super::dataset::Run| -> Vec<f64> {
         run.values[error].iter().copied().filter(|value| value.is_finite()).collect()
@@ -295,6 +295,16 @@ fn check_error(dataset: &Dataset, error: usize, wrong: &mut Vec<String>) {
             dataset.runs.iter().map(|run| range(&values(run))).sum::<f64>() / count(dataset.runs.len());
         wrong.push(format!("{name} moves by {mean:.4} over {rows} rows: that looks like mm; write µm"));
     }
+}
+
+/// The column of this name.
+pub(super) fn column_of(dataset: &Dataset, name: &str, wrong: &mut Vec<String>) -> Option<usize> {
+    let found = dataset.column(name);
+    if found.is_none() {
+        let names: Vec<&str> = dataset.columns.iter().map(|column| column.name.as_str()).collect();
+        wrong.push(format!("no log has a column of numbers `{name}`{}", nearest(name, &names)));
+    }
+    found
 }
 
 /// "; did you mean …", or what there is.

@@ -101,6 +101,18 @@ pub fn judge(
     held
 }
 
+/// The figures of a run without compensation, and with what is left.
+pub(super) fn scored(name: &str, error: &[f64], left: &[f64]) -> RunScore {
+    RunScore {
+        name: name.to_owned(),
+        range_um: range(left),
+        rmse_um: rms(left),
+        p95_um: percentile_95(left),
+        uncompensated_range_um: range(error),
+        uncompensated_rmse_um: rms(error),
+    }
+}
+
 /// At each multiple of the interval the residual is touched by a probe, and from there on only what changed counts.
 fn since_probing(seconds: &[f64], left: &[f64], interval: f64) -> Vec<f64> {
     let mut last = (f64::NEG_INFINITY, 0.0);

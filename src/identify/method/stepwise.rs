@@ -16,8 +16,8 @@ pub(super) struct Stepwise {
 }
 
 /// A term comes in where chance would give as much in one case of a hundred, and leaves where in one of fifty.
-const ENTERS: f64 = 0.01;
-const LEAVES: f64 = 0.02;
+pub(in crate::identify) const ENTERS: f64 = 0.01;
+pub(in crate::identify) const LEAVES: f64 = 0.02;
 
 impl Rule for Stepwise {
     fn fit(&self, grams: &[Gram], runs: &[usize], columns: &[usize]) -> Result<Vec<(usize, f64)>, String> {
@@ -68,7 +68,7 @@ impl Rule for Stepwise {
 }
 
 /// The chance that one more column takes this much off what is left though it has nothing to do with it.
-fn chance(before: f64, after: f64, free: f64) -> f64 {
+pub(in crate::identify) fn chance(before: f64, after: f64, free: f64) -> f64 {
     let f = (before - after) / (after / free);
     if f.is_nan() || f <= 0.0 {
         return 1.0;

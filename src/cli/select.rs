@@ -1,0 +1,115 @@
+//! `isotherm select`: which temperature points are worth keeping.
+
+use std::io::Write;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use anyhow::Context;
+
+use super::identify::progress;
+use super::{Failure, print_json};
+use crate::clock::Clock;
+use crate::identify::dataset::{Dataset, Split};
+use crate::identify::report;
+use crate::identify::select::{Choice, Selected, Settings, points, select};
+
+mod told;
+
+/// Says which temperature points to keep, and how much is left with so many of them on a run that was held out.
+///
+/// A log is CSV, as for identify; no profile is needed. Each column of temperatures is a point: its
+/// correlation with the error, its grey relational grade, those that say the same, the order in which partial F
+/// tests take points in, and a recommendation from runs that were left out.
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  isotherm select mon.csv tue.csv wed.csv --error z_error_um\n  isotherm select week.csv --gap 2h --error z_error_um --report points.html"
+)]
+pub(super) struct Arguments {
+    /// The logs
+    #[arg(value_name = "LOG", required = true)]
+    logs: Vec<PathBuf>,
+    /// The column with the measured error e, µm
+    #[arg(long, value_name = "COLUMN")]
+    error: String,
+    /// The points, instead of every column of temperatures
+    #[arg(long, value_name = "COLUMN", value_delimiter = ',')]
+    inputs: Vec<String>,
+    /// Points that are left out
+    #[arg(long, value_name = "COLUMN", value_delimiter = ',')]
+    without: Vec<String>,
+    /// Points that stay in though they look faulty
+    #[arg(long, value_name = "COLUMN", value_delimiter = ',')]
+    keep: Vec<String>,
+    /// Points are grouped where every two are correlated at least so
+    #[arg(long, value_name = "R", value_delimiter = ',', default_value = "0.9,0.7", value_parser = correlation)]
+    group: Vec<f64>,
+    /// Most points that are looked at together
+    #[arg(long, value_name = "K", default_value_t = 8, value_parser = clap::value_parser!(u8).range(1..=32))]
+    most: u8,
+    /// Time constants through which each point is looked at [default: 0s,6min,25min,100min]
+    #[arg(long, value_name = "TIME", value_delimiter = ',', value_parser = humantime::parse_duration)]
+    lags: Vec<Duration>,
+    /// Rows closer than this count as one sample in F tests
+    #[arg(long, value_name = "TIME", default_value = "30min", value_parser = humantime::parse_duration)]
+    independent: Duration,
+    /// Rows are averaged over this long, after the lags; 0s leaves them as they are
+    #[arg(long, value_name = "TIME", default_value = "1min", value_parser = humantime::parse_duration)]
+    resample: Duration,
+    /// A new run begins where this column changes
+    #[arg(long, value_name = "COLUMN")]
+    run_column: Option<String>,
+    /// A new run begins after so long without a row
+    #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
+    gap: Option<Duration>,
+    /// Writes a page with pictures: one file, to be opened anywhere
+    #[arg(long, value_name = "OUT.html")]
+    report: Option<PathBuf>,
+    /// One JSON document
+    #[arg(long)]
+    json: bool,
+}
+
+fn correlation(text: &str) -> Result<f64, String> {
+    let value: f64 = text.trim().parse().map_err(|_| "write correlations as 0.9,0.7".to_owned())?;
+    if (0.0..=1.0).contains(&value) {
+        Ok(value)
+    } else {
+        Err("a correlation lies between 0 and 1".to_owned())
+    }
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let split = Split { column: arguments.run_column.clone(), gap: arguments.gap };
+    let dataset = Dataset::read(&arguments.logs, &split, &|_| None).map_err(anyhow::Error::from)?;
+    let choice = Choice {
+        error: arguments.error.clone(),
+        inputs: arguments.inputs.clone(),
+        without: arguments.without.clone(),
+        keep: arguments.keep.clone(),
+        resample: arguments.resample,
+    };
+    let pointed = points(&dataset, &choice).map_err(anyhow::Error::from)?;
+    let mut settings = Settings {
+        groups: arguments.group.clone(),
+        most: usize::from(arguments.most),
+        independent: arguments.independent,
+        ..Settings::default()
+    };
+    if !arguments.lags.is_empty() {
+        settings.lags = arguments.lags.iter().map(|lag| (!lag.is_zero()).then_some(*lag)).collect();
+    }
+    let found: Selected = select(&pointed, &settings, &progress()).map_err(anyhow::Error::msg)?;
+    if let Some(path) = &arguments.report {
+        let page = report::selected(&pointed, &found, Clock::wall().now());
+        std::fs::write(path, page).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    if arguments.json {
+        return print_json(&found);
+    }
+    let mut out = std::io::stdout();
+    write!(out, "{}", told::told(&found))?;
+    if let Some(path) = &arguments.report {
+        writeln!(out, "the report is in {}", path.display())?;
+    }
+    Ok(())
+}

@@ -1,0 +1,68 @@
+//! The report of `identify`.
+
+use maud::html;
+
+use super::{date, duration, judged, logs, page, terms};
+use crate::identify::identified::{Identified, Means};
+use crate::identify::setup::Ready;
+use crate::profile::Profile;
+use crate::quantity::Moment;
+
+/// What was identified, on which machine, from what.
+#[derive(Clone, Copy, Debug)]
+pub struct Subject<'a> {
+    /// The machine.
+    pub profile: &'a Profile,
+    /// The runs as they were learnt from.
+    pub ready: &'a Ready<'a>,
+    /// The model.
+    pub found: &'a Identified,
+    /// When the report is made.
+    pub made: Moment,
+}
+
+/// One HTML file.
+pub fn identified(subject: &Subject<'_>) -> String {
+    let Subject { profile, ready, found, made } = *subject;
+    let dataset = ready.campaign.dataset;
+    let means = Means {
+        mean_range_um: found.mean_range_um,
+        worst_range_um: found.worst_range_um,
+        mean_rmse_um: found.mean_rmse_um,
+    };
+    let axis = profile.axes.iter().map(|axis| &axis.settings).find(|axis| axis.name == found.axis);
+    let used = |name: &str| {
+        found.columns.iter().find(|column| column.name == name).map_or("–", |column| column.used)
+    };
+    let hours: f64 = dataset.runs.iter().map(|run| run.lasts().as_secs_f64()).sum();
+    let content = html! {
+        dl .facts {
+            dt { "machine" } dd { (profile.name) @if !profile.description.is_empty() { ": " (profile.description) } }
+            dt { "axis" } dd { (found.axis) ", measured error " (found.error) }
+            dt { "date" } dd { (date(made)) }
+            dt { "method" } dd {
+                (found.method)
+                @if let Some(probe) = found.probe_s { ", with a probe every " (duration(probe)) }
+            }
+            dt { "runs" } dd { (dataset.runs.len()) ", " (duration(hours)) " together" }
+        }
+        (judged::headline(&means, &found.uncompensated))
+        @if !found.excluded.is_empty() || !found.remarks.is_empty() {
+            ul {
+                @for faulty in &found.excluded { li { strong { (faulty.signal) } " was left out: " (faulty.reason) } }
+                @for remark in &found.remarks { li { (remark) } }
+            }
+        }
+        (judged::pictures(found))
+        (judged::cross_validation(&found.runs, &means, &found.uncompensated))
+        (terms::terms(&ready.campaign, found))
+        (terms::stand_ins(&found.fallbacks, &means))
+        (terms::envelope(found.region.as_ref()))
+        @if let Some(axis) = axis { (terms::limits(axis)) }
+        (logs::runs(dataset))
+        (logs::sensors(dataset, &used, &found.excluded))
+        (logs::over_time(dataset, &found.excluded))
+        (logs::alike(&ready.campaign))
+    };
+    page(&format!("{}: thermal compensation of axis {}", profile.name, found.axis), made, &content)
+}
