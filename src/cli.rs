@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Args, CommandFactory, Parser, Subcommand};
+use tracing_appender::non_blocking::WorkerGuard;
 
 use crate::profile::{self, Profile};
 
@@ -15,6 +16,7 @@ mod gauge;
 mod identify;
 mod machines;
 mod read;
+mod record;
 pub mod replay;
 mod run;
 mod services;
@@ -53,6 +55,7 @@ enum Verb {
     /// The devices of a profile as virtual hardware
     Virtual(simulate::Arguments),
     /// The gateway's own step over a recorded log
+    Record(record::Arguments),
     Replay(replay::Arguments),
     /// The model of an axis from logs with its measured error, judged on runs it never saw
     Identify(identify::Arguments),
@@ -132,12 +135,14 @@ impl From<std::io::Error> for Failure {
 
 /// Carries out the arguments.
 pub fn run(arguments: Arguments) -> ExitCode {
+    let log = start_log(arguments.log_filter());
     let done = match arguments.verb {
         Verb::Demo(arguments) => demo::run(&arguments),
         Verb::Run(arguments) => run::run(&arguments),
         Verb::Check(arguments) => check::run(&arguments),
         Verb::Read(arguments) => read::run(&arguments),
         Verb::Virtual(arguments) => simulate::run(&arguments),
+        Verb::Record(arguments) => record::run(&arguments),
         Verb::Replay(arguments) => replay::run(&arguments),
         Verb::Identify(arguments) => identify::run(&arguments),
         Verb::Arm(arguments) => command::run(&arguments, crate::observe::status::Command::Arm),
@@ -152,6 +157,8 @@ pub fn run(arguments: Arguments) -> ExitCode {
             clap_mangen::Man::new(Arguments::command()).render(&mut std::io::stdout()).map_err(Failure::from)
         }
     };
+    // What has been logged stands before what is said last.
+    drop(log);
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(Failure::Profile) => ExitCode::from(64),
@@ -168,13 +175,15 @@ fn is_closed_pipe(error: &anyhow::Error) -> bool {
     error.downcast_ref::<std::io::Error>().is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
 }
 
-/// Starts the log on stderr. Under a service manager, which stamps lines itself, without times.
-pub fn start_log(filter: &str) {
+/// Starts the log on stderr. Under a service manager, which stamps lines itself, without times. A thread of its own writes
+/// it, so that nobody waits for a reader who does not read; what it has not written is written when the guard is dropped.
+fn start_log(filter: &str) -> WorkerGuard {
     use tracing_subscriber::EnvFilter;
     let filter = EnvFilter::try_new(filter).unwrap_or_else(|_| EnvFilter::new("info"));
+    let (writer, guard) = tracing_appender::non_blocking(std::io::stderr());
     let log = tracing_subscriber::fmt()
         .with_env_filter(filter)
-        .with_writer(std::io::stderr)
+        .with_writer(writer)
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false);
     // A second start in one process, as tests make, keeps the first.
@@ -183,6 +192,7 @@ pub fn start_log(filter: &str) {
     } else {
         log.try_init()
     };
+    guard
 }
 
 /// Loads a profile, or prints everything that is wrong with it.

@@ -12,6 +12,8 @@
 //! - **due**: an axis is stepped at its own period, and at once where its permit changes or it has something to take
 //!   over; any other snapshot in between changes nothing but edges.
 
+use serde::{Deserialize, Serialize};
+
 use crate::quantity::{Micron, Moment};
 use crate::reading::{Reading, SignalId};
 
@@ -23,11 +25,13 @@ mod axis;
 mod datum;
 mod guard;
 mod remembered;
+mod running;
 mod state;
 
 pub use guard::Stages;
 pub use model::{Extrapolation, Unusable};
 pub use remembered::{AxisRemembered, Remembered};
+pub use running::AxisRunning;
 pub use state::AxisState;
 
 use axis::Axis;
@@ -69,7 +73,8 @@ impl Control {
 }
 
 /// Whether an axis may decide.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Permit {
     /// Not armed.
     #[default]
@@ -105,7 +110,7 @@ impl Permit {
 }
 
 /// What was decided for one axis.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Decision {
     /// When.
     pub at: Moment,
@@ -148,12 +153,16 @@ pub struct Stepped {
 }
 
 impl Compensation {
-    /// Axes at rest, with what is remembered from before ([`Remembered::default`] where that is nothing).
+    /// With what is remembered from before ([`Remembered::default`] where that is nothing). The axes are at rest, but for
+    /// those whose running state is among it.
     pub fn new(settings: MachineSettings, axes: Vec<AxisSettings>, remembered: Remembered) -> Compensation {
         let mut axes: Vec<Axis> = axes.into_iter().map(Axis::new).collect();
         for axis in &mut axes {
             if let Some(remembered) = remembered.axis(&axis.settings.name) {
                 axis.recall(remembered);
+            }
+            if let Some(running) = remembered.running(&axis.settings.name) {
+                axis.go_on(running);
             }
         }
         Compensation { settings, machine: remembered.machine, axes }
@@ -231,7 +240,12 @@ impl Compensation {
     /// What is worth keeping over a restart.
     pub fn remembered(&self) -> Remembered {
         let axes = self.axes.iter().filter_map(Axis::remembered).collect();
-        Remembered { machine: self.machine.clone(), axes }
+        Remembered { machine: self.machine.clone(), axes, running: Vec::new() }
+    }
+
+    /// The same with where each axis stands now: whoever begins from it decides as this goes on.
+    pub fn running(&self) -> Remembered {
+        Remembered { running: self.axes.iter().map(Axis::running).collect(), ..self.remembered() }
     }
 
     /// Captures the "zero" references and takes the datum from now on.

@@ -102,7 +102,7 @@ impl Gateway {
         let mut keeper = Keeper::default();
         if let Some(directory) = options.directory.as_deref() {
             recalled = Memory::recall(&Memory::path(directory, &profile), &profile);
-            keeper = Keeper::start(&profile, directory, &recalled.remembered, journal.clone());
+            keeper = Keeper::start(&profile, directory, journal.clone());
         }
         let sleepers: Vec<Sleeper> = profile.buses.iter().map(|_| clock.join()).collect();
         let bells = sleepers.iter().map(Sleeper::bell).collect();

@@ -1,4 +1,4 @@
-//! The isotherm command line: arguments → tracing → verb → exit code.
+//! The isotherm command line: arguments → verb → exit code.
 
 use std::process::ExitCode;
 
@@ -6,7 +6,5 @@ use clap::Parser;
 use isotherm::cli::{self, Arguments};
 
 fn main() -> ExitCode {
-    let arguments = Arguments::parse();
-    cli::start_log(arguments.log_filter());
-    cli::run(arguments)
+    cli::run(Arguments::parse())
 }

@@ -12,7 +12,8 @@ use serde::{Deserialize, Serialize};
 pub mod time;
 
 /// A displacement or a compensation value in micrometres. Always finite.
-#[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd, Serialize, Deserialize)]
+#[serde(try_from = "f64", into = "f64")]
 pub struct Micron(f64);
 
 impl Micron {
@@ -37,6 +38,19 @@ impl Micron {
     /// The value inside `±limit`.
     pub fn clamp_to(self, limit: Micron) -> Micron {
         Micron(self.0.clamp(-limit.0.abs(), limit.0.abs()))
+    }
+}
+
+impl From<Micron> for f64 {
+    fn from(micron: Micron) -> f64 {
+        micron.0
+    }
+}
+
+impl TryFrom<f64> for Micron {
+    type Error = &'static str;
+    fn try_from(value: f64) -> Result<Micron, Self::Error> {
+        Micron::new(value).ok_or("a displacement is a finite number")
     }
 }
 

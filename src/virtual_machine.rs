@@ -78,6 +78,13 @@ pub struct Setup {
     pub journal: bool,
 }
 
+impl Setup {
+    /// This plant on this day, beside whatever else listens on this computer.
+    pub fn on_free_ports(plant: PlantSpec, seed: u64) -> Setup {
+        Setup { plant: Some(plant), seed, ports: Ports::Free, ..Setup::default() }
+    }
+}
+
 /// Where the devices listen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Ports {
@@ -231,6 +238,16 @@ impl VirtualMachine {
     /// Where each bus of the profile really is.
     pub fn addresses(&self) -> &[(BusId, SocketAddr)] {
         &self.addresses
+    }
+
+    /// The profile with the addresses at which the devices really listen.
+    pub fn serving(&self, mut profile: Profile) -> Profile {
+        for (bus, address) in &self.addresses {
+            if let Some(bus) = profile.buses.get_mut(bus.0) {
+                bus.address = address.to_string();
+            }
+        }
+        profile
     }
 
     /// Where one bus really is.

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
+use std::io::Write;
 use std::path::Path;
 use std::process::{Command, Output};
 use std::time::Duration;
@@ -14,12 +15,13 @@ use process::{PATIENCE, Running, file, free_port, isotherm};
 
 const MACHINE: &str = include_str!("interop/machine.toml");
 
-const VERBS: [&str; 12] = [
+const VERBS: [&str; 13] = [
     "demo",
     "run",
     "check",
     "read",
     "virtual",
+    "record",
     "replay",
     "arm",
     "disarm",
@@ -282,4 +284,83 @@ fn a_second_signal_ends_it_at_once_and_says_what_is_left() {
     let said = gateway.said.join("\n");
     assert!(said.contains("stopped before the fault actions had come to their end; cnc_z hold"), "{said}");
     assert!(home.path().join("interop.state.json").exists());
+}
+
+#[test]
+fn nobody_reading_what_it_says_does_not_hold_it_up() {
+    let home = tempfile::tempdir().unwrap();
+    let (text, state) = machine(home.path());
+    let profile = file(home.path(), "machine.toml", &text);
+    let _devices = devices(home.path(), &profile);
+    // As full as a pipe can be: whoever writes another word waits for its reader.
+    let (_unread, mut full) = std::io::pipe().unwrap();
+    full.write_all(&[b'x'; 65_536]).unwrap();
+    let mut gateway = isotherm(home.path());
+    gateway.arg("run").arg(&profile).args(["--state", &state]).stderr(full);
+    let mut gateway = gateway.spawn().unwrap();
+    // Its last rows are there only if the loop goes on and the axis has been told about.
+    process::until("it does not go on", || {
+        let mut files = std::fs::read_dir(home.path()).unwrap().map(|entry| entry.unwrap().path());
+        let log = files.find(|path| path.extension().is_some_and(|end| end == "csv"));
+        let text = log.map_or(String::new(), |path| std::fs::read_to_string(path).unwrap());
+        let active = text.matches(",active,").count();
+        if active > 5 { Ok(()) } else { Err(format!("{active} updates")) }
+    });
+    gateway.kill().unwrap();
+    gateway.wait().unwrap();
+}
+
+#[test]
+fn a_recorded_run_has_every_signal_and_overwrites_nothing() {
+    let home = tempfile::tempdir().unwrap();
+    let (text, _) = machine(home.path());
+    let profile = file(home.path(), "machine.toml", &text);
+    let _devices = devices(home.path(), &profile);
+    let log = home.path().join("monday.csv");
+    let record = || {
+        let mut record = isotherm(home.path());
+        record.arg("record").arg(&profile).arg("--out").arg(&log).args(["--every", "100ms"]);
+        record
+    };
+    let mut recording = Running::start(&mut record());
+    recording.hears("recording 4 signals into");
+    std::thread::sleep(Duration::from_secs(2));
+    recording.signal("INT");
+    assert_eq!(recording.ends_within(PATIENCE).code(), Some(0), "{}", recording.said.join("\n"));
+    assert!(recording.said.join("\n").contains("rows over "), "{}", recording.said.join("\n"));
+    let rows = std::fs::read_to_string(&log).unwrap();
+    assert_eq!(rows.lines().next(), Some("time,bed,wheelhead,scale_z,cnc_on"));
+    let last = rows.lines().last().unwrap();
+    assert!(rows.lines().count() > 10 && last.split(',').all(|cell| !cell.is_empty()), "{rows}");
+    let again = ended(&mut record());
+    assert_eq!(again.code, Some(1));
+    assert!(again.said.contains("nothing is overwritten"), "{}", again.said);
+    assert_eq!(std::fs::read_to_string(&log).unwrap(), rows);
+}
+
+#[test]
+fn a_recording_on_a_plant_is_the_same_for_the_same_seed_and_turns_to_a_new_file_in_time() {
+    let home = tempfile::tempdir().unwrap();
+    let record = |out: &str| {
+        let out = home.path().join(out);
+        let arguments =
+            ["surface-grinder", "--virtual", "--seed", "3", "--for", "25min", "--rotate", "10min"];
+        let ended = ended(isotherm(home.path()).arg("record").args(arguments).arg("--out").arg(out));
+        assert_eq!(ended.code, Some(0), "{}", ended.said);
+        ended.out
+    };
+    let said = record("day.csv");
+    assert!(said.contains("day-3.csv: 150 rows over 25m"), "{said}");
+    record("again/");
+    let read = |path: &Path| std::fs::read_to_string(path).unwrap();
+    let mut again: Vec<_> =
+        std::fs::read_dir(home.path().join("again")).unwrap().map(|entry| entry.unwrap().path()).collect();
+    again.sort();
+    assert_eq!(again.len(), 3);
+    for (again, name) in again.iter().zip(["day.csv", "day-2.csv", "day-3.csv"]) {
+        let day = read(&home.path().join(name));
+        assert_eq!(read(again), day);
+        let header: Vec<&str> = day.lines().next().unwrap().split(',').collect();
+        assert_eq!((header[0], *header.last().unwrap()), ("time", "z_error_um"));
+    }
 }

@@ -14,7 +14,7 @@ use crate::clock::Clock;
 use crate::gateway::{Gateway, Options, Outcome};
 use crate::observe::status::Source;
 use crate::profile::{Profile, Web};
-use crate::virtual_machine::{PlantSpec, Ports, Published, Setup, Summary, VirtualMachine, Window};
+use crate::virtual_machine::{PlantSpec, Published, Setup, Summary, VirtualMachine, Window};
 
 mod table;
 
@@ -105,8 +105,9 @@ async fn show(
     let published = plant.published().cloned();
     // Nobody may run ahead before everybody sits at the table.
     let hold = clock.hold();
-    let mut machine = VirtualMachine::start(&profile, setup(plant, arguments.seed), &clock).await?;
-    let profile = at_addresses(profile, &machine);
+    let mut machine =
+        VirtualMachine::start(&profile, Setup::on_free_ports(plant, arguments.seed), &clock).await?;
+    let profile = machine.serving(profile);
     let window = machine.window();
     let mut signals = Signals::listen()?;
     let mut last = clock.join();
@@ -131,20 +132,6 @@ async fn show(
     };
     let (summary, span) = seen.unwrap_or_else(|| (window.summary(), clock.now().since(begun)));
     Ok(Shown { summary, span, outcome, published })
-}
-
-fn setup(plant: PlantSpec, seed: u64) -> Setup {
-    Setup { plant: Some(plant), seed, ports: Ports::Free, ..Setup::default() }
-}
-
-/// The profile with the addresses at which the virtual devices really listen.
-fn at_addresses(mut profile: Profile, machine: &VirtualMachine) -> Profile {
-    for (bus, address) in machine.addresses() {
-        if let Some(bus) = profile.buses.get_mut(bus.0) {
-            bus.address = address.to_string();
-        }
-    }
-    profile
 }
 
 /// The page is worth having, but no reason to refuse a demo: where its port is taken, any other will do.

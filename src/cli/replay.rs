@@ -90,12 +90,12 @@ pub fn replay(
     if let Some(table) = &mut table {
         table.write_record(header(profile, &reader))?;
     }
-    let mut compensation = at_rest(profile, Remembered::default());
+    let mut compensation = from(profile, Remembered::default());
     let mut tally = Tally::new(profile);
     let mut cells = Vec::new();
     while let Some(row) = reader.next_row()? {
         if let Some(memory) = &row.begins {
-            compensation = at_rest(profile, memory.clone());
+            compensation = from(profile, memory.clone());
         }
         if let Some(at) = row.zeroed {
             compensation.zero(at);
@@ -123,7 +123,7 @@ pub fn replay(
     Ok(tally.summary(name, reader.warnings()))
 }
 
-fn at_rest(profile: &Profile, memory: Remembered) -> Compensation {
+fn from(profile: &Profile, memory: Remembered) -> Compensation {
     let axes = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
     Compensation::new(profile.machine.clone(), axes, memory)
 }

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 use anyhow::Context;
 
@@ -12,6 +13,9 @@ use crate::clock::Clock;
 use crate::explain::Explanation;
 use crate::gateway::{Gateway, Options};
 use crate::profile::{Profile, Web};
+
+/// What the log still has to say when the program gives up.
+const LAST_WORDS: Duration = Duration::from_millis(200);
 
 /// The gateway: polls, computes, writes, until SIGTERM or Ctrl-C.
 ///
@@ -53,7 +57,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let options = Options {
         dry_run: arguments.dry_run,
         directory: Some(directory),
-        give_up: Arc::new(|| std::process::exit(1)),
+        give_up: Arc::new(|| {
+            std::thread::sleep(LAST_WORDS);
+            std::process::exit(1)
+        }),
         ..Options::default()
     };
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;

@@ -8,7 +8,7 @@ use super::model::{Known, Lag, Outside, Wanted};
 use super::reference::Machine;
 use super::remembered::AxisRemembered;
 use super::settings::{Apart, AxisSettings, Datum, GuardSettings, MachineSettings, OnFault};
-use super::{AxisState, Control, Decision, Extrapolation, Permit, Snapshot, Stages, Unusable};
+use super::{AxisRunning, AxisState, Control, Decision, Extrapolation, Permit, Snapshot, Stages, Unusable};
 use crate::quantity::{Micron, Moment};
 
 #[derive(Clone, Debug)]
@@ -97,6 +97,28 @@ impl Axis {
     /// What is worth keeping over a restart; `None` where that is nothing.
     pub(super) fn remembered(&self) -> Option<AxisRemembered> {
         AxisRemembered::of(&self.settings, &self.lags, &self.zeroing)
+    }
+
+    /// Takes up where it stood in the middle of a run.
+    pub(super) fn go_on(&mut self, running: &AxisRunning) {
+        (self.guard, self.slope_guard) = (running.guard, running.slope_guard);
+        (self.state, self.permit, self.tripped) = (running.state, running.permit, running.tripped);
+        (self.stepped, self.due, self.decision) = (running.stepped, running.due, running.decision);
+    }
+
+    /// Where it stands now.
+    pub(super) fn running(&self) -> AxisRunning {
+        AxisRunning {
+            axis: self.settings.name.clone(),
+            guard: self.guard,
+            slope_guard: self.slope_guard,
+            state: self.state,
+            permit: self.permit,
+            tripped: self.tripped,
+            stepped: self.stepped,
+            due: self.due,
+            decision: self.decision,
+        }
     }
 
     /// The lags go on to this snapshot, those of an axis that is not due or not armed too: its structure does not wait.

@@ -6,11 +6,13 @@
 use std::fmt;
 use std::time::Duration;
 
+use serde::{Deserialize, Serialize};
+
 use super::settings::GuardSettings;
 use crate::quantity::Micron;
 
 /// Which stages changed the value.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Stages(u8);
 
 impl Stages {
@@ -75,7 +77,7 @@ pub(super) enum Pace {
 }
 
 /// Where the offset is.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Guard {
     place: Micron,
     counted: Micron,

@@ -19,6 +19,8 @@ pub use linear::{Linear, Reference, Slope, Term};
 pub use matrix::Matrix;
 pub use network::Network;
 
+use serde::{Deserialize, Serialize};
+
 use super::Snapshot;
 use super::reference::Machine;
 
@@ -47,7 +49,8 @@ pub enum Kind {
 }
 
 /// Why a model has no value now.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Unusable {
     /// This signal cannot be used.
     Signal(SignalId),

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
+use super::AxisRunning;
 use super::datum::{Level, Zeroing};
 use super::model::{Lag, Lagged, Reference, Term};
 use super::reference::Machine;
@@ -22,6 +23,9 @@ pub struct Remembered {
     /// Those that have lags or a datum.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub axes: Vec<AxisRemembered>,
+    /// Where the axes stood, for a log that goes on in a new file; none after a restart, which begins at rest.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub running: Vec<AxisRunning>,
 }
 
 /// The memory of one axis.
@@ -74,6 +78,11 @@ impl Remembered {
         self
     }
 
+    /// Where an axis stood.
+    pub(super) fn running(&self, name: &str) -> Option<&AxisRunning> {
+        self.running.iter().find(|axis| axis.axis == name)
+    }
+
     /// The memory of an axis.
     pub(super) fn axis(&self, name: &str) -> Option<&AxisRemembered> {
         self.axes.iter().find(|axis| axis.axis == name)
@@ -82,7 +91,7 @@ impl Remembered {
 
 impl From<Machine> for Remembered {
     fn from(machine: Machine) -> Remembered {
-        Remembered { machine, axes: Vec::new() }
+        Remembered { machine, ..Remembered::default() }
     }
 }
 

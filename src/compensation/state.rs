@@ -22,10 +22,13 @@
 
 use std::fmt;
 
+use serde::{Deserialize, Serialize};
+
 use crate::quantity::Moment;
 
 /// What an axis is doing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum AxisState {
     /// Not armed: nothing is decided, nothing written.
     #[default]

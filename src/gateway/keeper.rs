@@ -5,19 +5,22 @@ use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::time::Duration;
 
 use super::log::Recorder;
 use super::memory::Memory;
 use super::output::OutputState;
-use crate::compensation::{Compensation, Control, Remembered, Snapshot};
+use crate::compensation::{Compensation, Control, Snapshot};
 use crate::observe::events::{Event, Journal};
 use crate::profile::Profile;
 use crate::quantity::Moment;
 
 /// The state is written at most this often, and once at the end.
 const REMEMBER_EVERY: Duration = Duration::from_secs(10);
+/// The log begins a new file at midnight, UTC; in nanoseconds.
+const A_DAY: u64 = 86_400_000_000_000;
 /// How long the end of a run waits for the disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
 /// Rows that may wait for a slow disk; more are dropped, and that is told.
@@ -44,6 +47,10 @@ pub(super) struct Keeper {
     queue: Option<SyncSender<Job>>,
     recorder: Option<Recorder>,
     remembered: Option<Moment>,
+    /// The day of the file in which the rows stand.
+    day: Option<u64>,
+    /// Rows are missing on disk: what follows them can be replayed only from where the axes stand then.
+    torn: Arc<AtomicBool>,
     /// Ends with the thread.
     working: Option<Receiver<()>>,
 }
@@ -56,14 +63,11 @@ enum Job {
 
 impl Keeper {
     /// Keeps the log and the state of this machine in this directory.
-    pub(super) fn start(
-        profile: &Profile,
-        directory: &Path,
-        remembered: &Remembered,
-        journal: Arc<Journal>,
-    ) -> Keeper {
+    pub(super) fn start(profile: &Profile, directory: &Path, journal: Arc<Journal>) -> Keeper {
         let (queue, jobs) = sync_channel(QUEUE);
+        let torn = Arc::new(AtomicBool::new(false));
         let mut desk = Desk {
+            torn: Arc::clone(&torn),
             directory: directory.to_owned(),
             machine: profile.name.clone(),
             header: Recorder::header(profile),
@@ -81,9 +85,20 @@ impl Keeper {
         };
         // Without a thread nothing is kept: the queue finds nobody at its other end.
         let _ = std::thread::Builder::new().name("keeper".to_owned()).spawn(work);
-        let mut recorder = Recorder::new(profile);
-        recorder.begin(remembered);
-        Keeper { queue: Some(queue), recorder: Some(recorder), remembered: None, working: Some(working) }
+        let recorder = Some(Recorder::new(profile));
+        Keeper { queue: Some(queue), recorder, remembered: None, day: None, torn, working: Some(working) }
+    }
+
+    /// Before a step: where its row is the first of a file, or rows before it are lost, the row tells where the axes
+    /// stood, so that it can be replayed without them.
+    pub(super) fn prepare(&mut self, now: Moment, compensation: &Compensation) {
+        let Some(recorder) = &mut self.recorder else { return };
+        let day = Some(now.as_nanos() / A_DAY);
+        if self.day != day || self.torn.load(Ordering::Relaxed) {
+            self.day = day;
+            self.torn.store(false, Ordering::Relaxed);
+            recorder.begin(&compensation.running());
+        }
     }
 
     /// Queues one row of the log.
@@ -147,10 +162,11 @@ impl Keeper {
 
     fn hand_over(&mut self, job: Job) {
         // A full queue means a disk that has been failing for long, which its own event has told.
-        if let Some(queue) = &self.queue
-            && let Err(TrySendError::Disconnected(_)) = queue.try_send(job)
-        {
-            self.queue = None;
+        let Some(queue) = &self.queue else { return };
+        match queue.try_send(job) {
+            Ok(()) => {}
+            Err(TrySendError::Full(_)) => self.torn.store(true, Ordering::Relaxed),
+            Err(TrySendError::Disconnected(_)) => self.queue = None,
         }
     }
 }
@@ -165,6 +181,7 @@ struct Desk {
     day: String,
     file: Option<File>,
     failing: BTreeMap<&'static str, ()>,
+    torn: Arc<AtomicBool>,
     journal: Arc<Journal>,
 }
 
@@ -176,6 +193,7 @@ impl Desk {
                     let done = self.write_row(at, &row);
                     if done.is_err() {
                         self.file = None;
+                        self.torn.store(true, Ordering::Relaxed);
                     }
                     self.report(at, "the log", done);
                 }

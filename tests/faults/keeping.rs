@@ -5,17 +5,15 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use isotherm::cli::replay::replay;
+use isotherm::clock::Clock;
 use isotherm::gateway::Options;
+use isotherm::quantity::Moment;
+use isotherm::virtual_machine::FaultScript;
 
 use crate::law;
-use crate::rig::{BENCH, Trace, World, block_on, profile};
+use crate::rig::{Trace, World, block_on, patient, profile};
 
 const MINUTE: Duration = Duration::from_secs(60);
-
-/// The bench with a patience that a busy computer does not exhaust: runs are compared bit for bit.
-fn patient() -> String {
-    BENCH.replace("100ms", "900ms")
-}
 
 fn kept_in(directory: Option<PathBuf>) -> impl FnOnce(&mut Options) {
     move |options| options.directory = directory
@@ -142,5 +140,36 @@ fn the_log_of_a_day_with_faults_and_a_restart_gives_its_decisions_again_bit_for_
     assert!(reproduced.rows > 1500, "{summary}");
     for state in ["off", "active", "degraded", "holding", "ramping", "zeroed"] {
         assert!(axis.states.contains_key(state), "{state}: {summary}");
+    }
+}
+
+#[test]
+fn a_run_over_midnight_leaves_two_files_that_each_give_their_decisions_again() {
+    let directory = tempfile::tempdir().unwrap();
+    let faults = "
+        [[fault]]
+        device = \"thermocouples\"
+        kind = \"silent\"
+        at = \"590s\"
+        for_time = \"150s\"";
+    let ten_to_midnight = Moment::from_nanos(1_767_657_000_000_000_000);
+    let trace = block_on(async {
+        let profile = profile(&patient());
+        let faults = FaultScript::parse(faults, &profile).unwrap();
+        let clock = Clock::simulated(ten_to_midnight, None);
+        let mut world = World::start(profile, faults, Some(clock)).await;
+        world.gateway().options(kept_in(Some(directory.path().to_owned()))).run(30 * MINUTE).await
+    });
+    law::holds(&trace);
+    for (day, states) in
+        [("2026-01-05", vec!["active", "holding"]), ("2026-01-06", vec!["holding", "ramping", "active"])]
+    {
+        let log = fs::File::open(directory.path().join(format!("bench-{day}.csv"))).unwrap();
+        let summary = replay(&profile(&patient()), log, day, None).unwrap();
+        let axis = &summary.axes["z"];
+        assert_eq!(axis.reproduced.as_ref().unwrap().first, None, "{summary}");
+        for state in states {
+            assert!(axis.states.contains_key(state), "{state} on {day}: {summary}\n{}", trace.lines());
+        }
     }
 }

@@ -5,7 +5,7 @@ use std::time::Duration;
 use isotherm::observe::status::Command;
 
 use crate::law;
-use crate::rig::{BENCH, LATHE, Stage, Trace, World, bench, block_on, run};
+use crate::rig::{BENCH, LATHE, Stage, Trace, World, bench, block_on, patient, run};
 
 const MINUTE: Duration = Duration::from_secs(60);
 const SECOND: Duration = Duration::from_secs(1);
@@ -221,7 +221,7 @@ fn a_diameter_changes_by_twice_what_the_radius_does() {
 
 #[test]
 fn what_the_readout_is_told_is_the_position_plus_what_the_cnc_is_told() {
-    let trace = bench("", 3 * MINUTE);
+    let trace = run(&patient(), "", 3 * MINUTE);
     law::holds(&trace);
     let scale = &trace.profile.signals[2];
     let (mut position, mut offset, mut compared) = (None, None, 0);

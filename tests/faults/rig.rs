@@ -69,6 +69,11 @@ pub(crate) fn profile(text: &str) -> Profile {
     parse(Path::new("bench.toml"), text, &[], &[]).unwrap_or_else(|errors| panic!("{errors}")).profile
 }
 
+/// The bench with a patience that a busy computer does not exhaust, for what is compared number by number.
+pub(crate) fn patient() -> String {
+    BENCH.replace("100ms", "900ms")
+}
+
 /// A run of the bench with these faults.
 pub(crate) fn bench(faults: &str, span: Duration) -> Trace {
     run(BENCH, faults, span)

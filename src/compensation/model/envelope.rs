@@ -4,6 +4,8 @@
 //! `d = √((x − m)ᵀ·S⁻¹·(x − m))` of all of them together is at most the reach r. How far outside is one number:
 //! the excess `e = max(d/r − 1, largest (distance beyond min or max) / (max − min))`.
 
+use serde::{Deserialize, Serialize};
+
 use super::{Input, Known, Unusable};
 use crate::reading::SignalId;
 
@@ -11,7 +13,8 @@ use crate::reading::SignalId;
 pub const MOST: usize = 64;
 
 /// What an axis does while its inputs lie outside.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Outside {
     /// Follows the model all the same, and says so.
     Warn,
@@ -60,7 +63,7 @@ pub enum BadEnvelope {
 }
 
 /// Where the inputs lie outside, and what follows from it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Extrapolation {
     /// Mahalanobis distance and reach; `None` where only a guideway ends.
     pub distance: Option<(f64, f64)>,
@@ -73,7 +76,7 @@ pub struct Extrapolation {
 }
 
 /// An input beyond its range.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Beyond {
     /// Which.
     pub signal: SignalId,

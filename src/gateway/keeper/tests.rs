@@ -10,6 +10,7 @@ fn desk(directory: &Path, header: &str) -> Desk {
         day: String::new(),
         file: None,
         failing: BTreeMap::new(),
+        torn: Arc::default(),
         journal: Arc::new(Journal::default()),
     }
 }

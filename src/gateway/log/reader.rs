@@ -43,7 +43,7 @@ pub struct LogRow {
     pub errors: Vec<Option<f64>>,
     /// By axis: what the log says was decided.
     pub decided: Vec<Option<Decided>>,
-    /// A run of the gateway begins here, with this memory.
+    /// A run of the gateway or a file of it begins here, from this.
     pub begins: Option<Remembered>,
     /// "Zero" was commanded at this moment, before this row.
     pub zeroed: Option<Moment>,

@@ -45,7 +45,7 @@ impl Recorder {
         header + "," + MEMORY + "," + ZERO + "\n"
     }
 
-    /// A run begins with the next row: the axes are at rest, and this is remembered.
+    /// A run or a file begins with the next row, from this.
     pub fn begin(&mut self, remembered: &Remembered) {
         self.memory = serde_json::to_string(remembered).ok().map(|json| cell(&json));
     }

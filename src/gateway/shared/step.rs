@@ -22,6 +22,7 @@ impl Core {
             let Arming { take_over, take_over_slope, .. } = *arming;
             self.controls[axis] = Control { permit, take_over, take_over_slope };
         }
+        self.keeper.prepare(now, &self.compensation);
         let snapshot = Snapshot { now, readings: self.board.seen() };
         let stepped = self.compensation.step(&snapshot, &self.controls);
         if !stepped.anything {

@@ -75,16 +75,8 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn a_replayed_day_of_a_line_is_the_day_bit_for_bit(day in prop::collection::vec(any_event(), 1..100)) {
+    fn the_files_of_a_line_replayed_alone_are_its_days_bit_for_bit(days in prop::collection::vec(any_event(), 1..100)) {
         let profile = apart();
-        let log = log_of(&profile, &day);
-        let (summary, table) = replayed(&profile, &log);
-        prop_assert_eq!(summary.axes["z"].reproduced.as_ref().unwrap().differing, 0);
-        let mut recorded = csv::ReaderBuilder::new().has_headers(false).from_reader(log.as_bytes());
-        let recorded: Vec<Vec<String>> =
-            recorded.records().map(|row| row.unwrap().iter().map(str::to_owned).collect()).collect();
-        for name in ["z_cz_um", "z_slope_um"] {
-            prop_assert_eq!(column(&table, name), column(&recorded, name), "{}", name);
-        }
+        come_out_again(&profile, &days, &["z_cz_um".to_owned(), "z_slope_um".to_owned()])?;
     }
 }

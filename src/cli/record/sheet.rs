@@ -1,0 +1,187 @@
+//! The files of a recording, and what was in them.
+
+use std::fmt;
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use anyhow::Context;
+
+use crate::gateway::log::number;
+use crate::observe::status::Status;
+use crate::profile::Profile;
+use crate::quantity::Moment;
+use crate::virtual_machine::{AxisSummary, TruthRow};
+
+/// The file that is being written, and the sums over all of them.
+pub(super) struct Sheet {
+    out: PathBuf,
+    machine: String,
+    header: String,
+    path: PathBuf,
+    file: File,
+    begun: Moment,
+    first: Moment,
+    last: Moment,
+    files: Vec<PathBuf>,
+    rows: u64,
+    columns: Vec<Column>,
+}
+
+/// What was in one signal's column.
+struct Column {
+    name: String,
+    unit: &'static str,
+    rows: u64,
+    range: (f64, f64),
+    missing: bool,
+}
+
+impl Sheet {
+    pub(super) fn begin(
+        out: &Path,
+        profile: &Profile,
+        on_plant: &[AxisSummary],
+        now: Moment,
+    ) -> anyhow::Result<Sheet> {
+        let mut header = csv::Writer::from_writer(Vec::new());
+        let errors = on_plant.iter().map(|axis| format!("{}_error_um", axis.axis));
+        let names = profile.signals.iter().map(|signal| signal.name.clone());
+        header.write_record(["time".to_owned()].into_iter().chain(names).chain(errors))?;
+        let header = String::from_utf8(header.into_inner()?)?;
+        let columns = profile.signals.iter().map(|signal| Column {
+            name: signal.name.clone(),
+            unit: signal.unit.0,
+            rows: 0,
+            range: (f64::INFINITY, f64::NEG_INFINITY),
+            missing: false,
+        });
+        let columns = columns.collect();
+        let machine = profile.name.clone();
+        let path = place(out, &machine, now, 1);
+        let file = open(&path, &header)?;
+        let files = vec![path.clone()];
+        let out = out.to_owned();
+        Ok(Sheet {
+            out,
+            machine,
+            header,
+            path,
+            file,
+            begun: now,
+            first: now,
+            last: now,
+            files,
+            rows: 0,
+            columns,
+        })
+    }
+
+    /// Begins a new file where this one has lasted long enough.
+    pub(super) fn rotate(&mut self, now: Moment, after: Duration) -> anyhow::Result<()> {
+        if now.since(self.begun) < after {
+            return Ok(());
+        }
+        self.path = place(&self.out, &self.machine, now, self.files.len() + 1);
+        self.file = open(&self.path, &self.header)?;
+        self.begun = now;
+        self.files.push(self.path.clone());
+        Ok(())
+    }
+
+    /// Writes one row, as a whole: a power cut loses the next one at most.
+    pub(super) fn row(
+        &mut self,
+        now: Moment,
+        status: &Status,
+        truth: Option<&TruthRow>,
+    ) -> anyhow::Result<()> {
+        let mut line = now.to_string().into_bytes();
+        let values = status.signals.iter().map(|signal| signal.value);
+        let errors = truth.iter().flat_map(|row| &row.axes).map(|axis| Some(axis.error_um));
+        for value in values.chain(errors) {
+            line.push(b',');
+            if let Some(value) = value {
+                number(&mut line, value);
+            }
+        }
+        line.push(b'\n');
+        self.file
+            .write_all(&line)
+            .with_context(|| format!("{} cannot be written; what stands there is kept", self.path()))?;
+        self.rows += 1;
+        self.last = now;
+        for (column, signal) in self.columns.iter_mut().zip(&status.signals) {
+            column.missing = signal.value.is_none();
+            if let Some(value) = signal.value {
+                column.rows += 1;
+                column.range = (column.range.0.min(value), column.range.1.max(value));
+            }
+        }
+        Ok(())
+    }
+
+    pub(super) fn path(&self) -> std::path::Display<'_> {
+        self.path.display()
+    }
+
+    pub(super) fn rows(&self) -> u64 {
+        self.rows
+    }
+
+    /// The signals that had no value in the last row.
+    pub(super) fn missing_now(&self) -> Vec<&str> {
+        self.columns.iter().filter(|column| column.missing).map(|column| column.name.as_str()).collect()
+    }
+}
+
+fn place(out: &Path, machine: &str, now: Moment, part: usize) -> PathBuf {
+    if out.is_dir() || out.as_os_str().to_string_lossy().ends_with('/') {
+        let stamp = now.to_string().chars().take(19).collect::<String>().replace(':', "");
+        return out.join(format!("{machine}-{stamp}.csv"));
+    }
+    match part {
+        1 => out.to_owned(),
+        part => {
+            let stem = out.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            let end = out.extension().map_or(String::new(), |end| format!(".{}", end.to_string_lossy()));
+            out.with_file_name(format!("{stem}-{part}{end}"))
+        }
+    }
+}
+
+fn open(path: &Path, header: &str) -> anyhow::Result<File> {
+    if let Some(directory) = path.parent() {
+        std::fs::create_dir_all(directory)
+            .with_context(|| format!("the directory {} cannot be made", directory.display()))?;
+    }
+    let mut file = OpenOptions::new().create_new(true).write(true).open(path).with_context(|| {
+        let path = path.display();
+        format!("{path} cannot be begun; nothing is overwritten: name another file, or a directory")
+    })?;
+    file.write_all(header.as_bytes())?;
+    Ok(file)
+}
+
+/// What a person wants to know before the probe is taken off.
+impl fmt::Display for Sheet {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let span = Duration::from_secs(self.last.since(self.first).as_secs());
+        let files: Vec<String> = self.files.iter().map(|path| path.display().to_string()).collect();
+        writeln!(f, "{}: {} rows over {}", files.join(", "), self.rows, humantime::format_duration(span))?;
+        let width = self.columns.iter().map(|column| column.name.len()).max().unwrap_or(0);
+        for Column { name, unit, rows, range: (low, high), .. } in &self.columns {
+            let missing = self.rows - rows;
+            let range =
+                if *rows == 0 { "never read".to_owned() } else { format!("{low:.4} … {high:.4} {unit}") };
+            let missing = if missing == 0 || *rows == 0 {
+                String::new()
+            } else {
+                format!(", missing in {missing} rows")
+            };
+            writeln!(f, "  {name:<width$}  {range}{missing}")?;
+        }
+        Ok(())
+    }
+}

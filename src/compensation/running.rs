@@ -1,0 +1,22 @@
+//! Where an axis stands in the middle of a run: with it in the first row of a file, a log that goes on there gives the
+//! decisions of the day without the files before it.
+
+use serde::{Deserialize, Serialize};
+
+use super::guard::Guard;
+use super::{AxisState, Decision, Permit};
+use crate::quantity::Moment;
+
+/// Where one axis stands.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AxisRunning {
+    pub(super) axis: String,
+    pub(super) guard: Guard,
+    pub(super) slope_guard: Guard,
+    pub(super) state: AxisState,
+    pub(super) permit: Permit,
+    pub(super) tripped: bool,
+    pub(super) stepped: Option<Moment>,
+    pub(super) due: Option<Moment>,
+    pub(super) decision: Decision,
+}
