@@ -138,11 +138,12 @@ impl<'a> Campaign<'a> {
             None => vec![0; errors.len()],
         };
         let mut cold: std::collections::HashMap<i64, (f64, f64)> = std::collections::HashMap::new();
+        // The references of the temperatures take in the first row after their time, too: the same rows here.
+        let settled = run.times.iter().find(|time| **time >= start.after(self.machine.settle));
         for ((time, error), place) in run.times.iter().zip(errors).zip(&places) {
-            let settles = *time >= start && time.since(start) < self.machine.settle;
-            let known = cold.contains_key(place);
+            let settles = *time >= start && settled.is_none_or(|settled| time <= settled);
             // A place first visited later is measured from its first visit.
-            if error.is_finite() && *time >= start && (settles || !known) {
+            if error.is_finite() && *time >= start && (settles || !cold.contains_key(place)) {
                 let (sum, count) = cold.entry(*place).or_default();
                 *sum += error;
                 *count += 1.0;

@@ -13,7 +13,6 @@ use super::setup::Ready;
 use super::uncertainty::standard_errors;
 use super::validate::{HeldOut, RunScore, leave_one_run_out};
 use super::gram::count;
-use super::parallel;
 
 /// A model with its cross-validation. Serialized, it is the JSON of `identify`.
 #[derive(Clone, Debug, Serialize)]
@@ -135,7 +134,7 @@ pub fn identify(
     Ok(Identified {
         method: settings.method.name(),
         axis: ready.axis.clone(),
-        terms: terms(campaign, learner.as_ref(), &learned, settings.method)?,
+        terms: terms(campaign, learner.as_ref(), &learned, &held_out, settings.method),
         runs: held_out.iter().map(|held| held.score.clone()).collect(),
         mean_range_um: means.mean_range_um,
         worst_range_um: means.worst_range_um,
@@ -180,18 +179,13 @@ fn terms(
     campaign: &Campaign<'_>,
     learner: &dyn Learner,
     learned: &Learned,
+    held_out: &[HeldOut],
     method: Method,
-) -> Result<Vec<TermFound>, String> {
-    let Learned::Sum(gains) = learned else { return Ok(Vec::new()) };
-    let runs: Vec<usize> = (0..learner.bank().runs.len()).collect();
-    let left_out = |out: &usize| {
-        let others: Vec<usize> = runs.iter().copied().filter(|run| run != out).collect();
-        learner.learn(&others, &[])
-    };
-    let left_out: Vec<Learned> =
-        parallel::map(&runs, left_out).into_iter().collect::<Result<Vec<_>, String>>()?;
+) -> Vec<TermFound> {
+    let Learned::Sum(gains) = learned else { return Vec::new() };
+    let left_out: Vec<&Learned> = held_out.iter().map(|held| &held.learned).collect();
     let errors = standard_errors(learner.bank(), gains, &left_out, method.is_penalized());
-    Ok(gains.iter().zip(errors).map(|((candidate, gain), se)| shown(campaign, candidate, *gain, se)).collect())
+    gains.iter().zip(errors).map(|((candidate, gain), se)| shown(campaign, candidate, *gain, se)).collect()
 }
 
 fn shown(campaign: &Campaign<'_>, candidate: &Candidate, gain: f64, se: f64) -> TermFound {

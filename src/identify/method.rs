@@ -17,7 +17,7 @@ mod stepwise;
 /// How a model is found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub enum Method {
-    /// Few of (sensor, lag), chosen by elastic net with run-wise validation
+    /// Some of (sensor, lag), chosen on runs that were left out; with --terms N at most so many
     #[default]
     SparseLag,
     /// Ridge regression on every sensor through every lag

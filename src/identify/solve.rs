@@ -45,7 +45,8 @@ pub(super) fn elastic_net(scaled: &Gram, l1: f64, l2: f64, gains: &mut DVector<f
             let next = wanted.signum() * (wanted.abs() - l1).max(0.0) / stiffness;
             let moved = next - gains[column];
             if moved.abs() > 0.0 {
-                pull.axpy(-moved, &scaled.square.column(column), 1.0);
+                let pushed = scaled.square.column(column);
+                pull.iter_mut().zip(pushed.iter()).for_each(|(pull, square)| *pull -= moved * square);
                 pull[column] -= l2 * moved;
                 gains[column] = next;
                 largest = largest.max(moved.abs());

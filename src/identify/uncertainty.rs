@@ -15,7 +15,7 @@ use super::learn::Learned;
 pub(super) fn standard_errors(
     bank: &Bank,
     gains: &[(Candidate, f64)],
-    left_out: &[Learned],
+    left_out: &[&Learned],
     by_spread_alone: bool,
 ) -> Vec<f64> {
     let spread = jackknife(gains, left_out);
@@ -28,7 +28,7 @@ pub(super) fn standard_errors(
         .collect()
 }
 
-fn jackknife(gains: &[(Candidate, f64)], left_out: &[Learned]) -> Option<Vec<f64>> {
+fn jackknife(gains: &[(Candidate, f64)], left_out: &[&Learned]) -> Option<Vec<f64>> {
     let sums: Vec<&Vec<(Candidate, f64)>> = left_out
         .iter()
         .filter_map(|learned| match learned {

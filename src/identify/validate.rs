@@ -23,7 +23,7 @@ pub struct RunScore {
 }
 
 /// One held-out run, row by row.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct HeldOut {
     /// How it fared.
     pub score: RunScore,
@@ -33,6 +33,8 @@ pub struct HeldOut {
     pub error: Vec<f64>,
     /// What the model would have added, µm.
     pub cz: Vec<f64>,
+    /// The model, learnt from all the other runs.
+    pub learned: Learned,
 }
 
 impl HeldOut {
@@ -63,7 +65,7 @@ pub fn leave_one_run_out(
     let held = |out: &usize| {
         let others: Vec<usize> = runs.iter().copied().filter(|run| run != out).collect();
         let learned = learner.learn(&others, without)?;
-        let judged = judge(campaign, learner, &learned, *out, probe);
+        let judged = judge(campaign, learner, learned, *out, probe);
         progress(done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, runs.len());
         Ok(judged)
     };
@@ -74,7 +76,7 @@ pub fn leave_one_run_out(
 pub fn judge(
     campaign: &Campaign<'_>,
     learner: &dyn Learner,
-    learned: &Learned,
+    learned: Learned,
     run: usize,
     probe: Option<f64>,
 ) -> HeldOut {
@@ -91,7 +93,7 @@ pub fn judge(
     };
     let seconds = traced.seconds.clone();
     let cz = learned.predict(campaign, learner.bank(), run);
-    let mut held = HeldOut { score, seconds, error, cz };
+    let mut held = HeldOut { score, seconds, error, cz, learned };
     let left = held.residual(probe);
     held.score.range_um = range(&left);
     held.score.rmse_um = rms(&left);
