@@ -18,6 +18,7 @@ mod machines;
 mod read;
 mod record;
 pub mod replay;
+mod report;
 mod run;
 mod services;
 mod signals;
@@ -59,6 +60,8 @@ enum Verb {
     Replay(replay::Arguments),
     /// The model of an axis from logs with its measured error, judged on runs it never saw
     Identify(identify::Arguments),
+    /// What logs say about drift, in the terms of ISO 230-3
+    Report(report::Arguments),
     /// Let the running gateway write
     #[command(after_help = "Example:\n  isotherm arm my-machine.toml")]
     Arm(command::Arguments),
@@ -145,6 +148,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Record(arguments) => record::run(&arguments),
         Verb::Replay(arguments) => replay::run(&arguments),
         Verb::Identify(arguments) => identify::run(&arguments),
+        Verb::Report(arguments) => report::run(&arguments),
         Verb::Arm(arguments) => command::run(&arguments, crate::observe::status::Command::Arm),
         Verb::Disarm(arguments) => command::run(&arguments, crate::observe::status::Command::Disarm),
         Verb::Zero(arguments) => command::run(&arguments, crate::observe::status::Command::Zero),

@@ -14,6 +14,7 @@
 pub mod bank;
 pub mod campaign;
 pub mod dataset;
+pub mod drift;
 pub mod faults;
 pub mod gram;
 pub mod identified;
