@@ -55,11 +55,12 @@ enum Verb {
     Read(read::Arguments),
     /// The devices of a profile as virtual hardware
     Virtual(simulate::Arguments),
-    /// The gateway's own step over a recorded log
+    /// Readings into a log, for a later identification; writes to no device
     Record(record::Arguments),
+    /// The gateway's own step over a recorded log
     Replay(replay::Arguments),
     /// The model of an axis from logs with its measured error, judged on runs it never saw
-    Identify(identify::Arguments),
+    Identify(Box<identify::Arguments>),
     /// What logs say about drift, in the terms of ISO 230-3
     Report(report::Arguments),
     /// Let the running gateway write
@@ -205,6 +206,15 @@ fn load(arguments: &ProfileArguments, json: bool) -> Result<Profile, Failure> {
 }
 
 fn load_with(path: &Path, set: &[(String, String)], json: bool) -> Result<Profile, Failure> {
+    let loaded = load_quietly(path, set, json)?;
+    for warning in &loaded.warnings {
+        eprintln!("warning: {warning}");
+    }
+    Ok(loaded.profile)
+}
+
+/// The same, its warnings left to the caller.
+fn load_quietly(path: &Path, set: &[(String, String)], json: bool) -> Result<profile::Loaded, Failure> {
     let environment = profile::environment();
     // A shipped machine may be named without having its file.
     let shipped = path.to_str().filter(|_| !path.exists()).and_then(machines::text);
@@ -213,12 +223,7 @@ fn load_with(path: &Path, set: &[(String, String)], json: bool) -> Result<Profil
         None => profile::load(path, set, &environment),
     };
     match loaded {
-        Ok(loaded) => {
-            for warning in &loaded.warnings {
-                eprintln!("warning: {warning}");
-            }
-            Ok(loaded.profile)
-        }
+        Ok(loaded) => Ok(loaded),
         Err(errors) => {
             if json {
                 print_json(&errors)?;

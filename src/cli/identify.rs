@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use anyhow::Context;
 
-use super::{Failure, ProfileArguments, load, print_json};
+use super::{Failure, ProfileArguments, load_quietly, print_json};
 use crate::compensation::model::Outside;
 use crate::identify::dataset::{Dataset, Split};
 use crate::identify::method::{Method, Settings};
@@ -65,6 +65,21 @@ pub(super) struct Arguments {
     /// Rows are averaged over this long, after the lags; 0s leaves them as they are
     #[arg(long, value_name = "TIME", default_value = "1min", value_parser = humantime::parse_duration)]
     resample: Duration,
+    /// Where the axis was, for errors measured at several positions (--method position)
+    #[arg(long, value_name = "SIGNAL")]
+    position: Option<String>,
+    /// Where the slope adds nothing, mm
+    #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true)]
+    position_reference: f64,
+    /// two-source: the runs in which the spindle waits
+    #[arg(long, value_name = "RUN", value_delimiter = ',')]
+    waiting: Vec<String>,
+    /// two-source: the sensors of the first source
+    #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
+    first: Vec<String>,
+    /// two-source: the sensors of the second
+    #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
+    second: Vec<String>,
     /// A new run begins where this column changes
     #[arg(long, value_name = "COLUMN")]
     run_column: Option<String>,
@@ -93,7 +108,8 @@ enum OutsideWord {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let profile = load(&arguments.profile, arguments.json)?;
+    // A profile in the making has signals that no model uses yet: no word about them.
+    let profile = load_quietly(&arguments.profile.path, &arguments.profile.set, arguments.json)?.profile;
     let found = find(arguments, &profile)?;
     if let Some(path) = &arguments.write {
         write(arguments, &found, path)?;
@@ -110,9 +126,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 
 fn find(arguments: &Arguments, profile: &Profile) -> Result<Identified, Failure> {
     let split = Split { column: arguments.run_column.clone(), gap: arguments.gap };
-    let unit = |name: &str| {
-        profile.signals.iter().find(|signal| signal.name == name).map(|signal| signal.unit.0)
-    };
+    let unit =
+        |name: &str| profile.signals.iter().find(|signal| signal.name == name).map(|signal| signal.unit.0);
     let dataset = Dataset::read(&arguments.logs, &split, &unit).map_err(anyhow::Error::from)?;
     let choice = Choice {
         axis: arguments.axis.clone(),
@@ -121,12 +136,16 @@ fn find(arguments: &Arguments, profile: &Profile) -> Result<Identified, Failure>
         without: arguments.without.clone(),
         keep: arguments.keep.clone(),
         resample: arguments.resample,
+        position: arguments.position.clone().map(|name| (name, arguments.position_reference)),
     };
     let ready = ready(profile, &dataset, &choice).map_err(anyhow::Error::from)?;
     let mut settings = Settings {
         method: arguments.method,
         terms: arguments.terms,
         independent: arguments.independent,
+        waiting: arguments.waiting.clone(),
+        first: arguments.first.clone(),
+        second: arguments.second.clone(),
         ..Settings::default()
     };
     if !arguments.lags.is_empty() {

@@ -15,11 +15,14 @@ use crate::compensation::model::{Known, Lag, Reference, Term};
 use crate::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
 
 /// Time constants that are tried: none, 3, 6, 12, 25, 50, 100 and 200 minutes.
-pub const LAGS_MIN: [u64; 8] = [0, 3, 6, 12, 25, 50, 100, 200];
+pub const LAGS_MIN: [u32; 8] = [0, 3, 6, 12, 25, 50, 100, 200];
 
 /// The usual lags.
 pub fn usual_lags() -> Vec<Option<Duration>> {
-    LAGS_MIN.iter().map(|minutes| (*minutes > 0).then(|| Duration::from_secs(minutes * 60))).collect()
+    LAGS_MIN
+        .iter()
+        .map(|minutes| (*minutes > 0).then(|| Duration::from_secs(u64::from(*minutes) * 60)))
+        .collect()
 }
 
 /// One column of the bank.

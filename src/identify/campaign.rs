@@ -108,7 +108,9 @@ impl<'a> Campaign<'a> {
             let value = run.values[*column][row];
             match range {
                 _ if value.is_nan() => Reading::bad(now, Reason::NotInLog),
-                Some((low, high)) if !(*low..=*high).contains(&value) => Reading::bad(now, Reason::OutOfRange),
+                Some((low, high)) if !(*low..=*high).contains(&value) => {
+                    Reading::bad(now, Reason::OutOfRange)
+                }
                 _ => Reading::good(value, now),
             }
         }));

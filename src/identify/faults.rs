@@ -25,6 +25,8 @@ const STUCK: Duration = Duration::from_secs(3600);
 const MOVED: f64 = 0.1;
 const MOVED_STEPS: f64 = 5.0;
 const MISSING: f64 = 0.2;
+/// A sensor that moves less, °C, in any run is constant.
+const STANDS_STILL: f64 = 1e-6;
 
 /// A sensor that is left out.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -58,7 +60,8 @@ pub fn find(dataset: &Dataset, columns: &[usize]) -> Vec<Excluded> {
 fn reasons(dataset: &Dataset, series: &[Vec<Minutes>], place: usize, column: usize) -> Vec<String> {
     let resolution = resolution(dataset, column);
     let spans: Vec<f64> = series.iter().map(|run| range(&run[place].values)).collect();
-    if spans.iter().all(|span| *span < 2.0 * resolution.min(0.05)) {
+    let least = (2.0 * resolution).clamp(STANDS_STILL, 0.05);
+    if spans.iter().all(|span| *span < least) {
         return vec!["constant: it tells nothing".to_owned()];
     }
     let lively = liveliness(series, place);
@@ -71,7 +74,9 @@ fn reasons(dataset: &Dataset, series: &[Vec<Minutes>], place: usize, column: usi
             reasons.push(format!("missing in {:.0} % of the rows of {}", 100.0 * share, run.name));
         }
         reasons.extend(jump(own).map(|fault| format!("{fault} in {}", run.name)));
-        reasons.extend(stuck(sensors, place, resolution, lively).map(|fault| format!("{fault} in {}", run.name)));
+        reasons.extend(
+            stuck(sensors, place, resolution, lively).map(|fault| format!("{fault} in {}", run.name)),
+        );
     }
     reasons
 }
@@ -106,8 +111,7 @@ fn jump(own: &Minutes) -> Option<String> {
         let (before, at) = (own.values[place - 1], clock(own.seconds[place]));
         let soon = (place..own.values.len())
             .take_while(|next| own.seconds[*next] - own.seconds[place] <= SPIKE_LASTS.as_secs_f64());
-        let returns =
-            soon.clone().skip(1).any(|next| (own.values[next] - before).abs() < 0.5 * step.abs());
+        let returns = soon.clone().skip(1).any(|next| (own.values[next] - before).abs() < 0.5 * step.abs());
         if returns && step.abs() > SPIKE {
             let spikes = spikes(own);
             let more = if spikes > 1 { format!(", {spikes} times") } else { String::new() };
@@ -138,13 +142,15 @@ fn stuck(sensors: &[Minutes], place: usize, resolution: f64, lively: f64) -> Opt
     let mut begin = 0;
     let mut longest: Option<(f64, f64, f64)> = None;
     for end in 1..=own.values.len() {
-        let goes_on =
-            end < own.values.len() && (own.values[end] - own.values[begin]).abs() < 1e-9 * own.values[begin].abs().max(1.0);
+        let goes_on = end < own.values.len()
+            && (own.values[end] - own.values[begin]).abs() < 1e-9 * own.values[begin].abs().max(1.0);
         if goes_on {
             continue;
         }
         let (from, to) = (own.seconds[begin], own.seconds[end - 1]);
-        if to - from >= STUCK.as_secs_f64() && longest.is_none_or(|(from, to, _)| own.seconds[end - 1] - own.seconds[begin] > to - from) {
+        if to - from >= STUCK.as_secs_f64()
+            && longest.is_none_or(|(from, to, _)| own.seconds[end - 1] - own.seconds[begin] > to - from)
+        {
             let expected = lively * neighbours(sensors, place, from, to);
             if expected > MOVED.max(MOVED_STEPS * resolution) {
                 longest = Some((from, to, expected));
@@ -163,7 +169,8 @@ fn stuck(sensors: &[Minutes], place: usize, resolution: f64, lively: f64) -> Opt
 /// How far the other sensors moved in this time: the median of their ranges.
 fn neighbours(sensors: &[Minutes], place: usize, from: f64, to: f64) -> f64 {
     let moved = |sensor: &Minutes| {
-        let inside = sensor.seconds.iter().zip(&sensor.values).filter(|(second, _)| (from..=to).contains(*second));
+        let inside =
+            sensor.seconds.iter().zip(&sensor.values).filter(|(second, _)| (from..=to).contains(*second));
         range(&inside.map(|(_, value)| *value).collect::<Vec<f64>>())
     };
     let others = sensors.iter().enumerate().filter(|(other, _)| *other != place);

@@ -6,13 +6,13 @@ use super::bank::Candidate;
 use super::campaign::Campaign;
 use super::dataset::Kind;
 use super::faults::Excluded;
+use super::gram::count;
 use super::learn::{Learned, Learner};
 use super::method::{Method, Settings};
 use super::region::Region;
 use super::setup::Ready;
 use super::uncertainty::standard_errors;
 use super::validate::{HeldOut, RunScore, leave_one_run_out};
-use super::gram::count;
 
 /// A model with its cross-validation. Serialized, it is the JSON of `identify`.
 #[derive(Clone, Debug, Serialize)]
@@ -54,6 +54,8 @@ pub struct Identified {
     /// Where its inputs were.
     #[serde(skip)]
     pub region: Option<Region>,
+    /// The slope's position signal and where the slope adds nothing, mm.
+    pub position: Option<(String, f64)>,
     /// What references are the mean over, s.
     pub settle_s: f64,
 }
@@ -120,14 +122,17 @@ pub fn identify(
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Result<Identified, String> {
     let campaign = &ready.campaign;
-    let learner = settings.method.prepare(campaign, settings);
+    let learner = settings.method.prepare(campaign, settings)?;
     check_rows(learner.as_ref())?;
     let held_out = leave_one_run_out(campaign, learner.as_ref(), &[], probe, progress)?;
     let runs: Vec<usize> = (0..learner.bank().runs.len()).collect();
     let learned = learner.learn(&runs, &[])?;
     let inputs = inputs_of(&learned);
-    let stand_ins =
-        if fallbacks && inputs.len() > 1 { stand_ins(campaign, learner.as_ref(), &inputs)? } else { Vec::new() };
+    let stand_ins = if fallbacks && inputs.len() > 1 {
+        stand_ins(campaign, learner.as_ref(), &inputs)?
+    } else {
+        Vec::new()
+    };
     let error = campaign.dataset.columns[campaign.error].name.clone();
     let means = means(held_out.iter().map(|held| (held.score.range_um, held.score.rmse_um)));
     let bare = |held: &HeldOut| (held.score.uncompensated_range_um, held.score.uncompensated_rmse_um);
@@ -146,6 +151,7 @@ pub fn identify(
         fallbacks: stand_ins,
         remarks: ready.remarks.clone(),
         region: Region::of(campaign, learner.bank(), &inputs),
+        position: campaign.position.as_ref().map(|position| (position.name.clone(), position.reference)),
         settle_s: campaign.machine.settle.as_secs_f64(),
         error,
         held_out,

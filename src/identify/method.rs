@@ -8,11 +8,16 @@ use super::campaign::Campaign;
 use super::gram::Gram;
 use super::learn::{Learned, Learner};
 
+mod difference;
 mod forward;
+mod lag;
 mod least_squares;
+mod position;
+
 mod ridge;
 mod sparse;
 mod stepwise;
+mod two_source;
 
 /// How a model is found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -26,6 +31,14 @@ pub enum Method {
     Stepwise,
     /// Least squares on the rises of all sensors, without lags
     Ols,
+    /// One time constant for each of a few sensors, fitted (Janeczko 1989)
+    Lag,
+    /// Terms of Cz and of its slope over --position (Li et al. 1998)
+    Position,
+    /// --first sensors from the --waiting runs, --second sensors from what is left on the others (Tachiya et al. 2013)
+    TwoSource,
+    /// One gain for the difference of two sensors (JP H07-61598 B2)
+    Difference,
     /// No model: the bare machine, or a probe alone
     None,
 }
@@ -39,6 +52,12 @@ pub struct Settings {
     pub lags: Vec<Option<Duration>>,
     /// Most terms of a chosen model; `None`: the method's own limit.
     pub terms: Option<usize>,
+    /// two-source: the runs in which only the first source is at work.
+    pub waiting: Vec<String>,
+    /// two-source: inputs of the first source.
+    pub first: Vec<String>,
+    /// two-source: inputs of the second.
+    pub second: Vec<String>,
     /// Rows closer than this are no independent samples: partial F tests count one sample per so long.
     pub independent: Duration,
 }
@@ -49,6 +68,9 @@ impl Default for Settings {
             method: Method::default(),
             lags: usual_lags(),
             terms: None,
+            waiting: Vec::new(),
+            first: Vec::new(),
+            second: Vec::new(),
             independent: Duration::from_secs(1800),
         }
     }
@@ -62,6 +84,10 @@ impl Method {
             Method::RidgeLag => "ridge-lag",
             Method::Stepwise => "stepwise",
             Method::Ols => "ols",
+            Method::Lag => "lag",
+            Method::Position => "position",
+            Method::TwoSource => "two-source",
+            Method::Difference => "difference",
             Method::None => "none",
         }
     }
@@ -72,27 +98,39 @@ impl Method {
     }
 
     /// The method with its data.
-    pub fn prepare(self, campaign: &Campaign<'_>, settings: &Settings) -> Box<dyn Learner> {
-        let lags: &[Option<Duration>] = match self {
-            Method::Ols | Method::None => &[None],
-            _ => &settings.lags,
+    ///
+    /// # Errors
+    /// A sentence: what the method lacks.
+    pub fn prepare<'a>(
+        self,
+        campaign: &'a Campaign<'a>,
+        settings: &Settings,
+    ) -> Result<Box<dyn Learner + 'a>, String> {
+        let stepwise = stepwise::Stepwise {
+            rows_per_sample: (settings.independent.as_secs_f64() / campaign.row_seconds()).max(1.0),
+            terms: settings.terms.unwrap_or(usize::MAX),
         };
-        let bank = Bank::of(campaign, lags);
-        let grams = Gram::each(&bank);
         let rule: Box<dyn Rule> = match self {
             Method::SparseLag => Box::new(sparse::Sparse { terms: settings.terms }),
             Method::RidgeLag => Box::new(ridge::Ridge),
-            Method::Stepwise => {
-                let rows_per_sample = settings.independent.as_secs_f64() / campaign.row_seconds();
-                Box::new(stepwise::Stepwise {
-                    rows_per_sample: rows_per_sample.max(1.0),
-                    terms: settings.terms.unwrap_or(usize::MAX),
-                })
-            }
+            Method::Stepwise | Method::Position => Box::new(stepwise),
             Method::Ols => Box::new(least_squares::LeastSquares),
             Method::None => Box::new(Nothing),
+            Method::Difference => Box::new(difference::Difference),
+            Method::TwoSource => Box::new(two_source::TwoSource::new(campaign, settings)?),
+            Method::Lag => {
+                let bank = Bank::of(campaign, &settings.lags);
+                return Ok(Box::new(lag::Lagging::new(campaign, bank, settings.terms)));
+            }
         };
-        Box::new(OnBank { bank, grams, rule })
+        let plain: &[Option<Duration>] = &[None];
+        let bank = match self {
+            Method::SparseLag | Method::RidgeLag | Method::Stepwise => Bank::of(campaign, &settings.lags),
+            Method::Position => position::bank(campaign)?,
+            _ => Bank::of(campaign, plain),
+        };
+        let grams = Gram::each(&bank);
+        Ok(Box::new(OnBank { bank, grams, rule }))
     }
 }
 

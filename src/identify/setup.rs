@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::campaign::{Campaign, Input};
+use super::campaign::{Campaign, Input, Position};
 use super::dataset::{BadLog, Dataset, Kind};
 use super::faults::{self, Excluded};
 use super::gram::count;
@@ -25,6 +25,8 @@ pub struct Choice {
     pub keep: Vec<String>,
     /// Rows are averaged over this long.
     pub resample: Duration,
+    /// The signal that says where the axis was, and where the slope adds nothing, mm.
+    pub position: Option<(String, f64)>,
 }
 
 /// A campaign that can be learnt from.
@@ -60,6 +62,7 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
     let mut remarks = dataset.remarks.clone();
     let inputs = inputs(profile, dataset, choice, &mut wrong, &mut remarks);
     check_units(dataset, &inputs, &mut wrong);
+    let position = position(profile, dataset, choice, &mut wrong);
     if let Some(error) = error {
         check_error(dataset, error, &mut wrong);
     }
@@ -92,7 +95,12 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
                 .to_owned(),
         );
     }
-    let campaign = Campaign::new(profile, dataset, error, choice.resample).with_inputs(good);
+    let mut campaign = Campaign::new(profile, dataset, error, choice.resample).with_inputs(good);
+    if position.is_some() {
+        // Places that are visited in turn must not be averaged.
+        campaign.resample = Duration::ZERO;
+        campaign.position = position;
+    }
     Ok(Ready { campaign, axis, excluded, remarks })
 }
 
@@ -100,10 +108,9 @@ fn axis(profile: &Profile, choice: &Choice, wrong: &mut Vec<String>) -> Option<S
     let names: Vec<&str> = profile.axes.iter().map(|axis| axis.settings.name.as_str()).collect();
     match (&choice.axis, names.as_slice()) {
         (Some(wanted), _) if names.contains(&wanted.as_str()) => return Some(wanted.clone()),
-        (Some(wanted), _) => wrong.push(format!(
-            "the profile has no axis `{wanted}`{}",
-            nearest(wanted, &names)
-        )),
+        (Some(wanted), _) => {
+            wrong.push(format!("the profile has no axis `{wanted}`{}", nearest(wanted, &names)))
+        }
         (None, [only]) => return Some((*only).to_owned()),
         (None, []) => wrong.push("the profile has no axis; add [axis.z]".to_owned()),
         (None, _) => wrong.push(format!("name the axis with --axis: one of {}", names.join(", "))),
@@ -224,6 +231,30 @@ fn inputs(
     found
 }
 
+fn position(
+    profile: &Profile,
+    dataset: &Dataset,
+    choice: &Choice,
+    wrong: &mut Vec<String>,
+) -> Option<Position> {
+    let (name, reference) = choice.position.as_ref()?;
+    let signal = profile.signals.iter().position(|signal| signal.name == *name);
+    match (signal, dataset.column(name)) {
+        (Some(signal), Some(column)) => {
+            Some(Position { name: name.clone(), signal: SignalId(signal), column, reference: *reference })
+        }
+        (None, _) => {
+            let signals: Vec<&str> = profile.signals.iter().map(|signal| signal.name.as_str()).collect();
+            wrong.push(format!("the profile has no signal `{name}`{}", nearest(name, &signals)));
+            None
+        }
+        (_, None) => {
+            wrong.push(format!("no log has a column `{name}` with the position of the axis"));
+            None
+        }
+    }
+}
+
 fn check_units(dataset: &Dataset, inputs: &[Input], wrong: &mut Vec<String>) {
     let temperatures = inputs.iter().filter(|input| dataset.columns[input.column].kind == Kind::Temperature);
     let begins: Vec<f64> = temperatures
@@ -260,10 +291,9 @@ fn check_error(dataset: &Dataset, error: usize, wrong: &mut Vec<String>) {
         ));
     } else if widest < 0.05 {
         let rows: usize = dataset.runs.iter().map(|run| values(run).len()).sum();
-        let mean = dataset.runs.iter().map(|run| range(&values(run))).sum::<f64>() / count(dataset.runs.len());
-        wrong.push(format!(
-            "{name} moves by {mean:.4} over {rows} rows: that looks like mm; write µm"
-        ));
+        let mean =
+            dataset.runs.iter().map(|run| range(&values(run))).sum::<f64>() / count(dataset.runs.len());
+        wrong.push(format!("{name} moves by {mean:.4} over {rows} rows: that looks like mm; write µm"));
     }
 }
 

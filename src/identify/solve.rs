@@ -33,8 +33,9 @@ pub(super) fn first_penalty(scaled: &Gram) -> f64 {
 /// Coordinate descent on scaled columns for `½|y − Xw|² + l1·|w|₁ + ½·l2·|w|²`, from `gains` on (Friedman, Hastie,
 /// Tibshirani 2010).
 pub(super) fn elastic_net(scaled: &Gram, l1: f64, l2: f64, gains: &mut DVector<f64>) {
-    const MOST_ROUNDS: usize = 300;
-    const ENOUGH: f64 = 1e-5;
+    const MOST_ROUNDS: usize = 100;
+    // Of the largest gain that one column alone would have.
+    let enough = 1e-4 * first_penalty(scaled);
     let size = scaled.cross.len();
     let mut pull = &scaled.cross - &scaled.square * &*gains - &*gains * l2;
     let mut round = |columns: &mut dyn Iterator<Item = usize>, gains: &mut DVector<f64>| {
@@ -56,12 +57,12 @@ pub(super) fn elastic_net(scaled: &Gram, l1: f64, l2: f64, gains: &mut DVector<f
     };
     // Those that are in settle first; a full round then says whether another comes in.
     for _ in 0..MOST_ROUNDS {
-        if round(&mut (0..size), gains) < ENOUGH {
+        if round(&mut (0..size), gains) <= enough {
             return;
         }
         for _ in 0..MOST_ROUNDS {
             let active: Vec<usize> = (0..size).filter(|column| gains[*column].abs() > 0.0).collect();
-            if round(&mut active.into_iter(), gains) < ENOUGH {
+            if round(&mut active.into_iter(), gains) <= enough {
                 break;
             }
         }

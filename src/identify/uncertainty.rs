@@ -1,8 +1,8 @@
 //! How far a gain may be from the truth.
 //!
 //! Minute rows are not independent: what is left over from one minute is nearly that of the next. The count of samples
-//! is divided by the time over which residuals resemble each other, (1 + ρ)/(1 − ρ) for a first-order process with the
-//! correlation ρ of neighbours. Where three runs or more were left out in turn, the spread of the gains among those
+//! is divided by the time over which residuals resemble each other, 1 + 2·Σρ over their correlations at one row apart, two,
+//! and so on, as long as these are above a twentieth (a run's whole offset counts with it). Where three runs or more were left out in turn, the spread of the gains among those
 //! fits (jackknife) is the second opinion; the larger one is stated.
 
 use nalgebra::DMatrix;
@@ -59,20 +59,21 @@ fn by_residuals(bank: &Bank, gains: &[(Candidate, f64)]) -> Option<Vec<f64>> {
     if columns.is_empty() {
         return None;
     }
-    let (mut power, mut neighbours, mut rows) = (0.0, 0.0, 0.0);
-    for run in &bank.runs {
-        let left: Vec<f64> = (0..run.wanted.len())
-            .map(|row| {
+    let left: Vec<Vec<f64>> = bank
+        .runs
+        .iter()
+        .map(|run| {
+            let of = |row: usize| {
                 let terms = columns.iter().zip(gains);
-                run.wanted[row] - terms.map(|(column, (_, gain))| gain * run.rises[(row, *column)]).sum::<f64>()
-            })
-            .collect();
-        power += left.iter().map(|value| value * value).sum::<f64>();
-        neighbours += left.windows(2).map(|pair| pair[0] * pair[1]).sum::<f64>();
-        rows += count(left.len());
-    }
-    let alike = if power > 0.0 { (neighbours / power).clamp(0.0, 0.999) } else { 0.0 };
-    let each = (1.0 + alike) / (1.0 - alike);
+                run.wanted[row]
+                    - terms.map(|(column, (_, gain))| gain * run.rises[(row, *column)]).sum::<f64>()
+            };
+            (0..run.wanted.len()).map(of).collect()
+        })
+        .collect();
+    let power = products(&left, 0);
+    let rows = count(left.iter().map(Vec::len).sum());
+    let each = alike(&left);
     let grams: Vec<Gram> = bank.runs.iter().map(Gram::of).collect();
     let all: Vec<usize> = (0..grams.len()).collect();
     let (scaled, scales) = Gram::sum(&grams, &all).of_columns(&columns).scaled();
@@ -81,4 +82,19 @@ fn by_residuals(bank: &Bank, gains: &[(Candidate, f64)]) -> Option<Vec<f64>> {
     let variance = power / rows * (rows / each) / free;
     let error = |place: usize| (variance * each * inverse[(place, place)] / rows).sqrt() / scales[place];
     Some((0..columns.len()).map(error).collect())
+}
+
+/// How many rows make one independent sample.
+fn alike(left: &[Vec<f64>]) -> f64 {
+    const MOST_APART: usize = 500;
+    let power = products(left, 0);
+    let longest = left.iter().map(Vec::len).max().unwrap_or(0).min(2 * MOST_APART) / 2;
+    let correlations = (1..longest).map(|apart| products(left, apart) / power);
+    1.0 + 2.0 * correlations.take_while(|correlation| *correlation > 0.05).sum::<f64>()
+}
+
+fn products(left: &[Vec<f64>], apart: usize) -> f64 {
+    let of =
+        |run: &Vec<f64>| run.iter().zip(run.iter().skip(apart)).map(|(one, other)| one * other).sum::<f64>();
+    left.iter().map(of).sum()
 }

@@ -29,7 +29,7 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
     line(&format!("[[axis.{}.model]]", found.axis));
     line(&format!("name = {}", quoted(found.method)));
     match &found.learned {
-        Learned::Sum(_) => line(&sum(&found.terms)),
+        Learned::Sum(_) => line(&sum(&found.terms, found.position.as_ref())),
         Learned::Net { file, inputs: _, .. } => {
             let name = format!("{stem}.network.json");
             line("kind = \"network\"");
@@ -53,7 +53,7 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
         ));
         line(&format!("[[axis.{}.model]]", found.axis));
         line(&format!("name = {}", quoted(&format!("{} without {}", found.method, fallback.without))));
-        line(&sum(&fallback.terms));
+        line(&sum(&fallback.terms, found.position.as_ref()));
     }
     Written { block, files }
 }
@@ -83,14 +83,20 @@ fn head(found: &Identified) -> Vec<String> {
 }
 
 /// kind, offset, terms and slope. A gain has every digit, so that what was validated is what runs.
-fn sum(terms: &[TermFound]) -> String {
+fn sum(terms: &[TermFound], position: Option<&(String, f64)>) -> String {
     let mut text = "kind = \"linear\"\n".to_owned();
-    list(&mut text, "terms = [", terms.iter().filter(|term| !term.slope), "");
+    list(&mut text, "terms = [", terms.iter().filter(|term| !term.slope));
     text.push(']');
+    let mut slope = terms.iter().filter(|term| term.slope).peekable();
+    if let (Some((name, reference)), Some(_)) = (position, slope.peek()) {
+        let begin = format!("\nslope = {{ position = {}, reference = {reference:?}, terms = [", quoted(name));
+        list(&mut text, &begin, slope);
+        text.push_str("] }");
+    }
     text
 }
 
-fn list<'a>(text: &mut String, begin: &str, terms: impl Iterator<Item = &'a TermFound>, indent: &str) {
+fn list<'a>(text: &mut String, begin: &str, terms: impl Iterator<Item = &'a TermFound>) {
     text.push_str(begin);
     text.push('\n');
     for term in terms {
@@ -105,7 +111,7 @@ fn list<'a>(text: &mut String, begin: &str, terms: impl Iterator<Item = &'a Term
         // Writing to a string never fails.
         let _ = writeln!(
             text,
-            "{indent}  {{ signal = {}, gain = {:?}, reference = \"start\"{lag} }},{error}",
+            "  {{ signal = {}, gain = {:?}, reference = \"start\"{lag} }},{error}",
             quoted(&term.signal),
             term.gain
         );

@@ -56,7 +56,11 @@ fn tell(text: &mut String, found: &Identified, probe: Option<Duration>) -> std::
         writeln!(text, "    … and {} smaller ones", terms.len() - MOST_TERMS)?;
     }
     let width = found.runs.iter().map(|run| run.name.chars().count()).max().unwrap_or(0).max(4);
-    writeln!(text, "\n  held out{}     range µm (bare)      RMS µm (bare)", " ".repeat(width.saturating_sub(6)))?;
+    writeln!(
+        text,
+        "\n  held out{}     range µm (bare)      RMS µm (bare)",
+        " ".repeat(width.saturating_sub(6))
+    )?;
     for run in &found.runs {
         writeln!(
             text,

@@ -39,9 +39,9 @@ impl Kind {
         if numbers().all(|value| value.abs() < 1e-12 || (value - 1.0).abs() < 1e-12) {
             return Kind::Switch;
         }
-        let is_named = ["t", "temp", "temperature"]
-            .iter()
-            .any(|word| name.strip_prefix(word).is_some_and(|rest| rest.bytes().all(|b| !b.is_ascii_alphabetic())));
+        let is_named = ["t", "temp", "temperature"].iter().any(|word| {
+            name.strip_prefix(word).is_some_and(|rest| rest.bytes().all(|b| !b.is_ascii_alphabetic()))
+        });
         // A shop, its machine and its coolant; a column that leaves this is something else, or in another unit.
         let is_plausible = numbers().all(|value| (-40.0..=150.0).contains(&value));
         if is_named || is_plausible { Kind::Temperature } else { Kind::Other }
@@ -55,7 +55,9 @@ fn of_unit(unit: &str) -> Option<Kind> {
         "mm" => Kind::Position,
         "um" | "µm" => Kind::Displacement,
         "bool" | "on" => Kind::Switch,
-        "percent" | "l/min" | "bar" | "v" | "mv" | "a" | "ma" | "w" | "kw" | "n" | "nm" | "s" | "count" => Kind::Other,
+        "percent" | "l/min" | "bar" | "v" | "mv" | "a" | "ma" | "w" | "kw" | "n" | "nm" | "s" | "count" => {
+            Kind::Other
+        }
         _ => return None,
     })
 }

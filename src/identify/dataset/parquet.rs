@@ -18,7 +18,10 @@ pub(super) fn read(file: &Path) -> Result<Table, BadLog> {
     let names: Vec<String> = schema.columns().iter().map(|column| column.name().to_owned()).collect();
     let time = names.iter().enumerate().find_map(|(place, name)| Some((place, TimeUnit::of(name)?)));
     let Some((time, unit)) = time else {
-        return Err(refused(format!("there is no column time, time_s or time_min; there are {}", names.join(", "))));
+        return Err(refused(format!(
+            "there is no column time, time_s or time_min; there are {}",
+            names.join(", ")
+        )));
     };
     let rows = reader.get_row_iter(None).map_err(|why| refused(why.to_string()))?;
     let mut wrong = Wrong::in_file(file.to_owned());

@@ -1,0 +1,117 @@
+use std::path::Path;
+use std::time::Duration;
+
+use super::*;
+
+fn read(log: &str, split: &Split) -> Result<Dataset, BadLog> {
+    let table = csv::from_text(Path::new("day.csv"), log.as_bytes())?;
+    Dataset::from_tables(&[table], split, &|name| (name == "bed").then_some("degC"))
+}
+
+#[test]
+fn seconds_minutes_and_dates_are_the_same_times() {
+    for log in [
+        "time,t1\n30,20\n90,21\n",
+        "time_s,t1\n30,20\n90,21\n",
+        "time_min,t1\n0.5,20\n1.5,21\n",
+        "time,t1\n1970-01-01T00:00:30Z,20\n1970-01-01T00:01:30Z,21\n",
+    ] {
+        let run = read(log, &Split::default()).unwrap().runs.remove(0);
+        assert_eq!(run.times, [30, 90].map(|second| Moment::from_nanos(second * 1_000_000_000)), "{log}");
+        assert_eq!(run.seconds().collect::<Vec<f64>>(), [0.0, 60.0]);
+    }
+}
+
+#[test]
+fn columns_are_taken_for_what_their_units_names_and_values_say() {
+    let log = "time,bed,t01,probe_um,scale_mm,spindle_rpm,door,flow_percent,part\n\
+               0,200,20,1.5,-300,900,0,3,A7\n1,210,21,1.6,-299,950,1,4,A7\n";
+    let found = read(log, &Split::default()).unwrap();
+    let kinds: Vec<(&str, Kind)> =
+        found.columns.iter().map(|column| (column.name.as_str(), column.kind)).collect();
+    assert_eq!(
+        kinds,
+        [
+            ("bed", Kind::Temperature),
+            ("t01", Kind::Temperature),
+            ("probe_um", Kind::Displacement),
+            ("scale_mm", Kind::Position),
+            ("spindle_rpm", Kind::Speed),
+            ("door", Kind::Switch),
+            ("flow_percent", Kind::Other),
+        ]
+    );
+}
+
+#[test]
+fn a_file_is_split_by_a_column_or_a_gap() {
+    let log = "time,t1,part\n0,20,A\n60,21,A\n7260,20,B\n7320,22,B\n7380,22,A\n";
+    let names = |split: &Split| -> Vec<(String, usize)> {
+        let runs = read(log, split).unwrap().runs;
+        runs.into_iter().map(|run| (run.name, run.times.len())).collect()
+    };
+    let owned = |list: &[(&str, usize)]| -> Vec<(String, usize)> {
+        list.iter().map(|(name, rows)| ((*name).to_owned(), *rows)).collect()
+    };
+    assert_eq!(names(&Split::default()), owned(&[("day", 5)]));
+    let gap = Split { gap: Some(Duration::from_secs(3600)), column: None };
+    assert_eq!(names(&gap), owned(&[("day 1", 2), ("day 2", 3)]));
+    let column = Split { column: Some("part".to_owned()), gap: None };
+    assert_eq!(names(&column), owned(&[("day A 1", 2), ("day B", 2), ("day A 3", 1)]));
+    let missing = Split { column: Some("cycle".to_owned()), gap: None };
+    let told = read(log, &missing).unwrap_err().to_string();
+    assert_eq!(told, "day.csv: there is no column cycle to split it by; there are t1, part");
+}
+
+#[test]
+fn missing_cells_are_missing_and_decimal_commas_are_told() {
+    let found = read("time,t1\n0,\n60,NaN\n120,20.5\n", &Split::default()).unwrap();
+    assert!(found.runs[0].values[0][0].is_nan() && found.runs[0].values[0][1].is_nan());
+    let told = read("time,t1\n0,20\n60,\"20,5\"\n", &Split::default()).unwrap_err().to_string();
+    assert_eq!(told, "day.csv, line 3, column t1: `20,5` has a decimal comma; write 20.5");
+    let told = read("time;t1\n0;20\n", &Split::default()).unwrap_err().to_string();
+    assert!(told.contains("not separated by commas"), "{told}");
+    let told = read("t1,t2\n0,20\n", &Split::default()).unwrap_err().to_string();
+    assert!(told.contains("line 1: there is no column time") && told.contains("there are t1, t2"), "{told}");
+}
+
+#[cfg(feature = "parquet")]
+#[test]
+fn parquet_is_read_like_csv() {
+    use std::sync::Arc;
+
+    use ::parquet::data_type::{ByteArray, ByteArrayType, DoubleType};
+    use ::parquet::file::properties::WriterProperties;
+    use ::parquet::file::writer::SerializedFileWriter;
+    use ::parquet::schema::parser::parse_message_type;
+
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("day.parquet");
+    let schema = "message log { required double time; optional double t1; required binary part (UTF8); }";
+    let schema = Arc::new(parse_message_type(schema).unwrap());
+    let file = std::fs::File::create(&path).unwrap();
+    let mut writer =
+        SerializedFileWriter::new(file, schema, Arc::new(WriterProperties::builder().build())).unwrap();
+    let mut rows = writer.next_row_group().unwrap();
+    let mut column = rows.next_column().unwrap().unwrap();
+    column.typed::<DoubleType>().write_batch(&[0.5, 60.25, 120.0], None, None).unwrap();
+    column.close().unwrap();
+    let mut column = rows.next_column().unwrap().unwrap();
+    column.typed::<DoubleType>().write_batch(&[20.125, 21.1], Some(&[1, 0, 1]), None).unwrap();
+    column.close().unwrap();
+    let mut column = rows.next_column().unwrap().unwrap();
+    let parts = ["A", "A", "B"].map(ByteArray::from);
+    column.typed::<ByteArrayType>().write_batch(&parts, None, None).unwrap();
+    column.close().unwrap();
+    rows.close().unwrap();
+    writer.close().unwrap();
+
+    let split = Split { column: Some("part".to_owned()), gap: None };
+    let found = Dataset::read(&[path], &split, &|_| None).unwrap();
+    let csv = read("time,t1,part\n0.5,20.125,A\n60.25,,A\n120,21.1,B\n", &split).unwrap();
+    assert_eq!(found.columns, csv.columns);
+    for (one, other) in found.runs.iter().zip(&csv.runs) {
+        assert_eq!((&one.name, &one.times), (&other.name, &other.times));
+        assert_eq!(format!("{:?}", one.values), format!("{:?}", other.values));
+    }
+}

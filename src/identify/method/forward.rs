@@ -84,14 +84,28 @@ impl Fold {
 
 /// The columns, in the order in which they came in. `folds` are pairs of training and held-out products.
 pub(super) fn forward(folds: &[(Gram, Gram)], penalty: f64, most: usize) -> Vec<usize> {
+    let width = folds.first().map_or(0, |(_, held)| held.cross.len());
+    let each_its_own: Vec<Option<usize>> = (0..width).map(Some).collect();
+    forward_once_each(folds, penalty, most, &each_its_own)
+}
+
+/// The same with at most one column of each group; a column without a group stays out.
+pub(super) fn forward_once_each(
+    folds: &[(Gram, Gram)],
+    penalty: f64,
+    most: usize,
+    groups: &[Option<usize>],
+) -> Vec<usize> {
     let mut folds: Vec<Fold> = folds.iter().map(|fold| Fold::new(fold, penalty)).collect();
-    let width = folds.first().map_or(0, |fold| fold.held.cross.len());
     let mut chosen: Vec<usize> = Vec::new();
     let mut now: f64 = folds.iter().map(|fold| fold.held.power).sum();
     while chosen.len() < most {
         let mut with = chosen.clone();
         let mut best: Option<(f64, usize)> = None;
-        for column in (0..width).filter(|column| !chosen.contains(column)) {
+        let is_free = |column: &usize| {
+            groups[*column].is_some() && !chosen.iter().any(|other| groups[*other] == groups[*column])
+        };
+        for column in (0..groups.len()).filter(is_free) {
             with.push(column);
             let cost = |fold: &Fold| {
                 let (mut gains, own, _) = fold.with(&chosen, column);

@@ -38,7 +38,9 @@ impl Rule for Stepwise {
                 (left(&with), column)
             });
             let best = tried.min_by(|one, other| one.0.total_cmp(&other.0));
-            let Some((less, column)) = best.filter(|_| chosen.len() < self.terms && free >= 1.0) else { break };
+            let Some((less, column)) = best.filter(|_| chosen.len() < self.terms && free >= 1.0) else {
+                break;
+            };
             if chance(now, less, free) >= ENTERS {
                 break;
             }
@@ -52,7 +54,8 @@ impl Rule for Stepwise {
                 });
                 let weakest = tried.min_by(|one, other| one.0.total_cmp(&other.0));
                 let free = samples - count(chosen.len());
-                let Some((more, place)) = weakest.filter(|(more, _)| chance(*more, now, free) > LEAVES) else {
+                let Some((more, place)) = weakest.filter(|(more, _)| chance(*more, now, free) > LEAVES)
+                else {
                     break;
                 };
                 chosen.remove(place);

@@ -1,0 +1,10 @@
+//! `isotherm identify` on machines whose truth is known.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot go on fails")]
+#![allow(clippy::cast_precision_loss, reason = "rows of a test")]
+
+mod faulty;
+mod recovered;
+mod rig;
+mod runs;
+mod wrong;

@@ -1,0 +1,119 @@
+//! Wrong input gets a sentence that says what to do.
+
+use isotherm::identify::setup::Choice;
+
+use super::rig::{Machine, Part, choice, refused};
+
+fn logs() -> Vec<String> {
+    let parts = [Part { sensor: 0, gain: 3.0, constant: 0.0 }];
+    let machine = Machine { sensors: 2, parts: parts.to_vec(), step: 60.0, rows: 300, noise: 0.1 };
+    (0..3).map(|seed| machine.day(seed).log()).collect()
+}
+
+fn each(change: impl Fn(&str) -> String) -> Vec<String> {
+    logs().iter().map(|log| change(log)).collect()
+}
+
+#[track_caller]
+fn says(told: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(told.contains(part), "`{part}` is not in: {told}");
+    }
+}
+
+/// Every cell of a column through this.
+fn cells(log: &str, column: usize, change: impl Fn(f64) -> f64) -> String {
+    let mut lines = log.lines();
+    let mut text = lines.next().unwrap().to_owned() + "\n";
+    for line in lines {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        cells[column] = change(cells[column].parse().unwrap()).to_string();
+        text += &(cells.join(",") + "\n");
+    }
+    text
+}
+
+#[test]
+fn an_error_column_that_is_not_there_is_answered_with_the_nearest() {
+    let choice = Choice { error: Some("z_eror_um".to_owned()), ..choice() };
+    says(
+        &refused(2, &logs(), &choice),
+        &["no log has a column `z_eror_um`", "did you mean `z_error_um`?", "--error"],
+    );
+}
+
+#[test]
+fn one_run_alone_cannot_be_validated() {
+    says(
+        &refused(2, &logs()[..1], &choice()),
+        &["one run only, day0", "another day", "--run-column", "--gap 1h"],
+    );
+}
+
+#[test]
+fn fahrenheit_is_told_by_its_numbers() {
+    let logs = each(|log| cells(&cells(log, 1, |c| c * 1.8 + 32.0), 2, |c| c * 1.8 + 32.0));
+    says(&refused(2, &logs, &choice()), &["°F", "(F − 32) / 1.8"]);
+}
+
+#[test]
+fn minutes_that_are_called_seconds_and_seconds_that_are_called_minutes_are_told() {
+    let logs_of_minutes = each(|log| cells(log, 0, |time| time / 60.0));
+    says(
+        &refused(2, &logs_of_minutes, &choice()),
+        &["day0 lasts 4m 59s (300 rows)", "name the column time_min"],
+    );
+    let longer = logs()
+        .iter()
+        .map(|log| log.replace("time,", "time_min,").replace("\n60,", "\n2700000,"))
+        .collect::<Vec<_>>();
+    says(&refused(2, &longer, &choice()), &["line 4: time runs back"]);
+    let seconds = each(|log| cells(log, 0, |time| time * 3.0).replace("time,", "time_min,"));
+    says(&refused(2, &seconds, &choice()), &["name the column time;"]);
+}
+
+#[test]
+fn an_error_that_stands_still_or_is_in_millimetres_is_told() {
+    says(
+        &refused(2, &each(|log| cells(log, 3, |_| 0.25)), &choice()),
+        &["z_error_um stands still in every run"],
+    );
+    says(&refused(2, &each(|log| cells(log, 3, |um| um / 1000.0)), &choice()), &["looks like mm; write µm"]);
+}
+
+#[test]
+fn cells_that_are_no_numbers_are_told_with_file_line_and_column_all_at_once() {
+    let mut logs = logs();
+    logs[0] = logs[0]
+        .lines()
+        .enumerate()
+        .map(|(number, line)| {
+            let line = if number == 6 { line.replacen(',', ",oops", 1) } else { line.to_owned() };
+            line + "\n"
+        })
+        .collect();
+    logs[1] = logs[1].replace("s1", "s0");
+    logs[2] = logs[2].replace("\n180,", "\nnoon,");
+    let told = refused(2, &logs, &choice());
+    says(&told, &["day0.csv, line 7, column s0: `oops", "is no number; leave the cell empty"]);
+    says(&told, &["day1.csv, line 1: the column s0 is there twice"]);
+    says(&told, &["day2.csv, line 5, column time: `noon` is no time"]);
+}
+
+#[test]
+fn names_that_do_not_meet_are_told_from_both_sides() {
+    let logs = each(|log| log.replace("s0", "bed").replace("s1", "column"));
+    says(
+        &refused(2, &logs, &choice()),
+        &["no temperature of the profile (s0, s1)", "(bed, column, z_error_um)"],
+    );
+}
+
+#[test]
+fn an_axis_or_an_input_that_is_not_there_is_told() {
+    let wrong = Choice { axis: Some("y".to_owned()), inputs: vec!["s7".to_owned()], ..choice() };
+    says(
+        &refused(2, &logs(), &wrong),
+        &["the profile has no axis `y`; there are z", "the profile has no signal `s7`"],
+    );
+}
