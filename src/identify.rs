@@ -11,6 +11,7 @@
 //! # Sign
 //! Methods learn the compensation that is wanted, Cz = −(e − its cold value): a gain is the profile's gain.
 
+pub mod balls;
 pub mod bank;
 pub mod campaign;
 pub mod dataset;
