@@ -15,6 +15,7 @@ mod demo;
 mod gauge;
 mod identify;
 mod machines;
+mod measured;
 mod read;
 mod record;
 pub mod replay;
@@ -72,6 +73,8 @@ enum Verb {
     /// Capture the "zero" references in the running gateway
     #[command(after_help = "Example:\n  isotherm zero my-machine.toml")]
     Zero(command::Arguments),
+    /// An axis's measured error, for the running gateway to learn from
+    Measured(measured::Arguments),
     /// The JSON Schema of the profile, for editors
     #[command(after_help = "Example:\n  isotherm schema > isotherm.schema.json")]
     Schema,
@@ -153,6 +156,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Arm(arguments) => command::run(&arguments, crate::observe::status::Command::Arm),
         Verb::Disarm(arguments) => command::run(&arguments, crate::observe::status::Command::Disarm),
         Verb::Zero(arguments) => command::run(&arguments, crate::observe::status::Command::Zero),
+        Verb::Measured(arguments) => measured::run(&arguments),
         Verb::Schema => print_json(&profile::schema()),
         Verb::Completions { shell } => {
             clap_complete::generate(shell, &mut Arguments::command(), "isotherm", &mut std::io::stdout());

@@ -177,6 +177,44 @@ impl Encoding {
         self.scatter(bits, saturated)
     }
 
+    /// The whole counts in these registers, without the bias; `None` for a floating-point type and for the wrong number
+    /// of registers.
+    pub fn counts(&self, words: &[u16]) -> Option<i64> {
+        self.data_type.integer_range()?;
+        let raw = integer_of(self.data_type, self.gather(words).ok()?);
+        i64::try_from(raw - i128::from(self.bias)).ok()
+    }
+
+    /// The registers of these counts of an integer type, cut to its range.
+    pub fn encode_counts(&self, counts: i64) -> Encoded {
+        let Some((low, high)) = self.data_type.integer_range() else {
+            return self.encode(self.value_of(counts));
+        };
+        let wanted = i128::from(counts) + i128::from(self.bias);
+        let fits = wanted.clamp(low, high);
+        self.scatter(to_bits(fits), fits != wanted)
+    }
+
+    /// The smallest and the largest counts that fit, without the bias; `None` for floating point and where they are
+    /// beyond 64 bits.
+    pub fn range_of_counts(&self) -> Option<(i64, i64)> {
+        let (low, high) = self.data_type.integer_range()?;
+        let bias = i128::from(self.bias);
+        Some((i64::try_from(low - bias).ok()?, i64::try_from(high - bias).ok()?))
+    }
+
+    /// The engineering value of these counts.
+    pub fn value_of(&self, counts: i64) -> f64 {
+        // Adding zero turns −0 into 0.
+        self.scaled(as_float(i128::from(counts))) + self.offset + 0.0
+    }
+
+    /// The counts that come nearest to a value, half away from zero.
+    pub fn nearest_counts(&self, value: f64) -> i64 {
+        let counts = as_integer(self.unscaled(value - self.offset).round());
+        i64::try_from(counts).unwrap_or(if counts < 0 { i64::MIN } else { i64::MAX })
+    }
+
     /// `raw · scale`, where a scale such as 0.1 is taken for the tenth that is meant: 229 counts are 22.9, not
     /// 22.900000000000002.
     fn scaled(&self, raw: f64) -> f64 {

@@ -24,12 +24,14 @@ pub mod settings;
 mod axis;
 mod datum;
 mod guard;
+mod probe;
 mod remembered;
 mod running;
 mod state;
 
 pub use guard::Stages;
-pub use model::{Extrapolation, Unusable};
+pub use model::{CLEARLY_INSIDE, Extrapolation, Unusable};
+pub use probe::{Measured, Probe, Probed, Refused, Residual};
 pub use remembered::{AxisRemembered, Remembered};
 pub use running::AxisRunning;
 pub use state::AxisState;
@@ -63,6 +65,10 @@ pub struct Control {
     pub take_over: Option<Micron>,
     /// The same for a slope that the control applies itself: what it comes to at the axis's reach.
     pub take_over_slope: Option<Micron>,
+    /// What probings have taught is taken back.
+    pub forget: bool,
+    /// An error that was measured, to learn from.
+    pub measured: Option<Measured>,
 }
 
 impl Control {
@@ -114,8 +120,11 @@ impl Permit {
 pub struct Decision {
     /// When.
     pub at: Moment,
-    /// The model's Cz, before the guard.
+    /// The model's Cz with its correction, before the guard.
     pub raw: Option<Micron>,
+    /// What probings have added to the model's own Cz.
+    #[serde(default)]
+    pub correction: Micron,
     /// Which model gave it: its place in the profile's list.
     pub model: Option<usize>,
     /// Cz after the guard: what is to be written.
@@ -133,6 +142,9 @@ pub struct Decision {
     pub tripped: bool,
     /// How far the machine is from what the model in use was identified on; `None` inside.
     pub extrapolating: Option<Extrapolation>,
+    /// The same as a number: above 0 outside, negative inside; `None` where the model in use has neither envelope nor
+    /// guideway. [`CLEARLY_INSIDE`] says when outside is over.
+    pub excess: Option<f64>,
 }
 
 /// All axes of a machine, and what they remember.
@@ -182,6 +194,9 @@ impl Compensation {
             if noticed.zeroed {
                 axis.zero(&self.settings, snapshot.now);
             }
+            if noticed.started {
+                axis.started(&self.settings, snapshot.now);
+            }
         }
         for (axis, control) in self.axes.iter_mut().zip(controls) {
             if due(axis, control) {
@@ -222,6 +237,26 @@ impl Compensation {
         let axis = self.axes.get(axis)?;
         let chosen = axis.choose(snapshot, &self.machine).0?;
         axis.is_beyond_error(&chosen).then_some(chosen.raw)
+    }
+
+    /// What probings have taught an axis; `None` where it takes none.
+    pub fn probe(&self, axis: usize) -> Option<&Probe> {
+        self.axes.get(axis).filter(|axis| axis.settings.probe.is_some()).map(|axis| &axis.probe)
+    }
+
+    /// Whether this axis would learn from a measured error now; it is not changed.
+    ///
+    /// # Errors
+    /// What it came to, with why not.
+    pub fn would_learn(
+        &self,
+        axis: usize,
+        snapshot: &Snapshot<'_>,
+        measured: Measured,
+    ) -> Result<(), Probed> {
+        let Some(axis) = self.axes.get(axis) else { return Ok(()) };
+        let probed = axis.judge(snapshot, &self.machine, measured);
+        if probed.refused.is_some() { Err(probed) } else { Ok(()) }
     }
 
     /// The lags go on to a snapshot at which no axis decided. A gateway records no such row; a log from elsewhere has

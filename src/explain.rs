@@ -13,9 +13,11 @@ use crate::reading::SignalId;
 
 mod axis;
 mod output;
+mod set;
 
 pub use axis::{AxisExplained, ModelExplained};
 pub use output::{HeartbeatExplained, WriteExplained};
+pub use set::{HandshakeExplained, SetExplained};
 
 /// The whole machine.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -34,6 +36,8 @@ pub struct Explanation {
     pub axes: Vec<AxisExplained>,
     /// Everything that is ever written.
     pub writes: Vec<WriteExplained>,
+    /// What of that lands together, and how the control is told.
+    pub sets: Vec<SetExplained>,
     /// The register that counts.
     pub heartbeat: Option<HeartbeatExplained>,
 }
@@ -142,6 +146,7 @@ impl Explanation {
                 .collect(),
             axes: profile.axes.iter().map(|axis| axis::explained(profile, axis)).collect(),
             writes: profile.outputs.iter().map(|output| output::explained(profile, output)).collect(),
+            sets: profile.sets.iter().map(|set| set::explained(profile, set)).collect(),
             heartbeat: profile.heartbeat.as_ref().map(|heartbeat| output::heartbeat(profile, heartbeat)),
         }
     }
@@ -239,6 +244,9 @@ impl fmt::Display for Explanation {
         writeln!(f, "\nwrites")?;
         for write in &self.writes {
             write!(f, "{write}")?;
+        }
+        for set in &self.sets {
+            write!(f, "{set}")?;
         }
         match &self.heartbeat {
             Some(heartbeat) => writeln!(f, "  {heartbeat}"),

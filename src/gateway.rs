@@ -27,21 +27,28 @@ mod board;
 pub mod control;
 mod extrapolation;
 mod keeper;
+mod ledger;
 mod levels;
 pub mod log;
 mod memory;
 mod output;
 mod poll;
+mod probing;
+mod restart;
 mod shared;
 mod status;
 mod watch;
 mod words;
 
 use keeper::Keeper;
+use ledger::Ledger;
 use memory::Memory;
 use poll::LineTask;
 use shared::Shared;
 use watch::Watch;
+
+/// How long the end of a run waits for the ledger to be on disk.
+const LAST_PATIENCE: Duration = Duration::from_secs(5);
 
 /// What opens the connections of a bus.
 pub type Dialer = Arc<dyn Fn(&Bus) -> Box<dyn Dial> + Send + Sync>;
@@ -104,6 +111,8 @@ impl Gateway {
             recalled = Memory::recall(&Memory::path(directory, &profile), &profile);
             keeper = Keeper::start(&profile, directory, journal.clone());
         }
+        let remembers = |output: &str| recalled.verified.contains(output);
+        let ledger = Ledger::open(&profile, options.directory.as_deref(), remembers, journal.clone(), clock);
         let sleepers: Vec<Sleeper> = profile.buses.iter().map(|_| clock.join()).collect();
         let bells = sleepers.iter().map(Sleeper::bell).collect();
         let (remembered, trouble) = (recalled.remembered, recalled.trouble);
@@ -113,7 +122,7 @@ impl Gateway {
             journal,
             options.dry_run,
             remembered,
-            keeper,
+            (keeper, ledger),
             bells,
         ));
         if let Some(why) = trouble {
@@ -155,9 +164,17 @@ impl Gateway {
             rested = self.rest(within) => rested,
             () = hurry => false,
         };
+        self.let_go().await;
         tasks.shutdown().await;
         let left = self.shared.what_is_left();
         self.shared.tell(&Event::Stopped { left: left.clone() });
+        self.shared.ledger.finish(LAST_PATIENCE).await;
+        let failed = self.keep_for_the_last_time();
+        Outcome { failed, rested, left }
+    }
+
+    /// Puts the state on disk. Whether something failed inside.
+    fn keep_for_the_last_time(&self) -> bool {
         let mut core = self.shared.core();
         let mut keeper = std::mem::take(&mut core.keeper);
         let now = self.shared.clock.now();
@@ -165,7 +182,7 @@ impl Gateway {
         let failed = core.failed;
         drop(core);
         keeper.finish();
-        Outcome { failed, rested, left }
+        failed
     }
 
     fn start_lines(&mut self, tasks: &mut JoinSet<()>, lines: &mut HashMap<Id, BusId>) -> usize {
@@ -218,6 +235,19 @@ impl Gateway {
         self.shared.hang_bell(bus, sleeper.bell());
         let again = self.line_task(bus, self.shared.clock.now());
         lines.insert(tasks.spawn(again.run(sleeper)).id(), bus);
+    }
+
+    /// Where a strobe is still up, the lines drop it before they end.
+    async fn let_go(&self) {
+        if !self.shared.leave() {
+            return;
+        }
+        let slowest = self.shared.profile.buses.iter().map(|bus| bus.timeout * 3).max();
+        let mut sleeper = self.shared.clock.join();
+        let deadline = sleeper.now().after(slowest.unwrap_or_default());
+        while self.shared.leave() && sleeper.now() < deadline {
+            sleeper.sleep(Duration::from_millis(20)).await;
+        }
     }
 
     /// Waits until every axis is at rest; `false` where that takes too long.

@@ -19,12 +19,14 @@ mod load;
 mod merge;
 mod place;
 mod raw;
+mod set;
 mod walk;
 mod writes;
 
 pub use error::{Errors, ProfileError};
 pub use load::{Loaded, environment, load, parse, parse_with};
 pub use raw::schema;
+pub use set::{Flag, Handshake, OutputSet, SetId, Stretch};
 pub use writes::Writes;
 
 /// One physical line: its place in the profile's list.
@@ -66,6 +68,8 @@ pub struct Profile {
     pub axes: Vec<Axis>,
     /// What is written.
     pub outputs: Vec<Output>,
+    /// Which of them are written as one.
+    pub sets: Vec<OutputSet>,
     /// The register that lets the CNC see the gateway die.
     pub heartbeat: Option<Heartbeat>,
     /// Page, API, metrics.
@@ -224,6 +228,19 @@ pub struct Axis {
     pub settings: AxisSettings,
     /// A lathe's X: the offset acts on the diameter, Cz is doubled when written.
     pub diameter: bool,
+    /// Where its measured error is read; `None`: errors come by command only, if it takes any.
+    pub probe_input: Option<ProbeInput>,
+}
+
+/// Where a probing cycle leaves its result.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ProbeInput {
+    /// The measured error.
+    pub signal: SignalId,
+    /// Tells when there is a new one; without it each change of the error does.
+    pub trigger: Option<SignalId>,
+    /// One unit of the signal in µm of Cz: half of it where the axis acts on a diameter.
+    pub micron: f64,
 }
 
 /// One value that is written.
@@ -247,6 +264,21 @@ pub struct Output {
     pub refresh: Option<Duration>,
     /// Interlock: otherwise held.
     pub when: Option<Condition>,
+    /// What it is written with: a set of its own where it has a handshake of its own.
+    pub set: Option<SetId>,
+    /// The signal that changes at every start of the CNC.
+    pub boot_counter: Option<SignalId>,
+    /// Whose register it is.
+    pub share: Share,
+}
+
+/// Whose register an output writes to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Share {
+    /// Ours.
+    Whole,
+    /// An operator's, of which we own a share; how much, a ledger says.
+    Ledger,
 }
 
 /// How a write is believed.

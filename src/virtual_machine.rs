@@ -10,6 +10,8 @@
 //! registers the tables of a device                        modbus    bytes ↔ requests and answers, pure
 //! fault     what goes wrong, when, for how long           hardware  plant + registers + faults
 //! server    sockets                                       truth     error, Cz, residual, and their ranges
+//! journal   what came over the wire, for tests            control   strobes, acknowledges, sets taken whole
+//! probing   the control's probing cycle, of the axes that have a probe
 //! journal   what came over the wire, for tests
 //! ```
 //!
@@ -32,9 +34,11 @@ use crate::quantity::Moment;
 pub mod fault;
 pub mod plant;
 
+mod control;
 mod hardware;
 mod journal;
 mod modbus;
+mod probing;
 mod registers;
 mod server;
 #[cfg(test)]
@@ -44,6 +48,7 @@ mod tests;
 mod truth;
 mod wander;
 
+pub use control::Taken;
 pub use fault::{FaultError, FaultScript};
 pub use journal::Seen;
 pub use plant::{Plant, PlantError, PlantSpec, Published, PublishedAxis};
@@ -51,11 +56,15 @@ pub use truth::{AxisSummary, AxisTruth, Extent, FIRST_SAMPLE, Summary, TruthRow}
 
 use fault::Faults;
 use hardware::Hardware;
+use probing::Cycle;
 use server::{Door, Line, Shared};
 use truth::Observer;
 
 /// How often the truth is sampled and faults that come by themselves are looked for.
 pub const TICK: Duration = Duration::from_secs(1);
+
+/// How often its probing cycle measures an axis that has a probe.
+const PROBED_EVERY: Duration = Duration::from_secs(3600);
 
 /// What a virtual machine is made of besides its profile.
 #[derive(Clone, Debug, Default)]
@@ -74,6 +83,8 @@ pub struct Setup {
     pub lived: Duration,
     /// How often a row of the truth is kept; `None`: no rows, only the summary.
     pub truth_every: Option<Duration>,
+    /// How often it probes; `None`: once an hour.
+    pub probe_every: Option<Duration>,
     /// Keep every request that reaches a device, for [`Window::requests`].
     pub journal: bool,
 }
@@ -152,6 +163,11 @@ impl Window {
         self.0.hardware().journal.clone().unwrap_or_default()
     }
 
+    /// What controls took of their sets, in its order; nothing unless [`Setup::journal`] asks for it.
+    pub fn taken(&self) -> Vec<Taken> {
+        self.0.hardware().taken.clone()
+    }
+
     /// The truth at the last tick; `None` before the first, and without a plant.
     pub fn latest_truth(&self) -> Option<TruthRow> {
         self.0.hardware().observer.latest().cloned()
@@ -185,7 +201,8 @@ impl VirtualMachine {
             plant
         });
         let faults = Faults::new(setup.faults, begin);
-        let mut hardware = Hardware::new(profile, plant, setup.seed, faults, begin, |axes| {
+        let cycles = Cycle::of(profile, setup.probe_every.unwrap_or(PROBED_EVERY), begin);
+        let mut hardware = Hardware::new(profile, plant, setup.seed, faults, begin, cycles, |axes| {
             Observer::new(axes, begin, setup.truth_every)
         });
         hardware.journal = setup.journal.then(Vec::new);

@@ -15,7 +15,7 @@ use process::{PATIENCE, Running, file, free_port, isotherm};
 
 const MACHINE: &str = include_str!("interop/machine.toml");
 
-const VERBS: [&str; 13] = [
+const VERBS: [&str; 16] = [
     "demo",
     "run",
     "check",
@@ -23,9 +23,12 @@ const VERBS: [&str; 13] = [
     "virtual",
     "record",
     "replay",
+    "identify",
+    "report",
     "arm",
     "disarm",
     "zero",
+    "measured",
     "schema",
     "completions",
     "man",
@@ -201,6 +204,18 @@ fn a_taken_port_and_a_missing_gateway_are_told_in_words() {
         assert!(alone.said.contains("no gateway of this machine is running here"), "{}", alone.said);
         assert!(alone.said.contains("start it with `isotherm run`"), "{}", alone.said);
     }
+    let measured = |more: &[&str]| {
+        let verb = ["measured", "surface-grinder", "--axis", "z"];
+        ended(isotherm(home.path()).args(verb).args(more))
+    };
+    for more in [&["--error", "-3.2"][..], &["--clear"]] {
+        let alone = measured(more);
+        assert_eq!(alone.code, Some(1), "{more:?}");
+        assert!(alone.said.contains("no gateway of this machine is running here"), "{}", alone.said);
+    }
+    for more in [&["--error", "much"][..], &["--error", "NaN"], &["--error", "1", "--clear"], &[]] {
+        assert_eq!(measured(more).code, Some(2), "{more:?}");
+    }
     let open = ended(isotherm(home.path()).args(["run", "surface-grinder", "--listen", "0.0.0.0:0"]));
     assert_eq!(open.code, Some(1));
     assert!(open.said.contains("token_file"), "{}", open.said);
@@ -222,6 +237,7 @@ fn reading_devices_that_are_not_there_is_a_failure_that_names_them() {
 fn a_stopped_gateway_is_at_rest_remembers_and_its_log_replays_bit_for_bit() {
     let home = tempfile::tempdir().unwrap();
     let (text, state) = machine(home.path());
+    let text = text + "\n[axis.z.probe]\nlimit = 10.0\nfilter = 0.5\nmax_error = 100.0\n";
     let profile = file(home.path(), "machine.toml", &text);
     let _devices = devices(home.path(), &profile);
     let mut gateway = isotherm(home.path());
@@ -238,6 +254,16 @@ fn a_stopped_gateway_is_at_rest_remembers_and_its_log_replays_bit_for_bit() {
     gateway.hears("switched off by a person");
     assert_eq!(command("arm").code, Some(0));
     gateway.hears("axis z: armed");
+    let measured = |more: &[&str]| {
+        let verb =
+            isotherm(home.path()).arg("measured").arg(&profile).args(["--state", &state]).args(more).output();
+        String::from_utf8(verb.unwrap().stdout).unwrap()
+    };
+    let learned = measured(&["--axis", "z", "--error", "-0.5", "--json"]);
+    assert!(learned.contains("z: -0.5 µm with a Cz of"), "{learned}");
+    gateway.hears("axis z: probed -0.5 µm");
+    assert!(measured(&["--axis", "z", "--clear"]).contains("is taken back"));
+    gateway.hears("what probings have taught is taken back");
     std::thread::sleep(Duration::from_secs(3));
     gateway.signal("TERM");
     gateway.hears("stopping: the fault actions run, at most");

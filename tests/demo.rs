@@ -108,6 +108,11 @@ fn the_screw_stays_within_single_figures_at_every_position() {
 }
 
 #[test]
+fn the_column_stays_within_fourteen_microns_by_a_matrix_that_saw_no_day_at_all() {
+    twenty_days("column-hmc", "12h", 100.0, 14.0);
+}
+
+#[test]
 fn a_seed_is_the_same_day_again_at_any_speed() {
     let day = demo("surface-grinder", "2h", 7);
     assert_eq!(day, demo("surface-grinder", "2h", 7));

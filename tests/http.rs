@@ -28,7 +28,7 @@ async fn the_page_and_its_files_come_from_the_gateway_alone() {
         let file = door.get(link).await;
         assert_eq!((file.code, file.header("x-content-type-options")), (200, "nosniff"), "{link}");
     }
-    for module in ["words.js", "axis.js", "chart.js", "tables.js"] {
+    for module in ["words.js", "axis.js", "chart.js", "probe.js", "tables.js"] {
         let file = door.get(&format!("/page/{module}")).await;
         assert_eq!(file.header("content-type"), "text/javascript; charset=utf-8", "{module}");
     }
@@ -68,6 +68,52 @@ async fn a_command_reaches_the_gateway_and_its_answer_comes_back() {
     let refused = door.send("POST", "/api/zero", &[], "").await;
     assert_eq!((refused.code, refused.body.as_str()), (409, r#"{"done":false,"answer":"axis z moves"}"#));
     assert_eq!(door.commands(), [Command::Arm, Command::Disarm, Command::Zero]);
+}
+
+#[tokio::test]
+async fn a_measured_error_reaches_the_gateway_and_what_is_none_is_refused_in_words() {
+    let door = Door::open(None).await;
+    let path = "/api/axes/z/measured";
+    let done = door.send("POST", path, &[], r#"{ "error_um": -3.2 }"#).await;
+    assert_eq!((done.code, done.body.as_str()), (200, r#"{"done":true,"answer":"z: as you say"}"#));
+    assert_eq!(door.send("DELETE", path, &[], "").await.code, 200);
+    let refused = door.send("POST", path, &[], r#"{"error_um":26}"#).await;
+    assert_eq!((refused.code, refused.body.contains("not learned from")), (409, true));
+    assert_eq!(door.measured(), [("z".into(), Some(-3.2)), ("z".into(), None), ("z".into(), Some(26.0))]);
+    for body in [
+        "",
+        "3.2",
+        "{}",
+        r#"{"error_um":"3.2"}"#,
+        r#"{"error_mm":3}"#,
+        r#"{"error_um":1e999}"#,
+        r#"{"error_um":NaN}"#,
+    ] {
+        let reply = door.send("POST", path, &[], body).await;
+        assert_eq!((reply.code, reply.body.contains("error_um")), (400, true), "{body}: {}", reply.body);
+    }
+    let strange = door.send("POST", "/api/axes/q/measured", &[], r#"{"error_um":1}"#).await;
+    assert_eq!((strange.code, strange.body.as_str()), (404, "There is no axis q; there are z.\n"));
+    assert_eq!(door.send("POST", path, &[], &"x".repeat(2000)).await.code, 413);
+    assert_eq!(door.get(path).await.code, 405);
+    assert_eq!(door.measured().len(), 3);
+}
+
+#[tokio::test]
+async fn a_measured_error_is_a_command_and_wants_what_commands_want() {
+    let path = "/api/axes/z/measured";
+    let door = Door::open(Some("s3cret")).await;
+    for (method, body) in [("POST", r#"{"error_um":1}"#), ("DELETE", "")] {
+        assert_eq!(door.send(method, path, &[], body).await.code, 401, "{method}");
+        let bearer = [("Authorization", "Bearer s3cret")];
+        assert_eq!(door.send(method, path, &bearer, body).await.code, 200, "{method}");
+    }
+    let door = Door::open(None).await;
+    for (method, body) in [("POST", r#"{"error_um":1}"#), ("DELETE", "")] {
+        let foreign = [("Origin", "http://evil.example")];
+        assert_eq!(door.send(method, path, &foreign, body).await.code, 403, "{method}");
+    }
+    assert_eq!(door.measured().len(), 0);
 }
 
 #[tokio::test]
@@ -277,6 +323,12 @@ async fn metrics_are_valid_and_leave_out_what_is_not_known() {
     expect("isotherm_axis_state", r#",axis="z",state="holding""#, "1");
     expect("isotherm_axis_state", r#",axis="z",state="active""#, "0");
     expect("isotherm_axis_armed", r#",axis="z""#, "1");
+    expect("isotherm_probe_correction_micrometers", r#",axis="z""#, "-1.5");
+    expect("isotherm_probe_residual_micrometers", r#",axis="z""#, "3");
+    expect("isotherm_probe_gain_change", r#",axis="z",model="a",signal="t1",term="0""#, "0.05");
+    expect("isotherm_axis_warned", r#",axis="z""#, "1");
+    expect("isotherm_axis_extrapolating", r#",axis="z""#, "0");
+    expect("isotherm_axis_excess_ratio", r#",axis="z""#, "-0.2");
     expect("isotherm_guard_acting", r#",axis="z",stage="limit""#, "1");
     expect("isotherm_guard_acting", r#",axis="z",stage="round""#, "0");
     expect("isotherm_signal_value", r#",signal="t2",unit="°C""#, "21.25");
@@ -297,6 +349,7 @@ async fn metrics_are_valid_and_leave_out_what_is_not_known() {
     expect("isotherm_output_writes_total", r#",output="z_offset",axis="z""#, "9");
     expect("isotherm_events_total", r#",kind="signal-bad""#, "4");
     assert!(!reply.body.contains("isotherm_axis_raw_micrometers"), "the model gives nothing");
+    assert!(!reply.body.contains("isotherm_axis_tripped{"), "the axis has no error level");
     assert!(!reply.body.contains(r#"isotherm_signal_value{machine="Grinder \"3\" <west>\n\\x",signal="t1""#));
     assert!(!reply.body.contains("NaN"));
 }

@@ -12,9 +12,9 @@ use isotherm::compensation::model::{
     Term,
 };
 use isotherm::compensation::settings::{
-    AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault,
+    AxisSettings, Datum, GainSettings, GuardSettings, Levels, MachineSettings, OnFault, ProbeSettings,
 };
-use isotherm::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
+use isotherm::compensation::{Compensation, Control, Measured, Permit, Remembered, Snapshot};
 use isotherm::quantity::{Micron, Moment};
 use isotherm::reading::{Reading, Reason, SignalId};
 
@@ -38,8 +38,9 @@ fn compensation() -> Compensation {
         _ => None,
     };
     let expression = Expression::parse("2.4 * max(A - (2e-5*t + 23.4), 0)", &resolve).expect("a formula");
-    let input = |place| Input { signal: SignalId(place), reference: Reference::Fixed(20.0) };
-    let matrix = Matrix::new("m.json", vec![input(0), input(1)], SignalId(2), vec![0.0, 20.5], vec![0.5; 4]);
+    let input = |place| Input { signal: SignalId(place), reference: Reference::Fixed(20.0), lag: None };
+    let late = Input { lag: half_an_hour, ..input(0) };
+    let matrix = Matrix::new("m.json", vec![late, input(1)], SignalId(2), vec![0.0, 20.5], vec![0.5; 4]);
     let node = Node { centre: vec![1.0], width: 2.0, weight: 3.0 };
     let scaling = Scaling::new(&[20.0], &[4.0]).expect("scaling");
     let radial = Radial::new(scaling.clone(), vec![node], 0.0, (0.0, 1.0)).expect("nodes");
@@ -48,6 +49,13 @@ fn compensation() -> Compensation {
     let network = |net| Kind::Network(Network::new("n.json", net, vec![input(1)]).expect("one input"));
     let known = Identified { input: input(1), mean: 1.0, range: (0.0, 1.5) };
     let envelope = Envelope::new(vec![known], &[vec![1.0]], None, Outside::Hold).expect("a region");
+    let probe = Some(ProbeSettings {
+        limit: um(10.0),
+        filter: 0.5,
+        max_error: um(100.0),
+        warn: None,
+        gains: Some(GainSettings { forgetting: 0.98, limit: 0.2 }),
+    });
     let axis = AxisSettings {
         name: "z".to_owned(),
         models: vec![
@@ -74,6 +82,7 @@ fn compensation() -> Compensation {
         levels: Levels::default(),
         datum: Datum::Zero,
         apart: None,
+        probe,
     };
     let machine = MachineSettings {
         on: Some(SignalId(3)),
@@ -95,6 +104,7 @@ fn compensation() -> Compensation {
 fn a_step_allocates_nothing() {
     let mut compensation = compensation();
     let mut seen = Vec::with_capacity(6);
+    let mut taught = false;
     let mut look = |at: u32| {
         let now = Moment::from_nanos(u64::from(at) * 10_000_000_000);
         let level = f64::from(u8::from(at % 50 > 10));
@@ -104,11 +114,15 @@ fn a_step_allocates_nothing() {
         let readings = [bed, other, Reading::good(21.0, now), level, level];
         let permit = if at % 300 > 280 { Permit::Stopping } else { Permit::Armed };
         let take_over = at.is_multiple_of(100).then(|| um(5.0));
-        let control = Control { permit, take_over, ..Control::default() };
+        let error = um(f64::from(at % 7) - 3.0);
+        let measured = at.is_multiple_of(6).then_some(Measured { error, acting: Some(um(5.0)) });
+        let forget = at.is_multiple_of(700);
+        let control = Control { permit, take_over, measured, forget, ..Control::default() };
         compensation.step(&Snapshot { now, readings: &readings }, &[control; 5]);
         if at.is_multiple_of(70) {
             compensation.zero(now);
         }
+        taught |= compensation.probe(3).is_some_and(|probe| probe.history().len() == 48);
         for decision in compensation.decisions() {
             if !seen.contains(&decision.state.name()) && seen.len() < seen.capacity() {
                 seen.push(decision.state.name());
@@ -118,6 +132,7 @@ fn a_step_allocates_nothing() {
     look(0);
     let allocated = allocation_counter::measure(|| (1..5000).for_each(&mut look));
     assert_eq!(allocated.count_total, 0, "{allocated:?}");
+    assert!(taught, "nothing was learned");
     for state in ["active", "degraded", "holding", "ramping", "zeroed"] {
         assert!(seen.contains(&state), "{state} was not visited: {seen:?}");
     }

@@ -26,7 +26,7 @@ use table::Table;
 #[command(after_help = "Examples:\n  isotherm demo\n  isotherm demo sinker-edm --for 12h\n  \
                   isotherm demo --speed 3600 --for 8h --seed 7 --json")]
 pub(super) struct Arguments {
-    /// A shipped machine: surface-grinder, sinker-edm, xc100-lathe, ram-mc, parts-vmc, spindle-hmc, jcs018a-vmc, screw-axis
+    /// A shipped machine: surface-grinder, sinker-edm, xc100-lathe, ram-mc, parts-vmc, spindle-hmc, jcs018a-vmc, screw-axis, column-hmc
     #[arg(default_value = "surface-grinder")]
     machine: String,
     /// How many times faster than the wall the machine's time runs, at most
@@ -217,4 +217,24 @@ fn told(published: &Published) -> Vec<String> {
 /// Nanometres are below what means anything here.
 fn round(value: f64) -> f64 {
     (value * 1000.0).round() / 1000.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_machine_states_its_sources_figures_beside_ours() {
+        for name in machines::names() {
+            let (profile, plant) = machines::with_plant(name).unwrap();
+            let published = plant.published().unwrap_or_else(|| panic!("{name}: its source is not told"));
+            let axes: Vec<&str> = profile.axes.iter().map(|axis| axis.settings.name.as_str()).collect();
+            assert!(published.axes.iter().all(|figure| axes.contains(&figure.name.as_str())), "{name}");
+            let lines = told(published);
+            assert!(
+                lines[0].starts_with("Its source: ") && lines.len() == 1 + published.axes.len(),
+                "{lines:?}"
+            );
+        }
+    }
 }

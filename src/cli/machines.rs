@@ -7,7 +7,7 @@ use crate::profile::{self, Profile};
 use crate::virtual_machine::PlantSpec;
 
 /// Name and text of each, the default first.
-const SHIPPED: [(&str, &str); 8] = [
+const SHIPPED: [(&str, &str); 9] = [
     ("surface-grinder", include_str!("../../profiles/surface-grinder.toml")),
     ("sinker-edm", include_str!("../../profiles/sinker-edm.toml")),
     ("xc100-lathe", include_str!("../../profiles/xc100-lathe.toml")),
@@ -16,10 +16,12 @@ const SHIPPED: [(&str, &str); 8] = [
     ("spindle-hmc", include_str!("../../profiles/spindle-hmc.toml")),
     ("jcs018a-vmc", include_str!("../../profiles/jcs018a-vmc.toml")),
     ("screw-axis", include_str!("../../profiles/screw-axis.toml")),
+    ("column-hmc", include_str!("../../profiles/column-hmc.toml")),
 ];
 
 /// The matrices, networks and envelopes that the shipped profiles name, by those names.
-pub(super) const FILES: [(&str, &[u8]); 0] = [];
+pub(super) const FILES: [(&str, &[u8]); 1] =
+    [("column-hmc.json", include_bytes!("../../profiles/column-hmc.json"))];
 
 /// The names, for help and errors.
 pub(super) fn names() -> impl Iterator<Item = &'static str> {

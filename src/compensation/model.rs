@@ -10,8 +10,9 @@ mod input;
 mod lag;
 mod linear;
 mod matrix;
+mod taught;
 
-pub use envelope::{Beyond, Envelope, Extrapolation, Outside};
+pub use envelope::{Beyond, CLEARLY_INSIDE, Envelope, Extrapolation, Outside, Place};
 pub use formula::{Condition, Expression, ExpressionError, Formula, Symbol};
 pub use input::Input;
 pub use lag::{Lag, Lagged};
@@ -89,8 +90,8 @@ pub struct Asked {
 pub struct Wanted {
     /// As it comes from the model, finite: where the envelope shrinks it, before that.
     pub asked: Asked,
-    /// How far the machine is from what the model was identified on; `None` inside.
-    pub extrapolating: Option<Extrapolation>,
+    /// Where the machine is in or outside what the model was identified on; `None` where that is not known.
+    pub place: Option<Place>,
 }
 
 /// What every kind of model can do.
@@ -106,13 +107,16 @@ pub trait Evaluate {
 }
 
 impl Model {
-    /// Its terms, those of the slope last.
-    pub fn terms(&self) -> impl Iterator<Item = &Term> {
-        let linear = match &self.kind {
-            Kind::Linear(linear) => Some(linear),
-            Kind::Formula(_) | Kind::Matrix(_) | Kind::Network(_) => None,
+    /// What may lag, in order, one [`Lag`] for each: its terms, those of the slope last; the inputs of a matrix or a
+    /// network, as terms of gain 1.
+    pub fn terms(&self) -> impl Iterator<Item = Term> + '_ {
+        let (linear, inputs) = match &self.kind {
+            Kind::Linear(linear) => (Some(linear), &[][..]),
+            Kind::Formula(_) => (None, &[][..]),
+            Kind::Matrix(matrix) => (None, matrix.blocks()),
+            Kind::Network(network) => (None, network.reads()),
         };
-        linear.into_iter().flat_map(Linear::all_terms)
+        linear.into_iter().flat_map(Linear::all_terms).copied().chain(inputs.iter().map(Input::term))
     }
 
     /// What it asks for now, and where its inputs lie.
@@ -121,15 +125,25 @@ impl Model {
     /// What is missing.
     pub fn wants(&self, known: &Known<'_>) -> Result<Wanted, Unusable> {
         let asked = self.evaluate(known)?;
-        let outside = match &self.envelope {
-            Some(envelope) => envelope.look(known)?,
+        let inputs = match &self.envelope {
+            Some(envelope) => Some(envelope.look(known)?),
             None => None,
         };
-        let extrapolating = outside.or_else(|| match &self.kind {
-            Kind::Matrix(matrix) => matrix.beyond(known.snapshot),
+        let guideway = match &self.kind {
+            Kind::Matrix(matrix) => matrix.place(known.snapshot),
             _ => None,
-        });
-        Ok(Wanted { asked, extrapolating })
+        };
+        Ok(Wanted { asked, place: worse(inputs, guideway) })
+    }
+}
+
+/// An envelope comes before a guideway, whose ends count only where the axis is beyond them.
+fn worse(inputs: Option<Place>, guideway: Option<Place>) -> Option<Place> {
+    match (inputs, guideway) {
+        (Some(inside), Some(beyond)) if inside.extrapolating.is_none() && beyond.extrapolating.is_some() => {
+            guideway
+        }
+        _ => inputs.or(guideway),
     }
 }
 

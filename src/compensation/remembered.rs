@@ -1,4 +1,5 @@
-//! What is worth keeping over a restart: the machine's references, the lags of the terms, the datum of the axes.
+//! What is worth keeping over a restart: the machine's references, the lags of the terms, the datum of the axes,
+//! what probings taught them.
 //!
 //! The same stands in the state file and at the first row of a run in its log, so that a replay goes on as the gateway
 //! did. A term is known by axis, model and place; one whose signal, lag or kind of reference is another begins anew.
@@ -10,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::AxisRunning;
 use super::datum::{Level, Zeroing};
 use super::model::{Lag, Lagged, Reference, Term};
+use super::probe::{Probe, ProbeRemembered};
 use super::reference::Machine;
 use super::settings::{AxisSettings, Datum};
 use crate::quantity::Moment;
@@ -20,7 +22,7 @@ pub struct Remembered {
     /// Machine-on time and references.
     #[serde(flatten)]
     pub machine: Machine,
-    /// Those that have lags or a datum.
+    /// Those that have lags, a datum or a probe.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub axes: Vec<AxisRemembered>,
     /// Where the axes stood, for a log that goes on in a new file; none after a restart, which begins at rest.
@@ -36,6 +38,8 @@ pub struct AxisRemembered {
     datum: Vec<DatumRemembered>,
     /// When a datum that is being taken will be complete.
     datum_until: Option<Moment>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    probe: Option<ProbeRemembered>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -100,6 +104,7 @@ impl AxisRemembered {
         settings: &AxisSettings,
         lags: &[Vec<Lag>],
         zeroing: &Zeroing,
+        probe: &Probe,
     ) -> Option<AxisRemembered> {
         let mut terms = Vec::new();
         for (model, lags) in settings.models.iter().zip(lags) {
@@ -118,9 +123,14 @@ impl AxisRemembered {
         let (levels, datum_until) = zeroing.kept();
         let datum = settings.models.iter().zip(levels).filter(|_| settings.datum == Datum::Zero);
         let datum = datum.map(|(model, level)| DatumRemembered { model: model.name.clone(), level: *level });
-        let kept =
-            AxisRemembered { axis: settings.name.clone(), lags: terms, datum: datum.collect(), datum_until };
-        (!kept.lags.is_empty() || !kept.datum.is_empty()).then_some(kept)
+        let kept = AxisRemembered {
+            axis: settings.name.clone(),
+            lags: terms,
+            datum: datum.collect(),
+            datum_until,
+            probe: settings.probe.map(|_| probe.remembered(&settings.models)),
+        };
+        (!kept.lags.is_empty() || !kept.datum.is_empty() || kept.probe.is_some()).then_some(kept)
     }
 
     pub(super) fn lag(&self, model: &str, place: usize, term: &Term) -> Lag {
@@ -130,6 +140,10 @@ impl AxisRemembered {
                 && (Some(kept.constant), kept.reference) == (term.lag, term.reference.into())
         };
         self.lags.iter().find(same).map_or(Lag::default(), |kept| Lag::recalled(kept.lagged))
+    }
+
+    pub(super) fn probe(&self) -> Option<&ProbeRemembered> {
+        self.probe.as_ref()
     }
 
     pub(super) fn zeroing<'a>(&self, models: impl Iterator<Item = &'a str>) -> Zeroing {

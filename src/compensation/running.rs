@@ -16,6 +16,8 @@ pub struct AxisRunning {
     pub(super) state: AxisState,
     pub(super) permit: Permit,
     pub(super) tripped: bool,
+    #[serde(default)]
+    pub(super) kept_outside: bool,
     pub(super) stepped: Option<Moment>,
     pub(super) due: Option<Moment>,
     pub(super) decision: Decision,

@@ -38,6 +38,32 @@ pub struct AxisSettings {
     pub datum: Datum,
     /// The control multiplies the slope by the distance itself and is given both parts; `None`: it is given Cz.
     pub apart: Option<Apart>,
+    /// Measured errors correct its models; `None`: it takes none.
+    pub probe: Option<ProbeSettings>,
+}
+
+/// What a measured error may change.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ProbeSettings {
+    /// Largest correction of a model's Cz, µm.
+    pub limit: Micron,
+    /// The share of a residual that one probing takes into the offset, above 0 and up to 1.
+    pub filter: f64,
+    /// A model that would be wrong by more than this is not what was measured: the probing is refused.
+    pub max_error: Micron,
+    /// A residual beyond it is told: the model ages.
+    pub warn: Option<Micron>,
+    /// The gains of linear models learn as well.
+    pub gains: Option<GainSettings>,
+}
+
+/// How gains learn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GainSettings {
+    /// What the knowledge of one probing is worth at the next, above 0 and up to 1.
+    pub forgetting: f64,
+    /// Largest relative change of a gain.
+    pub limit: f64,
 }
 
 /// Two levels of |Cz|, as controls have them (Beckhoff TF5200: warn, error). `warn` ≤ `limit` ≤ `error`.

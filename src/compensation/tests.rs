@@ -10,6 +10,7 @@ mod lags;
 mod levels;
 mod models;
 mod outside;
+mod probes;
 mod properties;
 mod states;
 
@@ -78,6 +79,7 @@ fn axis(models: Vec<Model>) -> AxisSettings {
         levels: Levels::default(),
         datum: Datum::Model,
         apart: None,
+        probe: None,
     }
 }
 
@@ -103,7 +105,7 @@ impl Rig {
         }
     }
 
-    /// Steps at the present moment; a take-over is handed over once.
+    /// Steps at the present moment; what else the control brings is handed over once.
     fn step(&mut self) -> Decision {
         let (now, values) = (self.now, self.values);
         let readings = values.map(|value| match value.is_nan() {
@@ -111,7 +113,7 @@ impl Rig {
             false => Reading::good(value, now),
         });
         self.compensation.step(&Snapshot { now, readings: &readings }, &[self.control]);
-        (self.control.take_over, self.control.take_over_slope) = (None, None);
+        self.control = Control { permit: self.control.permit, ..Control::default() };
         *self.compensation.decision(0).unwrap()
     }
 

@@ -1,6 +1,7 @@
 //! An axis in words: how Cz is computed, which way it moves, how far and how fast.
 
 use std::fmt;
+use std::time::Duration;
 
 use serde::Serialize;
 
@@ -10,6 +11,7 @@ use crate::profile::{Axis, Profile};
 use crate::reading::SignalId;
 
 mod data;
+mod probe;
 
 /// One axis.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -24,6 +26,9 @@ pub struct AxisExplained {
     pub guard: String,
     /// What happens when no model or output can be used.
     pub on_fault: String,
+    /// What measured errors may change; where the axis takes any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub probe: Option<String>,
 }
 
 /// One model.
@@ -72,6 +77,7 @@ pub(super) fn explained(profile: &Profile, axis: &Axis) -> AxisExplained {
         sign,
         guard: words,
         on_fault: fault_action(settings.on_fault, guard.rate),
+        probe: settings.probe.as_ref().map(|probe| probe::probe(profile, axis, probe)),
     }
 }
 
@@ -154,13 +160,14 @@ fn sum_text(profile: &Profile, terms: &[Term]) -> String {
 fn linear_effects(profile: &Profile, linear: &Linear) -> Vec<String> {
     let mut effects = gains(&linear.terms)
         .into_iter()
-        .map(|(term, gain)| effect(profile, term.signal, gain, &late(profile, &term, "")))
+        .map(|(term, gain)| effect(profile, term.signal, gain, &late(profile, term.signal, term.lag, "")))
         .collect::<Vec<String>>();
     if let Some(slope) = &linear.slope {
         let position = &profile.signal(slope.position).name;
         for (term, gain) in gains(&slope.terms) {
             let beside = format!(" and {position} stands 100 mm above {} mm", figure(slope.reference));
-            effects.push(effect(profile, term.signal, gain * 100.0, &late(profile, &term, &beside)));
+            let place = late(profile, term.signal, term.lag, &beside);
+            effects.push(effect(profile, term.signal, gain * 100.0, &place));
         }
     }
     effects
@@ -178,9 +185,9 @@ fn gains(terms: &[Term]) -> Vec<(Term, f64)> {
     gains
 }
 
-fn late(profile: &Profile, term: &Term, beside: &str) -> String {
-    let signal = &profile.signal(term.signal).name;
-    match term.lag {
+fn late(profile: &Profile, signal: SignalId, lag: Option<Duration>, beside: &str) -> String {
+    let signal = &profile.signal(signal).name;
+    match lag {
         Some(lag) => {
             let lag = humantime::format_duration(lag);
             format!("{beside} (63 % of it {lag} after {signal} has risen)")
@@ -258,6 +265,10 @@ impl fmt::Display for AxisExplained {
         }
         writeln!(f, "  sign: {}", self.sign)?;
         writeln!(f, "  guard: {}", self.guard)?;
-        writeln!(f, "  on a fault: {}", self.on_fault)
+        writeln!(f, "  on a fault: {}", self.on_fault)?;
+        match &self.probe {
+            Some(probe) => writeln!(f, "  probe: {probe}"),
+            None => Ok(()),
+        }
     }
 }

@@ -5,7 +5,7 @@ use std::fmt;
 use serde::Serialize;
 
 use super::Register;
-use crate::profile::{Heartbeat, Output, Profile, Verify, Writes};
+use crate::profile::{Heartbeat, Output, Profile, Share, Verify, Writes};
 
 /// 1 mm in µm.
 const MICRONS: f64 = 1000.0;
@@ -45,6 +45,10 @@ pub struct WriteExplained {
     pub refresh: Option<String>,
     /// Interlock.
     pub when: Option<String>,
+    /// How a restart of the control is seen, besides the register going to zero.
+    pub restart: Option<String>,
+    /// Whose register it is, where it is not ours alone.
+    pub share: Option<&'static str>,
 }
 
 /// The register that counts while the gateway lives.
@@ -129,7 +133,20 @@ pub(super) fn explained(profile: &Profile, output: &Output) -> WriteExplained {
         },
         refresh: output.refresh.map(|refresh| humantime::format_duration(refresh).to_string()),
         when: output.when.as_ref().map(|condition| condition.text.clone()),
+        restart: restart(profile, output),
+        share: (output.share == Share::Ledger).then_some(
+            "what an operator writes there stays; our share is added to it, and a ledger on disk says how much that is",
+        ),
     }
+}
+
+fn restart(profile: &Profile, output: &Output) -> Option<String> {
+    let counter = output.boot_counter.map(|id| profile.signal(id).address);
+    let counter = counter.map(|address| format!("{address} ({}) changes", address.modicon()));
+    let on = profile.machine.on.filter(|_| output.writes.is_scheduled());
+    let on = on.map(|id| format!("{} rises", profile.signal(id).name));
+    let seen: Vec<String> = counter.into_iter().chain(on).collect();
+    (!seen.is_empty()).then(|| seen.join(", or "))
 }
 
 pub(super) fn heartbeat(profile: &Profile, heartbeat: &Heartbeat) -> HeartbeatExplained {
@@ -167,12 +184,22 @@ impl fmt::Display for WriteExplained {
         writeln!(f, "; function {:02}, {} register{plural}", self.function, self.registers)?;
         writeln!(f, "    writes {}", self.meaning)?;
         match self.counts {
+            Some((low, high)) if self.share.is_some() => {
+                writeln!(f, "    counts {low} to {high}, and the operator's part")?;
+            }
             Some((low, high)) => writeln!(f, "    counts {low} to {high}")?,
             None => writeln!(f, "    counts are bounded by the register's type alone")?,
         }
+        if let Some(share) = self.share {
+            writeln!(f, "    {share}")?;
+        }
         writeln!(f, "    believed {}", self.verify)?;
         if let Some(refresh) = &self.refresh {
-            writeln!(f, "    written again every {refresh}")?;
+            let again = if self.share.is_some() { "looked at" } else { "written" };
+            writeln!(f, "    {again} again every {refresh}")?;
+        }
+        if let Some(restart) = &self.restart {
+            writeln!(f, "    read anew, and Cz goes on from there, when {restart}")?;
         }
         match &self.when {
             Some(when) => writeln!(f, "    only when {when}, otherwise held"),

@@ -13,7 +13,7 @@ use crate::codec::Encoded;
 use crate::compensation::AxisState;
 use crate::fieldbus::line::Line;
 use crate::observe::events::Event;
-use crate::profile::{Output, OutputId, Profile, Verify, Writes};
+use crate::profile::{Output, OutputId, Profile, Share, Verify, Writes};
 use crate::quantity::{Micron, Moment};
 use crate::reading::SignalId;
 
@@ -22,7 +22,13 @@ use super::shared::Shared;
 use super::words::{can_be_read, cz_factor, one_step, part};
 
 mod corrected;
+mod exchange;
+mod handshake;
+mod ledger;
 mod register;
+mod set;
+
+pub(super) use set::SetWriter;
 
 /// The registers of one value.
 type Words = Encoded;
@@ -40,6 +46,10 @@ pub(super) struct Writer {
     uncertain: Option<Words>,
     /// Something may have happened to the register: it is compared before anything else is done.
     compare: bool,
+    /// The control was restarted since: whatever stands there now is taken over.
+    restarted: bool,
+    /// Restarts taken note of.
+    restarts: u64,
     /// The decision that was carried out last; the position that was corrected last.
     applied: Moment,
     /// The share of Cz in the last corrected position, and the decision it followed.
@@ -51,8 +61,12 @@ pub(super) struct Writer {
     trouble: Option<Trouble>,
     saturated: bool,
     interlocked: bool,
+    /// Its interlock kept it from being written, or could not be known.
+    held: bool,
     /// Nothing is to be written for now: off, dry run, interlock.
     idle: bool,
+    /// Where the register is shared with an operator: what of it is ours.
+    joint: ledger::Joint,
 }
 
 /// Why the register is not what was decided.
@@ -62,6 +76,8 @@ enum Trouble {
     Link,
     /// It answered, and something else stood there; only a good write ends this.
     Verify,
+    /// The ledger is not on disk, so nothing may be sent.
+    Disk,
 }
 
 /// What is to be done now, as the shared state says.
@@ -76,6 +92,8 @@ struct Order {
     allowed: Option<bool>,
     /// What stands in the register has not been taken over yet: the decision is older than that.
     outdated: bool,
+    /// Restarts of the control so far.
+    restarts: u64,
 }
 
 impl Writer {
@@ -85,6 +103,8 @@ impl Writer {
             known: None,
             uncertain: None,
             compare: false,
+            restarted: false,
+            restarts: 0,
             applied: Moment::default(),
             corrected: None,
             sent: None,
@@ -93,7 +113,9 @@ impl Writer {
             trouble: None,
             saturated: false,
             interlocked: false,
+            held: false,
             idle: true,
+            joint: ledger::Joint::default(),
         }
     }
 
@@ -102,6 +124,7 @@ impl Writer {
         let output = profile.output(self.id);
         let retries = output.writes.is_scheduled() && (self.trouble.is_some() || self.compare);
         match output.refresh {
+            _ if self.joint.waits() => Some(self.tried_at),
             _ if retries => Some(self.tried_at.after(RETRY)),
             Some(refresh) if !self.idle => Some(self.written_at.after(refresh)),
             _ => None,
@@ -119,7 +142,11 @@ impl Writer {
     /// Carries out the axis's last decision, where there is something to do.
     pub(super) async fn offset(&mut self, line: &mut Line, shared: &Shared, now: Moment) {
         let output = shared.profile.output(self.id);
+        if output.share == Share::Ledger {
+            return self.joint_offset(line, shared, output, now).await;
+        }
         let order = self.order(shared, now);
+        self.note_restarts(&order);
         self.idle = order.off || shared.dry_run;
         if self.idle {
             return self.watch(line, shared, output, &order, now).await;
@@ -179,12 +206,20 @@ impl Writer {
                 Writes::Reference => false,
                 _ => arming.take_over.is_some(),
             },
+            restarts: core.restarts.of(self.id),
+        }
+    }
+
+    /// After a restart the register is read and compared before anything else.
+    fn note_restarts(&mut self, order: &Order) {
+        if std::mem::replace(&mut self.restarts, order.restarts) != order.restarts {
+            (self.compare, self.restarted) = (true, true);
         }
     }
 
     /// While the axis is off: looks at the register again with each decision.
     async fn watch(&mut self, line: &mut Line, shared: &Shared, output: &Output, order: &Order, now: Moment) {
-        (self.compare, self.interlocked) = (false, false);
+        self.rest();
         let fresh = order.decided == self.applied && self.known.is_some() && self.trouble.is_none();
         if fresh || line.is_resting(output.device, now) {
             return;
@@ -208,6 +243,11 @@ impl Writer {
         }
     }
 
+    /// Nothing is to be compared or held back while the axis is off: what is read is what it starts from.
+    fn rest(&mut self) {
+        (self.compare, self.restarted, self.interlocked, self.held) = (false, false, false, false);
+    }
+
     /// Whether the interlock keeps it from being written now. Where its condition cannot be known that is a fault, which
     /// the lost signal has told.
     fn holds_back(&mut self, shared: &Shared, output: &Output, order: &Order) -> bool {
@@ -217,7 +257,8 @@ impl Writer {
                     shared.tell(&Event::Released { output: output.name.clone() });
                 }
                 // Whatever happened meanwhile, the axis goes on from what stands there now.
-                self.compare |= std::mem::take(&mut self.idle) && output.writes.is_scheduled();
+                self.compare |= std::mem::take(&mut self.held) && output.writes.is_scheduled();
+                self.idle = false;
                 return false;
             }
             Some(false) => {
@@ -229,7 +270,7 @@ impl Writer {
             }
             None => shared.core().outputs[self.id.0].doubt(),
         }
-        self.idle = true;
+        (self.held, self.idle) = (true, true);
         true
     }
 

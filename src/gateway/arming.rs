@@ -1,10 +1,11 @@
 //! When an axis may decide: arming, what it takes over, and what its outputs allow.
 
 use crate::compensation::Permit;
-use crate::profile::{Arm, Output, Profile, Writes};
+use crate::profile::{Arm, Output, Profile, Share, Writes};
 use crate::quantity::Micron;
 
 use super::output::{OutputState, Standing};
+use super::words::is_beyond_limit;
 
 /// Whether one axis is armed, and why not.
 #[derive(Clone, Debug, Default)]
@@ -67,11 +68,20 @@ impl Arming {
                 (Standing::Verified | Standing::Foreign, Some(_)) if output.writes == Writes::Reference => {}
                 (Standing::Verified | Standing::Foreign, Some(cz)) => {
                     let limit = profile.axes[axis].settings.guard.limit;
-                    if cz.abs() > limit {
+                    let is_beyond = is_beyond_limit(profile, output, cz);
+                    let axis = &profile.axes[axis].settings.name;
+                    if is_beyond && output.share == Share::Ledger {
+                        return Attempt::Refused(format!(
+                            "our share in the register of output {} is {cz}, beyond the limit of ±{limit}; raise \
+                             axis.{axis}.limit until it has gone back to zero",
+                            output.name
+                        ));
+                    }
+                    if is_beyond {
                         return Attempt::Refused(format!(
                             "the register of output {} holds {cz}, beyond the limit of ±{limit}; set it to zero at \
-                             the CNC, or raise axis.{}.limit",
-                            output.name, profile.axes[axis].settings.name
+                             the CNC, or raise axis.{axis}.limit",
+                            output.name
                         ));
                     }
                     if output.writes == Writes::Slope {
@@ -97,13 +107,14 @@ impl Arming {
         Attempt::From(from.unwrap_or(Micron::ZERO), from_slope)
     }
 
-    /// What the axis may do now.
+    /// What the axis may do now. In a dry run no reference position is ever written, and none is waited for.
     pub(super) fn permit(
         &self,
         profile: &Profile,
         axis: usize,
         outputs: &[OutputState],
         stopping: bool,
+        dry_run: bool,
     ) -> Permit {
         if !self.armed {
             return Permit::Off;
@@ -117,7 +128,7 @@ impl Arming {
                 Standing::Unverified => return Permit::Unverified,
                 Standing::Unknown if output.writes.is_scheduled() => return Permit::Unverified,
                 // No slope is brought in before the control knows what it is measured from.
-                _ if !has_its_reference(profile, output, state) => return Permit::Unverified,
+                _ if !dry_run && !has_its_reference(profile, output, state) => return Permit::Unverified,
                 Standing::Interlocked if output.writes.is_scheduled() => permit = Permit::Held,
                 _ => {}
             }

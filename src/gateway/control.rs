@@ -1,6 +1,7 @@
-//! Commands to a running gateway over its own Unix socket in the state directory: `isotherm arm`, `disarm`, `zero`.
+//! Commands to a running gateway over its own Unix socket in the state directory: `isotherm arm`, `disarm`, `zero`, `measured`.
 //!
-//! One line in, one line out: `arm` → `ok z: will be armed …` or `error …`. Who may open the file may command.
+//! One line in, one line out: `arm` → `ok z: will be armed …` or `error …`; `measured z 3.2`, in µm, and `measured z
+//! clear`. Who may open the file may command.
 
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::fs::PermissionsExt;
@@ -15,7 +16,7 @@ use tokio::net::{UnixListener, unix::OwnedReadHalf};
 use crate::observe::status::{Command, Source};
 
 /// Longest command line that is read.
-const LONGEST: u64 = 64;
+const LONGEST: u64 = 256;
 
 /// The socket of a machine.
 pub fn path(directory: &Path, machine: &str) -> PathBuf {
@@ -60,16 +61,23 @@ pub async fn serve(
         tokio::spawn(async move {
             let (reader, mut writer) = stream.into_split();
             let heard = tokio::time::timeout(Duration::from_secs(5), hear(reader)).await;
-            let answer = match heard.ok().flatten().and_then(|line| command(line.trim())) {
-                Some(command) => match source.command(command) {
-                    Ok(said) => format!("ok {said}\n"),
-                    Err(why) => format!("error {why}\n"),
-                },
-                None => "error this socket understands arm, disarm, zero\n".to_owned(),
+            let heard = heard.ok().flatten().unwrap_or_default();
+            let answer = match obey(heard.trim(), source.as_ref()) {
+                Some(Ok(said)) => format!("ok {said}\n"),
+                Some(Err(why)) => format!("error {why}\n"),
+                None => "error this socket understands arm, disarm, zero, measured\n".to_owned(),
             };
             let _ = writer.write_all(answer.as_bytes()).await;
         });
     }
+}
+
+/// Does what a line asks for; `None` where it is not understood.
+fn obey(line: &str, source: &dyn Source) -> Option<Result<String, String>> {
+    let Some(measured) = line.strip_prefix("measured ") else { return Some(source.command(command(line)?)) };
+    let (axis, error) = measured.rsplit_once(' ')?;
+    let error = if error == "clear" { None } else { Some(error.parse().ok()?) };
+    Some(source.measured(axis, error))
 }
 
 async fn hear(reader: OwnedReadHalf) -> Option<String> {
@@ -83,6 +91,19 @@ async fn hear(reader: OwnedReadHalf) -> Option<String> {
 /// # Errors
 /// A sentence: no gateway runs there, or what it refused and why.
 pub fn send(path: &Path, command: Command) -> Result<String, String> {
+    ask(path, word(command))
+}
+
+/// Sends an axis's measured error, µm; `None` takes back what such errors have taught.
+///
+/// # Errors
+/// The same.
+pub fn send_measured(path: &Path, axis: &str, error_um: Option<f64>) -> Result<String, String> {
+    let error = error_um.map_or_else(|| "clear".to_owned(), |error| error.to_string());
+    ask(path, &format!("measured {axis} {error}"))
+}
+
+fn ask(path: &Path, line: &str) -> Result<String, String> {
     let explain = |error: std::io::Error| {
         format!(
             "no gateway of this machine is running here ({}: {error}); start it with `isotherm run`",
@@ -91,7 +112,7 @@ pub fn send(path: &Path, command: Command) -> Result<String, String> {
     };
     let mut stream = UnixStream::connect(path).map_err(explain)?;
     stream.set_read_timeout(Some(Duration::from_secs(5))).map_err(explain)?;
-    writeln!(stream, "{}", word(command)).map_err(explain)?;
+    writeln!(stream, "{line}").map_err(explain)?;
     let mut answer = String::new();
     BufReader::new(stream).read_line(&mut answer).map_err(explain)?;
     match answer.trim().split_once(' ') {

@@ -1,7 +1,8 @@
 //! "Extrapolating" in words and numbers, with the names of the profile.
 
-use crate::compensation::Extrapolation;
 use crate::compensation::model::Outside;
+use crate::compensation::{CLEARLY_INSIDE, Decision, Extrapolation};
+use crate::observe::events::Event;
 use crate::observe::status::ExtrapolationStatus;
 use crate::profile::Profile;
 
@@ -28,7 +29,27 @@ pub(super) fn words(profile: &Profile, found: &Extrapolation) -> String {
     format!("extrapolating: {farthest}; distance {distance:.1}, {reach:.1} is the edge; {does}")
 }
 
-/// The same for programs.
+/// What is to be told: once when it begins, and once when the inputs are clearly inside again, or the model in use has no
+/// region. While no model can be used, nothing is known of either.
+pub(super) fn event(profile: &Profile, axis: &str, decision: &Decision, told: &mut bool) -> Option<Event> {
+    let axis = || axis.to_owned();
+    match &decision.extrapolating {
+        Some(found) if !*told => {
+            *told = true;
+            Some(Event::Extrapolating { axis: axis(), how: words(profile, found) })
+        }
+        None if *told
+            && decision.model.is_some()
+            && decision.excess.is_none_or(|excess| excess < CLEARLY_INSIDE) =>
+        {
+            *told = false;
+            Some(Event::Interpolating { axis: axis() })
+        }
+        _ => None,
+    }
+}
+
+/// How far outside, for programs.
 pub(super) fn status(profile: &Profile, found: &Extrapolation) -> ExtrapolationStatus {
     ExtrapolationStatus {
         distance: found.distance.map(|(distance, _)| distance),
@@ -48,9 +69,48 @@ pub(super) fn status(profile: &Profile, found: &Extrapolation) -> ExtrapolationS
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::compensation::model::Beyond;
+    use std::time::Duration;
+
+    use crate::compensation::model::envelope::Identified;
+    use crate::compensation::model::{Beyond, Envelope, Input, Reference};
+    use crate::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
     use crate::gateway::log::sample;
-    use crate::reading::SignalId;
+    use crate::quantity::Moment;
+    use crate::reading::{Reading, SignalId};
+
+    /// A decision of a rig whose model was identified on a bed of 18 to 28 °C.
+    fn at_the_edge(beds: &[f64]) -> Vec<&'static str> {
+        let mut profile = sample::profile();
+        let input = Input { signal: SignalId(0), reference: Reference::Fixed(0.0), lag: None };
+        let known = Identified { input, mean: 23.0, range: (18.0, 28.0) };
+        let settings = &mut profile.axes[0].settings;
+        settings.models[0].envelope = Envelope::new(vec![known], &[vec![9.0]], None, Outside::Warn).ok();
+        let axes = vec![settings.clone()];
+        let mut compensation = Compensation::new(profile.machine.clone(), axes, Remembered::default());
+        let control = [Control { permit: Permit::Armed, ..Control::default() }];
+        let (mut now, mut told, mut events) = (Moment::from_nanos(0), false, Vec::new());
+        for bed in beds {
+            now = now.after(Duration::from_secs(10));
+            let good = |value: f64| if value.is_nan() { Reading::NEVER } else { Reading::good(value, now) };
+            let readings = [*bed, 24.0, 1.0, 0.0].map(good);
+            compensation.step(&Snapshot { now, readings: &readings }, &control);
+            let decision = compensation.decision(0).unwrap();
+            events.extend(event(&profile, "z", decision, &mut told).map(|event| event.kind()));
+        }
+        events
+    }
+
+    #[test]
+    fn what_trembles_at_the_edge_is_told_once_and_ends_clearly_inside() {
+        let trembling: Vec<f64> = (0..100).map(|row| if row % 2 == 0 { 28.05 } else { 27.95 }).collect();
+        assert_eq!(at_the_edge(&trembling), ["extrapolating"]);
+        assert_eq!(
+            at_the_edge(&[28.1, 27.6, 27.4, 27.6, 28.1]),
+            ["extrapolating", "interpolating", "extrapolating"]
+        );
+        assert_eq!(at_the_edge(&[28.1, f64::NAN, 28.1]), ["extrapolating"], "a broken sensor ends nothing");
+        assert_eq!(at_the_edge(&[27.9, 23.0]), [""; 0]);
+    }
 
     #[test]
     fn how_far_outside_and_what_follows_is_a_sentence() {

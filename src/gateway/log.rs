@@ -11,6 +11,9 @@
 //! - `z_raw_um` … `z_acted`: the axis's decision, made at this row or standing since an earlier one.
 //! - `z_slope_from_um`, `z_slope_um`: the same of a slope that the control applies itself, as what it comes to at the
 //!   axis's reach; only on such an axis.
+//! - `z_measured_um`, `z_acting_um`: an error measured at this row, and the Cz that acted; `z_forget`: 1 where what
+//!   probings taught was taken back; `z_correction_um`: what they add to the model's Cz. Only on an axis with a probe.
+//!   A log from elsewhere may have `z_measured_um` alone: what was decided last acts.
 //! - `machine_memory`: at the first row of a run, what was remembered from before (JSON).
 //! - `machine_zero`: the moment of a command to zero that was given since the row before.
 //!
@@ -36,5 +39,10 @@ const ERROR: &str = "error_um";
 /// Of a slope that the control applies: what was taken over and what was decided, as its effect at the axis's reach.
 const SLOPE_FROM: &str = "slope_from_um";
 const SLOPE: &str = "slope_um";
+/// Of an axis with a probe.
+const MEASURED: &str = "measured_um";
+const ACTING: &str = "acting_um";
+const FORGET: &str = "forget";
+const CORRECTION: &str = "correction_um";
 /// What was decided for an axis, in the order of the columns.
 const DECIDED: [&str; 5] = ["raw_um", "cz_um", "model", "state", "acted"];

@@ -1,10 +1,10 @@
-//! What the gateway remembers over a restart: machine-on time, references, lags, datums, what it last wrote and
-//! verified.
+//! What the gateway remembers over a restart: machine-on time, references, lags, datums, what probings taught,
+//! what it last wrote and verified.
 //!
 //! One JSON file in the state directory, replaced atomically. A file that cannot be used is set aside, never
 //! overwritten, and the gateway starts as if it had none.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -14,8 +14,9 @@ use crate::compensation::Remembered;
 use crate::profile::Profile;
 use crate::quantity::Moment;
 
-/// The layout of the file. One of a later layout is set aside; the first had no lags and no datums.
-const VERSION: u32 = 2;
+/// The layout of the file. One of a later layout is set aside; the first had no lags and no datums, the
+/// second no corrections by probing.
+const VERSION: u32 = 3;
 
 /// The file's content.
 #[derive(Debug, Serialize, Deserialize)]
@@ -36,6 +37,8 @@ pub(super) struct Memory {
 #[derive(Debug, Default)]
 pub(super) struct Recalled {
     pub(super) remembered: Remembered,
+    /// The outputs that an offset was verified in.
+    pub(super) verified: BTreeSet<String>,
     /// A sentence where a file was set aside.
     pub(super) trouble: Option<String>,
 }
@@ -81,7 +84,8 @@ impl Memory {
                     |name| memory.signals.iter().position(|known| known == name),
                     profile.signals.iter().map(|signal| signal.name.as_str()),
                 );
-                Recalled { remembered, trouble: None }
+                let verified = memory.verified_um.into_keys().collect();
+                Recalled { remembered, verified, trouble: None }
             }
             Ok(memory) => {
                 set_aside(path, &format!("it has version {}, this program writes {VERSION}", memory.version))
@@ -101,7 +105,7 @@ fn set_aside(path: &Path, why: &str) -> Recalled {
         "the saved state {} cannot be used: {why}; {moved}; references, lags and machine-on time begin anew",
         path.display()
     );
-    Recalled { remembered: Remembered::default(), trouble: Some(trouble) }
+    Recalled { trouble: Some(trouble), ..Recalled::default() }
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! What the gateway knows of one output: whether what it wrote is what stands there.
 
+use crate::profile::Handshake;
 use crate::quantity::{Micron, Moment};
 
 /// Where an output stands.
@@ -27,10 +28,52 @@ pub(super) struct OutputState {
     pub(super) cz: Option<Micron>,
     /// The value in the register, in the output's unit.
     pub(super) value: Option<f64>,
+    /// The operator's part of that and ours, where the register is shared.
+    pub(super) shares: Option<(f64, f64)>,
     pub(super) verified_at: Option<Moment>,
     pub(super) writes: u64,
     /// Failures since the last verified write.
     pub(super) failures: u64,
+    /// Where its handshake stands.
+    pub(super) handshake: Stand,
+}
+
+/// Where an output's handshake stands.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Stand {
+    /// What it waits for now.
+    pub(super) waits: Option<Wait>,
+    /// What the last one failed at, until one succeeds.
+    pub(super) failed: Option<&'static str>,
+    /// The strobe is up, or may be.
+    pub(super) strobe_up: bool,
+}
+
+/// What a handshake waits for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Wait {
+    /// The acknowledge of something earlier to drop, before anything is written.
+    Clear,
+    /// The acknowledge to rise.
+    Acknowledge,
+    /// The acknowledge to drop, after the strobe has.
+    Release,
+}
+
+impl Stand {
+    /// In words, for the page; empty where nothing is to be said.
+    pub(super) fn words(self, handshake: Option<Handshake>) -> String {
+        let Some(Handshake { strobe, acknowledge, .. }) = handshake else { return String::new() };
+        match (self.failed, self.waits) {
+            (Some(failed), _) => failed.to_owned(),
+            (None, Some(Wait::Acknowledge)) => format!("waits for the acknowledge ({acknowledge})"),
+            (None, Some(Wait::Clear | Wait::Release)) => {
+                format!("waits for the acknowledge to drop ({acknowledge})")
+            }
+            (None, None) if self.strobe_up => format!("the strobe may be up ({strobe})"),
+            (None, None) => String::new(),
+        }
+    }
 }
 
 impl OutputState {

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::apply::Writer;
+use super::apply::{SetWriter, Writer};
 use super::shared::{JITTER_MS, Shared};
 use crate::clock::Sleeper;
 use crate::compensation::model::Evaluate;
@@ -12,7 +12,7 @@ use crate::fieldbus::line::Line;
 use crate::fieldbus::plan::{ReadRequest, plan};
 use crate::fieldbus::wire::{Answer, Request};
 use crate::observe::events::Event;
-use crate::profile::{Arm, BusId, DeviceId, OutputId, Profile, Writes};
+use crate::profile::{Arm, BusId, DeviceId, OutputId, Profile, SetId, Writes};
 use crate::quantity::Moment;
 use crate::reading::SignalId;
 
@@ -29,6 +29,7 @@ pub(super) struct LineTask {
     line: Line,
     polls: Vec<Poll>,
     writers: Vec<Writer>,
+    sets: Vec<SetWriter>,
     pulse: Option<Pulse>,
     /// Inputs of an axis are read here, so its steps are made here, right after them.
     steps_axes: bool,
@@ -81,9 +82,11 @@ impl LineTask {
         polls.sort_by_key(|poll| reads_position(poll.device));
         let writers = (0..profile.outputs.len())
             .map(OutputId)
-            .filter(|id| here(profile.output(*id).device))
+            .filter(|id| here(profile.output(*id).device) && profile.output(*id).set.is_none())
             .map(Writer::new);
         let writers = writers.collect();
+        let sets = (0..profile.sets.len()).map(SetId).filter(|id| here(profile.set(*id).device));
+        let sets = sets.map(|id| SetWriter::new(&shared, id)).collect();
         let pulse =
             profile.heartbeat.as_ref().filter(|heartbeat| here(heartbeat.device)).map(|heartbeat| Pulse {
                 device: heartbeat.device,
@@ -93,10 +96,13 @@ impl LineTask {
                 count: 0,
             });
         let steps_axes = home_lines(profile).contains(&bus);
+        let probed = profile.axes.iter().filter_map(|axis| axis.probe_input);
+        let mut probed = probed.flat_map(|input| [Some(input.signal), input.trigger]).flatten();
         let feeds_others = positions
             .iter()
-            .any(|(position, device)| here(profile.signal(*position).device) && !here(*device));
-        LineTask { bus, line, polls, writers, pulse, steps_axes, feeds_others, shared }
+            .any(|(position, device)| here(profile.signal(*position).device) && !here(*device))
+            || (!steps_axes && probed.any(|signal| here(profile.signal(signal).device)));
+        LineTask { bus, line, polls, writers, sets, pulse, steps_axes, feeds_others, shared }
     }
 
     /// Read requests of one round.
@@ -129,6 +135,9 @@ impl LineTask {
         }
         // Not the beginning of the cycle: readings have aged since, and another line may have stepped.
         let now = self.shared.clock.now();
+        if polled {
+            self.shared.look_for_restarts(now);
+        }
         if self.steps_axes {
             self.shared.advance(self.bus, now);
         }
@@ -147,6 +156,9 @@ impl LineTask {
                 None => writer.offset(&mut self.line, &self.shared, now).await,
                 Some(position) => writer.corrected(&mut self.line, &self.shared, position, now).await,
             }
+        }
+        for set in &mut self.sets {
+            set.advance(&mut self.line, &self.shared, self.shared.clock.now()).await;
         }
     }
 
@@ -221,9 +233,18 @@ impl LineTask {
         // A writer whose refresh is overdue because its device rests must not make the line spin.
         let soon = ended.after(Duration::from_millis(100));
         let refreshes = self.writers.iter().filter_map(|writer| writer.due(&self.shared.profile));
+        let refreshes = refreshes.chain(self.sets.iter().filter_map(|set| set.due(&self.shared.profile)));
+        let asks = self.sets.iter().filter_map(SetWriter::asks);
         let pulse = self.pulse.iter().map(|pulse| pulse.due);
         let idle = ended.after(Duration::from_secs(1));
-        refreshes.map(|due| due.max(soon)).chain(poll).chain(pulse).chain(step).min().unwrap_or(idle)
+        refreshes
+            .map(|due| due.max(soon))
+            .chain(poll)
+            .chain(pulse)
+            .chain(step)
+            .chain(asks)
+            .min()
+            .unwrap_or(idle)
     }
 }
 

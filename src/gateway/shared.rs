@@ -6,8 +6,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use super::arming::Arming;
 use super::board::Board;
 use super::keeper::Keeper;
+use super::ledger::Ledger;
 use super::levels::LevelsTold;
 use super::output::OutputState;
+use super::probing::Probing;
+use super::restart::Restarts;
 use crate::clock::{Bell, Clock};
 use crate::compensation::{AxisState, Compensation, Control, Remembered};
 use crate::observe::events::{Event, Journal};
@@ -15,9 +18,12 @@ use crate::observe::status::Command;
 use crate::profile::{AxisId, BusId, Profile};
 use crate::quantity::Moment;
 
+mod probing;
 mod step;
 mod stop;
 mod tell;
+
+pub(super) use probing::refused_in_words;
 
 /// The gateway's state, shared by its tasks.
 pub(crate) struct Shared {
@@ -26,6 +32,7 @@ pub(crate) struct Shared {
     pub(crate) journal: Arc<Journal>,
     pub(crate) dry_run: bool,
     pub(crate) started: Moment,
+    pub(super) ledger: Ledger,
     bells: Mutex<Vec<Bell>>,
     core: Mutex<Core>,
 }
@@ -35,11 +42,15 @@ pub(super) struct Core {
     pub(super) board: Board,
     pub(super) compensation: Compensation,
     pub(super) arming: Vec<Arming>,
+    pub(super) probing: Vec<Probing>,
     pub(super) outputs: Vec<OutputState>,
     pub(super) devices: Vec<DeviceCount>,
     pub(super) buses: Vec<BusCount>,
     pub(super) keeper: Keeper,
+    pub(super) restarts: Restarts,
     pub(super) stopping: bool,
+    /// The lines end now: no strobe stays up.
+    pub(super) leaving: bool,
     /// An axis has been armed since the start.
     pub(super) was_armed: bool,
     /// Something failed inside: the process ends with an error after the fault actions.
@@ -95,7 +106,7 @@ impl Shared {
         journal: Arc<Journal>,
         dry_run: bool,
         remembered: Remembered,
-        keeper: Keeper,
+        (keeper, ledger): (Keeper, Ledger),
         bells: Vec<Bell>,
     ) -> Shared {
         let axes = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
@@ -103,11 +114,14 @@ impl Shared {
             board: Board::new(&profile),
             compensation: Compensation::new(profile.machine.clone(), axes, remembered),
             arming: vec![Arming::default(); profile.axes.len()],
+            probing: vec![Probing::default(); profile.axes.len()],
             outputs: vec![OutputState::default(); profile.outputs.len()],
             devices: vec![DeviceCount::default(); profile.devices.len()],
             buses: vec![BusCount::default(); profile.buses.len()],
             keeper,
+            restarts: Restarts::new(&profile),
             stopping: false,
+            leaving: false,
             was_armed: false,
             failed: false,
             untold: Vec::new(),
@@ -117,7 +131,8 @@ impl Shared {
             extrapolating: vec![false; profile.axes.len()],
         };
         let started = clock.now();
-        Shared { profile, clock, journal, dry_run, started, bells: Mutex::new(bells), core: Mutex::new(core) }
+        let (bells, core) = (Mutex::new(bells), Mutex::new(core));
+        Shared { profile, clock, journal, dry_run, started, ledger, bells, core }
     }
 
     /// A task that panicked while it held the lock has already stopped the gateway; what it left is still needed for

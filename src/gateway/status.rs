@@ -3,10 +3,11 @@
 use std::time::Duration;
 
 use super::extrapolation;
-use super::shared::{Core, JITTER_MS, Shared};
+use super::shared::{Core, JITTER_MS, Shared, refused_in_words};
 use crate::compensation::Stages;
 use crate::observe::status::{
-    AxisStatus, BusStatus, Command, DeviceStatus, OutputStatus, SignalStatus, Source, Status,
+    AxisStatus, BusStatus, Command, DeviceStatus, GainStatus, OutputStatus, ProbeStatus, ProbedStatus,
+    SharesStatus, SignalStatus, Source, Status,
 };
 use crate::quantity::{Micron, Moment};
 use crate::reading::{Quality, Reason, SignalId};
@@ -42,6 +43,10 @@ impl Source for Shared {
     fn command(&self, command: Command) -> Result<String, String> {
         self.obey(command)
     }
+
+    fn measured(&self, axis: &str, error_um: Option<f64>) -> Result<String, String> {
+        self.take_measured(axis, error_um)
+    }
 }
 
 fn axes(shared: &Shared, core: &Core) -> Vec<AxisStatus> {
@@ -65,13 +70,45 @@ fn axes(shared: &Shared, core: &Core) -> Vec<AxisStatus> {
         warn_um: axis.settings.levels.warn.map(Micron::get),
         warned: core.levels[place].is_warned(),
         error_um: axis.settings.levels.error.map(Micron::get),
+        tripped: decision.tripped,
         armed: core.arming[place].armed,
+        probe: probe(shared, core, place),
         extrapolating: decision
             .extrapolating
             .as_ref()
             .map(|found| extrapolation::status(&shared.profile, found)),
+        excess: decision.excess,
     })
     .collect()
+}
+
+fn probe(shared: &Shared, core: &Core, place: usize) -> Option<ProbeStatus> {
+    let settings = &shared.profile.axes[place].settings;
+    let (bounds, probe) = settings.probe.zip(core.compensation.probe(place))?;
+    let decision = core.compensation.decision(place);
+    Some(ProbeStatus {
+        correction_um: decision.map_or(0.0, |decision| decision.correction.get()),
+        limit_um: bounds.limit.get(),
+        warn_um: bounds.warn.map(Micron::get),
+        max_error_um: bounds.max_error.get(),
+        last: probe.last().map(|last| ProbedStatus {
+            at: last.at.to_string(),
+            error_um: last.error.get(),
+            acting_um: last.acting.get(),
+            residual_um: last.residual.map(Micron::get),
+            refused: last.refused.map(|why| refused_in_words(&shared.profile, place, why, last)),
+        }),
+        history: probe.history().map(|entry| (entry.at.to_string(), entry.residual.get())).collect(),
+        gains: (settings.models.iter().enumerate())
+            .flat_map(|(place, model)| {
+                model.gained().zip(probe.gains(place)).map(|(term, change)| GainStatus {
+                    model: model.name.clone(),
+                    signal: shared.profile.signal(term.signal).name.clone(),
+                    change: *change,
+                })
+            })
+            .collect(),
+    })
 }
 
 fn signals(shared: &Shared, core: &Core, now: Moment) -> Vec<SignalStatus> {
@@ -148,7 +185,9 @@ fn outputs(shared: &Shared, core: &Core, now: Moment) -> Vec<OutputStatus> {
             register: format!("{} ({})", output.address, output.address.modicon()),
             writes: output.writes.name(),
             state: if core.arming[output.axis.0].armed { state.standing.name() } else { "off" },
+            handshake: state.handshake.words(output.set.and_then(|id| shared.profile.set(id).handshake)),
             value: state.value,
+            shares: state.shares.map(|(base, share)| SharesStatus { base, share }),
             writes_done: state.writes,
             age_s: state.verified_at.map(|at| now.since(at)).as_ref().map(Duration::as_secs_f64),
         })

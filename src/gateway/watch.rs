@@ -84,7 +84,8 @@ fn late_line(
 fn limit(profile: &Profile, bus: BusId) -> Duration {
     let devices = profile.devices.iter().filter(|device| device.bus == bus);
     let longest = devices.clone().map(|device| device.every).max().unwrap_or_default();
-    let requests = devices.count() + profile.signals.len() + 4 * profile.outputs.len();
+    let requests =
+        devices.count() + profile.signals.len() + 4 * profile.outputs.len() + 8 * profile.sets.len();
     let requests = u32::try_from(requests).unwrap_or(u32::MAX);
     Duration::from_secs(5) + longest * 4 + profile.bus(bus).timeout.saturating_mul(requests.saturating_mul(2))
 }

@@ -38,12 +38,21 @@ pub(super) fn in_micron(output: &Output, factor: f64, words: &Encoded) -> Option
     Micron::new(value / factor)
 }
 
-/// What a register holds, where the axis may go on from it: within the limit. A reference position is no correction and
-/// has no limit.
+/// What a register holds, where the axis may go on from it: within the limit.
 pub(super) fn within_limit(profile: &Profile, output: &Output, words: &Encoded) -> Option<Micron> {
-    let limit = profile.axis(output.axis).settings.guard.limit;
-    in_micron(output, cz_factor(profile, output), words)
-        .filter(|cz| output.writes == Writes::Reference || cz.abs() <= limit)
+    in_micron(output, cz_factor(profile, output), words).filter(|cz| !is_beyond_limit(profile, output, *cz))
+}
+
+/// Whether a register holds more than its axis may. The arithmetic between counts and µm must not decide that: half a
+/// count more is the limit itself. A reference position is no correction and has no limit.
+pub(super) fn is_beyond_limit(profile: &Profile, output: &Output, cz: Micron) -> bool {
+    let limit = profile.axis(output.axis).settings.guard.limit.get();
+    let slack = match output.encoding.data_type.integer_range() {
+        Some(_) => 0.5 * output.encoding.scale.abs() / cz_factor(profile, output),
+        // What is left of a number in the 24 bits of a float.
+        None => limit * f64::from(f32::EPSILON),
+    };
+    output.writes != Writes::Reference && cz.abs().get() > limit + slack
 }
 
 pub(super) fn words_in_text(output: &Output, words: &Encoded) -> String {
@@ -52,6 +61,11 @@ pub(super) fn words_in_text(output: &Output, words: &Encoded) -> String {
         Ok(value) => format!("{} {unit}", tidy(value, &output.encoding)),
         Err(_) => format!("{:04x?}", words.words()),
     }
+}
+
+/// What so many counts of an output are worth.
+pub(super) fn counts_in_text(output: &Output, counts: i64) -> String {
+    format!("{} {}", tidy(output.encoding.value_of(counts), &output.encoding), output.writes.unit())
 }
 
 /// As many digits as a count has.

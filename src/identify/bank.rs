@@ -156,6 +156,6 @@ fn rise_of(lag: Lag, term: &Term, known: &Known<'_>) -> f64 {
     match known.machine.captured(term.reference, term.signal) {
         None => 0.0,
         Some(reference) if term.lag.is_none() => value - reference.value,
-        Some(_) => lag.rise(term, known),
+        Some(reference) => lag.rise(term, known, value, reference),
     }
 }

@@ -11,6 +11,10 @@ use serde::Serialize;
 
 use crate::quantity::{Micron, Moment};
 
+mod handshake;
+
+pub use handshake::HandshakeFault;
+
 /// How many events are kept for the page.
 const KEPT: usize = 200;
 
@@ -57,6 +61,14 @@ pub enum Event {
     Extrapolating { axis: String, how: String },
     /// They are inside again, or no model is in use.
     Interpolating { axis: String },
+    /// A measured error was learned from.
+    Probed { axis: String, error: Micron, residual: Micron, correction: Micron },
+    /// It was not.
+    ProbeRefused { axis: String, error: Option<Micron>, why: String },
+    /// What measured errors have taught was taken back.
+    ProbeForgotten { axis: String },
+    /// A model was wrong by more than the level at which people are to be told.
+    ModelAges { axis: String, residual: Micron, warn: Micron },
     /// A value did not fit its register and was cut.
     Saturated { output: String, wanted: f64 },
     /// What was read back is not what was written.
@@ -67,8 +79,18 @@ pub enum Event {
     Verified { output: String, failures: u64 },
     /// Somebody else wrote to our register.
     ForeignChange { output: String, expected: String, found: String },
+    /// An operator changed his part of a register of which we own a share.
+    OperatorChange { output: String, from: String, to: String, share: String },
+    /// What of a register is the operator's and what is ours, from now on.
+    LedgerOpened { output: String, base: String, share: String },
+    /// What of a register is ours is not certain; a person has to say.
+    LedgerDoubt { output: String, why: String },
     /// The register was back at zero: the CNC was restarted.
     CncRestarted { output: String, expected: String },
+    /// The boot counter of a control changed.
+    CncBooted { device: String, from: f64, to: f64 },
+    /// A control did not take what was written; `set` is "output cnc_z" or "set plc".
+    Handshake { set: String, fault: HandshakeFault },
     /// The output's interlock opened; nothing is written.
     Interlocked { output: String, when: String },
     /// It closed again.
@@ -121,12 +143,21 @@ impl Event {
             Event::BeyondError { .. } => "beyond-error",
             Event::Extrapolating { .. } => "extrapolating",
             Event::Interpolating { .. } => "interpolating",
+            Event::Probed { .. } => "probed",
+            Event::ProbeRefused { .. } => "probe-refused",
+            Event::ProbeForgotten { .. } => "probe-forgotten",
+            Event::ModelAges { .. } => "model-ages",
             Event::Saturated { .. } => "saturated",
             Event::VerifyFailed { .. } => "verify-failed",
             Event::WriteFailed { .. } => "write-failed",
             Event::Verified { .. } => "verified",
             Event::ForeignChange { .. } => "foreign-change",
+            Event::OperatorChange { .. } => "operator-change",
+            Event::LedgerOpened { .. } => "ledger-opened",
+            Event::LedgerDoubt { .. } => "ledger-doubt",
             Event::CncRestarted { .. } => "cnc-restarted",
+            Event::CncBooted { .. } => "cnc-booted",
+            Event::Handshake { fault, .. } => fault.kind(),
             Event::Interlocked { .. } => "interlocked",
             Event::Released { .. } => "released",
             Event::MachineStarted => "machine-started",
@@ -143,7 +174,9 @@ impl Event {
         match self {
             Event::TaskFailed { .. }
             | Event::VerifyFailed { .. }
+            | Event::Handshake { .. }
             | Event::ForeignChange { .. }
+            | Event::LedgerDoubt { .. }
             | Event::BeyondError { .. }
             | Event::ArmRefused { .. } => Level::Error,
             Event::LinkDown { .. }
@@ -152,9 +185,12 @@ impl Event {
             | Event::AtLimit { .. }
             | Event::Warned { .. }
             | Event::Extrapolating { .. }
+            | Event::ProbeRefused { .. }
+            | Event::ModelAges { .. }
             | Event::Saturated { .. }
             | Event::WriteFailed { .. }
             | Event::CncRestarted { .. }
+            | Event::CncBooted { .. }
             | Event::Disarmed { .. }
             | Event::Overrun { .. }
             | Event::NotKept { .. } => Level::Warning,
@@ -209,6 +245,23 @@ impl fmt::Display for Event {
             ),
             Event::Extrapolating { axis, how } => write!(f, "axis {axis}: {how}"),
             Event::Interpolating { axis } => write!(f, "axis {axis}: extrapolates no more"),
+            Event::Probed { axis, error, residual, correction } => write!(
+                f,
+                "axis {axis}: probed {error}; the model was wrong by {residual}, its correction is {correction} now"
+            ),
+            Event::ProbeRefused { axis, error: Some(error), why } => {
+                write!(f, "axis {axis}: probed {error}, not learned from: {why}")
+            }
+            Event::ProbeRefused { axis, error: None, why } => {
+                write!(f, "axis {axis}: a probing is not learned from: {why}")
+            }
+            Event::ProbeForgotten { axis } => {
+                write!(f, "axis {axis}: what probings have taught is taken back")
+            }
+            Event::ModelAges { axis, residual, warn } => write!(
+                f,
+                "axis {axis}: the model was wrong by {residual}, beyond ±{warn}; where that repeats, identify it anew"
+            ),
             Event::Saturated { output, wanted } => {
                 write!(f, "output {output}: {wanted} does not fit the register and was cut")
             }
@@ -222,9 +275,24 @@ impl fmt::Display for Event {
             Event::ForeignChange { output, expected, found } => {
                 write!(f, "output {output}: somebody else wrote {found} where {expected} stood; left alone")
             }
+            Event::OperatorChange { output, from, to, share } => {
+                write!(
+                    f,
+                    "output {output}: the operator's part went from {from} to {to}; kept, our share stays {share}"
+                )
+            }
+            Event::LedgerOpened { output, base, share } => {
+                write!(f, "output {output}: {base} in its register are the operator's, {share} are ours")
+            }
+            Event::LedgerDoubt { output, why } => write!(f, "output {output}: {why}"),
             Event::CncRestarted { output, expected } => {
                 write!(f, "output {output}: back at zero where {expected} stood; the CNC was restarted")
             }
+            Event::CncBooted { device, from, to } => write!(
+                f,
+                "device {device}: its boot counter went from {from} to {to}; the CNC was restarted, its registers are read anew"
+            ),
+            Event::Handshake { set, fault } => fault.write(f, set),
             Event::Interlocked { output, when } => write!(f, "output {output}: held, because not {when}"),
             Event::Released { output } => write!(f, "output {output}: interlock released"),
             Event::MachineStarted => write!(f, "the machine was started: machine-on time begins"),

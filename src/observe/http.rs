@@ -10,6 +10,7 @@
 
 mod access;
 mod live;
+mod measured;
 
 use std::io;
 use std::net::SocketAddr;
@@ -116,6 +117,7 @@ fn router(room: Room) -> Router {
         .route("/api/arm", post(arm))
         .route("/api/disarm", post(disarm))
         .route("/api/zero", post(zero))
+        .route("/api/axes/{axis}/measured", post(measured::learn).delete(measured::forget))
         .route("/metrics", get(scrape))
         .route("/healthz", get(|| async { "ok" }))
         .route("/readyz", get(ready))
@@ -184,7 +186,11 @@ fn command(room: &Room, command: Command, body: Result<Bytes, BytesRejection>) -
         return (refused.status(), "A command needs no body, and certainly not such a long one.\n")
             .into_response();
     }
-    match room.source.command(command) {
+    answered(room.source.command(command))
+}
+
+fn answered(said: Result<String, String>) -> Response {
+    match said {
         Ok(answer) => Json(Answer { done: true, answer }).into_response(),
         Err(answer) => (StatusCode::CONFLICT, Json(Answer { done: false, answer })).into_response(),
     }

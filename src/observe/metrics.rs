@@ -25,6 +25,20 @@ fn describe() {
     describe_gauge!("isotherm_axis_raw_micrometers", "Compensation as the model computes it.");
     describe_gauge!("isotherm_axis_state", "1 for the state the axis is in, 0 for the others.");
     describe_gauge!("isotherm_axis_armed", "1 when the axis may write.");
+    describe_gauge!(
+        "isotherm_probe_correction_micrometers",
+        "What measured errors add to the model's compensation."
+    );
+    describe_gauge!(
+        "isotherm_probe_residual_micrometers",
+        "What the last probing would have left of the error."
+    );
+    describe_gauge!("isotherm_probe_gain_change", "Share by which measured errors have changed a gain.");
+    describe_gauge!("isotherm_axis_limit_micrometers", "Largest size of the compensation.");
+    describe_gauge!("isotherm_axis_warned", "1 while the compensation lies beyond its warning level.");
+    describe_gauge!("isotherm_axis_tripped", "1 when a model asked for more than the error level.");
+    describe_gauge!("isotherm_axis_extrapolating", "1 outside what the model in use was identified on.");
+    describe_gauge!("isotherm_axis_excess_ratio", "How far outside that is; below 0 inside.");
     describe_gauge!("isotherm_guard_acting", "1 when the stage changed the last value.");
     describe_gauge!("isotherm_signal_value", "Last usable value, in the unit of its label.");
     describe_gauge!("isotherm_signal_good", "1 when the signal may be used.");
@@ -62,6 +76,29 @@ fn record_axis(axis: &AxisStatus, of: Labels<'_>) {
     set("isotherm_axis_cz_micrometers", &named, Some(axis.cz_um));
     set("isotherm_axis_raw_micrometers", &named, axis.raw_um);
     set("isotherm_axis_armed", &named, Some(flag(axis.armed)));
+    if let Some(probe) = &axis.probe {
+        set("isotherm_probe_correction_micrometers", &named, Some(probe.correction_um));
+        set(
+            "isotherm_probe_residual_micrometers",
+            &named,
+            probe.history.last().map(|(_, residual)| *residual),
+        );
+        for (place, gain) in probe.gains.iter().enumerate() {
+            let term = place.to_string();
+            let labels = [
+                ("axis", axis.name.as_str()),
+                ("model", &gain.model),
+                ("signal", &gain.signal),
+                ("term", &term),
+            ];
+            set("isotherm_probe_gain_change", &of(&labels), Some(gain.change));
+        }
+    }
+    set("isotherm_axis_limit_micrometers", &named, Some(axis.limit_um));
+    set("isotherm_axis_warned", &named, axis.warn_um.map(|_| flag(axis.warned)));
+    set("isotherm_axis_tripped", &named, axis.error_um.map(|_| flag(axis.tripped)));
+    set("isotherm_axis_extrapolating", &named, axis.excess.map(|_| flag(axis.extrapolating.is_some())));
+    set("isotherm_axis_excess_ratio", &named, axis.excess);
     for state in AxisState::NAMES {
         let named = of(&[("axis", &axis.name), ("state", state)]);
         set("isotherm_axis_state", &named, Some(flag(axis.state == state)));

@@ -10,13 +10,14 @@ const STYLE: &str = "text/css; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// Name, content type and text of each file under `/page/`.
-const FILES: [(&str, &str, &str); 8] = [
+const FILES: [(&str, &str, &str); 9] = [
     ("page.css", STYLE, include_str!("page/page.css")),
     ("axis.css", STYLE, include_str!("page/axis.css")),
     ("main.js", SCRIPT, include_str!("page/main.js")),
     ("words.js", SCRIPT, include_str!("page/words.js")),
     ("axis.js", SCRIPT, include_str!("page/axis.js")),
     ("chart.js", SCRIPT, include_str!("page/chart.js")),
+    ("probe.js", SCRIPT, include_str!("page/probe.js")),
     ("tables.js", SCRIPT, include_str!("page/tables.js")),
     ("icon.svg", "image/svg+xml", include_str!("page/icon.svg")),
 ];

@@ -16,6 +16,12 @@ pub trait Source: Send + Sync + 'static {
     /// # Errors
     /// A sentence that says why not.
     fn command(&self, command: Command) -> Result<String, String>;
+
+    /// Learns from an axis's measured error, µm; `None` takes back everything that was learned. The answer is a sentence.
+    ///
+    /// # Errors
+    /// A sentence that says why not.
+    fn measured(&self, axis: &str, error_um: Option<f64>) -> Result<String, String>;
 }
 
 /// What a person may ask of a running gateway.
@@ -120,10 +126,61 @@ pub struct AxisStatus {
     pub warned: bool,
     /// The size of a model's Cz at which the axis gives up, µm.
     pub error_um: Option<f64>,
+    /// A model asked for more than that since the axis was armed.
+    pub tripped: bool,
     /// It may write.
     pub armed: bool,
+    /// What measured errors have taught it; `None` where the profile has no probe.
+    pub probe: Option<ProbeStatus>,
     /// The inputs lie outside what the model in use was identified on.
     pub extrapolating: Option<ExtrapolationStatus>,
+    /// How far outside that is, as a share: above 0 outside, negative inside; `None` where the model has no region.
+    pub excess: Option<f64>,
+}
+
+/// What measured errors have taught an axis.
+#[derive(Clone, Debug, Serialize)]
+pub struct ProbeStatus {
+    /// What is added to the model's Cz now, µm.
+    pub correction_um: f64,
+    /// Its largest size, µm.
+    pub limit_um: f64,
+    /// A residual beyond it is told, µm.
+    pub warn_um: Option<f64>,
+    /// One beyond it is refused, µm.
+    pub max_error_um: f64,
+    /// The last probing, learned from or not.
+    pub last: Option<ProbedStatus>,
+    /// When, and what would have remained with the model's Cz, µm: the last probings that were learned from, oldest first.
+    pub history: Vec<(String, f64)>,
+    /// How far each gain has been changed; empty where gains do not learn.
+    pub gains: Vec<GainStatus>,
+}
+
+/// One probing.
+#[derive(Clone, Debug, Serialize)]
+pub struct ProbedStatus {
+    /// RFC 3339.
+    pub at: String,
+    /// The measured error, µm.
+    pub error_um: f64,
+    /// The Cz that acted, µm.
+    pub acting_um: f64,
+    /// What would remain with the model's Cz, µm.
+    pub residual_um: Option<f64>,
+    /// Why nothing was learned from it, in words.
+    pub refused: Option<String>,
+}
+
+/// The gain of one term.
+#[derive(Clone, Debug, Serialize)]
+pub struct GainStatus {
+    /// Its model.
+    pub model: String,
+    /// Its signal.
+    pub signal: String,
+    /// By which share of it it has been changed.
+    pub change: f64,
 }
 
 /// How far a model's inputs lie outside what it was identified on.
@@ -216,10 +273,23 @@ pub struct OutputStatus {
     pub writes: &'static str,
     /// `off`, `unknown`, `verified`, `unverified`, `interlocked`, `foreign`.
     pub state: &'static str,
+    /// What its handshake waits for, or failed at last; empty where neither, or where it has none.
+    pub handshake: String,
     /// The last verified value, in the output's unit (µm for an offset, mm for a corrected position).
     pub value: Option<f64>,
+    /// Of that, the operator's part and ours, where the register is shared with an operator.
+    pub shares: Option<SharesStatus>,
     /// Writes that were verified.
     pub writes_done: u64,
     /// Seconds since the last verified write.
     pub age_s: Option<f64>,
+}
+
+/// Whose a register's value is.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct SharesStatus {
+    /// The operator's.
+    pub base: f64,
+    /// Ours.
+    pub share: f64,
 }

@@ -21,7 +21,11 @@ mod fieldbus;
 mod line;
 mod model;
 mod output;
+mod probe;
 mod registers;
+mod restart;
+mod set;
+mod share;
 mod signal;
 
 /// What the check found.
@@ -48,6 +52,7 @@ pub(crate) struct Check<'a> {
     signals: Names,
     axes: Names,
     outputs: Names,
+    sets: Names,
     used: Vec<bool>,
 }
 
@@ -72,6 +77,7 @@ pub(crate) fn check(raw: &RawProfile, places: &Places, path: PathBuf, files: &Fi
         signals: names("signal", raw.signal.keys().collect()),
         axes: names("axis", raw.axis.keys().collect()),
         outputs: names("output", raw.output.keys().collect()),
+        sets: names("set", raw.set.keys().collect()),
         used: vec![false; raw.signal.len()],
     };
     let profile = check.profile(path);
@@ -100,19 +106,22 @@ impl Names {
 impl Check<'_> {
     fn profile(&mut self, path: PathBuf) -> Option<Profile> {
         self.names();
-        let (name, description, machine, arm) = self.machine();
+        let (name, description, mut machine, arm) = self.machine();
         let buses = self.buses();
         let devices = self.devices(&buses);
-        let signals = self.signals(&devices, &buses);
+        let mut signals = self.signals(&devices, &buses);
         let axes = self.axes(&signals);
-        let (outputs, axes) = self.outputs(axes, &devices, &signals, &buses);
+        let (mut outputs, axes) = self.outputs(axes, &devices, &signals, &buses);
+        self.boot_counters(&mut outputs, &mut signals, &devices, &buses);
+        machine.signals = signals.len();
+        let sets = self.sets(&mut outputs, &axes, &devices, &buses);
         let heartbeat = self.heartbeat(&devices, &buses);
         let web = self.web();
         let history = self.history();
         if self.raw.mqtt.is_some() {
             self.not_built("mqtt", "publishing over MQTT", None);
         }
-        self.registers(&buses, &devices, &signals, &outputs, heartbeat.as_ref());
+        self.registers(&buses, &devices, &signals, &outputs, &sets, heartbeat.as_ref());
         self.loose_ends(&devices, &outputs);
         Some(Profile {
             name,
@@ -125,6 +134,7 @@ impl Check<'_> {
             signals: complete(signals)?,
             axes: complete(axes)?,
             outputs: complete(outputs)?,
+            sets: complete(sets)?,
             heartbeat,
             web,
             history,
@@ -132,7 +142,7 @@ impl Check<'_> {
     }
 
     fn names(&mut self) {
-        let lists = [&self.buses, &self.devices, &self.signals, &self.axes, &self.outputs];
+        let lists = [&self.buses, &self.devices, &self.signals, &self.axes, &self.outputs, &self.sets];
         let all: Vec<_> = lists.into_iter().flat_map(Names::each).collect();
         for (_, name, path) in all {
             let plain = name.bytes().all(|byte| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'-'));
@@ -294,6 +304,11 @@ impl Check<'_> {
         let found = self.reference(path, "signal", name, &names, found)?;
         self.used[found] = true;
         Some(SignalId(found))
+    }
+
+    fn set_index(&mut self, path: &str, name: &str) -> Option<usize> {
+        let (names, found) = (self.sets.names.clone(), self.sets.position(name));
+        self.reference(path, "set", name, &names, found)
     }
 
     fn span(&mut self, path: &str, raw: Option<&Span>, zero: Zero) -> Option<Duration> {

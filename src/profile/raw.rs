@@ -14,15 +14,19 @@ use serde_json::Value;
 
 mod axis;
 mod fieldbus;
+mod probe;
+mod set;
 
 pub(crate) use axis::{
     Carries, Component, DatumWord, FaultAction, FaultActionWord, InputValue, Inputs, ModelKind, OutsideWord,
-    RawAxis, RawModel, RawOutput, RawSlope, RawTerm, ReferenceValue, ReferenceWord, Share, VerifyWord,
+    RawAxis, RawModel, RawOutput, RawSlope, RawTerm, ReferenceValue, ReferenceWord, ShareWord, VerifyWord,
     WritesWord,
 };
 pub(crate) use fieldbus::{
     BusType, FunctionWord, RawBus, RawDevice, RawQuirks, RawSignal, TypeWord, WordOrderWord,
 };
+pub(crate) use probe::{RawGains, RawProbe};
+pub(crate) use set::{RawHandshake, RawRestart, RawSet};
 
 /// A duration: "300ms", "10s", "3min", "2h", "90d".
 #[derive(Clone, Debug, Deserialize)]
@@ -72,6 +76,9 @@ pub(crate) struct RawProfile {
     /// What is written, by name.
     #[serde(default)]
     pub(crate) output: BTreeMap<String, RawOutput>,
+    /// Outputs that a control must see together or not at all, by name.
+    #[serde(default)]
+    pub(crate) set: BTreeMap<String, RawSet>,
     /// A register that counts while the gateway lives, so that the CNC can see it die.
     pub(crate) heartbeat: Option<RawHeartbeat>,
     /// Page, API and metrics.

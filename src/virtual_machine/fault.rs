@@ -29,7 +29,10 @@
 //! | `nan` | a floating-point signal reads NaN | `signal` |
 //! | `value` | a signal reads this engineering value | `signal`, `value` |
 //! | `register` | somebody else writes these words, once | `register`, `words`; only `at`, `after` |
-//! | `restart` | the device forgets all that was written to it, once | only `at`, `after` |
+//! | `restart` | the device forgets all that was written to it, and counts that boot, once | only `at`, `after` |
+//! | `no-acknowledge` | the acknowledge of its handshakes does not come | only `at`, `after`, `for_time` |
+//! | `stuck-acknowledge` | an acknowledge that is up does not drop | the same |
+//! | `late-acknowledge` | it comes this late | the same, `delay` |
 
 use std::time::Duration;
 
@@ -80,6 +83,16 @@ pub(super) enum Kind {
     Register { address: Address, words: Vec<u16> },
     /// All that was written is forgotten.
     Restart,
+    /// Something is wrong with its handshakes.
+    Acknowledge(AcknowledgeFault),
+}
+
+/// What can be wrong with an acknowledge.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum AcknowledgeFault {
+    Never,
+    Stuck,
+    Late(Duration),
 }
 
 /// What a broken signal reads.
@@ -172,7 +185,7 @@ impl Faults {
                     incidents.push(Incident::Register { device, address: *address, words: words.clone() });
                 }
                 Kind::Restart => incidents.push(Incident::Restart { device }),
-                Kind::Reply(_) | Kind::Signal { .. } | Kind::Refuse => {}
+                Kind::Reply(_) | Kind::Signal { .. } | Kind::Refuse | Kind::Acknowledge(_) => {}
             }
         }
         incidents
@@ -211,6 +224,15 @@ impl Faults {
                 running.replies += 1;
             }
         }
+    }
+
+    /// What is wrong with the device's acknowledges now.
+    pub(super) fn acknowledges(&self, device: DeviceId, now: Moment) -> Option<AcknowledgeFault> {
+        let mut active = self.running.iter().filter(|running| running.fault.device == device);
+        active.find_map(|running| match running.fault.kind {
+            Kind::Acknowledge(fault) if running.is_active(now) => Some(fault),
+            _ => None,
+        })
     }
 
     /// The devices whose listener is closed now.

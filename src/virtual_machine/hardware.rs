@@ -4,17 +4,21 @@
 //! nothing that a client could see.
 
 use crate::codec::{Address, Encoding, Table};
-use crate::profile::{AxisId, DeviceId, Output, Profile, Signal, Writes};
+use crate::profile::{AxisId, DeviceId, Output, OutputId, Profile, SetId, Signal, Writes};
 use crate::quantity::Moment;
-use crate::reading::SignalId;
 
+use super::control::{Control, Taken};
 use super::fault::{Faults, Incident, Reads, ReplyFault};
 use super::journal::Seen;
 use super::modbus::{self, Request};
 use super::plant::Plant;
-use super::registers::Bank;
+use super::probing::Cycle;
 use super::truth::{AxisTruth, Observer, TruthRow};
 use super::wander::wander;
+
+mod units;
+
+use units::{Unit, overlap, units};
 
 /// Everything of a virtual machine that is not a socket.
 #[derive(Debug)]
@@ -31,21 +35,15 @@ pub(super) struct Hardware {
     corrections: Vec<f64>,
     /// Axes the plant knows, with their place in the profile.
     axes: Vec<(AxisId, String)>,
+    /// The control behind each set.
+    controls: Vec<Control>,
+    /// What they took, where somebody wants to know what came over the wire.
+    pub(super) taken: Vec<Taken>,
+    cycles: Vec<Cycle>,
     pub(super) faults: Faults,
     pub(super) observer: Observer,
     /// Every request that came, where somebody wants to know.
     pub(super) journal: Option<Vec<Seen>>,
-}
-
-#[derive(Debug)]
-struct Unit {
-    /// The device it is known by.
-    device: DeviceId,
-    bank: Bank,
-    at_power_on: Bank,
-    requests: u64,
-    /// The signals it measures. A register that an output or the heartbeat owns is not among them.
-    measures: Vec<SignalId>,
 }
 
 /// What a unit answers: the honest answer, and what is wrong with the one that is sent.
@@ -63,6 +61,7 @@ impl Hardware {
         seed: u64,
         mut faults: Faults,
         begin: Moment,
+        cycles: Vec<Cycle>,
         observe: impl FnOnce(&[String]) -> Observer,
     ) -> Hardware {
         let (units, unit_of) = units(profile);
@@ -72,7 +71,13 @@ impl Hardware {
         let axes: Vec<_> =
             names.map(|(place, name)| (AxisId(place), name)).filter(|(_, name)| known(name)).collect();
         let observer = observe(&axes.iter().map(|(_, name)| name.clone()).collect::<Vec<_>>());
+        let controls = profile.sets.iter().enumerate().map(|(place, set)| {
+            let unit = unit_of[set.device.0];
+            Control::new(profile, SetId(place), set, unit, &units[unit].bank)
+        });
         Hardware {
+            controls: controls.collect(),
+            taken: Vec::new(),
             corrections: vec![0.0; profile.outputs.len()],
             profile: profile.clone(),
             plant,
@@ -81,6 +86,7 @@ impl Hardware {
             units,
             unit_of,
             axes,
+            cycles,
             faults,
             observer,
             journal: None,
@@ -95,7 +101,26 @@ impl Hardware {
         let (units, unit_of) = (&self.units, &self.unit_of);
         let incidents = self.faults.advance(now, |device| units[unit_of[device.0]].requests);
         for incident in incidents {
-            self.happen(incident);
+            self.happen(incident, now);
+        }
+        for control in &mut self.controls {
+            let unit = &mut self.units[control.place];
+            let taken = control.advance(&mut unit.bank, self.faults.acknowledges(unit.device, now), now);
+            self.taken.extend(taken.filter(|_| self.journal.is_some()));
+        }
+        self.probe(now);
+    }
+
+    /// Runs the probing cycles that are due, where the plant knows the axis.
+    fn probe(&mut self, now: Moment) {
+        for place in 0..self.cycles.len() {
+            let axis = AxisId(self.cycles[place].axis);
+            let name = &self.profile.axis(axis).settings.name;
+            let error = self.plant.as_ref().and_then(|plant| plant.true_error_um(name));
+            if let Some(error) = error.filter(|_| self.cycles[place].is_due(now)) {
+                let left = error + self.applied_um(axis);
+                self.cycles[place].measure(left, now);
+            }
         }
     }
 
@@ -113,11 +138,16 @@ impl Hardware {
     /// The Cz that stands in the machine: in the axis's offset register; where it has none, in its corrected position.
     pub(super) fn applied_um(&self, axis: AxisId) -> f64 {
         let outputs = || self.profile.outputs.iter().enumerate().filter(|(_, output)| output.axis == axis);
+        let stands = |(place, output): (usize, &Output)| {
+            let mut controls = self.controls.iter();
+            match controls.find_map(|control| control.taken(OutputId(place))) {
+                Some(words) => output.encoding.decode(words).ok(),
+                None => self.decoded(output.device, output.address, &output.encoding),
+            }
+        };
         let written = outputs()
             .find(|(_, output)| output.writes.is_cz())
-            .map(|(_, output)| {
-                self.decoded(output.device, output.address, &output.encoding).unwrap_or_default()
-            })
+            .map(|output| stands(output).unwrap_or_default())
             .or_else(|| outputs().next().map(|(place, _)| self.corrections[place]))
             .unwrap_or_default();
         if self.profile.axis(axis).diameter { 0.5 * written } else { written }
@@ -143,9 +173,19 @@ impl Hardware {
         let fault = self.faults.reply(device, request.is_write(), now);
         let before = self.cells_of(place, &request);
         let reply = self.carry_out(place, &request, pdu, fault);
+        if request.is_write() {
+            self.controls_look(place, now);
+        }
         let after = self.cells_of(place, &request);
         self.note(device, pdu, &request, before, after, now);
         reply
+    }
+
+    fn controls_look(&mut self, place: usize, now: Moment) {
+        for control in self.controls.iter_mut().filter(|control| control.place == place) {
+            let taken = control.look(&self.units[place].bank, now);
+            self.taken.extend(taken.filter(|_| self.journal.is_some()));
+        }
     }
 
     fn note(
@@ -196,7 +236,8 @@ impl Hardware {
         for id in &unit.measures {
             let signal = &self.profile.signals[id.0];
             let known = self.plant.as_ref().and_then(|plant| plant.sensor(&signal.name));
-            let value = known.unwrap_or_else(|| wander(signal, self.seed, seconds));
+            let probed = self.cycles.iter().find_map(|cycle| cycle.shows(*id, signal, now));
+            let value = probed.or(known).unwrap_or_else(|| wander(signal, self.seed, seconds));
             let reads = broken.iter().find(|(broken, _)| broken == id).map(|(_, reads)| *reads);
             let words = cells(signal, reads.unwrap_or(Reads::Value(value)));
             let fits = unit.bank.write(signal.address, &words);
@@ -224,7 +265,7 @@ impl Hardware {
         }
     }
 
-    fn happen(&mut self, incident: Incident) {
+    fn happen(&mut self, incident: Incident, now: Moment) {
         match incident {
             Incident::Register { device, address, words } => {
                 let place = self.unit_of[device.0];
@@ -238,7 +279,11 @@ impl Hardware {
             Incident::Restart { device } => {
                 let place = self.unit_of[device.0];
                 let unit = &mut self.units[place];
-                unit.bank = unit.at_power_on.clone();
+                unit.restart();
+                for control in self.controls.iter_mut().filter(|control| control.place == place) {
+                    let taken = control.restart(&unit.bank, now);
+                    self.taken.extend(self.journal.is_some().then_some(taken));
+                }
                 for (output, correction) in self.profile.outputs.iter().zip(&mut self.corrections) {
                     if self.unit_of[output.device.0] == place {
                         *correction = 0.0;
@@ -262,66 +307,6 @@ impl Reply {
     fn honest(pdu: Vec<u8>) -> Reply {
         Reply { pdu: Some(pdu), fault: None }
     }
-}
-
-/// Devices of one unit on one line are one piece of hardware.
-fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
-    let mut units: Vec<Unit> = Vec::new();
-    let mut unit_of = Vec::new();
-    for (index, device) in profile.devices.iter().enumerate() {
-        let line = &profile.bus(device.bus).address;
-        let same = |unit: &Unit| {
-            let other = profile.device(unit.device);
-            other.unit == device.unit && profile.bus(other.bus).address == *line
-        };
-        let place = units.iter().position(same).unwrap_or(units.len());
-        if place == units.len() {
-            units.push(Unit {
-                device: DeviceId(index),
-                bank: Bank::default(),
-                at_power_on: Bank::default(),
-                requests: 0,
-                measures: Vec::new(),
-            });
-        }
-        unit_of.push(place);
-    }
-    let mut owned: Vec<(usize, Address, u16)> = Vec::new();
-    for Output { device, address, encoding, .. } in &profile.outputs {
-        let place = unit_of[device.0];
-        let width = encoding.data_type.registers();
-        let bank = &mut units[place].bank;
-        bank.reserve(*address, width);
-        let fits = bank.write(*address, encoding.encode(0.0).words());
-        debug_assert!(fits.is_some(), "room was made for it");
-        owned.push((place, *address, width));
-    }
-    if let Some(heartbeat) = &profile.heartbeat {
-        let place = unit_of[heartbeat.device.0];
-        units[place].bank.reserve(heartbeat.address, 1);
-        owned.push((place, heartbeat.address, 1));
-    }
-    for (index, signal) in profile.signals.iter().enumerate() {
-        let (place, width) = (unit_of[signal.device.0], signal.encoding.data_type.registers());
-        units[place].bank.reserve(signal.address, width);
-        let is_owned = |(other, address, count): &(usize, Address, u16)| {
-            *other == place && overlap((*address, *count), (signal.address, width))
-        };
-        if !owned.iter().any(is_owned) {
-            units[place].measures.push(SignalId(index));
-        }
-    }
-    for unit in &mut units {
-        unit.at_power_on = unit.bank.clone();
-    }
-    (units, unit_of)
-}
-
-fn overlap((first, count): (Address, u16), (other, other_count): (Address, u16)) -> bool {
-    let end = |address: Address, count: u16| u32::from(address.offset) + u32::from(count);
-    first.table == other.table
-        && u32::from(first.offset) < end(other, other_count)
-        && u32::from(other.offset) < end(first, count)
 }
 
 /// A signal's registers for what it reads.

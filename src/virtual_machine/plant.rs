@@ -134,7 +134,7 @@ impl Plant {
         let seconds = self.now.since(self.begin).as_secs_f64();
         let along = displacement.stretches.iter().map(|stretch| {
             let position = self.spec.positions[stretch.position].at(seconds);
-            stretch.length(position) * sum(&stretch.gains)
+            stretch.effect(position) * sum(&stretch.gains)
         });
         Some(sum(&displacement.gains) + along.sum::<f64>())
     }

@@ -3,8 +3,9 @@
 use std::collections::HashMap;
 use std::time::Duration;
 
+use isotherm::codec::Address;
 use isotherm::compensation::model::Evaluate;
-use isotherm::profile::{Output, Profile, Signal, Writes};
+use isotherm::profile::{Output, Profile, Share, Signal, Writes};
 use isotherm::quantity::Moment;
 use isotherm::virtual_machine::Seen;
 
@@ -16,11 +17,11 @@ const EPSILON: f64 = 1e-6;
 /// Holds a run to every invariant that can be seen from outside.
 pub(crate) fn holds(trace: &Trace) {
     let mut last_correction = HashMap::new();
-    for (place, seen) in trace.wire.iter().enumerate() {
-        if seen.is_write() {
-            match written(&trace.profile, seen) {
-                Some(output) => is_inside(trace, place, output, &mut last_correction),
-                None => assert!(is_heartbeat(&trace.profile, seen), "I1: {seen:?}"),
+    for (place, seen) in trace.wire.iter().enumerate().filter(|(_, seen)| seen.is_write()) {
+        is_in_the_write_list(&trace.profile, seen);
+        for output in &trace.profile.outputs {
+            if let Some(seen) = of_output(seen, output) {
+                is_inside(trace, place, &seen, output, &mut last_correction);
             }
         }
     }
@@ -29,23 +30,50 @@ pub(crate) fn holds(trace: &Trace) {
     nothing_comes_in_bursts(trace);
 }
 
-fn written<'a>(profile: &'a Profile, seen: &Seen) -> Option<&'a Output> {
-    profile.outputs.iter().find(|output| {
-        output.device == seen.device
-            && output.address == seen.address
-            && usize::from(output.encoding.data_type.registers()) == seen.wanted.len()
-    })
+/// The part of a write that is one output, if it is in there as a whole.
+pub(crate) fn of_output(seen: &Seen, output: &Output) -> Option<Seen> {
+    if !seen.is_write() || seen.device != output.device || seen.address.table != output.address.table {
+        return None;
+    }
+    let from = usize::from(output.address.offset.checked_sub(seen.address.offset)?);
+    let part = from..from + usize::from(output.encoding.data_type.registers());
+    let wanted = seen.wanted.get(part.clone())?.to_vec();
+    let cut = |words: &[u16]| words.get(part.clone()).unwrap_or_default().to_vec();
+    let (before, after) = (cut(&seen.before), cut(&seen.after));
+    Some(Seen { address: output.address, before, after, wanted, ..seen.clone() })
 }
 
-fn is_heartbeat(profile: &Profile, seen: &Seen) -> bool {
-    profile.heartbeat.as_ref().is_some_and(|beat| {
-        beat.device == seen.device && beat.address == seen.address && seen.wanted.len() == 1
-    })
+/// I1: every cell of a write belongs to an output, a set or the heartbeat, and no value is torn.
+fn is_in_the_write_list(profile: &Profile, seen: &Seen) {
+    let mut known = vec![false; seen.wanted.len()];
+    let mut mark = |address: Address, count: usize| {
+        let from = address.offset.checked_sub(seen.address.offset).map(usize::from);
+        if address.table == seen.address.table
+            && let Some(cells) = from.and_then(|from| known.get_mut(from..from + count))
+        {
+            cells.fill(true);
+        }
+    };
+    for output in profile.outputs.iter().filter(|output| output.device == seen.device) {
+        mark(output.address, usize::from(output.encoding.data_type.registers()));
+    }
+    for set in profile.sets.iter().filter(|set| set.device == seen.device) {
+        let strobe = set.handshake.map(|handshake| handshake.strobe.address);
+        [set.sequence, set.complement, strobe].into_iter().flatten().for_each(|address| mark(address, 1));
+    }
+    let heartbeat = profile.heartbeat.iter().filter(|beat| beat.device == seen.device);
+    heartbeat.for_each(|beat| mark(beat.address, 1));
+    assert!(!known.is_empty() && known.iter().all(|known| *known), "I1: {seen:?}");
 }
 
 /// I2, and what a corrected position is made of.
-fn is_inside(trace: &Trace, place: usize, output: &Output, corrections: &mut HashMap<String, (Moment, f64)>) {
-    let seen = &trace.wire[place];
+fn is_inside(
+    trace: &Trace,
+    place: usize,
+    seen: &Seen,
+    output: &Output,
+    corrections: &mut HashMap<String, (Moment, f64)>,
+) {
     let axis = trace.profile.axis(output.axis);
     let guard = &axis.settings.guard;
     let factor = match (output.writes, axis.settings.apart) {
@@ -58,7 +86,9 @@ fn is_inside(trace: &Trace, place: usize, output: &Output, corrections: &mut Has
     match output.writes {
         Writes::Offset | Writes::Intercept | Writes::Slope => {
             let (before, wanted) = (output.encoding.decode(&seen.before).unwrap() / factor, wanted / factor);
-            assert!(wanted.abs() <= limit + EPSILON, "I2, limit: {wanted} µm, {seen:?}");
+            // The limit of a share is held to where the operator's part is known.
+            let whole = output.share == Share::Whole;
+            assert!(!whole || wanted.abs() <= limit + EPSILON, "I2, limit: {wanted} µm, {seen:?}");
             assert!(
                 (wanted - before).abs() <= step + EPSILON,
                 "I2, step: {before} → {wanted} µm at {:.1} s, {seen:?}\n{}",
@@ -148,11 +178,12 @@ fn grows_only_while_active(trace: &Trace) {
             }
         }
     }
-    for seen in trace.wire.iter().filter(|seen| seen.is_write()) {
-        let Some(output) = written(&trace.profile, seen).filter(|output| output.writes == Writes::Offset)
-        else {
-            continue;
-        };
+    let offsets = trace.profile.outputs.iter();
+    let offsets = offsets.filter(|output| output.writes == Writes::Offset && output.share == Share::Whole);
+    let of_offsets = offsets.flat_map(|output| {
+        trace.wire.iter().filter_map(move |seen| Some((of_output(seen, output)?, output)))
+    });
+    for (seen, output) in of_offsets {
         let value = |words: &[u16]| output.encoding.decode(words).unwrap().abs();
         if value(&seen.wanted) <= value(&seen.before) + EPSILON {
             continue;
@@ -202,5 +233,36 @@ fn nothing_comes_in_bursts(trace: &Trace) {
         let entry = asked.entry(question).or_insert((seen.at, 0));
         *entry = if entry.0 == seen.at { (seen.at, entry.1 + 1) } else { (seen.at, 1) };
         assert!(entry.1 <= 4, "I9: a burst at {:.1} s of {question:?}", trace.seconds(seen.at));
+    }
+}
+
+/// What a control takes of a set differs by a step at most from what it took before: I2, as the axes feel it.
+pub(crate) fn nothing_taken_jumps(trace: &Trace) {
+    let profile = &trace.profile;
+    for (place, set) in profile.sets.iter().enumerate() {
+        let taken = trace.taken.iter().filter(|taken| taken.set.0 == place);
+        let mut last: Option<Vec<f64>> = None;
+        for taken in taken {
+            let decoded = set.members(profile).zip(&taken.words).map(|(output, words)| {
+                let axis = &profile.axis(output.axis).settings;
+                let reach = axis.apart.map_or(1.0, |apart| apart.reach);
+                let factor = if output.writes == Writes::Slope { reach } else { 1.0 };
+                output.encoding.decode(words).unwrap() * factor
+            });
+            let values: Vec<f64> = decoded.collect();
+            let zero = values.iter().all(|value| value.abs() < EPSILON);
+            for ((output, value), before) in set.members(profile).zip(&values).zip(last.iter().flatten()) {
+                let step = profile.axis(output.axis).settings.guard.step.get();
+                let is_corrected = output.writes != Writes::Reference;
+                assert!(
+                    zero || !is_corrected || (value - before).abs() <= step + EPSILON,
+                    "{} went from {before} to {value} at {:.2} s\n{}",
+                    output.name,
+                    trace.seconds(taken.at),
+                    trace.lines()
+                );
+            }
+            last = Some(values);
+        }
     }
 }

@@ -5,9 +5,14 @@
 
 mod answers;
 mod day;
+mod handshakes;
 mod keeping;
 mod law;
+mod ledger;
 mod load;
 mod outputs;
+mod probing;
+mod restarts;
 mod rig;
+mod sets;
 mod stop;

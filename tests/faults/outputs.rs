@@ -67,6 +67,15 @@ fn an_open_interlock_keeps_the_register_and_the_axis_waits_however_long_it_takes
 }
 
 #[test]
+fn an_interlock_that_closes_lets_a_steady_axis_go_on_also_without_a_refresh() {
+    let text = BENCH.replace("refresh = \"10s\"\n", "").replace("deadband = 0.1", "deadband = 5.0");
+    let open = cnc("kind = \"value\"\nsignal = \"cnc_on\"\nvalue = 0\nat = \"60s\"\nfor_time = \"20s\"");
+    let trace = run(&text, &open, 2 * MINUTE);
+    law::holds(&trace);
+    assert_eq!(trace.states_between(50, 120), ["active", "holding", "active"], "{}", trace.lines());
+}
+
+#[test]
 fn a_register_changed_behind_an_open_interlock_is_a_foreign_change() {
     let faults = cnc("kind = \"value\"\nsignal = \"cnc_on\"\nvalue = 0\nat = \"60s\"\nfor_time = \"60s\"")
         + &cnc("kind = \"register\"\nregister = \"holding:104\"\nwords = [0, 900]\nat = \"90s\"");
@@ -186,6 +195,41 @@ fn a_register_beyond_the_limit_refuses_to_arm_with_a_sentence() {
     assert!(trace.lines().contains("holds 90.0 µm, beyond the limit"), "{}", trace.lines());
     assert_eq!(trace.writes("cnc_z").len() + trace.writes("readout_z").len(), 0);
     assert_eq!(trace.states(), ["off"]);
+}
+
+/// 40.2 µm in 32 bits reads as 40.200001; 17 counts of 0.001 µm/mm at 310 mm come to 5.270000000000001 µm.
+#[test]
+fn a_register_exactly_at_the_limit_is_armed_from_whatever_rounding_makes_of_it() {
+    let float = BENCH
+        .replace(
+            "type = \"i32\"\nword_order = \"msw-first\"\nscale = 0.1",
+            "type = \"f32\"\nword_order = \"msw-first\"",
+        )
+        .replace("limit = 40.0", "limit = 40.2");
+    let bits = 40.2f32.to_bits();
+    let words = format!("words = [{}, {}]", bits >> 16, bits & 0xffff);
+    let trace =
+        run(&float, &cnc(&format!("kind = \"register\"\nregister = \"holding:104\"\n{words}")), MINUTE);
+    law::holds(&trace);
+    assert_eq!((trace.told("arm-refused"), trace.states()), (0, vec!["off", "active"]), "{}", trace.lines());
+    let line = include_str!("line.toml")
+        .replace("limit = 40.0", "limit = 5.27")
+        .replace("-350.0, 0.0", "-360.0, 0.0");
+    let held = "kind = \"register\"\nregister = \"holding:10\"\nwords = [0, 17, 60536, 1]";
+    let trace = run(&line, &cnc(held), MINUTE);
+    law::holds(&trace);
+    assert_eq!((trace.told("arm-refused"), trace.states()), (0, vec!["off", "active"]), "{}", trace.lines());
+}
+
+#[test]
+fn a_dry_run_does_not_wait_for_a_reference_position_that_it_never_writes() {
+    let trace = block_on(async {
+        let mut world = World::new(include_str!("line.toml"), "").await;
+        world.gateway().options(|options| options.dry_run = true).run(MINUTE).await
+    });
+    law::holds(&trace);
+    assert_eq!(trace.wire.iter().filter(|seen| seen.is_write()).count(), 0);
+    assert_eq!(trace.states(), ["off", "active"], "it shows what it would do\n{}", trace.lines());
 }
 
 #[test]

@@ -11,7 +11,11 @@ use isotherm::observe::events::Entry;
 use isotherm::observe::status::{Command, Source, Status};
 use isotherm::profile::{Profile, parse};
 use isotherm::quantity::Moment;
-use isotherm::virtual_machine::{FaultScript, PlantSpec, Ports, Seen, Setup, UnknownUnit, VirtualMachine};
+use isotherm::virtual_machine::{
+    FaultScript, PlantSpec, Ports, Seen, Setup, Taken, UnknownUnit, VirtualMachine,
+};
+
+use crate::law;
 
 pub(crate) const BENCH: &str = include_str!("bench.toml");
 pub(crate) const LATHE: &str = include_str!("lathe.toml");
@@ -56,6 +60,8 @@ pub(crate) struct Trace {
     pub(crate) samples: Vec<Sample>,
     pub(crate) events: Vec<Entry>,
     pub(crate) wire: Vec<Seen>,
+    /// What the controls took of their sets.
+    pub(crate) taken: Vec<Taken>,
     pub(crate) outcome: Outcome,
     /// When it was asked to stop, and when it had.
     pub(crate) stopped: (Moment, Moment),
@@ -94,8 +100,17 @@ impl World {
         World::start(profile, faults, None).await
     }
 
-    pub(crate) async fn start(mut profile: Profile, faults: FaultScript, clock: Option<Clock>) -> World {
+    pub(crate) async fn start(profile: Profile, faults: FaultScript, clock: Option<Clock>) -> World {
         let plant = PlantSpec::shipped("surface-grinder").unwrap().unwrap();
+        World::with(plant, profile, faults, clock).await
+    }
+
+    pub(crate) async fn with(
+        plant: PlantSpec,
+        mut profile: Profile,
+        faults: FaultScript,
+        clock: Option<Clock>,
+    ) -> World {
         let clock = clock.unwrap_or_else(|| Clock::simulated(plant.start(), None));
         let hold = clock.hold();
         let setup = Setup {
@@ -105,6 +120,7 @@ impl World {
             ports: Ports::Free,
             unknown_unit: UnknownUnit::Silence,
             journal: true,
+            probe_every: Some(Duration::from_secs(120)),
             ..Setup::default()
         };
         let machine = VirtualMachine::start(&profile, setup, &clock).await.unwrap();
@@ -112,6 +128,14 @@ impl World {
             profile.buses[bus.0].address = address.to_string();
         }
         World { profile, clock, machine, hold: Some(hold) }
+    }
+
+    /// Lets this much time pass without a gateway.
+    pub(crate) async fn wait(&mut self, span: Duration) {
+        let mut ticket = self.clock.join();
+        drop(self.hold.take());
+        ticket.sleep_until(self.clock.now().after(span)).await;
+        self.hold = Some(self.clock.hold());
     }
 
     pub(crate) fn gateway(&mut self) -> Trial<'_> {
@@ -189,8 +213,10 @@ impl<'a> Trial<'a> {
         let ended = clock.now();
         let wire = world.machine.window().requests();
         let wire = wire.into_iter().filter(|seen| seen.at >= begin).collect();
+        let taken = world.machine.window().taken();
+        let taken = taken.into_iter().filter(|taken| taken.at >= begin).collect();
         let profile = world.profile.clone();
-        Trace { profile, begin, samples, events, wire, outcome, stopped: (asked, ended) }
+        Trace { profile, begin, samples, events, wire, taken, outcome, stopped: (asked, ended) }
     }
 }
 
@@ -241,11 +267,8 @@ impl Trace {
     /// What an output was asked to hold, in its unit, in the order of the wire.
     pub(crate) fn writes(&self, output: &str) -> Vec<(Moment, f64)> {
         let output = self.profile.outputs.iter().find(|known| known.name == output).unwrap();
-        self.wire
-            .iter()
-            .filter(|seen| seen.is_write() && seen.device == output.device && seen.address == output.address)
-            .map(|seen| (seen.at, output.encoding.decode(&seen.wanted).unwrap()))
-            .collect()
+        let writes = self.wire.iter().filter_map(|seen| law::of_output(seen, output));
+        writes.map(|seen| (seen.at, output.encoding.decode(&seen.wanted).unwrap())).collect()
     }
 
     /// The counts of the heartbeat.

@@ -10,10 +10,10 @@ use isotherm::fieldbus::modbus::TcpDial;
 use isotherm::fieldbus::wire::{Answer, Boxed, Connection, Dial, Request, Wire};
 use isotherm::gateway::Dialer;
 use isotherm::profile::Bus;
-use isotherm::virtual_machine::FaultScript;
+use isotherm::virtual_machine::{FaultScript, PlantSpec};
 
 use crate::law;
-use crate::rig::{BENCH, GRINDER, Trace, World, bench, block_on, profile, run};
+use crate::rig::{BENCH, GRINDER, Sample, Trace, World, bench, block_on, profile, run};
 
 const MINUTE: Duration = Duration::from_secs(60);
 const RAMP: &str = "on_fault = { action = \"ramp\", after = \"30s\" }";
@@ -109,6 +109,123 @@ fn a_second_run_goes_on_from_the_references_and_the_machine_time_of_the_first() 
     assert!(after >= before && after < before + 120.0, "{before} {after}");
     assert_eq!(second.states_between(15, 300), ["active"], "no settling again\n{}", second.lines());
     assert_eq!(second.told("machine-started"), 0, "{}", second.lines());
+}
+
+/// A machine whose one temperature rises by 0.001 °C a second, whatever happens, and an axis that follows it late.
+async fn drifting() -> World {
+    const PROFILE: &str = "
+        [machine]
+        name = \"bench\"
+        arm = \"auto\"
+        [bus.cell]
+        type = \"modbus-tcp\"
+        address = \"127.0.0.1:1502\"
+        timeout = \"300ms\"
+        [device.module]
+        bus = \"cell\"
+        unit = 1
+        every = \"1s\"
+        [signal.bearing]
+        device = \"module\"
+        register = \"input:0\"
+        type = \"f64\"
+        word_order = \"msw-first\"
+        unit = \"degC\"
+        max_age = \"5s\"
+        [axis.z]
+        limit = 40.0
+        step = 0.5
+        rate = 0.5
+        every = \"2s\"
+        on_fault = { action = \"hold\" }
+        [[axis.z.model]]
+        name = \"bearing\"
+        kind = \"linear\"
+        terms = [{ signal = \"bearing\", expansion = 11.5e-6, length = 300.0, reference = \"start\", lag = \"30min\" }]
+        [output.cnc_z]
+        axis = \"z\"
+        device = \"module\"
+        writes = \"offset\"
+        register = \"holding:104\"
+        type = \"f64\"
+        word_order = \"msw-first\"";
+    const PLANT: &str = "
+        start = \"2026-01-05T06:00:00Z\"
+        soak = \"0s\"
+        link = []
+        [ambient]
+        mean = 20.0
+        amplitude = 0.0
+        peak_hour = 15.0
+        drift_per_day = 0.0
+        weather = 0.0
+        [duty]
+        on_after = [\"0s\", \"0s\"]
+        work = [\"1h\", \"1h\"]
+        pause = [\"1h\", \"1h\"]
+        [node.bearing]
+        capacity = 1e6
+        initial = 20.0
+        [source.friction]
+        node = \"bearing\"
+        watts = 1000.0
+        when = \"always\"
+        [sensor.bearing]
+        node = \"bearing\"
+        lag = \"0s\"
+        resolution = 0.0
+        noise = 0.0";
+    let plant = PlantSpec::parse(PLANT).unwrap_or_else(|error| panic!("{error}"));
+    let profile = profile(PROFILE);
+    let faults = FaultScript::parse("", &profile).unwrap_or_else(|error| panic!("{error}"));
+    World::with(plant, profile, faults, None).await
+}
+
+#[test]
+fn an_hour_without_the_gateway_changes_nothing_that_lags() {
+    let directory = tempfile::tempdir().unwrap();
+    let state = Some(directory.path().to_owned());
+    let whole = block_on(async { drifting().await.gateway().run(180 * MINUTE).await });
+    let (first, second) = block_on(async {
+        let mut world = drifting().await;
+        let first = world.gateway().options(|options| options.directory = state.clone());
+        let first = first.run(60 * MINUTE).await;
+        world.wait(60 * MINUTE).await;
+        let second = world.gateway().options(|options| options.directory = state.clone());
+        (first, second.run(59 * MINUTE).await)
+    });
+    for trace in [&whole, &first, &second] {
+        law::holds(trace);
+    }
+    assert!(second.begin.since(first.begin) >= 120 * MINUTE);
+
+    // K·L·r·(t − C·(1 − e^(−t/C))) with r = 0.001 °C/s.
+    let by_hand = |t: f64| 3.45e-3 * (t - 1800.0 * (1.0 - (-t / 1800.0).exp()));
+    let raw = |sample: &Sample| sample.status.axes[0].raw_um;
+    let (mut compared, mut following) = (0, 0);
+    for sample in &second.samples {
+        let Some(there) = whole.samples.iter().rfind(|other| other.at <= sample.at) else { continue };
+        let (Some(found), Some(wanted)) = (raw(sample), raw(there)) else { continue };
+        assert!((found - wanted).abs() < 0.05, "{} s: {found} {wanted}", whole.seconds(sample.at));
+        assert!((found - by_hand(whole.seconds(sample.at))).abs() < 0.05);
+        compared += 1;
+        // It walks from what stands there to what an hour has added, and then follows as the other does.
+        if second.seconds(sample.at) > 90.0 && sample.at <= second.stopped.0 {
+            let (found, wanted) = (sample.status.axes[0].cz_um, there.status.axes[0].cz_um);
+            assert!((found - wanted).abs() < 0.05, "{} s: {found} {wanted}", whole.seconds(sample.at));
+            following += 1;
+        }
+    }
+    assert!(compared > 3400 && following > 3300, "{compared} {following}");
+    let missed = by_hand(7200.0) - by_hand(3600.0);
+    assert!(missed > 10.0, "the hour was worth {missed} µm");
+
+    let writes: Vec<f64> =
+        [&first, &second].iter().flat_map(|trace| trace.writes("cnc_z")).map(|(_, cz)| cz).collect();
+    assert!(
+        writes.windows(2).all(|pair| (pair[1] - pair[0]).abs() <= 0.5 + 1e-9),
+        "never a step above `step`"
+    );
 }
 
 /// What happens to the thread at one request.

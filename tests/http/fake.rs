@@ -11,7 +11,8 @@ use std::sync::{Arc, Mutex};
 use isotherm::observe::events::{Entry, Level};
 use isotherm::observe::http::serve;
 use isotherm::observe::status::{
-    AxisStatus, BusStatus, Command, DeviceStatus, OutputStatus, SignalStatus, Source, Status,
+    AxisStatus, BusStatus, Command, DeviceStatus, GainStatus, OutputStatus, ProbeStatus, ProbedStatus,
+    SignalStatus, Source, Status,
 };
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
@@ -21,12 +22,18 @@ use tokio::task::JoinHandle;
 pub(crate) struct Fake {
     status: Mutex<Status>,
     commands: Mutex<Vec<Command>>,
+    measured: Mutex<Vec<(String, Option<f64>)>>,
     asked: AtomicUsize,
 }
 
 impl Default for Fake {
     fn default() -> Fake {
-        Fake { status: Mutex::new(status()), commands: Mutex::default(), asked: AtomicUsize::new(0) }
+        Fake {
+            status: Mutex::new(status()),
+            commands: Mutex::default(),
+            measured: Mutex::default(),
+            asked: AtomicUsize::new(0),
+        }
     }
 }
 
@@ -43,6 +50,33 @@ impl Source for Fake {
             Command::Disarm => Ok("axis z is off".into()),
             Command::Zero => Err("axis z moves".into()),
         }
+    }
+
+    fn measured(&self, axis: &str, error_um: Option<f64>) -> Result<String, String> {
+        self.measured.lock().unwrap().push((axis.into(), error_um));
+        match error_um {
+            Some(error) if error.abs() > 25.0 => Err("z: not learned from".into()),
+            _ => Ok("z: as you say".into()),
+        }
+    }
+}
+
+/// A probe that has learned once and refused once.
+fn probe() -> ProbeStatus {
+    ProbeStatus {
+        correction_um: -1.5,
+        limit_um: 10.0,
+        warn_um: Some(4.0),
+        max_error_um: 25.0,
+        last: Some(ProbedStatus {
+            at: "2026-07-02T11:58:00Z".into(),
+            error_um: 40.0,
+            acting_um: 12.5,
+            residual_um: Some(40.0),
+            refused: Some("the model would be wrong by 40.0 µm".into()),
+        }),
+        history: vec![("2026-07-02T10:58:00Z".into(), 3.0)],
+        gains: vec![GainStatus { model: "a".into(), signal: "t1".into(), change: 0.05 }],
     }
 }
 
@@ -75,11 +109,14 @@ pub(crate) fn status() -> Status {
             cz_um: 12.5,
             acted: vec!["limit"],
             limit_um: 60.0,
-            warn_um: None,
-            warned: false,
+            warn_um: Some(12.0),
+            warned: true,
             error_um: None,
+            tripped: false,
             armed: true,
+            probe: Some(probe()),
             extrapolating: None,
+            excess: Some(-0.2),
         }],
         signals: vec![
             signal("t1", None, "stale", "stale", None),
@@ -110,7 +147,9 @@ pub(crate) fn status() -> Status {
             register: "40101 (holding 100)".into(),
             writes: "offset",
             state: "verified",
+            handshake: String::new(),
             value: Some(12.5),
+            shares: None,
             writes_done: 9,
             age_s: Some(2.0),
         }],
@@ -155,6 +194,10 @@ impl Door {
 
     pub(crate) fn commands(&self) -> Vec<Command> {
         self.fake.commands.lock().unwrap().clone()
+    }
+
+    pub(crate) fn measured(&self) -> Vec<(String, Option<f64>)> {
+        self.fake.measured.lock().unwrap().clone()
     }
 
     pub(crate) fn asked(&self) -> usize {

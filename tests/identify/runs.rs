@@ -64,8 +64,8 @@ fn apart(machine: &Machine, method: Method, resample: u64) -> (f64, usize) {
         let window = (resample as f64 / 2.0).max(1e-6);
         let inside: Vec<f64> =
             replayed.iter().filter(|(time, _)| (time - second).abs() < window).map(|row| row.1).collect();
-        let wanted = if resample == 0 { 1 } else { (resample as f64 / machine.step).round() as usize };
-        if inside.len() != wanted {
+        let wanted = if resample == 0 { 1.0 } else { resample as f64 / machine.step };
+        if (inside.len() as f64 - wanted).abs() > 0.5 {
             continue;
         }
         let cz = inside.iter().sum::<f64>() / inside.len() as f64;

@@ -50,15 +50,21 @@ impl Running {
     /// Waits for a line with this text in it.
     #[track_caller]
     pub(crate) fn hears(&mut self, text: &str) -> String {
+        self.hears_one_of(&[text])
+    }
+
+    /// Waits for a line with one of these texts in it.
+    #[track_caller]
+    pub(crate) fn hears_one_of(&mut self, texts: &[&str]) -> String {
         loop {
             match self.lines.recv_timeout(PATIENCE) {
                 Ok(line) => {
                     self.said.push(line.clone());
-                    if line.contains(text) {
+                    if texts.iter().any(|text| line.contains(text)) {
                         return line;
                     }
                 }
-                Err(why) => panic!("`{text}` was not said ({why}); it said:\n{}", self.said.join("\n")),
+                Err(why) => panic!("{texts:?} was not said ({why}); it said:\n{}", self.said.join("\n")),
             }
         }
     }
@@ -72,6 +78,14 @@ impl Running {
     pub(crate) fn signal(&self, name: &str) {
         let sent = Command::new("kill").arg(format!("-{name}")).arg(self.child.id().to_string()).status();
         assert!(sent.is_ok_and(|status| status.success()), "the signal {name} could not be sent");
+    }
+
+    /// Kills it (SIGKILL); what it had said.
+    pub(crate) fn killed(mut self) -> Vec<String> {
+        self.child.kill().unwrap();
+        self.child.wait().unwrap();
+        self.said.extend(self.lines.iter());
+        std::mem::take(&mut self.said)
     }
 
     /// Waits until it has ended.

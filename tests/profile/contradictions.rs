@@ -207,3 +207,23 @@ fn a_timeout_as_long_as_a_poll_period_is_doubted_and_a_long_one_refused() {
     let refused = errors(with("timeout = \"300ms\"", "timeout = \"2s\""));
     assert!(refused.iter().any(|error| error.key == "device.counter.every"), "{refused:?}");
 }
+
+#[test]
+fn a_share_of_an_operators_register_needs_whole_counts_that_can_be_read() {
+    let ledger = "share = \"ledger\"";
+    let shared = |from: &str, to: &str| GRINDER.replace("share = \"whole\"", ledger).replacen(from, to, 1);
+    assert!(parse(&shared("", "")).is_ok());
+    let echo = shared(ledger, "share = \"ledger\"\nverify = \"echo\"");
+    let echo = only_error(&echo, "output.cnc_z.verify", "\"echo\"");
+    assert!(echo.to_string().contains("known only from what is read"), "{echo}");
+    let float = shared(
+        "type = \"i32\"\nword_order = \"msw-first\"\nscale = 0.1",
+        "type = \"f32\"\nword_order = \"msw-first\"",
+    );
+    let float = only_error(&float, "output.cnc_z.share", "\"ledger\"");
+    assert!(float.to_string().contains("whole counts"), "{float}");
+    let corrected =
+        GRINDER.replacen("writes = \"corrected\"", "writes = \"corrected\"\nshare = \"ledger\"", 1);
+    let corrected = only_error(&corrected, "output.readout_z.share", "\"ledger\"");
+    assert!(corrected.to_string().contains("only an offset"), "{corrected}");
+}

@@ -178,8 +178,37 @@ fn a_network_that_does_not_fit_is_refused_with_the_names_of_both() {
         let file = NETWORK.replace(from, to);
         refused_at(NETWORK_KEYS, &[("n.json", file.as_bytes())], ".file", &[words]);
     }
-    let lagged = NETWORK_KEYS.replace("\"wheelhead\"", "{ signal = \"wheelhead\", lag = \"12min\" }");
-    refused_at(&lagged, &n(NETWORK), ".inputs[1].lag", &["not built yet: "]);
+}
+
+#[test]
+fn an_input_may_lag_behind_its_signal_and_begins_at_rest_on_its_reference() {
+    let n: &[File<'_>] = &[("n.json", NETWORK.as_bytes())];
+    let lagged =
+        |rest: &str| NETWORK_KEYS.replace("\"wheelhead\"", &format!("{{ signal = \"wheelhead\", {rest} }}"));
+    let loaded = machine(&lagged("reference = \"start\", lag = \"12min\""), n).unwrap();
+    let Kind::Network(network) = &loaded.profile.axes[0].settings.models[0].kind else { panic!("a network") };
+    let lags: Vec<_> = network.reads().iter().map(|input| input.lag.map(|lag| lag.as_secs())).collect();
+    assert_eq!(lags, [None, Some(720)]);
+    let told = told(&loaded);
+    for words in [
+        "over bed, (wheelhead − its value at machine start) lagged by 12m",
+        "when wheelhead rises by 1 °C (from 35) (63 % of it 12m after wheelhead has risen), Cz changes by",
+    ] {
+        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+    }
+    let later = MATRIX_KEYS.replace("\"bed\"", "{ signal = \"bed\", lag = \"2h\" }");
+    let words = "over (bed − 20) lagged by 2h, (wheelhead";
+    let loaded = machine(&later, &[("c.json", MATRIX.as_bytes())]).unwrap();
+    assert!(self::told(&loaded).contains(words), "{}", self::told(&loaded));
+    for (rest, key, words) in [
+        ("lag = \"12min\"", ".inputs[1].reference", "begins at rest on it"),
+        ("reference = 20, lag = \"30d\"", ".inputs[1].lag", "longer than a week"),
+        ("reference = 20, lag = \"0s\"", ".inputs[1].lag", "zero makes no sense"),
+    ] {
+        refused_at(&lagged(rest), n, key, &[words]);
+    }
+    let bare = later.replace("reference = 20\n", "");
+    refused_at(&bare, &[("c.json", MATRIX.as_bytes())], ".reference", &["a matrix is about rises"]);
 }
 
 #[cfg(feature = "onnx")]

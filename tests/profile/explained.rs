@@ -57,3 +57,15 @@ fn a_good_profile_is_explained_in_words_and_figures() {
     let document = serde_json::to_value(&explanation).unwrap();
     assert_eq!(document["writes"][1]["register"]["modicon"], "40105");
 }
+
+#[test]
+fn an_operators_register_is_explained_as_his() {
+    let machine = with("share = \"whole\"", "share = \"ledger\"").unwrap().profile;
+    let told = isotherm::explain::Explanation::of(&machine).to_string();
+    for words in [
+        "what an operator writes there stays; our share is added to it",
+        "counts -400 to 400, and the operator's part",
+    ] {
+        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+    }
+}

@@ -11,6 +11,8 @@ mod layers;
 mod mistakes;
 mod models;
 mod not_built;
+mod probe;
+mod together;
 
 /// A machine in which everything that is built is used.
 const GRINDER: &str = include_str!("grinder.toml");

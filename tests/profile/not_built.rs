@@ -42,13 +42,6 @@ fn what_is_not_built_yet_says_so_where_it_stands() {
             "frame = { id = 0x100, start = 0, length = 16, order = \"little\" }",
             "signal.bed.frame",
         ),
-        ("share = \"whole\"", "share = \"ledger\"", "output.cnc_z.share"),
-        (
-            "share = \"whole\"",
-            "handshake = { strobe = \"coil:20\", acknowledge = \"discrete:20\", timeout = \"500ms\" }",
-            "output.cnc_z.handshake",
-        ),
-        ("share = \"whole\"", "restart = { boot_counter = \"holding:98\" }", "output.cnc_z.restart"),
         ("[history]", "[mqtt]\nbroker = \"mqtt://127.0.0.1:1883\"\nformat = \"json\"\n\n[history]", "mqtt"),
     ];
     for (from, to, key) in cases {

@@ -2,15 +2,21 @@
 //!
 //! Inside is where every input is between its smallest and its largest value, and the Mahalanobis distance
 //! `d = √((x − m)ᵀ·S⁻¹·(x − m))` of all of them together is at most the reach r. How far outside is one number:
-//! the excess `e = max(d/r − 1, largest (distance beyond min or max) / (max − min))`.
+//! the excess `e = max(d/r − 1, largest (distance beyond min or max) / (max − min))`; inside it is negative, and says how
+//! far the nearest edge is. Outside begins at the edge, and ends where e is below [`CLEARLY_INSIDE`]: an input that
+//! trembles at the edge is outside once.
 
 use serde::{Deserialize, Serialize};
 
-use super::{Input, Known, Unusable};
+use super::{Input, Known, Lag, Unusable};
 use crate::reading::SignalId;
 
 /// Most inputs of an envelope: a step keeps its numbers in a place of fixed size.
 pub const MOST: usize = 64;
+
+/// The excess below which the inputs are clearly inside: each by a twentieth of its range, and the distance by as much
+/// of its reach.
+pub const CLEARLY_INSIDE: f64 = -0.05;
 
 /// What an axis does while its inputs lie outside.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -75,6 +81,15 @@ pub struct Extrapolation {
     pub gain: f64,
 }
 
+/// Where the inputs lie.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Place {
+    /// How far outside; negative: how far inside.
+    pub excess: f64,
+    /// What that means; `None` inside.
+    pub extrapolating: Option<Extrapolation>,
+}
+
 /// An input beyond its range.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Beyond {
@@ -131,38 +146,39 @@ impl Envelope {
         self.outside
     }
 
-    /// How far outside the machine is now; `None` inside.
+    /// Where the machine is now.
     ///
     /// # Errors
     /// A signal that cannot be used, a reference that has not been captured.
-    pub fn look(&self, known: &Known<'_>) -> Result<Option<Extrapolation>, Unusable> {
+    pub fn look(&self, known: &Known<'_>) -> Result<Place, Unusable> {
         let mut rises = [0.0; MOST];
         for (rise, identified) in rises.iter_mut().zip(&self.inputs) {
-            *rise = identified.input.rise(known)?;
+            *rise = identified.input.rise(known, &Lag::NONE)?;
         }
         Ok(self.judge(&rises))
     }
 
-    fn judge(&self, rises: &[f64; MOST]) -> Option<Extrapolation> {
-        let mut share = 0.0;
+    fn judge(&self, rises: &[f64; MOST]) -> Place {
+        let mut share = f64::NEG_INFINITY;
         let mut farthest = None;
         for (known, rise) in self.inputs.iter().zip(rises) {
             let (min, max) = known.range;
-            let by = rise - rise.clamp(min, max);
-            let of_range = (by / (max - min)).abs();
+            let of_range = (min - rise).max(rise - max) / (max - min);
             if of_range > share {
                 share = of_range;
-                farthest = Some(Beyond { signal: known.input.signal, by });
+                let by = rise - rise.clamp(min, max);
+                farthest = (of_range > 0.0).then_some(Beyond { signal: known.input.signal, by });
             }
         }
         let distance = self.distance(rises);
-        let excess = (distance / self.reach - 1.0).max(share);
+        let excess = (distance / self.reach - 1.0).max(share).min(f64::MAX);
         let gain = match self.outside {
             Outside::Shrink => 1.0 / (1.0 + excess * excess),
             Outside::Warn | Outside::Hold => 1.0,
         };
         let distance = Some((distance, self.reach));
-        (excess > 0.0).then_some(Extrapolation { distance, farthest, outside: self.outside, gain })
+        let found = Extrapolation { distance, farthest, outside: self.outside, gain };
+        Place { excess, extrapolating: (excess > 0.0).then_some(found) }
     }
 
     /// Mahalanobis: `|L⁻¹·(x − m)|`, by forward substitution. What is too large for a number is the largest there is.

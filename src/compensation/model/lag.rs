@@ -46,6 +46,9 @@ pub struct Lagged {
 }
 
 impl Lag {
+    /// Of what has none.
+    pub(super) const NONE: Lag = Lag(None);
+
     /// The lag as it was kept.
     pub fn recalled(lagged: Lagged) -> Lag {
         Lag(Some(lagged))
@@ -67,10 +70,18 @@ impl Lag {
         self.0 = lagged.follower.is_finite().then_some(lagged);
     }
 
-    /// The lagged rise at this snapshot; NaN where it is no number.
-    pub fn rise(mut self, term: &Term, known: &Known<'_>) -> f64 {
-        self.follow(term, known.snapshot, known.machine);
-        self.0.map_or(f64::NAN, |lagged| lagged.follower - lagged.from)
+    /// The lagged rise at this snapshot, whose reading and reference are these; NaN where it is no number.
+    pub fn rise(&self, term: &Term, known: &Known<'_>, input: f64, reference: Captured) -> f64 {
+        let rise = |lagged: &Lagged| lagged.follower - lagged.from;
+        match &self.0 {
+            // As every step has it: the lag has gone on to this snapshot already.
+            Some(lagged) if lagged.has_followed(known.snapshot.now, input, reference) => rise(lagged),
+            _ => {
+                let mut lag = *self;
+                lag.follow(term, known.snapshot, known.machine);
+                lag.0.as_ref().map_or(f64::NAN, rise)
+            }
+        }
     }
 }
 
@@ -91,6 +102,10 @@ impl Lagged {
         }
         self.at = now;
         self.input = input;
+    }
+
+    fn has_followed(&self, now: Moment, input: f64, reference: Captured) -> bool {
+        self.at == now && self.input.to_bits() == input.to_bits() && self.captured == reference.at
     }
 
     fn measure_from(&mut self, kind: Reference, reference: Captured) {

@@ -57,6 +57,22 @@ pub struct Slope {
     pub terms: Vec<Term>,
 }
 
+impl Term {
+    /// The rise now, in the signal's unit; behind its lag, where it has one.
+    ///
+    /// # Errors
+    /// The signal cannot be used, or its reference has not been captured.
+    pub(super) fn rise(&self, known: &Known<'_>, lag: &Lag) -> Result<f64, Unusable> {
+        let value = known.snapshot.value(self.signal).ok_or(Unusable::Signal(self.signal))?;
+        let reference =
+            known.machine.captured(self.reference, self.signal).ok_or(Unusable::Reference(self.signal))?;
+        Ok(match self.lag {
+            Some(_) => lag.rise(self, known, value, reference),
+            None => value - reference.value,
+        })
+    }
+}
+
 impl Linear {
     /// Every term, those of the slope last: one [`Lag`] belongs to each.
     pub fn all_terms(&self) -> impl Iterator<Item = &Term> {
@@ -91,12 +107,14 @@ fn sum<'a>(
 ) -> Result<f64, Unusable> {
     let mut sum = offset;
     for term in terms {
-        let lag = lags.next().copied().unwrap_or_default();
-        let value = known.snapshot.value(term.signal).ok_or(Unusable::Signal(term.signal))?;
-        let reference =
-            known.machine.captured(term.reference, term.signal).ok_or(Unusable::Reference(term.signal))?;
-        let rise = if term.lag.is_some() { lag.rise(term, known) } else { value - reference.value };
-        sum += term.gain * rise;
+        sum += term.part(lags.next().unwrap_or(&Lag::NONE), known)?;
     }
     Ok(sum)
+}
+
+impl Term {
+    /// What it adds to the sum now.
+    pub(super) fn part(&self, lag: &Lag, known: &Known<'_>) -> Result<f64, Unusable> {
+        Ok(self.gain * self.rise(known, lag)?)
+    }
 }

@@ -3,9 +3,9 @@
 //!
 //! P comes from a finite-element model of the structure; what is kept here of it is the one component that acts on
 //! the axis, as gains of Cz. Between two points of the guideway Cz is interpolated linearly; beyond its ends it stays
-//! what it is at the end, and [`Matrix::beyond`] says so.
+//! what it is at the end, and [`Matrix::place`] says so.
 
-use super::{Asked, Beyond, Evaluate, Extrapolation, Input, Known, Outside, Unusable};
+use super::{Asked, Beyond, Evaluate, Extrapolation, Input, Known, Lag, Outside, Place, Unusable};
 use crate::compensation::Snapshot;
 use crate::reading::SignalId;
 
@@ -88,18 +88,21 @@ impl Matrix {
         row(low).iter().zip(row(high)).map(move |(low, high)| low + share * (high - low))
     }
 
-    /// The axis is beyond an end of the guideway: by how much.
-    pub fn beyond(&self, snapshot: &Snapshot<'_>) -> Option<Extrapolation> {
+    /// Where the axis is on the guideway, or beyond an end of it; `None` where its position is not known.
+    pub fn place(&self, snapshot: &Snapshot<'_>) -> Option<Place> {
         let position = snapshot.value(self.position)?;
         let (first, last) = self.ends();
         let by = position - position.clamp(first, last);
-        let farthest = Some(Beyond { signal: self.position, by });
-        (by.abs() > 0.0).then_some(Extrapolation {
+        let found = Extrapolation {
             distance: None,
-            farthest,
+            farthest: Some(Beyond { signal: self.position, by }),
             outside: Outside::Warn,
             gain: 1.0,
-        })
+        };
+        // A guideway of a single point has no length to take a share of: it counts as 1 mm.
+        let length = if last > first { last - first } else { 1.0 };
+        let excess = ((first - position).max(position - last) / length).min(f64::MAX);
+        Some(Place { excess, extrapolating: (by.abs() > 0.0).then_some(found) })
     }
 }
 
@@ -109,8 +112,9 @@ impl Evaluate for Matrix {
     fn evaluate(&self, known: &Known<'_>) -> Result<Asked, Unusable> {
         let position = known.snapshot.value(self.position).ok_or(Unusable::Signal(self.position))?;
         let mut cz = 0.0;
+        let mut lags = known.lags.iter();
         for (input, gain) in self.inputs.iter().zip(self.gains_at(position)) {
-            cz += gain * input.rise(known)?;
+            cz += gain * input.rise(known, lags.next().unwrap_or(&Lag::NONE))?;
         }
         Ok(Asked { cz, slope: 0.0 })
     }

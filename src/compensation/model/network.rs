@@ -4,7 +4,7 @@
 //! Inputs are temperatures, positions, speeds, each less its reference, in the signal's unit; the result is Cz in µm.
 //! Scaling is the network's own: part of the weights, or of the ONNX graph.
 
-use super::{Asked, Evaluate, Input, Known, Unusable};
+use super::{Asked, Evaluate, Input, Known, Lag, Unusable};
 use crate::reading::SignalId;
 
 mod layers;
@@ -105,8 +105,9 @@ impl Network {
 impl Evaluate for Network {
     fn evaluate(&self, known: &Known<'_>) -> Result<Asked, Unusable> {
         let mut rises = [0.0; WIDEST];
+        let mut lags = known.lags.iter();
         for (rise, input) in rises.iter_mut().zip(&self.inputs) {
-            *rise = input.rise(known)?;
+            *rise = input.rise(known, lags.next().unwrap_or(&Lag::NONE))?;
         }
         Ok(Asked { cz: self.net.output(&rises[..self.inputs.len()]), slope: 0.0 })
     }

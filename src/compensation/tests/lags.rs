@@ -1,4 +1,6 @@
 use super::*;
+use crate::compensation::model::network::{Activation, Layer, Layers, Net, Scaling};
+use crate::compensation::model::{Input, Matrix, Network};
 
 /// Janeczko's example: K = 11.5e-6 1/K, L = 300 mm, C = 1800 s.
 const GAIN: f64 = 11.5e-6 * 300.0 * 1000.0;
@@ -60,6 +62,52 @@ fn m4_the_ramp_whatever_the_interval() {
                 assert!((found - wanted).abs() < 1e-6, "{spans:?}: {found} {wanted}");
             }
         }
+    }
+}
+
+/// The same in the kinds that files describe: one input, one gain.
+fn lagging_files(reference: Reference) -> [Model; 2] {
+    let input = Input { signal: BED, reference, lag: Some(seconds(CONSTANT)) };
+    let layer = Layer { weights: vec![vec![GAIN]], bias: vec![0.0], activation: Activation::Linear };
+    let layers = Layers::new(Scaling::new(&[0.0], &[1.0]).unwrap(), vec![layer], (0.0, 1.0)).unwrap();
+    let network = Network::new("n.json", Net::Layers(layers), vec![input]).unwrap();
+    let matrix = Matrix::new("m.json", vec![input], BUTTON, vec![0.0, 9.0], vec![GAIN; 2]).unwrap();
+    [Kind::Matrix(matrix), Kind::Network(network)].map(|kind| Model {
+        name: "file".to_owned(),
+        kind,
+        envelope: None,
+    })
+}
+
+#[test]
+fn m4_an_input_of_a_matrix_or_a_network_lags_as_a_term_does() {
+    for model in lagging_files(Reference::Fixed(20.0)) {
+        for spans in [&[1.0][..], &[60.0], &IRREGULAR] {
+            let mut rig = Rig::new(axis(vec![model.clone()]));
+            let found = follow(&mut rig, spans, |_| 25.0, &[600.0, 1800.0, 3600.0]);
+            for (found, wanted) in found.iter().zip([4.889835, 10.904080, 14.915466]) {
+                assert!((found - wanted).abs() < 1e-6, "{spans:?}: {found} {wanted}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_lagging_input_is_remembered_over_an_hour_without_the_gateway() {
+    let warming = |time: f64| 20.0 + 0.001 * time;
+    for model in lagging_files(Reference::Start) {
+        let mut rig = Rig::new(axis(vec![model.clone()]));
+        let whole = follow(&mut rig, &[10.0], warming, &[7200.0]);
+        let mut rig = Rig::new(axis(vec![model.clone()]));
+        follow(&mut rig, &[10.0], warming, &[1800.0]);
+        let kept = serde_json::to_string(&rig.compensation.remembered()).unwrap();
+        let remembered: Remembered = serde_json::from_str(&kept).unwrap();
+        rig.compensation =
+            Compensation::new(rig.compensation.settings.clone(), vec![axis(vec![model])], remembered);
+        rig.now = Moment::from_nanos(0).after(seconds(5400.0));
+        rig.show(warming(5400.0), 0.0).step();
+        let last = rig.show(warming(7200.0), 0.0).after(1800.0);
+        assert!((raw(last) - whole[0]).abs() < 1e-9, "{last:?} {whole:?}");
     }
 }
 

@@ -9,7 +9,7 @@ use crate::compensation::model::{Envelope, Input, Outside};
 /// `Cz = 2·(bed − 20)`, identified on 18 to 28 °C.
 fn model(outside: Outside) -> Model {
     let mut model = linear("rise", 0.0, &[term(BED, 2.0, Reference::Fixed(20.0))]);
-    let input = Input { signal: BED, reference: Reference::Fixed(0.0) };
+    let input = Input { signal: BED, reference: Reference::Fixed(0.0), lag: None };
     let known = Identified { input, mean: 23.0, range: (18.0, 28.0) };
     model.envelope = Some(Envelope::new(vec![known], &[vec![9.0]], None, outside).unwrap());
     model
@@ -54,12 +54,16 @@ fn hold_keeps_the_last_value_for_as_long_as_it_lasts_and_comes_back_in_steps() {
         assert_eq!((decision.raw, decision.lacks), (Some(um(18.0)), None));
     }
     let mut last = kept;
-    for decision in rig.show(27.9, 0.0).run(300.0) {
+    for bed in [27.9, 28.1, 27.6] {
+        assert_eq!(rig.show(bed, 0.0).after(10.0).state.name(), "holding", "{bed}: not clearly inside");
+    }
+    for decision in rig.show(27.4, 0.0).run(300.0) {
         assert_eq!(decision.state, AxisState::Active);
         assert!((decision.cz - last).abs() <= um(1.0 + 1e-9), "{decision:?}");
         last = decision.cz;
     }
-    assert!((last - um(15.8)).abs() < um(1e-9));
+    assert!((last - um(14.8)).abs() < um(1e-9));
+    assert_eq!(rig.show(27.9, 0.0).after(10.0).state, AxisState::Active, "and outside begins at the edge");
 }
 
 #[test]

@@ -112,7 +112,7 @@ proptest! {
             rig.values = values;
             let found_slope = found.filter(|_| rig.compensation.axes[0].settings.apart.is_some());
             let take_over_slope = found_slope.map(|found| um(found / 2.0));
-            rig.control = Control { permit, take_over: found.map(um), take_over_slope };
+            rig.control = Control { permit, take_over: found.map(um), take_over_slope, ..Control::default() };
             let before = rig.compensation.decision(0).unwrap().at;
             let decision = rig.step();
             if let Some(found) = found {

@@ -1,6 +1,6 @@
 //! Models whose numbers are in a file, and envelopes, in words.
 
-use super::{effect, figure, middle, reference};
+use super::{effect, figure, late, middle, reference};
 use crate::compensation::model::{Envelope, Input, Matrix, Network, Outside, Reference};
 use crate::profile::Profile;
 
@@ -16,7 +16,11 @@ pub(super) fn matrix(profile: &Profile, matrix: &Matrix) -> (String, Vec<String>
     let at = f64::midpoint(first, last);
     let place = format!(" (at {position} = {} mm)", figure(at));
     let blocks = matrix.blocks().iter().zip(matrix.gains_at(at));
-    let effects = blocks.map(|(block, gain)| effect(profile, block.signal, gain, &place)).collect();
+    let effects = blocks
+        .map(|(block, gain)| {
+            effect(profile, block.signal, gain, &late(profile, block.signal, block.lag, &place))
+        })
+        .collect();
     (text, effects)
 }
 
@@ -39,7 +43,8 @@ pub(super) fn network(profile: &Profile, network: &Network) -> (String, Vec<Stri
         let name = &profile.signal(input.signal).name;
         let from = figure(middle(profile, input.signal));
         if change.is_finite() {
-            effect(profile, input.signal, change, &format!(" (from {from})"))
+            let place = format!(" (from {from})");
+            effect(profile, input.signal, change, &late(profile, input.signal, input.lag, &place))
         } else {
             format!("at {name} = {from} the network has no value")
         }
@@ -71,11 +76,15 @@ fn rises(profile: &Profile, inputs: &[Input]) -> String {
     inputs.iter().map(|input| rise(profile, input)).collect::<Vec<_>>().join(", ")
 }
 
-/// `bed`, or `(bed − 20)`.
+/// `bed`, or `(bed − 20)`, and by how much it lags.
 fn rise(profile: &Profile, input: &Input) -> String {
     let name = &profile.signal(input.signal).name;
-    match input.reference {
+    let rise = match input.reference {
         Reference::Fixed(0.0) => name.clone(),
         other => format!("({name} − {})", reference(other)),
+    };
+    match input.lag {
+        Some(lag) => format!("{rise} lagged by {}", humantime::format_duration(lag)),
+        None => rise,
     }
 }

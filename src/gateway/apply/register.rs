@@ -39,6 +39,11 @@ impl Writer {
     ) -> bool {
         if !can_be_read(shared, output) {
             self.compare = false;
+            if std::mem::take(&mut self.restarted) {
+                // What a restarted control holds that nobody can read: nothing.
+                self.take_over(shared, output, Words::of(output.encoding.encode(0.0).words()), now);
+                return false;
+            }
             return true;
         }
         let found = match self.read(line, shared, output, now).await {
@@ -48,10 +53,20 @@ impl Writer {
                 return false;
             }
         };
+        self.judge(shared, output, found, now)
+    }
+
+    /// Whether what was found in the register is ours and the decision is still to be carried out.
+    pub(super) fn judge(&mut self, shared: &Shared, output: &Output, found: Words, now: Moment) -> bool {
         let (known, sent) = (self.known, self.uncertain.take());
         let compared = std::mem::take(&mut self.compare);
+        let restarted = std::mem::take(&mut self.restarted);
         let arrived = sent == Some(found);
         if known.is_some_and(|known| known != found) && !arrived {
+            if restarted {
+                self.take_over(shared, output, found, now);
+                return false;
+            }
             self.not_ours(shared, output, found, now);
             return false;
         }
@@ -60,7 +75,7 @@ impl Writer {
             _ if arrived || known.is_none() => true,
             Some(Trouble::Verify) => false,
             // What was sent did not arrive: only a write that does shows that the device can be written again.
-            Some(Trouble::Link) => sent.is_none(),
+            Some(Trouble::Link | Trouble::Disk) => sent.is_none(),
             None => compared,
         };
         if is_settled {
@@ -120,14 +135,8 @@ impl Writer {
         target: Words,
         now: Moment,
     ) -> bool {
-        let single = target.words().len() == 1 && shared.profile.device(output.device).functions.write_single;
-        let request = if single {
-            Request::WriteSingle { at: output.address.offset, word: target.words()[0] }
-        } else {
-            Request::WriteMultiple { at: output.address.offset, words: target.words() }
-        };
         self.uncertain = Some(target);
-        if let Err(fault) = poll::call(line, shared, output.device, request, now).await {
+        if let Err(fault) = send(line, shared, output, target, now).await {
             if !fault.spoils_connection() {
                 // The device refused: what stood there still stands.
                 self.uncertain = None;
@@ -137,23 +146,8 @@ impl Writer {
         }
         if output.verify == Verify::ReadBack {
             match self.read(line, shared, output, now).await {
-                Ok(found) if found.words() == target.words() => {}
-                Ok(found) => {
-                    self.uncertain = None;
-                    if within_limit(&shared.profile, output, &found).is_none() {
-                        self.not_ours(shared, output, found, now);
-                        return false;
-                    }
-                    self.known = Some(found);
-                    if self.trouble != Some(Trouble::Verify) {
-                        let wrote = words_in_text(output, &target);
-                        let found = words_in_text(output, &found);
-                        shared.tell(&Event::VerifyFailed { output: output.name.clone(), wrote, found });
-                    }
-                    self.doubt(shared, Trouble::Verify);
-                    shared.core().outputs[self.id.0].failures += 1;
-                    return false;
-                }
+                Ok(found) if self.is_verified(shared, output, target, found, now) => {}
+                Ok(_) => return false,
                 Err(fault) => {
                     self.fail(shared, output, fault);
                     return false;
@@ -163,6 +157,33 @@ impl Writer {
         self.uncertain = None;
         self.known = Some(target);
         true
+    }
+
+    /// Whether what was read back is what was written; where it is not, that is told.
+    pub(super) fn is_verified(
+        &mut self,
+        shared: &Shared,
+        output: &Output,
+        wrote: Words,
+        found: Words,
+        now: Moment,
+    ) -> bool {
+        if found.words() == wrote.words() {
+            return true;
+        }
+        self.uncertain = None;
+        if within_limit(&shared.profile, output, &found).is_none() {
+            self.not_ours(shared, output, found, now);
+            return false;
+        }
+        self.known = Some(found);
+        if self.trouble != Some(Trouble::Verify) {
+            let (wrote, found) = (words_in_text(output, &wrote), words_in_text(output, &found));
+            shared.tell(&Event::VerifyFailed { output: output.name.clone(), wrote, found });
+        }
+        self.doubt(shared, Trouble::Verify);
+        shared.core().outputs[self.id.0].failures += 1;
+        false
     }
 
     pub(super) fn fail(&mut self, shared: &Shared, output: &Output, fault: Fault) {
@@ -224,4 +245,21 @@ impl Writer {
             shared.tell(&Event::Verified { output, failures });
         }
     }
+}
+
+/// Writes the registers of one value; that they stand there is not known yet.
+pub(super) async fn send(
+    line: &mut Line,
+    shared: &Shared,
+    output: &Output,
+    target: Words,
+    now: Moment,
+) -> Result<(), Fault> {
+    let single = target.words().len() == 1 && shared.profile.device(output.device).functions.write_single;
+    let request = if single {
+        Request::WriteSingle { at: output.address.offset, word: target.words()[0] }
+    } else {
+        Request::WriteMultiple { at: output.address.offset, words: target.words() }
+    };
+    poll::call(line, shared, output.device, request, now).await.map(|_| ())
 }

@@ -4,7 +4,7 @@ use super::*;
 use crate::observe::status::Status;
 
 #[derive(Default)]
-struct Fake(Mutex<Vec<Command>>);
+struct Fake(Mutex<Vec<Command>>, Mutex<Vec<(String, Option<f64>)>>);
 
 impl Source for Fake {
     fn status(&self) -> Status {
@@ -14,6 +14,11 @@ impl Source for Fake {
     fn command(&self, command: Command) -> Result<String, String> {
         self.0.lock().unwrap().push(command);
         if command == Command::Zero { Err("axis z moves".to_owned()) } else { Ok("z: as you say".to_owned()) }
+    }
+
+    fn measured(&self, axis: &str, error_um: Option<f64>) -> Result<String, String> {
+        self.1.lock().unwrap().push((axis.to_owned(), error_um));
+        Ok(format!("{axis}: {error_um:?}"))
     }
 }
 
@@ -40,6 +45,19 @@ async fn commands_arrive_and_their_answers_return() {
     assert_eq!(commands, [Command::Arm, Command::Disarm, Command::Zero]);
     assert_eq!(answers[0], Ok("z: as you say".to_owned()));
     assert_eq!(answers[2], Err("axis z moves".to_owned()));
+}
+
+#[tokio::test]
+async fn a_measured_error_arrives_with_every_digit() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = path(directory.path(), "m");
+    let socket = path.clone();
+    let said = [Some(-0.1 - 0.2), Some(1e-9), None];
+    let (answers, _) = beside(&path, move || said.map(|error| send_measured(&socket, "z", error))).await;
+    assert_eq!(answers, said.map(|error| Ok(format!("z: {error:?}"))));
+    for line in ["measured", "measured z", "measured z much", "measured  ", "measuredz 1"] {
+        assert_eq!(obey(line, &Fake::default()), None, "{line}");
+    }
 }
 
 #[tokio::test]

@@ -6,8 +6,8 @@ use std::io::Read;
 
 use csv::StringRecord;
 
-use super::{DECIDED, ERROR, FROM, MEMORY, PERMIT, SLOPE_FROM, TIME, ZERO};
-use crate::compensation::{Control, Permit, Remembered};
+use super::{ACTING, DECIDED, ERROR, FORGET, FROM, MEASURED, MEMORY, PERMIT, SLOPE_FROM, TIME, ZERO};
+use crate::compensation::{Control, Measured, Permit, Remembered};
 use crate::profile::Profile;
 use crate::quantity::{Micron, Moment, time};
 use crate::reading::{Reading, Reason};
@@ -92,6 +92,9 @@ struct AxisColumns {
     permit: Option<usize>,
     from: Option<usize>,
     slope_from: Option<usize>,
+    measured: Option<usize>,
+    acting: Option<usize>,
+    forget: Option<usize>,
     error: Option<usize>,
     decided: Option<[usize; 5]>,
 }
@@ -232,11 +235,16 @@ impl<R: Read> LogReader<R> {
     fn control(&self, line: u64, columns: &AxisColumns) -> Result<Control, LogError> {
         let take_over = self.micron(line, columns.from)?;
         let take_over_slope = self.micron(line, columns.slope_from)?;
+        let acting = self.micron(line, columns.acting)?;
+        let measured = self.micron(line, columns.measured)?.map(|error| Measured { error, acting });
+        let forget = self.filled(columns.forget).is_some();
         let Some(place) = columns.permit else {
             let at_rest = self.last.is_none().then_some(Micron::ZERO);
             return Ok(Control {
                 permit: Permit::Armed,
                 take_over: take_over.or(at_rest),
+                forget,
+                measured,
                 ..Control::default()
             });
         };
@@ -244,7 +252,7 @@ impl<R: Read> LogReader<R> {
         let permit = Permit::from_name(word).ok_or_else(|| {
             self.error(line, place, format!("`{word}` is none of off, armed, unverified, stopping"))
         })?;
-        Ok(Control { permit, take_over, take_over_slope })
+        Ok(Control { permit, take_over, take_over_slope, forget, measured })
     }
 
     fn decided(&self, line: u64, columns: &AxisColumns) -> Result<Option<Decided>, LogError> {
@@ -308,6 +316,9 @@ impl Columns {
                 permit: of(PERMIT),
                 from: of(FROM),
                 slope_from: of(SLOPE_FROM),
+                measured: of(MEASURED),
+                acting: of(ACTING),
+                forget: of(FORGET),
                 error: of(ERROR),
                 decided,
             }

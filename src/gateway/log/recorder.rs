@@ -2,7 +2,9 @@
 
 use std::io::Write;
 
-use super::{DECIDED, FROM, MEMORY, PERMIT, SLOPE, SLOPE_FROM, TIME, ZERO};
+use super::{
+    ACTING, CORRECTION, DECIDED, FORGET, FROM, MEASURED, MEMORY, PERMIT, SLOPE, SLOPE_FROM, TIME, ZERO,
+};
 use crate::compensation::{Control, Decision, Remembered, Snapshot};
 use crate::profile::{Axis, Profile};
 use crate::quantity::{Moment, time};
@@ -14,6 +16,8 @@ pub struct Recorder {
     models: Vec<Vec<String>>,
     /// By axis: the control is given the slope.
     apart: Vec<bool>,
+    /// By axis: errors are measured.
+    probed: Vec<bool>,
     memory: Option<String>,
     zeroed: Option<Moment>,
     line: Vec<u8>,
@@ -25,7 +29,8 @@ impl Recorder {
         let names = |axis: &Axis| axis.settings.models.iter().map(|model| cell(&model.name)).collect();
         let models = profile.axes.iter().map(names).collect();
         let apart = profile.axes.iter().map(|axis| axis.settings.apart.is_some()).collect();
-        Recorder { models, apart, memory: None, zeroed: None, line: Vec::with_capacity(512) }
+        let probed = profile.axes.iter().map(|axis| axis.settings.probe.is_some()).collect();
+        Recorder { models, apart, probed, memory: None, zeroed: None, line: Vec::with_capacity(512) }
     }
 
     /// The first line of a log, with its line break.
@@ -37,7 +42,9 @@ impl Recorder {
         }
         for axis in &profile.axes {
             let slope = axis.settings.apart.map(|_| [SLOPE_FROM, SLOPE]);
-            for column in [PERMIT, FROM].into_iter().chain(DECIDED).chain(slope.into_iter().flatten()) {
+            let probe = axis.settings.probe.map(|_| [MEASURED, ACTING, FORGET, CORRECTION]);
+            let more = slope.into_iter().flatten().chain(probe.into_iter().flatten());
+            for column in [PERMIT, FROM].into_iter().chain(DECIDED).chain(more) {
                 header += ",";
                 header += &cell(&format!("{}_{column}", axis.settings.name));
             }
@@ -67,8 +74,8 @@ impl Recorder {
         for reading in snapshot.readings {
             optional(&mut self.line, reading.usable());
         }
-        let axes = self.models.iter().zip(&self.apart);
-        for ((control, decision), (models, apart)) in controls.iter().zip(decisions).zip(axes) {
+        let axes = self.models.iter().zip(&self.apart).zip(&self.probed);
+        for ((control, decision), ((models, apart), probed)) in controls.iter().zip(decisions).zip(axes) {
             let model = decision.model.and_then(|place| models.get(place)).map_or("", String::as_str);
             let line = &mut self.line;
             text(line, control.permit.name());
@@ -82,6 +89,13 @@ impl Recorder {
             if *apart {
                 optional(line, control.take_over_slope.map(|found| found.get()));
                 optional(line, Some(decision.slope.get()));
+            }
+            if *probed {
+                let acting = control.measured.and_then(|measured| measured.acting);
+                optional(line, control.measured.map(|measured| measured.error.get()));
+                optional(line, acting.map(|acting| acting.get()));
+                text(line, if control.forget { "1" } else { "" });
+                optional(line, Some(decision.correction.get()));
             }
         }
         text(&mut self.line, self.memory.take().as_deref().unwrap_or_default());

@@ -61,8 +61,9 @@ fn axis(name: &str, every: u64, count: f64, on_fault: OnFault, models: Vec<Model
     let every = Duration::from_secs(every);
     let name = name.to_owned();
     let (levels, datum) = (Levels::default(), Datum::Model);
-    let settings = AxisSettings { name, models, guard, every, on_fault, levels, datum, apart: None };
-    Axis { settings, diameter: false }
+    let settings =
+        AxisSettings { name, models, guard, every, on_fault, levels, datum, apart: None, probe: None };
+    Axis { settings, diameter: false, probe_input: None }
 }
 
 /// `bed`, `wheelhead`, `hydraulics_on`, `zero_button`; z every 10 s (M1, then M2), x every 7 s (rises over zero and start).
@@ -97,6 +98,7 @@ pub(crate) fn profile() -> Profile {
             axis("x", 7, 0.3, OnFault::Zero, vec![rises]),
         ],
         outputs: Vec::new(),
+        sets: Vec::new(),
         heartbeat: None,
         web: None,
         history: History { directory: None, keep: Duration::from_secs(86_400) },

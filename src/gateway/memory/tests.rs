@@ -105,7 +105,7 @@ fn a_file_of_the_first_layout_is_still_read_and_one_of_a_later_is_set_aside() {
 
     std::fs::write(&path, first.replace("\"version\":1", "\"version\":9")).unwrap();
     let recalled = Memory::recall(&path, &profile);
-    assert!(recalled.trouble.unwrap().contains("it has version 9, this program writes 2"));
+    assert!(recalled.trouble.unwrap().contains("it has version 9, this program writes 3"));
     assert_eq!(recalled.remembered, Remembered::default());
     assert!(!path.exists());
 }

@@ -4,6 +4,7 @@ use super::{Core, Shared};
 use crate::compensation::{AxisState, Control, Snapshot};
 use crate::gateway::arming::{Arming, Attempt, of_axis};
 use crate::gateway::output::Standing;
+use crate::gateway::probing::Probing;
 use crate::gateway::words::part;
 use crate::observe::events::Event;
 use crate::profile::{AxisId, Output, OutputId, Profile, Writes};
@@ -17,10 +18,12 @@ impl Core {
         if due {
             self.arm_where_possible(shared, now);
         }
+        self.hear_probings(profile, now);
         for (axis, arming) in self.arming.iter_mut().enumerate() {
-            let permit = arming.permit(profile, axis, &self.outputs, self.stopping);
+            let permit = arming.permit(profile, axis, &self.outputs, self.stopping, shared.dry_run);
             let Arming { take_over, take_over_slope, .. } = *arming;
-            self.controls[axis] = Control { permit, take_over, take_over_slope };
+            let Probing { forget, measured, .. } = self.probing[axis];
+            self.controls[axis] = Control { permit, take_over, take_over_slope, forget, measured };
         }
         self.keeper.prepare(now, &self.compensation);
         let snapshot = Snapshot { now, readings: self.board.seen() };
@@ -35,6 +38,9 @@ impl Core {
             }
         }
         self.disarm_tripped(shared);
+        if self.tell_probings(profile, now) {
+            self.keeper.remember_now(now, &self.compensation, profile, &self.outputs);
+        }
         self.keeper.remember(now, &self.compensation, profile, &self.outputs);
         if stepped.noticed.started {
             self.untold.push(Event::MachineStarted);

@@ -6,16 +6,23 @@ use super::Shared;
 use crate::compensation::AxisState;
 use crate::compensation::settings::OnFault;
 use crate::gateway::output::Standing;
+use crate::profile::Share;
 
 impl Shared {
     /// A request to stop: the axes take their fault actions. How long that takes at most.
     pub(in crate::gateway) fn begin_stop(&self) -> Duration {
         let mut core = self.core();
         core.stopping = true;
+        let exchange = self.profile.sets.iter().filter_map(|set| Some(set.handshake?.timeout * 2)).max();
+        let exchange = exchange.unwrap_or_default();
         let axes = self.profile.axes.iter().zip(core.compensation.decisions());
         // A slope goes to zero beside Cz, in steps of the same size.
         let times = axes.flat_map(|(axis, decision)| {
-            [decision.cz, decision.slope].map(|way| axis.settings.time_to_rest(way))
+            [decision.cz, decision.slope].map(|way| {
+                // Each step may have to wait for its acknowledge.
+                let steps = way.abs().get() / axis.settings.guard.step.get() + 2.0;
+                axis.settings.time_to_rest(way) + exchange.mul_f64(steps)
+            })
         });
         let longest = times.max();
         drop(core);
@@ -25,18 +32,32 @@ impl Shared {
         longest.unwrap_or_default() + slowest.unwrap_or_default() + Duration::from_secs(2)
     }
 
+    /// The lines drop what strobes are up; whether there is one.
+    pub(in crate::gateway) fn leave(&self) -> bool {
+        let mut core = self.core();
+        let any = core.outputs.iter().any(|output| output.handshake.strobe_up);
+        core.leaving = true;
+        drop(core);
+        if any {
+            self.ring();
+        }
+        any
+    }
+
     /// Every axis has done what its fault action asks for, and what it decided stands in the registers.
     pub(in crate::gateway) fn at_rest(&self) -> bool {
         let core = self.core();
-        self.profile.axes.iter().enumerate().all(|(axis, settings)| {
-            let Some(decision) = core.compensation.decision(axis) else { return true };
-            let rested = match decision.state {
-                AxisState::Off | AxisState::Zeroed => true,
-                AxisState::Holding(_) => settings.settings.on_fault == OnFault::Hold,
-                _ => false,
-            };
-            rested && core.has_arrived(&self.profile, axis, self.dry_run)
-        })
+        let waits = core.outputs.iter().any(|output| output.handshake.waits.is_some());
+        !waits
+            && self.profile.axes.iter().enumerate().all(|(axis, settings)| {
+                let Some(decision) = core.compensation.decision(axis) else { return true };
+                let rested = match decision.state {
+                    AxisState::Off | AxisState::Zeroed => true,
+                    AxisState::Holding(_) => settings.settings.on_fault == OnFault::Hold,
+                    _ => false,
+                };
+                rested && core.has_arrived(&self.profile, axis, self.dry_run)
+            })
     }
 
     /// What stays in the registers, in words.
@@ -49,6 +70,9 @@ impl Shared {
             .zip(&core.outputs)
             .filter(|(output, _)| output.writes.is_cz())
             .map(|(output, state)| match (state.standing, state.cz) {
+                (Standing::Verified, Some(cz)) if output.share == Share::Ledger => {
+                    format!("{} holds {cz} of ours beside the operator's part", output.name)
+                }
                 (Standing::Verified, Some(cz)) => format!("{} holds {cz}", output.name),
                 (_, Some(cz)) => format!("{} held {cz} when it was last verified", output.name),
                 (_, None) => format!("{} was never read", output.name),

@@ -45,16 +45,8 @@ impl Core {
             }
             let events = self.levels[axis].events(&settings.settings, decision);
             self.untold.extend(events.into_iter().flatten());
-            if self.extrapolating[axis] != decision.extrapolating.is_some() {
-                self.extrapolating[axis] = decision.extrapolating.is_some();
-                let axis = name.clone();
-                self.untold.push(match &decision.extrapolating {
-                    Some(found) => {
-                        Event::Extrapolating { axis, how: extrapolation::words(&shared.profile, found) }
-                    }
-                    None => Event::Interpolating { axis },
-                });
-            }
+            let told = extrapolation::event(&shared.profile, name, decision, &mut self.extrapolating[axis]);
+            self.untold.extend(told);
         }
     }
 
@@ -68,7 +60,7 @@ impl Core {
         if arming.latched && !arming.asked {
             return "switched off; arm it again".to_owned();
         }
-        let permit = arming.permit(&shared.profile, axis, &self.outputs, self.stopping);
+        let permit = arming.permit(&shared.profile, axis, &self.outputs, self.stopping, shared.dry_run);
         if permit == Permit::Stopping {
             return "the gateway is stopping".to_owned();
         }
@@ -78,7 +70,10 @@ impl Core {
         };
         let troubled = of_axis(&shared.profile, axis, &self.outputs)
             .find(|(output, state)| output.writes.is_scheduled() && !is_well(state.standing))
-            .map(|(output, state)| format!("output {} is {}", output.name, state.standing.name()));
+            .map(|(output, state)| {
+                let stands = format!("output {} is {}", output.name, state.standing.name());
+                state.handshake.failed.map_or(stands.clone(), |failed| format!("{stands}: {failed}"))
+            });
         let displaced = of_axis(&shared.profile, axis, &self.outputs)
             .find(|(output, state)| {
                 permit == Permit::Unverified && !has_its_reference(&shared.profile, output, state)

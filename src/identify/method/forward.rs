@@ -82,8 +82,8 @@ impl Fold {
     }
 }
 
-/// The columns, in the order in which they came in. `folds` are pairs of training and held-out products.
-pub(super) fn forward(folds: &[(Gram, Gram)], penalty: f64, most: usize) -> Vec<usize> {
+/// The columns, in the order in which they came in, and what they leave on held-out runs. `folds` are pairs of training and held-out products.
+pub(super) fn forward(folds: &[(Gram, Gram)], penalty: f64, most: usize) -> (Vec<usize>, f64) {
     let width = folds.first().map_or(0, |(_, held)| held.cross.len());
     let each_its_own: Vec<Option<usize>> = (0..width).map(Some).collect();
     forward_once_each(folds, penalty, most, &each_its_own)
@@ -95,7 +95,7 @@ pub(super) fn forward_once_each(
     penalty: f64,
     most: usize,
     groups: &[Option<usize>],
-) -> Vec<usize> {
+) -> (Vec<usize>, f64) {
     let mut folds: Vec<Fold> = folds.iter().map(|fold| Fold::new(fold, penalty)).collect();
     let mut chosen: Vec<usize> = Vec::new();
     let mut now: f64 = folds.iter().map(|fold| fold.held.power).sum();
@@ -125,5 +125,5 @@ pub(super) fn forward_once_each(
         chosen.push(column);
         now = cost;
     }
-    chosen
+    (chosen, now)
 }

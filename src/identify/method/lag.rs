@@ -51,7 +51,7 @@ impl<'a> Lagging<'a> {
             .map(|candidate| Some(candidate.input))
             .map(|input| input.filter(|input| !without.contains(input)))
             .collect();
-        let chosen = forward_once_each(&folds, PENALTY, self.terms, &group);
+        let (chosen, _) = forward_once_each(&folds, PENALTY, self.terms, &group);
         chosen.into_iter().map(|column| self.bank.candidates[column]).collect()
     }
 

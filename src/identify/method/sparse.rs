@@ -20,11 +20,13 @@ pub(super) struct Sparse {
     pub(super) terms: Option<usize>,
 }
 
-/// Ridge of the forward search, on columns of root mean square 1.
-const HELD: f64 = 0.3;
+/// Ridges of the forward search, on columns of root mean square 1. Few runs choose badly among them: a weaker one is
+/// taken only where it leaves less than [`CLEARLY`] times as much on runs that were left out.
+const HELD: [f64; 2] = [0.3, 0.01];
+const CLEARLY: f64 = 0.4;
 const MOST_TERMS: usize = 10;
-/// L2 of the elastic net, on columns of root mean square 1: sensors of one machine are nearly alike.
-const SHARED: f64 = 0.1;
+/// L2 of the elastic net, likewise: sensors of one machine are nearly alike.
+const SHARED: [f64; 2] = [0.1, 0.003];
 /// How far below the first penalty the path goes, in steps of a quarter decade.
 const STEPS: u32 = 13;
 /// Where one run gives no validation: this many steps down, this many terms.
@@ -52,10 +54,12 @@ fn by_forward(grams: &[Gram], runs: &[usize], most: usize) -> DVector<f64> {
     let folds: Vec<(Gram, Gram)> =
         folds.into_iter().map(|(training, fold)| (training, Gram::sum(grams, &fold))).collect();
     let most = if runs.len() < 2 { most.min(UNVALIDATED) } else { most };
-    let chosen = forward(&folds, HELD, most);
+    let tried = HELD.iter().map(|penalty| (forward(&folds, *penalty, most), *penalty));
+    let tried = tried.map(|((chosen, cost), penalty)| (cost, (chosen, penalty)));
+    let (chosen, penalty) = first_unless_clearly(tried).unwrap_or_default();
     let mut gains = DVector::zeros(sum.cross.len());
     if !chosen.is_empty() {
-        let found = ridge(&sum, &chosen, HELD);
+        let found = ridge(&sum, &chosen, penalty);
         chosen.iter().zip(found.iter()).for_each(|(column, gain)| gains[*column] = *gain);
     }
     gains
@@ -63,26 +67,36 @@ fn by_forward(grams: &[Gram], runs: &[usize], most: usize) -> DVector<f64> {
 
 fn by_net(grams: &[Gram], runs: &[usize]) -> DVector<f64> {
     let inner = inner(grams, runs);
-    let mut costs = vec![0.0; usize::try_from(STEPS).unwrap_or(0)];
-    for (training, fold) in &inner {
-        let held = Gram::sum(grams, fold);
-        for (cost, gains) in costs.iter_mut().zip(path(training, STEPS)) {
-            *cost += held.left(&gains);
+    let tried = SHARED.iter().map(|shared| {
+        let mut costs = vec![0.0; usize::try_from(STEPS).unwrap_or(0)];
+        for (training, fold) in &inner {
+            let held = Gram::sum(grams, fold);
+            for (cost, gains) in costs.iter_mut().zip(path(training, *shared, STEPS)) {
+                *cost += held.left(&gains);
+            }
         }
-    }
-    let step = if inner.is_empty() { UNVALIDATED } else { smallest(&costs) };
+        let step = if inner.is_empty() { UNVALIDATED } else { smallest(&costs) };
+        (costs[step], (step, *shared))
+    });
+    let (step, shared) = first_unless_clearly(tried).unwrap_or_default();
     let steps = u32::try_from(step + 1).unwrap_or(STEPS);
-    path(&Gram::sum(grams, runs), steps).pop().unwrap_or_else(|| DVector::zeros(0))
+    path(&Gram::sum(grams, runs), shared, steps).pop().unwrap_or_else(|| DVector::zeros(0))
+}
+
+/// The first of these, unless a later one costs clearly less.
+fn first_unless_clearly<T>(tried: impl Iterator<Item = (f64, T)>) -> Option<T> {
+    let better = |best: (f64, T), next: (f64, T)| if next.0 < CLEARLY * best.0 { next } else { best };
+    tried.reduce(better).map(|(_, best)| best)
 }
 
 /// The gains at each step of the path, in the columns' own units.
-fn path(gram: &Gram, steps: u32) -> Vec<DVector<f64>> {
+fn path(gram: &Gram, shared: f64, steps: u32) -> Vec<DVector<f64>> {
     let (scaled, scales) = gram.scaled();
     let first = first_penalty(&scaled);
     let mut gains = DVector::zeros(scaled.cross.len());
     let step = |step: u32| {
         let l1 = first * 10f64.powf(-0.25 * f64::from(step));
-        elastic_net(&scaled, l1, SHARED, &mut gains);
+        elastic_net(&scaled, l1, shared, &mut gains);
         DVector::from_fn(gains.len(), |place, _| gains[place] / scales[place])
     };
     (0..steps).map(step).collect()

@@ -1,6 +1,7 @@
 // One card for each axis: its value, where it stands in its limit, what the guard did, and its course.
 
 import { Chart } from "./chart.js";
+import { Probe } from "./probe.js";
 import { axisState, badge, element, say, signed, fixed } from "./words.js";
 
 const STAGES = [
@@ -18,10 +19,13 @@ class Card {
     this.raw = element("dd");
     this.model = element("dd");
     this.armed = element("dd");
+    this.levels = element("dd");
+    this.levelsRow = element("div", { className: "all" }, element("dt", {}, "Levels"), this.levels);
     this.why = element("p", { className: "why" });
     this.stages = STAGES.map(([stage, title]) => element("li", { title }, stage));
     this.bar = new Bar();
     this.chart = new Chart();
+    this.probe = new Probe();
     this.root = element("article", { className: "card axis" },
       element("div", { className: "row" }, element("h2", {}, `Axis ${name}`), this.state),
       this.why,
@@ -31,18 +35,28 @@ class Card {
       element("dl", { className: "facts" },
         element("div", {}, element("dt", {}, "Model asks for"), this.raw),
         element("div", { className: "wide" }, element("dt", {}, "Model in use"), this.model),
-        element("div", {}, element("dt", {}, "Writing"), this.armed)),
+        element("div", {}, element("dt", {}, "Writing"), this.armed),
+        this.levelsRow),
       element("p", { className: "label" }, "Guard: ",
         element("span", { className: "quiet" }, "● changed the last value, ○ let it pass")),
       element("ol", { className: "chain", ariaLabel: "Stages of the guard" }, ...this.stages),
-      this.chart.root);
+      this.chart.root,
+      this.probe.root);
   }
 
   show(axis, status) {
     const [tone, words] = axisState(axis.state);
-    badge(this.state, tone, axis.state);
-    const why = axis.why || axis.extrapolating?.text;
+    const uneasy = tone === "good" && (axis.warned || axis.extrapolating);
+    badge(this.state, uneasy ? "warn" : tone, axis.state);
+    const warned = axis.warned ? `Cz lies beyond its warning level of ±${fixed(axis.warn_um, 0)} µm` : "";
+    const why = [axis.why || axis.extrapolating?.text, warned].filter(Boolean).join("; ");
     say(this.why, why ? `${words}: ${why}` : words);
+    const levels = [
+      axis.warn_um === null ? "" : `warns beyond ±${fixed(axis.warn_um, 0)} µm`,
+      axis.error_um === null ? "" : `goes off where the model asks for more than ±${fixed(axis.error_um, 0)} µm`,
+    ].filter(Boolean).join(", ");
+    this.levelsRow.hidden = levels === "";
+    say(this.levels, levels);
     say(this.value, signed(axis.cz_um, 1));
     say(this.raw, axis.raw_um === null ? "nothing" : `${signed(axis.raw_um, 2)} µm`);
     say(this.model, axis.model ?? "none");
@@ -53,6 +67,7 @@ class Card {
       say(node, `${acted ? "●" : "○"} ${STAGES[index][0]}`);
     });
     this.bar.show(axis);
+    this.probe.show(axis.probe);
     this.chart.add(new Date(status.now).getTime(), axis);
   }
 }

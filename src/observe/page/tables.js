@@ -36,6 +36,11 @@ class Table {
 }
 
 const signals = new Table("signals");
+// Of a register that an operator writes to as well: his part and ours.
+function shares({ shares }) {
+  return shares ? `operator ${signed(shares.base, 1)}, ours ${signed(shares.share, 1)} µm` : null;
+}
+
 const outputs = new Table("outputs");
 const devices = new Table("devices");
 const buses = new Table("buses");
@@ -56,8 +61,8 @@ export function showTables(status) {
     const value = `${signed(output.value, unit === "µm" ? 1 : 4)} ${unit}`;
     outputs.row(output.name, [
       { text: output.name, small: `axis ${output.axis} → ${output.device}, ${output.register}` },
-      { text: output.value === null ? "–" : value, small: words[output.writes] ?? "offset", figure: true },
-      { text: output.state, tone: outputTone(output.state), small: `${count(output.writes_done)} writes` },
+      { text: output.value === null ? "–" : value, small: shares(output) ?? words[output.writes] ?? "offset", figure: true },
+      { text: output.state, tone: outputTone(output.state), small: output.handshake || `${count(output.writes_done)} writes` },
       { text: output.age_s === null ? "never" : span(output.age_s), figure: true },
     ]);
   }

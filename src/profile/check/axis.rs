@@ -43,11 +43,13 @@ impl Check<'_> {
         }
         let levels = self.levels(path, raw);
         let datum = self.datum(path, raw);
+        let probe = self.probe(path, raw, signals);
         let models: Vec<Option<Model>> = models
             .iter()
             .enumerate()
             .map(|(index, model)| self.model(&element(&list, index), model, signals))
             .collect();
+        let (probe, probe_input) = probe?.map_or((None, None), |(settings, input)| (Some(settings), input));
         let settings = AxisSettings {
             name: name.to_owned(),
             models: super::complete(models)?,
@@ -57,8 +59,9 @@ impl Check<'_> {
             levels: levels?,
             datum,
             apart: None,
+            probe,
         };
-        Some(Axis { settings, diameter: raw.diameter.unwrap_or(false) })
+        Some(Axis { settings, diameter: raw.diameter.unwrap_or(false), probe_input })
     }
 
     fn guard(&mut self, path: &str, raw: &RawAxis) -> Option<GuardSettings> {

@@ -135,7 +135,7 @@ impl Check<'_> {
                 return None;
             };
             let reference = input.reference.map_or(Reference::Fixed(0.0), reference);
-            let input_of = Input { signal, reference };
+            let input_of = Input { signal, reference, lag: None };
             known.push(Identified { input: input_of, mean: input.mean, range: (input.min, input.max) });
         }
         let outside = match raw.outside? {
@@ -171,25 +171,25 @@ impl Check<'_> {
         let (mut found, mut names, mut bare) = (Vec::new(), Vec::new(), false);
         for (place, input) in inputs.iter().enumerate() {
             let at = element(&list, place);
-            let (name, own) = match input {
-                InputValue::Name(name) => (Some(name), None),
-                InputValue::Table(table) => {
-                    if table.lag.is_some() {
-                        self.not_built(
-                            &child(&at, "lag"),
-                            "an input that lags behind its signal (lag)",
-                            None,
-                        );
-                    }
-                    (table.signal.as_ref(), table.reference)
-                }
+            let (name, own, lag) = match input {
+                InputValue::Name(name) => (Some(name), None, None),
+                InputValue::Table(table) => (table.signal.as_ref(), table.reference, table.lag.as_ref()),
             };
+            // Where there is no default, a missing reference is told once for all inputs.
+            let referred = default.is_none()
+                || own.or(raw.reference).is_some()
+                || self.places.contains(&child(path, "reference"));
+            let lag = lag.map(|lag| self.lag(&at, lag, referred));
             let Some(name) = name else { continue };
             names.push(name.as_str());
             let signal = self.signal(&at, name);
             let reference = own.map(reference).or(of_model);
             bare |= reference.is_none();
-            found.extend(signal.zip(reference).map(|(signal, reference)| Input { signal, reference }));
+            if lag == Some(None) {
+                continue;
+            }
+            let lag = lag.flatten();
+            found.extend(signal.zip(reference).map(|(signal, reference)| Input { signal, reference, lag }));
         }
         if bare {
             let help = "write what the rises are measured from: a number in °C, \"start\" or \"zero\"";

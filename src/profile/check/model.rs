@@ -6,7 +6,9 @@ use std::time::Duration;
 use super::{Check, Signals, Zero, get};
 use crate::compensation::model::{Formula, Kind, Linear, Model, Reference, Slope, Term};
 use crate::profile::place::{child, element};
-use crate::profile::raw::{Inputs, ModelKind, RawModel, RawSlope, RawTerm, ReferenceValue, ReferenceWord};
+use crate::profile::raw::{
+    Inputs, ModelKind, RawModel, RawSlope, RawTerm, ReferenceValue, ReferenceWord, Span,
+};
 
 /// 1 mm in µm.
 const MICRONS: f64 = 1000.0;
@@ -112,7 +114,7 @@ impl Check<'_> {
     fn term(&mut self, path: &str, raw: &RawTerm, sum: Sum) -> Option<Term> {
         let signal = raw.signal.as_ref().and_then(|signal| self.signal(&child(path, "signal"), signal));
         let gain = self.gain(path, raw, sum);
-        let lag = raw.lag.as_ref().map(|_| self.lag(path, raw));
+        let lag = raw.lag.as_ref().map(|lag| self.lag(path, lag, raw.reference.is_some()));
         let reference = raw.reference.map_or(Reference::Fixed(0.0), reference);
         let lag = match lag {
             Some(lag) => Some(lag?),
@@ -121,14 +123,15 @@ impl Check<'_> {
         Some(Term { signal: signal?, gain: gain?, reference, lag })
     }
 
-    fn lag(&mut self, path: &str, raw: &RawTerm) -> Option<Duration> {
-        if raw.reference.is_none() {
+    /// The lag of a term or an input, which must have a reference.
+    pub(super) fn lag(&mut self, path: &str, raw: &Span, has_reference: bool) -> Option<Duration> {
+        if !has_reference {
             let help =
                 "write \"start\", \"zero\", or the temperature at which the structure had its cold geometry";
-            let message = "`reference` is missing: a lagged term begins at rest on it";
+            let message = "`reference` is missing: what lags begins at rest on it";
             self.missing(path, "reference", message, help);
         }
-        let lag = self.span(&child(path, "lag"), raw.lag.as_ref(), Zero::Refused)?;
+        let lag = self.span(&child(path, "lag"), Some(raw), Zero::Refused)?;
         if lag > LONGEST_LAG {
             let message = format!("{} is longer than a week", super::shown(lag));
             let help =

@@ -3,7 +3,7 @@
 use super::{Check, Signals, Zero, bus_of, get, shown};
 use crate::codec::{Address, DataType, Encoding, Table};
 use crate::profile::place::child;
-use crate::profile::raw::{RawOutput, Share, VerifyWord, WritesWord};
+use crate::profile::raw::{RawOutput, VerifyWord, WritesWord};
 use crate::profile::{Axis, AxisId, Bus, Device, DeviceId, Heartbeat, Output, Signal, Verify, Writes};
 use crate::quantity::Micron;
 
@@ -47,7 +47,6 @@ impl Check<'_> {
         devices: &[Option<Device>],
         signals: &Signals,
     ) -> Option<Output> {
-        self.output_not_built(path, raw);
         let axis = raw.axis.as_ref().and_then(|axis| self.axis_index(&child(path, "axis"), axis));
         let index = raw.device.as_ref().and_then(|device| self.device_index(&child(path, "device"), device));
         let writes = self.writes(path, raw, signals);
@@ -70,6 +69,7 @@ impl Check<'_> {
                 self.readable(&child(path, "register"), Table::Holding, device);
             }
         }
+        let share = self.share(path, raw, data_type, index.and_then(|index| get(devices, index)));
         let encoding = Encoding {
             data_type,
             word_order: word_order?,
@@ -93,24 +93,10 @@ impl Check<'_> {
             verify,
             refresh,
             when,
+            set: None,
+            boot_counter: None,
+            share,
         })
-    }
-
-    fn output_not_built(&mut self, path: &str, raw: &RawOutput) {
-        if raw.share == Some(Share::Ledger) {
-            let help = Some("share = \"whole\": a register of our own");
-            self.not_built(
-                &child(path, "share"),
-                "a share of an operator's register (share = \"ledger\")",
-                help,
-            );
-        }
-        if raw.handshake.is_some() {
-            self.not_built(&child(path, "handshake"), "a strobe and its acknowledgement (handshake)", None);
-        }
-        if raw.restart.is_some() {
-            self.not_built(&child(path, "restart"), "the boot counter of a CNC (restart)", None);
-        }
     }
 
     fn writes(&mut self, path: &str, raw: &RawOutput, signals: &Signals) -> Option<Writes> {
@@ -169,7 +155,7 @@ impl Check<'_> {
         self.scale(&child(path, "scale"), raw.scale.unwrap_or(1.0))
     }
 
-    fn holding(&mut self, path: &str, text: &str) -> Option<Address> {
+    pub(super) fn holding(&mut self, path: &str, text: &str) -> Option<Address> {
         let address = self.address(path, text)?;
         if address.table == Table::Holding {
             return Some(address);
@@ -184,7 +170,7 @@ impl Check<'_> {
         None
     }
 
-    fn writable(&mut self, path: &str, registers: u16, device: &Device) {
+    pub(super) fn writable(&mut self, path: &str, registers: u16, device: &Device) {
         if device.functions.writes(registers).is_none() {
             let words =
                 if registers == 1 { "\"write-single\" or \"write-multiple\"" } else { "\"write-multiple\"" };

@@ -3,7 +3,7 @@
 use super::{Check, Signals, get};
 use crate::codec::{Address, DataType};
 use crate::profile::place::child;
-use crate::profile::{Bus, Device, DeviceId, Heartbeat, Output, Writes};
+use crate::profile::{Bus, Device, DeviceId, Heartbeat, Output, OutputSet, Writes};
 
 /// A stretch of registers that something reads or writes.
 struct Claim {
@@ -11,6 +11,7 @@ struct Claim {
     device: (String, u8),
     address: Address,
     data_type: DataType,
+    /// The key that names it.
     path: String,
     what: String,
     written: bool,
@@ -50,6 +51,7 @@ impl Check<'_> {
         devices: &[Option<Device>],
         signals: &Signals,
         outputs: &[Option<Output>],
+        sets: &[Option<OutputSet>],
         heartbeat: Option<&Heartbeat>,
     ) {
         let device = |id: DeviceId| {
@@ -61,20 +63,35 @@ impl Check<'_> {
             Some(Claim { device: device(id)?, address, data_type, path, what, written })
         };
         let mut claims: Vec<Claim> = Vec::new();
-        for signal in signals.iter().flatten() {
-            let (path, what) = (child("signal", &signal.name), format!("signal `{}`", signal.name));
+        let register = |table, name: &str| child(&child(table, name), "register");
+        for (place, signal) in signals.iter().enumerate() {
+            let Some(signal) = signal else { continue };
+            let counts = |output: &&Output| output.boot_counter.is_some_and(|id| id.0 == place);
+            let (path, what) = match outputs.iter().flatten().find(counts) {
+                Some(output) => {
+                    let path = child(&child("output", &output.name), "restart");
+                    (child(&path, "boot_counter"), "the boot counter".to_owned())
+                }
+                None => (register("signal", &signal.name), format!("signal `{}`", signal.name)),
+            };
             claims.extend(claim(signal.device, signal.address, signal.encoding.data_type, path, what, false));
         }
         for output in outputs.iter().flatten() {
-            let (path, what) = (child("output", &output.name), format!("output `{}`", output.name));
+            let (path, what) = (register("output", &output.name), format!("output `{}`", output.name));
             claims.extend(claim(output.device, output.address, output.encoding.data_type, path, what, true));
         }
+        for set in sets.iter().flatten() {
+            for (path, what, address, written) in words_of(set) {
+                let kind = if address.table.is_bits() { DataType::Bool } else { DataType::U16 };
+                claims.extend(claim(set.device, address, kind, path, what, written));
+            }
+        }
         if let Some(heartbeat) = heartbeat {
-            let (path, what) = ("heartbeat".to_owned(), "the heartbeat".to_owned());
+            let (path, what) = ("heartbeat.register".to_owned(), "the heartbeat".to_owned());
             claims.extend(claim(heartbeat.device, heartbeat.address, DataType::U16, path, what, true));
         }
         // The later of two is the one to blame.
-        claims.sort_by_key(|claim| self.places.rank(&child(&claim.path, "register")));
+        claims.sort_by_key(|claim| self.places.rank(&claim.path));
         for (index, later) in claims.iter().enumerate() {
             for earlier in claims[..index].iter().filter(|earlier| later.overlaps(earlier)) {
                 self.collision(earlier, later);
@@ -88,7 +105,7 @@ impl Check<'_> {
         if !both_write && earlier.is_same_value(later) {
             return;
         }
-        let there = self.places.line_of(&child(&earlier.path, "register"));
+        let there = self.places.line_of(&earlier.path);
         let verb = if both_write { "writes the same registers as" } else { "overlaps" };
         let message = format!("{} {verb} {} at {there}", later.shown(), earlier.shown());
         let help = if both_write {
@@ -96,7 +113,7 @@ impl Check<'_> {
         } else {
             "two names for one value need the same register and the same type; else one of the two addresses is wrong"
         };
-        self.wrong(&child(&later.path, "register"), message, help);
+        self.wrong(&later.path, message, help);
     }
 
     /// A corrected position that is read back as the position grows by Cz at every write.
@@ -104,9 +121,11 @@ impl Check<'_> {
         for output in outputs.iter().flatten() {
             let Writes::Corrected { position } = output.writes else { continue };
             let Some(signal) = get(signals, position.0) else { continue };
-            let of = |path: String| claims.iter().find(|claim| claim.path == path);
-            let read = of(child("signal", &signal.name));
-            let written = of(child("output", &output.name));
+            let of = |table, name: &str| {
+                claims.iter().find(|claim| claim.path == child(&child(table, name), "register"))
+            };
+            let read = of("signal", &signal.name);
+            let written = of("output", &output.name);
             if let (Some(read), Some(written)) = (read, written)
                 && read.overlaps(written)
             {
@@ -119,4 +138,23 @@ impl Check<'_> {
             }
         }
     }
+}
+
+/// What a set reads and writes besides its outputs: the key, what it is, where, and whether it is written.
+fn words_of(set: &OutputSet) -> Vec<(String, String, Address, bool)> {
+    let path = child(if set.is_named { "set" } else { "output" }, &set.name);
+    let label = set.label();
+    let of_set = [("sequence", set.sequence), ("complement", set.complement)];
+    let handshake = set.handshake.map(|handshake| {
+        [("strobe", handshake.strobe, true), ("acknowledge", handshake.acknowledge, false)].map(
+            |(key, flag, written)| {
+                let path = child(&child(&path, "handshake"), key);
+                (path, format!("the {key} of {label}"), flag.address, written)
+            },
+        )
+    });
+    let of_set = of_set.into_iter().filter_map(|(key, address)| {
+        Some((child(&path, key), format!("the {key} of {label}"), address?, true))
+    });
+    of_set.chain(handshake.into_iter().flatten()).collect()
 }

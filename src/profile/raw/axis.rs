@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
-use super::{Span, TypeWord, WordOrderWord};
+use super::{RawHandshake, RawProbe, RawRestart, Span, TypeWord, WordOrderWord};
 
 /// One compensated axis.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
@@ -38,6 +38,8 @@ pub(crate) struct RawAxis {
     pub(crate) datum: Option<DatumWord>,
     /// A lathe's X: the offset acts on the diameter, Cz is doubled when written. Default false.
     pub(crate) diameter: Option<bool>,
+    /// Measured errors correct the models.
+    pub(crate) probe: Option<RawProbe>,
     /// Models in order of preference: the first whose signals are all good is used.
     #[schemars(required)]
     pub(crate) model: Option<Vec<RawModel>>,
@@ -174,7 +176,7 @@ pub(crate) struct RawInput {
     pub(crate) signal: Option<String>,
     /// What its rise is measured from: a number, "start" or "zero". Default: the model's `reference`.
     pub(crate) reference: Option<ReferenceValue>,
-    /// network: it lags behind the signal: time constant of a first-order lag.
+    /// It lags behind the signal: time constant C of a first-order lag, 1 − e^(−t/C); needs a `reference`.
     pub(crate) lag: Option<Span>,
 }
 
@@ -291,12 +293,14 @@ pub(crate) struct RawOutput {
     pub(crate) refresh: Option<Span>,
     /// Interlock, a condition on signals: otherwise held.
     pub(crate) when: Option<String>,
-    /// whole: the register is ours; ledger: an operator's register, of which we own a share. Default "whole".
-    pub(crate) share: Option<Share>,
+    /// whole: the register is ours; ledger: an operator's register, of which we own a share, kept in a ledger on disk. Default "whole".
+    pub(crate) share: Option<ShareWord>,
+    /// The set it belongs to: outputs of one device that the control sees together or not at all.
+    pub(crate) set: Option<String>,
     /// A strobe and its acknowledgement around each write.
-    pub(crate) handshake: Option<Handshake>,
+    pub(crate) handshake: Option<RawHandshake>,
     /// How a restart of the CNC is seen, besides the register going to zero.
-    pub(crate) restart: Option<Restart>,
+    pub(crate) restart: Option<RawRestart>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -318,33 +322,7 @@ pub(crate) enum VerifyWord {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum Share {
+pub(crate) enum ShareWord {
     Whole,
     Ledger,
-}
-
-/// A strobe and its acknowledgement.
-#[derive(Clone, Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[allow(dead_code, reason = "read by the schema, refused by the check")]
-pub(crate) struct Handshake {
-    /// The bit that says "take it".
-    #[schemars(required)]
-    pub(crate) strobe: Option<String>,
-    /// The bit that says "taken".
-    #[schemars(required)]
-    pub(crate) acknowledge: Option<String>,
-    /// Longest wait for it.
-    #[schemars(required)]
-    pub(crate) timeout: Option<Span>,
-}
-
-/// How a restart of the CNC is seen.
-#[derive(Clone, Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[allow(dead_code, reason = "read by the schema, refused by the check")]
-pub(crate) struct Restart {
-    /// A register that changes at every start of the CNC.
-    #[schemars(required)]
-    pub(crate) boot_counter: Option<String>,
 }

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Deserializer, de::Error as _};
 
-use super::{Fault, FaultScript, Kind, Lasts, Reads, ReplyFault};
+use super::{AcknowledgeFault, Fault, FaultScript, Kind, Lasts, Reads, ReplyFault};
 use crate::codec::{Address, DataType};
 use crate::profile::{DeviceId, Profile};
 use crate::reading::SignalId;
@@ -14,7 +14,7 @@ use crate::reading::SignalId;
 #[error("{0}")]
 pub struct FaultError(String);
 
-const KINDS: [&str; 21] = [
+const KINDS: [&str; 24] = [
     "silent",
     "late",
     "exception",
@@ -36,6 +36,9 @@ const KINDS: [&str; 21] = [
     "value",
     "register",
     "restart",
+    "no-acknowledge",
+    "stuck-acknowledge",
+    "late-acknowledge",
 ];
 
 #[derive(Deserialize)]
@@ -107,6 +110,12 @@ impl FaultFile {
             Kind::Refuse if self.replies.is_some() => {
                 return Err("a closed listener gives no replies to count; give `for_time`".to_owned());
             }
+            Kind::Acknowledge(_) if self.replies.is_some() => {
+                return Err("an acknowledge is no reply to count; give `for_time`".to_owned());
+            }
+            Kind::Acknowledge(_) if !answers_strobes(profile, DeviceId(device)) => {
+                return Err(format!("no output or set of `{}` has a handshake", self.device));
+            }
             Kind::Register { .. } | Kind::Restart if lasts != Lasts::Ever => {
                 return Err("happens once; `for` and `for_time` mean nothing here".to_owned());
             }
@@ -119,7 +128,10 @@ impl FaultFile {
     fn kind(&mut self, profile: &Profile, device: DeviceId) -> Result<Kind, String> {
         let fault = match self.kind.as_str() {
             "silent" => ReplyFault::Silent,
-            "late" => ReplyFault::Late(self.delay.take().ok_or("`delay` is missing, for example \"400ms\"")?),
+            "late" => ReplyFault::Late(self.delay()?),
+            "no-acknowledge" => return Ok(Kind::Acknowledge(AcknowledgeFault::Never)),
+            "stuck-acknowledge" => return Ok(Kind::Acknowledge(AcknowledgeFault::Stuck)),
+            "late-acknowledge" => return Ok(Kind::Acknowledge(AcknowledgeFault::Late(self.delay()?))),
             "exception" => {
                 let code = self.code.take().ok_or("`code` is missing, for example 4")?;
                 ReplyFault::Exception(code)
@@ -143,6 +155,10 @@ impl FaultFile {
             _ => return Err(format!("there is no such kind; allowed: {}", list(KINDS.into_iter()))),
         };
         Ok(Kind::Reply(fault))
+    }
+
+    fn delay(&mut self) -> Result<Duration, String> {
+        self.delay.take().ok_or_else(|| "`delay` is missing, for example \"400ms\"".to_owned())
     }
 
     fn register(&mut self) -> Result<Kind, String> {
@@ -202,6 +218,10 @@ impl FaultFile {
             None => Ok(()),
         }
     }
+}
+
+fn answers_strobes(profile: &Profile, device: DeviceId) -> bool {
+    profile.sets.iter().any(|set| set.device == device && set.handshake.is_some())
 }
 
 fn list<'a>(names: impl Iterator<Item = &'a str>) -> String {

@@ -45,6 +45,9 @@ fn what_makes_no_sense_is_refused() {
         ),
         (one("cnc", "register", "register = \"coil:0\"\nwords = [2]"), "a bit is 0 or 1"),
         (one("cnc", "register", "register = \"holding:65535\"\nwords = [0, 2]"), "2 words do not fit"),
+        (one("cnc", "no-acknowledge", ""), "no output or set of `cnc` has a handshake"),
+        (one("cnc", "late-acknowledge", ""), "`delay` is missing"),
+        (one("cnc", "stuck-acknowledge", "for = 3"), "give `for_time`"),
         (one("cnc", "silent", "at = \"soon\""), "line 4"),
         (one("cnc", "silent", "forr = 3"), "unknown field `forr`"),
     ] {

@@ -150,6 +150,7 @@ pub(super) struct Displacement {
 /// A part that lies along a travel. It adds the more, the more of it lies between a reference and the present position.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Stretch {
+    pub(super) shape: Shape,
     /// Place among the positions.
     pub(super) position: usize,
     /// Where it adds nothing, mm.
@@ -157,8 +158,17 @@ pub(super) struct Stretch {
     /// The part of the travel it lies along, mm.
     pub(super) from: f64,
     pub(super) to: f64,
-    /// µm per mm and K.
+    /// µm per mm and K; where it bows, µm per mm² and K.
     pub(super) gains: Vec<(Point, f64)>,
+}
+
+/// What a part along a travel does to the place of what stands on it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Shape {
+    /// It grows, or turns: the effect is that of its length.
+    Straight,
+    /// It bends, and what is beyond it leans: the effect is that of each of its millimetres times the distance from there.
+    Bowed,
 }
 
 impl Position {
@@ -169,10 +179,15 @@ impl Position {
 }
 
 impl Stretch {
-    /// How much of it lies between its reference and this position, mm; negative on the reference's other side.
-    pub(super) fn length(&self, position: f64) -> f64 {
+    /// How much of it counts at this position: in mm what lies between there and its reference, negative on the
+    /// reference's other side; bowed, from its beginning on, in mm².
+    pub(super) fn effect(&self, position: f64) -> f64 {
         let within = |value: f64| value.clamp(self.from, self.to);
-        within(position) - within(self.reference)
+        let end = within(position);
+        match self.shape {
+            Shape::Straight => end - within(self.reference),
+            Shape::Bowed => (end - self.from) * (position - f64::midpoint(self.from, end)),
+        }
     }
 }
 
@@ -201,6 +216,7 @@ impl PlantSpec {
             "jcs018a-vmc" => include_str!("../../../profiles/jcs018a-vmc.plant.toml"),
             "screw-axis" => include_str!("../../../profiles/screw-axis.plant.toml"),
             "sinker-edm" => include_str!("../../../profiles/sinker-edm.plant.toml"),
+            "column-hmc" => include_str!("../../../profiles/column-hmc.plant.toml"),
             _ => return None,
         };
         Some(PlantSpec::parse(text))

@@ -199,6 +199,27 @@ fn a_tilt_grows_with_the_difference_and_the_distance() {
 }
 
 #[test]
+fn a_beam_grows_by_its_walls_and_bows_from_the_warm_one() {
+    let beam = |across: &str| {
+        format!(
+            "[beam]\nposition = \"scale_z\"\nalong = \"{}\"\nacross = \"{across}\"\ncoefficient = 1e-5\n\
+             area_mm2 = 2000.0\ninertia_mm4 = 1e7\narm_mm = 30.0\n\
+             wall = [{{ node = \"ram\", from_mm = 0.0, to_mm = 60.0, area_mm2 = 1000.0, offset_mm = 50.0 }}]\n",
+            if across == "u" { "v" } else { "u" }
+        )
+    };
+    for seconds in [0, 40, 80, 300, 360].map(|later| 3 * HOUR + later) {
+        let (across, ram, _, h) = error_along(&beam("u"), seconds);
+        let along = error_along(&beam("v"), seconds).0;
+        // 1e-5·1000·50 / 1e7 per mm and K; at h the slope from the foot counts, and beyond 60 mm it is a straight line.
+        let curvature = 5e-8 * 1000.0 * ram;
+        let below = h.clamp(0.0, 60.0);
+        assert!((across - curvature * below * (h - below / 2.0)).abs() < 1e-9, "{h} mm: {across} um");
+        assert!((along - (0.005 * ram + 30.0 * curvature) * below).abs() < 1e-9, "{h} mm: {along} um");
+    }
+}
+
+#[test]
 fn a_travel_that_is_not_there_is_named() {
     let good = include_str!("../../../profiles/sinker-edm.plant.toml");
     let wrong = "[[stretch]]\naxis = \"u\"\nnode = \"ram\"\ncoefficient = 1e-5\nposition = \"scale_y\"\n\

@@ -1,25 +1,37 @@
 //! The machines of the sources: each one's coefficients are those of its calibration day, and hold on twenty others.
 
 use super::CALIBRATION;
-use super::hold::Line;
 use super::rig::Rig;
+use crate::compensation::model::{Kind, Linear};
 
 /// What a machine is held to.
-struct Held {
-    rig: Rig,
-    hours: u64,
+pub(super) struct Held {
+    pub(super) rig: Rig,
+    pub(super) hours: u64,
     /// For each axis, in the order of their names: the least range without compensation, the largest with it, µm.
     figures: &'static [(&'static str, f64, f64)],
 }
 
 macro_rules! rig {
     ($name:literal) => {
+        rig!($name, &[])
+    };
+    ($name:literal, $files:expr) => {
         Rig::new(
             $name,
             include_str!(concat!("../../../profiles/", $name, ".toml")),
             include_str!(concat!("../../../profiles/", $name, ".plant.toml")),
+            $files,
         )
     };
+}
+
+pub(super) fn grinder() -> Held {
+    Held { rig: rig!("surface-grinder"), hours: 8, figures: &[("z", 15.0, 3.5)] }
+}
+
+pub(super) fn edm() -> Held {
+    Held { rig: rig!("sinker-edm"), hours: 12, figures: &[("z", 15.0, 3.5)] }
 }
 
 fn lathe() -> Held {
@@ -42,6 +54,11 @@ fn jcs() -> Held {
     Held { rig: rig!("jcs018a-vmc"), hours: 8, figures: &[("z", 7.0, 2.0)] }
 }
 
+fn column() -> Held {
+    let files: &[(&str, &[u8])] = &[("column-hmc.json", include_bytes!("../../../profiles/column-hmc.json"))];
+    Held { rig: rig!("column-hmc", files), hours: 12, figures: &[("y", 100.0, 14.0), ("z", 60.0, 14.0)] }
+}
+
 fn screw() -> Held {
     Held { rig: rig!("screw-axis"), hours: 8, figures: &[("x", 90.0, 9.5)] }
 }
@@ -49,7 +66,7 @@ fn screw() -> Held {
 impl Held {
     fn twenty_days(&self) {
         for seed in 1..=20 {
-            let day = self.rig.day(seed, self.hours);
+            let day = self.rig.extents(seed, self.hours);
             assert_eq!(day.len(), self.figures.len());
             for ((axis, extents), (name, least, most)) in day.iter().zip(self.figures) {
                 let (without, with) = extents.ranges();
@@ -72,11 +89,11 @@ impl Held {
             );
             let line = &shipped.iter().find(|(name, _)| name == axis).unwrap().1;
             assert!((line.offset - found.line.offset).abs() < 0.05, "{axis}: offset {}", found.line.offset);
-            for (term, found) in line.all().zip(found.line.all()) {
+            for (term, found) in line.all_terms().zip(found.line.all_terms()) {
                 let apart = (term.gain - found.gain).abs();
                 assert!(
                     apart <= 0.02 * found.gain.abs(),
-                    "{axis}, {}: {} {}",
+                    "{axis}, {:?}: {} {}",
                     term.signal,
                     term.gain,
                     found.gain
@@ -88,16 +105,16 @@ impl Held {
     /// No lag a quarter shorter or longer fits the day better.
     fn lags(&self) {
         let shipped = self.rig.lines();
-        let rms = |lines: &[(String, Line)]| self.rig.identify(lines, CALIBRATION, self.hours)[0].fit.rms;
+        let rms = |lines: &[(String, Linear)]| self.rig.identify(lines, CALIBRATION, self.hours)[0].fit.rms;
         let best = rms(&shipped);
-        for place in 0..shipped[0].1.all().count() {
+        for place in 0..shipped[0].1.all_terms().count() {
             for factor in [0.75, 1.25] {
                 let mut other = shipped.clone();
                 let line = &mut other[0].1;
                 let slope = line.slope.iter_mut().flat_map(|slope| &mut slope.terms);
                 let term = line.terms.iter_mut().chain(slope).nth(place).unwrap();
-                if term.lag > 0.0 {
-                    term.lag *= factor;
+                if let Some(lag) = &mut term.lag {
+                    *lag = lag.mul_f64(factor);
                     let rms = rms(&other);
                     assert!(rms >= best, "{} x {factor}: {rms} against {best}", shipped[0].0);
                 }
@@ -109,6 +126,11 @@ impl Held {
 #[test]
 fn the_lathes_coefficients_are_those_of_its_calibration_day() {
     lathe().calibration();
+}
+
+#[test]
+fn the_edms_coefficients_are_those_of_its_calibration_day() {
+    edm().calibration();
 }
 
 #[test]
@@ -137,6 +159,56 @@ fn the_jcs018as_coefficients_are_those_of_its_calibration_day() {
 fn the_screws_slope_and_lag_are_those_of_its_calibration_day() {
     screw().calibration();
     screw().lags();
+}
+
+/// By hand, as the profile's page of comment says.
+#[test]
+fn the_columns_matrix_is_that_of_a_beam() {
+    const ALPHA: f64 = 11e-6;
+    const ARM: f64 = 450.0;
+    let share = 3.938e6 / 1.70685e9;
+    let column = column();
+    for (axis, kind) in
+        column.rig.profile.axes.iter().map(|axis| (&axis.settings, &axis.settings.models[0].kind))
+    {
+        let Kind::Matrix(matrix) = kind else { panic!("a matrix") };
+        assert_eq!(matrix.ends(), (300.0, 1300.0));
+        for h in (3..=13u8).map(|point| 100.0 * f64::from(point)) {
+            let gains: Vec<f64> = matrix.gains_at(h).collect();
+            for (block, gain) in gains.iter().enumerate() {
+                let (place, side) = (u8::try_from(block % 4).unwrap(), if block < 4 { 1.0 } else { -1.0 });
+                let a = 400.0 * f64::from(place);
+                let n = (h - a).clamp(0.0, 400.0);
+                let displaced = match (axis.name.as_str(), block) {
+                    ("y", 8) => 0.0,
+                    ("y", _) => ALPHA * n * (0.5 + side * ARM * share),
+                    (_, 8) => -ALPHA * ARM,
+                    _ => ALPHA * n * (h - a - n / 2.0) * side * share,
+                };
+                let wanted = -1000.0 * displaced;
+                assert!(
+                    (gain - wanted).abs() <= 1e-4 * wanted.abs(),
+                    "{} {block} at {h}: {gain} {wanted}",
+                    axis.name
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn one_days_coefficients_hold_the_grinder_on_twenty_other_days() {
+    grinder().twenty_days();
+}
+
+#[test]
+fn one_days_coefficients_hold_the_edm_on_twenty_other_days() {
+    edm().twenty_days();
+}
+
+#[test]
+fn a_matrix_from_drawings_holds_the_column_on_twenty_days() {
+    column().twenty_days();
 }
 
 #[test]

@@ -1,6 +1,9 @@
 use super::client::Answer;
 use super::support::start_with;
 use super::*;
+use crate::codec::{DataType, Encoding};
+use crate::profile::{Handshake, OutputId, OutputSet, SetId, Signal};
+use crate::reading::SignalId;
 
 fn joined(words: &[u16]) -> i32 {
     i32::from_be_bytes([words[0].to_be_bytes(), words[1].to_be_bytes()].concat().try_into().unwrap())
@@ -173,4 +176,66 @@ async fn it_also_runs_by_the_wall() {
     let failed = tokio::time::timeout(Duration::from_millis(20), machine.failure()).await;
     assert!(failed.is_err(), "{failed:?}");
     machine.stop().await.unwrap();
+}
+
+/// The small machine, whose CNC takes its offset by a handshake and counts its boots.
+fn shaken() -> crate::profile::Profile {
+    let mut profile = profile();
+    let flag = |text: &str| text.parse().unwrap();
+    let timeout = Duration::from_millis(500);
+    let handshake = Handshake { strobe: flag("coil:20"), acknowledge: flag("input:16.2"), timeout };
+    profile.sets.push(OutputSet {
+        name: "cnc_z".to_owned(),
+        is_named: false,
+        device: DeviceId(3),
+        outputs: vec![OutputId(1)],
+        sequence: None,
+        complement: None,
+        handshake: Some(handshake),
+    });
+    let boots = Signal {
+        name: "cnc.boot_counter".to_owned(),
+        address: "holding:98".parse().unwrap(),
+        encoding: Encoding { data_type: DataType::U16, scale: 1.0, ..profile.signals[5].encoding.clone() },
+        ..profile.signals[5].clone()
+    };
+    profile.signals.push(boots);
+    profile.outputs[1].set = Some(SetId(0));
+    profile.outputs[1].boot_counter = Some(SignalId(6));
+    profile
+}
+
+#[tokio::test]
+async fn a_control_with_a_handshake_acts_on_an_offset_when_it_has_acknowledged_it() {
+    let plant = PlantSpec::shipped("surface-grinder").unwrap().unwrap();
+    let setup = Setup { plant: Some(plant), journal: true, ..Setup::default() };
+    let mut run = start_with(&shaken(), setup).await;
+    let mut control = run.control().await;
+    let acknowledged = [4, 0, 16, 0, 1];
+    control.write(CNC, 104, 70).await;
+    run.sleeper.sleep(TICK).await;
+    assert!(run.machine.window().latest_truth().unwrap().axes[0].cz_um.abs() < 1e-9, "not taken yet");
+    control.ask(CNC, &[5, 0, 20, 0xff, 0]).await;
+    assert_eq!(control.ask(CNC, &acknowledged).await, [4, 2, 0, 0], "it needs its time");
+    run.sleeper.sleep(Duration::from_millis(40)).await;
+    assert_eq!(control.ask(CNC, &acknowledged).await, [4, 2, 0, 4]);
+    run.sleeper.sleep(TICK).await;
+    assert!((run.machine.window().latest_truth().unwrap().axes[0].cz_um - 7.0).abs() < 1e-9);
+    control.ask(CNC, &[5, 0, 20, 0, 0]).await;
+    run.sleeper.sleep(Duration::from_millis(40)).await;
+    assert_eq!(control.ask(CNC, &acknowledged).await, [4, 2, 0, 0]);
+    let taken = run.machine.window().taken();
+    assert_eq!(taken.iter().map(|taken| taken.words.clone()).collect::<Vec<_>>(), [[[0, 70]]]);
+}
+
+#[tokio::test]
+async fn a_control_counts_its_boots() {
+    let profile = shaken();
+    let faults = "[[fault]]\ndevice = \"cnc\"\nkind = \"restart\"\nat = \"10s\"\n";
+    let faults = FaultScript::parse(faults, &profile).unwrap();
+    let mut run = start_with(&profile, Setup { faults, ..Setup::default() }).await;
+    let mut control = run.control().await;
+    assert_eq!(control.read(CNC, 3, 98, 1).await, [1]);
+    run.sleeper.sleep(Duration::from_secs(11)).await;
+    assert_eq!(control.read(CNC, 3, 98, 1).await, [2]);
 }

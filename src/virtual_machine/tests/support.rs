@@ -5,8 +5,8 @@ use crate::clock::Sleeper;
 use crate::codec::{Address, DataType, Encoding, WordOrder};
 use crate::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault};
 use crate::profile::{
-    Arm, Axis, AxisId, Bus, Device, Functions, Heartbeat, History, Output, Quirks, Signal, Unit, Verify,
-    Writes,
+    Arm, Axis, AxisId, Bus, Device, Functions, Heartbeat, History, Output, Quirks, Share, Signal, Unit,
+    Verify, Writes,
 };
 use crate::quantity::Micron;
 use crate::reading::SignalId;
@@ -69,6 +69,7 @@ pub(in crate::virtual_machine) fn profile() -> Profile {
         levels: Levels::default(),
         datum: Datum::Model,
         apart: None,
+        probe: None,
     };
     let signals = vec![
         signal("bed", 0, "input:0", plain(DataType::I16, 0.1), "degC"),
@@ -93,11 +94,12 @@ pub(in crate::virtual_machine) fn profile() -> Profile {
             device("cnc", 1, CNC),
         ],
         signals,
-        axes: vec![Axis { settings: axis, diameter: false }],
+        axes: vec![Axis { settings: axis, diameter: false, probe_input: None }],
         outputs: vec![
             output("readout_z", 2, "holding:10", 0.0001, Writes::Corrected { position: SignalId(3) }),
             output("cnc_z", 3, "holding:104", 0.1, Writes::Offset),
         ],
+        sets: Vec::new(),
         heartbeat: Some(Heartbeat {
             device: DeviceId(3),
             address: "holding:100".parse().unwrap(),
@@ -176,5 +178,8 @@ fn output(name: &str, device: usize, register: &str, scale: f64, writes: Writes)
         verify: Verify::ReadBack,
         refresh: None,
         when: None,
+        set: None,
+        boot_counter: None,
+        share: Share::Whole,
     }
 }

@@ -1,6 +1,13 @@
+//! The reference values of the models' sources through a log, whatever its time step. M4, the lag, stands in `lags`; M6,
+//! M8 and M12 are about finding models and places for sensors, not about following them.
+
 use super::*;
-use crate::compensation::model::{Kind, Linear, Model, Reference, Slope, Term};
+use crate::compensation::model::network::{Activation, Layer, Layers, Net, Node, Radial, Scaling};
+use crate::compensation::model::{
+    Expression, Formula, Input, Kind, Linear, Matrix, Model, Network, Reference, Slope, Symbol, Term,
+};
 use crate::compensation::settings::Apart;
+use crate::profile::Axis;
 use crate::reading::SignalId;
 
 const ABSOLUTE: Reference = Reference::Fixed(0.0);
@@ -28,25 +35,137 @@ fn inclined() -> Slope {
     Slope { position: SignalId(3), reference: 0.0, travel: Some((-300.0, 0.0)), terms: vec![term] }
 }
 
-fn raw(profile: &Profile, values: &str) -> f64 {
-    let log = format!("time,bed,wheelhead,hydraulics_on,zero_button\n0,{values}\n10,{values}\n");
-    numbers(&replayed(profile, &log).1, "z_raw_um")[1]
+/// Time steps of a log, s.
+const STEPS: [&[f64]; 4] = [&[1.0], &[10.0], &[60.0], &[0.3, 9.7, 47.0, 1e-3, 120.0]];
+
+/// What each axis's model asks for at the end of a log whose values stand still for this long, by these steps.
+fn raws(profile: &Profile, values: &str, span: f64, steps: &[f64]) -> Vec<f64> {
+    let mut log = format!("time,bed,wheelhead,hydraulics_on,zero_button\n0,{values}\n");
+    let (mut time, mut steps) = (0.0, steps.iter().cycle());
+    while time < span {
+        time = (time + steps.next().unwrap()).min(span);
+        log += &format!("{time},{values}\n");
+    }
+    let (_, table) = replayed(profile, &log);
+    let last = |axis: &Axis| *numbers(&table, &format!("{}_raw_um", axis.settings.name)).last().unwrap();
+    profile.axes.iter().map(last).collect()
+}
+
+/// The first axis's model gives this, whatever the log's time step.
+fn gives(name: &str, profile: &Profile, values: &str, span: f64, wanted: f64) {
+    let mut alone = profile.clone();
+    alone.axes.truncate(1);
+    for steps in STEPS {
+        let found = raws(&alone, values, span, steps)[0];
+        assert!((found - wanted).abs() < 1e-6, "{name}, {steps:?}: {found} {wanted}");
+    }
+}
+
+fn one(kind: Kind) -> Profile {
+    let mut profile = following(0.0, &[], None);
+    profile.axes[0].settings.models = vec![Model { name: "one".to_owned(), kind, envelope: None }];
+    profile
+}
+
+fn rises(places: &[usize], reference: f64) -> Vec<Input> {
+    let input =
+        |place: &usize| Input { signal: SignalId(*place), reference: Reference::Fixed(reference), lag: None };
+    places.iter().map(input).collect()
 }
 
 #[test]
-fn sums_and_slopes_give_the_values_of_their_sources() {
+fn m1_m3_m5_m7_m13_sums_and_slopes_give_the_values_of_their_sources() {
     let (a, b) = ((-0.632, -1.772, 3.066), (1.20, -0.99));
-    let terms =
-        [(0, a.0, ABSOLUTE), (1, a.1, ABSOLUTE), (2, a.2, ABSOLUTE), (3, b.0, ABSOLUTE), (2, b.1, ABSOLUTE)];
+    let cw = [(0, a.0, ABSOLUTE), (1, a.1, ABSOLUTE), (2, a.2, ABSOLUTE)];
+    let ch = [(3, b.0, ABSOLUTE), (2, b.1, ABSOLUTE)];
+    let both = [&cw[..], &ch].concat();
     for (name, profile, values, wanted) in [
         ("M1", following(0.0, &[(0, 2.4, ABSOLUTE), (1, -2.4, ABSOLUTE)], None), "27.5,24,0,0", 8.4),
         ("M3", following(80.0, &[(0, -4.0, ABSOLUTE)], None), "23.5,0,0,0", -14.0),
         ("M5", following(0.0, &[], Some(inclined())), "25,0,0,-300", -10.5),
-        ("M7", following(0.0, &terms, None), "9.5,3,2.5,9.5", 5.270),
+        ("M7 Cw", following(0.0, &cw, None), "9.5,3,2.5,9.5", -3.655),
+        ("M7 Ch", following(0.0, &ch, None), "9.5,3,2.5,9.5", 8.925),
+        ("M7 C", following(0.0, &both, None), "9.5,3,2.5,9.5", 5.270),
         ("M13", following(0.0, &[(1, 1.0, ABSOLUTE)], Some(inclined())), "25,5,0,-300", -5.5),
     ] {
-        let found = raw(&profile, values);
-        assert!((found - wanted).abs() < 1e-9, "{name}: {found} {wanted}");
+        gives(name, &profile, values, 200.0, wanted);
+    }
+}
+
+#[test]
+fn m2_one_sensor_and_machine_on_time() {
+    let mut profile = sample::profile();
+    profile.axes[0].settings.models.remove(0);
+    gives("M2", &profile, "27.5,24,1,0", 30_000.0, 8.4);
+    // The other way round: Kz′ = −Kz, and A as K·√t, here 0.02 °C/√s over 24 °C.
+    let resolve = |name: &str| match name {
+        "B" => Some(Symbol::Signal(SignalId(1))),
+        "t" => Some(Symbol::Time),
+        _ => None,
+    };
+    let expression = Expression::parse("2.4 * (24 + 0.02*sqrt(t) - B)", &resolve).unwrap();
+    profile.axes[0].settings.models[0].kind = Kind::Formula(Formula { expression });
+    gives("M2, B", &profile, "27.5,24,1,0", 22_500.0, 7.2);
+}
+
+#[test]
+fn m9_a_screw_by_its_nut_and_a_vector_of_three_axes_from_one_set_of_sensors() {
+    let term = Term { signal: SignalId(0), gain: -0.012, reference: Reference::Fixed(20.0), lag: None };
+    let slope = Slope { position: SignalId(3), reference: 0.0, travel: None, terms: vec![term] };
+    gives("screw", &following(0.0, &[], Some(slope)), "30,0,0,-1000", 200.0, 120.0);
+
+    let mut ram = following(0.0, &[], None);
+    let gains = [[-5.0, 5.0, 0.0], [1.5, 15.0, -15.0], [3.0, 1.0, 2.5]];
+    ram.axes = ["x", "y", "z"]
+        .into_iter()
+        .zip(gains)
+        .map(|(name, gains)| {
+            let terms: Vec<_> = gains
+                .into_iter()
+                .enumerate()
+                .map(|(place, gain)| (place, gain, Reference::Fixed(20.0)))
+                .collect();
+            let mut axis = following(0.0, &terms, None).axes.swap_remove(0);
+            axis.settings.name = name.to_owned();
+            axis
+        })
+        .collect();
+    for steps in STEPS {
+        // Rises of 4, 3 and 2 °C.
+        for (found, wanted) in raws(&ram, "24,23,22,0", 200.0, steps).iter().zip([-5.0, 21.0, 20.0]) {
+            assert!((found - wanted).abs() < 1e-6, "{steps:?}: {found} {wanted}");
+        }
+    }
+}
+
+#[test]
+fn m10_networks_by_hand() {
+    let scaling = || Scaling::new(&[20.0, 20.0], &[4.0, 4.0]).unwrap();
+    let layer = Layer { weights: vec![vec![0.5, -0.5]], bias: vec![0.0], activation: Activation::Tanh };
+    let layers = Layers::new(scaling(), vec![layer], (1.0, 10.0)).unwrap();
+    let node = Node { centre: vec![1.0, 0.5], width: 2.0, weight: 3.0 };
+    let radial = Radial::new(scaling(), vec![node], 0.25, (0.0, 4.0)).unwrap();
+    let network = |net| one(Kind::Network(Network::new("n.json", net, rises(&[0, 1], 0.0)).unwrap()));
+    // tanh 0.25 = 0.244918662404; at its centre a node gives its weight, and e^(−1/2) of it one width away.
+    gives("back-propagation", &network(Net::Layers(layers)), "24,22,0,0", 200.0, 3.449_186_624);
+    gives("radial basis, at its centre", &network(Net::Radial(radial.clone())), "24,22,0,0", 200.0, 13.0);
+    let away = 1.0 + 12.0 * 0.606_530_659_713;
+    gives("radial basis, a width away", &network(Net::Radial(radial)), "32,22,0,0", 200.0, away);
+}
+
+#[test]
+fn m11_the_matrix_times_the_blocks_at_the_position() {
+    // −P in µm/K: at 0 mm (−1, −2), at 400 mm (−3, −4), so at 100 mm (−1.5, −2.5); rises of 4 and 2 °C.
+    let matrix = Matrix::new(
+        "p.json",
+        rises(&[0, 1], 20.0),
+        SignalId(3),
+        vec![0.0, 400.0],
+        vec![-1.0, -2.0, -3.0, -4.0],
+    );
+    let profile = one(Kind::Matrix(matrix.unwrap()));
+    for (position, wanted) in [("100", -11.0), ("0", -8.0), ("400", -20.0), ("900", -20.0)] {
+        gives("M11", &profile, &format!("24,22,0,{position}"), 200.0, wanted);
     }
 }
 

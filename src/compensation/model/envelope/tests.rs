@@ -4,7 +4,7 @@ use super::*;
 use crate::compensation::model::Reference;
 
 fn known(mean: f64, min: f64, max: f64) -> Identified {
-    let input = Input { signal: SignalId(0), reference: Reference::Fixed(0.0) };
+    let input = Input { signal: SignalId(0), reference: Reference::Fixed(0.0), lag: None };
     Identified { input, mean, range: (min, max) }
 }
 
@@ -20,7 +20,7 @@ const COVARIANCE: [[f64; 2]; 2] = [[4.0, 1.2], [1.2, 1.0]];
 fn judge(envelope: &Envelope, values: &[f64]) -> Option<Extrapolation> {
     let mut rises = [0.0; MOST];
     rises[..values.len()].copy_from_slice(values);
-    envelope.judge(&rises)
+    envelope.judge(&rises).extrapolating
 }
 
 #[test]
@@ -54,6 +54,26 @@ fn shrinking_is_a_half_where_the_excess_is_one() {
     assert!((gain(1.0) - 1.0).abs() < 1e-12);
     assert!(gain(1.0 + 1e-6) > 1.0 - 1e-9, "no jump at the edge");
     assert!(gain(f64::MAX).abs() < 1e-9);
+}
+
+#[test]
+fn inside_the_excess_says_how_far_the_nearest_edge_is() {
+    let excess = |values: [f64; 2]| {
+        let mut rises = [0.0; MOST];
+        rises[..2].copy_from_slice(&values);
+        two(COVARIANCE, Outside::Warn).unwrap().judge(&rises).excess
+    };
+    assert!(
+        (excess([24.0, 22.0]) - -0.4).abs() < 1e-12,
+        "two fifths of both ranges: {}",
+        excess([24.0, 22.0])
+    );
+    assert!(
+        (excess([28.0, 24.9]) - -0.02).abs() < 1e-9,
+        "0.1 of 5 from the largest: {}",
+        excess([28.0, 24.9])
+    );
+    assert!(excess([31.0, 24.0]) >= 0.1, "1 of 10 beyond the largest: {}", excess([31.0, 24.0]));
 }
 
 #[test]

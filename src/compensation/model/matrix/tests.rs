@@ -8,7 +8,7 @@ const SCALE: SignalId = SignalId(2);
 
 /// Two blocks, three points; gains of Cz in µm/K.
 fn matrix() -> Matrix {
-    let input = |place, reference| Input { signal: SignalId(place), reference };
+    let input = |place, reference| Input { signal: SignalId(place), reference, lag: None };
     let inputs = vec![input(0, Reference::Fixed(20.0)), input(1, Reference::Fixed(18.0))];
     Matrix::new("m.json", inputs, SCALE, vec![0.0, 400.0, 1000.0], vec![1.0, 0.5, 3.0, -1.0, 9.0, 2.0])
         .unwrap()
@@ -48,7 +48,7 @@ fn between_two_points_it_is_interpolated_linearly() {
 
 #[test]
 fn beyond_the_ends_it_stays_and_says_so() {
-    let beyond = |at| with([22.0, 22.0, at], |snapshot| matrix().beyond(snapshot));
+    let beyond = |at| with([22.0, 22.0, at], |snapshot| matrix().place(snapshot).unwrap().extrapolating);
     for (at, expected, by) in [(-35.0, 4.0, -35.0), (1250.0, 26.0, 250.0), (1e300, 26.0, 1e300)] {
         assert!((cz(22.0, 22.0, at).unwrap() - expected).abs() < 1e-9, "{at} mm");
         let farthest = beyond(at).unwrap().farthest.unwrap();
@@ -68,7 +68,7 @@ fn what_is_missing_is_named() {
 
 #[test]
 fn a_matrix_that_is_none_is_refused() {
-    let input = Input { signal: SignalId(0), reference: Reference::Fixed(0.0) };
+    let input = Input { signal: SignalId(0), reference: Reference::Fixed(0.0), lag: None };
     let new = |guide: &[f64], gains: &[f64]| {
         Matrix::new("m.json", vec![input], SCALE, guide.to_vec(), gains.to_vec()).unwrap_err()
     };

@@ -8,9 +8,11 @@ use serde::{Deserialize, Deserializer, de::Error as _};
 use super::{Published, Span};
 use crate::quantity::Moment;
 
+mod beam;
 mod displacement;
 mod resolve;
 
+use beam::BeamFile;
 use displacement::{BendingFile, ExpansionFile, StretchFile, TiltFile};
 
 #[derive(Deserialize)]
@@ -39,6 +41,7 @@ pub(super) struct PlantFile {
     stretch: Vec<StretchFile>,
     #[serde(default)]
     tilt: Vec<TiltFile>,
+    beam: Option<BeamFile>,
     published: Option<Published>,
 }
 

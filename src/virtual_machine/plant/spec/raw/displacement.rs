@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
-use super::super::{Displacement, Point, Position, Stretch};
+use super::super::{Displacement, Point, Position, Shape, Stretch};
 use super::resolve::Check;
 
 /// A part that grows and takes the axis with it.
@@ -58,7 +58,7 @@ pub(super) struct TiltFile {
 /// The axes as they are gathered.
 pub(super) struct Displacements<'a> {
     positions: &'a [Position],
-    check: &'a mut Check,
+    pub(super) check: &'a mut Check,
     axes: BTreeMap<String, Displacement>,
 }
 
@@ -95,31 +95,31 @@ impl<'a> Displacements<'a> {
         self.check.demand(from < to, || format!("{place}: from_mm must lie below to_mm"));
         let point = self.check.point(&place, &file.node);
         let gains = vec![(point, file.sign * file.coefficient * 1000.0)];
-        self.along(&place, &file.axis, &file.position, file.reference_mm, (from, to), gains);
+        let (shape, reference) = (Shape::Straight, file.reference_mm);
+        self.along(
+            &place,
+            &file.axis,
+            &file.position,
+            Stretch { position: 0, shape, reference, from, to, gains },
+        );
     }
 
     pub(super) fn tilt(&mut self, file: &TiltFile) {
         let place = format!("tilt of axis {} by {} and {}", file.axis, file.warm, file.cold);
         self.finite(&place, "every number", &[file.um_per_mm_kelvin, file.reference_mm]);
         let gains = self.pair(&place, &file.warm, &file.cold, file.um_per_mm_kelvin).to_vec();
-        let everywhere = (f64::MIN, f64::MAX);
-        self.along(&place, &file.axis, &file.position, file.reference_mm, everywhere, gains);
+        let (shape, reference) = (Shape::Straight, file.reference_mm);
+        let everywhere = Stretch { position: 0, shape, reference, from: f64::MIN, to: f64::MAX, gains };
+        self.along(&place, &file.axis, &file.position, everywhere);
     }
 
-    fn along(
-        &mut self,
-        place: &str,
-        axis: &str,
-        position: &str,
-        reference: f64,
-        (from, to): (f64, f64),
-        gains: Vec<(Point, f64)>,
-    ) {
+    /// Adds a stretch along the position of this name.
+    pub(super) fn along(&mut self, place: &str, axis: &str, position: &str, stretch: Stretch) {
         let Some(position) = self.positions.iter().position(|known| known.signal == position) else {
             self.check.demand(false, || format!("{place}: there is no position `{position}`"));
             return;
         };
-        self.axis(axis).stretches.push(Stretch { position, reference, from, to, gains });
+        self.axis(axis).stretches.push(Stretch { position, ..stretch });
     }
 
     fn axis(&mut self, name: &str) -> &mut Displacement {
@@ -137,7 +137,7 @@ impl<'a> Displacements<'a> {
         });
     }
 
-    fn finite(&mut self, place: &str, what: &str, values: &[f64]) {
+    pub(super) fn finite(&mut self, place: &str, what: &str, values: &[f64]) {
         self.check.demand(values.iter().all(|value| value.is_finite()), || {
             format!("{place}: {what} must be finite")
         });

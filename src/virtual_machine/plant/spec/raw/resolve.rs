@@ -72,6 +72,7 @@ impl PlantFile {
         self.bending.iter().for_each(|file| axes.bending(file));
         self.stretch.iter().for_each(|file| axes.stretch(file));
         self.tilt.iter().for_each(|file| axes.tilt(file));
+        self.beam.iter().for_each(|file| axes.beam(file));
         let axes = axes.all();
         let ambient = self.ambient.resolve(&mut check);
         check.demand(!self.duty.work.shortest.is_zero(), || "duty.work: must be longer than 0s".to_owned());

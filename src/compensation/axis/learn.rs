@@ -1,0 +1,112 @@
+//! Probings of an axis: judged, learned from, taken back, and begun anew with a new datum.
+
+use super::Axis;
+use crate::compensation::model::{Evaluate, Outside, Place, Reference};
+use crate::compensation::probe::{Measured, Probed, Refused};
+use crate::compensation::reference::Machine;
+use crate::compensation::settings::{Datum, ProbeSettings};
+use crate::compensation::{Control, Snapshot};
+use crate::quantity::{Micron, Moment};
+
+impl Axis {
+    /// What probings add to a model's Cz now, µm.
+    pub(super) fn correction(&self, place: usize, snapshot: &Snapshot<'_>, machine: &Machine) -> f64 {
+        let (Some(settings), Some(learned)) = (&self.settings.probe, self.probe.models.get(place)) else {
+            return 0.0;
+        };
+        let Some((model, known)) = self.model(place, snapshot, machine) else { return 0.0 };
+        learned.correction(model.parts(known), settings)
+    }
+
+    /// What models are measured from is captured anew and complete at this moment.
+    pub(super) fn renew(&mut self, reference: Reference, complete: Moment) {
+        let by_datum = reference == Reference::Zero && self.settings.datum == Datum::Zero;
+        for (model, learned) in self.settings.models.iter().zip(&mut self.probe.models) {
+            if by_datum || model.is_measured_from(reference) {
+                learned.renew(complete);
+            }
+        }
+    }
+
+    /// Takes in what the control brings.
+    pub(super) fn be_taught(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, control: Control) {
+        let Some(settings) = self.settings.probe else { return };
+        self.begin_anew(snapshot, machine, &settings);
+        if control.forget {
+            self.probe.clear();
+        }
+        let Some(measured) = control.measured else { return };
+        let probed = self.judge(snapshot, machine, measured);
+        if probed.refused.is_none() {
+            self.learn(&probed, snapshot, machine, &settings);
+        }
+        self.probe.note(probed);
+    }
+
+    /// Where a datum or the references of a model are complete, its correction begins at nothing.
+    fn begin_anew(&mut self, snapshot: &Snapshot<'_>, machine: &Machine, settings: &ProbeSettings) {
+        if self.zeroing.is_open() {
+            return;
+        }
+        let mut models = std::mem::take(&mut self.probe.models);
+        for (place, learned) in models.iter_mut().enumerate() {
+            let Some((model, known)) = self.model(place, snapshot, machine) else { continue };
+            if learned.renews(snapshot.now) && model.evaluate(&known).is_ok() {
+                learned.begin_here(model.parts(known), settings);
+            }
+        }
+        self.probe.models = models;
+    }
+
+    /// What a measured error says of the model in use.
+    pub(in crate::compensation) fn judge(
+        &self,
+        snapshot: &Snapshot<'_>,
+        machine: &Machine,
+        measured: Measured,
+    ) -> Probed {
+        let acting = measured.acting.unwrap_or(self.decision.cz);
+        let chosen = self.choose(snapshot, machine).0;
+        let residual = chosen.map(|chosen| measured.error - acting + chosen.raw);
+        let max_error = self.settings.probe.map_or(Micron::ZERO, |settings| settings.max_error);
+        let refused = match (chosen, residual) {
+            (Some(_), _) if self.tripped => Some(Refused::Tripped),
+            (Some(chosen), _) if is_left(chosen.place) => Some(Refused::Outside),
+            (Some(_), Some(residual)) if residual.abs() > max_error => Some(Refused::Implausible),
+            (Some(_), Some(_)) => None,
+            _ => Some(Refused::NoModel),
+        };
+        Probed { at: snapshot.now, error: measured.error, acting, residual, refused }
+    }
+
+    /// Teaches each model that has a value now and may be followed, if it is not wrong beyond belief.
+    fn learn(
+        &mut self,
+        probed: &Probed,
+        snapshot: &Snapshot<'_>,
+        machine: &Machine,
+        settings: &ProbeSettings,
+    ) {
+        let cz = (probed.acting - probed.error).get();
+        let mut models = std::mem::take(&mut self.probe.models);
+        for (place, learned) in models.iter_mut().enumerate() {
+            let Some((model, known)) = self.model(place, snapshot, machine) else { continue };
+            let Ok(wanted) = model.wants(&known) else { continue };
+            if is_left(wanted.place) {
+                continue;
+            }
+            let missing = cz - (wanted.asked.cz - self.zeroing.of(place).cz);
+            let residual = missing - learned.correction(model.parts(known), settings);
+            if residual.abs() <= settings.max_error.get() {
+                learned.learn(missing, model.parts(known), settings);
+            }
+        }
+        self.probe.models = models;
+    }
+}
+
+/// Outside the region that the model was identified on, and not followed there.
+fn is_left(place: Option<Place>) -> bool {
+    let found = place.and_then(|place| place.extrapolating);
+    found.is_some_and(|found| found.outside == Outside::Hold || found.gain < 1.0)
+}

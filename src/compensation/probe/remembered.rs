@@ -1,0 +1,72 @@
+//! What of the probings is worth keeping over a restart.
+//!
+//! A model is known by its name. Where its gains are not those that were corrected it has been identified anew, and its
+//! correction begins anew as well.
+
+use serde::{Deserialize, Serialize};
+
+use super::gains::Gains;
+use super::{KEPT, Learned, Probe, Probed, Residual};
+use crate::compensation::model::Model;
+use crate::compensation::settings::ProbeSettings;
+use crate::quantity::Moment;
+
+/// The memory of one axis's probings.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(in crate::compensation) struct ProbeRemembered {
+    models: Vec<LearnedRemembered>,
+    last: Option<Probed>,
+    history: Vec<Residual>,
+}
+
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct LearnedRemembered {
+    model: String,
+    /// The gains and the offset that the profile gives the model.
+    corrects: Vec<f64>,
+    offset: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    gains: Option<Gains>,
+    renews: Option<Moment>,
+}
+
+impl Probe {
+    pub(in crate::compensation) fn remembered(&self, models: &[Model]) -> ProbeRemembered {
+        let one = |(model, learned): (&Model, &Learned)| LearnedRemembered {
+            model: model.name.clone(),
+            corrects: model.numbers().collect(),
+            offset: learned.offset,
+            gains: learned.gains.clone(),
+            renews: learned.renews,
+        };
+        ProbeRemembered {
+            models: models.iter().zip(&self.models).map(one).collect(),
+            last: self.last,
+            history: self.history.iter().copied().collect(),
+        }
+    }
+
+    /// Takes up what was kept, inside the bounds that hold now.
+    pub(in crate::compensation) fn recall(
+        &mut self,
+        kept: &ProbeRemembered,
+        models: &[Model],
+        settings: &ProbeSettings,
+    ) {
+        let limit = settings.limit.get();
+        for (model, learned) in models.iter().zip(&mut self.models) {
+            let same = |kept: &&LearnedRemembered| {
+                kept.model == model.name && kept.corrects.iter().copied().eq(model.numbers())
+            };
+            let Some(kept) = kept.models.iter().find(same) else { continue };
+            learned.offset = kept.offset.clamp(-limit, limit);
+            learned.renews = kept.renews;
+            if let (Some(gains), Some(kept)) = (learned.gains.take(), kept.gains.clone()) {
+                learned.gains = Some(kept.recalled(gains));
+            }
+        }
+        self.last = kept.last;
+        let newest = kept.history.len().saturating_sub(KEPT);
+        self.history.extend(&kept.history[newest..]);
+    }
+}

@@ -1,0 +1,209 @@
+//! The handshake around a set: strobe up, acknowledge up, strobe down, acknowledge down.
+//!
+//! ```text
+//!   values written ─► strobe up ─► Acknowledge ─► strobe down ─► Release ─► read back
+//!                                      │ not in time                │ not in time
+//!                                      ▼                            ▼
+//!                       strobe down at once, told, tried again: the same values, from the beginning
+//! ```
+//!
+//! Before anything is written the acknowledge must be down (`Clear`): one that is still up from before would answer a
+//! strobe that the control has not seen. No wait blocks the line: the acknowledge is asked for once in every cycle, the
+//! rest of which belongs to the others.
+
+use std::time::Duration;
+
+use crate::fieldbus::error::Fault;
+use crate::fieldbus::line::Line;
+use crate::fieldbus::wire::{Answer, Request};
+use crate::gateway::output::Wait;
+use crate::gateway::poll;
+use crate::gateway::shared::Shared;
+use crate::observe::events::{Event, HandshakeFault};
+use crate::profile::{Flag, OutputSet};
+use crate::quantity::Moment;
+
+use super::set::SetWriter;
+
+/// How often the acknowledge is asked for at most.
+const ASK_EVERY: Duration = Duration::from_millis(20);
+
+/// The strobe and what is waited for.
+#[derive(Debug, Default)]
+pub(super) struct Strobe {
+    pub(super) stands: Stands,
+    /// What is waited for, until when, and when the acknowledge is asked for again.
+    pub(super) waits: Option<(Wait, Moment, Moment)>,
+    /// The failure that has been told; the next success ends it.
+    pub(super) told: Option<&'static str>,
+}
+
+/// What is known of a strobe.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Stands {
+    /// A gateway before this one may have left it up: dropped before the first write.
+    #[default]
+    Unknown,
+    Down,
+    /// Raised, or it may have been: dropped as soon as the device can be reached.
+    Up,
+}
+
+/// What came of waiting.
+pub(super) enum Waited {
+    /// Not yet.
+    Still,
+    /// What was waited for is there.
+    Over,
+    /// It failed, which has been told.
+    Failed,
+}
+
+impl SetWriter {
+    /// Raises the strobe and begins to wait for the acknowledge.
+    pub(super) async fn raise(&mut self, line: &mut Line, shared: &Shared) -> bool {
+        let set = shared.profile.set(self.id);
+        let Some(handshake) = set.handshake else { return false };
+        self.strobe.stands = Stands::Up;
+        self.show(shared);
+        if let Err(fault) = write_strobe(line, shared, set, handshake.strobe, true).await {
+            if !fault.spoils_connection() {
+                // The device refused: it never went up.
+                self.strobe.stands = Stands::Down;
+            }
+            let (register, fault) = (handshake.strobe.to_string(), fault.to_string());
+            self.failed(line, shared, HandshakeFault::StrobeNotWritten { register, fault }).await;
+            return false;
+        }
+        self.wait_for(shared, Wait::Acknowledge, handshake.timeout);
+        true
+    }
+
+    /// Drops the strobe. Where that fails it is told, and tried again.
+    pub(super) async fn lower(&mut self, line: &mut Line, shared: &Shared) -> bool {
+        let set = shared.profile.set(self.id);
+        let Some(handshake) = set.handshake else { return true };
+        let done = write_strobe(line, shared, set, handshake.strobe, false).await;
+        if let Err(fault) = done {
+            let (register, fault) = (handshake.strobe.to_string(), fault.to_string());
+            self.tell_failed(shared, HandshakeFault::StrobeNotDropped { register, fault });
+            return false;
+        }
+        self.strobe.stands = Stands::Down;
+        self.show(shared);
+        true
+    }
+
+    pub(super) fn wait_for(&mut self, shared: &Shared, wait: Wait, timeout: Duration) {
+        let now = shared.clock.now();
+        self.strobe.waits = Some((wait, now.after(timeout), now));
+        self.show(shared);
+    }
+
+    /// Asks for the acknowledge, once.
+    pub(super) async fn wait(&mut self, line: &mut Line, shared: &Shared) -> Waited {
+        let set = shared.profile.set(self.id);
+        let (Some((wait, until, ask)), Some(handshake)) = (self.strobe.waits, set.handshake) else {
+            return Waited::Over;
+        };
+        let now = shared.clock.now();
+        if now < ask {
+            return Waited::Still;
+        }
+        let register = handshake.acknowledge.to_string();
+        let is_up = match read_flag(line, shared, set, handshake.acknowledge).await {
+            Ok(is_up) => is_up,
+            Err(fault) => {
+                let fault = fault.to_string();
+                self.failed(line, shared, HandshakeFault::AcknowledgeNotRead { register, fault }).await;
+                return Waited::Failed;
+            }
+        };
+        if is_up == (wait == Wait::Acknowledge) {
+            self.strobe.waits = None;
+            self.show(shared);
+            return Waited::Over;
+        }
+        if now < until {
+            self.strobe.waits = Some((wait, until, now.after(ASK_EVERY).min(until)));
+            return Waited::Still;
+        }
+        let within = handshake.timeout;
+        let fault = match wait {
+            Wait::Clear => HandshakeFault::AcknowledgeEarly { within, register },
+            Wait::Acknowledge => HandshakeFault::AcknowledgeMissing { within, register },
+            Wait::Release => HandshakeFault::AcknowledgeStuck { within, register },
+        };
+        self.failed(line, shared, fault).await;
+        Waited::Failed
+    }
+
+    /// First of all the strobe goes down; then it is told, and what was sent is doubted.
+    pub(super) async fn failed(&mut self, line: &mut Line, shared: &Shared, fault: HandshakeFault) {
+        self.strobe.waits = None;
+        let lowered = self.strobe.stands != Stands::Up || self.lower(line, shared).await;
+        // Where it cannot even be dropped, that is what is wrong, and it has been told.
+        if lowered || self.strobe.told.is_none() {
+            self.tell_failed(shared, fault);
+        }
+        self.doubt_sent(shared);
+    }
+
+    fn tell_failed(&mut self, shared: &Shared, fault: HandshakeFault) {
+        if self.strobe.told != Some(fault.kind()) {
+            self.strobe.told = Some(fault.kind());
+            self.stand(shared, |stand| stand.failed = Some(fault.words()));
+            let set = shared.profile.set(self.id).label();
+            shared.tell(&Event::Handshake { set, fault });
+        }
+        self.show(shared);
+    }
+
+    /// A handshake came to its end.
+    pub(super) fn succeeded(&mut self, shared: &Shared) {
+        self.strobe.told = None;
+        self.stand(shared, |stand| stand.failed = None);
+    }
+
+    /// What people see of it.
+    pub(super) fn show(&self, shared: &Shared) {
+        let (waits, strobe_up) = (self.strobe.waits.map(|(wait, ..)| wait), self.strobe.stands == Stands::Up);
+        self.stand(shared, |stand| (stand.waits, stand.strobe_up) = (waits, strobe_up));
+    }
+
+    fn stand(&self, shared: &Shared, change: impl Fn(&mut crate::gateway::output::Stand)) {
+        let mut core = shared.core();
+        for id in &shared.profile.set(self.id).outputs {
+            change(&mut core.outputs[id.0].handshake);
+        }
+    }
+}
+
+async fn write_strobe(
+    line: &mut Line,
+    shared: &Shared,
+    set: &OutputSet,
+    strobe: Flag,
+    up: bool,
+) -> Result<(), Fault> {
+    let at = strobe.address.offset;
+    let word = [if up { strobe.raised() } else { 0 }];
+    let request = if strobe.address.table.is_bits() {
+        Request::WriteCoil { at, value: up }
+    } else if shared.profile.device(set.device).functions.write_single {
+        Request::WriteSingle { at, word: word[0] }
+    } else {
+        Request::WriteMultiple { at, words: &word }
+    };
+    poll::call(line, shared, set.device, request, shared.clock.now()).await.map(|_| ())
+}
+
+async fn read_flag(line: &mut Line, shared: &Shared, set: &OutputSet, flag: Flag) -> Result<bool, Fault> {
+    let request = Request::Read { from: flag.address, count: 1 };
+    let answer = poll::call(line, shared, set.device, request, shared.clock.now()).await?;
+    Ok(match answer {
+        Answer::Bits(bits) => bits.first().copied().unwrap_or_default(),
+        Answer::Words(words) => words.first().is_some_and(|word| flag.is_up(*word)),
+        Answer::Done => false,
+    })
+}

@@ -1,0 +1,116 @@
+//! The requests of a set: its registers read, written in their order, and read back.
+
+use std::collections::BTreeMap;
+
+use super::{Part, SetWriter, found};
+use crate::codec::{Address, Table};
+use crate::fieldbus::error::Fault;
+use crate::fieldbus::line::Line;
+use crate::fieldbus::wire::{Answer, Request};
+use crate::gateway::apply::Words;
+use crate::gateway::apply::exchange::{self, Cells, Sent};
+use crate::gateway::poll;
+use crate::gateway::shared::Shared;
+
+impl SetWriter {
+    /// Every register of the set as it stands now.
+    pub(super) async fn look(&mut self, line: &mut Line, shared: &Shared, parts: &[Part]) -> Option<Cells> {
+        match self.read(line, shared).await {
+            Ok(cells) => Some(cells),
+            Err(fault) => {
+                self.each(parts, |member, part| {
+                    if part != Part::Kept {
+                        member.fail(shared, shared.profile.output(member.id), fault);
+                    }
+                });
+                None
+            }
+        }
+    }
+
+    async fn read(&mut self, line: &mut Line, shared: &Shared) -> Result<Cells, Fault> {
+        let set = shared.profile.set(self.id);
+        let mut cells = BTreeMap::new();
+        for stretch in exchange::stretches(&shared.profile, set) {
+            let from = Address { table: Table::Holding, offset: stretch.from };
+            let request = Request::Read { from, count: stretch.count };
+            let answer = poll::call(line, shared, set.device, request, shared.clock.now()).await?;
+            if let Answer::Words(words) = answer {
+                cells.extend((stretch.from..).zip(words));
+            }
+        }
+        if let Some(found) = set.sequence.and_then(|at| cells.get(&at.offset)) {
+            self.sequence = *found;
+        }
+        Ok(cells)
+    }
+
+    /// Writes the values, and where all of them have arrived, the sequence; then the strobe, or the end.
+    pub(super) async fn send(
+        &mut self,
+        line: &mut Line,
+        shared: &Shared,
+        parts: &[Part],
+        targets: Vec<Option<Words>>,
+    ) {
+        let set = shared.profile.set(self.id);
+        let Some(values) = targets.into_iter().collect::<Option<Vec<Words>>>() else { return };
+        let sequence = set.sequence.map(|_| exchange::next(self.sequence));
+        let cells = exchange::cells(&shared.profile, set, &values, sequence);
+        let free = |(value, part): (&Words, &Part)| (*part == Part::Free).then_some(*value);
+        let sent: Vec<Option<Words>> = values.iter().zip(parts).map(free).collect();
+        for (member, value) in self.members.iter_mut().zip(&sent) {
+            member.uncertain = value.or(member.uncertain);
+        }
+        let single = shared.profile.device(set.device).functions.write_single;
+        let before =
+            self.unfinished.replace(Sent { values: sent, cells: cells.clone(), sequence, is_taken: false });
+        for (place, stretch) in exchange::stretches(&shared.profile, set).iter().enumerate() {
+            let words = exchange::words(&cells, stretch);
+            let request = match words.as_slice() {
+                [word] if single => Request::WriteSingle { at: stretch.from, word: *word },
+                words => Request::WriteMultiple { at: stretch.from, words },
+            };
+            if let Err(fault) = poll::call(line, shared, set.device, request, shared.clock.now()).await {
+                if place == 0 && !fault.spoils_connection() {
+                    // The device refused: what stood there still stands.
+                    self.unfinished = before;
+                }
+                return self.each(parts, |member, part| {
+                    if part == Part::Free {
+                        member.fail(shared, shared.profile.output(member.id), fault);
+                    }
+                });
+            }
+        }
+        self.sequence = sequence.unwrap_or_default();
+        if set.handshake.is_none() {
+            return self.finish(line, shared).await;
+        }
+        if self.raise(line, shared).await {
+            Box::pin(self.advance(line, shared, shared.clock.now())).await;
+        }
+    }
+
+    /// Reads everything back: what was sent is believed now, or doubted.
+    pub(super) async fn finish(&mut self, line: &mut Line, shared: &Shared) {
+        let parts: Vec<Part> = match &self.unfinished {
+            Some(sent) => {
+                sent.values.iter().map(|sent| if sent.is_some() { Part::Free } else { Part::Kept }).collect()
+            }
+            None => return,
+        };
+        let Some(cells) = self.look(line, shared, &parts).await else { return };
+        let Some(sent) = self.unfinished.take() else { return };
+        let now = shared.clock.now();
+        self.written_at = now;
+        self.succeeded(shared);
+        for (member, value) in self.members.iter_mut().zip(&sent.values) {
+            let Some(value) = value else { continue };
+            let output = shared.profile.output(member.id);
+            if member.is_verified(shared, output, *value, found(output, &cells), now) {
+                member.settle(shared, output, *value, now, true);
+            }
+        }
+    }
+}

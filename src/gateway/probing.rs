@@ -1,0 +1,107 @@
+//! When a probing cycle has left a new result, and which Cz acted while it measured.
+//!
+//! A cycle of the CNC writes its result into one register and then says so in another: a flag it raises, or a counter.
+//! A change of the trigger to anything but zero is a probing; the result is what is read of the error from then on, so
+//! that a result read just before its trigger is never taken for the new one. Without a trigger each change of the error
+//! is a probing, and two equal results in a row are one.
+//!
+//! The first look at a trigger, and the first after it could not be read, only tells where it stands: a probing whose
+//! moment is not known cannot be held against the Cz that acted then.
+
+use crate::compensation::Measured;
+use crate::profile::{ProbeInput, Profile};
+use crate::quantity::{Micron, Moment};
+
+use super::arming::{Arming, of_axis};
+use super::board::Board;
+use super::output::{OutputState, Standing};
+
+/// The probing of one axis, and what waits to be handed to its step.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Probing {
+    /// Where the trigger stood.
+    seen: Option<f64>,
+    /// A probing whose result has not been read yet.
+    begun: Option<Begun>,
+    /// To be learned at the next step.
+    pub(super) measured: Option<Measured>,
+    /// Everything learned is to be taken back at the next step.
+    pub(super) forget: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Begun {
+    at: Moment,
+    acting: Option<Micron>,
+}
+
+/// Why a probing came to nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Missed {
+    /// Its result could not be read in time.
+    NoResult,
+    /// What acted while it measured is not known.
+    Acting,
+}
+
+impl Missed {
+    /// In words.
+    pub(super) fn words(self) -> &'static str {
+        match self {
+            Missed::NoResult => "its result could not be read",
+            Missed::Acting => "it is not certain which Cz stood in the machine",
+        }
+    }
+}
+
+impl Probing {
+    /// Looks for a new result. `acting` is what stands in the machine now.
+    pub(super) fn look(
+        &mut self,
+        profile: &Profile,
+        input: &ProbeInput,
+        board: &Board,
+        now: Moment,
+        acting: Option<Micron>,
+    ) -> Option<Result<Measured, Missed>> {
+        let watched = input.trigger.unwrap_or(input.signal);
+        let value = board.value(profile, watched, now);
+        let before = std::mem::replace(&mut self.seen, value);
+        if let (Some(before), Some(value)) = (before, value)
+            && before.to_bits() != value.to_bits()
+            && (input.trigger.is_none() || value.abs() > 0.0)
+        {
+            self.begun = Some(Begun { at: board.taken(watched), acting });
+        }
+        let Begun { at, acting } = self.begun?;
+        let result = board.value(profile, input.signal, now).filter(|_| board.taken(input.signal) >= at);
+        let found = match result.and_then(|error| Micron::new(error * input.micron)) {
+            Some(error) => acting.map(|_| Measured { error, acting }).ok_or(Missed::Acting),
+            None if now.since(at) > profile.signal(input.signal).max_age => Err(Missed::NoResult),
+            None => return None,
+        };
+        self.begun = None;
+        Some(found)
+    }
+}
+
+/// The Cz that stands in the machine: what its first output holds, as verified. Nothing acts where no output writes it.
+pub(super) fn acting(
+    profile: &Profile,
+    axis: usize,
+    outputs: &[OutputState],
+    arming: &Arming,
+) -> Option<Micron> {
+    let written = of_axis(profile, axis, outputs)
+        .find(|(output, _)| output.writes.is_cz() || !output.writes.is_scheduled());
+    let Some((output, state)) = written else { return Some(Micron::ZERO) };
+    match state.standing {
+        // Where nothing is written into a position, it is not known what the readout makes of that.
+        _ if !output.writes.is_scheduled() && !arming.armed => None,
+        Standing::Verified | Standing::Interlocked | Standing::Foreign => state.cz,
+        Standing::Unknown | Standing::Unverified => None,
+    }
+}
+
+#[cfg(test)]
+mod tests;

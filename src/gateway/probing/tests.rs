@@ -1,0 +1,166 @@
+use std::time::Duration;
+
+use super::*;
+use crate::gateway::log::sample;
+use crate::profile::Output;
+use crate::reading::{Reason, SignalId};
+
+const RESULT: SignalId = SignalId(0);
+const TRIGGER: SignalId = SignalId(1);
+const STANDS: Option<Micron> = Some(Micron::ZERO);
+
+/// A result, then its trigger, as they are read one after the other; what was heard.
+struct Bench {
+    profile: Profile,
+    board: Board,
+    probing: Probing,
+    input: ProbeInput,
+    now: Moment,
+}
+
+impl Bench {
+    fn new(trigger: Option<SignalId>) -> Bench {
+        let profile = sample::profile();
+        let input = ProbeInput { signal: RESULT, trigger, micron: 1000.0 };
+        let now = Moment::from_nanos(1_000_000_000_000);
+        Bench { board: Board::new(&profile), profile, probing: Probing::default(), input, now }
+    }
+
+    fn read(&mut self, id: SignalId, value: Result<f64, Reason>) -> &mut Bench {
+        self.board.store(&self.profile, id, value, self.now);
+        self
+    }
+
+    fn after(&mut self, seconds: u64) -> &mut Bench {
+        self.now = self.now.after(Duration::from_secs(seconds));
+        self
+    }
+
+    fn look(&mut self) -> Option<Result<f64, Missed>> {
+        let Bench { profile, board, probing, input, now } = self;
+        let heard = probing.look(profile, input, board, *now, STANDS)?;
+        Some(heard.map(|measured| measured.error.get()))
+    }
+
+    /// Both in one request.
+    fn both(&mut self, result: f64, trigger: f64) -> Option<Result<f64, Missed>> {
+        self.after(1).read(RESULT, Ok(result)).read(TRIGGER, Ok(trigger)).look()
+    }
+}
+
+#[test]
+fn a_counter_tells_each_probing_once_even_with_the_same_result() {
+    let mut bench = Bench::new(Some(TRIGGER));
+    assert_eq!(bench.both(0.003, 7.0), None, "where it stands at first is no news");
+    assert_eq!(bench.both(0.003, 7.0), None);
+    assert_eq!(bench.both(0.003, 8.0), Some(Ok(3.0)), "in the signal's unit: mm");
+    assert_eq!(bench.both(0.005, 8.0), None, "the result alone says nothing");
+    assert_eq!(bench.both(0.005, 0.0), None, "the control was restarted");
+    assert_eq!(bench.both(0.004, 1.0), Some(Ok(4.0)));
+}
+
+#[test]
+fn a_flag_tells_a_probing_when_it_rises() {
+    let mut bench = Bench::new(Some(TRIGGER));
+    for (flag, heard) in [(1.0, None), (0.0, None), (1.0, Some(Ok(2.0))), (1.0, None), (0.0, None)] {
+        assert_eq!(bench.both(0.002, flag), heard);
+    }
+}
+
+#[test]
+fn without_a_trigger_each_change_is_a_probing() {
+    let mut bench = Bench::new(None);
+    for (result, heard) in [(0.002, None), (0.002, None), (0.004, Some(Ok(4.0))), (0.0, Some(Ok(0.0)))] {
+        assert_eq!(bench.both(result, 0.0), heard);
+    }
+}
+
+#[test]
+fn a_result_read_before_its_trigger_is_the_old_one() {
+    let mut bench = Bench::new(Some(TRIGGER));
+    bench.both(0.003, 7.0);
+    bench.after(1).read(RESULT, Ok(0.003)).after(1).read(TRIGGER, Ok(8.0));
+    assert_eq!(bench.look(), None);
+    assert_eq!(bench.after(1).read(RESULT, Ok(0.009)).look(), Some(Ok(9.0)));
+    assert_eq!(bench.look(), None);
+}
+
+#[test]
+fn a_result_that_does_not_come_is_missed_and_told_once() {
+    let mut bench = Bench::new(Some(TRIGGER));
+    bench.both(0.003, 7.0);
+    bench.after(1).read(RESULT, Err(Reason::Sentinel)).read(TRIGGER, Ok(8.0));
+    assert_eq!(bench.look(), None);
+    assert_eq!(bench.after(5).look(), None);
+    assert_eq!(bench.after(1).look(), Some(Err(Missed::NoResult)));
+    assert_eq!(bench.both(0.002, 8.0), None);
+}
+
+#[test]
+fn a_probing_whose_moment_is_not_known_does_not_count() {
+    let mut bench = Bench::new(Some(TRIGGER));
+    bench.both(0.003, 7.0);
+    assert_eq!(bench.after(60).look(), None, "the trigger is stale");
+    assert_eq!(bench.both(0.004, 8.0), None, "it may have happened at any time since");
+    assert_eq!(bench.both(0.004, 9.0), Some(Ok(4.0)));
+}
+
+#[test]
+fn what_acted_is_what_stood_there_when_the_trigger_came() {
+    let mut bench = Bench::new(Some(TRIGGER));
+    bench.both(0.003, 7.0);
+    let look = |bench: &mut Bench, acting| {
+        let Bench { profile, board, probing, input, now } = bench;
+        probing.look(profile, input, board, *now, acting)
+    };
+    bench.after(1).read(TRIGGER, Ok(8.0));
+    assert_eq!(look(&mut bench, Micron::new(12.0)), None);
+    bench.after(1).read(RESULT, Ok(0.001));
+    let measured = look(&mut bench, Micron::new(13.0)).unwrap().unwrap();
+    assert_eq!(measured.acting, Micron::new(12.0));
+    bench.after(1).read(TRIGGER, Ok(9.0)).read(RESULT, Ok(0.001));
+    assert_eq!(look(&mut bench, None), Some(Err(Missed::Acting)));
+}
+
+#[test]
+fn only_a_value_that_is_certain_is_held_against_an_error() {
+    let mut profile = sample::profile();
+    let off = Arming::default();
+    assert_eq!(acting(&profile, 0, &[], &off), Some(Micron::ZERO), "nothing is written, so nothing acts");
+    profile.outputs = vec![output(crate::profile::Writes::Offset)];
+    for (standing, wanted) in [
+        (Standing::Unknown, None),
+        (Standing::Unverified, None),
+        (Standing::Verified, Micron::new(7.0)),
+        (Standing::Interlocked, Micron::new(7.0)),
+        (Standing::Foreign, Micron::new(7.0)),
+    ] {
+        let state = OutputState { standing, cz: Micron::new(7.0), ..OutputState::default() };
+        assert_eq!(acting(&profile, 0, &[state], &off), wanted, "{standing:?}");
+    }
+    profile.outputs = vec![output(crate::profile::Writes::Corrected { position: RESULT })];
+    let state = OutputState { standing: Standing::Verified, cz: Micron::new(7.0), ..OutputState::default() };
+    assert_eq!(acting(&profile, 0, &[state], &off), None, "nobody corrects the position");
+    let armed = Arming { armed: true, ..Arming::default() };
+    assert_eq!(acting(&profile, 0, &[state], &armed), Micron::new(7.0));
+}
+
+fn output(writes: crate::profile::Writes) -> Output {
+    use crate::codec::{Address, Table};
+    use crate::profile::{AxisId, DeviceId, Share, Verify};
+    let encoding = sample::profile().signals[0].encoding.clone();
+    Output {
+        name: "o".to_owned(),
+        axis: AxisId(0),
+        device: DeviceId(0),
+        address: Address { table: Table::Holding, offset: 0 },
+        encoding,
+        writes,
+        verify: Verify::ReadBack,
+        refresh: None,
+        when: None,
+        set: None,
+        boot_counter: None,
+        share: Share::Whole,
+    }
+}

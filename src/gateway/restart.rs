@@ -1,0 +1,90 @@
+//! Restarts of a control: its boot counter has changed, or the machine was switched on again.
+//!
+//! Either way the registers may hold anything now. Each output counts the restarts that concern it; its writer reads the
+//! register anew, and the axis, armed as before, goes on from what stands there.
+
+use crate::observe::events::Event;
+use crate::profile::{OutputId, Profile};
+use crate::quantity::Moment;
+use crate::reading::SignalId;
+
+use super::shared::{Core, Shared};
+
+/// By output.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Restarts {
+    counts: Vec<u64>,
+    /// The last good reading of each boot counter.
+    counters: Vec<(SignalId, Option<f64>)>,
+    /// The last good reading of the machine's `on` signal.
+    was_on: Option<bool>,
+}
+
+impl Restarts {
+    pub(super) fn new(profile: &Profile) -> Restarts {
+        let mut counters: Vec<_> =
+            profile.outputs.iter().filter_map(|output| Some((output.boot_counter?, None))).collect();
+        counters.sort_unstable_by_key(|(id, _)| *id);
+        counters.dedup_by_key(|(id, _)| *id);
+        Restarts { counts: vec![0; profile.outputs.len()], counters, was_on: None }
+    }
+
+    /// How many concern this output so far.
+    pub(super) fn of(&self, id: OutputId) -> u64 {
+        self.counts.get(id.0).copied().unwrap_or_default()
+    }
+
+    /// Takes in the machine's `on` signal; whether it was off and is on. The control may have been off with it.
+    fn switched_on(&mut self, is_on: Option<bool>) -> bool {
+        let Some(is_on) = is_on else { return false };
+        let rises = self.was_on.replace(is_on) == Some(false) && is_on;
+        self.counts.iter_mut().for_each(|count| *count += u64::from(rises));
+        rises
+    }
+
+    /// Takes in a boot counter; what it was before, where it has changed. Its first reading is no restart, and one that
+    /// cannot be believed is no reading.
+    fn counted(
+        &mut self,
+        place: usize,
+        value: Option<f64>,
+        profile: &Profile,
+    ) -> Option<(SignalId, f64, f64)> {
+        let (id, last) = self.counters.get_mut(place)?;
+        let (id, value) = (*id, value?);
+        let from = last.replace(value).filter(|last| (last - value).abs() > 0.0)?;
+        for (output, count) in profile.outputs.iter().zip(&mut self.counts) {
+            *count += u64::from(output.boot_counter == Some(id));
+        }
+        Some((id, from, value))
+    }
+}
+
+impl Shared {
+    /// Looks at what has just been read, before anything is written. Every line is woken where a control was restarted.
+    pub(super) fn look_for_restarts(&self, now: Moment) {
+        let mut core = self.core();
+        let is_on = self.profile.machine.on.and_then(|id| core.board.value(&self.profile, id, now));
+        let switched_on = core.restarts.switched_on(is_on.map(|level| level >= 0.5));
+        let events = core.look_for_restarts(&self.profile, now);
+        drop(core);
+        events.iter().for_each(|event| self.tell(event));
+        if switched_on || !events.is_empty() {
+            self.ring();
+        }
+    }
+}
+
+impl Core {
+    fn look_for_restarts(&mut self, profile: &Profile, now: Moment) -> Vec<Event> {
+        let mut events = Vec::new();
+        for place in 0..self.restarts.counters.len() {
+            let value = self.board.value(profile, self.restarts.counters[place].0, now);
+            if let Some((id, from, to)) = self.restarts.counted(place, value, profile) {
+                let device = profile.device(profile.signal(id).device).name.clone();
+                events.push(Event::CncBooted { device, from, to });
+            }
+        }
+        events
+    }
+}

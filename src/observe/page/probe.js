@@ -1,0 +1,83 @@
+// What probings taught an axis: the last one, the correction, and the residuals with the level at which people are told.
+
+import { clock, day, element, fixed, say, signed } from "./words.js";
+
+const HEIGHT = 90;
+const LEFT = 46;
+const RIGHT = 10;
+const EDGE = 12;
+
+const svg = (name, attributes = {}, text = "") => {
+  const made = document.createElementNS("http://www.w3.org/2000/svg", name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  made.textContent = text;
+  return made;
+};
+
+const stamp = (text) => `${day(new Date(text)).slice(5)} ${clock(new Date(text), false)}`;
+
+export class Probe {
+  constructor() {
+    this.correction = element("dd");
+    this.last = element("dd");
+    this.gains = element("dd");
+    this.svg = svg("svg", { role: "img", height: HEIGHT });
+    this.figure = element("figure", { className: "chart residuals" },
+      element("figcaption", {}, element("span", {}, "Residuals of the model, probing by probing"),
+        element("span", { className: "quiet" }, "µm")),
+      this.svg);
+    this.changed = element("div", { className: "wide" }, element("dt", {}, "Gains changed by"), this.gains);
+    this.root = element("section", { className: "probe", ariaLabel: "Probe", hidden: true },
+      element("dl", { className: "facts" },
+        element("div", {}, element("dt", {}, "Correction by probing"), this.correction),
+        element("div", { className: "wide" }, element("dt", {}, "Last probing"), this.last),
+        this.changed),
+      this.figure);
+    new ResizeObserver(() => this.draw()).observe(this.figure);
+  }
+
+  show(probe) {
+    this.root.hidden = !probe;
+    if (!probe) return;
+    say(this.correction, `${signed(probe.correction_um, 2)} of ±${fixed(probe.limit_um, 0)} µm`);
+    const { last } = probe;
+    const learned = last?.refused ? `not learned from: ${last.refused}` : `residual ${signed(last?.residual_um, 1)} µm`;
+    say(this.last, last
+      ? `${stamp(last.at)}: ${signed(last.error_um, 1)} µm with Cz ${signed(last.acting_um, 1)} µm; ${learned}`
+      : "none yet");
+    this.changed.hidden = probe.gains.length === 0;
+    say(this.gains, probe.gains.map((gain) => `${gain.signal} ${signed(100 * gain.change, 1)} %`).join(", "));
+    const mark = JSON.stringify([probe.history, probe.warn_um]);
+    if (mark === this.mark) return;
+    [this.mark, this.probe] = [mark, probe];
+    this.figure.hidden = probe.history.length === 0;
+    this.draw();
+  }
+
+  draw() {
+    const width = this.figure.clientWidth;
+    if (!width || !this.probe?.history.length) return;
+    const { history, warn_um: warn } = this.probe;
+    const reach = Math.max(1, warn ?? 0, ...history.map(([, residual]) => Math.abs(residual)));
+    const y = (value) => HEIGHT / 2 - (value / reach) * (HEIGHT / 2 - EDGE);
+    const x = (place) => LEFT + ((place + 0.5) / history.length) * (width - LEFT - RIGHT);
+    const across = { x1: LEFT, x2: width - RIGHT };
+    const parts = [svg("line", { class: "zero", ...across, y1: y(0), y2: y(0) })];
+    for (const value of [-reach, 0, reach]) {
+      parts.push(svg("text", { x: LEFT - 6, y: y(value) + 4, "text-anchor": "end" }, signed(value, reach < 10 ? 1 : 0)));
+    }
+    for (const level of warn === null ? [] : [-warn, warn]) {
+      parts.push(svg("line", { class: "limit", ...across, y1: y(level), y2: y(level) }));
+    }
+    history.forEach(([at, residual], place) => {
+      const beyond = warn !== null && Math.abs(residual) > warn;
+      const dot = svg("circle", { class: beyond ? "beyond" : "cz", cx: x(place), cy: y(residual), r: beyond ? 4 : 3 });
+      dot.append(svg("title", {}, `${stamp(at)}: ${signed(residual, 1)} µm`));
+      parts.push(dot);
+    });
+    this.svg.setAttribute("viewBox", `0 0 ${width} ${HEIGHT}`);
+    const last = history.at(-1)[1];
+    this.svg.setAttribute("aria-label", `${history.length} residuals, the last ${signed(last, 1)} micrometres`);
+    this.svg.replaceChildren(...parts);
+  }
+}

@@ -1,0 +1,48 @@
+//! An operator's register, of which we own a share: what must be known of it.
+
+use super::Check;
+use crate::codec::{DataType, Table};
+use crate::profile::place::child;
+use crate::profile::raw::{RawOutput, ShareWord, VerifyWord, WritesWord};
+use crate::profile::{Device, Share};
+
+impl Check<'_> {
+    pub(super) fn share(
+        &mut self,
+        path: &str,
+        raw: &RawOutput,
+        data_type: DataType,
+        device: Option<&Device>,
+    ) -> Share {
+        if raw.share != Some(ShareWord::Ledger) {
+            return Share::Whole;
+        }
+        let at = child(path, "share");
+        if raw.verify == Some(VerifyWord::Echo) {
+            let message = "a share is known only from what is read: verify = \"echo\" does not do for share = \"ledger\"";
+            self.wrong(&child(path, "verify"), message, "remove `verify`, or write verify = \"read-back\"");
+            // Else the check of the read-back says so.
+            if device.is_some_and(|device| !device.functions.reads(Table::Holding)) {
+                let message = "a share is known only from what is read, and the device cannot be read";
+                let help = "add \"read-holding\" to `functions` of the device, if the device can do it";
+                self.wrong(&at, message, help);
+            }
+        }
+        if raw.writes.is_some_and(|writes| writes != WritesWord::Offset) {
+            let message = "only an offset can share its register with an operator";
+            self.wrong(&at, message, "write writes = \"offset\", or share = \"whole\"");
+        }
+        if !matches!(data_type, DataType::I16 | DataType::U16 | DataType::I32 | DataType::U32) {
+            let message = format!(
+                "{} holds no exact sum of two parts: a share is counted in whole counts of at most 32 bits",
+                data_type.name()
+            );
+            self.wrong(
+                &at,
+                message,
+                "take type = \"i16\", \"u16\", \"i32\" or \"u32\", or share = \"whole\"",
+            );
+        }
+        Share::Ledger
+    }
+}

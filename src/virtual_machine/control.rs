@@ -1,0 +1,147 @@
+//! The control's side of sets and handshakes: it acknowledges a strobe a little later, and takes the values then; without
+//! a handshake it takes them when the sequence changes, or, without either, as they come.
+
+use std::time::Duration;
+
+use super::fault::AcknowledgeFault;
+use super::registers::Bank;
+use crate::codec::Address;
+use crate::profile::{Flag, Handshake, OutputId, OutputSet, Profile, SetId};
+use crate::quantity::Moment;
+
+/// How long a control takes to see its strobe.
+const REACTS_AFTER: Duration = Duration::from_millis(30);
+
+/// What a control took of a set.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Taken {
+    /// When.
+    pub at: Moment,
+    /// Of which set.
+    pub set: SetId,
+    /// The words of each of its outputs, in the order of the set.
+    pub words: Vec<Vec<u16>>,
+}
+
+/// The control behind one set.
+#[derive(Clone, Debug)]
+pub(super) struct Control {
+    pub(super) set: SetId,
+    /// Its unit: its place in the hardware's list.
+    pub(super) place: usize,
+    outputs: Vec<(OutputId, Address, u16)>,
+    handshake: Option<Handshake>,
+    sequence: Option<Address>,
+    last_sequence: u16,
+    strobe_up: bool,
+    /// When the strobe last changed.
+    changed: Moment,
+    acknowledges: bool,
+    taken: Vec<Vec<u16>>,
+}
+
+impl Control {
+    pub(super) fn new(profile: &Profile, id: SetId, set: &OutputSet, place: usize, bank: &Bank) -> Control {
+        let outputs = set.outputs.iter().zip(set.members(profile));
+        let outputs =
+            outputs.map(|(id, output)| (*id, output.address, output.encoding.data_type.registers()));
+        let mut control = Control {
+            set: id,
+            place,
+            outputs: outputs.collect(),
+            handshake: set.handshake,
+            sequence: set.sequence,
+            last_sequence: 0,
+            strobe_up: false,
+            changed: Moment::default(),
+            acknowledges: false,
+            taken: Vec::new(),
+        };
+        control.taken = control.read(bank);
+        control
+    }
+
+    /// The registers and bits that are the set's own, besides its outputs: where, and how many.
+    pub(super) fn own(set: &OutputSet) -> impl Iterator<Item = Address> {
+        let flags = set.handshake.map(|handshake| [handshake.strobe.address, handshake.acknowledge.address]);
+        set.sequence.into_iter().chain(set.complement).chain(flags.into_iter().flatten())
+    }
+
+    /// The words that an output of this set acts with.
+    pub(super) fn taken(&self, output: OutputId) -> Option<&[u16]> {
+        let place = self.outputs.iter().position(|(id, ..)| *id == output)?;
+        self.taken.get(place).map(Vec::as_slice)
+    }
+
+    /// Something was written to its unit; what it takes at once.
+    pub(super) fn look(&mut self, bank: &Bank, now: Moment) -> Option<Taken> {
+        if let Some(handshake) = self.handshake {
+            let up = word(bank, handshake.strobe.address).is_some_and(|word| handshake.strobe.is_up(word));
+            if up != self.strobe_up {
+                (self.strobe_up, self.changed) = (up, now);
+            }
+            return None;
+        }
+        if let Some(sequence) = self.sequence.and_then(|at| word(bank, at)) {
+            let same = std::mem::replace(&mut self.last_sequence, sequence) == sequence;
+            return if same { None } else { Some(self.take(bank, now)) };
+        }
+        (self.read(bank) != self.taken).then(|| self.take(bank, now))
+    }
+
+    /// Lets time pass; what it takes now, having acknowledged it.
+    pub(super) fn advance(
+        &mut self,
+        bank: &mut Bank,
+        fault: Option<AcknowledgeFault>,
+        now: Moment,
+    ) -> Option<Taken> {
+        let handshake = self.handshake?;
+        let delay = match fault {
+            Some(AcknowledgeFault::Late(delay)) if self.strobe_up => delay,
+            _ => REACTS_AFTER,
+        };
+        let is_kept = match fault {
+            Some(AcknowledgeFault::Never) => self.strobe_up,
+            Some(AcknowledgeFault::Stuck) => !self.strobe_up,
+            _ => false,
+        };
+        if self.acknowledges == self.strobe_up || is_kept || now.since(self.changed) < delay {
+            return None;
+        }
+        self.acknowledges = self.strobe_up;
+        set_flag(bank, handshake.acknowledge, self.acknowledges);
+        if self.acknowledges { Some(self.take(bank, now)) } else { None }
+    }
+
+    /// It was switched off and on: it knows nothing any more, and takes what its registers hold.
+    pub(super) fn restart(&mut self, bank: &Bank, now: Moment) -> Taken {
+        (self.strobe_up, self.acknowledges, self.changed, self.last_sequence) = (false, false, now, 0);
+        self.take(bank, now)
+    }
+
+    fn take(&mut self, bank: &Bank, at: Moment) -> Taken {
+        self.taken = self.read(bank);
+        Taken { at, set: self.set, words: self.taken.clone() }
+    }
+
+    fn read(&self, bank: &Bank) -> Vec<Vec<u16>> {
+        let words = |(_, address, count): &(OutputId, Address, u16)| bank.read(*address, *count);
+        self.outputs.iter().map(|output| words(output).unwrap_or_default().to_vec()).collect()
+    }
+}
+
+fn word(bank: &Bank, address: Address) -> Option<u16> {
+    bank.read(address, 1).and_then(|words| words.first().copied())
+}
+
+fn set_flag(bank: &mut Bank, flag: Flag, up: bool) {
+    let before = word(bank, flag.address).unwrap_or_default();
+    let after = match flag.bit {
+        Some(_) if up => before | flag.raised(),
+        Some(_) => before & !flag.raised(),
+        None => u16::from(up),
+    };
+    let fits = bank.write(flag.address, &[after]);
+    debug_assert!(fits.is_some(), "room was made for it");
+}

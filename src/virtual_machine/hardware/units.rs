@@ -1,0 +1,110 @@
+//! The units of a machine, their registers as they are when the power comes on, and what each measures.
+
+use crate::codec::Address;
+use crate::profile::{DeviceId, Output, Profile};
+use crate::reading::SignalId;
+use crate::virtual_machine::control::Control;
+use crate::virtual_machine::registers::Bank;
+
+/// One device as a piece of hardware.
+#[derive(Debug)]
+pub(super) struct Unit {
+    /// The device it is known by.
+    pub(super) device: DeviceId,
+    pub(super) bank: Bank,
+    pub(super) at_power_on: Bank,
+    pub(super) requests: u64,
+    /// Its boot counters, and what they count.
+    pub(super) counters: Vec<Address>,
+    pub(super) boots: u16,
+    /// The signals it measures. A register that an output or the heartbeat owns is not among them.
+    pub(super) measures: Vec<SignalId>,
+}
+
+impl Unit {
+    /// Forgets all that was written to it, and counts the boot.
+    pub(super) fn restart(&mut self) {
+        self.bank = self.at_power_on.clone();
+        self.boots = self.boots.wrapping_add(1);
+        for counter in &self.counters {
+            let fits = self.bank.write(*counter, &[self.boots]);
+            debug_assert!(fits.is_some(), "room was made for it");
+        }
+    }
+}
+
+/// Devices of one unit on one line are one piece of hardware.
+pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
+    let mut units: Vec<Unit> = Vec::new();
+    let mut unit_of = Vec::new();
+    for (index, device) in profile.devices.iter().enumerate() {
+        let line = &profile.bus(device.bus).address;
+        let same = |unit: &Unit| {
+            let other = profile.device(unit.device);
+            other.unit == device.unit && profile.bus(other.bus).address == *line
+        };
+        let place = units.iter().position(same).unwrap_or(units.len());
+        if place == units.len() {
+            units.push(Unit {
+                device: DeviceId(index),
+                bank: Bank::default(),
+                at_power_on: Bank::default(),
+                requests: 0,
+                counters: Vec::new(),
+                boots: 0,
+                measures: Vec::new(),
+            });
+        }
+        unit_of.push(place);
+    }
+    let mut owned: Vec<(usize, Address, u16)> = Vec::new();
+    for Output { device, address, encoding, .. } in &profile.outputs {
+        let place = unit_of[device.0];
+        let width = encoding.data_type.registers();
+        let bank = &mut units[place].bank;
+        bank.reserve(*address, width);
+        let fits = bank.write(*address, encoding.encode(0.0).words());
+        debug_assert!(fits.is_some(), "room was made for it");
+        owned.push((place, *address, width));
+    }
+    if let Some(heartbeat) = &profile.heartbeat {
+        let place = unit_of[heartbeat.device.0];
+        units[place].bank.reserve(heartbeat.address, 1);
+        owned.push((place, heartbeat.address, 1));
+    }
+    for set in &profile.sets {
+        let place = unit_of[set.device.0];
+        for address in Control::own(set) {
+            units[place].bank.reserve(address, 1);
+            owned.push((place, address, 1));
+        }
+    }
+    for output in &profile.outputs {
+        let Some(counter) = output.boot_counter.map(|id| profile.signal(id).address) else { continue };
+        let place = unit_of[output.device.0];
+        units[place].counters.push(counter);
+        owned.push((place, counter, 1));
+    }
+    for (index, signal) in profile.signals.iter().enumerate() {
+        let (place, width) = (unit_of[signal.device.0], signal.encoding.data_type.registers());
+        units[place].bank.reserve(signal.address, width);
+        let is_owned = |(other, address, count): &(usize, Address, u16)| {
+            *other == place && overlap((*address, *count), (signal.address, width))
+        };
+        if !owned.iter().any(is_owned) {
+            units[place].measures.push(SignalId(index));
+        }
+    }
+    for unit in &mut units {
+        unit.at_power_on = unit.bank.clone();
+        unit.restart();
+    }
+    (units, unit_of)
+}
+
+pub(super) fn overlap((first, count): (Address, u16), (other, other_count): (Address, u16)) -> bool {
+    let end = |address: Address, count: u16| u32::from(address.offset) + u32::from(count);
+    first.table == other.table
+        && u32::from(first.offset) < end(other, other_count)
+        && u32::from(other.offset) < end(first, count)
+}

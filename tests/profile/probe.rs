@@ -1,0 +1,110 @@
+//! `[axis.*.probe]`: what it becomes, and what is wrong with one.
+
+use super::*;
+
+/// The grinder with a probing cycle in its CNC.
+fn probed(probe: &str) -> String {
+    format!(
+        "{GRINDER}
+[signal.probe_z]
+device = \"cnc\"
+register = \"holding:300\"
+type = \"i32\"
+word_order = \"msw-first\"
+scale = 0.0001
+unit = \"mm\"
+max_age = \"5s\"
+[signal.probed]
+device = \"cnc\"
+register = \"holding:302\"
+type = \"u16\"
+unit = \"count\"
+max_age = \"5s\"
+[axis.z.probe]
+{probe}"
+    )
+}
+
+const WHOLE: &str = "signal = \"probe_z\"
+trigger = \"probed\"
+limit = 10.0
+filter = 0.5
+max_error = 25.0
+warn = 5.0
+gains = { forgetting = 0.98, limit = 0.2 }
+";
+
+#[test]
+fn a_probe_becomes_final_types_and_is_explained_in_words() {
+    let loaded = parse(&probed(WHOLE)).unwrap_or_else(|errors| panic!("{errors}"));
+    assert_eq!(loaded.warnings, []);
+    let machine = loaded.profile;
+    let (settings, input) = (machine.axes[0].settings.probe.unwrap(), machine.axes[0].probe_input.unwrap());
+    assert_eq!((settings.limit.get(), settings.filter, settings.max_error.get()), (10.0, 0.5, 25.0));
+    assert_eq!(settings.warn.map(|warn| warn.get()), Some(5.0));
+    assert_eq!(settings.gains.map(|gains| (gains.forgetting, gains.limit)), Some((0.98, 0.2)));
+    assert_eq!((input.signal.0, input.trigger.map(|id| id.0), input.micron), (7, Some(8), 1000.0));
+    let told = isotherm::explain::Explanation::of(&machine).to_string();
+    for words in [
+        "probe: measured errors (actual minus commanded, with Cz acting) come from probe_z, each time probed changes",
+        "a positive one lowers the model's Cz by 0.5 of it, in all by at most 10 µm",
+        "beyond ±5 µm it warns; the gains of linear models learn by up to ±20.000 % each",
+    ] {
+        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+    }
+}
+
+#[test]
+fn errors_may_come_by_command_only_and_a_diameter_is_halved() {
+    let by_command = format!("{GRINDER}\n[axis.z.probe]\nlimit = 10.0\nfilter = 1.0\nmax_error = 25.0\n");
+    let machine = parse(&by_command).unwrap_or_else(|errors| panic!("{errors}")).profile;
+    assert_eq!(machine.axes[0].probe_input, None);
+    assert!(isotherm::explain::Explanation::of(&machine).to_string().contains("come from commands"));
+    let text = probed(WHOLE).replacen("limit = 40.0", "limit = 40.0\ndiameter = true", 1);
+    let machine = parse(&text).unwrap_or_else(|errors| panic!("{errors}")).profile;
+    assert!((machine.axes[0].probe_input.unwrap().micron - 500.0).abs() < 1e-9);
+    let told = isotherm::explain::Explanation::of(&machine).to_string();
+    assert!(told.contains("actual minus commanded, on the diameter"), "{told}");
+}
+
+#[test]
+fn each_mistake_is_told_at_its_place() {
+    for (from, to, key, at, words) in [
+        ("limit = 10.0", "limit = 50.0", "limit", "50.0", "larger than the axis's limit of 40 µm"),
+        ("limit = 10.0", "limit = 0.0", "limit", "0.0", "not above zero"),
+        ("filter = 0.5", "filter = 1.5", "filter", "1.5", "above 0 and up to 1"),
+        ("filter = 0.5", "filter = 0.0", "filter", "0.0", "above 0 and up to 1"),
+        ("filter = 0.5", "filter = \"half\"", "filter", "\"half\"", "a number is wanted here"),
+        ("max_error = 25.0", "max_error = -1.0", "max_error", "-1.0", "not above zero"),
+        ("warn = 5.0", "warn = 26.0", "warn", "26.0", "beyond the max_error of 25 µm"),
+        ("warn = 5.0", "warm = 5.0", "warm", "warm", "did you mean `warn`?"),
+        ("forgetting = 0.98", "forgetting = 1.01", "gains.forgetting", "1.01", "above 0 and up to 1"),
+        (", limit = 0.2", ", limit = 1.0", "gains.limit", "1.0", "a gain never changes its sign"),
+        ("\"probe_z\"", "\"probe_y\"", "signal", "\"probe_y\"", "there is no signal named `probe_y`"),
+        ("\"probe_z\"", "\"bed\"", "signal", "\"bed\"", "`bed` is in degC, not in um or mm"),
+        ("\"probed\"", "\"probe_z\"", "trigger", "\"probe_z\"", "its own trigger"),
+    ] {
+        let probe = WHOLE.replacen(from, to, 1);
+        assert_ne!(probe, WHOLE, "{from}");
+        let error = only_error(&probed(&probe), &format!("axis.z.probe.{key}"), at);
+        assert!(error.to_string().contains(words), "`{words}` is not in: {error}");
+    }
+}
+
+#[test]
+fn what_is_missing_is_told_and_all_at_once() {
+    let found = errors(parse(&probed("trigger = \"probed\"\ngains = {}\n")));
+    let mut keys: Vec<&str> = found.iter().map(|error| error.key.as_str()).collect();
+    keys.sort_unstable();
+    let wanted = ["filter", "gains.forgetting", "gains.limit", "limit", "max_error", "signal"];
+    assert_eq!(keys, wanted.map(|key| format!("axis.z.probe.{key}")), "{}", Errors(found.clone()));
+}
+
+#[test]
+fn gains_learn_only_where_a_model_has_them() {
+    let text = probed(WHOLE);
+    let (head, tail) = text.split_once("[[axis.z.model]]\nname = \"difference\"").unwrap();
+    let (_, rest) = tail.split_once("[[axis.z.model]]").unwrap();
+    let error = only_error(&format!("{head}[[axis.z.model]]{rest}"), "axis.z.probe.gains", "gains");
+    assert!(error.to_string().contains("no model of this axis is linear"), "{error}");
+}
