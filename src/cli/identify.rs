@@ -38,7 +38,7 @@ pub(super) struct Arguments {
     #[arg(value_name = "LOG", required_unless_present = "balls")]
     logs: Vec<PathBuf>,
     #[command(flatten)]
-    balls: balls::Arguments,
+    balls: balls::Touches,
     /// The axis; may be left out where the profile has only one
     #[arg(long, value_name = "NAME")]
     axis: Option<String>,

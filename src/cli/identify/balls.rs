@@ -9,7 +9,7 @@ use crate::identify::balls::{DIRECTIONS, Terms, log, terms};
 use crate::identify::dataset::{Dataset, Split};
 
 #[derive(clap::Args, Debug)]
-pub(super) struct Arguments {
+pub(super) struct Touches {
     /// Instead of PROFILE and LOG: touches of a 1-D ball array. Columns time, ball (its number), x_mm, y_mm, z_mm, and
     /// stylus_mm where there were two lengths of stylus. The first round is the cold one
     #[arg(long, value_name = "BALLS.csv", requires = "out", conflicts_with_all = ["path", "logs", "write", "probe", "error"])]
@@ -25,7 +25,7 @@ pub(super) struct Arguments {
     origin: Option<f64>,
 }
 
-pub(super) fn run(arguments: &Arguments, json: bool) -> Result<(), Failure> {
+pub(super) fn run(arguments: &Touches, json: bool) -> Result<(), Failure> {
     let (Some(balls), Some(out)) = (&arguments.balls, &arguments.out) else {
         return Err(anyhow::anyhow!("name a profile and logs, or --balls and --out").into());
     };
