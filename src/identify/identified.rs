@@ -124,6 +124,7 @@ pub fn identify(
     let campaign = &ready.campaign;
     let learner = settings.method.prepare(campaign, settings)?;
     check_rows(learner.as_ref())?;
+    check_count(learner.as_ref(), settings.method)?;
     let held_out = leave_one_run_out(campaign, learner.as_ref(), &[], probe, progress)?;
     let runs: Vec<usize> = (0..learner.bank().runs.len()).collect();
     let learned = learner.learn(&runs, &[])?;
@@ -168,6 +169,20 @@ fn check_rows(learner: &dyn Learner) -> Result<(), String> {
             run.name
         )),
     }
+}
+
+/// Least squares on all columns needs more rows than columns, also where the longest run is held out.
+fn check_count(learner: &dyn Learner, method: Method) -> Result<(), String> {
+    let terms = learner.bank().width();
+    let rows = learner.bank().runs.iter().map(|run| run.wanted.len());
+    let left = rows.clone().sum::<usize>() - rows.max().unwrap_or(0);
+    if method != Method::Ols || left > terms {
+        return Ok(());
+    }
+    Err(format!(
+        "{terms} terms cannot be learnt from {left} rows, which is what is left while the longest run is held out: name fewer \
+         inputs with --inputs, record longer, average less with --resample, or let --method sparse-lag choose"
+    ))
 }
 
 /// The places of the inputs that a model needs.
