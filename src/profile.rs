@@ -17,6 +17,7 @@ mod error;
 mod files;
 mod load;
 mod merge;
+mod output;
 mod place;
 mod raw;
 mod set;
@@ -25,6 +26,7 @@ mod writes;
 
 pub use error::{Errors, ProfileError};
 pub use load::{Loaded, environment, load, parse, parse_with};
+pub use output::{Output, Share, Verify};
 pub use raw::schema;
 pub use set::{Flag, Handshake, OutputSet, SetId, Stretch};
 pub use writes::Writes;
@@ -241,53 +243,6 @@ pub struct ProbeInput {
     pub trigger: Option<SignalId>,
     /// One unit of the signal in µm of Cz: half of it where the axis acts on a diameter.
     pub micron: f64,
-}
-
-/// One value that is written.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Output {
-    /// Its name in the profile.
-    pub name: String,
-    /// Whose Cz.
-    pub axis: AxisId,
-    /// Where it goes.
-    pub device: DeviceId,
-    /// Its first register.
-    pub address: Address,
-    /// How the value becomes registers.
-    pub encoding: Encoding,
-    /// What is written.
-    pub writes: Writes,
-    /// How a write is believed.
-    pub verify: Verify,
-    /// Written again though unchanged.
-    pub refresh: Option<Duration>,
-    /// Interlock: otherwise held.
-    pub when: Option<Condition>,
-    /// What it is written with: a set of its own where it has a handshake of its own.
-    pub set: Option<SetId>,
-    /// The signal that changes at every start of the CNC.
-    pub boot_counter: Option<SignalId>,
-    /// Whose register it is.
-    pub share: Share,
-}
-
-/// Whose register an output writes to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Share {
-    /// Ours.
-    Whole,
-    /// An operator's, of which we own a share; how much, a ledger says.
-    Ledger,
-}
-
-/// How a write is believed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verify {
-    /// The register is read again.
-    ReadBack,
-    /// The answer repeats address and value.
-    Echo,
 }
 
 /// The register that counts while the gateway lives.

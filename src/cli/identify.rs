@@ -20,12 +20,12 @@ mod told;
 
 /// Finds the model of an axis from logs: coefficients with their uncertainty, and how it fares on days it never saw.
 ///
-/// A log is CSV or Parquet: a column `time` (seconds, or RFC 3339), `time_s` or `time_min`, one column per signal of the
+/// A log is CSV: a column `time` (seconds, or RFC 3339), `time_s` or `time_min`, one column per signal of the
 /// profile, and the measured displacement error in µm. One file is one run: a warm-up from a cold machine on. Faulty
 /// sensors are found, told and left out. Each run is held out in turn.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  isotherm identify my-machine.toml mon.csv tue.csv wed.csv --axis z --error z_error_um\n  isotherm identify my-machine.toml week.parquet --gap 2h --axis z --write z-model.toml\n  isotherm identify --balls touches.csv --recorded mon.csv --out mon-drift.csv"
+    after_help = "Examples:\n  isotherm identify my-machine.toml mon.csv tue.csv wed.csv --axis z --error z_error_um\n  isotherm identify my-machine.toml week.csv --gap 2h --axis z --write z-model.toml\n  isotherm identify --balls touches.csv --recorded mon.csv --out mon-drift.csv"
 )]
 pub(super) struct Arguments {
     /// The machine's profile, or the name of a shipped one

@@ -11,7 +11,7 @@ mod told;
 
 /// Drift of logs in the terms of ISO 230-3: how far each displacement went, when, and what the machine did meanwhile.
 ///
-/// It describes a log; the durations and limits of the standard are yours to keep. A log is CSV or Parquet: a column `time`
+/// It describes a log; the durations and limits of the standard are yours to keep. A log is CSV: a column `time`
 /// (seconds, or RFC 3339), `time_s` or `time_min`, displacements in columns that end with `_um`, temperatures, and what
 /// turned or moved: speeds (`_rpm`), positions (`_mm`), angles (`_deg`).
 #[derive(clap::Args, Debug)]

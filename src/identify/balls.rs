@@ -76,10 +76,15 @@ pub fn terms(dataset: &Dataset, origin: Option<f64>) -> Result<Terms, BadLog> {
     let origin_mm = origin.unwrap_or_else(|| places.clone().next().unwrap_or_default());
     let mut remarks = dataset.remarks.clone();
     if rounds.len() == 1 {
-        return Err(one("there is one round only: touch the balls cold, and again while the machine warms up"));
+        return Err(one(
+            "there is one round only: touch the balls cold, and again while the machine warms up",
+        ));
     }
     if places.clone().all(|place| (place - origin_mm).abs() > 10.0 * extent) {
-        return Err(one(&format!("the origin {origin_mm} mm is far from every ball: give it along {}", DIRECTIONS[along])));
+        return Err(one(&format!(
+            "the origin {origin_mm} mm is far from every ball: give it along {}",
+            DIRECTIONS[along]
+        )));
     }
     let mut found = Vec::new();
     for (number, round) in rounds.iter().enumerate() {

@@ -175,7 +175,10 @@ fn displacement(name: String, minutes: &Minutes, stages: &[Stage]) -> Displaceme
         largest_60min_from_h: largest.map(|(second, _)| second / 3600.0),
         drift_um,
         drift_um_per_h: if hours > 0.0 { drift_um / hours } else { 0.0 },
-        stages_um: stages.iter().map(|stage| minutes.change(stage.from_h * 3600.0, stage.to_h * 3600.0)).collect(),
+        stages_um: stages
+            .iter()
+            .map(|stage| minutes.change(stage.from_h * 3600.0, stage.to_h * 3600.0))
+            .collect(),
     }
 }
 

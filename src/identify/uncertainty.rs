@@ -82,7 +82,8 @@ fn by_residuals(bank: &Bank, gains: &[(Candidate, f64)]) -> Option<Vec<f64>> {
     let free = (rows / each - count(columns.len())).max(1.0);
     let variance = power / rows * (rows / each) / free;
     let few = for_few(free);
-    let error = |place: usize| few * (variance * each * inverse[(place, place)] / rows).sqrt() / scales[place];
+    let error =
+        |place: usize| few * (variance * each * inverse[(place, place)] / rows).sqrt() / scales[place];
     Some((0..columns.len()).map(error).collect())
 }
 

@@ -36,7 +36,8 @@ fn touches(along: usize, rounds: &[Truth], styli: &[f64]) -> String {
                 at[along] += place;
                 for direction in 0..3 {
                     let tilt = if direction == along { 0.0 } else { truth.spindle[direction] };
-                    let moved = truth.drift[direction] + truth.slope[direction] * place + tilt * (stylus - styli[0]);
+                    let moved =
+                        truth.drift[direction] + truth.slope[direction] * place + tilt * (stylus - styli[0]);
                     at[direction] += moved / 1000.0;
                 }
                 text += &format!("{second},{},{},{},{},{stylus}\n", ball + 1, at[0], at[1], at[2]);
@@ -54,10 +55,9 @@ fn found(text: &str) -> Terms {
 fn refused(text: &str) -> String {
     match read("balls.csv", text) {
         Err(wrong) => wrong.to_string(),
-        Ok(dataset) => terms(&dataset, None).map_or_else(
-            |wrong| wrong.to_string(),
-            |terms| panic!("{terms:?}"),
-        ),
+        Ok(dataset) => {
+            terms(&dataset, None).map_or_else(|wrong| wrong.to_string(), |terms| panic!("{terms:?}"))
+        }
     }
 }
 
@@ -139,7 +139,8 @@ fn rounds_stand_in_the_recorded_rows_nearest_to_them_and_identify_takes_them() {
         let rounds: Vec<Truth> = (0..48)
             .map(|round| Truth { drift: [0.0, 0.0, -4.0 * (rise(round) - rise(0))], ..STILL })
             .collect();
-        let recorded: String = (0..250).map(|minute| format!("{},{}\n", minute * 60, temperature(minute, day))).collect();
+        let recorded: String =
+            (0..250).map(|minute| format!("{},{}\n", minute * 60, temperature(minute, day))).collect();
         let recorded = read("recorded.csv", &format!("time,s0\n{recorded}")).unwrap();
         let text = log(&found(&touches(2, &rounds, &[80.0])), Some(&recorded)).unwrap();
         assert_eq!(text.lines().count(), 251);
@@ -160,7 +161,10 @@ fn a_table_that_is_no_ball_array_is_told_what_it_lacks() {
         ("time,ball,x_mm,y_mm,z_mm\n0,1,1,2,\n", vec!["balls.csv, touch 1: a cell is empty"]),
         ("time,ball,x_mm,y_mm,z_mm\n0,1,1,2,3\n9,1,1,2,3\n", vec!["two balls at least"]),
         ("time,ball,x_mm,y_mm,z_mm\n0,1,1,2,3\n9,2,1,2,103\n", vec!["one round only", "again while"]),
-        ("time,ball,x_mm,y_mm,z_mm\n0,1,0,0,0\n9,2,0,70,90\n20,1,0,0,0\n", vec!["along z", "70 mm across", "clamp"]),
+        (
+            "time,ball,x_mm,y_mm,z_mm\n0,1,0,0,0\n9,2,0,70,90\n20,1,0,0,0\n",
+            vec!["along z", "70 mm across", "clamp"],
+        ),
     ] {
         let told = refused(text);
         for part in parts {
@@ -171,8 +175,13 @@ fn a_table_that_is_no_ball_array_is_told_what_it_lacks() {
 
 #[test]
 fn balls_that_changed_numbers_are_left_out_with_the_reason() {
-    let text = "time,ball,x_mm,y_mm,z_mm\n0,1,0,0,0\n1,2,0,0,90\n2,1,0,0,90\n3,2,0,0,0\n4,1,0,0,0\n5,2,0,0,90\n";
+    let text =
+        "time,ball,x_mm,y_mm,z_mm\n0,1,0,0,0\n1,2,0,0,90\n2,1,0,0,90\n3,2,0,0,0\n4,1,0,0,0\n5,2,0,0,90\n";
     let terms = found(text);
     assert_eq!(terms.rounds.len(), 2);
-    assert!(terms.remarks[0].starts_with("round 2 is left out: ball 1 is 90.000 mm from its cold place along z"), "{:?}", terms.remarks);
+    assert!(
+        terms.remarks[0].starts_with("round 2 is left out: ball 1 is 90.000 mm from its cold place along z"),
+        "{:?}",
+        terms.remarks
+    );
 }

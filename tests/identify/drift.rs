@@ -39,7 +39,10 @@ fn a_night_in_which_nothing_moves_is_an_etve_test() {
     assert!(near(y.last_hour_um.unwrap(), 1.0) && near(y.largest_60min_um.unwrap(), 13.0), "{y:?}");
     assert!(near(y.largest_60min_from_h.unwrap(), 2.5), "{y:?}");
     // From the mean of the first three minutes to that of the last three.
-    assert!(near(y.drift_um, 18.0 - 2.0 / 60.0) && near(y.drift_um_per_h * (358.0 / 60.0), y.drift_um), "{y:?}");
+    assert!(
+        near(y.drift_um, 18.0 - 2.0 / 60.0) && near(y.drift_um_per_h * (358.0 / 60.0), y.drift_um),
+        "{y:?}"
+    );
     let hall = &drift.temperatures[0];
     assert!(near(hall.range_k, 3.6) && near(hall.largest_60min_k.unwrap(), 0.6), "{hall:?}");
     assert!(near(hall.begin_c, 20.01) && near(hall.end_c, 23.59), "{hall:?}");
@@ -100,7 +103,11 @@ fn a_log_shorter_than_an_hour_has_no_figures_of_an_hour() {
 
 #[test]
 fn missing_cells_are_no_movement() {
-    let text = log("z_um", 180, |minute| if (60.0..90.0).contains(&minute) { String::new() } else { "2".to_owned() });
+    let text = log(
+        "z_um",
+        180,
+        |minute| if (60.0..90.0).contains(&minute) { String::new() } else { "2".to_owned() },
+    );
     assert!(near(told(&text, None).displacements[0].range_um, 0.0));
 }
 
@@ -109,7 +116,10 @@ fn a_log_without_a_displacement_is_told_what_to_do() {
     let dataset = dataset(&log("hall_c,probe", 120, |minute| format!("20,{}", 200.0 + minute)));
     let refused = |names: &[String]| drift(&dataset, names, None, &|_| None).unwrap_err().to_string();
     let told = refused(&[]);
-    assert!(told.contains("ends with _um, or give it with --displacement; there are hall_c, probe"), "{told}");
+    assert!(
+        told.contains("ends with _um, or give it with --displacement; there are hall_c, probe"),
+        "{told}"
+    );
     let told = refused(&["prob".to_owned()]);
     assert!(told.contains("no log has a column `prob`; there are hall_c, probe"), "{told}");
     assert!(drift(&dataset, &["probe".to_owned()], None, &|_| None).is_ok());

@@ -113,7 +113,8 @@ fn a_faulty_sensor_that_the_model_needs_is_named_and_costs_less_than_a_tenth() {
         day.temperatures[0][30..330].fill(held);
     };
     let spikes = |day: &mut Day| [40, 90, 310, 500].iter().for_each(|row| day.temperatures[0][*row] += 3.0);
-    let faults: [(&str, &dyn Fn(&mut Day)); 3] = [("jumps", &jumps), ("stuck", &freezes), ("spikes", &spikes)];
+    let faults: [(&str, &dyn Fn(&mut Day)); 3] =
+        [("jumps", &jumps), ("stuck", &freezes), ("spikes", &spikes)];
     for (word, fault) in faults {
         let mut broken = clean.clone();
         fault(&mut broken[2]);

@@ -132,7 +132,8 @@ fn fewer_rows_than_terms_are_told_with_what_to_do() {
     let dataset = super::rig::dataset(&days).unwrap();
     let every: Vec<String> = (0..12).map(|place| format!("s{place}")).collect();
     let profile = super::rig::profile(12);
-    let ready = isotherm::identify::setup::ready(&profile, &dataset, &Choice { keep: every, ..choice() }).unwrap();
+    let ready =
+        isotherm::identify::setup::ready(&profile, &dataset, &Choice { keep: every, ..choice() }).unwrap();
     let settings = isotherm::identify::method::Settings {
         method: isotherm::identify::method::Method::Ols,
         ..Default::default()

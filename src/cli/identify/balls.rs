@@ -57,7 +57,9 @@ fn tell(found: &Terms) {
     let slopes: String = DIRECTIONS
         .iter()
         .enumerate()
-        .map(|(place, axis)| format!("  {:>10}", format!("{}_{axis} µm/m", if place == found.along { "k" } else { "A" })))
+        .map(|(place, axis)| {
+            format!("  {:>10}", format!("{}_{axis} µm/m", if place == found.along { "k" } else { "A" }))
+        })
         .collect();
     println!("  {:>6}  {:>8}  {:>8}  {:>8}{slopes}  {:>8}", "hour", "d_x µm", "d_y µm", "d_z µm", "left µm");
     for round in &found.rounds {
@@ -70,7 +72,10 @@ fn tell(found: &Terms) {
         for round in &found.rounds {
             let tilts = round.spindle_um_per_mm.map_or("not told".to_owned(), |tilts| {
                 let across = (0..3).filter(|place| *place != found.along);
-                across.map(|place| format!("{} {:+.2}", DIRECTIONS[place], 1000.0 * tilts[place])).collect::<Vec<_>>().join("  ")
+                across
+                    .map(|place| format!("{} {:+.2}", DIRECTIONS[place], 1000.0 * tilts[place]))
+                    .collect::<Vec<_>>()
+                    .join("  ")
             });
             println!("  {:6.2}  {tilts}", round.hours);
         }

@@ -50,7 +50,8 @@ fn sentences(text: &mut String, drift: &Drift) -> std::fmt::Result {
     }
     let ambient = drift.temperatures.iter().min_by(|one, other| one.range_k.total_cmp(&other.range_k));
     if let Some(calm) = ambient
-        && let Some(lively) = drift.temperatures.iter().max_by(|one, other| one.range_k.total_cmp(&other.range_k))
+        && let Some(lively) =
+            drift.temperatures.iter().max_by(|one, other| one.range_k.total_cmp(&other.range_k))
     {
         writeln!(
             text,
@@ -98,8 +99,9 @@ fn stages(text: &mut String, drift: &Drift) -> std::fmt::Result {
             (None, false) => "stands".to_owned(),
         };
         let changes = drift.displacements.iter().map(|moved| moved.stages_um.get(place).copied().flatten());
-        let changes: String =
-            changes.map(|change| format!("  {:>12}", change.map_or("-".to_owned(), |um| format!("{um:+.2}")))).collect();
+        let changes: String = changes
+            .map(|change| format!("  {:>12}", change.map_or("-".to_owned(), |um| format!("{um:+.2}"))))
+            .collect();
         writeln!(text, "  {:>8}  {:>8}  {speed:>14}{changes}", clock(stage.from_h), clock(stage.to_h))?;
     }
     Ok(())

@@ -23,9 +23,8 @@ pub(super) fn fit(cold: &Round, round: &Round, along: usize, origin: f64) -> Res
     for touch in &round.touches {
         moved.extend(since_cold(cold, touch, along)?);
     }
-    let spread = |of: fn(&Moved) -> f64| {
-        crate::identify::validate::range(&moved.iter().map(of).collect::<Vec<f64>>())
-    };
+    let spread =
+        |of: fn(&Moved) -> f64| crate::identify::validate::range(&moved.iter().map(of).collect::<Vec<f64>>());
     if spread(|touch| touch.place) < APART {
         return Err("fewer than two of its balls were touched in the first round".to_owned());
     }
@@ -72,9 +71,8 @@ fn since_cold(cold: &Round, touch: &Touch, along: usize) -> Result<Option<Moved>
     if same.is_empty() {
         return Ok(None);
     }
-    let mean = |direction: usize| {
-        same.iter().map(|other| other.at_mm[direction]).sum::<f64>() / count(same.len())
-    };
+    let mean =
+        |direction: usize| same.iter().map(|other| other.at_mm[direction]).sum::<f64>() / count(same.len());
     let by = [0, 1, 2].map(|direction| 1000.0 * (touch.at_mm[direction] - mean(direction)));
     if let Some(far) = (0..3).find(|direction| by[*direction].abs() > NO_DRIFT) {
         return Err(format!(

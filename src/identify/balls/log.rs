@@ -55,7 +55,8 @@ pub fn log(terms: &Terms, recorded: Option<&Dataset>) -> Result<String, BadLog> 
     let _ = writeln!(text, "time,{own}{}", names.join(","));
     let nothing = ",".repeat(names.len().saturating_sub(1));
     for (row, time) in run.times.iter().enumerate() {
-        let own: String = columns.iter().map(|column| format!("{},", cell(run.values[*column][row]))).collect();
+        let own: String =
+            columns.iter().map(|column| format!("{},", cell(run.values[*column][row]))).collect();
         let round = at.iter().position(|place| *place == row).map(|place| &terms.rounds[place]);
         let found = round.map_or_else(|| nothing.clone(), |round| cells(terms, round, spindle));
         let _ = writeln!(text, "{},{own}{found}", seconds(*time));

@@ -43,7 +43,10 @@ pub(super) fn rounds(dataset: &Dataset) -> Result<Vec<Round>, BadLog> {
         let place = dataset.column(name);
         if place.is_none() {
             let names: Vec<&str> = dataset.columns.iter().map(|column| column.name.as_str()).collect();
-            wrong.push(format!("there is no column `{name}` {what}; columns of numbers are {}", names.join(", ")));
+            wrong.push(format!(
+                "there is no column `{name}` {what}; columns of numbers are {}",
+                names.join(", ")
+            ));
         }
         place
     };
@@ -80,5 +83,9 @@ pub(super) fn rounds(dataset: &Dataset) -> Result<Vec<Round>, BadLog> {
             }
         }
     }
-    if wrong.is_empty() { Ok(rounds.into_iter().map(|(_, round)| round).collect()) } else { Err(BadLog(wrong)) }
+    if wrong.is_empty() {
+        Ok(rounds.into_iter().map(|(_, round)| round).collect())
+    } else {
+        Err(BadLog(wrong))
+    }
 }

@@ -44,7 +44,8 @@ pub(super) fn movers(dataset: &Dataset, units: &dyn Fn(&str) -> Option<&'static 
         let lower = name.to_ascii_lowercase();
         let ends = |endings: &[&str]| endings.iter().any(|ending| lower.ends_with(ending));
         let unit = units(name).unwrap_or_default();
-        let is_feed = ["mm/min", "m/min", "m/s"].contains(&unit) || ends(&["mm_min", "mm/min", "_m_s", "feed"]);
+        let is_feed =
+            ["mm/min", "m/min", "m/s"].contains(&unit) || ends(&["mm_min", "mm/min", "_m_s", "feed"]);
         let (test, is_speed) = match kind {
             _ if unit == "deg" || ends(&["_deg"]) => (Test::Rotary, false),
             _ if is_feed => (Test::Axis, true),

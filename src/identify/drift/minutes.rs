@@ -54,9 +54,10 @@ impl Minutes {
 
     fn mean(&self, within: impl Fn(f64) -> bool) -> (f64, f64) {
         let inside = self.seconds.iter().zip(&self.values).filter(|(second, _)| within(**second));
-        let (seconds, sum, rows) = inside.fold((0.0, 0.0, 0_usize), |(seconds, sum, rows), (second, value)| {
-            (seconds + second, sum + value, rows + 1)
-        });
+        let (seconds, sum, rows) = inside
+            .fold((0.0, 0.0, 0_usize), |(seconds, sum, rows), (second, value)| {
+                (seconds + second, sum + value, rows + 1)
+            });
         let rows = count(rows).max(1.0);
         (seconds / rows, sum / rows)
     }
@@ -69,7 +70,8 @@ impl Minutes {
     }
 
     fn range_within(&self, from: f64, to: f64) -> f64 {
-        let inside = self.seconds.iter().zip(&self.values).filter(|(second, _)| (from..=to).contains(*second));
+        let inside =
+            self.seconds.iter().zip(&self.values).filter(|(second, _)| (from..=to).contains(*second));
         range_of(&inside.map(|(_, value)| *value).collect::<Vec<f64>>())
     }
 
