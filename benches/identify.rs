@@ -53,6 +53,7 @@ fn main() {
         println!("{:<12} {seconds:6.2} s   mean held-out range: {}", method.name(), ranges.join(", "));
     }
     let peak = peak_megabytes();
+    println!("{:<12} {:6.2} s of processor time", "", processor_seconds());
     println!(
         "{:<12} {total:6.2} s (at most {SECONDS} s), peak memory {peak:.0} MB (at most {MEGABYTES} MB)",
         "all"
@@ -127,4 +128,13 @@ fn peak_megabytes() -> f64 {
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
     let kilobytes = line.and_then(|line| line.trim().trim_end_matches(" kB").parse::<f64>().ok());
     kilobytes.unwrap_or(f64::NAN) / 1000.0
+}
+
+/// Over all threads: what remains comparable on a busy computer.
+fn processor_seconds() -> f64 {
+    const TICKS_PER_SECOND: f64 = 100.0;
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let fields = stat.rsplit(')').next().unwrap_or_default().split_whitespace();
+    // User and system time are the 14th and 15th field; the 3rd is the first after the name.
+    fields.skip(11).take(2).filter_map(|ticks| ticks.parse::<f64>().ok()).sum::<f64>() / TICKS_PER_SECOND
 }

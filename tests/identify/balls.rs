@@ -34,11 +34,11 @@ fn touches(along: usize, rounds: &[Truth], styli: &[f64]) -> String {
                 let place = 100.0 * f64::from(ball);
                 let mut at = [12.5, -300.0, 40.0];
                 at[along] += place;
-                for direction in 0..3 {
+                for (direction, at) in at.iter_mut().enumerate() {
                     let tilt = if direction == along { 0.0 } else { truth.spindle[direction] };
                     let moved =
                         truth.drift[direction] + truth.slope[direction] * place + tilt * (stylus - styli[0]);
-                    at[direction] += moved / 1000.0;
+                    *at += moved / 1000.0;
                 }
                 text += &format!("{second},{},{},{},{},{stylus}\n", ball + 1, at[0], at[1], at[2]);
                 second += 60;

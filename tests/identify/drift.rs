@@ -50,7 +50,11 @@ fn a_night_in_which_nothing_moves_is_an_etve_test() {
 
 #[test]
 fn a_spindle_that_turns_makes_stages_with_what_each_of_them_moved() {
-    let speed = |minute: f64| [0.0, 3000.0, 6000.0, 0.0][(minute / 60.0) as usize];
+    let speed = |minute: f64| match minute {
+        _ if (60.0..120.0).contains(&minute) => 3000.0,
+        _ if (120.0..180.0).contains(&minute) => 6000.0,
+        _ => 0.0,
+    };
     let text = log("bearing_c,spindle_rpm,z_um", 240, |minute| {
         let wander = if speed(minute) > 0.0 { 3.0 * (minute * 1.7).sin() } else { 0.0 };
         format!("21,{},{}", speed(minute) + wander, 0.1 * minute)

@@ -39,14 +39,19 @@ fn inside(size: f64, memory: f64) -> [usize; 3] {
     inside
 }
 
+/// 95 of 100 of all of them; of each alone, as chance lets 200 draws differ.
+#[track_caller]
+fn holds(inside: [usize; 3]) {
+    assert!(inside.iter().sum::<usize>() >= 570, "{inside:?} of 200 each");
+    assert!(inside.iter().all(|count| *count >= 186), "{inside:?} of 200 each");
+}
+
 #[test]
 fn a_disturbance_of_half_an_hour_is_in_the_stated_errors() {
-    let inside = inside(1.0, 30.0);
-    assert!(inside.iter().all(|count| *count >= 190), "{inside:?} of 200");
+    holds(inside(1.0, 30.0));
 }
 
 #[test]
 fn a_disturbance_of_two_hours_is_in_the_stated_errors() {
-    let inside = inside(1.0, 120.0);
-    assert!(inside.iter().all(|count| *count >= 190), "{inside:?} of 200");
+    holds(inside(1.0, 120.0));
 }
