@@ -130,7 +130,7 @@ pub fn identify(
     let learned = learner.learn(&runs, &[])?;
     let inputs = inputs_of(&learned);
     let stand_ins = if fallbacks && inputs.len() > 1 {
-        stand_ins(campaign, learner.as_ref(), &inputs)?
+        stand_ins(campaign, learner.as_ref(), &inputs)
     } else {
         Vec::new()
     };
@@ -219,11 +219,7 @@ fn shown(campaign: &Campaign<'_>, candidate: &Candidate, gain: f64, se: f64) -> 
     }
 }
 
-fn stand_ins(
-    campaign: &Campaign<'_>,
-    learner: &dyn Learner,
-    inputs: &[usize],
-) -> Result<Vec<Fallback>, String> {
+fn stand_ins(campaign: &Campaign<'_>, learner: &dyn Learner, inputs: &[usize]) -> Vec<Fallback> {
     let runs: Vec<usize> = (0..learner.bank().runs.len()).collect();
     let mut found = Vec::new();
     for lost in inputs {
@@ -240,7 +236,7 @@ fn stand_ins(
         });
     }
     found.sort_by(|one, other| one.means.mean_range_um.total_cmp(&other.means.mean_range_um));
-    Ok(found)
+    found
 }
 
 fn means(scores: impl Iterator<Item = (f64, f64)>) -> Means {
