@@ -19,6 +19,7 @@ mod measured;
 mod read;
 mod record;
 pub mod replay;
+mod report;
 mod run;
 mod select;
 mod services;
@@ -56,13 +57,16 @@ enum Verb {
     Read(read::Arguments),
     /// The devices of a profile as virtual hardware
     Virtual(simulate::Arguments),
-    /// The gateway's own step over a recorded log
+    /// Readings into a log, for a later identification; writes to no device
     Record(record::Arguments),
+    /// The gateway's own step over a recorded log
     Replay(replay::Arguments),
     /// The model of an axis from logs with its measured error, judged on runs it never saw
     Identify(Box<identify::Arguments>),
     /// Which temperature points to keep, from logs with a measured error
     Select(select::Arguments),
+    /// What logs say about drift, in the terms of ISO 230-3
+    Report(report::Arguments),
     /// Let the running gateway write
     #[command(after_help = "Example:\n  isotherm arm my-machine.toml")]
     Arm(command::Arguments),
@@ -152,6 +156,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Replay(arguments) => replay::run(&arguments),
         Verb::Identify(arguments) => identify::run(&arguments),
         Verb::Select(arguments) => select::run(&arguments),
+        Verb::Report(arguments) => report::run(&arguments),
         Verb::Arm(arguments) => command::run(&arguments, crate::observe::status::Command::Arm),
         Verb::Disarm(arguments) => command::run(&arguments, crate::observe::status::Command::Disarm),
         Verb::Zero(arguments) => command::run(&arguments, crate::observe::status::Command::Zero),

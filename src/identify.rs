@@ -14,10 +14,12 @@
 //! Methods learn the compensation that is wanted, Cz = −(e − its cold value): a gain is the profile's gain.
 
 pub mod alike;
+pub mod balls;
 pub mod bank;
 pub mod campaign;
 pub mod collinear;
 pub mod dataset;
+pub mod drift;
 pub mod faults;
 pub mod gram;
 pub mod identified;

@@ -15,7 +15,7 @@ use process::{PATIENCE, Running, file, free_port, isotherm};
 
 const MACHINE: &str = include_str!("interop/machine.toml");
 
-const VERBS: [&str; 15] = [
+const VERBS: [&str; 17] = [
     "demo",
     "run",
     "check",
@@ -25,6 +25,7 @@ const VERBS: [&str; 15] = [
     "replay",
     "identify",
     "select",
+    "report",
     "arm",
     "disarm",
     "zero",

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use anyhow::Context;
 
-use super::{Failure, ProfileArguments, load_quietly, print_json};
+use super::{Failure, load_quietly, print_json};
 use crate::clock::Clock;
 use crate::compensation::model::Outside;
 use crate::identify::dataset::{Dataset, Split};
@@ -17,6 +17,7 @@ use crate::identify::written::written;
 use crate::identify::{Identified, identify};
 use crate::profile::Profile;
 
+mod balls;
 mod told;
 
 /// Finds the model of an axis from logs: coefficients with their uncertainty, and how it fares on days it never saw.
@@ -26,14 +27,20 @@ mod told;
 /// sensors are found, told and left out. Each run is held out in turn.
 #[derive(clap::Args, Debug)]
 #[command(
-    after_help = "Examples:\n  isotherm identify my-machine.toml mon.csv tue.csv wed.csv --axis z --error z_error_um\n  isotherm identify my-machine.toml week.parquet --gap 2h --axis z --write z-model.toml --report z.html"
+    after_help = "Examples:\n  isotherm identify my-machine.toml mon.csv tue.csv wed.csv --axis z --error z_error_um\n  isotherm identify my-machine.toml week.parquet --gap 2h --axis z --write z-model.toml --report z.html\n  isotherm identify --balls touches.csv --recorded mon.csv --out mon-drift.csv"
 )]
 pub(super) struct Arguments {
-    #[command(flatten)]
-    profile: ProfileArguments,
+    /// The machine's profile, or the name of a shipped one
+    #[arg(value_name = "PROFILE", required_unless_present = "balls")]
+    path: Option<PathBuf>,
+    /// Overrides one key, as often as needed: `--set bus.cell.address=10.0.0.7:502`
+    #[arg(long, value_name = "KEY=VALUE", value_parser = super::key_and_value)]
+    set: Vec<(String, String)>,
     /// The logs
-    #[arg(value_name = "LOG", required = true)]
+    #[arg(value_name = "LOG", required_unless_present = "balls")]
     logs: Vec<PathBuf>,
+    #[command(flatten)]
+    balls: balls::Touches,
     /// The axis; may be left out where the profile has only one
     #[arg(long, value_name = "NAME")]
     axis: Option<String>,
@@ -114,7 +121,8 @@ enum OutsideWord {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     // A profile in the making has signals that no model uses yet: no word about them.
-    let profile = load_quietly(&arguments.profile.path, &arguments.profile.set, arguments.json)?.profile;
+    let Some(path) = &arguments.path else { return balls::run(&arguments.balls, arguments.json) };
+    let profile = load_quietly(path, &arguments.set, arguments.json)?.profile;
     let found = find(arguments, &profile)?;
     if let Some(path) = &arguments.write {
         write(arguments, &found, path)?;

@@ -124,12 +124,13 @@ pub fn identify(
     let campaign = &ready.campaign;
     let learner = settings.method.prepare(campaign, settings)?;
     check_rows(learner.as_ref())?;
+    check_count(learner.as_ref(), settings.method)?;
     let held_out = leave_one_run_out(campaign, learner.as_ref(), &[], probe, progress)?;
     let runs: Vec<usize> = (0..learner.bank().runs.len()).collect();
     let learned = learner.learn(&runs, &[])?;
     let inputs = inputs_of(&learned);
     let stand_ins = if fallbacks && inputs.len() > 1 {
-        stand_ins(campaign, learner.as_ref(), &inputs)?
+        stand_ins(campaign, learner.as_ref(), &inputs)
     } else {
         Vec::new()
     };
@@ -170,6 +171,20 @@ fn check_rows(learner: &dyn Learner) -> Result<(), String> {
     }
 }
 
+/// Least squares on all columns needs more rows than columns, also where the longest run is held out.
+fn check_count(learner: &dyn Learner, method: Method) -> Result<(), String> {
+    let terms = learner.bank().width();
+    let rows = learner.bank().runs.iter().map(|run| run.wanted.len());
+    let left = rows.clone().sum::<usize>() - rows.max().unwrap_or(0);
+    if method != Method::Ols || left > terms {
+        return Ok(());
+    }
+    Err(format!(
+        "{terms} terms cannot be learnt from {left} rows, which is what is left while the longest run is held out: name fewer \
+         inputs with --inputs, record longer, average less with --resample, or let --method sparse-lag choose"
+    ))
+}
+
 /// The places of the inputs that a model needs.
 fn inputs_of(learned: &Learned) -> Vec<usize> {
     let mut inputs: Vec<usize> = match learned {
@@ -204,19 +219,16 @@ fn shown(campaign: &Campaign<'_>, candidate: &Candidate, gain: f64, se: f64) -> 
     }
 }
 
-fn stand_ins(
-    campaign: &Campaign<'_>,
-    learner: &dyn Learner,
-    inputs: &[usize],
-) -> Result<Vec<Fallback>, String> {
+fn stand_ins(campaign: &Campaign<'_>, learner: &dyn Learner, inputs: &[usize]) -> Vec<Fallback> {
     let runs: Vec<usize> = (0..learner.bank().runs.len()).collect();
     let mut found = Vec::new();
     for lost in inputs {
-        let Learned::Sum(gains) = learner.learn(&runs, &[*lost])? else { return Ok(Vec::new()) };
+        // A method that cannot do without this sensor has no stand-in for its loss.
+        let Ok(Learned::Sum(gains)) = learner.learn(&runs, &[*lost]) else { continue };
         if gains.is_empty() {
             continue;
         }
-        let held = leave_one_run_out(campaign, learner, &[*lost], None, &|_, _| {})?;
+        let Ok(held) = leave_one_run_out(campaign, learner, &[*lost], None, &|_, _| {}) else { continue };
         found.push(Fallback {
             without: campaign.inputs[*lost].name.clone(),
             terms: gains.iter().map(|(candidate, gain)| shown(campaign, candidate, *gain, 0.0)).collect(),
@@ -224,7 +236,7 @@ fn stand_ins(
         });
     }
     found.sort_by(|one, other| one.means.mean_range_um.total_cmp(&other.means.mean_range_um));
-    Ok(found)
+    found
 }
 
 fn means(scores: impl Iterator<Item = (f64, f64)>) -> Means {

@@ -289,7 +289,7 @@ pub(super) fn check_error(dataset: &Dataset, error: usize, wrong: &mut Vec<Strin
         wrong.push(format!(
             "{name} stands still in every run: there is nothing to compensate, or the probe was not connected"
         ));
-    } else if widest < 0.05 {
+    } else if widest < 0.05 && dataset.columns[error].kind != Kind::Other {
         let rows: usize = dataset.runs.iter().map(|run| values(run).len()).sum();
         let mean =
             dataset.runs.iter().map(|run| range(&values(run))).sum::<f64>() / count(dataset.runs.len());

@@ -6,6 +6,7 @@
 //! fits (jackknife) is the second opinion; the larger one is stated.
 
 use nalgebra::DMatrix;
+use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use super::bank::{Bank, Candidate};
 use super::gram::{Gram, count};
@@ -80,8 +81,16 @@ fn by_residuals(bank: &Bank, gains: &[(Candidate, f64)]) -> Option<Vec<f64>> {
     let inverse: DMatrix<f64> = scaled.square.cholesky()?.inverse();
     let free = (rows / each - count(columns.len())).max(1.0);
     let variance = power / rows * (rows / each) / free;
-    let error = |place: usize| (variance * each * inverse[(place, place)] / rows).sqrt() / scales[place];
+    let few = for_few(free);
+    let error =
+        |place: usize| few * (variance * each * inverse[(place, place)] / rows).sqrt() / scales[place];
     Some((0..columns.len()).map(error).collect())
+}
+
+/// Two standard errors are to hold the truth in 95 cases of 100, however few the samples are: Student's factor.
+fn for_few(free: f64) -> f64 {
+    const NORMAL: f64 = 1.959_963_985;
+    StudentsT::new(0.0, 1.0, free).map_or(1.0, |law| law.inverse_cdf(0.975) / NORMAL)
 }
 
 /// How many rows make one independent sample.

@@ -84,3 +84,49 @@ fn a_faulty_sensor_that_is_not_needed_costs_nothing() {
     let (clean, broken) = (range(&clean), range(&broken));
     assert!(broken < 1.1 * clean, "{clean} {broken}");
 }
+
+/// A casting has many sensors that say nearly the same; the faulty one is one that the model uses.
+fn with_a_twin() -> Vec<Day> {
+    let mut days = days();
+    for (number, day) in days.iter_mut().enumerate() {
+        let phase = number as f64;
+        day.temperatures[3] = (day.temperatures[0].iter().enumerate())
+            .map(|(row, value)| 20.0 + 0.9 * (value - 20.0) + 0.02 * (row as f64 / 40.0 + phase).sin())
+            .collect();
+    }
+    days
+}
+
+#[test]
+fn a_faulty_sensor_that_the_model_needs_is_named_and_costs_less_than_a_tenth() {
+    let clean = with_a_twin();
+    let of = |days: &[Day]| {
+        let logs: Vec<String> = days.iter().map(Day::log).collect();
+        found(5, &logs, &Settings::default())
+    };
+    let good = of(&clean);
+    assert_eq!(good.excluded, []);
+    assert!(good.terms.iter().any(|term| term.signal == "s0"), "{:?}", good.terms);
+    let jumps = |day: &mut Day| day.temperatures[0][200..].iter_mut().for_each(|value| *value += 28.0);
+    let freezes = |day: &mut Day| {
+        let held = day.temperatures[0][30];
+        day.temperatures[0][30..330].fill(held);
+    };
+    let spikes = |day: &mut Day| [40, 90, 310, 500].iter().for_each(|row| day.temperatures[0][*row] += 3.0);
+    for word in ["jumps", "stuck", "spikes"] {
+        let mut broken = clean.clone();
+        match word {
+            "jumps" => jumps(&mut broken[2]),
+            "stuck" => freezes(&mut broken[2]),
+            _ => spikes(&mut broken[2]),
+        }
+        let found = of(&broken);
+        // A sensor that froze jumps when it thaws.
+        assert!(found.excluded.iter().all(|faulty| faulty.signal == "s0"), "{word}: {:?}", found.excluded);
+        let named = |reason: &str| reason.starts_with(word) && reason.ends_with("day2");
+        assert!(found.excluded.iter().any(|faulty| named(&faulty.reason)), "{word}: {:?}", found.excluded);
+        let (cost, clean) = (found.mean_rmse_um, good.mean_rmse_um);
+        println!("{word}: {cost:.3} against {clean:.3} um");
+        assert!(cost < 1.1 * clean, "{word}: {cost} um against {clean} um");
+    }
+}

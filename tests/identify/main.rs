@@ -3,8 +3,11 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot go on fails")]
 #![allow(clippy::cast_precision_loss, reason = "rows of a test")]
 
+mod balls;
+mod drift;
 mod faulty;
 mod recovered;
 mod rig;
 mod runs;
+mod stated;
 mod wrong;

@@ -117,3 +117,27 @@ fn an_axis_or_an_input_that_is_not_there_is_told() {
         &["the profile has no axis `y`; there are z", "the profile has no signal `s7`"],
     );
 }
+
+#[test]
+fn fewer_rows_than_terms_are_told_with_what_to_do() {
+    // Five rows, six minutes apart, in each of two days; twelve sensors.
+    let machine = Machine {
+        sensors: 12,
+        parts: vec![Part { sensor: 0, gain: 3.0, constant: 0.0 }],
+        step: 360.0,
+        rows: 5,
+        noise: 0.1,
+    };
+    let days: Vec<String> = (0..2).map(|seed| machine.day(seed).log()).collect();
+    let dataset = super::rig::dataset(&days).unwrap();
+    let every: Vec<String> = (0..12).map(|place| format!("s{place}")).collect();
+    let profile = super::rig::profile(12);
+    let ready =
+        isotherm::identify::setup::ready(&profile, &dataset, &Choice { keep: every, ..choice() }).unwrap();
+    let settings = isotherm::identify::method::Settings {
+        method: isotherm::identify::method::Method::Ols,
+        ..Default::default()
+    };
+    let told = isotherm::identify::identify(&ready, &settings, None, false, &|_, _| {}).unwrap_err();
+    says(&told, &["12 terms cannot be learnt from 5 rows", "--inputs", "--method sparse-lag"]);
+}

@@ -31,6 +31,10 @@ impl Kind {
             return kind;
         }
         let name = name.to_ascii_lowercase();
+        // A slope is none of these, whatever its last word.
+        if name.contains("_per_") {
+            return Kind::Other;
+        }
         let ending = name.rsplit('_').next().filter(|ending| ending.len() < name.len());
         if let Some(kind) = ending.and_then(of_unit) {
             return kind;

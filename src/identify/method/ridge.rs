@@ -22,9 +22,9 @@ impl Rule for Ridge {
         let mut costs = vec![0.0; penalties.len()];
         let inner = inner(grams, runs);
         for (training, fold) in &inner {
+            let held = Gram::sum(grams, fold).of_columns(columns);
             for (cost, penalty) in costs.iter_mut().zip(&penalties) {
-                let gains = solve::ridge(training, columns, *penalty);
-                *cost += fold.iter().map(|run| grams[*run].of_columns(columns).left(&gains)).sum::<f64>();
+                *cost += held.left(&solve::ridge(training, columns, *penalty));
             }
         }
         let penalty = if inner.is_empty() { UNVALIDATED } else { penalties[smallest(&costs)] };

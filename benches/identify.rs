@@ -1,0 +1,140 @@
+//! What identifying costs: 43 runs of six hours, 24 sensors through 8 lags, two axes, every run held out in turn and
+//! every choice made on inner folds. Prints seconds and the peak of the memory, and fails beyond 20 s or 500 MB.
+//!
+//! `cargo bench --bench identify`; progress goes to stderr.
+
+#![allow(clippy::unwrap_used, reason = "a bench that cannot go on fails")]
+
+use std::path::Path;
+use std::time::Duration;
+
+use isotherm::clock::Clock;
+use isotherm::identify::dataset::{Column, Dataset, Kind, Run};
+use isotherm::identify::identify;
+use isotherm::identify::method::{Method, Settings};
+use isotherm::identify::setup::{Choice, ready};
+use isotherm::profile::{self, Profile};
+use isotherm::quantity::Moment;
+use rand::{RngExt, SeedableRng};
+
+const RUNS: u64 = 43;
+const MINUTES: u64 = 6 * 60;
+const SENSORS: usize = 24;
+const SECONDS: f64 = 20.0;
+const MEGABYTES: f64 = 500.0;
+
+fn main() {
+    let profile = machine();
+    let dataset = campaign();
+    let clock = Clock::wall();
+    let mut total = 0.0;
+    for method in [Method::Ols, Method::Stepwise, Method::SparseLag, Method::RidgeLag] {
+        let begun = clock.now();
+        let mut ranges = Vec::new();
+        for axis in ["y", "z"] {
+            let choice = Choice {
+                axis: Some(axis.to_owned()),
+                resample: Duration::from_secs(60),
+                ..Choice::default()
+            };
+            let ready = ready(&profile, &dataset, &choice).unwrap();
+            assert_eq!(ready.excluded, []);
+            let progress = |done: usize, all: usize| eprint!("\r{method} {axis}: {done} of {all} runs   ");
+            let settings = Settings { method, ..Settings::default() };
+            let found = identify(&ready, &settings, None, false, &progress).unwrap();
+            ranges.push(format!(
+                "{axis} {:.1} of {:.1} µm",
+                found.mean_range_um, found.uncompensated.mean_range_um
+            ));
+        }
+        let seconds = clock.now().since(begun).as_secs_f64();
+        total += seconds;
+        eprint!("\r");
+        println!("{:<12} {seconds:6.2} s   mean held-out range: {}", method.name(), ranges.join(", "));
+    }
+    let peak = peak_megabytes();
+    println!("{:<12} {:6.2} s of processor time", "", processor_seconds());
+    println!(
+        "{:<12} {total:6.2} s (at most {SECONDS} s), peak memory {peak:.0} MB (at most {MEGABYTES} MB)",
+        "all"
+    );
+    assert!(total < SECONDS, "identifying takes {total:.1} s");
+    assert!(peak < MEGABYTES, "identifying takes {peak:.0} MB");
+}
+
+/// A profile with the signals, and two axes whose models are still to be found.
+fn machine() -> Profile {
+    let mut text = "[machine]\nname = \"bench\"\nsettle = \"3min\"\n[bus.cell]\ntype = \"modbus-tcp\"\n\
+                    address = \"127.0.0.1:1502\"\ntimeout = \"300ms\"\n[device.module]\nbus = \"cell\"\nunit = 1\n\
+                    every = \"1s\"\n"
+        .to_owned();
+    for sensor in 0..SENSORS {
+        text += &format!(
+            "[signal.t{sensor}]\ndevice = \"module\"\nregister = \"input:{sensor}\"\ntype = \"i16\"\nscale = 0.1\n\
+             unit = \"degC\"\nrange = [-10.0, 90.0]\nmax_age = \"5s\"\n"
+        );
+    }
+    for axis in ["y", "z"] {
+        text += &format!(
+            "[axis.{axis}]\nlimit = 100.0\nstep = 1.0\nrate = 0.5\nevery = \"10s\"\non_fault = {{ action = \"hold\" }}\n\
+             [[axis.{axis}.model]]\nname = \"none yet\"\nkind = \"linear\"\noffset = 0.0\n\
+             terms = [{{ signal = \"t0\", gain = 1.0, reference = \"start\" }}]\n"
+        );
+    }
+    profile::parse(Path::new("bench.toml"), &text, &[], &[])
+        .unwrap_or_else(|errors| panic!("{errors}"))
+        .profile
+}
+
+/// Sensors that follow three sources of heat, each with its own pace; errors that follow some of them, late.
+fn campaign() -> Dataset {
+    let mut chance = rand_pcg::Pcg64::seed_from_u64(43);
+    let mut runs = Vec::new();
+    for run in 0..RUNS {
+        let load =
+            [chance.random_range(4.0..12.0), chance.random_range(1.0..5.0), chance.random_range(-2.0..3.0)];
+        let mut values = vec![Vec::new(); SENSORS + 2];
+        let mut late = [0.0_f64; 3];
+        let mut wander = [0.0_f64; SENSORS + 2];
+        for minute in 0..MINUTES {
+            let runs = minute / 90 % 2 == run % 2;
+            for (source, late) in late.iter_mut().enumerate() {
+                let wanted = if runs || source == 2 { load[source] } else { 0.0 };
+                *late += (wanted - *late) / [15.0, 60.0, 240.0][source];
+            }
+            for (place, values) in values.iter_mut().enumerate() {
+                wander[place] = 0.98 * wander[place] + chance.random_range(-0.02..0.02);
+                let share = |source: usize| ((place * 7 + source * 11) % 10) as f64 / 10.0;
+                let sum: f64 = (0..3).map(|source| share(source) * late[source]).sum();
+                values.push(if place < SENSORS {
+                    20.0 + sum + wander[place]
+                } else {
+                    3.0 * sum + 10.0 * wander[place]
+                });
+            }
+        }
+        let times = (0..MINUTES).map(|minute| Moment::from_nanos(minute * 60_000_000_000)).collect();
+        runs.push(Run { name: format!("run {run}"), file: "bench".into(), times, values });
+    }
+    let sensors = (0..SENSORS).map(|place| Column { name: format!("t{place}"), kind: Kind::Temperature });
+    let errors =
+        ["y_error_um", "z_error_um"].map(|name| Column { name: name.to_owned(), kind: Kind::Displacement });
+    Dataset { columns: sensors.chain(errors).collect(), runs, remarks: Vec::new() }
+}
+
+/// The most memory that this process ever had.
+fn peak_megabytes() -> f64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    let kilobytes = line.and_then(|line| line.trim().trim_end_matches(" kB").parse::<f64>().ok());
+    kilobytes.unwrap_or(f64::NAN) / 1000.0
+}
+
+/// Over all threads: what remains comparable on a busy computer.
+fn processor_seconds() -> f64 {
+    const TICKS_PER_SECOND: f64 = 100.0;
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let fields = stat.rsplit(')').next().unwrap_or_default().split_whitespace();
+    // User and system time are the 14th and 15th field; the 3rd is the first after the name.
+    fields.skip(11).take(2).filter_map(|ticks| ticks.parse::<f64>().ok()).sum::<f64>() / TICKS_PER_SECOND
+}

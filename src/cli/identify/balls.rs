@@ -1,0 +1,83 @@
+//! `isotherm identify --balls`: a ball array's touches into a log of drifts and tilts.
+
+use std::path::PathBuf;
+
+use anyhow::Context;
+
+use super::super::{Failure, print_json};
+use crate::identify::balls::{DIRECTIONS, Terms, log, terms};
+use crate::identify::dataset::{Dataset, Split};
+
+#[derive(clap::Args, Debug)]
+pub(super) struct Touches {
+    /// Instead of PROFILE and LOG: touches of a 1-D ball array. Columns time, ball (its number), x_mm, y_mm, z_mm, and
+    /// stylus_mm where there were two lengths of stylus. The first round is the cold one
+    #[arg(long, value_name = "BALLS.csv", requires = "out", conflicts_with_all = ["path", "logs", "write", "probe", "error"])]
+    balls: Option<PathBuf>,
+    /// --balls: the log of the terms, one row a round, or beside the rows of --recorded
+    #[arg(long, value_name = "DRIFT.csv", requires = "balls")]
+    out: Option<PathBuf>,
+    /// --balls: the log with the temperatures that was recorded meanwhile
+    #[arg(long, value_name = "LOG", requires = "balls")]
+    recorded: Option<PathBuf>,
+    /// --balls: where along the array the origin's drift is taken, mm [default: at the first ball]
+    #[arg(long, value_name = "MM", requires = "balls", allow_negative_numbers = true)]
+    origin: Option<f64>,
+}
+
+pub(super) fn run(arguments: &Touches, json: bool) -> Result<(), Failure> {
+    let (Some(balls), Some(out)) = (&arguments.balls, &arguments.out) else {
+        return Err(anyhow::anyhow!("name a profile and logs, or --balls and --out").into());
+    };
+    let read = |path: &PathBuf| Dataset::read(std::slice::from_ref(path), &Split::default(), &|_| None);
+    let touches = read(balls).map_err(anyhow::Error::from)?;
+    let in_file = || balls.display().to_string();
+    let found = terms(&touches, arguments.origin).map_err(anyhow::Error::from).with_context(in_file)?;
+    let recorded = arguments.recorded.as_ref().map(read).transpose().map_err(anyhow::Error::from)?;
+    let text = log(&found, recorded.as_ref()).map_err(anyhow::Error::from)?;
+    std::fs::write(out, text).with_context(|| format!("cannot write {}", out.display()))?;
+    if json {
+        return print_json(&found);
+    }
+    tell(&found);
+    println!("the terms and errors (e = −d) are in {}", out.display());
+    Ok(())
+}
+
+fn tell(found: &Terms) {
+    println!(
+        "balls along {}, {} rounds; how far the coordinates have moved since the first, with the origin at {} mm",
+        found.array,
+        found.rounds.len(),
+        found.origin_mm
+    );
+    for remark in &found.remarks {
+        println!("  note: {remark}");
+    }
+    let slopes: String = DIRECTIONS
+        .iter()
+        .enumerate()
+        .map(|(place, axis)| {
+            format!("  {:>10}", format!("{}_{axis} µm/m", if place == found.along { "k" } else { "A" }))
+        })
+        .collect();
+    println!("  {:>6}  {:>8}  {:>8}  {:>8}{slopes}  {:>8}", "hour", "d_x µm", "d_y µm", "d_z µm", "left µm");
+    for round in &found.rounds {
+        let [x, y, z] = round.drift_um;
+        let slopes = round.slope_um_per_mm.map(|slope| format!("  {:10.2}", 1000.0 * slope)).concat();
+        println!("  {:6.2}  {x:8.2}  {y:8.2}  {z:8.2}{slopes}  {:8.2}", round.hours, round.rms_um);
+    }
+    if found.rounds.iter().any(|round| round.spindle_um_per_mm.is_some()) {
+        println!("  {:>6}  tilt B of the spindle, µm/m of stylus", "hour");
+        for round in &found.rounds {
+            let tilts = round.spindle_um_per_mm.map_or("not told".to_owned(), |tilts| {
+                let across = (0..3).filter(|place| *place != found.along);
+                across
+                    .map(|place| format!("{} {:+.2}", DIRECTIONS[place], 1000.0 * tilts[place]))
+                    .collect::<Vec<_>>()
+                    .join("  ")
+            });
+            println!("  {:6.2}  {tilts}", round.hours);
+        }
+    }
+}
