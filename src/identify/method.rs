@@ -1,4 +1,4 @@
-//! The methods: each learns a [`Learned`](super::learn::Learned) from some runs of a campaign.
+//! The methods: each learns a [`Learned`] from some runs of a campaign.
 
 use std::fmt;
 use std::time::Duration;

@@ -19,7 +19,7 @@ pub(super) fn standard_errors(
     left_out: &[&Learned],
     by_spread_alone: bool,
 ) -> Vec<f64> {
-    let spread = jackknife(gains, left_out);
+    let spread = jackknife(bank, gains, left_out);
     let classic = if by_spread_alone && spread.is_some() { None } else { by_residuals(bank, gains) };
     (0..gains.len())
         .map(|place| {
@@ -29,7 +29,8 @@ pub(super) fn standard_errors(
         .collect()
 }
 
-fn jackknife(gains: &[(Candidate, f64)], left_out: &[&Learned]) -> Option<Vec<f64>> {
+/// A time constant that was fitted is another in each fit; such a term is known by its sensor.
+fn jackknife(bank: &Bank, gains: &[(Candidate, f64)], left_out: &[&Learned]) -> Option<Vec<f64>> {
     let sums: Vec<&Vec<(Candidate, f64)>> = left_out
         .iter()
         .filter_map(|learned| match learned {
@@ -43,7 +44,12 @@ fn jackknife(gains: &[(Candidate, f64)], left_out: &[&Learned]) -> Option<Vec<f6
     let runs = count(sums.len());
     let error = |(candidate, _): &(Candidate, f64)| {
         let of = |sum: &&Vec<(Candidate, f64)>| {
-            let same = sum.iter().find(|(other, _)| other == candidate);
+            let is_fitted = !bank.candidates.contains(candidate);
+            let is_same = |other: &Candidate| {
+                other == candidate
+                    || is_fitted && (other.input, other.along) == (candidate.input, candidate.along)
+            };
+            let same = sum.iter().find(|(other, _)| is_same(other));
             same.map_or(0.0, |(_, gain)| *gain)
         };
         let values: Vec<f64> = sums.iter().map(of).collect();

@@ -60,6 +60,7 @@ fn m4_time_constants_are_found_though_they_are_not_in_the_bank() {
         // The lag begins when its reference has settled, three minutes in: the machine is still cold then.
         assert!((term.lag_s / part.constant - 1.0).abs() < 0.03, "{term:?}");
         assert!((term.gain + part.gain).abs() < 0.05, "{term:?}");
+        assert!(term.se > 0.0 && term.se < 0.1, "the fits without one day differ: {term:?}");
     }
     assert!(found.worst_range_um < 1.0, "{:?}", found.runs);
 }
