@@ -8,8 +8,10 @@ use std::fmt;
 use crate::reading::Reason;
 
 mod address;
+mod counter;
 
 pub use address::{Address, Table};
+pub use counter::{Counter, Motion, Tracked};
 
 /// How a number lies in registers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

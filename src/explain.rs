@@ -111,6 +111,8 @@ pub struct SignalExplained {
     pub unit: &'static str,
     /// When it is not believed.
     pub doubts: Vec<String>,
+    /// What is written before each read: `holding:132 (40133) = 1`.
+    pub capture: Option<String>,
 }
 
 impl Register {
@@ -184,6 +186,12 @@ fn signal_explained(profile: &Profile, id: SignalId) -> SignalExplained {
     if let Some(rate) = signal.max_rate {
         doubts.push(format!("faster than {rate} {} per second", signal.unit));
     }
+    if let Some(counter) = &signal.counter {
+        let (speed, unit) = (counter.max_speed, signal.unit);
+        doubts.push(format!(
+            "after a step faster than {speed} {unit} per second until the next reading confirms it"
+        ));
+    }
     doubts.push(format!("older than {}", humantime::format_duration(signal.max_age)));
     if let Some(condition) = &signal.fault_when {
         doubts.push(format!("when {}", condition.text));
@@ -198,6 +206,9 @@ fn signal_explained(profile: &Profile, id: SignalId) -> SignalExplained {
         offset: encoding.offset,
         unit: signal.unit.0,
         doubts,
+        capture: signal
+            .capture
+            .map(|capture| format!("{} = {}", Register::of(capture.address), capture.value)),
     }
 }
 
@@ -245,12 +256,17 @@ impl fmt::Display for Explanation {
         for write in &self.writes {
             write!(f, "{write}")?;
         }
+        let captures = self.signals.iter().filter_map(|signal| Some((signal, signal.capture.as_ref()?)));
+        for (signal, capture) in captures.clone() {
+            let (name, device) = (&signal.name, &signal.device);
+            writeln!(f, "  {capture} of {device}: before each read of {name}, in a dry run too")?;
+        }
         for set in &self.sets {
             write!(f, "{set}")?;
         }
         match &self.heartbeat {
             Some(heartbeat) => writeln!(f, "  {heartbeat}"),
-            None if self.writes.is_empty() => writeln!(f, "  nothing"),
+            None if self.writes.is_empty() && captures.count() == 0 => writeln!(f, "  nothing"),
             None => Ok(()),
         }
     }

@@ -6,7 +6,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use crate::codec::{Address, Encoding, Table};
+use crate::codec::{Address, Counter, Encoding, Table};
 use crate::compensation::model::Condition;
 use crate::compensation::settings::{AxisSettings, MachineSettings};
 use crate::reading::SignalId;
@@ -191,6 +191,19 @@ pub struct Signal {
     pub fault_when: Option<Condition>,
     /// May share a read request with its neighbours.
     pub merge: bool,
+    /// It counts: it rolls over, and may be set anew.
+    pub counter: Option<Counter>,
+    /// Written before each read, so that there is something to read.
+    pub capture: Option<Capture>,
+}
+
+/// The command by which a counter copies its count into the registers that are read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Capture {
+    /// A coil or a holding register of the same device.
+    pub address: Address,
+    /// What is written there; a coil takes zero and not zero.
+    pub value: u16,
 }
 
 /// Engineering units.

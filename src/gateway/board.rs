@@ -1,5 +1,6 @@
 //! The latest readings of the machine, filtered: what was read, whether it may be believed, and since when not.
 
+use crate::codec::{Motion, Tracked};
 use crate::profile::Profile;
 use crate::quantity::Moment;
 use crate::reading::{Quality, Reading, Reason, SignalId};
@@ -13,6 +14,10 @@ pub(super) struct Board {
     failing: Vec<Option<Reason>>,
     /// What the rate of change is measured from.
     believed: Vec<Option<(f64, Moment)>>,
+    /// Where the counters are, with their rollovers.
+    tracked: Vec<Tracked>,
+    /// The position before and after a counter was set anew, until it is told.
+    rereferenced: Vec<Option<(f64, f64)>>,
     /// Aged and condemned: what a step sees. Filled anew for each step, never reallocated.
     seen: Vec<Reading>,
     /// The quality last told to people, and since when it has been bad.
@@ -20,12 +25,14 @@ pub(super) struct Board {
 }
 
 /// A signal whose quality changed in a way that people should hear of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Change {
     /// It cannot be used any more.
     Lost(SignalId, Reason),
     /// It can be used again; for this reason it could not, since this moment.
     Back(SignalId, Reason, Moment),
+    /// Its counter was set anew: what was the first position is the second one now, and nothing moved.
+    Rereferenced(SignalId, f64, f64),
 }
 
 impl Board {
@@ -35,6 +42,8 @@ impl Board {
             readings: vec![Reading::NEVER; signals],
             failing: vec![None; signals],
             believed: vec![None; signals],
+            tracked: vec![Tracked::default(); signals],
+            rereferenced: vec![None; signals],
             seen: vec![Reading::NEVER; signals],
             told: vec![None; signals],
         }
@@ -46,7 +55,8 @@ impl Board {
         let signal = profile.signal(id);
         self.failing[id.0] = None;
         let believed = self.believed[id.0];
-        let judged = value.and_then(|value| {
+        let position = value.and_then(|value| self.position(profile, id, value, at));
+        let judged = position.and_then(|value| {
             if signal.range.is_some_and(|(low, high)| !(low..=high).contains(&value)) {
                 return Err(Reason::OutOfRange);
             }
@@ -66,6 +76,21 @@ impl Board {
             }
             Err(reason) => Reading::bad(at, reason),
         };
+    }
+
+    /// A counter's value with its rollovers; any other value as it is.
+    fn position(&mut self, profile: &Profile, id: SignalId, value: f64, at: Moment) -> Result<f64, Reason> {
+        let signal = profile.signal(id);
+        let Some(counter) = &signal.counter else { return Ok(value) };
+        match self.tracked[id.0].take(counter, &signal.encoding, value, at) {
+            Motion::To(position) => Ok(position),
+            Motion::Doubtful => Err(Reason::TooFast),
+            Motion::Rereferenced { from, to } => {
+                let from = self.rereferenced[id.0].map_or(from, |(first, _)| first);
+                self.rereferenced[id.0] = Some((from, to));
+                Ok(to)
+            }
+        }
     }
 
     /// An attempt to read it failed. One lost answer is no fault of the machine: the last value serves until it is stale.
@@ -116,6 +141,9 @@ impl Board {
     pub(super) fn changes(&mut self, now: Moment) -> Vec<Change> {
         let mut changes = Vec::new();
         for (place, reading) in self.seen.iter().enumerate() {
+            if let Some((from, to)) = self.rereferenced[place].take() {
+                changes.push(Change::Rereferenced(SignalId(place), from, to));
+            }
             match (reading.quality, self.told[place]) {
                 (Quality::Good, Some((reason, since))) => {
                     self.told[place] = None;

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use self::captures::Captures;
 use super::apply::{SetWriter, Writer};
 use super::shared::{JITTER_MS, Shared};
 use crate::clock::Sleeper;
@@ -15,6 +16,8 @@ use crate::observe::events::Event;
 use crate::profile::{Arm, BusId, DeviceId, OutputId, Profile, SetId, Writes};
 use crate::quantity::Moment;
 use crate::reading::SignalId;
+
+mod captures;
 
 /// Consecutive failures after which people are told: a single lost answer is only counted.
 const TOLD_AFTER: u64 = 2;
@@ -42,6 +45,7 @@ struct Poll {
     device: DeviceId,
     every: Duration,
     due: Moment,
+    captures: Captures,
     requests: Vec<ReadRequest>,
 }
 
@@ -74,6 +78,7 @@ impl LineTask {
                 device,
                 every: profile.device(device).every,
                 due: start,
+                captures: Captures::new(signals_of(profile, device).filter_map(|(_, signal)| signal.capture)),
                 requests: plan(profile.device(device), signals_of(profile, device)),
             })
             .filter(|poll| !poll.requests.is_empty())
@@ -187,11 +192,17 @@ impl LineTask {
         let poll = &mut self.polls[place];
         poll.due = now.next_tick(poll.due, poll.every);
         let mut taken = if place == 0 { now } else { self.shared.clock.now() };
+        taken = poll.captures.send(&mut self.line, &self.shared, poll.device, taken).await;
         for read in &poll.requests {
             let answer = call(&mut self.line, &self.shared, poll.device, read.request(), taken).await;
             taken = self.shared.clock.now();
             let mut core = self.shared.core();
             for field in &read.fields {
+                let capture = self.shared.profile.signal(field.signal).capture;
+                if let Some(fault) = poll.captures.failed(capture) {
+                    core.board.fail(field.signal, fault.reason());
+                    continue;
+                }
                 match &answer {
                     Ok(answer) => {
                         let encoding = &self.shared.profile.signal(field.signal).encoding;

@@ -43,6 +43,8 @@ pub enum Event {
     SignalBad { signal: String, reason: String },
     /// It is usable again.
     SignalGood { signal: String, bad_for: Duration },
+    /// A counter was set anew, referenced or restarted: nothing moved.
+    Rereferenced { signal: String, unit: String, from: f64, to: f64 },
     /// An axis changed its state.
     AxisState { axis: String, from: &'static str, to: &'static str, why: String },
     /// An axis is armed; `from` is what stood in its register.
@@ -134,6 +136,7 @@ impl Event {
             Event::DeviceBack { .. } => "device-back",
             Event::SignalBad { .. } => "signal-bad",
             Event::SignalGood { .. } => "signal-good",
+            Event::Rereferenced { .. } => "rereferenced",
             Event::AxisState { .. } => "axis-state",
             Event::Armed { .. } => "armed",
             Event::Disarmed { .. } => "disarmed",
@@ -182,6 +185,7 @@ impl Event {
             Event::LinkDown { .. }
             | Event::DeviceLost { .. }
             | Event::SignalBad { .. }
+            | Event::Rereferenced { .. }
             | Event::AtLimit { .. }
             | Event::Warned { .. }
             | Event::Extrapolating { .. }
@@ -225,6 +229,11 @@ impl fmt::Display for Event {
             Event::SignalGood { signal, bad_for } => {
                 write!(f, "signal {signal}: good again after {}", span(bad_for))
             }
+            Event::Rereferenced { signal, unit, from, to } => write!(
+                f,
+                "signal {signal}: re-referenced, {from:.4} {unit} is {to:.4} {unit} now; a step that the axis cannot make \
+                 is no motion"
+            ),
             Event::AxisState { axis, from, to, why } if why.is_empty() => {
                 write!(f, "axis {axis}: {from} → {to}")
             }

@@ -15,6 +15,7 @@ use crate::compensation::settings::MachineSettings;
 use crate::reading::SignalId;
 
 mod axis;
+mod counter;
 mod data;
 mod expression;
 mod fieldbus;

@@ -4,7 +4,7 @@
 //! nothing that a client could see.
 
 use crate::codec::{Address, Encoding, Table};
-use crate::profile::{AxisId, DeviceId, Output, OutputId, Profile, SetId, Signal, Writes};
+use crate::profile::{AxisId, Capture, DeviceId, Output, OutputId, Profile, SetId, Signal, Writes};
 use crate::quantity::Moment;
 
 use super::control::{Control, Taken};
@@ -159,7 +159,7 @@ impl Hardware {
         let device = self.units[place].device;
         self.units[place].requests += 1;
         self.advance_to(now);
-        self.measure(place, now);
+        self.measure(place, now, None);
         let request = match Request::decode(pdu) {
             Ok(request) if request.is_among(&self.profile.device(device).functions) => request,
             Ok(request) => {
@@ -173,6 +173,9 @@ impl Hardware {
         let fault = self.faults.reply(device, request.is_write(), now);
         let before = self.cells_of(place, &request);
         let reply = self.carry_out(place, &request, pdu, fault);
+        if let Some((address, &[value])) = request.written() {
+            self.measure(place, now, Some(Capture { address, value }));
+        }
         if request.is_write() {
             self.controls_look(place, now);
         }
@@ -228,13 +231,16 @@ impl Hardware {
         Reply { pdu: Some(answer.unwrap_or_else(|code| modbus::exception(pdu, code))), fault }
     }
 
-    /// Fills the registers of a unit with what it measures now.
-    fn measure(&mut self, place: usize, now: Moment) {
+    /// Fills the registers of a unit with what it measures now: those that are always true, or those of this command.
+    fn measure(&mut self, place: usize, now: Moment, command: Option<Capture>) {
         let seconds = now.since(self.begin).as_secs_f64();
         let unit = &mut self.units[place];
         let broken: Vec<_> = self.faults.signals(unit.device, now).collect();
         for id in &unit.measures {
             let signal = &self.profile.signals[id.0];
+            if signal.capture != command {
+                continue;
+            }
             let known = self.plant.as_ref().and_then(|plant| plant.sensor(&signal.name));
             let probed = self.cycles.iter().find_map(|cycle| cycle.shows(*id, signal, now));
             let value = probed.or(known).unwrap_or_else(|| wander(signal, self.seed, seconds));

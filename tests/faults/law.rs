@@ -43,7 +43,7 @@ pub(crate) fn of_output(seen: &Seen, output: &Output) -> Option<Seen> {
     Some(Seen { address: output.address, before, after, wanted, ..seen.clone() })
 }
 
-/// I1: every cell of a write belongs to an output, a set or the heartbeat, and no value is torn.
+/// I1: every cell of a write belongs to an output, a set, the heartbeat or a capture command, and no value is torn.
 fn is_in_the_write_list(profile: &Profile, seen: &Seen) {
     let mut known = vec![false; seen.wanted.len()];
     let mut mark = |address: Address, count: usize| {
@@ -63,6 +63,8 @@ fn is_in_the_write_list(profile: &Profile, seen: &Seen) {
     }
     let heartbeat = profile.heartbeat.iter().filter(|beat| beat.device == seen.device);
     heartbeat.for_each(|beat| mark(beat.address, 1));
+    let signals = profile.signals.iter().filter(|signal| signal.device == seen.device);
+    signals.filter_map(|signal| signal.capture).for_each(|capture| mark(capture.address, 1));
     assert!(!known.is_empty() && known.iter().all(|known| *known), "I1: {seen:?}");
 }
 

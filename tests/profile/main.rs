@@ -5,6 +5,7 @@ use std::path::Path;
 use isotherm::profile::{self, Errors, Loaded, ProfileError};
 
 mod contradictions;
+mod counters;
 mod data;
 mod explained;
 mod layers;

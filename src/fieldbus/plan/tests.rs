@@ -38,6 +38,8 @@ fn signal(register: &str, data_type: DataType, merge: bool) -> Signal {
         max_age: Duration::from_secs(5),
         fault_when: None,
         merge,
+        counter: None,
+        capture: None,
     }
 }
 

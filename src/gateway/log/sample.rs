@@ -33,6 +33,8 @@ fn signal(name: &str) -> Signal {
         max_age: Duration::from_secs(5),
         fault_when: None,
         merge: true,
+        counter: None,
+        capture: None,
     }
 }
 

@@ -22,6 +22,11 @@ impl Core {
                     let signal = shared.profile.signal(id).name.clone();
                     self.untold.push(Event::SignalBad { signal, reason: reason.to_string() });
                 }
+                Change::Rereferenced(id, from, to) => {
+                    let signal = shared.profile.signal(id);
+                    let (signal, unit) = (signal.name.clone(), signal.unit.to_string());
+                    self.untold.push(Event::Rereferenced { signal, unit, from, to });
+                }
                 Change::Back(id, _, since) => {
                     let signal = shared.profile.signal(id).name.clone();
                     self.untold.push(Event::SignalGood { signal, bad_for: now.since(since) });

@@ -3,7 +3,7 @@
 use super::{Check, Signals, get};
 use crate::codec::{Address, DataType};
 use crate::profile::place::child;
-use crate::profile::{Bus, Device, DeviceId, Heartbeat, Output, OutputSet, Writes};
+use crate::profile::{Bus, Device, DeviceId, Heartbeat, Output, OutputSet, Signal, Writes};
 
 /// A stretch of registers that something reads or writes.
 struct Claim {
@@ -75,6 +75,22 @@ impl Check<'_> {
                 None => (register("signal", &signal.name), format!("signal `{}`", signal.name)),
             };
             claims.extend(claim(signal.device, signal.address, signal.encoding.data_type, path, what, false));
+            // Several counters of a device may be captured by one command.
+            let of = |signal: &Signal| (signal.device, signal.capture.map(|capture| capture.address));
+            let is_first = signals[..place].iter().flatten().all(|earlier| of(earlier) != of(signal));
+            if let Some(capture) = signal.capture.filter(|_| is_first) {
+                let path = child(&child(&child("signal", &signal.name), "counter"), "capture");
+                let what = format!("the capture command of `{}`", signal.name);
+                let kind = if capture.address.table.is_bits() { DataType::Bool } else { DataType::U16 };
+                claims.extend(claim(
+                    signal.device,
+                    capture.address,
+                    kind,
+                    child(&path, "register"),
+                    what,
+                    true,
+                ));
+            }
         }
         for output in outputs.iter().flatten() {
             let (path, what) = (register("output", &output.name), format!("output `{}`", output.name));

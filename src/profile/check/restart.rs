@@ -88,5 +88,7 @@ fn counter(device: &Device, id: DeviceId, address: Address, bus: Option<&Bus>) -
         max_age: (device.every * 5).max(timeout * 3),
         fault_when: None,
         merge: true,
+        counter: None,
+        capture: None,
     }
 }

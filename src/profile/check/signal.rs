@@ -73,6 +73,7 @@ impl Check<'_> {
             bad: raw.bad.clone().unwrap_or_default(),
         };
         self.sentinels(&child(path, "bad"), &encoding);
+        let (counter, capture) = self.counter(path, raw, &encoding, device);
         Some(Signal {
             name: name.to_owned(),
             device: DeviceId(index?),
@@ -84,6 +85,8 @@ impl Check<'_> {
             max_age: max_age?,
             fault_when,
             merge: raw.merge.unwrap_or(true),
+            counter,
+            capture,
         })
     }
 

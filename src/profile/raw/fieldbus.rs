@@ -209,6 +209,8 @@ pub(crate) struct RawSignal {
     pub(crate) fault_when: Option<String>,
     /// May share a read request with its neighbours. Default true.
     pub(crate) merge: Option<bool>,
+    /// It counts: what a rollover and a step mean.
+    pub(crate) counter: Option<RawCounter>,
     /// Message and signal of the device's DBC file: "Message.Signal".
     pub(crate) dbc: Option<String>,
     /// CANopen process data.
@@ -218,6 +220,30 @@ pub(crate) struct RawSignal {
     pub(crate) sdo: Option<String>,
     /// Raw CAN frame without a DBC.
     pub(crate) frame: Option<RawFrame>,
+}
+
+/// A counter of a scale or an encoder.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Counter")]
+pub(crate) struct RawCounter {
+    /// Fastest motion of the axis, units per second; a larger step is a new reference and no motion.
+    #[schemars(required)]
+    pub(crate) max_speed: Option<f64>,
+    /// Written before each read, where a counter must be told to copy its count into its registers.
+    pub(crate) capture: Option<RawCapture>,
+}
+
+/// The command that captures a count.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Capture")]
+pub(crate) struct RawCapture {
+    /// A coil or a holding register of the same device: "holding:132".
+    #[schemars(required)]
+    pub(crate) register: Option<String>,
+    /// What is written there. Default 1.
+    pub(crate) value: Option<u16>,
 }
 
 /// Where a value lies in a CANopen process data object.

@@ -85,6 +85,12 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
         units[place].counters.push(counter);
         owned.push((place, counter, 1));
     }
+    for signal in &profile.signals {
+        let Some(capture) = signal.capture else { continue };
+        let place = unit_of[signal.device.0];
+        units[place].bank.reserve(capture.address, 1);
+        owned.push((place, capture.address, 1));
+    }
     for (index, signal) in profile.signals.iter().enumerate() {
         let (place, width) = (unit_of[signal.device.0], signal.encoding.data_type.registers());
         units[place].bank.reserve(signal.address, width);

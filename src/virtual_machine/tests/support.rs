@@ -164,6 +164,8 @@ fn signal(name: &str, device: usize, register: &str, encoding: Encoding, unit: &
         max_age: Duration::from_secs(5),
         fault_when: None,
         merge: true,
+        counter: None,
+        capture: None,
     }
 }
 

@@ -1,0 +1,133 @@
+#![allow(clippy::cast_possible_truncation, clippy::cast_precision_loss, reason = "counts of at most 33 bits")]
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::codec::WordOrder;
+
+const POLL: Duration = Duration::from_millis(20);
+
+fn encoding(data_type: DataType) -> Encoding {
+    Encoding {
+        data_type,
+        word_order: WordOrder::LswFirst,
+        byte_swap: false,
+        scale: 0.0005,
+        offset: 0.0,
+        bias: 0,
+        bad: Vec::new(),
+    }
+}
+
+/// A spindle head: rapid traverse 300 mm/s, half a micrometre per count.
+fn counter() -> Counter {
+    Counter { max_speed: 300.0, slack: POLL }
+}
+
+/// The counts, 20 ms apart, as positions in counts; what is doubtful is `None`.
+fn tracked(data_type: DataType, counts: &[i64]) -> Vec<Result<i64, Option<(i64, i64)>>> {
+    let encoding = encoding(data_type);
+    let mut tracked = Tracked::default();
+    let back = |position: f64| (position / encoding.scale).round() as i64;
+    let mut at = Moment::from_nanos(0);
+    let each = counts.iter().map(|count| {
+        at = at.after(POLL);
+        match tracked.take(&counter(), &encoding, *count as f64 * encoding.scale, at) {
+            Motion::To(position) => Ok(back(position)),
+            Motion::Doubtful => Err(None),
+            Motion::Rereferenced { from, to } => Err(Some((back(from), back(to)))),
+        }
+    });
+    each.collect()
+}
+
+#[test]
+fn a_counter_that_rolls_over_goes_on() {
+    let cases: [(DataType, &[i64], &[i64]); 5] = [
+        (DataType::U32, &[10, 2, 4_294_967_290], &[10, 2, -6]),
+        (DataType::U32, &[4_294_967_290, 4], &[-6, 4]),
+        (DataType::I32, &[2_147_483_640, -2_147_483_640], &[2_147_483_640, 2_147_483_656]),
+        (DataType::U16, &[20_000, 32_000, 44_000, 56_000, 2_464], &[20_000, 32_000, 44_000, 56_000, 68_000]),
+        (DataType::I16, &[-32_760, 32_760, 32_761], &[-32_760, -32_776, -32_775]),
+    ];
+    for (data_type, counts, positions) in cases {
+        let positions: Vec<_> = positions.iter().map(|position| Ok(*position)).collect();
+        assert_eq!(tracked(data_type, counts), positions, "{data_type:?}");
+    }
+}
+
+#[test]
+fn one_garbled_value_is_no_motion_and_no_new_reference() {
+    assert_eq!(
+        tracked(DataType::I32, &[1000, 1010, 900_000_000, 1020, 1030]),
+        [Ok(1000), Ok(1010), Err(None), Ok(1020), Ok(1030)]
+    );
+    // Two garbled values that contradict each other are none either.
+    assert_eq!(
+        tracked(DataType::I32, &[1000, 900_000_000, -900_000_000, 1020]),
+        [Ok(1000), Err(None), Err(None), Ok(1020)]
+    );
+}
+
+#[test]
+fn a_step_that_the_axis_cannot_make_is_a_new_reference_once_it_is_confirmed() {
+    assert_eq!(
+        tracked(DataType::I32, &[400_000, 0, 3, 6]),
+        [Ok(400_000), Err(None), Err(Some((400_000, 3))), Ok(6)]
+    );
+    // 300 mm/s for the poll and its slack are 12 mm, 24,000 counts.
+    assert_eq!(tracked(DataType::I32, &[0, 24_000, 48_000]), [Ok(0), Ok(24_000), Ok(48_000)]);
+    assert_eq!(tracked(DataType::I32, &[0, 24_002]), [Ok(0), Err(None)]);
+}
+
+#[test]
+fn out_of_sight_for_longer_than_it_takes_to_go_round_only_what_it_shows_is_known() {
+    let encoding = encoding(DataType::U16);
+    assert_eq!(counter().half_way(&encoding), Some(Duration::from_nanos(54_613_333)));
+    let mut tracked = Tracked::default();
+    let mut at = Moment::from_nanos(0);
+    for count in [0.0, 15_000.0, 30_000.0, 45_000.0] {
+        at = at.after(POLL);
+        tracked.take(&counter(), &encoding, count * encoding.scale, at);
+    }
+    at = at.after(Duration::from_secs(60));
+    let motion = tracked.take(&counter(), &encoding, 100.0 * encoding.scale, at);
+    assert_eq!(motion, Motion::Rereferenced { from: 22.5, to: 0.05 });
+    // Where it never rolled over, what it shows is where it is.
+    at = at.after(Duration::from_secs(60));
+    let motion = tracked.take(&counter(), &encoding, 200.0 * encoding.scale, at);
+    assert_eq!(motion, Motion::To(0.1));
+}
+
+#[test]
+fn what_never_rolled_over_is_the_very_number_that_decoding_gives() {
+    let encoding = encoding(DataType::I32);
+    for count in [0_i32, 1, -229, 123_457] {
+        let low = u16::try_from(count & 0xFFFF).unwrap();
+        let value = encoding.decode(&[low, u16::try_from((count >> 16) & 0xFFFF).unwrap()]).unwrap();
+        let motion = Tracked::default().take(&counter(), &encoding, value, Moment::from_nanos(0));
+        assert_eq!(motion, Motion::To(value));
+    }
+}
+
+proptest! {
+    #[test]
+    fn any_path_that_the_axis_can_travel_is_followed_through_every_rollover(
+        start in -30_000_i64..30_000,
+        steps in proptest::collection::vec(-16_000_i64..16_000, 1..200),
+        which in 0_usize..4,
+    ) {
+        let data_type = [DataType::U16, DataType::I16, DataType::U32, DataType::I32][which];
+        let modulus = Counter::modulus(data_type).unwrap();
+        let mut path = vec![start];
+        path.extend(steps.iter().scan(start, |at, step| { *at += step; Some(*at) }));
+        let signed = matches!(data_type, DataType::I16 | DataType::I32);
+        let shown = |position: &i64| match position.rem_euclid(modulus) {
+            count if signed && count >= modulus / 2 => count - modulus,
+            count => count,
+        };
+        let counts: Vec<i64> = path.iter().map(shown).collect();
+        let positions: Vec<_> = path.iter().map(|position| Ok(*position)).collect();
+        prop_assert_eq!(tracked(data_type, &counts), positions);
+    }
+}
