@@ -21,6 +21,8 @@ mod output;
 mod place;
 mod raw;
 mod set;
+pub mod template;
+mod verify;
 mod walk;
 mod writes;
 
@@ -28,6 +30,8 @@ pub use error::{Errors, ProfileError};
 pub use load::{Loaded, environment, load, parse, parse_with};
 pub use output::{Output, Share, Verify};
 pub use raw::schema;
+pub use template::Template;
+pub use verify::Expected;
 pub use set::{Flag, Handshake, OutputSet, SetId, Stretch};
 pub use writes::Writes;
 
@@ -132,6 +136,10 @@ pub struct Device {
     pub functions: Functions,
     /// The bus's quirks with the device's own over them.
     pub quirks: Quirks,
+    /// What is read before anything that depends on it is armed.
+    pub verify: Vec<Expected>,
+    /// What it has from its template.
+    pub template: Option<Template>,
 }
 
 impl Default for Quirks {

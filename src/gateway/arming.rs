@@ -37,6 +37,14 @@ pub(super) enum Attempt {
 }
 
 impl Arming {
+    /// Whether the axis shall be armed as soon as it can be.
+    pub(super) fn is_wanted(&self, profile: &Profile) -> bool {
+        match profile.arm {
+            Arm::Auto => !self.latched || self.asked,
+            Arm::Manual => self.asked,
+        }
+    }
+
     /// Whether the axis may be armed now, and from which value.
     pub(super) fn attempt(
         &self,
@@ -46,11 +54,7 @@ impl Arming {
         ready: bool,
         beyond_error: Option<Micron>,
     ) -> Attempt {
-        let wanted = match profile.arm {
-            Arm::Auto => !self.latched || self.asked,
-            Arm::Manual => self.asked,
-        };
-        if self.armed || !wanted || !ready {
+        if self.armed || !self.is_wanted(profile) || !ready {
             return Attempt::NotYet;
         }
         if let Some(wanted) = beyond_error {

@@ -9,6 +9,7 @@ use std::time::Duration;
 use super::error::{ProfileError, allowed};
 use super::files::Files;
 use super::place::{Places, child};
+use super::template::Templates;
 use super::raw::{ArmWord, BusType, RawProfile, Span};
 use super::{Arm, Bus, Device, History, Profile, Signal, Web};
 use crate::compensation::settings::MachineSettings;
@@ -28,6 +29,7 @@ mod restart;
 mod set;
 mod share;
 mod signal;
+mod verify;
 
 /// What the check found.
 pub(crate) struct Checked {
@@ -46,6 +48,7 @@ pub(crate) struct Check<'a> {
     raw: &'a RawProfile,
     places: &'a Places,
     files: &'a Files<'a>,
+    templates: &'a Templates,
     errors: Vec<ProfileError>,
     warnings: Vec<ProfileError>,
     buses: Names,
@@ -65,12 +68,19 @@ enum Zero {
 }
 
 /// Resolves a profile.
-pub(crate) fn check(raw: &RawProfile, places: &Places, path: PathBuf, files: &Files<'_>) -> Checked {
+pub(crate) fn check(
+    raw: &RawProfile,
+    places: &Places,
+    path: PathBuf,
+    files: &Files<'_>,
+    templates: &Templates,
+) -> Checked {
     let names = |table, keys: Vec<&String>| Names::ordered(table, keys, places);
     let mut check = Check {
         raw,
         places,
         files,
+        templates,
         errors: Vec::new(),
         warnings: Vec::new(),
         buses: names("bus", raw.bus.keys().collect()),

@@ -23,7 +23,7 @@ pub(crate) use axis::{
     WritesWord,
 };
 pub(crate) use fieldbus::{
-    BusType, FunctionWord, RawBus, RawCapture, RawDevice, RawQuirks, RawSignal, TypeWord, WordOrderWord,
+    BusType, FunctionWord, RawBus, RawCapture, RawDevice, RawQuirks, RawSignal, RawVerify, TypeWord, WordOrderWord,
 };
 pub(crate) use probe::{RawGains, RawProbe};
 pub(crate) use set::{RawHandshake, RawRestart, RawSet};

@@ -246,7 +246,7 @@ impl Hardware {
             let value = probed.or(known).unwrap_or_else(|| wander(signal, self.seed, seconds));
             let reads = broken.iter().find(|(broken, _)| broken == id).map(|(_, reads)| *reads);
             let words = cells(signal, reads.unwrap_or(Reads::Value(value)));
-            let fits = unit.bank.write(signal.address, &words);
+            let fits = unit.bank.put(signal.address, &signal.encoding, &words);
             debug_assert!(fits.is_some(), "room was made for every signal");
         }
     }

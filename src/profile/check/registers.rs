@@ -30,7 +30,10 @@ impl Claim {
     }
 
     fn is_same_value(&self, other: &Claim) -> bool {
-        self.address == other.address && self.data_type == other.data_type
+        let is_bit = |claim: &Claim| matches!(claim.data_type, DataType::Bit(_));
+        let single = self.data_type.registers() == 1 && other.data_type.registers() == 1;
+        self.address == other.address
+            && (self.data_type == other.data_type || (single && (is_bit(self) || is_bit(other))))
     }
 
     fn shown(&self) -> String {

@@ -79,6 +79,14 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
             owned.push((place, address, 1));
         }
     }
+    for (device, place) in profile.devices.iter().zip(&unit_of) {
+        for expected in &device.verify {
+            let bank = &mut units[*place].bank;
+            bank.reserve(expected.address, expected.encoding.data_type.registers());
+            let fits = bank.put(expected.address, &expected.encoding, expected.encoding.encode_counts(expected.equals).words());
+            debug_assert!(fits.is_some(), "room was made for it");
+        }
+    }
     for output in &profile.outputs {
         let Some(counter) = output.boot_counter.map(|id| profile.signal(id).address) else { continue };
         let place = unit_of[output.device.0];
