@@ -13,6 +13,7 @@ use crate::reading::SignalId;
 
 mod check;
 mod data;
+mod display;
 mod error;
 mod files;
 mod load;
@@ -26,13 +27,14 @@ mod verify;
 mod walk;
 mod writes;
 
+pub use display::{Beside, Display, Shown, Stale};
 pub use error::{Errors, ProfileError};
 pub use load::{Loaded, environment, load, parse, parse_with};
 pub use output::{Output, Share, Verify};
 pub use raw::schema;
 pub use template::Template;
 pub use verify::Expected;
-pub use set::{Flag, Handshake, OutputSet, SetId, Stretch};
+pub use set::{Control, Flag, Handshake, OutputSet, SetId, Stretch};
 pub use writes::Writes;
 
 /// One physical line: its place in the profile's list.

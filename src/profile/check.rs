@@ -18,6 +18,7 @@ use crate::reading::SignalId;
 mod axis;
 mod counter;
 mod data;
+mod display;
 mod expression;
 mod fieldbus;
 mod line;

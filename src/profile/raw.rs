@@ -19,11 +19,11 @@ mod set;
 
 pub(crate) use axis::{
     Carries, Component, DatumWord, FaultAction, FaultActionWord, InputValue, Inputs, ModelKind, OutsideWord,
-    RawAxis, RawModel, RawOutput, RawSlope, RawTerm, ReferenceValue, ReferenceWord, ShareWord, VerifyWord,
+    RawAxis, RawBeside, RawModel, RawOutput, RawSlope, RawStale, RawTerm, ReferenceValue, ReferenceWord, ShareWord, VerifyWord,
     WritesWord,
 };
 pub(crate) use fieldbus::{
-    BusType, FunctionWord, RawBus, RawCapture, RawDevice, RawQuirks, RawSignal, RawVerify, TypeWord, WordOrderWord,
+    BusType, ChannelValue, FunctionWord, RawBus, RawCapture, RawDevice, RawQuirks, RawSignal, RawVerify, TypeWord, WordOrderWord,
 };
 pub(crate) use probe::{RawGains, RawProbe};
 pub(crate) use set::{RawHandshake, RawRestart, RawSet};

@@ -2,13 +2,13 @@
 
 use serde_json::{Map, Value};
 
-use super::{Group, text};
+use super::{Group, text, texts};
 use crate::codec::DataType;
 use crate::profile::Flag;
 use crate::profile::raw::TypeWord;
 
 /// The keys of a group that say how its channels follow each other.
-pub(super) const OF_GROUP: [&str; 5] = ["name", "count", "from", "stride", "unverified"];
+pub(super) const OF_GROUP: [&str; 6] = ["name", "count", "from", "stride", "unverified", "ask"];
 
 /// One channel, check or target.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,6 +19,8 @@ pub(super) struct Channel {
     pub(super) group: String,
     /// Its place in the group, from 0.
     pub(super) place: u16,
+    /// Keys that the profile must give.
+    pub(super) asks: Vec<String>,
     /// What it brings to a signal or an output.
     pub(super) keys: Map<String, Value>,
 }
@@ -42,7 +44,7 @@ pub(super) fn of_group(name: &str, group: &Group, base: u16) -> Result<Vec<Chann
                 keys.insert(key.clone(), moved(numbered(value, &label), key, place, stride, base)?);
             }
             let channel = text(group, "name").unwrap_or(name).replace("{n}", &label);
-            Ok(Channel { name: channel, group: name.to_owned(), place, keys })
+            Ok(Channel { name: channel, group: name.to_owned(), place, asks: texts(group, "ask"), keys })
         })
         .collect()
 }

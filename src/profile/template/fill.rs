@@ -116,16 +116,16 @@ impl<'a> Filling<'a> {
             _ => return,
         };
         let Some(device) = text(user, "device").map(str::to_owned) else { return };
-        if self.broken.contains(&device) {
-            return;
-        }
         let at = child(&child(table, name), "channel");
+        if self.broken.contains(&device) {
+            return self.nothing_missing(table, name, &at);
+        }
         let Some(definition) = self.known.get(&device) else {
             if self.table("device", &device).is_some() {
                 let help = format!("write template = \"…\" at device `{device}`, or `register` and `type` here");
                 self.wrong(&at, format!("device `{device}` has no template, and so no channels"), help);
             }
-            return;
+            return self.nothing_missing(table, name, &at);
         };
         let (list, other) = if is_signal {
             (&definition.channels, &definition.targets)
@@ -140,8 +140,10 @@ impl<'a> Filling<'a> {
                 (true, _) => format!("nothing of `{template}` can be {}", if is_signal { "read" } else { "written" }),
                 _ => allowed(&channel, list.iter().map(|known| known.name.as_str())),
             };
-            return self.wrong(&at, format!("template `{template}` has no channel `{channel}`"), help);
+            self.wrong(&at, format!("template `{template}` has no channel `{channel}`"), help);
+            return self.nothing_missing(table, name, &at);
         };
+        self.ask(table, name, &device, &found);
         let overridden = self.bring(table, name, &device, &found, &at);
         let unverified = definition_text(&self.known[&device], &found.group);
         if let Some(template) = self.templates.get_mut(&device) {
@@ -150,6 +152,32 @@ impl<'a> Filling<'a> {
         }
         if !is_signal {
             self.set(name, &device, &at);
+        }
+    }
+
+    /// What a channel would have brought is not told to be missing: that it cannot has been told.
+    fn nothing_missing(&mut self, table: &str, name: &str, at: &str) {
+        let path = child(table, name);
+        for key in ["register", "type", "writes", "scale", "word_order"].map(|key| child(&path, key)) {
+            if !self.places.contains(&key) {
+                self.places.fill_in(&key, at, "");
+            }
+        }
+    }
+
+    /// What the template leaves to the profile, because a wrong guess would move an axis.
+    fn ask(&mut self, table: &str, name: &str, device: &str, channel: &Channel) {
+        let path = child(table, name);
+        for key in &channel.asks {
+            let at = child(&path, key);
+            if !self.places.contains(&at) {
+                let template = &self.templates[device].name;
+                let why = definition_text(&self.known[device], &channel.group).unwrap_or_default();
+                let message = format!("`{key}` is missing: template `{template}` leaves it to you");
+                let help = if why.is_empty() { "the device's manual says which".to_owned() } else { why };
+                self.errors.push(self.places.at_key(&at, message, Some(help)));
+                self.places.fill_in(&at, &child(&path, "channel"), "");
+            }
         }
     }
 

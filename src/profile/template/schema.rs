@@ -71,6 +71,7 @@ fn groups(mut keys: Map<String, Value>, what: &str) -> Value {
     keys.insert("from".to_owned(), whole("The number of the first. Default 0."));
     keys.insert("stride".to_owned(), whole("Registers from one to the next. Default: as many as the type takes."));
     keys.insert("unverified".to_owned(), text("What of this group nobody has verified."));
+    keys.insert("ask".to_owned(), list("Keys that the profile must give: a wrong guess would move an axis."));
     json!({ "description": what, "type": "object", "additionalProperties": closed(keys, &[]) })
 }
 

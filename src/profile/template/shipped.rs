@@ -6,7 +6,7 @@ macro_rules! shipped {
     };
 }
 
-const SHIPPED: [(&str, &str); 26] = shipped![
+const SHIPPED: [(&str, &str); 25] = shipped![
     "advantech-adam-6018",
     "advantech-adam-60xx-counter",
     "aspar-sdm-8i8o",
@@ -30,7 +30,6 @@ const SHIPPED: [(&str, &str); 26] = shipped![
     "omega-iserver-2",
     "plc-block",
     "sinumerik-plc",
-    "wago-750-458",
     "wago-750-462",
     "wago-750-469",
 ];
