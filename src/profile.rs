@@ -32,9 +32,9 @@ pub use error::{Errors, ProfileError};
 pub use load::{Loaded, environment, load, parse, parse_with};
 pub use output::{Output, Share, Verify};
 pub use raw::schema;
+pub use set::{Control, Flag, Handshake, OutputSet, SetId, Stretch};
 pub use template::Template;
 pub use verify::Expected;
-pub use set::{Control, Flag, Handshake, OutputSet, SetId, Stretch};
 pub use writes::Writes;
 
 /// One physical line: its place in the profile's list.

@@ -132,7 +132,8 @@ fn a_bit_of_a_register_is_read_alone() {
 #[test]
 fn a_digit_display_is_given_sign_decimals_and_magnitude() {
     let display = Encoding { scale: 0.01, ..encoding(DataType::Decimal24(2), WordOrder::MswFirst) };
-    for (value, words) in [(32.70, [0x0200, 0x0cc6]), (-32.70, [0x1200, 0x0cc6]), (1310.72, [0x0202, 0x0000])] {
+    for (value, words) in [(32.70, [0x0200, 0x0cc6]), (-32.70, [0x1200, 0x0cc6]), (1310.72, [0x0202, 0x0000])]
+    {
         assert_eq!(display.encode(value).words(), words, "{value}");
         assert_eq!(display.decode(&words), Ok(value));
     }

@@ -159,7 +159,10 @@ fn display(output: &Output) -> Vec<String> {
     });
     let stale = output.display.stale.iter().map(|stale| {
         let register = at(stale.register);
-        format!("without a position, and while the axis is off: \"{}\" in {register} and after it", stale.text)
+        format!(
+            "without a position, and while the axis is off: \"{}\" in {register} and after it",
+            stale.text
+        )
     });
     beside.chain(stale).collect()
 }

@@ -186,7 +186,9 @@ impl Inspection {
 fn words(answer: &Answer) -> Encoded {
     match answer {
         Answer::Words(words) => Encoded::of(words),
-        Answer::Bits(bits) => Encoded::of(&bits.iter().take(1).map(|bit| u16::from(*bit)).collect::<Vec<_>>()),
+        Answer::Bits(bits) => {
+            Encoded::of(&bits.iter().take(1).map(|bit| u16::from(*bit)).collect::<Vec<_>>())
+        }
         Answer::Done => Encoded::of(&[]),
     }
 }

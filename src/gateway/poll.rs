@@ -212,7 +212,8 @@ impl LineTask {
                     Ok(answer) => {
                         let encoding = &self.shared.profile.signal(field.signal).encoding;
                         let value = field.decode(encoding, answer);
-                        let value = value.and_then(|value| is_fit.then_some(value).ok_or(Reason::NotAsExpected));
+                        let value =
+                            value.and_then(|value| is_fit.then_some(value).ok_or(Reason::NotAsExpected));
                         core.board.store(&self.shared.profile, field.signal, value, taken);
                     }
                     Err(fault) => core.board.fail(field.signal, fault.reason()),

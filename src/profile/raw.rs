@@ -19,8 +19,8 @@ mod set;
 
 pub(crate) use axis::{
     Carries, Component, DatumWord, FaultAction, FaultActionWord, InputValue, Inputs, ModelKind, OutsideWord,
-    RawAxis, RawBeside, RawModel, RawOutput, RawSlope, RawStale, RawTerm, ReferenceValue, ReferenceWord, ShareWord, VerifyWord,
-    WritesWord,
+    RawAxis, RawBeside, RawModel, RawOutput, RawSlope, RawStale, RawTerm, ReferenceValue, ReferenceWord,
+    ShareWord, VerifyWord, WritesWord,
 };
 pub(crate) use fieldbus::{
     BusType, ChannelValue, FunctionWord, RawBus, RawCapture, RawDevice, RawQuirks, RawSignal, RawVerify, TypeWord, WordOrderWord,

@@ -56,7 +56,9 @@ fn a_thermistor_module_leaves_its_scale_to_the_profile() {
 
 #[test]
 fn an_adam_6018_sends_the_share_of_its_types_range() {
-    for (variant, raw, value) in [("T", 16384, 25.0), ("K", 1196, 25.0), ("T", 13107, 0.0), ("B", 32768, 1150.0), ("J", 2156, 25.0)] {
+    for (variant, raw, value) in
+        [("T", 16384, 25.0), ("K", 1196, 25.0), ("T", 13107, 0.0), ("B", 32768, 1150.0), ("J", 2156, 25.0)]
+    {
         let device = format!("template = \"advantech-adam-6018\"\nvariant = \"{variant}\"");
         let machine = signal(&device, "7", "");
         let found = decode(&machine, &[raw]).unwrap();
@@ -131,7 +133,10 @@ fn a_bitmap_of_connected_sensors_condemns_each_channel_by_its_own_bit() {
     reads(&machine, "input:55", &[(&[255], 25.5), (&[0xff01], -25.5)]);
     let connected = &machine.signals[1];
     assert_eq!(connected.address.to_string(), "input:50");
-    assert_eq!((connected.encoding.decode(&[0b01000]), connected.encoding.decode(&[0b10111])), (Ok(1.0), Ok(0.0)));
+    assert_eq!(
+        (connected.encoding.decode(&[0b01000]), connected.encoding.decode(&[0b10111])),
+        (Ok(1.0), Ok(0.0))
+    );
     assert_eq!((condemned(&machine, 0.0), condemned(&machine, 1.0)), (Some(true), Some(false)));
 }
 
@@ -189,5 +194,10 @@ fn what_a_control_tells_back_is_read_by_bits_and_by_values() {
     }
     let machine = profile("template = \"fanuc-modbus-server\"\nbase = 100", "");
     let functions = machine.devices[0].functions;
-    assert!(functions.write_multiple && functions.read_holding && !functions.write_single && !functions.read_input);
+    assert!(
+        functions.write_multiple
+            && functions.read_holding
+            && !functions.write_single
+            && !functions.read_input
+    );
 }

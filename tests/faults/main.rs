@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "these are tests")]
 
 mod answers;
+mod commissioning;
 mod counters;
 mod day;
 mod handshakes;
@@ -17,3 +18,4 @@ mod restarts;
 mod rig;
 mod sets;
 mod stop;
+mod targets;

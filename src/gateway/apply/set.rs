@@ -10,10 +10,10 @@
 //! are read back, compared, and sent again. After a gateway died at that very point the next one knows the registers
 //! alone; the control may then see two steps at once.
 
+use crate::compensation::AxisState;
 use crate::fieldbus::line::Line;
 use crate::gateway::output::Wait;
 use crate::gateway::shared::Shared;
-use crate::compensation::AxisState;
 use crate::profile::{Control, Output, Profile, SetId};
 use crate::quantity::Moment;
 

@@ -21,8 +21,9 @@ impl Check<'_> {
         }
         let at = child(path, "beside");
         let words = raw.beside.iter().flatten().enumerate();
-        let beside =
-            words.filter_map(|(place, word)| self.beside(&element(&at, place), word, raw.scale, device)).collect();
+        let beside = words
+            .filter_map(|(place, word)| self.beside(&element(&at, place), word, raw.scale, device))
+            .collect();
         let stale = raw.stale.as_ref().and_then(|stale| self.stale(&child(path, "stale"), stale, device));
         Display { beside, stale }
     }
@@ -96,7 +97,8 @@ impl Check<'_> {
     pub(super) fn pace(&mut self, path: &str, raw: &RawOutput) {
         let most = self.positive(&child(path, "largest_step"), raw.largest_step);
         let least = self.span(&child(path, "shortest_every"), raw.shortest_every.as_ref(), Zero::Refused);
-        let Some((name, axis)) = raw.axis.as_ref().and_then(|name| Some((name, self.raw.axis.get(name)?))) else {
+        let Some((name, axis)) = raw.axis.as_ref().and_then(|name| Some((name, self.raw.axis.get(name)?)))
+        else {
             return;
         };
         let device = raw.device.as_deref().unwrap_or_default();
@@ -113,7 +115,11 @@ impl Check<'_> {
         {
             let message =
                 format!("`{device}` follows one update in {}, not one in {}", shown(least), shown(every));
-            self.wrong(&child(&at, "every"), message, format!("write every = \"{}\" or longer", shown(least)));
+            self.wrong(
+                &child(&at, "every"),
+                message,
+                format!("write every = \"{}\" or longer", shown(least)),
+            );
         }
     }
 }

@@ -111,8 +111,16 @@ impl Check<'_> {
         }
         let verify = self.verify(&child(path, "verify"), raw, functions);
         let template = self.templates.get(name).cloned();
-        let device =
-            Device { name: name.to_owned(), bus: BusId(bus?), unit: raw.unit?, every, functions, quirks, verify, template };
+        let device = Device {
+            name: name.to_owned(),
+            bus: BusId(bus?),
+            unit: raw.unit?,
+            every,
+            functions,
+            quirks,
+            verify,
+            template,
+        };
         if let Some(bus) = bus_of(&device, buses)
             && bus.timeout >= every
         {
@@ -148,8 +156,11 @@ impl Check<'_> {
                 self.not_built(&child(path, key), &format!("{what} ({key})"), None);
             }
         }
-        let of_template =
-            [("variant", raw.variant.is_some()), ("base", raw.base.is_some()), ("expect", raw.expect.is_some())];
+        let of_template = [
+            ("variant", raw.variant.is_some()),
+            ("base", raw.base.is_some()),
+            ("expect", raw.expect.is_some()),
+        ];
         for (key, _) in of_template.iter().filter(|(_, there)| *there && raw.template.is_none()) {
             let help = "write template = \"…\" as well, or remove it";
             self.wrong_key(&child(path, key), format!("`{key}` belongs to a device template"), help);

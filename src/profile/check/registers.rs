@@ -102,7 +102,8 @@ impl Check<'_> {
         for output in outputs.iter().flatten() {
             let path = child("output", &output.name);
             for address in output.display.registers() {
-                let (path, what) = (child(&path, "beside"), format!("the display of output `{}`", output.name));
+                let (path, what) =
+                    (child(&path, "beside"), format!("the display of output `{}`", output.name));
                 claims.extend(claim(output.device, address, DataType::U16, path, what, true));
             }
         }

@@ -118,7 +118,10 @@ impl Check<'_> {
         let heartbeat = self.word_of(path, "heartbeat", raw.heartbeat.as_ref());
         let control = self.word_of(path, "control", raw.control.as_ref());
         let version = raw.version.as_ref().and_then(|version| {
-            Some((self.word_of(&child(path, "version"), "register", version.register.as_ref())?, version.value?))
+            Some((
+                self.word_of(&child(path, "version"), "register", version.register.as_ref())?,
+                version.value?,
+            ))
         });
         if members.is_empty() {
             let help = format!("write set = \"{name}\" at the outputs that belong together");
@@ -150,8 +153,12 @@ impl Check<'_> {
             handshake,
         };
         let device = device?;
-        let words =
-            [("sequence", sequence), ("complement", complement), ("heartbeat", heartbeat), ("control", control)];
+        let words = [
+            ("sequence", sequence),
+            ("complement", complement),
+            ("heartbeat", heartbeat),
+            ("control", control),
+        ];
         for (key, word) in words.into_iter().chain([("version", version.map(|(at, _)| at))]) {
             if word.is_some() {
                 self.writable(&child(path, key), 1, device);
@@ -162,7 +169,11 @@ impl Check<'_> {
         let requests = set.stretches(members, device.longest_request()).len();
         if requests > 1 && set.zeros {
             let message = format!("with the registers between its words it takes {requests} requests");
-            self.wrong_key(&child(path, "zeros"), message, "put its words nearer to each other, or remove `zeros`");
+            self.wrong_key(
+                &child(path, "zeros"),
+                message,
+                "put its words nearer to each other, or remove `zeros`",
+            );
         } else if requests > 1 && raw.sequence.is_none() && !wants_handshake {
             let message = format!("it takes {requests} requests to write: the control could see half of it");
             let help = "give it a `sequence` or a `handshake`, or registers side by side";

@@ -196,7 +196,11 @@ impl Check<'_> {
             Ok(flag) => (Some(flag.address), flag.bit),
             Err(_) if is_plain => (self.address(path, text), None),
             Err(message) => {
-                self.wrong(path, message, "write a register as \"input:50\", or one bit of it as \"input:50.3\"");
+                self.wrong(
+                    path,
+                    message,
+                    "write a register as \"input:50\", or one bit of it as \"input:50.3\"",
+                );
                 (None, None)
             }
         }

@@ -24,7 +24,8 @@ impl Check<'_> {
         let address = address?;
         if !functions.reads(address.table) {
             let word = address.table.name();
-            let message = format!("{address} cannot be read: reading {word} registers is not among its `functions`");
+            let message =
+                format!("{address} cannot be read: reading {word} registers is not among its `functions`");
             self.wrong(&at, message, "add it, if the device can do it, or remove the check");
         }
         let data_type = match (raw.kind.map(DataType::from), bit) {

@@ -80,10 +80,7 @@ fn moved(value: Value, key: &str, place: u16, stride: u16, base: u16) -> Result<
 
 /// The keys whose text is a register.
 fn is_register(key: &str) -> bool {
-    matches!(
-        key,
-        "register" | "sequence" | "complement" | "heartbeat" | "control" | "strobe" | "acknowledge"
-    )
+    matches!(key, "register" | "sequence" | "complement" | "heartbeat" | "control" | "strobe" | "acknowledge")
 }
 
 /// The register of the channel at this place; of one bit of a register, the bit that follows.

@@ -98,9 +98,12 @@ impl<'a> Filling<'a> {
         let Some(Value::Object(below)) = &definition.quirks else { return };
         self.put("device", name, "quirks", json!({}), at, note);
         let path = child(&child("device", name), "quirks");
-        for (key, value) in below.iter().filter(|(key, _)| !self.places.contains(&child(&path, key))).collect::<Vec<_>>() {
+        for (key, value) in
+            below.iter().filter(|(key, _)| !self.places.contains(&child(&path, key))).collect::<Vec<_>>()
+        {
             self.places.fill_in(&child(&path, key), at, note);
-            let own = self.table_mut("device", name).and_then(|device| device.get_mut("quirks")?.as_object_mut());
+            let own =
+                self.table_mut("device", name).and_then(|device| device.get_mut("quirks")?.as_object_mut());
             if let Some(own) = own {
                 own.insert(key.clone(), value.clone());
             }
@@ -122,7 +125,8 @@ impl<'a> Filling<'a> {
         }
         let Some(definition) = self.known.get(&device) else {
             if self.table("device", &device).is_some() {
-                let help = format!("write template = \"…\" at device `{device}`, or `register` and `type` here");
+                let help =
+                    format!("write template = \"…\" at device `{device}`, or `register` and `type` here");
                 self.wrong(&at, format!("device `{device}` has no template, and so no channels"), help);
             }
             return self.nothing_missing(table, name, &at);
@@ -137,7 +141,9 @@ impl<'a> Filling<'a> {
             let help = match (list.is_empty(), other.iter().any(|known| known.name == channel)) {
                 (_, true) if is_signal => "it is written, not read: name it at an output".to_owned(),
                 (_, true) => "it is read, not written: name it at a signal".to_owned(),
-                (true, _) => format!("nothing of `{template}` can be {}", if is_signal { "read" } else { "written" }),
+                (true, _) => {
+                    format!("nothing of `{template}` can be {}", if is_signal { "read" } else { "written" })
+                }
                 _ => allowed(&channel, list.iter().map(|known| known.name.as_str())),
             };
             self.wrong(&at, format!("template `{template}` has no channel `{channel}`"), help);
@@ -228,9 +234,11 @@ impl<'a> Filling<'a> {
                 continue;
             }
             let word = &rest[..end];
-            let channel = self.known.get(device).and_then(|known| {
-                known.channels.iter().find(|channel| channel.name == word).cloned()
-            });
+            // Channels are named by numbers as well; a number in a condition is a number.
+            let is_name = !word.starts_with(|first: char| first.is_ascii_digit());
+            let known = self.known.get(device).filter(|_| is_name);
+            let channel =
+                known.and_then(|known| known.channels.iter().find(|channel| channel.name == word).cloned());
             match channel {
                 Some(channel) => out.push_str(&self.signal_of(device, &channel, at)),
                 None => out.push_str(word),
@@ -300,7 +308,9 @@ impl<'a> Filling<'a> {
     fn heartbeat(&mut self) {
         let beat = self.profile.get("heartbeat").and_then(Value::as_object);
         let Some(device) = beat.and_then(|beat| text(beat, "device")).map(str::to_owned) else { return };
-        let Some(register) = self.known.get(&device).and_then(|known| known.heartbeat.clone()) else { return };
+        let Some(register) = self.known.get(&device).and_then(|known| known.heartbeat.clone()) else {
+            return;
+        };
         let note = format!("it comes from template `{}`", self.templates[&device].name);
         if self.places.contains("heartbeat.register") {
             return;
@@ -360,7 +370,8 @@ impl<'a> Filling<'a> {
                 let mut entry = group.clone();
                 entry.retain(|key, _| !matches!(key.as_str(), "of" | "stride"));
                 entry.insert("equals".to_owned(), equals.clone());
-                let what = channel.map_or_else(|| what.to_owned(), |name| format!("{what} of channel {name}"));
+                let what =
+                    channel.map_or_else(|| what.to_owned(), |name| format!("{what} of channel {name}"));
                 entry.insert("what".to_owned(), Value::from(what));
                 let register = text(group, "register").unwrap_or_default();
                 match shifted(register, place, stride.unwrap_or(1), base.unwrap_or(0)) {

@@ -146,7 +146,8 @@ impl Definition {
             let only = Group::from_iter([("register".to_owned(), body.get(key)?.clone())]);
             of_group(key, &only, base.unwrap_or(0)).ok()?.pop()?.keys.remove("register")
         };
-        let broken = |why: String| ("template", format!("template `{name}`: {why}"), "correct its file".to_owned());
+        let broken =
+            |why: String| ("template", format!("template `{name}`: {why}"), "correct its file".to_owned());
         let set = match body.get("set").and_then(Value::as_object) {
             Some(set) => {
                 let set = of_group("set", set, base.unwrap_or(0)).map_err(broken)?.pop();

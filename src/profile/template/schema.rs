@@ -40,7 +40,10 @@ pub fn schema() -> Value {
         ("source".to_owned(), text("The manual or the public page that the registers are taken from.")),
         ("notes".to_owned(), list("What a person should know who uses it.")),
         ("unverified".to_owned(), list("What nobody has verified against the manual or on the device.")),
-        ("movable".to_owned(), json!({ "description": "Its registers begin where `base` of the device says.", "type": "boolean" })),
+        (
+            "movable".to_owned(),
+            json!({ "description": "Its registers begin where `base` of the device says.", "type": "boolean" }),
+        ),
         ("functions".to_owned(), device.get("functions").cloned().unwrap_or_default()),
         ("quirks".to_owned(), device.get("quirks").cloned().unwrap_or_default()),
         ("channel".to_owned(), channels),
@@ -48,11 +51,14 @@ pub fn schema() -> Value {
         ("check".to_owned(), checks),
         ("set".to_owned(), json!({ "$ref": "#/$defs/Set", "description": "How its targets land together." })),
         ("heartbeat".to_owned(), text("The register of `[heartbeat]`.")),
-        ("variant".to_owned(), json!({
-            "description": "Kinds of the device between which the profile chooses.",
-            "type": "object",
-            "additionalProperties": variant,
-        })),
+        (
+            "variant".to_owned(),
+            json!({
+                "description": "Kinds of the device between which the profile chooses.",
+                "type": "object",
+                "additionalProperties": variant,
+            }),
+        ),
     ]);
     let mut whole = closed(properties, &["title", "source"]);
     if let (Some(table), Some(definitions)) = (whole.as_object_mut(), profile.get("$defs")) {
@@ -65,11 +71,18 @@ pub fn schema() -> Value {
 
 /// Groups by name: the keys of what they bring, and those that say how its members follow each other.
 fn groups(mut keys: Map<String, Value>, what: &str) -> Value {
-    let whole = |what: &str| json!({ "description": what, "type": "integer", "minimum": 0, "maximum": 65535 });
-    keys.insert("name".to_owned(), text("The members' name; `{n}` is the number. Default: the group's name."));
+    let whole =
+        |what: &str| json!({ "description": what, "type": "integer", "minimum": 0, "maximum": 65535 });
+    keys.insert(
+        "name".to_owned(),
+        text("The members' name; `{n}` is the number. Default: the group's name."),
+    );
     keys.insert("count".to_owned(), whole("How many there are. Default 1."));
     keys.insert("from".to_owned(), whole("The number of the first. Default 0."));
-    keys.insert("stride".to_owned(), whole("Registers from one to the next. Default: as many as the type takes."));
+    keys.insert(
+        "stride".to_owned(),
+        whole("Registers from one to the next. Default: as many as the type takes."),
+    );
     keys.insert("unverified".to_owned(), text("What of this group nobody has verified."));
     keys.insert("ask".to_owned(), list("Keys that the profile must give: a wrong guess would move an axis."));
     json!({ "description": what, "type": "object", "additionalProperties": closed(keys, &[]) })
