@@ -160,7 +160,12 @@ fn loggers_say_not_connected_and_error_by_values_outside_the_range() {
 
 #[test]
 fn encoder_counters_count_below_zero_and_are_checked_to_be_encoders() {
-    let aspar = signal("template = \"aspar-sdm-8i8o\"", "\"encoder_1\"", "");
+    let speed = "counter = { max_speed = 1e6 }";
+    let aspar = signal("template = \"aspar-sdm-8i8o\"", "\"encoder_1\"", speed);
+    assert_eq!(
+        aspar.signals[0].capture.map(|capture| capture.address.to_string()).as_deref(),
+        Some("holding:132")
+    );
     reads(&aspar, "holding:84", &[(&[0x0001, 0x0002], 131_073.0), (&[0xffff, 0xffff], -1.0)]);
     let check = &aspar.devices[0].verify[0];
     assert_eq!((check.to_string().as_str(), check.mismatch(&[0x0020])), ("holding:116.5 (40117.5)", None));

@@ -199,6 +199,13 @@ impl<'a> Filling<'a> {
         let note = self.note(device, &channel.name);
         let mut overridden = Vec::new();
         for (key, value) in &channel.keys {
+            let own = self.table_mut(table, name).and_then(|user| user.get_mut(key));
+            if let (Some(Value::Object(own)), Value::Object(below)) = (own, value) {
+                for (inner, value) in below {
+                    own.entry(inner.clone()).or_insert_with(|| value.clone());
+                }
+                continue;
+            }
             let is_there = self.table(table, name).is_some_and(|user| user.contains_key(key));
             if is_there || self.places.contains(&child(&child(table, name), key)) {
                 overridden.push(key.clone());

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 use toml::de::DeTable;
 
 use super::channels::{Channel, of_group};
@@ -95,7 +95,9 @@ fn read(shown: &str, written: &str, errors: &mut Vec<ProfileError>) -> Option<Gr
     }
     let mut walk = Walk { schema: &schema, origin, places: &mut places, errors };
     let value = walk.table(&schema, "", table.get_ref());
-    missing(&schema, &schema, "", &value, &places, errors);
+    // What a group leaves out, the profile may say.
+    let shallow = json!({ "required": schema.get("required") });
+    missing(&shallow, &shallow, "", &value, &places, errors);
     match value {
         Value::Object(group) if errors.len() == before => Some(group),
         _ => None,

@@ -192,5 +192,6 @@ fn output(name: &str, device: usize, register: &str, scale: f64, writes: Writes)
         set: None,
         boot_counter: None,
         share: Share::Whole,
+        display: crate::profile::Display::default(),
     }
 }
