@@ -16,6 +16,7 @@ mod axis;
 mod fieldbus;
 mod probe;
 mod set;
+mod verify;
 
 pub(crate) use axis::{
     Carries, Component, DatumWord, FaultAction, FaultActionWord, InputValue, Inputs, ModelKind, OutsideWord,
@@ -23,11 +24,12 @@ pub(crate) use axis::{
     ShareWord, VerifyWord, WritesWord,
 };
 pub(crate) use fieldbus::{
-    BusType, ChannelValue, FunctionWord, RawBus, RawCapture, RawDevice, RawQuirks, RawSignal, RawVerify,
-    TypeWord, WordOrderWord,
+    BusType, ChannelValue, FunctionWord, RawBus, RawCapture, RawDevice, RawQuirks, RawSignal, TypeWord,
+    WordOrderWord,
 };
 pub(crate) use probe::{RawGains, RawProbe};
 pub(crate) use set::{RawHandshake, RawRestart, RawSet};
+pub(crate) use verify::{ExpectValue, RawVerify};
 
 /// A duration: "300ms", "10s", "3min", "2h", "90d".
 #[derive(Clone, Debug, Deserialize)]

@@ -14,6 +14,8 @@ use super::files::Files;
 use super::place::{Places, child};
 
 mod channels;
+mod checks;
+mod conditions;
 mod fill;
 mod find;
 mod schema;

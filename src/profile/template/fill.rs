@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use serde_json::{Map, Value, json};
 
-use super::channels::{Channel, shifted};
+use super::channels::Channel;
 use super::find::{Definition, find};
 use super::{Template, Templates, Use, in_order, text};
 use crate::profile::error::{ProfileError, allowed};
@@ -13,12 +13,12 @@ use crate::profile::files::Files;
 use crate::profile::place::{Places, child};
 
 pub(super) struct Filling<'a> {
-    profile: &'a mut Map<String, Value>,
+    pub(super) profile: &'a mut Map<String, Value>,
     files: &'a Files<'a>,
-    places: &'a mut Places,
-    errors: &'a mut Vec<ProfileError>,
-    known: BTreeMap<String, Definition>,
-    templates: Templates,
+    pub(super) places: &'a mut Places,
+    pub(super) errors: &'a mut Vec<ProfileError>,
+    pub(super) known: BTreeMap<String, Definition>,
+    pub(super) templates: Templates,
     /// Devices whose template could not be used, which has been told.
     broken: Vec<String>,
 }
@@ -188,7 +188,7 @@ impl<'a> Filling<'a> {
     }
 
     /// Puts a channel's keys where the profile has none; which ones it has.
-    fn bring(
+    pub(super) fn bring(
         &mut self,
         table: &'static str,
         name: &str,
@@ -222,71 +222,9 @@ impl<'a> Filling<'a> {
         overridden
     }
 
-    fn note(&self, device: &str, channel: &str) -> String {
+    pub(super) fn note(&self, device: &str, channel: &str) -> String {
         let template = self.templates.get(device).map_or("", |template| template.name.as_str());
         format!("it comes from channel `{channel}` of template `{template}`")
-    }
-
-    /// A condition over channels, as one over signals. A channel that no signal of the profile reads becomes one.
-    fn condition(&mut self, condition: &str, device: &str, at: &str) -> String {
-        let mut out = String::new();
-        let mut rest = condition;
-        while !rest.is_empty() {
-            let is_part = |c: char| c.is_alphanumeric() || c == '_';
-            let end = rest.find(|c| !is_part(c)).unwrap_or(rest.len());
-            if end == 0 {
-                let width = rest.chars().next().map_or(1, char::len_utf8);
-                out.push_str(&rest[..width]);
-                rest = &rest[width..];
-                continue;
-            }
-            let word = &rest[..end];
-            // Channels are named by numbers as well; a number in a condition is a number.
-            let is_name = !word.starts_with(|first: char| first.is_ascii_digit());
-            let known = self.known.get(device).filter(|_| is_name);
-            let channel =
-                known.and_then(|known| known.channels.iter().find(|channel| channel.name == word).cloned());
-            match channel {
-                Some(channel) => out.push_str(&self.signal_of(device, &channel, at)),
-                None => out.push_str(word),
-            }
-            rest = &rest[end..];
-        }
-        out
-    }
-
-    /// The signal that reads a channel: the profile's own, or one that is made for it.
-    fn signal_of(&mut self, device: &str, channel: &Channel, at: &str) -> String {
-        let signals = self.profile.get("signal").and_then(Value::as_object).into_iter().flatten();
-        let reads = |signal: &Value| {
-            let named = match signal.get("channel") {
-                Some(Value::String(name)) => *name == channel.name,
-                Some(Value::Number(number)) => number.to_string() == channel.name,
-                _ => false,
-            };
-            named && signal.get("device").and_then(Value::as_str) == Some(device)
-        };
-        let readers = signals.filter(|(_, signal)| reads(signal)).map(|(name, _)| name.clone());
-        // A name with a hyphen cannot stand in a condition.
-        if let Some(name) = readers.into_iter().find(|name| !name.contains('-')) {
-            return name;
-        }
-        let mut name = format!("{device}_{}", channel.name).replace('-', "_");
-        while self.table("signal", &name).is_some() {
-            name.push('_');
-        }
-        let made = json!({ "device": device, "channel": channel.name });
-        if let Some(signals) = self.profile.entry("signal").or_insert_with(|| json!({})).as_object_mut() {
-            signals.insert(name.clone(), made);
-        }
-        let note = self.note(device, &channel.name);
-        self.places.fill_in(&child("signal", &name), at, &note);
-        self.bring("signal", &name, device, channel, at);
-        if let Some(template) = self.templates.get_mut(device) {
-            let overridden = Vec::new();
-            template.uses.push(Use { name: name.clone(), channel: channel.name.clone(), overridden });
-        }
-        name
     }
 
     /// Targets that land together: a set of the device's name, unless the profile has put the output into one.
@@ -328,90 +266,11 @@ impl<'a> Filling<'a> {
         }
     }
 
-    /// The template's checks before what the device says itself.
-    fn checks(&mut self, device: &str) {
-        let path = child("device", device);
-        let table = self.table("device", device).cloned().unwrap_or_default();
-        let expect = table.get("expect").and_then(Value::as_object).cloned().unwrap_or_default();
-        let definition = self.known[device].clone();
-        let names = || definition.checks.iter().map(|(name, _)| name.as_str());
-        for name in expect.keys().filter(|name| !names().any(|known| known == *name)) {
-            let message = format!("template `{}` checks no `{name}`", self.templates[device].name);
-            let at = child(&child(&path, "expect"), name);
-            self.errors.push(self.places.at_key(&at, message, Some(allowed(name, names()))));
-        }
-        let base = table.get("base").and_then(Value::as_u64).and_then(|base| u16::try_from(base).ok());
-        let used: Vec<&Channel> = definition
-            .channels
-            .iter()
-            .filter(|channel| self.templates[device].uses.iter().any(|used| used.channel == channel.name))
-            .collect();
-        let mut verify = Vec::new();
-        let mut unchecked = Vec::new();
-        for (name, group) in &definition.checks {
-            let what = text(group, "what").unwrap_or(name);
-            let equals = match expect.get(name) {
-                Some(Value::String(_)) => {
-                    unchecked.push(format!("{what}: the profile says so"));
-                    continue;
-                }
-                Some(number) => number.clone(),
-                None => match group.get("equals") {
-                    Some(number) => number.clone(),
-                    None => {
-                        unchecked.push(format!("{what}: write expect = {{ {name} = … }} at the device"));
-                        continue;
-                    }
-                },
-            };
-            let of = text(group, "of");
-            let members: Vec<(u16, Option<&str>)> = match of {
-                None => vec![(0, None)],
-                Some(of) => {
-                    let members = used.iter().filter(|channel| channel.group == of);
-                    members.map(|channel| (channel.place, Some(channel.name.as_str()))).collect()
-                }
-            };
-            let stride = group.get("stride").and_then(Value::as_u64).and_then(|far| u16::try_from(far).ok());
-            for (place, channel) in members {
-                let mut entry = group.clone();
-                entry.retain(|key, _| !matches!(key.as_str(), "of" | "stride"));
-                entry.insert("equals".to_owned(), equals.clone());
-                let what =
-                    channel.map_or_else(|| what.to_owned(), |name| format!("{what} of channel {name}"));
-                entry.insert("what".to_owned(), Value::from(what));
-                let register = text(group, "register").unwrap_or_default();
-                match shifted(register, place, stride.unwrap_or(1), base.unwrap_or(0)) {
-                    Ok(register) => entry.insert("register".to_owned(), Value::from(register)),
-                    Err(why) => return self.wrong(&child(&path, "template"), why, "correct its file"),
-                };
-                verify.push(Value::Object(entry));
-            }
-        }
-        let at = child(&path, "template");
-        let note = format!("it comes from template `{}`", self.templates[device].name);
-        if let Some(template) = self.templates.get_mut(device) {
-            template.unchecked = unchecked;
-        }
-        if verify.is_empty() {
-            return;
-        }
-        let own = table.get("verify").and_then(Value::as_array).cloned().unwrap_or_default();
-        let first = own.len();
-        let all: Vec<Value> = own.into_iter().chain(verify).collect();
-        for place in first..all.len() {
-            self.places.fill_in(&format!("{}[{place}]", child(&path, "verify")), &at, &note);
-        }
-        if let Some(table) = self.table_mut("device", device) {
-            table.insert("verify".to_owned(), Value::Array(all));
-        }
-    }
-
-    fn table(&self, table: &str, name: &str) -> Option<&Map<String, Value>> {
+    pub(super) fn table(&self, table: &str, name: &str) -> Option<&Map<String, Value>> {
         self.profile.get(table)?.get(name)?.as_object()
     }
 
-    fn table_mut(&mut self, table: &str, name: &str) -> Option<&mut Map<String, Value>> {
+    pub(super) fn table_mut(&mut self, table: &str, name: &str) -> Option<&mut Map<String, Value>> {
         self.profile.get_mut(table)?.get_mut(name)?.as_object_mut()
     }
 
@@ -425,7 +284,7 @@ impl<'a> Filling<'a> {
         self.places.fill_in(&child(&child(table, name), key), at, note);
     }
 
-    fn wrong(&mut self, path: &str, message: impl Into<String>, help: impl Into<String>) {
+    pub(super) fn wrong(&mut self, path: &str, message: impl Into<String>, help: impl Into<String>) {
         self.errors.push(self.places.at_value(path, message, Some(help.into())));
     }
 }
