@@ -82,8 +82,13 @@ impl Arming {
                         ));
                     }
                     if is_beyond {
+                        // With a bias, zero is not the count 0.
+                        let zero = match output.encoding.bias {
+                            0 => "zero".to_owned(),
+                            bias => format!("zero, which is {bias} there,"),
+                        };
                         return Attempt::Refused(format!(
-                            "the register of output {} holds {cz}, beyond the limit of ±{limit}; set it to zero at \
+                            "the register of output {} holds {cz}, beyond the limit of ±{limit}; set it to {zero} at \
                              the CNC, or raise axis.{axis}.limit",
                             output.name
                         ));

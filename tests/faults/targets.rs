@@ -294,3 +294,17 @@ fn a_dm36_display_is_given_sign_decimals_and_digits() {
     let dashes = written.iter().find(|seen| seen.address.offset == 0).unwrap();
     assert_eq!(dashes.wanted, [0x2d; 6], "before it is armed");
 }
+
+#[test]
+fn linuxcnc_with_plain_zeros_in_its_words_is_not_armed_and_the_count_to_put_there_is_told() {
+    let text = machine("template = \"linuxcnc-classicladder\"", &["z"], &outputs(&[("z", "z")]));
+    let zero =
+        "[[fault]]\ndevice = \"cnc\"\nkind = \"register\"\nregister = \"holding:2\"\nwords = [0]\nat = \"0s\"\n";
+    let trace = run(&text, zero, MINUTE);
+    law::holds(&trace);
+    assert_eq!((trace.states(), written(&trace).len()), (vec!["off"], 0), "{}", trace.lines());
+    let refused = trace.events.iter().find(|event| event.kind == "arm-refused").unwrap();
+    for words in ["holds -3276.8 µm", "set it to zero, which is 32768 there"] {
+        assert!(refused.text.contains(words), "`{words}` is not in: {}", refused.text);
+    }
+}

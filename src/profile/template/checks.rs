@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use super::channels::{Channel, shifted};
+use super::channels::{Channel, OF_GROUP, shifted};
 use super::fill::Filling;
 use super::text;
 use crate::profile::error::allowed;
@@ -56,7 +56,7 @@ impl Filling<'_> {
             let stride = group.get("stride").and_then(Value::as_u64).and_then(|far| u16::try_from(far).ok());
             for (place, channel) in members {
                 let mut entry = group.clone();
-                entry.retain(|key, _| !matches!(key.as_str(), "of" | "stride"));
+                entry.retain(|key, _| key != "of" && !OF_GROUP.contains(&key.as_str()));
                 entry.insert("equals".to_owned(), equals.clone());
                 let what =
                     channel.map_or_else(|| what.to_owned(), |name| format!("{what} of channel {name}"));
