@@ -241,7 +241,7 @@ fn a_ditel_display_shows_value_point_and_colour_in_one_request_red_on_a_fault_an
     assert!(values.len() > 150, "{}", values.len());
     for seen in &values {
         assert_eq!((seen.function, seen.count, seen.wanted[2]), (16, 4, 0x0200), "{seen:?}");
-        assert!((17_000..=19_000).contains(&signed(&seen.wanted)), "hundredths of a mm: {seen:?}");
+        assert!((10_000..=26_000).contains(&signed(&seen.wanted)), "hundredths of a mm: {seen:?}");
         let colour = if trace.seconds(seen.at) < 60.0 { [0x3134, 0x3134] } else { [0x3034, 0x3134] };
         assert!(
             colour.contains(&seen.wanted[3]),
@@ -289,7 +289,7 @@ fn a_dm36_display_is_given_sign_decimals_and_digits() {
             "plus, three decimals: {seen:?}"
         );
         let digits = u32::from(seen.wanted[0] & 0xff) << 16 | u32::from(seen.wanted[1]);
-        assert!((170_000..=190_000).contains(&digits), "{digits}");
+        assert!((100_000..=260_000).contains(&digits), "{digits}");
     }
     let dashes = written.iter().find(|seen| seen.address.offset == 0).unwrap();
     assert_eq!(dashes.wanted, [0x2d; 6], "before it is armed");
@@ -298,8 +298,7 @@ fn a_dm36_display_is_given_sign_decimals_and_digits() {
 #[test]
 fn linuxcnc_with_plain_zeros_in_its_words_is_not_armed_and_the_count_to_put_there_is_told() {
     let text = machine("template = \"linuxcnc-classicladder\"", &["z"], &outputs(&[("z", "z")]));
-    let zero =
-        "[[fault]]\ndevice = \"cnc\"\nkind = \"register\"\nregister = \"holding:2\"\nwords = [0]\nat = \"0s\"\n";
+    let zero = "[[fault]]\ndevice = \"cnc\"\nkind = \"register\"\nregister = \"holding:2\"\nwords = [0]\nat = \"0s\"\n";
     let trace = run(&text, zero, MINUTE);
     law::holds(&trace);
     assert_eq!((trace.states(), written(&trace).len()), (vec!["off"], 0), "{}", trace.lines());

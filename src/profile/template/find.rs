@@ -65,21 +65,20 @@ pub(super) fn find(
     Ok((own_file, read(&shown, written, errors)))
 }
 
-/// A model number is rarely written as its maker does: what has the same letters and digits comes first, then what
-/// shares its digits.
+/// A model number is rarely written as its maker does: what begins with the same letters and digits comes first, then
+/// the nearest word, then what has its number.
 fn nearest_names(name: &str, known: &[String]) -> String {
     let bare = |text: &str| text.chars().filter(char::is_ascii_alphanumeric).collect::<String>();
     let digits = |text: &str| text.chars().filter(char::is_ascii_digit).collect::<String>();
     let wanted = bare(&name.to_lowercase());
-    let same = known.iter().find(|known| bare(known) == wanted);
-    let like = || {
-        let number = digits(name);
-        known.iter().find(|known| number.len() > 2 && digits(known).contains(&number))
-    };
+    let alike = |known: &&String| !wanted.is_empty() && bare(known).starts_with(&wanted);
     let list = allowed(name, known.iter().map(String::as_str));
-    match same.or_else(like) {
-        Some(near) if !list.starts_with("did") => format!("did you mean `{near}`? {list}"),
-        _ => list,
+    let number = digits(name);
+    let has_number = |known: &&String| number.len() > 2 && digits(known).contains(&number);
+    let near = known.iter().find(alike);
+    match near.or_else(|| known.iter().find(has_number).filter(|_| !list.starts_with("did"))) {
+        Some(near) => format!("did you mean `{near}`? allowed: {}", known.join(", ")),
+        None => list,
     }
 }
 
