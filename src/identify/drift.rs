@@ -26,6 +26,18 @@ pub enum Test {
     Rotary,
 }
 
+impl Test {
+    /// In the words of the standard.
+    pub fn words(self) -> &'static str {
+        match self {
+            Test::Etve => "environmental temperature variation error (ETVE)",
+            Test::Spindle => "thermal distortion by a rotating spindle",
+            Test::Axis => "thermal distortion by moving linear axes",
+            Test::Rotary => "thermal distortion by rotary motion",
+        }
+    }
+}
+
 /// The drift of one run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Drift {

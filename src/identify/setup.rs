@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use super::ambient::{self, AmbientLike};
+use super::applied::{self, Applied};
 use super::campaign::{Campaign, Input, Position};
 use super::dataset::{BadLog, Dataset, Kind};
 use super::faults::{self, Excluded};
@@ -38,6 +40,8 @@ pub struct Ready<'a> {
     pub axis: String,
     /// Sensors that were left out.
     pub excluded: Vec<Excluded>,
+    /// Inputs that behave like the air.
+    pub ambient: Vec<AmbientLike>,
     /// What is odd.
     pub remarks: Vec<String>,
 }
@@ -49,6 +53,22 @@ const SHORTEST_RUN: Duration = Duration::from_secs(20 * 60);
 const LONGEST_RUN: Duration = Duration::from_secs(31 * 24 * 3600);
 /// An error that moves less is noise or a column of zeros, µm.
 const STANDS_STILL: f64 = 1e-6;
+
+/// Takes out of the measured error the Cz that acted on it, where a log of the gateway or `applied` has it.
+///
+/// # Errors
+/// What acted cannot be known.
+pub fn without_cz(
+    profile: &Profile,
+    dataset: &mut Dataset,
+    choice: &Choice,
+    applied: &Applied,
+) -> Result<(), BadLog> {
+    // An axis or a column that is not there is told by `ready`.
+    let Some(axis) = axis(profile, choice, &mut Vec::new()) else { return Ok(()) };
+    let error = choice.error.clone().unwrap_or_else(|| format!("{axis}_error_um"));
+    applied::bare(dataset, &error, Some(&axis), applied::moves_the_machine(profile, &axis), applied)
+}
 
 /// Checks the choice, and leaves faulty sensors out.
 ///
@@ -67,10 +87,7 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
         check_error(dataset, error, &mut wrong);
     }
     let (Some(axis), Some(error), true) = (axis, error, wrong.is_empty()) else { return Err(BadLog(wrong)) };
-    let temperatures: Vec<usize> = (inputs.iter().map(|input| input.column))
-        .filter(|column| dataset.columns[*column].kind == Kind::Temperature)
-        .collect();
-    let mut excluded = faults::find(dataset, &temperatures);
+    let mut excluded = faults::find(dataset, &temperatures_of(dataset, &inputs));
     let kept = |name: &String| choice.keep.contains(name);
     for faulty in excluded.iter().filter(|faulty| kept(&faulty.signal)) {
         remarks.push(format!("{} stays in as asked, though it {}", faulty.signal, faulty.reason));
@@ -95,13 +112,19 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
                 .to_owned(),
         );
     }
+    let ambient = ambient::find(dataset, &temperatures_of(dataset, &good), error);
     let mut campaign = Campaign::new(profile, dataset, error, choice.resample).with_inputs(good);
     if position.is_some() {
         // Places that are visited in turn must not be averaged.
         campaign.resample = Duration::ZERO;
         campaign.position = position;
     }
-    Ok(Ready { campaign, axis, excluded, remarks })
+    Ok(Ready { campaign, axis, excluded, ambient, remarks })
+}
+
+pub(super) fn temperatures_of(dataset: &Dataset, inputs: &[Input]) -> Vec<usize> {
+    let columns = inputs.iter().map(|input| input.column);
+    columns.filter(|column| dataset.columns[*column].kind == Kind::Temperature).collect()
 }
 
 fn axis(profile: &Profile, choice: &Choice, wrong: &mut Vec<String>) -> Option<String> {
@@ -281,7 +304,10 @@ pub(super) fn check_error(dataset: &Dataset, error: usize, wrong: &mut Vec<Strin
     for run in &dataset.runs {
         let rows = values(run).len();
         if rows == 0 {
-            wrong.push(format!("{name} is empty in {}: leave that log out, or fill the column", run.name));
+            wrong.push(format!(
+                "{} has no number under {name}: leave that log out, or fill the column",
+                run.name
+            ));
         }
     }
     let widest = dataset.runs.iter().map(|run| range(&values(run))).fold(0.0, f64::max);
