@@ -174,3 +174,24 @@ fn a_reader_who_goes_away_is_no_failure() {
     let ended = report.wait_with_output().unwrap();
     assert!(ended.status.success(), "{}", String::from_utf8_lossy(&ended.stderr));
 }
+
+#[test]
+fn a_drift_report_remarks_what_cannot_be_meant() {
+    let home = tempfile::tempdir().unwrap();
+    let logs = [
+        ("short.csv", with_column(1, 0, |second| second / 60.0)),
+        ("long.csv", with_column(1, 0, |second| second).replace("time,", "time_min,")),
+        ("still.csv", with_column(1, 5, |_| 0.25)),
+    ];
+    let answer = asked(home.path(), &["report"], &logs, &[]);
+    assert_eq!(answer.code, Some(0), "{}", answer.said);
+    for words in [
+        "note: short lasts 4m 59s",
+        "name the column time_min",
+        "note: long lasts 12days",
+        "name the column time;",
+        "note: z_error_um stands still: was the probe connected?",
+    ] {
+        assert!(answer.out.contains(words), "{words}: {}", answer.out);
+    }
+}
