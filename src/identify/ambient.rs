@@ -26,8 +26,9 @@ const AFTER_START: usize = 20;
 const STARTS: usize = 3;
 /// Time constants of what the load may warm, min.
 const LAGS_MIN: [f64; 4] = [6.0, 25.0, 75.0, 200.0];
-/// Of the variance, at most, that goes with the load.
-const UNRELATED: f64 = 0.25;
+/// Of what goes with the time alone, at most, that goes with the load: in few runs whatever is slow seems to go a little with
+/// a slow lag.
+const UNRELATED: f64 = 0.5;
 /// Of what the liveliest sensor does, at most: after a start, and within 20 min at any time.
 const COLD_AT_STARTS: f64 = 0.15;
 const SLOW: f64 = 1.0 / 3.0;
@@ -75,7 +76,7 @@ pub fn find(dataset: &Dataset, columns: &[usize], error: usize) -> Vec<AmbientLi
         of.range > MOVES
             && of.start < COLD_AT_STARTS * start
             && of.fastest < NO_AIR.min(SLOW * fastest)
-            && of.load < UNRELATED
+            && of.load < UNRELATED * of.time
             && of.time > of.error * of.error
     };
     let like = |(column, of): (&usize, &Figures)| AmbientLike {

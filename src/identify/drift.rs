@@ -151,9 +151,13 @@ fn of_run(dataset: &Dataset, run: &Run, columns: &[usize], asked: Option<Test>, 
     let active: Vec<&Mover> = movers.iter().filter(|mover| mover.moves(run)).collect();
     let mut remarks = dataset.remarks.clone();
     remarks.extend(setup::odd_length(run));
-    let is_temperature = |column: &usize| dataset.columns[*column].kind == Kind::Temperature;
-    let sensors: Vec<usize> = (0..dataset.columns.len()).filter(is_temperature).collect();
-    remarks.extend(setup::fahrenheit(dataset, &sensors));
+    let is_temperature = |column: &usize| {
+        dataset.columns[*column].kind == Kind::Temperature
+            && !columns.contains(column)
+            && !movers.iter().any(|mover| mover.column == *column)
+    };
+    let temperatures: Vec<usize> = (0..dataset.columns.len()).filter(is_temperature).collect();
+    remarks.extend(setup::fahrenheit(dataset, &temperatures));
     let still = |column: &&usize| {
         range_of(
             &run.values[**column].iter().copied().filter(|value| value.is_finite()).collect::<Vec<f64>>(),
@@ -167,11 +171,6 @@ fn of_run(dataset: &Dataset, run: &Run, columns: &[usize], asked: Option<Test>, 
     let stages = mover.map(|mover| mover.stages(run)).unwrap_or_default();
     let hours = run.lasts().as_secs_f64() / 3600.0;
     let name = |column: usize| dataset.columns[column].name.clone();
-    let temperatures = (0..dataset.columns.len()).filter(|column| {
-        dataset.columns[*column].kind == Kind::Temperature
-            && !columns.contains(column)
-            && !movers.iter().any(|mover| mover.column == *column)
-    });
     Drift {
         name: run.name.clone(),
         test,
@@ -183,6 +182,7 @@ fn of_run(dataset: &Dataset, run: &Run, columns: &[usize], asked: Option<Test>, 
             .map(|column| displacement(name(*column), &Minutes::of(run, *column), &stages))
             .collect(),
         temperatures: temperatures
+            .into_iter()
             .filter_map(|column| temperature(name(column), &Minutes::of(run, column)))
             .collect(),
         stages,

@@ -6,7 +6,7 @@
 //! carry this gain. Where gains are held small or chosen, there is no normal equation to do that with: the spread of the gains
 //! among the fits that left a run out (jackknife) is stated, with Student's factor for that many runs.
 //!
-//! 500 to 1500 simulated campaigns of two, four and eight runs, whose disturbances last half an hour to four hours, have
+//! 500 to 1500 simulated campaigns of two, three, four and eight runs, whose disturbances last half an hour to four hours, have
 //! each gain within 1.96 of these in 95 to 98 of 100. Samples counted by how long residuals resemble each other have it in
 //! 84 of 100 where there are two runs: residuals of a fit resemble each other for less long than what was disturbed.
 

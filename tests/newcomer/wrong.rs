@@ -18,7 +18,7 @@ fn all_refuse(log: &str, words: &[&str]) {
         for word in words {
             assert!(answer.said.contains(word), "`{word}` is not in: {}", answer.said);
         }
-        assert!(answer.said.lines().count() <= 3, "it says one thing once: {}", answer.said);
+        assert!(answer.said.lines().count() <= 5, "it says one thing of a column once: {}", answer.said);
     }
 }
 

@@ -30,11 +30,12 @@ pub fn drifted(dataset: &Dataset, drifts: &[Drift], machine: Option<(&str, &str)
 }
 
 fn of_run(dataset: &Dataset, run: &Run, drift: &Drift) -> Markup {
+    let begins = date(run.times.first().copied().unwrap_or_default());
     html! {
         h2 { (drift.name) }
         p {
-            "Like a test for " strong { (drift.test.words()) } ": " (drift.because) ". From "
-            (date(run.times.first().copied().unwrap_or_default())) " on, "
+            "Like a test for " strong { (drift.test.words()) } ": " (drift.because) ". "
+            @if begins != "–" { "From " (begins) " on, " }
             (duration(drift.hours * 3600.0)) ", " (drift.rows) " rows."
         }
         (headline(&drift.displacements))
