@@ -3,6 +3,9 @@
 use crate::plant::{HEADER, PROFILE, asked, day, identify, rows, with_column, written};
 use crate::process::{file, isotherm};
 
+/// Names and texts.
+type Logs = Vec<(&'static str, String)>;
+
 /// All three verbs refuse the first log with the same sentence.
 #[track_caller]
 fn all_refuse(log: &str, words: &[&str]) {
@@ -113,14 +116,13 @@ fn files_that_are_not_there_directories_and_the_same_file_twice_are_told() {
 #[test]
 fn what_cannot_be_learnt_from_is_told_by_identify_and_select() {
     let home = tempfile::tempdir().unwrap();
-    let of =
-        |log: fn(u32) -> String| -> Vec<(&str, String)> { vec![("one.csv", log(1)), ("two.csv", log(2))] };
+    let of = |log: fn(u32) -> String| -> Logs { vec![("one.csv", log(1)), ("two.csv", log(2))] };
     let fahrenheit = |number: u32| {
         let mut rows = rows(number);
         rows.iter_mut().for_each(|row| row[1..4].iter_mut().for_each(|value| *value = *value * 1.8 + 32.0));
         written(&HEADER, &rows)
     };
-    let cases: [(Vec<(&str, String)>, &[&str]); 6] = [
+    let cases: [(Logs, &[&str]); 6] = [
         (vec![("one.csv", day(1))], &["there is one run only, one", "record another day"]),
         (of(fahrenheit), &["°F", "(F − 32) / 1.8"]),
         (of(|number| with_column(number, 5, |_| 1.0)), &["z_error_um stands still in every run"]),
