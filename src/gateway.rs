@@ -109,7 +109,7 @@ impl Gateway {
         let mut keeper = Keeper::default();
         if let Some(directory) = options.directory.as_deref() {
             recalled = Memory::recall(&Memory::path(directory, &profile), &profile);
-            keeper = Keeper::start(&profile, directory, journal.clone());
+            keeper = Keeper::start(&profile, directory, options.dry_run, journal.clone());
         }
         let remembers = |output: &str| recalled.verified.contains(output);
         let ledger = Ledger::open(&profile, options.directory.as_deref(), remembers, journal.clone(), clock);
