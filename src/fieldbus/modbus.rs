@@ -1,4 +1,4 @@
-//! Modbus TCP through tokio-modbus: the only file that knows the library.
+//! Modbus TCP through tokio-modbus; beside this only [`super::rtu`] knows the library, for its decoder.
 //!
 //! The library compares transaction, unit and function of an answer, but not the length of a read nor the echo of a
 //! write (in release builds; in debug builds its typed calls panic), and it has no timeout and no reconnect. So the
@@ -99,7 +99,7 @@ fn pdu(request: Request<'_>) -> Pdu<'_> {
 }
 
 /// Whether this is the answer to that question, in every part the protocol repeats.
-fn check(request: Request<'_>, response: Response) -> Result<Answer, Fault> {
+pub(super) fn check(request: Request<'_>, response: Response) -> Result<Answer, Fault> {
     match (request, response) {
         (
             Request::Read { count, .. },
@@ -143,7 +143,7 @@ fn echo(repeated: bool) -> Result<Answer, Fault> {
     if repeated { Ok(Answer::Done) } else { Err(Fault::Peer(PeerFault::Echo)) }
 }
 
-fn dial_fault(error: &io::Error) -> Fault {
+pub(super) fn dial_fault(error: &io::Error) -> Fault {
     match error.kind() {
         io::ErrorKind::ConnectionRefused => Fault::Link(LinkFault::Refused),
         io::ErrorKind::TimedOut => Fault::Timeout,

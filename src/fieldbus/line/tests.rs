@@ -74,11 +74,11 @@ fn good() -> Answer {
 
 const READ: Request<'static> = Request::Read { from: Address { table: Table::Holding, offset: 1 }, count: 1 };
 const WRITE: Request<'static> = Request::WriteSingle { at: 1, word: 9 };
-const BROKEN: Fault = Fault::Link(LinkFault::Broken);
 
 fn line(change: impl Fn(&mut Device)) -> (Line, Shared) {
     let bus = Bus {
         name: "cell".to_owned(),
+        transport: crate::profile::Transport::Tcp,
         address: String::new(),
         timeout: Duration::from_millis(300),
         quirks: Quirks::default(),
