@@ -149,7 +149,7 @@ mod tests {
             let mut pdu = vec![3, u8::try_from(2 * words.len()).unwrap()];
             pdu.extend(words.iter().flat_map(|word| word.to_be_bytes()));
             let whole = framed(5, &pdu);
-            let is_whole = |bytes: &[u8]| matches!(find(bytes, 5), Found::Own { pdu: range, .. } if bytes[range] == pdu);
+            let is_whole = |bytes: &[u8]| matches!(find(bytes, 5), Found::Own { pdu: range, .. } if bytes[range.clone()] == pdu);
             prop_assert!(is_whole(&whole));
             prop_assert!(!is_whole(&whole[..cut.min(whole.len() - 1)]));
             let mut wrong = whole.clone();
