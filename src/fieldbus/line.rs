@@ -2,8 +2,10 @@
 //!
 //! After a timeout or a wrong answer the connection is dropped: a reused one would stay one reply behind for ever.
 //! On a line whose answers do not name their question (RTU) a new connection would not help, as the late answer may
-//! arrive on it: there the unit is not asked again before its answer has had [`GRACE`] timeouts more, and whatever came
-//! until then is discarded. Two misses in a row open the port again, for an adapter that has lost itself.
+//! arrive on it: there the unit, under whatever name the profile has it, is not asked again before its answer has had
+//! [`GRACE`] timeouts more, and whatever came until then is discarded. An answer that is later still cannot be told from
+//! the next one: the timeout must be at least a quarter of the longest that a device ever takes. Two misses in a row
+//! open the port again, for an adapter that has lost itself.
 //! A device that failed is left alone for a pause that doubles; while it rests, the others on the line are served, so
 //! a dead unit costs them at most one timeout per pause. A line that cannot be connected rests in the same way.
 
@@ -157,7 +159,6 @@ impl Line {
             _ => {
                 self.misses = 0;
                 let unit = &mut self.units[place];
-                unit.owes = None;
                 unit.breaker.succeed();
                 if unit.quirks.close_after_each {
                     self.wire = None;
@@ -168,12 +169,17 @@ impl Line {
         answer
     }
 
-    /// A unit whose answer may still come, and would not say what it answers, is left alone for longer.
+    /// A unit whose answer may still come, and would not say what it answers, is left alone for as long as that takes:
+    /// by each of the devices that are this unit.
     fn rest(&mut self, place: usize, fault: Fault, now: Moment) {
-        let unit = &mut self.units[place];
-        unit.owes = Some(Silence::begin());
-        unit.breaker.fail(now.after(self.timeout * (1 + GRACE)));
-        unit.last_fault = fault;
+        let quiet = now.after(self.timeout * (1 + GRACE));
+        self.units[place].breaker.fail(now.after(self.timeout));
+        let number = self.units[place].number;
+        for unit in self.units.iter_mut().filter(|unit| unit.number == number) {
+            unit.owes = Some(Silence::begin());
+            unit.breaker.not_before_either(quiet);
+            unit.last_fault = fault;
+        }
     }
 
     async fn exchange(&mut self, place: usize, request: Request<'_>, now: Moment) -> Result<Answer, Fault> {

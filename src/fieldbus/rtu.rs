@@ -183,6 +183,8 @@ impl<T: Port> Rtu<T> {
                 Ok(0) | Err(_) => return Err(CLOSED),
                 Ok(_) => {
                     self.disturbed();
+                    // One that never stops must not keep everybody else from their turn.
+                    tokio::task::yield_now().await;
                     continue;
                 }
             }

@@ -75,6 +75,13 @@ impl SerialPort {
     }
 }
 
+impl Drop for SerialPort {
+    /// A pseudo-terminal would stay taken while its other end is open.
+    fn drop(&mut self) {
+        let _ = rustix::termios::ioctl_tiocnxcl(&self.reader);
+    }
+}
+
 fn why_not(error: Errno) -> LinkFault {
     match error {
         Errno::NOENT | Errno::NODEV | Errno::NXIO | Errno::IO => LinkFault::Absent,

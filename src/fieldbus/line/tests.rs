@@ -271,7 +271,7 @@ async fn without_transactions_a_unit_is_not_asked_again_before_its_late_answer_h
     let (mut line, script) = nameless();
     answers(&script, &[Turn::NeverEnds]);
     assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Err(Fault::Timeout));
-    assert!(line.is_resting(DeviceId(0), at(4 * 300 + 700)), "three timeouts more, then the usual pause");
+    assert!(line.is_resting(DeviceId(0), at(4 * 300 - 1)), "three timeouts more, also where the pause is over");
     assert_eq!(line.call(DeviceId(1), READ, at(300)).await, Ok(good()), "the other one is asked at once");
     // The moments of the caller may run ahead of the wall; the silence that is owed does not.
     assert_eq!(line.call(DeviceId(0), READ, at(2200)).await, Ok(good()));
@@ -279,6 +279,18 @@ async fn without_transactions_a_unit_is_not_asked_again_before_its_late_answer_h
     let asked: Vec<u128> = script.asked.iter().map(|(_, _, at)| *at).collect();
     assert!((300..310).contains(&asked[1]) && (1200..1220).contains(&asked[2]), "{asked:?}");
     assert_eq!(script.dialled, 1, "one miss does not open the port again");
+}
+
+#[tokio::test(start_paused = true)]
+async fn without_transactions_a_late_answer_is_waited_for_under_every_name_that_its_unit_has() {
+    let (mut line, script) = nameless();
+    line.units[1].number = 1;
+    answers(&script, &[Turn::NeverEnds]);
+    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Err(Fault::Timeout));
+    assert!(line.is_resting(DeviceId(1), at(4 * 300 - 1)), "it is the same unit");
+    assert_eq!(line.call(DeviceId(1), READ, at(4 * 300)).await, Ok(good()));
+    let script = script.lock().unwrap();
+    assert!(script.asked[1].2 >= 4 * 300, "{:?}", script.asked);
 }
 
 #[tokio::test(start_paused = true)]

@@ -49,15 +49,15 @@ impl Check<'_> {
         Some(port.clone())
     }
 
-    /// Two buses on one port would speak at once.
+    /// Two buses on one RTU line would speak at once, and take each other's answers.
     pub(super) fn one_owner_each(&mut self, buses: &[Option<Bus>]) {
-        let serial = |bus: &&Bus| matches!(bus.transport, Transport::Serial(_));
-        let lines: Vec<&Bus> = buses.iter().flatten().filter(serial).collect();
+        let lines: Vec<&Bus> = buses.iter().flatten().filter(|bus| bus.transport != Transport::Tcp).collect();
         for (place, bus) in lines.iter().enumerate() {
             if let Some(first) = lines[..place].iter().find(|first| first.address == bus.address) {
-                let message = format!("the bus `{}` has this port already", first.name);
+                let key = if matches!(bus.transport, Transport::Serial(_)) { "port" } else { "address" };
+                let message = format!("the bus `{}` has this {key} already", first.name);
                 let help = "put all devices of one line on one bus; each has its own `every`";
-                self.wrong(&child(&child("bus", &bus.name), "port"), message, help);
+                self.wrong(&child(&child("bus", &bus.name), key), message, help);
             }
         }
     }
