@@ -19,10 +19,9 @@ use crate::profile::{Bus, Transport};
 
 /// What opens the connections of a bus, by what it is made of.
 pub fn dial(bus: &Bus) -> Box<dyn wire::Dial> {
-    let pause = bus.quirks.pause_after_connect;
     match bus.transport {
-        Transport::Tcp => Box::new(modbus::TcpDial::new(&bus.address, pause)),
-        Transport::RtuOverTcp => Box::new(rtu::RtuOverTcpDial::new(&bus.address, pause)),
-        Transport::Serial(serial) => Box::new(serial::SerialDial::new(&bus.address, serial, pause)),
+        Transport::Tcp => Box::new(modbus::TcpDial::new(&bus.address)),
+        Transport::RtuOverTcp => Box::new(rtu::RtuOverTcpDial::new(&bus.address)),
+        Transport::Serial(serial) => Box::new(serial::SerialDial::new(&bus.address, serial)),
     }
 }

@@ -264,13 +264,8 @@ impl VirtualMachine {
         (gate, Arc::new(Line { units, framing, unknown_unit, shared: self.shared.clone() }), doors)
     }
 
-    fn keep(
-        &mut self,
-        address: String,
-        serving: impl Future<Output = std::io::Result<()>> + Send + 'static,
-    ) {
-        self.tasks
-            .spawn(async move { serving.await.map_err(|error| format!("{address}: {error}")) });
+    fn keep(&mut self, address: String, serving: impl Future<Output = std::io::Result<()>> + Send + 'static) {
+        self.tasks.spawn(async move { serving.await.map_err(|error| format!("{address}: {error}")) });
     }
 
     /// Where each bus of the profile really is: host and port, or the path of a serial port.

@@ -3,10 +3,8 @@
 /// CRC-16/MODBUS: polynomial 0x8005 reflected, begun with ones; sent low byte first.
 pub fn checksum(bytes: &[u8]) -> u16 {
     bytes.iter().fold(0xffff, |sum, byte| {
-        (0..8).fold(
-            sum ^ u16::from(*byte),
-            |sum, _| if sum & 1 == 1 { (sum >> 1) ^ 0xa001 } else { sum >> 1 },
-        )
+        (0..8)
+            .fold(sum ^ u16::from(*byte), |sum, _| if sum & 1 == 1 { (sum >> 1) ^ 0xa001 } else { sum >> 1 })
     })
 }
 

@@ -31,6 +31,7 @@ pub struct Line {
     wire: Option<Connection>,
     patience: Patience,
     timeout: Duration,
+    pause_after_connect: Duration,
     redial: Backoff,
     refused: Fault,
     units: Vec<Unit>,
@@ -56,6 +57,8 @@ struct Unit {
 impl Line {
     /// A line that has not been connected yet, for these devices of a profile.
     pub fn new(bus: &Bus, devices: &[(DeviceId, &Device)], dial: Box<dyn Dial>) -> Line {
+        let pauses = devices.iter().map(|(_, device)| device.quirks.pause_after_connect);
+        let pause_after_connect = pauses.fold(bus.quirks.pause_after_connect, Duration::max);
         let units = devices
             .iter()
             .map(|(id, device)| Unit {
@@ -73,6 +76,7 @@ impl Line {
             wire: None,
             patience: Patience::new(),
             timeout: bus.timeout,
+            pause_after_connect,
             redial: Backoff::new(FIRST_PAUSE, seed(&bus.name)),
             refused: Fault::Link(LinkFault::Down),
             units,
@@ -210,6 +214,9 @@ impl Line {
         let dialled = self.patience.within(self.timeout, self.dial.dial()).await;
         match dialled.unwrap_or(Err(Fault::Link(LinkFault::Unreachable))) {
             Ok(wire) => {
+                if !self.pause_after_connect.is_zero() {
+                    tokio::time::sleep(self.pause_after_connect).await;
+                }
                 self.wire = Some(wire);
                 self.spoke = self.is_put_down;
                 self.is_put_down = false;

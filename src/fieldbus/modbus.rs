@@ -7,7 +7,6 @@
 use std::borrow::Cow;
 use std::fmt;
 use std::io;
-use std::time::Duration;
 
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
@@ -23,13 +22,12 @@ use crate::codec::Table;
 #[derive(Clone, Debug)]
 pub struct TcpDial {
     address: String,
-    pause_after_connect: Duration,
 }
 
 impl TcpDial {
     /// To `host:port`.
-    pub fn new(address: &str, pause_after_connect: Duration) -> TcpDial {
-        TcpDial { address: address.to_owned(), pause_after_connect }
+    pub fn new(address: &str) -> TcpDial {
+        TcpDial { address: address.to_owned() }
     }
 }
 
@@ -40,9 +38,6 @@ impl Dial for TcpDial {
                 TcpStream::connect(self.address.as_str()).await.map_err(|error| dial_fault(&error))?;
             // A small request must not wait for the answer to the last one.
             stream.set_nodelay(true).map_err(|_| Fault::Link(LinkFault::Broken))?;
-            if !self.pause_after_connect.is_zero() {
-                tokio::time::sleep(self.pause_after_connect).await;
-            }
             Ok(Connection::Modbus(attach(Eager::new(stream))))
         })
     }

@@ -40,13 +40,12 @@ const SILENCE_OVER_TCP: Duration = Duration::ZERO;
 #[derive(Clone, Debug)]
 pub struct RtuOverTcpDial {
     address: String,
-    pause_after_connect: Duration,
 }
 
 impl RtuOverTcpDial {
     /// To `host:port`.
-    pub fn new(address: &str, pause_after_connect: Duration) -> RtuOverTcpDial {
-        RtuOverTcpDial { address: address.to_owned(), pause_after_connect }
+    pub fn new(address: &str) -> RtuOverTcpDial {
+        RtuOverTcpDial { address: address.to_owned() }
     }
 }
 
@@ -56,9 +55,6 @@ impl Dial for RtuOverTcpDial {
             let stream =
                 TcpStream::connect(self.address.as_str()).await.map_err(|error| dial_fault(&error))?;
             stream.set_nodelay(true).map_err(|_| Fault::Link(LinkFault::Broken))?;
-            if !self.pause_after_connect.is_zero() {
-                tokio::time::sleep(self.pause_after_connect).await;
-            }
             Ok(Connection::Other(Box::new(Rtu::new(stream, None))))
         })
     }

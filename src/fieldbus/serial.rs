@@ -7,7 +7,6 @@ use std::io;
 use std::os::fd::OwnedFd;
 use std::pin::Pin;
 use std::task::{Context, Poll};
-use std::time::Duration;
 
 use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;
@@ -25,13 +24,12 @@ use crate::profile::{Parity, Serial};
 pub struct SerialDial {
     path: String,
     settings: Serial,
-    pause_after_connect: Duration,
 }
 
 impl SerialDial {
     /// The port at this path with these settings.
-    pub fn new(path: &str, settings: Serial, pause_after_connect: Duration) -> SerialDial {
-        SerialDial { path: path.to_owned(), settings, pause_after_connect }
+    pub fn new(path: &str, settings: Serial) -> SerialDial {
+        SerialDial { path: path.to_owned(), settings }
     }
 }
 
@@ -39,9 +37,6 @@ impl Dial for SerialDial {
     fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
         Box::pin(async {
             let port = SerialPort::open(&self.path, self.settings).map_err(Fault::Link)?;
-            if !self.pause_after_connect.is_zero() {
-                tokio::time::sleep(self.pause_after_connect).await;
-            }
             Ok(Connection::Other(Box::new(Rtu::new(port, Some(self.settings)))))
         })
     }

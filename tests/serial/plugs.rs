@@ -31,10 +31,7 @@ fn alive(plug: &Arc<Plug>) -> tokio::task::JoinHandle<()> {
 }
 
 /// Asks every 20 ms until the answer is good; how long that took, and every fault that came before.
-async fn until_good(
-    line: &mut isotherm::fieldbus::line::Line,
-    clock: &Clock,
-) -> (Duration, Vec<Fault>) {
+async fn until_good(line: &mut isotherm::fieldbus::line::Line, clock: &Clock) -> (Duration, Vec<Fault>) {
     let (begun, mut faults) = (Instant::now(), Vec::new());
     loop {
         match line.call(UNIT, read(7, 1), clock.now()).await {

@@ -49,7 +49,8 @@ async fn polls(profile: Profile, faults: &str) -> Vec<usize> {
 
 /// Takes longer than other tests: the pauses of dead units are seconds, and both runs must be long against them.
 #[tokio::test]
-async fn three_dead_of_thirty_two_units_leave_the_live_ones_four_fifths_of_what_the_line_allows_without_them() {
+async fn three_dead_of_thirty_two_units_leave_the_live_ones_four_fifths_of_what_the_line_allows_without_them()
+{
     let all: Vec<usize> = (1..=32).collect();
     let live: Vec<usize> = all.iter().copied().filter(|unit| !DEAD.contains(unit)).collect();
     let faults: String =
@@ -62,7 +63,10 @@ async fn three_dead_of_thirty_two_units_leave_the_live_ones_four_fifths_of_what_
     #[expect(clippy::cast_precision_loss, reason = "a few thousand")]
     let share = kept as f64 / allowed as f64;
     let asked: Vec<usize> = DEAD.iter().map(|unit| with[unit - 1]).collect();
-    println!("live units: {kept} polls beside dead ones, {allowed} without: {:.1} %; {asked:?} timeouts", 100.0 * share);
+    println!(
+        "live units: {kept} polls beside dead ones, {allowed} without: {:.1} %; {asked:?} timeouts",
+        100.0 * share
+    );
     assert!(share >= 0.8, "{share}");
     assert!(least * live.len() * 10 >= 8 * allowed, "the unit that was asked least: {least}");
     assert!(asked.iter().all(|asked| (1..=5).contains(asked)), "{asked:?}");

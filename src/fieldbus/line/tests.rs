@@ -218,6 +218,19 @@ async fn a_pause_between_requests_is_kept_and_none_is_made_before_the_first() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn a_pause_after_connecting_is_a_device_s_own_and_no_part_of_the_timeout() {
+    let (mut line, script) = line(|device| {
+        device.quirks.pause_after_connect = Duration::from_secs(if device.unit == 2 { 2 } else { 0 });
+    });
+    let began = tokio_time::Instant::now();
+    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Ok(good()), "though its timeout is 300 ms");
+    assert_eq!(line.call(DeviceId(1), READ, at(2000)).await, Ok(good()));
+    let took = began.elapsed().as_millis();
+    assert!((2000..2010).contains(&took), "once, {took} ms");
+    assert_eq!(script.lock().unwrap().dialled, 1);
+}
+
+#[tokio::test(start_paused = true)]
 async fn what_the_profile_does_not_list_and_what_does_not_fit_never_leaves_the_house() {
     let (mut line, script) = line(|device| device.functions.write_single = false);
     let refused = Err(Fault::Caller(CallerFault::Function));
@@ -271,7 +284,10 @@ async fn without_transactions_a_unit_is_not_asked_again_before_its_late_answer_h
     let (mut line, script) = nameless();
     answers(&script, &[Turn::NeverEnds]);
     assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Err(Fault::Timeout));
-    assert!(line.is_resting(DeviceId(0), at(4 * 300 - 1)), "three timeouts more, also where the pause is over");
+    assert!(
+        line.is_resting(DeviceId(0), at(4 * 300 - 1)),
+        "three timeouts more, also where the pause is over"
+    );
     assert_eq!(line.call(DeviceId(1), READ, at(300)).await, Ok(good()), "the other one is asked at once");
     // The moments of the caller may run ahead of the wall; the silence that is owed does not.
     assert_eq!(line.call(DeviceId(0), READ, at(2200)).await, Ok(good()));
@@ -304,7 +320,8 @@ async fn without_transactions_the_second_miss_in_a_row_opens_the_line_again() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn without_transactions_nothing_that_was_sent_is_repeated_and_what_was_not_sent_is_asked_on_a_new_line() {
+async fn without_transactions_nothing_that_was_sent_is_repeated_and_what_was_not_sent_is_asked_on_a_new_line()
+{
     let (mut line, script) = nameless();
     let closed = Fault::Link(LinkFault::Closed);
     answers(&script, &[Turn::Gives(Ok(good())), Turn::Gives(Err(closed)), Turn::Gives(Ok(Answer::Done))]);

@@ -197,7 +197,8 @@ async fn silence_is_kept_after_an_answer_and_after_bytes_that_nobody_asked_for()
 }
 
 #[tokio::test(start_paused = true)]
-async fn an_adapter_that_lets_us_hear_ourselves_is_seen_at_the_first_read_and_no_write_is_believed_by_its_echo() {
+async fn an_adapter_that_lets_us_hear_ourselves_is_seen_at_the_first_read_and_no_write_is_believed_by_its_echo()
+ {
     let (mut wire, mut device) = line();
     let heard = |request, answer: &[u8]| [&frame::request(3, request), answer].concat();
     let answer = heard(READ, &words(1, 2));

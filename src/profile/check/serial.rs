@@ -86,7 +86,8 @@ impl Check<'_> {
                 "polling needs at least {:.0} % of the line's time at {serial}, without the devices' own",
                 100.0 * load
             );
-            let help = "poll less often (`every`), raise `baud` here and at the devices, or use a second line";
+            let help =
+                "poll less often (`every`), raise `baud` here and at the devices, or use a second line";
             let path = child(&child("bus", &bus.name), "baud");
             if load > 1.0 {
                 self.wrong(&path, message, help);

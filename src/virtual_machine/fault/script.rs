@@ -103,9 +103,11 @@ impl FaultFile {
         self.no_key_is_left()?;
         let is_tcp = profile.bus(profile.devices[device].bus).transport == Transport::Tcp;
         match kind {
-            Kind::Reply(
-                ReplyFault::WrongTransaction | ReplyFault::OneBehind { stale_transaction: true },
-            ) if !is_tcp => return Err("an RTU line has no transactions".to_owned()),
+            Kind::Reply(ReplyFault::WrongTransaction | ReplyFault::OneBehind { stale_transaction: true })
+                if !is_tcp =>
+            {
+                return Err("an RTU line has no transactions".to_owned());
+            }
             Kind::Reply(ReplyFault::WrongChecksum) if is_tcp => {
                 return Err("Modbus TCP has no checksum of its own".to_owned());
             }
