@@ -57,7 +57,7 @@ pub(super) fn bus(profile: &Profile, id: BusId) -> BusExplained {
 fn explained(profile: &Profile, id: BusId, serial: Serial) -> SerialExplained {
     let here = profile.devices.iter().enumerate().filter(|(_, device)| device.bus == id);
     let polls: Vec<PollTime> = here
-        .map(|(place, device)| {
+        .filter_map(|(place, device)| {
             let signals = profile.signals.iter().enumerate();
             let signals = signals.filter(|(_, signal)| signal.device.0 == place);
             let requests = plan(device, signals.map(|(index, signal)| (SignalId(index), signal)));
@@ -65,12 +65,12 @@ fn explained(profile: &Profile, id: BusId, serial: Serial) -> SerialExplained {
             let spans = frames.iter().map(|(question, answer)| {
                 serial.exchange(*question, *answer) + device.quirks.pause_between_requests
             });
-            PollTime {
+            (!frames.is_empty()).then(|| PollTime {
                 device: device.name.clone(),
                 bytes: frames.iter().map(|(question, answer)| question + answer).sum(),
                 takes_ms: ms(spans.sum()),
                 every_ms: ms(device.every),
-            }
+            })
         })
         .collect();
     SerialExplained {

@@ -50,8 +50,8 @@ struct Unit {
     quirks: Quirks,
     breaker: Backoff,
     last_fault: Fault,
-    /// Since when it owes an answer that could be taken for another.
-    owes: Option<Silence>,
+    /// Since when it may owe an answer that could be taken for another.
+    owes: Silence,
 }
 
 impl Line {
@@ -68,7 +68,8 @@ impl Line {
                 quirks: device.quirks,
                 breaker: Backoff::new(FIRST_PAUSE, seed(&device.name)),
                 last_fault: Fault::Link(LinkFault::Down),
-                owes: None,
+                // Its answer to a gateway that ended a moment ago may be under way.
+                owes: Silence::begin(),
             })
             .collect();
         Line {
@@ -180,7 +181,7 @@ impl Line {
         self.units[place].breaker.fail(now.after(self.timeout));
         let number = self.units[place].number;
         for unit in self.units.iter_mut().filter(|unit| unit.number == number) {
-            unit.owes = Some(Silence::begin());
+            unit.owes = Silence::begin();
             unit.breaker.not_before_either(quiet);
             unit.last_fault = fault;
         }
@@ -190,7 +191,7 @@ impl Line {
         self.connect(now).await?;
         let unit = &self.units[place];
         let Some(connection) = &mut self.wire else { return Err(Fault::Link(LinkFault::Down)) };
-        let owed = unit.owes.map_or(Duration::ZERO, |since| since.left_of(self.timeout * GRACE));
+        let owed = unit.owes.left_of(self.timeout * GRACE);
         if !owed.is_zero() {
             connection.wire().listen(owed).await?;
         }

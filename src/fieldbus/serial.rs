@@ -8,7 +8,7 @@ use std::os::fd::OwnedFd;
 use std::pin::Pin;
 use std::task::{Context, Poll};
 
-use rustix::fs::{Mode, OFlags};
+use rustix::fs::{FlockOperation, Mode, OFlags};
 use rustix::io::Errno;
 use rustix::termios::{ControlModes, InputModes, OptionalActions, QueueSelector, SpecialCodeIndex};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
@@ -57,7 +57,9 @@ impl SerialPort {
     pub fn open(path: &str, settings: Serial) -> Result<SerialPort, LinkFault> {
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
         let descriptor = rustix::fs::open(path, flags, Mode::empty()).map_err(why_not)?;
+        // The first keeps out every program, but not root's; the second whoever asks, as we do.
         rustix::termios::ioctl_tiocexcl(&descriptor).map_err(why_not)?;
+        rustix::fs::flock(&descriptor, FlockOperation::NonBlockingLockExclusive).map_err(why_not)?;
         set_up(&descriptor, settings).map_err(why_not)?;
         rustix::termios::tcflush(&descriptor, QueueSelector::IOFlush).map_err(why_not)?;
         let runtime = |_: io::Error| LinkFault::Unsuited;
@@ -81,7 +83,7 @@ fn why_not(error: Errno) -> LinkFault {
     match error {
         Errno::NOENT | Errno::NODEV | Errno::NXIO | Errno::IO => LinkFault::Absent,
         Errno::ACCESS | Errno::PERM => LinkFault::Forbidden,
-        Errno::BUSY => LinkFault::Busy,
+        Errno::BUSY | Errno::WOULDBLOCK => LinkFault::Busy,
         _ => LinkFault::Unsuited,
     }
 }

@@ -115,7 +115,15 @@ impl World {
     }
 
     pub(crate) async fn of(profile: Profile, faults: &str) -> World {
-        let faults = FaultScript::parse(faults, &profile).unwrap_or_else(|error| panic!("{error}"));
+        // RTU has no transactions, but checksums, that can be wrong.
+        let faults = if speaks_rtu(&profile) {
+            faults
+                .replace("wrong-transaction", "wrong-checksum")
+                .replace("one-behind-stale", "wrong-checksum")
+        } else {
+            faults.to_owned()
+        };
+        let faults = FaultScript::parse(&faults, &profile).unwrap_or_else(|error| panic!("{error}"));
         World::start(profile, faults, None).await
     }
 

@@ -99,8 +99,8 @@ fn what_is_polled_and_does_not_fit_into_the_line_s_time_is_refused_and_what_hard
     for words in ["% of the line's time at 1200 baud 8N1", "`every`"] {
         assert!(error.to_string().contains(words), "{error}");
     }
-    let warning = only_warning(&line(2000));
-    assert!(warning.to_string().contains("% of the line's time at 2000 baud"), "{warning}");
+    let warning = only_warning(&line(1800));
+    assert!(warning.to_string().contains("% of the line's time at 1800 baud"), "{warning}");
     assert_eq!(parse(&line(9600)).unwrap().warnings, []);
 }
 

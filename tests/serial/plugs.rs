@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use isotherm::clock::Clock;
 use isotherm::fieldbus::error::{Fault, LinkFault};
+use isotherm::fieldbus::line::GRACE;
 use isotherm::fieldbus::wire::Answer;
 use isotherm::profile::{DeviceId, Transport};
 use tokio::io::AsyncWriteExt;
@@ -104,6 +105,45 @@ async fn a_path_that_is_no_port_and_one_that_is_not_there_are_told_apart() {
         let mut line = line(&bus(serial(9600), path.to_str().unwrap(), TIMEOUT), 1);
         assert_eq!(line.call(UNIT, read(7, 1), clock.now()).await, Err(Fault::Link(fault)));
     }
+}
+
+#[tokio::test]
+async fn a_port_is_one_program_s_alone_and_free_again_when_that_has_ended() {
+    let plug = Arc::new(Plug::new());
+    let clock = Clock::wall();
+    let bus = bus(serial(115_200), plug.path.to_str().unwrap(), TIMEOUT);
+    let speaks = alive(&plug);
+    let (mut first, mut second) = (line(&bus, 1), line(&bus, 1));
+    assert_eq!(first.call(UNIT, read(7, 1), clock.now()).await, good());
+    assert_eq!(second.call(UNIT, read(7, 1), clock.now()).await, Err(Fault::Link(LinkFault::Busy)));
+    drop(first);
+    let (_, faults) = until_good(&mut second, &clock).await;
+    assert_eq!(faults, [Fault::Link(LinkFault::Down)]);
+    speaks.abort();
+}
+
+#[tokio::test]
+async fn what_a_device_still_says_to_a_gateway_that_was_killed_is_not_the_next_one_s_answer() {
+    let plug = Arc::new(Plug::new());
+    let clock = Clock::wall();
+    let bus = bus(serial(115_200), plug.path.to_str().unwrap(), 2 * TIMEOUT);
+    let mut killed = line(&bus, 1);
+    let device = async {
+        let old = plug.asked().await;
+        tokio::time::sleep(Duration::from_millis(70)).await;
+        plug.say(&answer(old));
+        let new = plug.asked().await;
+        plug.say(&answer(new));
+    };
+    let gateways = async {
+        let asks = killed.call(UNIT, read(3, 1), clock.now());
+        let ended = tokio::time::timeout(GRACE * 2 * TIMEOUT + Duration::from_millis(30), asks).await;
+        assert!(ended.is_err(), "killed in the middle");
+        drop(killed);
+        let mut next = line(&bus, 1);
+        assert_eq!(next.call(UNIT, read(7, 1), clock.now()).await, good());
+    };
+    tokio::join!(device, gateways);
 }
 
 #[tokio::test]
