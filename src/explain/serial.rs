@@ -61,7 +61,7 @@ fn explained(profile: &Profile, id: BusId, serial: Serial) -> SerialExplained {
             let signals = profile.signals.iter().enumerate();
             let signals = signals.filter(|(_, signal)| signal.device.0 == place);
             let requests = plan(device, signals.map(|(index, signal)| (SignalId(index), signal)));
-            let frames = requests.iter().map(|request| frames(request)).collect::<Vec<_>>();
+            let frames = requests.iter().map(frames).collect::<Vec<_>>();
             let spans = frames.iter().map(|(question, answer)| {
                 serial.exchange(*question, *answer) + device.quirks.pause_between_requests
             });
