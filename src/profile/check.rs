@@ -25,6 +25,7 @@ mod output;
 mod probe;
 mod registers;
 mod restart;
+mod serial;
 mod set;
 mod share;
 mod signal;
@@ -109,6 +110,7 @@ impl Check<'_> {
         self.names();
         let (name, description, mut machine, arm) = self.machine();
         let buses = self.buses();
+        self.one_owner_each(&buses);
         let devices = self.devices(&buses);
         let mut signals = self.signals(&devices, &buses);
         let axes = self.axes(&signals);
@@ -123,6 +125,7 @@ impl Check<'_> {
             self.not_built("mqtt", "publishing over MQTT", None);
         }
         self.registers(&buses, &devices, &signals, &outputs, &sets, heartbeat.as_ref());
+        self.time_on_lines(&buses, &devices, &signals);
         self.loose_ends(&devices, &outputs);
         Some(Profile {
             name,

@@ -23,7 +23,8 @@ pub(crate) use axis::{
     WritesWord,
 };
 pub(crate) use fieldbus::{
-    BusType, FunctionWord, RawBus, RawCapture, RawDevice, RawQuirks, RawSignal, TypeWord, WordOrderWord,
+    BusType, FunctionWord, ParityWord, RawBus, RawCapture, RawDevice, RawQuirks, RawSignal, TypeWord,
+    WordOrderWord,
 };
 pub(crate) use probe::{RawGains, RawProbe};
 pub(crate) use set::{RawHandshake, RawRestart, RawSet};

@@ -15,5 +15,6 @@ mod outputs;
 mod probing;
 mod restarts;
 mod rig;
+mod rtu;
 mod sets;
 mod stop;
