@@ -218,14 +218,36 @@ fn load(arguments: &ProfileArguments, json: bool) -> Result<Profile, Failure> {
 }
 
 fn load_with(path: &Path, set: &[(String, String)], json: bool) -> Result<Profile, Failure> {
-    let loaded = load_quietly(path, set, json)?;
+    Ok(warned(load_quietly(path, set, json)?))
+}
+
+/// The profile, after its warnings have been told.
+fn warned(loaded: profile::Loaded) -> Profile {
     for warning in &loaded.warnings {
         eprintln!("warning: {warning}");
     }
-    Ok(loaded.profile)
+    loaded.profile
 }
 
-/// The same, its warnings left to the caller.
+/// A profile whose axes all have a model: one in the making is recorded and identified, but nothing can follow it.
+fn load_modelled(arguments: &ProfileArguments, json: bool) -> Result<Profile, Failure> {
+    let loaded = load_quietly(&arguments.path, &arguments.set, json)?;
+    let bare: Vec<&str> = (loaded.profile.axes.iter())
+        .filter(|axis| axis.settings.models.is_empty())
+        .map(|axis| axis.settings.name.as_str())
+        .collect();
+    let Some(first) = bare.first() else { return Ok(warned(loaded)) };
+    let path = arguments.path.display();
+    Err(anyhow::anyhow!(
+        "{path}: axis {} has no model, so there is nothing to compensate with; record runs with `isotherm record {path} \
+         --out campaign/`, find the model with `isotherm identify {path} campaign/ --axis {first} --write model.toml`, \
+         and put the block of model.toml into the profile",
+        bare.join(", ")
+    )
+    .into())
+}
+
+/// A profile, its warnings left to the caller.
 fn load_quietly(path: &Path, set: &[(String, String)], json: bool) -> Result<profile::Loaded, Failure> {
     let environment = profile::environment();
     // A shipped machine may be named without having its file.

@@ -14,10 +14,12 @@ use std::time::Duration;
 use crate::quantity::Moment;
 
 mod patience;
+mod silence;
 mod simulated;
 mod wall;
 
 pub use patience::Patience;
+pub use silence::Silence;
 
 use simulated::Simulated;
 use wall::Wall;

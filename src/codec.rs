@@ -8,9 +8,11 @@ use std::fmt;
 use crate::reading::Reason;
 
 mod address;
+mod checksum;
 mod counter;
 
 pub use address::{Address, Table};
+pub use checksum::checksum;
 pub use counter::{Counter, Motion, Tracked};
 
 /// The largest number that six digits show.

@@ -8,17 +8,19 @@ use serde::Serialize;
 
 use crate::codec::{Address, DataType};
 use crate::fieldbus::plan::{plan, summary};
-use crate::profile::{Device, DeviceId, Flag, Profile, Unit};
+use crate::profile::{BusId, Device, DeviceId, Flag, Profile, Unit};
 use crate::reading::SignalId;
 
 mod axis;
 mod device;
 mod output;
+mod serial;
 mod set;
 
 pub use axis::{AxisExplained, ModelExplained};
 pub use device::{CheckExplained, TemplateExplained};
 pub use output::{HeartbeatExplained, WriteExplained};
+pub use serial::SerialExplained;
 pub use set::{HandshakeExplained, SetExplained};
 
 /// The whole machine.
@@ -49,10 +51,14 @@ pub struct Explanation {
 pub struct BusExplained {
     /// Its name.
     pub name: String,
-    /// Host and port.
+    /// `Modbus TCP`, `RTU over TCP`, `Modbus RTU`.
+    pub kind: &'static str,
+    /// Host and port, or the port's path.
     pub address: String,
     /// Longest wait for an answer.
     pub timeout: String,
+    /// A serial port's settings and its time.
+    pub serial: Option<SerialExplained>,
 }
 
 /// One device and its read plan.
@@ -147,11 +153,7 @@ impl fmt::Display for Register {
 impl Explanation {
     /// Explains a profile.
     pub fn of(profile: &Profile) -> Explanation {
-        let buses = profile.buses.iter().map(|bus| BusExplained {
-            name: bus.name.clone(),
-            address: bus.address.clone(),
-            timeout: humantime::format_duration(bus.timeout).to_string(),
-        });
+        let buses = (0..profile.buses.len()).map(|place| serial::bus(profile, BusId(place)));
         let devices = profile.devices.iter().enumerate();
         Explanation {
             machine: profile.name.clone(),
@@ -240,7 +242,10 @@ impl fmt::Display for Explanation {
         }
         writeln!(f)?;
         for bus in &self.buses {
-            writeln!(f, "\nbus {}: Modbus TCP at {}, timeout {}", bus.name, bus.address, bus.timeout)?;
+            writeln!(f, "\nbus {}: {} at {}, timeout {}", bus.name, bus.kind, bus.address, bus.timeout)?;
+            if let Some(serial) = &bus.serial {
+                write!(f, "{serial}")?;
+            }
             for device in self.devices.iter().filter(|device| device.bus == bus.name) {
                 writeln!(
                     f,

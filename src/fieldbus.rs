@@ -2,6 +2,7 @@
 //!
 //! - [`plan`] — pure: the signals of a device become the fewest read requests.
 //! - [`wire`] — the border behind which the Modbus library lives; [`modbus`] is the library's side of it.
+//! - [`rtu`] — frames of a serial line, on a port ([`serial`]) or through TCP.
 //! - [`mod@line`] — one request at a time, timeout, breaker per device, reconnection.
 
 pub mod backoff;
@@ -10,4 +11,17 @@ pub mod error;
 pub mod line;
 pub mod modbus;
 pub mod plan;
+pub mod rtu;
+pub mod serial;
 pub mod wire;
+
+use crate::profile::{Bus, Transport};
+
+/// What opens the connections of a bus, by what it is made of.
+pub fn dial(bus: &Bus) -> Box<dyn wire::Dial> {
+    match bus.transport {
+        Transport::Tcp => Box::new(modbus::TcpDial::new(&bus.address)),
+        Transport::RtuOverTcp => Box::new(rtu::RtuOverTcpDial::new(&bus.address)),
+        Transport::Serial(serial) => Box::new(serial::SerialDial::new(&bus.address, serial)),
+    }
+}

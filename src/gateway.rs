@@ -14,8 +14,8 @@ use tokio::sync::Notify;
 use tokio::task::{Id, JoinError, JoinSet};
 
 use crate::clock::{Clock, Sleeper};
+use crate::fieldbus::dial;
 use crate::fieldbus::line::Line;
-use crate::fieldbus::modbus::TcpDial;
 use crate::fieldbus::wire::Dial;
 use crate::observe::events::{Event, Journal};
 use crate::observe::status::Source;
@@ -60,7 +60,7 @@ pub struct Options {
     pub dry_run: bool,
     /// Where state and log are kept; nowhere without it.
     pub directory: Option<PathBuf>,
-    /// What opens connections; TCP in the field, something else in tests.
+    /// What opens connections; something else than the field's in tests.
     pub dialer: Dialer,
     /// How long a line may go without a cycle; `None`: what its timeouts allow. Tests make it short.
     pub watch: Option<Duration>,
@@ -73,10 +73,7 @@ impl Default for Options {
         Options {
             dry_run: false,
             directory: None,
-            dialer: Arc::new(|bus: &Bus| {
-                let pause = bus.quirks.pause_after_connect;
-                Box::new(TcpDial::new(&bus.address, pause)) as Box<dyn Dial>
-            }),
+            dialer: Arc::new(dial),
             watch: None,
             give_up: Arc::new(|| {}),
         }
@@ -110,7 +107,7 @@ impl Gateway {
         let mut keeper = Keeper::default();
         if let Some(directory) = options.directory.as_deref() {
             recalled = Memory::recall(&Memory::path(directory, &profile), &profile);
-            keeper = Keeper::start(&profile, directory, journal.clone());
+            keeper = Keeper::start(&profile, directory, options.dry_run, journal.clone());
         }
         let remembers = |output: &str| recalled.verified.contains(output);
         let ledger = Ledger::open(&profile, options.directory.as_deref(), remembers, journal.clone(), clock);

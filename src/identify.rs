@@ -14,12 +14,15 @@
 //! Methods learn the compensation that is wanted, Cz = −(e − its cold value): a gain is the profile's gain.
 
 pub mod alike;
+pub mod ambient;
+pub mod applied;
 pub mod balls;
 pub mod bank;
 pub mod campaign;
 pub mod collinear;
 pub mod dataset;
 pub mod drift;
+pub mod facts;
 pub mod faults;
 pub mod gram;
 pub mod identified;

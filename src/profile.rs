@@ -21,6 +21,7 @@ mod merge;
 mod output;
 mod place;
 mod raw;
+mod serial;
 mod set;
 pub mod template;
 mod verify;
@@ -32,6 +33,7 @@ pub use error::{Errors, ProfileError};
 pub use load::{Loaded, environment, load, parse, parse_with};
 pub use output::{Output, Share, Verify};
 pub use raw::schema;
+pub use serial::{Parity, Serial, Transport};
 pub use set::{Control, Flag, Handshake, OutputSet, SetId, Stretch};
 pub use template::Template;
 pub use verify::Expected;
@@ -95,12 +97,14 @@ pub enum Arm {
     Manual,
 }
 
-/// One Modbus TCP connection.
+/// One Modbus line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bus {
     /// Its name in the profile.
     pub name: String,
-    /// Host and port, as written.
+    /// What it is made of.
+    pub transport: Transport,
+    /// Host and port, or the serial port's path, as written.
     pub address: String,
     /// Longest wait for one answer, and for a connection.
     pub timeout: Duration,
@@ -121,6 +125,8 @@ pub struct Quirks {
     pub max_registers_per_request: u16,
     /// Unused registers that a merged read may bridge.
     pub max_gap: u16,
+    /// The connection is closed after each answer.
+    pub close_after_each: bool,
 }
 
 /// One unit on a bus.
@@ -152,6 +158,7 @@ impl Default for Quirks {
             one_request_per_field: false,
             max_registers_per_request: 125,
             max_gap: 8,
+            close_after_each: false,
         }
     }
 }

@@ -1,6 +1,6 @@
 //! The virtual machine: the hardware that is not there.
 //!
-//! One Modbus TCP server per device of a profile on real sockets, in front of a thermal plant that warms up, drifts
+//! The Modbus servers of a profile on real sockets and pseudo-terminals, in front of a thermal plant that warms up, drifts
 //! and bends by its own laws, and that knows its true error. Written offsets act on it as they would on a machine, so
 //! a run ends with what the compensation was worth. A fault script breaks answers, sensors, connections and memories.
 //!
@@ -10,9 +10,9 @@
 //! registers the tables of a device                        modbus    bytes ↔ requests and answers, pure
 //! fault     what goes wrong, when, for how long           hardware  plant + registers + faults
 //! server    sockets                                       truth     error, Cz, residual, and their ranges
+//! rtu       frames and conversation of RTU lines           port      serial ports
 //! journal   what came over the wire, for tests            control   strobes, acknowledges, sets taken whole
 //! probing   the control's probing cycle, of the axes that have a probe
-//! journal   what came over the wire, for tests
 //! ```
 //!
 //! # Time
@@ -20,6 +20,7 @@
 //! the plant moves on its own grid, and requests are answered while the clock stands.
 
 use std::net::SocketAddr;
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -28,7 +29,7 @@ use tokio::sync::{mpsc, oneshot, watch};
 use tokio::task::JoinSet;
 
 use crate::clock::{Clock, Sleeper};
-use crate::profile::{BusId, DeviceId, Profile};
+use crate::profile::{BusId, DeviceId, Profile, Transport};
 use crate::quantity::Moment;
 
 pub mod fault;
@@ -38,8 +39,10 @@ mod control;
 mod hardware;
 mod journal;
 mod modbus;
+mod port;
 mod probing;
 mod registers;
+mod rtu;
 mod server;
 #[cfg(test)]
 mod shipped;
@@ -57,7 +60,7 @@ pub use truth::{AxisSummary, AxisTruth, Extent, FIRST_SAMPLE, Summary, TruthRow}
 use fault::Faults;
 use hardware::Hardware;
 use probing::Cycle;
-use server::{Door, Line, Shared};
+use server::{Door, Framing, Line, Shared};
 use truth::Observer;
 
 /// How often the truth is sampled and faults that come by themselves are looked for.
@@ -77,7 +80,7 @@ pub struct Setup {
     pub faults: FaultScript,
     /// Where to listen.
     pub ports: Ports,
-    /// What is answered for a unit that is not there.
+    /// What is answered for a unit that is not there, on lines over TCP; a serial line is silent.
     pub unknown_unit: UnknownUnit,
     /// How far into the plant's day the machine is met.
     pub lived: Duration,
@@ -102,7 +105,7 @@ pub enum Ports {
     /// At the addresses of the profile.
     #[default]
     AsInProfile,
-    /// At any free port of the loopback.
+    /// At any free port of the loopback; serial ports at paths of their own.
     Free,
 }
 
@@ -137,7 +140,7 @@ pub enum VirtualMachineError {
 /// A running virtual machine. Dropped, it ends at once.
 #[derive(Debug)]
 pub struct VirtualMachine {
-    addresses: Vec<(BusId, SocketAddr)>,
+    addresses: Vec<(BusId, String)>,
     shared: Shared,
     stop: watch::Sender<bool>,
     tasks: JoinSet<Result<(), String>>,
@@ -206,7 +209,7 @@ impl VirtualMachine {
             Observer::new(axes, begin, setup.truth_every)
         });
         hardware.journal = setup.journal.then(Vec::new);
-        let shared = Shared::new(hardware, clock.clone(), setup.unknown_unit);
+        let shared = Shared::new(hardware, clock.clone());
         let (stop, stopped) = watch::channel(false);
         let mut machine = VirtualMachine { addresses: Vec::new(), shared, stop, tasks: JoinSet::new() };
         let mut gates = Vec::new();
@@ -214,46 +217,59 @@ impl VirtualMachine {
             let is_same = |other: &crate::profile::Bus| other.address == bus.address;
             let first = profile.buses.iter().position(is_same).unwrap_or(index);
             if let Some((_, address)) = machine.addresses.iter().find(|(id, _)| id.0 == first) {
-                let address = *address;
+                let address = address.clone();
                 machine.addresses.push((BusId(index), address));
                 continue;
             }
-            let listener = listen(bus, setup.ports).await?;
-            let address = listener.local_addr().map_err(|source| refused(bus, source))?;
+            let stop = stopped.clone();
+            let (address, gate) = match bus.transport {
+                Transport::Tcp | Transport::RtuOverTcp => {
+                    let listener = listen(bus, setup.ports).await?;
+                    let address = listener.local_addr().map_err(|source| refused(bus, source))?;
+                    let (gate, line, doors) = machine.gate(profile, index, setup.unknown_unit);
+                    let serving = server::serve(listener, line, doors, stop);
+                    machine.keep(address.to_string(), serving);
+                    (address.to_string(), gate)
+                }
+                Transport::Serial(serial) => {
+                    let name = name(bus, setup.ports).map_err(|source| refused(bus, source))?;
+                    let path = name.path().display().to_string();
+                    let (gate, line, doors) = machine.gate(profile, index, UnknownUnit::Silence);
+                    machine.keep(path.clone(), port::serve(name, serial, line, doors, stop));
+                    (path, gate)
+                }
+            };
             machine.addresses.push((BusId(index), address));
-            gates.push(machine.open(profile, index, listener, stopped.clone()));
+            gates.push(gate);
         }
         let (shared, stop) = (machine.shared.clone(), stopped);
         machine.tasks.spawn(live(shared, sleeper, begin, gates, stop));
         Ok(machine)
     }
 
-    fn open(
-        &mut self,
+    fn gate(
+        &self,
         profile: &Profile,
         bus: usize,
-        listener: TcpListener,
-        stop: watch::Receiver<bool>,
-    ) -> Gate {
+        unknown_unit: UnknownUnit,
+    ) -> (Gate, Arc<Line>, mpsc::Receiver<Door>) {
         let on_line =
             |device: &crate::profile::Device| profile.bus(device.bus).address == profile.buses[bus].address;
         let devices = profile.devices.iter().enumerate().filter(|(_, device)| on_line(device));
         let units: Vec<_> = devices.map(|(index, device)| (device.unit, DeviceId(index))).collect();
         let (door, doors) = mpsc::channel(1);
         let gate = Gate { devices: units.iter().map(|(_, id)| *id).collect(), door, is_open: true };
-        let line = Arc::new(Line { units, shared: self.shared.clone() });
-        self.tasks.spawn(async move {
-            let address = listener.local_addr();
-            server::serve(listener, line, doors, stop).await.map_err(|error| match address {
-                Ok(address) => format!("{address}: {error}"),
-                Err(_) => error.to_string(),
-            })
-        });
-        gate
+        let is_tcp = profile.buses[bus].transport == Transport::Tcp;
+        let framing = if is_tcp { Framing::Tcp } else { Framing::Rtu };
+        (gate, Arc::new(Line { units, framing, unknown_unit, shared: self.shared.clone() }), doors)
     }
 
-    /// Where each bus of the profile really is.
-    pub fn addresses(&self) -> &[(BusId, SocketAddr)] {
+    fn keep(&mut self, address: String, serving: impl Future<Output = std::io::Result<()>> + Send + 'static) {
+        self.tasks.spawn(async move { serving.await.map_err(|error| format!("{address}: {error}")) });
+    }
+
+    /// Where each bus of the profile really is: host and port, or the path of a serial port.
+    pub fn addresses(&self) -> &[(BusId, String)] {
         &self.addresses
     }
 
@@ -261,15 +277,15 @@ impl VirtualMachine {
     pub fn serving(&self, mut profile: Profile) -> Profile {
         for (bus, address) in &self.addresses {
             if let Some(bus) = profile.buses.get_mut(bus.0) {
-                bus.address = address.to_string();
+                bus.address.clone_from(address);
             }
         }
         profile
     }
 
-    /// Where one bus really is.
+    /// Where one bus over TCP really is.
     pub fn address(&self, bus: BusId) -> Option<SocketAddr> {
-        self.addresses.iter().find(|(id, _)| *id == bus).map(|(_, address)| *address)
+        self.addresses.iter().find(|(id, _)| *id == bus).and_then(|(_, address)| address.parse().ok())
     }
 
     /// Its truth.
@@ -308,6 +324,15 @@ async fn listen(bus: &crate::profile::Bus, ports: Ports) -> Result<TcpListener, 
         Ports::Free => "127.0.0.1:0",
     };
     TcpListener::bind(address).await.map_err(|source| refused(bus, source))
+}
+
+/// The name of a serial port: the profile's, where it is free to be taken; else one of its own.
+fn name(bus: &crate::profile::Bus, ports: Ports) -> std::io::Result<port::Name> {
+    let wanted = match ports {
+        Ports::AsInProfile => port::Name::wanted(Path::new(&bus.address)),
+        Ports::Free => None,
+    };
+    wanted.map_or_else(|| port::Name::free(&bus.name), Ok)
 }
 
 fn refused(bus: &crate::profile::Bus, source: std::io::Error) -> VirtualMachineError {

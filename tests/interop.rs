@@ -55,12 +55,17 @@ fn compiled(directory: &Path) -> Command {
 struct Foreign(Running);
 
 impl Foreign {
-    /// Starts a server; the address at which it listens.
-    fn server(mut command: Command) -> (Foreign, String) {
+    /// Starts a server; where it listens: a port number, or the path of a serial port.
+    fn serves(mut command: Command) -> (Foreign, String) {
         let mut running = Running::start(&mut command);
-        let line = running.hears("listening ");
-        let port: u16 = line.trim_start_matches("listening ").parse().unwrap();
-        (Foreign(running), format!("127.0.0.1:{port}"))
+        let place = running.hears("listening ").trim_start_matches("listening ").to_owned();
+        (Foreign(running), place)
+    }
+
+    /// Starts a server over TCP; the lines of a profile that describe it.
+    fn server(command: Command) -> (Foreign, String) {
+        let (server, port) = Foreign::serves(command);
+        (server, format!("type = \"modbus-tcp\"\naddress = \"127.0.0.1:{port}\""))
     }
 
     #[track_caller]
@@ -110,11 +115,17 @@ impl Foreign {
     }
 }
 
+/// The profile with its line made of something else.
+fn profile(line: &str) -> String {
+    let written = "type    = \"modbus-tcp\"\naddress = \"127.0.0.1:1\"              # the test says where its server listens";
+    assert!(PROFILE.contains(written));
+    PROFILE.replace(written, line)
+}
+
 /// Runs the gateway on a machine behind this server and looks into the server's registers.
-fn follows_the_machine(server: &mut Foreign, address: &str) {
+fn follows_the_machine(server: &mut Foreign, line: &str) {
     let home = tempfile::tempdir().unwrap();
-    let profile =
-        file(home.path(), "machine.toml", &PROFILE.replace("127.0.0.1:1\"", &format!("{address}\"")));
+    let profile = file(home.path(), "machine.toml", &profile(line));
     server.temperatures(275, 240);
     server.position(0);
     server.set("4 discrete 1", &[1]);
@@ -165,8 +176,8 @@ fn follows_the_machine(server: &mut Foreign, address: &str) {
 
 #[test]
 fn the_gateway_follows_a_machine_that_pymodbus_serves() {
-    let (mut server, address) = Foreign::server(python("server.py"));
-    follows_the_machine(&mut server, &address);
+    let (mut server, line) = Foreign::server(python("server.py"));
+    follows_the_machine(&mut server, &line);
     // Each unit has registers of its own there: nothing was written to another unit.
     assert_eq!(server.words("get 1 holding 104 2"), [0, 0]);
     assert_eq!(server.words("get 2 holding 10 2"), [0, 0]);
@@ -174,23 +185,52 @@ fn the_gateway_follows_a_machine_that_pymodbus_serves() {
 }
 
 #[test]
+fn the_gateway_follows_a_machine_that_pymodbus_serves_as_rtu_over_tcp() {
+    let mut command = python("server.py");
+    command.arg("rtu-over-tcp");
+    let (mut server, port) = Foreign::serves(command);
+    let line = format!("type = \"modbus-rtu-over-tcp\"\naddress = \"127.0.0.1:{port}\"");
+    follows_the_machine(&mut server, &line);
+}
+
+#[test]
+fn the_gateway_follows_a_machine_that_pymodbus_serves_on_a_serial_line_of_9600_baud() {
+    let mut command = python("server.py");
+    command.arg("rtu");
+    let (mut server, path) = Foreign::serves(command);
+    follows_the_machine(&mut server, &format!("type = \"modbus-rtu\"\nport = \"{path}\"\nbaud = 9600"));
+}
+
+#[test]
 fn the_gateway_follows_a_machine_that_libmodbus_serves() {
     let directory = tempfile::tempdir().unwrap();
-    let (mut server, address) = Foreign::server(compiled(directory.path()));
-    follows_the_machine(&mut server, &address);
+    let (mut server, line) = Foreign::server(compiled(directory.path()));
+    follows_the_machine(&mut server, &line);
 }
 
 #[test]
 fn a_foreign_client_reads_and_writes_the_virtual_machine() {
     let home = tempfile::tempdir().unwrap();
     let address = format!("127.0.0.1:{}", free_port());
-    let profile =
-        file(home.path(), "machine.toml", &PROFILE.replace("127.0.0.1:1\"", &format!("{address}\"")));
-    let mut devices = isotherm(home.path());
+    reads_and_writes(home.path(), &address, &format!("type = \"modbus-tcp\"\naddress = \"{address}\""));
+}
+
+#[test]
+fn a_foreign_client_reads_and_writes_the_virtual_machine_on_a_serial_line_of_9600_baud() {
+    let home = tempfile::tempdir().unwrap();
+    let port = home.path().join("port").to_str().unwrap().to_owned();
+    reads_and_writes(home.path(), &port, &format!("type = \"modbus-rtu\"\nport = \"{port}\"\nbaud = 9600"));
+    assert!(!Path::new(&port).is_symlink(), "the port is left behind");
+}
+
+/// Runs the virtual machine on this line and speaks to it from outside.
+fn reads_and_writes(home: &Path, place: &str, line: &str) {
+    let profile = file(home, "machine.toml", &profile(line));
+    let mut devices = isotherm(home);
     let mut devices = Running::start(devices.arg("virtual").arg(&profile));
     devices.hears("stop with Ctrl-C");
     let mut python = python("client.py");
-    let mut client = Foreign(Running::start(python.arg(&address)));
+    let mut client = Foreign(Running::start(python.arg(place)));
     client.0.hears("ready");
     let temperatures = client.words("read 1 input 0 2");
     assert!(temperatures.iter().all(|raw| (50..600).contains(raw)), "{temperatures:?}");

@@ -284,7 +284,7 @@ fn lane(seed: u64) -> Count {
             let profile = profile::parse(Path::new("joint.toml"), &text, &[], &[]).unwrap().profile;
             let setup = Setup { ports: Ports::Free, journal: true, ..Setup::default() };
             let machine = VirtualMachine::start(&profile, setup, &Clock::wall()).await.unwrap();
-            tell.send((machine.window(), machine.addresses()[0].1)).unwrap();
+            tell.send((machine.window(), machine.addresses()[0].1.parse().unwrap())).unwrap();
             let _ = stopped.await;
         });
     });

@@ -1,4 +1,4 @@
-//! The reports of `identify` and `select`, as files that a customer is sent: whole, true, and legible in a browser.
+//! The reports of `identify`, `select` and `report`, as files that a customer is sent: whole, true, and legible in a browser.
 //!
 //! The last test needs chromium and python3; `tests/run page` installs both. Without them it fails and says so.
 
@@ -139,6 +139,10 @@ fn selected(home: &Path) -> (String, Value) {
     made(home, &["select"], &["--error", "z_error_um"])
 }
 
+fn drifted(home: &Path) -> (String, Value) {
+    made(home, &["report"], &["--profile", file(home, "plant.toml", PROFILE).to_str().unwrap()])
+}
+
 /// The cells of the rows of the first table after this heading, without tags.
 fn rows(page: &str, heading: &str) -> Vec<Vec<String>> {
     let after = page.split_once(&format!("<h2>{heading}</h2>")).unwrap_or_else(|| panic!("no {heading}")).1;
@@ -193,9 +197,14 @@ fn the_report_of_a_model_is_one_file_with_every_run_and_the_figures_of_the_json(
     assert_eq!(runs[0][..4], ["day-1", "2026-11-11 06:00 UTC", "4 h 59 min", "300"]);
     assert_eq!(runs[0][4], "0, 3000");
     assert!(runs[0][5].starts_with("19.") && runs[0][5].contains(" … 2"), "{:?}", runs[0]);
-    for words in
-        ["Bearing &amp; oil &lt;test&gt;", "± 40 µm", "Condition number", "variance inflation", "Envelope"]
-    {
+    for words in [
+        "Bearing &amp; oil &lt;test&gt;",
+        "± 40 µm",
+        "Condition number",
+        "variance inflation",
+        "Envelope",
+        "Drift tests",
+    ] {
         assert!(page.contains(words), "{words}");
     }
     // One picture a run, and one a sensor.
@@ -230,6 +239,29 @@ fn the_report_of_the_points_has_the_figures_of_the_json() {
 }
 
 #[test]
+fn the_drift_report_has_every_run_and_the_figures_of_the_json() {
+    let home = tempfile::tempdir().unwrap();
+    let (page, json) = drifted(home.path());
+    is_whole(&page);
+    for run in json["runs"].as_array().unwrap() {
+        let moved = &run["displacements"][0];
+        let row = rows(&page, run["name"].as_str().unwrap()).remove(0);
+        let figures = ["range_um", "first_hour_um", "last_hour_um", "largest_60min_um"];
+        assert_eq!(row[0], "z_error_um");
+        assert_eq!(row[1..5], figures.map(|figure| shown(&moved[figure])), "{row:?}");
+    }
+    for words in [
+        "plant: drift in the terms of ISO 230-3",
+        "thermal distortion by a rotating spindle",
+        "Stage by stage",
+        "z_error_um over day-4",
+        "bearing over day-1",
+    ] {
+        assert!(page.contains(words), "{words}");
+    }
+}
+
+#[test]
 fn the_groups_asked_for_are_the_groups_told_and_nonsense_is_refused() {
     let home = tempfile::tempdir().unwrap();
     let (_, json) = made(home.path(), &["select"], &["--error", "z_error_um", "--group", "0.5"]);
@@ -258,7 +290,12 @@ fn a_report_that_cannot_be_written_says_where() {
 #[test]
 fn a_browser_shows_the_reports_as_wide_as_a_phone_with_legible_letters() {
     let home = tempfile::tempdir().unwrap();
-    for (name, page) in [("identified", identified(home.path()).0), ("selected", selected(home.path()).0)] {
+    let pages = [
+        ("identified", identified(home.path()).0),
+        ("selected", selected(home.path()).0),
+        ("drifted", drifted(home.path()).0),
+    ];
+    for (name, page) in pages {
         let escaped = page.replace('&', "&amp;").replace('"', "&quot;");
         let around = format!(
             r#"<!DOCTYPE html><meta charset="utf-8"><p id="said"></p>

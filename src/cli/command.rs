@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::run::state_directory;
-use super::{Failure, ProfileArguments, load, print_json};
+use super::{Failure, ProfileArguments, load, load_modelled, print_json};
 use crate::gateway::control;
 use crate::observe::status::Command;
 
@@ -21,7 +21,10 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments, command: Command) -> Result<(), Failure> {
-    let profile = load(&arguments.profile, arguments.json)?;
+    let profile = match command {
+        Command::Arm => load_modelled(&arguments.profile, arguments.json)?,
+        _ => load(&arguments.profile, arguments.json)?,
+    };
     let directory = state_directory(arguments.state.as_deref(), &profile)?;
     let said =
         control::send(&control::path(&directory, &profile.name), command).map_err(anyhow::Error::msg)?;

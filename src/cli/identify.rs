@@ -9,10 +9,12 @@ use anyhow::Context;
 use super::{Failure, load_quietly, print_json};
 use crate::clock::Clock;
 use crate::compensation::model::Outside;
+use crate::identify::applied::Applied;
 use crate::identify::dataset::{Dataset, Split};
+use crate::identify::facts::document;
 use crate::identify::method::{Method, Settings};
 use crate::identify::report::{self, Subject};
-use crate::identify::setup::{Choice, ready};
+use crate::identify::setup::{Choice, ready, without_cz};
 use crate::identify::written::written;
 use crate::identify::{Identified, identify};
 use crate::profile::Profile;
@@ -47,6 +49,10 @@ pub(super) struct Arguments {
     /// The column with the measured error e, µm [default: <axis>_error_um]
     #[arg(long, value_name = "COLUMN")]
     error: Option<String>,
+    /// The column with the Cz that acted on the error while it was measured, µm; none: nothing acted [default: as a log of
+    /// the gateway says]
+    #[arg(long, value_name = "COLUMN")]
+    cz: Option<String>,
     /// How the model is found
     #[arg(long, value_enum, default_value_t)]
     method: Method,
@@ -63,8 +69,8 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "TIME", value_delimiter = ',', value_parser = humantime::parse_duration)]
     lags: Vec<Duration>,
     /// Most terms of the model
-    #[arg(long, value_name = "N")]
-    terms: Option<usize>,
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    terms: Option<u16>,
     /// Rows closer than this count as one sample in F tests
     #[arg(long, value_name = "TIME", default_value = "30min", value_parser = humantime::parse_duration)]
     independent: Duration,
@@ -122,13 +128,21 @@ enum OutsideWord {
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     // A profile in the making has signals that no model uses yet: no word about them.
     let Some(path) = &arguments.path else { return balls::run(&arguments.balls, arguments.json) };
+    let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
+    if ["csv", "parquet"].iter().any(|log| ending.eq_ignore_ascii_case(log)) {
+        let log = path.display();
+        return Err(anyhow::anyhow!(
+            "{log} is a log; the machine's profile comes first: isotherm identify my-machine.toml {log} …"
+        )
+        .into());
+    }
     let profile = load_quietly(path, &arguments.set, arguments.json)?.profile;
-    let found = find(arguments, &profile)?;
+    let (found, document) = find(arguments, &profile)?;
     if let Some(path) = &arguments.write {
         write(arguments, &found, path)?;
     }
-    if arguments.json {
-        return print_json(&found);
+    if let Some(document) = document {
+        return print_json(&document);
     }
     let mut out = std::io::stdout();
     write!(out, "{}", told::told(&found, arguments.probe))?;
@@ -141,11 +155,15 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-fn find(arguments: &Arguments, profile: &Profile) -> Result<Identified, Failure> {
+/// What was found, and as one document where one is asked for.
+fn find(
+    arguments: &Arguments,
+    profile: &Profile,
+) -> Result<(Identified, Option<serde_json::Value>), Failure> {
     let split = Split { column: arguments.run_column.clone(), gap: arguments.gap };
     let unit =
         |name: &str| profile.signals.iter().find(|signal| signal.name == name).map(|signal| signal.unit.0);
-    let dataset = Dataset::read(&arguments.logs, &split, &unit).map_err(anyhow::Error::from)?;
+    let mut dataset = Dataset::read(&arguments.logs, &split, &unit).map_err(anyhow::Error::from)?;
     let choice = Choice {
         axis: arguments.axis.clone(),
         error: arguments.error.clone(),
@@ -155,10 +173,12 @@ fn find(arguments: &Arguments, profile: &Profile) -> Result<Identified, Failure>
         resample: arguments.resample,
         position: arguments.position.clone().map(|name| (name, arguments.position_reference)),
     };
+    let applied = arguments.cz.as_deref().map(Applied::named).unwrap_or_default();
+    without_cz(profile, &mut dataset, &choice, &applied).map_err(anyhow::Error::from)?;
     let ready = ready(profile, &dataset, &choice).map_err(anyhow::Error::from)?;
     let mut settings = Settings {
         method: arguments.method,
-        terms: arguments.terms,
+        terms: arguments.terms.map(usize::from),
         independent: arguments.independent,
         waiting: arguments.waiting.clone(),
         first: arguments.first.clone(),
@@ -176,7 +196,9 @@ fn find(arguments: &Arguments, profile: &Profile) -> Result<Identified, Failure>
         let page = report::identified(&subject);
         std::fs::write(path, page).with_context(|| format!("cannot write {}", path.display()))?;
     }
-    Ok(found)
+    let document = || serde_json::to_value(document(profile, &ready.campaign, &found, Clock::wall().now()));
+    let document = arguments.json.then(document).transpose().map_err(anyhow::Error::from)?;
+    Ok((found, document))
 }
 
 /// Says on a terminal how many runs have been held out.

@@ -16,7 +16,7 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 
-use super::{Failure, ProfileArguments, load, print_json};
+use super::{Failure, ProfileArguments, load_modelled, print_json};
 use crate::compensation::{Compensation, Decision, Remembered, Snapshot};
 use crate::gateway::log::{LogReader, LogRow, number};
 use crate::profile::Profile;
@@ -50,7 +50,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let profile = load(&arguments.profile, arguments.json)?;
+    let profile = load_modelled(&arguments.profile, arguments.json)?;
     let name = arguments.recording.display().to_string();
     let log = File::open(&arguments.recording).with_context(|| format!("the log {name} cannot be read"))?;
     let mut out = match &arguments.out {

@@ -1,11 +1,17 @@
 //! `isotherm report`: what logs say about drift, in the terms of ISO 230-3.
 
+use std::io::Write;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use anyhow::Context;
+
 use super::{Failure, load_with, print_json};
+use crate::clock::Clock;
+use crate::identify::applied::{Applied, beside};
 use crate::identify::dataset::{Dataset, Split};
 use crate::identify::drift::{Test, drift};
+use crate::identify::report;
 
 mod told;
 
@@ -28,6 +34,13 @@ pub(super) struct Arguments {
     /// The displacements, µm, instead of every column that ends with _um
     #[arg(long, value_name = "COLUMN", value_delimiter = ',')]
     displacement: Vec<String>,
+    /// The column with the Cz that acted on the displacements while they were measured, µm; none: nothing acted [default: as
+    /// a log of the gateway says]
+    #[arg(long, value_name = "COLUMN")]
+    cz: Option<String>,
+    /// Writes a page with pictures that can be sent to anyone: one file, opened by any browser
+    #[arg(long, value_name = "OUT.html")]
+    report: Option<PathBuf>,
     /// The machine's profile, which knows the units of its signals
     #[arg(long, value_name = "PROFILE")]
     profile: Option<PathBuf>,
@@ -52,17 +65,26 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         signals.clone().find(|signal| signal.name == name).map(|signal| signal.unit.0)
     };
     let split = Split { column: arguments.run_column.clone(), gap: arguments.gap };
-    let dataset = Dataset::read(&arguments.logs, &split, &unit).map_err(anyhow::Error::from)?;
-    let drifts =
-        drift(&dataset, &arguments.displacement, arguments.test, &unit).map_err(anyhow::Error::from)?;
+    let mut dataset = Dataset::read(&arguments.logs, &split, &unit).map_err(anyhow::Error::from)?;
+    let applied = arguments.cz.as_deref().map(Applied::named).unwrap_or_default();
+    let mut displacements = arguments.displacement.clone();
+    beside(&mut dataset, profile.as_ref(), &mut displacements, &applied).map_err(anyhow::Error::from)?;
+    let drifts = drift(&dataset, &displacements, arguments.test, &unit).map_err(anyhow::Error::from)?;
+    if let Some(path) = &arguments.report {
+        let machine = profile.as_ref().map(|profile| (profile.name.as_str(), profile.description.as_str()));
+        let page = report::drifted(&dataset, &drifts, machine, Clock::wall().now());
+        std::fs::write(path, page).with_context(|| format!("cannot write {}", path.display()))?;
+    }
     if arguments.json {
         return print_json(&serde_json::json!({ "runs": drifts }));
     }
+    let mut out = std::io::stdout();
     for (place, drift) in drifts.iter().enumerate() {
-        if place > 0 {
-            println!();
-        }
-        print!("{}", told::told(drift));
+        let apart = if place > 0 { "\n" } else { "" };
+        write!(out, "{apart}{}", told::told(drift))?;
+    }
+    if let Some(path) = &arguments.report {
+        writeln!(out, "\nthe report is in {}", path.display())?;
     }
     Ok(())
 }

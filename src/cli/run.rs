@@ -8,7 +8,7 @@ use anyhow::Context;
 
 use super::services::Sockets;
 use super::signals::Signals;
-use super::{Failure, ProfileArguments, load};
+use super::{Failure, ProfileArguments, load_modelled};
 use crate::clock::Clock;
 use crate::explain::Explanation;
 use crate::gateway::{Gateway, Options};
@@ -40,7 +40,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let profile = load(&arguments.profile, false)?;
+    let profile = load_modelled(&arguments.profile, false)?;
     let directory = state_directory(arguments.state.as_deref(), &profile)?;
     let mut sockets = Sockets::default();
     if let Some(web) = web(arguments.listen.as_deref(), &profile) {

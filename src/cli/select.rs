@@ -9,6 +9,7 @@ use anyhow::Context;
 use super::identify::progress;
 use super::{Failure, print_json};
 use crate::clock::Clock;
+use crate::identify::applied::{Applied, bare};
 use crate::identify::dataset::{Dataset, Split};
 use crate::identify::report;
 use crate::identify::select::{Choice, Selected, Settings, points, select};
@@ -31,6 +32,10 @@ pub(super) struct Arguments {
     /// The column with the measured error e, µm
     #[arg(long, value_name = "COLUMN")]
     error: String,
+    /// The column with the Cz that acted on the error while it was measured, µm; none: nothing acted [default: as a log of
+    /// the gateway says]
+    #[arg(long, value_name = "COLUMN")]
+    cz: Option<String>,
     /// The points, instead of every column of temperatures
     #[arg(long, value_name = "COLUMN", value_delimiter = ',')]
     inputs: Vec<String>,
@@ -80,7 +85,9 @@ fn correlation(text: &str) -> Result<f64, String> {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let split = Split { column: arguments.run_column.clone(), gap: arguments.gap };
-    let dataset = Dataset::read(&arguments.logs, &split, &|_| None).map_err(anyhow::Error::from)?;
+    let mut dataset = Dataset::read(&arguments.logs, &split, &|_| None).map_err(anyhow::Error::from)?;
+    let applied = arguments.cz.as_deref().map(Applied::named).unwrap_or_default();
+    bare(&mut dataset, &arguments.error, None, None, &applied).map_err(anyhow::Error::from)?;
     let choice = Choice {
         error: arguments.error.clone(),
         inputs: arguments.inputs.clone(),

@@ -8,10 +8,13 @@ use anyhow::Context;
 use super::signals::Signals;
 use super::{Failure, ProfileArguments, load};
 use crate::clock::Clock;
-use crate::profile::Profile;
+use crate::profile::{Profile, Transport};
 use crate::virtual_machine::{FaultScript, PlantSpec, Setup, VirtualMachine};
 
-/// The devices of a profile as virtual hardware: Modbus TCP servers at the addresses of the profile.
+/// The devices of a profile as virtual hardware: Modbus servers at the addresses and serial ports of the profile.
+///
+/// A serial port is a pseudo-terminal under the profile's path, or, where that is taken or cannot be made, under one of
+/// its own, which is told.
 ///
 /// Values come from the plant beside the profile (`<name>.plant.toml`) or of the shipped machine of that name; without
 /// one they wander plausibly.
@@ -59,7 +62,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
             let devices = profile.devices.iter().filter(|device| device.bus == *bus);
             let devices: Vec<String> =
                 devices.map(|device| format!("{} (unit {})", device.name, device.unit)).collect();
-            println!("bus {} listens on {address}: {}", profile.bus(*bus).name, devices.join(", "));
+            let bus = profile.bus(*bus);
+            let name = &bus.name;
+            if matches!(bus.transport, Transport::Serial(_)) {
+                println!("bus {name} is the serial port {address}: {}", devices.join(", "));
+                if *address != bus.address {
+                    println!("  the gateway finds it with --set bus.{name}.port={address}");
+                }
+            } else {
+                println!("bus {name} listens on {address}: {}", devices.join(", "));
+            }
         }
         println!("stop with Ctrl-C");
         tokio::select! {

@@ -254,6 +254,12 @@ fn figure(number: f64) -> String {
 impl fmt::Display for AxisExplained {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "axis {}", self.name)?;
+        if self.models.is_empty() {
+            writeln!(
+                f,
+                "  no model yet: `isotherm record` and `isotherm identify` find one; until then it cannot run"
+            )?;
+        }
         for (place, model) in self.models.iter().enumerate() {
             writeln!(f, "  {}. {}: {}", place + 1, model.name, model.formula)?;
             for effect in &model.effects {

@@ -44,6 +44,11 @@ impl Backoff {
         self.not_before = Some(now.after(doubled.saturating_sub(less)));
     }
 
+    /// Whatever the pause, no attempt is made before this moment either.
+    pub fn not_before_either(&mut self, moment: Moment) {
+        self.not_before = self.not_before.max(Some(moment));
+    }
+
     /// An attempt succeeded.
     pub fn succeed(&mut self) {
         self.failures = 0;

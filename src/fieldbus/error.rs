@@ -37,6 +37,16 @@ pub enum LinkFault {
     Unreachable,
     /// It was closed or broke in the middle.
     Broken,
+    /// It was closed while nothing was under way: nothing has been sent.
+    Closed,
+    /// There is no such serial port: not plugged in, or under another name.
+    Absent,
+    /// The serial port may not be opened by this user.
+    Forbidden,
+    /// Another program has the serial port.
+    Busy,
+    /// The port is no serial port, or cannot do these settings.
+    Unsuited,
     /// It is down, and not yet time to try again.
     Down,
 }
@@ -76,6 +86,11 @@ impl Fault {
         matches!(self, Fault::Link(_) | Fault::Peer(_) | Fault::Timeout)
     }
 
+    /// There is no connection at all: what is wrong is the line, not one of its devices.
+    pub const fn is_of_the_line(self) -> bool {
+        matches!(self, Fault::Link(fault) if !matches!(fault, LinkFault::Broken))
+    }
+
     /// What it means for a reading.
     pub const fn reason(self) -> Reason {
         match self {
@@ -97,6 +112,13 @@ impl fmt::Display for Fault {
             Fault::Link(LinkFault::Refused) => "connection refused: nobody listens there",
             Fault::Link(LinkFault::Unreachable) => "host not reachable",
             Fault::Link(LinkFault::Broken) => "connection closed or broken",
+            Fault::Link(LinkFault::Closed) => "connection closed while idle",
+            Fault::Link(LinkFault::Absent) => "no such serial port: is the adapter plugged in?",
+            Fault::Link(LinkFault::Forbidden) => {
+                "no permission for the serial port: the user must be in its group, often `dialout`"
+            }
+            Fault::Link(LinkFault::Busy) => "another program uses the serial port",
+            Fault::Link(LinkFault::Unsuited) => "no serial port, or one that cannot do these settings",
             Fault::Link(LinkFault::Down) => "no connection",
             Fault::Peer(PeerFault::Foreign) => "reply of another transaction or unit",
             Fault::Peer(PeerFault::Function) => "reply with another function code",

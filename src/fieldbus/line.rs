@@ -1,6 +1,11 @@
 //! One physical line: at most one request under way, a timeout for each, a breaker for each device, reconnection.
 //!
 //! After a timeout or a wrong answer the connection is dropped: a reused one would stay one reply behind for ever.
+//! On a line whose answers do not name their question (RTU) a new connection would not help, as the late answer may
+//! arrive on it: there the unit, under whatever name the profile has it, is not asked again before its answer has had
+//! [`GRACE`] timeouts more, and whatever came until then is discarded. An answer that is later still cannot be told from
+//! the next one: the timeout must be at least a quarter of the longest that a device ever takes. Two misses in a row
+//! open the port again, for an adapter that has lost itself.
 //! A device that failed is left alone for a pause that doubles; while it rests, the others on the line are served, so
 //! a dead unit costs them at most one timeout per pause. A line that cannot be connected rests in the same way.
 
@@ -9,10 +14,14 @@ use std::time::Duration;
 use super::backoff::Backoff;
 use super::error::{CallerFault, Fault, LinkFault};
 use super::wire::{Answer, Connection, Dial, Request};
-use crate::clock::Patience;
-use crate::profile::{Bus, Device, DeviceId, Functions};
+use crate::clock::{Patience, Silence};
+use crate::profile::{Bus, Device, DeviceId, Functions, Quirks};
 use crate::quantity::Moment;
 
+/// How many timeouts a late answer is given, beyond the first, before its unit is asked again.
+pub const GRACE: u32 = 3;
+/// Misses in a row after which a line without transactions is opened again.
+const MISSES: u32 = 2;
 /// The first pause after a failure.
 const FIRST_PAUSE: Duration = Duration::from_secs(1);
 
@@ -22,10 +31,14 @@ pub struct Line {
     wire: Option<Connection>,
     patience: Patience,
     timeout: Duration,
+    pause_after_connect: Duration,
     redial: Backoff,
     refused: Fault,
     units: Vec<Unit>,
     spoke: bool,
+    misses: u32,
+    /// Closed by us after an answer.
+    is_put_down: bool,
 }
 
 /// One device on the line.
@@ -34,23 +47,29 @@ struct Unit {
     device: DeviceId,
     number: u8,
     functions: Functions,
-    pause_between_requests: Duration,
+    quirks: Quirks,
     breaker: Backoff,
     last_fault: Fault,
+    /// Since when it may owe an answer that could be taken for another.
+    owes: Silence,
 }
 
 impl Line {
     /// A line that has not been connected yet, for these devices of a profile.
     pub fn new(bus: &Bus, devices: &[(DeviceId, &Device)], dial: Box<dyn Dial>) -> Line {
+        let pauses = devices.iter().map(|(_, device)| device.quirks.pause_after_connect);
+        let pause_after_connect = pauses.fold(bus.quirks.pause_after_connect, Duration::max);
         let units = devices
             .iter()
             .map(|(id, device)| Unit {
                 device: *id,
                 number: device.unit,
                 functions: device.functions,
-                pause_between_requests: device.quirks.pause_between_requests,
+                quirks: device.quirks,
                 breaker: Backoff::new(FIRST_PAUSE, seed(&device.name)),
                 last_fault: Fault::Link(LinkFault::Down),
+                // Its answer to a gateway that ended a moment ago may be under way.
+                owes: Silence::begin(),
             })
             .collect();
         Line {
@@ -58,16 +77,19 @@ impl Line {
             wire: None,
             patience: Patience::new(),
             timeout: bus.timeout,
+            pause_after_connect,
             redial: Backoff::new(FIRST_PAUSE, seed(&bus.name)),
             refused: Fault::Link(LinkFault::Down),
             units,
             spoke: false,
+            misses: 0,
+            is_put_down: false,
         }
     }
 
     /// There is a connection.
     pub fn is_connected(&self) -> bool {
-        self.wire.is_some()
+        self.wire.is_some() || self.is_put_down
     }
 
     /// Attempts to connect that failed since the last one that succeeded, and the last fault.
@@ -103,52 +125,84 @@ impl Line {
         if !unit.breaker.allows(now) {
             return Err(unit.last_fault);
         }
-        let (number, pause) = (unit.number, unit.pause_between_requests);
-        let was_connected = self.is_connected();
-        let mut answer = self.exchange(number, pause, request, now).await;
-        if was_connected && answer == Err(Fault::Link(LinkFault::Broken)) {
+        let was_connected = self.wire.is_some();
+        let mut answer = self.exchange(place, request, now).await;
+        let is_closed = answer == Err(Fault::Link(LinkFault::Closed));
+        if was_connected && (is_closed || answer == Err(BROKEN)) {
             // Some gateways close a connection that was idle for a while: that is no reason to lose a reading. A write
-            // is not repeated; but where nobody listens any more, that is what is wrong.
+            // is not repeated, unless nothing was sent; but where nobody listens any more, that is what is wrong.
+            let is_told_apart = self.wire.as_mut().is_some_and(|wire| wire.wire().names_its_question());
             self.wire = None;
-            if request.is_read() {
-                answer = self.exchange(number, pause, request, now).await;
+            if is_closed || (request.is_read() && is_told_apart) {
+                answer = self.exchange(place, request, now).await;
             } else {
                 self.connect(now).await?;
+                if !is_told_apart {
+                    self.rest(place, BROKEN, now);
+                }
                 return answer;
             }
         }
-        if self.wire.is_none() {
-            return answer;
-        }
-        let unit = &mut self.units[place];
+        let Some(connection) = &mut self.wire else { return answer };
         match &answer {
             Err(fault) if fault.spoils_connection() => {
-                self.wire = None;
-                // The pause begins when the timeout is over, else several dead units would have none left.
-                let waited = if *fault == Fault::Timeout { self.timeout } else { Duration::ZERO };
-                unit.breaker.fail(now.after(waited));
-                unit.last_fault = *fault;
+                let is_told_apart = connection.wire().names_its_question();
+                self.misses += 1;
+                if is_told_apart || self.misses >= MISSES || matches!(fault, Fault::Link(_)) {
+                    self.wire = None;
+                    self.misses = 0;
+                }
+                if is_told_apart {
+                    // The pause begins when the timeout is over, else several dead units would have none left.
+                    let waited = if *fault == Fault::Timeout { self.timeout } else { Duration::ZERO };
+                    self.units[place].breaker.fail(now.after(waited));
+                    self.units[place].last_fault = *fault;
+                } else {
+                    self.rest(place, *fault, now);
+                }
             }
-            _ => unit.breaker.succeed(),
+            _ => {
+                self.misses = 0;
+                let unit = &mut self.units[place];
+                unit.breaker.succeed();
+                if unit.quirks.close_after_each {
+                    self.wire = None;
+                    self.is_put_down = true;
+                }
+            }
         }
         answer
     }
 
-    async fn exchange(
-        &mut self,
-        unit: u8,
-        pause: Duration,
-        request: Request<'_>,
-        now: Moment,
-    ) -> Result<Answer, Fault> {
+    /// A unit whose answer may still come, and would not say what it answers, is left alone for as long as that takes:
+    /// by each of the devices that are this unit.
+    fn rest(&mut self, place: usize, fault: Fault, now: Moment) {
+        let quiet = now.after(self.timeout * (1 + GRACE));
+        self.units[place].breaker.fail(now.after(self.timeout));
+        let number = self.units[place].number;
+        for unit in self.units.iter_mut().filter(|unit| unit.number == number) {
+            unit.owes = Silence::begin();
+            unit.breaker.not_before_either(quiet);
+            unit.last_fault = fault;
+        }
+    }
+
+    async fn exchange(&mut self, place: usize, request: Request<'_>, now: Moment) -> Result<Answer, Fault> {
         self.connect(now).await?;
-        let Some(wire) = &mut self.wire else { return Err(Fault::Link(LinkFault::Down)) };
+        let unit = &self.units[place];
+        let Some(connection) = &mut self.wire else { return Err(Fault::Link(LinkFault::Down)) };
+        let owed = unit.owes.left_of(self.timeout * GRACE);
+        if !owed.is_zero() {
+            connection.wire().listen(owed).await?;
+        }
+        let pause = unit.quirks.pause_between_requests;
         if self.spoke && !pause.is_zero() {
             tokio::time::sleep(pause).await;
         }
         self.spoke = true;
-        let answer = self.patience.within(self.timeout, wire.call(unit, request)).await;
-        answer.unwrap_or(Err(Fault::Timeout))
+        let span = self.timeout + connection.wire().time_under_way(request);
+        let answer = self.patience.within(span, connection.call(unit.number, request)).await;
+        answer.unwrap_or_else(|| Err(connection.wire().missed()))
     }
 
     async fn connect(&mut self, now: Moment) -> Result<(), Fault> {
@@ -161,12 +215,17 @@ impl Line {
         let dialled = self.patience.within(self.timeout, self.dial.dial()).await;
         match dialled.unwrap_or(Err(Fault::Link(LinkFault::Unreachable))) {
             Ok(wire) => {
+                if !self.pause_after_connect.is_zero() {
+                    tokio::time::sleep(self.pause_after_connect).await;
+                }
                 self.wire = Some(wire);
-                self.spoke = false;
+                self.spoke = self.is_put_down;
+                self.is_put_down = false;
                 self.redial.succeed();
                 Ok(())
             }
             Err(fault) => {
+                self.is_put_down = false;
                 self.redial.fail(now);
                 self.refused = fault;
                 Err(fault)
@@ -191,6 +250,8 @@ impl Functions {
         }
     }
 }
+
+const BROKEN: Fault = Fault::Link(LinkFault::Broken);
 
 /// Different names rest for different times; the same name always for the same.
 fn seed(name: &str) -> u64 {

@@ -1,4 +1,4 @@
-//! Modbus TCP through tokio-modbus: the only file that knows the library.
+//! Modbus TCP through tokio-modbus; beside this only [`super::rtu`] knows the library, for its decoder.
 //!
 //! The library compares transaction, unit and function of an answer, but not the length of a read nor the echo of a
 //! write (in release builds; in debug builds its typed calls panic), and it has no timeout and no reconnect. So the
@@ -7,7 +7,6 @@
 use std::borrow::Cow;
 use std::fmt;
 use std::io;
-use std::time::Duration;
 
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
@@ -23,13 +22,12 @@ use crate::codec::Table;
 #[derive(Clone, Debug)]
 pub struct TcpDial {
     address: String,
-    pause_after_connect: Duration,
 }
 
 impl TcpDial {
     /// To `host:port`.
-    pub fn new(address: &str, pause_after_connect: Duration) -> TcpDial {
-        TcpDial { address: address.to_owned(), pause_after_connect }
+    pub fn new(address: &str) -> TcpDial {
+        TcpDial { address: address.to_owned() }
     }
 }
 
@@ -40,9 +38,6 @@ impl Dial for TcpDial {
                 TcpStream::connect(self.address.as_str()).await.map_err(|error| dial_fault(&error))?;
             // A small request must not wait for the answer to the last one.
             stream.set_nodelay(true).map_err(|_| Fault::Link(LinkFault::Broken))?;
-            if !self.pause_after_connect.is_zero() {
-                tokio::time::sleep(self.pause_after_connect).await;
-            }
             Ok(Connection::Modbus(attach(Eager::new(stream))))
         })
     }
@@ -99,7 +94,7 @@ fn pdu(request: Request<'_>) -> Pdu<'_> {
 }
 
 /// Whether this is the answer to that question, in every part the protocol repeats.
-fn check(request: Request<'_>, response: Response) -> Result<Answer, Fault> {
+pub(super) fn check(request: Request<'_>, response: Response) -> Result<Answer, Fault> {
     match (request, response) {
         (
             Request::Read { count, .. },
@@ -143,7 +138,7 @@ fn echo(repeated: bool) -> Result<Answer, Fault> {
     if repeated { Ok(Answer::Done) } else { Err(Fault::Peer(PeerFault::Echo)) }
 }
 
-fn dial_fault(error: &io::Error) -> Fault {
+pub(super) fn dial_fault(error: &io::Error) -> Fault {
     match error.kind() {
         io::ErrorKind::ConnectionRefused => Fault::Link(LinkFault::Refused),
         io::ErrorKind::TimedOut => Fault::Timeout,

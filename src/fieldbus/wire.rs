@@ -5,6 +5,7 @@
 
 use std::future::Future;
 use std::pin::Pin;
+use std::time::Duration;
 
 use super::error::Fault;
 use super::modbus::ModbusTcp;
@@ -62,6 +63,27 @@ pub trait Wire: Send {
     /// Sends the request and waits for its answer, for as long as it takes. The answer has been checked against the
     /// request: transaction, unit, function, length, echo.
     fn call<'a>(&'a mut self, unit: u8, request: Request<'a>) -> Boxed<'a, Result<Answer, Fault>>;
+
+    /// Whether an answer names the question it belongs to. Where it does not, as on a serial line, a late answer looks
+    /// like the one to the next question.
+    fn names_its_question(&self) -> bool {
+        true
+    }
+
+    /// How long the question and its answer are under way by themselves, beyond what the device needs.
+    fn time_under_way(&self, _request: Request<'_>) -> Duration {
+        Duration::ZERO
+    }
+
+    /// The last call was given up: what it waited for in vain, or what came instead.
+    fn missed(&mut self) -> Fault {
+        Fault::Timeout
+    }
+
+    /// Discards whatever comes for this long.
+    fn listen(&mut self, _span: Duration) -> Boxed<'_, Result<(), Fault>> {
+        Box::pin(std::future::ready(Ok(())))
+    }
 }
 
 /// What opens connections.
@@ -87,6 +109,14 @@ impl Connection {
         match self {
             Connection::Modbus(wire) => wire.exchange(unit, request).await,
             Connection::Other(wire) => wire.call(unit, request).await,
+        }
+    }
+
+    /// It as any kind of wire.
+    pub fn wire(&mut self) -> &mut dyn Wire {
+        match self {
+            Connection::Modbus(wire) => wire,
+            Connection::Other(wire) => wire.as_mut(),
         }
     }
 }

@@ -63,14 +63,14 @@ enum Job {
 
 impl Keeper {
     /// Keeps the log and the state of this machine in this directory.
-    pub(super) fn start(profile: &Profile, directory: &Path, journal: Arc<Journal>) -> Keeper {
+    pub(super) fn start(profile: &Profile, directory: &Path, dry_run: bool, journal: Arc<Journal>) -> Keeper {
         let (queue, jobs) = sync_channel(QUEUE);
         let torn = Arc::new(AtomicBool::new(false));
         let mut desk = Desk {
             torn: Arc::clone(&torn),
             directory: directory.to_owned(),
             machine: profile.name.clone(),
-            header: Recorder::header(profile),
+            header: if dry_run { Recorder::dry_header(profile) } else { Recorder::header(profile) },
             state: Memory::path(directory, profile),
             keep: profile.history.keep,
             day: String::new(),
@@ -85,7 +85,7 @@ impl Keeper {
         };
         // Without a thread nothing is kept: the queue finds nobody at its other end.
         let _ = std::thread::Builder::new().name("keeper".to_owned()).spawn(work);
-        let recorder = Some(Recorder::new(profile));
+        let recorder = Some(Recorder::new(profile).of_dry_run(dry_run));
         Keeper { queue: Some(queue), recorder, remembered: None, day: None, torn, working: Some(working) }
     }
 

@@ -16,6 +16,7 @@
 //!   A log from elsewhere may have `z_measured_um` alone: what was decided last acts.
 //! - `machine_memory`: at the first row of a run, what was remembered from before (JSON).
 //! - `machine_zero`: the moment of a command to zero that was given since the row before.
+//! - `machine_dry_run`: 1, and only in the log of a dry run: no Cz in it ever acted.
 //!
 //! A log from elsewhere needs `time` and at least one signal; `z_error_um` is the measured error of axis z.
 
@@ -32,6 +33,8 @@ pub use recorder::{Recorder, number};
 const TIME: &str = "time";
 const MEMORY: &str = "machine_memory";
 const ZERO: &str = "machine_zero";
+/// In the log of a dry run.
+const DRY_RUN: &str = "machine_dry_run";
 
 const PERMIT: &str = "permit";
 const FROM: &str = "from_um";

@@ -9,7 +9,7 @@ use super::commissioning::Inspector;
 use super::shared::{JITTER_MS, Shared};
 use crate::clock::Sleeper;
 use crate::compensation::model::Evaluate;
-use crate::fieldbus::error::{Fault, LinkFault};
+use crate::fieldbus::error::Fault;
 use crate::fieldbus::line::Line;
 use crate::fieldbus::plan::{ReadRequest, plan};
 use crate::fieldbus::wire::{Answer, Request};
@@ -356,7 +356,7 @@ impl super::shared::Core {
         lost.missed += 1;
         lost.answers_since = None;
         lost.fault = fault.to_string();
-        if matches!(fault, Fault::Link(LinkFault::Refused | LinkFault::Unreachable | LinkFault::Down)) {
+        if fault.is_of_the_line() {
             let bus = shared.profile.bus(device.bus);
             let (attempts, fault) = line.refusals();
             lost.fault = fault.to_string();

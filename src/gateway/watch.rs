@@ -80,12 +80,16 @@ fn late_line(
     None
 }
 
-/// The longest a line may take for one cycle: each of its requests connects and then times out.
+/// The longest a line may take for one cycle: each of its requests connects and then times out, with all its pauses.
 fn limit(profile: &Profile, bus: BusId) -> Duration {
     let devices = profile.devices.iter().filter(|device| device.bus == bus);
+    let pauses = devices
+        .clone()
+        .map(|device| device.quirks.pause_after_connect.max(device.quirks.pause_between_requests));
     let longest = devices.clone().map(|device| device.every).max().unwrap_or_default();
     let requests =
         devices.count() + profile.signals.len() + 4 * profile.outputs.len() + 8 * profile.sets.len();
     let requests = u32::try_from(requests).unwrap_or(u32::MAX);
-    Duration::from_secs(5) + longest * 4 + profile.bus(bus).timeout.saturating_mul(requests.saturating_mul(2))
+    let request = profile.bus(bus).timeout + pauses.max().unwrap_or_default();
+    Duration::from_secs(5) + longest * 4 + request.saturating_mul(requests.saturating_mul(2))
 }

@@ -18,13 +18,24 @@ pub struct Collinearity {
 }
 
 /// Of these terms over every run; `None` where there are none, or two are the same.
-pub fn collinearity(campaign: &Campaign<'_>, terms: &[Candidate]) -> Option<Collinearity> {
+pub fn collinearity(
+    campaign: &Campaign<'_>,
+    bank: &Bank,
+    terms: &[(Candidate, f64)],
+) -> Option<Collinearity> {
     if terms.is_empty() {
         return None;
     }
-    let bank = Bank::new(campaign, terms.to_vec());
-    let grams = Gram::each(&bank);
-    of_gram(&Gram::sum(&grams, &(0..grams.len()).collect::<Vec<usize>>()))
+    let sum = |grams: &[Gram]| Gram::sum(grams, &(0..grams.len()).collect::<Vec<usize>>());
+    let place = |(term, _): &(Candidate, f64)| bank.candidates.iter().position(|known| known == term);
+    match terms.iter().map(place).collect::<Option<Vec<usize>>>() {
+        Some(columns) => of_gram(&sum(&Gram::each(bank)).of_columns(&columns)),
+        // Fitted time constants are in no bank.
+        None => {
+            let own = Bank::new(campaign, terms.iter().map(|(term, _)| *term).collect());
+            of_gram(&sum(&Gram::each(&own)))
+        }
+    }
 }
 
 fn of_gram(gram: &Gram) -> Option<Collinearity> {

@@ -11,7 +11,9 @@ use std::time::Duration;
 
 use crate::quantity::Moment;
 
+mod acted;
 mod csv;
+mod files;
 mod kind;
 #[cfg(feature = "parquet")]
 mod parquet;
@@ -71,7 +73,7 @@ pub struct Split {
 pub struct BadLog(pub Vec<String>);
 
 impl Dataset {
-    /// Reads the logs, and splits them into runs. `units` gives the unit of a column where a profile knows it.
+    /// Reads the logs, or those in a directory, and splits them into runs. `units` gives the unit of a column where a profile knows it.
     ///
     /// # Errors
     /// Everything that cannot be read, with file, line and column.
@@ -82,14 +84,11 @@ impl Dataset {
     ) -> Result<Dataset, BadLog> {
         let mut wrong = Vec::new();
         let mut tables = Vec::new();
-        for file in files {
-            match read_table(file) {
+        for file in files::logs(files, &mut wrong) {
+            match read_table(&file).and_then(finished) {
                 Ok(table) => tables.push(table),
                 Err(BadLog(found)) => wrong.extend(found),
             }
-        }
-        if files.is_empty() {
-            wrong.push("no log is named: give one or more CSV or Parquet files".to_owned());
         }
         if !wrong.is_empty() {
             return Err(BadLog(wrong));
@@ -114,7 +113,12 @@ impl Dataset {
         }
         let runs = split::runs(tables, &names, split)?;
         let column = |(place, name): (usize, &&str)| {
-            let kind = Kind::guess(name, units(name), runs.iter().map(|run| run.values[place].as_slice()));
+            let values = runs.iter().map(|run| run.values[place].as_slice());
+            let has_acted = |table: &Table| table.acted.iter().any(|known| known == name);
+            let kind = match tables.iter().any(has_acted) {
+                true => Kind::Compensation,
+                false => Kind::guess(name, units(name), values),
+            };
             Column { name: (*name).to_owned(), kind }
         };
         let columns = names.iter().enumerate().map(column).collect();
@@ -152,6 +156,13 @@ fn shared_names(tables: &[Table]) -> Vec<&str> {
         }
     }
     names
+}
+
+/// A table as it is learnt from.
+fn finished(mut table: Table) -> Result<Table, BadLog> {
+    let mut wrong = table::Wrong::in_file(table.file.clone());
+    acted::keep_what_acted(&mut table, &mut wrong);
+    wrong.or(table)
 }
 
 fn read_table(file: &Path) -> Result<Table, BadLog> {

@@ -4,6 +4,7 @@
 use serde::Serialize;
 
 use super::dataset::{Dataset, Kind, Run};
+use super::setup;
 use activity::Mover;
 use minutes::{Minutes, range_of};
 
@@ -24,6 +25,21 @@ pub enum Test {
     Axis,
     /// Thermal distortion by rotary motion
     Rotary,
+}
+
+/// What moves less, µm, is no displacement.
+const STILL: f64 = 1e-6;
+
+impl Test {
+    /// In the words of the standard.
+    pub fn words(self) -> &'static str {
+        match self {
+            Test::Etve => "environmental temperature variation error (ETVE)",
+            Test::Spindle => "thermal distortion by a rotating spindle",
+            Test::Axis => "thermal distortion by moving linear axes",
+            Test::Rotary => "thermal distortion by rotary motion",
+        }
+    }
 }
 
 /// The drift of one run.
@@ -134,15 +150,27 @@ pub fn drift(
 fn of_run(dataset: &Dataset, run: &Run, columns: &[usize], asked: Option<Test>, movers: &[Mover]) -> Drift {
     let active: Vec<&Mover> = movers.iter().filter(|mover| mover.moves(run)).collect();
     let mut remarks = dataset.remarks.clone();
+    remarks.extend(setup::odd_length(run));
+    let is_temperature = |column: &usize| {
+        dataset.columns[*column].kind == Kind::Temperature
+            && !columns.contains(column)
+            && !movers.iter().any(|mover| mover.column == *column)
+    };
+    let temperatures: Vec<usize> = (0..dataset.columns.len()).filter(is_temperature).collect();
+    remarks.extend(setup::fahrenheit(dataset, &temperatures));
+    let still = |column: &&usize| {
+        range_of(
+            &run.values[**column].iter().copied().filter(|value| value.is_finite()).collect::<Vec<f64>>(),
+        ) < STILL
+    };
+    for column in columns.iter().filter(still) {
+        let name = &dataset.columns[*column].name;
+        remarks.push(format!("{name} stands still: was the probe connected?"));
+    }
     let (test, mover, because) = activity::likeness(asked, &active, &mut remarks);
     let stages = mover.map(|mover| mover.stages(run)).unwrap_or_default();
     let hours = run.lasts().as_secs_f64() / 3600.0;
     let name = |column: usize| dataset.columns[column].name.clone();
-    let temperatures = (0..dataset.columns.len()).filter(|column| {
-        dataset.columns[*column].kind == Kind::Temperature
-            && !columns.contains(column)
-            && !movers.iter().any(|mover| mover.column == *column)
-    });
     Drift {
         name: run.name.clone(),
         test,
@@ -154,6 +182,7 @@ fn of_run(dataset: &Dataset, run: &Run, columns: &[usize], asked: Option<Test>, 
             .map(|column| displacement(name(*column), &Minutes::of(run, *column), &stages))
             .collect(),
         temperatures: temperatures
+            .into_iter()
             .filter_map(|column| temperature(name(column), &Minutes::of(run, column)))
             .collect(),
         stages,

@@ -2,10 +2,13 @@
 
 use serde::Serialize;
 
+use super::ambient::AmbientLike;
 use super::bank::Candidate;
 use super::campaign::Campaign;
-use super::dataset::Kind;
-use super::faults::Excluded;
+use super::collinear::collinearity;
+use super::dataset::{Column, Kind};
+use super::facts::least_and_most;
+use super::faults::{Excluded, resolution};
 use super::gram::count;
 use super::learn::{Learned, Learner};
 use super::method::{Method, Settings};
@@ -25,6 +28,8 @@ pub struct Identified {
     pub error: String,
     /// The terms of Cz = Σ gain·rise; empty for a network.
     pub terms: Vec<TermFound>,
+    /// The condition number of the terms' columns, each of root mean square 1; none where two are the same, or there are none.
+    pub condition: Option<f64>,
     /// Each run, held out.
     pub runs: Vec<RunScore>,
     /// Mean over the runs of the held-out range, µm.
@@ -39,6 +44,8 @@ pub struct Identified {
     pub probe_s: Option<f64>,
     /// Sensors left out, with the reason.
     pub excluded: Vec<Excluded>,
+    /// Sensors that behave like the air, with the reason.
+    pub ambient: Vec<AmbientLike>,
     /// What each column of the logs was taken for.
     pub columns: Vec<ColumnShown>,
     /// Models for the loss of each sensor, the best first.
@@ -51,8 +58,8 @@ pub struct Identified {
     /// The model over all runs.
     #[serde(skip)]
     pub learned: Learned,
-    /// Where its inputs were.
-    #[serde(skip)]
+    /// Where its inputs were; none where they are too many, or one never moved.
+    #[serde(rename = "envelope")]
     pub region: Option<Region>,
     /// The slope's position signal and where the slope adds nothing, mm.
     pub position: Option<(String, f64)>,
@@ -71,6 +78,9 @@ pub struct TermFound {
     pub gain: f64,
     /// The gain's standard error.
     pub se: f64,
+    /// How many times the variance of the gain is what it were if no other term resembled it; none as for the condition.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub inflation: Option<f64>,
     /// It belongs to the slope over the position.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub slope: bool,
@@ -96,6 +106,12 @@ pub struct ColumnShown {
     pub kind: Kind,
     /// What it is used as.
     pub used: &'static str,
+    /// The smallest step between two of its values; 0 where it never moved.
+    pub resolution: f64,
+    /// Its least value.
+    pub min: Option<f64>,
+    /// Its largest value.
+    pub max: Option<f64>,
 }
 
 /// The model that stands in where a sensor is lost.
@@ -105,6 +121,9 @@ pub struct Fallback {
     pub without: String,
     /// Its terms.
     pub terms: Vec<TermFound>,
+    /// Where its inputs were; none where they are too many, or one never moved.
+    #[serde(rename = "envelope")]
+    pub region: Option<Region>,
     /// Held out.
     #[serde(flatten)]
     pub means: Means,
@@ -136,11 +155,20 @@ pub fn identify(
     };
     let error = campaign.dataset.columns[campaign.error].name.clone();
     let means = means(held_out.iter().map(|held| (held.score.range_um, held.score.rmse_um)));
+    let mut terms = terms(campaign, learner.as_ref(), &learned, &held_out, settings.method);
+    let apart = match &learned {
+        Learned::Sum(gains) => collinearity(campaign, learner.bank(), gains),
+        Learned::Net { .. } => None,
+    };
+    for (term, inflation) in terms.iter_mut().zip(apart.iter().flat_map(|apart| &apart.inflation)) {
+        term.inflation = Some(*inflation);
+    }
     let bare = |held: &HeldOut| (held.score.uncompensated_range_um, held.score.uncompensated_rmse_um);
     Ok(Identified {
         method: settings.method.name(),
         axis: ready.axis.clone(),
-        terms: terms(campaign, learner.as_ref(), &learned, &held_out, settings.method),
+        terms,
+        condition: apart.map(|apart| apart.condition),
         runs: held_out.iter().map(|held| held.score.clone()).collect(),
         mean_range_um: means.mean_range_um,
         worst_range_um: means.worst_range_um,
@@ -148,6 +176,7 @@ pub fn identify(
         uncompensated: self::means(held_out.iter().map(bare)),
         probe_s: probe,
         excluded: ready.excluded.clone(),
+        ambient: ready.ambient.clone(),
         columns: columns(campaign, &error, &ready.excluded),
         fallbacks: stand_ins,
         remarks: ready.remarks.clone(),
@@ -215,6 +244,7 @@ fn shown(campaign: &Campaign<'_>, candidate: &Candidate, gain: f64, se: f64) -> 
         lag_s: candidate.lag.map_or(0.0, |lag| lag.as_secs_f64()),
         gain,
         se,
+        inflation: None,
         slope: candidate.along,
     }
 }
@@ -224,7 +254,9 @@ fn stand_ins(campaign: &Campaign<'_>, learner: &dyn Learner, inputs: &[usize]) -
     let mut found = Vec::new();
     for lost in inputs {
         // A method that cannot do without this sensor has no stand-in for its loss.
-        let Ok(Learned::Sum(gains)) = learner.learn(&runs, &[*lost]) else { continue };
+        let Ok(learned @ Learned::Sum(_)) = learner.learn(&runs, &[*lost]) else { continue };
+        let needed = inputs_of(&learned);
+        let Learned::Sum(gains) = learned else { continue };
         if gains.is_empty() {
             continue;
         }
@@ -232,6 +264,7 @@ fn stand_ins(campaign: &Campaign<'_>, learner: &dyn Learner, inputs: &[usize]) -
         found.push(Fallback {
             without: campaign.inputs[*lost].name.clone(),
             terms: gains.iter().map(|(candidate, gain)| shown(campaign, candidate, *gain, 0.0)).collect(),
+            region: Region::of(campaign, learner.bank(), &needed),
             means: means(held.iter().map(|held| (held.score.range_um, held.score.rmse_um))),
         });
     }
@@ -263,6 +296,17 @@ fn columns(campaign: &Campaign<'_>, error: &str, excluded: &[Excluded]) -> Vec<C
             "not used"
         }
     };
-    let columns = campaign.dataset.columns.iter();
-    columns.map(|c| ColumnShown { name: c.name.clone(), kind: c.kind, used: used(&c.name) }).collect()
+    let dataset = campaign.dataset;
+    let shown = |(place, column): (usize, &Column)| {
+        let span = least_and_most(dataset.runs.iter().flat_map(|run| run.values[place].iter().copied()));
+        ColumnShown {
+            name: column.name.clone(),
+            kind: column.kind,
+            used: used(&column.name),
+            resolution: resolution(dataset, place),
+            min: span.map(|(low, _)| low),
+            max: span.map(|(_, high)| high),
+        }
+    };
+    dataset.columns.iter().enumerate().map(shown).collect()
 }

@@ -1,6 +1,7 @@
 //! The envelope: where the inputs of a model were while it was identified.
 
 use nalgebra::{DMatrix, DVector};
+use serde::{Serialize, Serializer};
 use serde_json::{Value, json};
 
 use super::bank::Bank;
@@ -17,6 +18,12 @@ pub struct Region {
     covariance: DMatrix<f64>,
     /// The largest Mahalanobis distance that occurred.
     reach: f64,
+}
+
+impl Serialize for Region {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.file().serialize(serializer)
+    }
 }
 
 /// Twin sensors: a share of each variance is added, so that the covariance has an inverse.

@@ -12,12 +12,16 @@ use maud::{DOCTYPE, Markup, PreEscaped, html};
 use crate::quantity::Moment;
 
 mod chart;
+mod drifted;
 mod identified;
 mod judged;
 mod logs;
 mod selected;
 mod terms;
 
+pub(super) use logs::is_ambient;
+
+pub use drifted::drifted;
 pub use identified::{Subject, identified};
 pub use selected::selected;
 
@@ -47,9 +51,17 @@ fn page(title: &str, made: Moment, content: &Markup) -> String {
     .into_string()
 }
 
+/// A moment for programs; none for a log that counts from its own beginning.
+pub(super) fn rfc3339(moment: Moment) -> Option<String> {
+    let stamp = jiff::Timestamp::from_nanosecond(i128::from(moment.as_nanos())).ok()?;
+    (moment.as_secs_f64() >= YEAR_2000_S).then(|| stamp.to_string())
+}
+
+/// What lies before it counts from its own beginning.
+const YEAR_2000_S: f64 = 946_684_800.0;
+
 /// Date and time in UTC; a log that counts from its own beginning has none.
 fn date(moment: Moment) -> String {
-    const YEAR_2000_S: f64 = 946_684_800.0;
     if moment.as_secs_f64() < YEAR_2000_S {
         return "–".to_owned();
     }

@@ -15,6 +15,7 @@ use std::time::Duration;
 use serde::Serialize;
 
 use super::alike::{correlations, groups};
+use super::ambient::AmbientLike;
 use super::bank::Bank;
 use super::faults::Excluded;
 use super::validate::RunScore;
@@ -52,6 +53,8 @@ pub struct Selected {
     pub recommended: Recommended,
     /// Sensors left out, with the reason.
     pub excluded: Vec<Excluded>,
+    /// Points that behave like the air, with the reason.
+    pub ambient: Vec<AmbientLike>,
     /// What is odd.
     pub remarks: Vec<String>,
 }
@@ -182,6 +185,7 @@ pub fn select(
         all_points: found.all_points(&name),
         recommended: alike,
         excluded: pointed.excluded.clone(),
+        ambient: pointed.ambient.clone(),
         remarks: pointed.remarks.clone(),
     })
 }

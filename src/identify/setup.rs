@@ -2,8 +2,10 @@
 
 use std::time::Duration;
 
+use super::ambient::{self, AmbientLike};
+use super::applied::{self, Applied};
 use super::campaign::{Campaign, Input, Position};
-use super::dataset::{BadLog, Dataset, Kind};
+use super::dataset::{BadLog, Dataset, Kind, Run};
 use super::faults::{self, Excluded};
 use super::gram::count;
 use super::validate::range;
@@ -38,6 +40,8 @@ pub struct Ready<'a> {
     pub axis: String,
     /// Sensors that were left out.
     pub excluded: Vec<Excluded>,
+    /// Inputs that behave like the air.
+    pub ambient: Vec<AmbientLike>,
     /// What is odd.
     pub remarks: Vec<String>,
 }
@@ -46,9 +50,26 @@ pub struct Ready<'a> {
 const COLD_SHOP: f64 = 45.0;
 /// No drift can be learnt from less.
 const SHORTEST_RUN: Duration = Duration::from_secs(20 * 60);
-const LONGEST_RUN: Duration = Duration::from_secs(31 * 24 * 3600);
+/// Four hours of seconds that are called minutes.
+const LONGEST_RUN: Duration = Duration::from_secs(10 * 24 * 3600);
 /// An error that moves less is noise or a column of zeros, µm.
 const STANDS_STILL: f64 = 1e-6;
+
+/// Takes out of the measured error the Cz that acted on it, where a log of the gateway or `applied` has it.
+///
+/// # Errors
+/// What acted cannot be known.
+pub fn without_cz(
+    profile: &Profile,
+    dataset: &mut Dataset,
+    choice: &Choice,
+    applied: &Applied,
+) -> Result<(), BadLog> {
+    // An axis or a column that is not there is told by `ready`.
+    let Some(axis) = axis(profile, choice, &mut Vec::new()) else { return Ok(()) };
+    let error = choice.error.clone().unwrap_or_else(|| format!("{axis}_error_um"));
+    applied::bare(dataset, &error, Some(&axis), applied::moves_the_machine(profile, &axis), applied)
+}
 
 /// Checks the choice, and leaves faulty sensors out.
 ///
@@ -67,10 +88,7 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
         check_error(dataset, error, &mut wrong);
     }
     let (Some(axis), Some(error), true) = (axis, error, wrong.is_empty()) else { return Err(BadLog(wrong)) };
-    let temperatures: Vec<usize> = (inputs.iter().map(|input| input.column))
-        .filter(|column| dataset.columns[*column].kind == Kind::Temperature)
-        .collect();
-    let mut excluded = faults::find(dataset, &temperatures);
+    let mut excluded = faults::find(dataset, &temperatures_of(dataset, &inputs));
     let kept = |name: &String| choice.keep.contains(name);
     for faulty in excluded.iter().filter(|faulty| kept(&faulty.signal)) {
         remarks.push(format!("{} stays in as asked, though it {}", faulty.signal, faulty.reason));
@@ -95,13 +113,19 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
                 .to_owned(),
         );
     }
+    let ambient = ambient::find(dataset, &temperatures_of(dataset, &good), error);
     let mut campaign = Campaign::new(profile, dataset, error, choice.resample).with_inputs(good);
     if position.is_some() {
         // Places that are visited in turn must not be averaged.
         campaign.resample = Duration::ZERO;
         campaign.position = position;
     }
-    Ok(Ready { campaign, axis, excluded, remarks })
+    Ok(Ready { campaign, axis, excluded, ambient, remarks })
+}
+
+pub(super) fn temperatures_of(dataset: &Dataset, inputs: &[Input]) -> Vec<usize> {
+    let columns = inputs.iter().map(|input| input.column);
+    columns.filter(|column| dataset.columns[*column].kind == Kind::Temperature).collect()
 }
 
 fn axis(profile: &Profile, choice: &Choice, wrong: &mut Vec<String>) -> Option<String> {
@@ -148,23 +172,25 @@ pub(super) fn check_runs(dataset: &Dataset, wrong: &mut Vec<String>) {
             only.name
         ));
     }
-    for run in &dataset.runs {
-        let (lasts, rows) = (run.lasts(), run.times.len());
-        let shown = humantime::format_duration(Duration::from_secs(lasts.as_secs()));
-        if lasts < SHORTEST_RUN {
-            wrong.push(format!(
-                "{} lasts {shown} ({rows} rows): too short for any drift; where its time counts minutes, name the \
-                 column time_min",
-                run.name
-            ));
-        } else if lasts > LONGEST_RUN {
-            wrong.push(format!(
-                "{} lasts {shown} ({rows} rows): where its time counts seconds, name the column time; else split it \
-                 with --gap 1h",
-                run.name
-            ));
-        }
+    wrong.extend(dataset.runs.iter().filter_map(odd_length));
+}
+
+/// What a run's length says about its time column, where that is odd.
+pub(super) fn odd_length(run: &Run) -> Option<String> {
+    let (name, lasts, rows) = (&run.name, run.lasts(), run.times.len());
+    let shown = humantime::format_duration(Duration::from_secs(lasts.as_secs()));
+    if lasts < SHORTEST_RUN {
+        return Some(format!(
+            "{name} lasts {shown} ({rows} rows): too short for any drift; where its time counts minutes, name the column \
+             time_min"
+        ));
     }
+    (lasts > LONGEST_RUN).then(|| {
+        format!(
+            "{name} lasts {shown} ({rows} rows): where its time counts seconds, name the column time; else split it \
+             with --gap 1h"
+        )
+    })
 }
 
 fn inputs(
@@ -256,32 +282,38 @@ fn position(
 }
 
 pub(super) fn check_units(dataset: &Dataset, inputs: &[Input], wrong: &mut Vec<String>) {
-    let temperatures = inputs.iter().filter(|input| dataset.columns[input.column].kind == Kind::Temperature);
-    let begins: Vec<f64> = temperatures
-        .filter_map(|input| {
-            let values = dataset.runs.iter().flat_map(|run| &run.values[input.column]);
-            values.copied().find(|value| value.is_finite())
-        })
-        .collect();
+    wrong.extend(fahrenheit(dataset, &temperatures_of(dataset, inputs)));
+}
+
+/// What these temperatures begin at says that they are no °C.
+pub(super) fn fahrenheit(dataset: &Dataset, temperatures: &[usize]) -> Option<String> {
+    let first = |column: &usize| {
+        let mut values = dataset.runs.iter().flat_map(|run| &run.values[*column]);
+        values.find(|value| value.is_finite()).copied()
+    };
+    let begins: Vec<f64> = temperatures.iter().filter_map(first).collect();
     let coldest = begins.iter().copied().fold(f64::MAX, f64::min);
-    if !begins.is_empty() && coldest > COLD_SHOP {
+    (!begins.is_empty() && coldest > COLD_SHOP).then(|| {
         let as_celsius = (coldest - 32.0) / 1.8;
-        wrong.push(format!(
+        format!(
             "every temperature begins at {coldest:.0} or more: that is °F ({coldest:.0} °F = {as_celsius:.0} °C), or \
              another unit; write °C: (F − 32) / 1.8"
-        ));
-    }
+        )
+    })
 }
 
 pub(super) fn check_error(dataset: &Dataset, error: usize, wrong: &mut Vec<String>) {
     let name = &dataset.columns[error].name;
-    let values = |run: &super::dataset::Run| -> Vec<f64> {
+    let values = |run: &Run| -> Vec<f64> {
         run.values[error].iter().copied().filter(|value| value.is_finite()).collect()
     };
     for run in &dataset.runs {
         let rows = values(run).len();
         if rows == 0 {
-            wrong.push(format!("{name} is empty in {}: leave that log out, or fill the column", run.name));
+            wrong.push(format!(
+                "{} has no number under {name}: leave that log out, or fill the column",
+                run.name
+            ));
         }
     }
     let widest = dataset.runs.iter().map(|run| range(&values(run))).fold(0.0, f64::max);

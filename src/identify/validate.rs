@@ -20,6 +20,8 @@ pub struct RunScore {
     pub uncompensated_range_um: f64,
     /// The root mean square without compensation, µm.
     pub uncompensated_rmse_um: f64,
+    /// How much of the range is gone, in percent; below zero where it grew, none where there was none.
+    pub range_cut_percent: Option<f64>,
 }
 
 /// One held-out run, row by row.
@@ -90,12 +92,14 @@ pub fn judge(
         p95_um: 0.0,
         uncompensated_range_um,
         uncompensated_rmse_um,
+        range_cut_percent: None,
     };
     let seconds = traced.seconds.clone();
     let cz = learned.predict(campaign, learner.bank(), run);
     let mut held = HeldOut { score, seconds, error, cz, learned };
     let left = held.residual(probe);
     held.score.range_um = range(&left);
+    held.score.range_cut_percent = cut(held.score.range_um, uncompensated_range_um);
     held.score.rmse_um = rms(&left);
     held.score.p95_um = percentile_95(&left);
     held
@@ -110,7 +114,12 @@ pub(super) fn scored(name: &str, error: &[f64], left: &[f64]) -> RunScore {
         p95_um: percentile_95(left),
         uncompensated_range_um: range(error),
         uncompensated_rmse_um: rms(error),
+        range_cut_percent: cut(range(left), range(error)),
     }
+}
+
+fn cut(left: f64, bare: f64) -> Option<f64> {
+    (bare > 0.0).then(|| 100.0 * (1.0 - left / bare))
 }
 
 /// At each multiple of the interval the residual is touched by a probe, and from there on only what changed counts.

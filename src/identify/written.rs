@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use super::identified::{Identified, TermFound};
 use super::learn::Learned;
+use super::region::Region;
 use crate::compensation::model::Outside;
 
 /// A block and its files, by name.
@@ -39,12 +40,19 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
             files.push((name, format!("{file:#}\n")));
         }
     }
-    if let Some(region) = &found.region {
-        let name = format!("{stem}.envelope.json");
-        line(&format!("envelope = {}   # the rises it was identified on", quoted(&name)));
-        line(&format!("outside = \"{}\"", word(outside)));
+    let mut bounded = |region: Option<&Region>, name: String| {
+        let Some(region) = region else {
+            return "# No envelope: too many inputs, or one that never moved.".to_owned();
+        };
+        let text = format!(
+            "envelope = {}   # the rises it was identified on\noutside = \"{}\"",
+            quoted(&name),
+            word(outside)
+        );
         files.push((name, format!("{:#}\n", region.file())));
-    }
+        text
+    };
+    line(&bounded(found.region.as_ref(), format!("{stem}.envelope.json")));
     for fallback in &found.fallbacks {
         line("");
         line(&format!(
@@ -54,6 +62,8 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
         line(&format!("[[axis.{}.model]]", found.axis));
         line(&format!("name = {}", quoted(&format!("{} without {}", found.method, fallback.without))));
         line(&sum(&fallback.terms, found.position.as_ref()));
+        let name = format!("{stem}.without-{}.envelope.json", fallback.without);
+        line(&bounded(fallback.region.as_ref(), name));
     }
     Written { block, files }
 }

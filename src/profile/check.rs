@@ -27,6 +27,7 @@ mod output;
 mod probe;
 mod registers;
 mod restart;
+mod serial;
 mod set;
 mod share;
 mod signal;
@@ -120,6 +121,7 @@ impl Check<'_> {
         self.names();
         let (name, description, mut machine, arm) = self.machine();
         let buses = self.buses();
+        self.one_owner_each(&buses);
         let devices = self.devices(&buses);
         let mut signals = self.signals(&devices, &buses);
         let axes = self.axes(&signals);
@@ -134,6 +136,7 @@ impl Check<'_> {
             self.not_built("mqtt", "publishing over MQTT", None);
         }
         self.registers(&buses, &devices, &signals, &outputs, &sets, heartbeat.as_ref());
+        self.time_on_lines(&buses, &devices, &signals);
         self.loose_ends(&devices, &outputs);
         Some(Profile {
             name,
@@ -230,8 +233,13 @@ impl Check<'_> {
 
     /// What is there but leads nowhere: a warning, because a profile grows piece by piece.
     fn loose_ends(&mut self, devices: &[Option<Device>], outputs: &[Option<super::Output>]) {
+        let raw = self.raw;
+        let lacks_model =
+            |name: &str| raw.axis.get(name).is_some_and(|axis| axis.model.as_ref().is_none_or(Vec::is_empty));
+        let is_unfinished = self.axes.names.iter().any(|name| lacks_model(name));
         for (index, name, path) in self.signals.each() {
-            if !self.used[index] {
+            // Which of them a model will use is not known before there is one.
+            if !self.used[index] && !is_unfinished {
                 let message = format!(
                     "no model, condition, output or machine state uses `{name}`; it is only recorded"
                 );
@@ -239,6 +247,11 @@ impl Check<'_> {
             }
         }
         for (index, name, path) in self.axes.each() {
+            if lacks_model(&name) {
+                let message = format!("`{name}` has no model yet: `isotherm run` refuses it");
+                let help = "record runs with `isotherm record`, find the model with `isotherm identify`, and put its block here";
+                self.warnings.push(self.places.at_key(&path, message, Some(help.to_owned())));
+            }
             let complete = outputs.iter().all(Option::is_some);
             if complete && !outputs.iter().flatten().any(|output| output.axis.0 == index) {
                 let message =
@@ -246,7 +259,6 @@ impl Check<'_> {
                 self.warnings.push(self.places.at_key(&path, message, None));
             }
         }
-        let raw = self.raw;
         for (index, name, path) in self.devices.each() {
             let of_signals = raw.signal.values().filter_map(|signal| signal.device.as_ref());
             let of_outputs = raw.output.values().filter_map(|output| output.device.as_ref());

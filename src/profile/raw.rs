@@ -24,8 +24,8 @@ pub(crate) use axis::{
     ShareWord, VerifyWord, WritesWord,
 };
 pub(crate) use fieldbus::{
-    BusType, ChannelValue, FunctionWord, RawBus, RawCapture, RawDevice, RawQuirks, RawSignal, TypeWord,
-    WordOrderWord,
+    BusType, ChannelValue, FunctionWord, ParityWord, RawBus, RawCapture, RawDevice, RawQuirks, RawSignal,
+    TypeWord, WordOrderWord,
 };
 pub(crate) use probe::{RawGains, RawProbe};
 pub(crate) use set::{RawHandshake, RawRestart, RawSet};

@@ -15,11 +15,13 @@
 //! | `silent` | the device does nothing and answers nothing; other units on its line live | |
 //! | `late` | the answer comes late, in wall time | `delay` |
 //! | `exception` | nothing is done and this code is answered | `code` |
-//! | `close` | the request is carried out, then the connection is dropped unanswered | |
-//! | `half-open` | the connection stays up and is never answered again; a new one is | |
-//! | `refuse` | the listener is closed, for every device on it, and comes back | only `at`, `after`, `for_time` |
+//! | `close` | the request is carried out, then the connection is dropped unanswered; on a port: just unanswered | |
+//! | `half-open` | the connection stays up and is never answered again; a new one is, or a port opened again | |
+//! | `refuse` | the listener is closed, or the port unplugged, for every device on it, and comes back | only `at`, `after`, `for_time` |
 //! | `garbage` | random bytes instead of an answer | |
 //! | `wrong-unit` `wrong-transaction` `wrong-function` | the answer names another one | |
+//! | `wrong-checksum` | a byte of the checksum is wrong; RTU lines only, as `wrong-transaction` is for TCP only | |
+//! | `one-byte-at-a-time` | the answer comes in as many pieces as it has bytes | |
 //! | `short-read` `long-read` | a read brings one register too few, too many | |
 //! | `wrong-echo` | a write is carried out, but its echo names another value or count | |
 //! | `ignored-write` | a write is echoed, but not carried out | |
@@ -114,6 +116,8 @@ pub(super) enum ReplyFault {
     Garbage,
     WrongUnit,
     WrongTransaction,
+    WrongChecksum,
+    OneByteAtATime,
     WrongFunction,
     ShortRead,
     LongRead,

@@ -3,6 +3,7 @@
 use std::io;
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use rand::RngExt;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -23,14 +24,25 @@ use crate::profile::DeviceId;
 pub(super) struct Shared {
     hardware: Arc<Mutex<Hardware>>,
     pub(super) clock: Clock,
-    pub(super) unknown_unit: UnknownUnit,
 }
 
 /// One listener with the units behind it.
 #[derive(Clone, Debug)]
 pub(super) struct Line {
     pub(super) units: Vec<(u8, DeviceId)>,
+    pub(super) framing: Framing,
+    /// What is answered for a unit that is not there.
+    pub(super) unknown_unit: UnknownUnit,
     pub(super) shared: Shared,
+}
+
+/// What is around a protocol data unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Framing {
+    /// Transaction, length, unit.
+    Tcp,
+    /// Unit, checksum.
+    Rtu,
 }
 
 /// Told to a listener; it answers when it has done so.
@@ -43,8 +55,8 @@ pub(super) enum Door {
 }
 
 impl Shared {
-    pub(super) fn new(hardware: Hardware, clock: Clock, unknown_unit: UnknownUnit) -> Shared {
-        Shared { hardware: Arc::new(Mutex::new(hardware)), clock, unknown_unit }
+    pub(super) fn new(hardware: Hardware, clock: Clock) -> Shared {
+        Shared { hardware: Arc::new(Mutex::new(hardware)), clock }
     }
 
     /// A panic while it was locked ends its task, which ends the machine; until then its numbers are still numbers.
@@ -126,7 +138,10 @@ fn report(ended: Result<io::Result<()>, JoinError>) -> io::Result<()> {
 /// One connection, until the client closes it or sends what is no Modbus.
 async fn converse(mut stream: TcpStream, peer: SocketAddr, line: Arc<Line>) -> io::Result<()> {
     stream.set_nodelay(true)?;
-    let mut mouth = Mouth::default();
+    if line.framing == Framing::Rtu {
+        return super::rtu::converse(stream, &line, None).await;
+    }
+    let mut mouth = Mouth::new(Framing::Tcp);
     let mut pdu = Vec::new();
     loop {
         let mut bytes = [0; HEADER];
@@ -144,6 +159,12 @@ async fn converse(mut stream: TcpStream, peer: SocketAddr, line: Arc<Line>) -> i
             tokio::time::sleep(delay).await;
         }
         match mouth.say(header, &reply) {
+            Say::Bytes(bytes) if reply.fault == Some(ReplyFault::OneByteAtATime) => {
+                for byte in bytes {
+                    stream.write_all(&[byte]).await?;
+                    tokio::time::sleep(Duration::from_millis(1)).await;
+                }
+            }
             Say::Bytes(bytes) => stream.write_all(&bytes).await?,
             Say::Nothing => {}
             Say::Goodbye => return Ok(()),
@@ -152,10 +173,10 @@ async fn converse(mut stream: TcpStream, peer: SocketAddr, line: Arc<Line>) -> i
 }
 
 impl Line {
-    fn answer(&self, unit: u8, pdu: &[u8]) -> Reply {
+    pub(super) fn answer(&self, unit: u8, pdu: &[u8]) -> Reply {
         let Some((_, device)) = self.units.iter().find(|(known, _)| *known == unit) else {
             let refusal = exception(pdu, NO_SUCH_UNIT);
-            let pdu = (self.shared.unknown_unit == UnknownUnit::Exception).then_some(refusal);
+            let pdu = (self.unknown_unit == UnknownUnit::Exception).then_some(refusal);
             return Reply { pdu, fault: None };
         };
         let mut hardware = self.shared.hardware();
@@ -164,28 +185,40 @@ impl Line {
 }
 
 /// What goes out on one connection.
-#[derive(Debug, Default)]
-struct Mouth {
+#[derive(Debug)]
+pub(super) struct Mouth {
+    framing: Framing,
     is_mute: bool,
     /// The honest answer to the request before: its transaction and protocol data unit.
     before: Option<(u16, Vec<u8>)>,
 }
 
-enum Say {
+pub(super) enum Say {
     Bytes(Vec<u8>),
     Nothing,
     Goodbye,
 }
 
 impl Mouth {
-    fn say(&mut self, header: Header, reply: &Reply) -> Say {
+    pub(super) fn new(framing: Framing) -> Mouth {
+        Mouth { framing, is_mute: false, before: None }
+    }
+
+    fn frame(&self, transaction: u16, unit: u8, pdu: &[u8]) -> Vec<u8> {
+        match self.framing {
+            Framing::Tcp => frame(transaction, unit, pdu),
+            Framing::Rtu => super::rtu::frame(unit, pdu),
+        }
+    }
+
+    pub(super) fn say(&mut self, header: Header, reply: &Reply) -> Say {
         self.is_mute |= reply.fault == Some(ReplyFault::HalfOpen);
         let Some(pdu) = &reply.pdu else { return Say::Nothing };
         let before = self.before.replace((header.transaction, pdu.clone()));
         if self.is_mute {
             return Say::Nothing;
         }
-        let plain = |pdu: &[u8]| Say::Bytes(frame(header.transaction, header.unit, pdu));
+        let plain = |pdu: &[u8]| Say::Bytes(self.frame(header.transaction, header.unit, pdu));
         match reply.fault {
             Some(ReplyFault::Close) => Say::Goodbye,
             Some(ReplyFault::Garbage) => {
@@ -193,10 +226,15 @@ impl Mouth {
                 Say::Bytes((0..16).map(|_| random.random()).collect())
             }
             Some(ReplyFault::WrongUnit) => {
-                Say::Bytes(frame(header.transaction, header.unit.wrapping_add(1), pdu))
+                Say::Bytes(self.frame(header.transaction, header.unit.wrapping_add(1), pdu))
             }
             Some(ReplyFault::WrongTransaction) => {
-                Say::Bytes(frame(header.transaction.wrapping_add(1), header.unit, pdu))
+                Say::Bytes(self.frame(header.transaction.wrapping_add(1), header.unit, pdu))
+            }
+            Some(ReplyFault::WrongChecksum) => {
+                let mut bytes = self.frame(header.transaction, header.unit, pdu);
+                bytes.last_mut().into_iter().for_each(|last| *last ^= 1);
+                Say::Bytes(bytes)
             }
             Some(ReplyFault::WrongFunction) => plain(&changed(pdu, 0, |function| function ^ 1)),
             Some(ReplyFault::WrongEcho) => plain(&changed(pdu, pdu.len() - 1, |low| low.wrapping_add(1))),
@@ -204,7 +242,7 @@ impl Mouth {
             Some(ReplyFault::LongRead) => plain(&resized(pdu, 2)),
             Some(ReplyFault::OneBehind { stale_transaction }) => match before {
                 Some((transaction, pdu)) if stale_transaction => {
-                    Say::Bytes(frame(transaction, header.unit, &pdu))
+                    Say::Bytes(self.frame(transaction, header.unit, &pdu))
                 }
                 Some((_, pdu)) => plain(&pdu),
                 None => Say::Nothing,

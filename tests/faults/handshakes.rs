@@ -5,7 +5,6 @@ use std::time::Duration;
 
 use isotherm::codec::{Address, Table};
 use isotherm::fieldbus::error::Fault;
-use isotherm::fieldbus::modbus::TcpDial;
 use isotherm::fieldbus::wire::{Answer, Boxed, Connection, Dial, Request, Wire};
 use isotherm::gateway::Dialer;
 use isotherm::observe::status::Command;
@@ -187,7 +186,7 @@ fn the_line_serves_other_devices_while_it_waits() {
 /// Refuses requests of one kind with an exception, a number of times, from the nth on.
 #[derive(Clone)]
 struct Refusing {
-    dial: TcpDial,
+    bus: Bus,
     counted: Arc<std::sync::Mutex<u32>>,
     from: u32,
     times: u32,
@@ -204,7 +203,7 @@ struct RefusingWire {
 impl Dial for Refusing {
     fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
         Box::pin(async {
-            let wire = self.dial.dial().await?;
+            let wire = isotherm::fieldbus::dial(&self.bus).dial().await?;
             Ok(Connection::Other(Box::new(RefusingWire { wire, by: self.clone() })))
         })
     }
@@ -228,8 +227,8 @@ impl Wire for RefusingWire {
 fn refusing(from: u32, times: u32, kind: fn(&Request<'_>) -> bool) -> Trace {
     let counted = Arc::new(std::sync::Mutex::new(0));
     let dialer: Dialer = Arc::new(move |bus: &Bus| {
-        let dial = TcpDial::new(&bus.address, Duration::ZERO);
-        Box::new(Refusing { dial, counted: counted.clone(), from, times, kind, panics: false })
+        let (bus, counted) = (bus.clone(), counted.clone());
+        Box::new(Refusing { bus, counted, from, times, kind, panics: false })
     });
     let trace = block_on(async {
         let mut world = World::new(&shaken(), "").await;
@@ -254,8 +253,8 @@ fn a_strobe_that_cannot_be_dropped_is_told_and_dropped_as_soon_as_that_is_possib
     let counted = Arc::new(std::sync::Mutex::new(0));
     let kind: fn(&Request<'_>) -> bool = |request| matches!(request, Request::WriteCoil { value: false, .. });
     let dialer: Dialer = Arc::new(move |bus: &Bus| {
-        let dial = TcpDial::new(&bus.address, Duration::ZERO);
-        Box::new(Refusing { dial, counted: counted.clone(), from: 6, times: 5, kind, panics: false })
+        let (bus, counted) = (bus.clone(), counted.clone());
+        Box::new(Refusing { bus, counted, from: 6, times: 5, kind, panics: false })
     });
     let trace = block_on(async {
         let mut world = World::new(&shaken(), "").await;
@@ -342,9 +341,8 @@ fn a_panic_in_the_middle_of_a_handshake_leaves_no_strobe_up() {
             let asks: fn(&Request<'_>) -> bool =
                 |request| matches!(request, Request::Read { from: ACKNOWLEDGE, .. });
             let dialer: Dialer = Arc::new(move |bus: &Bus| {
-                let dial = TcpDial::new(&bus.address, Duration::ZERO);
-                let counted = counted.clone();
-                Box::new(Refusing { dial, counted, from, times: 1, kind: asks, panics: true })
+                let (bus, counted) = (bus.clone(), counted.clone());
+                Box::new(Refusing { bus, counted, from, times: 1, kind: asks, panics: true })
             });
             let trace = block_on(async {
                 let mut world = World::new(&text, "").await;

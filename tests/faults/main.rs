@@ -16,6 +16,7 @@ mod outputs;
 mod probing;
 mod restarts;
 mod rig;
+mod rtu;
 mod sets;
 mod stop;
 mod targets;

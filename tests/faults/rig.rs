@@ -9,7 +9,7 @@ use isotherm::clock::{Clock, Hold};
 use isotherm::gateway::{Gateway, Options, Outcome};
 use isotherm::observe::events::Entry;
 use isotherm::observe::status::{Command, Source, Status};
-use isotherm::profile::{Profile, parse};
+use isotherm::profile::{Parity, Profile, Serial, Transport, parse};
 use isotherm::quantity::Moment;
 use isotherm::virtual_machine::{
     FaultScript, PlantSpec, Ports, Seen, Setup, Taken, UnknownUnit, VirtualMachine,
@@ -19,6 +19,9 @@ use crate::law;
 
 pub(crate) const BENCH: &str = include_str!("bench.toml");
 pub(crate) const LATHE: &str = include_str!("lathe.toml");
+/// A serial line that is fast, so that a day on it is not long.
+pub(crate) const PORT: Transport =
+    Transport::Serial(Serial { baud: 115_200, parity: Parity::Even, stop_bits: 1 });
 pub(crate) const GRINDER: &str = include_str!("../../profiles/surface-grinder.toml");
 
 /// How often the gateway is asked for its state.
@@ -71,8 +74,24 @@ pub(crate) fn block_on<F: Future>(future: F) -> F::Output {
     tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap().block_on(future)
 }
 
+/// Where this says so, every line of every test speaks RTU: `rtu-over-tcp`, or `rtu` for ports.
+const LINES: &str = "TEST_LINES";
+
 pub(crate) fn profile(text: &str) -> Profile {
-    parse(Path::new("bench.toml"), text, &[], &[]).unwrap_or_else(|errors| panic!("{errors}")).profile
+    let loaded = parse(Path::new("bench.toml"), text, &[], &[]);
+    let mut profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;
+    let transport = match std::env::var(LINES).as_deref() {
+        Err(_) | Ok("tcp") => return profile,
+        Ok("rtu-over-tcp") => Transport::RtuOverTcp,
+        Ok("rtu") => PORT,
+        Ok(other) => panic!("{LINES}: no line is made of `{other}`"),
+    };
+    profile.buses.iter_mut().for_each(|bus| bus.transport = transport);
+    profile
+}
+
+pub(crate) fn speaks_rtu(profile: &Profile) -> bool {
+    profile.buses[0].transport != Transport::Tcp
 }
 
 /// The bench with a patience that a busy computer does not exhaust, for what is compared number by number.
@@ -96,7 +115,15 @@ impl World {
     }
 
     pub(crate) async fn of(profile: Profile, faults: &str) -> World {
-        let faults = FaultScript::parse(faults, &profile).unwrap_or_else(|error| panic!("{error}"));
+        // RTU has no transactions, but checksums, that can be wrong.
+        let faults = if speaks_rtu(&profile) {
+            faults
+                .replace("wrong-transaction", "wrong-checksum")
+                .replace("one-behind-stale", "wrong-checksum")
+        } else {
+            faults.to_owned()
+        };
+        let faults = FaultScript::parse(&faults, &profile).unwrap_or_else(|error| panic!("{error}"));
         World::start(profile, faults, None).await
     }
 

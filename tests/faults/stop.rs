@@ -6,7 +6,6 @@ use std::time::Duration;
 
 use isotherm::clock::Clock;
 use isotherm::fieldbus::error::Fault;
-use isotherm::fieldbus::modbus::TcpDial;
 use isotherm::fieldbus::wire::{Answer, Boxed, Connection, Dial, Request, Wire};
 use isotherm::gateway::Dialer;
 use isotherm::profile::Bus;
@@ -239,16 +238,16 @@ enum Mishap {
 fn grief(bus: &'static str, nth: u32, mishap: Mishap) -> Dialer {
     let calls = Arc::new(AtomicU32::new(0));
     Arc::new(move |settings: &Bus| {
-        let dial = TcpDial::new(&settings.address, Duration::ZERO);
+        let dial = isotherm::fieldbus::dial(settings);
         if settings.name != bus {
-            return Box::new(dial);
+            return dial;
         }
         Box::new(BadDial { dial, calls: calls.clone(), nth, mishap })
     })
 }
 
 struct BadDial {
-    dial: TcpDial,
+    dial: Box<dyn Dial>,
     calls: Arc<AtomicU32>,
     nth: u32,
     mishap: Mishap,

@@ -1,6 +1,6 @@
 """pymodbus's client, for tests of the virtual machine.
 
-Takes HOST:PORT. Then, line by line from stdin:
+Takes HOST:PORT, or the path of a serial port of 9600 baud. Then, line by line from stdin:
   read UNIT TABLE ADDRESS COUNT     answers `> VALUE...`, or `> exception CODE`
   write UNIT ADDRESS WORD           function 06: answers `> ok`, or `> exception CODE`
   write UNIT ADDRESS WORD WORD...   function 16
@@ -9,10 +9,13 @@ TABLE is input, holding, discrete or coil. Prints `ready` first. Ends with its s
 
 import sys
 
-from pymodbus.client import ModbusTcpClient
+from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
-host, port = sys.argv[1].split(":")
-client = ModbusTcpClient(host, port=int(port), retries=0)
+if sys.argv[1].startswith("/"):
+    client = ModbusSerialClient(sys.argv[1], baudrate=9600, retries=0)
+else:
+    host, port = sys.argv[1].split(":")
+    client = ModbusTcpClient(host, port=int(port), retries=0)
 if not client.connect():
     sys.exit(f"no connection to {sys.argv[1]}")
 READ = {

@@ -1,19 +1,30 @@
-"""A machine's Modbus TCP devices as pymodbus serves them, for tests of the gateway.
+"""A machine's Modbus devices as pymodbus serves them, for tests of the gateway.
 
-Prints `listening PORT`. Then, line by line from stdin:
+Over TCP; with the argument `rtu-over-tcp` as RTU frames, with `rtu` on a serial port: two pseudo-terminals with a
+wire of 9600 baud between them.
+
+Prints `listening PORT`, with `rtu` the path of the port. Then, line by line from stdin:
   set UNIT TABLE ADDRESS WORD...   answers `> ok`
   get UNIT TABLE ADDRESS COUNT     answers `> WORD...`
 TABLE is input, holding or discrete. Ends with its stdin.
 """
 
 import asyncio
+import os
 import sys
+import threading
+import time
+import tty
 
-from pymodbus.server import ModbusTcpServer
+from pymodbus import FramerType
+from pymodbus.server import ModbusSerialServer, ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 READ = {"discrete": 2, "holding": 3, "input": 4}
 REGISTERS = 200
+BAUD = 9600
+# Start, eight data bits, one stop bit.
+CHARACTER = 10 / BAUD
 
 
 def device(unit):
@@ -39,10 +50,42 @@ async def answer(server, line):
     return " ".join(str(int(value)) for value in values)
 
 
-async def main():
-    server = ModbusTcpServer([device(unit) for unit in (1, 2, 3, 4)], address=("127.0.0.1", 0))
+def port():
+    """A serial port: the wire's end of it, and its path."""
+    end, terminal = os.openpty()
+    tty.setraw(terminal)
+    # Kept open, so that the wire's end never breaks.
+    return end, os.ttyname(terminal)
+
+
+def wire(source, sink):
+    """Carries one character after the other, each as long as it takes."""
+    free = 0.0
+    while True:
+        for character in os.read(source, 256):
+            free = max(free, time.monotonic()) + CHARACTER
+            time.sleep(max(0.0, free - time.monotonic()))
+            os.write(sink, bytes([character]))
+
+
+async def serve(kind):
+    devices = [device(unit) for unit in (1, 2, 3, 4)]
+    if kind == "rtu":
+        (ours, path), (theirs, other) = port(), port()
+        for ends in ((ours, theirs), (theirs, ours)):
+            threading.Thread(target=wire, args=ends, daemon=True).start()
+        server = ModbusSerialServer(devices, port=path, baudrate=BAUD)
+        await server.serve_forever(background=True)
+        return server, other
+    framer = FramerType.RTU if kind == "rtu-over-tcp" else FramerType.SOCKET
+    server = ModbusTcpServer(devices, framer=framer, address=("127.0.0.1", 0))
     await server.serve_forever(background=True)
-    print("listening", server.transport.sockets[0].getsockname()[1], flush=True)
+    return server, server.transport.sockets[0].getsockname()[1]
+
+
+async def main():
+    server, where = await serve(*sys.argv[1:] or ["tcp"])
+    print("listening", where, flush=True)
     stdin = asyncio.StreamReader()
     loop = asyncio.get_running_loop()
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(stdin), sys.stdin)

@@ -13,6 +13,7 @@ mod mistakes;
 mod models;
 mod not_built;
 mod probe;
+mod serial;
 mod templates;
 mod together;
 

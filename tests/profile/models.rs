@@ -168,3 +168,18 @@ fn a_line_that_cannot_be_applied_is_refused() {
     let text = line_of("kind = \"linear\"", "kind = \"linear\"").replacen(SLOPE, "kind = \"linear\"", 1);
     assert!(errors(parse(&text))[0].to_string().contains("no model of `z` has a slope"));
 }
+
+#[test]
+fn an_axis_without_a_model_yet_is_taken_with_one_word_about_it() {
+    let begin = GRINDER.find("[[axis.z.model]]").unwrap();
+    let end = begin + GRINDER[begin..].find("[output.").unwrap();
+    let text = format!("{}{}", &GRINDER[..begin], &GRINDER[end..]);
+    let loaded = parse(&text).unwrap_or_else(|errors| panic!("{errors}"));
+    assert!(loaded.profile.axes[0].settings.models.is_empty());
+    let told: Vec<String> = loaded.warnings.iter().map(ToString::to_string).collect();
+    assert_eq!(told.len(), 1, "{told:?}");
+    assert!(told[0].contains("`z` has no model yet") && told[0].contains("isotherm identify"), "{told:?}");
+    let explained = isotherm::explain::Explanation::of(&loaded.profile).to_string();
+    assert!(explained.contains("no model yet"), "{explained}");
+    assert!(!profile::schema()["$defs"]["Axis"]["required"].to_string().contains("model"));
+}

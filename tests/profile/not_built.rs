@@ -7,10 +7,9 @@ fn what_is_not_built_yet_says_so_where_it_stands() {
     let cases = [
         (
             "type = \"modbus-tcp\"\naddress = \"127.0.0.1:1502\"",
-            "type = \"modbus-rtu\"\nport = \"/dev/ttyUSB0\"\nbaud = 9600\nparity = \"none\"\nstop_bits = 1",
+            "type = \"can\"\ninterface = \"can0\"",
             "bus.cell.type",
         ),
-        ("type = \"modbus-tcp\"", "type = \"modbus-rtu-over-tcp\"", "bus.cell.type"),
         (
             "timeout = \"300ms\"",
             "timeout = \"300ms\"\ntls = { ca = \"ca.pem\", cert = \"gw.pem\", key = \"gw.key\" }",

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use crate::identify::drift::{Drift, Test};
+use crate::identify::drift::Drift;
 
 pub(super) fn told(drift: &Drift) -> String {
     let mut text = String::new();
@@ -12,15 +12,6 @@ pub(super) fn told(drift: &Drift) -> String {
         .and_then(|()| stages(&mut text, drift))
         .and_then(|()| temperatures(&mut text, drift));
     text
-}
-
-fn words(test: Test) -> &'static str {
-    match test {
-        Test::Etve => "environmental temperature variation error (ETVE)",
-        Test::Spindle => "thermal distortion by a rotating spindle",
-        Test::Axis => "thermal distortion by moving linear axes",
-        Test::Rotary => "thermal distortion by rotary motion",
-    }
 }
 
 fn sentences(text: &mut String, drift: &Drift) -> std::fmt::Result {
@@ -34,7 +25,7 @@ fn sentences(text: &mut String, drift: &Drift) -> std::fmt::Result {
         },
         clock(drift.hours),
         drift.rows,
-        words(drift.test),
+        drift.test.words(),
         drift.because
     )?;
     for moved in &drift.displacements {

@@ -74,11 +74,11 @@ fn good() -> Answer {
 
 const READ: Request<'static> = Request::Read { from: Address { table: Table::Holding, offset: 1 }, count: 1 };
 const WRITE: Request<'static> = Request::WriteSingle { at: 1, word: 9 };
-const BROKEN: Fault = Fault::Link(LinkFault::Broken);
 
 fn line(change: impl Fn(&mut Device)) -> (Line, Shared) {
     let bus = Bus {
         name: "cell".to_owned(),
+        transport: crate::profile::Transport::Tcp,
         address: String::new(),
         timeout: Duration::from_millis(300),
         quirks: Quirks::default(),
@@ -220,6 +220,19 @@ async fn a_pause_between_requests_is_kept_and_none_is_made_before_the_first() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn a_pause_after_connecting_is_a_device_s_own_and_no_part_of_the_timeout() {
+    let (mut line, script) = line(|device| {
+        device.quirks.pause_after_connect = Duration::from_secs(if device.unit == 2 { 2 } else { 0 });
+    });
+    let began = tokio_time::Instant::now();
+    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Ok(good()), "though its timeout is 300 ms");
+    assert_eq!(line.call(DeviceId(1), READ, at(2000)).await, Ok(good()));
+    let took = began.elapsed().as_millis();
+    assert!((2000..2010).contains(&took), "once, {took} ms");
+    assert_eq!(script.lock().unwrap().dialled, 1);
+}
+
+#[tokio::test(start_paused = true)]
 async fn what_the_profile_does_not_list_and_what_does_not_fit_never_leaves_the_house() {
     let (mut line, script) = line(|device| device.functions.write_single = false);
     let refused = Err(Fault::Caller(CallerFault::Function));
@@ -231,4 +244,103 @@ async fn what_the_profile_does_not_list_and_what_does_not_fit_never_leaves_the_h
     assert_eq!(line.call(DeviceId(9), READ, at(0)).await, Err(Fault::Caller(CallerFault::Extent)));
     let script = script.lock().unwrap();
     assert!(script.asked.is_empty() && script.dialled == 0);
+}
+
+/// The same device on a line whose answers do not name their question.
+struct Nameless(Scripted);
+
+impl Dial for Nameless {
+    fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
+        Box::pin(async {
+            self.0.dial().await?;
+            Ok(Connection::Other(Box::new(Nameless(Scripted(self.0.0.clone()))) as Box<dyn Wire>))
+        })
+    }
+}
+
+impl Wire for Nameless {
+    fn call<'a>(&'a mut self, unit: u8, request: Request<'a>) -> Boxed<'a, Result<Answer, Fault>> {
+        self.0.call(unit, request)
+    }
+
+    fn names_its_question(&self) -> bool {
+        false
+    }
+
+    fn listen(&mut self, span: Duration) -> Boxed<'_, Result<(), Fault>> {
+        Box::pin(async move {
+            tokio::time::sleep(span).await;
+            Ok(())
+        })
+    }
+}
+
+fn nameless() -> (Line, Shared) {
+    let (mut line, script) = line(|_| {});
+    line.dial = Box::new(Nameless(Scripted(script.clone())));
+    (line, script)
+}
+
+#[tokio::test(start_paused = true)]
+async fn without_transactions_a_unit_is_not_asked_again_before_its_late_answer_has_had_its_time() {
+    let (mut line, script) = nameless();
+    answers(&script, &[Turn::NeverEnds]);
+    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Err(Fault::Timeout));
+    assert!(
+        line.is_resting(DeviceId(0), at(4 * 300 - 1)),
+        "three timeouts more, also where the pause is over"
+    );
+    assert_eq!(line.call(DeviceId(1), READ, at(300)).await, Ok(good()), "the other one is asked at once");
+    // The moments of the caller may run ahead of the wall; the silence that is owed does not.
+    assert_eq!(line.call(DeviceId(0), READ, at(2200)).await, Ok(good()));
+    let script = script.lock().unwrap();
+    let asked: Vec<u128> = script.asked.iter().map(|(_, _, at)| *at).collect();
+    assert!((300..310).contains(&asked[1]) && (1200..1220).contains(&asked[2]), "{asked:?}");
+    assert_eq!(script.dialled, 1, "one miss does not open the port again");
+}
+
+#[tokio::test(start_paused = true)]
+async fn without_transactions_a_late_answer_is_waited_for_under_every_name_that_its_unit_has() {
+    let (mut line, script) = nameless();
+    line.units[1].number = 1;
+    answers(&script, &[Turn::NeverEnds]);
+    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Err(Fault::Timeout));
+    assert!(line.is_resting(DeviceId(1), at(4 * 300 - 1)), "it is the same unit");
+    assert_eq!(line.call(DeviceId(1), READ, at(4 * 300)).await, Ok(good()));
+    let script = script.lock().unwrap();
+    assert!(script.asked[1].2 >= 4 * 300, "{:?}", script.asked);
+}
+
+#[tokio::test(start_paused = true)]
+async fn without_transactions_the_second_miss_in_a_row_opens_the_line_again() {
+    let (mut line, script) = nameless();
+    answers(&script, &[Turn::NeverEnds, Turn::Gives(Ok(good())), Turn::NeverEnds, Turn::NeverEnds]);
+    for (device, now) in [(0, 0), (1, 300), (0, 5000), (1, 6000), (1, 10_000)] {
+        let _ = line.call(DeviceId(device), READ, at(now)).await;
+    }
+    assert_eq!(script.lock().unwrap().dialled, 2);
+}
+
+#[tokio::test(start_paused = true)]
+async fn without_transactions_nothing_that_was_sent_is_repeated_and_what_was_not_sent_is_asked_on_a_new_line()
+{
+    let (mut line, script) = nameless();
+    let closed = Fault::Link(LinkFault::Closed);
+    answers(&script, &[Turn::Gives(Ok(good())), Turn::Gives(Err(closed)), Turn::Gives(Ok(Answer::Done))]);
+    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Ok(good()));
+    assert_eq!(line.call(DeviceId(0), WRITE, at(1000)).await, Ok(Answer::Done));
+    answers(&script, &[Turn::Gives(Err(BROKEN))]);
+    assert_eq!(line.call(DeviceId(0), READ, at(2000)).await, Err(BROKEN));
+    assert!(line.is_resting(DeviceId(0), at(2001)) && !line.is_resting(DeviceId(1), at(2001)));
+    assert_eq!(script.lock().unwrap().dialled, 3);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_device_that_wants_it_gets_a_connection_for_each_request() {
+    let (mut line, script) = line(|device| device.quirks.close_after_each = true);
+    for now in [0, 1000] {
+        assert_eq!(line.call(DeviceId(0), READ, at(now)).await, Ok(good()));
+        assert!(line.is_connected(), "closed by us is not down");
+    }
+    assert_eq!(script.lock().unwrap().dialled, 2);
 }

@@ -3,7 +3,8 @@
 use std::io::Write;
 
 use super::{
-    ACTING, CORRECTION, DECIDED, FORGET, FROM, MEASURED, MEMORY, PERMIT, SLOPE, SLOPE_FROM, TIME, ZERO,
+    ACTING, CORRECTION, DECIDED, DRY_RUN, FORGET, FROM, MEASURED, MEMORY, PERMIT, SLOPE, SLOPE_FROM, TIME,
+    ZERO,
 };
 use crate::compensation::{Control, Decision, Remembered, Snapshot};
 use crate::profile::{Axis, Profile};
@@ -20,6 +21,8 @@ pub struct Recorder {
     probed: Vec<bool>,
     memory: Option<String>,
     zeroed: Option<Moment>,
+    /// Nothing that is decided is written to a device.
+    dry_run: bool,
     line: Vec<u8>,
 }
 
@@ -30,7 +33,21 @@ impl Recorder {
         let models = profile.axes.iter().map(names).collect();
         let apart = profile.axes.iter().map(|axis| axis.settings.apart.is_some()).collect();
         let probed = profile.axes.iter().map(|axis| axis.settings.probe.is_some()).collect();
-        Recorder { models, apart, probed, memory: None, zeroed: None, line: Vec::with_capacity(512) }
+        Recorder {
+            models,
+            apart,
+            probed,
+            memory: None,
+            zeroed: None,
+            dry_run: false,
+            line: Vec::with_capacity(512),
+        }
+    }
+
+    /// The same; of a dry run its rows say so.
+    #[must_use]
+    pub(in crate::gateway) fn of_dry_run(self, dry_run: bool) -> Recorder {
+        Recorder { dry_run, ..self }
     }
 
     /// The first line of a log, with its line break.
@@ -50,6 +67,11 @@ impl Recorder {
             }
         }
         header + "," + MEMORY + "," + ZERO + "\n"
+    }
+
+    /// The same of a dry run, which says so: no Cz in it ever acted.
+    pub(in crate::gateway) fn dry_header(profile: &Profile) -> String {
+        format!("{},{DRY_RUN}\n", Recorder::header(profile).trim_end())
     }
 
     /// A run or a file begins with the next row, from this.
@@ -102,6 +124,9 @@ impl Recorder {
         text(&mut self.line, "");
         if let Some(at) = self.zeroed.take() {
             time::write(&mut self.line, at);
+        }
+        if self.dry_run {
+            text(&mut self.line, "1");
         }
         self.line.push(b'\n');
         &self.line

@@ -14,6 +14,8 @@ pub enum Kind {
     Position,
     /// µm.
     Displacement,
+    /// The Cz that acted, µm, as the gateway logged it.
+    Compensation,
     /// Nothing but 0 and 1.
     Switch,
     /// None of these.
@@ -73,6 +75,7 @@ impl fmt::Display for Kind {
             Kind::Speed => "speed",
             Kind::Position => "position",
             Kind::Displacement => "displacement",
+            Kind::Compensation => "compensation",
             Kind::Switch => "switch",
             Kind::Other => "other",
         })

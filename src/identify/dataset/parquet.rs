@@ -11,7 +11,7 @@ use super::table::{Table, TimeUnit, Wrong, cells};
 /// Reads a file; the messages name its rows, counted from one.
 pub(super) fn read(file: &Path) -> Result<Table, BadLog> {
     let refused = |why: String| BadLog(vec![format!("{}: {why}", file.display())]);
-    let input = std::fs::File::open(file).map_err(|why| refused(format!("it cannot be read: {why}")))?;
+    let input = std::fs::File::open(file).map_err(|why| refused(super::files::cannot_be_read(&why)))?;
     let reader =
         SerializedFileReader::new(input).map_err(|why| refused(format!("it is no Parquet file: {why}")))?;
     let schema = reader.metadata().file_metadata().schema_descr();

@@ -17,6 +17,8 @@ pub(super) struct Table {
     pub(super) lines: Vec<u64>,
     pub(super) columns: Vec<(String, Cells)>,
     pub(super) remarks: Vec<String>,
+    /// Columns with the Cz that acted.
+    pub(super) acted: Vec<String>,
 }
 
 /// The cells of a column.
@@ -131,12 +133,13 @@ pub(super) fn cells(name: &str, texts: Vec<String>, lines: &[u64], wrong: &mut W
     let Some(first) = numbers.iter().position(Option::is_none) else {
         return Cells::Numbers(numbers.into_iter().flatten().collect());
     };
-    if !numbers.iter().flatten().any(|value| value.is_finite()) {
-        return Cells::Text(texts);
-    }
     let text = texts[first].trim();
     let dotted = text.replace(',', ".");
-    let hint = if text.contains(',') && dotted.parse::<f64>().is_ok() {
+    let has_comma = text.contains(',') && dotted.parse::<f64>().is_ok();
+    if !has_comma && !numbers.iter().flatten().any(|value| value.is_finite()) {
+        return Cells::Text(texts);
+    }
+    let hint = if has_comma {
         format!("`{text}` has a decimal comma; write {dotted}")
     } else {
         format!("`{text}` is no number; leave the cell empty where the value is missing")

@@ -1,8 +1,11 @@
 //! The report of `identify`.
 
-use maud::html;
+use maud::{Markup, html};
 
+use super::drifted::displacements;
 use super::{date, duration, judged, logs, page, terms};
+use crate::identify::drift::Drift;
+use crate::identify::facts::of_error;
 use crate::identify::identified::{Identified, Means};
 use crate::identify::setup::Ready;
 use crate::profile::Profile;
@@ -34,6 +37,7 @@ pub fn identified(subject: &Subject<'_>) -> String {
     let used = |name: &str| {
         found.columns.iter().find(|column| column.name == name).map_or("–", |column| column.used)
     };
+    let drifts = of_error(profile, dataset, &found.error);
     let hours: f64 = dataset.runs.iter().map(|run| run.lasts().as_secs_f64()).sum();
     let content = html! {
         dl .facts {
@@ -55,14 +59,27 @@ pub fn identified(subject: &Subject<'_>) -> String {
         }
         (judged::pictures(found))
         (judged::cross_validation(&found.runs, &means, &found.uncompensated))
-        (terms::terms(&ready.campaign, found))
+        (terms::terms(found))
         (terms::stand_ins(&found.fallbacks, &means))
         (terms::envelope(found.region.as_ref()))
         @if let Some(axis) = axis { (terms::limits(axis)) }
-        (logs::runs(dataset))
-        (logs::sensors(dataset, &used, &found.excluded))
+        (drift(&drifts))
+        (logs::runs(dataset, &found.ambient))
+        (logs::sensors(dataset, &used, &found.excluded, &found.ambient))
         (logs::over_time(dataset, &found.excluded))
         (logs::alike(&ready.campaign))
     };
     page(&format!("{}: thermal compensation of axis {}", profile.name, found.axis), made, &content)
+}
+
+/// The bare error of each run, in the terms of ISO 230-3.
+fn drift(drifts: &[Drift]) -> Markup {
+    let rows =
+        drifts.iter().flat_map(|drift| drift.displacements.iter().map(|moved| (drift.name.as_str(), moved)));
+    html! {
+        h2 { "Drift tests" }
+        p { "The measured error of each run, without compensation, in the terms of ISO 230-3. A description: no duration and no limit of the standard is applied." }
+        ul { @for drift in drifts { li { (drift.name) ": " (drift.test.words()) ", as " (drift.because) } } }
+        (displacements(rows))
+    }
 }

@@ -5,6 +5,7 @@ use maud::{Markup, html};
 use super::chart::{self, Line, Look};
 use super::{date, decimals, duration, figure, plain, table, three_digits};
 use crate::identify::alike::{correlations, order};
+use crate::identify::ambient::AmbientLike;
 use crate::identify::bank::Bank;
 use crate::identify::campaign::Campaign;
 use crate::identify::dataset::{Column, Dataset, Kind, Run};
@@ -16,12 +17,15 @@ use crate::identify::validate::range;
 const MOST_MAPPED: usize = 32;
 
 /// Date, duration, rows, speeds and ambient of each run.
-pub(super) fn runs(dataset: &Dataset) -> Markup {
+pub(super) fn runs(dataset: &Dataset, like: &[AmbientLike]) -> Markup {
     let of_kind =
         |kind: Kind| dataset.columns.iter().enumerate().filter(move |(_, column)| column.kind == kind);
     let speeds: Vec<(usize, &str)> =
         of_kind(Kind::Speed).map(|(place, column)| (place, column.name.as_str())).collect();
-    let ambient = of_kind(Kind::Temperature).find(|(_, column)| is_ambient(&column.name));
+    let behaves = |column: &Column| like.iter().any(|like| like.signal == column.name);
+    let ambient = of_kind(Kind::Temperature)
+        .find(|(_, column)| is_ambient(&column.name))
+        .or_else(|| of_kind(Kind::Temperature).find(|(_, column)| behaves(column)));
     let mut heads = vec!["run", "begins", "duration", "rows"];
     let names: Vec<String> = speeds.iter().map(|(_, name)| (*name).to_owned()).collect();
     heads.extend(names.iter().map(String::as_str));
@@ -43,12 +47,13 @@ pub(super) fn runs(dataset: &Dataset) -> Markup {
         h2 { "Runs" }
         (table(&heads, &rows))
         @if ambient.is_none() {
-            p .quiet { "No column is named for the air around the machine (ambient, air, room, hall, shop)." }
+            p .quiet { "No column is named for the air around the machine (ambient, air, room, hall, shop), and none behaves like it." }
         }
     }
 }
 
-fn is_ambient(name: &str) -> bool {
+/// By its name.
+pub(in crate::identify) fn is_ambient(name: &str) -> bool {
     let name = name.to_lowercase();
     let mut words = name.split(|letter: char| !letter.is_alphabetic());
     words.any(|word| ["ambient", "air", "room", "hall", "shop", "environment"].contains(&word))
@@ -85,6 +90,7 @@ pub(super) fn sensors(
     dataset: &Dataset,
     used: &dyn Fn(&str) -> &'static str,
     excluded: &[Excluded],
+    like: &[AmbientLike],
 ) -> Markup {
     let rows = html! {
         @for (place, column) in dataset.columns.iter().enumerate() {
@@ -94,7 +100,7 @@ pub(super) fn sensors(
                 td { (plain(faults::resolution(dataset, place))) }
                 td { (spanned(&dataset.runs.iter().flat_map(|run| run.values[place].iter().copied()).collect::<Vec<f64>>(), 2)) }
                 td .words style="min-width: 6rem" { (used(&column.name)) }
-                td .words { (remarks(column, excluded)) }
+                td .words { (remarks(column, excluded, like)) }
             }
         }
     };
@@ -104,10 +110,11 @@ pub(super) fn sensors(
     }
 }
 
-fn remarks(column: &Column, excluded: &[Excluded]) -> String {
+fn remarks(column: &Column, excluded: &[Excluded], like: &[AmbientLike]) -> String {
     let own =
         excluded.iter().filter(|faulty| faulty.signal == column.name).map(|faulty| faulty.reason.as_str());
-    let own: Vec<&str> = own.collect();
+    let air = like.iter().filter(|like| like.signal == column.name).map(|like| like.reason.as_str());
+    let own: Vec<&str> = own.chain(air).collect();
     match column.kind {
         _ if !own.is_empty() => own.join("; "),
         Kind::Temperature => "nothing odd".to_owned(),

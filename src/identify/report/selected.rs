@@ -46,8 +46,8 @@ pub fn selected(pointed: &Pointed<'_>, found: &Selected, made: Moment) -> String
         (groups(found))
         (stepwise(found))
         (logs::alike(&pointed.campaign))
-        (logs::runs(dataset))
-        (logs::sensors(dataset, &used, &found.excluded))
+        (logs::runs(dataset, &found.ambient))
+        (logs::sensors(dataset, &used, &found.excluded, &found.ambient))
         (logs::over_time(dataset, &found.excluded))
         @if !found.remarks.is_empty() { h2 { "Remarks" } ul { @for remark in &found.remarks { li { (remark) } } } }
     };

@@ -7,8 +7,6 @@ use maud::{Markup, html};
 use super::chart::{self, Bar};
 use super::{decimals, number, table, three_digits};
 use crate::compensation::settings::{AxisSettings, OnFault};
-use crate::identify::campaign::Campaign;
-use crate::identify::collinear::collinearity;
 use crate::identify::identified::{Fallback, Identified, Means, TermFound};
 use crate::identify::learn::Learned;
 use crate::identify::region::Region;
@@ -17,7 +15,7 @@ use crate::identify::region::Region;
 const MOST_BARS: usize = 30;
 
 /// Bars with their standard errors, then the figures.
-pub(super) fn terms(campaign: &Campaign<'_>, found: &Identified) -> Markup {
+pub(super) fn terms(found: &Identified) -> Markup {
     let Learned::Sum(gains) = &found.learned else {
         return html! {
             h2 { "The model" }
@@ -27,8 +25,6 @@ pub(super) fn terms(campaign: &Campaign<'_>, found: &Identified) -> Markup {
     if gains.is_empty() {
         return html! { h2 { "The model" } p { "No term: the machine is left as it is." } };
     }
-    let candidates: Vec<_> = gains.iter().map(|(candidate, _)| *candidate).collect();
-    let apart = collinearity(campaign, &candidates);
     let mut order: Vec<usize> = (0..found.terms.len()).collect();
     order.sort_by(|one, other| found.terms[*other].gain.abs().total_cmp(&found.terms[*one].gain.abs()));
     let bar = |term: &TermFound| Bar {
@@ -51,7 +47,7 @@ pub(super) fn terms(campaign: &Campaign<'_>, found: &Identified) -> Markup {
                 td { (three_digits(found.terms[*place].gain)) }
                 td { (three_digits(found.terms[*place].se)) }
                 td { @if found.terms[*place].slope { "µm/mm" } @else { "µm" } }
-                td { @if let Some(apart) = &apart { (inflation(apart.inflation[*place])) } @else { "–" } }
+                td { (found.terms[*place].inflation.map_or("–".to_owned(), inflation)) }
             }
         }
     };
@@ -73,10 +69,10 @@ pub(super) fn terms(campaign: &Campaign<'_>, found: &Identified) -> Markup {
             summary { "All " (order.len()) " terms in figures" }
             (table(&["sensor", "time constant τ", "gain per °C", "standard error", "of", "variance inflation"], &rows))
         }
-        @if let Some(apart) = &apart {
+        @if let Some(condition) = found.condition {
             p {
-                "Condition number " (three_digits(apart.condition)) ": "
-                @if apart.condition < 30.0 { "the terms can be told apart." }
+                "Condition number " (three_digits(condition)) ": "
+                @if condition < 30.0 { "the terms can be told apart." }
                 @else { "terms resemble each other, so single gains mean little; only their sum does." }
             }
         }

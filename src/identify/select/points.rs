@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use crate::identify::ambient::{self, AmbientLike};
 use crate::identify::bank::Bank;
 use crate::identify::campaign::{Campaign, Input};
 use crate::identify::dataset::{BadLog, Dataset, Kind};
@@ -33,6 +34,8 @@ pub struct Pointed<'a> {
     pub campaign: Campaign<'a>,
     /// Sensors that were left out.
     pub excluded: Vec<Excluded>,
+    /// Points that behave like the air.
+    pub ambient: Vec<AmbientLike>,
     /// What is odd.
     pub remarks: Vec<String>,
 }
@@ -71,9 +74,11 @@ pub fn points<'a>(dataset: &'a Dataset, choice: &Choice) -> Result<Pointed<'a>, 
             good.len()
         )]));
     }
+    let ambient = ambient::find(dataset, &setup::temperatures_of(dataset, &good), error);
     Ok(Pointed {
         campaign: Campaign::of_columns(dataset, error, choice.resample).with_inputs(good),
         excluded,
+        ambient,
         remarks,
     })
 }

@@ -27,9 +27,6 @@ impl Check<'_> {
             raw.on_fault.as_ref().and_then(|action| self.on_fault(&child(path, "on_fault"), action));
         let list = child(path, "model");
         let models = raw.model.as_deref().unwrap_or_default();
-        if raw.model.is_some() && models.is_empty() {
-            self.wrong(&list, "an axis needs at least one model", "write a [[axis.…model]] block");
-        }
         for (index, model) in models.iter().enumerate() {
             let twin = models[..index].iter().any(|other| other.name.is_some() && other.name == model.name);
             if twin {

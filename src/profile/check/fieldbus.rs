@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::{Check, Zero, bus_of, get, host_of, shown};
 use crate::profile::place::child;
 use crate::profile::raw::{BusType, FunctionWord, RawBus, RawDevice, RawQuirks};
-use crate::profile::{Bus, BusId, Device, Functions, Quirks};
+use crate::profile::{Bus, BusId, Device, Functions, Quirks, Transport};
 
 const TIMEOUT: Duration = Duration::from_millis(500);
 const SHORTEST_TIMEOUT: Duration = Duration::from_millis(100);
@@ -31,18 +31,22 @@ impl Check<'_> {
         }
         let kind = raw.kind?;
         self.foreign_keys(path, kind, raw);
-        let what = match kind {
-            BusType::ModbusTcp => None,
-            BusType::ModbusRtu => Some("a serial line (modbus-rtu)"),
-            BusType::ModbusRtuOverTcp => Some("RTU frames over TCP (modbus-rtu-over-tcp)"),
-            BusType::Can => Some("a CAN line (can)"),
+        let (transport, address) = match kind {
+            BusType::ModbusTcp => (Transport::Tcp, self.host_and_port(path, raw)),
+            BusType::ModbusRtuOverTcp => (Transport::RtuOverTcp, self.host_and_port(path, raw)),
+            BusType::ModbusRtu => {
+                let (serial, port) = (self.serial(path, raw), self.port(path, raw));
+                (Transport::Serial(serial?), port)
+            }
+            BusType::Can => {
+                self.not_built(&child(path, "type"), "a CAN line (can)", None);
+                return None;
+            }
         };
-        if let Some(what) = what {
-            let help =
-                "a Modbus gateway (Ethernet to serial) and type = \"modbus-tcp\" reach serial devices today";
-            self.not_built(&child(path, "type"), what, (kind != BusType::Can).then_some(help));
-            return None;
-        }
+        Some(Bus { name: name.to_owned(), transport, address: address?, timeout, quirks })
+    }
+
+    fn host_and_port(&mut self, path: &str, raw: &RawBus) -> Option<String> {
         let Some(address) = &raw.address else {
             let help = "write host and port, as \"192.168.0.10:502\"; 502 is Modbus TCP's usual port";
             self.missing(path, "address", "`address` is missing: where is the line?", help);
@@ -53,7 +57,7 @@ impl Check<'_> {
             self.wrong(&child(path, "address"), format!("`{address}` is no host and port"), help);
             return None;
         }
-        Some(Bus { name: name.to_owned(), address: address.clone(), timeout, quirks })
+        Some(address.clone())
     }
 
     fn foreign_keys(&mut self, path: &str, kind: BusType, raw: &RawBus) {
@@ -108,6 +112,15 @@ impl Check<'_> {
         if raw.unit.is_none() && modbus {
             let help = "write the unit identifier of the device, 0 to 255; one that is alone at its address often has 1 or 255";
             self.missing(path, "unit", "`unit` is missing", help);
+        }
+        let over_rtu = bus.and_then(|bus| get(buses, bus)).is_some_and(|bus| bus.transport != Transport::Tcp);
+        if let Some(unit) = raw.unit.filter(|unit| over_rtu && !(1..=247).contains(unit)) {
+            let message = if unit == 0 {
+                "unit 0 speaks to all devices of an RTU line at once, and none of them answers".to_owned()
+            } else {
+                format!("an RTU line has no unit {unit}: 248 to 255 are reserved")
+            };
+            self.wrong(&child(path, "unit"), message, "write the address set at the device, 1 to 247");
         }
         let verify = self.verify(&child(path, "verify"), raw, functions);
         let template = self.templates.get(name).cloned();
@@ -183,6 +196,7 @@ impl Check<'_> {
                 .max_registers_per_request
                 .unwrap_or(over.max_registers_per_request),
             max_gap: raw.max_gap.unwrap_or(over.max_gap),
+            close_after_each: raw.close_after_each.unwrap_or(over.close_after_each),
         }
     }
 }

@@ -72,7 +72,7 @@ impl Check<'_> {
                 Some(first) => first.reach = first.reach.max(reach),
             }
         }
-        if apart.is_none() {
+        if apart.is_none() && !axis.settings.models.is_empty() {
             let message = format!("no model of `{}` has a slope", axis.settings.name);
             let help = "write slope = { … } in a model, or writes = \"offset\" at the output";
             self.wrong(list, message, help);

@@ -58,7 +58,8 @@ impl Check<'_> {
 
     fn gains(&mut self, path: &str, raw: &RawGains, axis: &RawAxis) -> Option<GainSettings> {
         let linear = |kind: Option<ModelKind>| kind.is_none_or(|kind| kind == ModelKind::Linear);
-        if !axis.model.iter().flatten().any(|model| linear(model.kind)) {
+        let models = axis.model.as_deref().unwrap_or_default();
+        if !models.is_empty() && !models.iter().any(|model| linear(model.kind)) {
             let help = "remove `gains`: only the gains of linear models learn";
             self.wrong_key(path, "no model of this axis is linear", help);
         }

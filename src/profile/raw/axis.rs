@@ -40,8 +40,8 @@ pub(crate) struct RawAxis {
     pub(crate) diameter: Option<bool>,
     /// Measured errors correct the models.
     pub(crate) probe: Option<RawProbe>,
-    /// Models in order of preference: the first whose signals are all good is used.
-    #[schemars(required)]
+    /// Models in order of preference: the first whose signals are all good is used. None yet: `record` and `identify`
+    /// find one, `run` refuses the axis.
     pub(crate) model: Option<Vec<RawModel>>,
 }
 

@@ -17,7 +17,7 @@ pub(crate) struct RawBus {
     #[serde(rename = "type")]
     #[schemars(required)]
     pub(crate) kind: Option<BusType>,
-    /// Host and port of a TCP line: "192.168.0.10:502".
+    /// Host and port of a line over TCP: "192.168.0.10:502".
     pub(crate) address: Option<String>,
     /// Longest wait for one answer. Default "500ms", or half the shortest poll period of its devices if that is less.
     pub(crate) timeout: Option<Span>,
@@ -25,13 +25,14 @@ pub(crate) struct RawBus {
     pub(crate) tls: Option<RawTls>,
     /// What all its devices need to be treated like.
     pub(crate) quirks: Option<RawQuirks>,
-    /// Serial port of an RTU line.
+    /// Serial port of a modbus-rtu line: "/dev/serial/by-id/usb-…".
     pub(crate) port: Option<String>,
-    /// Bits per second of an RTU line.
+    /// Bits per second of a modbus-rtu line; required.
+    #[schemars(range(min = 300, max = 4_000_000))]
     pub(crate) baud: Option<u32>,
-    /// Parity of an RTU line.
-    pub(crate) parity: Option<Parity>,
-    /// Stop bits of an RTU line, 1 or 2.
+    /// Parity of a modbus-rtu line. Default "none".
+    pub(crate) parity: Option<ParityWord>,
+    /// Stop bits of a modbus-rtu line, 1 or 2. Default 1.
     #[schemars(range(min = 1, max = 2))]
     pub(crate) stop_bits: Option<u8>,
     /// Network interface of a CAN line.
@@ -49,7 +50,7 @@ pub(crate) enum BusType {
 
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum Parity {
+pub(crate) enum ParityWord {
     None,
     Even,
     Odd,
@@ -89,6 +90,8 @@ pub(crate) struct RawQuirks {
     /// Unused registers that a merged read may bridge; 0 for a device that refuses registers it does not have. Default 8.
     #[schemars(range(max = 124))]
     pub(crate) max_gap: Option<u16>,
+    /// The connection is closed after each answer, for a device that lets in one client at a time. Default false.
+    pub(crate) close_after_each: Option<bool>,
 }
 
 /// One unit on a line.

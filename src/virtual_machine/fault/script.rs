@@ -6,7 +6,7 @@ use serde::{Deserialize, Deserializer, de::Error as _};
 
 use super::{AcknowledgeFault, Fault, FaultScript, Kind, Lasts, Reads, ReplyFault};
 use crate::codec::{Address, DataType};
-use crate::profile::{DeviceId, Profile};
+use crate::profile::{DeviceId, Profile, Transport};
 use crate::reading::SignalId;
 
 /// A fault script that cannot be used, in words; where TOML itself is wrong, with line and column.
@@ -14,7 +14,7 @@ use crate::reading::SignalId;
 #[error("{0}")]
 pub struct FaultError(String);
 
-const KINDS: [&str; 24] = [
+const KINDS: [&str; 26] = [
     "silent",
     "late",
     "exception",
@@ -24,6 +24,8 @@ const KINDS: [&str; 24] = [
     "garbage",
     "wrong-unit",
     "wrong-transaction",
+    "wrong-checksum",
+    "one-byte-at-a-time",
     "wrong-function",
     "short-read",
     "long-read",
@@ -99,6 +101,18 @@ impl FaultFile {
             })?;
         let kind = self.kind(profile, DeviceId(device))?;
         self.no_key_is_left()?;
+        let is_tcp = profile.bus(profile.devices[device].bus).transport == Transport::Tcp;
+        match kind {
+            Kind::Reply(ReplyFault::WrongTransaction | ReplyFault::OneBehind { stale_transaction: true })
+                if !is_tcp =>
+            {
+                return Err("an RTU line has no transactions".to_owned());
+            }
+            Kind::Reply(ReplyFault::WrongChecksum) if is_tcp => {
+                return Err("Modbus TCP has no checksum of its own".to_owned());
+            }
+            _ => {}
+        }
         let lasts = match (self.replies, self.for_time) {
             (Some(_), Some(_)) => return Err("give `for` (replies) or `for_time`, not both".to_owned()),
             (Some(0), None) => return Err("`for` must be 1 or more".to_owned()),
@@ -141,6 +155,8 @@ impl FaultFile {
             "garbage" => ReplyFault::Garbage,
             "wrong-unit" => ReplyFault::WrongUnit,
             "wrong-transaction" => ReplyFault::WrongTransaction,
+            "wrong-checksum" => ReplyFault::WrongChecksum,
+            "one-byte-at-a-time" => ReplyFault::OneByteAtATime,
             "wrong-function" => ReplyFault::WrongFunction,
             "short-read" => ReplyFault::ShortRead,
             "long-read" => ReplyFault::LongRead,

@@ -5,8 +5,8 @@ use crate::clock::Sleeper;
 use crate::codec::{Address, DataType, Encoding, WordOrder};
 use crate::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault};
 use crate::profile::{
-    Arm, Axis, AxisId, Bus, Device, Functions, Heartbeat, History, Output, Quirks, Share, Signal, Unit,
-    Verify, Writes,
+    Arm, Axis, AxisId, Bus, Device, Functions, Heartbeat, History, Output, Quirks, Share, Signal, Transport,
+    Unit, Verify, Writes,
 };
 use crate::quantity::Micron;
 use crate::reading::SignalId;
@@ -124,7 +124,8 @@ fn plain(data_type: DataType, scale: f64) -> Encoding {
 
 fn bus(name: &str, address: &str) -> Bus {
     let quirks = quirks();
-    Bus { name: name.to_owned(), address: address.to_owned(), timeout: Duration::from_millis(300), quirks }
+    let timeout = Duration::from_millis(300);
+    Bus { name: name.to_owned(), transport: Transport::Tcp, address: address.to_owned(), timeout, quirks }
 }
 
 fn quirks() -> Quirks {
@@ -134,6 +135,7 @@ fn quirks() -> Quirks {
         one_request_per_field: false,
         max_registers_per_request: 125,
         max_gap: 0,
+        close_after_each: false,
     }
 }
 

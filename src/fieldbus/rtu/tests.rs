@@ -1,0 +1,236 @@
+//! Against a device that speaks by hand.
+
+use std::pin::Pin;
+use std::task::{Context, Waker};
+
+use tokio::io::{DuplexStream, ReadBuf, duplex};
+
+use super::*;
+use crate::clock::Patience;
+use crate::codec::{Address, Table, checksum};
+use crate::profile::Parity;
+
+const READ: Request<'static> = Request::Read { from: Address { table: Table::Holding, offset: 4 }, count: 2 };
+const WRITE: Request<'static> = Request::WriteSingle { at: 4, word: 9 };
+const SLOW: Serial = Serial { baud: 9600, parity: Parity::None, stop_bits: 1 };
+
+/// A line whose system keeps nothing from us.
+struct Ours(std::sync::Mutex<DuplexStream>);
+
+impl Ours {
+    fn stream(&self) -> std::sync::MutexGuard<'_, DuplexStream> {
+        self.0.lock().unwrap()
+    }
+}
+
+impl Port for Ours {
+    fn take_waiting(&self, bytes: &mut [u8]) -> io::Result<usize> {
+        let mut buffer = ReadBuf::new(bytes);
+        let mut context = Context::from_waker(Waker::noop());
+        match Pin::new(&mut *self.stream()).poll_read(&mut context, &mut buffer) {
+            std::task::Poll::Ready(done) => done.map(|()| buffer.filled().len()),
+            std::task::Poll::Pending => Err(io::ErrorKind::WouldBlock.into()),
+        }
+    }
+}
+
+impl AsyncRead for Ours {
+    fn poll_read(
+        self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        buffer: &mut ReadBuf<'_>,
+    ) -> std::task::Poll<io::Result<()>> {
+        Pin::new(&mut *self.stream()).poll_read(context, buffer)
+    }
+}
+
+impl AsyncWrite for Ours {
+    fn poll_write(
+        self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        bytes: &[u8],
+    ) -> std::task::Poll<io::Result<usize>> {
+        Pin::new(&mut *self.stream()).poll_write(context, bytes)
+    }
+
+    fn poll_flush(self: Pin<&mut Self>, context: &mut Context<'_>) -> std::task::Poll<io::Result<()>> {
+        Pin::new(&mut *self.stream()).poll_flush(context)
+    }
+
+    fn poll_shutdown(self: Pin<&mut Self>, context: &mut Context<'_>) -> std::task::Poll<io::Result<()>> {
+        Pin::new(&mut *self.stream()).poll_shutdown(context)
+    }
+}
+
+fn line() -> (Rtu<Ours>, DuplexStream) {
+    let (ours, theirs) = duplex(2048);
+    (Rtu::new(Ours(std::sync::Mutex::new(ours)), Some(SLOW)), theirs)
+}
+
+fn framed(unit: u8, pdu: &[u8]) -> Vec<u8> {
+    let mut bytes = [&[unit], pdu].concat();
+    bytes.extend(checksum(&bytes).to_le_bytes());
+    bytes
+}
+
+fn words(high: u8, low: u8) -> Vec<u8> {
+    framed(3, &[3, 4, 0, high, 0, low])
+}
+
+/// What a request to unit 3 comes to within a second where the device answers it with these bytes.
+async fn asked(
+    wire: &mut Rtu<Ours>,
+    device: &mut DuplexStream,
+    request: Request<'_>,
+    answer: &[u8],
+) -> Result<Answer, Fault> {
+    let call = async {
+        let answer = Patience::new().within(Duration::from_secs(1), wire.call(3, request)).await;
+        answer.unwrap_or_else(|| Err(wire.missed()))
+    };
+    let device = async {
+        let mut question = vec![0; frame::lengths(request).0];
+        device.read_exact(&mut question).await.unwrap();
+        device.write_all(answer).await.unwrap();
+    };
+    tokio::join!(call, device).0
+}
+
+const GOOD: [u16; 2] = [1, 2];
+
+fn good() -> Result<Answer, Fault> {
+    Ok(Answer::Words(GOOD.to_vec()))
+}
+
+#[tokio::test(start_paused = true)]
+async fn registers_arrive_in_their_order_and_an_exception_with_its_code() {
+    let (mut wire, mut device) = line();
+    assert_eq!(asked(&mut wire, &mut device, READ, &words(1, 2)).await, good());
+    let refusal = framed(3, &[0x83, 2]);
+    assert_eq!(asked(&mut wire, &mut device, READ, &refusal).await, Err(Fault::Exception(2)));
+    let echo = framed(3, &[6, 0, 4, 0, 9]);
+    assert_eq!(asked(&mut wire, &mut device, WRITE, &echo).await, Ok(Answer::Done));
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_answer_may_come_one_byte_at_a_time() {
+    let (mut wire, mut device) = line();
+    let piecemeal = async {
+        let mut question = [0; 8];
+        device.read_exact(&mut question).await.unwrap();
+        for byte in words(1, 2) {
+            device.write_all(&[byte]).await.unwrap();
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    };
+    assert_eq!(tokio::join!(wire.call(3, READ), piecemeal).0, good());
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_came_before_the_question_is_never_its_answer() {
+    let (mut wire, mut device) = line();
+    device.write_all(&words(7, 7)).await.unwrap();
+    assert_eq!(asked(&mut wire, &mut device, READ, &words(1, 2)).await, good());
+    device.write_all(&words(7, 7)).await.unwrap();
+    device.write_all(&words(8, 8)[..4]).await.unwrap();
+    assert_eq!(asked(&mut wire, &mut device, READ, &words(1, 2)).await, good());
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_late_answer_of_another_unit_and_noise_are_passed_over() {
+    let (mut wire, mut device) = line();
+    let late = framed(8, &[3, 4, 0, 7, 0, 7]);
+    let noisy = [&late, [0, 0xff].as_slice(), &words(1, 2)].concat();
+    assert_eq!(asked(&mut wire, &mut device, READ, &noisy).await, good());
+    let foreign = asked(&mut wire, &mut device, READ, &late).await;
+    assert_eq!(foreign, Err(Fault::Peer(PeerFault::Foreign)));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_wrong_checksum_a_torn_frame_and_garbage_are_no_answer() {
+    let (mut wire, mut device) = line();
+    let mut wrong = words(1, 2);
+    *wrong.last_mut().unwrap() ^= 1;
+    let malformed = Err(Fault::Peer(PeerFault::Malformed));
+    assert_eq!(asked(&mut wire, &mut device, READ, &wrong).await, malformed);
+    assert_eq!(asked(&mut wire, &mut device, READ, &[0x55; 600]).await, malformed);
+    assert!(wire.received.len() <= MOST_KEPT, "{} bytes are kept", wire.received.len());
+    assert_eq!(asked(&mut wire, &mut device, READ, &words(1, 2)[..6]).await, Err(Fault::Timeout));
+    assert_eq!(asked(&mut wire, &mut device, READ, &words(1, 2)).await, good());
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_answer_of_another_length_function_or_echo_is_refused_at_once() {
+    let (mut wire, mut device) = line();
+    let cases = [
+        (READ, framed(3, &[3, 2, 0, 1]), PeerFault::Length),
+        (READ, framed(3, &[4, 4, 0, 1, 0, 2]), PeerFault::Function),
+        (WRITE, framed(3, &[6, 0, 4, 0, 8]), PeerFault::Echo),
+    ];
+    let clock = tokio_time();
+    for (request, answer, fault) in cases {
+        assert_eq!(asked(&mut wire, &mut device, request, &answer).await, Err(Fault::Peer(fault)));
+    }
+    assert!(clock() < Duration::from_millis(500));
+}
+
+/// Time on the paused clock since the call.
+fn tokio_time() -> impl Fn() -> Duration {
+    let begun = Silence::begin();
+    let hour = Duration::from_secs(3600);
+    move || hour - begun.left_of(hour)
+}
+
+#[tokio::test(start_paused = true)]
+async fn silence_is_kept_after_an_answer_and_after_bytes_that_nobody_asked_for() {
+    let (mut wire, mut device) = line();
+    assert_eq!(asked(&mut wire, &mut device, READ, &words(1, 2)).await, good());
+    let since = tokio_time();
+    assert_eq!(asked(&mut wire, &mut device, READ, &words(1, 2)).await, good());
+    let waited = since();
+    assert!(waited >= SLOW.silence() && waited < SLOW.silence() + Duration::from_millis(2), "{waited:?}");
+    tokio::time::sleep(Duration::from_millis(50)).await;
+    device.write_all(&[0]).await.unwrap();
+    let since = tokio_time();
+    assert_eq!(asked(&mut wire, &mut device, READ, &words(1, 2)).await, good());
+    assert!(since() >= SLOW.silence());
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_adapter_that_lets_us_hear_ourselves_is_seen_at_the_first_read_and_no_write_is_believed_by_its_echo()
+ {
+    let (mut wire, mut device) = line();
+    let heard = |request, answer: &[u8]| [&frame::request(3, request), answer].concat();
+    let answer = heard(READ, &words(1, 2));
+    assert_eq!(asked(&mut wire, &mut device, READ, &answer).await, good());
+    let nobody = heard(WRITE, &[]);
+    assert_eq!(asked(&mut wire, &mut device, WRITE, &nobody).await, Err(Fault::Timeout));
+    let done = heard(WRITE, &framed(3, &[6, 0, 4, 0, 9]));
+    assert_eq!(asked(&mut wire, &mut device, WRITE, &done).await, Ok(Answer::Done));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_connection_that_ends_while_idle_is_told_apart_from_one_that_breaks_under_a_question() {
+    let (mut wire, device) = line();
+    drop(device);
+    assert_eq!(wire.call(3, READ).await, Err(CLOSED));
+    let (mut wire, mut device) = line();
+    let dies = async {
+        let mut question = [0; 8];
+        device.read_exact(&mut question).await.unwrap();
+        drop(device);
+    };
+    assert_eq!(tokio::join!(wire.call(3, READ), dies).0, Err(BROKEN));
+}
+
+#[tokio::test(start_paused = true)]
+async fn while_listening_a_late_answer_is_discarded() {
+    let (mut wire, mut device) = line();
+    let late = async {
+        tokio::time::sleep(Duration::from_millis(200)).await;
+        device.write_all(&words(7, 7)).await.unwrap();
+    };
+    let (heard, ()) = tokio::join!(wire.listen(Duration::from_millis(300)), late);
+    assert_eq!(heard, Ok(()));
+    assert_eq!(asked(&mut wire, &mut device, READ, &words(1, 2)).await, good());
+}

@@ -1,0 +1,156 @@
+//! Serial ports of this computer, straight from the system: no library between them and us, and none to install.
+//!
+//! A port is opened by its path each time, so that an adapter which was unplugged and comes back under the same name
+//! below /dev/serial/by-id is found again. It is ours alone while it is open.
+
+use std::io;
+use std::os::fd::OwnedFd;
+use std::pin::Pin;
+use std::task::{Context, Poll};
+
+use rustix::fs::{FlockOperation, Mode, OFlags};
+use rustix::io::Errno;
+use rustix::termios::{ControlModes, InputModes, OptionalActions, QueueSelector, SpecialCodeIndex};
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::net::unix::pipe::{Receiver, Sender};
+
+use super::error::{Fault, LinkFault};
+use super::rtu::{Port, Rtu};
+use super::wire::{Boxed, Connection, Dial};
+use crate::profile::{Parity, Serial};
+
+/// Opens one serial port.
+#[derive(Clone, Debug)]
+pub struct SerialDial {
+    path: String,
+    settings: Serial,
+}
+
+impl SerialDial {
+    /// The port at this path with these settings.
+    pub fn new(path: &str, settings: Serial) -> SerialDial {
+        SerialDial { path: path.to_owned(), settings }
+    }
+}
+
+impl Dial for SerialDial {
+    fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
+        Box::pin(async {
+            let port = SerialPort::open(&self.path, self.settings).map_err(Fault::Link)?;
+            Ok(Connection::Other(Box::new(Rtu::new(port, Some(self.settings)))))
+        })
+    }
+}
+
+/// An open serial port, eight data bits, nothing interpreted.
+#[derive(Debug)]
+pub struct SerialPort {
+    reader: Receiver,
+    writer: Sender,
+}
+
+impl SerialPort {
+    /// Opens the port, takes it for itself, sets it up and discards what waits there. Within a tokio runtime.
+    ///
+    /// # Errors
+    /// Why it cannot be had.
+    pub fn open(path: &str, settings: Serial) -> Result<SerialPort, LinkFault> {
+        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+        let descriptor = rustix::fs::open(path, flags, Mode::empty()).map_err(why_not)?;
+        // The first keeps out every program, but not root's; the second whoever asks, as we do.
+        rustix::termios::ioctl_tiocexcl(&descriptor).map_err(why_not)?;
+        rustix::fs::flock(&descriptor, FlockOperation::NonBlockingLockExclusive).map_err(why_not)?;
+        set_up(&descriptor, settings).map_err(why_not)?;
+        rustix::termios::tcflush(&descriptor, QueueSelector::IOFlush).map_err(why_not)?;
+        let runtime = |_: io::Error| LinkFault::Unsuited;
+        // To the runtime a port is like a pipe with two ends.
+        let other = descriptor.try_clone().map_err(runtime)?;
+        Ok(SerialPort {
+            reader: Receiver::from_owned_fd_unchecked(descriptor).map_err(runtime)?,
+            writer: Sender::from_owned_fd_unchecked(other).map_err(runtime)?,
+        })
+    }
+}
+
+impl Drop for SerialPort {
+    /// A pseudo-terminal would stay taken while its other end is open.
+    fn drop(&mut self) {
+        let _ = rustix::termios::ioctl_tiocnxcl(&self.reader);
+    }
+}
+
+fn why_not(error: Errno) -> LinkFault {
+    match error {
+        Errno::NOENT | Errno::NODEV | Errno::NXIO | Errno::IO => LinkFault::Absent,
+        Errno::ACCESS | Errno::PERM => LinkFault::Forbidden,
+        Errno::BUSY | Errno::WOULDBLOCK => LinkFault::Busy,
+        _ => LinkFault::Unsuited,
+    }
+}
+
+fn set_up(descriptor: &OwnedFd, settings: Serial) -> rustix::io::Result<()> {
+    let mut termios = rustix::termios::tcgetattr(descriptor)?;
+    termios.make_raw();
+    // Hanging up on close drops a line that resets some converters and boards.
+    termios.control_modes -= ControlModes::CSIZE
+        | ControlModes::PARENB
+        | ControlModes::PARODD
+        | ControlModes::CSTOPB
+        | ControlModes::CRTSCTS
+        | ControlModes::HUPCL;
+    termios.control_modes |= ControlModes::CS8 | ControlModes::CLOCAL | ControlModes::CREAD;
+    termios.control_modes |= match settings.parity {
+        Parity::None => ControlModes::empty(),
+        Parity::Even => ControlModes::PARENB,
+        Parity::Odd => ControlModes::PARENB | ControlModes::PARODD,
+    };
+    if settings.stop_bits == 2 {
+        termios.control_modes |= ControlModes::CSTOPB;
+    }
+    // A character with a wrong parity bit is left out, so that its frame has a wrong checksum and length.
+    if settings.parity != Parity::None {
+        termios.input_modes |= InputModes::INPCK | InputModes::IGNPAR;
+    }
+    termios.special_codes[SpecialCodeIndex::VMIN] = 1;
+    termios.special_codes[SpecialCodeIndex::VTIME] = 0;
+    termios.set_speed(settings.baud)?;
+    rustix::termios::tcsetattr(descriptor, OptionalActions::Now, &termios)?;
+    // The call succeeds where only part of it could be done. (A driver may round the speed a little.)
+    let now = rustix::termios::tcgetattr(descriptor)?;
+    let is_near = now.output_speed().abs_diff(settings.baud) <= settings.baud / 50;
+    if is_near { Ok(()) } else { Err(Errno::INVAL) }
+}
+
+impl Port for SerialPort {
+    fn take_waiting(&self, bytes: &mut [u8]) -> io::Result<usize> {
+        Ok(rustix::io::read(&self.reader, bytes)?)
+    }
+}
+
+impl AsyncRead for SerialPort {
+    fn poll_read(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        buffer: &mut ReadBuf<'_>,
+    ) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.reader).poll_read(context, buffer)
+    }
+}
+
+impl AsyncWrite for SerialPort {
+    fn poll_write(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        bytes: &[u8],
+    ) -> Poll<io::Result<usize>> {
+        Pin::new(&mut self.writer).poll_write(context, bytes)
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.writer).poll_flush(context)
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.writer).poll_shutdown(context)
+    }
+}

@@ -1,0 +1,71 @@
+//! The Cz that acted while the gateway logged: its log has every decision, and a measured error has Cz in it.
+
+use super::table::{Cells, Table, Wrong};
+
+/// What a log of the gateway has of an axis besides `cz_um` and `slope_um`; nothing to learn from.
+const DECIDED: [&str; 8] =
+    ["permit", "from_um", "raw_um", "model", "state", "acted", "slope_from_um", "correction_um"];
+/// The same of the machine; the last one stands in the log of a dry run, which writes nothing.
+const MACHINE: [&str; 3] = ["machine_memory", "machine_zero", DRY_RUN];
+const DRY_RUN: &str = "machine_dry_run";
+
+/// Leaves of the gateway's decisions what acted: `<axis>_cz_um`, and `<axis>_slope_um` where the control is given the
+/// slope, each as it stood in the registers when the row was read. The table notes their names.
+pub(super) fn keep_what_acted(table: &mut Table, wrong: &mut Wrong) {
+    let axes: Vec<String> = (table.columns.iter())
+        .filter_map(|(name, _)| name.strip_suffix("_permit").map(str::to_owned))
+        .filter(|axis| table.numbers(&format!("{axis}_cz_um")).is_some())
+        .collect();
+    let was_dry = table.columns.iter().any(|(name, _)| name == DRY_RUN);
+    for axis in &axes {
+        let acted = acted(table, axis);
+        if !acted.iter().any(|cz| cz.is_finite()) && !was_dry {
+            let column = format!("{axis}_permit");
+            let message = "no row in which what stood in the register was verified: what acted is not known; leave this \
+                           log out";
+            wrong.at("every line", Some(&column), message);
+        }
+        for (what, values) in [("cz_um", acted), ("slope_um", before(table, &format!("{axis}_slope_um")))] {
+            let name = format!("{axis}_{what}");
+            let place = table.columns.iter().position(|(known, _)| *known == name);
+            match place {
+                Some(place) if was_dry => drop(table.columns.remove(place)),
+                Some(place) => {
+                    table.columns[place].1 = Cells::Numbers(values);
+                    table.acted.push(name);
+                }
+                None => {}
+            }
+        }
+        table.columns.retain(|(name, _)| !DECIDED.iter().any(|what| *name == format!("{axis}_{what}")));
+    }
+    if !axes.is_empty() {
+        table.columns.retain(|(name, _)| !MACHINE.contains(&name.as_str()));
+    }
+}
+
+/// A row's readings are older than its decision: what acted is what the row before had decided. Before the first
+/// take-over it is what was found in the register then. NaN while the register was not verified.
+fn acted(table: &Table, axis: &str) -> Vec<f64> {
+    let mut acted = before(table, &format!("{axis}_cz_um"));
+    let found = table.numbers(&format!("{axis}_from_um")).unwrap_or_default();
+    if let Some(first) = found.iter().position(|from| from.is_finite()) {
+        acted[..=first].fill(found[first]);
+    }
+    for (cz, from) in acted.iter_mut().zip(found).filter(|(_, from)| from.is_finite()) {
+        *cz = *from;
+    }
+    let permits = table.columns.iter().find(|(name, _)| *name == format!("{axis}_permit"));
+    if let Some((_, Cells::Text(permits))) = permits {
+        for (cz, _) in acted.iter_mut().zip(permits).filter(|(_, permit)| permit.trim() == "unverified") {
+            *cz = f64::NAN;
+        }
+    }
+    acted
+}
+
+fn before(table: &Table, name: &str) -> Vec<f64> {
+    let decided = table.numbers(name).unwrap_or_default();
+    let first = decided.first().copied();
+    first.into_iter().chain(decided.iter().copied()).take(decided.len()).collect()
+}

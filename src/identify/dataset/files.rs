@@ -1,0 +1,64 @@
+//! Which files are meant.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// The files as they are named; of a directory, those that end with .csv or .parquet, by name.
+pub(super) fn logs(named: &[PathBuf], wrong: &mut Vec<String>) -> Vec<PathBuf> {
+    if named.is_empty() {
+        wrong.push("no log is named: give one or more CSV or Parquet files".to_owned());
+    }
+    let mut files: Vec<PathBuf> = Vec::new();
+    for name in named {
+        let found = if name.is_dir() { inside(name, wrong) } else { vec![name.clone()] };
+        for file in found {
+            if files.iter().any(|known| is_same(known, &file)) {
+                wrong.push(format!(
+                    "{} is named twice: a run would be judged by a model that had seen it; name each log once",
+                    file.display()
+                ));
+            } else {
+                files.push(file);
+            }
+        }
+    }
+    files
+}
+
+fn is_same(one: &Path, other: &Path) -> bool {
+    match (one.canonicalize(), other.canonicalize()) {
+        (Ok(one), Ok(other)) => one == other,
+        _ => false,
+    }
+}
+
+fn inside(directory: &Path, wrong: &mut Vec<String>) -> Vec<PathBuf> {
+    let is_log = |path: &PathBuf| {
+        let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
+        ["csv", "parquet"].iter().any(|known| ending.eq_ignore_ascii_case(known))
+    };
+    let entries = match std::fs::read_dir(directory) {
+        Ok(entries) => entries,
+        Err(why) => {
+            wrong.push(format!("{}: {}", directory.display(), cannot_be_read(&why)));
+            return Vec::new();
+        }
+    };
+    let mut files: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).filter(is_log).collect();
+    files.sort();
+    if files.is_empty() {
+        wrong.push(format!(
+            "{} is a directory without a log: nothing in it ends with .csv or .parquet; `isotherm record` writes logs",
+            directory.display()
+        ));
+    }
+    files
+}
+
+/// In words, where the words of the system would not help.
+pub(super) fn cannot_be_read(why: &io::Error) -> String {
+    match why.kind() {
+        io::ErrorKind::NotFound => "there is no such file".to_owned(),
+        _ => format!("it cannot be read: {why}"),
+    }
+}

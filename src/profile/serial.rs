@@ -1,0 +1,100 @@
+//! A serial line: its settings, and how long things take on it.
+
+use std::fmt;
+use std::time::Duration;
+
+/// Bits per second up to which silence is measured in characters; above, it is a fixed time.
+const FASTEST_BY_CHARACTERS: u32 = 19_200;
+
+/// What a bus is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Transport {
+    /// Modbus TCP.
+    Tcp,
+    /// RTU frames through a TCP connection, as simple gateways pass them on.
+    RtuOverTcp,
+    /// Modbus RTU on a serial port of this computer.
+    Serial(Serial),
+}
+
+/// The settings of a serial port. Always eight data bits: Modbus RTU knows nothing else.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Serial {
+    /// Bits per second.
+    pub baud: u32,
+    /// The bit that checks the eight before it.
+    pub parity: Parity,
+    /// 1 or 2.
+    pub stop_bits: u8,
+}
+
+/// The bit that checks the eight before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Parity {
+    /// There is none.
+    None,
+    /// An even number of ones.
+    Even,
+    /// An odd number of ones.
+    Odd,
+}
+
+impl Serial {
+    /// Time of one character: start, eight data bits, parity, stop bits.
+    pub fn character(&self) -> Duration {
+        let bits = 1 + 8 + u32::from(self.parity != Parity::None) + u32::from(self.stop_bits);
+        Duration::from_secs(1) * bits / self.baud.max(1)
+    }
+
+    /// Silence between two frames: 3.5 characters of eleven bits, and 1.75 ms above 19,200 baud (Modbus over Serial Line
+    /// V1.02, 2.5.1.1).
+    pub fn silence(&self) -> Duration {
+        if self.baud > FASTEST_BY_CHARACTERS {
+            return Duration::from_micros(1750);
+        }
+        Duration::from_secs(1) * 77 / (2 * self.baud.max(1))
+    }
+
+    /// How long this many bytes are under way.
+    pub fn bytes(&self, count: usize) -> Duration {
+        self.character() * u32::try_from(count).unwrap_or(u32::MAX)
+    }
+
+    /// How long one question and its answer occupy the line, bytes of the frames with unit and checksum; the device's own
+    /// time to think comes on top.
+    pub fn exchange(&self, request: usize, answer: usize) -> Duration {
+        self.bytes(request + answer) + 2 * self.silence()
+    }
+}
+
+impl fmt::Display for Serial {
+    /// `9600 baud 8N1`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let parity = match self.parity {
+            Parity::None => 'N',
+            Parity::Even => 'E',
+            Parity::Odd => 'O',
+        };
+        write!(f, "{} baud 8{parity}{}", self.baud, self.stop_bits)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn serial(baud: u32, parity: Parity, stop_bits: u8) -> Serial {
+        Serial { baud, parity, stop_bits }
+    }
+
+    #[test]
+    fn the_times_are_those_of_the_specification() {
+        let slow = serial(9600, Parity::None, 1);
+        assert_eq!(slow.character().as_micros(), 1041);
+        assert_eq!(slow.silence().as_micros(), 4010);
+        assert_eq!(serial(9600, Parity::Even, 1).character().as_micros(), 1145);
+        assert_eq!(serial(19_200, Parity::Even, 1).silence().as_micros(), 2005);
+        assert_eq!(serial(38_400, Parity::Even, 1).silence().as_micros(), 1750);
+        assert_eq!(slow.exchange(8, 21).as_micros(), 38_229);
+    }
+}

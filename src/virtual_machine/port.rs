@@ -1,0 +1,140 @@
+//! A serial port that is not there: a pseudo-terminal under a name that stays, unplugged and plugged in by the script.
+
+use std::fs;
+use std::io;
+use std::os::fd::OwnedFd;
+use std::os::unix::ffi::OsStringExt;
+use std::os::unix::fs::symlink;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use rustix::fs::OFlags;
+use rustix::pty::OpenptFlags;
+use rustix::termios::OptionalActions;
+use tokio::net::unix::pipe::{Receiver, Sender};
+use tokio::sync::{mpsc, watch};
+
+use super::rtu::converse;
+use super::server::{Door, Line};
+use crate::profile::Serial;
+
+/// How often it is looked whether somebody has opened the port again.
+const LOOK: Duration = Duration::from_millis(5);
+
+/// The name of a port; gone when dropped.
+#[derive(Debug)]
+pub(super) struct Name {
+    path: PathBuf,
+    /// A directory made for it alone.
+    directory: Option<PathBuf>,
+}
+
+impl Name {
+    /// The path of the profile, where nothing else has it and it can be made.
+    pub(super) fn wanted(path: &Path) -> Option<Name> {
+        let is_left_over = path.is_symlink() && !path.exists();
+        if is_left_over {
+            fs::remove_file(path).ok()?;
+        }
+        // Tried with a target that does not exist; the port follows.
+        symlink("/nonexistent", path).ok()?;
+        Some(Name { path: path.to_owned(), directory: None })
+    }
+
+    /// One that nobody else has.
+    pub(super) fn free(bus: &str) -> io::Result<Name> {
+        static COUNT: AtomicU64 = AtomicU64::new(0);
+        let count = COUNT.fetch_add(1, Ordering::Relaxed);
+        let directory = std::env::temp_dir().join(format!("isotherm-{}-{count}", std::process::id()));
+        fs::create_dir_all(&directory)?;
+        Ok(Name { path: directory.join(bus), directory: Some(directory) })
+    }
+
+    pub(super) fn path(&self) -> &Path {
+        &self.path
+    }
+
+    fn points_to(&self, port: &Path) -> io::Result<()> {
+        self.is_nowhere();
+        symlink(port, &self.path)
+    }
+
+    fn is_nowhere(&self) {
+        let _ = fs::remove_file(&self.path);
+    }
+}
+
+impl Drop for Name {
+    fn drop(&mut self) {
+        self.is_nowhere();
+        if let Some(directory) = &self.directory {
+            let _ = fs::remove_dir(directory);
+        }
+    }
+}
+
+/// Serves a line on a port of this name until `stop` changes or its sender is gone.
+pub(super) async fn serve(
+    name: Name,
+    serial: Serial,
+    line: Arc<Line>,
+    mut doors: mpsc::Receiver<Door>,
+    mut stop: watch::Receiver<bool>,
+) -> io::Result<()> {
+    let mut port = Some(plug_in(&name)?);
+    loop {
+        tokio::select! {
+            _ = stop.changed() => return Ok(()),
+            door = doors.recv() => match door {
+                Some(Door::Shut(done)) => {
+                    name.is_nowhere();
+                    port = None;
+                    let _ = done.send(());
+                }
+                Some(Door::Open(done)) => {
+                    port = Some(plug_in(&name)?);
+                    let _ = done.send(());
+                }
+                None => return Ok(()),
+            },
+            ended = talk(port.as_mut(), &line, serial) => ended?,
+        }
+    }
+}
+
+/// The hardware's end of a new pseudo-terminal, to which the name points.
+fn plug_in(name: &Name) -> io::Result<(Receiver, Sender)> {
+    let (hardware, path) = pseudo_terminal()?;
+    name.points_to(&path)?;
+    let other = hardware.try_clone()?;
+    Ok((Receiver::from_owned_fd_unchecked(hardware)?, Sender::from_owned_fd_unchecked(other)?))
+}
+
+fn pseudo_terminal() -> io::Result<(OwnedFd, PathBuf)> {
+    let hardware = rustix::pty::openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
+    rustix::pty::grantpt(&hardware)?;
+    rustix::pty::unlockpt(&hardware)?;
+    let mut termios = rustix::termios::tcgetattr(&hardware)?;
+    termios.make_raw();
+    rustix::termios::tcsetattr(&hardware, OptionalActions::Now, &termios)?;
+    let flags = rustix::fs::fcntl_getfl(&hardware)?;
+    rustix::fs::fcntl_setfl(&hardware, flags | OFlags::NONBLOCK)?;
+    let path = rustix::pty::ptsname(&hardware, Vec::new())?.into_bytes();
+    Ok((hardware, PathBuf::from(std::ffi::OsString::from_vec(path))))
+}
+
+/// Answers whoever has the port open; never ends where nothing is plugged in.
+async fn talk(port: Option<&mut (Receiver, Sender)>, line: &Arc<Line>, serial: Serial) -> io::Result<()> {
+    let Some((receiver, sender)) = port else { return std::future::pending().await };
+    loop {
+        match converse(tokio::io::join(&mut *receiver, &mut *sender), line, Some(serial)).await {
+            // Nobody has the port open, or no longer.
+            Ok(()) => {}
+            Err(error) if error.raw_os_error() == Some(rustix::io::Errno::IO.raw_os_error()) => {}
+            Err(error) => return Err(error),
+        }
+        tokio::time::sleep(LOOK).await;
+    }
+}

@@ -1,0 +1,128 @@
+//! Lines that speak RTU: settings, ports, units, and whether what is polled fits into their time.
+
+use super::*;
+use isotherm::profile::{Parity, Serial, Transport};
+
+const TCP: &str = "type = \"modbus-tcp\"\naddress = \"127.0.0.1:1502\"";
+const PORT: &str = "port = \"/dev/serial/by-id/usb-FTDI_FT232R-if00-port0\"";
+
+/// The grinder on a serial line with these keys.
+fn on(keys: &str) -> String {
+    assert!(GRINDER.contains(TCP));
+    GRINDER.replacen(TCP, &format!("type = \"modbus-rtu\"\n{keys}"), 1)
+}
+
+#[track_caller]
+fn is_refused(keys: &str, key: &str, at: &str, words: &[&str]) {
+    let error = only_error(&on(keys), key, at);
+    for word in words {
+        assert!(error.to_string().contains(word), "`{word}` is not in: {error}");
+    }
+}
+
+#[track_caller]
+fn only_warning(text: &str) -> ProfileError {
+    let loaded = parse(text).unwrap_or_else(|errors| panic!("{errors}"));
+    assert_eq!(loaded.warnings.len(), 1, "{:?}", loaded.warnings);
+    loaded.warnings[0].clone()
+}
+
+#[test]
+fn a_serial_line_has_its_port_and_its_settings_eight_bits_no_parity_one_stop_bit_by_itself() {
+    let serial = |keys: &str| {
+        let loaded = parse(&on(keys)).unwrap_or_else(|errors| panic!("{errors}"));
+        assert_eq!(loaded.warnings, []);
+        let bus = loaded.profile.buses[0].clone();
+        assert_eq!(bus.address, "/dev/serial/by-id/usb-FTDI_FT232R-if00-port0");
+        bus.transport
+    };
+    let plain = Serial { baud: 19_200, parity: Parity::None, stop_bits: 1 };
+    assert_eq!(serial(&format!("{PORT}\nbaud = 19200")), Transport::Serial(plain));
+    let spelled_out = serial(&format!("{PORT}\nbaud = 38400\nparity = \"even\"\nstop_bits = 2"));
+    assert_eq!(spelled_out, Transport::Serial(Serial { baud: 38_400, parity: Parity::Even, stop_bits: 2 }));
+    let over_tcp = with("type = \"modbus-tcp\"", "type = \"modbus-rtu-over-tcp\"").unwrap().profile;
+    assert_eq!(over_tcp.buses[0].transport, Transport::RtuOverTcp);
+}
+
+#[test]
+fn a_serial_line_without_its_port_or_its_speed_is_refused() {
+    is_refused("baud = 9600", "bus.cell.port", "cell]", &["`port` is missing", "/dev/serial/by-id"]);
+    is_refused(PORT, "bus.cell.baud", "cell]", &["`baud` is missing", "9600"]);
+    is_refused("port = \"ttyS0\"\nbaud = 19200", "bus.cell.port", "\"ttyS0\"", &["/dev/ttyS0"]);
+}
+
+#[test]
+fn settings_that_no_line_has_are_refused() {
+    let line = |keys: &str| format!("{PORT}\n{keys}");
+    is_refused(&line("baud = 96"), "bus.cell.baud", "96", &["300", "4000000"]);
+    is_refused(&line("baud = 19200\nstop_bits = 3"), "bus.cell.stop_bits", "3", &["1", "2"]);
+    is_refused(&line("baud = 19200\nparity = \"mark\""), "bus.cell.parity", "\"mark\"", &["even"]);
+    let address = line("baud = 19200\naddress = \"10.0.0.1:502\"");
+    is_refused(&address, "bus.cell.address", "address", &["belongs to a TCP line"]);
+    let error =
+        only_error(&GRINDER.replacen(TCP, &format!("{TCP}\nbaud = 9600"), 1), "bus.cell.baud", "baud");
+    assert!(error.to_string().contains("belongs to a modbus-rtu line"), "{error}");
+}
+
+#[test]
+fn a_port_that_is_numbered_in_the_order_of_plugging_is_warned_of() {
+    let warning = only_warning(&on("port = \"/dev/ttyUSB0\"\nbaud = 19200"));
+    assert_eq!(warning.key, "bus.cell.port");
+    assert!(warning.to_string().contains("/dev/serial/by-id"), "{warning}");
+}
+
+#[test]
+fn an_rtu_line_has_no_unit_for_all_and_none_that_is_reserved() {
+    for (unit, words) in [("0", "speaks to all devices"), ("250", "reserved")] {
+        let text = on(&format!("{PORT}\nbaud = 19200")).replacen("unit = 3", &format!("unit = {unit}"), 1);
+        let error = only_error(&text, "device.readout.unit", unit);
+        assert!(error.to_string().contains(words), "{error}");
+    }
+}
+
+#[test]
+fn two_buses_on_one_rtu_line_are_refused_whether_on_a_port_or_through_tcp() {
+    let serial = format!("type = \"modbus-rtu\"\n{PORT}\nbaud = 19200");
+    let over_tcp = "type = \"modbus-rtu-over-tcp\"\naddress = \"127.0.0.1:1502\"".to_owned();
+    for (line, key) in [(serial, "port"), (over_tcp, "address")] {
+        let second = format!("[bus.second]\n{line}\n\n[device.module]\nbus = \"second\"");
+        let text = GRINDER.replacen(TCP, &line, 1).replacen("[device.module]\nbus = \"cell\"", &second, 1);
+        let error = only_error(&text, &format!("bus.second.{key}"), "\"");
+        assert!(error.to_string().contains("the bus `cell` has this"), "{error}");
+    }
+}
+
+#[test]
+fn what_is_polled_and_does_not_fit_into_the_line_s_time_is_refused_and_what_hardly_fits_is_warned_of() {
+    let line = |baud: u32| on(&format!("{PORT}\nbaud = {baud}"));
+    let error = only_error(&line(1200), "bus.cell.baud", "1200");
+    for words in ["% of the line's time at 1200 baud 8N1", "`every`"] {
+        assert!(error.to_string().contains(words), "{error}");
+    }
+    let warning = only_warning(&line(1800));
+    assert!(warning.to_string().contains("% of the line's time at 1800 baud"), "{warning}");
+    assert_eq!(parse(&line(9600)).unwrap().warnings, []);
+}
+
+#[test]
+fn a_serial_line_is_explained_with_its_settings_and_the_time_that_its_polls_take() {
+    let machine = parse(&on(&format!("{PORT}\nbaud = 9600"))).unwrap().profile;
+    let explanation = isotherm::explain::Explanation::of(&machine);
+    let told = explanation.to_string();
+    for words in [
+        "bus cell: Modbus RTU at /dev/serial/by-id/usb-FTDI_FT232R-if00-port0, timeout 300ms",
+        "9600 baud 8N1: 1.04 ms a character, 4.01 ms silence before a request",
+        // Two registers, then one bit: 8 + 9 and 8 + 6 bytes of 1.0417 ms, four silences of 4.01 ms, two pauses of 5 ms.
+        "module: 31 bytes take 58 ms of every 1000 ms",
+        "% of the line; writes and the devices' own time to answer come on top",
+    ] {
+        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+    }
+    let document = serde_json::to_value(&explanation).unwrap();
+    let serial = &document["buses"][0]["serial"];
+    assert_eq!(serial["settings"], "9600 baud 8N1");
+    let share =
+        |poll: &serde_json::Value| poll["takes_ms"].as_f64().unwrap() / poll["every_ms"].as_f64().unwrap();
+    let sum: f64 = serial["polls"].as_array().unwrap().iter().map(share).sum();
+    assert!((serial["load_percent"].as_f64().unwrap() - 100.0 * sum).abs() < 1e-9, "{serial}");
+}

@@ -1,0 +1,126 @@
+//! The hardware's end of a serial port, and a line of the gateway on it.
+
+use std::fs;
+use std::io;
+use std::os::fd::OwnedFd;
+use std::os::unix::fs::symlink;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use isotherm::codec::{Address, Table, checksum};
+use isotherm::fieldbus::line::Line;
+use isotherm::fieldbus::{dial, wire::Request};
+use isotherm::profile::{Bus, BusId, Device, DeviceId, Functions, Parity, Quirks, Serial, Transport};
+use rustix::fs::OFlags;
+use rustix::io::Errno;
+use rustix::pty::OpenptFlags;
+use rustix::termios::OptionalActions;
+
+/// The hardware's end of a new pseudo-terminal.
+pub(crate) struct Plug {
+    end: OwnedFd,
+    pub(crate) path: PathBuf,
+}
+
+impl Plug {
+    pub(crate) fn new() -> Plug {
+        let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
+        let end = rustix::pty::openpt(flags).unwrap();
+        rustix::pty::grantpt(&end).unwrap();
+        rustix::pty::unlockpt(&end).unwrap();
+        let mut termios = rustix::termios::tcgetattr(&end).unwrap();
+        termios.make_raw();
+        rustix::termios::tcsetattr(&end, OptionalActions::Now, &termios).unwrap();
+        rustix::fs::fcntl_setfl(&end, rustix::fs::fcntl_getfl(&end).unwrap() | OFlags::NONBLOCK).unwrap();
+        let path = PathBuf::from(rustix::pty::ptsname(&end, Vec::new()).unwrap().into_string().unwrap());
+        Plug { end, path }
+    }
+
+    /// Points this name at it, as the system does when an adapter is plugged in.
+    pub(crate) fn under(&self, name: &Path) {
+        let _ = fs::remove_file(name);
+        symlink(&self.path, name).unwrap();
+    }
+
+    pub(crate) fn say(&self, bytes: &[u8]) {
+        // Where nobody has the port open the bytes go nowhere.
+        let _ = rustix::io::write(&self.end, bytes);
+    }
+
+    /// What has come; nothing where nothing has, or nobody has the port open.
+    fn heard(&self) -> Vec<u8> {
+        let mut bytes = [0; 256];
+        match rustix::io::read(&self.end, &mut bytes) {
+            Ok(count) => bytes[..count].to_vec(),
+            Err(Errno::AGAIN | Errno::IO) => Vec::new(),
+            Err(error) => panic!("{}", io::Error::from(error)),
+        }
+    }
+
+    /// The next read request: unit, function, first register, count.
+    pub(crate) async fn asked(&self) -> (u8, u8, u16, u16) {
+        let mut received: Vec<u8> = Vec::new();
+        loop {
+            received.extend(self.heard());
+            if let Some(place) = (0..received.len()).find(|place| is_frame(&received[*place..])) {
+                let bytes = &received[place..place + 8];
+                let word = |at: usize| u16::from_be_bytes([bytes[at], bytes[at + 1]]);
+                return (bytes[0], bytes[1], word(2), word(4));
+            }
+            tokio::time::sleep(Duration::from_micros(500)).await;
+        }
+    }
+}
+
+fn is_frame(bytes: &[u8]) -> bool {
+    bytes.len() >= 8 && checksum(&bytes[..6]).to_le_bytes() == bytes[6..8]
+}
+
+/// A frame around a protocol data unit.
+pub(crate) fn framed(unit: u8, pdu: &[u8]) -> Vec<u8> {
+    let mut bytes = [&[unit], pdu].concat();
+    bytes.extend(checksum(&bytes).to_le_bytes());
+    bytes
+}
+
+/// What stands in a register: its unit and its number, so that an answer to another question is seen.
+pub(crate) fn word(unit: u8, register: u16) -> u16 {
+    u16::from(unit) << 12 | register
+}
+
+/// The answer to a read.
+pub(crate) fn answer((unit, function, from, count): (u8, u8, u16, u16)) -> Vec<u8> {
+    let words = (from..from + count).flat_map(|register| word(unit, register).to_be_bytes());
+    framed(unit, &[vec![function, u8::try_from(2 * count).unwrap()], words.collect()].concat())
+}
+
+pub(crate) fn read(from: u16, count: u16) -> Request<'static> {
+    Request::Read { from: Address { table: Table::Holding, offset: from }, count }
+}
+
+pub(crate) fn bus(transport: Transport, address: &str, timeout: Duration) -> Bus {
+    let quirks = Quirks::default();
+    Bus { name: "rs485".to_owned(), transport, address: address.to_owned(), timeout, quirks }
+}
+
+pub(crate) fn serial(baud: u32) -> Transport {
+    Transport::Serial(Serial { baud, parity: Parity::None, stop_bits: 1 })
+}
+
+/// A line with units 1 to `count`, as devices in this order.
+pub(crate) fn line(bus: &Bus, count: u8) -> Line {
+    let device = |unit: u8| Device {
+        verify: Vec::new(),
+        template: None,
+        name: format!("unit{unit}"),
+        bus: BusId(0),
+        unit,
+        every: Duration::from_secs(1),
+        functions: Functions::ALL,
+        quirks: bus.quirks,
+    };
+    let devices: Vec<Device> = (1..=count).map(device).collect();
+    let devices: Vec<_> =
+        devices.iter().enumerate().map(|(place, device)| (DeviceId(place), device)).collect();
+    Line::new(bus, &devices, dial(bus))
+}

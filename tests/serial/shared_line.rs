@@ -1,0 +1,73 @@
+//! Thirty-two units on one line.
+
+use std::path::Path;
+use std::time::Duration;
+
+use isotherm::clock::Clock;
+use isotherm::gateway::{Gateway, Options};
+use isotherm::profile::{Profile, parse};
+use isotherm::virtual_machine::{FaultScript, Ports, Setup, VirtualMachine};
+
+const DEAD: [usize; 3] = [5, 17, 30];
+const SPAN: Duration = Duration::from_secs(12);
+
+/// Units 1 to 32 with four temperatures each, polled as fast as the line allows.
+fn profile(units: &[usize]) -> Profile {
+    let mut text = String::from(
+        "[machine]\nname = \"shared-line\"\n[bus.rs485]\ntype = \"modbus-rtu\"\nport = \"/dev/serial/by-id/usb-x\"\n\
+         baud = 19200\ntimeout = \"100ms\"\n",
+    );
+    for unit in units {
+        text += &format!("[device.u{unit}]\nbus = \"rs485\"\nunit = {unit}\nevery = \"2s\"\n");
+        for channel in 0..4 {
+            text += &format!(
+                "[signal.t{unit}_{channel}]\ndevice = \"u{unit}\"\nregister = \"input:{channel}\"\ntype = \"i16\"\n\
+                 scale = 0.1\nunit = \"degC\"\n"
+            );
+        }
+    }
+    let loaded = parse(Path::new("line.toml"), &text, &[], &[]);
+    let mut profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;
+    for device in &mut profile.devices {
+        device.every = Duration::from_millis(1);
+    }
+    profile
+}
+
+/// Polls of each unit in [`SPAN`], by its place.
+async fn polls(profile: Profile, faults: &str) -> Vec<usize> {
+    let clock = Clock::wall();
+    let faults = FaultScript::parse(faults, &profile).unwrap();
+    let setup = Setup { ports: Ports::Free, faults, journal: true, ..Setup::default() };
+    let machine = VirtualMachine::start(&profile, setup, &clock).await.unwrap();
+    let gateway = Gateway::new(machine.serving(profile.clone()), &clock, Options::default());
+    gateway.run(tokio::time::sleep(SPAN), std::future::pending()).await;
+    let mut polls = vec![0; profile.devices.len()];
+    machine.window().requests().iter().for_each(|seen| polls[seen.device.0] += 1);
+    polls
+}
+
+/// Takes longer than other tests: the pauses of dead units are seconds, and both runs must be long against them.
+#[tokio::test]
+async fn three_dead_of_thirty_two_units_leave_the_live_ones_four_fifths_of_what_the_line_allows_without_them()
+{
+    let all: Vec<usize> = (1..=32).collect();
+    let live: Vec<usize> = all.iter().copied().filter(|unit| !DEAD.contains(unit)).collect();
+    let faults: String =
+        DEAD.iter().map(|unit| format!("[[fault]]\ndevice = \"u{unit}\"\nkind = \"silent\"\n")).collect();
+    let (without, with) = tokio::join!(polls(profile(&live), ""), polls(profile(&all), &faults));
+    let of_live = |unit: usize| with[unit - 1];
+    let least = live.iter().map(|unit| of_live(*unit)).min().unwrap();
+    let (allowed, kept): (usize, usize) =
+        (without.iter().sum(), live.iter().map(|unit| of_live(*unit)).sum());
+    #[expect(clippy::cast_precision_loss, reason = "a few thousand")]
+    let share = kept as f64 / allowed as f64;
+    let asked: Vec<usize> = DEAD.iter().map(|unit| with[unit - 1]).collect();
+    println!(
+        "live units: {kept} polls beside dead ones, {allowed} without: {:.1} %; {asked:?} timeouts",
+        100.0 * share
+    );
+    assert!(share >= 0.8, "{share}");
+    assert!(least * live.len() * 10 >= 8 * allowed, "the unit that was asked least: {least}");
+    assert!(asked.iter().all(|asked| (1..=5).contains(asked)), "{asked:?}");
+}
