@@ -277,7 +277,8 @@ fn the_example_of_the_displays_manual_is_what_is_encoded() {
 
 #[test]
 fn a_dm36_display_is_given_sign_decimals_and_digits() {
-    let trace = run(&display("dm36b06"), "", MINUTE);
+    let silent = "[[fault]]\ndevice = \"scale\"\nkind = \"silent\"\nat = \"30s\"\nfor_time = \"15s\"\n";
+    let trace = run(&display("dm36b06"), silent, MINUTE);
     law::holds(&trace);
     let written = written(&trace);
     let values: Vec<&&Seen> = written.iter().filter(|seen| seen.address.offset == 6).collect();
@@ -292,7 +293,7 @@ fn a_dm36_display_is_given_sign_decimals_and_digits() {
         assert!((100_000..=260_000).contains(&digits), "{digits}");
     }
     let dashes = written.iter().find(|seen| seen.address.offset == 0).unwrap();
-    assert_eq!(dashes.wanted, [0x2d; 6], "before it is armed");
+    assert_eq!(dashes.wanted, [0x2d; 6], "while the scale is silent");
 }
 
 #[test]

@@ -172,13 +172,7 @@ fn channels_variants_bases_and_expectations_must_fit_the_template() {
         &["did you mean `type_code`?"],
     );
     let high = "template = \"icp-das-m7019r\"\nexpect = { open_circuit = 2 }";
-    wrong(
-        "template = \"icp-das-m7019r\"",
-        high,
-        "device.module.verify[2].equals",
-        "\"icp",
-        &["never holds 2"],
-    );
+    wrong("template = \"icp-das-m7019r\"", high, "device.module.verify[2].equals", "2", &["never holds 2"]);
     wrong("template = \"icp-das-m7019r\"\n", "", "signal.bed.channel", "0", &["has no template"]);
     wrong("base = 100", "base = 65530", "device.cnc.template", "\"plc", &["beyond the last register"]);
 }

@@ -41,7 +41,7 @@ impl Check<'_> {
             .as_ref()
             .and_then(|text| self.condition(&child(path, "fault_when"), text, Some(name)));
         // A channel that brought no register has been told.
-        if (elsewhere || raw.channel.is_some()) && raw.register.is_none() {
+        if (elsewhere || self.places.contains(&child(path, "channel"))) && raw.register.is_none() {
             return None;
         }
         let (address, bit) = match &raw.register {

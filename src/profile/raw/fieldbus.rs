@@ -171,6 +171,7 @@ pub(crate) struct RawSignal {
     #[schemars(required)]
     pub(crate) device: Option<String>,
     /// Channel of the device's template: its number or its name.
+    #[allow(dead_code, reason = "resolved before the profile is checked")]
     pub(crate) channel: Option<ChannelValue>,
     /// "input:0", "holding:84", "coil:1", "discrete:3": table and zero-based protocol address; or the one-based Modicon
     /// number "30001"; "input:50.3" is bit 3 of a register.

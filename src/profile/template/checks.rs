@@ -6,7 +6,7 @@ use super::channels::{Channel, OF_GROUP, shifted};
 use super::fill::Filling;
 use super::text;
 use crate::profile::error::allowed;
-use crate::profile::place::child;
+use crate::profile::place::{child, element};
 
 impl Filling<'_> {
     /// The template's checks before what the device says itself.
@@ -66,10 +66,14 @@ impl Filling<'_> {
                     Ok(register) => entry.insert("register".to_owned(), Value::from(register)),
                     Err(why) => return self.wrong(&child(&path, "template"), why, "correct its file"),
                 };
-                verify.push(Value::Object(entry));
+                let key = if expect.contains_key(name) {
+                    child(&child(&path, "expect"), name)
+                } else {
+                    child(&path, "template")
+                };
+                verify.push((Value::Object(entry), key));
             }
         }
-        let at = child(&path, "template");
         let note = format!("it comes from template `{}`", self.templates[device].name);
         if let Some(template) = self.templates.get_mut(device) {
             template.unchecked = unchecked;
@@ -78,11 +82,12 @@ impl Filling<'_> {
             return;
         }
         let own = table.get("verify").and_then(Value::as_array).cloned().unwrap_or_default();
-        let first = own.len();
-        let all: Vec<Value> = own.into_iter().chain(verify).collect();
-        for place in first..all.len() {
-            self.places.fill_in(&format!("{}[{place}]", child(&path, "verify")), &at, &note);
+        for (place, (_, at)) in verify.iter().enumerate() {
+            let entry = element(&child(&path, "verify"), own.len() + place);
+            self.places.fill_in(&entry, at, &note);
+            self.places.fill_in(&child(&entry, "equals"), at, &note);
         }
+        let all: Vec<Value> = own.into_iter().chain(verify.into_iter().map(|(entry, _)| entry)).collect();
         if let Some(table) = self.table_mut("device", device) {
             table.insert("verify".to_owned(), Value::Array(all));
         }
