@@ -10,4 +10,5 @@ mod recovered;
 mod rig;
 mod runs;
 mod stated;
+mod trained;
 mod wrong;
