@@ -4,8 +4,9 @@ use isotherm::compensation::model::Outside;
 use isotherm::identify::Identified;
 use isotherm::identify::method::{Method, Settings};
 use isotherm::identify::written::written;
+use isotherm::profile;
 
-use super::rig::{Day, Machine, found, parsed, profile_with};
+use super::rig::{Day, Machine, found, profile_with};
 
 fn machine() -> Machine {
     Machine { sensors: 3, parts: Vec::new(), step: 60.0, rows: 300, noise: 0.1 }
@@ -110,11 +111,14 @@ fn m2_each_sensor_of_a_difference_stands_in_for_the_other_with_machine_on_time()
     // A of another day is not this day's: what its spread leaves.
     assert!(range > 0.1 && range < 1.0, "{range}");
 
-    let block = written(&found, "z", Outside::Warn).block;
+    let written = written(&found, "z", Outside::Warn);
     let directory = tempfile::tempdir().unwrap();
-    for (name, text) in &written(&found, "z", Outside::Warn).files {
+    for (name, text) in &written.files {
         std::fs::write(directory.path().join(name), text).unwrap();
     }
-    let pasted = parsed(&directory.path().join("pasted.toml"), &profile_with(2, &block));
-    assert_eq!(pasted.axes[0].settings.models.len(), 3, "{block}");
+    let pasted = directory.path().join("pasted.toml");
+    std::fs::write(&pasted, profile_with(2, &written.block)).unwrap();
+    let pasted =
+        profile::load(&pasted, &[], &[]).unwrap_or_else(|errors| panic!("{errors}\n{}", written.block));
+    assert_eq!(pasted.profile.axes[0].settings.models.len(), 3, "{}", written.block);
 }
