@@ -44,7 +44,7 @@ pub(in crate::identify) fn alone(
     learned: &Learned,
     held_out: &[HeldOut],
 ) -> Vec<Fallback> {
-    let one = |there| Some(fallback(campaign, bank, pair(learned)?, held_out, there)?);
+    let one = |there| fallback(campaign, bank, pair(learned)?, held_out, there);
     [There::First, There::Second].into_iter().filter_map(one).collect()
 }
 
