@@ -4,6 +4,7 @@ use rand_pcg::Pcg64Mcg;
 
 use super::neurons::{self, LENGTHS, length, train};
 use super::{Fold, Samples, about_mean, radial};
+use crate::identify::gram::count;
 use crate::profile::data::network;
 
 /// Runs of forty rows of two rises; what is wanted is `truth` of them, scaled to about 1.
@@ -12,9 +13,8 @@ fn runs(truth: &dyn Fn(f64, f64, &mut Pcg64Mcg) -> f64) -> Vec<Samples> {
     let mut run = || {
         let (ends, paces): (Vec<f64>, Vec<f64>) =
             (0..2).map(|_| (chance.random_range(-2.0..2.0), chance.random_range(5.0..30.0))).unzip();
-        let rises = DMatrix::from_fn(40, 2, |row, input| {
-            ends[input] * (1.0 - (-f64::from(row as u32) / paces[input]).exp())
-        });
+        let rises =
+            DMatrix::from_fn(40, 2, |row, input| ends[input] * (1.0 - (-count(row) / paces[input]).exp()));
         let wanted = rises.row_iter().map(|row| truth(row[0], row[1], &mut chance)).collect::<Vec<f64>>();
         Samples { rises, wanted: DVector::from_vec(wanted) }
     };
