@@ -13,7 +13,6 @@ mod forward;
 mod lag;
 mod least_squares;
 mod position;
-
 mod ridge;
 mod sparse;
 pub(super) mod stepwise;
@@ -33,7 +32,7 @@ pub enum Method {
     Ols,
     /// One time constant for each of a few sensors, fitted (Janeczko 1989)
     Lag,
-    /// Terms of Cz and of its slope over --position (Li et al. 1998)
+    /// Terms of Cz and of its slope over --position, chosen on runs that were left out (Li et al. 1998)
     Position,
     /// --first sensors from the --waiting runs, --second sensors from what is left on the others (Tachiya et al. 2013)
     TwoSource,
@@ -94,7 +93,7 @@ impl Method {
 
     /// Its gains are held small or chosen: how far they may be off shows in their spread, not in a normal equation.
     pub(super) fn is_penalized(self) -> bool {
-        matches!(self, Method::SparseLag | Method::RidgeLag)
+        matches!(self, Method::SparseLag | Method::RidgeLag | Method::Position)
     }
 
     /// The method with its data.
@@ -113,7 +112,8 @@ impl Method {
         let rule: Box<dyn Rule> = match self {
             Method::SparseLag => Box::new(sparse::Sparse { terms: settings.terms }),
             Method::RidgeLag => Box::new(ridge::Ridge),
-            Method::Stepwise | Method::Position => Box::new(stepwise),
+            Method::Stepwise => Box::new(stepwise),
+            Method::Position => Box::new(position::Position { terms: settings.terms }),
             Method::Ols => Box::new(least_squares::LeastSquares),
             Method::None => Box::new(Nothing),
             Method::Difference => Box::new(difference::Difference),
@@ -126,7 +126,7 @@ impl Method {
         let plain: &[Option<Duration>] = &[None];
         let bank = match self {
             Method::SparseLag | Method::RidgeLag | Method::Stepwise => Bank::of(campaign, &settings.lags),
-            Method::Position => position::bank(campaign)?,
+            Method::Position => position::bank(campaign, &settings.lags)?,
             _ => Bank::of(campaign, plain),
         };
         let grams = Gram::each(&bank);
