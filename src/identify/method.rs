@@ -35,7 +35,7 @@ pub enum Method {
     Ols,
     /// One time constant for each of a few sensors, fitted (Janeczko 1989)
     Lag,
-    /// Terms of Cz and of its slope over --position (Li et al. 1998)
+    /// Terms of Cz and of its slope over --position, chosen on runs that were left out (Li et al. 1998)
     Position,
     /// --first sensors from the --waiting runs, --second sensors from what is left on the others (Tachiya et al. 2013)
     TwoSource,
@@ -111,7 +111,7 @@ impl Method {
 
     /// Its gains are held small or chosen: how far they may be off shows in their spread, not in a normal equation.
     pub(super) fn is_penalized(self) -> bool {
-        matches!(self, Method::SparseLag | Method::RidgeLag)
+        matches!(self, Method::SparseLag | Method::RidgeLag | Method::Position)
     }
 
     /// What stands in where a sensor is lost: this method without that sensor, but a linear one for a network, which knows
@@ -140,7 +140,8 @@ impl Method {
         let rule: Box<dyn Rule> = match self {
             Method::SparseLag => Box::new(sparse::Sparse { terms: settings.terms }),
             Method::RidgeLag => Box::new(ridge::Ridge),
-            Method::Stepwise | Method::Position => Box::new(stepwise),
+            Method::Stepwise => Box::new(stepwise),
+            Method::Position => Box::new(position::Position { terms: settings.terms }),
             Method::Ols => Box::new(least_squares::LeastSquares),
             Method::None => Box::new(Nothing),
             Method::Difference => Box::new(difference::Difference),
@@ -160,7 +161,7 @@ impl Method {
         let plain: &[Option<Duration>] = &[None];
         let bank = match self {
             Method::SparseLag | Method::RidgeLag | Method::Stepwise => Bank::of(campaign, &lags),
-            Method::Position => position::bank(campaign)?,
+            Method::Position => position::bank(campaign, &lags)?,
             _ => Bank::of(campaign, plain),
         };
         let grams = Gram::each(&bank);

@@ -6,6 +6,7 @@
 mod balls;
 mod drift;
 mod faulty;
+mod position;
 mod recovered;
 mod rig;
 mod runs;

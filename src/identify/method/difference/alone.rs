@@ -8,11 +8,12 @@ use nalgebra::{Matrix2, Vector2};
 use serde::Serialize;
 
 use crate::identify::bank::{Bank, Candidate};
-use crate::identify::campaign::Campaign;
+use crate::identify::campaign::{Campaign, Wanted};
 use crate::identify::identified::{Fallback, means};
 use crate::identify::learn::Learned;
 use crate::identify::region::Region;
 use crate::identify::validate::{HeldOut, scored};
+use crate::quantity::Moment;
 
 /// A formula of one sensor and machine-on time.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -110,10 +111,12 @@ fn rows(campaign: &Campaign<'_>, run: usize, input: usize) -> Rows {
     let signal = campaign.inputs[input].signal;
     let mut readings = Vec::new();
     let wanted = campaign.wanted(run);
-    let row = |(row, (now, wanted)): (usize, (&crate::quantity::Moment, f64))| {
+    let row = |(row, (now, wanted)): (usize, (&Moment, Wanted))| {
         campaign.readings(run, row, *now, &mut readings);
         let temperature = readings.get(signal.0)?.usable()?;
-        wanted.is_finite().then(|| (temperature, now.since(start).as_secs_f64(), wanted))
+        // What is measured from a later row says nothing of the temperature itself.
+        let told = wanted.cz.is_finite() && wanted.since.is_none();
+        told.then(|| (temperature, now.since(start).as_secs_f64(), wanted.cz))
     };
     run.times.iter().zip(wanted).enumerate().filter_map(row).collect()
 }
