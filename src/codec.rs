@@ -15,6 +15,9 @@ pub use address::{Address, Table};
 pub use checksum::checksum;
 pub use counter::{Counter, Motion, Tracked};
 
+/// The largest number that six digits show.
+const SIX_DIGITS: i128 = 999_999;
+
 /// How a number lies in registers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum DataType {
@@ -36,6 +39,10 @@ pub enum DataType {
     F32,
     /// IEEE 754, 64 bits.
     F64,
+    /// One bit of a register, 0 the least significant.
+    Bit(u8),
+    /// A digit display's two registers: sign, number of decimals (0 to 5) and 24 bits of magnitude, for six digits.
+    Decimal24(u8),
 }
 
 /// Which register of a value of several registers comes first. There is no default: devices differ.
@@ -79,8 +86,8 @@ impl DataType {
     /// How many registers a value takes.
     pub const fn registers(self) -> u16 {
         match self {
-            DataType::Bool | DataType::U16 | DataType::I16 => 1,
-            DataType::U32 | DataType::I32 | DataType::F32 => 2,
+            DataType::Bool | DataType::Bit(_) | DataType::U16 | DataType::I16 => 1,
+            DataType::U32 | DataType::I32 | DataType::F32 | DataType::Decimal24(_) => 2,
             DataType::U64 | DataType::I64 | DataType::F64 => 4,
         }
     }
@@ -88,7 +95,8 @@ impl DataType {
     /// The word of the profile for it.
     pub const fn name(self) -> &'static str {
         match self {
-            DataType::Bool => "bool",
+            DataType::Bool | DataType::Bit(_) => "bool",
+            DataType::Decimal24(_) => "decimal24",
             DataType::U16 => "u16",
             DataType::I16 => "i16",
             DataType::U32 => "u32",
@@ -103,7 +111,8 @@ impl DataType {
     /// Smallest and largest raw count of an integer type; `None` for floating point.
     pub const fn integer_range(self) -> Option<(i128, i128)> {
         Some(match self {
-            DataType::Bool => (0, 1),
+            DataType::Bool | DataType::Bit(_) => (0, 1),
+            DataType::Decimal24(_) => (-SIX_DIGITS, SIX_DIGITS),
             DataType::U16 => (0, u16::MAX as i128),
             DataType::I16 => (i16::MIN as i128, i16::MAX as i128),
             DataType::U32 => (0, u32::MAX as i128),
@@ -112,6 +121,20 @@ impl DataType {
             DataType::I64 => (i64::MIN as i128, i64::MAX as i128),
             DataType::F32 | DataType::F64 => return None,
         })
+    }
+}
+
+impl DataType {
+    /// The bits of a raw count that is in range.
+    fn bits_of(self, raw: i128) -> u64 {
+        match self {
+            DataType::Bit(bit) => to_bits(raw) << bit,
+            DataType::Decimal24(decimals) => {
+                let sign = u64::from(raw < 0);
+                sign << 28 | u64::from(decimals) << 24 | to_bits(raw.abs())
+            }
+            _ => to_bits(raw),
+        }
     }
 }
 
@@ -175,7 +198,7 @@ impl Encoding {
                 let counts = if scaled.is_nan() { 0 } else { as_integer(scaled.round()) };
                 let wanted = counts.saturating_add(i128::from(self.bias));
                 let fits = wanted.clamp(low, high);
-                (to_bits(fits), fits != wanted || scaled.is_nan())
+                (self.data_type.bits_of(fits), fits != wanted || scaled.is_nan())
             }
         };
         self.scatter(bits, saturated)
@@ -196,7 +219,7 @@ impl Encoding {
         };
         let wanted = i128::from(counts) + i128::from(self.bias);
         let fits = wanted.clamp(low, high);
-        self.scatter(to_bits(fits), fits != wanted)
+        self.scatter(self.data_type.bits_of(fits), fits != wanted)
     }
 
     /// The smallest and the largest counts that fit, without the bias; `None` for floating point and where they are
@@ -303,6 +326,11 @@ fn integer_of(data_type: DataType, bits: u64) -> i128 {
     let signed = matches!(data_type, DataType::I16 | DataType::I32 | DataType::I64);
     match data_type {
         DataType::Bool => i128::from(bits != 0),
+        DataType::Bit(bit) => i128::from(bits >> bit & 1),
+        DataType::Decimal24(_) => {
+            let magnitude = i128::from(bits & 0x00ff_ffff);
+            if bits >> 28 & 1 == 1 { -magnitude } else { magnitude }
+        }
         _ if signed && bits >> (width - 1) == 1 => value - (1i128 << width),
         _ => value,
     }

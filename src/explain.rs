@@ -6,17 +6,19 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::codec::Address;
+use crate::codec::{Address, DataType};
 use crate::fieldbus::plan::{plan, summary};
-use crate::profile::{BusId, Device, DeviceId, Profile, Unit};
+use crate::profile::{BusId, Device, DeviceId, Flag, Profile, Unit};
 use crate::reading::SignalId;
 
 mod axis;
+mod device;
 mod output;
 mod serial;
 mod set;
 
 pub use axis::{AxisExplained, ModelExplained};
+pub use device::{CheckExplained, TemplateExplained};
 pub use output::{HeartbeatExplained, WriteExplained};
 pub use serial::SerialExplained;
 pub use set::{HandshakeExplained, SetExplained};
@@ -74,6 +76,10 @@ pub struct DeviceExplained {
     pub summary: String,
     /// The requests of one poll.
     pub requests: Vec<RequestExplained>,
+    /// What is read before anything that depends on it is armed.
+    pub checks: Vec<CheckExplained>,
+    /// What it has from its template.
+    pub template: Option<TemplateExplained>,
 }
 
 /// One read request.
@@ -119,11 +125,22 @@ pub struct SignalExplained {
     pub doubts: Vec<String>,
     /// What is written before each read: `holding:132 (40133) = 1`.
     pub capture: Option<String>,
+    /// The channel of a template that it is, and what the profile says otherwise.
+    pub channel: Option<String>,
 }
 
 impl Register {
     fn of(address: Address) -> Register {
         Register { protocol: address.to_string(), modicon: address.modicon() }
+    }
+
+    fn of_bit(address: Address, data_type: DataType) -> Register {
+        let bit = match data_type {
+            DataType::Bit(bit) => Some(bit),
+            _ => None,
+        };
+        let flag = Flag { address, bit };
+        Register { protocol: flag.to_string(), modicon: flag.modicon() }
     }
 }
 
@@ -171,6 +188,8 @@ fn device_explained(profile: &Profile, id: DeviceId, device: &Device) -> DeviceE
         every: humantime::format_duration(device.every).to_string(),
         summary: summary(&requests),
         requests: explained.collect(),
+        checks: device.verify.iter().map(CheckExplained::of).collect(),
+        template: device.template.as_ref().map(TemplateExplained::of),
     }
 }
 
@@ -201,7 +220,7 @@ fn signal_explained(profile: &Profile, id: SignalId) -> SignalExplained {
     SignalExplained {
         name: signal.name.clone(),
         device: profile.device(signal.device).name.clone(),
-        register: Register::of(signal.address),
+        register: Register::of_bit(signal.address, encoding.data_type),
         data_type: encoding.data_type.name(),
         word_order: (encoding.data_type.registers() > 1).then(|| encoding.word_order.to_string()),
         scale: encoding.scale,
@@ -211,6 +230,7 @@ fn signal_explained(profile: &Profile, id: SignalId) -> SignalExplained {
         capture: signal
             .capture
             .map(|capture| format!("{} = {}", Register::of(capture.address), capture.value)),
+        channel: device::channel(profile.device(signal.device), &signal.name),
     }
 }
 
@@ -236,6 +256,12 @@ impl fmt::Display for Explanation {
                     let signals = request.signals.join(", ");
                     writeln!(f, "    {}, function {:02}: {signals}", request.read, request.function)?;
                 }
+                for check in &device.checks {
+                    writeln!(f, "    {check}")?;
+                }
+                if let Some(template) = &device.template {
+                    write!(f, "{template}")?;
+                }
             }
         }
         writeln!(f, "\nsignals")?;
@@ -252,7 +278,11 @@ impl fmt::Display for Explanation {
             if signal.offset.abs() > 0.0 {
                 write!(f, ", plus {}", signal.offset)?;
             }
-            writeln!(f, "; not believed {}", signal.doubts.join(", "))?;
+            write!(f, "; not believed {}", signal.doubts.join(", "))?;
+            match &signal.channel {
+                Some(channel) => writeln!(f, "; {channel}")?,
+                None => writeln!(f)?,
+            }
         }
         for axis in &self.axes {
             write!(f, "\n{axis}")?;

@@ -24,6 +24,7 @@ use crate::profile::{Bus, BusId, DeviceId, Profile};
 mod apply;
 mod arming;
 mod board;
+mod commissioning;
 pub mod control;
 mod extrapolation;
 mod keeper;

@@ -13,6 +13,7 @@ use crate::reading::SignalId;
 
 mod check;
 pub(crate) mod data;
+mod display;
 mod error;
 mod files;
 mod load;
@@ -22,15 +23,20 @@ mod place;
 mod raw;
 mod serial;
 mod set;
+pub mod template;
+mod verify;
 mod walk;
 mod writes;
 
+pub use display::{Beside, Display, Shown, Stale};
 pub use error::{Errors, ProfileError};
 pub use load::{Loaded, environment, load, parse, parse_with};
 pub use output::{Output, Share, Verify};
 pub use raw::schema;
 pub use serial::{Parity, Serial, Transport};
-pub use set::{Flag, Handshake, OutputSet, SetId, Stretch};
+pub use set::{Control, Flag, Handshake, OutputSet, SetId, Stretch};
+pub use template::Template;
+pub use verify::Expected;
 pub use writes::Writes;
 
 /// One physical line: its place in the profile's list.
@@ -138,6 +144,10 @@ pub struct Device {
     pub functions: Functions,
     /// The bus's quirks with the device's own over them.
     pub quirks: Quirks,
+    /// What is read before anything that depends on it is armed.
+    pub verify: Vec<Expected>,
+    /// What it has from its template.
+    pub template: Option<Template>,
 }
 
 impl Default for Quirks {

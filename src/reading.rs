@@ -56,6 +56,8 @@ pub enum Reason {
     BadReply,
     /// The signal's `fault_when` holds, or its own signals cannot be read.
     FaultBit,
+    /// Its device has not been found set as the profile expects it.
+    NotAsExpected,
     /// A replayed log has no value here.
     NotInLog,
 }
@@ -103,6 +105,7 @@ impl Reason {
             Reason::LinkDown => "link-down",
             Reason::BadReply => "bad-reply",
             Reason::FaultBit => "fault-bit",
+            Reason::NotAsExpected => "not-as-expected",
             Reason::NotInLog => "not-in-log",
         }
     }
@@ -122,6 +125,7 @@ impl fmt::Display for Reason {
             Reason::LinkDown => "no connection",
             Reason::BadReply => "wrong reply",
             Reason::FaultBit => "fault bit set",
+            Reason::NotAsExpected => "its device is not set as expected",
             Reason::NotInLog => "not in the log",
         })
     }

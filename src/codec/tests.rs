@@ -120,3 +120,22 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn a_bit_of_a_register_is_read_alone() {
+    let bit = |bit| encoding(DataType::Bit(bit), WordOrder::MswFirst);
+    assert_eq!((bit(5).decode(&[0x0021]), bit(4).decode(&[0x0021])), (Ok(1.0), Ok(0.0)));
+    assert_eq!((bit(15).decode(&[0x8000]), bit(15).encode(1.0).words()), (Ok(1.0), [0x8000].as_slice()));
+}
+
+/// DM36B06: high nibble the sign, next nibble the decimals, then 24 bits.
+#[test]
+fn a_digit_display_is_given_sign_decimals_and_magnitude() {
+    let display = Encoding { scale: 0.01, ..encoding(DataType::Decimal24(2), WordOrder::MswFirst) };
+    for (value, words) in [(32.70, [0x0200, 0x0cc6]), (-32.70, [0x1200, 0x0cc6]), (1310.72, [0x0202, 0x0000])]
+    {
+        assert_eq!(display.encode(value).words(), words, "{value}");
+        assert_eq!(display.decode(&words), Ok(value));
+    }
+    assert!(display.encode(10_000.0).saturated && !display.encode(-9_999.99).saturated);
+}

@@ -5,7 +5,8 @@ use std::fmt;
 use serde::Serialize;
 
 use super::Register;
-use crate::profile::{Heartbeat, Output, Profile, Share, Verify, Writes};
+use crate::codec::{Address, Table};
+use crate::profile::{Beside, Heartbeat, Output, Profile, Share, Verify, Writes};
 
 /// 1 mm in µm.
 const MICRONS: f64 = 1000.0;
@@ -49,6 +50,10 @@ pub struct WriteExplained {
     pub restart: Option<String>,
     /// Whose register it is, where it is not ours alone.
     pub share: Option<&'static str>,
+    /// The channel of a template that it is, and what the profile says otherwise.
+    pub channel: Option<String>,
+    /// What a display is given besides the value.
+    pub display: Vec<String>,
 }
 
 /// The register that counts while the gateway lives.
@@ -134,10 +139,32 @@ pub(super) fn explained(profile: &Profile, output: &Output) -> WriteExplained {
         refresh: output.refresh.map(|refresh| humantime::format_duration(refresh).to_string()),
         when: output.when.as_ref().map(|condition| condition.text.clone()),
         restart: restart(profile, output),
+        channel: super::device::channel(device, &output.name),
+        display: display(output),
         share: (output.share == Share::Ledger).then_some(
             "what an operator writes there stays; our share is added to it, and a ledger on disk says how much that is",
         ),
     }
+}
+
+fn display(output: &Output) -> Vec<String> {
+    let at = |offset| Register::of(Address { table: Table::Holding, offset });
+    let beside = output.display.beside.iter().map(|word| {
+        let register = at(word.register);
+        if word.good == word.fault {
+            return format!("with it {register}: always {:#06x}", word.good);
+        }
+        let Beside { good, degraded, fault, .. } = word;
+        format!("with it {register}: {good:#06x}; {degraded:#06x} by a lesser model, {fault:#06x} by none")
+    });
+    let stale = output.display.stale.iter().map(|stale| {
+        let register = at(stale.register);
+        format!(
+            "without a position, and while the axis is off: \"{}\" in {register} and after it",
+            stale.text
+        )
+    });
+    beside.chain(stale).collect()
 }
 
 fn restart(profile: &Profile, output: &Output) -> Option<String> {
@@ -183,6 +210,10 @@ impl fmt::Display for WriteExplained {
         }
         writeln!(f, "; function {:02}, {} register{plural}", self.function, self.registers)?;
         writeln!(f, "    writes {}", self.meaning)?;
+        self.display.iter().try_for_each(|line| writeln!(f, "    {line}"))?;
+        if let Some(channel) = &self.channel {
+            writeln!(f, "    {channel}")?;
+        }
         match self.counts {
             Some((low, high)) if self.share.is_some() => {
                 writeln!(f, "    counts {low} to {high}, and the operator's part")?;

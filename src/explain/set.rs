@@ -23,6 +23,14 @@ pub struct SetExplained {
     pub sequence: Option<Register>,
     /// All other words summed to 16 bits, inverted.
     pub complement: Option<Register>,
+    /// Counts up with every write.
+    pub heartbeat: Option<Register>,
+    /// What the gateway does, in bits.
+    pub control: Option<Register>,
+    /// A number that control and profile agree on.
+    pub version: Option<(Register, u16)>,
+    /// Registers between its words are written as 0.
+    pub zeros: bool,
     /// Strobe and acknowledge.
     pub handshake: Option<HandshakeExplained>,
 }
@@ -67,6 +75,10 @@ pub(super) fn explained(profile: &Profile, set: &OutputSet) -> SetExplained {
         requests: requests.collect(),
         sequence: set.sequence.map(Register::of),
         complement: set.complement.map(Register::of),
+        heartbeat: set.heartbeat.map(Register::of),
+        control: set.control.map(Register::of),
+        version: set.version.map(|(at, number)| (Register::of(at), number)),
+        zeros: set.zeros,
         handshake,
     }
 }
@@ -89,6 +101,18 @@ impl fmt::Display for SetExplained {
                 writeln!(f, "    {} requests, in this order:", several.len())?;
                 several.iter().try_for_each(|request| writeln!(f, "      {request}"))?;
             }
+        }
+        if self.zeros {
+            writeln!(f, "    registers in it that are nobody's are written as 0")?;
+        }
+        if let Some(heartbeat) = &self.heartbeat {
+            writeln!(f, "    heartbeat {heartbeat}: counts up with every write, 0 to 32767")?;
+        }
+        if let Some(control) = &self.control {
+            writeln!(f, "    control {control}: bit 0 armed, 1 hold, 2 fault, 3 lesser model")?;
+        }
+        if let Some((at, number)) = &self.version {
+            writeln!(f, "    version {at}: always {number}")?;
         }
         if let Some(sequence) = &self.sequence {
             writeln!(

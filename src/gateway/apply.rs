@@ -56,6 +56,8 @@ pub(super) struct Writer {
     corrected: Option<(Micron, Moment)>,
     /// A share of Cz that was sent and may or may not have arrived: only the same again is near to both.
     sent: Option<Micron>,
+    /// When a display was last given dashes; `None` while it shows a value.
+    dashes_at: Option<Moment>,
     written_at: Moment,
     tried_at: Moment,
     trouble: Option<Trouble>,
@@ -108,6 +110,7 @@ impl Writer {
             applied: Moment::default(),
             corrected: None,
             sent: None,
+            dashes_at: None,
             written_at: Moment::default(),
             tried_at: Moment::default(),
             trouble: None,

@@ -37,6 +37,14 @@ pub(super) enum Attempt {
 }
 
 impl Arming {
+    /// Whether the axis shall be armed as soon as it can be.
+    pub(super) fn is_wanted(&self, profile: &Profile) -> bool {
+        match profile.arm {
+            Arm::Auto => !self.latched || self.asked,
+            Arm::Manual => self.asked,
+        }
+    }
+
     /// Whether the axis may be armed now, and from which value.
     pub(super) fn attempt(
         &self,
@@ -46,11 +54,7 @@ impl Arming {
         ready: bool,
         beyond_error: Option<Micron>,
     ) -> Attempt {
-        let wanted = match profile.arm {
-            Arm::Auto => !self.latched || self.asked,
-            Arm::Manual => self.asked,
-        };
-        if self.armed || !wanted || !ready {
+        if self.armed || !self.is_wanted(profile) || !ready {
             return Attempt::NotYet;
         }
         if let Some(wanted) = beyond_error {
@@ -78,8 +82,13 @@ impl Arming {
                         ));
                     }
                     if is_beyond {
+                        // With a bias, zero is not the count 0.
+                        let zero = match output.encoding.bias {
+                            0 => "zero".to_owned(),
+                            bias => format!("zero, which is {bias} there,"),
+                        };
                         return Attempt::Refused(format!(
-                            "the register of output {} holds {cz}, beyond the limit of ±{limit}; set it to zero at \
+                            "the register of output {} holds {cz}, beyond the limit of ±{limit}; set it to {zero} at \
                              the CNC, or raise axis.{axis}.limit",
                             output.name
                         ));

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use self::captures::Captures;
 use super::apply::{SetWriter, Writer};
+use super::commissioning::Inspector;
 use super::shared::{JITTER_MS, Shared};
 use crate::clock::Sleeper;
 use crate::compensation::model::Evaluate;
@@ -15,7 +16,7 @@ use crate::fieldbus::wire::{Answer, Request};
 use crate::observe::events::Event;
 use crate::profile::{Arm, BusId, DeviceId, OutputId, Profile, SetId, Writes};
 use crate::quantity::Moment;
-use crate::reading::SignalId;
+use crate::reading::{Reason, SignalId};
 
 mod captures;
 
@@ -30,6 +31,7 @@ pub(super) struct LineTask {
     shared: Arc<Shared>,
     bus: BusId,
     line: Line,
+    inspector: Inspector,
     polls: Vec<Poll>,
     writers: Vec<Writer>,
     sets: Vec<SetWriter>,
@@ -107,7 +109,8 @@ impl LineTask {
             .iter()
             .any(|(position, device)| here(profile.signal(*position).device) && !here(*device))
             || (!steps_axes && probed.any(|signal| here(profile.signal(signal).device)));
-        LineTask { bus, line, polls, writers, sets, pulse, steps_axes, feeds_others, shared }
+        let inspector = Inspector::new(profile, devices_of(profile, bus), start);
+        LineTask { bus, line, inspector, polls, writers, sets, pulse, steps_axes, feeds_others, shared }
     }
 
     /// Read requests of one round.
@@ -131,6 +134,7 @@ impl LineTask {
     pub(super) async fn cycle(&mut self, now: Moment) {
         self.write(now).await;
         self.beat(now).await;
+        self.inspector.inspect(&mut self.line, &self.shared).await;
         let mut polled = false;
         for place in 0..self.polls.len() {
             if now >= self.polls[place].due {
@@ -197,6 +201,7 @@ impl LineTask {
             let answer = call(&mut self.line, &self.shared, poll.device, read.request(), taken).await;
             taken = self.shared.clock.now();
             let mut core = self.shared.core();
+            let is_fit = core.commissioning.is_fit(poll.device);
             for field in &read.fields {
                 let capture = self.shared.profile.signal(field.signal).capture;
                 if let Some(fault) = poll.captures.failed(capture) {
@@ -206,12 +211,10 @@ impl LineTask {
                 match &answer {
                     Ok(answer) => {
                         let encoding = &self.shared.profile.signal(field.signal).encoding;
-                        core.board.store(
-                            &self.shared.profile,
-                            field.signal,
-                            field.decode(encoding, answer),
-                            taken,
-                        );
+                        let value = field.decode(encoding, answer);
+                        let value =
+                            value.and_then(|value| is_fit.then_some(value).ok_or(Reason::NotAsExpected));
+                        core.board.store(&self.shared.profile, field.signal, value, taken);
                     }
                     Err(fault) => core.board.fail(field.signal, fault.reason()),
                 }
@@ -363,6 +366,10 @@ impl super::shared::Core {
         }
         let tell = lost.missed >= TOLD_AFTER && !lost.told;
         lost.told |= tell;
+        if tell {
+            // What comes back may be another one, or one that has forgotten how it was set.
+            self.commissioning.forget(shared, id);
+        }
         let (device, unit) = (device.name.clone(), device.unit);
         [tell.then(|| Event::DeviceLost { device, unit, fault: fault.to_string() }), None]
     }

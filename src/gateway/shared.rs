@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
 use super::arming::Arming;
 use super::board::Board;
+use super::commissioning::Commissioning;
 use super::keeper::Keeper;
 use super::ledger::Ledger;
 use super::levels::LevelsTold;
@@ -45,6 +46,7 @@ pub(super) struct Core {
     pub(super) probing: Vec<Probing>,
     pub(super) outputs: Vec<OutputState>,
     pub(super) devices: Vec<DeviceCount>,
+    pub(super) commissioning: Commissioning,
     pub(super) buses: Vec<BusCount>,
     pub(super) keeper: Keeper,
     pub(super) restarts: Restarts,
@@ -117,6 +119,7 @@ impl Shared {
             probing: vec![Probing::default(); profile.axes.len()],
             outputs: vec![OutputState::default(); profile.outputs.len()],
             devices: vec![DeviceCount::default(); profile.devices.len()],
+            commissioning: Commissioning::new(&profile),
             buses: vec![BusCount::default(); profile.buses.len()],
             keeper,
             restarts: Restarts::new(&profile),

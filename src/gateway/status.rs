@@ -153,22 +153,25 @@ fn buses(shared: &Shared, core: &Core) -> Vec<BusStatus> {
 }
 
 fn devices(shared: &Shared, core: &Core) -> Vec<DeviceStatus> {
-    let devices = shared.profile.devices.iter().zip(&core.devices);
+    let devices = shared.profile.devices.iter().zip(&core.devices).enumerate();
     devices
-        .map(|(device, count)| DeviceStatus {
+        .map(|(place, (device, count))| DeviceStatus {
             name: device.name.clone(),
             bus: shared.profile.bus(device.bus).name.clone(),
             unit: device.unit,
             state: match (&count.lost, count.answered) {
                 (Some(lost), _) if lost.answers_since.is_none() => "lost",
                 (_, false) => "never-answered",
+                (_, true) if core.commissioning.wrong(place).is_some() => "not-as-expected",
                 (_, true) => "ok",
             },
             fault: count
                 .lost
                 .as_ref()
                 .filter(|lost| lost.answers_since.is_none())
-                .map_or(String::new(), |lost| lost.fault.clone()),
+                .map(|lost| lost.fault.clone())
+                .or_else(|| core.commissioning.wrong(place).map(str::to_owned))
+                .unwrap_or_default(),
             requests: count.requests,
             failures: count.failures.clone(),
         })

@@ -39,6 +39,10 @@ pub enum Event {
     DeviceLost { device: String, unit: u8, fault: String },
     /// It answers again.
     DeviceBack { device: String, unit: u8, missed: u64 },
+    /// A device is not set as the profile expects it; nothing that depends on it is armed.
+    NotAsExpected { device: String, found: String },
+    /// It is now.
+    AsExpected { device: String },
     /// A signal became unusable.
     SignalBad { signal: String, reason: String },
     /// It is usable again.
@@ -134,6 +138,8 @@ impl Event {
             Event::LinkUp { .. } => "link-up",
             Event::DeviceLost { .. } => "device-lost",
             Event::DeviceBack { .. } => "device-back",
+            Event::NotAsExpected { .. } => "not-as-expected",
+            Event::AsExpected { .. } => "as-expected",
             Event::SignalBad { .. } => "signal-bad",
             Event::SignalGood { .. } => "signal-good",
             Event::Rereferenced { .. } => "rereferenced",
@@ -181,6 +187,7 @@ impl Event {
             | Event::ForeignChange { .. }
             | Event::LedgerDoubt { .. }
             | Event::BeyondError { .. }
+            | Event::NotAsExpected { .. }
             | Event::ArmRefused { .. } => Level::Error,
             Event::LinkDown { .. }
             | Event::DeviceLost { .. }
@@ -225,6 +232,8 @@ impl fmt::Display for Event {
             Event::DeviceBack { device, unit, missed } => {
                 write!(f, "device {device} (unit {unit}): answers again, {missed} requests failed")
             }
+            Event::NotAsExpected { device, found } => write!(f, "device {device}: {found}"),
+            Event::AsExpected { device } => write!(f, "device {device}: set as the profile expects it"),
             Event::SignalBad { signal, reason } => write!(f, "signal {signal}: {reason}"),
             Event::SignalGood { signal, bad_for } => {
                 write!(f, "signal {signal}: good again after {}", span(bad_for))

@@ -10,6 +10,7 @@ use super::error::{ProfileError, allowed};
 use super::files::Files;
 use super::place::{Places, child};
 use super::raw::{ArmWord, BusType, RawProfile, Span};
+use super::template::Templates;
 use super::{Arm, Bus, Device, History, Profile, Signal, Web};
 use crate::compensation::settings::MachineSettings;
 use crate::reading::SignalId;
@@ -17,6 +18,7 @@ use crate::reading::SignalId;
 mod axis;
 mod counter;
 mod data;
+mod display;
 mod expression;
 mod fieldbus;
 mod line;
@@ -29,6 +31,7 @@ mod serial;
 mod set;
 mod share;
 mod signal;
+mod verify;
 
 /// What the check found.
 pub(crate) struct Checked {
@@ -47,6 +50,7 @@ pub(crate) struct Check<'a> {
     raw: &'a RawProfile,
     places: &'a Places,
     files: &'a Files<'a>,
+    templates: &'a Templates,
     errors: Vec<ProfileError>,
     warnings: Vec<ProfileError>,
     buses: Names,
@@ -66,12 +70,19 @@ enum Zero {
 }
 
 /// Resolves a profile.
-pub(crate) fn check(raw: &RawProfile, places: &Places, path: PathBuf, files: &Files<'_>) -> Checked {
+pub(crate) fn check(
+    raw: &RawProfile,
+    places: &Places,
+    path: PathBuf,
+    files: &Files<'_>,
+    templates: &Templates,
+) -> Checked {
     let names = |table, keys: Vec<&String>| Names::ordered(table, keys, places);
     let mut check = Check {
         raw,
         places,
         files,
+        templates,
         errors: Vec::new(),
         warnings: Vec::new(),
         buses: names("bus", raw.bus.keys().collect()),

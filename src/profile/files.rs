@@ -16,6 +16,45 @@ pub(crate) enum Files<'a> {
 }
 
 impl Files<'_> {
+    /// The text of a file that need not be there.
+    ///
+    /// # Errors
+    /// A sentence: it is there and cannot be read.
+    pub(crate) fn text(&self, name: &str) -> Result<Option<String>, String> {
+        let is_there = match self {
+            Files::Beside(directory) => directory.join(name).exists(),
+            Files::Inside(files) => files.iter().any(|(known, _)| *known == name),
+        };
+        if !is_there {
+            return Ok(None);
+        }
+        let text = String::from_utf8(self.read(name)?);
+        text.map(Some).map_err(|_| format!("{} is no text in UTF-8", self.path(name)))
+    }
+
+    /// As errors name a file.
+    pub(crate) fn path(&self, name: &str) -> String {
+        match self {
+            Files::Beside(directory) => directory.join(name).display().to_string(),
+            Files::Inside(_) => name.to_owned(),
+        }
+    }
+
+    /// The names in a directory that end so, without that end.
+    pub(crate) fn names(&self, directory: &str, end: &str) -> Vec<String> {
+        let names: Vec<String> = match self {
+            Files::Beside(beside) => {
+                let entries = std::fs::read_dir(beside.join(directory)).into_iter().flatten().flatten();
+                entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect()
+            }
+            Files::Inside(files) => {
+                let inside = |name: &str| name.strip_prefix(directory)?.strip_prefix('/').map(str::to_owned);
+                files.iter().filter_map(|(name, _)| inside(name)).collect()
+            }
+        };
+        names.iter().filter_map(|name| name.strip_suffix(end)).map(str::to_owned).collect()
+    }
+
     /// The bytes of a file.
     ///
     /// # Errors

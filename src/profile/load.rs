@@ -11,7 +11,7 @@ use super::files::Files;
 use super::place::{Origin, Places, child};
 use super::raw::{RawProfile, schema};
 use super::walk::{Walk, missing, resolved, types};
-use super::{Profile, check, merge};
+use super::{Profile, check, merge, template};
 
 /// Variables that begin with this are a layer of the profile.
 const PREFIX: &str = "ISOTHERM__";
@@ -197,12 +197,13 @@ impl Loader<'_> {
     }
 
     fn finish(mut self, path: PathBuf, files: &Files<'_>) -> Result<Loaded, Errors> {
-        let merged = self.merged();
+        let mut merged = self.merged();
         let mut checked = None;
         if !self.broken {
+            let templates = template::fill(&mut merged, files, &mut self.places, &mut self.errors);
             missing(self.schema, self.schema, "", &merged, &self.places, &mut self.errors);
             match serde_json::from_value::<RawProfile>(merged) {
-                Ok(raw) => checked = Some(check::check(&raw, &self.places, path, files)),
+                Ok(raw) => checked = Some(check::check(&raw, &self.places, path, files, &templates)),
                 Err(why) => self.errors.push(ProfileError::about("the layers", why.to_string(), None)),
             }
         }

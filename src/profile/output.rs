@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::{AxisId, DeviceId, SetId, Writes};
+use super::{AxisId, DeviceId, Display, SetId, Writes};
 use crate::codec::{Address, Encoding};
 use crate::compensation::model::Condition;
 use crate::reading::SignalId;
@@ -34,6 +34,8 @@ pub struct Output {
     pub boot_counter: Option<SignalId>,
     /// Whose register it is.
     pub share: Share,
+    /// What a display shows beside the value, and instead of it.
+    pub display: Display,
 }
 
 /// Whose register an output writes to.

@@ -27,6 +27,8 @@ struct Place {
 pub(crate) struct Places {
     origins: Vec<Origin>,
     by_path: BTreeMap<String, Place>,
+    /// Where values come from that nobody wrote into a layer.
+    notes: BTreeMap<String, String>,
 }
 
 /// The path of a key in a table.
@@ -51,6 +53,13 @@ impl Places {
     pub(crate) fn record(&mut self, origin: usize, path: &str, key: Range<usize>, value: Range<usize>) {
         let rank = self.by_path.get(path).map_or((origin, key.start), |known| known.rank);
         self.by_path.insert(path.to_owned(), Place { origin, key, value, rank });
+    }
+
+    /// A key that nobody wrote stands where `of` stands, which brought it; `note` says so.
+    pub(crate) fn fill_in(&mut self, path: &str, of: &str, note: &str) {
+        let Some(place) = self.by_path.get(of).cloned() else { return };
+        self.by_path.insert(path.to_owned(), place);
+        self.notes.insert(path.to_owned(), note.to_owned());
     }
 
     /// A list is replaced as a whole: what an earlier layer had inside is gone.
@@ -163,6 +172,11 @@ impl Places {
         let (origin, byte) = place.unwrap_or_default();
         let file = self.origins.get(origin).map(|origin| origin.name.clone()).unwrap_or_default();
         let located = self.text(origin).map(|text| locate(text, byte));
+        let help = match (self.notes.get(path), help) {
+            (Some(note), Some(help)) => Some(format!("{note}; {help}")),
+            (Some(note), None) => Some(note.clone()),
+            (None, help) => help,
+        };
         ProfileError {
             file,
             line: located.map(|(line, ..)| line),

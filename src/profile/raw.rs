@@ -16,18 +16,20 @@ mod axis;
 mod fieldbus;
 mod probe;
 mod set;
+mod verify;
 
 pub(crate) use axis::{
     Carries, Component, DatumWord, FaultAction, FaultActionWord, InputValue, Inputs, ModelKind, OutsideWord,
-    RawAxis, RawModel, RawOutput, RawSlope, RawTerm, ReferenceValue, ReferenceWord, ShareWord, VerifyWord,
-    WritesWord,
+    RawAxis, RawBeside, RawModel, RawOutput, RawSlope, RawStale, RawTerm, ReferenceValue, ReferenceWord,
+    ShareWord, VerifyWord, WritesWord,
 };
 pub(crate) use fieldbus::{
-    BusType, FunctionWord, ParityWord, RawBus, RawCapture, RawDevice, RawQuirks, RawSignal, TypeWord,
-    WordOrderWord,
+    BusType, ChannelValue, FunctionWord, ParityWord, RawBus, RawCapture, RawDevice, RawQuirks, RawSignal,
+    TypeWord, WordOrderWord,
 };
 pub(crate) use probe::{RawGains, RawProbe};
 pub(crate) use set::{RawHandshake, RawRestart, RawSet};
+pub(crate) use verify::{ExpectValue, RawVerify};
 
 /// A duration: "300ms", "10s", "3min", "2h", "90d".
 #[derive(Clone, Debug, Deserialize)]

@@ -30,8 +30,31 @@ pub struct OutputSet {
     pub sequence: Option<Address>,
     /// All other words of the set, the sequence with them, summed to 16 bits and inverted: one register.
     pub complement: Option<Address>,
+    /// Counts up with every write: one register, 0 to 32767.
+    pub heartbeat: Option<Address>,
+    /// What the gateway does, in bits: one register. See [`Control`].
+    pub control: Option<Address>,
+    /// A number that control and profile agree on.
+    pub version: Option<(Address, u16)>,
+    /// Registers between its words are written as 0.
+    pub zeros: bool,
     /// How the control is asked to take it.
     pub handshake: Option<Handshake>,
+}
+
+/// The bits of a set's control word.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Control;
+
+impl Control {
+    /// Every axis of the set is armed.
+    pub const ENABLE: u16 = 1;
+    /// One of them keeps its value.
+    pub const HOLD: u16 = 2;
+    /// One of them takes its fault action.
+    pub const FAULT: u16 = 4;
+    /// One of them follows a lesser model.
+    pub const DEGRADED: u16 = 8;
 }
 
 /// A strobe and its acknowledgement.
@@ -73,8 +96,15 @@ impl OutputSet {
     /// complement) first and the sequence, alone, last. None is longer than `most` registers.
     pub fn stretches<'a>(&self, outputs: impl Iterator<Item = &'a Output>, most: u16) -> Vec<Stretch> {
         let values = outputs.map(|output| (output.address.offset, output.encoding.data_type.registers()));
-        let mut cells: Vec<(u16, u16)> = values.chain(self.complement.map(|at| (at.offset, 1))).collect();
+        let words = [self.complement, self.heartbeat, self.control, self.version.map(|(at, _)| at)];
+        let words = words.into_iter().flatten().map(|at| (at.offset, 1));
+        let mut cells: Vec<(u16, u16)> = values.chain(words).collect();
         let last = self.sequence.map(|at| (at.offset, 1));
+        if self.zeros {
+            let ends = cells.iter().chain(&last).map(|(from, count)| (*from, from.saturating_add(*count)));
+            let (from, to) = ends.fold((u16::MAX, 0), |(from, to), (a, b)| (from.min(a), to.max(b)));
+            return joined((from..to).map(|register| (register, 1)).collect(), most);
+        }
         let whole = joined(cells.iter().copied().chain(last).collect(), most);
         if whole.len() == 1 || last.is_none() {
             return whole;
@@ -102,6 +132,13 @@ impl Device {
         // Function 16 carries 123 registers, function 06 one.
         let most = if self.functions.write_multiple { 123 } else { 1 };
         self.quirks.max_registers_per_request.min(most)
+    }
+}
+
+impl Stretch {
+    /// Cells (the first register of each, and how many) as the fewest stretches, none longer than `most`.
+    pub fn joined(cells: Vec<(u16, u16)>, most: u16) -> Vec<Stretch> {
+        joined(cells, most)
     }
 }
 

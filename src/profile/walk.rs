@@ -127,7 +127,8 @@ impl Walk<'_> {
         let fits = |choice: &&Value| {
             let kind = choice.get("type").and_then(Value::as_str);
             match value {
-                DeValue::Integer(_) | DeValue::Float(_) => kind == Some("number"),
+                DeValue::Integer(_) => matches!(kind, Some("integer" | "number")),
+                DeValue::Float(_) => kind == Some("number"),
                 DeValue::String(_) => kind == Some("string"),
                 DeValue::Table(_) => kind == Some("object"),
                 DeValue::Array(_) => kind == Some("array"),

@@ -64,7 +64,8 @@ impl Control {
     /// The registers and bits that are the set's own, besides its outputs: where, and how many.
     pub(super) fn own(set: &OutputSet) -> impl Iterator<Item = Address> {
         let flags = set.handshake.map(|handshake| [handshake.strobe.address, handshake.acknowledge.address]);
-        set.sequence.into_iter().chain(set.complement).chain(flags.into_iter().flatten())
+        let words = [set.sequence, set.complement, set.heartbeat, set.control, set.version.map(|(at, _)| at)];
+        words.into_iter().flatten().chain(flags.into_iter().flatten())
     }
 
     /// The words that an output of this set acts with.

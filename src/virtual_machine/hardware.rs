@@ -18,7 +18,7 @@ use super::wander::wander;
 
 mod units;
 
-use units::{Unit, overlap, units};
+use units::{Unit, overlap, units, well};
 
 /// Everything of a virtual machine that is not a socket.
 #[derive(Debug)]
@@ -31,6 +31,8 @@ pub(super) struct Hardware {
     units: Vec<Unit>,
     /// The unit of each device: its place in `units`.
     unit_of: Vec<usize>,
+    /// What a status signal reads while all is well; by signal.
+    well: Vec<Option<f64>>,
     /// What corrected outputs add to their positions, µm; by output.
     corrections: Vec<f64>,
     /// Axes the plant knows, with their place in the profile.
@@ -78,6 +80,7 @@ impl Hardware {
         Hardware {
             controls: controls.collect(),
             taken: Vec::new(),
+            well: well(profile),
             corrections: vec![0.0; profile.outputs.len()],
             profile: profile.clone(),
             plant,
@@ -243,10 +246,11 @@ impl Hardware {
             }
             let known = self.plant.as_ref().and_then(|plant| plant.sensor(&signal.name));
             let probed = self.cycles.iter().find_map(|cycle| cycle.shows(*id, signal, now));
-            let value = probed.or(known).unwrap_or_else(|| wander(signal, self.seed, seconds));
+            let value =
+                probed.or(known).or(self.well[id.0]).unwrap_or_else(|| wander(signal, self.seed, seconds));
             let reads = broken.iter().find(|(broken, _)| broken == id).map(|(_, reads)| *reads);
             let words = cells(signal, reads.unwrap_or(Reads::Value(value)));
-            let fits = unit.bank.write(signal.address, &words);
+            let fits = unit.bank.put(signal.address, &signal.encoding, &words);
             debug_assert!(fits.is_some(), "room was made for every signal");
         }
     }

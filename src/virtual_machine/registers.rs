@@ -1,6 +1,6 @@
 //! The four tables of one virtual device.
 
-use crate::codec::{Address, Table};
+use crate::codec::{Address, DataType, Encoding, Table};
 
 /// Registers and bits of a device: every address up to the last one in use exists.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -33,6 +33,15 @@ impl Bank {
         let cells = self.table_mut(address.table).get_mut(first..first + values.len())?;
         cells.copy_from_slice(values);
         Some(())
+    }
+
+    /// Puts a value there; one bit of a register leaves the others as they are.
+    pub(super) fn put(&mut self, address: Address, encoding: &Encoding, words: &[u16]) -> Option<()> {
+        let DataType::Bit(bit) = encoding.data_type else { return self.write(address, words) };
+        let mask = 1 << bit;
+        let before = self.read(address, 1)?.first().copied()?;
+        let after = words.first().copied()? & mask;
+        self.write(address, &[before & !mask | after])
     }
 
     fn table(&self, table: Table) -> &[u16] {

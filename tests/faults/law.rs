@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::time::Duration;
 
-use isotherm::codec::Address;
+use isotherm::codec::{Address, Table};
 use isotherm::compensation::model::Evaluate;
 use isotherm::profile::{Output, Profile, Share, Signal, Writes};
 use isotherm::quantity::Moment;
@@ -59,7 +59,16 @@ fn is_in_the_write_list(profile: &Profile, seen: &Seen) {
     }
     for set in profile.sets.iter().filter(|set| set.device == seen.device) {
         let strobe = set.handshake.map(|handshake| handshake.strobe.address);
-        [set.sequence, set.complement, strobe].into_iter().flatten().for_each(|address| mark(address, 1));
+        let version = set.version.map(|(at, _)| at);
+        let words = [set.sequence, set.complement, strobe, set.heartbeat, set.control, version];
+        words.into_iter().flatten().for_each(|address| mark(address, 1));
+        let longest = profile.device(set.device).longest_request();
+        for stretch in set.stretches(set.members(profile), longest).iter().filter(|_| set.zeros) {
+            mark(Address { table: Table::Holding, offset: stretch.from }, usize::from(stretch.count));
+        }
+    }
+    for output in profile.outputs.iter().filter(|output| output.device == seen.device) {
+        output.display.registers().for_each(|address| mark(address, 1));
     }
     let heartbeat = profile.heartbeat.iter().filter(|beat| beat.device == seen.device);
     heartbeat.for_each(|beat| mark(beat.address, 1));

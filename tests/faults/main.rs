@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "these are tests")]
 
 mod answers;
+mod commissioning;
 mod counters;
 mod day;
 mod handshakes;
@@ -18,3 +19,4 @@ mod rig;
 mod rtu;
 mod sets;
 mod stop;
+mod targets;

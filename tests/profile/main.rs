@@ -14,6 +14,7 @@ mod models;
 mod not_built;
 mod probe;
 mod serial;
+mod templates;
 mod together;
 
 /// A machine in which everything that is built is used.

@@ -15,7 +15,6 @@ fn what_is_not_built_yet_says_so_where_it_stands() {
             "timeout = \"300ms\"\ntls = { ca = \"ca.pem\", cert = \"gw.pem\", key = \"gw.key\" }",
             "bus.cell.tls",
         ),
-        ("unit = 1", "unit = 1\ntemplate = \"icp-das-m7019r\"", "device.module.template"),
         ("unit = 1", "unit = 1\nnode = 5", "device.module.node"),
         ("unit = 1", "unit = 1\nheartbeat = \"2s\"", "device.module.heartbeat"),
         (
@@ -28,7 +27,6 @@ fn what_is_not_built_yet_says_so_where_it_stands() {
             "unit = 1\nverify = [ { sdo = \"6110:01\", type = \"u16\", equals = 3 } ]",
             "device.module.verify",
         ),
-        ("register = \"input:0\"\ntype = \"i16\"", "channel = 0", "signal.bed.channel"),
         ("register = \"input:0\"\ntype = \"i16\"", "dbc = \"Top.T\"", "signal.bed.dbc"),
         (
             "register = \"input:0\"\ntype = \"i16\"",

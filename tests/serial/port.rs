@@ -110,6 +110,8 @@ pub(crate) fn serial(baud: u32) -> Transport {
 /// A line with units 1 to `count`, as devices in this order.
 pub(crate) fn line(bus: &Bus, count: u8) -> Line {
     let device = |unit: u8| Device {
+        verify: Vec::new(),
+        template: None,
         name: format!("unit{unit}"),
         bus: BusId(0),
         unit,

@@ -90,6 +90,8 @@ fn line(change: impl Fn(&mut Device)) -> (Line, Shared) {
             unit,
             every: Duration::from_secs(1),
             functions: Functions::ALL,
+            verify: Vec::new(),
+            template: None,
             quirks: Quirks::default(),
         };
         change(&mut device);

@@ -13,6 +13,8 @@ fn device(quirks: Quirks) -> Device {
         unit: 1,
         every: Duration::from_secs(1),
         functions: Functions::ALL,
+        verify: Vec::new(),
+        template: None,
         quirks,
     }
 }

@@ -24,16 +24,46 @@ pub(super) fn next(sequence: u16) -> u16 {
     sequence.checked_add(1).unwrap_or(1)
 }
 
+/// The words of a set that are nobody's value.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Own {
+    /// The number of this set.
+    pub(super) sequence: Option<u16>,
+    /// Counts every write.
+    pub(super) heartbeat: u16,
+    /// What the gateway does.
+    pub(super) control: u16,
+}
+
+/// The count after this one.
+pub(super) fn next_beat(beat: u16) -> u16 {
+    if beat >= 32767 { 0 } else { beat + 1 }
+}
+
 /// Every word of the set for these values, one for each member.
-pub(super) fn cells(profile: &Profile, set: &OutputSet, values: &[Encoded], sequence: Option<u16>) -> Cells {
+pub(super) fn cells(profile: &Profile, set: &OutputSet, values: &[Encoded], own: Own) -> Cells {
     let mut cells = Cells::new();
+    if set.zeros {
+        for stretch in stretches(profile, set) {
+            cells.extend((0..stretch.count).map(|place| (stretch.from.saturating_add(place), 0)));
+        }
+    }
     for (output, value) in set.members(profile).zip(values) {
         cells.extend((output.address.offset..).zip(value.words().iter().copied()));
     }
-    if let (Some(at), Some(sequence)) = (set.sequence, sequence) {
-        cells.insert(at.offset, sequence);
+    let words = [
+        (set.sequence, own.sequence),
+        (set.heartbeat, Some(own.heartbeat)),
+        (set.control, Some(own.control)),
+        (set.version.map(|(at, _)| at), set.version.map(|(_, number)| number)),
+    ];
+    for (at, word) in words {
+        if let (Some(at), Some(word)) = (at, word) {
+            cells.insert(at.offset, word);
+        }
     }
     if let Some(at) = set.complement {
+        cells.remove(&at.offset);
         let sum = cells.values().fold(0u16, |sum, word| sum.wrapping_add(*word));
         cells.insert(at.offset, !sum);
     }
@@ -63,6 +93,11 @@ mod tests {
     #[test]
     fn the_sequence_counts_from_one_and_never_comes_back_to_zero() {
         assert_eq!((next(0), next(7), next(65535)), (1, 8, 1));
+    }
+
+    #[test]
+    fn the_heartbeat_of_a_set_goes_round_below_the_sign() {
+        assert_eq!((next_beat(0), next_beat(32766), next_beat(32767)), (1, 32767, 0));
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The register itself: read, compared, written, verified. What is known of it afterwards is true.
 
+use super::exchange::{self, Cells};
 use super::{Trouble, Words, Writer};
 use crate::codec::Encoded;
 use crate::fieldbus::error::Fault;
@@ -10,7 +11,7 @@ use crate::gateway::poll;
 use crate::gateway::shared::Shared;
 use crate::gateway::words::{can_be_read, cz_factor, in_micron, within_limit, words_in_text};
 use crate::observe::events::Event;
-use crate::profile::{Output, Verify};
+use crate::profile::{Output, Stretch, Verify};
 use crate::quantity::{Micron, Moment};
 
 impl Writer {
@@ -136,7 +137,7 @@ impl Writer {
         now: Moment,
     ) -> bool {
         self.uncertain = Some(target);
-        if let Err(fault) = send(line, shared, output, target, now).await {
+        if let Err(fault) = self.send_all(line, shared, output, target, now).await {
             if !fault.spoils_connection() {
                 // The device refused: what stood there still stands.
                 self.uncertain = None;
@@ -245,6 +246,46 @@ impl Writer {
             shared.tell(&Event::Verified { output, failures });
         }
     }
+}
+
+impl Writer {
+    /// The value, with the words of a display that belong beside it.
+    async fn send_all(
+        &mut self,
+        line: &mut Line,
+        shared: &Shared,
+        output: &Output,
+        target: Words,
+        now: Moment,
+    ) -> Result<(), Fault> {
+        if output.display.beside.is_empty() {
+            return send(line, shared, output, target, now).await;
+        }
+        let value = (output.address.offset..).zip(target.words().iter().copied());
+        let shown = self.shown(shared, output);
+        let beside = output.display.beside.iter().map(|beside| (beside.register, beside.word(shown)));
+        send_cells(line, shared, output, value.chain(beside).collect()).await
+    }
+}
+
+/// Writes registers, those side by side in one request.
+pub(super) async fn send_cells(
+    line: &mut Line,
+    shared: &Shared,
+    output: &Output,
+    cells: Cells,
+) -> Result<(), Fault> {
+    let device = shared.profile.device(output.device);
+    let each = cells.keys().map(|register| (*register, 1)).collect();
+    for stretch in Stretch::joined(each, device.longest_request()) {
+        let words = exchange::words(&cells, &stretch);
+        let request = match words.as_slice() {
+            [word] if device.functions.write_single => Request::WriteSingle { at: stretch.from, word: *word },
+            words => Request::WriteMultiple { at: stretch.from, words },
+        };
+        poll::call(line, shared, output.device, request, shared.clock.now()).await?;
+    }
+    Ok(())
 }
 
 /// Writes the registers of one value; that they stand there is not known yet.

@@ -10,10 +10,11 @@
 //! are read back, compared, and sent again. After a gateway died at that very point the next one knows the registers
 //! alone; the control may then see two steps at once.
 
+use crate::compensation::AxisState;
 use crate::fieldbus::line::Line;
 use crate::gateway::output::Wait;
 use crate::gateway::shared::Shared;
-use crate::profile::{Output, Profile, SetId};
+use crate::profile::{Control, Output, Profile, SetId};
 use crate::quantity::Moment;
 
 use super::exchange::{self, Cells, Sent};
@@ -29,6 +30,10 @@ pub(in crate::gateway) struct SetWriter {
     members: Vec<Writer>,
     /// The number of the last set, as it stands in the register.
     sequence: u16,
+    /// The count of its writes, as it stands in the register.
+    beat: u16,
+    /// The control word that was sent last.
+    told_control: Option<u16>,
     /// Sent, and not known to have been taken as a whole.
     unfinished: Option<Sent>,
     pub(super) strobe: Strobe,
@@ -57,6 +62,8 @@ impl SetWriter {
             id,
             members: outputs.iter().copied().map(Writer::new).collect(),
             sequence: 0,
+            beat: 0,
+            told_control: None,
             unfinished: None,
             strobe: Strobe { stands, ..Strobe::default() },
             written_at: Moment::default(),
@@ -132,7 +139,7 @@ impl SetWriter {
         let parts: Vec<Part> =
             self.members.iter_mut().zip(&orders).map(|(member, order)| member.part(shared, order)).collect();
         self.forget_off(&parts);
-        let refresh = self.wants_refresh(profile, &parts, now);
+        let refresh = self.wants_refresh(profile, &parts, now) || self.has_news(shared, &parts);
         let unsettled = self.unfinished.is_some() || self.any(&parts, Part::Free, Writer::is_unsettled);
         let calls = |((member, order), part): ((&Writer, &Order), &Part)| match part {
             Part::Free => order.decided != member.applied,
@@ -279,6 +286,34 @@ impl SetWriter {
         let over =
             |member: &Writer| refresh(member).is_some_and(|refresh| now >= self.written_at.after(refresh));
         self.any(parts, Part::Free, over)
+    }
+
+    /// The control word says something else than what was sent.
+    fn has_news(&self, shared: &Shared, parts: &[Part]) -> bool {
+        let told = self.told_control;
+        parts.contains(&Part::Free)
+            && shared.profile.set(self.id).control.is_some()
+            && told.is_some_and(|told| told != self.control(shared))
+    }
+
+    /// What the gateway does with the axes of this set, in bits.
+    fn control(&self, shared: &Shared) -> u16 {
+        let core = shared.core();
+        let mut control = Control::ENABLE;
+        for member in &self.members {
+            let axis = shared.profile.output(member.id).axis.0;
+            let state = core.compensation.decision(axis).map(|decision| decision.state);
+            if !core.arming[axis].armed {
+                control &= !Control::ENABLE;
+            }
+            control |= match state {
+                Some(AxisState::Holding(_)) => Control::HOLD | Control::FAULT,
+                Some(AxisState::Ramping | AxisState::Zeroed) => Control::FAULT,
+                Some(AxisState::Degraded) => Control::DEGRADED,
+                _ => 0,
+            };
+        }
+        control
     }
 
     fn any(&self, parts: &[Part], wanted: Part, holds: impl Fn(&Writer) -> bool) -> bool {

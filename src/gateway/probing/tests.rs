@@ -162,5 +162,6 @@ fn output(writes: crate::profile::Writes) -> Output {
         set: None,
         boot_counter: None,
         share: Share::Whole,
+        display: crate::profile::Display::default(),
     }
 }

@@ -3,6 +3,7 @@
 use super::{Core, Shared};
 use crate::compensation::{AxisState, Control, Snapshot};
 use crate::gateway::arming::{Arming, Attempt, of_axis};
+use crate::gateway::commissioning::Fit;
 use crate::gateway::output::Standing;
 use crate::gateway::probing::Probing;
 use crate::gateway::words::part;
@@ -62,10 +63,15 @@ impl Core {
                 continue;
             }
             let snapshot = Snapshot { now, readings: self.board.seen() };
-            let ready = self.compensation.has_usable_model(axis, &snapshot);
+            let fit = self.commissioning.of_axis(axis);
+            let ready = fit == Fit::Yes && self.compensation.has_usable_model(axis, &snapshot);
             let beyond = self.compensation.beyond_error(axis, &snapshot);
             let name = &shared.profile.axes[axis].settings.name;
-            match self.arming[axis].attempt(&shared.profile, axis, &self.outputs, ready, beyond) {
+            let attempt = match fit {
+                Fit::No(why) if self.arming[axis].is_wanted(&shared.profile) => Attempt::Refused(why),
+                _ => self.arming[axis].attempt(&shared.profile, axis, &self.outputs, ready, beyond),
+            };
+            match attempt {
                 Attempt::NotYet => {}
                 Attempt::From(from, take_over_slope) => {
                     let take_over = Some(from);
@@ -116,6 +122,16 @@ impl Core {
         let latched = Arming { latched: true, ..Arming::default() };
         let was = std::mem::replace(&mut self.arming[axis.0], latched);
         was.armed.then(|| Event::Disarmed { axis: name.to_owned(), why: why.to_owned() })
+    }
+
+    /// The same for an axis that is armed; one that is off keeps waiting to be.
+    pub(in crate::gateway) fn disarm_unless_off(
+        &mut self,
+        axis: AxisId,
+        name: &str,
+        why: &str,
+    ) -> Option<Event> {
+        if self.arming[axis.0].armed { self.disarm(axis, name, why) } else { None }
     }
 
     /// An output's register was found to hold this much Cz after it had not been known: the axis goes on from there.

@@ -122,8 +122,18 @@ impl Check<'_> {
             };
             self.wrong(&child(path, "unit"), message, "write the address set at the device, 1 to 247");
         }
-        let device =
-            Device { name: name.to_owned(), bus: BusId(bus?), unit: raw.unit?, every, functions, quirks };
+        let verify = self.verify(&child(path, "verify"), raw, functions);
+        let template = self.templates.get(name).cloned();
+        let device = Device {
+            name: name.to_owned(),
+            bus: BusId(bus?),
+            unit: raw.unit?,
+            every,
+            functions,
+            quirks,
+            verify,
+            template,
+        };
         if let Some(bus) = bus_of(&device, buses)
             && bus.timeout >= every
         {
@@ -146,19 +156,27 @@ impl Check<'_> {
     }
 
     fn device_not_built(&mut self, path: &str, raw: &RawDevice) {
-        let spelled_out = "give each of its signals `register`, `type`, `scale` and `bad`";
+        let objects = raw.verify.iter().flatten().any(|verify| verify.sdo.is_some());
         let parts = [
-            ("template", raw.template.is_some(), "device templates", Some(spelled_out)),
-            ("dbc", raw.dbc.is_some(), "devices described by a DBC file", None),
-            ("node", raw.node.is_some(), "CANopen nodes", None),
-            ("heartbeat", raw.heartbeat.is_some(), "the CANopen heartbeat", None),
-            ("setup", raw.setup.is_some(), "CANopen objects written before start", None),
-            ("verify", raw.verify.is_some(), "CANopen objects read before arming", None),
+            ("dbc", raw.dbc.is_some(), "devices described by a DBC file"),
+            ("node", raw.node.is_some(), "CANopen nodes"),
+            ("heartbeat", raw.heartbeat.is_some(), "the CANopen heartbeat"),
+            ("setup", raw.setup.is_some(), "CANopen objects written before start"),
+            ("verify", objects, "CANopen objects read before arming"),
         ];
-        for (key, there, what, help) in parts {
+        for (key, there, what) in parts {
             if there {
-                self.not_built(&child(path, key), &format!("{what} ({key})"), help);
+                self.not_built(&child(path, key), &format!("{what} ({key})"), None);
             }
+        }
+        let of_template = [
+            ("variant", raw.variant.is_some()),
+            ("base", raw.base.is_some()),
+            ("expect", raw.expect.is_some()),
+        ];
+        for (key, _) in of_template.iter().filter(|(_, there)| *there && raw.template.is_none()) {
+            let help = "write template = \"…\" as well, or remove it";
+            self.wrong_key(&child(path, key), format!("`{key}` belongs to a device template"), help);
         }
         if let Some(heartbeat) = &raw.heartbeat {
             self.span(&child(path, "heartbeat"), Some(heartbeat), Zero::Refused);

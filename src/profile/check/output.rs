@@ -48,13 +48,14 @@ impl Check<'_> {
         signals: &Signals,
     ) -> Option<Output> {
         let axis = raw.axis.as_ref().and_then(|axis| self.axis_index(&child(path, "axis"), axis));
+        self.pace(path, raw);
         let index = raw.device.as_ref().and_then(|device| self.device_index(&child(path, "device"), device));
         let writes = self.writes(path, raw, signals);
         let refresh = self.span(&child(path, "refresh"), raw.refresh.as_ref(), Zero::Refused);
         let when = raw.when.as_ref().and_then(|text| self.condition(&child(path, "when"), text, None));
         let verify = if raw.verify == Some(VerifyWord::Echo) { Verify::Echo } else { Verify::ReadBack };
         let address = raw.register.as_ref().and_then(|text| self.holding(&child(path, "register"), text));
-        let data_type = raw.kind.map(DataType::from);
+        let data_type = raw.kind.map(DataType::from).and_then(|kind| self.digits(path, raw, kind));
         if data_type == Some(DataType::Bool) {
             let help = "write an integer or floating-point type: i16, i32, f32, …";
             self.wrong(&child(path, "type"), "one bit cannot hold a compensation value", help);
@@ -79,6 +80,7 @@ impl Check<'_> {
             bias: raw.bias.unwrap_or(0),
             bad: Vec::new(),
         };
+        let display = self.display(path, raw, index.and_then(|index| get(devices, index)));
         if data_type.integer_range().is_none() && encoding.bias != 0 {
             let help = "a floating-point register holds negative values as they are: remove `bias`";
             self.wrong(&child(path, "bias"), "a bias belongs to whole counts", help);
@@ -96,6 +98,7 @@ impl Check<'_> {
             set: None,
             boot_counter: None,
             share,
+            display,
         })
     }
 

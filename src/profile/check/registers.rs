@@ -30,7 +30,10 @@ impl Claim {
     }
 
     fn is_same_value(&self, other: &Claim) -> bool {
-        self.address == other.address && self.data_type == other.data_type
+        let is_bit = |claim: &Claim| matches!(claim.data_type, DataType::Bit(_));
+        let single = self.data_type.registers() == 1 && other.data_type.registers() == 1;
+        self.address == other.address
+            && (self.data_type == other.data_type || (single && (is_bit(self) || is_bit(other))))
     }
 
     fn shown(&self) -> String {
@@ -96,6 +99,14 @@ impl Check<'_> {
             let (path, what) = (register("output", &output.name), format!("output `{}`", output.name));
             claims.extend(claim(output.device, output.address, output.encoding.data_type, path, what, true));
         }
+        for output in outputs.iter().flatten() {
+            let path = child("output", &output.name);
+            for address in output.display.registers() {
+                let (path, what) =
+                    (child(&path, "beside"), format!("the display of output `{}`", output.name));
+                claims.extend(claim(output.device, address, DataType::U16, path, what, true));
+            }
+        }
         for set in sets.iter().flatten() {
             for (path, what, address, written) in words_of(set) {
                 let kind = if address.table.is_bits() { DataType::Bool } else { DataType::U16 };
@@ -160,7 +171,13 @@ impl Check<'_> {
 fn words_of(set: &OutputSet) -> Vec<(String, String, Address, bool)> {
     let path = child(if set.is_named { "set" } else { "output" }, &set.name);
     let label = set.label();
-    let of_set = [("sequence", set.sequence), ("complement", set.complement)];
+    let of_set = [
+        ("sequence", set.sequence),
+        ("complement", set.complement),
+        ("heartbeat", set.heartbeat),
+        ("control", set.control),
+        ("version", set.version.map(|(at, _)| at)),
+    ];
     let handshake = set.handshake.map(|handshake| {
         [("strobe", handshake.strobe, true), ("acknowledge", handshake.acknowledge, false)].map(
             |(key, flag, written)| {

@@ -50,6 +50,10 @@ impl Check<'_> {
                 outputs,
                 sequence: None,
                 complement: None,
+                heartbeat: None,
+                control: None,
+                version: None,
+                zeros: false,
                 handshake: Some(handshake),
             });
             sets.push(set);
@@ -111,6 +115,14 @@ impl Check<'_> {
     ) -> Option<OutputSet> {
         let sequence = self.word_of(path, "sequence", raw.sequence.as_ref());
         let complement = self.word_of(path, "complement", raw.complement.as_ref());
+        let heartbeat = self.word_of(path, "heartbeat", raw.heartbeat.as_ref());
+        let control = self.word_of(path, "control", raw.control.as_ref());
+        let version = raw.version.as_ref().and_then(|version| {
+            Some((
+                self.word_of(&child(path, "version"), "register", version.register.as_ref())?,
+                version.value?,
+            ))
+        });
         if members.is_empty() {
             let help = format!("write set = \"{name}\" at the outputs that belong together");
             self.wrong_key(path, "no output belongs to this set", help);
@@ -134,10 +146,20 @@ impl Check<'_> {
             outputs: members.iter().copied().map(OutputId).collect(),
             sequence,
             complement,
+            heartbeat,
+            control,
+            version,
+            zeros: raw.zeros.unwrap_or(false),
             handshake,
         };
         let device = device?;
-        for (key, word) in [("sequence", sequence), ("complement", complement)] {
+        let words = [
+            ("sequence", sequence),
+            ("complement", complement),
+            ("heartbeat", heartbeat),
+            ("control", control),
+        ];
+        for (key, word) in words.into_iter().chain([("version", version.map(|(at, _)| at))]) {
             if word.is_some() {
                 self.writable(&child(path, key), 1, device);
                 self.readable(&child(path, key), Table::Holding, device);
@@ -145,7 +167,14 @@ impl Check<'_> {
         }
         let members = members.iter().filter_map(|output| get(outputs, *output));
         let requests = set.stretches(members, device.longest_request()).len();
-        if requests > 1 && raw.sequence.is_none() && !wants_handshake {
+        if requests > 1 && set.zeros {
+            let message = format!("with the registers between its words it takes {requests} requests");
+            self.wrong_key(
+                &child(path, "zeros"),
+                message,
+                "put its words nearer to each other, or remove `zeros`",
+            );
+        } else if requests > 1 && raw.sequence.is_none() && !wants_handshake {
             let message = format!("it takes {requests} requests to write: the control could see half of it");
             let help = "give it a `sequence` or a `handshake`, or registers side by side";
             self.wrong_key(path, message, help);

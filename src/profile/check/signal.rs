@@ -6,7 +6,7 @@ use super::{Check, Zero, bus_of, get, shown};
 use crate::codec::{Address, DataType, Encoding, Table, WordOrder};
 use crate::profile::place::child;
 use crate::profile::raw::{RawSignal, TypeWord, WordOrderWord};
-use crate::profile::{Bus, Device, DeviceId, Signal, Unit};
+use crate::profile::{Bus, Device, DeviceId, Flag, Signal, Unit};
 
 impl Check<'_> {
     pub(super) fn signals(
@@ -40,19 +40,20 @@ impl Check<'_> {
             .fault_when
             .as_ref()
             .and_then(|text| self.condition(&child(path, "fault_when"), text, Some(name)));
-        if elsewhere && raw.register.is_none() {
+        // A channel that brought no register has been told.
+        if (elsewhere || raw.channel.is_some()) && raw.register.is_none() {
             return None;
         }
-        let address = match &raw.register {
-            Some(register) => self.address(&child(path, "register"), register),
+        let (address, bit) = match &raw.register {
+            Some(register) => self.cell(&child(path, "register"), register),
             None => {
                 let help =
                     "write a zero-based protocol address (\"input:0\") or a Modicon number (\"30001\")";
                 self.missing(path, "register", "`register` is missing: where is the signal read?", help);
-                None
+                (None, None)
             }
         };
-        let data_type = self.signal_type(path, raw.kind, address);
+        let data_type = self.signal_type(path, raw.kind, address, bit);
         let word_order = self.word_order(path, data_type, raw.word_order);
         let scale = self.scale(&child(path, "scale"), raw.scale.unwrap_or(1.0));
         let (address, data_type) = (address?, data_type?);
@@ -61,7 +62,7 @@ impl Check<'_> {
             self.readable(&child(path, "register"), address.table, device);
             self.in_one_request(&child(path, "type"), data_type, device);
         }
-        let bits = data_type == DataType::Bool;
+        let bits = matches!(data_type, DataType::Bool | DataType::Bit(_));
         let unit = raw.unit.as_deref().unwrap_or(if bits { "bool" } else { "1" });
         let encoding = Encoding {
             data_type,
@@ -92,20 +93,18 @@ impl Check<'_> {
 
     /// Whether the signal lies somewhere that cannot be read yet.
     fn signal_not_built(&mut self, path: &str, raw: &RawSignal) -> bool {
-        let spelled_out = "give the signal `register`, `type`, `scale` and `bad`";
         let parts = [
-            ("channel", raw.channel.is_some(), "channels of a device template", Some(spelled_out)),
-            ("dbc", raw.dbc.is_some(), "signals described by a DBC file", None),
-            ("pdo", raw.pdo.is_some(), "CANopen process data", None),
-            ("sdo", raw.sdo.is_some(), "CANopen objects", None),
-            ("frame", raw.frame.is_some(), "raw CAN frames", None),
+            ("dbc", raw.dbc.is_some(), "signals described by a DBC file"),
+            ("pdo", raw.pdo.is_some(), "CANopen process data"),
+            ("sdo", raw.sdo.is_some(), "CANopen objects"),
+            ("frame", raw.frame.is_some(), "raw CAN frames"),
         ];
-        for (key, there, what, help) in parts {
+        for (key, there, what) in parts {
             if there {
-                self.not_built(&child(path, key), &format!("{what} ({key})"), help);
+                self.not_built(&child(path, key), &format!("{what} ({key})"), None);
             }
         }
-        let there = parts.iter().filter(|(_, there, ..)| *there).count();
+        let there = parts.iter().filter(|(_, there, _)| *there).count();
         if there + usize::from(raw.register.is_some()) > 1 {
             let help = "keep one of register, channel, dbc, pdo, sdo, frame";
             self.wrong_key(path, "the signal is read from more than one place", help);
@@ -154,8 +153,16 @@ impl Check<'_> {
         path: &str,
         word: Option<TypeWord>,
         address: Option<Address>,
+        bit: Option<u8>,
     ) -> Option<DataType> {
         let bits = address?.table.is_bits();
+        if let Some(bit) = bit {
+            if let Some(wrong) = word.map(DataType::from).filter(|word| *word != DataType::Bool) {
+                let help = "one bit is \"bool\": leave `type` out";
+                self.wrong(&child(path, "type"), format!("{} does not fit one bit", wrong.name()), help);
+            }
+            return Some(DataType::Bit(bit));
+        }
         match (word.map(DataType::from), bits) {
             (None | Some(DataType::Bool), true) => Some(DataType::Bool),
             (Some(wrong), true) => {
@@ -178,6 +185,23 @@ impl Check<'_> {
                     help,
                 );
                 None
+            }
+        }
+    }
+
+    /// A register, or one bit of it.
+    pub(super) fn cell(&mut self, path: &str, text: &str) -> (Option<Address>, Option<u8>) {
+        let is_plain = !text.contains('.');
+        match text.parse::<Flag>() {
+            Ok(flag) => (Some(flag.address), flag.bit),
+            Err(_) if is_plain => (self.address(path, text), None),
+            Err(message) => {
+                self.wrong(
+                    path,
+                    message,
+                    "write a register as \"input:50\", or one bit of it as \"input:50.3\"",
+                );
+                (None, None)
             }
         }
     }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
-use super::{RawHandshake, RawProbe, RawRestart, Span, TypeWord, WordOrderWord};
+use super::{ChannelValue, RawHandshake, RawProbe, RawRestart, Span, TypeWord, WordOrderWord};
 
 /// One compensated axis.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
@@ -266,6 +266,9 @@ pub(crate) struct RawOutput {
     /// Where it goes.
     #[schemars(required)]
     pub(crate) device: Option<String>,
+    /// What of the device's template is written: its register, type and scale.
+    #[allow(dead_code, reason = "resolved before the profile is checked")]
+    pub(crate) channel: Option<ChannelValue>,
     /// corrected: position + Cz; offset: Cz; intercept, slope, reference: K0 (µm), tanβ (µm/mm) and P0 (mm), for a
     /// control that applies K0 + tanβ·(P − P0) itself.
     #[schemars(required)]
@@ -301,6 +304,50 @@ pub(crate) struct RawOutput {
     pub(crate) handshake: Option<RawHandshake>,
     /// How a restart of the CNC is seen, besides the register going to zero.
     pub(crate) restart: Option<RawRestart>,
+    /// The largest step that the control follows within `shortest_every`, µm; the axis's `step` must not be larger.
+    pub(crate) largest_step: Option<f64>,
+    /// The shortest time between two updates that the control follows; the axis's `every` must not be shorter.
+    pub(crate) shortest_every: Option<Span>,
+    /// corrected: words of a display that go beside the value, as its decimal point and its colour.
+    pub(crate) beside: Option<Vec<RawBeside>>,
+    /// corrected: what a display shows where there is no position to correct, or the axis is off.
+    pub(crate) stale: Option<RawStale>,
+}
+
+/// One word of a display beside its value.
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Beside")]
+pub(crate) struct RawBeside {
+    /// A holding register.
+    #[schemars(required)]
+    pub(crate) register: Option<String>,
+    /// Always this word.
+    pub(crate) value: Option<u16>,
+    /// The number of decimals that `scale` has, times this.
+    pub(crate) decimals: Option<u16>,
+    /// The word while the axis follows its first model.
+    pub(crate) good: Option<u16>,
+    /// The word while it follows another one. Default: as `good`.
+    pub(crate) degraded: Option<u16>,
+    /// The word while it holds, ramps, is zeroed or off.
+    pub(crate) fault: Option<u16>,
+}
+
+/// The text that stands for no value.
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Stale")]
+pub(crate) struct RawStale {
+    /// The first holding register of the display's text.
+    #[schemars(required)]
+    pub(crate) register: Option<String>,
+    /// The text, as "----".
+    #[schemars(required)]
+    pub(crate) text: Option<String>,
+    /// Characters in one register: 1, or 2 with the first in the high byte. Default 2.
+    #[schemars(range(min = 1, max = 2))]
+    pub(crate) characters: Option<u8>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]

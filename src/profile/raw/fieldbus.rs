@@ -1,9 +1,11 @@
 //! `[bus.*]`, `[device.*]` and `[signal.*]` as written.
 
-use schemars::JsonSchema;
+use std::collections::BTreeMap;
+
+use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
-use super::Span;
+use super::{ExpectValue, RawVerify, Span};
 use crate::codec::{DataType, WordOrder};
 
 /// One physical line.
@@ -106,6 +108,12 @@ pub(crate) struct RawDevice {
     pub(crate) every: Option<Span>,
     /// A device template that gives channels their registers, types and sentinels.
     pub(crate) template: Option<String>,
+    /// Which of the template's variants it is, as "T" for a thermocouple's type.
+    pub(crate) variant: Option<String>,
+    /// Added to every register of the template, where its maker leaves open at which register it begins.
+    pub(crate) base: Option<u16>,
+    /// What the template's checks must find on this device, by their names; "unchecked" leaves one out.
+    pub(crate) expect: Option<BTreeMap<String, ExpectValue>>,
     /// The only function codes it may be sent. Default: all.
     pub(crate) functions: Option<Vec<FunctionWord>>,
     /// What it needs to be treated like, over the bus's quirks.
@@ -119,7 +127,7 @@ pub(crate) struct RawDevice {
     pub(crate) heartbeat: Option<Span>,
     /// CANopen: objects written before start.
     pub(crate) setup: Option<Vec<RawSetup>>,
-    /// CANopen: objects read before arming.
+    /// Registers (CANopen: objects) read before arming; a mismatch refuses to arm.
     pub(crate) verify: Option<Vec<RawVerify>>,
 }
 
@@ -154,24 +162,6 @@ pub(crate) struct RawSetup {
     pub(crate) value: Option<i64>,
 }
 
-/// One object that is read before arming.
-#[derive(Clone, Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[allow(dead_code, reason = "read by the schema, refused by the check")]
-#[schemars(rename = "Verify")]
-pub(crate) struct RawVerify {
-    /// Index and subindex, hexadecimal: "6110:01".
-    #[schemars(required, regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
-    pub(crate) sdo: Option<String>,
-    /// How the value lies in the object.
-    #[serde(rename = "type")]
-    #[schemars(required)]
-    pub(crate) kind: Option<TypeWord>,
-    /// What it must be; a mismatch refuses to arm.
-    #[schemars(required)]
-    pub(crate) equals: Option<i64>,
-}
-
 /// One value that is read.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -180,10 +170,10 @@ pub(crate) struct RawSignal {
     /// Where it is read.
     #[schemars(required)]
     pub(crate) device: Option<String>,
-    /// Channel of the device's template.
-    pub(crate) channel: Option<u16>,
+    /// Channel of the device's template: its number or its name.
+    pub(crate) channel: Option<ChannelValue>,
     /// "input:0", "holding:84", "coil:1", "discrete:3": table and zero-based protocol address; or the one-based Modicon
-    /// number "30001".
+    /// number "30001"; "input:50.3" is bit 3 of a register.
     pub(crate) register: Option<String>,
     /// How the value lies in its registers; required for input and holding registers.
     #[serde(rename = "type")]
@@ -249,6 +239,25 @@ pub(crate) struct RawCapture {
     pub(crate) value: Option<u16>,
 }
 
+/// A channel of a template.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "resolved before the profile is checked")]
+pub(crate) enum ChannelValue {
+    Number(u16),
+    Name(String),
+}
+
+impl JsonSchema for ChannelValue {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "Channel".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        schemars::json_schema!({ "anyOf": [{ "type": "integer", "minimum": 0, "maximum": 65535 }, { "type": "string" }] })
+    }
+}
+
 /// Where a value lies in a CANopen process data object.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -308,6 +317,7 @@ pub(crate) enum TypeWord {
     I64,
     F32,
     F64,
+    Decimal24,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -329,6 +339,7 @@ impl From<TypeWord> for DataType {
             TypeWord::I64 => DataType::I64,
             TypeWord::F32 => DataType::F32,
             TypeWord::F64 => DataType::F64,
+            TypeWord::Decimal24 => DataType::Decimal24(0),
         }
     }
 }

@@ -12,10 +12,32 @@ use super::Span;
 pub(crate) struct RawSet {
     /// A holding register that counts up with every whole set, written last: the control takes the set when it changes.
     pub(crate) sequence: Option<String>,
+    /// A holding register that counts up with every write of the set, 0 to 32767: the control sees the gateway die.
+    pub(crate) heartbeat: Option<String>,
+    /// A holding register that says what the gateway does: bit 0 all its axes are armed, bit 1 one keeps its value, bit 2
+    /// one takes its fault action, bit 3 one follows a lesser model.
+    pub(crate) control: Option<String>,
+    /// A holding register with a number that control and profile agree on.
+    pub(crate) version: Option<RawVersion>,
+    /// Registers between its words that are nobody's are written as 0, so that one request carries all of it. Default false.
+    pub(crate) zeros: Option<bool>,
     /// A holding register for the check word: all other words of the set summed to 16 bits, inverted.
     pub(crate) complement: Option<String>,
     /// A strobe and its acknowledgement around each write of the set.
     pub(crate) handshake: Option<RawHandshake>,
+}
+
+/// A number that control and profile agree on.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Version")]
+pub(crate) struct RawVersion {
+    /// A holding register.
+    #[schemars(required)]
+    pub(crate) register: Option<String>,
+    /// The number.
+    #[schemars(required)]
+    pub(crate) value: Option<u16>,
 }
 
 /// A strobe and its acknowledgement.

@@ -80,6 +80,25 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
         }
     }
     for output in &profile.outputs {
+        let place = unit_of[output.device.0];
+        for address in output.display.registers() {
+            units[place].bank.reserve(address, 1);
+            owned.push((place, address, 1));
+        }
+    }
+    for (device, place) in profile.devices.iter().zip(&unit_of) {
+        for expected in &device.verify {
+            let bank = &mut units[*place].bank;
+            bank.reserve(expected.address, expected.encoding.data_type.registers());
+            let fits = bank.put(
+                expected.address,
+                &expected.encoding,
+                expected.encoding.encode_counts(expected.equals).words(),
+            );
+            debug_assert!(fits.is_some(), "room was made for it");
+        }
+    }
+    for output in &profile.outputs {
         let Some(counter) = output.boot_counter.map(|id| profile.signal(id).address) else { continue };
         let place = unit_of[output.device.0];
         units[place].counters.push(counter);
@@ -106,6 +125,18 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
         unit.restart();
     }
     (units, unit_of)
+}
+
+/// What each signal reads that says whether another one is well: that it is. `None` for the others.
+pub(super) fn well(profile: &Profile) -> Vec<Option<f64>> {
+    let mut well = vec![None; profile.signals.len()];
+    for condition in profile.signals.iter().filter_map(|signal| signal.fault_when.as_ref()) {
+        let healthy = [0.0, 1.0].into_iter().find(|value| condition.holds(&|_| Some(*value)) == Some(false));
+        for id in condition.signals() {
+            well[id.0] = well[id.0].or(healthy);
+        }
+    }
+    well
 }
 
 pub(super) fn overlap((first, count): (Address, u16), (other, other_count): (Address, u16)) -> bool {

@@ -191,6 +191,10 @@ fn shaken() -> crate::profile::Profile {
         outputs: vec![OutputId(1)],
         sequence: None,
         complement: None,
+        heartbeat: None,
+        control: None,
+        version: None,
+        zeros: false,
         handshake: Some(handshake),
     });
     let boots = Signal {

@@ -151,7 +151,16 @@ fn device(name: &str, bus: usize, unit: u8) -> Device {
         write_multiple: true,
     };
     let (name, every) = (name.to_owned(), Duration::from_secs(1));
-    Device { name, bus: BusId(bus), unit, every, functions, quirks: quirks() }
+    Device {
+        name,
+        bus: BusId(bus),
+        unit,
+        every,
+        functions,
+        quirks: quirks(),
+        verify: Vec::new(),
+        template: None,
+    }
 }
 
 fn signal(name: &str, device: usize, register: &str, encoding: Encoding, unit: &'static str) -> Signal {
@@ -185,5 +194,6 @@ fn output(name: &str, device: usize, register: &str, scale: f64, writes: Writes)
         set: None,
         boot_counter: None,
         share: Share::Whole,
+        display: crate::profile::Display::default(),
     }
 }

@@ -8,7 +8,7 @@ use crate::fieldbus::error::Fault;
 use crate::fieldbus::line::Line;
 use crate::fieldbus::wire::{Answer, Request};
 use crate::gateway::apply::Words;
-use crate::gateway::apply::exchange::{self, Cells, Sent};
+use crate::gateway::apply::exchange::{self, Cells, Own, Sent};
 use crate::gateway::poll;
 use crate::gateway::shared::Shared;
 
@@ -42,6 +42,9 @@ impl SetWriter {
         if let Some(found) = set.sequence.and_then(|at| cells.get(&at.offset)) {
             self.sequence = *found;
         }
+        if let Some(found) = set.heartbeat.and_then(|at| cells.get(&at.offset)) {
+            self.beat = *found;
+        }
         Ok(cells)
     }
 
@@ -56,7 +59,8 @@ impl SetWriter {
         let set = shared.profile.set(self.id);
         let Some(values) = targets.into_iter().collect::<Option<Vec<Words>>>() else { return };
         let sequence = set.sequence.map(|_| exchange::next(self.sequence));
-        let cells = exchange::cells(&shared.profile, set, &values, sequence);
+        let own = Own { sequence, heartbeat: exchange::next_beat(self.beat), control: self.control(shared) };
+        let cells = exchange::cells(&shared.profile, set, &values, own);
         let free = |(value, part): (&Words, &Part)| (*part == Part::Free).then_some(*value);
         let sent: Vec<Option<Words>> = values.iter().zip(parts).map(free).collect();
         for (member, value) in self.members.iter_mut().zip(&sent) {
@@ -65,6 +69,7 @@ impl SetWriter {
         let single = shared.profile.device(set.device).functions.write_single;
         let before =
             self.unfinished.replace(Sent { values: sent, cells: cells.clone(), sequence, is_taken: false });
+        (self.beat, self.told_control) = (own.heartbeat, Some(own.control));
         for (place, stretch) in exchange::stretches(&shared.profile, set).iter().enumerate() {
             let words = exchange::words(&cells, stretch);
             let request = match words.as_slice() {

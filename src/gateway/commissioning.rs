@@ -1,0 +1,222 @@
+//! Whether the devices are set as the profile expects them: read before anything is armed, again after a device was
+//! lost, and again and again where something was wrong, until somebody has put it right.
+//!
+//! A module that sends hexadecimal counts of its range instead of tenths of a degree sends plausible temperatures.
+//! So nothing is believed of a device whose checks have not all been read and found right.
+
+use std::time::Duration;
+
+use super::poll;
+use super::shared::Shared;
+use crate::codec::Encoded;
+use crate::compensation::model::Evaluate;
+use crate::fieldbus::error::Fault;
+use crate::fieldbus::line::Line;
+use crate::fieldbus::wire::{Answer, Request};
+use crate::observe::events::Event;
+use crate::profile::{AxisId, DeviceId, Expected, Profile};
+use crate::quantity::Moment;
+use crate::reading::SignalId;
+
+/// How soon a device that could not be asked is asked again; the line's own pauses come on top.
+const ASK_AGAIN: Duration = Duration::from_secs(1);
+
+/// How soon a device that is set wrongly is looked at again.
+const LOOK_AGAIN: Duration = Duration::from_secs(5);
+
+/// After so many attempts that the device did not answer, while it answered its polls, the register is not there.
+const BELIEVED_SILENT: u32 = 3;
+
+/// What has been found of each device, and which devices an axis depends on.
+#[derive(Debug)]
+pub(super) struct Commissioning {
+    devices: Vec<Finding>,
+    of_axis: Vec<Vec<DeviceId>>,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+enum Finding {
+    /// Nothing is to be checked, or everything was found right.
+    Fit,
+    /// Not all has been read yet.
+    Unknown,
+    /// What is wrong, in words.
+    Wrong(String),
+}
+
+/// Whether an axis may be armed, for all its devices are.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Fit {
+    Yes,
+    Unknown,
+    No(String),
+}
+
+impl Commissioning {
+    pub(super) fn new(profile: &Profile) -> Commissioning {
+        let devices = profile.devices.iter().map(|device| Finding::begin(&device.verify));
+        let of_axis = (0..profile.axes.len()).map(|axis| devices_of(profile, AxisId(axis)));
+        Commissioning { devices: devices.collect(), of_axis: of_axis.collect() }
+    }
+
+    /// Whether what is read from it may be believed.
+    pub(super) fn is_fit(&self, device: DeviceId) -> bool {
+        self.devices[device.0] == Finding::Fit
+    }
+
+    /// What is wrong with a device.
+    pub(super) fn wrong(&self, device: usize) -> Option<&str> {
+        match self.devices.get(device) {
+            Some(Finding::Wrong(why)) => Some(why),
+            _ => None,
+        }
+    }
+
+    /// Whether the devices that an axis depends on are fit.
+    pub(super) fn of_axis(&self, axis: usize) -> Fit {
+        let mut fit = Fit::Yes;
+        for device in &self.of_axis[axis] {
+            match &self.devices[device.0] {
+                Finding::Wrong(why) => return Fit::No(why.clone()),
+                Finding::Unknown => fit = Fit::Unknown,
+                Finding::Fit => {}
+            }
+        }
+        fit
+    }
+
+    /// The device was lost: everything is checked anew.
+    pub(super) fn forget(&mut self, shared: &Shared, device: DeviceId) {
+        if self.is_fit(device) {
+            self.devices[device.0] = Finding::begin(&shared.profile.device(device).verify);
+        }
+    }
+}
+
+impl Finding {
+    fn begin(verify: &[Expected]) -> Finding {
+        if verify.is_empty() { Finding::Fit } else { Finding::Unknown }
+    }
+}
+
+/// The devices that any model of the axis reads, and those that its outputs write to.
+fn devices_of(profile: &Profile, axis: AxisId) -> Vec<DeviceId> {
+    let inputs = profile.axis(axis).settings.models.iter().flat_map(Evaluate::inputs);
+    let device = |id: SignalId| profile.signal(id).device;
+    let written = profile.outputs.iter().filter(|output| output.axis == axis).map(|output| output.device);
+    let mut devices: Vec<DeviceId> = inputs.map(device).chain(written).collect();
+    devices.sort_unstable();
+    devices.dedup();
+    devices
+}
+
+/// Reads the checks of the devices on one line.
+#[derive(Debug)]
+pub(super) struct Inspector(Vec<Inspection>);
+
+#[derive(Debug)]
+struct Inspection {
+    device: DeviceId,
+    due: Moment,
+    /// Attempts in a row that were not answered.
+    missed: u32,
+}
+
+impl Inspector {
+    pub(super) fn new(
+        profile: &Profile,
+        devices: impl Iterator<Item = DeviceId>,
+        start: Moment,
+    ) -> Inspector {
+        let checked = devices.filter(|id| !profile.device(*id).verify.is_empty());
+        Inspector(checked.map(|device| Inspection { device, due: start, missed: 0 }).collect())
+    }
+
+    /// Looks at the devices that are not known to be fit, where it is time.
+    pub(super) async fn inspect(&mut self, line: &mut Line, shared: &Shared) {
+        for inspection in &mut self.0 {
+            let (id, now) = (inspection.device, shared.clock.now());
+            if now < inspection.due || inspection.is_needless(shared) || line.is_resting(id, now) {
+                continue;
+            }
+            let found = inspection.look(line, shared).await;
+            let pause = match found {
+                Some(Finding::Wrong(_)) => LOOK_AGAIN,
+                Some(_) => Duration::ZERO,
+                None => ASK_AGAIN,
+            };
+            inspection.due = shared.clock.now().after(pause);
+            if let Some(found) = found {
+                shared.commissioned(id, found);
+            }
+        }
+    }
+}
+
+impl Inspection {
+    /// It is fit; or it did not answer, and its polls shall find out first whether it is there at all.
+    fn is_needless(&self, shared: &Shared) -> bool {
+        let core = shared.core();
+        core.commissioning.is_fit(self.device)
+            || (self.missed > 0 && core.devices[self.device.0].lost.is_some())
+    }
+
+    /// Reads every check; `None` where the device does not answer, which is told elsewhere.
+    async fn look(&mut self, line: &mut Line, shared: &Shared) -> Option<Finding> {
+        let mut wrong = Vec::new();
+        for expected in &shared.profile.device(self.device).verify {
+            let count = expected.encoding.data_type.registers();
+            let request = Request::Read { from: expected.address, count };
+            match poll::call(line, shared, self.device, request, shared.clock.now()).await {
+                Ok(answer) => wrong.extend(expected.mismatch(words(&answer).words())),
+                Err(Fault::Exception(code)) => wrong.push(expected.unreadable(Fault::Exception(code))),
+                Err(fault) => {
+                    self.missed += 1;
+                    // It answers its polls and never this: some devices are silent where they have no register.
+                    let is_silent = self.missed >= BELIEVED_SILENT;
+                    return is_silent.then(|| Finding::Wrong(expected.unreadable(fault)));
+                }
+            }
+        }
+        self.missed = 0;
+        Some(if wrong.is_empty() { Finding::Fit } else { Finding::Wrong(wrong.join("; ")) })
+    }
+}
+
+fn words(answer: &Answer) -> Encoded {
+    match answer {
+        Answer::Words(words) => Encoded::of(words),
+        Answer::Bits(bits) => {
+            Encoded::of(&bits.iter().take(1).map(|bit| u16::from(*bit)).collect::<Vec<_>>())
+        }
+        Answer::Done => Encoded::of(&[]),
+    }
+}
+
+impl Shared {
+    /// A device was looked at. What changed is told. An axis that reads from it takes its fault action; one that would
+    /// write to it is off.
+    fn commissioned(&self, id: DeviceId, found: Finding) {
+        let name = &self.profile.device(id).name;
+        let mut core = self.core();
+        let before = std::mem::replace(&mut core.commissioning.devices[id.0], found.clone());
+        let mut events = Vec::new();
+        match found {
+            _ if before == found => {}
+            Finding::Wrong(found) => {
+                events.push(Event::NotAsExpected { device: name.clone(), found: found.clone() });
+                for output in self.profile.outputs.iter().filter(|output| output.device == id) {
+                    let axis = &self.profile.axis(output.axis).settings.name;
+                    let why = format!("device {name}: {found}");
+                    events.extend(core.disarm_unless_off(output.axis, axis, &why));
+                }
+            }
+            Finding::Fit if matches!(before, Finding::Wrong(_)) => {
+                events.push(Event::AsExpected { device: name.clone() });
+            }
+            Finding::Fit | Finding::Unknown => {}
+        }
+        drop(core);
+        events.iter().for_each(|event| self.tell(event));
+    }
+}
