@@ -12,7 +12,7 @@ use crate::compensation::settings::{AxisSettings, MachineSettings};
 use crate::reading::SignalId;
 
 mod check;
-mod data;
+pub(crate) mod data;
 mod display;
 mod error;
 mod files;

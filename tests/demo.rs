@@ -68,13 +68,13 @@ fn twenty_days(machine: &str, span: &str, least: f64, most: f64) {
 }
 
 #[test]
-fn the_surface_grinder_stays_within_five_microns_on_twenty_days_it_never_saw() {
-    twenty_days("surface-grinder", "8h", 15.0, 5.0);
+fn the_surface_grinder_stays_within_three_microns_on_twenty_days_it_never_saw() {
+    twenty_days("surface-grinder", "8h", 15.0, 3.0);
 }
 
 #[test]
-fn the_sinker_edm_stays_within_five_microns_on_twenty_days_it_never_saw() {
-    twenty_days("sinker-edm", "12h", 15.0, 5.0);
+fn the_sinker_edm_stays_within_two_microns_on_twenty_days_it_never_saw() {
+    twenty_days("sinker-edm", "12h", 15.0, 2.0);
 }
 
 #[test]
@@ -83,18 +83,18 @@ fn the_lathe_stays_within_three_microns_where_its_source_has_eight() {
 }
 
 #[test]
-fn the_ram_stays_within_single_figures_in_all_three_axes() {
-    twenty_days("ram-mc", "12h", 150.0, 8.0);
+fn the_ram_stays_within_five_microns_in_all_three_axes() {
+    twenty_days("ram-mc", "12h", 150.0, 5.0);
 }
 
 #[test]
-fn the_parts_machine_keeps_a_tenth_of_its_twelve_hours_of_drift() {
-    twenty_days("parts-vmc", "12h", 50.0, 8.0);
+fn the_parts_machine_keeps_a_twentieth_of_its_twelve_hours_of_drift() {
+    twenty_days("parts-vmc", "12h", 50.0, 2.5);
 }
 
 #[test]
-fn the_long_spindle_stays_within_five_microns() {
-    twenty_days("spindle-hmc", "12h", 75.0, 5.0);
+fn the_long_spindle_stays_within_three_microns() {
+    twenty_days("spindle-hmc", "12h", 75.0, 3.0);
 }
 
 #[test]
@@ -104,7 +104,7 @@ fn the_machining_centre_stays_within_the_two_microns_of_its_source() {
 
 #[test]
 fn the_screw_stays_within_single_figures_at_every_position() {
-    twenty_days("screw-axis", "8h", 90.0, 9.5);
+    twenty_days("screw-axis", "8h", 90.0, 7.5);
 }
 
 #[test]

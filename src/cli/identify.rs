@@ -65,12 +65,21 @@ pub(super) struct Arguments {
     /// Inputs that stay in though they look faulty
     #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
     keep: Vec<String>,
-    /// Time constants that are tried [default: 0s,3min,6min,12min,25min,50min,100min,200min]
+    /// Time constants that are tried [default: 0s,3min,6min,12min,25min,50min,100min,200min; rbf and network: 0s,12min,50min]
     #[arg(long, value_name = "TIME", value_delimiter = ',', value_parser = humantime::parse_duration)]
     lags: Vec<Duration>,
     /// Most terms of the model
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     terms: Option<u16>,
+    /// rbf: radial basis functions
+    #[arg(long, value_name = "N", default_value_t = 20)]
+    centres: usize,
+    /// network: neurons of each of the five networks that are averaged
+    #[arg(long, value_name = "N", default_value_t = 8)]
+    neurons: usize,
+    /// rbf, network: what chance begins with; the same seed gives the same model
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
     /// Rows closer than this count as one sample in F tests
     #[arg(long, value_name = "TIME", default_value = "30min", value_parser = humantime::parse_duration)]
     independent: Duration,
@@ -180,6 +189,9 @@ fn find(
         method: arguments.method,
         terms: arguments.terms.map(usize::from),
         independent: arguments.independent,
+        centres: arguments.centres,
+        neurons: arguments.neurons,
+        seed: arguments.seed,
         waiting: arguments.waiting.clone(),
         first: arguments.first.clone(),
         second: arguments.second.clone(),

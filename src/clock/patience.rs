@@ -10,6 +10,7 @@ use std::pin::{Pin, pin};
 use std::task::Poll;
 use std::time::Duration;
 
+use tokio::task::coop::unconstrained;
 use tokio::time::{Instant, Sleep};
 
 /// How long one answer is waited for.
@@ -37,7 +38,8 @@ impl Patience {
             if timer.deadline() > limit {
                 timer.as_mut().reset(limit);
             }
-            while timer.as_mut().poll(context).is_ready() {
+            // Also where the future has used up the task's turn, as one does whose bytes never end.
+            while pin!(unconstrained(timer.as_mut())).poll(context).is_ready() {
                 if Instant::now() >= limit {
                     return Poll::Ready(None);
                 }

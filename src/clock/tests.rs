@@ -110,3 +110,18 @@ async fn a_skipped_hour_wakes_every_sleeper_once() {
     sleeper.sleep_until(noon().after(SECOND * 2)).await;
     assert_eq!(clock.now().since(noon()), SECOND * 3601);
 }
+
+#[tokio::test]
+async fn patience_ends_also_with_a_future_that_is_ready_again_and_again() {
+    let (mut reader, mut writer) = tokio::io::duplex(1024);
+    let talks = async { while tokio::io::AsyncWriteExt::write_all(&mut writer, &[0; 512]).await.is_ok() {} };
+    let hears = async {
+        let mut bytes = [0; 64];
+        while tokio::io::AsyncReadExt::read(&mut reader, &mut bytes).await.is_ok() {
+            // What never waits.
+            tokio::task::coop::consume_budget().await;
+        }
+    };
+    let both = async { tokio::join!(talks, hears) };
+    assert!(Patience::new().within(Duration::from_millis(20), both).await.is_none());
+}

@@ -162,15 +162,35 @@ fn linear_effects(profile: &Profile, linear: &Linear) -> Vec<String> {
         .into_iter()
         .map(|(term, gain)| effect(profile, term.signal, gain, &late(profile, term.signal, term.lag, "")))
         .collect::<Vec<String>>();
+    effects.extend(together(profile, &linear.terms, 1.0, ""));
     if let Some(slope) = &linear.slope {
         let position = &profile.signal(slope.position).name;
+        let beside = format!(" and {position} stands 100 mm above {} mm", figure(slope.reference));
         for (term, gain) in gains(&slope.terms) {
-            let beside = format!(" and {position} stands 100 mm above {} mm", figure(slope.reference));
             let place = late(profile, term.signal, term.lag, &beside);
             effects.push(effect(profile, term.signal, gain * 100.0, &place));
         }
+        effects.extend(together(profile, &slope.terms, 100.0, &beside));
     }
     effects
+}
+
+/// The way a signal moves Cz in the end, where several lags share it: one of them alone may point the other way.
+fn together(profile: &Profile, terms: &[Term], times: f64, beside: &str) -> Vec<String> {
+    let gains = gains(terms);
+    let mut signals: Vec<SignalId> = Vec::new();
+    for (term, _) in &gains {
+        if !signals.contains(&term.signal) {
+            signals.push(term.signal);
+        }
+    }
+    let sum = |signal: SignalId| {
+        let own: Vec<f64> =
+            gains.iter().filter(|(term, _)| term.signal == signal).map(|(_, gain)| gain * times).collect();
+        let place = format!("{beside} for good (its {} terms added up)", own.len());
+        (own.len() > 1).then(|| effect(profile, signal, own.iter().sum(), &place))
+    };
+    signals.into_iter().filter_map(sum).collect()
 }
 
 /// The gains of each signal and each lag added up.

@@ -226,7 +226,12 @@ impl<T: Port> Wire for Rtu<T> {
             let end = Silence::begin();
             loop {
                 let mut bytes = [0; frame::LONGEST];
-                match self.patience.within(end.left_of(span), self.stream.read(&mut bytes)).await {
+                let left = end.left_of(span);
+                // One that never stops talking would be heard for ever.
+                if left.is_zero() {
+                    return Ok(());
+                }
+                match self.patience.within(left, self.stream.read(&mut bytes)).await {
                     None => return Ok(()),
                     Some(Ok(0) | Err(_)) => return Err(CLOSED),
                     Some(Ok(_)) => self.disturbed(),

@@ -4,13 +4,15 @@
 //! log as it was recorded; only then are rows averaged. So what is found on the bank is what runs: the replay of a run
 //! gives the same values.
 //!
-//! While the references settle the axis waits, and a rise is zero.
+//! While the references settle the axis waits, and a rise is zero. Where an error is measured from the first visit of its
+//! place, so are the rises.
 
+use std::collections::HashMap;
 use std::time::Duration;
 
 use nalgebra::DMatrix;
 
-use super::campaign::Campaign;
+use super::campaign::{Campaign, Wanted};
 use crate::compensation::model::{Known, Lag, Reference, Term};
 use crate::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
 
@@ -54,7 +56,7 @@ pub struct Traced {
     pub seconds: Vec<f64>,
     /// The compensation that is wanted, µm: −(e − its cold value).
     pub wanted: Vec<f64>,
-    /// One row per row, one column per candidate: rises in the unit of their inputs.
+    /// One row per row, one column per candidate: rises in the unit of their inputs, from where `wanted` is measured.
     pub rises: DMatrix<f64>,
 }
 
@@ -100,6 +102,7 @@ pub fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate]) -> T
     let controls = vec![Control { permit: Permit::Armed, ..Control::default() }; campaign.axes.len()];
     let first = run.times.first().copied().unwrap_or_default();
     let (mut readings, mut rises, mut windows) = (Vec::new(), vec![0.0; terms.len()], Vec::<Window>::new());
+    let mut visits: HashMap<usize, Vec<f64>> = HashMap::new();
     for (row, now) in run.times.iter().copied().enumerate() {
         campaign.readings(run, row, now, &mut readings);
         let snapshot = Snapshot { now, readings: &readings };
@@ -116,7 +119,12 @@ pub fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate]) -> T
                 *rise *= distance.unwrap_or(f64::NAN);
             }
         }
-        if !wanted[row].is_finite() || !rises.iter().all(|rise| rise.is_finite()) {
+        let Wanted { cz, since } = wanted[row];
+        if let Some(since) = since {
+            let first = visits.entry(since).or_insert_with(|| rises.clone());
+            rises.iter_mut().zip(first).for_each(|(rise, first)| *rise -= *first);
+        }
+        if !cz.is_finite() || !rises.iter().all(|rise| rise.is_finite()) {
             continue;
         }
         let passed = now.since(first);
@@ -132,7 +140,7 @@ pub fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate]) -> T
         };
         window.rows += 1.0;
         window.seconds += passed.as_secs_f64();
-        window.wanted += wanted[row];
+        window.wanted += cz;
         window.rises.iter_mut().zip(&rises).for_each(|(sum, rise)| *sum += rise);
     }
     Traced {

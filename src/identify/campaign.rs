@@ -1,5 +1,6 @@
 //! The runs of a dataset as the gateway would see them: through a profile's signals, with one measured error.
 
+use std::collections::HashMap;
 use std::time::Duration;
 
 use crate::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault};
@@ -147,35 +148,56 @@ impl<'a> Campaign<'a> {
         })
     }
 
-    /// The compensation that is wanted at each row: Cz = −(e − its mean while the references settle), µm; NaN where the
-    /// error is missing, and before the machine starts. With a position, each place has a mean of its own: a scale's
-    /// cold error is no drift.
-    pub(super) fn wanted(&self, run: &Run) -> Vec<f64> {
+    /// The compensation that is wanted at each row: Cz = −(e − its mean while the references settle), µm. With a position,
+    /// each place has a mean of its own: a scale's cold error is no drift. A place first visited later is measured from
+    /// its first visit.
+    pub(super) fn wanted(&self, run: &Run) -> Vec<Wanted> {
         let errors = &run.values[self.error];
-        let Some(start) = self.start(run) else { return vec![f64::NAN; errors.len()] };
+        let Some(start) = self.start(run) else { return vec![Wanted::NOTHING; errors.len()] };
         let places: Vec<i64> = match &self.position {
             Some(position) => run.values[position.column].iter().map(|place| whole(*place)).collect(),
             None => vec![0; errors.len()],
         };
-        let mut cold: std::collections::HashMap<i64, (f64, f64)> = std::collections::HashMap::new();
+        let mut cold: HashMap<i64, Cold> = HashMap::new();
         // The references of the temperatures take in the first row after their time, too: the same rows here.
         let settled = run.times.iter().find(|time| **time >= start.after(self.machine.settle));
-        for ((time, error), place) in run.times.iter().zip(errors).zip(&places) {
-            let settles = *time >= start && settled.is_none_or(|settled| time <= settled);
-            // A place first visited later is measured from its first visit.
-            if error.is_finite() && *time >= start && (settles || !cold.contains_key(place)) {
-                let (sum, count) = cold.entry(*place).or_default();
-                *sum += error;
-                *count += 1.0;
+        let rows = || run.times.iter().zip(errors).zip(&places).enumerate();
+        for (row, ((time, error), place)) in rows().filter(|(_, ((time, _), _))| **time >= start) {
+            let settles = settled.is_none_or(|settled| time <= settled);
+            if error.is_finite() && (settles || !cold.contains_key(place)) {
+                let since = (!settles).then_some(row);
+                let cold = cold.entry(*place).or_insert(Cold { sum: 0.0, count: 0.0, since });
+                cold.sum += error;
+                cold.count += 1.0;
             }
         }
-        let rows = run.times.iter().zip(errors).zip(&places);
-        rows.map(|((time, error), place)| {
-            let Some((sum, count)) = cold.get(place).filter(|_| *time >= start) else { return f64::NAN };
-            sum / count - error
-        })
-        .collect()
+        let of = |(_, ((time, error), place)): (usize, ((&Moment, &f64), &i64))| match cold.get(place) {
+            Some(cold) if *time >= start => Wanted { cz: cold.sum / cold.count - error, since: cold.since },
+            _ => Wanted::NOTHING,
+        };
+        rows().map(of).collect()
     }
+}
+
+/// What a model should compensate at one row.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Wanted {
+    /// µm; NaN where the error is missing, and before the machine starts.
+    pub(super) cz: f64,
+    /// The row that it is measured from, where that is the first visit of a place after the references had settled. The
+    /// machine was warm by then: a model's rises count from that row, too.
+    pub(super) since: Option<usize>,
+}
+
+impl Wanted {
+    const NOTHING: Wanted = Wanted { cz: f64::NAN, since: None };
+}
+
+/// The error of a place before anything moved there.
+struct Cold {
+    sum: f64,
+    count: f64,
+    since: Option<usize>,
 }
 
 /// An axis that moves nothing: references are captured for the axes that are due, so there must be one at every row.

@@ -11,6 +11,7 @@ use super::facts::least_and_most;
 use super::faults::{Excluded, resolution};
 use super::gram::count;
 use super::learn::{Learned, Learner};
+use super::method::alone::{Alone, alone};
 use super::method::{Method, Settings};
 use super::region::Region;
 use super::setup::Ready;
@@ -30,6 +31,9 @@ pub struct Identified {
     pub terms: Vec<TermFound>,
     /// The condition number of the terms' columns, each of root mean square 1; none where two are the same, or there are none.
     pub condition: Option<f64>,
+    /// What the network is, where it is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub network: Option<String>,
     /// Each run, held out.
     pub runs: Vec<RunScore>,
     /// Mean over the runs of the held-out range, µm.
@@ -119,14 +123,29 @@ pub struct ColumnShown {
 pub struct Fallback {
     /// The signal that is not there.
     pub without: String,
-    /// Its terms.
+    /// The method's word.
+    pub method: &'static str,
+    /// Its terms; empty for a formula.
     pub terms: Vec<TermFound>,
     /// Where its inputs were; none where they are too many, or one never moved.
     #[serde(rename = "envelope")]
     pub region: Option<Region>,
+    /// The sensor that is left, with machine-on time.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub alone: Option<Alone>,
     /// Held out.
     #[serde(flatten)]
     pub means: Means,
+}
+
+impl Fallback {
+    /// The method, or what the sensor that is left goes with.
+    pub fn kind(&self) -> String {
+        match &self.alone {
+            Some(alone) => format!("{} alone, with machine-on time", alone.signal),
+            None => self.method.to_owned(),
+        }
+    }
 }
 
 /// Finds the model, validates it, and looks for its stand-ins. `progress` is told what is done, out of how much.
@@ -149,7 +168,15 @@ pub fn identify(
     let learned = learner.learn(&runs, &[])?;
     let inputs = inputs_of(&learned);
     let stand_ins = if fallbacks && inputs.len() > 1 {
-        stand_ins(campaign, learner.as_ref(), &inputs)
+        let mut found = match settings.method.stand_in() {
+            own if own == settings.method => stand_ins(campaign, learner.as_ref(), &inputs, own),
+            other => stand_ins(campaign, other.prepare(campaign, settings)?.as_ref(), &inputs, other),
+        };
+        if settings.method == Method::Difference {
+            found.extend(alone(campaign, learner.bank(), &learned, &held_out));
+        }
+        found.sort_by(|one, other| one.means.mean_range_um.total_cmp(&other.means.mean_range_um));
+        found
     } else {
         Vec::new()
     };
@@ -169,6 +196,10 @@ pub fn identify(
         axis: ready.axis.clone(),
         terms,
         condition: apart.map(|apart| apart.condition),
+        network: match &learned {
+            Learned::Net { net, .. } => Some(net.what()),
+            Learned::Sum(_) => None,
+        },
         runs: held_out.iter().map(|held| held.score.clone()).collect(),
         mean_range_um: means.mean_range_um,
         worst_range_um: means.worst_range_um,
@@ -218,7 +249,7 @@ fn check_count(learner: &dyn Learner, method: Method) -> Result<(), String> {
 fn inputs_of(learned: &Learned) -> Vec<usize> {
     let mut inputs: Vec<usize> = match learned {
         Learned::Sum(gains) => gains.iter().map(|(candidate, _)| candidate.input).collect(),
-        Learned::Net { inputs, .. } => inputs.clone(),
+        Learned::Net { inputs, .. } => inputs.iter().map(|candidate| candidate.input).collect(),
     };
     inputs.sort_unstable();
     inputs.dedup();
@@ -249,7 +280,12 @@ fn shown(campaign: &Campaign<'_>, candidate: &Candidate, gain: f64, se: f64) -> 
     }
 }
 
-fn stand_ins(campaign: &Campaign<'_>, learner: &dyn Learner, inputs: &[usize]) -> Vec<Fallback> {
+fn stand_ins(
+    campaign: &Campaign<'_>,
+    learner: &dyn Learner,
+    inputs: &[usize],
+    method: Method,
+) -> Vec<Fallback> {
     let runs: Vec<usize> = (0..learner.bank().runs.len()).collect();
     let mut found = Vec::new();
     for lost in inputs {
@@ -263,16 +299,17 @@ fn stand_ins(campaign: &Campaign<'_>, learner: &dyn Learner, inputs: &[usize]) -
         let Ok(held) = leave_one_run_out(campaign, learner, &[*lost], None, &|_, _| {}) else { continue };
         found.push(Fallback {
             without: campaign.inputs[*lost].name.clone(),
+            method: method.name(),
+            alone: None,
             terms: gains.iter().map(|(candidate, gain)| shown(campaign, candidate, *gain, 0.0)).collect(),
             region: Region::of(campaign, learner.bank(), &needed),
             means: means(held.iter().map(|held| (held.score.range_um, held.score.rmse_um))),
         });
     }
-    found.sort_by(|one, other| one.means.mean_range_um.total_cmp(&other.means.mean_range_um));
     found
 }
 
-fn means(scores: impl Iterator<Item = (f64, f64)>) -> Means {
+pub(super) fn means(scores: impl Iterator<Item = (f64, f64)>) -> Means {
     let (mut ranges, mut squares, mut worst, mut runs) = (0.0, 0.0, 0.0_f64, 0_usize);
     for (range, rms) in scores {
         ranges += range;

@@ -23,10 +23,10 @@ pub trait Learner: Sync {
 pub enum Learned {
     /// A sum of gains times rises: µm per unit, for Cz.
     Sum(Vec<(Candidate, f64)>),
-    /// A network over rises without lags.
+    /// A network over rises.
     Net {
-        /// What it takes, by place among the campaign's inputs.
-        inputs: Vec<usize>,
+        /// What it takes, in its order: columns of the bank.
+        inputs: Vec<Candidate>,
         /// What computes.
         net: Box<Net>,
         /// The same as its file.
@@ -41,7 +41,8 @@ impl Learned {
         match self {
             Learned::Sum(gains) => sum(campaign, bank, run, gains),
             Learned::Net { inputs, net, .. } => {
-                let columns: Vec<usize> = inputs.iter().filter_map(|input| plain(bank, *input)).collect();
+                let place = |input| bank.candidates.iter().position(|known| known == input);
+                let columns: Vec<usize> = inputs.iter().filter_map(place).collect();
                 (0..traced.rises.nrows())
                     .map(|row| {
                         let rises: Vec<f64> =

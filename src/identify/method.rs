@@ -13,11 +13,13 @@ mod forward;
 mod lag;
 mod least_squares;
 mod position;
-
 mod ridge;
 mod sparse;
 pub(super) mod stepwise;
+mod trained;
 mod two_source;
+
+pub(super) use difference::alone;
 
 /// How a model is found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -33,12 +35,16 @@ pub enum Method {
     Ols,
     /// One time constant for each of a few sensors, fitted (Janeczko 1989)
     Lag,
-    /// Terms of Cz and of its slope over --position (Li et al. 1998)
+    /// Terms of Cz and of its slope over --position, chosen on runs that were left out (Li et al. 1998)
     Position,
     /// --first sensors from the --waiting runs, --second sensors from what is left on the others (Tachiya et al. 2013)
     TwoSource,
-    /// One gain for the difference of two sensors (JP H07-61598 B2)
+    /// One gain for the difference of two sensors, and each of them alone with machine-on time (JP H07-61598 B2)
     Difference,
+    /// Radial basis functions about --centres that k-means finds
+    Rbf,
+    /// A network of --neurons in one layer, by back-propagation that stops where days left out say so
+    Network,
     /// No model: the bare machine, or a probe alone
     None,
 }
@@ -48,7 +54,7 @@ pub enum Method {
 pub struct Settings {
     /// How.
     pub method: Method,
-    /// Time constants that are tried.
+    /// Time constants that are tried; empty: the method's own.
     pub lags: Vec<Option<Duration>>,
     /// Most terms of a chosen model; `None`: the method's own limit.
     pub terms: Option<usize>,
@@ -60,18 +66,27 @@ pub struct Settings {
     pub second: Vec<String>,
     /// Rows closer than this are no independent samples: partial F tests count one sample per so long.
     pub independent: Duration,
+    /// rbf: how many radial basis functions.
+    pub centres: usize,
+    /// network: how many neurons.
+    pub neurons: usize,
+    /// rbf, network: what chance begins with; the same seed gives the same model.
+    pub seed: u64,
 }
 
 impl Default for Settings {
     fn default() -> Settings {
         Settings {
             method: Method::default(),
-            lags: usual_lags(),
+            lags: Vec::new(),
             terms: None,
             waiting: Vec::new(),
             first: Vec::new(),
             second: Vec::new(),
             independent: Duration::from_secs(1800),
+            centres: 20,
+            neurons: 8,
+            seed: 1,
         }
     }
 }
@@ -88,13 +103,24 @@ impl Method {
             Method::Position => "position",
             Method::TwoSource => "two-source",
             Method::Difference => "difference",
+            Method::Rbf => "rbf",
+            Method::Network => "network",
             Method::None => "none",
         }
     }
 
     /// Its gains are held small or chosen: how far they may be off shows in their spread, not in a normal equation.
     pub(super) fn is_penalized(self) -> bool {
-        matches!(self, Method::SparseLag | Method::RidgeLag)
+        matches!(self, Method::SparseLag | Method::RidgeLag | Method::Position)
+    }
+
+    /// What stands in where a sensor is lost: this method without that sensor, but a linear one for a network, which knows
+    /// least of the days that it has not seen.
+    pub(super) fn stand_in(self) -> Method {
+        match self {
+            Method::Rbf | Method::Network => Method::SparseLag,
+            own => own,
+        }
     }
 
     /// The method with its data.
@@ -110,23 +136,32 @@ impl Method {
             rows_per_sample: (settings.independent.as_secs_f64() / campaign.row_seconds()).max(1.0),
             terms: settings.terms.unwrap_or(usize::MAX),
         };
+        let lags = if settings.lags.is_empty() { usual_lags() } else { settings.lags.clone() };
         let rule: Box<dyn Rule> = match self {
             Method::SparseLag => Box::new(sparse::Sparse { terms: settings.terms }),
             Method::RidgeLag => Box::new(ridge::Ridge),
-            Method::Stepwise | Method::Position => Box::new(stepwise),
+            Method::Stepwise => Box::new(stepwise),
+            Method::Position => Box::new(position::Position { terms: settings.terms }),
             Method::Ols => Box::new(least_squares::LeastSquares),
             Method::None => Box::new(Nothing),
             Method::Difference => Box::new(difference::Difference),
             Method::TwoSource => Box::new(two_source::TwoSource::new(campaign, settings)?),
+            Method::Rbf | Method::Network => {
+                let shape = match self {
+                    Method::Rbf => trained::Shape::Radial(settings.centres),
+                    _ => trained::Shape::Neurons(settings.neurons),
+                };
+                return Ok(Box::new(trained::Trained::new(campaign, settings, shape)?));
+            }
             Method::Lag => {
-                let bank = Bank::of(campaign, &settings.lags);
+                let bank = Bank::of(campaign, &lags);
                 return Ok(Box::new(lag::Lagging::new(campaign, bank, settings.terms)));
             }
         };
         let plain: &[Option<Duration>] = &[None];
         let bank = match self {
-            Method::SparseLag | Method::RidgeLag | Method::Stepwise => Bank::of(campaign, &settings.lags),
-            Method::Position => position::bank(campaign)?,
+            Method::SparseLag | Method::RidgeLag | Method::Stepwise => Bank::of(campaign, &lags),
+            Method::Position => position::bank(campaign, &lags)?,
             _ => Bank::of(campaign, plain),
         };
         let grams = Gram::each(&bank);

@@ -2,8 +2,10 @@
 
 use std::fmt::Write;
 
+use super::bank::Candidate;
 use super::identified::{Identified, TermFound};
 use super::learn::Learned;
+use super::method::alone::Alone;
 use super::region::Region;
 use crate::compensation::model::Outside;
 
@@ -31,11 +33,11 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
     line(&format!("name = {}", quoted(found.method)));
     match &found.learned {
         Learned::Sum(_) => line(&sum(&found.terms, found.position.as_ref())),
-        Learned::Net { file, inputs: _, .. } => {
+        Learned::Net { file, inputs, .. } => {
             let name = format!("{stem}.network.json");
             line("kind = \"network\"");
             line(&format!("file = {}", quoted(&name)));
-            line(&format!("inputs = [{}]", network_inputs(file)));
+            line(&network_inputs(file, inputs));
             line("reference = \"start\"");
             files.push((name, format!("{file:#}\n")));
         }
@@ -60,9 +62,17 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
             fallback.without, fallback.means.mean_range_um, fallback.means.worst_range_um
         ));
         line(&format!("[[axis.{}.model]]", found.axis));
-        line(&format!("name = {}", quoted(&format!("{} without {}", found.method, fallback.without))));
-        line(&sum(&fallback.terms, found.position.as_ref()));
-        let name = format!("{stem}.without-{}.envelope.json", fallback.without);
+        line(&format!("name = {}", quoted(&format!("{} without {}", fallback.method, fallback.without))));
+        let name = match &fallback.alone {
+            Some(alone) => {
+                line(&formula(alone));
+                format!("{stem}.{}-alone.envelope.json", alone.signal)
+            }
+            None => {
+                line(&sum(&fallback.terms, found.position.as_ref()));
+                format!("{stem}.without-{}.envelope.json", fallback.without)
+            }
+        };
         line(&bounded(fallback.region.as_ref(), name));
     }
     Written { block, files }
@@ -135,9 +145,34 @@ fn short(value: f64) -> String {
     format!("{value:.decimals$}")
 }
 
-fn network_inputs(file: &serde_json::Value) -> String {
+/// In the network's order, one line for each sensor.
+fn network_inputs(file: &serde_json::Value, inputs: &[Candidate]) -> String {
     let names = file["inputs"]["names"].as_array().map(Vec::as_slice).unwrap_or_default();
-    names.iter().map(serde_json::Value::to_string).collect::<Vec<String>>().join(", ")
+    let mut text = "inputs = [".to_owned();
+    let mut last = None;
+    for (name, Candidate { input, lag, .. }) in names.iter().zip(inputs) {
+        text.push_str(if last == Some(input) { " " } else { "\n  " });
+        last = Some(input);
+        // Writing to a string never fails.
+        let _ = match lag {
+            Some(lag) => {
+                write!(text, "{{ signal = {name}, lag = \"{}\" }},", humantime::format_duration(*lag))
+            }
+            None => write!(text, "{name},"),
+        };
+    }
+    text + "\n]"
+}
+
+fn formula(alone: &Alone) -> String {
+    let constants = alone.constants.iter().map(|(name, value)| format!("{name} = {value:?}"));
+    format!(
+        "kind = \"formula\"\nformula = {}\ninputs = {{ {} = {} }}\nconstants = {{ {} }}",
+        quoted(alone.formula),
+        alone.symbol,
+        quoted(&alone.signal),
+        constants.collect::<Vec<String>>().join(", ")
+    )
 }
 
 fn quoted(text: &str) -> String {

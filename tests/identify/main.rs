@@ -6,8 +6,10 @@
 mod balls;
 mod drift;
 mod faulty;
+mod position;
 mod recovered;
 mod rig;
 mod runs;
 mod stated;
+mod trained;
 mod wrong;

@@ -20,16 +20,17 @@ fn machine(step: f64, rows: usize) -> Machine {
 
 /// The block that the other days give, pasted and replayed over the last day: the largest difference between its
 /// residual and that of the cross-validation, µm, and the rows compared.
-fn apart(machine: &Machine, method: Method, resample: u64) -> (f64, usize) {
-    let days: Vec<String> = (0..5).map(|day| machine.day(day).log()).collect();
+fn apart(machine: &Machine, count: u64, method: Method, resample: u64) -> (f64, usize) {
+    let days: Vec<String> = (0..count).map(|day| machine.day(day).log()).collect();
     let choice = Choice { resample: std::time::Duration::from_secs(resample), ..Choice::default() };
     let settings =
         Settings { method, terms: Some(4).filter(|_| method == Method::Lag), ..Settings::default() };
+    let last = days.len() - 1;
     let profile = rig::profile(3);
     let all = dataset(&days).unwrap();
     let validated = ready(&profile, &all, &choice).unwrap();
     let validated = identify(&validated, &settings, None, false, &|_, _| {}).unwrap();
-    let others = dataset(&days[..4]).unwrap();
+    let others = dataset(&days[..last]).unwrap();
     let others = ready(&profile, &others, &choice).unwrap();
     let found = identify(&others, &settings, None, true, &|_, _| {}).unwrap();
     let block = written(&found, "z", Outside::Warn);
@@ -44,7 +45,7 @@ fn apart(machine: &Machine, method: Method, resample: u64) -> (f64, usize) {
         .unwrap_or_else(|errors| panic!("{errors}\n{}", block.block));
     assert_eq!(pasted.profile.axes[0].settings.models.len(), 1 + found.fallbacks.len());
     let mut out = Vec::new();
-    replay(&pasted.profile, days[4].as_bytes(), "day4.csv", Some(&mut out)).unwrap();
+    replay(&pasted.profile, days[last].as_bytes(), "last.csv", Some(&mut out)).unwrap();
     let mut table = csv::Reader::from_reader(out.as_slice());
     let header = table.headers().unwrap().clone();
     let at = |name: &str| header.iter().position(|column| column == name).unwrap();
@@ -56,7 +57,7 @@ fn apart(machine: &Machine, method: Method, resample: u64) -> (f64, usize) {
         .inspect(|row| assert_eq!(&row[model], method.name()))
         .map(|row| (row[time].parse().unwrap(), row[raw].parse().unwrap()))
         .collect();
-    let held = &validated.held_out[4];
+    let held = &validated.held_out[last];
     let residual = held.residual(None);
     let (mut worst, mut rows) = (0.0_f64, 0);
     for (row, second) in held.seconds.iter().enumerate() {
@@ -78,15 +79,23 @@ fn apart(machine: &Machine, method: Method, resample: u64) -> (f64, usize) {
 #[test]
 fn the_block_replayed_over_a_day_it_never_saw_leaves_what_cross_validation_left() {
     for method in [Method::SparseLag, Method::RidgeLag, Method::Stepwise, Method::Ols, Method::Lag] {
-        let (worst, rows) = apart(&machine(60.0, 400), method, 60);
+        let (worst, rows) = apart(&machine(60.0, 400), 5, method, 60);
         assert!(worst < 1e-6 && rows > 390, "{method}: {worst} µm over {rows} rows");
     }
 }
 
 #[test]
+fn so_does_the_file_of_a_network_with_its_lagged_inputs() {
+    for method in [Method::Rbf, Method::Network] {
+        let (worst, rows) = apart(&machine(60.0, 240), 4, method, 60);
+        assert!(worst < 1e-6 && rows > 230, "{method}: {worst} µm over {rows} rows");
+    }
+}
+
+#[test]
 fn so_it_does_where_rows_come_faster_than_they_are_averaged() {
-    let (worst, rows) = apart(&machine(10.0, 1500), Method::SparseLag, 60);
+    let (worst, rows) = apart(&machine(10.0, 1500), 5, Method::SparseLag, 60);
     assert!(worst < 1e-6 && rows > 200, "{worst} µm over {rows} rows");
-    let (worst, rows) = apart(&machine(30.0, 600), Method::RidgeLag, 0);
+    let (worst, rows) = apart(&machine(30.0, 600), 5, Method::RidgeLag, 0);
     assert!(worst < 1e-6 && rows > 580, "{worst} µm over {rows} rows");
 }

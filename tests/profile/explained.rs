@@ -69,3 +69,19 @@ fn an_operators_register_is_explained_as_his() {
         assert!(told.contains(words), "`{words}` is not in:\n{told}");
     }
 }
+
+#[test]
+fn of_several_lags_of_one_signal_the_sum_is_told_because_one_may_point_the_other_way() {
+    let term = "{ signal = \"bed\", gain = 2.4 },";
+    let slow = "{ signal = \"bed\", gain = 3.5 }, { signal = \"bed\", gain = -1.1, lag = \"1h\" },";
+    let machine = with(term, slow).unwrap().profile;
+    let told = isotherm::explain::Explanation::of(&machine).to_string();
+    for words in [
+        "when bed rises by 1 °C, Cz changes by +3.5 µm",
+        "when bed rises by 1 °C (63 % of it 1h after bed has risen), Cz changes by −1.1 µm",
+        "when bed rises by 1 °C for good (its 2 terms added up), Cz changes by +2.4 µm",
+    ] {
+        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+    }
+    assert!(!told.contains("wheelhead rises by 1 °C for good"), "{told}");
+}

@@ -40,6 +40,9 @@ fn tell(text: &mut String, found: &Identified, probe: Option<Duration>) -> std::
     if !found.terms.is_empty() {
         writeln!(text, "\n  Cz = −e, added up from")?;
     }
+    if let Some(network) = &found.network {
+        writeln!(text, "\n  Cz = −e, by a {network}")?;
+    }
     let mut terms: Vec<_> = found.terms.iter().collect();
     terms.sort_by(|one, other| other.gain.abs().total_cmp(&one.gain.abs()));
     let width = terms.iter().map(|term| term.signal.chars().count()).max().unwrap_or(0);
@@ -87,8 +90,11 @@ fn tell(text: &mut String, found: &Identified, probe: Option<Duration>) -> std::
     for fallback in &found.fallbacks {
         writeln!(
             text,
-            "  without {}: mean range {:.2} µm, worst {:.2} µm",
-            fallback.without, fallback.means.mean_range_um, fallback.means.worst_range_um
+            "  without {} ({}): mean range {:.2} µm, worst {:.2} µm",
+            fallback.without,
+            fallback.kind(),
+            fallback.means.mean_range_um,
+            fallback.means.worst_range_um
         )?;
     }
     Ok(())

@@ -1,4 +1,7 @@
 //! `difference`: Cz = Kz·(A − B), JP H07-61598 B2. A and B are the two inputs, or the pair that fits best.
+//! Each of the two [alone] stands in for the other.
+
+pub(in crate::identify) mod alone;
 
 use super::Rule;
 use crate::identify::gram::Gram;

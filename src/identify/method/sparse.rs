@@ -24,7 +24,7 @@ pub(super) struct Sparse {
 /// taken only where it leaves less than [`CLEARLY`] times as much on runs that were left out.
 const HELD: [f64; 2] = [0.3, 0.01];
 const CLEARLY: f64 = 0.4;
-const MOST_TERMS: usize = 10;
+pub(super) const MOST_TERMS: usize = 10;
 /// L2 of the elastic net, likewise: sensors of one machine are nearly alike.
 const SHARED: [f64; 2] = [0.1, 0.003];
 /// How far below the first penalty the path goes, in steps of a quarter decade.
@@ -35,17 +35,23 @@ const UNVALIDATED: usize = 5;
 impl Rule for Sparse {
     fn fit(&self, grams: &[Gram], runs: &[usize], columns: &[usize]) -> Result<Vec<(usize, f64)>, String> {
         let few: Vec<Gram> = grams.iter().map(|gram| gram.of_columns(columns)).collect();
-        let forward = by_forward(&few, runs, self.terms.unwrap_or(MOST_TERMS));
+        let forward = by_forward(&few, runs, self.terms.unwrap_or(MOST_TERMS), &HELD);
         let gains = match self.terms {
             Some(_) => forward,
             None => (forward + by_net(&few, runs)) * 0.5,
         };
-        let gains = gains.iter().copied().zip(columns.iter().copied());
-        Ok(gains.filter(|(gain, _)| gain.abs() > 0.0).map(|(gain, column)| (column, gain)).collect())
+        Ok(in_columns(&gains, columns))
     }
 }
 
-fn by_forward(grams: &[Gram], runs: &[usize], most: usize) -> DVector<f64> {
+/// The gains that are not zero, each with its column.
+pub(super) fn in_columns(gains: &DVector<f64>, columns: &[usize]) -> Vec<(usize, f64)> {
+    let gains = gains.iter().copied().zip(columns.iter().copied());
+    gains.filter(|(gain, _)| gain.abs() > 0.0).map(|(gain, column)| (column, gain)).collect()
+}
+
+/// The forward search with each of these ridges, the first unless a later one leaves clearly less.
+pub(super) fn by_forward(grams: &[Gram], runs: &[usize], most: usize, ridges: &[f64]) -> DVector<f64> {
     let sum = Gram::sum(grams, runs);
     let folds = match inner(grams, runs) {
         folds if folds.is_empty() => vec![(sum.clone(), runs.to_vec())],
@@ -54,7 +60,7 @@ fn by_forward(grams: &[Gram], runs: &[usize], most: usize) -> DVector<f64> {
     let folds: Vec<(Gram, Gram)> =
         folds.into_iter().map(|(training, fold)| (training, Gram::sum(grams, &fold))).collect();
     let most = if runs.len() < 2 { most.min(UNVALIDATED) } else { most };
-    let tried = HELD.iter().map(|penalty| (forward(&folds, *penalty, most), *penalty));
+    let tried = ridges.iter().map(|penalty| (forward(&folds, *penalty, most), *penalty));
     let tried = tried.map(|((chosen, cost), penalty)| (cost, (chosen, penalty)));
     let (chosen, penalty) = first_unless_clearly(tried).unwrap_or_default();
     let mut gains = DVector::zeros(sum.cross.len());

@@ -19,7 +19,10 @@ pub(super) fn terms(found: &Identified) -> Markup {
     let Learned::Sum(gains) = &found.learned else {
         return html! {
             h2 { "The model" }
-            p { "A network: its weights lie in a file beside the profile. It has no terms to be listed." }
+            p {
+                "A " (found.network.as_deref().unwrap_or("network")) ": its weights lie in a file beside the profile. It has "
+                "no terms to be listed."
+            }
         };
     };
     if gains.is_empty() {
@@ -134,18 +137,18 @@ pub(super) fn stand_ins(fallbacks: &[Fallback], means: &Means) -> Markup {
                 td { (number(fallback.means.mean_range_um)) }
                 td { (number(fallback.means.worst_range_um)) }
                 td { (number(fallback.means.mean_rmse_um)) }
-                td { (fallback.terms.len()) }
+                td { (fallback.kind()) } td { (fallback.terms.len()) }
             }
         }
         tr .sum {
             th scope="row" { "none" }
-            td { (number(means.mean_range_um)) } td { (number(means.worst_range_um)) } td { (number(means.mean_rmse_um)) } td {}
+            td { (number(means.mean_range_um)) } td { (number(means.worst_range_um)) } td { (number(means.mean_rmse_um)) } td {} td {}
         }
     };
     html! {
         h2 { "Without one of its sensors" }
         p { "Where a sensor breaks, a model that does without it stands in. Held out in the same way:" }
-        (table(&["lost", "mean range, µm", "worst run, µm", "mean RMS, µm", "terms"], &rows))
+        (table(&["lost", "mean range, µm", "worst run, µm", "mean RMS, µm", "method", "terms"], &rows))
     }
 }
 

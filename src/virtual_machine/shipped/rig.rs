@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Duration;
 
-use super::fit::{Fit, least_squares};
+use super::fit::{Fit, least_squares, left, rms};
 use crate::compensation::model::{Kind, Linear, Model, Term};
 use crate::compensation::settings::AxisSettings;
 use crate::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
@@ -20,11 +20,13 @@ pub(super) struct Rig {
     plant: PlantSpec,
 }
 
-/// An axis of a calibration day.
-pub(super) struct Identified {
+/// An axis over its recorded days.
+pub(super) struct Fitted {
     pub(super) axis: String,
-    pub(super) line: Linear,
+    /// The gains that leave least.
     pub(super) fit: Fit,
+    /// The root mean square that the profile's gains leave, µm.
+    pub(super) shipped_rms: f64,
 }
 
 /// Smallest and largest of a day, without compensation and with it.
@@ -82,39 +84,36 @@ impl Rig {
         }
     }
 
-    /// Fits these sums, as they stand but for their numbers, to the day of this seed, one sample a minute.
-    pub(super) fn identify(&self, lines: &[(String, Linear)], seed: u64, hours: u64) -> Vec<Identified> {
+    /// Fits these sums, as they stand but for their gains, to the days of these seeds, one sample a minute.
+    pub(super) fn fitted(&self, lines: &[(String, Linear)], seeds: &[u64], hours: u64) -> Vec<Fitted> {
         // An axis for each term, that asks for the rise alone.
         let terms: Vec<Term> = lines.iter().flat_map(|(_, line)| line.all_terms()).copied().collect();
-        let mut core = self.core(terms.iter().map(|term| self.alone(*term)).collect());
         let controls = vec![Control::default(); terms.len()];
         let mut rows = vec![Vec::new(); lines.len()];
         let mut targets = vec![Vec::new(); lines.len()];
-        self.day(seed, hours, |second, plant, snapshot| {
-            core.step(snapshot, &controls);
-            let rise = |place| Some(core.model_value(place, snapshot)?.1.get());
-            let rises: Option<Vec<f64>> = (0..terms.len()).map(rise).collect();
-            let Some(rises) = rises.filter(|_| second % 60 == 0) else { return };
-            let mut rises = rises.into_iter();
-            for (place, (axis, line)) in lines.iter().enumerate() {
-                let mut row: Vec<f64> = rises.by_ref().take(line.all_terms().count()).collect();
-                if let Some(slope) = &line.slope {
-                    let distance = snapshot.value(slope.position).unwrap() - slope.reference;
-                    row[line.terms.len()..].iter_mut().for_each(|value| *value *= distance);
+        for seed in seeds {
+            let mut core = self.core(terms.iter().map(|term| self.alone(*term)).collect());
+            self.day(*seed, hours, |second, plant, snapshot| {
+                core.step(snapshot, &controls);
+                let rise = |place| Some(core.model_value(place, snapshot)?.1.get());
+                let rises: Option<Vec<f64>> = (0..terms.len()).map(rise).collect();
+                let Some(rises) = rises.filter(|_| second % 60 == 0) else { return };
+                let mut rises = rises.into_iter();
+                for (place, (axis, line)) in lines.iter().enumerate() {
+                    let mut row: Vec<f64> = rises.by_ref().take(line.all_terms().count()).collect();
+                    if let Some(slope) = &line.slope {
+                        let distance = snapshot.value(slope.position).unwrap() - slope.reference;
+                        row[line.terms.len()..].iter_mut().for_each(|value| *value *= distance);
+                    }
+                    rows[place].push(row);
+                    targets[place].push(-plant.true_error_um(axis).unwrap());
                 }
-                row.push(1.0);
-                rows[place].push(row);
-                targets[place].push(-plant.true_error_um(axis).unwrap());
-            }
-        });
+            });
+        }
         let fitted = lines.iter().zip(rows.iter().zip(&targets)).map(|((axis, line), (rows, target))| {
-            let fit = least_squares(rows, target);
-            let mut line = line.clone();
-            let mut found = fit.coefficients.iter().copied();
-            let slope = line.slope.iter_mut().flat_map(|slope| &mut slope.terms);
-            line.terms.iter_mut().chain(slope).for_each(|term| term.gain = found.next().unwrap());
-            line.offset = found.next().unwrap();
-            Identified { axis: axis.clone(), line, fit }
+            let gains: Vec<f64> = line.all_terms().map(|term| term.gain).collect();
+            let shipped_rms = rms(&left(rows, &gains, target));
+            Fitted { axis: axis.clone(), fit: least_squares(rows, target), shipped_rms }
         });
         fitted.collect()
     }
