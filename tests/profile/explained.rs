@@ -73,7 +73,7 @@ fn an_operators_register_is_explained_as_his() {
 #[test]
 fn of_several_lags_of_one_signal_the_sum_is_told_because_one_may_point_the_other_way() {
     let term = "{ signal = \"bed\", gain = 2.4 },";
-    let slow = "{ signal = \"bed\", gain = 3.5 }, { signal = \"bed\", gain = -1.1, lag = \"1h\" },";
+    let slow = "{ signal = \"bed\", gain = 3.5 }, { signal = \"bed\", gain = -1.1, reference = 20.0, lag = \"1h\" },";
     let machine = with(term, slow).unwrap().profile;
     let told = isotherm::explain::Explanation::of(&machine).to_string();
     for words in [
