@@ -1,10 +1,12 @@
 //! The runs of a dataset as the gateway would see them: through a profile's signals, with one measured error.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::time::Duration;
 
 use crate::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault};
 use crate::identify::dataset::{Dataset, Run};
+use crate::identify::faults::mend::Mending;
 use crate::profile::Profile;
 use crate::quantity::{Micron, Moment};
 use crate::reading::{Reading, Reason, SignalId};
@@ -15,8 +17,8 @@ pub const USUAL_SETTLE: Duration = Duration::from_secs(180);
 /// Runs, inputs and the error that is to be compensated.
 #[derive(Clone, Debug)]
 pub struct Campaign<'a> {
-    /// The logs.
-    pub dataset: &'a Dataset,
+    /// The logs, faults mended.
+    pub dataset: Cow<'a, Dataset>,
     /// What a model may be made of.
     pub inputs: Vec<Input>,
     /// The column with the measured error e, µm.
@@ -30,6 +32,7 @@ pub struct Campaign<'a> {
     pub(super) axes: Vec<AxisSettings>,
     /// By signal of the profile: its column and its range.
     columns: Vec<Option<Channel>>,
+    mending: Option<Mending<'a>>,
 }
 
 /// One input of a model.
@@ -75,12 +78,13 @@ impl<'a> Campaign<'a> {
             Some(Channel { column, range: signal.range })
         };
         Campaign {
-            dataset,
+            dataset: Cow::Borrowed(dataset),
             inputs: Vec::new(),
             error,
             machine,
             resample,
             position: None,
+            mending: None,
             axes: profile.axes.iter().map(bare).collect(),
             columns: profile.signals.iter().map(channel).collect(),
         }
@@ -93,12 +97,13 @@ impl<'a> Campaign<'a> {
         let machine =
             MachineSettings { settle: USUAL_SETTLE, signals: columns.len(), ..MachineSettings::default() };
         Campaign {
-            dataset,
+            dataset: Cow::Borrowed(dataset),
             inputs: Vec::new(),
             error,
             machine,
             resample,
             position: None,
+            mending: None,
             axes: vec![onlooker()],
             columns,
         }
@@ -108,6 +113,21 @@ impl<'a> Campaign<'a> {
     #[must_use]
     pub fn with_inputs(self, inputs: Vec<Input>) -> Campaign<'a> {
         Campaign { inputs, ..self }
+    }
+
+    /// The same with what was faulty mended.
+    #[must_use]
+    pub(super) fn with_mending(self, mending: Option<Mending<'a>>) -> Campaign<'a> {
+        match &mending {
+            Some(own) => Campaign { dataset: Cow::Owned(own.mended()), mending, ..self },
+            None => self,
+        }
+    }
+
+    /// The same as if this run had not been recorded yet when the other runs were mended; `None`: it is no other.
+    pub(super) fn never_saw(&self, run: usize) -> Option<Campaign<'a>> {
+        let dataset = self.mending.as_ref()?.never_saw(run)?;
+        Some(Campaign { dataset: Cow::Owned(dataset), ..self.clone() })
     }
 
     /// How long one row stands for after averaging: the averaging window, or the log's own step where that is longer.

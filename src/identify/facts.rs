@@ -88,7 +88,7 @@ pub fn document<'a>(
     found: &'a Identified,
     made: Moment,
 ) -> Document<'a> {
-    let dataset = campaign.dataset;
+    let dataset = campaign.dataset.as_ref();
     let axis = profile.axes.iter().map(|axis| &axis.settings).find(|axis| axis.name == found.axis);
     Document {
         machine: &profile.name,

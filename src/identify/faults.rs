@@ -1,4 +1,4 @@
-//! Sensors that must not be learnt from, found in the logs and told in words with times.
+//! Sensors that must not be learnt from as they are, found in the logs and told in words with times.
 //!
 //! One faulty sensor left in makes the worst run several times worse than no compensation. What counts as a fault:
 //! - **jump**: more than 3 °C within a minute, and it stays. No casting does that; it is a new sensor, or a broken one.
@@ -6,6 +6,9 @@
 //! - **stuck**: the same number for an hour or more while its neighbours move.
 //! - **constant**: it tells nothing.
 //! - **missing**: more than a fifth of a run.
+//!
+//! The first three spoil one run, not the sensor in every other: what they spoilt is rebuilt where the good runs show
+//! that it can be, and the sensor is left out of everything only where not.
 
 use std::time::Duration;
 
@@ -14,6 +17,10 @@ use serde::Serialize;
 use super::dataset::{Dataset, Run};
 use super::gram::count;
 use super::validate::range;
+
+pub(super) mod mend;
+mod rebuild;
+mod rows;
 
 /// °C per minute that no casting reaches.
 const JUMP: f64 = 3.0;
@@ -37,6 +44,51 @@ pub struct Excluded {
     pub reason: String,
 }
 
+/// A sensor that was faulty in one run, and stays in: what its readings of that run were replaced by.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Repaired {
+    /// The signal.
+    pub signal: String,
+    /// The run.
+    pub run: String,
+    /// What was found, with its time.
+    pub fault: String,
+    /// What was done about it.
+    pub done: String,
+}
+
+impl Repaired {
+    /// As it stands beside the sensors that were left out.
+    pub(super) fn as_found(&self) -> Excluded {
+        let reason = format!("{} ({}) in {}", self.fault, self.done, self.run);
+        Excluded { signal: self.signal.clone(), reason }
+    }
+}
+
+/// A fault of one column.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Fault {
+    pub(super) column: usize,
+    /// `None`: of every run.
+    pub(super) run: Option<usize>,
+    /// What was found, with its time.
+    pub(super) words: String,
+    pub(super) damage: Damage,
+}
+
+/// Which rows of the run a fault spoils.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Damage {
+    /// These.
+    Spikes(Vec<usize>),
+    /// All from this one on, by a step.
+    Jump(usize),
+    /// All from the first to before the second.
+    Stuck(usize, usize),
+    /// No telling.
+    Whole,
+}
+
 /// A sensor's minutes over one run.
 #[derive(Clone, Debug)]
 struct Minutes {
@@ -44,41 +96,68 @@ struct Minutes {
     values: Vec<f64>,
 }
 
-/// The faults of these columns of temperatures: at most one of each kind for each run.
+/// Every fault of these columns of temperatures, as reasons to leave them out.
 pub fn find(dataset: &Dataset, columns: &[usize]) -> Vec<Excluded> {
-    let series: Vec<Vec<Minutes>> =
-        dataset.runs.iter().map(|run| columns.iter().map(|column| minutes(run, *column)).collect()).collect();
-    let mut found = Vec::new();
-    for (place, column) in columns.iter().enumerate() {
-        let signal = &dataset.columns[*column].name;
-        let reasons = reasons(dataset, &series, place, *column);
-        found.extend(reasons.into_iter().map(|reason| Excluded { signal: signal.clone(), reason }));
-    }
-    found
+    faults(dataset, columns).iter().map(|fault| fault.excluded(dataset)).collect()
 }
 
-fn reasons(dataset: &Dataset, series: &[Vec<Minutes>], place: usize, column: usize) -> Vec<String> {
+impl Fault {
+    pub(super) fn excluded(&self, dataset: &Dataset) -> Excluded {
+        let run = self.run.map(|run| format!(" in {}", dataset.runs[run].name)).unwrap_or_default();
+        Excluded { signal: dataset.columns[self.column].name.clone(), reason: format!("{}{run}", self.words) }
+    }
+}
+
+/// Every fault of these columns of temperatures, column by column, run by run.
+pub(super) fn faults(dataset: &Dataset, columns: &[usize]) -> Vec<Fault> {
+    let series: Vec<Vec<Minutes>> =
+        dataset.runs.iter().map(|run| columns.iter().map(|column| minutes(run, *column)).collect()).collect();
+    let each = columns.iter().enumerate();
+    each.flat_map(|(place, column)| of_column(dataset, &series, place, *column)).collect()
+}
+
+fn of_column(dataset: &Dataset, series: &[Vec<Minutes>], place: usize, column: usize) -> Vec<Fault> {
+    let fault = |run, words, damage| Fault { column, run, words, damage };
     let resolution = resolution(dataset, column);
     let spans: Vec<f64> = series.iter().map(|run| range(&run[place].values)).collect();
     let least = (2.0 * resolution).clamp(STANDS_STILL, 0.05);
     if spans.iter().all(|span| *span < least) {
-        return vec!["constant: it tells nothing".to_owned()];
+        return vec![fault(None, "constant: it tells nothing".to_owned(), Damage::Whole)];
     }
     let lively = liveliness(series, place);
-    let mut reasons = Vec::new();
-    for (run, sensors) in dataset.runs.iter().zip(series) {
+    let mut found = Vec::new();
+    for (number, (run, sensors)) in dataset.runs.iter().zip(series).enumerate() {
         let own = &sensors[place];
+        let mut add = |words: String, damage: Damage| found.push(fault(Some(number), words, damage));
         let gone = run.values[column].iter().filter(|value| !value.is_finite()).count();
         let share = count(gone) / count(run.times.len()).max(1.0);
         if share > MISSING {
-            reasons.push(format!("missing in {:.0} % of the rows of {}", 100.0 * share, run.name));
+            add(format!("missing in {:.0} % of the rows", 100.0 * share), Damage::Whole);
         }
-        reasons.extend(jump(own).map(|fault| format!("{fault} in {}", run.name)));
-        reasons.extend(
-            stuck(sensors, place, resolution, lively).map(|fault| format!("{fault} in {}", run.name)),
-        );
+        let spikes = spikes(own);
+        if let Some((first, _)) = spikes.first() {
+            let step = own.values[*first] - own.values[*first - 1];
+            let more = if spikes.len() > 1 { format!(", {} times", spikes.len()) } else { String::new() };
+            let at = clock(own.seconds[*first]);
+            let words = format!("spikes of {step:+.1} °C, first at {at}{more}: a bad contact");
+            add(words, Damage::Spikes(rows::spoilt(run, own, &spikes)));
+        }
+        let stuck = stuck(sensors, place, resolution, lively);
+        for (step, place) in jumps(own, &spikes, &stuck) {
+            let at = clock(own.seconds[place]);
+            let words = format!("jumps by {step:+.1} °C at {at} and stays: no casting does that");
+            add(words, Damage::Jump(rows::of_step(run, column, own.seconds[place])));
+        }
+        for (from, to, expected) in stuck {
+            let (begin, end) = (clock(from), clock(to));
+            let words = format!(
+                "stuck at one number from {begin} to {end} while its neighbours moved as for {expected:.1} °C"
+            );
+            let (from, to) = rows::of_span(run, from, to);
+            add(words, Damage::Stuck(from, to));
+        }
     }
-    reasons
+    found
 }
 
 /// Means of each minute in which there is a value.
@@ -103,44 +182,46 @@ fn minutes(run: &Run, column: usize) -> Minutes {
     made
 }
 
-/// The first jump that stays, or spike that returns.
-fn jump(own: &Minutes) -> Option<String> {
-    for place in 1..own.values.len() {
-        let step = own.values[place] - own.values[place - 1];
-        let passed = (own.seconds[place] - own.seconds[place - 1]).max(60.0);
-        let (before, at) = (own.values[place - 1], clock(own.seconds[place]));
-        let soon = (place..own.values.len())
+/// Where spikes begin, and where the first good minute after each is.
+fn spikes(own: &Minutes) -> Vec<(usize, usize)> {
+    let mut found = Vec::new();
+    let mut place = 1;
+    while place < own.values.len() {
+        let before = own.values[place - 1];
+        let step = own.values[place] - before;
+        let soon = (place + 1..own.values.len())
             .take_while(|next| own.seconds[*next] - own.seconds[place] <= SPIKE_LASTS.as_secs_f64());
-        let returns = soon.clone().skip(1).any(|next| (own.values[next] - before).abs() < 0.5 * step.abs());
-        if returns && step.abs() > SPIKE {
-            let spikes = spikes(own);
-            let more = if spikes > 1 { format!(", {spikes} times") } else { String::new() };
-            return Some(format!("spikes of {step:+.1} °C, first at {at}{more}: a bad contact"));
-        }
-        if step.abs() * 60.0 / passed > JUMP && !returns {
-            return Some(format!(
-                "jumps by {step:+.1} °C at {at} and stays: no casting does that, it is another sensor since then"
-            ));
+        let back = soon.into_iter().find(|next| (own.values[*next] - before).abs() < 0.5 * step.abs());
+        match back.filter(|_| step.abs() > SPIKE) {
+            Some(back) => {
+                found.push((place, back));
+                place = back + 1;
+            }
+            None => place += 1,
         }
     }
-    None
+    found
 }
 
-fn spikes(own: &Minutes) -> usize {
-    let there = |place: &usize| {
-        let step = own.values[*place] - own.values[*place - 1];
-        let next = own.values.get(*place + 1..(*place + 6).min(own.values.len())).unwrap_or_default();
-        step.abs() > SPIKE
-            && next.iter().any(|value| (value - own.values[*place - 1]).abs() < 0.5 * step.abs())
+/// Jumps that stay, with the minute after each. A sensor that thaws jumps, too: that belongs to its being stuck.
+fn jumps(own: &Minutes, spikes: &[(usize, usize)], stuck: &[(f64, f64, f64)]) -> Vec<(f64, usize)> {
+    let is_spike = |place: &usize| spikes.iter().any(|(from, to)| (from..to).contains(&place));
+    let good: Vec<usize> = (0..own.values.len()).filter(|place| !is_spike(place)).collect();
+    let thaws = |before: usize| stuck.iter().any(|(_, to, _)| (own.seconds[before] - to).abs() < 1.0);
+    let step = |pair: &[usize]| {
+        let (before, after) = (pair[0], pair[1]);
+        let step = own.values[after] - own.values[before];
+        let passed = (own.seconds[after] - own.seconds[before]).max(60.0);
+        (step.abs() * 60.0 / passed > JUMP && !thaws(before)).then_some((step, after))
     };
-    (1..own.values.len()).filter(there).count()
+    good.windows(2).filter_map(step).collect()
 }
 
-/// The longest stretch at one number, where the neighbours say that it should have moved.
-fn stuck(sensors: &[Minutes], place: usize, resolution: f64, lively: f64) -> Option<String> {
+/// The stretches at one number where the neighbours say that it should have moved: from, to, and by how many °C.
+fn stuck(sensors: &[Minutes], place: usize, resolution: f64, lively: f64) -> Vec<(f64, f64, f64)> {
     let own = &sensors[place];
     let mut begin = 0;
-    let mut longest: Option<(f64, f64, f64)> = None;
+    let mut found = Vec::new();
     for end in 1..=own.values.len() {
         let goes_on = end < own.values.len()
             && (own.values[end] - own.values[begin]).abs() < 1e-9 * own.values[begin].abs().max(1.0);
@@ -148,22 +229,15 @@ fn stuck(sensors: &[Minutes], place: usize, resolution: f64, lively: f64) -> Opt
             continue;
         }
         let (from, to) = (own.seconds[begin], own.seconds[end - 1]);
-        if to - from >= STUCK.as_secs_f64()
-            && longest.is_none_or(|(from, to, _)| own.seconds[end - 1] - own.seconds[begin] > to - from)
-        {
+        if to - from >= STUCK.as_secs_f64() {
             let expected = lively * neighbours(sensors, place, from, to);
             if expected > MOVED.max(MOVED_STEPS * resolution) {
-                longest = Some((from, to, expected));
+                found.push((from, to, expected));
             }
         }
         begin = end;
     }
-    let (from, to, expected) = longest?;
-    Some(format!(
-        "stuck at one number from {} to {} while its neighbours moved as for {expected:.1} °C",
-        clock(from),
-        clock(to)
-    ))
+    found
 }
 
 /// How far the other sensors moved in this time: the median of their ranges.

@@ -8,7 +8,7 @@ use super::campaign::Campaign;
 use super::collinear::collinearity;
 use super::dataset::{Column, Kind};
 use super::facts::least_and_most;
-use super::faults::{Excluded, resolution};
+use super::faults::{Excluded, Repaired, resolution};
 use super::gram::count;
 use super::learn::{Learned, Learner};
 use super::method::alone::{Alone, alone};
@@ -50,6 +50,8 @@ pub struct Identified {
     pub excluded: Vec<Excluded>,
     /// Sensors that behave like the air, with the reason.
     pub ambient: Vec<AmbientLike>,
+    /// Sensors that were faulty in a run, and what was done about it.
+    pub repaired: Vec<Repaired>,
     /// What each column of the logs was taken for.
     pub columns: Vec<ColumnShown>,
     /// Models for the loss of each sensor, the best first.
@@ -163,14 +165,15 @@ pub fn identify(
     let learner = settings.method.prepare(campaign, settings)?;
     check_rows(learner.as_ref())?;
     check_count(learner.as_ref(), settings.method)?;
-    let held_out = leave_one_run_out(campaign, learner.as_ref(), &[], probe, progress)?;
+    let held_out = leave_one_run_out(campaign, learner.as_ref(), settings, &[], probe, progress)?;
     let runs: Vec<usize> = (0..learner.bank().runs.len()).collect();
     let learned = learner.learn(&runs, &[])?;
     let inputs = inputs_of(&learned);
     let stand_ins = if fallbacks && inputs.len() > 1 {
-        let mut found = match settings.method.stand_in() {
-            own if own == settings.method => stand_ins(campaign, learner.as_ref(), &inputs, own),
-            other => stand_ins(campaign, other.prepare(campaign, settings)?.as_ref(), &inputs, other),
+        let own = Settings { method: settings.method.stand_in(), ..settings.clone() };
+        let mut found = match own.method {
+            method if method == settings.method => stand_ins(campaign, learner.as_ref(), &own, &inputs),
+            method => stand_ins(campaign, method.prepare(campaign, &own)?.as_ref(), &own, &inputs),
         };
         if settings.method == Method::Difference {
             found.extend(alone(campaign, learner.bank(), &learned, &held_out));
@@ -208,7 +211,8 @@ pub fn identify(
         probe_s: probe,
         excluded: ready.excluded.clone(),
         ambient: ready.ambient.clone(),
-        columns: columns(campaign, &error, &ready.excluded),
+        repaired: ready.repaired.clone(),
+        columns: columns(ready, &error),
         fallbacks: stand_ins,
         remarks: ready.remarks.clone(),
         region: Region::of(campaign, learner.bank(), &inputs),
@@ -283,8 +287,8 @@ fn shown(campaign: &Campaign<'_>, candidate: &Candidate, gain: f64, se: f64) -> 
 fn stand_ins(
     campaign: &Campaign<'_>,
     learner: &dyn Learner,
+    settings: &Settings,
     inputs: &[usize],
-    method: Method,
 ) -> Vec<Fallback> {
     let runs: Vec<usize> = (0..learner.bank().runs.len()).collect();
     let mut found = Vec::new();
@@ -296,10 +300,11 @@ fn stand_ins(
         if gains.is_empty() {
             continue;
         }
-        let Ok(held) = leave_one_run_out(campaign, learner, &[*lost], None, &|_, _| {}) else { continue };
+        let held = leave_one_run_out(campaign, learner, settings, &[*lost], None, &|_, _| {});
+        let Ok(held) = held else { continue };
         found.push(Fallback {
             without: campaign.inputs[*lost].name.clone(),
-            method: method.name(),
+            method: settings.method.name(),
             alone: None,
             terms: gains.iter().map(|(candidate, gain)| shown(campaign, candidate, *gain, 0.0)).collect(),
             region: Region::of(campaign, learner.bank(), &needed),
@@ -321,19 +326,20 @@ pub(super) fn means(scores: impl Iterator<Item = (f64, f64)>) -> Means {
     Means { mean_range_um: ranges / runs, worst_range_um: worst, mean_rmse_um: squares / runs }
 }
 
-fn columns(campaign: &Campaign<'_>, error: &str, excluded: &[Excluded]) -> Vec<ColumnShown> {
+/// As the columns were recorded: what was rebuilt has no resolution.
+fn columns(ready: &Ready<'_>, error: &str) -> Vec<ColumnShown> {
     let used = |name: &str| {
         if name == error {
             "error"
-        } else if campaign.inputs.iter().any(|input| input.name == name) {
+        } else if ready.campaign.inputs.iter().any(|input| input.name == name) {
             "input"
-        } else if excluded.iter().any(|faulty| faulty.signal == name) {
+        } else if ready.excluded.iter().any(|faulty| faulty.signal == name) {
             "left out: faulty"
         } else {
             "not used"
         }
     };
-    let dataset = campaign.dataset;
+    let dataset = ready.logs;
     let shown = |(place, column): (usize, &Column)| {
         let span = least_and_most(dataset.runs.iter().flat_map(|run| run.values[place].iter().copied()));
         ColumnShown {

@@ -6,7 +6,8 @@ use super::ambient::{self, AmbientLike};
 use super::applied::{self, Applied};
 use super::campaign::{Campaign, Input, Position};
 use super::dataset::{BadLog, Dataset, Kind, Run};
-use super::faults::{self, Excluded};
+use super::faults::mend::{Mended, mend};
+use super::faults::{self, Excluded, Repaired};
 use super::gram::count;
 use super::validate::range;
 use crate::profile::Profile;
@@ -38,10 +39,14 @@ pub struct Ready<'a> {
     pub campaign: Campaign<'a>,
     /// The axis's name.
     pub axis: String,
+    /// The logs as they were recorded.
+    pub logs: &'a Dataset,
     /// Sensors that were left out.
     pub excluded: Vec<Excluded>,
     /// Inputs that behave like the air.
     pub ambient: Vec<AmbientLike>,
+    /// Sensors that were faulty in a run, and what their readings were replaced by.
+    pub repaired: Vec<Repaired>,
     /// What is odd.
     pub remarks: Vec<String>,
 }
@@ -71,7 +76,7 @@ pub fn without_cz(
     applied::bare(dataset, &error, Some(&axis), applied::moves_the_machine(profile, &axis), applied)
 }
 
-/// Checks the choice, and leaves faulty sensors out.
+/// Checks the choice, and mends what faulty sensors spoilt or leaves them out.
 ///
 /// # Errors
 /// Everything that is wrong, in sentences.
@@ -88,12 +93,16 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
         check_error(dataset, error, &mut wrong);
     }
     let (Some(axis), Some(error), true) = (axis, error, wrong.is_empty()) else { return Err(BadLog(wrong)) };
-    let mut excluded = faults::find(dataset, &temperatures_of(dataset, &inputs));
-    let kept = |name: &String| choice.keep.contains(name);
-    for faulty in excluded.iter().filter(|faulty| kept(&faulty.signal)) {
-        remarks.push(format!("{} stays in as asked, though it {}", faulty.signal, faulty.reason));
+    let temperatures = temperatures_of(dataset, &inputs);
+    let (kept, judged): (Vec<usize>, Vec<usize>) =
+        (temperatures.iter()).partition(|column| choice.keep.contains(&dataset.columns[**column].name));
+    if !kept.is_empty() {
+        let found = faults::find(dataset, &temperatures);
+        for faulty in found.iter().filter(|faulty| choice.keep.contains(&faulty.signal)) {
+            remarks.push(format!("{} stays in as asked, though it {}", faulty.signal, faulty.reason));
+        }
     }
-    excluded.retain(|faulty| !kept(&faulty.signal));
+    let Mended { mending, excluded, repaired } = mend(dataset, &judged);
     let good: Vec<Input> = inputs
         .into_iter()
         .filter(|input| !excluded.iter().any(|faulty| faulty.signal == input.name))
@@ -114,13 +123,14 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
         );
     }
     let ambient = ambient::find(dataset, &temperatures_of(dataset, &good), error);
-    let mut campaign = Campaign::new(profile, dataset, error, choice.resample).with_inputs(good);
+    let mut campaign =
+        Campaign::new(profile, dataset, error, choice.resample).with_inputs(good).with_mending(mending);
     if position.is_some() {
         // Places that are visited in turn must not be averaged.
         campaign.resample = Duration::ZERO;
         campaign.position = position;
     }
-    Ok(Ready { campaign, axis, excluded, ambient, remarks })
+    Ok(Ready { campaign, axis, logs: dataset, excluded, ambient, repaired, remarks })
 }
 
 pub(super) fn temperatures_of(dataset: &Dataset, inputs: &[Input]) -> Vec<usize> {

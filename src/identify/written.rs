@@ -99,6 +99,9 @@ fn head(found: &Identified) -> Vec<String> {
     for faulty in &found.excluded {
         lines.push(format!("Left out: {}: {}.", faulty.signal, faulty.reason));
     }
+    for mended in &found.repaired {
+        lines.push(format!("Mended: {} {} in {}: {}.", mended.signal, mended.fault, mended.run, mended.done));
+    }
     lines
 }
 

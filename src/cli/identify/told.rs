@@ -31,6 +31,9 @@ fn tell(text: &mut String, found: &Identified, probe: Option<Duration>) -> std::
     for faulty in &found.excluded {
         writeln!(text, "  left out: {} {}", faulty.signal, faulty.reason)?;
     }
+    for mended in &found.repaired {
+        writeln!(text, "  mended: {} {} in {}: {}", mended.signal, mended.fault, mended.run, mended.done)?;
+    }
     for like in &found.ambient {
         writeln!(text, "  note: {} {}", like.signal, like.reason)?;
     }

@@ -6,6 +6,7 @@ use super::drifted::displacements;
 use super::{date, duration, judged, logs, page, terms};
 use crate::identify::drift::Drift;
 use crate::identify::facts::of_error;
+use crate::identify::faults::{Excluded, Repaired};
 use crate::identify::identified::{Identified, Means};
 use crate::identify::setup::Ready;
 use crate::profile::Profile;
@@ -27,7 +28,9 @@ pub struct Subject<'a> {
 /// One HTML file.
 pub fn identified(subject: &Subject<'_>) -> String {
     let Subject { profile, ready, found, made } = *subject;
-    let dataset = ready.campaign.dataset;
+    let dataset = ready.logs;
+    let mended = found.repaired.iter().map(Repaired::as_found);
+    let faulty: Vec<Excluded> = found.excluded.iter().cloned().chain(mended).collect();
     let means = Means {
         mean_range_um: found.mean_range_um,
         worst_range_um: found.worst_range_um,
@@ -51,9 +54,12 @@ pub fn identified(subject: &Subject<'_>) -> String {
             dt { "runs" } dd { (dataset.runs.len()) ", " (duration(hours)) " together" }
         }
         (judged::headline(&means, &found.uncompensated))
-        @if !found.excluded.is_empty() || !found.remarks.is_empty() {
+        @if !faulty.is_empty() || !found.remarks.is_empty() {
             ul {
                 @for faulty in &found.excluded { li { strong { (faulty.signal) } " was left out: " (faulty.reason) } }
+                @for mended in &found.repaired {
+                    li { strong { (mended.signal) } " " (mended.fault) " in " (mended.run) ": " (mended.done) }
+                }
                 @for remark in &found.remarks { li { (remark) } }
             }
         }
@@ -65,8 +71,8 @@ pub fn identified(subject: &Subject<'_>) -> String {
         @if let Some(axis) = axis { (terms::limits(axis)) }
         (drift(&drifts))
         (logs::runs(dataset, &found.ambient))
-        (logs::sensors(dataset, &used, &found.excluded, &found.ambient))
-        (logs::over_time(dataset, &found.excluded))
+        (logs::sensors(dataset, &used, &faulty, &found.ambient))
+        (logs::over_time(dataset, &faulty))
         (logs::alike(&ready.campaign))
     };
     page(&format!("{}: thermal compensation of axis {}", profile.name, found.axis), made, &content)

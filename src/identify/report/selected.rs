@@ -10,7 +10,7 @@ use crate::quantity::Moment;
 
 /// One HTML file.
 pub fn selected(pointed: &Pointed<'_>, found: &Selected, made: Moment) -> String {
-    let dataset = pointed.campaign.dataset;
+    let dataset = pointed.campaign.dataset.as_ref();
     let hours: f64 = dataset.runs.iter().map(|run| run.lasts().as_secs_f64()).sum();
     let used = |name: &str| {
         if name == found.error {
