@@ -1,3 +1,5 @@
+use isotherm::identify::faults::Repaired;
+use isotherm::identify::learn::Learned;
 use isotherm::identify::method::Settings;
 
 use super::rig::{Day, Machine, Part, dataset, found, profile};
@@ -13,11 +15,19 @@ fn days() -> Vec<Day> {
     (20..25).map(|seed| machine().day(seed)).collect()
 }
 
+/// What is left out of every run: the sensor, and why.
 fn reasons(days: &[Day]) -> Vec<(String, String)> {
     let logs: Vec<String> = days.iter().map(Day::log).collect();
     let dataset = dataset(&logs).unwrap();
     let ready = ready(&profile(5), &dataset, &super::rig::choice()).unwrap();
     ready.excluded.into_iter().map(|faulty| (faulty.signal, faulty.reason)).collect()
+}
+
+/// What stays in: the sensor, the run, what was found and what was done.
+fn mended(days: &[Day]) -> Vec<Repaired> {
+    let logs: Vec<String> = days.iter().map(Day::log).collect();
+    let dataset = dataset(&logs).unwrap();
+    ready(&profile(5), &dataset, &super::rig::choice()).unwrap().repaired
 }
 
 #[test]
@@ -29,11 +39,12 @@ fn a_good_day_has_no_faulty_sensor() {
 fn a_jump_that_stays_is_named_with_its_time() {
     let mut days = days();
     days[2].temperatures[3][125..].iter_mut().for_each(|value| *value += 28.0);
-    let found = reasons(&days);
+    let found = mended(&days);
     assert_eq!(found.len(), 1);
-    assert_eq!(found[0].0, "s3");
-    assert!(found[0].1.starts_with("jumps by +28.0 °C at 2:05 h and stays"), "{}", found[0].1);
-    assert!(found[0].1.ends_with("in day2"), "{}", found[0].1);
+    assert_eq!((found[0].signal.as_str(), found[0].run.as_str()), ("s3", "day2"));
+    assert!(found[0].fault.starts_with("jumps by +28.0 °C at 2:05 h and stays"), "{}", found[0].fault);
+    assert!(found[0].done.starts_with("from there on its readings were taken -28.0"), "{}", found[0].done);
+    assert_eq!(reasons(&days), []);
 }
 
 #[test]
@@ -47,6 +58,10 @@ fn a_frozen_sensor_is_named_with_its_times() {
         found[0].0 == "s0" && found[0].1.starts_with("stuck at one number from 1:40 h to 6:39 h"),
         "{found:?}"
     );
+    assert!(
+        found[0].1.ends_with("which no other sensor can replace, in day1"),
+        "each goes its own way: {found:?}"
+    );
 }
 
 #[test]
@@ -55,9 +70,10 @@ fn spikes_are_counted() {
     for row in [50, 200, 410] {
         days[4].temperatures[2][row] += 3.0;
     }
-    let found = reasons(&days);
+    let found = mended(&days);
     assert_eq!(found.len(), 1, "{found:?}");
-    assert!(found[0].1.contains("first at 0:50 h, 3 times: a bad contact in day4"), "{found:?}");
+    assert!(found[0].fault.contains("first at 0:50 h, 3 times: a bad contact"), "{found:?}");
+    assert!(found[0].run == "day4" && found[0].done.contains("straight lines"), "{found:?}");
 }
 
 #[test]
@@ -68,7 +84,7 @@ fn a_constant_and_a_missing_sensor_are_left_out() {
     }
     days[0].temperatures[2][100..300].fill(f64::NAN);
     let found = reasons(&days);
-    assert_eq!(found[0], ("s2".to_owned(), "missing in 33 % of the rows of day0".to_owned()));
+    assert_eq!(found[0], ("s2".to_owned(), "missing in 33 % of the rows in day0".to_owned()));
     assert_eq!(found[1], ("s4".to_owned(), "constant: it tells nothing".to_owned()));
 }
 
@@ -97,6 +113,19 @@ fn with_a_twin() -> Vec<Day> {
     days
 }
 
+fn jumps(day: &mut Day) {
+    day.temperatures[0][200..].iter_mut().for_each(|value| *value += 28.0);
+}
+
+fn freezes(day: &mut Day) {
+    let held = day.temperatures[0][30];
+    day.temperatures[0][30..330].fill(held);
+}
+
+fn spikes(day: &mut Day) {
+    [40, 90, 310, 500].iter().for_each(|row| day.temperatures[0][*row] += 3.0);
+}
+
 #[test]
 fn a_faulty_sensor_that_the_model_needs_is_named_and_costs_less_than_a_tenth() {
     let clean = with_a_twin();
@@ -107,26 +136,55 @@ fn a_faulty_sensor_that_the_model_needs_is_named_and_costs_less_than_a_tenth() {
     let good = of(&clean);
     assert_eq!(good.excluded, []);
     assert!(good.terms.iter().any(|term| term.signal == "s0"), "{:?}", good.terms);
-    let jumps = |day: &mut Day| day.temperatures[0][200..].iter_mut().for_each(|value| *value += 28.0);
-    let freezes = |day: &mut Day| {
-        let held = day.temperatures[0][30];
-        day.temperatures[0][30..330].fill(held);
-    };
-    let spikes = |day: &mut Day| [40, 90, 310, 500].iter().for_each(|row| day.temperatures[0][*row] += 3.0);
-    for word in ["jumps", "stuck", "spikes"] {
-        let mut broken = clean.clone();
-        match word {
-            "jumps" => jumps(&mut broken[2]),
-            "stuck" => freezes(&mut broken[2]),
-            _ => spikes(&mut broken[2]),
+    for (word, of_day) in [("jumps", jumps as fn(&mut Day)), ("stuck", freezes), ("spikes", spikes)] {
+        for run in 0..clean.len() {
+            let mut broken = clean.clone();
+            of_day(&mut broken[run]);
+            let found = of(&broken);
+            // A sensor that froze jumps when it thaws: that is no second fault.
+            let [mended] = found.repaired.as_slice() else { panic!("{word}: {:?}", found.repaired) };
+            assert_eq!((mended.signal.as_str(), mended.run.as_str()), ("s0", format!("day{run}").as_str()));
+            assert!(mended.fault.starts_with(word), "{mended:?}");
+            assert_eq!(found.excluded, [], "{word}");
+            let (cost, clean) = (found.mean_rmse_um, good.mean_rmse_um);
+            println!("{word} in day{run}: {cost:.3} against {clean:.3} um");
+            assert!(cost < 1.1 * clean, "{word} in day{run}: {cost} um against {clean} um");
         }
-        let found = of(&broken);
-        // A sensor that froze jumps when it thaws.
-        assert!(found.excluded.iter().all(|faulty| faulty.signal == "s0"), "{word}: {:?}", found.excluded);
-        let named = |reason: &str| reason.starts_with(word) && reason.ends_with("day2");
-        assert!(found.excluded.iter().any(|faulty| named(&faulty.reason)), "{word}: {:?}", found.excluded);
-        let (cost, clean) = (found.mean_rmse_um, good.mean_rmse_um);
-        println!("{word}: {cost:.3} against {clean:.3} um");
-        assert!(cost < 1.1 * clean, "{word}: {cost} um against {clean} um");
+    }
+}
+
+#[test]
+fn what_was_stuck_is_rebuilt_from_its_twin() {
+    let clean = with_a_twin();
+    let mut broken = clean.clone();
+    freezes(&mut broken[2]);
+    let found = mended(&broken);
+    assert!(found[0].done.contains("rebuilt, mostly from s3"), "{found:?}");
+}
+
+#[test]
+fn a_sensor_that_is_faulty_in_most_runs_is_left_out_of_all() {
+    let mut days = with_a_twin();
+    days.iter_mut().skip(2).for_each(jumps);
+    assert_eq!(mended(&days), []);
+    let found = reasons(&days);
+    assert!(found.len() == 3 && found.iter().all(|(signal, _)| signal == "s0"), "{found:?}");
+}
+
+#[test]
+fn a_mended_run_is_learnt_from_as_if_the_held_out_run_had_not_been_recorded() {
+    for of_day in [jumps as fn(&mut Day), freezes] {
+        let mut days = with_a_twin();
+        of_day(&mut days[1]);
+        let logs: Vec<String> = days.iter().map(Day::log).collect();
+        let all = found(5, &logs, &Settings::default());
+        let others = found(5, &logs[..4], &Settings::default());
+        assert_eq!((all.repaired.len(), others.repaired.len()), (1, 1));
+        let Learned::Sum(held) = &all.held_out[4].learned else { panic!("a sum") };
+        let Learned::Sum(learnt) = &others.learned else { panic!("a sum") };
+        assert_eq!(held.len(), learnt.len());
+        for ((one, gain), (other, again)) in held.iter().zip(learnt) {
+            assert!(one == other && (gain - again).abs() < 1e-9, "{one:?} {gain} {other:?} {again}");
+        }
     }
 }
