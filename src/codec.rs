@@ -83,6 +83,19 @@ pub struct Encoded {
 }
 
 impl DataType {
+    /// Every type.
+    pub const ALL: [DataType; 9] = [
+        DataType::Bool,
+        DataType::U16,
+        DataType::I16,
+        DataType::U32,
+        DataType::I32,
+        DataType::U64,
+        DataType::I64,
+        DataType::F32,
+        DataType::F64,
+    ];
+
     /// How many registers a value takes.
     pub const fn registers(self) -> u16 {
         match self {
