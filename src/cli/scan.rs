@@ -22,11 +22,9 @@ mod told;
 /// A device that is there but answers nothing at all for a register it does not have is found only with another
 /// --register.
 #[derive(clap::Args, Debug)]
-#[command(
-    after_help = "Examples:\n  isotherm scan --bus tcp://192.168.0.10:502\n  isotherm scan --bus \
+#[command(after_help = "Examples:\n  isotherm scan --bus tcp://192.168.0.10:502\n  isotherm scan --bus \
                   rtu:///dev/ttyUSB0 --baud 1200,9600,19200 --parity none,even --units 1..32\n  isotherm scan --bus \
-                  tcp://192.168.0.10 --units 1 --registers holding:0..199\n  isotherm scan my-machine.toml --bus cell"
-)]
+                  tcp://192.168.0.10 --units 1 --registers holding:0..199\n  isotherm scan my-machine.toml --bus cell")]
 pub(super) struct Arguments {
     #[command(flatten)]
     target: Target,
@@ -76,7 +74,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let stopped = runtime.block_on(async {
         let mut signals = Signals::listen()?;
         let clock = Clock::wall();
-        seen.progress = Some(Progress { clock: clock.clone(), begun: clock.now(), questions: scan.questions() });
+        seen.progress =
+            Some(Progress { clock: clock.clone(), begun: clock.now(), questions: scan.questions() });
         let all = async {
             scan.run(|told| seen.take(told)).await?;
             match arguments.registers {

@@ -58,9 +58,10 @@ impl Target {
             (None, _) => None,
         };
         let Some(bus) = bus.map(BusId) else {
-            let wanted = self.bus.as_deref().map_or("--bus is missing".to_owned(), |name| {
-                format!("the profile has no bus `{name}`")
-            });
+            let wanted = self
+                .bus
+                .as_deref()
+                .map_or("--bus is missing".to_owned(), |name| format!("the profile has no bus `{name}`"));
             return Err(anyhow::anyhow!("{wanted}; it has: {}", names.join(", ")).into());
         };
         Ok(Target::of(profile, bus, self.timeout))
@@ -93,12 +94,17 @@ pub(super) fn units(text: &str) -> Result<(u8, u8), String> {
 
 /// `holding:0..99` or `40001..40100`, both ends included: the first and how many.
 pub(super) fn stretch(text: &str) -> Result<(Address, u16), String> {
-    let (from, to) = text.split_once("..").ok_or_else(|| format!("`{text}` is no stretch; write holding:0..99"))?;
+    let (from, to) =
+        text.split_once("..").ok_or_else(|| format!("`{text}` is no stretch; write holding:0..99"))?;
     let first: Address = from.trim().parse()?;
     let to = to.trim();
     let last = match to.parse() {
         Ok(last) if from.contains(':') => last,
-        _ => to.parse::<Address>().map_err(|_| format!("`{to}` is no end of a stretch; write holding:0..99"))?.offset,
+        _ => {
+            to.parse::<Address>()
+                .map_err(|_| format!("`{to}` is no end of a stretch; write holding:0..99"))?
+                .offset
+        }
     };
     let count = u32::from(last).checked_sub(u32::from(first.offset)).map(|count| count + 1);
     let count = count.and_then(|count| u16::try_from(count).ok()).filter(|count| *count <= MOST);

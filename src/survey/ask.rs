@@ -36,7 +36,13 @@ impl Asker {
             bus: BusId(0),
             unit,
             every: Duration::from_secs(1),
-            functions: Functions { write_coil: false, write_single: false, write_coils: false, write_multiple: false, ..Functions::ALL },
+            functions: Functions {
+                write_coil: false,
+                write_single: false,
+                write_coils: false,
+                write_multiple: false,
+                ..Functions::ALL
+            },
             quirks,
         };
         let devices: Vec<Device> = (0..=u8::MAX).map(device).collect();

@@ -73,7 +73,9 @@ impl FromStr for Parity {
     /// A sentence that says what is allowed.
     fn from_str(text: &str) -> Result<Parity, String> {
         let known = Parity::WORDS.iter().find(|(word, _)| *word == text);
-        known.map(|(_, parity)| *parity).ok_or_else(|| format!("`{text}` is no parity; allowed: none, even, odd"))
+        known
+            .map(|(_, parity)| *parity)
+            .ok_or_else(|| format!("`{text}` is no parity; allowed: none, even, odd"))
     }
 }
 
@@ -168,7 +170,9 @@ fn host(text: &str, usual: Option<u16>) -> Result<String, String> {
         (Some((host, port)), _) if !host.is_empty() && port.parse::<u16>().is_ok_and(|port| port > 0) => {
             Ok(text.to_owned())
         }
-        (Some((_, port)), _) => Err(format!("`{text}` is no host and port (`{port}`); write 192.168.0.10:502")),
+        (Some((_, port)), _) => {
+            Err(format!("`{text}` is no host and port (`{port}`); write 192.168.0.10:502"))
+        }
         (None, _) if text.is_empty() => Err("the host is missing; write tcp://192.168.0.10:502".to_owned()),
         (None, Some(usual)) => Ok(format!("{text}:{usual}")),
         (None, None) => Err(format!("the port of {text} is missing; write rtu+tcp://{text}:4001")),
@@ -191,7 +195,11 @@ fn serial(text: &str) -> Result<Place, String> {
                 let bits = value.parse().ok().filter(|bits| (1..=2).contains(bits));
                 serial.stop_bits = bits.ok_or_else(|| wrong() + "allowed: 1, 2")?;
             }
-            _ => return Err(format!("`{key}` is no setting of a serial port; allowed: baud, parity, stop_bits")),
+            _ => {
+                return Err(format!(
+                    "`{key}` is no setting of a serial port; allowed: baud, parity, stop_bits"
+                ));
+            }
         }
     }
     Ok(Place { transport: Transport::Serial(serial), address: path.to_owned() })

@@ -63,7 +63,9 @@ pub fn remedy(fault: Fault, asked: Asked<'_>) -> String {
             format!("unit {unit} answers, but has no {span} ({}).{below}", from.modicon())
         }
         Fault::Exception(3) => {
-            format!("unit {unit} answers, but does not take a request for {count} at once. Try a smaller --count")
+            format!(
+                "unit {unit} answers, but does not take a request for {count} at once. Try a smaller --count"
+            )
         }
         Fault::Exception(5 | 6) => format!("unit {unit} is busy ({fault}). Try again"),
         Fault::Exception(10 | 11) => format!(
@@ -86,7 +88,11 @@ pub fn remedy(fault: Fault, asked: Asked<'_>) -> String {
         ),
         Fault::Peer(PeerFault::Malformed) => format!(
             "what {place} answers is not Modbus{}",
-            if is_serial { ": baud rate, parity, or two units with one number" } else { " TCP. Is it RTU over TCP? Write rtu+tcp://" }
+            if is_serial {
+                ": baud rate, parity, or two units with one number"
+            } else {
+                " TCP. Is it RTU over TCP? Write rtu+tcp://"
+            }
         ),
         Fault::Peer(PeerFault::Foreign) => {
             format!("something else answers than unit {unit}: {fault}. Is another master on the line?")

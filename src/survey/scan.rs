@@ -76,7 +76,8 @@ impl Scan {
     /// How long it can take: for every question the answer, and the connection that is made anew after a miss, are waited
     /// for in vain.
     pub fn at_worst(&self) -> Duration {
-        let each = self.bus.timeout * 2 + self.quirks.pause_between_requests + self.bus.quirks.pause_after_connect;
+        let each =
+            self.bus.timeout * 2 + self.quirks.pause_between_requests + self.bus.quirks.pause_after_connect;
         each * u32::try_from(self.questions()).unwrap_or(u32::MAX)
     }
 

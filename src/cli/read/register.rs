@@ -90,7 +90,9 @@ impl One {
 fn found(target: &Target, one: &One, json: bool) -> Result<(target::Found, u8), Failure> {
     let Some(name) = &one.device else {
         if target.bus.is_none() {
-            refuse("--register wants to know where: --bus tcp://HOST --unit 1, or a PROFILE with --device NAME");
+            refuse(
+                "--register wants to know where: --bus tcp://HOST --unit 1, or a PROFILE with --device NAME",
+            );
         }
         let Some(unit) = one.unit else { refuse("--unit is missing: the Modbus unit, often 1") };
         return Ok((target.find(json)?, unit));
@@ -180,12 +182,20 @@ fn tell(
             for Shown { register, modicon, raw, readings } in values {
                 let read: Vec<String> = readings
                     .iter()
-                    .map(|read| if read.way.is_empty() { read.value.clone() } else { format!("{} {}", read.way, read.value) })
+                    .map(|read| {
+                        if read.way.is_empty() {
+                            read.value.clone()
+                        } else {
+                            format!("{} {}", read.way, read.value)
+                        }
+                    })
                     .collect();
                 writeln!(out, "  {register:<width$} ({modicon})  {raw}  {}", read.join("   "))?;
             }
             if form.lacks_order() && now.is_none() {
-                eprintln!("no word order was given, and 32 and 64 bits have none by default: add --word-order");
+                eprintln!(
+                    "no word order was given, and 32 and 64 bits have none by default: add --word-order"
+                );
             }
         }
         Err(fault) if now.is_some() => writeln!(out, "  {}", remedy(*fault, asked))?,

@@ -103,7 +103,8 @@ fn lines(found: &[&(Place, Found)], known: Option<(&Profile, BusId)>) -> String 
         if is_new {
             let _ = write!(text, "\n[bus.{bus}]\n{}", place.profile_lines());
         }
-        let name = if number == 0 { format!("unit{}", found.unit) } else { format!("unit{}_{bus}", found.unit) };
+        let name =
+            if number == 0 { format!("unit{}", found.unit) } else { format!("unit{}_{bus}", found.unit) };
         let _ = write!(text, "\n[device.{name}]\nbus = \"{bus}\"\nunit = {}\nevery = \"1s\"\n", found.unit);
     }
     if text.is_empty() { text } else { format!("\n# for a profile:\n{text}") }
@@ -111,8 +112,12 @@ fn lines(found: &[&(Place, Found)], known: Option<(&Profile, BusId)>) -> String 
 
 pub(super) fn nobody(scan: &Scan) -> String {
     let wiring = match scan.places[0].transport {
-        Transport::Tcp => "Is it another port, or another --register? Behind a gateway: its baud rate, parity and wiring",
-        _ => "Try --baud 1200,9600,19200,38400 --parity none,even; A and B exchanged; is it powered; another --register",
+        Transport::Tcp => {
+            "Is it another port, or another --register? Behind a gateway: its baud rate, parity and wiring"
+        }
+        _ => {
+            "Try --baud 1200,9600,19200,38400 --parity none,even; A and B exchanged; is it powered; another --register"
+        }
     };
     format!("no unit answered. {wiring}")
 }

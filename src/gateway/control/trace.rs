@@ -23,7 +23,7 @@ const SLACK: Duration = Duration::from_secs(5);
 /// What a line asks for.
 pub(super) struct Wanted {
     device: String,
-    span: Duration,
+    pub(super) span: Duration,
     json: bool,
 }
 
