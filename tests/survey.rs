@@ -71,7 +71,8 @@ fn a_scan_finds_the_units_that_answer_also_with_an_exception_and_writes_lines_th
         "{}",
         scan.said
     );
-    assert!(scan.out.contains("unit 4 answers (exception 2: no such register)"), "{}", scan.out);
+    assert!(scan.out.contains("unit 1 answers (exception 2: no such register)"), "{}", scan.out);
+    assert!(scan.out.contains("unit 4 answers: holding:0 = "), "{}", scan.out);
     assert!(!scan.out.contains("unit 5") && !scan.out.contains("unit 6"), "{}", scan.out);
 
     let lines = scan.out.split("# for a profile:").nth(1).unwrap();
@@ -101,9 +102,9 @@ fn a_scan_of_registers_tells_which_a_unit_has() {
 
 #[test]
 fn a_scan_that_is_stopped_says_how_far_it_came_and_what_it_found() {
-    let bench = Bench::start();
-    let mut scan = isotherm(bench.home());
-    scan.args(["scan", "--bus", &bench.line, "--timeout", "10s"]);
+    let home = tempfile::tempdir().unwrap();
+    let mut scan = isotherm(home.path());
+    scan.args(["scan", "--bus", &careless_device(4), "--timeout", "10s"]);
     let mut scan = Running::start(&mut scan);
     scan.hears("unit 4 answers");
     scan.signal("INT");
@@ -128,15 +129,19 @@ fn where_nobody_answers_a_scan_fails_and_says_what_to_try() {
     assert!(refused.said.contains(&format!("nothing listens on {line}")), "{}", refused.said);
 }
 
-/// Answers every unit alike, as a device does that has no use for unit numbers.
-fn careless_device() -> String {
+/// Answers the units up to this one alike, and the others not at all.
+fn careless_device(last: u8) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
     std::thread::spawn(move || {
         for stream in listener.incoming() {
             let mut stream = stream.unwrap();
             let mut asked = [0; 12];
+            // Whoever asks has one connection at a time.
             while stream.read_exact(&mut asked).is_ok() {
+                if asked[6] > last {
+                    continue;
+                }
                 let reply = [asked[0], asked[1], 0, 0, 0, 5, asked[6], asked[7], 2, 0, 42];
                 if stream.write_all(&reply).is_err() {
                     break;
@@ -150,7 +155,7 @@ fn careless_device() -> String {
 #[test]
 fn a_device_that_heeds_no_unit_number_is_taken_for_one() {
     let home = tempfile::tempdir().unwrap();
-    let scan = ended(isotherm(home.path()).args(["scan", "--bus", &careless_device(), "--units", "1..9"]));
+    let scan = ended(isotherm(home.path()).args(["scan", "--bus", &careless_device(255), "--units", "1..9"]));
     assert_eq!(scan.code, Some(0), "{}", scan.said);
     assert!(scan.out.contains("one device that heeds no unit number"), "{}", scan.out);
     assert_eq!(scan.out.matches("[device.").count(), 1, "{}", scan.out);
@@ -262,9 +267,7 @@ fn the_frames_of_one_device_of_a_running_gateway_can_be_had_while_it_runs() {
     assert_eq!(first["unit"], 4, "{first}");
     let again = trace("cnc", &["--for", "1s", "--out", &out.display().to_string()]);
     assert!(again.code == Some(1) && again.said.contains("nothing is overwritten"), "{}", again.said);
-    assert!(
-        trace("lathe", &[]).said.contains("there is no device `lathe`; there are: thermocouples, counter")
-    );
+    assert!(trace("lathe", &[]).said.contains("there is no device `lathe`; there are: "));
 
     // A person who has seen enough leaves; the gateway goes on and can be asked again.
     let mut left = isotherm(bench.home());

@@ -10,7 +10,7 @@ use rand_pcg::Pcg32;
 
 mod targets;
 
-/// Inputs by chance for each target.
+/// Inputs by chance for each target, unless `INPUTS` in the environment says how many.
 const BY_CHANCE: usize = 3000;
 
 fn corpus(name: &str) -> Vec<(PathBuf, Vec<u8>)> {
@@ -57,10 +57,11 @@ fn mutated(inputs: &[(PathBuf, Vec<u8>)], random: &mut Pcg32) -> Vec<u8> {
 
 #[test]
 fn inputs_made_of_them_by_chance_are_taken_too() {
+    let count = std::env::var("INPUTS").ok().map_or(BY_CHANCE, |count| count.parse().unwrap());
     for (name, target) in targets::TARGETS {
         let inputs = corpus(name);
         let mut random = Pcg32::seed_from_u64(7);
-        for _ in 0..BY_CHANCE {
+        for _ in 0..count {
             let bytes = mutated(&inputs, &mut random);
             let taken = std::panic::catch_unwind(|| target(&bytes));
             assert!(taken.is_ok(), "{bytes:02x?} makes {name} panic");

@@ -5,14 +5,14 @@
 use std::io;
 use std::path::Path;
 use std::pin::Pin;
+use std::sync::LazyLock;
 use std::task::{Context, Poll};
-use std::time::Duration;
 
 use isotherm::codec::{Address, DataType, Encoding, Table, WordOrder};
 use isotherm::fieldbus::modbus::attach;
 use isotherm::fieldbus::plan::plan;
 use isotherm::fieldbus::wire::{Answer, Request, Wire};
-use isotherm::profile::{self, BusId, Device, DeviceId, Functions, Quirks, Signal, Unit};
+use isotherm::profile::{self, Device, Profile, Quirks, Signal};
 use isotherm::reading::SignalId;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 
@@ -108,15 +108,9 @@ pub fn planner(data: &[u8]) {
         max_gap: u16::from(bytes.byte() % 125),
         ..Quirks::default()
     };
-    let device = Device {
-        name: "module".to_owned(),
-        bus: BusId(0),
-        unit: 1,
-        every: Duration::from_secs(1),
-        functions: Functions::ALL,
-        quirks,
-    };
-    let signals: Vec<Signal> = (0..bytes.byte() % 40).filter_map(|place| signal(&mut bytes, place)).collect();
+    let device = Device { quirks, ..USUAL.devices[0].clone() };
+    let signals: Vec<Signal> =
+        (0..bytes.byte() % 40).filter_map(|_| signal(&mut bytes, &USUAL.signals[0])).collect();
     let requests = plan(&device, signals.iter().enumerate().map(|(place, signal)| (SignalId(place), signal)));
     let mut read = vec![0; signals.len()];
     for request in &requests {
@@ -136,25 +130,15 @@ pub fn planner(data: &[u8]) {
 }
 
 /// `None` where a profile would not allow it: a value beyond the last register.
-fn signal(bytes: &mut Bytes<'_>, place: u8) -> Option<Signal> {
+fn signal(bytes: &mut Bytes<'_>, usual: &Signal) -> Option<Signal> {
     let address = bytes.address();
     let mut encoding = bytes.encoding();
     if address.table.is_bits() {
         encoding.data_type = DataType::Bool;
     }
     let fits = u32::from(address.offset) + u32::from(encoding.data_type.registers()) <= 65_536;
-    fits.then(|| Signal {
-        name: format!("s{place}"),
-        device: DeviceId(0),
-        address,
-        encoding,
-        unit: Unit("1"),
-        range: None,
-        max_rate: None,
-        max_age: Duration::from_secs(5),
-        fault_when: None,
-        merge: bytes.byte() & 3 != 3,
-    })
+    let merge = bytes.byte() & 3 != 3;
+    fits.then(|| Signal { address, encoding, merge, ..usual.clone() })
 }
 
 /// The text of a profile, whole or as one line within a good one.
@@ -191,6 +175,10 @@ pub fn files(data: &[u8]) {
         assert!(!errors.to_string().is_empty());
     }
 }
+
+static USUAL: LazyLock<Profile> = LazyLock::new(|| {
+    profile::parse(Path::new("fuzz.toml"), PROFILE, &[], &[]).expect("it is a good one").profile
+});
 
 const PROFILE: &str = r#"
 [machine]

@@ -3,6 +3,8 @@
 //! On wall time, because the sockets are real and there is nothing to wait for between them. The clock of a reading that
 //! comes back is the line's backoff.
 
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::path::Path;
@@ -21,19 +23,17 @@ name = "storm"
 [bus.mad]
 type = "modbus-tcp"
 address = "MAD"
-timeout = "100ms"
 [bus.sane]
 type = "modbus-tcp"
 address = "SANE"
-timeout = "100ms"
 [device.mad]
 bus = "mad"
 unit = 1
-every = "20ms"
+every = "100ms"
 [device.sane]
 bus = "sane"
 unit = 1
-every = "20ms"
+every = "100ms"
 [signal.mad]
 device = "mad"
 register = "holding:0"
@@ -52,7 +52,8 @@ max_age = "5s"
 const STORM: Duration = Duration::from_secs(2);
 /// What a device reads that answers.
 const VALUE: u8 = 42;
-/// The first pauses of the backoff are 1 s and 2 s, a little less by jitter, and a request waits 100 ms for its answer.
+/// In the storm there is time for pauses of 1 s and 2 s; one more of 4 s may have begun at its end, after a request that
+/// waits for its answer.
 const RECOVERY: Duration = Duration::from_secs(8);
 
 /// Serves every connection with `act` on a thread of its own. Connections that were made are counted.
@@ -124,11 +125,14 @@ fn weather(mad: SocketAddr) -> After {
     let (sane, _) = server(sanely);
     let text = PROFILE.replace("MAD", &mad.to_string()).replace("SANE", &sane.to_string());
 
-    let profile = parse(Path::new("storm.toml"), &text, &[], &[]).unwrap_or_else(|errors| panic!("{errors}"));
+    let loaded = parse(Path::new("storm.toml"), &text, &[], &[]).unwrap_or_else(|errors| panic!("{errors}"));
+    let mut profile = loaded.profile;
+    // Longer than a busy computer takes.
+    profile.buses.iter_mut().for_each(|bus| bus.timeout = Duration::from_millis(900));
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
         let clock = Clock::wall();
-        let gateway = Gateway::new(profile.profile, &clock, Options::default());
+        let gateway = Gateway::new(profile, &clock, Options::default());
         let source: Arc<dyn Source> = gateway.source();
         let before = memory();
         let begun = clock.now();
@@ -158,7 +162,7 @@ fn holds(after: &After) {
     assert!(after.grown < 32.0, "{} MiB more", after.grown);
     assert_eq!(value(&after.status, "mad"), Some(f64::from(VALUE)));
     let sane = after.status.devices.iter().find(|device| device.name == "sane").unwrap();
-    assert!(sane.requests > 50 && sane.failures.is_empty(), "{} {:?}", sane.requests, sane.failures);
+    assert!(sane.requests > 5 && sane.failures.is_empty(), "{} {:?}", sane.requests, sane.failures);
     assert!(after.recovered < RECOVERY, "{:?}", after.recovered);
 }
 
@@ -172,7 +176,7 @@ fn a_device_that_resets_every_connection_is_left_alone_more_and_more_and_comes_b
     let after = weather(mad);
     holds(&after);
     let made = connections.load(Ordering::Relaxed);
-    assert!(made < 12, "{made} connections in a storm of two seconds at fifty polls a second");
+    assert!(made < 8, "{made} connections in a storm of two seconds at ten polls a second");
 }
 
 #[test]
@@ -230,5 +234,5 @@ fn an_answer_that_comes_one_byte_at_a_time_is_one_answer() {
     let after = weather(mad);
     holds(&after);
     let device = after.status.devices.iter().find(|device| device.name == "mad").unwrap();
-    assert!(device.requests > 20, "{} requests", device.requests);
+    assert!(device.requests > 5, "{} requests", device.requests);
 }
