@@ -17,10 +17,10 @@ use isotherm::reading::SignalId;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 
 /// A target and its name, which is that of its directory.
-pub type Target = (&'static str, fn(&[u8]));
+pub(crate) type Target = (&'static str, fn(&[u8]));
 
 /// All of them.
-pub const TARGETS: [Target; 5] =
+pub(crate) const TARGETS: [Target; 5] =
     [("codec", codec), ("plan", planner), ("profile", profile_text), ("files", files), ("client", client)];
 
 /// Bytes taken from the front; zeros when there are none left.
@@ -75,7 +75,7 @@ impl Bytes<'_> {
 }
 
 /// Registers into numbers and back.
-pub fn codec(data: &[u8]) {
+pub(crate) fn codec(data: &[u8]) {
     let mut bytes = Bytes(data);
     let encoding = bytes.encoding();
     let count = usize::from(bytes.byte() % 6);
@@ -100,7 +100,7 @@ pub fn codec(data: &[u8]) {
 }
 
 /// Signals into requests, and answers of any shape into values.
-pub fn planner(data: &[u8]) {
+pub(crate) fn planner(data: &[u8]) {
     let mut bytes = Bytes(data);
     let quirks = Quirks {
         one_request_per_field: bytes.byte() & 7 == 7,
@@ -142,7 +142,7 @@ fn signal(bytes: &mut Bytes<'_>, usual: &Signal) -> Option<Signal> {
 }
 
 /// The text of a profile, whole or as one line within a good one.
-pub fn profile_text(data: &[u8]) {
+pub(crate) fn profile_text(data: &[u8]) {
     let Ok(text) = std::str::from_utf8(data) else { return };
     let path = Path::new("fuzz.toml");
     if let Err(errors) = profile::parse(path, text, &[], &[]) {
@@ -156,7 +156,7 @@ pub fn profile_text(data: &[u8]) {
 }
 
 /// The files beside a profile: a network, a matrix, an envelope.
-pub fn files(data: &[u8]) {
+pub(crate) fn files(data: &[u8]) {
     let kind = ["n.json", "m.json", "e.json"][usize::from(data.first().copied().unwrap_or_default() % 3)];
     let bytes = data.get(1..).unwrap_or_default();
     let model = match kind {
@@ -216,7 +216,7 @@ terms = [ { signal = "bed", gain = -4.0, reference = 20.0 } ]
 "#;
 
 /// An answer of any bytes, through the Modbus client: it is the right one, or a fault, and never a panic.
-pub fn client(data: &[u8]) {
+pub(crate) fn client(data: &[u8]) {
     let mut bytes = Bytes(data);
     let how = bytes.byte();
     let from = bytes.address();
