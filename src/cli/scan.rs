@@ -78,10 +78,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
             Some(Progress { clock: clock.clone(), begun: clock.now(), questions: scan.questions() });
         let all = async {
             scan.run(|told| seen.take(told)).await?;
-            match arguments.registers {
-                Some(stretch) => registers(&scan, stretch, &mut seen).await,
-                None => Ok(()),
+            if let Some(stretch) = arguments.registers {
+                registers(&scan, stretch, &mut seen).await;
             }
+            Ok(())
         };
         let stopped = tokio::select! {
             done = all => done.err().map(|stopped| in_words(&scan, stopped)),
@@ -123,24 +123,18 @@ fn places(place: &Place, bauds: &[u32], parities: &[Parity]) -> Vec<Place> {
     .collect()
 }
 
-fn in_words(scan: &Scan, stopped: Stopped) -> String {
-    match stopped {
-        Stopped::Unspoken(why) => why,
-        Stopped::Line { unit, fault } => {
-            let place = &scan.places[0];
-            let from = scan.registers[0];
-            remedy(fault, Asked { place, unit, from, count: 1, timeout: scan.bus.timeout })
-        }
-    }
+fn in_words(scan: &Scan, Stopped { unit, fault }: Stopped) -> String {
+    let (place, from) = (&scan.places[0], scan.registers[0]);
+    remedy(fault, Asked { place, unit, from, count: 1, timeout: scan.bus.timeout })
 }
 
 /// Walks the registers of every unit that has been found.
-async fn registers(scan: &Scan, (from, count): (Address, u16), seen: &mut Seen) -> Result<(), Stopped> {
+async fn registers(scan: &Scan, (from, count): (Address, u16), seen: &mut Seen) {
     for (place, found) in seen.found.clone() {
         if matches!(found.how, How::Garbled(_)) {
             continue;
         }
-        let mut asker = Asker::new(&place, &scan.bus, scan.quirks).map_err(Stopped::Unspoken)?;
+        let mut asker = Asker::new(&place, &scan.bus, scan.quirks);
         if scan.traced {
             asker = asker.listened_to();
         }
@@ -156,7 +150,6 @@ async fn registers(scan: &Scan, (from, count): (Address, u16), seen: &mut Seen) 
             seen.say(&format!("unit {unit}: given up: {fault}"));
         }
     }
-    Ok(())
 }
 
 /// What has been seen so far.

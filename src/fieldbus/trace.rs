@@ -204,7 +204,11 @@ impl<T> Teed<T> {
         Teed { stream, tap }
     }
 
-    fn pass(&self, bytes: &[u8], is_sent: bool) {
+    pub(super) fn inner(&self) -> &T {
+        &self.stream
+    }
+
+    pub(super) fn pass(&self, bytes: &[u8], is_sent: bool) {
         if self.tap.is_on() {
             self.tap.passed().keep(bytes, is_sent);
         }

@@ -3,7 +3,8 @@
 use std::time::Duration;
 
 use crate::codec::Address;
-use crate::fieldbus::error::{Fault, LinkFault};
+use crate::fieldbus::dial;
+use crate::fieldbus::error::Fault;
 use crate::fieldbus::line::Line;
 use crate::fieldbus::trace::{Exchange, Listening, Tap};
 use crate::fieldbus::wire::{Answer, Request};
@@ -26,11 +27,9 @@ pub struct Asker {
 }
 
 impl Asker {
-    /// The line at this place, not connected yet.
-    ///
-    /// # Errors
-    /// A sentence, where this program cannot speak on such a line.
-    pub fn new(place: &Place, bus: &Bus, quirks: Quirks) -> Result<Asker, String> {
+    /// The line at this place, with the timeout and quirks of this bus; not connected yet.
+    pub fn new(place: &Place, bus: &Bus, quirks: Quirks) -> Asker {
+        let bus = Bus { transport: place.transport, address: place.address.clone(), ..bus.clone() };
         let device = |unit| Device {
             name: format!("unit{unit}"),
             bus: BusId(0),
@@ -48,8 +47,8 @@ impl Asker {
         let devices: Vec<Device> = (0..=u8::MAX).map(device).collect();
         let units: Vec<(DeviceId, &Device)> =
             devices.iter().map(|device| (DeviceId(usize::from(device.unit)), device)).collect();
-        let line = Line::new(bus, &units, place.dial(bus.quirks)?);
-        Ok(Asker { line, now: Moment::default(), listening: None })
+        let line = Line::new(&bus, &units, dial(&bus));
+        Asker { line, now: Moment::default(), listening: None }
     }
 
     /// The same, with every exchange to be had from [`Asker::heard`].
@@ -77,7 +76,7 @@ impl Asker {
             let device = DeviceId(usize::from(unit));
             let answer = self.line.call(device, Request::Read { from, count }, self.now).await;
             match answer {
-                Err(fault) if is_of_the_line(fault) && dials < DIALS => {
+                Err(fault) if fault.is_of_the_line() && dials < DIALS => {
                     dials += 1;
                     tokio::time::sleep(BETWEEN_DIALS).await;
                 }
@@ -85,9 +84,4 @@ impl Asker {
             }
         }
     }
-}
-
-/// Whether it concerns every unit on the line.
-pub fn is_of_the_line(fault: Fault) -> bool {
-    matches!(fault, Fault::Link(LinkFault::Refused | LinkFault::Unreachable | LinkFault::Down))
 }

@@ -5,9 +5,9 @@ use std::fmt;
 use std::str::FromStr;
 use std::time::Duration;
 
-use crate::fieldbus::modbus::TcpDial;
-use crate::fieldbus::wire::Dial;
 use crate::profile::{Bus, Quirks};
+
+pub use crate::profile::{Parity, Serial, Transport};
 
 /// The port of Modbus TCP.
 const PORT: u16 = 502;
@@ -23,66 +23,10 @@ pub struct Place {
     pub address: String,
 }
 
-/// What a line is made of.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Transport {
-    /// Modbus TCP.
-    Tcp,
-    /// RTU frames through a TCP connection.
-    RtuOverTcp,
-    /// Modbus RTU on a serial port of this computer.
-    Serial(Serial),
-}
-
-/// The settings of a serial port; always eight data bits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Serial {
-    /// Bits per second.
-    pub baud: u32,
-    /// The bit that checks the eight before it.
-    pub parity: Parity,
-    /// 1 or 2.
-    pub stop_bits: u8,
-}
-
-/// The bit that checks the eight before it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Parity {
-    /// There is none.
-    None,
-    /// An even number of ones.
-    Even,
-    /// An odd number of ones.
-    Odd,
-}
-
-impl Parity {
-    const WORDS: [(&'static str, Parity); 3] =
-        [("none", Parity::None), ("even", Parity::Even), ("odd", Parity::Odd)];
-
-    /// Its word in a profile.
-    pub fn word(self) -> &'static str {
-        Parity::WORDS.iter().find(|(_, known)| *known == self).map_or("none", |(word, _)| word)
-    }
-}
-
-impl FromStr for Parity {
-    type Err = String;
-
-    /// # Errors
-    /// A sentence that says what is allowed.
-    fn from_str(text: &str) -> Result<Parity, String> {
-        let known = Parity::WORDS.iter().find(|(word, _)| *word == text);
-        known
-            .map(|(_, parity)| *parity)
-            .ok_or_else(|| format!("`{text}` is no parity; allowed: none, even, odd"))
-    }
-}
-
 impl Place {
     /// The line of a profile.
     pub fn of(bus: &Bus) -> Place {
-        Place { transport: Transport::Tcp, address: bus.address.clone() }
+        Place { transport: bus.transport, address: bus.address.clone() }
     }
 
     /// It with other settings of its serial port; as it is where it has none.
@@ -96,19 +40,12 @@ impl Place {
 
     /// It as a bus, by itself.
     pub fn bus(&self, timeout: Duration) -> Bus {
-        Bus { name: "line".to_owned(), address: self.address.clone(), timeout, quirks: Quirks::default() }
-    }
-
-    /// What opens its connections.
-    ///
-    /// # Errors
-    /// A sentence, where this program cannot speak on such a line.
-    pub fn dial(&self, quirks: Quirks) -> Result<Box<dyn Dial>, String> {
-        match self.transport {
-            Transport::Tcp => Ok(Box::new(TcpDial::new(&self.address, quirks.pause_after_connect))),
-            Transport::RtuOverTcp | Transport::Serial(_) => {
-                Err("serial lines are not built yet; tcp://HOST:PORT is".to_owned())
-            }
+        Bus {
+            name: "line".to_owned(),
+            transport: self.transport,
+            address: self.address.clone(),
+            timeout,
+            quirks: Quirks::default(),
         }
     }
 
@@ -135,10 +72,7 @@ impl fmt::Display for Place {
         match self.transport {
             Transport::Tcp => write!(f, "tcp://{}", self.address),
             Transport::RtuOverTcp => write!(f, "rtu+tcp://{}", self.address),
-            Transport::Serial(Serial { baud, parity, stop_bits }) => {
-                let letter = parity.word().get(..1).unwrap_or("n").to_uppercase();
-                write!(f, "{} at {baud} baud 8{letter}{stop_bits}", self.address)
-            }
+            Transport::Serial(serial) => write!(f, "{} at {serial}", self.address),
         }
     }
 }

@@ -86,6 +86,20 @@ pub fn remedy(fault: Fault, asked: Asked<'_>) -> String {
             "{place} closed the connection instead of answering. Many devices take one client at a time: is another master \
              connected? Some close it for a unit number that is not theirs"
         ),
+        Fault::Link(LinkFault::Absent) => {
+            format!(
+                "there is no {}. Is the adapter plugged in? Its lasting name is below /dev/serial/by-id",
+                place.address
+            )
+        }
+        Fault::Link(LinkFault::Forbidden) => format!(
+            "{} may not be opened by this user: add him to the group that owns it (often dialout)",
+            place.address
+        ),
+        Fault::Link(LinkFault::Busy) => {
+            format!("another program has {}: end it, the gateway itself included", place.address)
+        }
+        Fault::Link(LinkFault::Unsuited) => format!("{place}: {fault}. Does the adapter know this speed?"),
         Fault::Peer(PeerFault::Malformed) => format!(
             "what {place} answers is not Modbus{}",
             if is_serial {

@@ -10,8 +10,12 @@ use crate::fieldbus::error::Fault;
 use crate::fieldbus::trace::Exchange;
 use crate::fieldbus::wire::Answer;
 use crate::profile::{Bus, Quirks};
-use crate::survey::ask::{Asker, is_of_the_line};
-use crate::survey::bus::Place;
+use crate::survey::ask::Asker;
+use crate::survey::bus::{Place, Transport};
+
+/// Bytes of an RTU frame that asks for one register, and of the one that answers.
+const REQUEST: usize = 8;
+const ANSWER: usize = 7;
 
 /// What is to be asked.
 #[derive(Clone, Debug)]
@@ -76,20 +80,27 @@ impl Scan {
     /// How long it can take: for every question the answer, and the connection that is made anew after a miss, are waited
     /// for in vain.
     pub fn at_worst(&self) -> Duration {
-        let each =
-            self.bus.timeout * 2 + self.quirks.pause_between_requests + self.bus.quirks.pause_after_connect;
-        each * u32::try_from(self.questions()).unwrap_or(u32::MAX)
+        let pauses = self.quirks.pause_between_requests + self.quirks.pause_after_connect;
+        let each_place = self.places.iter().map(|place| {
+            let under_way = match place.transport {
+                Transport::Serial(serial) => serial.exchange(REQUEST, ANSWER),
+                _ => Duration::ZERO,
+            };
+            self.bus.timeout * 2 + pauses + under_way
+        });
+        let questions = self.units.len() * self.registers.len();
+        each_place.sum::<Duration>() * u32::try_from(questions).unwrap_or(u32::MAX)
     }
 
     /// Asks them all. Dropping it ends it: nothing is under way that would have to be taken back.
     ///
     /// # Errors
-    /// The line cannot be connected, or not any more; or a sentence, where this program cannot speak on it.
+    /// The line cannot be connected, or not any more.
     pub async fn run(&self, mut tell: impl FnMut(Told)) -> Result<(), Stopped> {
         let mut asked = 0;
         for place in &self.places {
             tell(Told::Place(place.clone()));
-            let mut asker = Asker::new(place, &self.bus, self.quirks).map_err(Stopped::Unspoken)?;
+            let mut asker = Asker::new(place, &self.bus, self.quirks);
             if self.traced {
                 asker = asker.listened_to();
             }
@@ -101,9 +112,9 @@ impl Scan {
                         tell(Told::Exchange(exchange));
                     }
                     if let Err(fault) = answer
-                        && is_of_the_line(fault)
+                        && fault.is_of_the_line()
                     {
-                        return Err(Stopped::Line { unit, fault });
+                        return Err(Stopped { unit, fault });
                     }
                     tell(Told::Asked(asked));
                     if let Some(how) = how(&answer) {
@@ -118,18 +129,13 @@ impl Scan {
     }
 }
 
-/// Why a scan could not go on.
+/// The line was gone when this unit was to be asked.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Stopped {
-    /// This program cannot speak on such a line.
-    Unspoken(String),
-    /// The line was gone when this unit was to be asked.
-    Line {
-        /// The first that was not asked.
-        unit: u8,
-        /// What is wrong.
-        fault: Fault,
-    },
+pub struct Stopped {
+    /// The first that was not asked.
+    pub unit: u8,
+    /// What is wrong.
+    pub fault: Fault,
 }
 
 /// `None`: nobody is there. A gateway to a serial line says so with exception 10 or 11; a device that closes the

@@ -126,7 +126,7 @@ pub(super) fn run(target: &Target, one: &One, watch: bool, json: bool) -> Result
     }
     let (found, unit) = found(target, one, json)?;
     let asked = Asked { place: &found.place, unit, from, count, timeout: found.bus.timeout };
-    let mut asker = Asker::new(&found.place, &found.bus, found.quirks).map_err(anyhow::Error::msg)?;
+    let mut asker = Asker::new(&found.place, &found.bus, found.quirks);
     if one.trace {
         asker = asker.listened_to();
     }
