@@ -282,3 +282,38 @@ fn the_frames_of_one_device_of_a_running_gateway_can_be_had_while_it_runs() {
     let alone = trace("cnc", &[]);
     assert!(alone.said.contains("no gateway of this machine is running here"), "{}", alone.said);
 }
+
+#[test]
+fn on_a_serial_line_scan_finds_units_and_settings_and_the_frames_are_shown_with_their_checksums() {
+    let home = tempfile::tempdir().unwrap();
+    let port = home.path().join("port").display().to_string();
+    let line = format!("type = \"modbus-rtu\"\nport = \"{port}\"\nbaud = 9600\n");
+    let text = MACHINE.replace("type    = \"modbus-tcp\"\n", &line);
+    let text: Vec<&str> = text.lines().filter(|line| !line.starts_with("address = ")).collect();
+    let profile = file(home.path(), "machine.toml", &text.join("\n"));
+    let mut devices = Running::start(isotherm(home.path()).arg("virtual").arg(&profile));
+    devices.hears("stop with Ctrl-C");
+    let bus = format!("rtu://{port}");
+    let scan = ["--units", "3..6", "--timeout", "150ms", "--baud", "9600,19200", "--parity", "none"];
+    let scan = ended(isotherm(home.path()).args(["scan", "--bus", &bus]).args(scan));
+    assert!(scan.said.contains("in 2 settings; 150ms for each answer"), "{}", scan.said);
+    assert_eq!(scan.code, Some(0), "{}", scan.said);
+    assert!(
+        scan.out.contains(&format!("unit 4 answers on {port} at 9600 baud 8N1: holding:0 = ")),
+        "{}",
+        scan.out
+    );
+    assert!(
+        scan.out.contains("type = \"modbus-rtu\"\nport = ")
+            && scan.out.contains("baud = 9600\nparity = \"none\"")
+    );
+    assert!(!scan.out.contains("unit 5"), "{}", scan.out);
+    let place = ["--unit", "1", "--register", "input:0", "--count", "2", "--trace"];
+    let read = ended(isotherm(home.path()).args(["read", "--bus", &bus]).args(place));
+    assert_eq!(read.code, Some(0), "{}", read.said);
+    assert!(read.said.contains("→ 01 04 00 00 00 02 71 cb   unit 1 read input:0..1"), "{}", read.said);
+    assert!(read.said.contains("← 01 04 04 ") && read.said.contains("2 registers: "), "{}", read.said);
+    let absent = ["read", "--bus", "rtu:///dev/not-there", "--unit", "1", "--register", "input:0"];
+    let absent = ended(isotherm(home.path()).args(absent));
+    assert!(absent.code == Some(1) && absent.said.contains("there is no /dev/not-there"), "{}", absent.said);
+}

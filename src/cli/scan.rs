@@ -57,7 +57,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let found = arguments.target.find(arguments.json)?;
     let is_serial = matches!(found.place.transport, Transport::Serial(_));
-    if !is_serial && !(arguments.baud.is_empty() && arguments.parity.is_empty()) {
+    let has_settings = !arguments.baud.is_empty() || !arguments.parity.is_empty();
+    if has_settings && !is_serial {
         super::refuse("--baud and --parity are for a serial line: rtu:///dev/ttyUSB0");
     }
     let scan = Scan {

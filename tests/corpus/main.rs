@@ -11,7 +11,7 @@ use rand_pcg::Pcg32;
 mod targets;
 
 /// Inputs by chance for each target, unless `INPUTS` in the environment says how many.
-const BY_CHANCE: usize = 3000;
+const BY_CHANCE: usize = 300;
 
 fn corpus(name: &str) -> Vec<(PathBuf, Vec<u8>)> {
     let directory = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/corpus").join(name);

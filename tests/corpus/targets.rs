@@ -272,7 +272,7 @@ impl AsyncRead for Peer {
             self.answer.splice(0..0, header);
         }
         self.calls += 1;
-        if self.calls % 2 == 0 {
+        if self.calls.is_multiple_of(2) {
             context.waker().wake_by_ref();
             return Poll::Pending;
         }
