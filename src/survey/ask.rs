@@ -43,6 +43,8 @@ impl Asker {
                 ..Functions::ALL
             },
             quirks,
+            template: None,
+            verify: Vec::new(),
         };
         let devices: Vec<Device> = (0..=u8::MAX).map(device).collect();
         let units: Vec<(DeviceId, &Device)> =
