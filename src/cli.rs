@@ -21,10 +21,13 @@ mod record;
 pub mod replay;
 mod report;
 mod run;
+mod scan;
 mod select;
 mod services;
 mod signals;
 mod simulate;
+mod target;
+mod trace;
 
 /// Holds a machine tool to its cold geometry.
 ///
@@ -53,8 +56,10 @@ enum Verb {
     Run(run::Arguments),
     /// Every error of a profile with its place; then what would be read and written
     Check(check::Arguments),
-    /// One reading of every signal, with its quality
-    Read(read::Arguments),
+    /// One reading of every signal, with its quality; or of one register, without a signal
+    Read(Box<read::Arguments>),
+    /// Which units of a line answer
+    Scan(scan::Arguments),
     /// The devices of a profile as virtual hardware
     Virtual(simulate::Arguments),
     /// Readings into a log, for a later identification; writes to no device
@@ -78,6 +83,8 @@ enum Verb {
     Zero(command::Arguments),
     /// An axis's measured error, for the running gateway to learn from
     Measured(measured::Arguments),
+    /// The frames of a device of the running gateway, as they pass
+    Trace(trace::Arguments),
     /// The JSON Schema of the profile, for editors
     #[command(after_help = "Example:\n  isotherm schema > isotherm.schema.json")]
     Schema,
@@ -151,6 +158,8 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Run(arguments) => run::run(&arguments),
         Verb::Check(arguments) => check::run(&arguments),
         Verb::Read(arguments) => read::run(&arguments),
+        Verb::Scan(arguments) => scan::run(&arguments),
+        Verb::Trace(arguments) => trace::run(&arguments),
         Verb::Virtual(arguments) => simulate::run(&arguments),
         Verb::Record(arguments) => record::run(&arguments),
         Verb::Replay(arguments) => replay::run(&arguments),
@@ -210,6 +219,11 @@ fn start_log(filter: &str) -> WorkerGuard {
         log.try_init()
     };
     guard
+}
+
+/// Wrong arguments that only show together: told as the others are.
+fn refuse(why: &str) -> ! {
+    Arguments::command().error(clap::error::ErrorKind::MissingRequiredArgument, why).exit()
 }
 
 /// Loads a profile, or prints everything that is wrong with it.

@@ -83,6 +83,19 @@ pub struct Encoded {
 }
 
 impl DataType {
+    /// Every type.
+    pub const ALL: [DataType; 9] = [
+        DataType::Bool,
+        DataType::U16,
+        DataType::I16,
+        DataType::U32,
+        DataType::I32,
+        DataType::U64,
+        DataType::I64,
+        DataType::F32,
+        DataType::F64,
+    ];
+
     /// How many registers a value takes.
     pub const fn registers(self) -> u16 {
         match self {
@@ -155,8 +168,12 @@ impl Encoded {
 
 impl Encoding {
     /// The engineering value of one coil or discrete input.
-    pub fn decode_bit(&self, bit: bool) -> f64 {
-        f64::from(u8::from(bit)) * self.scale + self.offset
+    ///
+    /// # Errors
+    /// Where scale and offset make it something that is no number.
+    pub fn decode_bit(&self, bit: bool) -> Result<f64, Reason> {
+        let value = f64::from(u8::from(bit)) * self.scale + self.offset;
+        if value.is_finite() { Ok(value) } else { Err(Reason::NotANumber) }
     }
 
     /// The engineering value of these registers (lowest address first, exactly `data_type.registers()` of them).

@@ -3,6 +3,7 @@
 //! - [`plan`] — pure: the signals of a device become the fewest read requests.
 //! - [`wire`] — the border behind which the Modbus library lives; [`modbus`] is the library's side of it.
 //! - [`rtu`] — frames of a serial line, on a port ([`serial`]) or through TCP.
+//! - [`trace`] — the wire log: every frame, while somebody listens.
 //! - [`mod@line`] — one request at a time, timeout, breaker per device, reconnection.
 
 pub mod backoff;
@@ -13,6 +14,7 @@ pub mod modbus;
 pub mod plan;
 pub mod rtu;
 pub mod serial;
+pub mod trace;
 pub mod wire;
 
 use crate::profile::{Bus, Transport};

@@ -39,6 +39,7 @@ mod restart;
 mod shared;
 mod status;
 mod watch;
+mod wire_log;
 mod words;
 
 use keeper::Keeper;
@@ -47,6 +48,8 @@ use memory::Memory;
 use poll::LineTask;
 use shared::Shared;
 use watch::Watch;
+
+pub use wire_log::WireLog;
 
 /// How long the end of a run waits for the ledger to be on disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
@@ -85,6 +88,7 @@ pub struct Gateway {
     shared: Arc<Shared>,
     options: Options,
     sleepers: Vec<Sleeper>,
+    wire_log: WireLog,
 }
 
 /// How a gateway ended.
@@ -126,7 +130,13 @@ impl Gateway {
         if let Some(why) = trouble {
             shared.tell(&Event::NotKept { what: "the saved state".to_owned(), why });
         }
-        Gateway { shared, options, sleepers }
+        let wire_log = WireLog::new(&shared.profile);
+        Gateway { shared, options, sleepers, wire_log }
+    }
+
+    /// Where the frames of its devices can be listened to, from any thread.
+    pub fn wire_log(&self) -> WireLog {
+        self.wire_log.clone()
     }
 
     /// Who can tell its state and take commands, from any thread.
@@ -206,6 +216,7 @@ impl Gateway {
             .collect();
         let settings = profile.bus(bus);
         let line = Line::new(settings, &devices, (self.options.dialer)(settings));
+        let line = line.tapped(self.wire_log.tap(bus));
         LineTask::new(self.shared.clone(), bus, line, start)
     }
 

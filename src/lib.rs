@@ -9,6 +9,7 @@
 //! quantity ← clock ← { fieldbus, gateway, virtual_machine, cli }
 //! quantity, the states of compensation ← observe ← cli           observe's events and status ← gateway
 //! { codec, profile, clock } ← virtual_machine ← cli              nobody else knows virtual_machine
+//! { codec, profile, fieldbus } ← survey ← cli                    nobody else knows survey
 //! { compensation, profile } ← identify ← cli                   nobody else knows identify
 //! { profile, the read plan of fieldbus } ← explain ← cli         nobody else knows explain
 //! ```
@@ -28,4 +29,5 @@ pub mod observe;
 pub mod profile;
 pub mod quantity;
 pub mod reading;
+pub mod survey;
 pub mod virtual_machine;

@@ -15,11 +15,12 @@ use process::{PATIENCE, Running, file, free_port, isotherm};
 
 const MACHINE: &str = include_str!("interop/machine.toml");
 
-const VERBS: [&str; 17] = [
+const VERBS: [&str; 19] = [
     "demo",
     "run",
     "check",
     "read",
+    "scan",
     "virtual",
     "record",
     "replay",
@@ -30,6 +31,7 @@ const VERBS: [&str; 17] = [
     "disarm",
     "zero",
     "measured",
+    "trace",
     "schema",
     "completions",
     "man",

@@ -13,7 +13,7 @@ mod source;
 /// Which rooms each room may import. A name behind `::` narrows it to that part of the room.
 ///
 /// The picture of the same is in `src/lib.rs`.
-const ARROWS: [(&str, &[&str]); 13] = [
+const ARROWS: [(&str, &[&str]); 14] = [
     ("quantity", &[]),
     ("reading", &["quantity"]),
     ("clock", &["quantity"]),
@@ -36,6 +36,7 @@ const ARROWS: [(&str, &[&str]); 13] = [
             "observe::status",
         ],
     ),
+    ("survey", &["quantity", "codec", "profile", "clock", "fieldbus"]),
     ("identify", &["quantity", "reading", "compensation", "profile"]),
     ("virtual_machine", &["quantity", "reading", "codec", "profile", "clock"]),
     ("explain", &["quantity", "reading", "codec", "compensation", "profile", "fieldbus::plan"]),
@@ -51,6 +52,7 @@ const ARROWS: [(&str, &[&str]); 13] = [
             "observe",
             "virtual_machine",
             "explain",
+            "survey",
             "identify",
         ],
     ),

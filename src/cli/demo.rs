@@ -113,7 +113,7 @@ async fn show(
     let mut last = clock.join();
     let gateway = Gateway::new(profile, &clock, Options::default());
     let source = gateway.source();
-    let _services = sockets.serve(&source)?;
+    let _services = sockets.serve(&source, gateway.wire_log())?;
     drop(hold);
     let mut seen = None;
     let over = async {

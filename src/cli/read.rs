@@ -1,16 +1,26 @@
-//! `isotherm read`: one reading of every signal.
+//! `isotherm read`: one reading of every signal, or of one register without a signal.
 
 use std::io::{IsTerminal, Write};
 
 use super::gauge::{self, Gauge};
-use super::{Failure, ProfileArguments, load, print_json};
+use super::target::Target;
+use super::{Failure, print_json};
 
-/// One reading of every signal with its quality. Reads only.
+mod register;
+
+/// One reading of every signal with its quality; with --register, of one register without a signal. Reads only.
 #[derive(clap::Args, Debug)]
-#[command(after_help = "Examples:\n  isotherm read my-machine.toml\n  isotherm read my-machine.toml --watch")]
+#[command(
+    after_help = "Examples:\n  isotherm read my-machine.toml\n  isotherm read my-machine.toml --watch\n  \
+                  isotherm read my-machine.toml --device cnc --register holding:104 --type i32\n  \
+                  isotherm read --bus tcp://192.168.0.10:502 --unit 1 --register 40101 --type i32 --word-order msw-first \
+                  --count 4 --scale 0.1 --watch"
+)]
 pub(super) struct Arguments {
     #[command(flatten)]
-    profile: ProfileArguments,
+    target: Target,
+    #[command(flatten)]
+    one: register::One,
     /// Keep going, each second, until Ctrl-C
     #[arg(long)]
     watch: bool,
@@ -20,7 +30,15 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let profile = load(&arguments.profile, arguments.json)?;
+    if arguments.one.is_asked_for() {
+        return register::run(&arguments.target, &arguments.one, arguments.watch, arguments.json);
+    }
+    let Some(profile) = arguments.target.load(arguments.json)? else {
+        super::refuse("name a PROFILE, or a line and what to read: --bus tcp://HOST --register holding:0")
+    };
+    if arguments.target.bus.is_some() || arguments.target.timeout.is_some() {
+        super::refuse("--bus and --timeout want --register: what to read")
+    }
     if !arguments.watch {
         let status = gauge::once(profile)?;
         if arguments.json {

@@ -72,7 +72,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
             async move { drop(signals.wait_for(|count| *count >= times).await) }
         };
         let gateway = Gateway::new(profile, &Clock::wall(), options);
-        let _services = sockets.serve(&gateway.source())?;
+        let _services = sockets.serve(&gateway.source(), gateway.wire_log())?;
         anyhow::Ok(gateway.run(after(1), after(2)).await)
     })?;
     if outcome.failed {

@@ -8,7 +8,7 @@ use std::thread::JoinHandle;
 use anyhow::Context;
 use tokio::sync::watch;
 
-use crate::gateway::control;
+use crate::gateway::{WireLog, control};
 use crate::observe::http;
 use crate::observe::status::Source;
 use crate::profile::Web;
@@ -67,22 +67,22 @@ impl Sockets {
     }
 
     /// Serves what has been opened.
-    pub(super) fn serve(self, source: &Arc<dyn Source>) -> anyhow::Result<Services> {
+    pub(super) fn serve(self, source: &Arc<dyn Source>, wire_log: WireLog) -> anyhow::Result<Services> {
         let (stop, stopped) = watch::channel(false);
         let source = source.clone();
         let control = self.control.as_ref().map(|(_, path)| path.clone());
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         let thread = std::thread::Builder::new().name("services".to_owned()).spawn(move || {
-            runtime.block_on(self.all(source, stopped));
+            runtime.block_on(self.all(source, wire_log, stopped));
         })?;
         Ok(Services { stop: Some(stop), thread: Some(thread), control })
     }
 
-    async fn all(self, source: Arc<dyn Source>, stopped: watch::Receiver<bool>) {
+    async fn all(self, source: Arc<dyn Source>, wire_log: WireLog, stopped: watch::Receiver<bool>) {
         let control = async {
             match self.control {
                 Some((listener, _)) => {
-                    report("the command socket", control::serve(listener, source.clone()).await)
+                    report("the command socket", control::serve(listener, source.clone(), wire_log).await)
                 }
                 None => std::future::pending().await,
             }

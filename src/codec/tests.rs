@@ -103,6 +103,14 @@ fn a_bias_keeps_a_negative_offset_above_zero_on_the_wire() {
     assert!((linuxcnc.decode(&[32767]).unwrap() + 0.1).abs() < 1e-12);
 }
 
+#[test]
+fn a_bit_that_its_scale_makes_infinite_is_no_number() {
+    let bit = Encoding { scale: 2.0, offset: 1.0, ..encoding(DataType::Bool, WordOrder::MswFirst) };
+    assert_eq!((bit.decode_bit(false), bit.decode_bit(true)), (Ok(1.0), Ok(3.0)));
+    let endless = Encoding { scale: 1e308, offset: 1e308, ..bit };
+    assert_eq!(endless.decode_bit(true), Err(Reason::NotANumber));
+}
+
 proptest! {
     #[test]
     fn every_count_survives_the_way_there_and_back(raw: i32, order in prop_oneof![Just(WordOrder::MswFirst), Just(WordOrder::LswFirst)], byte_swap: bool) {

@@ -20,6 +20,9 @@ const LONGEST_FRAME: usize = 260;
 pub(super) struct Eager {
     stream: TcpStream,
     is_local: bool,
+    /// The answer has begun to come. What follows it comes by the event queue, so that a peer who never ends keeps nobody
+    /// else from his turn.
+    has_read: bool,
 }
 
 impl Eager {
@@ -29,7 +32,7 @@ impl Eager {
             (Ok(peer), Ok(own)) => peer.ip().is_loopback() || peer.ip() == own.ip(),
             _ => false,
         };
-        Eager { stream, is_local }
+        Eager { stream, is_local, has_read: false }
     }
 }
 
@@ -44,7 +47,7 @@ impl AsyncRead for Eager {
         context: &mut Context<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
-        if self.is_local {
+        if self.is_local && !self.has_read {
             std::thread::yield_now();
             // Past tokio, which only asks the system again after its event queue has spoken.
             let mut frame = [0; LONGEST_FRAME];
@@ -53,6 +56,7 @@ impl AsyncRead for Eager {
                 Err(error) if is_passing(&error) => {}
                 Err(error) => return Poll::Ready(Err(error)),
                 Ok(length) => {
+                    self.has_read = true;
                     buffer.put_slice(&frame[..length]);
                     return Poll::Ready(Ok(()));
                 }
@@ -68,6 +72,7 @@ impl AsyncWrite for Eager {
         context: &mut Context<'_>,
         bytes: &[u8],
     ) -> Poll<io::Result<usize>> {
+        self.has_read = false;
         if self.is_local {
             match (&*SockRef::from(&self.stream)).write(bytes) {
                 Err(error) if is_passing(&error) => {}

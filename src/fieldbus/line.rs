@@ -13,6 +13,7 @@ use std::time::Duration;
 
 use super::backoff::Backoff;
 use super::error::{CallerFault, Fault, LinkFault};
+use super::trace::Tap;
 use super::wire::{Answer, Connection, Dial, Request};
 use crate::clock::{Patience, Silence};
 use crate::profile::{Bus, Device, DeviceId, Functions, Quirks};
@@ -39,6 +40,7 @@ pub struct Line {
     misses: u32,
     /// Closed by us after an answer.
     is_put_down: bool,
+    tap: Tap,
 }
 
 /// One device on the line.
@@ -84,7 +86,15 @@ impl Line {
             spoke: false,
             misses: 0,
             is_put_down: false,
+            tap: Tap::default(),
         }
+    }
+
+    /// The same line, listened to at this tap.
+    pub fn tapped(mut self, tap: &Tap) -> Line {
+        self.dial.tap(tap);
+        self.tap = tap.clone();
+        self
     }
 
     /// There is a connection.
@@ -187,7 +197,18 @@ impl Line {
         }
     }
 
+    /// Puts the question, and shows what came of it to whoever listens.
     async fn exchange(&mut self, place: usize, request: Request<'_>, now: Moment) -> Result<Answer, Fault> {
+        let begun = self.tap.begin();
+        let answer = self.ask(place, request, now).await;
+        if let Some(begun) = begun {
+            let unit = &self.units[place];
+            self.tap.tell(begun, (unit.device, unit.number), request, &answer);
+        }
+        answer
+    }
+
+    async fn ask(&mut self, place: usize, request: Request<'_>, now: Moment) -> Result<Answer, Fault> {
         self.connect(now).await?;
         let unit = &self.units[place];
         let Some(connection) = &mut self.wire else { return Err(Fault::Link(LinkFault::Down)) };

@@ -15,6 +15,7 @@ use tokio_modbus::{Error, ProtocolError, Request as Pdu, Response, Slave};
 
 use super::eager::Eager;
 use super::error::{Fault, LinkFault, PeerFault};
+use super::trace::{Tap, Teed};
 use super::wire::{Answer, Boxed, Connection, Dial, Request, Wire};
 use crate::codec::Table;
 
@@ -22,12 +23,13 @@ use crate::codec::Table;
 #[derive(Clone, Debug)]
 pub struct TcpDial {
     address: String,
+    tap: Tap,
 }
 
 impl TcpDial {
     /// To `host:port`.
     pub fn new(address: &str) -> TcpDial {
-        TcpDial { address: address.to_owned() }
+        TcpDial { address: address.to_owned(), tap: Tap::default() }
     }
 }
 
@@ -38,8 +40,12 @@ impl Dial for TcpDial {
                 TcpStream::connect(self.address.as_str()).await.map_err(|error| dial_fault(&error))?;
             // A small request must not wait for the answer to the last one.
             stream.set_nodelay(true).map_err(|_| Fault::Link(LinkFault::Broken))?;
-            Ok(Connection::Modbus(attach(Eager::new(stream))))
+            Ok(Connection::Modbus(attach(Teed::new(Eager::new(stream), self.tap.clone()))))
         })
+    }
+
+    fn tap(&mut self, tap: &Tap) {
+        self.tap = tap.clone();
     }
 }
 

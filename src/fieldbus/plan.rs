@@ -131,7 +131,7 @@ impl Field {
         let (from, to) = (usize::from(self.at), usize::from(self.at) + usize::from(self.len));
         match answer {
             Answer::Words(words) => encoding.decode(words.get(from..to).ok_or(Reason::BadReply)?),
-            Answer::Bits(bits) => Ok(encoding.decode_bit(*bits.get(from).ok_or(Reason::BadReply)?)),
+            Answer::Bits(bits) => encoding.decode_bit(*bits.get(from).ok_or(Reason::BadReply)?),
             Answer::Done => Err(Reason::BadReply),
         }
     }

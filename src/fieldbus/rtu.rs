@@ -23,6 +23,7 @@ use tokio_modbus::{ExceptionResponse, Response};
 
 use super::error::{Fault, LinkFault, PeerFault};
 use super::modbus::{check, dial_fault};
+use super::trace::{Tap, Teed};
 use super::wire::{Answer, Boxed, Connection, Dial, Request, Wire};
 use crate::clock::{Patience, Silence};
 use crate::profile::Serial;
@@ -40,12 +41,13 @@ const SILENCE_OVER_TCP: Duration = Duration::ZERO;
 #[derive(Clone, Debug)]
 pub struct RtuOverTcpDial {
     address: String,
+    tap: Tap,
 }
 
 impl RtuOverTcpDial {
     /// To `host:port`.
     pub fn new(address: &str) -> RtuOverTcpDial {
-        RtuOverTcpDial { address: address.to_owned() }
+        RtuOverTcpDial { address: address.to_owned(), tap: Tap::default() }
     }
 }
 
@@ -55,8 +57,12 @@ impl Dial for RtuOverTcpDial {
             let stream =
                 TcpStream::connect(self.address.as_str()).await.map_err(|error| dial_fault(&error))?;
             stream.set_nodelay(true).map_err(|_| Fault::Link(LinkFault::Broken))?;
-            Ok(Connection::Other(Box::new(Rtu::new(stream, None))))
+            Ok(Connection::Other(Box::new(Rtu::new(Teed::new(stream, self.tap.clone()), None))))
         })
+    }
+
+    fn tap(&mut self, tap: &Tap) {
+        self.tap = tap.clone();
     }
 }
 
@@ -72,6 +78,15 @@ pub trait Port: AsyncRead + AsyncWrite + Send + Unpin {
 impl Port for TcpStream {
     fn take_waiting(&self, bytes: &mut [u8]) -> io::Result<usize> {
         (&*SockRef::from(self)).read(bytes)
+    }
+}
+
+/// What is taken to be discarded passes the tap too: a late answer is worth seeing.
+impl<T: Port> Port for Teed<T> {
+    fn take_waiting(&self, bytes: &mut [u8]) -> io::Result<usize> {
+        let count = self.inner().take_waiting(bytes)?;
+        self.pass(&bytes[..count], false);
+        Ok(count)
     }
 }
 

@@ -16,6 +16,7 @@ use tokio::net::unix::pipe::{Receiver, Sender};
 
 use super::error::{Fault, LinkFault};
 use super::rtu::{Port, Rtu};
+use super::trace::{Tap, Teed};
 use super::wire::{Boxed, Connection, Dial};
 use crate::profile::{Parity, Serial};
 
@@ -24,12 +25,13 @@ use crate::profile::{Parity, Serial};
 pub struct SerialDial {
     path: String,
     settings: Serial,
+    tap: Tap,
 }
 
 impl SerialDial {
     /// The port at this path with these settings.
     pub fn new(path: &str, settings: Serial) -> SerialDial {
-        SerialDial { path: path.to_owned(), settings }
+        SerialDial { path: path.to_owned(), settings, tap: Tap::default() }
     }
 }
 
@@ -37,8 +39,13 @@ impl Dial for SerialDial {
     fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
         Box::pin(async {
             let port = SerialPort::open(&self.path, self.settings).map_err(Fault::Link)?;
+            let port = Teed::new(port, self.tap.clone());
             Ok(Connection::Other(Box::new(Rtu::new(port, Some(self.settings)))))
         })
+    }
+
+    fn tap(&mut self, tap: &Tap) {
+        self.tap = tap.clone();
     }
 }
 

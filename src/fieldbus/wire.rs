@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use super::error::Fault;
 use super::modbus::ModbusTcp;
+use super::trace::Tap;
 use crate::codec::{Address, Table};
 
 /// A future that a trait object can return.
@@ -90,6 +91,10 @@ pub trait Wire: Send {
 pub trait Dial: Send {
     /// Opens one, for as long as it takes.
     fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>>;
+
+    /// From now on the bytes of its connections pass this tap. One that does not know how leaves the wire log without
+    /// bytes.
+    fn tap(&mut self, _tap: &Tap) {}
 }
 
 /// An open connection of any kind.

@@ -1,7 +1,7 @@
 //! Commands to a running gateway over its own Unix socket in the state directory: `isotherm arm`, `disarm`, `zero`, `measured`.
 //!
 //! One line in, one line out: `arm` → `ok z: will be armed …` or `error …`; `measured z 3.2`, in µm, and `measured z
-//! clear`. Who may open the file may command.
+//! clear`. `trace` has an answer of many lines. Who may open the file may command.
 
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::fs::PermissionsExt;
@@ -13,7 +13,12 @@ use std::time::Duration;
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt};
 use tokio::net::{UnixListener, unix::OwnedReadHalf};
 
+use super::WireLog;
 use crate::observe::status::{Command, Source};
+
+mod trace;
+
+pub use trace::{LONGEST as LONGEST_TRACE, trace};
 
 /// Longest command line that is read.
 const LONGEST: u64 = 256;
@@ -50,6 +55,7 @@ pub fn open(path: &Path) -> std::io::Result<std::os::unix::net::UnixListener> {
 pub async fn serve(
     listener: std::os::unix::net::UnixListener,
     source: Arc<dyn Source>,
+    wire_log: WireLog,
 ) -> std::io::Result<()> {
     let listener = UnixListener::from_std(listener)?;
     loop {
@@ -57,15 +63,20 @@ pub async fn serve(
             tokio::time::sleep(Duration::from_millis(100)).await;
             continue;
         };
-        let source = source.clone();
+        let (source, wire_log) = (source.clone(), wire_log.clone());
         tokio::spawn(async move {
-            let (reader, mut writer) = stream.into_split();
-            let heard = tokio::time::timeout(Duration::from_secs(5), hear(reader)).await;
+            let (mut reader, mut writer) = stream.into_split();
+            let heard = tokio::time::timeout(Duration::from_secs(5), hear(&mut reader)).await;
             let heard = heard.ok().flatten().unwrap_or_default();
+            if let Some(wanted) = trace::Wanted::heard(heard.trim()) {
+                // It ends with its asker.
+                let _ = trace::serve(wanted, &wire_log, reader, writer).await;
+                return;
+            }
             let answer = match obey(heard.trim(), source.as_ref()) {
                 Some(Ok(said)) => format!("ok {said}\n"),
                 Some(Err(why)) => format!("error {why}\n"),
-                None => "error this socket understands arm, disarm, zero, measured\n".to_owned(),
+                None => "error this socket understands arm, disarm, zero, measured, trace\n".to_owned(),
             };
             let _ = writer.write_all(answer.as_bytes()).await;
         });
@@ -80,7 +91,7 @@ fn obey(line: &str, source: &dyn Source) -> Option<Result<String, String>> {
     Some(source.measured(axis, error))
 }
 
-async fn hear(reader: OwnedReadHalf) -> Option<String> {
+async fn hear(reader: &mut OwnedReadHalf) -> Option<String> {
     let mut line = String::new();
     tokio::io::BufReader::new(reader.take(LONGEST)).read_line(&mut line).await.ok()?;
     Some(line)
@@ -104,12 +115,7 @@ pub fn send_measured(path: &Path, axis: &str, error_um: Option<f64>) -> Result<S
 }
 
 fn ask(path: &Path, line: &str) -> Result<String, String> {
-    let explain = |error: std::io::Error| {
-        format!(
-            "no gateway of this machine is running here ({}: {error}); start it with `isotherm run`",
-            path.display()
-        )
-    };
+    let explain = |error: std::io::Error| no_gateway(path, &error);
     let mut stream = UnixStream::connect(path).map_err(explain)?;
     stream.set_read_timeout(Some(Duration::from_secs(5))).map_err(explain)?;
     writeln!(stream, "{line}").map_err(explain)?;
@@ -120,6 +126,13 @@ fn ask(path: &Path, line: &str) -> Result<String, String> {
         Some((_, why)) => Err(why.to_owned()),
         None => Err("the gateway gave no answer".to_owned()),
     }
+}
+
+fn no_gateway(path: &Path, error: &std::io::Error) -> String {
+    format!(
+        "no gateway of this machine is running here ({}: {error}); start it with `isotherm run`",
+        path.display()
+    )
 }
 
 const WORDS: [(Command, &str); 3] =

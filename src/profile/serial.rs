@@ -1,6 +1,7 @@
 //! A serial line: its settings, and how long things take on it.
 
 use std::fmt;
+use std::str::FromStr;
 use std::time::Duration;
 
 /// Bits per second up to which silence is measured in characters; above, it is a fixed time.
@@ -37,6 +38,29 @@ pub enum Parity {
     Even,
     /// An odd number of ones.
     Odd,
+}
+
+impl Parity {
+    const WORDS: [(&'static str, Parity); 3] =
+        [("none", Parity::None), ("even", Parity::Even), ("odd", Parity::Odd)];
+
+    /// Its word in a profile.
+    pub fn word(self) -> &'static str {
+        Parity::WORDS.iter().find(|(_, known)| *known == self).map_or("none", |(word, _)| word)
+    }
+}
+
+impl FromStr for Parity {
+    type Err = String;
+
+    /// # Errors
+    /// A sentence that says what is allowed.
+    fn from_str(text: &str) -> Result<Parity, String> {
+        let known = Parity::WORDS.iter().find(|(word, _)| *word == text);
+        known
+            .map(|(_, parity)| *parity)
+            .ok_or_else(|| format!("`{text}` is no parity; allowed: none, even, odd"))
+    }
 }
 
 impl Serial {

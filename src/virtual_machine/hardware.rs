@@ -307,7 +307,7 @@ impl Hardware {
         let bank = &self.units[self.unit_of[device.0]].bank;
         let words = bank.read(address, encoding.data_type.registers())?;
         if address.table.is_bits() {
-            return words.first().map(|bit| encoding.decode_bit(*bit != 0));
+            return words.first().and_then(|bit| encoding.decode_bit(*bit != 0).ok());
         }
         encoding.decode(words).ok()
     }

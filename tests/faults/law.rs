@@ -163,7 +163,7 @@ fn measured(seen: &Seen, signal: &Signal) -> Option<f64> {
     let from = usize::from(signal.address.offset.checked_sub(seen.address.offset)?);
     let words = seen.after.get(from..from + usize::from(signal.encoding.data_type.registers()))?;
     if signal.address.table.is_bits() {
-        return Some(signal.encoding.decode_bit(words[0] != 0));
+        return signal.encoding.decode_bit(words[0] != 0).ok();
     }
     signal.encoding.decode(words).ok()
 }

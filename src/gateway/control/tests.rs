@@ -22,13 +22,19 @@ impl Source for Fake {
     }
 }
 
+fn wire_log() -> WireLog {
+    let text = include_str!("../../../profiles/surface-grinder.toml");
+    let loaded = crate::profile::parse(Path::new("grinder.toml"), text, &[], &[]);
+    WireLog::new(&loaded.unwrap_or_else(|errors| panic!("{errors}")).profile)
+}
+
 /// Runs something that blocks beside the served socket.
 async fn beside<T: Send + 'static>(
     path: &Path,
     act: impl FnOnce() -> T + Send + 'static,
 ) -> (T, Vec<Command>) {
     let fake = Arc::new(Fake::default());
-    let serving = tokio::spawn(serve(open(path).unwrap(), fake.clone()));
+    let serving = tokio::spawn(serve(open(path).unwrap(), fake.clone(), wire_log()));
     let result = tokio::task::spawn_blocking(act).await.unwrap();
     serving.abort();
     let commands = fake.0.lock().unwrap().clone();
@@ -91,4 +97,33 @@ async fn a_second_gateway_is_refused_and_the_socket_of_a_dead_one_is_replaced() 
     assert!(path.exists(), "a dead gateway leaves its socket behind");
     open(&path).unwrap();
     assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o660);
+}
+
+#[tokio::test]
+async fn a_wire_log_ends_by_itself_and_one_of_an_unknown_device_is_refused_with_the_known_ones() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = path(directory.path(), "m");
+    let socket = path.clone();
+    let (said, _) = beside(&path, move || {
+        let listen = |device| trace(&socket, device, Duration::from_millis(50), false, |_| true);
+        (listen("cnc"), listen("lathe"))
+    })
+    .await;
+    assert!(said.0.unwrap().starts_with("nothing was sent to it"));
+    let refused = said.1.unwrap_err();
+    assert!(
+        refused.starts_with("there is no device `lathe`; there are: ") && refused.contains("cnc"),
+        "{refused}"
+    );
+}
+
+#[test]
+fn only_a_whole_wish_for_a_wire_log_is_one() {
+    for line in
+        ["trace", "trace cnc", "trace cnc 5", "trace cnc x text", "trace cnc -1 text", "trace cnc 5 xml"]
+    {
+        assert!(trace::Wanted::heard(line).is_none(), "{line}");
+    }
+    assert!(trace::Wanted::heard("trace cnc 0.5 json").is_some());
+    assert!(trace::Wanted::heard("trace cnc 1e9 text").is_some_and(|wanted| wanted.span == LONGEST_TRACE));
 }

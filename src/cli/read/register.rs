@@ -1,0 +1,206 @@
+//! One register, or some of them in a row, without a signal: what a device says, raw and as a value.
+
+use std::io::Write;
+use std::time::Duration;
+
+use crate::cli::target::{self, Target};
+use crate::cli::{Failure, print_json, refuse};
+use crate::clock::Clock;
+use crate::survey::ask::Asker;
+use crate::survey::remedy::{Asked, remedy};
+use crate::survey::values::{Form, Shown};
+use crate::survey::{Address, DataType, Fault, WordOrder};
+
+/// Registers and bits that one request carries, by the protocol.
+const MOST_REGISTERS: u16 = 125;
+const MOST_BITS: u16 = 2000;
+
+/// What is read and how it is understood.
+#[derive(clap::Args, Debug)]
+#[command(next_help_heading = "One register, without a signal")]
+pub(in crate::cli) struct One {
+    /// The first register or bit: holding:100, input:0, coil:3, discrete:3, or a Modicon number such as 40101
+    #[arg(long, value_name = "REGISTER")]
+    register: Option<Address>,
+    /// The Modbus unit
+    #[arg(long, value_name = "UNIT", conflicts_with = "device", requires = "register")]
+    unit: Option<u8>,
+    /// The unit and line of a device of the profile
+    #[arg(long, value_name = "DEVICE", requires_all = ["register", "profile"], conflicts_with = "bus")]
+    device: Option<String>,
+    /// bool, u16, i16, u32, i32, u64, i64, f32, f64; without it u16, and i16 beside it where that differs
+    #[arg(long = "type", value_name = "TYPE", value_parser = data_type, requires = "register")]
+    data_type: Option<DataType>,
+    /// msw-first or lsw-first; without it a value of several registers is shown in both
+    #[arg(long, value_name = "ORDER", value_parser = word_order, requires = "register")]
+    word_order: Option<WordOrder>,
+    /// The two bytes inside every register are exchanged
+    #[arg(long, requires = "register")]
+    byte_swap: bool,
+    /// How many values
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=2000), requires = "register")]
+    count: u16,
+    /// Engineering units per count
+    #[arg(long, value_name = "UNITS", default_value = "1", value_parser = scale, allow_negative_numbers = true, requires = "register")]
+    scale: f64,
+    /// Engineering value of raw zero
+    #[arg(long, value_name = "UNITS", default_value = "0", value_parser = finite, allow_negative_numbers = true, requires = "register")]
+    offset: f64,
+    /// With --watch: how often
+    #[arg(long, value_name = "SPAN", default_value = "1s", value_parser = humantime::parse_duration, requires = "watch")]
+    every: Duration,
+    /// The bytes of each frame, on stderr
+    #[arg(long, requires = "register")]
+    trace: bool,
+}
+
+fn data_type(text: &str) -> Result<DataType, String> {
+    let known = DataType::ALL.into_iter().find(|known| known.name() == text);
+    known.ok_or_else(|| format!("allowed: {}", DataType::ALL.map(DataType::name).join(", ")))
+}
+
+fn word_order(text: &str) -> Result<WordOrder, String> {
+    let orders = [WordOrder::MswFirst, WordOrder::LswFirst];
+    let known = orders.into_iter().find(|known| known.to_string() == text);
+    known.ok_or_else(|| "allowed: msw-first, lsw-first".to_owned())
+}
+
+fn finite(text: &str) -> Result<f64, String> {
+    let number: Option<f64> = text.parse().ok().filter(|number: &f64| number.is_finite());
+    number.ok_or_else(|| "write a number, such as 0.1".to_owned())
+}
+
+fn scale(text: &str) -> Result<f64, String> {
+    let number = finite(text)?;
+    if number.abs() > 0.0 { Ok(number) } else { Err("a scale of 0 makes every value the same".to_owned()) }
+}
+
+impl One {
+    pub(in crate::cli) fn is_asked_for(&self) -> bool {
+        self.register.is_some()
+    }
+
+    fn form(&self) -> Form {
+        let One { data_type, word_order, byte_swap, scale, offset, .. } = *self;
+        Form { data_type, word_order, byte_swap, scale, offset }
+    }
+}
+
+/// The line and the unit that are meant.
+fn found(target: &Target, one: &One, json: bool) -> Result<(target::Found, u8), Failure> {
+    let Some(name) = &one.device else {
+        if target.bus.is_none() {
+            refuse(
+                "--register wants to know where: --bus tcp://HOST --unit 1, or a PROFILE with --device NAME",
+            );
+        }
+        let Some(unit) = one.unit else { refuse("--unit is missing: the Modbus unit, often 1") };
+        return Ok((target.find(json)?, unit));
+    };
+    let Some(profile) = target.load(json)? else { refuse("--device wants a PROFILE") };
+    let Some(device) = profile.devices.iter().find(|device| device.name == *name).cloned() else {
+        let known: Vec<&str> = profile.devices.iter().map(|device| device.name.as_str()).collect();
+        return Err(
+            anyhow::anyhow!("the profile has no device `{name}`; it has: {}", known.join(", ")).into()
+        );
+    };
+    let mut found = Target::of(profile, device.bus, target.timeout);
+    found.quirks = device.quirks;
+    Ok((found, device.unit))
+}
+
+pub(super) fn run(target: &Target, one: &One, watch: bool, json: bool) -> Result<(), Failure> {
+    let Some(from) = one.register else { return Ok(()) };
+    let form = one.form();
+    let is_bits = from.table.is_bits();
+    if is_bits && one.data_type.is_some_and(|known| known != DataType::Bool) {
+        refuse(&format!("{from} is a single bit: leave --type out"));
+    }
+    let most = if is_bits { MOST_BITS } else { MOST_REGISTERS };
+    let count = u32::from(one.count) * u32::from(form.registers());
+    let Some(count) = u16::try_from(count).ok().filter(|count| *count <= most) else {
+        refuse(&format!("at most {} values of this type fit into one request", most / form.registers()));
+    };
+    if u32::from(from.offset) + u32::from(count) > 65_536 {
+        refuse(&format!("{count} registers from {from} on go beyond the last one, 65535"));
+    }
+    let (found, unit) = found(target, one, json)?;
+    let asked = Asked { place: &found.place, unit, from, count, timeout: found.bus.timeout };
+    let mut asker = Asker::new(&found.place, &found.bus, found.quirks);
+    if one.trace {
+        asker = asker.listened_to();
+    }
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+    runtime.block_on(async {
+        let clock = Clock::wall();
+        let begun = clock.now();
+        loop {
+            let answer = asker.read(unit, from, count).await;
+            while let Some(exchange) = asker.heard() {
+                eprintln!("{exchange}");
+            }
+            let values = answer.map(|answer| form.values(from, &answer));
+            let now = watch.then(|| clock.now().to_string());
+            tell(&values, asked, &form, now.as_deref(), json)?;
+            if !watch {
+                return values.map(|_| ()).map_err(|fault| anyhow::anyhow!(remedy(fault, asked)).into());
+            }
+            let next = clock.now().next_tick(begun, one.every.max(Duration::from_millis(10)));
+            tokio::time::sleep(next.since(clock.now())).await;
+        }
+    })
+}
+
+/// One reading on stdout. With `now`, one of many: a fault of it is told and does not end them.
+fn tell(
+    values: &Result<Vec<Shown>, Fault>,
+    asked: Asked<'_>,
+    form: &Form,
+    now: Option<&str>,
+    json: bool,
+) -> Result<(), Failure> {
+    let mut out = std::io::stdout();
+    if json {
+        let fault = values.as_ref().err().map(|fault| remedy(*fault, asked));
+        let document = serde_json::json!({
+            "now": now, "bus": asked.place.to_string(), "unit": asked.unit,
+            "values": values.as_ref().ok(), "fault": fault,
+        });
+        match now {
+            Some(_) => writeln!(out, "{document}")?,
+            // The fault itself is told as every verb's is.
+            None => print_json(&document)?,
+        }
+        return Ok(());
+    }
+    if let Some(now) = now {
+        writeln!(out, "{now}")?;
+    }
+    match values {
+        Ok(values) => {
+            let width = values.iter().map(|shown| shown.register.len()).max().unwrap_or(0);
+            for Shown { register, modicon, raw, readings } in values {
+                let read: Vec<String> = readings
+                    .iter()
+                    .map(|read| {
+                        if read.way.is_empty() {
+                            read.value.clone()
+                        } else {
+                            format!("{} {}", read.way, read.value)
+                        }
+                    })
+                    .collect();
+                writeln!(out, "  {register:<width$} ({modicon})  {raw}  {}", read.join("   "))?;
+            }
+            if form.lacks_order() && now.is_none() {
+                eprintln!(
+                    "no word order was given, and 32 and 64 bits have none by default: add --word-order"
+                );
+            }
+        }
+        Err(fault) if now.is_some() => writeln!(out, "  {}", remedy(*fault, asked))?,
+        Err(_) => {}
+    }
+    out.flush()?;
+    Ok(())
+}

@@ -1,0 +1,71 @@
+//! `isotherm trace`: the wire log of one device of the running gateway.
+
+use std::io::Write;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use super::run::state_directory;
+use super::{Failure, ProfileArguments, load};
+use crate::gateway::control;
+
+/// Shows what passes between the running gateway and one of its devices: the bytes of each frame, what they mean, how long
+/// the answer took; timeouts and wrong answers too.
+///
+/// It changes nothing on the wire, and costs nothing before and after. Times are UTC.
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  isotherm trace my-machine.toml --device cnc\n  isotherm trace my-machine.toml --device cnc \
+                  --for 10min --out cnc.log"
+)]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    profile: ProfileArguments,
+    /// The device, by its name in the profile
+    #[arg(long, value_name = "DEVICE")]
+    device: String,
+    /// Ends by itself after this long, at most 24h
+    #[arg(long = "for", value_name = "SPAN", default_value = "60s", value_parser = span)]
+    span: Duration,
+    /// Into a new file, instead of to stdout
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// The state directory that the gateway was started with
+    #[arg(long, value_name = "DIR")]
+    state: Option<PathBuf>,
+    /// One JSON document a line
+    #[arg(long)]
+    json: bool,
+}
+
+fn span(text: &str) -> Result<Duration, String> {
+    let span = humantime::parse_duration(text).map_err(|error| error.to_string())?;
+    if span.is_zero() || span > control::LONGEST_TRACE {
+        return Err("write a time above zero and of at most 24h, such as 60s".to_owned());
+    }
+    Ok(span)
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    let profile = load(&arguments.profile, arguments.json)?;
+    let directory = state_directory(arguments.state.as_deref(), &profile)?;
+    let mut out: Box<dyn Write> = match &arguments.out {
+        Some(path) => Box::new(std::fs::File::create_new(path).map_err(|error| {
+            anyhow::anyhow!("{} cannot be written ({error}); nothing is overwritten", path.display())
+        })?),
+        None => Box::new(std::io::stdout()),
+    };
+    let mut written = Ok(());
+    let said = control::trace(
+        &control::path(&directory, &profile.name),
+        &arguments.device,
+        arguments.span,
+        arguments.json,
+        |line| {
+            written = writeln!(out, "{line}").and_then(|()| out.flush());
+            written.is_ok()
+        },
+    );
+    written?;
+    eprintln!("{}", said.map_err(anyhow::Error::msg)?);
+    Ok(())
+}

@@ -1,0 +1,256 @@
+//! The wire log: the frames of a line while somebody looks, and nothing at all while nobody does.
+//!
+//! The bytes are the real ones. The stream below the Modbus library is a [`Teed`] one, which keeps a copy of what passes;
+//! what it means comes from above, where the question and its checked answer are known ([`super::line`]). So an answer
+//! that is no Modbus is shown as it came, beside the fault it was taken for. Frames put together again from what the
+//! library says would show neither that nor a late answer.
+//!
+//! Without a listener a stream looks at one flag per read and write. With one, the line still waits for nobody: an
+//! exchange that finds its queue full is counted and left out. A listener that is dropped is gone at once.
+
+use std::io;
+use std::pin::Pin;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::task::{Context, Poll};
+
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::sync::mpsc;
+
+use super::error::{Fault, LinkFault};
+use super::wire::{Answer, Request};
+use crate::clock::Clock;
+use crate::profile::DeviceId;
+use crate::quantity::Moment;
+
+mod exchange;
+
+pub use exchange::Exchange;
+
+/// Exchanges that wait for a slow listener; more are left out.
+const UNHEARD: usize = 1024;
+/// Bytes kept of each direction of one exchange: two of the longest frames.
+const LONGEST: usize = 520;
+/// Listeners of one line.
+const MOST_LISTENERS: usize = 4;
+
+/// The place on a line where one can listen.
+#[derive(Clone, Debug)]
+pub struct Tap(Arc<Shared>);
+
+#[derive(Debug)]
+struct Shared {
+    /// The wall's: under a virtual clock an answer would take no time.
+    clock: Clock,
+    is_on: AtomicBool,
+    passed: Mutex<Passed>,
+    listeners: Mutex<Vec<Listener>>,
+}
+
+/// What has passed since the question was put.
+#[derive(Debug, Default)]
+struct Passed {
+    sent: Vec<u8>,
+    received: Vec<u8>,
+    /// Bytes beyond what is kept.
+    more: usize,
+}
+
+#[derive(Debug)]
+struct Listener {
+    /// `None`: everything on the line.
+    device: Option<DeviceId>,
+    to: mpsc::Sender<Exchange>,
+    dropped: Arc<AtomicU64>,
+}
+
+/// Hears what passes, until it is dropped.
+#[derive(Debug)]
+pub struct Listening {
+    tap: Tap,
+    heard: mpsc::Receiver<Exchange>,
+    dropped: Arc<AtomicU64>,
+}
+
+impl Default for Tap {
+    fn default() -> Tap {
+        Tap(Arc::new(Shared {
+            clock: Clock::wall(),
+            is_on: AtomicBool::new(false),
+            passed: Mutex::default(),
+            listeners: Mutex::default(),
+        }))
+    }
+}
+
+impl Tap {
+    /// Listens to one device, or to all on the line.
+    ///
+    /// # Errors
+    /// A sentence, where as many listen already as may.
+    pub fn listen(&self, device: Option<DeviceId>) -> Result<Listening, String> {
+        let mut listeners = locked(&self.0.listeners);
+        if listeners.len() >= MOST_LISTENERS {
+            return Err(format!("{MOST_LISTENERS} others listen to this line already; end one of them"));
+        }
+        let (to, heard) = mpsc::channel(UNHEARD);
+        let dropped = Arc::new(AtomicU64::new(0));
+        listeners.push(Listener { device, to, dropped: dropped.clone() });
+        self.0.is_on.store(true, Ordering::Relaxed);
+        Ok(Listening { tap: self.clone(), heard, dropped })
+    }
+
+    /// Whether anybody listens.
+    pub fn is_on(&self) -> bool {
+        self.0.is_on.load(Ordering::Relaxed)
+    }
+
+    /// A question is about to be put. `None` while nobody listens.
+    pub(super) fn begin(&self) -> Option<Moment> {
+        self.is_on().then(|| {
+            *self.passed() = Passed::default();
+            self.0.clock.now()
+        })
+    }
+
+    /// What came of it.
+    pub(super) fn tell(
+        &self,
+        asked_at: Moment,
+        (device, unit): (DeviceId, u8),
+        request: Request<'_>,
+        answer: &Result<Answer, Fault>,
+    ) {
+        // Nothing was tried.
+        if *answer == Err(Fault::Link(LinkFault::Down)) {
+            return;
+        }
+        let took = self.0.clock.now().since(asked_at);
+        let Passed { sent, received, more } = std::mem::take(&mut *self.passed());
+        let exchange = Exchange {
+            asked_at,
+            took,
+            unit,
+            asked: exchange::asked(request),
+            sent,
+            received,
+            more,
+            answered: exchange::answered(answer),
+            is_good: answer.is_ok(),
+        };
+        let listeners = locked(&self.0.listeners);
+        for listener in listeners.iter().filter(|listener| listener.device.is_none_or(|one| one == device)) {
+            if listener.to.try_send(exchange.clone()).is_err() {
+                listener.dropped.fetch_add(1, Ordering::Relaxed);
+            }
+        }
+    }
+
+    fn passed(&self) -> MutexGuard<'_, Passed> {
+        locked(&self.0.passed)
+    }
+}
+
+/// Nothing behind these locks is left half done by a panic.
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Passed {
+    fn keep(&mut self, bytes: &[u8], is_sent: bool) {
+        let kept = if is_sent { &mut self.sent } else { &mut self.received };
+        let room = LONGEST.saturating_sub(kept.len()).min(bytes.len());
+        kept.extend_from_slice(&bytes[..room]);
+        self.more += bytes.len() - room;
+    }
+}
+
+impl Listening {
+    /// The next exchange.
+    pub async fn next(&mut self) -> Option<Exchange> {
+        self.heard.recv().await
+    }
+
+    /// The next one, if it has come.
+    pub fn next_now(&mut self) -> Option<Exchange> {
+        self.heard.try_recv().ok()
+    }
+
+    /// Exchanges left out so far, because nobody took those before them.
+    pub fn dropped(&self) -> u64 {
+        self.dropped.load(Ordering::Relaxed)
+    }
+}
+
+impl Drop for Listening {
+    fn drop(&mut self) {
+        self.heard.close();
+        let mut listeners = locked(&self.tap.0.listeners);
+        listeners.retain(|listener| !listener.to.is_closed());
+        self.tap.0.is_on.store(!listeners.is_empty(), Ordering::Relaxed);
+    }
+}
+
+/// A stream whose bytes can be listened to.
+#[derive(Debug)]
+pub struct Teed<T> {
+    stream: T,
+    tap: Tap,
+}
+
+impl<T> Teed<T> {
+    /// This stream, through this tap.
+    pub fn new(stream: T, tap: Tap) -> Teed<T> {
+        Teed { stream, tap }
+    }
+
+    pub(super) fn inner(&self) -> &T {
+        &self.stream
+    }
+
+    pub(super) fn pass(&self, bytes: &[u8], is_sent: bool) {
+        if self.tap.is_on() {
+            self.tap.passed().keep(bytes, is_sent);
+        }
+    }
+}
+
+impl<T: AsyncRead + Unpin> AsyncRead for Teed<T> {
+    fn poll_read(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        buffer: &mut ReadBuf<'_>,
+    ) -> Poll<io::Result<()>> {
+        let before = buffer.filled().len();
+        let read = Pin::new(&mut self.stream).poll_read(context, buffer);
+        if read.is_ready() {
+            self.pass(&buffer.filled()[before..], false);
+        }
+        read
+    }
+}
+
+impl<T: AsyncWrite + Unpin> AsyncWrite for Teed<T> {
+    fn poll_write(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        bytes: &[u8],
+    ) -> Poll<io::Result<usize>> {
+        let written = Pin::new(&mut self.stream).poll_write(context, bytes);
+        if let Poll::Ready(Ok(count)) = written {
+            self.pass(&bytes[..count], true);
+        }
+        written
+    }
+
+    fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_flush(context)
+    }
+
+    fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Pin::new(&mut self.stream).poll_shutdown(context)
+    }
+}
+
+#[cfg(test)]
+mod tests;

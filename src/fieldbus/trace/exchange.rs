@@ -1,0 +1,117 @@
+//! One question and what came of it, for people (two lines) and for programs (one JSON object).
+
+use std::fmt::{self, Write};
+use std::time::Duration;
+
+use serde::{Serialize, Serializer};
+
+use crate::codec::{Address, Table};
+use crate::fieldbus::error::Fault;
+use crate::fieldbus::wire::{Answer, Request};
+use crate::quantity::Moment;
+
+/// One question and what came of it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Exchange {
+    /// When the question was put, by the wall's clock.
+    #[serde(serialize_with = "stamp")]
+    pub asked_at: Moment,
+    /// Until the answer, or until it was waited for no longer.
+    #[serde(rename = "took_ms", serialize_with = "millis")]
+    pub took: Duration,
+    /// Modbus unit.
+    pub unit: u8,
+    /// What was asked, in words.
+    pub asked: String,
+    /// The bytes that went out; none where there was no connection.
+    #[serde(serialize_with = "hex")]
+    pub sent: Vec<u8>,
+    /// The bytes that came, whatever they are.
+    #[serde(serialize_with = "hex")]
+    pub received: Vec<u8>,
+    /// Bytes that passed beyond those two.
+    pub more: usize,
+    /// What was answered, or what was wrong with it, in words.
+    pub answered: String,
+    /// It is the answer that was asked for.
+    pub is_good: bool,
+}
+
+/// `read input:0..7`, `write holding:104 = 1 65535`.
+pub(super) fn asked(request: Request<'_>) -> String {
+    let at = |table, offset| Address { table, offset };
+    match request {
+        Request::Read { from, count: 1 } => format!("read {from}"),
+        Request::Read { from, count } => {
+            format!("read {from}..{}", u32::from(from.offset) + u32::from(count).saturating_sub(1))
+        }
+        Request::WriteCoil { at: coil, value } => {
+            format!("write {} = {}", at(Table::Coil, coil), u8::from(value))
+        }
+        Request::WriteSingle { at: register, word } => {
+            format!("write {} = {word}", at(Table::Holding, register))
+        }
+        Request::WriteMultiple { at: register, words } => {
+            format!("write {} ={}", at(Table::Holding, register), listed(words))
+        }
+    }
+}
+
+pub(super) fn answered(answer: &Result<Answer, Fault>) -> String {
+    match answer {
+        Ok(Answer::Words(words)) => format!("{}:{}", counted(words.len(), "register"), listed(words)),
+        Ok(Answer::Bits(bits)) => {
+            let digits: Vec<u8> = bits.iter().map(|bit| u8::from(*bit)).collect();
+            format!("{}:{}", counted(bits.len(), "bit"), listed(&digits))
+        }
+        Ok(Answer::Done) => "done".to_owned(),
+        Err(fault) => fault.to_string(),
+    }
+}
+
+fn counted(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+}
+
+fn listed(values: &[impl fmt::Display]) -> String {
+    values.iter().fold(String::new(), |mut text, value| {
+        let _ = write!(text, " {value}");
+        text
+    })
+}
+
+/// `00 01 00 00 00 06`.
+fn bytes(bytes: &[u8]) -> String {
+    let pairs: Vec<String> = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+    pairs.join(" ")
+}
+
+fn hex<S: Serializer>(shown: &[u8], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(&bytes(shown))
+}
+
+fn stamp<S: Serializer>(moment: &Moment, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(&moment.to_string())
+}
+
+fn millis<S: Serializer>(span: &Duration, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_f64(span.as_secs_f64() * 1000.0)
+}
+
+/// `12:00:01.234 → 00 01 …   unit 1 read input:0..7`, and below it `← …   8 registers: 251 249 …, 3.2 ms`. The time is UTC.
+impl fmt::Display for Exchange {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let stamp = format!("{:.3}", jiff_stamp(self.asked_at));
+        let time = stamp.get(11..23).unwrap_or(&stamp);
+        let sent = if self.sent.is_empty() { "nothing sent".to_owned() } else { bytes(&self.sent) };
+        writeln!(f, "{time} → {sent}   unit {} {}", self.unit, self.asked)?;
+        let received = if self.received.is_empty() { "nothing".to_owned() } else { bytes(&self.received) };
+        let more = if self.more == 0 { String::new() } else { format!(" … {} more bytes", self.more) };
+        let took = self.took.as_secs_f64() * 1000.0;
+        write!(f, "{:12} ← {received}{more}   {}, {took:.1} ms", "", self.answered)
+    }
+}
+
+fn jiff_stamp(moment: Moment) -> jiff::Timestamp {
+    jiff::Timestamp::from_nanosecond(i128::from(moment.as_nanos())).unwrap_or_default()
+}

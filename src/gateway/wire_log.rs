@@ -1,0 +1,41 @@
+//! The wire log of a running gateway: one tap for each line, found by the names of the devices.
+
+use std::sync::Arc;
+
+use crate::fieldbus::trace::{Listening, Tap};
+use crate::profile::{BusId, DeviceId, Profile};
+
+/// Where the frames of a gateway's devices can be listened to, from any thread.
+#[derive(Clone, Debug)]
+pub struct WireLog(Arc<Inner>);
+
+#[derive(Debug)]
+struct Inner {
+    /// By bus.
+    taps: Vec<Tap>,
+    devices: Vec<(String, BusId)>,
+}
+
+impl WireLog {
+    pub(super) fn new(profile: &Profile) -> WireLog {
+        let taps = profile.buses.iter().map(|_| Tap::default()).collect();
+        let devices = profile.devices.iter().map(|device| (device.name.clone(), device.bus)).collect();
+        WireLog(Arc::new(Inner { taps, devices }))
+    }
+
+    pub(super) fn tap(&self, bus: BusId) -> &Tap {
+        &self.0.taps[bus.0]
+    }
+
+    /// Listens to the device of this name until what is returned is dropped.
+    ///
+    /// # Errors
+    /// A sentence: there is no such device, or too many listen to its line.
+    pub fn listen(&self, device: &str) -> Result<Listening, String> {
+        let Some(place) = self.0.devices.iter().position(|(name, _)| name == device) else {
+            let known: Vec<&str> = self.0.devices.iter().map(|(name, _)| name.as_str()).collect();
+            return Err(format!("there is no device `{device}`; there are: {}", known.join(", ")));
+        };
+        self.tap(self.0.devices[place].1).listen(Some(DeviceId(place)))
+    }
+}

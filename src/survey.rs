@@ -1,0 +1,18 @@
+//! A line looked at without a profile: which units answer, what stands in a register. Reads, and never writes.
+//!
+//! - [`bus`] — a line in one word: `tcp://192.168.0.10:502`.
+//! - [`ask`] — one question at a time, on the same [`crate::fieldbus::line`] that the gateway uses.
+//! - [`scan`] — which units answer; [`walk`] — which registers a unit has.
+//! - [`values`] — what registers mean, in each order where none was given.
+//! - [`remedy`] — what to do about a fault.
+
+pub mod ask;
+pub mod bus;
+pub mod remedy;
+pub mod scan;
+pub mod values;
+pub mod walk;
+
+pub use crate::codec::{Address, DataType, Table, WordOrder};
+pub use crate::fieldbus::error::Fault;
+pub use crate::fieldbus::wire::Answer;

@@ -1,0 +1,191 @@
+//! A line in one word, as people type it: `tcp://192.168.0.10:502`, `rtu:///dev/ttyUSB0?baud=9600&parity=none`,
+//! `rtu+tcp://192.168.0.11:4001`.
+
+use std::fmt;
+use std::str::FromStr;
+use std::time::Duration;
+
+use crate::profile::{Bus, Quirks};
+
+pub use crate::profile::{Parity, Serial, Transport};
+
+/// The port of Modbus TCP.
+const PORT: u16 = 502;
+/// Settings of a serial port where nothing else is said: what most modules are shipped with.
+const SHIPPED_WITH: Serial = Serial { baud: 9600, parity: Parity::None, stop_bits: 1 };
+
+/// A line and where it is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Place {
+    /// What it is made of.
+    pub transport: Transport,
+    /// Host and port, or the path of the serial port.
+    pub address: String,
+}
+
+impl Place {
+    /// The line of a profile.
+    pub fn of(bus: &Bus) -> Place {
+        Place { transport: bus.transport, address: bus.address.clone() }
+    }
+
+    /// It with other settings of its serial port; as it is where it has none.
+    pub fn with_serial(&self, change: impl FnOnce(Serial) -> Serial) -> Place {
+        let transport = match self.transport {
+            Transport::Serial(serial) => Transport::Serial(change(serial)),
+            other => other,
+        };
+        Place { transport, address: self.address.clone() }
+    }
+
+    /// It as a bus, by itself.
+    pub fn bus(&self, timeout: Duration) -> Bus {
+        Bus {
+            name: "line".to_owned(),
+            transport: self.transport,
+            address: self.address.clone(),
+            timeout,
+            quirks: Quirks::default(),
+        }
+    }
+
+    /// The lines of a profile for it, without a name.
+    pub fn profile_lines(&self) -> String {
+        let (kind, key) = match self.transport {
+            Transport::Tcp => ("modbus-tcp", "address"),
+            Transport::RtuOverTcp => ("modbus-rtu-over-tcp", "address"),
+            Transport::Serial(_) => ("modbus-rtu", "port"),
+        };
+        let serial = match self.transport {
+            Transport::Serial(Serial { baud, parity, stop_bits }) => {
+                format!("baud = {baud}\nparity = \"{}\"\nstop_bits = {stop_bits}\n", parity.word())
+            }
+            _ => String::new(),
+        };
+        format!("type = \"{kind}\"\n{key} = \"{}\"\n{serial}", self.address)
+    }
+}
+
+/// `tcp://192.168.0.10:502`, `/dev/ttyUSB0 at 9600 baud 8N1`.
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.transport {
+            Transport::Tcp => write!(f, "tcp://{}", self.address),
+            Transport::RtuOverTcp => write!(f, "rtu+tcp://{}", self.address),
+            Transport::Serial(serial) => write!(f, "{} at {serial}", self.address),
+        }
+    }
+}
+
+impl FromStr for Place {
+    type Err = String;
+
+    /// # Errors
+    /// A sentence that says how to write it.
+    fn from_str(text: &str) -> Result<Place, String> {
+        const FORMS: &str = "write tcp://192.168.0.10:502, rtu:///dev/ttyUSB0?baud=9600&parity=none or \
+                             rtu+tcp://192.168.0.11:4001";
+        let (scheme, rest) = text.split_once("://").ok_or_else(|| format!("`{text}` is no line; {FORMS}"))?;
+        match scheme {
+            "tcp" => Ok(Place { transport: Transport::Tcp, address: host(rest, Some(PORT))? }),
+            "rtu+tcp" => Ok(Place { transport: Transport::RtuOverTcp, address: host(rest, None)? }),
+            "rtu" => serial(rest),
+            _ => Err(format!("`{scheme}` is no kind of line; {FORMS}")),
+        }
+    }
+}
+
+/// Host and port; without a port the usual one, where there is one.
+fn host(text: &str, usual: Option<u16>) -> Result<String, String> {
+    let text = text.strip_suffix('/').unwrap_or(text);
+    let is_bare_v6 = text.starts_with('[') && text.ends_with(']');
+    let port = if is_bare_v6 { None } else { text.rsplit_once(':') };
+    match (port, usual) {
+        (Some((host, port)), _) if !host.is_empty() && port.parse::<u16>().is_ok_and(|port| port > 0) => {
+            Ok(text.to_owned())
+        }
+        (Some((_, port)), _) => {
+            Err(format!("`{text}` is no host and port (`{port}`); write 192.168.0.10:502"))
+        }
+        (None, _) if text.is_empty() => Err("the host is missing; write tcp://192.168.0.10:502".to_owned()),
+        (None, Some(usual)) => Ok(format!("{text}:{usual}")),
+        (None, None) => Err(format!("the port of {text} is missing; write rtu+tcp://{text}:4001")),
+    }
+}
+
+fn serial(text: &str) -> Result<Place, String> {
+    let (path, settings) = text.split_once('?').unwrap_or((text, ""));
+    if !path.starts_with('/') {
+        return Err(format!("`{path}` is no serial port; write three slashes: rtu:///dev/ttyUSB0"));
+    }
+    let mut serial = SHIPPED_WITH;
+    for setting in settings.split('&').filter(|setting| !setting.is_empty()) {
+        let (key, value) = setting.split_once('=').unwrap_or((setting, ""));
+        let wrong = || format!("`{setting}`: ");
+        match key {
+            "baud" => serial.baud = baud(value).map_err(|why| wrong() + &why)?,
+            "parity" => serial.parity = value.parse().map_err(|why: String| wrong() + &why)?,
+            "stop_bits" => {
+                let bits = value.parse().ok().filter(|bits| (1..=2).contains(bits));
+                serial.stop_bits = bits.ok_or_else(|| wrong() + "allowed: 1, 2")?;
+            }
+            _ => {
+                return Err(format!(
+                    "`{key}` is no setting of a serial port; allowed: baud, parity, stop_bits"
+                ));
+            }
+        }
+    }
+    Ok(Place { transport: Transport::Serial(serial), address: path.to_owned() })
+}
+
+/// Bits per second of a serial port.
+///
+/// # Errors
+/// A sentence that says what is allowed.
+pub fn baud(text: &str) -> Result<u32, String> {
+    let baud = text.trim().parse().ok().filter(|baud| (300..=4_000_000).contains(baud));
+    baud.ok_or_else(|| format!("`{text}` is no number of bits per second; allowed: 300 to 4000000"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_is_read_as_people_type_it() {
+        for (text, shown) in [
+            ("tcp://192.168.0.10:502", "tcp://192.168.0.10:502"),
+            ("tcp://plc.cell", "tcp://plc.cell:502"),
+            ("tcp://plc.cell:1502/", "tcp://plc.cell:1502"),
+            ("tcp://[fe80::1]", "tcp://[fe80::1]:502"),
+            ("tcp://[fe80::1]:503", "tcp://[fe80::1]:503"),
+            ("rtu+tcp://10.0.0.7:4001", "rtu+tcp://10.0.0.7:4001"),
+            ("rtu:///dev/ttyUSB0", "/dev/ttyUSB0 at 9600 baud 8N1"),
+            ("rtu:///dev/ttyS1?baud=1200&parity=even&stop_bits=2", "/dev/ttyS1 at 1200 baud 8E2"),
+        ] {
+            assert_eq!(text.parse::<Place>().map(|place| place.to_string()), Ok(shown.to_owned()), "{text}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_line_is_told_how_to_write_one() {
+        for (text, word) in [
+            ("192.168.0.10", "tcp://192.168.0.10:502"),
+            ("http://x", "rtu+tcp://"),
+            ("tcp://", "the host is missing"),
+            ("tcp://x:0", "no host and port"),
+            ("tcp://:502", "no host and port"),
+            ("tcp://x:99999", "99999"),
+            ("rtu+tcp://x", "rtu+tcp://x:4001"),
+            ("rtu://dev/ttyUSB0", "three slashes"),
+            ("rtu:///dev/ttyUSB0?baud=9", "300"),
+            ("rtu:///dev/ttyUSB0?parity=mark", "none, even, odd"),
+            ("rtu:///dev/ttyUSB0?stop_bits=3", "1, 2"),
+            ("rtu:///dev/ttyUSB0?speed=9600", "baud, parity, stop_bits"),
+        ] {
+            let why = text.parse::<Place>().unwrap_err();
+            assert!(why.contains(word), "{text}: {why}");
+        }
+    }
+}

@@ -1,0 +1,178 @@
+//! What registers hold, under a type: as people ask a device for it, without a signal.
+
+use serde::Serialize;
+
+use crate::codec::{Address, DataType, Encoding, WordOrder};
+use crate::fieldbus::wire::Answer;
+
+/// How registers are to be understood.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Form {
+    /// `None`: as unsigned 16 bits, and signed beside them where that differs.
+    pub data_type: Option<DataType>,
+    /// `None`: of a value of several registers both orders are shown.
+    pub word_order: Option<WordOrder>,
+    /// The two bytes inside every register are exchanged.
+    pub byte_swap: bool,
+    /// Engineering units per count.
+    pub scale: f64,
+    /// Engineering value of raw zero.
+    pub offset: f64,
+}
+
+/// One value and what it was made of.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Shown {
+    /// Zero-based, with its table.
+    pub register: String,
+    /// One-based.
+    pub modicon: String,
+    /// The registers in hexadecimal, lowest address first; of a bit 0 or 1.
+    pub raw: String,
+    /// The value; more than one where it could be read in more than one way.
+    pub readings: Vec<AsRead>,
+}
+
+/// A value, read in one way.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct AsRead {
+    /// `msw-first`, `lsw-first`, `u16`, `i16`; empty where there is only one way.
+    pub way: &'static str,
+    /// The value, or in words why there is none.
+    pub value: String,
+}
+
+impl Form {
+    /// How many registers or bits a value takes.
+    pub fn registers(&self) -> u16 {
+        self.data_type.map_or(1, DataType::registers)
+    }
+
+    /// Its order is needed, and was not given.
+    pub fn lacks_order(&self) -> bool {
+        self.registers() > 1 && self.word_order.is_none()
+    }
+
+    /// The values in an answer that begins at `from`.
+    pub fn values(&self, from: Address, answer: &Answer) -> Vec<Shown> {
+        let width = usize::from(self.registers());
+        match answer {
+            Answer::Words(words) => words
+                .chunks_exact(width)
+                .enumerate()
+                .map(|(place, words)| shown(from, place * width, hex(words), self.readings(words)))
+                .collect(),
+            Answer::Bits(bits) => bits
+                .iter()
+                .enumerate()
+                .map(|(place, bit)| {
+                    let bit = u8::from(*bit).to_string();
+                    shown(from, place, bit.clone(), vec![AsRead { way: "", value: bit }])
+                })
+                .collect(),
+            Answer::Done => Vec::new(),
+        }
+    }
+
+    fn readings(&self, words: &[u16]) -> Vec<AsRead> {
+        let read = |way, data_type, order| AsRead { way, value: self.value(data_type, order, words) };
+        let msw = WordOrder::MswFirst;
+        match (self.data_type, self.word_order) {
+            (None, _) if words.iter().all(|word| *word < 0x8000) => vec![read("", DataType::U16, msw)],
+            (None, _) => vec![read("u16", DataType::U16, msw), read("i16", DataType::I16, msw)],
+            (Some(data_type), Some(order)) => vec![read("", data_type, order)],
+            (Some(data_type), None) if words.len() == 1 => vec![read("", data_type, msw)],
+            (Some(data_type), None) => {
+                vec![read("msw-first", data_type, msw), read("lsw-first", data_type, WordOrder::LswFirst)]
+            }
+        }
+    }
+
+    fn value(&self, data_type: DataType, word_order: WordOrder, words: &[u16]) -> String {
+        let Form { byte_swap, scale, offset, .. } = *self;
+        let encoding = Encoding { data_type, word_order, byte_swap, scale, offset, bias: 0, bad: Vec::new() };
+        // Whole counts as they are: a floating-point detour would lose digits of 64 bits.
+        let is_plain = scale.to_bits() == 1f64.to_bits() && offset.abs() < f64::MIN_POSITIVE;
+        match encoding.counts(words).filter(|_| is_plain) {
+            Some(counts) => counts.to_string(),
+            None => match encoding.decode(words) {
+                Ok(value) => value.to_string(),
+                Err(why) => why.to_string(),
+            },
+        }
+    }
+}
+
+fn shown(from: Address, place: usize, raw: String, readings: Vec<AsRead>) -> Shown {
+    let offset = from.offset.saturating_add(u16::try_from(place).unwrap_or(u16::MAX));
+    let address = Address { offset, ..from };
+    Shown { register: address.to_string(), modicon: address.modicon(), raw, readings }
+}
+
+fn hex(words: &[u16]) -> String {
+    let words: Vec<String> = words.iter().map(|word| format!("{word:04X}")).collect();
+    words.join(" ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn form(data_type: Option<DataType>, word_order: Option<WordOrder>, scale: f64) -> Form {
+        Form { data_type, word_order, byte_swap: false, scale, offset: 0.0 }
+    }
+
+    fn read(form: &Form, words: &[u16]) -> Vec<String> {
+        let values = form.values("holding:100".parse().unwrap(), &Answer::Words(words.to_vec()));
+        let way = |read: &AsRead| format!("{} {}", read.way, read.value).trim().to_owned();
+        values
+            .iter()
+            .map(|shown| {
+                let readings: Vec<String> = shown.readings.iter().map(way).collect();
+                format!("{} {} [{}] {}", shown.register, shown.modicon, shown.raw, readings.join(", "))
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_value_is_shown_with_both_its_numbers_and_its_registers() {
+        let tenths = form(Some(DataType::I32), Some(WordOrder::MswFirst), 0.1);
+        assert_eq!(
+            read(&tenths, &[1, 0x86a0, 0xffff, 0xfffe]),
+            ["holding:100 40101 [0001 86A0] 10000", "holding:102 40103 [FFFF FFFE] -0.2"]
+        );
+        assert_eq!(read(&form(Some(DataType::F32), Some(WordOrder::LswFirst), 1.0), &[0, 0x7fc0]).len(), 1);
+    }
+
+    #[test]
+    fn without_an_order_both_are_shown() {
+        let unordered = form(Some(DataType::I32), None, 1.0);
+        assert!(unordered.lacks_order());
+        assert_eq!(read(&unordered, &[0, 1]), ["holding:100 40101 [0000 0001] msw-first 1, lsw-first 65536"]);
+        let single = form(Some(DataType::I16), None, 1.0);
+        assert!(!single.lacks_order());
+        assert_eq!(read(&single, &[0xffec]), ["holding:100 40101 [FFEC] -20"]);
+    }
+
+    #[test]
+    fn without_a_type_a_register_is_unsigned_and_signed_where_that_differs() {
+        let plain = form(None, None, 1.0);
+        assert_eq!(
+            read(&plain, &[7, 0xffec]),
+            ["holding:100 40101 [0007] 7", "holding:101 40102 [FFEC] u16 65516, i16 -20"]
+        );
+    }
+
+    #[test]
+    fn sixty_four_bits_keep_every_digit() {
+        let long = form(Some(DataType::I64), Some(WordOrder::MswFirst), 1.0);
+        assert!(read(&long, &[0x7fff, 0xffff, 0xffff, 0xffff])[0].ends_with(" 9223372036854775807"));
+    }
+
+    #[test]
+    fn bits_are_counted_one_by_one() {
+        let bits = form(None, None, 1.0).values("coil:19".parse().unwrap(), &Answer::Bits(vec![true, false]));
+        assert_eq!((bits[1].modicon.as_str(), bits[1].raw.as_str()), ("00021", "0"));
+        assert_eq!(bits[0].readings[0].value, "1");
+    }
+}

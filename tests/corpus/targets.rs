@@ -1,0 +1,300 @@
+//! What is fed with bytes that nobody has checked: each takes any bytes at all, and panics only where something is wrong.
+//!
+//! `tests/fuzz` lets a fuzzer look for such bytes; the inputs that it kept are fed again by every test run.
+
+use std::io;
+use std::path::Path;
+use std::pin::Pin;
+use std::sync::LazyLock;
+use std::task::{Context, Poll};
+
+use isotherm::codec::{Address, DataType, Encoding, Table, WordOrder};
+use isotherm::fieldbus::modbus::attach;
+use isotherm::fieldbus::plan::plan;
+use isotherm::fieldbus::wire::{Answer, Request, Wire};
+use isotherm::profile::{self, Device, Profile, Quirks, Signal};
+use isotherm::reading::SignalId;
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+
+/// A target and its name, which is that of its directory.
+pub(crate) type Target = (&'static str, fn(&[u8]));
+
+/// All of them.
+pub(crate) const TARGETS: [Target; 5] =
+    [("codec", codec), ("plan", planner), ("profile", profile_text), ("files", files), ("client", client)];
+
+/// Bytes taken from the front; zeros when there are none left.
+struct Bytes<'a>(&'a [u8]);
+
+impl Bytes<'_> {
+    fn take<const N: usize>(&mut self) -> [u8; N] {
+        let mut taken = [0; N];
+        let count = N.min(self.0.len());
+        taken[..count].copy_from_slice(&self.0[..count]);
+        self.0 = &self.0[count..];
+        taken
+    }
+
+    fn byte(&mut self) -> u8 {
+        self.take::<1>()[0]
+    }
+
+    fn word(&mut self) -> u16 {
+        u16::from_be_bytes(self.take())
+    }
+
+    fn encoding(&mut self) -> Encoding {
+        let kinds = self.byte();
+        let scale = f64::from_bits(u64::from_be_bytes(self.take()));
+        let offset = f64::from_bits(u64::from_be_bytes(self.take()));
+        Encoding {
+            data_type: DataType::ALL[usize::from(kinds) % DataType::ALL.len()],
+            word_order: if kinds & 0x40 == 0 { WordOrder::MswFirst } else { WordOrder::LswFirst },
+            byte_swap: kinds & 0x80 != 0,
+            // What a profile may say: finite, and no scale of zero.
+            scale: if scale.is_finite() && scale.abs() > 0.0 { scale } else { 1.0 },
+            offset: if offset.is_finite() { offset } else { 0.0 },
+            bias: i64::from(i32::from_be_bytes(self.take())),
+            bad: vec![i64::from_be_bytes(self.take())],
+        }
+    }
+
+    fn address(&mut self) -> Address {
+        let table = [Table::Coil, Table::Discrete, Table::Input, Table::Holding];
+        Address { table: table[usize::from(self.byte() % 4)], offset: self.word() }
+    }
+
+    fn answer(&mut self) -> Answer {
+        let count = usize::from(self.byte());
+        match count % 3 {
+            0 => Answer::Bits((0..count).map(|_| self.byte() & 1 == 1).collect()),
+            1 => Answer::Done,
+            _ => Answer::Words((0..count).map(|_| self.word()).collect()),
+        }
+    }
+}
+
+/// Registers into numbers and back.
+pub(crate) fn codec(data: &[u8]) {
+    let mut bytes = Bytes(data);
+    let encoding = bytes.encoding();
+    let count = usize::from(bytes.byte() % 6);
+    let words: Vec<u16> = (0..count).map(|_| bytes.word()).collect();
+    if let Ok(value) = encoding.decode(&words) {
+        assert!(value.is_finite(), "{encoding:?} made {value} of {words:?}");
+        let again = encoding.encode(value);
+        assert_eq!(again.words().len(), count);
+    }
+    if let Some(counts) = encoding.counts(&words).filter(|_| encoding.data_type != DataType::Bool) {
+        let again = encoding.encode_counts(counts);
+        assert_eq!((again.words(), again.saturated), (words.as_slice(), false), "{encoding:?}");
+    }
+    let any = f64::from_bits(u64::from_be_bytes(bytes.take()));
+    assert_eq!(encoding.encode(any).words().len(), usize::from(encoding.data_type.registers()));
+    if let Ok(text) = std::str::from_utf8(bytes.0)
+        && let Ok(address) = text.parse::<Address>()
+    {
+        assert_eq!(address.to_string().parse(), Ok(address));
+        assert_eq!(address.modicon().parse(), Ok(address));
+    }
+}
+
+/// Signals into requests, and answers of any shape into values.
+pub(crate) fn planner(data: &[u8]) {
+    let mut bytes = Bytes(data);
+    let quirks = Quirks {
+        one_request_per_field: bytes.byte() & 7 == 7,
+        max_registers_per_request: u16::from(bytes.byte() % 125) + 1,
+        max_gap: u16::from(bytes.byte() % 125),
+        ..Quirks::default()
+    };
+    let device = Device { quirks, ..USUAL.devices[0].clone() };
+    let signals: Vec<Signal> =
+        (0..bytes.byte() % 40).filter_map(|_| signal(&mut bytes, &USUAL.signals[0])).collect();
+    let requests = plan(&device, signals.iter().enumerate().map(|(place, signal)| (SignalId(place), signal)));
+    let mut read = vec![0; signals.len()];
+    for request in &requests {
+        assert!(request.request().fits(), "{request:?}");
+        let answer = bytes.answer();
+        for field in &request.fields {
+            read[field.signal.0] += 1;
+            let signal = &signals[field.signal.0];
+            assert_eq!(request.start + field.at, signal.address.offset);
+            assert!(field.at + field.len <= request.count);
+            if let Ok(value) = field.decode(&signal.encoding, &answer) {
+                assert!(value.is_finite(), "{value} of {answer:?} by {:?}", signal.encoding);
+            }
+        }
+    }
+    assert!(read.iter().all(|times| *times == 1), "{read:?}");
+}
+
+/// `None` where a profile would not allow it: a value beyond the last register.
+fn signal(bytes: &mut Bytes<'_>, usual: &Signal) -> Option<Signal> {
+    let address = bytes.address();
+    let mut encoding = bytes.encoding();
+    if address.table.is_bits() {
+        encoding.data_type = DataType::Bool;
+    }
+    let fits = u32::from(address.offset) + u32::from(encoding.data_type.registers()) <= 65_536;
+    let merge = bytes.byte() & 3 != 3;
+    fits.then(|| Signal { address, encoding, merge, ..usual.clone() })
+}
+
+/// The text of a profile, whole or as one line within a good one.
+pub(crate) fn profile_text(data: &[u8]) {
+    let Ok(text) = std::str::from_utf8(data) else { return };
+    let path = Path::new("fuzz.toml");
+    if let Err(errors) = profile::parse(path, text, &[], &[]) {
+        assert!(!errors.to_string().is_empty());
+    }
+    let within = format!("{PROFILE}\n{text}\n");
+    if let Ok(loaded) = profile::parse(path, &within, &[], &[]) {
+        // What is taken can be explained.
+        let _ = isotherm::explain::Explanation::of(&loaded.profile).to_string();
+    }
+}
+
+/// The files beside a profile: a network, a matrix, an envelope.
+pub(crate) fn files(data: &[u8]) {
+    let kind = ["n.json", "m.json", "e.json"][usize::from(data.first().copied().unwrap_or_default() % 3)];
+    let bytes = data.get(1..).unwrap_or_default();
+    let model = match kind {
+        "n.json" => "kind = \"network\"\nfile = \"n.json\"\ninputs = [\"bed\"]",
+        "m.json" => {
+            "kind = \"matrix\"\nfile = \"m.json\"\ninputs = [\"bed\"]\nreference = \"start\"\nposition = \"bed\"\n\
+             component = \"z\"\ncarries = \"tool\""
+        }
+        _ => {
+            "kind = \"linear\"\nterms = [ { signal = \"bed\", gain = 1.0, reference = 20.0 } ]\n\
+             envelope = \"e.json\""
+        }
+    };
+    let text = format!("{PROFILE}\n[[axis.z.model]]\nname = \"fuzzed\"\n{model}\n");
+    if let Err(errors) = profile::parse_with(Path::new("fuzz.toml"), &text, &[(kind, bytes)], &[], &[]) {
+        assert!(!errors.to_string().is_empty());
+    }
+}
+
+static USUAL: LazyLock<Profile> = LazyLock::new(|| {
+    profile::parse(Path::new("fuzz.toml"), PROFILE, &[], &[]).expect("it is a good one").profile
+});
+
+const PROFILE: &str = r#"
+[machine]
+name = "fuzzed"
+[bus.cell]
+type = "modbus-tcp"
+address = "127.0.0.1:502"
+[device.module]
+bus = "cell"
+unit = 1
+every = "1s"
+[signal.bed]
+device = "module"
+register = "input:0"
+type = "i16"
+unit = "degC"
+max_age = "5s"
+[output.cnc_z]
+axis = "z"
+device = "module"
+writes = "offset"
+register = "holding:104"
+type = "i16"
+scale = 0.1
+[axis.z]
+limit = 40.0
+step = 1.0
+rate = 0.5
+every = "10s"
+on_fault = { action = "zero" }
+[[axis.z.model]]
+name = "first"
+kind = "linear"
+terms = [ { signal = "bed", gain = -4.0, reference = 20.0 } ]
+"#;
+
+/// An answer of any bytes, through the Modbus client: it is the right one, or a fault, and never a panic.
+pub(crate) fn client(data: &[u8]) {
+    let mut bytes = Bytes(data);
+    let how = bytes.byte();
+    let from = bytes.address();
+    let count = u16::from(bytes.byte() % 125) + 1;
+    let words = [bytes.word(), bytes.word()];
+    let request = match how % 8 {
+        0 => Request::WriteSingle { at: from.offset, word: words[0] },
+        1 => Request::WriteMultiple { at: from.offset, words: &words },
+        2 => Request::WriteCoil { at: from.offset, value: words[0] & 1 == 1 },
+        _ => Request::Read { from, count },
+    };
+    if !request.fits() {
+        return;
+    }
+    let unit = bytes.byte();
+    let peer = Peer { asked: Vec::new(), answer: bytes.0.to_vec(), at: 0, how, calls: 0 };
+    let runtime = tokio::runtime::Builder::new_current_thread().build().expect("a runtime without drivers");
+    let answer = runtime.block_on(attach(peer).call(unit, request));
+    match (answer, request) {
+        (Ok(Answer::Words(words)), Request::Read { from, count }) => {
+            assert!(!from.table.is_bits() && words.len() == usize::from(count), "{words:?}");
+        }
+        (Ok(Answer::Bits(bits)), Request::Read { from, count }) => {
+            assert!(from.table.is_bits() && bits.len() == usize::from(count), "{bits:?}");
+        }
+        (Ok(Answer::Done), request) => assert!(!request.is_read()),
+        (Ok(answer), request) => panic!("{answer:?} to {request:?}"),
+        (Err(fault), _) => assert!(!fault.to_string().is_empty()),
+    }
+}
+
+/// Answers with the given bytes, in pieces, and hangs up.
+#[derive(Debug)]
+struct Peer {
+    asked: Vec<u8>,
+    answer: Vec<u8>,
+    at: usize,
+    /// Bit 3: the answer begins with the header that belongs there. Bit 4: one byte at a time.
+    how: u8,
+    calls: u32,
+}
+
+impl AsyncRead for Peer {
+    fn poll_read(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        buffer: &mut ReadBuf<'_>,
+    ) -> Poll<io::Result<()>> {
+        if self.calls == 0 && self.how & 8 != 0 && self.asked.len() >= 7 {
+            // Transaction, protocol, length, unit: so that what comes after them is looked at.
+            let length = u16::try_from(self.answer.len() + 1).unwrap_or(u16::MAX).to_be_bytes();
+            let header = [self.asked[0], self.asked[1], 0, 0, length[0], length[1], self.asked[6]];
+            self.answer.splice(0..0, header);
+        }
+        self.calls += 1;
+        if self.calls.is_multiple_of(2) {
+            context.waker().wake_by_ref();
+            return Poll::Pending;
+        }
+        let piece = if self.how & 16 == 0 { 64 } else { 1 };
+        let end = self.answer.len().min(self.at + piece.min(buffer.remaining()));
+        buffer.put_slice(&self.answer[self.at..end]);
+        self.at = end;
+        Poll::Ready(Ok(()))
+    }
+}
+
+impl AsyncWrite for Peer {
+    fn poll_write(mut self: Pin<&mut Self>, _: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
+        self.asked.extend_from_slice(bytes);
+        Poll::Ready(Ok(bytes.len()))
+    }
+
+    fn poll_flush(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Poll::Ready(Ok(()))
+    }
+
+    fn poll_shutdown(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Poll::Ready(Ok(()))
+    }
+}
