@@ -15,7 +15,7 @@ use crate::identify::dataset::Dataset;
 
 /// Of the root mean square that a sensor moves: the most that its replacement may be off by, as hidden hours of good runs
 /// tell.
-const BELIEVED: f64 = 0.5;
+const BELIEVED: f64 = 0.8;
 /// A sensor that jumps more often in one run is loose.
 const MOST_JUMPS: usize = 3;
 

@@ -13,7 +13,7 @@ use crate::identify::gram::{Gram, count};
 use crate::identify::solve::ridge;
 
 /// Neighbours act at once and through these time constants, s.
-const LAGS: [f64; 3] = [180.0, 720.0, 3000.0];
+const LAGS: [f64; 4] = [180.0, 720.0, 3000.0, 12_000.0];
 const RIDGES: [f64; 4] = [1e-2, 1e-3, 1e-4, 1e-5];
 /// The ridge behind a step: its window is short, so that little hangs on it.
 const STEP_RIDGE: f64 = 1e-3;
