@@ -11,6 +11,7 @@ use tokio_rustls::rustls::{AlertDescription, CertificateError, Error};
 use super::eager::Eager;
 use super::error::{Fault, LinkFault, TlsFault};
 use super::modbus::{attach, connected};
+use super::trace::{Tap, Teed};
 use super::wire::{Boxed, Connection, Dial};
 use crate::profile::Tls;
 
@@ -22,12 +23,13 @@ const HANDSHAKE: Duration = Duration::from_secs(5);
 pub struct TlsDial {
     address: String,
     tls: Tls,
+    tap: Tap,
 }
 
 impl TlsDial {
     /// To `host:port`.
     pub fn new(address: &str, tls: &Tls) -> TlsDial {
-        TlsDial { address: address.to_owned(), tls: tls.clone() }
+        TlsDial { address: address.to_owned(), tls: tls.clone(), tap: Tap::default() }
     }
 }
 
@@ -41,8 +43,13 @@ impl Dial for TlsDial {
                 tracing::debug!(address = self.address, %error, "no TLS connection");
                 handshake_fault(&error)
             })?;
-            Ok(Connection::Modbus(attach(secured)))
+            Ok(Connection::Modbus(attach(Teed::new(secured, self.tap.clone()))))
         })
+    }
+
+    /// Above TLS: what is heard is Modbus.
+    fn tap(&mut self, tap: &Tap) {
+        self.tap = tap.clone();
     }
 
     fn takes(&self) -> Duration {
