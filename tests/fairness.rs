@@ -13,9 +13,9 @@ use isotherm::profile;
 use isotherm::quantity::Moment;
 
 /// What the slow device takes for an answer.
-const SLOW: Duration = Duration::from_millis(150);
+const SLOW: Duration = Duration::from_millis(100);
 /// Its requests in one round.
-const POLLS: usize = 8;
+const POLLS: usize = 10;
 
 /// Holding register 10 of unit 2 is the readout, 20 the heartbeat.
 const MACHINE: &str = r#"
@@ -24,7 +24,7 @@ name = "fair"
 [bus.cell]
 type = "modbus-tcp"
 address = "ADDRESS"
-timeout = "400ms"
+timeout = "240ms"
 [device.slow]
 bus = "cell"
 unit = 1
@@ -63,7 +63,7 @@ verify = "echo"
 [heartbeat]
 device = "scale"
 register = "holding:20"
-every = "100ms"
+every = "250ms"
 "#;
 
 type Seen = Arc<Mutex<Vec<(u8, u16, Moment)>>>;
@@ -134,7 +134,7 @@ async fn a_readout_and_a_heartbeat_wait_for_one_request_of_a_slow_device_and_not
     // One slow answer, the period itself, and a busy computer.
     let limit = SLOW * 2 + Duration::from_millis(150);
     assert!(readout < limit && heartbeat < limit, "{readout:?}, {heartbeat:?} of {limit:?}");
-    let rounds = seen.iter().filter(|entry| entry.0 < 5 && entry.1 == 70).count();
+    let rounds = seen.iter().filter(|entry| entry.0 < 5 && entry.1 == 90).count();
     assert!(rounds >= 2, "the slow device is read as well: {rounds} rounds");
     let late: u64 = source.status().buses[0].jitter_ms.iter().map(|(_, count)| count).sum();
     assert!(late > 20, "each turn is counted");
