@@ -123,17 +123,15 @@ async fn a_readout_and_a_heartbeat_wait_for_one_request_of_a_slow_device_and_not
     let worst = |register: u16| {
         let at: Vec<Moment> =
             seen.iter().filter(|entry| entry.0 >= 5 && entry.1 == register).map(|entry| entry.2).collect();
-        assert!(at.len() > 20, "register {register} was written {} times", at.len());
+        assert!(at.len() > 15, "register {register} was written {} times", at.len());
         at.windows(2).map(|pair| pair[1].since(pair[0])).max().unwrap()
     };
     let (readout, heartbeat) = (worst(10), worst(20));
-    println!(
-        "worst gap of the readout {readout:?}, of the heartbeat {heartbeat:?}; a round takes {:?}",
-        SLOW * 8
-    );
-    // One slow answer, the period itself, and a busy computer.
-    let limit = SLOW * 2 + Duration::from_millis(150);
-    assert!(readout < limit && heartbeat < limit, "{readout:?}, {heartbeat:?} of {limit:?}");
+    println!("worst gap of the readout {readout:?}, of the heartbeat {heartbeat:?}");
+    // The period, the slow answer that was under way, and what a busy computer adds; a round takes a second.
+    let busy = Duration::from_millis(200);
+    assert!(readout < Duration::from_millis(50) + SLOW + busy, "{readout:?}");
+    assert!(heartbeat < Duration::from_millis(250) + SLOW + busy, "{heartbeat:?}");
     let rounds = seen.iter().filter(|entry| entry.0 < 5 && entry.1 == 90).count();
     assert!(rounds >= 2, "the slow device is read as well: {rounds} rounds");
     let late: u64 = source.status().buses[0].jitter_ms.iter().map(|(_, count)| count).sum();

@@ -79,7 +79,8 @@ pub(super) fn told(error: &io::Error) -> Option<Fault> {
             CertificateError::NotValidForName | CertificateError::NotValidForNameContext { .. } => {
                 TlsFault::OtherName
             }
-            CertificateError::UnknownIssuer => TlsFault::UnknownAuthority,
+            // Signed by somebody of the same name.
+            CertificateError::UnknownIssuer | CertificateError::BadSignature => TlsFault::UnknownAuthority,
             _ => TlsFault::BadCertificate,
         },
         Error::AlertReceived(alert) => match alert {
