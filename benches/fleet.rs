@@ -102,7 +102,7 @@ fn serve() {
         std::process::exit(0);
     });
     runtime.block_on(async {
-        let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let listener = TcpListener::bind("0.0.0.0:0").await.unwrap();
         println!("{}", listener.local_addr().unwrap().port());
         loop {
             let (stream, _) = listener.accept().await.unwrap();
@@ -140,10 +140,12 @@ fn machine(devices: u64, port: u16) -> String {
     for device in 0..devices {
         write!(
             text,
-            "[bus.b{device}]\ntype = \"modbus-tcp\"\naddress = \"127.0.0.1:{port}\"\ntimeout = \"90ms\"\n\
+            "[bus.b{device}]\ntype = \"modbus-tcp\"\naddress = \"127.0.{}.{}:{port}\"\ntimeout = \"90ms\"\n\
              [device.d{device}]\nbus = \"b{device}\"\nunit = 1\nevery = \"100ms\"\n\
              [output.o{device}]\naxis = \"z\"\ndevice = \"d{device}\"\nwrites = \"corrected\"\n\
-             position = \"s{device}_7\"\nregister = \"holding:10\"\ntype = \"i16\"\nscale = 0.01\nverify = \"echo\"\n"
+             position = \"s{device}_7\"\nregister = \"holding:10\"\ntype = \"i16\"\nscale = 0.01\nverify = \"echo\"\n",
+            device / 250,
+            device % 250 + 1
         )
         .unwrap();
         for register in 0..8 {
