@@ -15,8 +15,8 @@ pub mod modbus;
 pub mod plan;
 pub mod rtu;
 pub mod serial;
-pub mod trace;
 pub mod tls;
+pub mod trace;
 pub mod wire;
 
 use crate::profile::{Bus, Transport};

@@ -16,7 +16,7 @@ use crate::fieldbus::wire::{Answer, Request};
 use crate::observe::events::Event;
 use crate::profile::{Arm, BusId, DeviceId, OutputId, Profile, SetId, Writes};
 use crate::quantity::Moment;
-use crate::reading::{Reason, SignalId};
+use crate::reading::SignalId;
 
 mod captures;
 
