@@ -55,10 +55,23 @@ pub struct BusExplained {
     pub kind: &'static str,
     /// Host and port, or the port's path.
     pub address: String,
+    /// Modbus/TCP Security; `None`: in the clear.
+    pub tls: Option<TlsExplained>,
     /// Longest wait for an answer.
     pub timeout: String,
     /// A serial port's settings and its time.
     pub serial: Option<SerialExplained>,
+}
+
+/// Whom a secured line trusts.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct TlsExplained {
+    /// The name that the device's certificate must have.
+    pub name: String,
+    /// The file with the certificates that are trusted.
+    pub trusts: String,
+    /// The file with the certificate that is shown.
+    pub shows: String,
 }
 
 /// One device and its read plan.
@@ -243,6 +256,13 @@ impl fmt::Display for Explanation {
         writeln!(f)?;
         for bus in &self.buses {
             writeln!(f, "\nbus {}: {} at {}, timeout {}", bus.name, bus.kind, bus.address, bus.timeout)?;
+            if let Some(tls) = &bus.tls {
+                let TlsExplained { name, trusts, shows } = tls;
+                writeln!(
+                    f,
+                    "  trusts a certificate for {name} signed by one in {trusts}, or one in there; shows {shows}"
+                )?;
+            }
             if let Some(serial) = &bus.serial {
                 write!(f, "{serial}")?;
             }

@@ -4,6 +4,7 @@
 //! - [`wire`] — the border behind which the Modbus library lives; [`modbus`] is the library's side of it.
 //! - [`rtu`] — frames of a serial line, on a port ([`serial`]) or through TCP.
 //! - [`trace`] — the wire log: every frame, while somebody listens.
+//! - [`tls`] — Modbus TCP inside TLS.
 //! - [`mod@line`] — one request at a time, timeout, breaker per device, reconnection.
 
 pub mod backoff;
@@ -14,6 +15,7 @@ pub mod modbus;
 pub mod plan;
 pub mod rtu;
 pub mod serial;
+pub mod tls;
 pub mod trace;
 pub mod wire;
 
@@ -22,7 +24,10 @@ use crate::profile::{Bus, Transport};
 /// What opens the connections of a bus, by what it is made of.
 pub fn dial(bus: &Bus) -> Box<dyn wire::Dial> {
     match bus.transport {
-        Transport::Tcp => Box::new(modbus::TcpDial::new(&bus.address)),
+        Transport::Tcp => match &bus.tls {
+            Some(tls) => Box::new(tls::TlsDial::new(&bus.address, tls)),
+            None => Box::new(modbus::TcpDial::new(&bus.address)),
+        },
         Transport::RtuOverTcp => Box::new(rtu::RtuOverTcpDial::new(&bus.address)),
         Transport::Serial(serial) => Box::new(serial::SerialDial::new(&bus.address, serial)),
     }

@@ -24,6 +24,7 @@ mod raw;
 mod serial;
 mod set;
 pub mod template;
+mod tls;
 mod verify;
 mod walk;
 mod writes;
@@ -36,6 +37,7 @@ pub use raw::schema;
 pub use serial::{Parity, Serial, Transport};
 pub use set::{Control, Flag, Handshake, OutputSet, SetId, Stretch};
 pub use template::Template;
+pub use tls::{TLS_PORT, Tls};
 pub use verify::Expected;
 pub use writes::Writes;
 
@@ -106,6 +108,8 @@ pub struct Bus {
     pub transport: Transport,
     /// Host and port, or the serial port's path, as written.
     pub address: String,
+    /// Modbus/TCP Security; `None`: in the clear.
+    pub tls: Option<Tls>,
     /// Longest wait for one answer, and for a connection.
     pub timeout: Duration,
     /// What its devices need to be treated like.

@@ -10,6 +10,7 @@ use std::process::Command;
 
 use serde_json::Value;
 
+mod certificates;
 mod process;
 
 use process::{PATIENCE, Running, file, free_port, isotherm, until};
@@ -182,6 +183,28 @@ fn the_gateway_follows_a_machine_that_pymodbus_serves() {
     assert_eq!(server.words("get 1 holding 104 2"), [0, 0]);
     assert_eq!(server.words("get 2 holding 10 2"), [0, 0]);
     assert_eq!(server.words("get 4 holding 106 2"), [0, 0]);
+}
+
+#[test]
+fn the_gateway_follows_a_machine_that_pymodbus_serves_inside_tls() {
+    let directory = tempfile::tempdir().unwrap();
+    let authority = certificates::Authority::new();
+    let (device, gateway) =
+        (authority.signs("localhost", (2020, 2099)), authority.signs("gateway", (2020, 2099)));
+    let files = [
+        ("ca.pem", &authority.cert),
+        ("device.pem", &device.cert),
+        ("device.key", &device.key),
+        ("gw.pem", &gateway.cert),
+        ("gw.key", &gateway.key),
+    ];
+    let [ca, _, _, cert, key] = files.map(|(name, text)| file(directory.path(), name, text));
+    let mut command = python("server.py");
+    command.arg("tls").arg(directory.path());
+    let (mut server, port) = Foreign::serves(command);
+    let tls = format!("tls = {{ ca = {ca:?}, cert = {cert:?}, key = {key:?}, name = \"localhost\" }}");
+    let line = format!("type = \"modbus-tcp\"\naddress = \"127.0.0.1:{port}\"\n{tls}");
+    follows_the_machine(&mut server, &line);
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use super::BusExplained;
+use super::{BusExplained, TlsExplained};
 use crate::fieldbus::plan::{ReadRequest, plan};
 use crate::profile::{BusId, Profile, Serial, Transport};
 use crate::reading::SignalId;
@@ -41,6 +41,7 @@ pub struct PollTime {
 pub(super) fn bus(profile: &Profile, id: BusId) -> BusExplained {
     let bus = profile.bus(id);
     let (kind, serial) = match bus.transport {
+        Transport::Tcp if bus.tls.is_some() => ("Modbus TCP inside TLS (Modbus/TCP Security)", None),
         Transport::Tcp => ("Modbus TCP", None),
         Transport::RtuOverTcp => ("RTU over TCP", None),
         Transport::Serial(serial) => ("Modbus RTU", Some(explained(profile, id, serial))),
@@ -49,6 +50,11 @@ pub(super) fn bus(profile: &Profile, id: BusId) -> BusExplained {
         name: bus.name.clone(),
         kind,
         address: bus.address.clone(),
+        tls: bus.tls.as_ref().map(|tls| TlsExplained {
+            name: tls.name.to_str().into_owned(),
+            trusts: tls.ca.clone(),
+            shows: tls.cert.clone(),
+        }),
         timeout: humantime::format_duration(bus.timeout).to_string(),
         serial,
     }

@@ -2,7 +2,8 @@
 //!
 //! A control that runs on the same computer (a software PLC, LinuxCNC) answers within microseconds of getting the
 //! processor. Waiting for it through the event queue costs more than the answer itself, so it is first given one turn
-//! of the processor. Towards another computer that turn would be wasted, and the stream is left as it is.
+//! of the processor. Towards another computer that turn would be wasted, and the stream is left as it is; so is one whose
+//! answers did not come within that turn, but for a try now and then.
 
 use std::io::{self, Read, Write};
 use std::pin::Pin;
@@ -15,14 +16,20 @@ use tokio::net::TcpStream;
 /// A whole answer: header and the longest of Modbus's messages.
 const LONGEST_FRAME: usize = 260;
 
+/// After as many looks in vain as are remembered here, one is made every so many answers.
+const SELDOM: u32 = 64;
+const IN_VAIN: u32 = 8;
+
 /// A connection to a peer that may be on this computer.
 #[derive(Debug)]
 pub(super) struct Eager {
     stream: TcpStream,
     is_local: bool,
-    /// The answer has begun to come. What follows it comes by the event queue, so that a peer who never ends keeps nobody
-    /// else from his turn.
-    has_read: bool,
+    /// Looks in vain since the last that was not.
+    in_vain: u32,
+    /// A request was sent and has not been looked after. What follows the look comes by the event queue, so that a peer
+    /// who never ends keeps nobody else from his turn.
+    has_asked: bool,
 }
 
 impl Eager {
@@ -32,7 +39,19 @@ impl Eager {
             (Ok(peer), Ok(own)) => peer.ip().is_loopback() || peer.ip() == own.ip(),
             _ => false,
         };
-        Eager { stream, is_local, has_read: false }
+        Eager { stream, is_local, in_vain: 0, has_asked: false }
+    }
+
+    /// Whether to look before waiting: once a request, while that pays.
+    fn looks(&mut self) -> bool {
+        if !self.is_local || !std::mem::take(&mut self.has_asked) {
+            return false;
+        }
+        if self.in_vain >= IN_VAIN && !self.in_vain.is_multiple_of(SELDOM) {
+            self.in_vain = self.in_vain.wrapping_add(1).max(IN_VAIN);
+            return false;
+        }
+        true
     }
 }
 
@@ -47,16 +66,17 @@ impl AsyncRead for Eager {
         context: &mut Context<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
-        if self.is_local && !self.has_read {
+        if self.looks() {
             std::thread::yield_now();
             // Past tokio, which only asks the system again after its event queue has spoken.
             let mut frame = [0; LONGEST_FRAME];
             let room = frame.len().min(buffer.remaining());
-            match (&*SockRef::from(&self.stream)).read(&mut frame[..room]) {
-                Err(error) if is_passing(&error) => {}
+            let looked = (&*SockRef::from(&self.stream)).read(&mut frame[..room]);
+            match looked {
+                Err(error) if is_passing(&error) => self.in_vain = self.in_vain.saturating_add(1),
                 Err(error) => return Poll::Ready(Err(error)),
                 Ok(length) => {
-                    self.has_read = true;
+                    self.in_vain = 0;
                     buffer.put_slice(&frame[..length]);
                     return Poll::Ready(Ok(()));
                 }
@@ -72,7 +92,7 @@ impl AsyncWrite for Eager {
         context: &mut Context<'_>,
         bytes: &[u8],
     ) -> Poll<io::Result<usize>> {
-        self.has_read = false;
+        self.has_asked = true;
         if self.is_local {
             match (&*SockRef::from(&self.stream)).write(bytes) {
                 Err(error) if is_passing(&error) => {}

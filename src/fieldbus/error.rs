@@ -47,8 +47,41 @@ pub enum LinkFault {
     Busy,
     /// The port is no serial port, or cannot do these settings.
     Unsuited,
+    /// It was closed before it brought a single answer.
+    TurnedAway,
+    /// It is closed again and again, soon after it was made.
+    Contested,
+    /// TLS did not come about.
+    Tls(TlsFault),
     /// It is down, and not yet time to try again.
     Down,
+}
+
+/// Why a connection cannot be secured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum TlsFault {
+    /// The device's certificate is too old.
+    Expired,
+    /// It will be valid later.
+    NotYetValid,
+    /// It is for another name.
+    OtherName,
+    /// Nobody whom we trust has signed it.
+    UnknownAuthority,
+    /// It is wrong in another way.
+    BadCertificate,
+    /// The device finds the gateway's certificate too old.
+    OursExpired,
+    /// The device does not take the gateway's certificate.
+    OursRefused,
+    /// No version, cipher or signature that both ends know.
+    NothingInCommon,
+    /// Whoever listens there does not speak TLS.
+    NoTls,
+    /// It closed the connection in the middle of the handshake, without a word.
+    Silent,
+    /// It ended the handshake for another reason.
+    Refused,
 }
 
 /// How an answer is wrong.
@@ -119,6 +152,14 @@ impl fmt::Display for Fault {
             }
             Fault::Link(LinkFault::Busy) => "another program uses the serial port",
             Fault::Link(LinkFault::Unsuited) => "no serial port, or one that cannot do these settings",
+            Fault::Link(LinkFault::TurnedAway) => {
+                "closed before the first answer: it accepts one client perhaps, and another master holds it"
+            }
+            Fault::Link(LinkFault::Contested) => {
+                "closed again and again: it accepts one client perhaps, and another master takes it; this one waits \
+                 longer each time (quirks.close_after_each leaves room for both)"
+            }
+            Fault::Link(LinkFault::Tls(fault)) => fault.words(),
             Fault::Link(LinkFault::Down) => "no connection",
             Fault::Peer(PeerFault::Foreign) => "reply of another transaction or unit",
             Fault::Peer(PeerFault::Function) => "reply with another function code",
@@ -128,6 +169,39 @@ impl fmt::Display for Fault {
             Fault::Exception(code) => return write!(f, "exception {code} ({})", exception_name(*code)),
             Fault::Timeout => "no answer in time",
         })
+    }
+}
+
+impl TlsFault {
+    const fn words(self) -> &'static str {
+        match self {
+            TlsFault::Expired => "the device's certificate has expired, or this computer's clock is wrong",
+            TlsFault::NotYetValid => {
+                "the device's certificate is not valid yet, or this computer's clock is wrong"
+            }
+            TlsFault::OtherName => {
+                "the device's certificate is for another name: put the one it has into `tls.name`, or the certificate \
+                 itself into the file of `tls.ca`"
+            }
+            TlsFault::UnknownAuthority => {
+                "nobody in the file of `tls.ca` has signed the device's certificate"
+            }
+            TlsFault::BadCertificate => "the device's certificate is of no use",
+            TlsFault::OursExpired => {
+                "the device finds that the certificate in `tls.cert` has expired: renew it"
+            }
+            TlsFault::OursRefused => {
+                "the device does not take the certificate in `tls.cert`: does it know who signed it, and its role?"
+            }
+            TlsFault::NothingInCommon => {
+                "no TLS version or cipher in common: this end speaks 1.2 with ECDHE, and 1.3"
+            }
+            TlsFault::NoTls => "whoever listens there does not speak TLS: its secured port is usually 802",
+            TlsFault::Silent => {
+                "closed in the middle of the TLS handshake: does it speak TLS, and does it let in another client?"
+            }
+            TlsFault::Refused => "the device ended the TLS handshake",
+        }
     }
 }
 

@@ -23,6 +23,11 @@ use crate::quantity::Moment;
 pub const GRACE: u32 = 3;
 /// Misses in a row after which a line without transactions is opened again.
 const MISSES: u32 = 2;
+/// A connection that lives for less than this, after it has brought answers, was taken away by somebody.
+const SHORT_LIFE: Duration = Duration::from_secs(5);
+/// Short lives in a row after which we give way: a device that accepts one client drops the first for the second, and
+/// two masters that both come back at once would keep each other from working for ever.
+const SHORT_LIVES: u32 = 3;
 /// The first pause after a failure.
 const FIRST_PAUSE: Duration = Duration::from_secs(1);
 
@@ -41,6 +46,14 @@ pub struct Line {
     /// Closed by us after an answer.
     is_put_down: bool,
     tap: Tap,
+    /// Since when there is a connection.
+    connected_at: Moment,
+    /// It has brought an answer.
+    has_answered: bool,
+    /// Connections in a row that were taken away soon.
+    short_lives: u32,
+    /// How long we give way.
+    yielding: Backoff,
 }
 
 /// One device on the line.
@@ -87,6 +100,10 @@ impl Line {
             misses: 0,
             is_put_down: false,
             tap: Tap::default(),
+            connected_at: Moment::default(),
+            has_answered: false,
+            short_lives: 0,
+            yielding: Backoff::new(FIRST_PAUSE, seed(&bus.name)),
         }
     }
 
@@ -143,6 +160,9 @@ impl Line {
             // is not repeated, unless nothing was sent; but where nobody listens any more, that is what is wrong.
             let is_told_apart = self.wire.as_mut().is_some_and(|wire| wire.wire().names_its_question());
             self.wire = None;
+            if is_told_apart && self.is_contested(now) {
+                return Err(Fault::Link(LinkFault::Contested));
+            }
             if is_closed || (request.is_read() && is_told_apart) {
                 answer = self.exchange(place, request, now).await;
             } else {
@@ -184,6 +204,21 @@ impl Line {
         answer
     }
 
+    /// The connection was closed by the other end: whether that happens too often to come back at once.
+    fn is_contested(&mut self, now: Moment) -> bool {
+        if now.since(self.connected_at) >= SHORT_LIFE {
+            self.short_lives = 0;
+            self.yielding.succeed();
+            return false;
+        }
+        self.short_lives += 1;
+        let is_contested = self.short_lives >= SHORT_LIVES;
+        if is_contested {
+            self.yielding.fail(now);
+        }
+        is_contested
+    }
+
     /// A unit whose answer may still come, and would not say what it answers, is left alone for as long as that takes:
     /// by each of the devices that are this unit.
     fn rest(&mut self, place: usize, fault: Fault, now: Moment) {
@@ -223,17 +258,26 @@ impl Line {
         self.spoke = true;
         let span = self.timeout + connection.wire().time_under_way(request);
         let answer = self.patience.within(span, connection.call(unit.number, request)).await;
-        answer.unwrap_or_else(|| Err(connection.wire().missed()))
+        let answer = answer.unwrap_or_else(|| Err(connection.wire().missed()));
+        if answer == Err(BROKEN) && !self.has_answered && connection.wire().names_its_question() {
+            return Err(Fault::Link(LinkFault::TurnedAway));
+        }
+        self.has_answered = true;
+        answer
     }
 
     async fn connect(&mut self, now: Moment) -> Result<(), Fault> {
         if self.wire.is_some() {
             return Ok(());
         }
+        if !self.yielding.allows(now) {
+            return Err(Fault::Link(LinkFault::Contested));
+        }
         if !self.redial.allows(now) {
             return Err(Fault::Link(LinkFault::Down));
         }
-        let dialled = self.patience.within(self.timeout, self.dial.dial()).await;
+        let span = self.timeout + self.dial.takes();
+        let dialled = self.patience.within(span, self.dial.dial()).await;
         match dialled.unwrap_or(Err(Fault::Link(LinkFault::Unreachable))) {
             Ok(wire) => {
                 if !self.pause_after_connect.is_zero() {
@@ -242,6 +286,7 @@ impl Line {
                 self.wire = Some(wire);
                 self.spoke = self.is_put_down;
                 self.is_put_down = false;
+                (self.connected_at, self.has_answered) = (now, false);
                 self.redial.succeed();
                 Ok(())
             }

@@ -15,6 +15,7 @@ use tokio_modbus::{Error, ProtocolError, Request as Pdu, Response, Slave};
 
 use super::eager::Eager;
 use super::error::{Fault, LinkFault, PeerFault};
+use super::tls;
 use super::trace::{Tap, Teed};
 use super::wire::{Answer, Boxed, Connection, Dial, Request, Wire};
 use crate::codec::Table;
@@ -36,10 +37,7 @@ impl TcpDial {
 impl Dial for TcpDial {
     fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
         Box::pin(async {
-            let stream =
-                TcpStream::connect(self.address.as_str()).await.map_err(|error| dial_fault(&error))?;
-            // A small request must not wait for the answer to the last one.
-            stream.set_nodelay(true).map_err(|_| Fault::Link(LinkFault::Broken))?;
+            let stream = connected(&self.address).await?;
             Ok(Connection::Modbus(attach(Teed::new(Eager::new(stream), self.tap.clone()))))
         })
     }
@@ -47,6 +45,14 @@ impl Dial for TcpDial {
     fn tap(&mut self, tap: &Tap) {
         self.tap = tap.clone();
     }
+}
+
+/// A TCP connection to `host:port`.
+pub(super) async fn connected(address: &str) -> Result<TcpStream, Fault> {
+    let stream = TcpStream::connect(address).await.map_err(|error| dial_fault(&error))?;
+    // A small request must not wait for the answer to the last one.
+    stream.set_nodelay(true).map_err(|_| Fault::Link(LinkFault::Broken))?;
+    Ok(stream)
 }
 
 /// Modbus TCP over any stream.
@@ -154,6 +160,9 @@ pub(super) fn dial_fault(error: &io::Error) -> Fault {
 
 /// Where the stream ends in the middle the library reports whatever error the system had last, "Success" included.
 fn transport_fault(error: &io::Error) -> Fault {
+    if let Some(fault) = tls::told(error) {
+        return fault;
+    }
     match error.kind() {
         io::ErrorKind::InvalidData | io::ErrorKind::InvalidInput => Fault::Peer(PeerFault::Malformed),
         _ => Fault::Link(LinkFault::Broken),

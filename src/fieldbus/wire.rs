@@ -95,6 +95,11 @@ pub trait Dial: Send {
     /// From now on the bytes of its connections pass this tap. One that does not know how leaves the wire log without
     /// bytes.
     fn tap(&mut self, _tap: &Tap) {}
+
+    /// How long that may take beyond the line's timeout.
+    fn takes(&self) -> Duration {
+        Duration::ZERO
+    }
 }
 
 /// An open connection of any kind.

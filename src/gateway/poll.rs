@@ -6,7 +6,7 @@ use std::time::Duration;
 use self::captures::Captures;
 use super::apply::{SetWriter, Writer};
 use super::commissioning::Inspector;
-use super::shared::{JITTER_MS, Shared};
+use super::shared::{BusCount, JITTER_MS, Shared};
 use crate::clock::Sleeper;
 use crate::compensation::model::Evaluate;
 use crate::fieldbus::error::Fault;
@@ -16,9 +16,12 @@ use crate::fieldbus::wire::{Answer, Request};
 use crate::observe::events::Event;
 use crate::profile::{Arm, BusId, DeviceId, OutputId, Profile, SetId, Writes};
 use crate::quantity::Moment;
-use crate::reading::{Reason, SignalId};
+use crate::reading::SignalId;
 
 mod captures;
+
+mod read;
+mod urgent;
 
 /// Consecutive failures after which people are told: a single lost answer is only counted.
 const TOLD_AFTER: u64 = 2;
@@ -40,6 +43,10 @@ pub(super) struct LineTask {
     steps_axes: bool,
     /// A position read here is corrected on another line.
     feeds_others: bool,
+    /// When what must not wait was last looked at.
+    passed: Moment,
+    /// Everything here has been asked for once.
+    has_been_round: bool,
 }
 
 /// One device's reads.
@@ -47,6 +54,8 @@ struct Poll {
     device: DeviceId,
     every: Duration,
     due: Moment,
+    /// A position that is corrected is among them.
+    reads_position: bool,
     captures: Captures,
     requests: Vec<ReadRequest>,
 }
@@ -80,13 +89,14 @@ impl LineTask {
                 device,
                 every: profile.device(device).every,
                 due: start,
+                reads_position: reads_position(device),
                 captures: Captures::new(signals_of(profile, device).filter_map(|(_, signal)| signal.capture)),
                 requests: plan(profile.device(device), signals_of(profile, device)),
             })
             .filter(|poll| !poll.requests.is_empty())
             .collect();
         // Positions are read last, so that nothing stands between reading and correcting one.
-        polls.sort_by_key(|poll| reads_position(poll.device));
+        polls.sort_by_key(|poll| poll.reads_position);
         let writers = (0..profile.outputs.len())
             .map(OutputId)
             .filter(|id| here(profile.output(*id).device) && profile.output(*id).set.is_none())
@@ -110,7 +120,21 @@ impl LineTask {
             .any(|(position, device)| here(profile.signal(*position).device) && !here(*device))
             || (!steps_axes && probed.any(|signal| here(profile.signal(signal).device)));
         let inspector = Inspector::new(profile, devices_of(profile, bus), start);
-        LineTask { bus, line, inspector, polls, writers, sets, pulse, steps_axes, feeds_others, shared }
+        let (passed, has_been_round) = (start, false);
+        LineTask {
+            bus,
+            line,
+            inspector,
+            polls,
+            writers,
+            sets,
+            pulse,
+            steps_axes,
+            feeds_others,
+            passed,
+            has_been_round,
+            shared,
+        }
     }
 
     /// Read requests of one round.
@@ -136,12 +160,15 @@ impl LineTask {
         self.beat(now).await;
         self.inspector.inspect(&mut self.line, &self.shared).await;
         let mut polled = false;
+        self.passed = self.shared.clock.now();
+        let last = self.polls.iter().rposition(|poll| now >= poll.due);
         for place in 0..self.polls.len() {
             if now >= self.polls[place].due {
-                self.poll(place, now).await;
+                self.poll(place, now, Some(place) == last).await;
                 polled = true;
             }
         }
+        self.has_been_round = true;
         // Not the beginning of the cycle: readings have aged since, and another line may have stepped.
         let now = self.shared.clock.now();
         if polled {
@@ -192,36 +219,6 @@ impl LineTask {
         let _ = call(&mut self.line, &self.shared, device, request, now).await;
     }
 
-    async fn poll(&mut self, place: usize, now: Moment) {
-        let poll = &mut self.polls[place];
-        poll.due = now.next_tick(poll.due, poll.every);
-        let mut taken = if place == 0 { now } else { self.shared.clock.now() };
-        taken = poll.captures.send(&mut self.line, &self.shared, poll.device, taken).await;
-        for read in &poll.requests {
-            let answer = call(&mut self.line, &self.shared, poll.device, read.request(), taken).await;
-            taken = self.shared.clock.now();
-            let mut core = self.shared.core();
-            let is_fit = core.commissioning.is_fit(poll.device);
-            for field in &read.fields {
-                let capture = self.shared.profile.signal(field.signal).capture;
-                if let Some(fault) = poll.captures.failed(capture) {
-                    core.board.fail(field.signal, fault.reason());
-                    continue;
-                }
-                match &answer {
-                    Ok(answer) => {
-                        let encoding = &self.shared.profile.signal(field.signal).encoding;
-                        let value = field.decode(encoding, answer);
-                        let value =
-                            value.and_then(|value| is_fit.then_some(value).ok_or(Reason::NotAsExpected));
-                        core.board.store(&self.shared.profile, field.signal, value, taken);
-                    }
-                    Err(fault) => core.board.fail(field.signal, fault.reason()),
-                }
-            }
-        }
-    }
-
     /// Counts a cycle, and tells when there is something to do again.
     fn account(&self, due: Moment, began: Moment, ended: Moment) -> Moment {
         let mut core = self.shared.core();
@@ -230,9 +227,7 @@ impl LineTask {
         count.cycles += 1;
         count.last_cycle = ended;
         count.connected = self.line.is_connected();
-        let late_ms = began.since(due).as_secs_f64() * 1000.0;
-        let bucket = JITTER_MS.iter().position(|bound| late_ms <= *bound).unwrap_or(JITTER_MS.len());
-        count.jitter[bucket] += 1;
+        count_late(count, began.since(due));
         let poll = self.polls.iter().map(|poll| poll.due).min();
         if let Some(late) = poll.map(|poll| ended.since(poll)).filter(|late| !late.is_zero()) {
             count.overruns += 1;
@@ -260,6 +255,12 @@ impl LineTask {
             .min()
             .unwrap_or(idle)
     }
+}
+
+fn count_late(count: &mut BusCount, late: Duration) {
+    let late_ms = late.as_secs_f64() * 1000.0;
+    let bucket = JITTER_MS.iter().position(|bound| late_ms <= *bound).unwrap_or(JITTER_MS.len());
+    count.jitter[bucket] += 1;
 }
 
 /// The lines on which axes are stepped: where the first input of each is read, or its output is written.
@@ -356,7 +357,8 @@ impl super::shared::Core {
         lost.missed += 1;
         lost.answers_since = None;
         lost.fault = fault.to_string();
-        if fault.is_of_the_line() {
+        // What comes after a connection was made is the device's doing.
+        if fault.is_of_the_line() && line.refusals().0 > 0 {
             let bus = shared.profile.bus(device.bus);
             let (attempts, fault) = line.refusals();
             lost.fault = fault.to_string();

@@ -31,6 +31,7 @@ mod serial;
 mod set;
 mod share;
 mod signal;
+mod tls;
 mod verify;
 
 /// What the check found.

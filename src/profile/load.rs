@@ -119,8 +119,14 @@ fn layered(
     for (path, text) in layers {
         loader.file(path, text);
     }
-    let below = loader.merged();
-    for (name, value) in environment.iter().filter(|(name, _)| is_ours(name)) {
+    let ours = || environment.iter().filter(|(name, _)| is_ours(name));
+    // What a variable or a flag may name.
+    let below = if settings.is_empty() && ours().next().is_none() {
+        Value::Null
+    } else {
+        merged(loader.layers.clone(), &mut loader.errors)
+    };
+    for (name, value) in ours() {
         let path = name.trim_start_matches(PREFIX).to_lowercase();
         let parts: Vec<&str> = path.split("__").collect();
         loader.setting(&format!("environment {name}"), &parts, value, &below, true);
@@ -164,13 +170,6 @@ impl Loader<'_> {
         self.layers.push(layer);
     }
 
-    fn merged(&mut self) -> Value {
-        merge::merged(&self.layers).unwrap_or_else(|why| {
-            self.errors.push(ProfileError::about("the layers", why.to_string(), None));
-            Value::Null
-        })
-    }
-
     /// One value from the environment or the command line.
     fn setting(&mut self, origin: &str, parts: &[&str], text: &str, below: &Value, any_case: bool) {
         let id = self.places.add_origin(Origin { name: origin.to_owned(), text: None });
@@ -197,7 +196,7 @@ impl Loader<'_> {
     }
 
     fn finish(mut self, path: PathBuf, files: &Files<'_>) -> Result<Loaded, Errors> {
-        let mut merged = self.merged();
+        let mut merged = merged(std::mem::take(&mut self.layers), &mut self.errors);
         let mut checked = None;
         if !self.broken {
             let templates = template::fill(&mut merged, files, &mut self.places, &mut self.errors);
@@ -231,6 +230,17 @@ impl Loader<'_> {
             }
         }
     }
+}
+
+/// The layers in one. A single one is what it is: a copy of a large machine would be a large part of the memory.
+fn merged(mut layers: Vec<Value>, errors: &mut Vec<ProfileError>) -> Value {
+    if layers.len() == 1 {
+        return layers.remove(0);
+    }
+    merge::merged(&layers).unwrap_or_else(|why| {
+        errors.push(ProfileError::about("the layers", why.to_string(), None));
+        Value::Null
+    })
 }
 
 /// Where a path leads in the schema, with the keys as the profile spells them. Names of things must exist in the files.

@@ -25,7 +25,7 @@ pub(crate) use axis::{
 };
 pub(crate) use fieldbus::{
     BusType, ChannelValue, FunctionWord, ParityWord, RawBus, RawCapture, RawDevice, RawQuirks, RawSignal,
-    TypeWord, WordOrderWord,
+    RawTls, TypeWord, WordOrderWord,
 };
 pub(crate) use probe::{RawGains, RawProbe};
 pub(crate) use set::{RawHandshake, RawRestart, RawSet};

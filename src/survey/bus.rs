@@ -44,6 +44,7 @@ impl Place {
             name: "line".to_owned(),
             transport: self.transport,
             address: self.address.clone(),
+            tls: None,
             timeout,
             quirks: Quirks::default(),
         }

@@ -10,11 +10,6 @@ fn what_is_not_built_yet_says_so_where_it_stands() {
             "type = \"can\"\ninterface = \"can0\"",
             "bus.cell.type",
         ),
-        (
-            "timeout = \"300ms\"",
-            "timeout = \"300ms\"\ntls = { ca = \"ca.pem\", cert = \"gw.pem\", key = \"gw.key\" }",
-            "bus.cell.tls",
-        ),
         ("unit = 1", "unit = 1\nnode = 5", "device.module.node"),
         ("unit = 1", "unit = 1\nheartbeat = \"2s\"", "device.module.heartbeat"),
         (

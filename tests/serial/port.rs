@@ -100,7 +100,7 @@ pub(crate) fn read(from: u16, count: u16) -> Request<'static> {
 
 pub(crate) fn bus(transport: Transport, address: &str, timeout: Duration) -> Bus {
     let quirks = Quirks::default();
-    Bus { name: "rs485".to_owned(), transport, address: address.to_owned(), timeout, quirks }
+    Bus { name: "rs485".to_owned(), transport, address: address.to_owned(), tls: None, timeout, quirks }
 }
 
 pub(crate) fn serial(baud: u32) -> Transport {

@@ -80,6 +80,7 @@ fn line(change: impl Fn(&mut Device)) -> (Line, Shared) {
         name: "cell".to_owned(),
         transport: crate::profile::Transport::Tcp,
         address: String::new(),
+        tls: None,
         timeout: Duration::from_millis(300),
         quirks: Quirks::default(),
     };
@@ -177,7 +178,7 @@ async fn a_connection_that_breaks_at_once_again_is_not_tried_for_ever() {
     let (mut line, script) = line(|_| {});
     answers(&script, &[Turn::Gives(Ok(good())), Turn::Gives(Err(BROKEN)), Turn::Gives(Err(BROKEN))]);
     assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Ok(good()));
-    assert_eq!(line.call(DeviceId(0), READ, at(1000)).await, Err(BROKEN));
+    assert_eq!(line.call(DeviceId(0), READ, at(1000)).await, Err(Fault::Link(LinkFault::TurnedAway)));
     assert!(line.is_resting(DeviceId(0), at(1001)));
     assert_eq!(script.lock().unwrap().asked.len(), 3);
 }
@@ -343,4 +344,44 @@ async fn a_device_that_wants_it_gets_a_connection_for_each_request() {
         assert!(line.is_connected(), "closed by us is not down");
     }
     assert_eq!(script.lock().unwrap().dialled, 2);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_device_that_hangs_up_before_its_first_answer_is_said_to_have_another_master() {
+    let (mut line, script) = line(|_| {});
+    answers(&script, &[Turn::Gives(Err(BROKEN))]);
+    let fault = line.call(DeviceId(0), READ, at(0)).await.unwrap_err();
+    assert_eq!(fault, Fault::Link(LinkFault::TurnedAway));
+    assert!(fault.to_string().contains("another master holds it"), "{fault}");
+    assert!(line.is_resting(DeviceId(0), at(700)), "it is not asked again at once");
+    assert_eq!(line.call(DeviceId(0), READ, at(1100)).await, Ok(good()));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_connection_that_another_master_takes_again_and_again_is_not_fought_for() {
+    let (mut line, script) = line(|_| {});
+    let mut dialled = Vec::new();
+    // The other master comes back 300 ms after each of our polls, which come every second, for a minute.
+    for second in 0..60 {
+        if line.is_connected() {
+            answers(&script, &[Turn::Gives(Err(BROKEN))]);
+        }
+        let before = script.lock().unwrap().dialled;
+        let answer = line.call(DeviceId(0), READ, at(1000 * second)).await;
+        script.lock().unwrap().answers.clear();
+        if script.lock().unwrap().dialled > before {
+            dialled.push(second);
+            assert_eq!(answer, Ok(good()), "second {second}");
+        } else {
+            assert_eq!(answer, Err(Fault::Link(LinkFault::Contested)), "second {second}");
+        }
+    }
+    let pauses: Vec<u64> = dialled.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    assert!(dialled.len() <= 9 && pauses.is_sorted(), "a fight would be 60: {dialled:?}");
+    // The other one has gone: what lives on is believed again.
+    let after = 100_000;
+    assert_eq!(line.call(DeviceId(0), READ, at(after)).await, Ok(good()));
+    assert_eq!(line.call(DeviceId(0), READ, at(after + 6000)).await, Ok(good()));
+    answers(&script, &[Turn::Gives(Err(BROKEN))]);
+    assert_eq!(line.call(DeviceId(0), READ, at(after + 7000)).await, Ok(good()), "asked once more");
 }

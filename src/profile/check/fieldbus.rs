@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::{Check, Zero, bus_of, get, host_of, shown};
 use crate::profile::place::child;
 use crate::profile::raw::{BusType, FunctionWord, RawBus, RawDevice, RawQuirks};
-use crate::profile::{Bus, BusId, Device, Functions, Quirks, Transport};
+use crate::profile::{Bus, BusId, Device, Functions, Quirks, TLS_PORT, Transport};
 
 const TIMEOUT: Duration = Duration::from_millis(500);
 const SHORTEST_TIMEOUT: Duration = Duration::from_millis(100);
@@ -22,13 +22,6 @@ impl Check<'_> {
         let quirks = self.quirks(&child(path, "quirks"), raw.quirks.as_ref(), Quirks::default());
         let given = self.span(&child(path, "timeout"), raw.timeout.as_ref(), Zero::Refused);
         let timeout = given.unwrap_or_else(|| self.default_timeout(name));
-        if raw.tls.is_some() {
-            self.not_built(
-                &child(path, "tls"),
-                "Modbus/TCP Security (tls)",
-                Some("use a plain line in a closed network"),
-            );
-        }
         let kind = raw.kind?;
         self.foreign_keys(path, kind, raw);
         let (transport, address) = match kind {
@@ -43,7 +36,19 @@ impl Check<'_> {
                 return None;
             }
         };
-        Some(Bus { name: name.to_owned(), transport, address: address?, timeout, quirks })
+        let tls = match (&raw.tls, kind) {
+            (Some(tls), BusType::ModbusTcp) => {
+                // Its files are looked at even where the address is wrong.
+                let host = address.as_deref().and_then(host_of).unwrap_or("localhost");
+                Some(self.tls(&child(path, "tls"), tls, host))
+            }
+            _ => None,
+        };
+        let tls = match tls {
+            Some(tls) => Some(tls?),
+            None => None,
+        };
+        Some(Bus { name: name.to_owned(), transport, address: address?, tls, timeout, quirks })
     }
 
     fn host_and_port(&mut self, path: &str, raw: &RawBus) -> Option<String> {
@@ -52,6 +57,9 @@ impl Check<'_> {
             self.missing(path, "address", "`address` is missing: where is the line?", help);
             return None;
         };
+        if raw.tls.is_some() && !address.is_empty() && !address.contains(':') {
+            return Some(format!("{address}:{TLS_PORT}"));
+        }
         if host_of(address).is_none() {
             let help = format!("write host and port, as \"{address}:502\"; 502 is Modbus TCP's usual port");
             self.wrong(&child(path, "address"), format!("`{address}` is no host and port"), help);
@@ -69,6 +77,7 @@ impl Check<'_> {
             ("baud", raw.baud.is_some(), serial, "a modbus-rtu line"),
             ("parity", raw.parity.is_some(), serial, "a modbus-rtu line"),
             ("stop_bits", raw.stop_bits.is_some(), serial, "a modbus-rtu line"),
+            ("tls", raw.tls.is_some(), kind == BusType::ModbusTcp, "a modbus-tcp line"),
             ("interface", raw.interface.is_some(), can, "a can line"),
         ];
         for (key, there, belongs, owner) in keys {

@@ -17,11 +17,11 @@ pub(crate) struct RawBus {
     #[serde(rename = "type")]
     #[schemars(required)]
     pub(crate) kind: Option<BusType>,
-    /// Host and port of a line over TCP: "192.168.0.10:502".
+    /// Host and port of a line over TCP: "192.168.0.10:502". With `tls` the port may be left out: 802.
     pub(crate) address: Option<String>,
     /// Longest wait for one answer. Default "500ms", or half the shortest poll period of its devices if that is less.
     pub(crate) timeout: Option<Span>,
-    /// Modbus/TCP Security: certificate files.
+    /// Modbus/TCP Security: the certificate files of a modbus-tcp line.
     pub(crate) tls: Option<RawTls>,
     /// What all its devices need to be treated like.
     pub(crate) quirks: Option<RawQuirks>,
@@ -56,13 +56,12 @@ pub(crate) enum ParityWord {
     Odd,
 }
 
-/// Certificate files of Modbus/TCP Security.
+/// Certificate files of Modbus/TCP Security, in PEM form.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[allow(dead_code, reason = "read by the schema, refused by the check")]
 #[schemars(rename = "Tls")]
 pub(crate) struct RawTls {
-    /// Who signs the devices' certificates.
+    /// Who signs the device's certificate, or that very certificate.
     #[schemars(required)]
     pub(crate) ca: Option<String>,
     /// The gateway's certificate.
@@ -71,6 +70,8 @@ pub(crate) struct RawTls {
     /// The gateway's private key.
     #[schemars(required)]
     pub(crate) key: Option<String>,
+    /// The name in the device's certificate. Default: the host of `address`.
+    pub(crate) name: Option<String>,
 }
 
 /// Ways in which a device is peculiar.

@@ -125,7 +125,14 @@ fn plain(data_type: DataType, scale: f64) -> Encoding {
 fn bus(name: &str, address: &str) -> Bus {
     let quirks = quirks();
     let timeout = Duration::from_millis(300);
-    Bus { name: name.to_owned(), transport: Transport::Tcp, address: address.to_owned(), timeout, quirks }
+    Bus {
+        name: name.to_owned(),
+        transport: Transport::Tcp,
+        address: address.to_owned(),
+        tls: None,
+        timeout,
+        quirks,
+    }
 }
 
 fn quirks() -> Quirks {

@@ -1,0 +1,250 @@
+//! Five hundred devices, each behind a connection of its own: what the gateway takes of the processor and of memory.
+//!
+//! Every device answers after 5 ms; eight of its registers are read and one is written, ten times a second. The devices
+//! live in a process of their own, so that only the gateway is counted. The limits: nothing is missed, under 25 % of a
+//! core, under 40 MB, and a poll of one among 500 costs at most 1.5 times what it costs among 10.
+//!
+//! `cargo bench --bench fleet`; the seconds of a measurement may be given.
+
+#![allow(clippy::unwrap_used, clippy::cast_precision_loss, reason = "a bench may stop where it stands")]
+
+use std::fmt::Write as _;
+use std::io::{BufRead, BufReader, Write};
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use isotherm::clock::Clock;
+use isotherm::gateway::{Gateway, Options};
+use isotherm::observe::status::Source;
+use isotherm::profile;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
+
+/// What a device takes for its answer.
+const DELAY: Duration = Duration::from_millis(5);
+/// Polls of each device in a second.
+const RATE: u64 = 10;
+/// Connections and the first decisions are not counted.
+const WARM_UP: Duration = Duration::from_secs(3);
+const MOST_OF_A_CORE: f64 = 25.0;
+const MOST_MEMORY_MB: f64 = 40.0;
+const MOST_GROWTH: f64 = 1.5;
+
+/// What was seen of some number of devices.
+struct Measured {
+    devices: u64,
+    reads: u64,
+    writes: u64,
+    wanted: u64,
+    core_percent: f64,
+    memory_mb: f64,
+    poll_us: f64,
+    failures: u64,
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| argument != "--bench").collect();
+    match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+        ["serve"] => serve(),
+        ["measure", devices, seconds] => measure(devices.parse().unwrap(), seconds.parse().unwrap()),
+        [] => compare("20"),
+        [seconds] => compare(seconds),
+        _ => panic!("fleet [SECONDS]"),
+    }
+}
+
+/// Each number of devices in a process of its own: memory that was given back is still there.
+fn compare(seconds: &str) {
+    let run = |devices: u64| {
+        let own = std::env::current_exe().unwrap();
+        let output = Command::new(own)
+            .args(["measure", &devices.to_string(), seconds])
+            .stderr(Stdio::inherit())
+            .output()
+            .unwrap();
+        let text = String::from_utf8(output.stdout).unwrap();
+        let figures: Vec<f64> =
+            text.split_whitespace().map(|word| word.parse().unwrap_or_else(|_| panic!("{text}"))).collect();
+        figures
+    };
+    let (few, many) = (run(10), run(500));
+    for figures in [&few, &many] {
+        println!(
+            "{:>4} devices: {} reads and {} writes of {} each, {} failures; {:.1} % of a core, {:.1} MB, {:.1} µs a poll",
+            figures[0], figures[1], figures[2], figures[3], figures[7], figures[4], figures[5], figures[6]
+        );
+    }
+    let growth = many[6] / few[6];
+    let missed = (many[3] - many[1].min(many[2])).max(0.0);
+    let verdicts = [
+        (format!("missed {missed:.0}, limit 0 but for the two rounds at the ends"), missed <= 2.0 * many[0]),
+        (format!("{:.1} % of a core, limit {MOST_OF_A_CORE}", many[4]), many[4] < MOST_OF_A_CORE),
+        (format!("{:.1} MB, limit {MOST_MEMORY_MB}", many[5]), many[5] < MOST_MEMORY_MB),
+        (format!("a poll costs {growth:.2} times as much, limit {MOST_GROWTH}"), growth <= MOST_GROWTH),
+    ];
+    for (words, is_reached) in verdicts {
+        println!("{words}: {}", if is_reached { "reached" } else { "MISSED" });
+    }
+}
+
+/// The devices: prints its port, then, for each line that comes in, the reads and writes so far.
+fn serve() {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let counts = Arc::new((AtomicU64::new(0), AtomicU64::new(0)));
+    let counted = counts.clone();
+    std::thread::spawn(move || {
+        for _ in std::io::stdin().lock().lines() {
+            println!("{} {}", counted.0.load(Ordering::Relaxed), counted.1.load(Ordering::Relaxed));
+        }
+        std::process::exit(0);
+    });
+    runtime.block_on(async {
+        let listener = TcpListener::bind("0.0.0.0:0").await.unwrap();
+        println!("{}", listener.local_addr().unwrap().port());
+        loop {
+            let (stream, _) = listener.accept().await.unwrap();
+            tokio::spawn(answer(stream, counts.clone()));
+        }
+    });
+}
+
+async fn answer(mut stream: TcpStream, counts: Arc<(AtomicU64, AtomicU64)>) {
+    stream.set_nodelay(true).unwrap();
+    let mut request = [0u8; 12];
+    while stream.read_exact(&mut request).await.is_ok() {
+        tokio::time::sleep(DELAY).await;
+        let mut reply = request.to_vec();
+        if request[7] == 4 {
+            reply.truncate(8);
+            reply[5] = 19;
+            reply.extend_from_slice(&[16, 1, 19, 0, 240, 0, 1, 0, 2, 0, 3, 0, 4, 0, 5, 4, 210]);
+            counts.0.fetch_add(1, Ordering::Relaxed);
+        } else {
+            counts.1.fetch_add(1, Ordering::Relaxed);
+        }
+        if stream.write_all(&reply).await.is_err() {
+            return;
+        }
+    }
+}
+
+fn machine(devices: u64, port: u16) -> String {
+    let mut text = String::from(
+        "[machine]\nname = \"fleet\"\n[axis.z]\nlimit = 40.0\nstep = 1.0\nrate = 0.5\nevery = \"1s\"\n\
+         on_fault = { action = \"hold\" }\n[[axis.z.model]]\nname = \"bed\"\nkind = \"linear\"\n\
+         terms = [ { signal = \"s0_0\", gain = 1.0, reference = 27.5 } ]\n",
+    );
+    for device in 0..devices {
+        write!(
+            text,
+            "[bus.b{device}]\ntype = \"modbus-tcp\"\naddress = \"127.0.{}.{}:{port}\"\ntimeout = \"90ms\"\n\
+             [device.d{device}]\nbus = \"b{device}\"\nunit = 1\nevery = \"100ms\"\n\
+             [output.o{device}]\naxis = \"z\"\ndevice = \"d{device}\"\nwrites = \"corrected\"\n\
+             position = \"s{device}_7\"\nregister = \"holding:10\"\ntype = \"i16\"\nscale = 0.01\nverify = \"echo\"\n",
+            device / 250,
+            device % 250 + 1
+        )
+        .unwrap();
+        for register in 0..8 {
+            let unit = if register == 7 { "mm" } else { "degC" };
+            let scale = if register == 7 { 0.01 } else { 0.1 };
+            write!(
+                text,
+                "[signal.s{device}_{register}]\ndevice = \"d{device}\"\nregister = \"input:{register}\"\n\
+                 type = \"i16\"\nscale = {scale}\nunit = \"{unit}\"\nmax_age = \"5s\"\n"
+            )
+            .unwrap();
+        }
+    }
+    text
+}
+
+/// Runs the gateway in this process; prints the figures of [`Measured`] in one line.
+fn measure(devices: u64, seconds: u64) {
+    let mut server = Command::new(std::env::current_exe().unwrap())
+        .arg("serve")
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut said = BufReader::new(server.stdout.take().unwrap());
+    let mut hears = move || {
+        let mut line = String::new();
+        said.read_line(&mut line).unwrap();
+        line.trim().to_owned()
+    };
+    let port: u16 = hears().parse().unwrap();
+    let mut asks = server.stdin.take().unwrap();
+    let text = machine(devices, port);
+    let loaded = profile::parse(Path::new("fleet.toml"), &text, &[], &[]);
+    let profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;
+    drop(text);
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    let measured = runtime.block_on(async move {
+        let gateway = Gateway::new(profile, &Clock::wall(), Options::default());
+        let source = gateway.source();
+        let mut measured = None;
+        // In a task of the gateway's own runtime, which waits for nothing here.
+        let watching = async {
+            tokio::time::sleep(WARM_UP).await;
+            let mut counts = || {
+                writeln!(asks).unwrap();
+                let counts = hears();
+                let (reads, writes) = counts.split_once(' ').unwrap();
+                (reads.parse::<u64>().unwrap(), writes.parse::<u64>().unwrap())
+            };
+            let clock = Clock::wall();
+            let begun = (clock.now(), busy(), counts(), failures(&source));
+            tokio::time::sleep(Duration::from_secs(seconds)).await;
+            let span = clock.now().since(begun.0).as_secs_f64();
+            let (ended, spent) = (counts(), busy() - begun.1);
+            let (reads, writes) = (ended.0 - begun.2.0, ended.1 - begun.2.1);
+            measured = Some(Measured {
+                devices,
+                reads,
+                writes,
+                wanted: devices * RATE * seconds,
+                core_percent: 100.0 * spent / span,
+                memory_mb: memory_mb(),
+                poll_us: 1e6 * spent / (reads + writes) as f64,
+                failures: failures(&source) - begun.3,
+            });
+        };
+        gateway.run(watching, std::future::ready(())).await;
+        measured.unwrap()
+    });
+    let _ = server.kill();
+    let _ = server.wait();
+    println!(
+        "{} {} {} {} {} {} {} {}",
+        measured.devices,
+        measured.reads,
+        measured.writes,
+        measured.wanted,
+        measured.core_percent,
+        measured.memory_mb,
+        measured.poll_us,
+        measured.failures
+    );
+}
+
+fn failures(source: &Arc<dyn Source>) -> u64 {
+    source.status().devices.iter().flat_map(|device| device.failures.values()).sum()
+}
+
+/// Seconds of processor time of this process, user and system. The system counts in hundredths.
+fn busy() -> f64 {
+    let text = std::fs::read_to_string("/proc/self/stat").unwrap();
+    let after_name = text.rsplit_once(')').unwrap().1;
+    let fields: Vec<&str> = after_name.split_whitespace().collect();
+    (fields[11].parse::<f64>().unwrap() + fields[12].parse::<f64>().unwrap()) / 100.0
+}
+
+fn memory_mb() -> f64 {
+    let text = std::fs::read_to_string("/proc/self/status").unwrap();
+    let line = text.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
+    line.split_whitespace().nth(1).unwrap().parse::<f64>().unwrap() / 1024.0
+}

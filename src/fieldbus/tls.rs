@@ -1,0 +1,107 @@
+//! Modbus/TCP Security: Modbus TCP inside TLS, as the Modbus Organization specifies it (MB-TCP-Security v2.1), by
+//! rustls. What the two ends hold against each other's certificates is told in words.
+
+use std::io;
+use std::time::Duration;
+
+use tokio::net::TcpStream;
+use tokio_rustls::TlsConnector;
+use tokio_rustls::rustls::{AlertDescription, CertificateError, Error};
+
+use super::eager::Eager;
+use super::error::{Fault, LinkFault, TlsFault};
+use super::modbus::{attach, connected};
+use super::trace::{Tap, Teed};
+use super::wire::{Boxed, Connection, Dial};
+use crate::profile::Tls;
+
+/// Controllers without a processor for it take a second or two for the two signatures of a handshake.
+const HANDSHAKE: Duration = Duration::from_secs(5);
+
+/// Opens secured TCP connections to one address.
+#[derive(Clone, Debug)]
+pub struct TlsDial {
+    address: String,
+    tls: Tls,
+    tap: Tap,
+}
+
+impl TlsDial {
+    /// To `host:port`.
+    pub fn new(address: &str, tls: &Tls) -> TlsDial {
+        TlsDial { address: address.to_owned(), tls: tls.clone(), tap: Tap::default() }
+    }
+}
+
+impl Dial for TlsDial {
+    fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
+        Box::pin(async {
+            let stream: TcpStream = connected(&self.address).await?;
+            let connector = TlsConnector::from(self.tls.client.clone());
+            let secured = connector.connect(self.tls.name.clone(), Eager::new(stream)).await;
+            let secured = secured.map_err(|error| {
+                tracing::debug!(address = self.address, %error, "no TLS connection");
+                handshake_fault(&error)
+            })?;
+            Ok(Connection::Modbus(attach(Teed::new(secured, self.tap.clone()))))
+        })
+    }
+
+    /// Above TLS: what is heard is Modbus.
+    fn tap(&mut self, tap: &Tap) {
+        self.tap = tap.clone();
+    }
+
+    fn takes(&self) -> Duration {
+        HANDSHAKE
+    }
+}
+
+/// An end in the middle of the handshake without a word is also what a plain Modbus server does.
+fn handshake_fault(error: &io::Error) -> Fault {
+    told(error).unwrap_or(match error.kind() {
+        io::ErrorKind::UnexpectedEof | io::ErrorKind::ConnectionReset => {
+            Fault::Link(LinkFault::Tls(TlsFault::Silent))
+        }
+        _ => Fault::Link(LinkFault::Broken),
+    })
+}
+
+/// What TLS itself says of an error, if it has a word in it. With TLS 1.3 the device's judgement of the gateway's
+/// certificate comes only after the handshake, in place of the first answer.
+pub(super) fn told(error: &io::Error) -> Option<Fault> {
+    let fault = match error.get_ref()?.downcast_ref::<Error>()? {
+        Error::InvalidCertificate(why) => match why {
+            CertificateError::Expired | CertificateError::ExpiredContext { .. } => TlsFault::Expired,
+            CertificateError::NotValidYet | CertificateError::NotValidYetContext { .. } => {
+                TlsFault::NotYetValid
+            }
+            CertificateError::NotValidForName | CertificateError::NotValidForNameContext { .. } => {
+                TlsFault::OtherName
+            }
+            // Signed by somebody of the same name.
+            CertificateError::UnknownIssuer | CertificateError::BadSignature => TlsFault::UnknownAuthority,
+            _ => TlsFault::BadCertificate,
+        },
+        Error::AlertReceived(alert) => match alert {
+            AlertDescription::CertificateExpired => TlsFault::OursExpired,
+            AlertDescription::CertificateRequired
+            | AlertDescription::BadCertificate
+            | AlertDescription::UnsupportedCertificate
+            | AlertDescription::CertificateRevoked
+            | AlertDescription::CertificateUnknown
+            | AlertDescription::UnknownCA
+            | AlertDescription::DecryptError
+            | AlertDescription::AccessDenied => TlsFault::OursRefused,
+            AlertDescription::HandshakeFailure
+            | AlertDescription::ProtocolVersion
+            | AlertDescription::InsufficientSecurity => TlsFault::NothingInCommon,
+            AlertDescription::UnrecognisedName => TlsFault::OtherName,
+            _ => TlsFault::Refused,
+        },
+        Error::PeerIncompatible(_) => TlsFault::NothingInCommon,
+        Error::InvalidMessage(_) => TlsFault::NoTls,
+        _ => TlsFault::Refused,
+    };
+    Some(Fault::Link(LinkFault::Tls(fault)))
+}

@@ -1,0 +1,139 @@
+//! A slow device and a readout on one line: what a person watches does not wait for what takes its time.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use isotherm::clock::Clock;
+use isotherm::gateway::{Gateway, Options};
+use isotherm::profile;
+use isotherm::quantity::Moment;
+
+/// What the slow device takes for an answer.
+const SLOW: Duration = Duration::from_millis(100);
+/// Its requests in one round.
+const POLLS: usize = 10;
+
+/// Holding register 10 of unit 2 is the readout, 20 the heartbeat.
+const MACHINE: &str = r#"
+[machine]
+name = "fair"
+[bus.cell]
+type = "modbus-tcp"
+address = "ADDRESS"
+timeout = "240ms"
+[device.slow]
+bus = "cell"
+unit = 1
+every = "3s"
+quirks = { one_request_per_field = true }
+[device.scale]
+bus = "cell"
+unit = 2
+every = "50ms"
+[signal.position]
+device = "scale"
+register = "input:0"
+type = "i16"
+scale = 0.01
+unit = "mm"
+max_age = "5s"
+[axis.z]
+limit = 40.0
+step = 1.0
+rate = 0.5
+every = "1s"
+on_fault = { action = "hold" }
+[[axis.z.model]]
+name = "bed"
+kind = "linear"
+terms = [ { signal = "slow0", gain = 1.0 } ]
+[output.readout]
+axis = "z"
+device = "scale"
+writes = "corrected"
+position = "position"
+register = "holding:10"
+type = "i16"
+scale = 0.01
+verify = "echo"
+[heartbeat]
+device = "scale"
+register = "holding:20"
+every = "250ms"
+"#;
+
+type Seen = Arc<Mutex<Vec<(u8, u16, Moment)>>>;
+
+/// Everything is 1; unit 1 thinks about it. Keeps when what was asked for.
+fn serve(seen: Seen, clock: Clock) -> SocketAddr {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    std::thread::spawn(move || {
+        for stream in listener.incoming() {
+            answer(stream.unwrap(), &seen, &clock);
+        }
+    });
+    address
+}
+
+fn answer(mut stream: TcpStream, seen: &Seen, clock: &Clock) {
+    let mut request = [0u8; 12];
+    while stream.read_exact(&mut request).is_ok() {
+        let register = u16::from_be_bytes([request[8], request[9]]);
+        if request[6] == 1 {
+            std::thread::sleep(SLOW);
+        }
+        seen.lock().unwrap().push((request[7], register, clock.now()));
+        let mut reply = request.to_vec();
+        if request[7] < 5 {
+            reply.truncate(8);
+            reply.extend_from_slice(&[2, 0, 1]);
+            reply[5] = 5;
+        }
+        if stream.write_all(&reply).is_err() {
+            return;
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_readout_and_a_heartbeat_wait_for_one_request_of_a_slow_device_and_not_for_its_round() {
+    let (seen, clock) = (Seen::default(), Clock::wall());
+    let address = serve(seen.clone(), clock.clone());
+    let slow = (0..POLLS).map(|place| {
+        format!(
+            "[signal.slow{place}]\ndevice = \"slow\"\nregister = \"input:{}\"\ntype = \"i16\"\nunit = \"degC\"\n\
+             max_age = \"10s\"\n",
+            10 * place
+        )
+    });
+    let text = MACHINE.replace("ADDRESS", &address.to_string()) + &slow.collect::<String>();
+    let loaded =
+        profile::parse(Path::new("fair.toml"), &text, &[], &[]).unwrap_or_else(|errors| panic!("{errors}"));
+    let gateway = Gateway::new(loaded.profile, &clock, Options::default());
+    let source = gateway.source();
+    let run_for = tokio::time::sleep(Duration::from_secs(6));
+    gateway.run(run_for, std::future::ready(())).await;
+    let seen = seen.lock().unwrap();
+    // The first write comes after the first round: before it nothing is known.
+    let worst = |register: u16| {
+        let at: Vec<Moment> =
+            seen.iter().filter(|entry| entry.0 >= 5 && entry.1 == register).map(|entry| entry.2).collect();
+        assert!(at.len() > 15, "register {register} was written {} times", at.len());
+        at.windows(2).map(|pair| pair[1].since(pair[0])).max().unwrap()
+    };
+    let (readout, heartbeat) = (worst(10), worst(20));
+    println!("worst gap of the readout {readout:?}, of the heartbeat {heartbeat:?}");
+    // The period, the slow answer that was under way, and what a busy computer adds; a round takes a second.
+    let busy = Duration::from_millis(200);
+    assert!(readout < Duration::from_millis(50) + SLOW + busy, "{readout:?}");
+    assert!(heartbeat < Duration::from_millis(250) + SLOW + busy, "{heartbeat:?}");
+    let rounds = seen.iter().filter(|entry| entry.0 < 5 && entry.1 == 90).count();
+    assert!(rounds >= 2, "the slow device is read as well: {rounds} rounds");
+    let late: u64 = source.status().buses[0].jitter_ms.iter().map(|(_, count)| count).sum();
+    assert!(late > 20, "each turn is counted");
+}

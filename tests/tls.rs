@@ -1,0 +1,234 @@
+//! Modbus/TCP Security: a line to a virtual machine behind TLS, and what is told where the two ends do not trust each
+//! other.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use std::net::SocketAddr;
+use std::path::Path;
+use std::sync::Arc;
+
+use isotherm::clock::Clock;
+use isotherm::codec::{Address, Table};
+use isotherm::explain::Explanation;
+use isotherm::fieldbus::dial;
+use isotherm::fieldbus::error::{Fault, LinkFault, TlsFault};
+use isotherm::fieldbus::line::Line;
+use isotherm::fieldbus::wire::{Answer, Request};
+use isotherm::profile::{self, BusId, DeviceId, Errors, Profile, ProfileError};
+use isotherm::virtual_machine::{Ports, Setup, VirtualMachine};
+use tokio::net::{TcpListener, TcpStream};
+use tokio_rustls::TlsAcceptor;
+use tokio_rustls::rustls::crypto::ring::default_provider;
+use tokio_rustls::rustls::pki_types::pem::PemObject;
+use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
+use tokio_rustls::rustls::server::WebPkiClientVerifier;
+use tokio_rustls::rustls::version::{TLS12, TLS13};
+use tokio_rustls::rustls::{RootCertStore, ServerConfig, SupportedProtocolVersion};
+
+mod certificates;
+
+use certificates::{Authority, Signed, signs_itself};
+
+const NOW: (i32, i32) = (2020, 2099);
+const READ: Request<'static> = Request::Read { from: Address { table: Table::Input, offset: 0 }, count: 2 };
+const PROFILE: &str = include_str!("interop/machine.toml");
+
+/// The machine of the tests against foreign servers, its line secured by these files.
+fn secured(address: &str, more: &str, ca: &str, ours: &Signed) -> Result<Profile, Errors> {
+    let tls = format!("tls = {{ ca = \"ca.pem\", cert = \"gw.pem\", key = \"gw.key\"{more} }}");
+    let text = PROFILE.replacen("address = \"127.0.0.1:1\"", &format!("address = \"{address}\"\n{tls}"), 1);
+    let files =
+        [("ca.pem", ca.as_bytes()), ("gw.pem", ours.cert.as_bytes()), ("gw.key", ours.key.as_bytes())];
+    Ok(profile::parse_with(Path::new("machine.toml"), &text, &files, &[], &[])?.profile)
+}
+
+#[track_caller]
+fn refused(address: &str, more: &str, ca: &str, ours: &Signed) -> Vec<ProfileError> {
+    match secured(address, more, ca, ours) {
+        Ok(_) => panic!("the profile was taken"),
+        Err(Errors(errors)) => errors,
+    }
+}
+
+/// A virtual machine, and before it whoever speaks TLS for it, as stunnel does in the field.
+async fn serve(
+    ours: &Signed,
+    trusts: &Authority,
+    versions: &[&'static SupportedProtocolVersion],
+) -> (SocketAddr, VirtualMachine) {
+    let plain = profile::parse(Path::new("machine.toml"), PROFILE, &[], &[]).unwrap().profile;
+    let setup = Setup { ports: Ports::Free, ..Setup::default() };
+    let machine = VirtualMachine::start(&plain, setup, &Clock::wall()).await.unwrap();
+    let behind = machine.address(BusId(0)).unwrap();
+    let mut roots = RootCertStore::empty();
+    roots.add(CertificateDer::from_pem_slice(trusts.cert.as_bytes()).unwrap()).unwrap();
+    let provider = Arc::new(default_provider());
+    let clients =
+        WebPkiClientVerifier::builder_with_provider(Arc::new(roots), provider.clone()).build().unwrap();
+    let chain = vec![CertificateDer::from_pem_slice(ours.cert.as_bytes()).unwrap()];
+    let config = ServerConfig::builder_with_provider(provider)
+        .with_protocol_versions(versions)
+        .unwrap()
+        .with_client_cert_verifier(clients)
+        .with_single_cert(chain, PrivateKeyDer::from_pem_slice(ours.key.as_bytes()).unwrap())
+        .unwrap();
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = listener.local_addr().unwrap();
+    tokio::spawn(async move {
+        let acceptor = TlsAcceptor::from(Arc::new(config));
+        while let Ok((stream, _)) = listener.accept().await {
+            if let Ok(mut stream) = acceptor.accept(stream).await {
+                let mut plain = TcpStream::connect(behind).await.unwrap();
+                tokio::spawn(async move {
+                    let _ = tokio::io::copy_bidirectional(&mut stream, &mut plain).await;
+                });
+            }
+        }
+    });
+    (address, machine)
+}
+
+/// What the first device answers to a read on the line of this profile.
+async fn asked(profile: &Profile) -> Result<Answer, Fault> {
+    let devices: Vec<_> =
+        profile.devices.iter().enumerate().map(|(place, device)| (DeviceId(place), device)).collect();
+    let mut line = Line::new(&profile.buses[0], &devices, dial(&profile.buses[0]));
+    line.call(DeviceId(0), READ, Clock::wall().now()).await
+}
+
+fn tls(fault: TlsFault) -> Result<Answer, Fault> {
+    Err(Fault::Link(LinkFault::Tls(fault)))
+}
+
+#[tokio::test]
+async fn a_secured_line_reads_over_either_version_of_tls() {
+    let authority = Authority::new();
+    let (device, ours) = (authority.signs("127.0.0.1", NOW), authority.signs("gateway", NOW));
+    for version in [&TLS12, &TLS13] {
+        let (address, _machine) = serve(&device, &authority, &[version]).await;
+        let profile = secured(&address.to_string(), "", &authority.cert, &ours).unwrap();
+        let answer = asked(&profile).await;
+        assert!(matches!(&answer, Ok(Answer::Words(words)) if words.len() == 2), "{version:?}: {answer:?}");
+    }
+}
+
+#[tokio::test]
+async fn a_device_that_cannot_show_who_it_is_is_not_asked() {
+    let (authority, stranger) = (Authority::new(), Authority::new());
+    let ours = authority.signs("gateway", NOW);
+    let cases = [
+        (authority.signs("127.0.0.1", (2001, 2002)), "", tls(TlsFault::Expired)),
+        (authority.signs("127.0.0.1", (2098, 2099)), "", tls(TlsFault::NotYetValid)),
+        (authority.signs("plc-7", NOW), "", tls(TlsFault::OtherName)),
+        (authority.signs("127.0.0.1", NOW), ", name = \"plc-7\"", tls(TlsFault::OtherName)),
+        (stranger.signs("127.0.0.1", NOW), "", tls(TlsFault::UnknownAuthority)),
+        (signs_itself("127.0.0.1", NOW), "", tls(TlsFault::BadCertificate)),
+    ];
+    for (place, (device, more, expected)) in cases.into_iter().enumerate() {
+        let (address, _machine) = serve(&device, &authority, &[&TLS12, &TLS13]).await;
+        let profile = secured(&address.to_string(), more, &authority.cert, &ours).unwrap();
+        assert_eq!(asked(&profile).await, expected, "case {place}");
+    }
+}
+
+#[tokio::test]
+async fn a_device_is_known_by_the_name_that_the_profile_says_or_by_its_very_certificate() {
+    let authority = Authority::new();
+    let ours = authority.signs("gateway", NOW);
+    let named = authority.signs("plc-7", NOW);
+    let own = signs_itself("factory-default", NOW);
+    let other = signs_itself("factory-default", NOW);
+    let old = signs_itself("factory-default", (2001, 2002));
+    let good = |answer: &Result<Answer, Fault>| answer.is_ok();
+    let cases: [(&Signed, &str, &str, bool); 4] = [
+        (&named, ", name = \"plc-7\"", &authority.cert, true),
+        (&own, "", &own.cert, true),
+        (&own, "", &other.cert, false),
+        (&old, "", &old.cert, false),
+    ];
+    for (place, (device, more, ca, expected)) in cases.into_iter().enumerate() {
+        let (address, _machine) = serve(device, &authority, &[&TLS13]).await;
+        let profile = secured(&address.to_string(), more, ca, &ours).unwrap();
+        let answer = asked(&profile).await;
+        assert_eq!(good(&answer), expected, "case {place}: {answer:?}");
+    }
+}
+
+#[tokio::test]
+async fn a_device_that_does_not_take_our_certificate_is_told_as_such() {
+    let (authority, stranger) = (Authority::new(), Authority::new());
+    let device = authority.signs("127.0.0.1", NOW);
+    let cases = [
+        (stranger.signs("gateway", NOW), TlsFault::OursRefused),
+        (authority.signs("gateway", (2001, 2002)), TlsFault::OursExpired),
+    ];
+    for (ours, expected) in cases {
+        for version in [&TLS12, &TLS13] {
+            let (address, _machine) = serve(&device, &authority, &[version]).await;
+            let profile = secured(&address.to_string(), "", &authority.cert, &ours).unwrap();
+            assert_eq!(asked(&profile).await, tls(expected), "{version:?}");
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_plain_server_is_no_secured_one() {
+    let authority = Authority::new();
+    let ours = authority.signs("gateway", NOW);
+    let plain = profile::parse(Path::new("machine.toml"), PROFILE, &[], &[]).unwrap().profile;
+    let setup = Setup { ports: Ports::Free, ..Setup::default() };
+    let machine = VirtualMachine::start(&plain, setup, &Clock::wall()).await.unwrap();
+    let address = machine.address(BusId(0)).unwrap().to_string();
+    let profile = secured(&address, "", &authority.cert, &ours).unwrap();
+    let fault = asked(&profile).await.unwrap_err();
+    assert_eq!(fault, Fault::Link(LinkFault::Tls(TlsFault::Silent)));
+    assert!(fault.to_string().contains("does it speak TLS"), "{fault}");
+}
+
+#[test]
+fn the_port_of_a_secured_line_is_802_where_none_is_written() {
+    let authority = Authority::new();
+    let ours = authority.signs("gateway", NOW);
+    let profile = secured("plc.local", "", &authority.cert, &ours).unwrap();
+    assert_eq!(profile.buses[0].address, "plc.local:802");
+    let told = Explanation::of(&profile).to_string();
+    for words in
+        ["Modbus TCP inside TLS (Modbus/TCP Security) at plc.local:802", "for plc.local", "ca.pem", "gw.pem"]
+    {
+        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+    }
+}
+
+#[test]
+fn files_of_no_use_are_told_at_their_keys_all_at_once() {
+    let authority = Authority::new();
+    let (ours, others) = (authority.signs("gateway", NOW), authority.signs("gateway", NOW));
+    let mixed = Signed { cert: ours.cert.clone(), key: others.key };
+    let found = refused("plc:802", "", &authority.cert, &mixed);
+    assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
+    assert_eq!((found[0].key.as_str(), found[0].line.is_some()), ("bus.cell.tls.key", true));
+    assert!(found[0].message.contains("does not belong to the certificate"), "{}", found[0]);
+
+    let swapped = Signed { cert: ours.key.clone(), key: ours.cert.clone() };
+    let found = refused("plc:802", "", "nothing", &swapped);
+    let keys: Vec<&str> = found.iter().map(|error| error.key.as_str()).collect();
+    assert_eq!(keys, ["bus.cell.tls.ca", "bus.cell.tls.cert", "bus.cell.tls.key"]);
+    assert!(found.iter().all(|error| error.message.contains("in PEM form")), "{}", Errors(found.clone()));
+
+    let locked = ours.key.replace("PRIVATE KEY", "ENCRYPTED PRIVATE KEY");
+    let found = refused("plc:802", "", &authority.cert, &Signed { cert: ours.cert.clone(), key: locked });
+    assert!(found[0].message.contains("the key is encrypted"), "{}", found[0]);
+
+    let found = refused("plc:802", ", name = \"no name\"", &authority.cert, &ours);
+    assert_eq!(found[0].key, "bus.cell.tls.name");
+
+    let text = PROFILE.replacen(
+        "address = \"127.0.0.1:1\"",
+        "address = \"plc\"\ntls = { ca = \"ca.pem\", cert = \"gw.pem\", key = \"gw.key\" }",
+        1,
+    );
+    let Err(Errors(found)) = profile::parse_with(Path::new("machine.toml"), &text, &[], &[], &[]) else {
+        panic!("taken without its files");
+    };
+    assert_eq!(found.len(), 3, "{}", Errors(found.clone()));
+    assert!(found.iter().all(|error| error.line.is_some()), "{}", Errors(found.clone()));
+}
