@@ -347,6 +347,7 @@ async fn metrics_are_valid_and_leave_out_what_is_not_known() {
     expect("isotherm_output_value", r#",output="z_offset",axis="z",unit="µm""#, "12.5");
     expect("isotherm_output_verified", r#",output="z_offset",axis="z""#, "1");
     expect("isotherm_output_writes_total", r#",output="z_offset",axis="z""#, "9");
+    expect("isotherm_log_dropped_total", "", "3");
     expect("isotherm_events_total", r#",kind="signal-bad""#, "4");
     assert!(!reply.body.contains("isotherm_axis_raw_micrometers"), "the model gives nothing");
     assert!(!reply.body.contains("isotherm_axis_tripped{"), "the axis has no error level");

@@ -113,7 +113,7 @@ async fn a_secured_line_reads_over_either_version_of_tls() {
 
 #[tokio::test]
 async fn a_device_that_cannot_show_who_it_is_is_not_asked() {
-    let (authority, stranger) = (Authority::new(), Authority::new());
+    let (authority, namesake, stranger) = (Authority::new(), Authority::new(), Authority::named("stranger"));
     let ours = authority.signs("gateway", NOW);
     let cases = [
         (authority.signs("127.0.0.1", (2001, 2002)), "", tls(TlsFault::Expired)),
@@ -121,6 +121,7 @@ async fn a_device_that_cannot_show_who_it_is_is_not_asked() {
         (authority.signs("plc-7", NOW), "", tls(TlsFault::OtherName)),
         (authority.signs("127.0.0.1", NOW), ", name = \"plc-7\"", tls(TlsFault::OtherName)),
         (stranger.signs("127.0.0.1", NOW), "", tls(TlsFault::UnknownAuthority)),
+        (namesake.signs("127.0.0.1", NOW), "", tls(TlsFault::UnknownAuthority)),
         (signs_itself("127.0.0.1", NOW), "", tls(TlsFault::BadCertificate)),
     ];
     for (place, (device, more, expected)) in cases.into_iter().enumerate() {

@@ -80,6 +80,8 @@ pub enum TlsFault {
     NoTls,
     /// It closed the connection in the middle of the handshake, without a word.
     Silent,
+    /// It closed the connection after the handshake, before its first answer.
+    TurnedAway,
     /// It ended the handshake for another reason.
     Refused,
 }
@@ -186,7 +188,10 @@ impl TlsFault {
             TlsFault::UnknownAuthority => {
                 "nobody in the file of `tls.ca` has signed the device's certificate"
             }
-            TlsFault::BadCertificate => "the device's certificate is of no use",
+            TlsFault::BadCertificate => {
+                "the device's certificate is of no use as a device's; one that it has signed itself is trusted by putting \
+                 that very certificate into the file of `tls.ca`"
+            }
             TlsFault::OursExpired => {
                 "the device finds that the certificate in `tls.cert` has expired: renew it"
             }
@@ -199,6 +204,10 @@ impl TlsFault {
             TlsFault::NoTls => "whoever listens there does not speak TLS: its secured port is usually 802",
             TlsFault::Silent => {
                 "closed in the middle of the TLS handshake: does it speak TLS, and does it let in another client?"
+            }
+            TlsFault::TurnedAway => {
+                "closed before the first answer: does the device take the certificate in `tls.cert`, and does it let in \
+                 another client?"
             }
             TlsFault::Refused => "the device ended the TLS handshake",
         }

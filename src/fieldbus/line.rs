@@ -260,7 +260,7 @@ impl Line {
         let answer = self.patience.within(span, connection.call(unit.number, request)).await;
         let answer = answer.unwrap_or_else(|| Err(connection.wire().missed()));
         if answer == Err(BROKEN) && !self.has_answered && connection.wire().names_its_question() {
-            return Err(Fault::Link(LinkFault::TurnedAway));
+            return Err(self.dial.turned_away());
         }
         self.has_answered = true;
         answer

@@ -52,6 +52,11 @@ impl Dial for TlsDial {
         self.tap = tap.clone();
     }
 
+    /// With TLS 1.3 its judgement of our certificate comes after the handshake, and not every device says it.
+    fn turned_away(&self) -> Fault {
+        Fault::Link(LinkFault::Tls(TlsFault::TurnedAway))
+    }
+
     fn takes(&self) -> Duration {
         HANDSHAKE
     }

@@ -7,7 +7,7 @@ use std::future::Future;
 use std::pin::Pin;
 use std::time::Duration;
 
-use super::error::Fault;
+use super::error::{Fault, LinkFault};
 use super::modbus::ModbusTcp;
 use super::trace::Tap;
 use crate::codec::{Address, Table};
@@ -95,6 +95,11 @@ pub trait Dial: Send {
     /// From now on the bytes of its connections pass this tap. One that does not know how leaves the wire log without
     /// bytes.
     fn tap(&mut self, _tap: &Tap) {}
+
+    /// What it means that the other end closes a connection before its first answer.
+    fn turned_away(&self) -> Fault {
+        Fault::Link(LinkFault::TurnedAway)
+    }
 
     /// How long that may take beyond the line's timeout.
     fn takes(&self) -> Duration {

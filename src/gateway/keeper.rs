@@ -46,6 +46,8 @@ fn continues(path: &Path, header: &[u8]) -> std::io::Result<bool> {
 pub(super) struct Keeper {
     queue: Option<SyncSender<Job>>,
     recorder: Option<Recorder>,
+    /// Rows and states that found the queue full.
+    dropped: u64,
     remembered: Option<Moment>,
     /// The day of the file in which the rows stand.
     day: Option<u64>,
@@ -86,7 +88,15 @@ impl Keeper {
         // Without a thread nothing is kept: the queue finds nobody at its other end.
         let _ = std::thread::Builder::new().name("keeper".to_owned()).spawn(work);
         let recorder = Some(Recorder::new(profile).of_dry_run(dry_run));
-        Keeper { queue: Some(queue), recorder, remembered: None, day: None, torn, working: Some(working) }
+        Keeper {
+            queue: Some(queue),
+            recorder,
+            dropped: 0,
+            remembered: None,
+            day: None,
+            torn,
+            working: Some(working),
+        }
     }
 
     /// Before a step: where its row is the first of a file, or rows before it are lost, the row tells where the axes
@@ -160,12 +170,20 @@ impl Keeper {
         }
     }
 
+    /// Rows of the log and states that a slow disk has cost since the start.
+    pub(super) fn dropped(&self) -> u64 {
+        self.dropped
+    }
+
     fn hand_over(&mut self, job: Job) {
         // A full queue means a disk that has been failing for long, which its own event has told.
         let Some(queue) = &self.queue else { return };
         match queue.try_send(job) {
             Ok(()) => {}
-            Err(TrySendError::Full(_)) => self.torn.store(true, Ordering::Relaxed),
+            Err(TrySendError::Full(_)) => {
+                self.dropped += 1;
+                self.torn.store(true, Ordering::Relaxed);
+            }
             Err(TrySendError::Disconnected(_)) => self.queue = None,
         }
     }

@@ -36,6 +36,7 @@ impl Source for Shared {
             devices,
             outputs: outputs(self, &core, now),
             events,
+            log_dropped: core.keeper.dropped(),
             event_counts,
         }
     }

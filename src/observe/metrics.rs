@@ -53,6 +53,10 @@ fn describe() {
     describe_gauge!("isotherm_output_verified", "1 when the last write was read back as written.");
     describe_counter!("isotherm_output_writes_total", "Writes that were verified.");
     describe_counter!("isotherm_events_total", "Events, by kind.");
+    describe_counter!(
+        "isotherm_log_dropped_total",
+        "Rows and states lost because the queue to the disk was full."
+    );
     describe_gauge!("isotherm_build_info", "Always 1; the version is the label.");
 }
 
@@ -62,6 +66,7 @@ fn record(status: &Status) {
     for (kind, count) in &status.event_counts {
         counter!("isotherm_events_total", of(&[("kind", kind)])).absolute(*count);
     }
+    counter!("isotherm_log_dropped_total", of(&[])).absolute(status.log_dropped);
     status.axes.iter().for_each(|axis| record_axis(axis, &of));
     status.signals.iter().for_each(|signal| record_signal(signal, &of));
     status.devices.iter().for_each(|device| record_device(device, &of));

@@ -64,6 +64,8 @@ pub struct Status {
     pub devices: Vec<DeviceStatus>,
     /// In the profile's order.
     pub outputs: Vec<OutputStatus>,
+    /// Rows of the log and states that found the queue to the disk full, and are lost.
+    pub log_dropped: u64,
     /// The last events, oldest first.
     pub events: Vec<Entry>,
     /// How often each kind of event happened.

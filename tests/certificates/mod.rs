@@ -3,7 +3,8 @@
 #![allow(dead_code, unreachable_pub, reason = "each test takes what it needs")]
 
 use rcgen::{
-    BasicConstraints, CertificateParams, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair, date_time_ymd,
+    BasicConstraints, CertificateParams, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair,
+    date_time_ymd,
 };
 
 /// A certificate and its key as PEM text.
@@ -21,9 +22,14 @@ pub struct Authority {
 
 impl Authority {
     pub fn new() -> Authority {
+        Authority::named("authority")
+    }
+
+    pub fn named(name: &str) -> Authority {
         let key = KeyPair::generate().unwrap();
         let mut params = CertificateParams::new(Vec::new()).unwrap();
         params.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
+        params.distinguished_name.push(DnType::CommonName, name);
         let cert = params.self_signed(&key).unwrap().pem();
         Authority { cert, issuer: Issuer::new(params, key) }
     }
@@ -45,6 +51,8 @@ pub fn signs_itself(name: &str, years: (i32, i32)) -> Signed {
 
 fn params(name: &str, (from, to): (i32, i32)) -> CertificateParams {
     let mut params = CertificateParams::new([name.to_owned()]).unwrap();
+    // OpenSSL takes a certificate that has its issuer's name for one that is signed by itself.
+    params.distinguished_name.push(DnType::CommonName, name);
     params.extended_key_usages =
         vec![ExtendedKeyUsagePurpose::ServerAuth, ExtendedKeyUsagePurpose::ClientAuth];
     (params.not_before, params.not_after) = (date_time_ymd(from, 1, 1), date_time_ymd(to, 1, 1));

@@ -159,6 +159,7 @@ pub(crate) fn status() -> Status {
             level: Level::Warning,
             text: "signal t1: stale".into(),
         }],
+        log_dropped: 3,
         event_counts: BTreeMap::from([("signal-bad", 4)]),
     }
 }

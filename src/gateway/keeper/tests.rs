@@ -69,3 +69,15 @@ fn a_row_that_a_power_cut_left_half_written_does_not_swallow_the_next() {
     desk(directory.path(), "time,a\n").write_row(noon(), b"row\n").unwrap();
     assert_eq!(names(directory.path()).len(), 2);
 }
+
+#[test]
+fn what_a_full_queue_costs_is_counted() {
+    let (queue, jobs) = sync_channel(1);
+    let mut keeper = Keeper { queue: Some(queue), ..Keeper::default() };
+    for _ in 0..4 {
+        keeper.hand_over(Job::Row(noon(), Vec::new()));
+    }
+    assert_eq!(keeper.dropped(), 3);
+    assert!(keeper.torn.load(Ordering::Relaxed), "the next row tells where the axes stand");
+    drop(jobs);
+}
