@@ -8,9 +8,10 @@ use std::pin::Pin;
 use std::sync::LazyLock;
 use std::task::{Context, Poll};
 
-use isotherm::codec::{Address, DataType, Encoding, Table, WordOrder};
+use isotherm::codec::{Address, DataType, Encoding, Table, WordOrder, checksum};
 use isotherm::fieldbus::modbus::attach;
 use isotherm::fieldbus::plan::plan;
+use isotherm::fieldbus::rtu::{Port, Rtu};
 use isotherm::fieldbus::wire::{Answer, Request, Wire};
 use isotherm::profile::{self, Device, Profile, Quirks, Signal};
 use isotherm::reading::SignalId;
@@ -215,7 +216,8 @@ kind = "linear"
 terms = [ { signal = "bed", gain = -4.0, reference = 20.0 } ]
 "#;
 
-/// An answer of any bytes, through the Modbus client: it is the right one, or a fault, and never a panic.
+/// An answer of any bytes, through the Modbus client, in frames of TCP or RTU: it is the right one, or a fault, and never
+/// a panic.
 pub(crate) fn client(data: &[u8]) {
     let mut bytes = Bytes(data);
     let how = bytes.byte();
@@ -234,7 +236,11 @@ pub(crate) fn client(data: &[u8]) {
     let unit = bytes.byte();
     let peer = Peer { asked: Vec::new(), answer: bytes.0.to_vec(), at: 0, how, calls: 0 };
     let runtime = tokio::runtime::Builder::new_current_thread().build().expect("a runtime without drivers");
-    let answer = runtime.block_on(attach(peer).call(unit, request));
+    let answer = if how & RTU == 0 {
+        runtime.block_on(attach(peer).call(unit, request))
+    } else {
+        runtime.block_on(Rtu::new(peer, None).call(unit, request))
+    };
     match (answer, request) {
         (Ok(Answer::Words(words)), Request::Read { from, count }) => {
             assert!(!from.table.is_bits() && words.len() == usize::from(count), "{words:?}");
@@ -248,15 +254,25 @@ pub(crate) fn client(data: &[u8]) {
     }
 }
 
+/// In `how`: frames of RTU.
+const RTU: u8 = 32;
+
 /// Answers with the given bytes, in pieces, and hangs up.
 #[derive(Debug)]
 struct Peer {
     asked: Vec<u8>,
     answer: Vec<u8>,
     at: usize,
-    /// Bit 3: the answer begins with the header that belongs there. Bit 4: one byte at a time.
+    /// Bit 3: the answer begins with the header that belongs there, in RTU it ends with its checksum. Bit 4: one byte at a
+    /// time. Bit 5: RTU.
     how: u8,
     calls: u32,
+}
+
+impl Port for Peer {
+    fn take_waiting(&self, _: &mut [u8]) -> io::Result<usize> {
+        Err(io::ErrorKind::WouldBlock.into())
+    }
 }
 
 impl AsyncRead for Peer {
@@ -265,7 +281,10 @@ impl AsyncRead for Peer {
         context: &mut Context<'_>,
         buffer: &mut ReadBuf<'_>,
     ) -> Poll<io::Result<()>> {
-        if self.calls == 0 && self.how & 8 != 0 && self.asked.len() >= 7 {
+        if self.calls == 0 && self.how & 8 != 0 && self.how & RTU != 0 {
+            let sum = checksum(&self.answer).to_le_bytes();
+            self.answer.extend_from_slice(&sum);
+        } else if self.calls == 0 && self.how & 8 != 0 && self.asked.len() >= 7 {
             // Transaction, protocol, length, unit: so that what comes after them is looked at.
             let length = u16::try_from(self.answer.len() + 1).unwrap_or(u16::MAX).to_be_bytes();
             let header = [self.asked[0], self.asked[1], 0, 0, length[0], length[1], self.asked[6]];
