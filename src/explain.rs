@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use crate::codec::{Address, DataType};
 use crate::fieldbus::plan::{plan, summary};
-use crate::profile::{BusId, Device, DeviceId, Flag, Profile, Unit};
+use crate::profile::{BusId, Device, DeviceId, Flag, Profile, Template, Unit};
 use crate::reading::SignalId;
 
 mod axis;
@@ -18,7 +18,7 @@ mod serial;
 mod set;
 
 pub use axis::{AxisExplained, ModelExplained};
-pub use device::{CheckExplained, TemplateExplained};
+pub use device::CheckExplained;
 pub use output::{HeartbeatExplained, WriteExplained};
 pub use serial::SerialExplained;
 pub use set::{HandshakeExplained, SetExplained};
@@ -92,7 +92,7 @@ pub struct DeviceExplained {
     /// What is read before anything that depends on it is armed.
     pub checks: Vec<CheckExplained>,
     /// What it has from its template.
-    pub template: Option<TemplateExplained>,
+    pub template: Option<Template>,
 }
 
 /// One read request.
@@ -202,7 +202,7 @@ fn device_explained(profile: &Profile, id: DeviceId, device: &Device) -> DeviceE
         summary: summary(&requests),
         requests: explained.collect(),
         checks: device.verify.iter().map(CheckExplained::of).collect(),
-        template: device.template.as_ref().map(TemplateExplained::of),
+        template: device.template.clone(),
     }
 }
 
@@ -280,7 +280,7 @@ impl fmt::Display for Explanation {
                     writeln!(f, "    {check}")?;
                 }
                 if let Some(template) = &device.template {
-                    write!(f, "{template}")?;
+                    device::write_template(f, template)?;
                 }
             }
         }

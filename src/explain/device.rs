@@ -17,46 +17,10 @@ pub struct CheckExplained {
     pub what: String,
 }
 
-/// A device template as it is used.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct TemplateExplained {
-    /// Its name.
-    pub name: String,
-    /// The variant that the profile chose.
-    pub variant: Option<String>,
-    /// Make and kind.
-    pub title: String,
-    /// The manual or page that it is taken from.
-    pub source: String,
-    /// The file, where it is not the shipped one.
-    pub own_file: Option<String>,
-    /// What a person should know.
-    pub notes: Vec<String>,
-    /// What nobody has verified.
-    pub unverified: Vec<String>,
-    /// Checks that are left out, and why.
-    pub unchecked: Vec<String>,
-}
-
 impl CheckExplained {
     pub(super) fn of(expected: &Expected) -> CheckExplained {
         let (register, what) = (expected.to_string(), expected.what.clone());
         CheckExplained { register, equals: expected.equals, what }
-    }
-}
-
-impl TemplateExplained {
-    pub(super) fn of(template: &Template) -> TemplateExplained {
-        TemplateExplained {
-            name: template.name.clone(),
-            variant: template.variant.clone(),
-            title: template.title.clone(),
-            source: template.source.clone(),
-            own_file: template.own_file.clone(),
-            notes: template.notes.clone(),
-            unverified: template.unverified.clone(),
-            unchecked: template.unchecked.clone(),
-        }
     }
 }
 
@@ -77,22 +41,21 @@ impl fmt::Display for CheckExplained {
     }
 }
 
-impl fmt::Display for TemplateExplained {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let variant = self.variant.as_ref().map_or(String::new(), |variant| format!(", variant {variant}"));
-        writeln!(f, "    template {}{variant}: {}; after {}", self.name, self.title, self.source)?;
-        if let Some(file) = &self.own_file {
-            writeln!(f, "      taken from {file}, not from the shipped ones")?;
-        }
-        for note in &self.notes {
-            writeln!(f, "      note: {note}")?;
-        }
-        for what in &self.unverified {
-            writeln!(f, "      not verified: {what}")?;
-        }
-        for what in &self.unchecked {
-            writeln!(f, "      not checked before arming: {what}")?;
-        }
-        Ok(())
+/// Where a device has its channels from, with what a person should know of that.
+pub(super) fn write_template(f: &mut fmt::Formatter<'_>, template: &Template) -> fmt::Result {
+    let variant = template.variant.as_ref().map_or(String::new(), |variant| format!(", variant {variant}"));
+    writeln!(f, "    template {}{variant}: {}; after {}", template.name, template.title, template.source)?;
+    if let Some(file) = &template.own_file {
+        writeln!(f, "      taken from {file}, not from the shipped ones")?;
     }
+    for note in &template.notes {
+        writeln!(f, "      note: {note}")?;
+    }
+    for what in &template.unverified {
+        writeln!(f, "      not verified: {what}")?;
+    }
+    for what in &template.unchecked {
+        writeln!(f, "      not checked before arming: {what}")?;
+    }
+    Ok(())
 }

@@ -7,6 +7,7 @@
 
 use std::collections::BTreeMap;
 
+use serde::Serialize;
 use serde_json::{Map, Value};
 
 use super::error::ProfileError;
@@ -25,7 +26,7 @@ pub use schema::schema;
 pub use shipped::names;
 
 /// What a device has from its template.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Template {
     /// Its name.
     pub name: String,
@@ -44,6 +45,7 @@ pub struct Template {
     /// Checks that are left out, and why.
     pub unchecked: Vec<String>,
     /// Signals and outputs that use a channel of it.
+    #[serde(skip)]
     pub uses: Vec<Use>,
 }
 
