@@ -11,6 +11,7 @@
 //! { codec, profile, clock } ← virtual_machine ← cli              nobody else knows virtual_machine
 //! { codec, profile, fieldbus } ← survey ← cli                    nobody else knows survey
 //! { compensation, profile } ← identify ← cli                   nobody else knows identify
+//! placement ← cli                                            nobody else knows placement
 //! { profile, the read plan of fieldbus } ← explain ← cli         nobody else knows explain
 //! ```
 //!
@@ -26,6 +27,7 @@ pub mod fieldbus;
 pub mod gateway;
 pub mod identify;
 pub mod observe;
+pub mod placement;
 pub mod profile;
 pub mod quantity;
 pub mod reading;
