@@ -11,4 +11,12 @@
 //! W/(m·K)), film coefficients in mW/(mm²·K), surface fluxes in mW/mm², nodal fluxes in mW, temperatures in °C.
 //! A number alone does not tell its unit; the reader refuses moduli and expansions that only fit another system.
 
+pub mod body;
+pub mod heat;
 pub mod mesh;
+pub mod structure;
+
+mod element;
+mod graph;
+mod restraint;
+mod system;
