@@ -16,7 +16,18 @@
 //! A number alone does not tell its unit; the reader refuses moduli and expansions that only fit another system.
 
 pub mod blocks;
+pub mod body;
+pub mod found;
+pub mod heat;
+pub mod layout;
 pub mod mesh;
 pub mod methods;
-mod parallel;
 pub mod problem;
+pub mod structure;
+pub mod views;
+
+mod element;
+mod graph;
+mod parallel;
+mod restraint;
+mod system;

@@ -3,7 +3,7 @@
 use std::num::NonZeroUsize;
 
 /// `work` on each item, in their order, one thread per core.
-pub(crate) fn map<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> R + Sync) -> Vec<R> {
+pub(crate) fn map<'a, T: Sync, R: Send>(items: &'a [T], work: impl Fn(&'a T) -> R + Sync) -> Vec<R> {
     let threads = std::thread::available_parallelism().map_or(1, NonZeroUsize::get).max(1);
     let work = &work;
     // Every thread takes each so-manieth item: pieces of one call are of about one size.

@@ -29,6 +29,9 @@ impl Effort {
     pub const SHORT: Effort = Effort { starts: 2, changes: 150_000 };
 }
 
+/// The part of a sensor's noise that a minute's mean leaves: it is what counts beside the floor.
+const LEFT_OF_NOISE: f64 = 0.3;
+
 /// For each block the place of its sensor among its candidates, chosen on the cases at `cases`; `noise` is that of a
 /// sensor, K.
 #[must_use]
@@ -78,7 +81,7 @@ impl Search {
         let aims: Vec<_> = cases.iter().map(|case| &problem.aims[*case]).collect();
         let unavoidable = |aim| {
             let floor = problem.rms(aim, &bounded(problem, aim));
-            let both = floor.powi(2) + noise_um(problem, noise).powi(2);
+            let both = floor.powi(2) + noise_um(problem, LEFT_OF_NOISE * noise).powi(2);
             // µm²: what is less is nothing.
             both.max(1e-6) * problem.rows()
         };
