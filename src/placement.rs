@@ -23,8 +23,10 @@ pub mod layout;
 pub mod mesh;
 pub mod methods;
 pub mod problem;
+pub mod report;
 pub mod structure;
 pub mod views;
+pub mod written;
 
 mod element;
 mod graph;

@@ -7,10 +7,12 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::TextStyle;
 
+mod along;
 mod bars;
 mod lines;
 mod map;
 
+pub(crate) use along::along;
 pub(crate) use bars::{Bar, bars};
 pub(crate) use lines::{Line, Look, curve, lines, scatter};
 pub(crate) use map::map;
