@@ -3,7 +3,7 @@
 use faer::{ColMut, Mat};
 
 use super::body::{Case, Flux, LoadCase, Materials, Progress};
-use super::element::{capacity_rule, face_points, point, shapes};
+use super::element::{CAPACITY_RULE, face_points, point, shapes};
 use super::graph::Graph;
 use super::mesh::{Face, Kind, Mesh, NodeId};
 use super::structure::for_each_point;
@@ -227,7 +227,7 @@ fn add_capacity(
     system: &mut System<1>,
     to_held: &mut Coupling,
 ) -> Result<(), HeatError> {
-    let rules = [Kind::Tet4, Kind::Tet10].map(|kind| shapes(kind, capacity_rule(kind)));
+    let rules = [Kind::Tet4, Kind::Tet10].map(|kind| shapes(kind, CAPACITY_RULE));
     for (place, element) in mesh.elements.iter().enumerate() {
         let material = materials.of(place);
         let capacity = material.capacity.ok_or_else(|| HeatError::NoCapacity(material.name.clone()))?;
