@@ -125,11 +125,9 @@ pub(super) fn face_points(kind: Kind, xyz: &[[f64; 3]]) -> Vec<([f64; 6], f64)> 
     const SIXTH: f64 = 1.0 / 6.0;
     let rule: &[([f64; 2], f64)] = match kind {
         Kind::Tet4 => &[([1.0 / 3.0, 1.0 / 3.0], 0.5)],
-        Kind::Tet10 => &[
-            ([SIXTH, SIXTH], SIXTH),
-            ([4.0 * SIXTH, SIXTH], SIXTH),
-            ([SIXTH, 4.0 * SIXTH], SIXTH),
-        ],
+        Kind::Tet10 => {
+            &[([SIXTH, SIXTH], SIXTH), ([4.0 * SIXTH, SIXTH], SIXTH), ([SIXTH, 4.0 * SIXTH], SIXTH)]
+        }
     };
     rule.iter()
         .map(|([x, y], weight)| {
@@ -161,7 +159,8 @@ fn triangle(kind: Kind, corner: [f64; 3]) -> ([f64; 6], [[f64; 2]; 6]) {
         derivative[node] = slope[node].map(|slope| slope * (4.0 * corner[node] - 1.0));
         let (a, b) = (node, (node + 1) % 3);
         value[3 + node] = 4.0 * corner[a] * corner[b];
-        derivative[3 + node] = [0, 1].map(|along| 4.0 * (slope[a][along] * corner[b] + corner[a] * slope[b][along]));
+        derivative[3 + node] =
+            [0, 1].map(|along| 4.0 * (slope[a][along] * corner[b] + corner[a] * slope[b][along]));
     }
     (value, derivative)
 }

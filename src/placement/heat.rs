@@ -82,7 +82,8 @@ impl Heat {
             let nodes = &mesh.elements[element].nodes;
             for a in 0..count {
                 for b in 0..count {
-                    let along: f64 = (0..3).map(|axis| point.gradient[a][axis] * point.gradient[b][axis]).sum();
+                    let along: f64 =
+                        (0..3).map(|axis| point.gradient[a][axis] * point.gradient[b][axis]).sum();
                     add(&mut conduction, &mut to_held, nodes[a], nodes[b], conductivity * along);
                 }
             }
@@ -172,11 +173,7 @@ impl Heat {
 }
 
 /// Temperatures of all nodes from those of the free ones.
-fn spread<'a>(
-    factor: &Factor<1>,
-    held: &[Option<f64>],
-    solution: impl Iterator<Item = &'a f64>,
-) -> Vec<f64> {
+fn spread<'a>(factor: &Factor<1>, held: &[Option<f64>], solution: impl Iterator<Item = &'a f64>) -> Vec<f64> {
     let solution: Vec<f64> = solution.copied().collect();
     let each = factor.free.iter().zip(held);
     each.map(|(free, held)| free.map_or(held.unwrap_or_default(), |number| solution[number])).collect()
@@ -272,7 +269,11 @@ fn anchored(mesh: &Mesh, graph: &Graph, load: &LoadCase) -> Result<(), HeatError
 fn whole(count: f64) -> usize {
     // Ten million steps are refused when the deck is read; a step that divides the period up to rounding divides it.
     let floor = (count * (1.0 + 1e-9)).floor();
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a count within the reader's bounds")]
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a count within the reader's bounds"
+    )]
     let whole = floor as usize;
     whole
 }
