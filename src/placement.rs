@@ -17,6 +17,7 @@
 
 pub mod blocks;
 pub mod body;
+pub mod deck;
 pub mod found;
 pub mod heat;
 pub mod layout;

@@ -90,7 +90,14 @@ impl Graph {
     }
 
     /// `side` marks the nodes of the right half by a number no other cut uses.
-    fn dissect(&self, xyz: &[[f64; 3]], nodes: Vec<usize>, side: &mut [u32], cut: &mut u32, order: &mut Vec<usize>) {
+    fn dissect(
+        &self,
+        xyz: &[[f64; 3]],
+        nodes: Vec<usize>,
+        side: &mut [u32],
+        cut: &mut u32,
+        order: &mut Vec<usize>,
+    ) {
         if nodes.len() <= LEAF {
             order.extend(nodes);
             return;
@@ -122,7 +129,8 @@ impl Graph {
         let (below, above) = (*cut - 1, *cut);
         sorted.iter().for_each(|node| side[*node] = below);
         upper.iter().for_each(|node| side[*node] = above);
-        let touches = |node: &usize, other: u32| self.neighbours(*node).iter().any(|node| side[*node] == other);
+        let touches =
+            |node: &usize, other: u32| self.neighbours(*node).iter().any(|node| side[*node] == other);
         let (left_edge, left): (Vec<_>, Vec<_>) = sorted.iter().partition(|node| touches(node, above));
         let (right_edge, right): (Vec<_>, Vec<_>) = upper.iter().partition(|node| touches(node, below));
         if left_edge.len() < right_edge.len() {

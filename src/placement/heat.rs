@@ -3,7 +3,7 @@
 use faer::{ColMut, Mat};
 
 use super::body::{Case, Flux, LoadCase, Materials, Progress};
-use super::element::{capacity_rule, face_points, point, shapes};
+use super::element::{CAPACITY_RULE, face_points, point, shapes};
 use super::graph::Graph;
 use super::mesh::{Face, Kind, Mesh, NodeId};
 use super::structure::for_each_point;
@@ -82,7 +82,8 @@ impl Heat {
             let nodes = &mesh.elements[element].nodes;
             for a in 0..count {
                 for b in 0..count {
-                    let along: f64 = (0..3).map(|axis| point.gradient[a][axis] * point.gradient[b][axis]).sum();
+                    let along: f64 =
+                        (0..3).map(|axis| point.gradient[a][axis] * point.gradient[b][axis]).sum();
                     add(&mut conduction, &mut to_held, nodes[a], nodes[b], conductivity * along);
                 }
             }
@@ -172,11 +173,7 @@ impl Heat {
 }
 
 /// Temperatures of all nodes from those of the free ones.
-fn spread<'a>(
-    factor: &Factor<1>,
-    held: &[Option<f64>],
-    solution: impl Iterator<Item = &'a f64>,
-) -> Vec<f64> {
+fn spread<'a>(factor: &Factor<1>, held: &[Option<f64>], solution: impl Iterator<Item = &'a f64>) -> Vec<f64> {
     let solution: Vec<f64> = solution.copied().collect();
     let each = factor.free.iter().zip(held);
     each.map(|(free, held)| free.map_or(held.unwrap_or_default(), |number| solution[number])).collect()
@@ -227,7 +224,7 @@ fn add_capacity(
     system: &mut System<1>,
     to_held: &mut Coupling,
 ) -> Result<(), HeatError> {
-    let rules = [Kind::Tet4, Kind::Tet10].map(|kind| shapes(kind, capacity_rule(kind)));
+    let rules = [Kind::Tet4, Kind::Tet10].map(|kind| shapes(kind, CAPACITY_RULE));
     for (place, element) in mesh.elements.iter().enumerate() {
         let material = materials.of(place);
         let capacity = material.capacity.ok_or_else(|| HeatError::NoCapacity(material.name.clone()))?;
@@ -272,7 +269,11 @@ fn anchored(mesh: &Mesh, graph: &Graph, load: &LoadCase) -> Result<(), HeatError
 fn whole(count: f64) -> usize {
     // Ten million steps are refused when the deck is read; a step that divides the period up to rounding divides it.
     let floor = (count * (1.0 + 1e-9)).floor();
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a count within the reader's bounds")]
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a count within the reader's bounds"
+    )]
     let whole = floor as usize;
     whole
 }

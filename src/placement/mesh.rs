@@ -52,7 +52,8 @@ impl Kind {
 }
 
 /// Faces as Abaqus and CalculiX count them, seen from outside clockwise.
-const FACES: [[usize; 6]; 4] = [[0, 1, 2, 4, 5, 6], [0, 3, 1, 7, 8, 4], [1, 3, 2, 8, 9, 5], [2, 3, 0, 9, 7, 6]];
+const FACES: [[usize; 6]; 4] =
+    [[0, 1, 2, 4, 5, 6], [0, 3, 1, 7, 8, 4], [1, 3, 2, 8, 9, 5], [2, 3, 0, 9, 7, 6]];
 
 /// A tetrahedron.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -66,7 +67,7 @@ pub struct Element {
 }
 
 /// One face of one element.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Face {
     /// Place of the element in [`Mesh::elements`].
     pub element: usize,

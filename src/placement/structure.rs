@@ -29,7 +29,9 @@ pub enum StructureError {
         motion: &'static str,
     },
     /// The stiffness has no inverse all the same.
-    #[error("the stiffness of the structure cannot be factored: an element is nearly flat, or a modulus is wrong")]
+    #[error(
+        "the stiffness of the structure cannot be factored: an element is nearly flat, or a modulus is wrong"
+    )]
     Singular,
 }
 

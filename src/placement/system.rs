@@ -130,7 +130,8 @@ impl<const WIDTH: usize> System<WIDTH> {
 impl System<1> {
     /// The product with the values of all nodes of the mesh; held nodes are left out.
     pub(super) fn times(&self, values: &[f64]) -> Vec<f64> {
-        let own: Vec<f64> = self.free.iter().zip(values).filter_map(|(free, value)| free.map(|_| *value)).collect();
+        let own: Vec<f64> =
+            self.free.iter().zip(values).filter_map(|(free, value)| free.map(|_| *value)).collect();
         let mut product = vec![0.0; own.len()];
         for (column, range) in self.start.windows(2).enumerate() {
             for entry in range[0]..range[1] {
