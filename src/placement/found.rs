@@ -121,6 +121,12 @@ pub struct CaseFound {
     pub left_out_rms_um: Option<f64>,
     /// What misplaced sensors of the chosen method add, µm RMS.
     pub misplaced_um: f64,
+    /// Displacement that nodes at the blocks' centres tell, mm, rows 3·guide + component.
+    #[serde(skip)]
+    pub naive_mm: Vec<f64>,
+    /// Displacement that the chosen sensors tell, mm, rows 3·guide + component.
+    #[serde(skip)]
+    pub read_mm: Vec<f64>,
 }
 
 /// Sensors of a method on one case, judged on all.
@@ -227,6 +233,7 @@ pub fn place(study: &Study<'_>, asked: &Asked, progress: Progress<'_>) -> Result
                 rounds,
             }
         };
+        let naive: Vec<f64> = central.iter().map(|node| study.loads[case].rise[*node]).collect();
         let floor = bounded(&problem, aim);
         let iterated = patent(&problem, aim, asked.enough);
         let (by_patent, by_bounded) = (nearest(aim, &iterated.theta), nearest(aim, &floor));
@@ -237,7 +244,7 @@ pub fn place(study: &Study<'_>, asked: &Asked, progress: Progress<'_>) -> Result
             name: aim.name.clone(),
             delta1_mm: study.loads[case].moved_mm.clone(),
             largest_um: largest(aim.moved.as_slice()),
-            naive_centroid: error(&central.iter().map(|node| study.loads[case].rise[*node]).collect::<Vec<_>>()),
+            naive_centroid: error(&naive),
             naive_mean: error(&aim.mean),
             floor: error(&floor),
             patent: placed(&by_patent, Some(iterated.theta), iterated.rounds),
@@ -245,6 +252,8 @@ pub fn place(study: &Study<'_>, asked: &Asked, progress: Progress<'_>) -> Result
             multi_case: placed(&together, None, Vec::new()),
             left_out_rms_um: left_out,
             misplaced_um: 0.0,
+            naive_mm: told(study.p, &naive),
+            read_mm: Vec::new(),
         });
         cross.push((Method::Patent, Some(case), by_patent));
         cross.push((Method::Bounded, Some(case), by_bounded));
@@ -255,6 +264,7 @@ pub fn place(study: &Study<'_>, asked: &Asked, progress: Progress<'_>) -> Result
     let chosen = cross.iter().find(|(method, case, _)| *method == asked.method && *case == by);
     let chosen = chosen.map(|(_, _, places)| places.clone()).unwrap_or_default();
     for (case, found) in cases.iter_mut().enumerate() {
+        found.read_mm = told(study.p, &problem.read(&problem.aims[case], &chosen));
         found.misplaced_um = misplaced::added(study, &problem, &chosen, case, asked.misplaced);
     }
     let rms: Vec<f64> = problem.aims.iter().map(|aim| problem.rms_of(aim, &chosen)).collect();
@@ -357,6 +367,11 @@ fn sensors(mesh: &Mesh, problem: &Problem, places: &[usize]) -> Vec<Sensor> {
         Sensor { node: mesh.nodes[node].0, xyz: mesh.xyz[node], block: block.name.clone() }
     };
     problem.blocks.iter().zip(places).map(one).collect()
+}
+
+/// Displacement of the guideway that block temperatures tell, in all directions.
+fn told(p: &[Vec<f64>], theta: &[f64]) -> Vec<f64> {
+    p.iter().map(|row| row.iter().zip(theta).map(|(each, theta)| each * theta).sum()).collect()
 }
 
 fn largest(values: &[f64]) -> f64 {

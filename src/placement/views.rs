@@ -79,6 +79,13 @@ impl View {
         [0, 1].map(|way| (xyz[self.plane[way]] - self.low[way]) / self.pixel)
     }
 
+    /// Whether right and left must be changed, for what is drawn to be what is seen.
+    #[must_use]
+    pub fn mirrored(&self) -> bool {
+        // x, y and z turn to the right about the axis that points to the eye, or to the left.
+        (self.axis == 2) != self.from_above
+    }
+
     /// What is seen in a pixel.
     #[must_use]
     pub fn at(&self, right: usize, up: usize) -> Option<&Seen> {
