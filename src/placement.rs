@@ -12,10 +12,12 @@
 //! A number alone does not tell its unit; the reader refuses moduli and expansions that only fit another system.
 
 pub mod body;
+pub mod column;
 pub mod deck;
 pub mod heat;
 pub mod mesh;
 pub mod structure;
+pub mod write;
 
 mod element;
 mod graph;

@@ -4,6 +4,7 @@
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::perm::PermRef;
+use faer::reborrow::ReborrowMut;
 use faer::sparse::linalg::SupernodalThreshold;
 use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
@@ -12,6 +13,9 @@ use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
 
 use super::graph::Graph;
+
+/// Rows up to which threads cost more than they save.
+const SMALL: usize = 30_000;
 
 /// The lower half of a symmetric matrix, `WIDTH` rows and columns for each free node.
 pub(super) struct System<const WIDTH: usize> {
@@ -109,7 +113,7 @@ impl<const WIDTH: usize> System<WIDTH> {
         let order = SymmetricOrdering::Custom(PermRef::new_checked(&forward, &inverse, size));
         let symbolic = factorize_symbolic_cholesky(pattern, Side::Lower, order, parameters).ok()?;
         let mut values = vec![0.0; symbolic.len_val()];
-        let parallel = Par::rayon(0);
+        let parallel = if size > SMALL { Par::rayon(0) } else { Par::Seq };
         let mut memory =
             MemBuffer::new(symbolic.factorize_numeric_llt_scratch::<f64>(parallel, Default::default()));
         symbolic
@@ -166,13 +170,24 @@ impl<const WIDTH: usize> Factor<WIDTH> {
     }
 
     /// Puts the solutions in the place of the right-hand sides, one in each column.
-    pub(super) fn solve(&self, sides: MatMut<'_, f64>) {
-        let scratch = self.symbolic.solve_in_place_scratch::<f64>(sides.ncols(), Par::rayon(0));
+    pub(super) fn solve(&self, mut sides: MatMut<'_, f64>) {
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        let each = sides.ncols().div_ceil(threads).max(1);
+        // Columns are independent: each thread goes through the factor once, for its own.
+        std::thread::scope(|scope| {
+            for sides in sides.rb_mut().col_chunks_mut(each) {
+                scope.spawn(|| self.solve_some(sides));
+            }
+        });
+    }
+
+    fn solve_some(&self, sides: MatMut<'_, f64>) {
+        let scratch = self.symbolic.solve_in_place_scratch::<f64>(sides.ncols(), Par::Seq);
         let mut memory = MemBuffer::new(scratch);
         LltRef::new(&self.symbolic, &self.values).solve_in_place_with_conj(
             Conj::No,
             sides,
-            Par::rayon(0),
+            Par::Seq,
             MemStack::new(&mut memory),
         );
     }
