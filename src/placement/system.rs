@@ -4,7 +4,6 @@
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::perm::PermRef;
-use faer::reborrow::ReborrowMut;
 use faer::sparse::linalg::SupernodalThreshold;
 use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
@@ -175,8 +174,10 @@ impl<const WIDTH: usize> Factor<WIDTH> {
         let each = sides.ncols().div_ceil(threads).max(1);
         // Columns are independent: each thread goes through the factor once, for its own.
         std::thread::scope(|scope| {
-            for sides in sides.rb_mut().col_chunks_mut(each) {
-                scope.spawn(|| self.solve_some(sides));
+            while sides.ncols() > 0 {
+                let (some, rest) = sides.split_at_col_mut(each.min(sides.ncols()));
+                sides = rest;
+                scope.spawn(|| self.solve_some(some));
             }
         });
     }
