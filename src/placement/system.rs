@@ -175,7 +175,8 @@ impl<const WIDTH: usize> Factor<WIDTH> {
         // Columns are independent: each thread goes through the factor once, for its own.
         std::thread::scope(|scope| {
             while sides.ncols() > 0 {
-                let (some, rest) = sides.split_at_col_mut(each.min(sides.ncols()));
+                let some = each.min(sides.ncols());
+                let (some, rest) = sides.split_at_col_mut(some);
                 sides = rest;
                 scope.spawn(|| self.solve_some(some));
             }
