@@ -12,6 +12,7 @@
 //! A number alone does not tell its unit; the reader refuses moduli and expansions that only fit another system.
 
 pub mod body;
+pub mod ccx;
 pub mod column;
 pub mod deck;
 pub mod heat;

@@ -13,7 +13,7 @@ const IN_LINE: usize = 10;
 pub fn mesh(mesh: &Mesh) -> String {
     let mut text = String::from("*NODE\n");
     for (id, [x, y, z]) in mesh.nodes.iter().zip(&mesh.xyz) {
-        let _ = writeln!(text, "{id}, {x}, {y}, {z}");
+        let _ = writeln!(text, "{id}, {}, {}, {}", number(*x), number(*y), number(*z));
     }
     for kind in [Kind::Tet4, Kind::Tet10] {
         let mut elements = mesh.elements.iter().filter(|element| element.kind == kind).peekable();
@@ -34,6 +34,18 @@ pub fn mesh(mesh: &Mesh) -> String {
     text
 }
 
+/// A set of nodes.
+pub fn nodes(text: &mut String, name: &str, mesh: &Mesh, nodes: impl Iterator<Item = usize>) {
+    set(text, &format!("*NSET, NSET={name}"), nodes.map(|node| mesh.nodes[node].0));
+}
+
+/// A number as CalculiX can take it: it reads twenty characters of a field and forgets the rest, exponent and all.
+#[must_use]
+pub fn number(value: f64) -> String {
+    let whole = value.to_string();
+    if whole.len() <= 20 { whole } else { format!("{value:.12e}") }
+}
+
 fn set(text: &mut String, card: &str, ids: impl Iterator<Item = u32>) {
     let ids: Vec<String> = ids.map(|id| id.to_string()).collect();
     let _ = writeln!(text, "{card}");
@@ -46,22 +58,22 @@ fn set(text: &mut String, card: &str, ids: impl Iterator<Item = u32>) {
 #[must_use]
 pub fn materials(mesh: &Mesh, materials: &Materials) -> String {
     let mut text = String::new();
-    for (number, material) in materials.list.iter().enumerate() {
+    for (place, material) in materials.list.iter().enumerate() {
         let _ = writeln!(text, "*MATERIAL, NAME={}", material.name);
-        let _ = writeln!(text, "*ELASTIC\n{}, {}", material.young, material.poisson);
-        let _ = writeln!(text, "*EXPANSION\n{:e}", material.expansion);
-        let _ = writeln!(text, "*CONDUCTIVITY\n{}", material.conductivity);
+        let _ = writeln!(text, "*ELASTIC\n{}, {}", number(material.young), number(material.poisson));
+        let _ = writeln!(text, "*EXPANSION\n{}", number(material.expansion));
+        let _ = writeln!(text, "*CONDUCTIVITY\n{}", number(material.conductivity));
         if let Some(capacity) = material.capacity {
             // Only the product counts; this density lies in the middle of what a reader takes for one.
             let density = 7e-9;
-            let _ = writeln!(text, "*DENSITY\n{density:e}\n*SPECIFIC HEAT\n{:e}", capacity / density);
+            let _ = writeln!(text, "*DENSITY\n{density:e}\n*SPECIFIC HEAT\n{}", number(capacity / density));
         }
-        let mine = (materials.of_element.iter().enumerate()).filter(|(_, of)| **of == number);
+        let mine = (materials.of_element.iter().enumerate()).filter(|(_, of)| **of == place);
         let mine: Vec<u32> = mine.map(|(at, _)| mesh.elements[at].id).collect();
         if mine.is_empty() {
             continue;
         }
-        let name = format!("MADEOF{}", number + 1);
+        let name = format!("MADEOF{}", place + 1);
         set(&mut text, &format!("*ELSET, ELSET={name}"), mine.into_iter());
         let _ = writeln!(text, "*SOLID SECTION, ELSET={name}, MATERIAL={}", material.name);
     }
@@ -73,13 +85,13 @@ pub fn materials(mesh: &Mesh, materials: &Materials) -> String {
 pub fn load(mesh: &Mesh, load: &LoadCase, print: &str) -> String {
     let mut text = String::from("*INITIAL CONDITIONS, TYPE=TEMPERATURE\n");
     for (node, temperature) in mesh.nodes.iter().zip(&load.initial) {
-        let _ = writeln!(text, "{node}, {temperature}");
+        let _ = writeln!(text, "{node}, {}", number(*temperature));
     }
     text.push_str("*STEP, INC=1000000\n");
     match load.case {
         Case::Steady => text.push_str("*HEAT TRANSFER, STEADY STATE\n"),
         Case::Transient { step, period } => {
-            let _ = writeln!(text, "*HEAT TRANSFER, DIRECT\n{step}, {period}");
+            let _ = writeln!(text, "*HEAT TRANSFER, DIRECT\n{}, {}", number(step), number(period));
         }
     }
     let id = |element: usize| mesh.elements[element].id;
@@ -87,29 +99,32 @@ pub fn load(mesh: &Mesh, load: &LoadCase, print: &str) -> String {
         text.push_str("*BOUNDARY\n");
     }
     for (node, temperature) in &load.held {
-        let _ = writeln!(text, "{}, 11, 11, {temperature}", mesh.nodes[*node]);
+        let _ = writeln!(text, "{}, 11, 11, {}", mesh.nodes[*node], number(*temperature));
     }
     if !load.films.is_empty() {
         text.push_str("*FILM\n");
     }
     for film in &load.films {
         let (id, side) = (id(film.face.element), film.face.side + 1);
-        let _ = writeln!(text, "{id}, F{side}, {}, {}", film.sink, film.coefficient);
+        let _ = writeln!(text, "{id}, F{side}, {}, {}", number(film.sink), number(film.coefficient));
     }
     if !load.fluxes.is_empty() {
         text.push_str("*DFLUX\n");
     }
     for flux in &load.fluxes {
         let _ = match flux {
-            Flux::Face(face, heat) => writeln!(text, "{}, S{}, {heat}", id(face.element), face.side + 1),
-            Flux::Volume(element, heat) => writeln!(text, "{}, BF, {heat}", id(*element)),
+            Flux::Face(face, heat) => {
+                let heat = number(*heat);
+                writeln!(text, "{}, S{}, {heat}", id(face.element), face.side + 1)
+            }
+            Flux::Volume(element, heat) => writeln!(text, "{}, BF, {}", id(*element), number(*heat)),
         };
     }
     if !load.nodal.is_empty() {
         text.push_str("*CFLUX\n");
     }
     for (node, heat) in &load.nodal {
-        let _ = writeln!(text, "{}, 11, {heat}", mesh.nodes[*node]);
+        let _ = writeln!(text, "{}, 11, {}", mesh.nodes[*node], number(*heat));
     }
     text.push_str(print);
     text.push_str("*END STEP\n");
