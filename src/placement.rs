@@ -17,6 +17,8 @@
 
 pub mod blocks;
 pub mod body;
+pub mod ccx;
+pub mod column;
 pub mod deck;
 pub mod found;
 pub mod heat;
@@ -27,6 +29,7 @@ pub mod problem;
 pub mod report;
 pub mod structure;
 pub mod views;
+pub mod write;
 pub mod written;
 
 mod element;

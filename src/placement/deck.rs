@@ -6,6 +6,9 @@
 //! raw ───── the same in numbers and names, card by card
 //! resolve ─ names looked up, the whole checked: the Deck
 //! ```
+//! A Gmsh mesh names surfaces by flat elements (`CPS3`, `CPS6`): the nodes of such a set can be used as a node set, and
+//! its faces in `*FILM` and `*DFLUX` with the side `F` or `S` without a number.
+//!
 //! Nothing is skipped: what is not understood is an error. A solver that passes over a card computes another structure
 //! than the one that was meant, and its numbers look just as good.
 
@@ -77,11 +80,17 @@ const SHOWN: usize = 20;
 
 impl fmt::Display for Faults {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (number, fault) in self.0.iter().take(SHOWN).enumerate() {
-            write!(f, "{}{fault}", if number == 0 { "" } else { "\n" })?;
+        // The same mistake in line after line is told once.
+        let alike = |a: &Fault, b: &Fault| (&a.file, &a.card, &a.message) == (&b.file, &b.card, &b.message);
+        let told: Vec<&[Fault]> = self.0.chunk_by(alike).collect();
+        for (number, faults) in told.iter().take(SHOWN).enumerate() {
+            write!(f, "{}{}", if number == 0 { "" } else { "\n" }, faults[0])?;
+            if faults.len() > 1 {
+                write!(f, " (and so in {} more lines)", faults.len() - 1)?;
+            }
         }
-        if self.0.len() > SHOWN {
-            write!(f, "\n… and {} more", self.0.len() - SHOWN)?;
+        if told.len() > SHOWN {
+            write!(f, "\n… and {} more", told.len() - SHOWN)?;
         }
         Ok(())
     }

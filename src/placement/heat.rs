@@ -3,10 +3,10 @@
 use faer::{ColMut, Mat};
 
 use super::body::{Case, Flux, LoadCase, Materials, Progress};
-use super::element::{CAPACITY_RULE, face_points, point, shapes};
+use super::element::{CAPACITY_RULE, Point, dot, face_points, point, shapes};
 use super::graph::Graph;
 use super::mesh::{Face, Kind, Mesh, NodeId};
-use super::structure::for_each_point;
+use super::structure::{for_each_element, for_each_point};
 use super::system::{Factor, System};
 
 /// Why there are no temperatures.
@@ -77,14 +77,13 @@ impl Heat {
             capacity = Some((system, coupling));
         }
         let mut to_held = Coupling::new();
-        for_each_point(mesh, |element, point, count| {
-            let conductivity = materials.of(element).conductivity * point.volume;
+        for_each_element(mesh, |element, points| {
+            let conductivity = materials.of(element).conductivity;
             let nodes = &mesh.elements[element].nodes;
-            for a in 0..count {
-                for b in 0..count {
-                    let along: f64 =
-                        (0..3).map(|axis| point.gradient[a][axis] * point.gradient[b][axis]).sum();
-                    add(&mut conduction, &mut to_held, nodes[a], nodes[b], conductivity * along);
+            for (a, node) in nodes.iter().enumerate() {
+                for (b, other) in nodes.iter().enumerate() {
+                    let flows = points.iter().map(|at| at.volume * dot(at.gradient[a], at.gradient[b]));
+                    add(&mut conduction, &mut to_held, *node, *other, conductivity * flows.sum::<f64>());
                 }
             }
         });
@@ -230,13 +229,11 @@ fn add_capacity(
         let capacity = material.capacity.ok_or_else(|| HeatError::NoCapacity(material.name.clone()))?;
         let xyz = mesh.corners(element);
         let rule = &rules[usize::from(element.kind == Kind::Tet10)];
-        for (shape, weight) in rule {
-            let at = point(shape, *weight, &xyz);
-            for (a, node) in element.nodes.iter().enumerate() {
-                for (b, other) in element.nodes.iter().enumerate() {
-                    let value = capacity * at.volume * at.value[a] * at.value[b];
-                    add(system, to_held, *node, *other, value);
-                }
+        let points: Vec<Point> = rule.iter().map(|(shape, weight)| point(shape, *weight, &xyz)).collect();
+        for (a, node) in element.nodes.iter().enumerate() {
+            for (b, other) in element.nodes.iter().enumerate() {
+                let stored = points.iter().map(|at| at.volume * at.value[a] * at.value[b]);
+                add(system, to_held, *node, *other, capacity * stored.sum::<f64>());
             }
         }
     }

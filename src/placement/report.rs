@@ -157,7 +157,7 @@ fn displacements(subject: &Subject<'_>) -> Markup {
     html! {
         h2 { "Displacement along the guideway" }
         p { "Along " (found.component) @if along.rails > 1 { ", the mean of the rails" } "." }
-        ul .keys { li { "true" } li .dashed { "told by nodes at block centres" } li .faint { "rings: told by the sensors" } }
+        ul .keys { li { "true" } li .dashed { "told by nodes at block centres" } li .ring { "told by the sensors" } }
         div .gallery { @for case in &found.cases { (figure(&case.name, &picture(case), "")) } }
     }
 }
@@ -243,7 +243,7 @@ fn numbers(found: &Found) -> Markup {
     html! {
         h2 { "How many sensors are worth it" }
         p { "RMS over guideway and all cases. Fewer: neighbours become one block where it costs least; more: the cut that helps most, one after the other." }
-        ul .keys { li { "left by the sensors" } li .dashed { "blocks at best" } li .faint { "ring: these blocks" } }
+        ul .keys { li { "left by the sensors" } li .dashed { "blocks at best" } li .ring { "these blocks" } }
         (figure("", &picture, ""))
         (table(&["sensors", "left µm", "at best µm", "blocks:"], &rows))
     }

@@ -93,17 +93,26 @@ impl<'a> Structure<'a> {
         fixed.iter().for_each(|node| held[*node] = true);
         progress("stiffness", 0, 2);
         let mut system = System::<3>::new(&Graph::of(mesh), &mesh.xyz, &held);
-        for_each_point(mesh, |element, point, count| {
+        for_each_element(mesh, |element, points| {
             let material = materials.of(element);
             let shear = material.young / (2.0 * (1.0 + material.poisson));
             let bulk = 2.0 * shear * material.poisson / (1.0 - 2.0 * material.poisson);
-            let numbers = mesh.elements[element].nodes.iter().map(|node| system.free[*node]);
-            let numbers: Vec<Option<usize>> = numbers.collect();
-            for a in 0..count {
-                let Some(row) = numbers[a] else { continue };
-                for b in 0..count {
-                    let Some(column) = numbers[b].filter(|column| *column <= row) else { continue };
-                    let block = elastic(&point.gradient[a], &point.gradient[b], bulk, shear, point.volume);
+            let nodes = &mesh.elements[element].nodes;
+            for (a, node) in nodes.iter().enumerate() {
+                let Some(row) = system.free[*node] else { continue };
+                for (b, other) in nodes.iter().enumerate() {
+                    let Some(column) = system.free[*other].filter(|column| *column <= row) else { continue };
+                    let mut block = [[0.0; 3]; 3];
+                    for point in points {
+                        elastic(
+                            &mut block,
+                            &point.gradient[a],
+                            &point.gradient[b],
+                            bulk,
+                            shear,
+                            point.volume,
+                        );
+                    }
                     system.add(row, column, &block);
                 }
             }
@@ -197,27 +206,34 @@ impl<'a> Structure<'a> {
     }
 }
 
-fn elastic(a: &[f64; 3], b: &[f64; 3], bulk: f64, shear: f64, volume: f64) -> [[f64; 3]; 3] {
+fn elastic(block: &mut [[f64; 3]; 3], a: &[f64; 3], b: &[f64; 3], bulk: f64, shear: f64, volume: f64) {
     let along = shear * (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]);
-    let mut block = [[0.0; 3]; 3];
     for row in 0..3 {
         for column in 0..3 {
-            let cross = bulk * a[row] * b[column] + shear * a[column] * b[row];
-            block[row][column] = volume * (cross + if row == column { along } else { 0.0 });
+            block[row][column] += volume * (bulk * a[row] * b[column] + shear * a[column] * b[row]);
         }
+        block[row][row] += volume * along;
     }
-    block
+}
+
+/// Every element: its place and its integration points.
+pub(super) fn for_each_element(mesh: &Mesh, mut visit: impl FnMut(usize, &[Point])) {
+    let linear = shapes(Kind::Tet4, stiffness_rule(Kind::Tet4));
+    let quadratic = shapes(Kind::Tet10, stiffness_rule(Kind::Tet10));
+    let mut points = Vec::with_capacity(quadratic.len());
+    for (place, element) in mesh.elements.iter().enumerate() {
+        let xyz = mesh.corners(element);
+        let shapes: &[(Shape, f64)] = if element.kind == Kind::Tet4 { &linear } else { &quadratic };
+        points.clear();
+        points.extend(shapes.iter().map(|(shape, weight)| point(shape, *weight, &xyz)));
+        visit(place, &points);
+    }
 }
 
 /// Every integration point of every element: the place of the element, the point, and how many nodes it has.
 pub(super) fn for_each_point(mesh: &Mesh, mut visit: impl FnMut(usize, &Point, usize)) {
-    let linear = shapes(Kind::Tet4, stiffness_rule(Kind::Tet4));
-    let quadratic = shapes(Kind::Tet10, stiffness_rule(Kind::Tet10));
-    for (place, element) in mesh.elements.iter().enumerate() {
-        let xyz = mesh.corners(element);
-        let shapes: &[(Shape, f64)] = if element.kind == Kind::Tet4 { &linear } else { &quadratic };
-        for (shape, weight) in shapes {
-            visit(place, &point(shape, *weight, &xyz), xyz.len());
-        }
-    }
+    for_each_element(mesh, |element, points| {
+        let count = mesh.elements[element].nodes.len();
+        points.iter().for_each(|point| visit(element, point, count));
+    });
 }

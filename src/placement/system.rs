@@ -13,6 +13,9 @@ use faer::{Conj, MatMut, Par, Side};
 
 use super::graph::Graph;
 
+/// Rows up to which threads cost more than they save.
+const SMALL: usize = 30_000;
+
 /// The lower half of a symmetric matrix, `WIDTH` rows and columns for each free node.
 pub(super) struct System<const WIDTH: usize> {
     /// Of each node of the mesh its number among the free ones.
@@ -109,7 +112,7 @@ impl<const WIDTH: usize> System<WIDTH> {
         let order = SymmetricOrdering::Custom(PermRef::new_checked(&forward, &inverse, size));
         let symbolic = factorize_symbolic_cholesky(pattern, Side::Lower, order, parameters).ok()?;
         let mut values = vec![0.0; symbolic.len_val()];
-        let parallel = Par::rayon(0);
+        let parallel = if size > SMALL { Par::rayon(0) } else { Par::Seq };
         let mut memory =
             MemBuffer::new(symbolic.factorize_numeric_llt_scratch::<f64>(parallel, Default::default()));
         symbolic
@@ -166,13 +169,27 @@ impl<const WIDTH: usize> Factor<WIDTH> {
     }
 
     /// Puts the solutions in the place of the right-hand sides, one in each column.
-    pub(super) fn solve(&self, sides: MatMut<'_, f64>) {
-        let scratch = self.symbolic.solve_in_place_scratch::<f64>(sides.ncols(), Par::rayon(0));
+    pub(super) fn solve(&self, mut sides: MatMut<'_, f64>) {
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        let each = sides.ncols().div_ceil(threads).max(1);
+        // Columns are independent: each thread goes through the factor once, for its own.
+        std::thread::scope(|scope| {
+            while sides.ncols() > 0 {
+                let some = each.min(sides.ncols());
+                let (some, rest) = sides.split_at_col_mut(some);
+                sides = rest;
+                scope.spawn(|| self.solve_some(some));
+            }
+        });
+    }
+
+    fn solve_some(&self, sides: MatMut<'_, f64>) {
+        let scratch = self.symbolic.solve_in_place_scratch::<f64>(sides.ncols(), Par::Seq);
         let mut memory = MemBuffer::new(scratch);
         LltRef::new(&self.symbolic, &self.values).solve_in_place_with_conj(
             Conj::No,
             sides,
-            Par::rayon(0),
+            Par::Seq,
             MemStack::new(&mut memory),
         );
     }

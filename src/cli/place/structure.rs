@@ -3,6 +3,7 @@
 use super::{Arguments, Engine, Failure};
 use crate::placement::blocks::{Part, Reach, parts};
 use crate::placement::body::Progress;
+use crate::placement::ccx::Ccx;
 use crate::placement::deck::{self, Deck};
 use crate::placement::found::rows;
 use crate::placement::heat::temperatures;
@@ -53,7 +54,7 @@ pub(super) fn known(arguments: &Arguments, progress: Progress<'_>) -> Result<Kno
     let reach = Reach { margin: arguments.margin, allowed };
     match arguments.engine {
         Engine::Own => own(decks, guide, &fixed, parts, reach, progress),
-        Engine::Ccx => Err(anyhow::anyhow!("--engine ccx is not here yet").into()),
+        Engine::Ccx => referee(decks, guide, &fixed, parts, reach, progress),
     }
 }
 
@@ -82,6 +83,47 @@ fn own(
     let p = rows(&columns);
     let mesh = decks.into_iter().next().map(|deck| deck.mesh).unwrap_or_default();
     Ok(Known { mesh, guide, parts, reach, p, adjoint: Some(adjoint), loads })
+}
+
+/// With CalculiX: temperatures case by case, then all displacements and P by unit rises of each block.
+fn referee(
+    decks: Vec<Deck>,
+    guide: Vec<usize>,
+    fixed: &[usize],
+    parts: Vec<Part>,
+    reach: Reach,
+    progress: Progress<'_>,
+) -> Result<Known, Failure> {
+    let ccx = Ccx::default();
+    let all = decks.len() + 1;
+    let mut rises = Vec::new();
+    for (place, deck) in decks.iter().enumerate() {
+        progress("ccx", place, all);
+        let rise = ccx.temperatures(&deck.mesh, &deck.materials, &deck.load);
+        rises.push(rise.map_err(|why| anyhow::anyhow!("{}: {why}", deck.name))?);
+    }
+    let (mesh, materials) = (&decks[0].mesh, &decks[0].materials);
+    let warmed = |part: &Part| {
+        let mut warmed = vec![0.0; mesh.nodes.len()];
+        part.nodes.iter().for_each(|node| warmed[*node] = 1.0);
+        warmed
+    };
+    let units: Vec<Vec<f64>> = parts.iter().map(warmed).collect();
+    let fields: Vec<&[f64]> = units.iter().chain(&rises).map(Vec::as_slice).collect();
+    progress("ccx", decks.len(), all);
+    let mut columns =
+        ccx.displacements(mesh, materials, fixed, &guide, &fields).map_err(anyhow::Error::from)?;
+    progress("ccx", all, all);
+    let moved = columns.split_off(parts.len());
+    let loads = decks
+        .iter()
+        .zip(rises)
+        .zip(moved)
+        .map(|((deck, rise), moved_mm)| Load { name: deck.name.clone(), rise, moved_mm })
+        .collect();
+    let p = rows(&columns);
+    let mesh = decks.into_iter().next().map(|deck| deck.mesh).unwrap_or_default();
+    Ok(Known { mesh, guide, parts, reach, p, adjoint: None, loads })
 }
 
 /// Every deck, all of one structure.

@@ -29,13 +29,15 @@ impl<'a> Fields<'a> {
     /// Refuses a line with fewer or more values than `names` has.
     pub(super) fn exactly(&self, names: &[&str]) -> Result<(), Fault> {
         let (found, wanted) = (self.len(), names.len());
-        let belongs = format!("{} ({})", counted(wanted, "value"), names.join(", "));
+        let names = names.join(", ");
         if found < wanted {
-            return Err(self.fault(format!("{found} of {belongs}")));
+            return Err(self.fault(format!("{} of {wanted} ({names})", counted(found, "value"))));
         }
         if found > wanted {
             let hint = "a decimal comma makes two values of one: write 1.5, not 1,5";
-            return Err(self.fault(format!("{} where {belongs} belong; {hint}", counted(found, "value"))));
+            return Err(
+                self.fault(format!("{} where {wanted} belong ({names}); {hint}", counted(found, "value")))
+            );
         }
         Ok(())
     }

@@ -3,7 +3,7 @@
 use super::Fault;
 use super::card::{Card, Place};
 use super::fields::Fields;
-use super::model::side;
+use super::model::side_or_surface;
 use super::raw::{Raw, Target};
 use crate::placement::body::Case;
 
@@ -26,12 +26,33 @@ pub(super) const KEYS: [&str; 12] = [
 #[derive(Debug)]
 pub(super) struct Load {
     pub(super) case: Case,
-    /// Element or set, side from 0, sink °C, coefficient.
-    pub(super) films: Vec<(Target, usize, f64, f64, Place)>,
-    /// Element or set, side from 0 (none: the volume), heat.
-    pub(super) fluxes: Vec<(Target, Option<usize>, f64, Place)>,
+    /// Where, sink °C, coefficient.
+    pub(super) films: Vec<(Where, f64, f64, Place)>,
+    /// Where, heat.
+    pub(super) fluxes: Vec<(Where, f64, Place)>,
     /// Node or set, heat at each of its nodes.
     pub(super) nodal: Vec<(Target, f64, Place)>,
+}
+
+/// Where heat passes.
+#[derive(Debug)]
+pub(super) enum Where {
+    /// Through a side, from 0, of an element or a set of them.
+    Side(Target, usize),
+    /// Through a named surface.
+    Surface(Target),
+    /// In the volume of an element or a set of them.
+    Volume(Target),
+}
+
+impl Where {
+    fn of(fields: &Fields<'_>, letter: &str) -> Result<Self, Fault> {
+        let target = Target::of(fields.text(0));
+        Ok(match side_or_surface(fields, 1, letter)? {
+            Some(side) => Self::Side(target, side),
+            None => Self::Surface(target),
+        })
+    }
 }
 
 /// Node or set, first and last direction, value.
@@ -57,18 +78,24 @@ pub(super) fn card(raw: &mut Raw, card: &Card, faults: &mut Vec<Fault>) {
 
 fn heat_transfer(raw: &mut Raw, card: &Card, faults: &mut Vec<Fault>) -> Result<(), Fault> {
     card.only(&["STEADYSTATE", "DIRECT", "SOLVER"], faults);
+    if raw.load.is_some() {
+        return Err(card.place.fault("the step has this already"));
+    }
+    let case = if card.has("STEADYSTATE") { Ok(Case::Steady) } else { transient(card) };
+    // A wrong line must not make every load after it look misplaced.
+    raw.load = Some(Load {
+        case: case.clone().unwrap_or(Case::Steady),
+        films: Vec::new(),
+        fluxes: Vec::new(),
+        nodal: Vec::new(),
+    });
     if let Some(solver) = card.value("SOLVER").filter(|solver| solver != "SPOOLES") {
         return Err(card.place.fault(format!(
             "SOLVER={solver}: which solver is taken is not for the deck to say, and not everyone has this one: leave \
              SOLVER out"
         )));
     }
-    if raw.load.is_some() {
-        return Err(card.place.fault("the step has this already"));
-    }
-    let case = if card.has("STEADYSTATE") { Case::Steady } else { transient(card)? };
-    raw.load = Some(Load { case, films: Vec::new(), fluxes: Vec::new(), nodal: Vec::new() });
-    Ok(())
+    case.map(drop)
 }
 
 /// More steps than these nobody waits for.
@@ -112,19 +139,20 @@ fn each(
 
 fn film(load: &mut Load, fields: &Fields<'_>, place: Place) -> Result<(), Fault> {
     fields.exactly(&["element or set", "side", "sink temperature", "film coefficient"])?;
-    let side = side(fields, 1, "F")?;
+    let at = Where::of(fields, "F")?;
     let (sink, coefficient) = (fields.number(2, "sink temperature")?, fields.number(3, "film coefficient")?);
     if coefficient <= 0.0 {
         return Err(fields.fault(format!("the film coefficient is {coefficient}; it is more than nothing")));
     }
-    load.films.push((Target::of(fields.text(0)), side, sink, coefficient, place));
+    load.films.push((at, sink, coefficient, place));
     Ok(())
 }
 
 fn flux(load: &mut Load, fields: &Fields<'_>, place: Place) -> Result<(), Fault> {
     fields.exactly(&["element or set", "side or BF", "heat"])?;
-    let side = if fields.text(1).eq_ignore_ascii_case("BF") { None } else { Some(side(fields, 1, "S")?) };
-    load.fluxes.push((Target::of(fields.text(0)), side, fields.number(2, "heat")?, place));
+    let in_volume = fields.text(1).eq_ignore_ascii_case("BF");
+    let at = if in_volume { Where::Volume(Target::of(fields.text(0))) } else { Where::of(fields, "S")? };
+    load.fluxes.push((at, fields.number(2, "heat")?, place));
     Ok(())
 }
 

@@ -1,7 +1,7 @@
 //! Nodes, elements, sets and surfaces.
 
 use super::Fault;
-use super::card::{Card, Line, Place};
+use super::card::{Card, Place};
 use super::fields::Fields;
 use super::raw::{Raw, Target};
 use crate::placement::mesh::Kind;
@@ -43,7 +43,10 @@ fn nodes(raw: &mut Raw, card: &Card, faults: &mut Vec<Fault>) {
     for line in &card.lines {
         match node(&Fields::of(line)) {
             Ok(node) => raw.nodes.push(node),
-            Err(fault) => faults.push(fault),
+            Err(fault) => {
+                raw.spoiled_nodes = true;
+                faults.push(fault);
+            }
         }
     }
     let ids = raw.nodes[first..].iter().map(|(id, _, _)| *id).collect();
@@ -57,59 +60,81 @@ fn node(fields: &Fields<'_>) -> Result<(u32, [f64; 3], Place), Fault> {
     Ok((id, xyz, fields.place().clone()))
 }
 
+/// What an element is to a structure of tetrahedra.
+enum Role {
+    Solid(Kind),
+    /// A line or a surface of the geometry, with so many nodes: it names a place and carries nothing.
+    Outline(usize),
+}
+
+const OUTLINES: [(&str, usize); 6] =
+    [("T3D2", 2), ("T3D3", 3), ("CPS3", 3), ("CPS6", 6), ("CPE3", 3), ("CPE6", 6)];
+
+impl Role {
+    fn of(card: &Card) -> Result<Self, Fault> {
+        let Some(kind) = card.value("TYPE") else {
+            return Err(card.place.fault("names no TYPE: C3D4 and C3D10 are read"));
+        };
+        let outline = OUTLINES.iter().find(|(name, _)| *name == kind);
+        match (kind.as_str(), outline) {
+            ("C3D4", _) => Ok(Self::Solid(Kind::Tet4)),
+            ("C3D10", _) => Ok(Self::Solid(Kind::Tet10)),
+            (_, Some((_, nodes))) => Ok(Self::Outline(*nodes)),
+            _ => {
+                let remedy = "mesh the structure with tetrahedra, C3D4 or C3D10";
+                Err(card.place.fault(format!("{kind} is not read: {remedy}")))
+            }
+        }
+    }
+
+    const fn nodes(&self) -> usize {
+        match self {
+            Self::Solid(kind) => kind.nodes(),
+            Self::Outline(nodes) => *nodes,
+        }
+    }
+}
+
 fn elements(raw: &mut Raw, card: &Card, faults: &mut Vec<Fault>) {
     card.only(&["TYPE", "ELSET"], faults);
-    let kind = match card.value("TYPE").as_deref() {
-        Some("C3D4") => Kind::Tet4,
-        Some("C3D10") => Kind::Tet10,
-        other => return faults.push(card.place.fault(no_solid(other))),
+    let (role, listed) = match Role::of(card).and_then(|role| Ok((listed(card, role.nodes())?, role))) {
+        Ok((listed, role)) => (role, listed),
+        Err(fault) => return faults.push(fault),
     };
-    let first = raw.elements.len();
-    let mut open: Option<(Vec<u32>, &Line)> = None;
+    let ids = listed.iter().map(|(numbers, _)| numbers[0]).collect();
+    for (numbers, place) in listed {
+        let nodes = numbers[1..].to_vec();
+        match role {
+            Role::Solid(kind) => raw.elements.push((numbers[0], kind, nodes, place)),
+            Role::Outline(_) => raw.outlines.push((numbers[0], nodes, place)),
+        }
+    }
+    grow(&mut raw.element_sets, card, "ELSET", ids, faults);
+}
+
+/// Number and nodes of each element of a card; one may go on over several lines.
+fn listed(card: &Card, nodes: usize) -> Result<Vec<(Vec<u32>, Place)>, Fault> {
+    let kind = card.value("TYPE").unwrap_or_default();
+    let mut listed: Vec<(Vec<u32>, Place)> = Vec::new();
     for line in &card.lines {
         let fields = Fields::of(line);
         let numbers: Result<Vec<u32>, Fault> =
             (0..fields.len()).map(|at| fields.whole(at, "number of an element or a node")).collect();
-        let numbers = match numbers {
-            Ok(numbers) => numbers,
-            Err(fault) => return faults.push(fault),
-        };
-        // An element may go on over several lines.
-        let (mut all, at) = open.take().unwrap_or_else(|| (Vec::new(), line));
-        all.extend(numbers);
-        match all.len().cmp(&(kind.nodes() + 1)) {
-            std::cmp::Ordering::Less => open = Some((all, at)),
-            std::cmp::Ordering::Equal => {
-                raw.elements.push((all[0], kind, all[1..].to_vec(), at.place.clone()));
-            }
-            std::cmp::Ordering::Greater => {
-                return faults.push(at.place.fault(format!(
-                    "{} nodes where a {} has {}",
-                    all.len() - 1,
-                    kind.name(),
-                    kind.nodes()
-                )));
-            }
+        match listed.last_mut().filter(|(open, _)| open.len() <= nodes) {
+            Some((open, _)) => open.extend(numbers?),
+            None => listed.push((numbers?, line.place.clone())),
+        }
+        if let Some((all, place)) = listed.last().filter(|(all, _)| all.len() > nodes + 1) {
+            return Err(place.fault(format!("{} nodes where a {kind} has {nodes}", all.len() - 1)));
         }
     }
-    if let Some((all, line)) = open {
-        let has = all.len().saturating_sub(1);
-        faults.push(line.place.fault(format!("{has} of the {} nodes of a {}", kind.nodes(), kind.name())));
+    match listed.last().filter(|(all, _)| all.len() <= nodes) {
+        Some((all, place)) => {
+            let has = all.len().saturating_sub(1);
+            Err(place.fault(format!("{has} of the {nodes} nodes of a {kind}")))
+        }
+        None => Ok(listed),
     }
-    let ids = raw.elements[first..].iter().map(|(id, ..)| *id).collect();
-    grow(&mut raw.element_sets, card, "ELSET", ids, faults);
-}
-
-fn no_solid(kind: Option<&str>) -> String {
-    let Some(kind) = kind else { return "names no TYPE: C3D4 and C3D10 are read".to_owned() };
-    let flat = ["T3D", "CPS", "CPE", "STRI", "S3", "S6", "B31", "B32", "M3D"];
-    if flat.iter().any(|name| kind.starts_with(name)) {
-        return format!(
-            "{kind} is a line or a surface of the geometry, not a solid: in Gmsh give physical groups, and keep elements \
-             of volumes and nodes of surfaces only (Mesh.SaveGroupsOfElements = -1000; Mesh.SaveGroupsOfNodes = -100)"
-        );
-    }
-    format!("{kind} is not read: mesh the structure with tetrahedra, C3D4 or C3D10")
 }
 
 fn grow(sets: &mut Vec<Members>, card: &Card, parameter: &str, ids: Vec<u32>, faults: &mut Vec<Fault>) {
@@ -181,11 +206,16 @@ fn surface(raw: &mut Raw, card: &Card, faults: &mut Vec<Fault>) {
     if card.value("TYPE").is_some_and(|kind| kind != "ELEMENT") {
         return faults.push(card.place.fault("only surfaces of TYPE=ELEMENT are read"));
     }
+    let Some(name) = named(card, "NAME", faults) else {
+        return faults.push(card.place.fault("names no surface: write NAME="));
+    };
     for line in &card.lines {
         let fields = Fields::of(line);
         let side = fields.exactly(&["element or set", "side"]).and_then(|()| side(&fields, 1, "S"));
         match side {
-            Ok(side) => raw.surfaces.push((Target::of(fields.text(0)), side, line.place.clone())),
+            Ok(side) => {
+                raw.surfaces.push((name.clone(), Target::of(fields.text(0)), side, line.place.clone()))
+            }
             Err(fault) => faults.push(fault),
         }
     }
@@ -196,8 +226,12 @@ pub(super) fn side(fields: &Fields<'_>, at: usize, letter: &str) -> Result<usize
     let text = fields.text(at).to_uppercase();
     let number = text.strip_prefix(letter).and_then(|number| number.parse::<usize>().ok());
     number.filter(|number| (1..=4).contains(number)).map(|number| number - 1).ok_or_else(|| {
-        fields.fault(format!(
-            "`{text}` is not a side of a tetrahedron: {letter}1, {letter}2, {letter}3 or {letter}4"
-        ))
+        let sides = format!("{letter}1, {letter}2, {letter}3 or {letter}4");
+        fields.fault(format!("`{text}` is not a side of a tetrahedron: {sides}"))
     })
+}
+
+/// A side of a tetrahedron; none where only the letter stands, which speaks of a named surface.
+pub(super) fn side_or_surface(fields: &Fields<'_>, at: usize, letter: &str) -> Result<Option<usize>, Fault> {
+    if fields.text(at).eq_ignore_ascii_case(letter) { Ok(None) } else { side(fields, at, letter).map(Some) }
 }

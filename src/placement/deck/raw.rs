@@ -33,11 +33,15 @@ pub(super) enum Step {
 #[derive(Debug, Default)]
 pub(super) struct Raw {
     pub(super) nodes: Vec<(u32, [f64; 3], Place)>,
+    /// A line of a node is wrong: those who name it are not to blame.
+    pub(super) spoiled_nodes: bool,
     pub(super) elements: Vec<(u32, Kind, Vec<u32>, Place)>,
+    /// Lines and surfaces of the geometry, which carry names and nothing else.
+    pub(super) outlines: Vec<(u32, Vec<u32>, Place)>,
     pub(super) node_sets: Vec<Members>,
     pub(super) element_sets: Vec<Members>,
-    /// Surfaces: element or set, and the side from 0.
-    pub(super) surfaces: Vec<(Target, usize, Place)>,
+    /// Name, element or set, side from 0.
+    pub(super) surfaces: Vec<(String, Target, usize, Place)>,
     pub(super) solids: Vec<Solid>,
     /// Element set, material.
     pub(super) sections: Vec<(String, String, Place)>,
@@ -60,9 +64,11 @@ impl Raw {
                     card.only(&["INC", "AMPLITUDE"], faults);
                     (step, began) = (Step::Inside, Some(&card.place));
                 }
-                "STEP" => faults.push(
-                    card.place.fault("a second step: a deck is one load case, write one deck for each"),
-                ),
+                "STEP" => {
+                    let message = "a second step: a deck is one load case, write one deck for each";
+                    faults.push(card.place.fault(message));
+                    return raw;
+                }
                 "ENDSTEP" if step == Step::Inside => step = Step::After,
                 "ENDSTEP" => faults.push(card.place.fault("there is no step to end")),
                 _ => raw.card(card, step, faults),

@@ -11,6 +11,7 @@ use crate::placement::mesh::{Element, Mesh, NodeId};
 
 mod load;
 mod names;
+mod outline;
 mod solid;
 
 use names::Names;
@@ -22,21 +23,22 @@ pub(super) fn deck(path: &Path, raw: &Raw, faults: &mut Vec<Fault>) -> Option<De
     if mesh.elements.is_empty() && faults.is_empty() {
         faults.push(whole(path, "the deck has no elements: does it include its mesh?"));
     }
-    if faults.len() > before || mesh.elements.is_empty() {
+    if faults.len() > before || raw.spoiled_nodes || mesh.elements.is_empty() {
         return None;
     }
     let elements: HashMap<u32, usize> =
         mesh.elements.iter().enumerate().map(|(place, element)| (element.id, place)).collect();
     let nodes = mesh.nodes.clone();
     let node = |id: u32| nodes.binary_search(&NodeId(id)).ok();
-    let element = |id: u32| elements.get(&id).copied();
+    // Outlines count on after the solids.
+    let flat: HashMap<u32, usize> =
+        raw.outlines.iter().enumerate().map(|(at, (id, ..))| (*id, mesh.elements.len() + at)).collect();
+    let element = |id: u32| elements.get(&id).or_else(|| flat.get(&id)).copied();
     mesh.node_sets = sets(&raw.node_sets, "node", node, faults);
-    mesh.element_sets = sets(&raw.element_sets, "element", element, faults);
-    let names = Names { mesh: &mesh, elements: &elements };
+    let element_sets = sets(&raw.element_sets, "element", element, faults);
+    let surfaces = outline::surfaces(raw, &mut mesh, element_sets, faults);
+    let names = Names { mesh: &mesh, elements: &elements, surfaces: &surfaces };
     whole_body(raw, &mesh, faults);
-    for (target, _, place) in &raw.surfaces {
-        names.elements(target, place, faults);
-    }
     for (name, nodal, place) in &raw.printed {
         let target = Target::Set(name.clone());
         if *nodal {
@@ -81,6 +83,8 @@ fn mesh(raw: &Raw, faults: &mut Vec<Fault>) -> Mesh {
         for node in nodes {
             match mesh.place(NodeId(*node)) {
                 Some(at) => found.push(at),
+                // A node whose line is wrong is not missed again by each of its elements.
+                None if raw.spoiled_nodes => {}
                 None => {
                     faults.push(place.fault(format!("element {id} names node {node}, which is not defined")))
                 }

@@ -27,6 +27,8 @@ pub(super) struct Solid {
     pub(super) conductivity: Option<f64>,
     pub(super) specific_heat: Option<f64>,
     pub(super) density: Option<f64>,
+    /// One of its cards is wrong: what it lacks is not said on top.
+    pub(super) spoiled: bool,
 }
 
 pub(super) fn card(raw: &mut Raw, card: &Card, faults: &mut Vec<Fault>) {
@@ -39,7 +41,9 @@ pub(super) fn card(raw: &mut Raw, card: &Card, faults: &mut Vec<Fault>) {
             card.only(&["ABSOLUTEZERO", "STEFANBOLTZMANN", "NEWTONGRAVITY"], faults);
             Ok(())
         }
-        _ => property(raw, card, faults),
+        _ => property(raw, card, faults).inspect_err(|_| {
+            raw.solids.last_mut().into_iter().for_each(|solid| solid.spoiled = true);
+        }),
     };
     faults.extend(done.err());
 }
@@ -59,6 +63,7 @@ fn material(raw: &mut Raw, card: &Card, faults: &mut Vec<Fault>) -> Result<(), F
         conductivity: None,
         specific_heat: None,
         density: None,
+        spoiled: false,
     });
     Ok(())
 }

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use super::super::Fault;
 use super::super::card::Place;
+use super::super::load::Where;
 use super::super::raw::Raw;
 use super::names::Names;
 use super::whole;
@@ -45,38 +46,31 @@ pub(super) fn load(path: &Path, raw: &Raw, names: &Names<'_>, faults: &mut Vec<F
         held: Vec::new(),
     };
     let mut once = Once::default();
-    for (target, side, sink, coefficient, place) in &step.films {
-        for element in names.elements(target, place, faults) {
-            let face = Face { element, side: *side };
-            let id = names.mesh.elements[element].id;
-            outside(&outer, face, id, "F", place, faults);
-            once.check(
-                (0, element, *side),
-                || format!("side F{} of element {id} has a film", side + 1),
-                place,
-                faults,
-            );
+    for (at, sink, coefficient, place) in &step.films {
+        for face in faces(at, "F", names, &outer, place, faults) {
+            let id = names.mesh.elements[face.element].id;
+            let what = || format!("side F{} of element {id} has a film", face.side + 1);
+            once.check((0, face.element, face.side), what, place, faults);
             load.films.push(Film { face, sink: *sink, coefficient: *coefficient });
         }
     }
-    for (target, side, heat, place) in &step.fluxes {
-        for element in names.elements(target, place, faults) {
-            let id = names.mesh.elements[element].id;
-            let what = || format!("element {id} has this flux");
-            once.check((1, element, side.map_or(9, |side| side)), what, place, faults);
-            load.fluxes.push(match side {
-                None => Flux::Volume(element, *heat),
-                Some(side) => {
-                    let face = Face { element, side: *side };
-                    outside(&outer, face, id, "S", place, faults);
-                    Flux::Face(face, *heat)
-                }
-            });
+    for (at, heat, place) in &step.fluxes {
+        let twice = |element: usize| format!("element {} has this flux", names.mesh.elements[element].id);
+        if let Where::Volume(target) = at {
+            for element in names.elements(target, place, faults) {
+                once.check((1, element, 0), || twice(element), place, faults);
+                load.fluxes.push(Flux::Volume(element, *heat));
+            }
+            continue;
+        }
+        for face in faces(at, "S", names, &outer, place, faults) {
+            once.check((2, face.element, face.side), || twice(face.element), place, faults);
+            load.fluxes.push(Flux::Face(face, *heat));
         }
     }
     for (target, heat, place) in &step.nodal {
         for node in names.nodes(target, place, faults) {
-            once.check((2, node, 0), || format!("node {} has a flux", names.mesh.nodes[node]), place, faults);
+            once.check((3, node, 0), || format!("node {} has a flux", names.mesh.nodes[node]), place, faults);
             load.nodal.push((node, *heat));
         }
     }
@@ -112,13 +106,31 @@ impl Once {
     }
 }
 
-fn outside(outer: &HashSet<Face>, face: Face, id: u32, letter: &str, place: &Place, faults: &mut Vec<Fault>) {
-    if !outer.contains(&face) {
+/// The outer faces that are meant.
+fn faces(
+    at: &Where,
+    letter: &str,
+    names: &Names<'_>,
+    outer: &HashSet<Face>,
+    place: &Place,
+    faults: &mut Vec<Fault>,
+) -> Vec<Face> {
+    let faces = match at {
+        Where::Surface(target) => names.surface(target, place, faults),
+        Where::Side(target, side) => {
+            let elements = names.elements(target, place, faults).into_iter();
+            elements.map(|element| Face { element, side: *side }).collect()
+        }
+        Where::Volume(_) => Vec::new(),
+    };
+    for face in faces.iter().filter(|face| !outer.contains(face)) {
+        let id = names.mesh.elements[face.element].id;
         faults.push(place.fault(format!(
             "side {letter}{} of element {id} lies inside the structure, between two elements",
             face.side + 1
         )));
     }
+    faces
 }
 
 fn initial(path: &Path, raw: &Raw, names: &Names<'_>, faults: &mut Vec<Fault>) -> Option<Vec<f64>> {

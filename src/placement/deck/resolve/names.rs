@@ -5,12 +5,14 @@ use std::collections::{BTreeMap, HashMap};
 use super::super::Fault;
 use super::super::card::Place;
 use super::super::raw::Target;
-use crate::placement::mesh::{Mesh, NodeId};
+use crate::placement::mesh::{Face, Mesh, NodeId};
 
 /// Where names are looked up.
 pub(super) struct Names<'a> {
     pub(super) mesh: &'a Mesh,
     pub(super) elements: &'a HashMap<u32, usize>,
+    /// Outer faces by the name of their surface.
+    pub(super) surfaces: &'a BTreeMap<String, Vec<Face>>,
 }
 
 impl Names<'_> {
@@ -35,9 +37,20 @@ impl Names<'_> {
             Vec::new()
         })
     }
+
+    pub(super) fn surface(&self, target: &Target, place: &Place, faults: &mut Vec<Fault>) -> Vec<Face> {
+        let found = match target {
+            Target::Id(_) => None,
+            Target::Set(name) => self.surfaces.get(name),
+        };
+        found.cloned().unwrap_or_else(|| {
+            faults.push(place.fault(unknown(target, "surface", self.surfaces)));
+            Vec::new()
+        })
+    }
 }
 
-fn unknown(target: &Target, what: &str, sets: &BTreeMap<String, Vec<usize>>) -> String {
+fn unknown<T>(target: &Target, what: &str, sets: &BTreeMap<String, T>) -> String {
     let name = match target {
         Target::Id(id) => return format!("{what} {id} is not defined"),
         Target::Set(name) => name,

@@ -46,7 +46,7 @@ pub(super) fn materials(raw: &Raw, names: &Names<'_>, faults: &mut Vec<Fault>) -
         if transient && stores.is_none() {
             lacks.push("*SPECIFIC HEAT and *DENSITY (a transient step needs both)");
         }
-        if !lacks.is_empty() && of_element.contains(&Some(number)) {
+        if !lacks.is_empty() && !solid.spoiled && of_element.contains(&Some(number)) {
             faults.push(solid.place.fault(format!("{} has no {}", solid.name, lacks.join(", no "))));
         }
         let (young, poisson) = solid.elastic.unwrap_or_default();
