@@ -54,3 +54,6 @@ pub fn central(problem: &Problem, xyz: &[[f64; 3]]) -> Vec<usize> {
     };
     problem.blocks.iter().map(central).collect()
 }
+
+#[cfg(test)]
+mod tests;

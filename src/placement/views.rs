@@ -180,3 +180,6 @@ pub fn outside(mesh: &Mesh, fixed: &[usize]) -> Vec<bool> {
     }
     outside
 }
+
+#[cfg(test)]
+mod tests;
