@@ -24,3 +24,6 @@ mod element;
 mod graph;
 mod restraint;
 mod system;
+
+#[cfg(test)]
+mod samples;

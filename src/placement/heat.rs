@@ -279,3 +279,6 @@ fn whole(count: f64) -> usize {
 fn float(count: usize) -> f64 {
     count as f64
 }
+
+#[cfg(test)]
+mod tests;
