@@ -3,9 +3,9 @@
 use faer::{ColMut, Mat};
 
 use super::body::{Case, Flux, LoadCase, Materials, Progress};
-use super::element::{CAPACITY_RULE, Point, dot, face_points, point, shapes};
+use super::element::{dot, face_points};
 use super::graph::Graph;
-use super::mesh::{Face, Kind, Mesh, NodeId};
+use super::mesh::{Face, Mesh, NodeId};
 use super::structure::{for_each_element, for_each_point};
 use super::system::{Factor, System};
 
@@ -223,20 +223,21 @@ fn add_capacity(
     system: &mut System<1>,
     to_held: &mut Coupling,
 ) -> Result<(), HeatError> {
-    let rules = [Kind::Tet4, Kind::Tet10].map(|kind| shapes(kind, CAPACITY_RULE));
-    for (place, element) in mesh.elements.iter().enumerate() {
-        let material = materials.of(place);
-        let capacity = material.capacity.ok_or_else(|| HeatError::NoCapacity(material.name.clone()))?;
-        let xyz = mesh.corners(element);
-        let rule = &rules[usize::from(element.kind == Kind::Tet10)];
-        let points: Vec<Point> = rule.iter().map(|(shape, weight)| point(shape, *weight, &xyz)).collect();
+    if let Some(without) =
+        materials.of_element.iter().map(|at| &materials.list[*at]).find(|it| it.capacity.is_none())
+    {
+        return Err(HeatError::NoCapacity(without.name.clone()));
+    }
+    for_each_element(mesh, |place, points| {
+        let capacity = materials.of(place).capacity.unwrap_or_default();
+        let element = &mesh.elements[place];
         for (a, node) in element.nodes.iter().enumerate() {
             for (b, other) in element.nodes.iter().enumerate() {
                 let stored = points.iter().map(|at| at.volume * at.value[a] * at.value[b]);
                 add(system, to_held, *node, *other, capacity * stored.sum::<f64>());
             }
         }
-    }
+    });
     Ok(())
 }
 

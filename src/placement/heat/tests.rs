@@ -2,7 +2,7 @@ use nalgebra::DMatrix;
 
 use super::*;
 use crate::placement::body::{Film, SILENT};
-use crate::placement::element::dot;
+use crate::placement::mesh::Kind;
 use crate::placement::samples::{SIZE, at, block, calm, iron, on_surface};
 
 fn rises(mesh: &Mesh, load: &LoadCase) -> Vec<f64> {
