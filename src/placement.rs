@@ -3,6 +3,10 @@
 //! ```text
 //! deck ── mesh ──┬── heat ──────── temperatures of each load case
 //! (file, words)  └── structure ─── displacements, and the sensitivity of the guideway to every node
+//!
+//! blocks ──┬── problem ── methods ── found ──┬── report    pictures
+//! (sets,   │   (P, δ1)   (nodes)   (errors)  └── written   P and the model's block for a profile
+//!  cuts)   └── one temperature each
 //! ```
 //!
 //! # Units
@@ -11,17 +15,26 @@
 //! W/(m·K)), film coefficients in mW/(mm²·K), surface fluxes in mW/mm², nodal fluxes in mW, temperatures in °C.
 //! A number alone does not tell its unit; the reader refuses moduli and expansions that only fit another system.
 
+pub mod blocks;
 pub mod body;
 pub mod ccx;
 pub mod column;
 pub mod deck;
+pub mod found;
 pub mod heat;
+pub mod layout;
 pub mod mesh;
+pub mod methods;
+pub mod problem;
+pub mod report;
 pub mod structure;
+pub mod views;
 pub mod write;
+pub mod written;
 
 mod element;
 mod graph;
+mod parallel;
 mod restraint;
 mod system;
 
