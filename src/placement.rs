@@ -37,3 +37,6 @@ mod graph;
 mod parallel;
 mod restraint;
 mod system;
+
+#[cfg(test)]
+mod samples;

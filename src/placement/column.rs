@@ -69,15 +69,11 @@ impl Column {
     /// About 6,000 nodes at 80 mm and 26,000 at 40 mm for quadratic elements.
     #[must_use]
     pub fn new(cell: f64, kind: Kind) -> Self {
-        let grid = Grid::new(cell);
-        let mut mesh = Mesh { elements: grid.tetrahedra(), ..Mesh::default() };
-        let mut xyz = grid.corners();
-        if kind == Kind::Tet10 {
-            add_middles(&mut mesh.elements, &mut xyz);
-        }
-        keep_used(&mut mesh.elements, &mut xyz);
-        mesh.nodes = (1..=u32::try_from(xyz.len()).unwrap_or(u32::MAX)).map(NodeId).collect();
-        mesh.xyz = xyz;
+        let size = [WIDTH, HEIGHT, DEPTH];
+        let cells = size.map(|length| count(length / cell));
+        let grid = Grid { cells, size, origin: [-WIDTH / 2.0, 0.0, -DEPTH / 2.0] };
+        let wall = WALL.max(cell);
+        let mut mesh = grid.mesh(kind, |at| iron(at, wall), |at| at);
         mesh.node_sets = node_sets(&mesh);
         mesh.element_sets = BTreeMap::from([("ALL".to_owned(), (0..mesh.elements.len()).collect())]);
         let iron = Material {
@@ -133,19 +129,40 @@ impl Column {
     }
 }
 
-/// A box of cells, some of which are there.
-struct Grid {
-    cells: [usize; 3],
-    size: [f64; 3],
-    wall: f64,
+/// Whether there is iron: four walls, foot, top, a floor at half height with a hole, and a middle wall in the lower half.
+fn iron([x, y, z]: [f64; 3], wall: f64) -> bool {
+    let near = |at: f64, edge: f64| at > edge - wall;
+    let shell = near(x.abs(), WIDTH / 2.0) || near(z.abs(), DEPTH / 2.0) || y < wall || near(y, HEIGHT);
+    let floor = (y - 750.0).abs() < wall / 2.0 && (x.abs() > 140.0 || z.abs() > 100.0);
+    let middle = x.abs() < wall / 2.0 + 0.01 && y < 750.0;
+    shell || floor || middle
+}
+
+/// A box of cells.
+pub(super) struct Grid {
+    pub(super) cells: [usize; 3],
+    pub(super) size: [f64; 3],
+    pub(super) origin: [f64; 3],
 }
 
 impl Grid {
-    fn new(cell: f64) -> Self {
-        let whole = [WIDTH, HEIGHT, DEPTH];
-        let cells = whole.map(|length| count(length / cell));
-        let size = [0, 1, 2].map(|axis| whole[axis] / float(cells[axis]));
-        Self { cells, size, wall: WALL.max(cell) }
+    /// The cells whose middles are `kept`, as tetrahedra; `moved` gives corners their place.
+    pub(super) fn mesh(
+        &self,
+        kind: Kind,
+        kept: impl Fn([f64; 3]) -> bool,
+        moved: impl Fn([f64; 3]) -> [f64; 3],
+    ) -> Mesh {
+        let mut elements = self.tetrahedra(kept);
+        let [nx, ny, nz] = self.cells;
+        let each = (0..=nz).flat_map(move |k| (0..=ny).flat_map(move |j| (0..=nx).map(move |i| [i, j, k])));
+        let mut xyz: Vec<[f64; 3]> = each.map(|at| moved(self.place(at.map(float)))).collect();
+        if kind == Kind::Tet10 {
+            add_middles(&mut elements, &mut xyz);
+        }
+        keep_used(&mut elements, &mut xyz);
+        let nodes = (1..=u32::try_from(xyz.len()).unwrap_or(u32::MAX)).map(NodeId).collect();
+        Mesh { nodes, xyz, elements, ..Mesh::default() }
     }
 
     fn corner(&self, [i, j, k]: [usize; 3]) -> usize {
@@ -153,33 +170,16 @@ impl Grid {
     }
 
     fn place(&self, at: [f64; 3]) -> [f64; 3] {
-        [at[0] * self.size[0] - WIDTH / 2.0, at[1] * self.size[1], at[2] * self.size[2] - DEPTH / 2.0]
+        [0, 1, 2].map(|axis| self.origin[axis] + at[axis] * self.size[axis] / float(self.cells[axis]))
     }
 
-    fn corners(&self) -> Vec<[f64; 3]> {
-        let [nx, ny, nz] = self.cells;
-        let each = (0..=nz).flat_map(move |k| (0..=ny).flat_map(move |j| (0..=nx).map(move |i| [i, j, k])));
-        each.map(|at| self.place(at.map(float))).collect()
-    }
-
-    /// Whether there is iron in the middle of a cell: four walls, foot, top, a floor at half height with a hole, and a
-    /// middle wall in the lower half.
-    fn iron(&self, [x, y, z]: [f64; 3]) -> bool {
-        let near = |at: f64, edge: f64| at > edge - self.wall;
-        let shell =
-            near(x.abs(), WIDTH / 2.0) || near(z.abs(), DEPTH / 2.0) || y < self.wall || near(y, HEIGHT);
-        let floor = (y - 750.0).abs() < self.wall / 2.0 && (x.abs() > 140.0 || z.abs() > 100.0);
-        let middle = x.abs() < self.wall / 2.0 + 0.01 && y < 750.0;
-        shell || floor || middle
-    }
-
-    fn tetrahedra(&self) -> Vec<Element> {
+    fn tetrahedra(&self, kept: impl Fn([f64; 3]) -> bool) -> Vec<Element> {
         // The six paths along three edges from one corner of a cell to the opposite one.
         const PATHS: [[usize; 3]; 6] = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]];
         let [nx, ny, nz] = self.cells;
         let mut elements = Vec::new();
         for cell in (0..nz).flat_map(|k| (0..ny).flat_map(move |j| (0..nx).map(move |i| [i, j, k]))) {
-            if !self.iron(self.place(cell.map(|at| float(at) + 0.5))) {
+            if !kept(self.place(cell.map(|at| float(at) + 0.5))) {
                 continue;
             }
             for (path, axes) in PATHS.into_iter().enumerate() {

@@ -38,17 +38,14 @@ const FOUR: [Gauss; 4] = [
     ([NEAR, NEAR, FAR], 1.0 / 24.0),
 ];
 
-/// Points at which stiffness, conduction and thermal expansion are integrated.
+/// Points at which everything in the volume is integrated. For heat capacity they are few, but they are what the referee
+/// takes, and the heat that is stored stays exact.
 pub(super) const fn stiffness_rule(kind: Kind) -> &'static [Gauss] {
     match kind {
         Kind::Tet4 => &ONE,
         Kind::Tet10 => &FOUR,
     }
 }
-
-/// Points at which heat capacity is integrated. Four are few for the product of two quadratic functions, but they are
-/// what the referee takes, and the mass stays exact.
-pub(super) const CAPACITY_RULE: &[Gauss] = &FOUR;
 
 /// Corners of the edges in whose middle the nodes 5 to 10 lie.
 pub(super) const EDGES: [[usize; 2]; 6] = [[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]];

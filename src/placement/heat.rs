@@ -3,9 +3,9 @@
 use faer::{ColMut, Mat};
 
 use super::body::{Case, Flux, LoadCase, Materials, Progress};
-use super::element::{CAPACITY_RULE, Point, dot, face_points, point, shapes};
+use super::element::{dot, face_points};
 use super::graph::Graph;
-use super::mesh::{Face, Kind, Mesh, NodeId};
+use super::mesh::{Face, Mesh, NodeId};
 use super::structure::{for_each_element, for_each_point};
 use super::system::{Factor, System};
 
@@ -51,7 +51,7 @@ struct Heat {
     /// Conduction and films, mW/K.
     conduction: System<1>,
     /// Heat capacity, mJ/K; empty in a steady case.
-    capacity: Option<(System<1>, Coupling)>,
+    capacity: Option<System<1>>,
     to_held: Coupling,
     /// Heat that enters at each free node, mW.
     enters: Vec<f64>,
@@ -72,9 +72,8 @@ impl Heat {
         let mut capacity = None;
         if load.case != Case::Steady {
             let mut system = System::<1>::new(&graph, &mesh.xyz, &is_held);
-            let mut coupling = Coupling::new();
-            add_capacity(mesh, materials, &mut system, &mut coupling)?;
-            capacity = Some((system, coupling));
+            add_capacity(mesh, materials, &mut system)?;
+            capacity = Some(system);
         }
         let mut to_held = Coupling::new();
         for_each_element(mesh, |element, points| {
@@ -125,7 +124,7 @@ impl Heat {
         period: f64,
         progress: Progress<'_>,
     ) -> Result<Vec<f64>, HeatError> {
-        let Some((capacity, capacity_to_held)) = &self.capacity else { return Err(HeatError::Singular) };
+        let Some(capacity) = &self.capacity else { return Err(HeatError::Singular) };
         let mut reached = load.initial.clone();
         let mut steps = vec![step; whole(period / step)];
         let rest = period - step * float(steps.len());
@@ -141,7 +140,7 @@ impl Heat {
             }
             let Some((_, factor)) = &factored else { return Err(HeatError::Singular) };
             let mut side = Mat::<f64>::zeros(self.enters.len(), 1);
-            self.side(side.col_mut(0), &reached, *length, capacity, capacity_to_held);
+            self.side(side.col_mut(0), &reached, *length, capacity);
             factor.solve(side.as_mut());
             reached = spread(factor, &self.held, side.col(0).iter());
         }
@@ -149,24 +148,15 @@ impl Heat {
         Ok(reached)
     }
 
-    /// What enters, what the capacity brings from the step before, what the held nodes conduct.
-    fn side(
-        &self,
-        mut side: ColMut<'_, f64>,
-        before: &[f64],
-        length: f64,
-        capacity: &System<1>,
-        capacity_to_held: &Coupling,
-    ) {
+    /// What enters, what the capacity brings from the step before, what the held nodes conduct. Those are held from the
+    /// very beginning: they bring no heat of their own from the initial temperature.
+    fn side(&self, mut side: ColMut<'_, f64>, before: &[f64], length: f64, capacity: &System<1>) {
         let brought = capacity.times(before);
         for row in 0..self.enters.len() {
             side[row] = self.enters[row] + brought[row] / length;
         }
         for (row, node, value) in &self.to_held {
             side[*row] -= value * self.held[*node].unwrap_or_default();
-        }
-        for (row, node, value) in capacity_to_held {
-            side[*row] -= value * (self.held[*node].unwrap_or_default() - before[*node]) / length;
         }
     }
 }
@@ -217,26 +207,24 @@ fn add_fluxes(mesh: &Mesh, load: &LoadCase, system: &System<1>, enters: &mut [f6
     });
 }
 
-fn add_capacity(
-    mesh: &Mesh,
-    materials: &Materials,
-    system: &mut System<1>,
-    to_held: &mut Coupling,
-) -> Result<(), HeatError> {
-    let rules = [Kind::Tet4, Kind::Tet10].map(|kind| shapes(kind, CAPACITY_RULE));
-    for (place, element) in mesh.elements.iter().enumerate() {
-        let material = materials.of(place);
-        let capacity = material.capacity.ok_or_else(|| HeatError::NoCapacity(material.name.clone()))?;
-        let xyz = mesh.corners(element);
-        let rule = &rules[usize::from(element.kind == Kind::Tet10)];
-        let points: Vec<Point> = rule.iter().map(|(shape, weight)| point(shape, *weight, &xyz)).collect();
+fn add_capacity(mesh: &Mesh, materials: &Materials, system: &mut System<1>) -> Result<(), HeatError> {
+    if let Some(without) =
+        materials.of_element.iter().map(|at| &materials.list[*at]).find(|it| it.capacity.is_none())
+    {
+        return Err(HeatError::NoCapacity(without.name.clone()));
+    }
+    for_each_element(mesh, |place, points| {
+        let capacity = materials.of(place).capacity.unwrap_or_default();
+        let element = &mesh.elements[place];
         for (a, node) in element.nodes.iter().enumerate() {
             for (b, other) in element.nodes.iter().enumerate() {
                 let stored = points.iter().map(|at| at.volume * at.value[a] * at.value[b]);
-                add(system, to_held, *node, *other, capacity * stored.sum::<f64>());
+                if let (Some(row), Some(column)) = (system.free[*node], system.free[*other]) {
+                    system.add(row, column, &[[capacity * stored.sum::<f64>()]]);
+                }
             }
         }
-    }
+    });
     Ok(())
 }
 
@@ -279,3 +267,6 @@ fn whole(count: f64) -> usize {
 fn float(count: usize) -> f64 {
     count as f64
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,34 +1,40 @@
-//! Whether fixed nodes hold a structure: its rigid-body modes, part by part.
+//! Whether supports hold a structure: its rigid-body modes, part by part.
 
 use std::collections::HashMap;
 
-use super::element::{cross, dot};
+use nalgebra::{SMatrix, SVector};
+
+use super::element::cross;
 use super::mesh::Mesh;
 use super::structure::StructureError;
 
-/// Refuses fixed nodes that leave a part free to move.
+/// For each node the directions x, y, z in which it cannot move.
+pub(super) type Held = Vec<[bool; 3]>;
+
+const FREE: [bool; 3] = [false; 3];
+
+/// Refuses supports that leave a part free to move.
 ///
 /// Parts are joined by common faces. One that hangs on another by three nodes that are not on one line is held by it;
 /// by an edge or a single node it is hinged.
-pub(super) fn holds(mesh: &Mesh, fixed: &[usize]) -> Result<(), StructureError> {
-    if fixed.is_empty() {
+pub(super) fn holds(mesh: &Mesh, supports: &[[bool; 3]]) -> Result<(), StructureError> {
+    if supports.iter().all(|held| *held == FREE) {
         return Err(StructureError::NothingFixed);
     }
-    let mut held = vec![false; mesh.nodes.len()];
-    fixed.iter().for_each(|node| held[*node] = true);
+    let mut held: Held = supports.to_vec();
     let mut loose = parts(mesh);
     loop {
         let before = loose.len();
         loose.retain(|nodes| {
             let still = motion(mesh, nodes, &held);
             if still.is_none() {
-                nodes.iter().for_each(|node| held[*node] = true);
+                nodes.iter().for_each(|node| held[*node] = [true; 3]);
             }
             still.is_some()
         });
         let Some(nodes) = loose.first() else { return Ok(()) };
         if loose.len() == before {
-            let motion = motion(mesh, nodes, &held).unwrap_or("move");
+            let motion = motion(mesh, nodes, &held).unwrap_or_default();
             return Err(StructureError::Loose { node: mesh.nodes[nodes[0]], nodes: nodes.len(), motion });
         }
     }
@@ -66,20 +72,46 @@ fn lead(leader: &mut [usize], mut of: usize) -> usize {
     of
 }
 
-/// How a part can still move, if it can.
-fn motion(mesh: &Mesh, nodes: &[usize], held: &[bool]) -> Option<&'static str> {
-    let mut fixed = nodes.iter().filter(|node| held[**node]).map(|node| mesh.xyz[*node]);
-    let Some(first) = fixed.next() else { return Some("move and turn in every direction") };
-    let arms: Vec<[f64; 3]> =
-        fixed.map(|place| [place[0] - first[0], place[1] - first[1], place[2] - first[2]]).collect();
-    let Some(longest) = arms.iter().max_by(|a, b| dot(**a, **a).total_cmp(&dot(**b, **b))) else {
-        return Some("turn about one node");
-    };
-    // A millionth of the length: where rounding of coordinates alone would hold the part.
-    let least = 1e-12 * dot(*longest, *longest).powi(2);
-    let spans = |arm: &[f64; 3]| {
-        let normal = cross(*longest, *arm);
-        dot(normal, normal) > least
-    };
-    if arms.iter().any(spans) { None } else { Some("turn about the line through its fixed nodes") }
+/// Below this share of the stiffest mode a mode is not held: rounding of coordinates alone must not hold it, and a
+/// support a thousandth of the part's size apart still does.
+const NOT_HELD: f64 = 1e-9;
+
+/// How a part can still move, if it can: the rigid-body mode that its supports feel least.
+fn motion(mesh: &Mesh, nodes: &[usize], held: &[[bool; 3]]) -> Option<String> {
+    let count = f64::from(u32::try_from(nodes.len()).unwrap_or(u32::MAX));
+    let sum = nodes.iter().fold([0.0; 3], |sum, node| add(sum, mesh.xyz[*node]));
+    let middle = sum.map(|sum| sum / count);
+    let arm = |node: usize| [0, 1, 2].map(|axis| mesh.xyz[node][axis] - middle[axis]);
+    let reach = nodes.iter().flat_map(|node| arm(*node)).fold(0.0, |most: f64, arm| most.max(arm.abs()));
+    // What the supports feel of three translations and of three rotations that move the farthest node as far.
+    let mut felt = SMatrix::<f64, 6, 6>::zeros();
+    let mut supports = 0;
+    for node in nodes {
+        let turns = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|axis| cross(axis, arm(*node)));
+        for (axis, _) in held[*node].iter().enumerate().filter(|(_, held)| **held) {
+            supports += 1;
+            let mut row = SVector::<f64, 6>::zeros();
+            row[axis] = 1.0;
+            (0..3).for_each(|turn| row[3 + turn] = turns[turn][axis] / reach);
+            felt += row * row.transpose();
+        }
+    }
+    if supports == 0 {
+        return Some("move and turn in every direction".to_owned());
+    }
+    let modes = felt.symmetric_eigen();
+    let least = modes.eigenvalues.imin();
+    if modes.eigenvalues[least] > NOT_HELD * modes.eigenvalues.max() {
+        return None;
+    }
+    let mode: Vec<f64> = modes.eigenvectors.column(least).iter().map(|part| part.abs()).collect();
+    let turns = mode[3..].iter().any(|part| *part > 0.1);
+    let (shown, verb) =
+        if turns { (&mode[3..], "turn about a line along") } else { (&mode[..3], "move along") };
+    let most = (0..3).max_by(|a, b| shown[*a].total_cmp(&shown[*b])).unwrap_or_default();
+    Some(format!("{verb} {}", ["x", "y", "z"][most]))
+}
+
+fn add(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }

@@ -17,8 +17,8 @@ pub enum StructureError {
     NothingFixed,
     /// Rigid-body modes remain.
     #[error(
-        "the fixed nodes do not hold the part with node {node} ({nodes} nodes): it can still {motion}; fix at least \
-         three of its nodes that are not on one line, or join the parts of the mesh at common faces"
+        "the supports do not hold the part with node {node} ({nodes} nodes): it can still {motion}; fix at least three of \
+         its nodes that are not on one line, or join the parts of the mesh at common faces"
     )]
     Loose {
         /// A node of the part.
@@ -26,7 +26,7 @@ pub enum StructureError {
         /// How many nodes the part has.
         nodes: usize,
         /// How it can move.
-        motion: &'static str,
+        motion: String,
     },
     /// The stiffness has no inverse all the same.
     #[error(
@@ -40,6 +40,8 @@ pub struct Structure<'a> {
     mesh: &'a Mesh,
     materials: &'a Materials,
     factor: Factor<3>,
+    /// Rows of free nodes that are held in some direction only.
+    pinned: Vec<usize>,
 }
 
 /// How guideway nodes move per kelvin of each node of the structure.
@@ -88,9 +90,24 @@ impl<'a> Structure<'a> {
         fixed: &[usize],
         progress: Progress<'_>,
     ) -> Result<Self, StructureError> {
-        restraint::holds(mesh, fixed)?;
-        let mut held = vec![false; mesh.nodes.len()];
-        fixed.iter().for_each(|node| held[*node] = true);
+        let mut held = vec![[false; 3]; mesh.nodes.len()];
+        fixed.iter().for_each(|node| held[*node] = [true; 3]);
+        Self::supported(mesh, materials, &held, progress)
+    }
+
+    /// The same for a body that is held at each node in the directions x, y, z that are true there: on three supports
+    /// that hold six directions in all it expands without stress.
+    ///
+    /// # Errors
+    /// Where the body can move as a rigid one.
+    pub fn supported(
+        mesh: &'a Mesh,
+        materials: &'a Materials,
+        supports: &[[bool; 3]],
+        progress: Progress<'_>,
+    ) -> Result<Self, StructureError> {
+        restraint::holds(mesh, supports)?;
+        let held: Vec<bool> = supports.iter().map(|held| *held == [true; 3]).collect();
         progress("stiffness", 0, 2);
         let mut system = System::<3>::new(&Graph::of(mesh), &mesh.xyz, &held);
         for_each_element(mesh, |element, points| {
@@ -117,10 +134,15 @@ impl<'a> Structure<'a> {
                 }
             }
         });
+        let numbered = system.free.iter().zip(supports).filter_map(|(free, held)| Some((3 * (*free)?, held)));
+        let pinned =
+            numbered.flat_map(|(row, held)| (0..3).filter(|axis| held[*axis]).map(move |axis| row + axis));
+        let pinned: Vec<usize> = pinned.collect();
+        system.pin(&pinned);
         progress("stiffness", 1, 2);
         let factor = system.factor().ok_or(StructureError::Singular)?;
         progress("stiffness", 2, 2);
-        Ok(Self { mesh, materials, factor })
+        Ok(Self { mesh, materials, factor, pinned })
     }
 
     /// Displacements in mm of every node under rises in K of every node; one field for each of `rises`.
@@ -140,7 +162,7 @@ impl<'a> Structure<'a> {
                 }
             }
         });
-        self.factor.solve(forces.as_mut());
+        self.solve(&mut forces);
         let at = |case, node: Option<usize>| match node {
             Some(number) => [0, 1, 2].map(|axis| forces[(3 * number + axis, case)]),
             None => [0.0; 3],
@@ -164,11 +186,18 @@ impl<'a> Structure<'a> {
                     sides[(3 * number + row % 3, row - begin)] = 1.0;
                 }
             }
-            self.factor.solve(sides.as_mut());
+            self.solve(&mut sides);
             self.gather(&sides, &mut values[begin * columns..end * columns]);
         }
         progress("guideway", rows, rows);
         Adjoint { rows, columns, values }
+    }
+
+    fn solve(&self, sides: &mut Mat<f64>) {
+        for column in 0..sides.ncols() {
+            self.pinned.iter().for_each(|row| sides[(*row, column)] = 0.0);
+        }
+        self.factor.solve(sides.as_mut());
     }
 
     /// The work of the thermal expansion of each node on each adjoint displacement.
@@ -237,3 +266,6 @@ pub(super) fn for_each_point(mesh: &Mesh, mut visit: impl FnMut(usize, &Point, u
         points.iter().for_each(|point| visit(element, point, count));
     });
 }
+
+#[cfg(test)]
+mod tests;

@@ -77,6 +77,23 @@ impl<const WIDTH: usize> System<WIDTH> {
         }
     }
 
+    /// Makes the unknowns of these rows nothing, whatever the right-hand side of the others.
+    pub(super) fn pin(&mut self, rows: &[usize]) {
+        if rows.is_empty() {
+            return;
+        }
+        let mut pinned = vec![false; self.size()];
+        rows.iter().for_each(|row| pinned[*row] = true);
+        for column in 0..self.size() {
+            for entry in self.start[column]..self.start[column + 1] {
+                let row = self.rows[entry];
+                if row != column && (pinned[row] || pinned[column]) {
+                    self.values[entry] = 0.0;
+                }
+            }
+        }
+    }
+
     /// Rows of a right-hand side.
     pub(super) fn size(&self) -> usize {
         WIDTH * self.order.len()

@@ -144,7 +144,9 @@ fn initial(path: &Path, raw: &Raw, names: &Names<'_>, faults: &mut Vec<Fault>) -
             }
         }
     }
-    if let Some(node) = initial.iter().position(Option::is_none) {
+    // A line of the card that is wrong has been told; what it leaves out is not missed on top.
+    let told = faults.iter().any(|fault| fault.card == "*INITIAL CONDITIONS");
+    if let Some(node) = initial.iter().position(Option::is_none).filter(|_| !told) {
         let node = names.mesh.nodes[node];
         let message = format!(
             "node {node} has no initial temperature: write *INITIAL CONDITIONS, TYPE=TEMPERATURE for all nodes before \
