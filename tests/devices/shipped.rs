@@ -21,6 +21,22 @@ fn every_file_of_the_directory_is_part_of_the_program() {
 }
 
 #[test]
+fn every_dbc_file_of_the_directory_belongs_to_a_template() {
+    let directory = concat!(env!("CARGO_MANIFEST_DIR"), "/profiles/devices");
+    let read = |name: &str| std::fs::read_to_string(format!("{directory}/{name}.toml")).unwrap();
+    let named: Vec<String> = template::names().map(read).collect();
+    let mut found = 0;
+    for entry in std::fs::read_dir(directory).unwrap() {
+        let name = entry.unwrap().file_name().to_str().unwrap().to_owned();
+        if name.ends_with(".dbc") {
+            found += 1;
+            assert!(named.iter().any(|text| text.contains(&format!("\"{name}\""))), "nobody names {name}");
+        }
+    }
+    assert_eq!(found, 1);
+}
+
+#[test]
 fn every_shipped_template_can_be_read_and_names_its_source() {
     for name in template::names() {
         let device = format!("template = \"{name}\"");

@@ -17,6 +17,8 @@ fn one_number_names_one_node_and_one_identifier_one_sender() {
         "device.encoder.node",
         &["node 5 of this line already", &there("node      = 5")],
     );
+    let sync = "every = \"100ms\", cob_id = 0x285 }";
+    wrong("every = \"100ms\" }", sync, "bus.field.sync.cob_id", &["0x285 is TPDO2 of node 5", "0x80"]);
     wrong("cob_id = 0x185", "cob_id = 0x18C", "signal.column.pdo.cob_id", &["TPDO1 of node 12, `display`"]);
     wrong("cob_id = 0x185", "cob_id = 0x80", "signal.column.pdo.cob_id", &["the SYNC of this line"]);
     wrong(
