@@ -35,7 +35,8 @@ pub(crate) fn wrong(from: &str, to: &str, key: &str, words: &[&str]) {
 }
 
 pub(crate) fn device<'a>(loaded: &'a Loaded, name: &str) -> &'a Device {
-    loaded.profile.devices.iter().find(|device| device.name == name).unwrap()
+    let found = loaded.profile.devices.iter().find(|device| device.name == name);
+    found.unwrap_or_else(|| panic!("no {name}"))
 }
 
 #[test]
