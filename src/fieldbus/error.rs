@@ -53,6 +53,8 @@ pub enum LinkFault {
     Contested,
     /// TLS did not come about.
     Tls(TlsFault),
+    /// The CAN interface.
+    Can(CanFault),
     /// It is down, and not yet time to try again.
     Down,
 }
@@ -84,6 +86,25 @@ pub enum TlsFault {
     TurnedAway,
     /// It ended the handshake for another reason.
     Refused,
+}
+
+/// What is wrong with a CAN interface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum CanFault {
+    /// There is none of this name, or it has been taken away.
+    NoInterface,
+    /// It is another kind of interface.
+    NotCan,
+    /// This computer's kernel has no CAN.
+    NoKernel,
+    /// It may not be used by this user.
+    Forbidden,
+    /// It is down.
+    Down,
+    /// Its queue is full: nothing leaves it.
+    Full,
+    /// It does not carry CAN FD, or the frame is none that CAN can carry.
+    TooLong,
 }
 
 /// How an answer is wrong.
@@ -162,6 +183,7 @@ impl fmt::Display for Fault {
                  longer each time (quirks.close_after_each leaves room for both)"
             }
             Fault::Link(LinkFault::Tls(fault)) => fault.words(),
+            Fault::Link(LinkFault::Can(fault)) => fault.words(),
             Fault::Link(LinkFault::Down) => "no connection",
             Fault::Peer(PeerFault::Foreign) => "reply of another transaction or unit",
             Fault::Peer(PeerFault::Function) => "reply with another function code",
@@ -210,6 +232,22 @@ impl TlsFault {
                  another client?"
             }
             TlsFault::Refused => "the device ended the TLS handshake",
+        }
+    }
+}
+
+impl CanFault {
+    const fn words(self) -> &'static str {
+        match self {
+            CanFault::NoInterface => "no such interface: is the adapter plugged in? (`ip -details link` lists them)",
+            CanFault::NotCan => "no CAN interface",
+            CanFault::NoKernel => "this computer's kernel has no CAN: `modprobe can-raw` as root",
+            CanFault::Forbidden => "no permission for CAN",
+            CanFault::Down => "the interface is down: `ip link set … up` as root brings it up",
+            CanFault::Full => {
+                "the interface's queue is full: nobody on the bus acknowledges, or its txqueuelen is too small"
+            }
+            CanFault::TooLong => "a frame that the interface cannot carry: CAN FD wants its mtu to be 72",
         }
     }
 }
