@@ -83,7 +83,11 @@ fn open(wanted: &[CanMatch]) -> Socket {
 
 /// The next frame.
 async fn heard(socket: &Socket) -> Frame {
-    match tokio::time::timeout(PATIENCE, socket.hear()).await.expect("no frame for 20 s").unwrap() {
+    match tokio::time::timeout(PATIENCE, socket.hear())
+        .await
+        .unwrap_or_else(|_| panic!("no frame for 20 s"))
+        .unwrap()
+    {
         Heard::Frame(frame) => frame,
         Heard::Trouble(trouble) => panic!("a virtual interface has no trouble: {trouble:?}"),
     }
