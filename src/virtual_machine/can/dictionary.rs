@@ -76,6 +76,28 @@ impl Dictionary {
         self.objects.get(&at).map(|object| object.bytes.as_slice())
     }
 
+    /// What an object of at most eight bytes reads, as a number from zero.
+    pub fn number(&self, at: At) -> Option<u64> {
+        let bytes = self.get(at)?;
+        let mut eight = [0; 8];
+        eight.get_mut(..bytes.len())?.copy_from_slice(bytes);
+        Some(u64::from_le_bytes(eight))
+    }
+
+    /// Puts the objects of these indices back to what they are in another dictionary.
+    pub fn restore(&mut self, from: &Dictionary, indices: std::ops::Range<u16>) {
+        for (at, object) in from.objects.range((indices.start, 0)..(indices.end, 0)) {
+            self.objects.insert(*at, object.clone());
+        }
+    }
+
+    /// Lets SDO write an object that is there.
+    pub fn unlock(&mut self, at: At) {
+        if let Some(object) = self.objects.get_mut(&at) {
+            object.is_writable = true;
+        }
+    }
+
     fn missing(&self, at: At) -> u32 {
         let is_known = self.objects.range((at.0, 0)..=(at.0, u8::MAX)).next().is_some();
         if is_known { NO_SUB_INDEX } else { NO_OBJECT }
