@@ -118,6 +118,21 @@ impl Dictionary {
 }
 
 impl Server {
+    /// Whether a request is a part of writing something.
+    pub fn is_write(request: &[u8]) -> bool {
+        request.first().is_some_and(|command| matches!(command >> 5, 0 | 1))
+    }
+
+    /// What a request speaks of; a segment does not say.
+    pub fn names(request: &[u8]) -> Option<At> {
+        match request {
+            [command, low, high, sub, ..] if matches!(command >> 5, 1 | 2) => {
+                Some((u16::from_le_bytes([*low, *high]), *sub))
+            }
+            _ => None,
+        }
+    }
+
     /// Carries out one request; one that has not eight bytes is none.
     pub fn serve(&mut self, request: &[u8], objects: &mut Dictionary) -> Served {
         let Ok([command, low, high, sub, rest @ ..]) = <[u8; 8]>::try_from(request) else {

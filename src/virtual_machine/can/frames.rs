@@ -22,14 +22,14 @@ pub(in crate::virtual_machine) struct Taken {
     cells: Vec<Address>,
 }
 
-/// What a frame brought to a device that awaits it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// What a frame brings to a device.
+#[derive(Clone, Debug, PartialEq)]
 pub(in crate::virtual_machine) enum Delivery {
     /// Nothing of it is awaited here.
     Foreign,
-    /// Every value in it has been taken.
-    Taken,
-    /// It has too few bytes: nothing has been taken.
+    /// What is put where.
+    Taken(Vec<(Vec<Address>, Encoded)>),
+    /// It has too few bytes: nothing is taken.
     Short,
 }
 
@@ -111,28 +111,37 @@ impl Image {
     }
 }
 
-/// Puts what a frame brings into the bank. Gives the cells that were written.
-pub(in crate::virtual_machine) fn take(
-    taken: &[Taken],
-    frame: &Frame,
-    bank: &mut Bank,
-) -> (Delivery, Vec<Address>) {
-    let awaited = || taken.iter().filter(|value| value.field.frames.takes(frame.id()));
-    let read: Option<Vec<_>> = awaited()
+impl Taken {
+    /// Where it is in which frames.
+    pub(in crate::virtual_machine) const fn field(&self) -> &Field {
+        &self.field
+    }
+
+    /// The cell that follows when an object is written by which this is read again.
+    pub(in crate::virtual_machine) fn shown_at(&self, object: Address) -> Option<Address> {
+        self.cells.first().copied().filter(|_| self.cells.get(1) == Some(&object))
+    }
+}
+
+/// What a frame brings to a device that awaits these.
+pub(in crate::virtual_machine) fn delivered(taken: &[Taken], frame: &Frame) -> Delivery {
+    let awaited = taken.iter().filter(|value| value.field.frames.takes(frame.id()));
+    let read: Option<Vec<_>> = awaited
         .filter_map(|value| Some((value, value.field.read(frame.data())?)))
-        .map(|(value, words)| Some((value, words.ok()?)))
+        .map(|(value, words)| Some((value.cells.clone(), words.ok()?)))
         .collect();
     match read {
-        None => (Delivery::Short, Vec::new()),
-        Some(read) if read.is_empty() => (Delivery::Foreign, Vec::new()),
-        Some(read) => {
-            for (value, words) in &read {
-                for cell in &value.cells {
-                    let fits = bank.write(*cell, words.words());
-                    debug_assert!(fits.is_some(), "room was made for every output");
-                }
-            }
-            (Delivery::Taken, read.iter().flat_map(|(value, _)| value.cells.clone()).collect())
-        }
+        None => Delivery::Short,
+        Some(read) if read.is_empty() => Delivery::Foreign,
+        Some(read) => Delivery::Taken(read),
     }
+}
+
+/// The beginning of a frame: as many bytes as this, or fewer where no frame of its kind has as many.
+pub(in crate::virtual_machine) fn beginning(frame: &Frame, bytes: usize) -> Option<Frame> {
+    let length = bytes.min(frame.data().len());
+    if !frame.is_fd() {
+        return Frame::classic(frame.id(), &frame.data()[..length]);
+    }
+    (0..=length).rev().find_map(|length| Frame::fd(frame.id(), &frame.data()[..length]))
 }

@@ -148,7 +148,7 @@ impl Node {
                 [command, to, ..] if *to == number || *to == 0 => self.command(*command, now, acts),
                 _ => {}
             }
-        } else if id == CanId::of_11_bits(SDO_REQUEST + u16::from(number)) && self.state != State::Stopped {
+        } else if self.is_asked_by(frame) {
             let served = self.server.serve(frame.data(), &mut self.objects);
             if let Some(at) = served.written {
                 self.has_changed(at, now);
@@ -158,6 +158,26 @@ impl Node {
             self.sync(acts);
         }
         None
+    }
+
+    /// The identifiers of the services that it hears.
+    pub(in crate::virtual_machine) fn hears(&self) -> Vec<CanId> {
+        let Some(number) = self.number else { return Vec::new() };
+        let sync = self.objects.number(SYNC).and_then(|sync| CanId::standard(u32::try_from(sync).ok()?));
+        let services = [NMT, SDO_REQUEST + u16::from(number)].map(CanId::of_11_bits);
+        services.into_iter().chain(sync).collect()
+    }
+
+    /// Whether a frame asks its SDO server something.
+    pub(in crate::virtual_machine) fn is_asked_by(&self, frame: &Frame) -> bool {
+        let request = self.number.map(|number| CanId::of_11_bits(SDO_REQUEST + u16::from(number)));
+        request == Some(frame.id()) && self.state != State::Stopped
+    }
+
+    /// What was written last has not been written: this is what stands there.
+    pub(in crate::virtual_machine) fn undo(&mut self, at: At, objects: Dictionary, now: Moment) {
+        self.objects = objects;
+        self.has_changed(at, now);
     }
 
     /// Whether it takes process data now.
@@ -272,7 +292,8 @@ impl Node {
         for place in 0..self.pdos.len() {
             let number = self.pdos[place].number.filter(|_| self.is_valid(place));
             let kind = number.and_then(|number| self.objects.number(communication(number)[1]));
-            let Some(every) = kind.and_then(|kind| u8::try_from(kind).ok()).filter(|kind| *kind <= 240) else {
+            let Some(every) = kind.and_then(|kind| u8::try_from(kind).ok()).filter(|kind| *kind <= 240)
+            else {
                 continue;
             };
             self.pdos[place].syncs += 1;
