@@ -1,4 +1,4 @@
-//! Registers ↔ numbers: tables and addresses, types, word order, scale, raw sentinels, saturation.
+//! Registers and frame bits ↔ numbers: tables and addresses, types, word order, scale, raw sentinels, saturation.
 //!
 //! A value spans one to four 16-bit registers (or one coil). Integers are compared with their sentinels *before*
 //! scaling: −512 is "open circuit" to some modules and would scale to a plausible −32.0 °C.
@@ -8,10 +8,14 @@ use std::fmt;
 use crate::reading::Reason;
 
 mod address;
+mod bits;
+mod can;
 mod checksum;
 mod counter;
 
 pub use address::{Address, Table};
+pub use bits::{BitField, BitKind, ByteOrder};
+pub use can::{CanId, CanMatch, Frame};
 pub use checksum::checksum;
 pub use counter::{Counter, Motion, Tracked};
 
@@ -43,6 +47,10 @@ pub enum DataType {
     Bit(u8),
     /// A digit display's two registers: sign, number of decimals (0 to 5) and 24 bits of magnitude, for six digits.
     Decimal24(u8),
+    /// As many bits as this, 1 to 64, unsigned: of a CAN frame or a CANopen object. Those with a word of their own have it.
+    Unsigned(u8),
+    /// The same in two's complement.
+    Signed(u8),
 }
 
 /// Which register of a value of several registers comes first. There is no default: devices differ.
@@ -70,7 +78,16 @@ pub struct Encoding {
     /// Added to the raw count on the wire (outputs; LinuxCNC wants 32768).
     pub bias: i64,
     /// Raw values that mean "no measurement".
-    pub bad: Vec<i64>,
+    pub bad: Vec<Sentinel>,
+}
+
+/// A raw value that a device sends where it has none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sentinel {
+    /// The raw count, before scaling.
+    pub raw: i64,
+    /// What the device says by it; [`Reason::Sentinel`] where nobody knows.
+    pub means: Reason,
 }
 
 /// Registers ready to be written.
@@ -102,7 +119,50 @@ impl DataType {
             DataType::Bool | DataType::Bit(_) | DataType::U16 | DataType::I16 => 1,
             DataType::U32 | DataType::I32 | DataType::F32 | DataType::Decimal24(_) => 2,
             DataType::U64 | DataType::I64 | DataType::F64 => 4,
+            DataType::Unsigned(bits) | DataType::Signed(bits) => bits.div_ceil(16) as u16,
         }
+    }
+
+    /// How many bits a value has.
+    pub const fn width(self) -> u8 {
+        match self {
+            DataType::Bool | DataType::Bit(_) => 1,
+            DataType::U16 | DataType::I16 => 16,
+            DataType::U32 | DataType::I32 | DataType::F32 | DataType::Decimal24(_) => 32,
+            DataType::U64 | DataType::I64 | DataType::F64 => 64,
+            DataType::Unsigned(bits) | DataType::Signed(bits) => bits,
+        }
+    }
+
+    /// A whole number from zero with this many bits, by its word where it has one.
+    pub const fn unsigned(bits: u8) -> DataType {
+        match bits {
+            16 => DataType::U16,
+            32 => DataType::U32,
+            64 => DataType::U64,
+            _ => DataType::Unsigned(bits),
+        }
+    }
+
+    /// A whole number in two's complement with this many bits, by its word where it has one.
+    pub const fn signed(bits: u8) -> DataType {
+        match bits {
+            16 => DataType::I16,
+            32 => DataType::I32,
+            64 => DataType::I64,
+            _ => DataType::Signed(bits),
+        }
+    }
+
+    /// These bits as registers, the most significant first.
+    pub fn words(self, bits: u64) -> Encoded {
+        let len = usize::from(self.registers());
+        let mut words = [0u16; 4];
+        for (place, word) in words.iter_mut().take(len).enumerate() {
+            let [low, high, ..] = (bits >> (16 * (len - 1 - place))).to_le_bytes();
+            *word = u16::from_le_bytes([low, high]);
+        }
+        Encoded { words, len, saturated: false }
     }
 
     /// The word of the profile for it.
@@ -118,6 +178,12 @@ impl DataType {
             DataType::I64 => "i64",
             DataType::F32 => "f32",
             DataType::F64 => "f64",
+            DataType::Unsigned(8) => "u8",
+            DataType::Signed(8) => "i8",
+            DataType::Unsigned(24) => "u24",
+            DataType::Signed(24) => "i24",
+            DataType::Unsigned(_) => "unsigned",
+            DataType::Signed(_) => "signed",
         }
     }
 
@@ -132,6 +198,8 @@ impl DataType {
             DataType::I32 => (i32::MIN as i128, i32::MAX as i128),
             DataType::U64 => (0, u64::MAX as i128),
             DataType::I64 => (i64::MIN as i128, i64::MAX as i128),
+            DataType::Unsigned(bits) => (0, (1 << bits) - 1),
+            DataType::Signed(bits) => (-(1 << (bits - 1)), (1 << (bits - 1)) - 1),
             DataType::F32 | DataType::F64 => return None,
         })
     }
@@ -146,6 +214,7 @@ impl DataType {
                 let sign = u64::from(raw < 0);
                 sign << 28 | u64::from(decimals) << 24 | to_bits(raw.abs())
             }
+            DataType::Signed(bits) if bits < 64 => to_bits(raw) & ((1 << bits) - 1),
             _ => to_bits(raw),
         }
     }
@@ -163,6 +232,11 @@ impl Encoded {
     /// The registers, lowest address first.
     pub fn words(&self) -> &[u16] {
         &self.words[..self.len]
+    }
+
+    /// The bits of registers whose most significant comes first, as [`DataType::words`] makes them.
+    pub fn bits(&self) -> u64 {
+        self.words().iter().fold(0, |bits, word| bits << 16 | u64::from(*word))
     }
 }
 
@@ -188,16 +262,12 @@ impl Encoding {
                 if !value.is_finite() {
                     return Err(Reason::NotANumber);
                 }
-                if self.bad.iter().any(|bad| same(value, as_float(i128::from(*bad)))) {
-                    return Err(Reason::Sentinel);
-                }
+                self.sentinel(|raw| same(value, as_float(i128::from(raw))))?;
                 value
             }
             _ => {
                 let raw = integer_of(self.data_type, bits);
-                if self.bad.iter().any(|bad| i128::from(*bad) == raw) {
-                    return Err(Reason::Sentinel);
-                }
+                self.sentinel(|bad| i128::from(bad) == raw)?;
                 as_float(raw - i128::from(self.bias))
             }
         };
@@ -282,6 +352,13 @@ impl Encoding {
         is_whole.then_some(counts)
     }
 
+    fn sentinel(&self, is: impl Fn(i64) -> bool) -> Result<(), Reason> {
+        match self.bad.iter().find(|bad| is(bad.raw)) {
+            Some(bad) => Err(bad.means),
+            None => Ok(()),
+        }
+    }
+
     fn gather(&self, words: &[u16]) -> Result<u64, Reason> {
         if words.len() != usize::from(self.data_type.registers()) {
             return Err(Reason::BadReply);
@@ -338,9 +415,9 @@ fn to_bits(raw: i128) -> u64 {
 }
 
 fn integer_of(data_type: DataType, bits: u64) -> i128 {
-    let width = 16 * u32::from(data_type.registers());
-    let value = i128::from(bits);
-    let signed = matches!(data_type, DataType::I16 | DataType::I32 | DataType::I64);
+    let width = u32::from(data_type.width());
+    let value = i128::from(bits) & ((1 << width) - 1);
+    let signed = matches!(data_type, DataType::I16 | DataType::I32 | DataType::I64 | DataType::Signed(_));
     match data_type {
         DataType::Bool => i128::from(bits != 0),
         DataType::Bit(bit) => i128::from(bits >> bit & 1),
@@ -370,6 +447,13 @@ fn float_bits(data_type: DataType, value: f64) -> (u64, bool) {
     }
     let fits = finite.clamp(f64::MIN, f64::MAX);
     (fits.to_bits(), !same(fits, value))
+}
+
+impl From<i64> for Sentinel {
+    /// One of which nobody knows what it says.
+    fn from(raw: i64) -> Sentinel {
+        Sentinel { raw, means: Reason::Sentinel }
+    }
 }
 
 impl fmt::Display for WordOrder {

@@ -6,10 +6,10 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::codec::{Address, DataType};
+use crate::codec::{Address, DataType, Sentinel};
 use crate::fieldbus::plan::{plan, summary};
 use crate::profile::{BusId, Device, DeviceId, Flag, Profile, Template, Unit};
-use crate::reading::SignalId;
+use crate::reading::{Reason, SignalId};
 
 mod axis;
 mod device;
@@ -211,7 +211,7 @@ fn signal_explained(profile: &Profile, id: SignalId) -> SignalExplained {
     let encoding = &signal.encoding;
     let mut doubts = Vec::new();
     if !encoding.bad.is_empty() {
-        let raw: Vec<String> = encoding.bad.iter().map(i64::to_string).collect();
+        let raw: Vec<String> = encoding.bad.iter().map(sentinel).collect();
         doubts.push(format!("at raw {}", raw.join(" or ")));
     }
     if let Some((low, high)) = signal.range {
@@ -244,6 +244,14 @@ fn signal_explained(profile: &Profile, id: SignalId) -> SignalExplained {
             .capture
             .map(|capture| format!("{} = {}", Register::of(capture.address), capture.value)),
         channel: device::channel(profile.device(signal.device), &signal.name),
+    }
+}
+
+/// `-512 (open circuit)`.
+fn sentinel(bad: &Sentinel) -> String {
+    match bad.means {
+        Reason::Sentinel => bad.raw.to_string(),
+        means => format!("{} ({means})", bad.raw),
     }
 }
 

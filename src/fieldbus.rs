@@ -32,5 +32,15 @@ pub fn dial(bus: &Bus) -> Box<dyn wire::Dial> {
         },
         Transport::RtuOverTcp => Box::new(rtu::RtuOverTcpDial::new(&bus.address)),
         Transport::Serial(serial) => Box::new(serial::SerialDial::new(&bus.address, serial)),
+        Transport::Can => Box::new(NoLine),
+    }
+}
+
+/// A line of a kind that cannot be opened.
+struct NoLine;
+
+impl wire::Dial for NoLine {
+    fn dial(&mut self) -> wire::Boxed<'_, Result<wire::Connection, error::Fault>> {
+        Box::pin(std::future::ready(Err(error::Fault::Link(error::LinkFault::Unsuited))))
     }
 }

@@ -11,6 +11,7 @@ use crate::compensation::model::Condition;
 use crate::compensation::settings::{AxisSettings, MachineSettings};
 use crate::reading::SignalId;
 
+mod can;
 mod check;
 pub(crate) mod data;
 mod display;
@@ -29,6 +30,7 @@ mod verify;
 mod walk;
 mod writes;
 
+pub use can::{CanDevice, Emergency, Field, Object, Selector, Setup, Sync};
 pub use display::{Beside, Display, Shown, Stale};
 pub use error::{Errors, ProfileError};
 pub use load::{Loaded, environment, load, parse, parse_with};
@@ -99,14 +101,14 @@ pub enum Arm {
     Manual,
 }
 
-/// One Modbus line.
+/// One line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bus {
     /// Its name in the profile.
     pub name: String,
     /// What it is made of.
     pub transport: Transport,
-    /// Host and port, or the serial port's path, as written.
+    /// Host and port, the serial port's path, or the CAN interface, as written.
     pub address: String,
     /// Modbus/TCP Security; `None`: in the clear.
     pub tls: Option<Tls>,
@@ -114,6 +116,8 @@ pub struct Bus {
     pub timeout: Duration,
     /// What its devices need to be treated like.
     pub quirks: Quirks,
+    /// The SYNC that is sent on a CAN line.
+    pub sync: Option<Sync>,
 }
 
 /// Ways in which a device is peculiar, by the names users know from Telegraf.
@@ -140,7 +144,7 @@ pub struct Device {
     pub name: String,
     /// Its line.
     pub bus: BusId,
-    /// Modbus unit identifier.
+    /// Modbus unit identifier; a CANopen node's number, and 0 for a device that only sends frames.
     pub unit: u8,
     /// Poll period of its signals.
     pub every: Duration,
@@ -152,6 +156,8 @@ pub struct Device {
     pub verify: Vec<Expected>,
     /// What it has from its template.
     pub template: Option<Template>,
+    /// What it has on a CAN line.
+    pub can: Option<CanDevice>,
 }
 
 impl Default for Quirks {
@@ -347,6 +353,7 @@ impl Functions {
             Table::Discrete => self.read_discrete,
             Table::Holding => self.read_holding,
             Table::Input => self.read_input,
+            Table::Object | Table::Process => true,
         }
     }
 

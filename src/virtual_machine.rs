@@ -238,6 +238,10 @@ impl VirtualMachine {
                     machine.keep(path.clone(), port::serve(name, serial, line, doors, stop));
                     (path, gate)
                 }
+                Transport::Can => {
+                    let why = std::io::Error::other("this machine has no virtual CAN nodes");
+                    return Err(refused(bus, why));
+                }
             };
             machine.addresses.push((BusId(index), address));
             gates.push(gate);

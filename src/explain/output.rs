@@ -135,6 +135,8 @@ pub(super) fn explained(profile: &Profile, output: &Output) -> WriteExplained {
             Verify::Echo => {
                 "once the answer repeats what was written; the register is not read back".to_owned()
             }
+            Verify::ReadBackAt(at) => format!("once {at} reads back what was written"),
+            Verify::Shown => "shown, not verified: nothing reads it back".to_owned(),
         },
         refresh: output.refresh.map(|refresh| humantime::format_duration(refresh).to_string()),
         when: output.when.as_ref().map(|condition| condition.text.clone()),

@@ -137,7 +137,7 @@ impl Connection {
 }
 
 impl Request<'_> {
-    /// The Modbus function code it needs.
+    /// The Modbus function code it needs; 0 for what is no register.
     pub const fn function(self) -> u8 {
         match self {
             Request::Read { from, .. } => match from.table {
@@ -145,6 +145,7 @@ impl Request<'_> {
                 Table::Discrete => 2,
                 Table::Holding => 3,
                 Table::Input => 4,
+                Table::Object | Table::Process => 0,
             },
             Request::WriteCoil { .. } => 5,
             Request::WriteSingle { .. } => 6,

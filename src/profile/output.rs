@@ -54,4 +54,8 @@ pub enum Verify {
     ReadBack,
     /// The answer repeats address and value.
     Echo,
+    /// The object at this address is read, of the same type as what was written.
+    ReadBackAt(Address),
+    /// Not at all: a display shows it, and nobody acts on it.
+    Shown,
 }

@@ -16,6 +16,8 @@ pub enum Transport {
     RtuOverTcp,
     /// Modbus RTU on a serial port of this computer.
     Serial(Serial),
+    /// A CAN interface of this computer.
+    Can,
 }
 
 /// The settings of a serial port. Always eight data bits: Modbus RTU knows nothing else.

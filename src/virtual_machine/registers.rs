@@ -15,7 +15,7 @@ impl Bank {
     /// Makes room for this many cells from `address` on.
     pub(super) fn reserve(&mut self, address: Address, count: u16) {
         let needed = usize::from(address.offset) + usize::from(count);
-        let cells = self.table_mut(address.table);
+        let Some(cells) = self.table_mut(address.table) else { return };
         if cells.len() < needed {
             cells.resize(needed, 0);
         }
@@ -30,7 +30,7 @@ impl Bank {
     /// Puts values into the cells from `offset` on; `None`, and nothing changed, where one does not exist.
     pub(super) fn write(&mut self, address: Address, values: &[u16]) -> Option<()> {
         let first = usize::from(address.offset);
-        let cells = self.table_mut(address.table).get_mut(first..first + values.len())?;
+        let cells = self.table_mut(address.table)?.get_mut(first..first + values.len())?;
         cells.copy_from_slice(values);
         Some(())
     }
@@ -50,16 +50,18 @@ impl Bank {
             Table::Discrete => &self.discretes,
             Table::Input => &self.inputs,
             Table::Holding => &self.holdings,
+            Table::Object | Table::Process => &[],
         }
     }
 
-    fn table_mut(&mut self, table: Table) -> &mut Vec<u16> {
-        match table {
+    fn table_mut(&mut self, table: Table) -> Option<&mut Vec<u16>> {
+        Some(match table {
             Table::Coil => &mut self.coils,
             Table::Discrete => &mut self.discretes,
             Table::Input => &mut self.inputs,
             Table::Holding => &mut self.holdings,
-        }
+            Table::Object | Table::Process => return None,
+        })
     }
 }
 

@@ -56,7 +56,7 @@ impl Bytes<'_> {
             scale: if scale.is_finite() && scale.abs() > 0.0 { scale } else { 1.0 },
             offset: if offset.is_finite() { offset } else { 0.0 },
             bias: i64::from(i32::from_be_bytes(self.take())),
-            bad: vec![i64::from_be_bytes(self.take())],
+            bad: vec![i64::from_be_bytes(self.take()).into()],
         }
     }
 

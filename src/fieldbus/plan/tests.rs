@@ -15,6 +15,7 @@ fn device(quirks: Quirks) -> Device {
         functions: Functions::ALL,
         verify: Vec::new(),
         template: None,
+        can: None,
         quirks,
     }
 }

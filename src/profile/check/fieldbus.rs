@@ -48,7 +48,7 @@ impl Check<'_> {
             Some(tls) => Some(tls?),
             None => None,
         };
-        Some(Bus { name: name.to_owned(), transport, address: address?, tls, timeout, quirks })
+        Some(Bus { name: name.to_owned(), transport, address: address?, tls, timeout, quirks, sync: None })
     }
 
     fn host_and_port(&mut self, path: &str, raw: &RawBus) -> Option<String> {
@@ -142,6 +142,7 @@ impl Check<'_> {
             quirks,
             verify,
             template,
+            can: None,
         };
         if let Some(bus) = bus_of(&device, buses)
             && bus.timeout >= every

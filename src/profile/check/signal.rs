@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::{Check, Zero, bus_of, get, shown};
-use crate::codec::{Address, DataType, Encoding, Table, WordOrder};
+use crate::codec::{Address, DataType, Encoding, Sentinel, Table, WordOrder};
 use crate::profile::place::child;
 use crate::profile::raw::{RawSignal, TypeWord, WordOrderWord};
 use crate::profile::{Bus, Device, DeviceId, Flag, Signal, Unit};
@@ -71,7 +71,7 @@ impl Check<'_> {
             scale: scale?,
             offset: raw.offset.unwrap_or(0.0),
             bias: 0,
-            bad: raw.bad.clone().unwrap_or_default(),
+            bad: raw.bad.iter().flatten().map(|raw| Sentinel::from(*raw)).collect(),
         };
         self.sentinels(&child(path, "bad"), &encoding);
         let (counter, capture) = self.counter(path, raw, &encoding, device);
@@ -269,6 +269,7 @@ impl Check<'_> {
                 Table::Discrete => "read-discrete",
                 Table::Holding => "read-holding",
                 Table::Input => "read-input",
+                Table::Object | Table::Process => return,
             };
             let message = format!("reading this needs {word}, which `{}` may not be sent", device.name);
             self.wrong(
@@ -299,8 +300,8 @@ impl Check<'_> {
     /// A sentinel that the type cannot hold is never seen: a broken sensor would be believed.
     fn sentinels(&mut self, path: &str, encoding: &Encoding) {
         let Some((low, high)) = encoding.data_type.integer_range() else { return };
-        for bad in &encoding.bad {
-            if !(low..=high).contains(&i128::from(*bad)) {
+        for bad in encoding.bad.iter().map(|bad| bad.raw) {
+            if !(low..=high).contains(&i128::from(bad)) {
                 let message = format!("{} never holds {bad}", encoding.data_type.name());
                 self.wrong(
                     path,

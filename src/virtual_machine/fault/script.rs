@@ -211,7 +211,7 @@ impl FaultFile {
                 Reads::Value(value.ok_or("`value` is missing or no finite number")?)
             }
             _ => {
-                let raw = self.raw.take().or_else(|| signal.encoding.bad.first().copied());
+                let raw = self.raw.take().or_else(|| signal.encoding.bad.first().map(|bad| bad.raw));
                 Reads::Raw(raw.ok_or_else(|| format!("`raw` is missing, and `{name}` has no `bad` value"))?)
             }
         };

@@ -118,7 +118,7 @@ fn plain(data_type: DataType, scale: f64) -> Encoding {
         scale,
         offset: 0.0,
         bias: 0,
-        bad: if data_type == DataType::I16 { vec![32767] } else { Vec::new() },
+        bad: if data_type == DataType::I16 { vec![32767.into()] } else { Vec::new() },
     }
 }
 
@@ -132,6 +132,7 @@ fn bus(name: &str, address: &str) -> Bus {
         tls: None,
         timeout,
         quirks,
+        sync: None,
     }
 }
 
@@ -167,6 +168,7 @@ fn device(name: &str, bus: usize, unit: u8) -> Device {
         quirks: quirks(),
         verify: Vec::new(),
         template: None,
+        can: None,
     }
 }
 
