@@ -5,11 +5,12 @@
 //! - [`rtu`] — frames of a serial line, on a port ([`serial`]) or through TCP.
 //! - [`trace`] — the wire log: every frame, while somebody listens.
 //! - [`tls`] — Modbus TCP inside TLS.
-//! - [`can`] — one CAN interface: frames, error frames, its state.
+//! - [`can`] — one CAN interface: frames, error frames, its state; [`canopen`] — what its nodes say.
 //! - [`mod@line`] — one request at a time, timeout, breaker per device, reconnection.
 
 pub mod backoff;
 pub mod can;
+pub mod canopen;
 mod eager;
 pub mod error;
 pub mod line;

@@ -12,6 +12,7 @@
 //! of that name again: open another.
 
 use std::io;
+use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
@@ -152,6 +153,12 @@ impl Socket {
             Ok(36) => u64::from(u32::from_ne_bytes([numbers[32], numbers[33], numbers[34], numbers[35]])),
             _ => 0,
         }
+    }
+}
+
+impl AsFd for Socket {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.fd.get_ref().as_fd()
     }
 }
 

@@ -54,6 +54,9 @@ pub(super) fn asked(request: Request<'_>) -> String {
         Request::WriteMultiple { at: register, words } => {
             format!("write {} ={}", at(Table::Holding, register), listed(words))
         }
+        Request::ReadObject { object } => format!("read {object}"),
+        Request::WriteObject { object, words } => format!("write {object} ={}", listed(words)),
+        Request::WriteProcess { id, bits, words } => format!("send {id}, {bits} ={}", listed(words)),
     }
 }
 
