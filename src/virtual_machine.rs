@@ -32,6 +32,7 @@ use crate::clock::{Clock, Sleeper};
 use crate::profile::{BusId, DeviceId, Profile, Transport};
 use crate::quantity::Moment;
 
+pub mod can;
 pub mod fault;
 pub mod plant;
 

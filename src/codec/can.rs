@@ -43,6 +43,11 @@ impl CanId {
         if raw > CanId::LARGEST_EXTENDED { None } else { Some(CanId { is_extended: true, raw }) }
     }
 
+    /// An identifier of 11 bits, of the lowest 11 of a number: nothing above 0x7FF comes out.
+    pub const fn of_11_bits(number: u16) -> CanId {
+        CanId { is_extended: false, raw: number as u32 & CanId::LARGEST_STANDARD }
+    }
+
     /// Its number.
     pub const fn raw(self) -> u32 {
         self.raw
@@ -98,6 +103,14 @@ impl Frame {
     /// A frame of up to eight bytes.
     pub fn classic(id: CanId, bytes: &[u8]) -> Option<Frame> {
         if bytes.len() > 8 { None } else { Frame::of(id, false, bytes) }
+    }
+
+    /// A frame whose length is known where it is written, which must be eight bytes at most.
+    pub fn short<const N: usize>(id: CanId, bytes: [u8; N]) -> Frame {
+        const { assert!(N <= 8, "a classic frame has eight bytes at most") };
+        let mut data = [0; 64];
+        data[..N].copy_from_slice(&bytes);
+        Frame { id, is_fd: false, len: N, data }
     }
 
     /// A CAN FD frame of up to 64 bytes; the length is one that a frame can have: to 8, 12, 16, 20, 24, 32, 48, 64.

@@ -2,14 +2,14 @@
 //!
 //! - [`sdo`] — one object of a node's dictionary read or written, with every reason why not in words ([`abort`]).
 //! - [`node`] — what a node says of itself: boot-up, state, heartbeat; and the commands it is led by.
-//! - [`emergency`] — what a node complains of.
+//! - [`emergency`] — what a node complains of, without the words: those are the device's, see the profile.
 //! - [`master`] — all nodes of an interface: started after every boot-up, missed when they fall silent, SYNC.
 //!
-//! The source is CiA 301 version 4.2, for the classes of emergencies also CiA 404 and 406.
+//! The source is CiA 301 version 4.2.
 
 use std::fmt;
 
-use crate::codec::can::{CanId, Frame};
+use crate::codec::{CanId, Frame};
 
 pub mod abort;
 pub mod emergency;
@@ -53,7 +53,7 @@ impl fmt::Display for NodeId {
     }
 }
 
-/// An entry of a node's object dictionary. Prints as the manuals write it: `7130h:01`.
+/// An entry of a node's object dictionary. Prints as a profile has it: `7130:01`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Entry {
     /// The object.
@@ -71,6 +71,6 @@ impl Entry {
 
 impl fmt::Display for Entry {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:04X}h:{:02X}", self.index, self.sub)
+        write!(f, "{:04X}:{:02X}", self.index, self.sub)
     }
 }

@@ -47,20 +47,27 @@ pub enum Request<'a> {
         /// The new values, lowest address first.
         words: &'a [u16],
     },
-    /// An object of a CANopen node, by SDO.
-    ReadObject {
+    /// Of a CAN line, where nothing is a register.
+    Can(CanRequest<'a>),
+}
+
+/// One request to one device on a CAN line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CanRequest<'a> {
+    /// An object of a node is read, by SDO.
+    Read {
         /// Which.
         object: Object,
     },
-    /// The same, written.
-    WriteObject {
+    /// An object of a node is written, by SDO.
+    Write {
         /// Which.
         object: Object,
         /// Its new value, the most significant register first.
         words: &'a [u16],
     },
-    /// A value in a CAN frame, sent with what else is in there.
-    WriteProcess {
+    /// A value in a frame is sent, with what else is in there.
+    Send {
         /// The frame.
         id: CanId,
         /// Where in there.
@@ -172,13 +179,13 @@ impl Request<'_> {
             Request::WriteCoil { .. } => 5,
             Request::WriteSingle { .. } => 6,
             Request::WriteMultiple { .. } => 16,
-            Request::ReadObject { .. } | Request::WriteObject { .. } | Request::WriteProcess { .. } => 0,
+            Request::Can(_) => 0,
         }
     }
 
     /// It changes nothing.
     pub const fn is_read(self) -> bool {
-        matches!(self, Request::Read { .. } | Request::ReadObject { .. })
+        matches!(self, Request::Read { .. } | Request::Can(CanRequest::Read { .. }))
     }
 
     /// Whether one request can carry it.
@@ -189,9 +196,7 @@ impl Request<'_> {
             }
             Request::WriteCoil { at, .. } | Request::WriteSingle { at, .. } => (at, 1, 1),
             Request::WriteMultiple { at, words } => (at, u16::try_from(words.len()).unwrap_or(u16::MAX), 123),
-            Request::ReadObject { .. } | Request::WriteObject { .. } | Request::WriteProcess { .. } => {
-                return true;
-            }
+            Request::Can(_) => return true,
         };
         (1..=most).contains(&count) && u32::from(at) + u32::from(count) <= 65536
     }

@@ -11,7 +11,7 @@ use crate::codec::Frame;
 use crate::fieldbus::canopen::sdo::{Client, Data, Progress, SdoError};
 use crate::fieldbus::canopen::{Entry, NodeId};
 use crate::fieldbus::error::{CallerFault, CanFault, Fault, LinkFault, PeerFault};
-use crate::fieldbus::wire::{Answer, Boxed, Connection, Dial, Request, Wire};
+use crate::fieldbus::wire::{Answer, Boxed, CanRequest, Connection, Dial, Request, Wire};
 use crate::profile::Object;
 
 /// Opens the line of an interface that somebody listens to.
@@ -70,8 +70,9 @@ impl Wire for CanWire {
 
 impl CanWire {
     async fn exchange(&mut self, unit: u8, request: Request<'_>) -> Result<Answer, Fault> {
+        let Request::Can(request) = request else { return Err(Fault::Caller(CallerFault::Function)) };
         match request {
-            Request::ReadObject { object } => {
+            CanRequest::Read { object } => {
                 let node = node(unit)?;
                 let first = self.link.client(node, |client| client.read(entry(object)));
                 let data = self.transfer(node, first).await?;
@@ -81,17 +82,16 @@ impl CanWire {
                 self.link.images(|images| images.found(unit, object, words.words()));
                 Ok(Answer::Words(words.words().to_vec()))
             }
-            Request::WriteObject { object, words } => {
+            CanRequest::Write { object, words } => {
                 let node = node(unit)?;
                 let bytes = object.bytes(words);
                 let first = self.link.client(node, |client| client.write(entry(object), &bytes));
                 self.transfer(node, first).await.map(|_| Answer::Done)
             }
-            Request::WriteProcess { id, bits, words } => {
+            CanRequest::Send { id, bits, words } => {
                 let frame = self.link.images(|images| images.put(id, bits, words))?;
                 self.send(&frame).await.map(|()| Answer::Done)
             }
-            _ => Err(Fault::Caller(CallerFault::Function)),
         }
     }
 

@@ -13,7 +13,8 @@ use std::time::Duration;
 use super::NodeId;
 use super::emergency::{self, Emergency};
 use super::node::{Command, HEARTBEAT, NodeState};
-use crate::codec::can::{CanId, Frame};
+use crate::codec::{CanId, Frame};
+use crate::profile::Sync;
 use crate::quantity::Moment;
 
 /// How a node is led.
@@ -34,15 +35,6 @@ pub enum Start {
     AtOnce,
     /// Likewise, but not before its setup list is written: whenever [`Master::set_up`] is called.
     WhenSetUp,
-}
-
-/// The SYNC that is sent.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Sync {
-    /// Usually 0x80.
-    pub id: CanId,
-    /// Its period. Missed ones are skipped.
-    pub every: Duration,
 }
 
 /// What the master does, in its order.

@@ -3,7 +3,7 @@
 //! The caller sends the frames that come out, gives the frames of [`Client::answers`] in, and says when an answer has
 //! not come in time. Nothing in an SDO tells one transfer from another but index and sub-index, and its segments do not
 //! tell even those. So a frame that cannot be the awaited answer is left alone, and after a transfer that ended without
-//! its last answer the client first asks for the device type (1000h:00): a node answers in order, so with that answer
+//! its last answer the client first asks for the device type (1000:00): a node answers in order, so with that answer
 //! nothing of the older transfer is under way any more, and no late answer is taken for the next one's.
 //!
 //! ```text
@@ -15,7 +15,7 @@
 
 use super::abort::AbortCode;
 use super::{Entry, NodeId};
-use crate::codec::can::{CanId, Frame};
+use crate::codec::{CanId, Frame};
 
 /// The identifiers of requests: this and the node's number.
 pub const REQUEST: u16 = 0x600;

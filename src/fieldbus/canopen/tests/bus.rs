@@ -228,14 +228,14 @@ fn what_the_node_has_not_or_does_not_let_write_is_refused_in_words() {
         };
         bus.run(first).unwrap_err().to_string()
     };
-    let no_object = "3000h:00 is refused: there is no such object (abort 0602 0000h)";
+    let no_object = "3000:00 is refused: there is no such object (abort 0602 0000h)";
     assert_eq!(told(Entry::new(0x3000, 0), None), no_object);
-    let no_sub = "2000h:09 is refused: there is no such sub-index (abort 0609 0011h)";
+    let no_sub = "2000:09 is refused: there is no such sub-index (abort 0609 0011h)";
     assert_eq!(told(Entry::new(0x2000, 9), None), no_sub);
-    let read_only = "1008h:00 is refused: the object can only be read (abort 0601 0002h)";
+    let read_only = "1008:00 is refused: the object can only be read (abort 0601 0002h)";
     assert_eq!(told(NAME, Some(b"y")), read_only);
     assert_eq!(told(NAME, Some(b"a longer name")), read_only);
-    let length = "2000h:01 is refused: the data has not the length of the object (abort 0607 0010h)";
+    let length = "2000:01 is refused: the data has not the length of the object (abort 0607 0010h)";
     assert_eq!(told(SHORT, Some(&[1, 2])), length);
     assert_eq!(told(SHORT, Some(&[1, 2, 3, 4, 5])), length);
 }

@@ -1,5 +1,6 @@
-use super::super::master::{Care, Master, NodeEvent, Output, Start, Sync};
+use super::super::master::{Care, Master, NodeEvent, Output, Start};
 use super::*;
+use crate::profile::Sync;
 use crate::quantity::Moment;
 
 const SECOND: Duration = Duration::from_secs(1);

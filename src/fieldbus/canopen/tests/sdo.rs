@@ -36,7 +36,7 @@ fn a_short_entry_is_read_with_one_answer() {
         assert_eq!(data.bytes(), bytes);
         assert_eq!(data.of_width(bytes.len(), SPEED), Ok(bytes));
         let wider = data.of_width(8, SPEED).unwrap_err();
-        assert_eq!(wider.to_string(), format!("7130h:01 has {} bytes, not 8", bytes.len()));
+        assert_eq!(wider.to_string(), format!("7130:01 has {} bytes, not 8", bytes.len()));
     }
 }
 
@@ -91,7 +91,7 @@ fn a_refusal_is_told_in_the_words_of_its_code() {
     let progress = client.take(&answer([0x80, 0x30, 0x71, 1, 0, 0, 2, 6]));
     let refused = SdoError::Refused(SPEED, AbortCode::NO_OBJECT);
     assert_eq!(progress, Some(Progress::Failed(refused, None)));
-    assert_eq!(refused.to_string(), "7130h:01 is refused: there is no such object (abort 0602 0000h)");
+    assert_eq!(refused.to_string(), "7130:01 is refused: there is no such object (abort 0602 0000h)");
 }
 
 #[test]
@@ -144,7 +144,7 @@ fn segments_in_a_wrong_order_or_of_a_wrong_length_end_the_transfer() {
     long.take(&answer([0x00, 1, 2, 3, 4, 5, 6, 7]));
     let too_long = long.take(&answer([0x11, 1, 2, 3, 4, 5, 6, 7]));
     assert_eq!(too_long, Some(Progress::Failed(announced(14), Some(abort))));
-    assert_eq!(announced(14).to_string(), "1008h:00: 14 bytes came where 9 were announced");
+    assert_eq!(announced(14).to_string(), "1008:00: 14 bytes came where 9 were announced");
 }
 
 #[test]

@@ -1,0 +1,3 @@
+//! The virtual nodes of a CAN interface.
+
+pub mod dictionary;
