@@ -6,7 +6,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use crate::codec::{Address, Counter, Encoding, Table};
+use crate::codec::{Address, Counter, Encoding};
 use crate::compensation::model::Condition;
 use crate::compensation::settings::{AxisSettings, MachineSettings};
 use crate::reading::SignalId;
@@ -17,6 +17,7 @@ pub(crate) mod data;
 mod display;
 mod error;
 mod files;
+mod functions;
 mod load;
 mod merge;
 mod output;
@@ -33,6 +34,7 @@ mod writes;
 pub use can::{CanDevice, Emergency, Field, Object, Selector, Setup, Sync};
 pub use display::{Beside, Display, Shown, Stale};
 pub use error::{Errors, ProfileError};
+pub use functions::{Functions, WriteFunction};
 pub use load::{Loaded, environment, load, parse, parse_with};
 pub use output::{Output, Share, Verify};
 pub use raw::schema;
@@ -173,28 +175,6 @@ impl Default for Quirks {
     }
 }
 
-/// The function codes that may be sent to a device.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(clippy::struct_excessive_bools, reason = "eight independent permissions")]
-pub struct Functions {
-    /// 01
-    pub read_coils: bool,
-    /// 02
-    pub read_discrete: bool,
-    /// 03
-    pub read_holding: bool,
-    /// 04
-    pub read_input: bool,
-    /// 05
-    pub write_coil: bool,
-    /// 06
-    pub write_single: bool,
-    /// 15
-    pub write_coils: bool,
-    /// 16
-    pub write_multiple: bool,
-}
-
 /// One value that is read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Signal {
@@ -312,61 +292,6 @@ pub struct History {
     pub directory: Option<PathBuf>,
     /// How long logs are kept.
     pub keep: Duration,
-}
-
-/// A function code that writes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum WriteFunction {
-    /// 06: one register.
-    Single,
-    /// 16: any number of registers.
-    Multiple,
-}
-
-impl WriteFunction {
-    /// The code on the wire.
-    pub const fn code(self) -> u8 {
-        match self {
-            WriteFunction::Single => 6,
-            WriteFunction::Multiple => 16,
-        }
-    }
-}
-
-impl Functions {
-    /// Every function.
-    pub const ALL: Functions = Functions {
-        read_coils: true,
-        read_discrete: true,
-        read_holding: true,
-        read_input: true,
-        write_coil: true,
-        write_single: true,
-        write_coils: true,
-        write_multiple: true,
-    };
-
-    /// May this table be read?
-    pub const fn reads(self, table: Table) -> bool {
-        match table {
-            Table::Coil => self.read_coils,
-            Table::Discrete => self.read_discrete,
-            Table::Holding => self.read_holding,
-            Table::Input => self.read_input,
-            Table::Object | Table::Process => true,
-        }
-    }
-
-    /// What writes this many holding registers: 06 for a single one where it may be sent, else 16.
-    pub const fn writes(self, registers: u16) -> Option<WriteFunction> {
-        if registers == 1 && self.write_single {
-            Some(WriteFunction::Single)
-        } else if self.write_multiple {
-            Some(WriteFunction::Multiple)
-        } else {
-            None
-        }
-    }
 }
 
 impl Profile {

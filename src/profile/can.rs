@@ -48,6 +48,8 @@ pub struct Object {
 pub struct Field {
     /// The frames it is in.
     pub frames: CanMatch,
+    /// They are CAN FD frames; a classic one that is long enough does as well.
+    pub is_fd: bool,
     /// Where in there.
     pub bits: BitField,
     /// Only in frames for which all of these hold.
@@ -64,12 +66,14 @@ pub struct Selector {
 }
 
 /// An object that is written before the node is started.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Setup {
     /// Which.
     pub object: Object,
     /// What is written; it fits the type.
     pub value: i64,
+    /// What that is, for people; may be empty.
+    pub what: String,
 }
 
 /// Who sends SYNC on a line: we do.
@@ -199,14 +203,14 @@ mod tests {
         let status = Object { index: 0x6150, sub: 1, data_type: DataType::unsigned(8) };
         assert_eq!((status.size(), status.words(&[3]).unwrap().words()), (1, [3].as_slice()));
         assert_eq!((position.to_string(), status.to_string()), ("6004:00".to_owned(), "6150:01".to_owned()));
-        assert_eq!(Setup { object: status, value: -1 }.bytes(), [0xff]);
+        assert_eq!(Setup { object: status, value: -1, what: String::new() }.bytes(), [0xff]);
     }
 
     #[test]
     fn a_multiplexed_value_is_only_in_the_frames_that_say_so() {
         let frames = CanMatch::exactly(CanId::standard(0x100).unwrap());
         let selector = Selector { bits: bits(0, 4), values: vec![(2, 2), (5, 7)] };
-        let field = Field { frames, bits: bits(8, 16), multiplex: vec![selector] };
+        let field = Field { frames, is_fd: false, bits: bits(8, 16), multiplex: vec![selector] };
         assert_eq!(field.read(&[0xf1, 0x34, 0x12]), None);
         for chosen in [0xf2, 0x05, 0x07] {
             assert_eq!(field.read(&[chosen, 0x34, 0x12]).unwrap().unwrap().words(), [0x1234]);
