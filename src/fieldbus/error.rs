@@ -257,7 +257,9 @@ impl TlsFault {
 impl CanFault {
     const fn words(self) -> &'static str {
         match self {
-            CanFault::NoInterface => "no such interface: is the adapter plugged in? (`ip -details link` lists them)",
+            CanFault::NoInterface => {
+                "no such interface: is the adapter plugged in? (`ip -details link` lists them)"
+            }
             CanFault::NotCan => "no CAN interface",
             CanFault::NoKernel => "this computer's kernel has no CAN: `modprobe can-raw` as root",
             CanFault::Forbidden => "no permission for CAN",

@@ -188,7 +188,10 @@ const fn fault(fault: CanFault) -> Fault {
     Fault::Link(LinkFault::Can(fault))
 }
 
-#[allow(deprecated, reason = "what replaces it is unsafe for types that change their descriptor; this one owns its only one")]
+#[allow(
+    deprecated,
+    reason = "what replaces it is unsafe for types that change their descriptor; this one owns its only one"
+)]
 fn watched(socket: CanFdSocket) -> io::Result<AsyncFd<CanFdSocket>> {
     let interest = Interest::READABLE | Interest::WRITABLE | Interest::ERROR;
     AsyncFd::try_with_interest(socket, interest).map_err(io::Error::from)

@@ -38,7 +38,9 @@ impl Trouble {
         let gravity = |cause: &ErrorCause| match cause {
             ErrorCause::BusOff => Gravity::BusOff,
             ErrorCause::Restarted => Gravity::Over,
-            ErrorCause::Controller(problems) if problems.contains(ControllerProblems::ACTIVE) => Gravity::Over,
+            ErrorCause::Controller(problems) if problems.contains(ControllerProblems::ACTIVE) => {
+                Gravity::Over
+            }
             ErrorCause::Controller(problems) if problems.intersects(PASSIVE) => Gravity::Passive,
             ErrorCause::Counters { .. } => Gravity::Over,
             _ => Gravity::Error,
@@ -66,7 +68,9 @@ impl fmt::Display for Trouble {
 fn tell(cause: &ErrorCause, f: &mut fmt::Formatter<'_>) -> fmt::Result {
     match cause {
         ErrorCause::BusOff => f.write_str("bus-off: the controller has taken itself off the bus"),
-        ErrorCause::NoAck | ErrorCause::Protocol { location: Location::AckSlot, .. } => f.write_str("nobody acknowledges: is another node there, at this bitrate?"),
+        ErrorCause::NoAck | ErrorCause::Protocol { location: Location::AckSlot, .. } => {
+            f.write_str("nobody acknowledges: is another node there, at this bitrate?")
+        }
         ErrorCause::TransmitTimeout => f.write_str("a frame could not be sent in time"),
         ErrorCause::BusError => f.write_str("bus error"),
         ErrorCause::Restarted => f.write_str("the controller is back on the bus"),
