@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use super::canopen::abort::AbortCode;
 use crate::reading::Reason;
 
 /// Why a request has no answer. Small, so that a test is one comparison.
@@ -15,6 +16,8 @@ pub enum Fault {
     Peer(PeerFault),
     /// The device says no, with this Modbus exception code.
     Exception(u8),
+    /// The device says no, with this SDO abort code.
+    Aborted(AbortCode),
     /// No answer in time.
     Timeout,
 }
@@ -26,6 +29,8 @@ pub enum CallerFault {
     Extent,
     /// A function code that the profile does not allow for this device.
     Function,
+    /// Of a frame that several values share, another is not known yet.
+    Incomplete,
 }
 
 /// How a connection fails.
@@ -118,7 +123,9 @@ pub enum PeerFault {
     Length,
     /// A write answered with another address, value or count.
     Echo,
-    /// Not Modbus at all.
+    /// An object of another width than its type.
+    Width,
+    /// Nothing that the protocol knows.
     Malformed,
 }
 
@@ -129,13 +136,18 @@ impl Fault {
             Fault::Caller(_) => "caller",
             Fault::Link(_) => "link",
             Fault::Peer(_) => "peer",
-            Fault::Exception(_) => "exception",
+            Fault::Exception(_) | Fault::Aborted(_) => "exception",
             Fault::Timeout => "timeout",
         }
     }
 
     /// Every word of [`Fault::blame`].
     pub const BLAMES: [&'static str; 5] = ["caller", "link", "peer", "exception", "timeout"];
+
+    /// The device has answered, and it says no.
+    pub const fn is_refusal(self) -> bool {
+        matches!(self, Fault::Exception(_) | Fault::Aborted(_))
+    }
 
     /// Whether the connection can no longer be trusted: what still arrives on it may answer an older question.
     pub const fn spoils_connection(self) -> bool {
@@ -151,6 +163,7 @@ impl Fault {
     pub const fn reason(self) -> Reason {
         match self {
             Fault::Exception(code) => Reason::Exception(code),
+            Fault::Aborted(_) => Reason::Refused,
             Fault::Timeout => Reason::Timeout,
             Fault::Link(_) => Reason::LinkDown,
             Fault::Peer(_) | Fault::Caller(_) => Reason::BadReply,
@@ -164,6 +177,9 @@ impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Fault::Caller(CallerFault::Extent) => "request outside what Modbus allows",
+            Fault::Caller(CallerFault::Incomplete) => {
+                "another value in the same frame is not known yet; sent as soon as it is"
+            }
             Fault::Caller(CallerFault::Function) => "function code not allowed by the profile",
             Fault::Link(LinkFault::Refused) => "connection refused: nobody listens there",
             Fault::Link(LinkFault::Unreachable) => "host not reachable",
@@ -189,8 +205,10 @@ impl fmt::Display for Fault {
             Fault::Peer(PeerFault::Function) => "reply with another function code",
             Fault::Peer(PeerFault::Length) => "reply with the wrong number of registers",
             Fault::Peer(PeerFault::Echo) => "write answered with another address or value",
-            Fault::Peer(PeerFault::Malformed) => "reply is not Modbus",
+            Fault::Peer(PeerFault::Width) => "the object has another width than its type in the profile",
+            Fault::Peer(PeerFault::Malformed) => "reply is none that the protocol knows",
             Fault::Exception(code) => return write!(f, "exception {code} ({})", exception_name(*code)),
+            Fault::Aborted(code) => return write!(f, "refused: {code}"),
             Fault::Timeout => "no answer in time",
         })
     }

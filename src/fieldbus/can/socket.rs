@@ -12,6 +12,7 @@
 //! of that name again: open another.
 
 use std::io;
+use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
@@ -32,6 +33,8 @@ const BUFFER: libc::c_int = 4 << 20;
 const MOST_FILTERS: usize = 512;
 /// Between two attempts to put a frame into a full queue: 8 frames at 1 Mbit/s.
 const PAUSE: Duration = Duration::from_millis(1);
+/// Frames, and the error that tells that the interface went down.
+const READING: Interest = Interest::READABLE.add(Interest::ERROR);
 /// Arbitration is lost all the time on a bus that is well.
 const TROUBLES: u32 = libc::CAN_ERR_MASK & !libc::CAN_ERR_LOSTARB;
 
@@ -75,11 +78,27 @@ impl Socket {
     /// Down, once for each time the interface goes down: the socket hears again as soon as it is up. Gone: open another.
     pub async fn hear(&self) -> Result<Heard, Fault> {
         loop {
-            let read = self.fd.async_io(Interest::READABLE | Interest::ERROR, CanFdSocket::read_frame).await;
+            let read = self.fd.async_io(READING, CanFdSocket::read_frame).await;
             if let Some(heard) = taken(read.map_err(|error| judge(&error))?) {
                 return Ok(heard);
             }
         }
+    }
+
+    /// Until there is something to [`Socket::take`].
+    pub async fn ready(&self) {
+        // Where the runtime ends, so does whoever waits.
+        if let Ok(mut guard) = self.fd.ready(READING).await {
+            guard.retain_ready();
+        }
+    }
+
+    /// The next frame, where [`Socket::ready`] has told of one; to be called until there is none.
+    ///
+    /// # Errors
+    /// As [`Socket::hear`].
+    pub fn take(&self) -> Result<Option<Heard>, Fault> {
+        self.next(|| self.fd.try_io(READING, CanFdSocket::read_frame))
     }
 
     /// The next frame, if it has come.
@@ -87,8 +106,12 @@ impl Socket {
     /// # Errors
     /// As [`Socket::hear`].
     pub fn hear_now(&self) -> Result<Option<Heard>, Fault> {
+        self.next(|| self.fd.get_ref().read_frame())
+    }
+
+    fn next(&self, read: impl Fn() -> io::Result<CanAnyFrame>) -> Result<Option<Heard>, Fault> {
         loop {
-            match self.fd.get_ref().read_frame() {
+            match read() {
                 Ok(frame) => {
                     if let Some(heard) = taken(frame) {
                         return Ok(Some(heard));
@@ -152,6 +175,12 @@ impl Socket {
             Ok(36) => u64::from(u32::from_ne_bytes([numbers[32], numbers[33], numbers[34], numbers[35]])),
             _ => 0,
         }
+    }
+}
+
+impl AsFd for Socket {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.fd.get_ref().as_fd()
     }
 }
 

@@ -27,6 +27,12 @@ impl Trouble {
         Trouble(frame.into_error())
     }
 
+    /// One with nothing but its class.
+    #[cfg(test)]
+    pub(crate) fn from_class(class: u32) -> Trouble {
+        Trouble::of(CanErrorFrame::new_error(class, &[0; 8]).unwrap())
+    }
+
     /// How much it matters.
     pub fn gravity(&self) -> Gravity {
         let gravity = |cause: &ErrorCause| match cause {
