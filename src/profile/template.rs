@@ -24,6 +24,7 @@ mod shipped;
 
 pub use schema::schema;
 pub use shipped::names;
+pub(crate) use shipped::dbc;
 
 /// What a device has from its template.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]

@@ -43,3 +43,14 @@ pub fn names() -> impl Iterator<Item = &'static str> {
 pub(super) fn text(name: &str) -> Option<&'static str> {
     SHIPPED.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
 }
+
+/// The DBC files that templates name.
+const DBC: [(&str, &str); 1] = [(
+    "devices/css-canmod-temp.dbc",
+    include_str!("../../../profiles/devices/css-canmod-temp.dbc"),
+)];
+
+/// The text of a shipped DBC file, by the name that a template gives it.
+pub(crate) fn dbc(name: &str) -> Option<&'static str> {
+    DBC.iter().find(|(known, _)| *known == name).map(|(_, text)| *text)
+}
