@@ -97,12 +97,9 @@ fn cnc() -> State {
     State { number: 9, objects: objects.into(), ..State::default() }
 }
 
-/// A sensor that only sends: 24.0 °C five times a second, until it is dropped.
-fn sender(interface: &str) -> Node {
-    // Its identifier is one of 29 bits: nothing of a node's.
-    let id = 0x105;
-    let _ = (interface, id);
-    Node::new(interface, State { number: 77, is_operational: true, ..State::default() })
+/// A sensor that only sends: 24.0 °C.
+fn sender() -> State {
+    State { is_operational: true, pdos: [(0x18FF_0105, vec![7, 0, 240])].into(), ..State::default() }
 }
 
 fn is_active(status: &Status) -> bool {

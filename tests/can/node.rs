@@ -6,7 +6,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use isotherm::clock::Clock;
-use socketcan::{CanFrame, CanSocket, EmbeddedFrame, Frame, Socket, StandardId};
+use socketcan::{CanFrame, CanSocket, EmbeddedFrame, ExtendedId, Frame, Id, Socket, StandardId};
 
 /// A node on an interface, until it is dropped.
 pub(crate) struct Node {
@@ -20,8 +20,8 @@ pub(crate) struct State {
     pub(crate) number: u8,
     /// It sends its process data.
     pub(crate) is_operational: bool,
-    /// Each frame by its identifier.
-    pub(crate) pdos: BTreeMap<u16, Vec<u8>>,
+    /// Each frame by its identifier; one above 0x7FF has 29 bits.
+    pub(crate) pdos: BTreeMap<u32, Vec<u8>>,
     /// Says that it lives, with this period.
     pub(crate) heartbeat: Option<Duration>,
     pub(crate) objects: BTreeMap<(u16, u8), Vec<u8>>,
@@ -80,8 +80,12 @@ impl Drop for Node {
     }
 }
 
-pub(crate) fn frame(id: u16, data: &[u8]) -> CanFrame {
-    CanFrame::new(StandardId::new(id).unwrap(), data).unwrap()
+pub(crate) fn frame(id: u32, data: &[u8]) -> CanFrame {
+    let id: Id = match u16::try_from(id).ok().and_then(StandardId::new) {
+        Some(short) => short.into(),
+        None => ExtendedId::new(id).unwrap().into(),
+    };
+    CanFrame::new(id, data).unwrap()
 }
 
 fn live(socket: &CanSocket, state: &Mutex<State>) {
@@ -99,7 +103,7 @@ fn live(socket: &CanSocket, state: &Mutex<State>) {
         let now = clock.now();
         // What cannot be sent is not: the interface may be down.
         let send = |frame: CanFrame| drop(socket.write_frame(&frame));
-        let number = u16::from(state.number);
+        let number = u32::from(state.number);
         if std::mem::take(&mut state.wants_boot) {
             send(frame(0x700 + number, &[0]));
         }
@@ -147,7 +151,7 @@ fn sdo(state: &mut State, data: &[u8]) -> Vec<CanFrame> {
         let mut bytes = vec![command, low, high, object.1];
         bytes.extend_from_slice(rest);
         bytes.resize(8, 0);
-        frame(0x580 + u16::from(state.number), &bytes)
+        frame(0x580 + u32::from(state.number), &bytes)
     };
     let known = state.objects.get(&object);
     let refused = state.refuses.filter(|(refused, _)| *refused == object).map(|(_, code)| code);
