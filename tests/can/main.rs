@@ -2,6 +2,9 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
+mod gateway;
+mod node;
+mod rig;
 mod utils;
 
 /// The interface that the tests run on, made by `tests/vcan/run`.
