@@ -4,6 +4,7 @@ use std::path::Path;
 
 use isotherm::profile::{self, Errors, Loaded, ProfileError};
 
+mod can;
 mod contradictions;
 mod counters;
 mod data;
