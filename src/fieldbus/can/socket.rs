@@ -98,7 +98,13 @@ impl Socket {
     /// # Errors
     /// As [`Socket::hear`].
     pub fn take(&self) -> Result<Option<Heard>, Fault> {
-        self.next(|| self.fd.try_io(READING, CanFdSocket::read_frame))
+        // One after the other: of two at once `try_io` thinks that neither is ready, and never reads.
+        self.next(|| match self.fd.try_io(Interest::READABLE, CanFdSocket::read_frame) {
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
+                self.fd.try_io(Interest::ERROR, CanFdSocket::read_frame)
+            }
+            read => read,
+        })
     }
 
     /// The next frame, if it has come.
