@@ -6,25 +6,25 @@ use isotherm::codec::{CanId, Table};
 use isotherm::profile::{Device, Transport, Verify, parse_with};
 use isotherm::reading::Reason;
 
-const LATHE: &str = include_str!("can.toml");
-const DBC: &str = include_str!("module.dbc");
+pub(crate) const LATHE: &str = include_str!("can.toml");
+pub(crate) const DBC: &str = include_str!("module.dbc");
 
-fn lathe_with_dbc(text: &str, dbc: &str) -> Result<Loaded, Errors> {
+pub(crate) fn lathe_with_dbc(text: &str, dbc: &str) -> Result<Loaded, Errors> {
     parse_with(Path::new("machine.toml"), text, &[("module.dbc", dbc.as_bytes())], &[], &[])
 }
 
-fn lathe(text: &str) -> Result<Loaded, Errors> {
+pub(crate) fn lathe(text: &str) -> Result<Loaded, Errors> {
     lathe_with_dbc(text, DBC)
 }
 
-fn changed(from: &str, to: &str) -> String {
+pub(crate) fn changed(from: &str, to: &str) -> String {
     assert!(LATHE.contains(from), "{from}");
     LATHE.replacen(from, to, 1)
 }
 
 /// The only error of the lathe with one piece of text replaced.
 #[track_caller]
-fn wrong(from: &str, to: &str, key: &str, words: &[&str]) {
+pub(crate) fn wrong(from: &str, to: &str, key: &str, words: &[&str]) {
     let found = errors(lathe(&changed(from, to)));
     assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
     assert_eq!(found[0].key, key, "{}", found[0]);
@@ -34,7 +34,7 @@ fn wrong(from: &str, to: &str, key: &str, words: &[&str]) {
     }
 }
 
-fn device<'a>(loaded: &'a Loaded, name: &str) -> &'a Device {
+pub(crate) fn device<'a>(loaded: &'a Loaded, name: &str) -> &'a Device {
     loaded.profile.devices.iter().find(|device| device.name == name).unwrap()
 }
 
@@ -291,106 +291,6 @@ fn a_parameter_group_is_taken_from_any_sender_or_from_the_one_that_the_device_is
 }
 
 #[test]
-fn one_number_names_one_node_and_one_identifier_one_sender() {
-    let there = |what: &str| {
-        let line = LATHE.lines().position(|line| line.starts_with(what)).unwrap() + 1;
-        format!("machine.toml:{line}")
-    };
-    wrong(
-        "node = 127",
-        "node = 5",
-        "device.encoder.node",
-        &["node 5 of this line already", &there("node      = 5")],
-    );
-    wrong("cob_id = 0x185", "cob_id = 0x18C", "signal.column.pdo.cob_id", &["TPDO1 of node 12, `display`"]);
-    wrong("cob_id = 0x185", "cob_id = 0x80", "signal.column.pdo.cob_id", &["the SYNC of this line"]);
-    wrong(
-        "cob_id = 0x185",
-        "cob_id = 0x705",
-        "signal.column.pdo.cob_id",
-        &["the heartbeat of node 5, `axtc`"],
-    );
-    wrong("cob_id = 0x185", "cob_id = 0x6E5", "signal.column.pdo.cob_id", &["reserved by CiA 301"]);
-    wrong("id = 0x100", "id = 0x085", "signal.coolant.frame.id", &["the emergency message of node 5"]);
-    wrong("id = 0x100", "id = 0", "signal.coolant.frame.id", &["started and stopped"]);
-    wrong(
-        "cob_id = 0x20C",
-        "cob_id = 0x18C",
-        "output.shown_x.pdo.cob_id",
-        &["which sends it itself", "0x200"],
-    );
-    wrong("cob_id = 0x20C", "cob_id = 0x205", "output.shown_x.pdo.cob_id", &["RPDO1 of node 5, `axtc`"]);
-    wrong(
-        "cob_id = 0x20C",
-        "cob_id = 0x100",
-        "output.shown_x.pdo.cob_id",
-        &["signal `coolant` is read from 0x100"],
-    );
-    wrong(
-        "[bus.cell]",
-        "[bus.other]\ntype = \"can\"\ninterface = \"vcan0\"\n\n[bus.cell]",
-        "bus.other.interface",
-        &["has this interface already"],
-    );
-}
-
-#[test]
-fn an_offset_over_can_is_read_back_and_a_display_need_not_be() {
-    let display = "writes   = \"corrected\"\nposition = \"scale_x\"";
-    let offset = "writes   = \"offset\"";
-    wrong(
-        display,
-        offset,
-        "output.shown_x.read_back",
-        &["nobody has read back", "a display of a corrected position"],
-    );
-    let text = changed(display, &format!("{offset}\nread_back = \"2000:01\""));
-    let loaded = lathe(&text).unwrap();
-    let Verify::ReadBackAt(at) = loaded.profile.outputs[1].verify else { panic!("read back") };
-    let object = *device(&loaded, "display").can.as_ref().unwrap().object(at.offset).unwrap();
-    assert_eq!((object.to_string().as_str(), object.data_type.name()), ("2000:01", "i32"));
-    let told = "verify   = \"echo\"\nwrites   = \"corrected\"\nposition = \"scale_x\"";
-    wrong(display, told, "output.shown_x.verify", &["nothing answers a frame"]);
-    let by_object = changed(
-        "pdo      = { cob_id = 0x20C, start = 0, length = 32, signed = true, fill = \"00 00 00 00 00 00 01 00\" }",
-        "sdo      = \"2000:01\"\ntype     = \"i32\"",
-    );
-    assert_eq!(lathe(&by_object).unwrap().profile.outputs[1].verify, Verify::ReadBack);
-}
-
-#[test]
-fn several_outputs_share_a_frame_but_no_bit_and_no_object() {
-    let second = |pdo: &str| {
-        format!(
-            "{LATHE}\n[output.second]\naxis = \"x\"\ndevice = \"display\"\nwrites = \"corrected\"\nposition = \"scale_x\"\nscale = 0.1\npdo = {pdo}\n"
-        )
-    };
-    let loaded = lathe(&second("{ cob_id = 0x20C, start = 32, length = 16, signed = true }")).unwrap();
-    assert_eq!(device(&loaded, "display").can.as_ref().unwrap().written.len(), 1);
-    let one = |pdo: &str| {
-        let found = errors(lathe(&second(pdo)));
-        assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
-        found[0].to_string()
-    };
-    assert!(
-        one("{ cob_id = 0x20C, start = 24, length = 24, signed = true }").contains("one bit has one writer")
-    );
-    let other =
-        one("{ cob_id = 0x20C, start = 32, length = 16, signed = true, fill = \"01 00 00 00 00 00 01 00\" }");
-    assert!(other.contains("write `fill` once"), "{other}");
-    assert!(one("{ cob_id = 0x30C, start = 0, length = 16, fill = \"0\" }").contains("`0` is no frame"));
-    assert!(one("{ cob_id = 0x30C, start = 0, length = 16, fill = \"00\" }").contains("needs 2 bytes"));
-    let objects = LATHE.replace(
-        "pdo      = { cob_id = 0x20C, start = 0, length = 32, signed = true, fill = \"00 00 00 00 00 00 01 00\" }",
-        "sdo      = \"2000:01\"\ntype     = \"i32\"",
-    );
-    let twice = format!(
-        "{objects}\n[output.second]\naxis = \"x\"\ndevice = \"display\"\nwrites = \"corrected\"\nposition = \"scale_x\"\nscale = 0.001\nsdo = \"2000:01\"\ntype = \"i32\"\n"
-    );
-    assert!(errors(lathe(&twice))[0].message.contains("writes the same object"));
-}
-
-#[test]
 fn everything_wrong_on_a_can_line_is_told_at_once() {
     let text = LATHE
         .replace("node = 127", "node = 5")
@@ -410,4 +310,39 @@ fn everything_wrong_on_a_can_line_is_told_at_once() {
             "output.shown_x.pdo.fill",
         ]
     );
+}
+
+#[test]
+fn a_can_line_is_explained_in_words_and_figures() {
+    let machine = lathe(LATHE).unwrap().profile;
+    let explanation = isotherm::explain::Explanation::of(&machine);
+    let told = explanation.to_string();
+    for words in [
+        "bus field: CAN at vcan0, timeout 500ms",
+        "sends SYNC 0x080 every 100ms",
+        "    0x002: values of canmod",
+        "    0x085: emergencies of axtc",
+        "    0x585: SDO answers of axtc",
+        "    0x705: boot-up and heartbeat of axtc",
+        "  canmod: sends frames by itself",
+        "    frame 0x002: wheelhead (22 bits from 18 up (Intel), unsigned), wheelhead_status (2 bits from 16 up (Intel), unsigned)",
+        "  axtc: CANopen node 5",
+        "    node 5 is started by NMT at the beginning and after each boot-up",
+        "    its heartbeat is missed after 2s, never seen counts as missed",
+        "    before each start writes 1800:05 = 100 (u16): TPDO1 every 100 ms",
+        "    object 6150:01, u8, every 1s: column_status",
+        "    before arming object 6110:01 must read 3: sensor type of channel 1",
+        "    emergency 0xff01: open thermocouple",
+        "    sends 0x20c, 8 bytes, 00 00 00 00 00 00 01 00 before the values: shown_x",
+        "  column: 0x185, 16 bits from 0 up (Intel), signed of axtc, i16, 0.0625 °C per count; not believed at raw -1 or -512 (open circuit)",
+        "  coolant: 0x100, 16 bits from 7 down (Motorola), signed of canmod, i16, 0.1 °C per count",
+        "  shown_x: 0x20c, 32 bits from 0 up (Intel), signed of display, i32, 0.001 mm per count\n",
+        "    believed as soon as it is sent: shown, not verified, nothing reads it back",
+    ] {
+        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+    }
+    let document = serde_json::to_value(&explanation).unwrap();
+    assert_eq!(document["devices"][1]["can"]["node"], 5);
+    assert_eq!(document["buses"][0]["can"]["filters"][0], "0x002: values of canmod");
+    assert_eq!(document["buses"][1]["can"], serde_json::Value::Null);
 }

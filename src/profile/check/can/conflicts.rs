@@ -25,6 +25,7 @@ impl Check<'_> {
     ) {
         for bus in 0..buses.len() {
             let nodes = self.nodes(bus, devices);
+            self.sync_identifier(bus, buses, &nodes);
             self.read_identifiers(bus, buses, devices, signals, &nodes);
             self.written_identifiers(bus, buses, devices, signals, &nodes);
         }
@@ -46,6 +47,19 @@ impl Check<'_> {
             nodes.push(Node { number, device: device.name.clone(), index });
         }
         nodes
+    }
+
+    fn sync_identifier(&mut self, bus: usize, buses: &[Option<Bus>], nodes: &[Node]) {
+        let Some((bus, sync)) = get(buses, bus).and_then(|bus| Some((bus, bus.sync?))) else { return };
+        let what = taken(sync.id, None, nodes, true).or_else(|| sent_by_a_node(sync.id, nodes));
+        if let Some((what, _)) = what {
+            let path = child(&child(&child("bus", &bus.name), "sync"), "cob_id");
+            self.wrong(
+                &path,
+                format!("{} is {what}", sync.id),
+                "remove it: SYNC is 0x80 unless the nodes are set otherwise",
+            );
+        }
     }
 
     fn read_identifiers(
