@@ -14,6 +14,7 @@ use crate::reading::SignalId;
 mod can;
 mod check;
 pub(crate) mod data;
+mod dbc;
 mod display;
 mod error;
 mod files;

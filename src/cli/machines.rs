@@ -7,10 +7,11 @@ use crate::profile::{self, Profile};
 use crate::virtual_machine::PlantSpec;
 
 /// Name and text of each, the default first.
-const SHIPPED: [(&str, &str); 9] = [
+const SHIPPED: [(&str, &str); 10] = [
     ("surface-grinder", include_str!("../../profiles/surface-grinder.toml")),
     ("sinker-edm", include_str!("../../profiles/sinker-edm.toml")),
     ("xc100-lathe", include_str!("../../profiles/xc100-lathe.toml")),
+    ("xc100-lathe-can", include_str!("../../profiles/xc100-lathe-can.toml")),
     ("ram-mc", include_str!("../../profiles/ram-mc.toml")),
     ("parts-vmc", include_str!("../../profiles/parts-vmc.toml")),
     ("spindle-hmc", include_str!("../../profiles/spindle-hmc.toml")),
@@ -34,14 +35,14 @@ pub(super) fn text(name: &str) -> Option<(PathBuf, &'static str)> {
     Some((Path::new("profiles").join(format!("{name}.toml")), text))
 }
 
-/// A shipped machine with its plant.
-pub(super) fn with_plant(name: &str) -> Result<(Profile, PlantSpec), Failure> {
+/// A shipped machine, with these keys overridden, and its plant.
+pub(super) fn with_plant(name: &str, set: &[(String, String)]) -> Result<(Profile, PlantSpec), Failure> {
     let Some((path, text)) = text(name) else {
         let known: Vec<&str> = names().collect();
         return Err(anyhow::anyhow!("there is no machine `{name}`; shipped are: {}", known.join(", ")).into());
     };
     let loaded =
-        profile::parse_with(&path, text, &FILES, &[], &[]).map_err(|errors| anyhow::anyhow!("{errors}"))?;
+        profile::parse_with(&path, text, &FILES, set, &[]).map_err(|errors| anyhow::anyhow!("{errors}"))?;
     let plant = PlantSpec::shipped(name)
         .ok_or_else(|| anyhow::anyhow!("the machine `{name}` has no plant"))?
         .map_err(anyhow::Error::from)?;

@@ -11,8 +11,10 @@ use serde::Serialize;
 
 use crate::quantity::{Micron, Moment};
 
+mod can;
 mod handshake;
 
+pub use can::CanEvent;
 pub use handshake::HandshakeFault;
 
 /// How many events are kept for the page.
@@ -97,6 +99,8 @@ pub enum Event {
     CncBooted { device: String, from: f64, to: f64 },
     /// A control did not take what was written; `set` is "output cnc_z" or "set plc".
     Handshake { set: String, fault: HandshakeFault },
+    /// Something on a CAN line.
+    Can(CanEvent),
     /// The output's interlock opened; nothing is written.
     Interlocked { output: String, when: String },
     /// It closed again.
@@ -167,6 +171,7 @@ impl Event {
             Event::CncRestarted { .. } => "cnc-restarted",
             Event::CncBooted { .. } => "cnc-booted",
             Event::Handshake { fault, .. } => fault.kind(),
+            Event::Can(event) => event.kind(),
             Event::Interlocked { .. } => "interlocked",
             Event::Released { .. } => "released",
             Event::MachineStarted => "machine-started",
@@ -205,6 +210,7 @@ impl Event {
             | Event::Disarmed { .. }
             | Event::Overrun { .. }
             | Event::NotKept { .. } => Level::Warning,
+            Event::Can(event) => event.level(),
             Event::AxisState { to, .. } if matches!(*to, "holding" | "ramping" | "degraded" | "zeroed") => {
                 Level::Warning
             }
@@ -311,6 +317,7 @@ impl fmt::Display for Event {
                 "device {device}: its boot counter went from {from} to {to}; the CNC was restarted, its registers are read anew"
             ),
             Event::Handshake { set, fault } => fault.write(f, set),
+            Event::Can(event) => write!(f, "{event}"),
             Event::Interlocked { output, when } => write!(f, "output {output}: held, because not {when}"),
             Event::Released { output } => write!(f, "output {output}: interlock released"),
             Event::MachineStarted => write!(f, "the machine was started: machine-on time begins"),

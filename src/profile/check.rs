@@ -9,13 +9,14 @@ use std::time::Duration;
 use super::error::{ProfileError, allowed};
 use super::files::Files;
 use super::place::{Places, child};
-use super::raw::{ArmWord, BusType, RawProfile, Span};
+use super::raw::{ArmWord, RawProfile, Span};
 use super::template::Templates;
 use super::{Arm, Bus, Device, History, Profile, Signal, Web};
 use crate::compensation::settings::MachineSettings;
 use crate::reading::SignalId;
 
 mod axis;
+mod can;
 mod counter;
 mod data;
 mod display;
@@ -61,6 +62,10 @@ pub(crate) struct Check<'a> {
     outputs: Names,
     sets: Names,
     used: Vec<bool>,
+    /// What of each device on a CAN line is in use.
+    can: Vec<can::Used>,
+    written: Vec<can::Written>,
+    dbcs: can::Dbcs,
 }
 
 /// Whether a duration of nothing makes sense.
@@ -93,6 +98,9 @@ pub(crate) fn check(
         outputs: names("output", raw.output.keys().collect()),
         sets: names("set", raw.set.keys().collect()),
         used: vec![false; raw.signal.len()],
+        can: vec![can::Used::default(); raw.device.len()],
+        written: Vec::new(),
+        dbcs: can::Dbcs::new(),
     };
     let profile = check.profile(path);
     let profile = profile.filter(|_| check.errors.is_empty());
@@ -123,7 +131,7 @@ impl Check<'_> {
         let (name, description, mut machine, arm) = self.machine();
         let buses = self.buses();
         self.one_owner_each(&buses);
-        let devices = self.devices(&buses);
+        let mut devices = self.devices(&buses);
         let mut signals = self.signals(&devices, &buses);
         let axes = self.axes(&signals);
         let (mut outputs, axes) = self.outputs(axes, &devices, &signals, &buses);
@@ -136,6 +144,9 @@ impl Check<'_> {
         if self.raw.mqtt.is_some() {
             self.not_built("mqtt", "publishing over MQTT", None);
         }
+        self.written_frames();
+        self.can_conflicts(&buses, &devices, &signals, &outputs);
+        self.give_can_devices(&mut devices);
         self.registers(&buses, &devices, &signals, &outputs, &sets, heartbeat.as_ref());
         self.time_on_lines(&buses, &devices, &signals);
         self.loose_ends(&devices, &outputs);
@@ -352,11 +363,6 @@ impl Check<'_> {
             return None;
         }
         Some(number)
-    }
-
-    /// Modbus or not: what hangs on another kind of line is checked when that is built.
-    fn is_modbus(&self, bus: &str) -> bool {
-        self.raw.bus.get(bus).and_then(|bus| bus.kind).is_none_or(|kind| kind != BusType::Can)
     }
 }
 

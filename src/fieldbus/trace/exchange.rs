@@ -7,7 +7,7 @@ use serde::{Serialize, Serializer};
 
 use crate::codec::{Address, Table};
 use crate::fieldbus::error::Fault;
-use crate::fieldbus::wire::{Answer, Request};
+use crate::fieldbus::wire::{Answer, CanRequest, Request};
 use crate::quantity::Moment;
 
 /// One question and what came of it.
@@ -54,6 +54,9 @@ pub(super) fn asked(request: Request<'_>) -> String {
         Request::WriteMultiple { at: register, words } => {
             format!("write {} ={}", at(Table::Holding, register), listed(words))
         }
+        Request::Can(CanRequest::Read { object }) => format!("read {object}"),
+        Request::Can(CanRequest::Write { object, words }) => format!("write {object} ={}", listed(words)),
+        Request::Can(CanRequest::Send { id, bits, words }) => format!("send {id}, {bits} ={}", listed(words)),
     }
 }
 
