@@ -161,7 +161,7 @@ impl Ear {
 
     fn hear(&mut self) {
         while let Some((socket, _)) = &self.socket {
-            match socket.take() {
+            match socket.hear_now() {
                 Ok(Some(Heard::Frame(frame))) => self.take(&frame),
                 Ok(Some(Heard::Trouble(trouble))) => {
                     let changes = self.health.trouble(&trouble, self.shared.clock.now());

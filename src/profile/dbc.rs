@@ -116,7 +116,8 @@ impl DbcFile {
         let Some(id) = id else {
             let what = format!("the identifier of `{}` does not fit 11 bits", message.name);
             let mut wrong = self.at(&format!(" {}:", message.name), None, what);
-            wrong.help = "a message with 29 bits is written with 2147483648 (bit 31) added to its identifier".to_owned();
+            wrong.help = "a message with 29 bits is written with 2147483648 (bit 31) added to its identifier"
+                .to_owned();
             return Err(wrong);
         };
         match (is_group, id.is_extended()) {
@@ -138,7 +139,9 @@ impl DbcFile {
     fn format(&self, id: MessageId) -> Option<&str> {
         const NAME: &str = "VFrameFormat";
         let words = self.dbc.attribute_definitions.iter().find_map(|definition| match definition {
-            AttributeDefinition::Message(name, AttributeValueType::Enum(words)) if name == NAME => Some(words),
+            AttributeDefinition::Message(name, AttributeValueType::Enum(words)) if name == NAME => {
+                Some(words)
+            }
             _ => None,
         });
         let nth = |place: u64| words?.get(usize::try_from(place).ok()?).map(String::as_str);
@@ -151,13 +154,15 @@ impl DbcFile {
     }
 
     fn bits(&self, message: &Message, signal: &Signal) -> Result<BitField, Wrong> {
-        let kind = match (self.dbc.extended_value_type_for_signal(message.id, &signal.name), signal.value_type) {
-            (Some(SignalExtendedValueType::IEEEfloat32Bit | SignalExtendedValueType::IEEEdouble64bit), _) => {
-                BitKind::Float
-            }
-            (_, ValueType::Signed) => BitKind::Signed,
-            (_, ValueType::Unsigned) => BitKind::Unsigned,
-        };
+        let kind =
+            match (self.dbc.extended_value_type_for_signal(message.id, &signal.name), signal.value_type) {
+                (
+                    Some(SignalExtendedValueType::IEEEfloat32Bit | SignalExtendedValueType::IEEEdouble64bit),
+                    _,
+                ) => BitKind::Float,
+                (_, ValueType::Signed) => BitKind::Signed,
+                (_, ValueType::Unsigned) => BitKind::Unsigned,
+            };
         let order = match signal.byte_order {
             DbcOrder::LittleEndian => ByteOrder::Intel,
             DbcOrder::BigEndian => ByteOrder::Motorola,
@@ -178,7 +183,8 @@ impl DbcFile {
         let by = |name: &str| message.signals.iter().find(|signal| signal.name == name);
         let (multiplexer, values) = match (extended.first(), signal.multiplexer_indicator) {
             (Some(first), _) => {
-                let values = first.mappings.iter().map(|mapping| (mapping.min_value, mapping.max_value)).collect();
+                let values =
+                    first.mappings.iter().map(|mapping| (mapping.min_value, mapping.max_value)).collect();
                 (by(&first.multiplexor_signal_name), values)
             }
             (
@@ -186,7 +192,8 @@ impl DbcFile {
                 MultiplexIndicator::MultiplexedSignal(value)
                 | MultiplexIndicator::MultiplexorAndMultiplexedSignal(value),
             ) => {
-                let is_root = |signal: &&Signal| signal.multiplexer_indicator == MultiplexIndicator::Multiplexor;
+                let is_root =
+                    |signal: &&Signal| signal.multiplexer_indicator == MultiplexIndicator::Multiplexor;
                 (message.signals.iter().find(is_root), vec![(value, value)])
             }
             (None, MultiplexIndicator::Multiplexor | MultiplexIndicator::Plain) => return Ok(Vec::new()),

@@ -23,8 +23,8 @@ mod schema;
 mod shipped;
 
 pub use schema::schema;
-pub use shipped::names;
 pub(crate) use shipped::dbc;
+pub use shipped::names;
 
 /// What a device has from its template.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]

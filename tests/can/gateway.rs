@@ -17,14 +17,14 @@ arm = "auto"
 [bus.can]
 type = "can"
 interface = "INTERFACE"
-timeout = "200ms"
+timeout = "150ms"
 
 [device.module]
 bus = "can"
 node = 5
 heartbeat = "400ms"
 setup = [{ sdo = "1800:05", type = "u16", value = 20 }, { sdo = "1017:00", type = "u16", value = 100 }]
-verify = [{ sdo = "6110:01", type = "u16", expect = 10 }]
+verify = [{ sdo = "6110:01", type = "u16", equals = 10 }]
 emergency = [{ code = 0x5031, means = "sensor 1 broken" }]
 [device.sender]
 bus = "can"
@@ -56,7 +56,7 @@ max_age = "5s"
 limit = 40.0
 step = 1.0
 rate = 20.0
-every = "100ms"
+every = "200ms"
 on_fault = { action = "hold" }
 [[axis.z.model]]
 name = "full"
@@ -70,6 +70,7 @@ terms = [{ signal = "room", gain = 1.0, reference = 20.0 }]
 [output.cnc_z]
 axis = "z"
 device = "cnc"
+writes = "offset"
 sdo = "2000:01"
 type = "i16"
 scale = 0.1
@@ -257,7 +258,9 @@ fn a_node_that_is_set_otherwise_is_not_believed() {
     Cell::new("otherwise", state).run(|_, source| {
         let status = wait_until(source, "it is told", |status| count(status, "not-as-expected") == 1);
         told(&status, "6110:01");
-        wait_until(source, "the reading says so", |status| signal(status, "bed").quality == "not-as-expected");
+        wait_until(source, "the reading says so", |status| {
+            signal(status, "bed").quality == "not-as-expected"
+        });
     });
 }
 

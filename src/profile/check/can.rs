@@ -256,9 +256,12 @@ impl Check<'_> {
         if let Some(produced) = produced {
             let every = std::time::Duration::from_millis(u64::try_from(produced.value).unwrap_or(0));
             if every.is_zero() || every * 2 > heartbeat {
-                let pace = if every.is_zero() { "none".to_owned() } else { format!("one every {}", shown(every)) };
-                let message =
-                    format!("`heartbeat` is {}, and 1017:00 in `setup` has the node send {pace}", shown(heartbeat));
+                let pace =
+                    if every.is_zero() { "none".to_owned() } else { format!("one every {}", shown(every)) };
+                let message = format!(
+                    "`heartbeat` is {}, and 1017:00 in `setup` has the node send {pace}",
+                    shown(heartbeat)
+                );
                 let help = "have it sent at least twice in that time: a lost one is no fault";
                 self.wrong(&child(path, "heartbeat"), message, help);
             }

@@ -129,7 +129,8 @@ impl Check<'_> {
             let help = "write the unit identifier of the device, 0 to 255; one that is alone at its address often has 1 or 255";
             self.missing(path, "unit", "`unit` is missing", help);
         }
-        let over_rtu = bus.and_then(|bus| get(buses, bus))
+        let over_rtu = bus
+            .and_then(|bus| get(buses, bus))
             .is_some_and(|bus| matches!(bus.transport, Transport::Serial(_) | Transport::RtuOverTcp));
         if let Some(unit) = raw.unit.filter(|unit| over_rtu && !(1..=247).contains(unit)) {
             let message = if unit == 0 {

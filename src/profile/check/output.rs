@@ -337,7 +337,8 @@ impl Check<'_> {
         let index = raw.device.as_ref().and_then(|device| self.device_index("heartbeat.device", device));
         let address = raw.register.as_ref().and_then(|text| self.holding("heartbeat.register", text));
         if raw.device.as_ref().and_then(|device| self.is_on_can(device)) == Some(true) {
-            let help = "name a Modbus device; a CANopen node is told by its own heartbeat consumer, object 1016";
+            let help =
+                "name a Modbus device; a CANopen node is told by its own heartbeat consumer, object 1016";
             self.wrong("heartbeat.device", "the heartbeat is a register, and this device has none", help);
             return None;
         }

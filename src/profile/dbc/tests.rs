@@ -95,7 +95,10 @@ fn what_the_file_does_not_have_is_told_with_the_nearest_word() {
 #[test]
 fn what_is_wrong_in_the_file_is_told_at_the_file_s_own_line() {
     let long = file().signal("Muxed.Long", None).unwrap_err();
-    assert_eq!(file().line(long.at.unwrap().0).unwrap().trim(), "SG_ Long : 56|16@1+ (1,0) [0|0] \"\" Vector__XXX");
+    assert_eq!(
+        file().line(long.at.unwrap().0).unwrap().trim(),
+        "SG_ Long : 56|16@1+ (1,0) [0|0] \"\" Vector__XXX"
+    );
     assert!(long.message.contains("ends beyond the 8 bytes"));
     let cut = file().signal("Cut.X", None).unwrap_err();
     assert!(file().line(cut.at.unwrap().0).unwrap().starts_with("BO_ 419361278 Cut"));

@@ -45,10 +45,8 @@ pub(super) fn text(name: &str) -> Option<&'static str> {
 }
 
 /// The DBC files that templates name.
-const DBC: [(&str, &str); 1] = [(
-    "devices/css-canmod-temp.dbc",
-    include_str!("../../../profiles/devices/css-canmod-temp.dbc"),
-)];
+const DBC: [(&str, &str); 1] =
+    [("devices/css-canmod-temp.dbc", include_str!("../../../profiles/devices/css-canmod-temp.dbc"))];
 
 /// The text of a shipped DBC file, by the name that a template gives it.
 pub(crate) fn dbc(name: &str) -> Option<&'static str> {

@@ -59,7 +59,9 @@ impl Check<'_> {
     ) {
         let sync = get(buses, bus).and_then(|bus| bus.sync).map(|sync| sync.id);
         for signal in signals.iter().flatten().filter(|signal| signal.address.table == Table::Process) {
-            let Some(device) = get(devices, signal.device.0).filter(|device| device.bus.0 == bus) else { continue };
+            let Some(device) = get(devices, signal.device.0).filter(|device| device.bus.0 == bus) else {
+                continue;
+            };
             let frames = self.frames_of(signal.device.0, signal.address.offset);
             let Some(frames) = frames.filter(|frames| frames.is_exact()) else { continue };
             let Some(raw) = self.raw.signal.get(&signal.name) else { continue };
@@ -85,7 +87,8 @@ impl Check<'_> {
         let here = |device: usize| get(devices, device).is_some_and(|device| device.bus.0 == bus);
         let written: Vec<_> = self.written.iter().filter(|one| here(one.device)).cloned().collect();
         for (place, one) in written.iter().enumerate() {
-            let path = if one.path.ends_with("pdo") { child(&one.path, "cob_id") } else { child(&one.path, "id") };
+            let path =
+                if one.path.ends_with("pdo") { child(&one.path, "cob_id") } else { child(&one.path, "id") };
             let (id, is_pdo) = (one.id, one.path.ends_with("pdo"));
             let what = taken(id, sync, nodes, is_pdo).or_else(|| sent_by_a_node(id, nodes));
             let what = what.or_else(|| received_by_another(id, nodes, one.device));
@@ -95,14 +98,24 @@ impl Check<'_> {
             let other = written[..place].iter().find(|other| other.id == id && other.device != one.device);
             if let Some(other) = other {
                 let there = self.places.line_of(&other.path);
-                let message = format!("output `{}` of another device at {there} writes {id} already", other.output);
-                self.wrong(&path, message, "one frame belongs to one device: put both outputs there, or correct the identifier");
+                let message =
+                    format!("output `{}` of another device at {there} writes {id} already", other.output);
+                self.wrong(
+                    &path,
+                    message,
+                    "one frame belongs to one device: put both outputs there, or correct the identifier",
+                );
             }
             for signal in signals.iter().flatten().filter(|signal| signal.address.table == Table::Process) {
                 let frames = self.frames_of(signal.device.0, signal.address.offset);
                 if here(signal.device.0) && frames.is_some_and(|frames| frames.takes(id)) {
-                    let message = format!("signal `{}` is read from {id}, which this output would send", signal.name);
-                    self.wrong(&path, message, "a frame has one sender: read another identifier, or write another");
+                    let message =
+                        format!("signal `{}` is read from {id}, which this output would send", signal.name);
+                    self.wrong(
+                        &path,
+                        message,
+                        "a frame has one sender: read another identifier, or write another",
+                    );
                 }
             }
         }
@@ -222,5 +235,6 @@ fn sent_by_a_node(id: CanId, nodes: &[Node]) -> Option<Blame> {
 fn received_by_another(id: CanId, nodes: &[Node], device: usize) -> Option<Blame> {
     let (number, node, is_sent) = usual(id, nodes)?;
     let message = format!("RPDO{number} of node {}, `{}`", node.number, node.device);
-    (!is_sent && node.index != device).then_some((message, "name that device here, or correct the identifier"))
+    (!is_sent && node.index != device)
+        .then_some((message, "name that device here, or correct the identifier"))
 }

@@ -51,7 +51,10 @@ impl Check<'_> {
             ("restart", boot_counter),
         ];
         let (foreign, help): (&[_], _) = if on_can {
-            (&of_modbus, format!("`{device}` hangs on a CAN line: remove it; a value is written by pdo, sdo or frame"))
+            (
+                &of_modbus,
+                format!("`{device}` hangs on a CAN line: remove it; a value is written by pdo, sdo or frame"),
+            )
         } else {
             (&of_can, format!("`{device}` hangs on a Modbus line: write register = \"holding:100\""))
         };
@@ -172,14 +175,17 @@ impl Check<'_> {
         device: usize,
     ) -> Option<Verify> {
         let at = child(path, "read_back");
-        if let Some(verify) = raw.verify.filter(|verify| *verify == VerifyWord::Echo || raw.read_back.is_none()) {
+        if let Some(verify) =
+            raw.verify.filter(|verify| *verify == VerifyWord::Echo || raw.read_back.is_none())
+        {
             let word = if verify == VerifyWord::Echo { "echo" } else { "read-back" };
             let message = format!("nothing answers a frame: verify = \"{word}\" cannot be kept");
             let help = "remove it, and write read_back = \"6004:00\", the object that reads what was written";
             self.wrong(&child(path, "verify"), message, help);
         }
         let Some(text) = &raw.read_back else {
-            if raw.writes.is_some_and(|writes| writes != WritesWord::Corrected) && !self.places.contains(&at) {
+            if raw.writes.is_some_and(|writes| writes != WritesWord::Corrected) && !self.places.contains(&at)
+            {
                 let message = "`read_back` is missing: an offset that nobody has read back is not believed";
                 let help = "write read_back = \"6004:00\", the CANopen object that reads what was written; without one only a display of a corrected position is written";
                 self.missing(path, "read_back", message, help);
@@ -256,7 +262,11 @@ impl Check<'_> {
         let (output, id) = (&earlier.output, later.id);
         if earlier.bits.overlaps(&later.bits) {
             let message = format!("output `{output}` at {there} writes some of these bits of {id} as well");
-            self.wrong(&child(&later.path, "start"), message, "one bit has one writer: correct `start` or `length`");
+            self.wrong(
+                &child(&later.path, "start"),
+                message,
+                "one bit has one writer: correct `start` or `length`",
+            );
         }
         if earlier.is_fd != later.is_fd {
             let message = format!("output `{output}` at {there} writes {id} as a frame of the other kind");
@@ -268,11 +278,13 @@ impl Check<'_> {
                 self.wrong(&child(&later.path, "fill"), message, "write `fill` once, or alike at both");
             }
             (Some(fill), None) if later.bits.bytes() > fill.len() => {
-                let message = format!("{id} has the {} bytes of `fill` of output `{output}` at {there}", fill.len());
+                let message =
+                    format!("{id} has the {} bytes of `fill` of output `{output}` at {there}", fill.len());
                 self.wrong(&child(&later.path, "length"), message, "write more bytes there");
             }
             (None, Some(fill)) if earlier.bits.bytes() > fill.len() => {
-                let message = format!("output `{output}` at {there} needs {} bytes of {id}", earlier.bits.bytes());
+                let message =
+                    format!("output `{output}` at {there} needs {} bytes of {id}", earlier.bits.bytes());
                 self.wrong(&child(&later.path, "fill"), message, "write more bytes");
             }
             _ => {}

@@ -56,7 +56,11 @@ impl Check<'_> {
         let small = raw.kind.map(DataType::from).filter(|kind| kind.width() == 8);
         if let Some(small) = small.filter(|_| !on_can) {
             let message = format!("{} is smaller than a register", small.name());
-            self.wrong(&child(path, "type"), message, "take \"u16\" or \"i16\", or one bit, as \"input:50.3\"");
+            self.wrong(
+                &child(path, "type"),
+                message,
+                "take \"u16\" or \"i16\", or one bit, as \"input:50.3\"",
+            );
         }
     }
 
@@ -90,7 +94,12 @@ impl Check<'_> {
                 let at = child(path, "type");
                 let Some(kind) = raw.kind.map(DataType::from) else {
                     let help = "allowed: bool, u8, i8, u16, i16, u32, i32, u64, i64, f32, f64; the device's manual says which";
-                    self.missing(path, "type", "`type` is missing: how does the value lie in its object?", help);
+                    self.missing(
+                        path,
+                        "type",
+                        "`type` is missing: how does the value lie in its object?",
+                        help,
+                    );
                     return None;
                 };
                 let data_type = self.object_type(&at, kind)?;
@@ -110,7 +119,8 @@ impl Check<'_> {
                 let keys = ["dbc", "pdo", "sdo", "frame"].map(|key| child(path, key));
                 if raw.register.is_none() && !keys.iter().any(|key| self.places.contains(key)) {
                     let message = "it is not said where the signal is read";
-                    let help = "write dbc = \"Message.Signal\", pdo = { … }, sdo = \"7130:01\" or frame = { … }";
+                    let help =
+                        "write dbc = \"Message.Signal\", pdo = { … }, sdo = \"7130:01\" or frame = { … }";
                     self.wrong_key(path, message, help);
                 }
                 return None;
@@ -192,7 +202,11 @@ impl Check<'_> {
         let at = child(&child("device", device), "node");
         if !self.places.contains(&at) {
             let help = format!("write node = 5 at device `{device}`, the node number set there");
-            self.wrong(path, format!("an object is read of a CANopen node, and `{device}` has no `node`"), help);
+            self.wrong(
+                path,
+                format!("an object is read of a CANopen node, and `{device}` has no `node`"),
+                help,
+            );
         }
     }
 
@@ -204,7 +218,8 @@ impl Check<'_> {
         device: &str,
         direction: Direction,
     ) -> Option<(CanId, BitField)> {
-        let bits = self.bits(path, (raw.start, raw.length), ByteOrder::Intel, (raw.signed, raw.float), CLASSIC);
+        let bits =
+            self.bits(path, (raw.start, raw.length), ByteOrder::Intel, (raw.signed, raw.float), CLASSIC);
         let id = match (raw.cob_id, raw.number) {
             (Some(id), None) => CanId::standard(id),
             (None, Some(number)) => {
@@ -219,7 +234,11 @@ impl Check<'_> {
             }
             (Some(_), Some(_)) => {
                 let help = "keep one of them";
-                self.wrong_key(&child(path, "number"), "`cob_id` and `number` both say which frame it is", help);
+                self.wrong_key(
+                    &child(path, "number"),
+                    "`cob_id` and `number` both say which frame it is",
+                    help,
+                );
                 None
             }
             (None, None) => {
@@ -263,7 +282,8 @@ impl Check<'_> {
             None => None,
             Some(multiplex) => Some(self.multiplex(&child(path, "multiplex"), multiplex, order, most)?),
         };
-        let id = if raw.extended.unwrap_or(is_long) { CanId::extended(raw.id?) } else { CanId::standard(raw.id?) };
+        let id =
+            if raw.extended.unwrap_or(is_long) { CanId::extended(raw.id?) } else { CanId::standard(raw.id?) };
         Some((id?, bits?, multiplex))
     }
 
@@ -304,7 +324,8 @@ impl Check<'_> {
         };
         let (start, length) = (start?, length?);
         let at = child(path, "length");
-        let fits_kind = if kind == BitKind::Float { matches!(length, 32 | 64) } else { matches!(length, 1..=64) };
+        let fits_kind =
+            if kind == BitKind::Float { matches!(length, 32 | 64) } else { matches!(length, 1..=64) };
         if !fits_kind {
             let help = if kind == BitKind::Float { "allowed: 32 and 64" } else { "allowed: 1 to 64" };
             self.wrong(&at, format!("no such value has {length} bits"), help);
@@ -316,8 +337,12 @@ impl Check<'_> {
         }
         let needed = field.map_or_else(|| "more than 64".to_owned(), |field| field.bytes().to_string());
         let help = match (most, order) {
-            (CLASSIC, _) if path.ends_with("pdo") => "process data has at most 64 bits, numbered from 0".to_owned(),
-            (CLASSIC, _) => "bits are numbered from 0 to 63; write fd = true if it is a CAN FD frame".to_owned(),
+            (CLASSIC, _) if path.ends_with("pdo") => {
+                "process data has at most 64 bits, numbered from 0".to_owned()
+            }
+            (CLASSIC, _) => {
+                "bits are numbered from 0 to 63; write fd = true if it is a CAN FD frame".to_owned()
+            }
             _ => "bits are numbered from 0 to 511".to_owned(),
         };
         self.wrong(&at, format!("the frame needs {needed} bytes, and has at most {most}"), help);
