@@ -58,6 +58,7 @@ pub(super) fn bus(profile: &Profile, id: BusId) -> BusExplained {
         }),
         timeout: humantime::format_duration(bus.timeout).to_string(),
         serial,
+        can: (bus.transport == Transport::Can).then(|| super::can::line(profile, id)),
     }
 }
 

@@ -3,7 +3,8 @@
 use std::fmt;
 use std::time::Duration;
 
-use crate::codec::{BitField, CanId, CanMatch, DataType, Encoded, Frame};
+use super::{DeviceId, Profile};
+use crate::codec::{Address, BitField, CanId, CanMatch, DataType, Encoded, Frame, Table};
 use crate::reading::Reason;
 
 mod emergency;
@@ -83,6 +84,22 @@ pub struct Sync {
     pub id: CanId,
     /// This often.
     pub every: Duration,
+}
+
+impl Profile {
+    /// Where a value of a device is, for people: `holding:104 (40105)`, `object 6150:01`, `0x20c, 32 bits from 0 up
+    /// (Intel), signed`.
+    pub fn place(&self, device: DeviceId, address: Address) -> String {
+        let can = self.device(device).can.as_ref();
+        let known = match address.table {
+            Table::Object => {
+                can.and_then(|can| can.object(address.offset)).map(|object| format!("object {object}"))
+            }
+            Table::Process => can.and_then(|can| can.field(address.offset)).map(ToString::to_string),
+            _ => Some(format!("{address} ({})", address.modicon())),
+        };
+        known.unwrap_or_else(|| address.to_string())
+    }
 }
 
 impl CanDevice {

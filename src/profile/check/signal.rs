@@ -59,7 +59,7 @@ impl Check<'_> {
             let scale = self.scale(&child(path, "scale"), scale)?;
             let encoding = Encoding { scale, offset, bad, ..super::verify::plain(data_type) };
             self.sentinels(&child(path, "bad"), &encoding);
-            let (counter, _) = self.counter(path, raw, &encoding, device);
+            let (counter, _) = self.counter(path, raw, &encoding, device, paces(raw, device, max_age));
             return Some(Signal {
                 name: name.to_owned(),
                 device: DeviceId(index?),
@@ -108,7 +108,8 @@ impl Check<'_> {
             bad: self.bad(&child(path, "bad"), raw),
         };
         self.sentinels(&child(path, "bad"), &encoding);
-        let (counter, capture) = self.counter(path, raw, &encoding, device);
+        let every = device.map_or(Duration::ZERO, |device| device.every);
+        let (counter, capture) = self.counter(path, raw, &encoding, device, every);
         Some(Signal {
             name: name.to_owned(),
             device: DeviceId(index?),
@@ -360,4 +361,13 @@ impl Check<'_> {
 
 fn has_place(raw: &RawSignal) -> bool {
     raw.dbc.is_some() || raw.pdo.is_some() || raw.sdo.is_some() || raw.frame.is_some()
+}
+
+/// How far apart two values of a CAN device may be. Of what comes by itself two must come before it is stale.
+fn paces(raw: &RawSignal, device: Option<&Device>, max_age: Option<Duration>) -> Duration {
+    let every = device.map_or(Duration::ZERO, |device| device.every);
+    match max_age.filter(|_| Check::comes_by_itself(raw)) {
+        Some(age) => every.min(age / 2),
+        None => every,
+    }
 }

@@ -6,12 +6,14 @@ macro_rules! shipped {
     };
 }
 
-const SHIPPED: [(&str, &str); 25] = shipped![
+const SHIPPED: [(&str, &str); 31] = shipped![
     "advantech-adam-6018",
     "advantech-adam-60xx-counter",
     "aspar-sdm-8i8o",
     "atal-awp-c",
+    "axiomatic-axtc4co",
     "comwintop-tc-logger",
+    "css-canmod-temp",
     "ditel-dn-nb",
     "dm36b06",
     "excelog-6",
@@ -28,8 +30,12 @@ const SHIPPED: [(&str, &str); 25] = shipped![
     "moxa-iologik-e1200-counter",
     "moxa-iologik-e1262",
     "omega-iserver-2",
+    "peak-mu-thermocouple1",
     "plc-block",
+    "siko-ap10",
     "sinumerik-plc",
+    "temposonics-e-canopen",
+    "tr-la-46-k",
     "wago-750-462",
     "wago-750-469",
 ];

@@ -25,6 +25,7 @@ impl Check<'_> {
     ) {
         for bus in 0..buses.len() {
             let nodes = self.nodes(bus, devices);
+            self.sync_identifier(bus, buses, &nodes);
             self.read_identifiers(bus, buses, devices, signals, &nodes);
             self.written_identifiers(bus, buses, devices, signals, &nodes);
         }
@@ -42,11 +43,23 @@ impl Check<'_> {
                 let message = format!("`{}` is node {number} of this line already ({there})", first.device);
                 let help = "each node of a line has its own number, set at the device";
                 self.wrong(&child(&child("device", &device.name), "node"), message, help);
-                continue;
             }
             nodes.push(Node { number, device: device.name.clone(), index });
         }
         nodes
+    }
+
+    fn sync_identifier(&mut self, bus: usize, buses: &[Option<Bus>], nodes: &[Node]) {
+        let Some((bus, sync)) = get(buses, bus).and_then(|bus| Some((bus, bus.sync?))) else { return };
+        let what = taken(sync.id, None, nodes, true).or_else(|| sent_by_a_node(sync.id, nodes));
+        if let Some((what, _)) = what {
+            let path = child(&child(&child("bus", &bus.name), "sync"), "cob_id");
+            self.wrong(
+                &path,
+                format!("{} is {what}", sync.id),
+                "remove it: SYNC is 0x80 unless the nodes are set otherwise",
+            );
+        }
     }
 
     fn read_identifiers(
@@ -223,7 +236,13 @@ fn sent_by_another(id: CanId, nodes: &[Node], device: usize, name: &str) -> Opti
         return None;
     }
     let message = format!("TPDO{number} of node {}, `{}`, and not of `{name}`", node.number, node.device);
-    (node.index != device).then_some((message, "name that device here, or correct the identifier"))
+    let is_own = is_node(nodes, node.number, device);
+    (!is_own).then_some((message, "name that device here, or correct the identifier"))
+}
+
+/// A number that two devices have been given has been told.
+fn is_node(nodes: &[Node], number: u8, device: usize) -> bool {
+    nodes.iter().any(|node| (node.number, node.index) == (number, device))
 }
 
 fn sent_by_a_node(id: CanId, nodes: &[Node]) -> Option<Blame> {
