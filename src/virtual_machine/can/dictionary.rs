@@ -76,6 +76,28 @@ impl Dictionary {
         self.objects.get(&at).map(|object| object.bytes.as_slice())
     }
 
+    /// What an object of at most eight bytes reads, as a number from zero.
+    pub fn number(&self, at: At) -> Option<u64> {
+        let bytes = self.get(at)?;
+        let mut eight = [0; 8];
+        eight.get_mut(..bytes.len())?.copy_from_slice(bytes);
+        Some(u64::from_le_bytes(eight))
+    }
+
+    /// Puts the objects of these indices back to what they are in another dictionary.
+    pub fn restore(&mut self, from: &Dictionary, indices: std::ops::Range<u16>) {
+        for (at, object) in from.objects.range((indices.start, 0)..(indices.end, 0)) {
+            self.objects.insert(*at, object.clone());
+        }
+    }
+
+    /// Lets SDO write an object that is there.
+    pub fn unlock(&mut self, at: At) {
+        if let Some(object) = self.objects.get_mut(&at) {
+            object.is_writable = true;
+        }
+    }
+
     fn missing(&self, at: At) -> u32 {
         let is_known = self.objects.range((at.0, 0)..=(at.0, u8::MAX)).next().is_some();
         if is_known { NO_SUB_INDEX } else { NO_OBJECT }
@@ -96,6 +118,21 @@ impl Dictionary {
 }
 
 impl Server {
+    /// Whether a request is a part of writing something.
+    pub fn is_write(request: &[u8]) -> bool {
+        request.first().is_some_and(|command| matches!(command >> 5, 0 | 1))
+    }
+
+    /// What a request speaks of; a segment does not say.
+    pub fn names(request: &[u8]) -> Option<At> {
+        match request {
+            [command, low, high, sub, ..] if matches!(command >> 5, 1 | 2) => {
+                Some((u16::from_le_bytes([*low, *high]), *sub))
+            }
+            _ => None,
+        }
+    }
+
     /// Carries out one request; one that has not eight bytes is none.
     pub fn serve(&mut self, request: &[u8], objects: &mut Dictionary) -> Served {
         let Ok([command, low, high, sub, rest @ ..]) = <[u8; 8]>::try_from(request) else {
