@@ -41,7 +41,7 @@ max_age = "1s"
 bad = [{ raw = -512, means = "open circuit" }]
 [signal.room]
 device = "sender"
-frame = { id = 0x18FF0105, start = 8, length = 16, order = "big", signed = true }
+frame = { id = 0x18FF0105, start = 15, length = 16, order = "big", signed = true }
 scale = 0.1
 unit = "degC"
 max_age = "1s"
