@@ -184,7 +184,13 @@ impl Inspection {
     }
 
     /// Sets it up and reads every check; `None` where the device does not answer, which is told elsewhere.
-    async fn look(&mut self, line: &mut Line, shared: &Shared, can: Option<&Can>, round: u64) -> Option<Finding> {
+    async fn look(
+        &mut self,
+        line: &mut Line,
+        shared: &Shared,
+        can: Option<&Can>,
+        round: u64,
+    ) -> Option<Finding> {
         let mut wrong = Vec::new();
         if let Some(can) = can.filter(|_| self.set_up != Some(round)) {
             match setup::set_up(line, shared, self.device).await {

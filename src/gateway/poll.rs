@@ -3,8 +3,8 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use self::captures::Captures;
 pub(super) use self::call::call;
+use self::captures::Captures;
 use super::apply::{SetWriter, Writer};
 use super::can::{Can, Ear};
 use super::commissioning::Inspector;

@@ -122,7 +122,12 @@ fn a_node_is_set_up_then_started_then_believed_and_what_it_says_is_written_to_an
         wait_until(source, "the offset is written", |_| offset(&cnc) == 50);
         let log = module.state().log.clone();
         assert_eq!(log, ["1800:05=1400", "1017:00=6400", "start"]);
-        assert_eq!((count(&status, "device-lost"), count(&status, "node-reset")), (0, 0), "{:#?}", events(&status));
+        assert_eq!(
+            (count(&status, "device-lost"), count(&status, "node-reset")),
+            (0, 0),
+            "{:#?}",
+            events(&status)
+        );
         let _ = interface;
     });
 }

@@ -80,7 +80,11 @@ pub(crate) fn load(text: &str, interface: &Interface) -> profile::Profile {
 }
 
 /// Runs a gateway beside a script; the script's end stops it.
-pub(crate) fn beside(profile: profile::Profile, dry_run: bool, script: impl FnOnce(&dyn Source) + Send + 'static) {
+pub(crate) fn beside(
+    profile: profile::Profile,
+    dry_run: bool,
+    script: impl FnOnce(&dyn Source) + Send + 'static,
+) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
         let gateway = Gateway::new(profile, &Clock::wall(), Options { dry_run, ..Options::default() });

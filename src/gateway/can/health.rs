@@ -52,7 +52,8 @@ impl Episode {
     }
 
     fn end(episode: &mut Option<Episode>, what: &'static str, now: Moment) -> Option<Change> {
-        let Episode { since, last, count } = episode.take_if(|episode| now >= episode.last.after(OVER_AFTER))?;
+        let Episode { since, last, count } =
+            episode.take_if(|episode| now >= episode.last.after(OVER_AFTER))?;
         Some(Change::Over { count, what, within: last.since(since) })
     }
 }
@@ -75,7 +76,8 @@ impl Health {
             return Vec::new();
         }
         Episode::add(&mut self.errors, 1, now);
-        let is_worse = self.worst.replace(self.worst.map_or(gravity, |worst| worst.max(gravity))) < Some(gravity);
+        let is_worse =
+            self.worst.replace(self.worst.map_or(gravity, |worst| worst.max(gravity))) < Some(gravity);
         let worse = || Change::Worse { what: trouble.to_string(), is_off: gravity == Gravity::BusOff };
         is_worse.then(worse).into_iter().collect()
     }
@@ -139,7 +141,8 @@ mod tests {
         assert_eq!(health.tick(3, 0, at(0)).len(), 1);
         assert_eq!(health.tick(8, 0, at(5)), []);
         assert_eq!(health.tick(8, 40, at(6)).len(), 1);
-        let full = Change::Over { count: 8, what: "times the queue was full", within: Duration::from_secs(5) };
+        let full =
+            Change::Over { count: 8, what: "times the queue was full", within: Duration::from_secs(5) };
         assert_eq!(health.tick(8, 40, at(15)), [full]);
         let lost = Change::Over { count: 40, what: "frames lost", within: Duration::ZERO };
         assert_eq!(health.tick(8, 40, at(16)), [lost]);

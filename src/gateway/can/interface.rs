@@ -93,7 +93,9 @@ impl Ear {
                 Change::Worse { what, is_off } => {
                     let stays = is_off && Interface::look(&address).is_ok_and(|found| found.stays_off());
                     let hint = if stays {
-                        format!("; it stays off: `ip link set {address} type can restart-ms 100` lets it come back")
+                        format!(
+                            "; it stays off: `ip link set {address} type can restart-ms 100` lets it come back"
+                        )
                     } else {
                         String::new()
                     };

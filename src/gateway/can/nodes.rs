@@ -7,8 +7,8 @@ use std::time::Duration;
 use crate::codec::{CanId, CanMatch, Frame, Table};
 use crate::fieldbus::canopen::NodeId;
 use crate::fieldbus::canopen::emergency::{Emergency, SERVICE};
-use crate::fieldbus::canopen::node::HEARTBEAT;
 use crate::fieldbus::canopen::master::{Care, Master, NodeEvent, Output, Start};
+use crate::fieldbus::canopen::node::HEARTBEAT;
 use crate::fieldbus::canopen::sdo::ANSWER;
 use crate::profile::{BusId, CanDevice, DeviceId, Profile, Sync};
 use crate::quantity::Moment;
@@ -63,8 +63,10 @@ impl Nodes {
         let sync = profile.bus(bus).sync;
         let silences = here.clone().filter(|(_, can)| can.heartbeat.is_none()).filter_map(|(id, _)| {
             let own = profile.signals.iter().filter(|signal| signal.device == id);
-            let patience =
-                own.filter(|signal| signal.address.table == Table::Process).map(|signal| signal.max_age).max()?;
+            let patience = own
+                .filter(|signal| signal.address.table == Table::Process)
+                .map(|signal| signal.max_age)
+                .max()?;
             Some(Silence { device: id, patience, heard: now, was_heard: false, is_lost: false })
         });
         Nodes {
@@ -136,7 +138,8 @@ impl Nodes {
         }
         self.master.tick(now, &mut self.outputs);
         let mut follows = self.follow();
-        for silence in self.silences.iter_mut().filter(|silence| silence.due().is_some_and(|due| due <= now)) {
+        for silence in self.silences.iter_mut().filter(|silence| silence.due().is_some_and(|due| due <= now))
+        {
             silence.is_lost = true;
             let (never_seen, after) = (!silence.was_heard, silence.patience);
             follows.push(Do::Node(silence.device, NodeEvent::Lost { never_seen, after }));
@@ -156,7 +159,9 @@ impl Nodes {
                 Output::Tell(node, event) => {
                     let Some(device) = self.device(node) else { continue };
                     match event {
-                        NodeEvent::Emergency(emergency) => follows.extend(self.complains(node, device, emergency)),
+                        NodeEvent::Emergency(emergency) => {
+                            follows.extend(self.complains(node, device, emergency))
+                        }
                         event => follows.push(Do::Node(device, event)),
                     }
                 }

@@ -35,7 +35,9 @@ impl CanEvent {
 
     pub(super) const fn level(&self) -> Level {
         match self {
-            CanEvent::NodeReset { .. } | CanEvent::Emergency { .. } | CanEvent::BusTrouble { .. } => Level::Warning,
+            CanEvent::NodeReset { .. } | CanEvent::Emergency { .. } | CanEvent::BusTrouble { .. } => {
+                Level::Warning
+            }
             CanEvent::EmergencyOver { .. } | CanEvent::BusWell { .. } => Level::Info,
         }
     }
