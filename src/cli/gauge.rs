@@ -103,7 +103,7 @@ impl fmt::Display for Fieldbus<'_> {
                 (state, _) => state,
             };
             let fault = if device.fault.is_empty() { String::new() } else { format!(": {}", device.fault) };
-            writeln!(f, "  device {} (unit {}): {state}{fault}", device.name, device.unit)?;
+            writeln!(f, "  device {}{}: {state}{fault}", device.name, device.at)?;
         }
         for output in self.0.outputs.iter().filter(|output| output.writes == "offset") {
             let value = output.value.map_or("not read".to_owned(), |value| format!("{value:.4} µm"));

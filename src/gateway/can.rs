@@ -161,13 +161,14 @@ impl Ear {
 
     fn hear(&mut self) {
         while let Some((socket, _)) = &self.socket {
-            match socket.take() {
+            match socket.hear_now() {
                 Ok(Some(Heard::Frame(frame))) => self.take(&frame),
                 Ok(Some(Heard::Trouble(trouble))) => {
                     let changes = self.health.trouble(&trouble, self.shared.clock.now());
                     self.tell_health(changes);
                 }
                 Ok(None) => return,
+                Err(DOWN) if !self.can.link.is_down() => {}
                 Err(fault) => return self.lose_interface(fault),
             }
         }
@@ -190,7 +191,7 @@ impl Ear {
     fn send(&mut self) {
         while let (Some(frame), Some((socket, _))) = (self.unsent.front(), &self.socket) {
             match socket.send_now(frame) {
-                Err(fault) if fault == FULL => return,
+                Err(FULL) => return,
                 Err(fault) if fault.is_of_the_line() => return self.lose_interface(fault),
                 _ => drop(self.unsent.pop_front()),
             }
@@ -204,4 +205,5 @@ impl Ear {
     }
 }
 
+const DOWN: Fault = Fault::Link(LinkFault::Can(CanFault::Down));
 const FULL: Fault = Fault::Link(LinkFault::Can(CanFault::Full));

@@ -38,9 +38,9 @@ pub enum Event {
     /// A connection is back.
     LinkUp { bus: String, address: String, attempts: u64 },
     /// A device stopped answering properly.
-    DeviceLost { device: String, unit: u8, fault: String },
+    DeviceLost { device: String, at: String, fault: String },
     /// It answers again.
-    DeviceBack { device: String, unit: u8, missed: u64 },
+    DeviceBack { device: String, at: String, missed: u64 },
     /// A device is not set as the profile expects it; nothing that depends on it is armed.
     NotAsExpected { device: String, found: String },
     /// It is now.
@@ -234,9 +234,9 @@ impl fmt::Display for Event {
             Event::LinkUp { bus, address, attempts } => {
                 write!(f, "bus {bus} ({address}): connected after {attempts} attempts")
             }
-            Event::DeviceLost { device, unit, fault } => write!(f, "device {device} (unit {unit}): {fault}"),
-            Event::DeviceBack { device, unit, missed } => {
-                write!(f, "device {device} (unit {unit}): answers again, {missed} requests failed")
+            Event::DeviceLost { device, at, fault } => write!(f, "device {device}{at}: {fault}"),
+            Event::DeviceBack { device, at, missed } => {
+                write!(f, "device {device}{at}: is there again, {missed} failures since it was lost")
             }
             Event::NotAsExpected { device, found } => write!(f, "device {device}: {found}"),
             Event::AsExpected { device } => write!(f, "device {device}: set as the profile expects it"),

@@ -35,8 +35,8 @@ pub(crate) struct State {
     pub(crate) is_mute: bool,
     /// `start`, `1800:05=6400`, in order.
     pub(crate) log: Vec<String>,
-    wants_boot: bool,
-    is_over: bool,
+    pub(crate) wants_boot: bool,
+    pub(crate) is_over: bool,
 }
 
 /// The period of its process data.

@@ -10,7 +10,7 @@ use isotherm::observe::status::{SignalStatus, Source, Status};
 use isotherm::profile;
 
 /// How long anything may take before a test gives up.
-const PATIENCE: Duration = Duration::from_secs(20);
+const PATIENCE: Duration = Duration::from_secs(15);
 
 /// A virtual interface that lives as long as this.
 pub(crate) struct Interface(String);
@@ -43,15 +43,15 @@ impl Interface {
     }
 
     pub(crate) fn vanishes(&self) {
-        let _ = Command::new("ip").args(["link", "del", &self.0]).output();
+        let _ = Command::new("ip").args(["link", "del", "dev", &self.0]).output();
     }
 
     pub(crate) fn up(&self) {
-        shell(&format!("ip link set {} up", self.0));
+        shell(&format!("ip link set dev {} up", self.0));
     }
 
     pub(crate) fn down(&self) {
-        shell(&format!("ip link set {} down", self.0));
+        shell(&format!("ip link set dev {} down", self.0));
     }
 
     /// Sends a frame, written as cansend wants it.
@@ -93,7 +93,9 @@ pub(crate) fn beside(
         let (tell, told) = tokio::sync::oneshot::channel();
         let stop = async move { drop(tell.send(done.await)) };
         gateway.run(stop, std::future::ready(())).await;
-        told.await.unwrap().unwrap();
+        if let Err(failed) = told.await.unwrap() {
+            std::panic::resume_unwind(failed.into_panic());
+        }
     });
 }
 
@@ -108,7 +110,8 @@ pub(crate) fn wait_until(source: &dyn Source, what: &str, found: impl Fn(&Status
             return status;
         }
         let late = clock.now().since(begun) >= PATIENCE;
-        assert!(!late, "{what}:\n{:#?}\n{:#?}\n{:#?}", events(&status), status.signals, status.devices);
+        let bad: Vec<_> = status.signals.iter().map(|one| (&one.name, one.quality, one.value)).collect();
+        assert!(!late, "{what}: {bad:?}\n{:#?}\n{:?}", events(&status), status.devices);
         std::thread::sleep(Duration::from_millis(5));
     }
 }

@@ -30,10 +30,8 @@ impl Interface {
     /// # Errors
     /// There is none, or the kernel does not say.
     pub fn look(name: &str) -> Result<Interface, CanFault> {
-        let details = CanInterface::open(name).and_then(|interface| {
-            interface.details().map_err(|_| socketcan::Error::from(std::io::ErrorKind::NotFound))
-        });
-        let details = details.map_err(|_| CanFault::NoInterface)?;
+        let interface = CanInterface::open(name).map_err(|_| CanFault::NoInterface)?;
+        let details = interface.details().map_err(|_| CanFault::NoInterface)?;
         Ok(Interface {
             is_up: details.is_up,
             does_fd: details.mtu == Some(Mtu::Fd),

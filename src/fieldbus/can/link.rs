@@ -70,16 +70,18 @@ impl Link {
             Some(socket) => Ok(socket.clone()),
             None => Socket::open(&self.interface, &self.wanted).map(Arc::new),
         };
-        let is_up = Interface::look(&self.interface).map(|interface| interface.is_up);
-        inner.socket = opened.as_ref().ok().cloned();
-        let fault = match (&opened, is_up) {
-            (Err(fault), _) => Some(*fault),
-            (Ok(_), Ok(false)) => Some(Fault::Link(LinkFault::Can(CanFault::Down))),
-            // Where the kernel does not say, the first frame will.
-            (Ok(_), _) => None,
+        let found = Interface::look(&self.interface).map_err(|fault| Fault::Link(LinkFault::Can(fault)));
+        let (socket, fault) = match (opened, found) {
+            (Err(fault), _) | (Ok(_), Err(fault)) => (None, Some(fault)),
+            (Ok(socket), Ok(found)) if found.is_up => (Some(socket), None),
+            (Ok(socket), Ok(_)) => (Some(socket), Some(Fault::Link(LinkFault::Can(CanFault::Down)))),
         };
-        inner.fault = fault;
-        fault.map_or(opened, Err)
+        inner.give_up(socket.as_ref());
+        (inner.socket, inner.fault) = (socket.clone(), fault);
+        match (socket, fault) {
+            (Some(socket), None) => Ok(socket),
+            (_, fault) => Err(fault.unwrap_or(Fault::Link(LinkFault::Down))),
+        }
     }
 
     /// The socket, also of an interface that is down.
@@ -100,12 +102,16 @@ impl Link {
             Fault::Link(LinkFault::Can(CanFault::Down)) => inner.fault = Some(fault),
             _ => {
                 inner.fault = Some(fault);
-                if let Some(socket) = inner.socket.take() {
-                    inner.full += socket.full();
-                    inner.lost += socket.lost();
-                }
+                inner.give_up(None);
+                inner.socket = None;
             }
         }
+    }
+
+    /// The interface went down, says the socket: whether it is so still. Opening one that is down leaves such a word behind,
+    /// which comes when it has long been up.
+    pub fn is_down(&self) -> bool {
+        !Interface::look(&self.interface).is_ok_and(|found| found.is_up)
     }
 
     /// Hands an answer of SDO to whoever asked.
@@ -146,5 +152,16 @@ impl Link {
     /// Nothing behind this lock is left half done by a panic.
     fn inner(&self) -> MutexGuard<'_, Inner> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Inner {
+    /// Keeps the counts of a socket that is not to be kept.
+    fn give_up(&mut self, kept: Option<&Arc<Socket>>) {
+        let is_kept = |socket: &&Arc<Socket>| kept.is_some_and(|kept| Arc::ptr_eq(kept, socket));
+        if let Some(socket) = self.socket.as_ref().filter(|socket| !is_kept(socket)) {
+            self.full += socket.full();
+            self.lost += socket.lost();
+        }
     }
 }

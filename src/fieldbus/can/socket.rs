@@ -85,26 +85,14 @@ impl Socket {
         }
     }
 
-    /// Until there is something to [`Socket::take`].
+    /// Until something has come since this was last asked. Whoever waits so calls [`Socket::hear_now`] until there is
+    /// nothing more, else what is left is waited for in vain.
     pub async fn ready(&self) {
         // Where the runtime ends, so does whoever waits.
         if let Ok(mut guard) = self.fd.ready(READING).await {
-            guard.retain_ready();
+            // Before the reads, not after them: what comes between the two is told anew.
+            guard.clear_ready();
         }
-    }
-
-    /// The next frame, where [`Socket::ready`] has told of one; to be called until there is none.
-    ///
-    /// # Errors
-    /// As [`Socket::hear`].
-    pub fn take(&self) -> Result<Option<Heard>, Fault> {
-        // One after the other: of two at once `try_io` thinks that neither is ready, and never reads.
-        self.next(|| match self.fd.try_io(Interest::READABLE, CanFdSocket::read_frame) {
-            Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
-                self.fd.try_io(Interest::ERROR, CanFdSocket::read_frame)
-            }
-            read => read,
-        })
     }
 
     /// The next frame, if it has come.
@@ -112,12 +100,8 @@ impl Socket {
     /// # Errors
     /// As [`Socket::hear`].
     pub fn hear_now(&self) -> Result<Option<Heard>, Fault> {
-        self.next(|| self.fd.get_ref().read_frame())
-    }
-
-    fn next(&self, read: impl Fn() -> io::Result<CanAnyFrame>) -> Result<Option<Heard>, Fault> {
         loop {
-            match read() {
+            match self.fd.get_ref().read_frame() {
                 Ok(frame) => {
                     if let Some(heard) = taken(frame) {
                         return Ok(Some(heard));

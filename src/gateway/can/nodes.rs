@@ -45,6 +45,8 @@ pub(super) enum Do {
     Send(Frame),
     /// This happened to the device.
     Node(DeviceId, NodeEvent),
+    /// A device that only sends has not sent anything for so long, or never.
+    Silent(DeviceId, Duration, bool),
     /// An emergency came that has not been told yet.
     Complains(DeviceId, Emergency),
     /// All that were told are over, after so many messages.
@@ -141,8 +143,7 @@ impl Nodes {
         for silence in self.silences.iter_mut().filter(|silence| silence.due().is_some_and(|due| due <= now))
         {
             silence.is_lost = true;
-            let (never_seen, after) = (!silence.was_heard, silence.patience);
-            follows.push(Do::Node(silence.device, NodeEvent::Lost { never_seen, after }));
+            follows.push(Do::Silent(silence.device, silence.patience, silence.was_heard));
         }
         follows
     }

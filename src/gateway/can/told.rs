@@ -21,6 +21,11 @@ impl Ear {
             match follow {
                 Do::Send(frame) => self.queue(frame),
                 Do::Node(device, event) => self.happened(device, event),
+                Do::Silent(device, patience, was_heard) => {
+                    let patience = humantime::format_duration(patience);
+                    let words = if was_heard { "nothing comes any more" } else { "nothing has come" };
+                    self.lost(device, format!("{words}, for {patience}"));
+                }
                 Do::Complains(device, emergency) => {
                     let own = self.shared.profile.device(device);
                     let means = own.can.as_ref().map_or(String::new(), |can| can.emergency(emergency.code));
@@ -51,10 +56,7 @@ impl Ear {
                 events.push(Event::Can(CanEvent::NodeReset { device: name, node, what }));
             }
             NodeEvent::Stopped => events.push(Event::Can(CanEvent::NodeReset { device: name, node, what })),
-            NodeEvent::Lost { .. } => {
-                self.condemn(device, Reason::Timeout);
-                events.extend(self.shared.core().can_lost(&self.shared, device, what));
-            }
+            NodeEvent::Lost { .. } => self.lost(device, what),
             NodeEvent::Back { .. } => {
                 self.can.revive(Some(device));
                 events.extend(self.shared.core().can_heard(&self.shared, device).into_iter().flatten());
@@ -64,6 +66,12 @@ impl Ear {
             NodeEvent::Emergency(_) => {}
         }
         events.iter().for_each(|event| self.shared.tell(event));
+    }
+
+    fn lost(&self, device: DeviceId, what: String) {
+        self.condemn(device, Reason::Timeout);
+        let event = self.shared.core().can_lost(&self.shared, device, what);
+        event.iter().for_each(|event| self.shared.tell(event));
     }
 
     /// A node came up: it is set up and looked at as at the beginning. What it said before its reset is not believed any
@@ -111,6 +119,6 @@ impl Core {
             return None;
         }
         self.commissioning.forget(shared, id);
-        Some(Event::DeviceLost { device: device.name.clone(), unit: device.unit, fault })
+        Some(Event::DeviceLost { device: device.name.clone(), at: device.at(), fault })
     }
 }

@@ -88,7 +88,7 @@ impl Core {
         });
         let back = lost.filter(|lost| lost.told).map(|lost| Event::DeviceBack {
             device: device.name.clone(),
-            unit: device.unit,
+            at: device.at(),
             missed: lost.missed,
         });
         [up, back]
@@ -121,7 +121,7 @@ impl Core {
             // What comes back may be another one, or one that has forgotten how it was set.
             self.commissioning.forget(shared, id);
         }
-        let (device, unit) = (device.name.clone(), device.unit);
-        [tell.then(|| Event::DeviceLost { device, unit, fault: fault.to_string() }), None]
+        let (device, at) = (device.name.clone(), device.at());
+        [tell.then(|| Event::DeviceLost { device, at, fault: fault.to_string() }), None]
     }
 }
