@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 mod gateway;
+mod machine;
 mod node;
 mod rig;
 mod utils;
