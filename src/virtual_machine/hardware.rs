@@ -310,6 +310,12 @@ impl Hardware {
         }
     }
 
+    /// What stands in a device.
+    #[cfg(test)]
+    pub(super) fn cell(&self, device: DeviceId, address: Address, count: u16) -> Option<&[u16]> {
+        self.units[self.unit_of[device.0]].bank.read(address, count)
+    }
+
     fn decoded(&self, device: DeviceId, address: Address, encoding: &Encoding) -> Option<f64> {
         let bank = &self.units[self.unit_of[device.0]].bank;
         let words = bank.read(address, encoding.data_type.registers())?;

@@ -106,8 +106,12 @@ impl Port {
     /// There is something to be heard, be it an error.
     async fn ready(&self) {
         match &self.socket {
-            Some(open) if open.fd.ready(EVERYTHING).await.is_ok() => {}
-            _ => std::future::pending().await,
+            Some(open) => {
+                if let Ok(mut guard) = open.fd.ready(EVERYTHING).await {
+                    guard.retain_ready();
+                }
+            }
+            None => std::future::pending().await,
         }
     }
 
@@ -115,7 +119,14 @@ impl Port {
     fn hear(&mut self) -> Option<Frame> {
         loop {
             let socket = self.socket.as_ref()?;
-            match socket.fd.try_io(EVERYTHING, CanFdSocket::read_frame) {
+            // One after the other: of two at once `try_io` thinks that neither is ready, and never reads.
+            let read = match socket.fd.try_io(Interest::READABLE, CanFdSocket::read_frame) {
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
+                    socket.fd.try_io(Interest::ERROR, CanFdSocket::read_frame)
+                }
+                read => read,
+            };
+            match read {
                 Ok(frame) => {
                     if let Some(frame) = unpacked(&frame) {
                         return Some(frame);

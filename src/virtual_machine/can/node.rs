@@ -73,6 +73,8 @@ pub(in crate::virtual_machine) enum Act {
     Measured(usize),
     /// It forgets what was written to it, as at power-on. [`Node::boot`] is to follow.
     Reset,
+    /// It has put objects back by itself.
+    Restored,
 }
 
 impl Pdo {
@@ -216,6 +218,7 @@ impl Node {
             0x81 => acts.push(Act::Reset),
             0x82 => {
                 self.objects.restore(&self.at_power_on, COMMUNICATION);
+                acts.push(Act::Restored);
                 self.begin(now, acts);
             }
             _ => {}

@@ -270,6 +270,7 @@ impl Hardware {
             for act in acts {
                 match act {
                     Act::Reset => self.restart(place, now),
+                    Act::Restored => self.keep_objects(place),
                     Act::Send(frame) => {
                         if !self.faults.silences(device, now) {
                             sent.push(Sent::Frame(frame, None));
