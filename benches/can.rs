@@ -2,12 +2,13 @@
 //!
 //! - From a position on the wire to the corrected one on the wire: the kernel's time stamps of the two frames. The limit:
 //!   the median is under 200 µs.
-//! - The processor time of the gateway's thread while 20,000 foreign frames a second pass, beside that on the same bus
-//!   without them, in turns. The limit: 5 % more.
+//! - How long the gateway's thread is busy, and how often it wakes, while 20,000 foreign frames a second pass, beside the
+//!   same bus without them, second by second in turns. The limit: 5 % more of either. (The user-mode kernel counts
+//!   processor time in steps of 10 ms, which is too coarse; the runtime measures itself from wake to sleep.)
 
 #![allow(clippy::unwrap_used, clippy::cast_precision_loss, reason = "a bench may stop where it stands")]
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
@@ -17,11 +18,14 @@ use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::status::Source;
 use isotherm::profile;
 use socketcan::{CanFilter, CanFrame, CanSocket, EmbeddedFrame, Frame, Socket, SocketOptions, StandardId};
+use tokio::runtime::{Handle, RuntimeMetrics};
 
 /// From wire to wire.
 const LATENCY: Duration = Duration::from_micros(200);
-/// Processor time with foreign traffic per processor time without.
+/// Busy with foreign traffic per busy without.
 const SHARE: f64 = 1.05;
+/// Seconds of each.
+const ROUNDS: u64 = 20;
 /// Foreign frames a second.
 const FOREIGN: u64 = 20_000;
 
@@ -77,8 +81,8 @@ scale = 0.001
 /// A running gateway.
 struct Running {
     source: Arc<dyn Source>,
-    /// Where the kernel counts its thread's time.
-    counted: PathBuf,
+    /// Measures itself.
+    runtime: RuntimeMetrics,
     stop: Option<tokio::sync::oneshot::Sender<()>>,
     thread: Option<std::thread::JoinHandle<()>>,
 }
@@ -91,22 +95,21 @@ impl Running {
         let (tell, told) = std::sync::mpsc::channel();
         let (stop, stopped) = tokio::sync::oneshot::channel();
         let thread = std::thread::spawn(move || {
-            let counted = Path::new("/proc").join(std::fs::read_link("/proc/thread-self").unwrap());
             let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
             runtime.block_on(async {
                 let gateway = Gateway::new(profile, &Clock::wall(), Options::default());
-                tell.send((gateway.source(), counted)).unwrap();
+                tell.send((gateway.source(), Handle::current().metrics())).unwrap();
                 gateway.run(async { drop(stopped.await) }, std::future::ready(())).await;
             });
         });
-        let (source, counted) = told.recv().unwrap();
-        Running { source, counted, stop: Some(stop), thread: Some(thread) }
+        let (source, runtime) = told.recv().unwrap();
+        Running { source, runtime, stop: Some(stop), thread: Some(thread) }
     }
 
-    /// Nanoseconds on the processor so far.
-    fn spent(&self) -> u64 {
-        let text = std::fs::read_to_string(self.counted.join("schedstat")).unwrap();
-        text.split_whitespace().next().unwrap().parse().unwrap()
+    /// Milliseconds busy, and sleeps, so far.
+    fn spent(&self) -> [f64; 2] {
+        let busy = self.runtime.worker_total_busy_duration(0);
+        [busy.as_secs_f64() * 1000.0, self.runtime.worker_park_count(0) as f64]
     }
 }
 
@@ -202,6 +205,11 @@ fn latency(running: &Running, machine: &mut Machine) -> bool {
 fn babble(interface: &str, on: &AtomicBool, over: &AtomicBool, sent: &AtomicU64) {
     let socket = CanSocket::open(interface).unwrap();
     socket.set_filter_drop_all().unwrap();
+    // The processor is the gateway's whenever it wants it, as where frames come from outside.
+    let thread = std::fs::read_link("/proc/thread-self").unwrap();
+    let number = thread.file_name().unwrap();
+    let nice = std::process::Command::new("renice").args(["-n", "19", "-p"]).arg(number).output();
+    assert!(nice.unwrap().status.success(), "renice");
     let clock = Clock::wall();
     let mut due = clock.now();
     // Every 5 ms a hundred, as different as foreign frames are.
@@ -220,8 +228,8 @@ fn babble(interface: &str, on: &AtomicBool, over: &AtomicBool, sent: &AtomicU64)
     }
 }
 
-/// Processor time of the gateway in a second of its usual traffic: a position every 5 ms, a temperature every 100 ms.
-fn second(running: &Running, machine: &mut Machine) -> u64 {
+/// What the gateway spends in a second of its usual traffic: a position every 5 ms, a temperature every 100 ms.
+fn second(running: &Running, machine: &mut Machine) -> [f64; 2] {
     let clock = Clock::wall();
     let (begun, spent) = (clock.now(), running.spent());
     for round in 0..200_u32 {
@@ -232,7 +240,8 @@ fn second(running: &Running, machine: &mut Machine) -> u64 {
         std::thread::sleep(begun.after(Duration::from_millis(5) * (round + 1)).since(clock.now()));
     }
     while machine.wire.read_frame().is_ok() {}
-    running.spent() - spent
+    let now = running.spent();
+    [now[0] - spent[0], now[1] - spent[1]]
 }
 
 fn foreign(interface: &str, running: &Running, machine: &mut Machine) -> bool {
@@ -241,7 +250,7 @@ fn foreign(interface: &str, running: &Running, machine: &mut Machine) -> bool {
     let (mut quiet, mut busy) = (Vec::new(), Vec::new());
     std::thread::scope(|scope| {
         scope.spawn(|| babble(interface, &on, &over, &sent));
-        for _ in 0..20 {
+        for _ in 0..ROUNDS {
             on.store(false, Ordering::Relaxed);
             quiet.push(second(running, machine));
             on.store(true, Ordering::Relaxed);
@@ -249,18 +258,23 @@ fn foreign(interface: &str, running: &Running, machine: &mut Machine) -> bool {
         }
         over.store(true, Ordering::Relaxed);
     });
-    let median = |mut spans: Vec<u64>| {
-        spans.sort_unstable();
-        spans[spans.len() / 2] as f64 / 1e6
+    let median = |seconds: &[[f64; 2]], which: usize| {
+        let mut values: Vec<f64> = seconds.iter().map(|second| second[which]).collect();
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
     };
-    let rate = sent.load(Ordering::Relaxed) / 20;
-    let (quiet, busy) = (median(quiet), median(busy));
-    println!(
-        "processor time of the gateway in a second: {quiet:.2} ms, with {rate} foreign frames {busy:.2} ms: \
-         {:.3} times as much; limit {SHARE}",
-        busy / quiet
-    );
-    busy < quiet * SHARE
+    let rate = sent.load(Ordering::Relaxed) / ROUNDS;
+    let mut is_kept = true;
+    for (which, unit) in [(0, "ms busy"), (1, "sleeps")] {
+        let (quiet, busy) = (median(&quiet, which), median(&busy, which));
+        println!(
+            "the gateway in a second: {quiet:.1} {unit}, with {rate} foreign frames {busy:.1}: {:.3} times as much; \
+             limit {SHARE}",
+            busy / quiet
+        );
+        is_kept &= busy < quiet * SHARE;
+    }
+    is_kept
 }
 
 fn main() {
