@@ -163,6 +163,16 @@ pub struct Device {
     pub can: Option<CanDevice>,
 }
 
+impl Device {
+    /// Where it is on its bus, behind its name: ` (unit 3)`, ` (node 5)`, nothing for one that only sends CAN frames.
+    pub fn at(&self) -> String {
+        match &self.can {
+            None => format!(" (unit {})", self.unit),
+            Some(can) => can.node.map_or(String::new(), |node| format!(" (node {node})")),
+        }
+    }
+}
+
 impl Default for Quirks {
     fn default() -> Quirks {
         Quirks {

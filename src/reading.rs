@@ -64,6 +64,8 @@ pub enum Reason {
     TooFast,
     /// The device answered with this Modbus exception code.
     Exception(u8),
+    /// The node refuses to give the object.
+    Refused,
     /// The device did not answer in time.
     Timeout,
     /// No connection to the device.
@@ -136,6 +138,7 @@ impl Reason {
             Reason::OutOfRange => "out-of-range",
             Reason::TooFast => "too-fast",
             Reason::Exception(_) => "exception",
+            Reason::Refused => "refused",
             Reason::Timeout => "timeout",
             Reason::LinkDown => "link-down",
             Reason::BadReply => "bad-reply",
@@ -164,6 +167,7 @@ impl fmt::Display for Reason {
             Reason::OutOfRange => "out of range",
             Reason::TooFast => "changing too fast",
             Reason::Exception(code) => return write!(f, "device exception {code}"),
+            Reason::Refused => "the node refuses to give it",
             Reason::Timeout => "no answer in time",
             Reason::LinkDown => "no connection",
             Reason::BadReply => "wrong reply",

@@ -104,6 +104,7 @@ fn pdu(request: Request<'_>) -> Option<Pdu<'_>> {
         Request::WriteCoil { at, value } => Pdu::WriteSingleCoil(at, value),
         Request::WriteSingle { at, word } => Pdu::WriteSingleRegister(at, word),
         Request::WriteMultiple { at, words } => Pdu::WriteMultipleRegisters(at, Cow::Borrowed(words)),
+        Request::Can(_) => return None,
     })
 }
 

@@ -160,6 +160,7 @@ fn devices(shared: &Shared, core: &Core) -> Vec<DeviceStatus> {
             name: device.name.clone(),
             bus: shared.profile.bus(device.bus).name.clone(),
             unit: device.unit,
+            at: device.at(),
             state: match (&count.lost, count.answered) {
                 (Some(lost), _) if lost.answers_since.is_none() => "lost",
                 (_, false) => "never-answered",

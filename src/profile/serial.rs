@@ -20,6 +20,13 @@ pub enum Transport {
     Can,
 }
 
+impl Transport {
+    /// It is a CAN interface.
+    pub const fn is_can(self) -> bool {
+        matches!(self, Transport::Can)
+    }
+}
+
 /// The settings of a serial port. Always eight data bits: Modbus RTU knows nothing else.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Serial {

@@ -110,7 +110,7 @@ pub(in crate::virtual_machine) fn profile() -> Profile {
     }
 }
 
-fn plain(data_type: DataType, scale: f64) -> Encoding {
+pub(super) fn plain(data_type: DataType, scale: f64) -> Encoding {
     Encoding {
         data_type,
         word_order: WordOrder::MswFirst,
@@ -122,7 +122,7 @@ fn plain(data_type: DataType, scale: f64) -> Encoding {
     }
 }
 
-fn bus(name: &str, address: &str) -> Bus {
+pub(super) fn bus(name: &str, address: &str) -> Bus {
     let quirks = quirks();
     let timeout = Duration::from_millis(300);
     Bus {
@@ -147,7 +147,7 @@ fn quirks() -> Quirks {
     }
 }
 
-fn device(name: &str, bus: usize, unit: u8) -> Device {
+pub(super) fn device(name: &str, bus: usize, unit: u8) -> Device {
     let functions = Functions {
         read_coils: true,
         read_discrete: true,
@@ -189,7 +189,7 @@ fn signal(name: &str, device: usize, register: &str, encoding: Encoding, unit: &
     }
 }
 
-fn output(name: &str, device: usize, register: &str, scale: f64, writes: Writes) -> Output {
+pub(super) fn output(name: &str, device: usize, register: &str, scale: f64, writes: Writes) -> Output {
     Output {
         name: name.to_owned(),
         axis: AxisId(0),
