@@ -153,6 +153,11 @@ impl Register {
         Register { protocol: address.to_string(), modicon: address.modicon() }
     }
 
+    /// It is no register and no object, but bits that say themselves of which kind they are.
+    fn is_in_frames(&self) -> bool {
+        self.modicon.is_empty() && !self.protocol.starts_with("object")
+    }
+
     /// Where a value of a device is.
     fn at(profile: &Profile, device: DeviceId, address: Address, data_type: DataType) -> Register {
         if address.table.is_can() {
@@ -323,7 +328,11 @@ impl fmt::Display for Explanation {
         }
         writeln!(f, "\nsignals")?;
         for signal in &self.signals {
-            write!(f, "  {}: {} of {}, {}", signal.name, signal.register, signal.device, signal.data_type)?;
+            let SignalExplained { name, register, device, data_type, .. } = signal;
+            match register.is_in_frames() {
+                true => write!(f, "  {name}: {register}, from {device}")?,
+                false => write!(f, "  {name}: {register} of {device}, {data_type}")?,
+            }
             if let Some(order) = &signal.word_order {
                 write!(f, " {order}")?;
             }

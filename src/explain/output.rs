@@ -212,7 +212,11 @@ fn figure(number: f64) -> String {
 impl fmt::Display for WriteExplained {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let plural = if self.registers == 1 { "" } else { "s" };
-        write!(f, "  {}: {} of {}, {}", self.output, self.register, self.device, self.data_type)?;
+        let WriteExplained { output, register, device, data_type, .. } = self;
+        match register.is_in_frames() {
+            true => write!(f, "  {output}: {register}, to {device}")?,
+            false => write!(f, "  {output}: {register} of {device}, {data_type}")?,
+        }
         if let Some(order) = &self.word_order {
             write!(f, " {order}")?;
         }

@@ -233,8 +233,7 @@ fn a_siko_indicator_is_written_with_its_control_word_and_condemned_by_its_status
     assert_eq!(frame.to_string(), "20C#2EFBFFFF00000000");
     let told = Explanation::of(&machine).to_string();
     assert!(told.contains("not verified: the control word in bytes 6 and 7 of RPDO1"), "{told}");
-    let marked = rest.replace("scale = 0.01\n[axis", "scale = 0.01\n[axis")
-        + "\npdo = { fill = \"00 00 00 00 00 00 04 00\" }";
+    let marked = rest.to_owned() + "\npdo = { fill = \"00 00 00 00 00 00 04 00\" }";
     let machine = on_can("node = 12\ntemplate = \"siko-ap10\"", &marked)
         .unwrap_or_else(|errors| panic!("{errors}"))
         .profile;

@@ -65,13 +65,12 @@ fn a_signed_field_of_any_length_has_its_sign_and_a_float_its_point() {
 #[test]
 fn the_published_frame_of_a_thermocouple_module_decodes_to_its_published_values() {
     const FRAME: [u8; 8] = [0x99, 0x04, 0x60, 0x0a, 0x28, 0x19, 0x8e, 0xbe];
-    let read = |start, length, offset| {
-        value(field(start, length, INTEL, BitKind::Unsigned), 1.0, offset, &FRAME).unwrap()
-    };
-    assert_eq!(read(0, 8, -128.0), 25.0);
+    let read =
+        |start, length, offset| value(field(start, length, INTEL, BitKind::Unsigned), 1.0, offset, &FRAME);
+    assert_eq!(read(0, 8, -128.0), Ok(25.0));
     let status = [8, 22, 36, 50].map(|start| read(start, 2, 0.0));
     let temperatures = [10, 24, 38, 52].map(|start| read(start, 12, -2048.0));
-    assert_eq!((status, temperatures), ([0.0, 1.0, 2.0, 3.0], [1.0, 10.0, 100.0, 1000.0]));
+    assert_eq!((status, temperatures), ([0.0, 1.0, 2.0, 3.0].map(Ok), [1.0, 10.0, 100.0, 1000.0].map(Ok)));
 }
 
 #[test]

@@ -104,7 +104,7 @@ fn what_is_wrong_in_the_file_is_told_at_the_file_s_own_line() {
     assert!(file().line(cut.at.unwrap().0).unwrap().starts_with("BO_ 419361278 Cut"));
     assert!(cut.help.contains("2147483648"));
     let broken = DbcFile::read(FILE.replace("16|2@1+", "16;2@1+").into_bytes()).unwrap_err();
-    assert_eq!(broken.at, Some((10, 21)));
+    assert_eq!(broken.at, Some((10, 15)));
 }
 
 #[test]
