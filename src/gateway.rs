@@ -218,7 +218,7 @@ impl Gateway {
             .filter(|(_, device)| device.bus == bus)
             .collect();
         let settings = profile.bus(bus);
-        let ear = Ear::of(&self.shared, bus);
+        let ear = Ear::of(&self.shared, bus, self.wire_log.tap(bus));
         let dial: Box<dyn Dial> = match &ear {
             Some((can, _)) => Box::new(can.dial(settings)),
             None => (self.options.dialer)(settings),

@@ -128,7 +128,7 @@ pub enum UnknownUnit {
 #[derive(Debug, thiserror::Error)]
 pub enum VirtualMachineError {
     /// An address cannot be listened at.
-    #[error("cannot listen at {address} (bus `{bus}`): {source}")]
+    #[error("cannot listen at {address} (bus `{bus}`)")]
     Listen {
         /// The bus of the profile.
         bus: String,

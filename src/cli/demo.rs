@@ -14,6 +14,7 @@ use crate::clock::Clock;
 use crate::gateway::{Gateway, Options, Outcome};
 use crate::observe::status::Source;
 use crate::profile::{Profile, Web};
+use crate::survey::interface;
 use crate::virtual_machine::{PlantSpec, Published, Setup, Summary, VirtualMachine, Window};
 
 mod table;
@@ -77,6 +78,9 @@ impl Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (profile, plant) = machines::with_plant(&arguments.machine, &arguments.set)?;
+    if let Some(missing) = interface::unusable(&profile) {
+        return Err(anyhow::anyhow!("{}: {missing}", arguments.machine).into());
+    }
     let mut sockets = Sockets::default();
     let page = open_page(&mut sockets, arguments.listen.as_deref(), profile.web.as_ref())?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;

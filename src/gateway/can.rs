@@ -18,6 +18,7 @@ use crate::clock::{Bell, Inlet, Sleeper};
 use crate::codec::Frame;
 use crate::fieldbus::can::{CanDial, Heard, Link, Socket};
 use crate::fieldbus::error::{CanFault, Fault, LinkFault};
+use crate::fieldbus::trace::Tap;
 use crate::profile::{Bus, BusId, DeviceId};
 use crate::quantity::Moment;
 
@@ -73,6 +74,7 @@ pub(super) struct Ear {
     socket: Option<(Arc<Socket>, Option<Inlet>)>,
     /// The interface carries frames.
     is_up: bool,
+    tap: Tap,
     /// When the counts of the socket are looked at again.
     measure_at: Moment,
 }
@@ -183,6 +185,7 @@ impl Ear {
             let mut follows = self.nodes.take(frame, now);
             self.act(&mut follows);
             self.is_spoken_to_by(device);
+            self.tap.heard((device, self.shared.profile.device(device).unit), frame);
         }
         self.route(frame, now);
     }

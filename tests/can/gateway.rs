@@ -164,6 +164,8 @@ fn a_node_is_set_up_then_started_then_believed_and_what_it_says_is_written_to_an
 fn a_node_that_is_reset_is_set_up_and_started_again_within_a_heartbeat_and_the_axis_makes_no_step() {
     Cell::new("reset", module()).run(|cell, source| {
         wait_until(source, "the axis follows", |status| is_active(status) && cell.offset() == 50);
+        // The first conversion takes its time.
+        cell.module.state().first_after = Duration::from_millis(500);
         cell.module.reset();
         wait_until(source, "it does without", |status| status.axes[0].state == "degraded");
         let status = wait_until(source, "it follows again", is_active);
@@ -203,7 +205,7 @@ fn a_node_that_never_was_there_is_missed_like_one_that_is_there_no_more() {
         let status = wait_until(source, "it is missed", |status| count(status, "device-lost") == 1);
         let state = status.devices.iter().find(|device| device.name == "module").unwrap().state;
         assert_eq!(state, "lost");
-        wait_until(source, "the axis does without", |status| status.axes[0].state == "degraded");
+        assert!(!status.axes[0].armed, "what has not been verified is not armed with");
         // A sensor without a heartbeat is missed when its values are too old.
         cell.sender.state().is_mute = true;
         let status = wait_until(source, "both are missed", |status| count(status, "device-lost") == 2);
@@ -376,7 +378,7 @@ fn in_a_dry_run_a_node_is_started_and_read_but_nothing_is_set_or_written() {
             count(status, "not-as-expected") == 1 && signal(status, "bed").quality == "not-as-expected"
         });
         told(&status, "1017:00");
-        assert_eq!(signal(&status, "room").value, Some(24.0));
+        wait_until(source, "the other is read", |status| signal(status, "room").value == Some(24.0));
         nodes[0].state().objects.insert((0x1017, 0), vec![100, 0]);
         nodes[0].reset();
         wait_until(source, "it is read", |status| signal(status, "bed").value == Some(25.0));

@@ -31,6 +31,8 @@ pub(crate) struct State {
     pub(crate) speaks_of_others: bool,
     /// This object is refused, with this code.
     pub(crate) refuses: Option<((u16, u8), u32)>,
+    /// From its start to its first process data.
+    pub(crate) first_after: Duration,
     /// It says and hears nothing.
     pub(crate) is_mute: bool,
     /// `start`, `1800:05=6400`, in order.
@@ -108,7 +110,11 @@ fn live(socket: &CanSocket, state: &Mutex<State>) {
             send(frame(0x700 + number, &[0]));
         }
         if let Ok(heard) = heard {
+            let was_operational = state.is_operational;
             answers(&mut state, &heard).into_iter().for_each(send);
+            if state.is_operational && !was_operational {
+                send_at = now.after(state.first_after);
+            }
         }
         if state.heartbeat.is_some() && now >= beat_at {
             send(frame(0x700 + number, &[if state.is_operational { 5 } else { 0x7f }]));

@@ -11,6 +11,7 @@ use crate::codec::Frame;
 use crate::fieldbus::canopen::sdo::{Client, Data, Progress, SdoError};
 use crate::fieldbus::canopen::{Entry, NodeId};
 use crate::fieldbus::error::{CallerFault, CanFault, Fault, LinkFault, PeerFault};
+use crate::fieldbus::trace::Tap;
 use crate::fieldbus::wire::{Answer, Boxed, CanRequest, Connection, Dial, Request, Wire};
 use crate::profile::Object;
 
@@ -19,12 +20,13 @@ use crate::profile::Object;
 pub struct CanDial {
     link: Arc<Link>,
     timeout: Duration,
+    tap: Tap,
 }
 
 impl CanDial {
     /// On this interface; a full queue is given half of the line's timeout.
     pub fn new(link: Arc<Link>, timeout: Duration) -> CanDial {
-        CanDial { link, timeout }
+        CanDial { link, timeout, tap: Tap::default() }
     }
 }
 
@@ -37,10 +39,15 @@ impl Dial for CanDial {
                 socket,
                 patience: self.timeout / 2,
                 asked: None,
+                tap: self.tap.clone(),
             }))),
             (fault, _) => Err(fault.unwrap_or(Fault::Link(LinkFault::Down))),
         };
         Box::pin(std::future::ready(wire))
+    }
+
+    fn tap(&mut self, tap: &Tap) {
+        self.tap = tap.clone();
     }
 }
 
@@ -51,6 +58,7 @@ struct CanWire {
     patience: Duration,
     /// The node whose answer is awaited.
     asked: Option<NodeId>,
+    tap: Tap,
 }
 
 impl Wire for CanWire {
@@ -103,6 +111,7 @@ impl CanWire {
             self.send(&frame).await?;
             let progress = loop {
                 let answer = self.answers.recv().await.ok_or(Fault::Link(LinkFault::Broken))?;
+                self.tap.pass(answer.data(), false);
                 if let Some(progress) = self.link.client(node, |client| client.take(&answer)) {
                     break progress;
                 }
@@ -124,6 +133,7 @@ impl CanWire {
     }
 
     async fn send(&self, frame: &Frame) -> Result<(), Fault> {
+        self.tap.pass(frame.data(), true);
         let sent = self.socket.send(frame, self.patience).await;
         if let Err(fault @ Fault::Link(LinkFault::Can(CanFault::Down | CanFault::NoInterface))) = sent {
             self.link.failed(fault);

@@ -6,13 +6,14 @@ use std::sync::{Arc, Mutex};
 use super::{Can, Ear, Handed, Health, Nodes, Routes};
 use crate::codec::Table;
 use crate::fieldbus::can::{Images, Link, Value};
+use crate::fieldbus::trace::Tap;
 use crate::gateway::shared::Shared;
 use crate::profile::{BusId, Device, DeviceId, Output, Profile, Verify};
 
 impl Ear {
     /// The listener of a line and what it shares with it; `None` for a line that is not CAN. Opens the interface, if it
     /// is there.
-    pub(in crate::gateway) fn of(shared: &Arc<Shared>, bus: BusId) -> Option<(Arc<Can>, Ear)> {
+    pub(in crate::gateway) fn of(shared: &Arc<Shared>, bus: BusId, tap: &Tap) -> Option<(Arc<Can>, Ear)> {
         let profile = &shared.profile;
         let settings = profile.bus(bus);
         if !settings.transport.is_can() {
@@ -35,6 +36,7 @@ impl Ear {
             unsent: VecDeque::new(),
             socket: None,
             is_up: false,
+            tap: tap.clone(),
             measure_at: now,
         };
         ear.try_interface();

@@ -90,7 +90,11 @@ impl Ear {
         let wide = self.routes.wide.iter().filter(|route| route.field.frames.takes(frame.id()));
         let mut events = [None, None];
         let mut core = None;
+        let mut shown = None;
         for route in exact.chain(wide) {
+            if shown.replace(route.device) != Some(route.device) {
+                self.tap.heard((route.device, self.shared.profile.device(route.device).unit), frame);
+            }
             let core = core.get_or_insert_with(|| self.shared.core());
             self.nodes.heard(route.device, now);
             let Some(words) = route.field.read(frame.data()) else { continue };
