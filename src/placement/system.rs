@@ -61,18 +61,18 @@ impl<const WIDTH: usize> System<WIDTH> {
         }
         if row == column {
             for (at, start) in (0..WIDTH).zip(WIDTH * column..) {
-                for under in at..WIDTH {
-                    self.values[self.start[start] + under - at] += block[under][at];
+                for (under, entries) in block.iter().enumerate().skip(at) {
+                    self.values[self.start[start] + under - at] += entries[at];
                 }
             }
             return;
         }
         let Ok(row) = u32::try_from(row) else { return };
         let Ok(place) = self.later[column].binary_search(&row) else { return };
-        for at in 0..WIDTH {
-            let first = self.start[WIDTH * column + at] + (WIDTH - at) + WIDTH * place;
-            for under in 0..WIDTH {
-                self.values[first + under] += block[under][at];
+        for (under, entries) in block.iter().enumerate() {
+            for (at, entry) in entries.iter().enumerate() {
+                let first = self.start[WIDTH * column + at] + (WIDTH - at) + WIDTH * place;
+                self.values[first + under] += entry;
             }
         }
     }
