@@ -144,7 +144,7 @@ fn calculix_as_the_engine_gives_the_same_p_and_the_same_displacements() {
         let entries = value.as_array().unwrap().iter();
         entries
             .flat_map(|entry| {
-                entry.as_array().map_or(vec![number(entry)], |row| row.iter().map(number).collect())
+                entry.as_array().map_or_else(|| vec![number(entry)], |row| row.iter().map(number).collect())
             })
             .collect()
     };
