@@ -34,7 +34,7 @@ fn decode(criterion: &mut Criterion) {
         scale: 0.1,
         offset: 0.0,
         bias: 0,
-        bad: vec![-32768, 32767],
+        bad: vec![(-32768).into(), 32767.into()],
     };
     let reply: [u16; 8] = [275, 240, 231, 65_535, 288, 32_767, 305, 199];
     criterion.bench_function("decode a reply of 8 registers", |bencher| {

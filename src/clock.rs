@@ -6,18 +6,21 @@
 //! (tokio's paused clock cannot do this: it runs ahead while a real socket waits.)
 //!
 //! Whatever makes a sleeper's task act before its time goes through its [`Bell`]; a message that a sleeping task
-//! would have to notice by itself could be overtaken by the clock.
+//! would have to notice by itself could be overtaken by the clock. Where nobody could ring it, because the message comes
+//! through the kernel and nobody answers it, its reader keeps an [`Inlet`].
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use crate::quantity::Moment;
 
+mod inlet;
 mod patience;
 mod silence;
 mod simulated;
 mod wall;
 
+pub use inlet::{Inlet, Taking};
 pub use patience::Patience;
 pub use silence::Silence;
 

@@ -1,4 +1,4 @@
-//! Registers ↔ numbers: tables and addresses, types, word order, scale, raw sentinels, saturation.
+//! Registers and frame bits ↔ numbers: tables and addresses, types, word order, scale, raw sentinels, saturation.
 //!
 //! A value spans one to four 16-bit registers (or one coil). Integers are compared with their sentinels *before*
 //! scaling: −512 is "open circuit" to some modules and would scale to a plausible −32.0 °C.
@@ -8,42 +8,20 @@ use std::fmt;
 use crate::reading::Reason;
 
 mod address;
+mod bits;
+mod can;
 mod checksum;
 mod counter;
+mod data_type;
 
 pub use address::{Address, Table};
+pub use bits::{BitField, BitKind, ByteOrder};
+pub use can::{CanId, CanMatch, Frame};
 pub use checksum::checksum;
 pub use counter::{Counter, Motion, Tracked};
+pub use data_type::DataType;
 
-/// The largest number that six digits show.
-const SIX_DIGITS: i128 = 999_999;
-
-/// How a number lies in registers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum DataType {
-    /// One coil or discrete input; in a register: zero or not zero.
-    Bool,
-    /// Unsigned 16 bits.
-    U16,
-    /// Signed 16 bits, two's complement.
-    I16,
-    /// Unsigned 32 bits.
-    U32,
-    /// Signed 32 bits.
-    I32,
-    /// Unsigned 64 bits.
-    U64,
-    /// Signed 64 bits.
-    I64,
-    /// IEEE 754, 32 bits.
-    F32,
-    /// IEEE 754, 64 bits.
-    F64,
-    /// One bit of a register, 0 the least significant.
-    Bit(u8),
-    /// A digit display's two registers: sign, number of decimals (0 to 5) and 24 bits of magnitude, for six digits.
-    Decimal24(u8),
-}
+use data_type::integer_of;
 
 /// Which register of a value of several registers comes first. There is no default: devices differ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -70,7 +48,16 @@ pub struct Encoding {
     /// Added to the raw count on the wire (outputs; LinuxCNC wants 32768).
     pub bias: i64,
     /// Raw values that mean "no measurement".
-    pub bad: Vec<i64>,
+    pub bad: Vec<Sentinel>,
+}
+
+/// A raw value that a device sends where it has none.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sentinel {
+    /// The raw count, before scaling.
+    pub raw: i64,
+    /// What the device says by it; [`Reason::Sentinel`] where nobody knows.
+    pub means: Reason,
 }
 
 /// Registers ready to be written.
@@ -80,75 +67,6 @@ pub struct Encoded {
     len: usize,
     /// The value did not fit its type and was cut to the nearest one that does.
     pub saturated: bool,
-}
-
-impl DataType {
-    /// Every type.
-    pub const ALL: [DataType; 9] = [
-        DataType::Bool,
-        DataType::U16,
-        DataType::I16,
-        DataType::U32,
-        DataType::I32,
-        DataType::U64,
-        DataType::I64,
-        DataType::F32,
-        DataType::F64,
-    ];
-
-    /// How many registers a value takes.
-    pub const fn registers(self) -> u16 {
-        match self {
-            DataType::Bool | DataType::Bit(_) | DataType::U16 | DataType::I16 => 1,
-            DataType::U32 | DataType::I32 | DataType::F32 | DataType::Decimal24(_) => 2,
-            DataType::U64 | DataType::I64 | DataType::F64 => 4,
-        }
-    }
-
-    /// The word of the profile for it.
-    pub const fn name(self) -> &'static str {
-        match self {
-            DataType::Bool | DataType::Bit(_) => "bool",
-            DataType::Decimal24(_) => "decimal24",
-            DataType::U16 => "u16",
-            DataType::I16 => "i16",
-            DataType::U32 => "u32",
-            DataType::I32 => "i32",
-            DataType::U64 => "u64",
-            DataType::I64 => "i64",
-            DataType::F32 => "f32",
-            DataType::F64 => "f64",
-        }
-    }
-
-    /// Smallest and largest raw count of an integer type; `None` for floating point.
-    pub const fn integer_range(self) -> Option<(i128, i128)> {
-        Some(match self {
-            DataType::Bool | DataType::Bit(_) => (0, 1),
-            DataType::Decimal24(_) => (-SIX_DIGITS, SIX_DIGITS),
-            DataType::U16 => (0, u16::MAX as i128),
-            DataType::I16 => (i16::MIN as i128, i16::MAX as i128),
-            DataType::U32 => (0, u32::MAX as i128),
-            DataType::I32 => (i32::MIN as i128, i32::MAX as i128),
-            DataType::U64 => (0, u64::MAX as i128),
-            DataType::I64 => (i64::MIN as i128, i64::MAX as i128),
-            DataType::F32 | DataType::F64 => return None,
-        })
-    }
-}
-
-impl DataType {
-    /// The bits of a raw count that is in range.
-    fn bits_of(self, raw: i128) -> u64 {
-        match self {
-            DataType::Bit(bit) => to_bits(raw) << bit,
-            DataType::Decimal24(decimals) => {
-                let sign = u64::from(raw < 0);
-                sign << 28 | u64::from(decimals) << 24 | to_bits(raw.abs())
-            }
-            _ => to_bits(raw),
-        }
-    }
 }
 
 impl Encoded {
@@ -163,6 +81,11 @@ impl Encoded {
     /// The registers, lowest address first.
     pub fn words(&self) -> &[u16] {
         &self.words[..self.len]
+    }
+
+    /// The bits of registers whose most significant comes first, as [`DataType::words`] makes them.
+    pub fn bits(&self) -> u64 {
+        self.words().iter().fold(0, |bits, word| bits << 16 | u64::from(*word))
     }
 }
 
@@ -188,16 +111,12 @@ impl Encoding {
                 if !value.is_finite() {
                     return Err(Reason::NotANumber);
                 }
-                if self.bad.iter().any(|bad| same(value, as_float(i128::from(*bad)))) {
-                    return Err(Reason::Sentinel);
-                }
+                self.sentinel(|raw| same(value, as_float(i128::from(raw))))?;
                 value
             }
             _ => {
                 let raw = integer_of(self.data_type, bits);
-                if self.bad.iter().any(|bad| i128::from(*bad) == raw) {
-                    return Err(Reason::Sentinel);
-                }
+                self.sentinel(|bad| i128::from(bad) == raw)?;
                 as_float(raw - i128::from(self.bias))
             }
         };
@@ -282,6 +201,13 @@ impl Encoding {
         is_whole.then_some(counts)
     }
 
+    fn sentinel(&self, is: impl Fn(i64) -> bool) -> Result<(), Reason> {
+        match self.bad.iter().find(|bad| is(bad.raw)) {
+            Some(bad) => Err(bad.means),
+            None => Ok(()),
+        }
+    }
+
     fn gather(&self, words: &[u16]) -> Result<u64, Reason> {
         if words.len() != usize::from(self.data_type.registers()) {
             return Err(Reason::BadReply);
@@ -330,29 +256,6 @@ fn as_integer(rounded: f64) -> i128 {
     rounded as i128
 }
 
-fn to_bits(raw: i128) -> u64 {
-    let bytes = raw.to_le_bytes();
-    let mut low = [0u8; 8];
-    low.copy_from_slice(&bytes[..8]);
-    u64::from_le_bytes(low)
-}
-
-fn integer_of(data_type: DataType, bits: u64) -> i128 {
-    let width = 16 * u32::from(data_type.registers());
-    let value = i128::from(bits);
-    let signed = matches!(data_type, DataType::I16 | DataType::I32 | DataType::I64);
-    match data_type {
-        DataType::Bool => i128::from(bits != 0),
-        DataType::Bit(bit) => i128::from(bits >> bit & 1),
-        DataType::Decimal24(_) => {
-            let magnitude = i128::from(bits & 0x00ff_ffff);
-            if bits >> 28 & 1 == 1 { -magnitude } else { magnitude }
-        }
-        _ if signed && bits >> (width - 1) == 1 => value - (1i128 << width),
-        _ => value,
-    }
-}
-
 fn float_of(data_type: DataType, bits: u64) -> f64 {
     match u32::try_from(bits) {
         Ok(narrow) if data_type == DataType::F32 => f64::from(f32::from_bits(narrow)),
@@ -370,6 +273,13 @@ fn float_bits(data_type: DataType, value: f64) -> (u64, bool) {
     }
     let fits = finite.clamp(f64::MIN, f64::MAX);
     (fits.to_bits(), !same(fits, value))
+}
+
+impl From<i64> for Sentinel {
+    /// One of which nobody knows what it says.
+    fn from(raw: i64) -> Sentinel {
+        Sentinel { raw, means: Reason::Sentinel }
+    }
 }
 
 impl fmt::Display for WordOrder {

@@ -6,18 +6,20 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::codec::{Address, DataType};
+use crate::codec::{Address, DataType, Sentinel};
 use crate::fieldbus::plan::{plan, summary};
-use crate::profile::{BusId, Device, DeviceId, Flag, Profile, Template, Unit};
-use crate::reading::SignalId;
+use crate::profile::{BusId, Device, DeviceId, Flag, Profile, Signal, Template, Unit};
+use crate::reading::{Reason, SignalId};
 
 mod axis;
+mod can;
 mod device;
 mod output;
 mod serial;
 mod set;
 
 pub use axis::{AxisExplained, ModelExplained};
+pub use can::{CanExplained, CanLineExplained};
 pub use device::CheckExplained;
 pub use output::{HeartbeatExplained, WriteExplained};
 pub use serial::SerialExplained;
@@ -51,9 +53,9 @@ pub struct Explanation {
 pub struct BusExplained {
     /// Its name.
     pub name: String,
-    /// `Modbus TCP`, `RTU over TCP`, `Modbus RTU`.
+    /// `Modbus TCP`, `RTU over TCP`, `Modbus RTU`, `CAN`.
     pub kind: &'static str,
-    /// Host and port, or the port's path.
+    /// Host and port, the port's path, or the interface.
     pub address: String,
     /// Modbus/TCP Security; `None`: in the clear.
     pub tls: Option<TlsExplained>,
@@ -61,6 +63,8 @@ pub struct BusExplained {
     pub timeout: String,
     /// A serial port's settings and its time.
     pub serial: Option<SerialExplained>,
+    /// What passes on a CAN line.
+    pub can: Option<CanLineExplained>,
 }
 
 /// Whom a secured line trusts.
@@ -81,7 +85,7 @@ pub struct DeviceExplained {
     pub name: String,
     /// Its line.
     pub bus: String,
-    /// Modbus unit identifier.
+    /// Modbus unit identifier, or CANopen node number; 0 where there is none.
     pub unit: u8,
     /// Poll period.
     pub every: String,
@@ -93,6 +97,8 @@ pub struct DeviceExplained {
     pub checks: Vec<CheckExplained>,
     /// What it has from its template.
     pub template: Option<Template>,
+    /// What it does on a CAN line.
+    pub can: Option<CanExplained>,
 }
 
 /// One read request.
@@ -106,12 +112,12 @@ pub struct RequestExplained {
     pub signals: Vec<String>,
 }
 
-/// A register in both notations.
+/// A register in both notations, or where a value is on a CAN line.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Register {
-    /// Zero-based: `holding:104`.
+    /// Zero-based: `holding:104`; `object 6150:01`; `0x185, 16 bits from 0 up (Intel), signed`.
     pub protocol: String,
-    /// One-based: `40105`.
+    /// One-based: `40105`; empty on a CAN line.
     pub modicon: String,
 }
 
@@ -147,6 +153,19 @@ impl Register {
         Register { protocol: address.to_string(), modicon: address.modicon() }
     }
 
+    /// It is no register and no object, but bits that say themselves of which kind they are.
+    fn is_in_frames(&self) -> bool {
+        self.modicon.is_empty() && !self.protocol.starts_with("object")
+    }
+
+    /// Where a value of a device is.
+    fn at(profile: &Profile, device: DeviceId, address: Address, data_type: DataType) -> Register {
+        if address.table.is_can() {
+            return Register { protocol: profile.place(device, address), modicon: String::new() };
+        }
+        Register::of_bit(address, data_type)
+    }
+
     fn of_bit(address: Address, data_type: DataType) -> Register {
         let bit = match data_type {
             DataType::Bit(bit) => Some(bit),
@@ -159,7 +178,10 @@ impl Register {
 
 impl fmt::Display for Register {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} ({})", self.protocol, self.modicon)
+        match self.modicon.as_str() {
+            "" => f.write_str(&self.protocol),
+            modicon => write!(f, "{} ({modicon})", self.protocol),
+        }
     }
 }
 
@@ -187,7 +209,8 @@ impl Explanation {
 }
 
 fn device_explained(profile: &Profile, id: DeviceId, device: &Device) -> DeviceExplained {
-    let signals = profile.signals.iter().enumerate().filter(|(_, signal)| signal.device == id);
+    let is_asked = |signal: &Signal| signal.device == id && !signal.address.table.is_can();
+    let signals = profile.signals.iter().enumerate().filter(|(_, signal)| is_asked(signal));
     let requests = plan(device, signals.map(|(index, signal)| (SignalId(index), signal)));
     let explained = requests.iter().map(|request| RequestExplained {
         read: request.to_string(),
@@ -203,6 +226,7 @@ fn device_explained(profile: &Profile, id: DeviceId, device: &Device) -> DeviceE
         requests: explained.collect(),
         checks: device.verify.iter().map(CheckExplained::of).collect(),
         template: device.template.clone(),
+        can: device.can.as_ref().map(|known| can::device(profile, id, known)),
     }
 }
 
@@ -211,7 +235,7 @@ fn signal_explained(profile: &Profile, id: SignalId) -> SignalExplained {
     let encoding = &signal.encoding;
     let mut doubts = Vec::new();
     if !encoding.bad.is_empty() {
-        let raw: Vec<String> = encoding.bad.iter().map(i64::to_string).collect();
+        let raw: Vec<String> = encoding.bad.iter().map(sentinel).collect();
         doubts.push(format!("at raw {}", raw.join(" or ")));
     }
     if let Some((low, high)) = signal.range {
@@ -233,9 +257,10 @@ fn signal_explained(profile: &Profile, id: SignalId) -> SignalExplained {
     SignalExplained {
         name: signal.name.clone(),
         device: profile.device(signal.device).name.clone(),
-        register: Register::of_bit(signal.address, encoding.data_type),
+        register: Register::at(profile, signal.device, signal.address, encoding.data_type),
         data_type: encoding.data_type.name(),
-        word_order: (encoding.data_type.registers() > 1).then(|| encoding.word_order.to_string()),
+        word_order: (encoding.data_type.registers() > 1 && !signal.address.table.is_can())
+            .then(|| encoding.word_order.to_string()),
         scale: encoding.scale,
         offset: encoding.offset,
         unit: signal.unit.0,
@@ -244,6 +269,14 @@ fn signal_explained(profile: &Profile, id: SignalId) -> SignalExplained {
             .capture
             .map(|capture| format!("{} = {}", Register::of(capture.address), capture.value)),
         channel: device::channel(profile.device(signal.device), &signal.name),
+    }
+}
+
+/// `-512 (open circuit)`.
+fn sentinel(bad: &Sentinel) -> String {
+    match bad.means {
+        Reason::Sentinel => bad.raw.to_string(),
+        means => format!("{} ({means})", bad.raw),
     }
 }
 
@@ -266,12 +299,21 @@ impl fmt::Display for Explanation {
             if let Some(serial) = &bus.serial {
                 write!(f, "{serial}")?;
             }
+            if let Some(can) = &bus.can {
+                write!(f, "{can}")?;
+            }
             for device in self.devices.iter().filter(|device| device.bus == bus.name) {
-                writeln!(
-                    f,
-                    "  {}: unit {}, every {}: {}",
-                    device.name, device.unit, device.every, device.summary
-                )?;
+                let DeviceExplained { name, unit, every, summary, .. } = device;
+                match &device.can {
+                    None => writeln!(f, "  {name}: unit {unit}, every {every}: {summary}")?,
+                    Some(CanExplained { node: Some(node), .. }) => {
+                        writeln!(f, "  {name}: CANopen node {node}")?
+                    }
+                    Some(_) => writeln!(f, "  {name}: sends frames by itself")?,
+                }
+                if let Some(can) = &device.can {
+                    write!(f, "{can}")?;
+                }
                 for request in &device.requests {
                     let signals = request.signals.join(", ");
                     writeln!(f, "    {}, function {:02}: {signals}", request.read, request.function)?;
@@ -286,7 +328,11 @@ impl fmt::Display for Explanation {
         }
         writeln!(f, "\nsignals")?;
         for signal in &self.signals {
-            write!(f, "  {}: {} of {}, {}", signal.name, signal.register, signal.device, signal.data_type)?;
+            let SignalExplained { name, register, device, data_type, .. } = signal;
+            match register.is_in_frames() {
+                true => write!(f, "  {name}: {register}, from {device}")?,
+                false => write!(f, "  {name}: {register} of {device}, {data_type}")?,
+            }
             if let Some(order) = &signal.word_order {
                 write!(f, " {order}")?;
             }

@@ -20,10 +20,12 @@ use crate::fieldbus::wire::Dial;
 use crate::observe::events::{Event, Journal};
 use crate::observe::status::Source;
 use crate::profile::{Bus, BusId, DeviceId, Profile};
+use crate::quantity::Moment;
 
 mod apply;
 mod arming;
 mod board;
+mod can;
 mod commissioning;
 pub mod control;
 mod extrapolation;
@@ -42,6 +44,7 @@ mod watch;
 mod wire_log;
 mod words;
 
+use can::{Can, Ear};
 use keeper::Keeper;
 use ledger::Ledger;
 use memory::Memory;
@@ -198,14 +201,14 @@ impl Gateway {
         let sleepers = std::mem::take(&mut self.sleepers);
         let mut requests = 0;
         for (place, sleeper) in sleepers.into_iter().enumerate() {
-            let task = self.line_task(BusId(place), start);
+            let (task, ear) = self.line_task(BusId(place), start);
             requests += task.requests();
-            lines.insert(tasks.spawn(task.run(sleeper)).id(), BusId(place));
+            lines.insert(tasks.spawn(task.run(sleeper, ear)).id(), BusId(place));
         }
         requests
     }
 
-    fn line_task(&self, bus: BusId, start: crate::quantity::Moment) -> LineTask {
+    fn line_task(&self, bus: BusId, start: Moment) -> (LineTask, Option<(Arc<Can>, Ear)>) {
         let profile = &self.shared.profile;
         let devices: Vec<(DeviceId, _)> = profile
             .devices
@@ -215,9 +218,13 @@ impl Gateway {
             .filter(|(_, device)| device.bus == bus)
             .collect();
         let settings = profile.bus(bus);
-        let line = Line::new(settings, &devices, (self.options.dialer)(settings));
-        let line = line.tapped(self.wire_log.tap(bus));
-        LineTask::new(self.shared.clone(), bus, line, start)
+        let ear = Ear::of(&self.shared, bus, self.wire_log.tap(bus));
+        let dial: Box<dyn Dial> = match &ear {
+            Some((can, _)) => Box::new(can.dial(settings)),
+            None => (self.options.dialer)(settings),
+        };
+        let line = Line::new(settings, &devices, dial).tapped(self.wire_log.tap(bus));
+        (LineTask::new(self.shared.clone(), bus, line, start), ear)
     }
 
     fn watch(&self, stop: &Arc<Notify>) -> Watch {
@@ -242,8 +249,8 @@ impl Gateway {
         self.shared.core().failed = true;
         let sleeper = self.shared.clock.join();
         self.shared.hang_bell(bus, sleeper.bell());
-        let again = self.line_task(bus, self.shared.clock.now());
-        lines.insert(tasks.spawn(again.run(sleeper)).id(), bus);
+        let (again, ear) = self.line_task(bus, self.shared.clock.now());
+        lines.insert(tasks.spawn(again.run(sleeper, ear)).id(), bus);
     }
 
     /// Where a strobe is still up, the lines drop it before they end.

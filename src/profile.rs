@@ -6,16 +6,19 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use crate::codec::{Address, Counter, Encoding, Table};
+use crate::codec::{Address, Counter, Encoding};
 use crate::compensation::model::Condition;
 use crate::compensation::settings::{AxisSettings, MachineSettings};
 use crate::reading::SignalId;
 
+mod can;
 mod check;
 pub(crate) mod data;
+mod dbc;
 mod display;
 mod error;
 mod files;
+mod functions;
 mod load;
 mod merge;
 mod output;
@@ -29,8 +32,10 @@ mod verify;
 mod walk;
 mod writes;
 
+pub use can::{CanDevice, Emergency, Field, Object, Selector, Setup, Sync};
 pub use display::{Beside, Display, Shown, Stale};
 pub use error::{Errors, ProfileError};
+pub use functions::{Functions, WriteFunction};
 pub use load::{Loaded, environment, load, parse, parse_with};
 pub use output::{Output, Share, Verify};
 pub use raw::schema;
@@ -99,14 +104,14 @@ pub enum Arm {
     Manual,
 }
 
-/// One Modbus line.
+/// One line.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bus {
     /// Its name in the profile.
     pub name: String,
     /// What it is made of.
     pub transport: Transport,
-    /// Host and port, or the serial port's path, as written.
+    /// Host and port, the serial port's path, or the CAN interface, as written.
     pub address: String,
     /// Modbus/TCP Security; `None`: in the clear.
     pub tls: Option<Tls>,
@@ -114,6 +119,8 @@ pub struct Bus {
     pub timeout: Duration,
     /// What its devices need to be treated like.
     pub quirks: Quirks,
+    /// The SYNC that is sent on a CAN line.
+    pub sync: Option<Sync>,
 }
 
 /// Ways in which a device is peculiar, by the names users know from Telegraf.
@@ -140,7 +147,7 @@ pub struct Device {
     pub name: String,
     /// Its line.
     pub bus: BusId,
-    /// Modbus unit identifier.
+    /// Modbus unit identifier; a CANopen node's number, and 0 for a device that only sends frames.
     pub unit: u8,
     /// Poll period of its signals.
     pub every: Duration,
@@ -152,6 +159,18 @@ pub struct Device {
     pub verify: Vec<Expected>,
     /// What it has from its template.
     pub template: Option<Template>,
+    /// What it has on a CAN line.
+    pub can: Option<CanDevice>,
+}
+
+impl Device {
+    /// Where it is on its bus, behind its name: ` (unit 3)`, ` (node 5)`, nothing for one that only sends CAN frames.
+    pub fn at(&self) -> String {
+        match &self.can {
+            None => format!(" (unit {})", self.unit),
+            Some(can) => can.node.map_or(String::new(), |node| format!(" (node {node})")),
+        }
+    }
 }
 
 impl Default for Quirks {
@@ -165,28 +184,6 @@ impl Default for Quirks {
             close_after_each: false,
         }
     }
-}
-
-/// The function codes that may be sent to a device.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(clippy::struct_excessive_bools, reason = "eight independent permissions")]
-pub struct Functions {
-    /// 01
-    pub read_coils: bool,
-    /// 02
-    pub read_discrete: bool,
-    /// 03
-    pub read_holding: bool,
-    /// 04
-    pub read_input: bool,
-    /// 05
-    pub write_coil: bool,
-    /// 06
-    pub write_single: bool,
-    /// 15
-    pub write_coils: bool,
-    /// 16
-    pub write_multiple: bool,
 }
 
 /// One value that is read.
@@ -306,60 +303,6 @@ pub struct History {
     pub directory: Option<PathBuf>,
     /// How long logs are kept.
     pub keep: Duration,
-}
-
-/// A function code that writes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum WriteFunction {
-    /// 06: one register.
-    Single,
-    /// 16: any number of registers.
-    Multiple,
-}
-
-impl WriteFunction {
-    /// The code on the wire.
-    pub const fn code(self) -> u8 {
-        match self {
-            WriteFunction::Single => 6,
-            WriteFunction::Multiple => 16,
-        }
-    }
-}
-
-impl Functions {
-    /// Every function.
-    pub const ALL: Functions = Functions {
-        read_coils: true,
-        read_discrete: true,
-        read_holding: true,
-        read_input: true,
-        write_coil: true,
-        write_single: true,
-        write_coils: true,
-        write_multiple: true,
-    };
-
-    /// May this table be read?
-    pub const fn reads(self, table: Table) -> bool {
-        match table {
-            Table::Coil => self.read_coils,
-            Table::Discrete => self.read_discrete,
-            Table::Holding => self.read_holding,
-            Table::Input => self.read_input,
-        }
-    }
-
-    /// What writes this many holding registers: 06 for a single one where it may be sent, else 16.
-    pub const fn writes(self, registers: u16) -> Option<WriteFunction> {
-        if registers == 1 && self.write_single {
-            Some(WriteFunction::Single)
-        } else if self.write_multiple {
-            Some(WriteFunction::Multiple)
-        } else {
-            None
-        }
-    }
 }
 
 impl Profile {

@@ -40,6 +40,22 @@ pub enum Reason {
     Stale,
     /// The raw count is one the device sends for a broken sensor.
     Sentinel,
+    /// The device says that the sensor's circuit is open.
+    OpenCircuit,
+    /// The device says that the sensor's circuit is shorted.
+    ShortCircuit,
+    /// The device says that the channel is switched off.
+    SwitchedOff,
+    /// The device says that the value is above what it can measure.
+    AboveRange,
+    /// The device says that the value is below what it can measure.
+    BelowRange,
+    /// The device says that the value is not available.
+    NotAvailable,
+    /// The device says that the sensor is faulty.
+    SensorFault,
+    /// A CAN frame has fewer bytes than the value needs.
+    ShortFrame,
     /// A floating-point register holds NaN or infinity.
     NotANumber,
     /// Outside `range`.
@@ -48,6 +64,8 @@ pub enum Reason {
     TooFast,
     /// The device answered with this Modbus exception code.
     Exception(u8),
+    /// The node refuses to give the object.
+    Refused,
     /// The device did not answer in time.
     Timeout,
     /// No connection to the device.
@@ -91,16 +109,36 @@ impl Reading {
 }
 
 impl Reason {
+    /// What a device can say by a raw value, each with the words a profile has for it.
+    pub const MEANINGS: [(&'static str, Reason); 7] = [
+        ("open circuit", Reason::OpenCircuit),
+        ("short circuit", Reason::ShortCircuit),
+        ("switched off", Reason::SwitchedOff),
+        ("above range", Reason::AboveRange),
+        ("below range", Reason::BelowRange),
+        ("not available", Reason::NotAvailable),
+        ("sensor fault", Reason::SensorFault),
+    ];
+
     /// One word for programs: metrics, JSON, logs.
     pub fn code(self) -> &'static str {
         match self {
             Reason::NeverRead => "never-read",
             Reason::Stale => "stale",
             Reason::Sentinel => "sentinel",
+            Reason::OpenCircuit => "open-circuit",
+            Reason::ShortCircuit => "short-circuit",
+            Reason::SwitchedOff => "switched-off",
+            Reason::AboveRange => "above-range",
+            Reason::BelowRange => "below-range",
+            Reason::NotAvailable => "not-available",
+            Reason::SensorFault => "sensor-fault",
+            Reason::ShortFrame => "short-frame",
             Reason::NotANumber => "not-a-number",
             Reason::OutOfRange => "out-of-range",
             Reason::TooFast => "too-fast",
             Reason::Exception(_) => "exception",
+            Reason::Refused => "refused",
             Reason::Timeout => "timeout",
             Reason::LinkDown => "link-down",
             Reason::BadReply => "bad-reply",
@@ -117,10 +155,19 @@ impl fmt::Display for Reason {
             Reason::NeverRead => "never read",
             Reason::Stale => "stale",
             Reason::Sentinel => "sensor fault (sentinel value)",
+            Reason::OpenCircuit => "open circuit",
+            Reason::ShortCircuit => "short circuit",
+            Reason::SwitchedOff => "channel switched off",
+            Reason::AboveRange => "above the measuring range",
+            Reason::BelowRange => "below the measuring range",
+            Reason::NotAvailable => "not available",
+            Reason::SensorFault => "sensor fault",
+            Reason::ShortFrame => "frame too short",
             Reason::NotANumber => "not a number",
             Reason::OutOfRange => "out of range",
             Reason::TooFast => "changing too fast",
             Reason::Exception(code) => return write!(f, "device exception {code}"),
+            Reason::Refused => "the node refuses to give it",
             Reason::Timeout => "no answer in time",
             Reason::LinkDown => "no connection",
             Reason::BadReply => "wrong reply",

@@ -2,12 +2,14 @@
 //!
 //! - [`bus`] — a line in one word: `tcp://192.168.0.10:502`.
 //! - [`ask`] — one question at a time, on the same [`crate::fieldbus::line`] that the gateway uses.
+//! - [`can`] — the interface of a CAN line, as the kernel has it.
 //! - [`scan`] — which units answer; [`walk`] — which registers a unit has.
 //! - [`values`] — what registers mean, in each order where none was given.
 //! - [`remedy`] — what to do about a fault.
 
 pub mod ask;
 pub mod bus;
+pub mod can;
 pub mod remedy;
 pub mod scan;
 pub mod values;

@@ -1,6 +1,6 @@
 //! The virtual machine: the hardware that is not there.
 //!
-//! The Modbus servers of a profile on real sockets and pseudo-terminals, in front of a thermal plant that warms up, drifts
+//! The Modbus servers of a profile on real sockets and pseudo-terminals and its CAN nodes on their interface, in front of a thermal plant that warms up, drifts
 //! and bends by its own laws, and that knows its true error. Written offsets act on it as they would on a machine, so
 //! a run ends with what the compensation was worth. A fault script breaks answers, sensors, connections and memories.
 //!
@@ -13,6 +13,7 @@
 //! rtu       frames and conversation of RTU lines           port      serial ports
 //! journal   what came over the wire, for tests            control   strobes, acknowledges, sets taken whole
 //! probing   the control's probing cycle, of the axes that have a probe
+//! can       nodes of a CAN interface                       gate      the plant's task, closing listeners
 //! ```
 //!
 //! # Time
@@ -25,17 +26,19 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::net::TcpListener;
-use tokio::sync::{mpsc, oneshot, watch};
+use tokio::sync::{mpsc, watch};
 use tokio::task::JoinSet;
 
-use crate::clock::{Clock, Sleeper};
+use crate::clock::Clock;
 use crate::profile::{BusId, DeviceId, Profile, Transport};
 use crate::quantity::Moment;
 
+pub mod can;
 pub mod fault;
 pub mod plant;
 
 mod control;
+mod gate;
 mod hardware;
 mod journal;
 mod modbus;
@@ -57,7 +60,9 @@ pub use journal::Seen;
 pub use plant::{Plant, PlantError, PlantSpec, Published, PublishedAxis};
 pub use truth::{AxisSummary, AxisTruth, Extent, FIRST_SAMPLE, Summary, TruthRow};
 
+use can::line::{CanLine, Port};
 use fault::Faults;
+use gate::{Gate, live};
 use hardware::Hardware;
 use probing::Cycle;
 use server::{Door, Framing, Line, Shared};
@@ -123,7 +128,7 @@ pub enum UnknownUnit {
 #[derive(Debug, thiserror::Error)]
 pub enum VirtualMachineError {
     /// An address cannot be listened at.
-    #[error("cannot listen at {address} (bus `{bus}`): {source}")]
+    #[error("cannot listen at {address} (bus `{bus}`)")]
     Listen {
         /// The bus of the profile.
         bus: String,
@@ -175,13 +180,6 @@ impl Window {
     pub fn latest_truth(&self) -> Option<TruthRow> {
         self.0.hardware().observer.latest().cloned()
     }
-}
-
-/// A listener as the plant's task sees it: its devices, and the way to close and open it.
-struct Gate {
-    devices: Vec<DeviceId>,
-    door: mpsc::Sender<Door>,
-    is_open: bool,
 }
 
 impl VirtualMachine {
@@ -238,6 +236,15 @@ impl VirtualMachine {
                     machine.keep(path.clone(), port::serve(name, serial, line, doors, stop));
                     (path, gate)
                 }
+                Transport::Can => {
+                    let line = machine.can_line(profile, index, begin);
+                    let wanted = machine.shared.hardware().can_wanted(&line.devices);
+                    let port = Port::open(&bus.address, wanted, clock);
+                    let port = port.map_err(|source| refused(bus, source))?;
+                    machine.keep(bus.address.clone(), can::line::serve(port, line, clock.join(), stop));
+                    machine.addresses.push((BusId(index), bus.address.clone()));
+                    continue;
+                }
             };
             machine.addresses.push((BusId(index), address));
             gates.push(gate);
@@ -253,15 +260,17 @@ impl VirtualMachine {
         bus: usize,
         unknown_unit: UnknownUnit,
     ) -> (Gate, Arc<Line>, mpsc::Receiver<Door>) {
-        let on_line =
-            |device: &crate::profile::Device| profile.bus(device.bus).address == profile.buses[bus].address;
-        let devices = profile.devices.iter().enumerate().filter(|(_, device)| on_line(device));
-        let units: Vec<_> = devices.map(|(index, device)| (device.unit, DeviceId(index))).collect();
+        let units: Vec<_> = on_line(profile, bus).collect();
         let (door, doors) = mpsc::channel(1);
         let gate = Gate { devices: units.iter().map(|(_, id)| *id).collect(), door, is_open: true };
         let is_tcp = profile.buses[bus].transport == Transport::Tcp;
         let framing = if is_tcp { Framing::Tcp } else { Framing::Rtu };
         (gate, Arc::new(Line { units, framing, unknown_unit, shared: self.shared.clone() }), doors)
+    }
+
+    fn can_line(&self, profile: &Profile, bus: usize, begin: Moment) -> CanLine {
+        let devices = on_line(profile, bus).map(|(_, id)| id).collect();
+        CanLine { devices, shared: self.shared.clone(), begin }
     }
 
     fn keep(&mut self, address: String, serving: impl Future<Output = std::io::Result<()>> + Send + 'static) {
@@ -318,6 +327,14 @@ impl VirtualMachine {
     }
 }
 
+/// The devices that share the address of a bus, each with its unit.
+fn on_line(profile: &Profile, bus: usize) -> impl Iterator<Item = (u8, DeviceId)> {
+    let address = &profile.buses[bus].address;
+    let devices = profile.devices.iter().enumerate();
+    let same = devices.filter(move |(_, device)| profile.bus(device.bus).address == *address);
+    same.map(|(index, device)| (device.unit, DeviceId(index)))
+}
+
 async fn listen(bus: &crate::profile::Bus, ports: Ports) -> Result<TcpListener, VirtualMachineError> {
     let address = match ports {
         Ports::AsInProfile => bus.address.as_str(),
@@ -337,52 +354,4 @@ fn name(bus: &crate::profile::Bus, ports: Ports) -> std::io::Result<port::Name> 
 
 fn refused(bus: &crate::profile::Bus, source: std::io::Error) -> VirtualMachineError {
     VirtualMachineError::Listen { bus: bus.name.clone(), address: bus.address.clone(), source }
-}
-
-/// The plant's task: ticks, samples the truth, closes and opens listeners.
-async fn live(
-    shared: Shared,
-    mut sleeper: Sleeper,
-    begin: Moment,
-    mut gates: Vec<Gate>,
-    mut stop: watch::Receiver<bool>,
-) -> Result<(), String> {
-    loop {
-        let now = sleeper.now();
-        let refused: Vec<DeviceId> = {
-            let mut hardware = shared.hardware();
-            hardware.advance_to(now);
-            hardware.observe(now);
-            hardware.faults.refused(now).collect()
-        };
-        for gate in &mut gates {
-            let shall_be_open = !gate.devices.iter().any(|device| refused.contains(device));
-            let turned = gate.turn(shall_be_open).await;
-            if *stop.borrow() {
-                return Ok(());
-            }
-            turned?;
-        }
-        tokio::select! {
-            _ = sleeper.sleep_until(now.next_tick(begin, TICK)) => {}
-            _ = stop.changed() => return Ok(()),
-        }
-    }
-}
-
-impl Gate {
-    /// Opens or closes the listener, and returns when that is done: the clock stands meanwhile.
-    async fn turn(&mut self, shall_be_open: bool) -> Result<(), String> {
-        if self.is_open == shall_be_open {
-            return Ok(());
-        }
-        let (done, is_done) = oneshot::channel();
-        let message = if shall_be_open { Door::Open(done) } else { Door::Shut(done) };
-        let told = self.door.send(message).await;
-        if told.is_err() || is_done.await.is_err() {
-            return Err("a listener is gone".to_owned());
-        }
-        self.is_open = shall_be_open;
-        Ok(())
-    }
 }

@@ -3,6 +3,7 @@
 use super::gauge::{self, Gauge};
 use super::{Failure, ProfileArguments, load, print_json};
 use crate::explain::Explanation;
+use crate::survey::can;
 
 /// Every error of the profile with its place; then what would happen: the read plan, each register in both notations,
 /// the write list, the signs in words.
@@ -32,12 +33,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         print!("{explanation}");
         return Ok(());
     }
+    let lines = can::look(&profile);
     let status = gauge::once(profile)?;
     if arguments.json {
-        print_json(&serde_json::json!({ "profile": explanation, "online": status }))?;
+        print_json(&serde_json::json!({ "profile": explanation, "online": status, "can": lines }))?;
     } else {
         print!("{explanation}");
         println!("\nOnline");
+        for line in &lines {
+            println!("  bus {}: interface {}: {}", line.bus, line.interface, line.state);
+            line.advice.iter().for_each(|advice| println!("    warning: {advice}"));
+        }
         print!("{}", Gauge(&status));
         print!("{}", gauge::Fieldbus(&status));
     }

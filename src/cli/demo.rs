@@ -9,11 +9,12 @@ use serde::Serialize;
 
 use super::services::Sockets;
 use super::signals::Signals;
-use super::{Failure, machines, print_json};
+use super::{Failure, key_and_value, machines, print_json};
 use crate::clock::Clock;
 use crate::gateway::{Gateway, Options, Outcome};
 use crate::observe::status::Source;
 use crate::profile::{Profile, Web};
+use crate::survey::can;
 use crate::virtual_machine::{PlantSpec, Published, Setup, Summary, VirtualMachine, Window};
 
 mod table;
@@ -26,9 +27,12 @@ use table::Table;
 #[command(after_help = "Examples:\n  isotherm demo\n  isotherm demo sinker-edm --for 12h\n  \
                   isotherm demo --speed 3600 --for 8h --seed 7 --json")]
 pub(super) struct Arguments {
-    /// A shipped machine: surface-grinder, sinker-edm, xc100-lathe, ram-mc, parts-vmc, spindle-hmc, jcs018a-vmc, screw-axis, column-hmc
+    /// A shipped machine: surface-grinder, sinker-edm, xc100-lathe, xc100-lathe-can, ram-mc, parts-vmc, spindle-hmc, jcs018a-vmc, screw-axis, column-hmc
     #[arg(default_value = "surface-grinder")]
     machine: String,
+    /// Overrides one key of its profile, as often as needed: `--set bus.field.interface=vcan1`
+    #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value)]
+    set: Vec<(String, String)>,
     /// How many times faster than the wall the machine's time runs, at most
     #[arg(long, default_value_t = 600.0, value_name = "FACTOR", value_parser = positive)]
     speed: f64,
@@ -73,7 +77,8 @@ impl Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let (profile, plant) = machines::with_plant(&arguments.machine)?;
+    let (profile, plant) = machines::with_plant(&arguments.machine, &arguments.set)?;
+    usable(&profile)?;
     let mut sockets = Sockets::default();
     let page = open_page(&mut sockets, arguments.listen.as_deref(), profile.web.as_ref())?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
@@ -132,6 +137,18 @@ async fn show(
     };
     let (summary, span) = seen.unwrap_or_else(|| (window.summary(), clock.now().since(begun)));
     Ok(Shown { summary, span, outcome, published })
+}
+
+/// The devices on CAN need an interface of the kernel, which nobody can make for them.
+fn usable(profile: &Profile) -> anyhow::Result<()> {
+    let Some(looked) = can::look(profile).into_iter().find(|looked| !looked.is_up) else { return Ok(()) };
+    let can::Looked { bus, interface, state, advice, .. } = looked;
+    anyhow::bail!(
+        "{} needs a CAN interface, and {interface} is not usable: {state}; {}. Another one: --set \
+         bus.{bus}.interface=NAME. Where `ip` says \"Unknown device type\", the kernel has no CAN, as in most containers",
+        profile.name,
+        advice.join("; ")
+    )
 }
 
 /// The page is worth having, but no reason to refuse a demo: where its port is taken, any other will do.
@@ -226,7 +243,7 @@ mod tests {
     #[test]
     fn every_machine_states_its_sources_figures_beside_ours() {
         for name in machines::names() {
-            let (profile, plant) = machines::with_plant(name).unwrap();
+            let (profile, plant) = machines::with_plant(name, &[]).unwrap();
             let published = plant.published().unwrap_or_else(|| panic!("{name}: its source is not told"));
             let axes: Vec<&str> = profile.axes.iter().map(|axis| axis.settings.name.as_str()).collect();
             assert!(published.axes.iter().all(|figure| axes.contains(&figure.name.as_str())), "{name}");

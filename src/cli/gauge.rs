@@ -9,6 +9,10 @@ use crate::clock::Clock;
 use crate::gateway::{Gateway, Options};
 use crate::observe::status::{Source, Status};
 use crate::profile::Profile;
+use crate::survey::Table;
+
+/// The longest that a frame is waited for which comes by itself.
+const LONGEST_PERIOD: Duration = Duration::from_secs(10);
 
 /// The signals of a status as a table.
 pub(super) struct Gauge<'a>(pub(super) &'a Status);
@@ -31,6 +35,9 @@ pub(super) fn watch(profile: Profile, mut look: impl FnMut(Status) -> bool) -> R
     let patience = profile.buses.iter().map(|bus| bus.timeout * 3).max().unwrap_or_default();
     let devices = u32::try_from(profile.devices.len()).unwrap_or(u32::MAX);
     let patience = patience * devices.max(1) + Duration::from_millis(500);
+    // What comes by itself comes when it comes.
+    let comes = profile.signals.iter().filter(|signal| signal.address.table == Table::Process);
+    let patience = comes.map(|signal| signal.max_age.min(LONGEST_PERIOD)).fold(patience, Duration::max);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {
         let clock = Clock::wall();
@@ -103,7 +110,7 @@ impl fmt::Display for Fieldbus<'_> {
                 (state, _) => state,
             };
             let fault = if device.fault.is_empty() { String::new() } else { format!(": {}", device.fault) };
-            writeln!(f, "  device {} (unit {}): {state}{fault}", device.name, device.unit)?;
+            writeln!(f, "  device {}{}: {state}{fault}", device.name, device.at)?;
         }
         for output in self.0.outputs.iter().filter(|output| output.writes == "offset") {
             let value = output.value.map_or("not read".to_owned(), |value| format!("{value:.4} µm"));

@@ -7,10 +7,11 @@ use crate::profile::{self, Profile};
 use crate::virtual_machine::PlantSpec;
 
 /// Name and text of each, the default first.
-const SHIPPED: [(&str, &str); 9] = [
+const SHIPPED: [(&str, &str); 10] = [
     ("surface-grinder", include_str!("../../profiles/surface-grinder.toml")),
     ("sinker-edm", include_str!("../../profiles/sinker-edm.toml")),
     ("xc100-lathe", include_str!("../../profiles/xc100-lathe.toml")),
+    ("xc100-lathe-can", include_str!("../../profiles/xc100-lathe-can.toml")),
     ("ram-mc", include_str!("../../profiles/ram-mc.toml")),
     ("parts-vmc", include_str!("../../profiles/parts-vmc.toml")),
     ("spindle-hmc", include_str!("../../profiles/spindle-hmc.toml")),
@@ -34,16 +35,46 @@ pub(super) fn text(name: &str) -> Option<(PathBuf, &'static str)> {
     Some((Path::new("profiles").join(format!("{name}.toml")), text))
 }
 
-/// A shipped machine with its plant.
-pub(super) fn with_plant(name: &str) -> Result<(Profile, PlantSpec), Failure> {
+/// A shipped machine, with these keys overridden, and its plant.
+pub(super) fn with_plant(name: &str, set: &[(String, String)]) -> Result<(Profile, PlantSpec), Failure> {
     let Some((path, text)) = text(name) else {
         let known: Vec<&str> = names().collect();
         return Err(anyhow::anyhow!("there is no machine `{name}`; shipped are: {}", known.join(", ")).into());
     };
     let loaded =
-        profile::parse_with(&path, text, &FILES, &[], &[]).map_err(|errors| anyhow::anyhow!("{errors}"))?;
+        profile::parse_with(&path, text, &FILES, set, &[]).map_err(|errors| anyhow::anyhow!("{errors}"))?;
     let plant = PlantSpec::shipped(name)
         .ok_or_else(|| anyhow::anyhow!("the machine `{name}` has no plant"))?
         .map_err(anyhow::Error::from)?;
     Ok((loaded.profile, plant))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The model of a shipped profile as it is written, line by line.
+    fn model(name: &str) -> Vec<&'static str> {
+        let (_, text) = text(name).unwrap();
+        text.lines()
+            .skip_while(|line| !line.starts_with("[[axis.x.model]]"))
+            .take_while(|line| *line != "]")
+            .skip(1)
+            .collect()
+    }
+
+    #[test]
+    fn the_lathe_on_can_has_the_gains_and_the_plant_of_the_lathe() {
+        assert_eq!(model("xc100-lathe-can"), model("xc100-lathe"));
+        assert_eq!(model("xc100-lathe").len(), 7);
+        let plant = |name| format!("{:?}", with_plant(name, &[]).unwrap().1);
+        assert_eq!(plant("xc100-lathe-can"), plant("xc100-lathe"));
+    }
+
+    #[test]
+    fn a_key_of_a_shipped_machine_can_be_overridden() {
+        let set = [("bus.field.interface".to_owned(), "can7".to_owned())];
+        let (profile, _) = with_plant("xc100-lathe-can", &set).unwrap();
+        assert!(profile.buses.iter().any(|bus| bus.address == "can7"));
+    }
 }

@@ -65,7 +65,8 @@ fn positive(text: &str) -> Result<Duration, String> {
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let sheet = if arguments.on_plant {
-        let (profile, plant) = machines::with_plant(&arguments.profile.path.to_string_lossy())?;
+        let (profile, plant) =
+            machines::with_plant(&arguments.profile.path.to_string_lossy(), &arguments.profile.set)?;
         runtime.block_on(async {
             let clock = Clock::simulated(plant.start(), None);
             let hold = clock.hold();

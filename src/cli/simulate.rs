@@ -8,13 +8,14 @@ use anyhow::Context;
 use super::signals::Signals;
 use super::{Failure, ProfileArguments, load};
 use crate::clock::Clock;
-use crate::profile::{Profile, Transport};
+use crate::profile::{Device, Profile, Transport};
 use crate::virtual_machine::{FaultScript, PlantSpec, Setup, VirtualMachine};
 
-/// The devices of a profile as virtual hardware: Modbus servers at the addresses and serial ports of the profile.
+/// The devices of a profile as virtual hardware: Modbus servers at the addresses and serial ports of the profile, nodes
+/// on its CAN interfaces.
 ///
 /// A serial port is a pseudo-terminal under the profile's path, or, where that is taken or cannot be made, under one of
-/// its own, which is told.
+/// its own, which is told. A CAN interface must be there: `ip link add dev vcan0 type vcan && ip link set vcan0 up`.
 ///
 /// Values come from the plant beside the profile (`<name>.plant.toml`) or of the shipped machine of that name; without
 /// one they wander plausibly.
@@ -60,8 +61,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         println!("{} with {with}, seed {}", profile.name, arguments.seed);
         for (bus, address) in machine.addresses() {
             let devices = profile.devices.iter().filter(|device| device.bus == *bus);
-            let devices: Vec<String> =
-                devices.map(|device| format!("{} (unit {})", device.name, device.unit)).collect();
+            let devices: Vec<String> = devices.map(named).collect();
             let bus = profile.bus(*bus);
             let name = &bus.name;
             if matches!(bus.transport, Transport::Serial(_)) {
@@ -69,6 +69,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
                 if *address != bus.address {
                     println!("  the gateway finds it with --set bus.{name}.port={address}");
                 }
+            } else if bus.transport == Transport::Can {
+                println!("bus {name} is on the CAN interface {address}: {}", devices.join(", "));
             } else {
                 println!("bus {name} listens on {address}: {}", devices.join(", "));
             }
@@ -80,6 +82,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
     })?;
     Ok(())
+}
+
+/// A device and how it is addressed.
+fn named(device: &Device) -> String {
+    match &device.can {
+        None => format!("{} (unit {})", device.name, device.unit),
+        Some(can) => match can.node {
+            Some(node) => format!("{} (node {node})", device.name),
+            None => format!("{} (frames)", device.name),
+        },
+    }
 }
 
 /// The plant beside the profile, or of the shipped machine of the same name.

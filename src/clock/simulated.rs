@@ -4,11 +4,13 @@
 
 use std::collections::BTreeMap;
 use std::future::Future;
+use std::os::fd::OwnedFd;
 use std::pin::Pin;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
 use std::task::{Context, Poll, Waker};
 use std::time::{Duration, Instant};
 
+use super::inlet::has_come;
 use crate::quantity::Moment;
 
 #[derive(Debug)]
@@ -26,6 +28,8 @@ struct Table {
     now: Moment,
     seats: BTreeMap<u64, Guest>,
     next_seat: u64,
+    /// What may have something in it that nobody has taken yet.
+    inflows: BTreeMap<u64, Inflow>,
     /// Everybody sleeps, and the wall has not yet come to the next deadline.
     waits_for_wall: bool,
     closed: bool,
@@ -37,6 +41,13 @@ struct Guest {
     until: Option<Moment>,
     waker: Option<Waker>,
     rung: bool,
+}
+
+#[derive(Debug)]
+struct Inflow {
+    from: OwnedFd,
+    /// Its reader is at it.
+    is_taken: bool,
 }
 
 /// A sleeper's place; leaving it lets the others go on.
@@ -54,8 +65,14 @@ pub(super) struct Rope {
 
 impl Simulated {
     pub(super) fn start(start: Moment, speed: Option<f64>) -> Arc<Simulated> {
-        let table =
-            Table { now: start, seats: BTreeMap::new(), next_seat: 0, waits_for_wall: false, closed: false };
+        let table = Table {
+            now: start,
+            seats: BTreeMap::new(),
+            next_seat: 0,
+            inflows: BTreeMap::new(),
+            waits_for_wall: false,
+            closed: false,
+        };
         let speed = speed.filter(|speed| speed.is_finite() && *speed > 0.0);
         let clock = Arc::new(Simulated {
             table: Mutex::new(table),
@@ -88,6 +105,30 @@ impl Simulated {
         Seat { clock: self.clone(), number }
     }
 
+    /// Gives the inflow a number.
+    pub(super) fn watch(&self, from: OwnedFd) -> u64 {
+        let mut table = self.table();
+        let number = table.next_seat;
+        table.next_seat += 1;
+        table.inflows.insert(number, Inflow { from, is_taken: false });
+        number
+    }
+
+    /// The reader of an inflow is at it, or has taken all there was.
+    pub(super) fn take_from(&self, number: u64, is_taken: bool) {
+        let mut table = self.table();
+        if let Some(inflow) = table.inflows.get_mut(&number) {
+            inflow.is_taken = is_taken;
+        }
+        self.advance(&mut table);
+    }
+
+    pub(super) fn forget(&self, number: u64) {
+        let mut table = self.table();
+        table.inflows.remove(&number);
+        self.advance(&mut table);
+    }
+
     /// A panic elsewhere while the table was locked left it whole: every change to it is a single assignment.
     fn table(&self) -> MutexGuard<'_, Table> {
         self.table.lock().unwrap_or_else(PoisonError::into_inner)
@@ -114,7 +155,7 @@ impl Simulated {
 }
 
 impl Table {
-    /// Who wakes next, and when; `None` while somebody is awake.
+    /// Who wakes next, and when; `None` while somebody is awake, or has something to take.
     fn next(&self) -> Option<(u64, Moment)> {
         let mut earliest = None;
         for (number, guest) in &self.seats {
@@ -123,7 +164,8 @@ impl Table {
                 earliest = Some((*number, until));
             }
         }
-        earliest
+        let is_taken = |inflow: &Inflow| inflow.is_taken || has_come(&inflow.from);
+        if self.inflows.values().any(is_taken) { None } else { earliest }
     }
 
     fn wake(&mut self, number: u64, deadline: Moment) {

@@ -125,3 +125,67 @@ async fn patience_ends_also_with_a_future_that_is_ready_again_and_again() {
     let both = async { tokio::join!(talks, hears) };
     assert!(Patience::new().within(Duration::from_millis(20), both).await.is_none());
 }
+
+/// Rings a bell for every message, on a thread of its own, until an empty one comes.
+async fn hear_and_ring(reader: tokio::net::UnixDatagram, inlet: Inlet, bell: Bell) {
+    while reader.readable().await.is_ok() {
+        let _taking = inlet.taking();
+        let mut bytes = [0; 8];
+        while let Ok(length) = reader.try_recv(&mut bytes) {
+            if length == 0 {
+                return;
+            }
+            bell.ring();
+        }
+    }
+}
+
+#[tokio::test]
+async fn the_clock_does_not_overtake_a_message_that_lies_in_a_socket() {
+    let clock = Clock::simulated(noon(), None);
+    let hold = clock.hold();
+    let (mut sends, mut hears) = (clock.join(), clock.join());
+    let bell = hears.bell();
+    let (sender, reader) = std::os::unix::net::UnixDatagram::pair().unwrap();
+    reader.set_nonblocking(true).unwrap();
+    let inlet = clock.inlet(&reader).unwrap();
+    let reading = std::thread::spawn(move || {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build().unwrap();
+        runtime.block_on(async {
+            let reader = tokio::net::UnixDatagram::from_std(reader).unwrap();
+            hear_and_ring(reader, inlet, bell).await;
+        });
+    });
+    let sending = tokio::spawn(async move {
+        for _ in 0..500 {
+            sends.sleep(SECOND).await;
+            sender.send(b"frame").unwrap();
+        }
+        sends.sleep(SECOND).await;
+        sender.send(b"").unwrap();
+    });
+    drop(hold);
+    let mut heard = Vec::new();
+    for _ in 0..500 {
+        heard.push(hears.sleep(SECOND * 3600).await.since(noon()).as_secs());
+    }
+    drop(hears);
+    assert_eq!(heard, (1..=500).collect::<Vec<_>>(), "each at the moment at which it was sent");
+    sending.await.unwrap();
+    reading.join().unwrap();
+}
+
+#[tokio::test]
+async fn an_inlet_that_is_gone_holds_nobody_up() {
+    let clock = Clock::simulated(noon(), None);
+    let (sender, reader) = tokio::net::UnixDatagram::pair().unwrap();
+    let inlet = clock.inlet(&reader).unwrap();
+    sender.send(b"frame").await.unwrap();
+    let mut sleeper = clock.join();
+    let task = tokio::spawn(async move { sleeper.sleep(SECOND).await });
+    tokio::time::sleep(Duration::from_millis(20)).await;
+    assert_eq!(clock.now(), noon());
+    drop(inlet);
+    task.await.unwrap();
+    assert_eq!(clock.now().since(noon()), SECOND);
+}

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-/// The four tables of a Modbus device.
+/// The four tables of a Modbus device, and the two that the values of a CAN device are kept in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Table {
     /// Single bits, read and written. Modicon 0xxxx.
@@ -14,6 +14,10 @@ pub enum Table {
     Input,
     /// 16-bit registers, read and written. Modicon 4xxxx.
     Holding,
+    /// CANopen objects, read and written by SDO; the address is a place in the device's list of objects.
+    Object,
+    /// Values inside CAN frames; the address is a place in the device's list of fields.
+    Process,
 }
 
 /// A place in one table, as the protocol counts it: from zero.
@@ -26,6 +30,7 @@ pub struct Address {
 }
 
 impl Table {
+    /// Those of Modbus.
     const ALL: [Table; 4] = [Table::Coil, Table::Discrete, Table::Input, Table::Holding];
 
     /// The word of the profile for it.
@@ -35,6 +40,8 @@ impl Table {
             Table::Discrete => "discrete",
             Table::Input => "input",
             Table::Holding => "holding",
+            Table::Object => "object",
+            Table::Process => "process",
         }
     }
 
@@ -43,40 +50,47 @@ impl Table {
         matches!(self, Table::Coil | Table::Discrete)
     }
 
-    /// A master may write to it.
-    pub const fn is_writable(self) -> bool {
-        matches!(self, Table::Coil | Table::Holding)
+    /// It belongs to a CAN device.
+    pub const fn is_can(self) -> bool {
+        matches!(self, Table::Object | Table::Process)
     }
 
-    /// The function code that reads it.
+    /// A master may write to it.
+    pub const fn is_writable(self) -> bool {
+        matches!(self, Table::Coil | Table::Holding | Table::Object | Table::Process)
+    }
+
+    /// The function code that reads it; 0 where none does.
     pub const fn read_function(self) -> u8 {
         match self {
             Table::Coil => 1,
             Table::Discrete => 2,
             Table::Holding => 3,
             Table::Input => 4,
+            Table::Object | Table::Process => 0,
         }
     }
 
     /// The first digit of its Modicon numbers.
-    const fn digit(self) -> u32 {
+    const fn digit(self) -> Option<u32> {
         match self {
-            Table::Coil => 0,
-            Table::Discrete => 1,
-            Table::Input => 3,
-            Table::Holding => 4,
+            Table::Coil => Some(0),
+            Table::Discrete => Some(1),
+            Table::Input => Some(3),
+            Table::Holding => Some(4),
+            Table::Object | Table::Process => None,
         }
     }
 }
 
 impl Address {
-    /// The one-based Modicon number: five digits, six above 9999.
+    /// The one-based Modicon number: five digits, six above 9999. Empty for what is no register.
     pub fn modicon(self) -> String {
         let number = u32::from(self.offset) + 1;
-        if number > 9999 {
-            format!("{}{number:05}", self.table.digit())
-        } else {
-            format!("{}{number:04}", self.table.digit())
+        match self.table.digit() {
+            Some(digit) if number > 9999 => format!("{digit}{number:05}"),
+            Some(digit) => format!("{digit}{number:04}"),
+            None => String::new(),
         }
     }
 }
@@ -114,7 +128,7 @@ fn modicon(text: &str) -> Option<Address> {
         return None;
     }
     let (digit, number) = text.split_at(1);
-    let table = Table::ALL.into_iter().find(|table| digit.parse() == Ok(table.digit()))?;
+    let table = Table::ALL.into_iter().find(|table| digit.parse().ok() == table.digit())?;
     let number: u32 = number.parse().ok()?;
     let offset = u16::try_from(number.checked_sub(1)?).ok()?;
     Some(Address { table, offset })

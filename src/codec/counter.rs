@@ -58,6 +58,7 @@ impl Counter {
         match data_type {
             DataType::U16 | DataType::I16 => Some(1 << 16),
             DataType::U32 | DataType::I32 => Some(1 << 32),
+            DataType::Unsigned(bits @ 8..=32) | DataType::Signed(bits @ 8..=32) => Some(1 << bits),
             _ => None,
         }
     }

@@ -52,8 +52,11 @@ fn registers_become_the_numbers_that_devices_mean() {
 
 #[test]
 fn a_sentinel_is_compared_before_scaling() {
-    let axiomatic =
-        Encoding { scale: 0.0625, bad: vec![-1, -512], ..encoding(DataType::I16, WordOrder::MswFirst) };
+    let axiomatic = Encoding {
+        scale: 0.0625,
+        bad: vec![(-1).into(), (-512).into()],
+        ..encoding(DataType::I16, WordOrder::MswFirst)
+    };
     assert_eq!(axiomatic.decode(&[0xFE00]), Err(Reason::Sentinel));
     assert_eq!(axiomatic.decode(&[0xFFFF]), Err(Reason::Sentinel));
     assert_eq!(axiomatic.decode(&[400]), Ok(25.0));

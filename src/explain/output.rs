@@ -36,7 +36,7 @@ pub struct WriteExplained {
     pub bias: i64,
     /// Smallest and largest count that is ever written, bias included; `None` where the profile does not bound it.
     pub counts: Option<(i64, i64)>,
-    /// Function code of the write.
+    /// Function code of the write; 0 on a CAN line.
     pub function: u8,
     /// What the register means, and which way it moves.
     pub meaning: String,
@@ -116,10 +116,10 @@ pub(super) fn explained(profile: &Profile, output: &Output) -> WriteExplained {
         output: output.name.clone(),
         axis: axis.settings.name.clone(),
         device: device.name.clone(),
-        register: Register::of(output.address),
+        register: Register::at(profile, output.device, output.address, encoding.data_type),
         registers,
         data_type: encoding.data_type.name(),
-        word_order: (registers > 1).then(|| encoding.word_order.to_string()),
+        word_order: (registers > 1 && !output.address.table.is_can()).then(|| encoding.word_order.to_string()),
         scale: encoding.scale,
         unit,
         bias: encoding.bias,
@@ -128,13 +128,25 @@ pub(super) fn explained(profile: &Profile, output: &Output) -> WriteExplained {
                 (count(low, encoding.scale, encoding.bias), count(high, encoding.scale, encoding.bias));
             (a.min(b), a.max(b))
         }),
-        function: device.functions.writes(registers).map_or(0, crate::profile::WriteFunction::code),
+        function: if output.address.table.is_can() {
+            0
+        } else {
+            device.functions.writes(registers).map_or(0, crate::profile::WriteFunction::code)
+        },
         meaning,
         verify: match output.verify {
+            Verify::ReadBack if output.address.table.is_can() => "once the object reads back what was written".to_owned(),
+            Verify::Echo if output.address.table.is_can() => {
+                "once the node has taken it; the object is not read back".to_owned()
+            }
             Verify::ReadBack => "once the register reads back what was written".to_owned(),
             Verify::Echo => {
                 "once the answer repeats what was written; the register is not read back".to_owned()
             }
+            Verify::ReadBackAt(at) => {
+                format!("once {} reads back what was written", profile.place(output.device, at))
+            }
+            Verify::Shown => "as soon as it is sent: shown, not verified, nothing reads it back".to_owned(),
         },
         refresh: output.refresh.map(|refresh| humantime::format_duration(refresh).to_string()),
         when: output.when.as_ref().map(|condition| condition.text.clone()),
@@ -200,7 +212,11 @@ fn figure(number: f64) -> String {
 impl fmt::Display for WriteExplained {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let plural = if self.registers == 1 { "" } else { "s" };
-        write!(f, "  {}: {} of {}, {}", self.output, self.register, self.device, self.data_type)?;
+        let WriteExplained { output, register, device, data_type, .. } = self;
+        match register.is_in_frames() {
+            true => write!(f, "  {output}: {register}, to {device}")?,
+            false => write!(f, "  {output}: {register} of {device}, {data_type}")?,
+        }
         if let Some(order) = &self.word_order {
             write!(f, " {order}")?;
         }
@@ -208,7 +224,10 @@ impl fmt::Display for WriteExplained {
         if self.bias != 0 {
             write!(f, ", bias {}", self.bias)?;
         }
-        writeln!(f, "; function {:02}, {} register{plural}", self.function, self.registers)?;
+        match self.function {
+            0 => writeln!(f)?,
+            function => writeln!(f, "; function {function:02}, {} register{plural}", self.registers)?,
+        }
         writeln!(f, "    writes {}", self.meaning)?;
         self.display.iter().try_for_each(|line| writeln!(f, "    {line}"))?;
         if let Some(channel) = &self.channel {

@@ -44,6 +44,7 @@ pub(super) fn bus(profile: &Profile, id: BusId) -> BusExplained {
         Transport::Tcp if bus.tls.is_some() => ("Modbus TCP inside TLS (Modbus/TCP Security)", None),
         Transport::Tcp => ("Modbus TCP", None),
         Transport::RtuOverTcp => ("RTU over TCP", None),
+        Transport::Can => ("CAN", None),
         Transport::Serial(serial) => ("Modbus RTU", Some(explained(profile, id, serial))),
     };
     BusExplained {
@@ -57,6 +58,7 @@ pub(super) fn bus(profile: &Profile, id: BusId) -> BusExplained {
         }),
         timeout: humantime::format_duration(bus.timeout).to_string(),
         serial,
+        can: (bus.transport == Transport::Can).then(|| super::can::line(profile, id)),
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use super::canopen::abort::AbortCode;
 use crate::reading::Reason;
 
 /// Why a request has no answer. Small, so that a test is one comparison.
@@ -15,6 +16,8 @@ pub enum Fault {
     Peer(PeerFault),
     /// The device says no, with this Modbus exception code.
     Exception(u8),
+    /// The device says no, with this SDO abort code.
+    Aborted(AbortCode),
     /// No answer in time.
     Timeout,
 }
@@ -26,6 +29,8 @@ pub enum CallerFault {
     Extent,
     /// A function code that the profile does not allow for this device.
     Function,
+    /// Of a frame that several values share, another is not known yet.
+    Incomplete,
 }
 
 /// How a connection fails.
@@ -53,6 +58,8 @@ pub enum LinkFault {
     Contested,
     /// TLS did not come about.
     Tls(TlsFault),
+    /// The CAN interface.
+    Can(CanFault),
     /// It is down, and not yet time to try again.
     Down,
 }
@@ -86,6 +93,25 @@ pub enum TlsFault {
     Refused,
 }
 
+/// What is wrong with a CAN interface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum CanFault {
+    /// There is none of this name, or it has been taken away.
+    NoInterface,
+    /// It is another kind of interface.
+    NotCan,
+    /// This computer's kernel has no CAN.
+    NoKernel,
+    /// It may not be used by this user.
+    Forbidden,
+    /// It is down.
+    Down,
+    /// Its queue is full: nothing leaves it.
+    Full,
+    /// It does not carry CAN FD, or the frame is none that CAN can carry.
+    TooLong,
+}
+
 /// How an answer is wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum PeerFault {
@@ -97,7 +123,9 @@ pub enum PeerFault {
     Length,
     /// A write answered with another address, value or count.
     Echo,
-    /// Not Modbus at all.
+    /// An object of another width than its type.
+    Width,
+    /// Nothing that the protocol knows.
     Malformed,
 }
 
@@ -108,13 +136,18 @@ impl Fault {
             Fault::Caller(_) => "caller",
             Fault::Link(_) => "link",
             Fault::Peer(_) => "peer",
-            Fault::Exception(_) => "exception",
+            Fault::Exception(_) | Fault::Aborted(_) => "exception",
             Fault::Timeout => "timeout",
         }
     }
 
     /// Every word of [`Fault::blame`].
     pub const BLAMES: [&'static str; 5] = ["caller", "link", "peer", "exception", "timeout"];
+
+    /// The device has answered, and it says no.
+    pub const fn is_refusal(self) -> bool {
+        matches!(self, Fault::Exception(_) | Fault::Aborted(_))
+    }
 
     /// Whether the connection can no longer be trusted: what still arrives on it may answer an older question.
     pub const fn spoils_connection(self) -> bool {
@@ -130,6 +163,7 @@ impl Fault {
     pub const fn reason(self) -> Reason {
         match self {
             Fault::Exception(code) => Reason::Exception(code),
+            Fault::Aborted(_) => Reason::Refused,
             Fault::Timeout => Reason::Timeout,
             Fault::Link(_) => Reason::LinkDown,
             Fault::Peer(_) | Fault::Caller(_) => Reason::BadReply,
@@ -143,6 +177,9 @@ impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Fault::Caller(CallerFault::Extent) => "request outside what Modbus allows",
+            Fault::Caller(CallerFault::Incomplete) => {
+                "another value in the same frame is not known yet; sent as soon as it is"
+            }
             Fault::Caller(CallerFault::Function) => "function code not allowed by the profile",
             Fault::Link(LinkFault::Refused) => "connection refused: nobody listens there",
             Fault::Link(LinkFault::Unreachable) => "host not reachable",
@@ -162,13 +199,16 @@ impl fmt::Display for Fault {
                  longer each time (quirks.close_after_each leaves room for both)"
             }
             Fault::Link(LinkFault::Tls(fault)) => fault.words(),
+            Fault::Link(LinkFault::Can(fault)) => fault.words(),
             Fault::Link(LinkFault::Down) => "no connection",
             Fault::Peer(PeerFault::Foreign) => "reply of another transaction or unit",
             Fault::Peer(PeerFault::Function) => "reply with another function code",
             Fault::Peer(PeerFault::Length) => "reply with the wrong number of registers",
             Fault::Peer(PeerFault::Echo) => "write answered with another address or value",
-            Fault::Peer(PeerFault::Malformed) => "reply is not Modbus",
+            Fault::Peer(PeerFault::Width) => "the object has another width than its type in the profile",
+            Fault::Peer(PeerFault::Malformed) => "reply is none that the protocol knows",
             Fault::Exception(code) => return write!(f, "exception {code} ({})", exception_name(*code)),
+            Fault::Aborted(code) => return write!(f, "refused: {code}"),
             Fault::Timeout => "no answer in time",
         })
     }
@@ -210,6 +250,24 @@ impl TlsFault {
                  another client?"
             }
             TlsFault::Refused => "the device ended the TLS handshake",
+        }
+    }
+}
+
+impl CanFault {
+    const fn words(self) -> &'static str {
+        match self {
+            CanFault::NoInterface => {
+                "no such interface: is the adapter plugged in? (`ip -details link` lists them)"
+            }
+            CanFault::NotCan => "no CAN interface",
+            CanFault::NoKernel => "this computer's kernel has no CAN: `modprobe can-raw` as root",
+            CanFault::Forbidden => "no permission for CAN",
+            CanFault::Down => "the interface is down: `ip link set … up` as root brings it up",
+            CanFault::Full => {
+                "the interface's queue is full: nobody on the bus acknowledges, or its txqueuelen is too small"
+            }
+            CanFault::TooLong => "a frame that the interface cannot carry: CAN FD wants its mtu to be 72",
         }
     }
 }

@@ -119,6 +119,16 @@ impl Line {
         self.wire.is_some() || self.is_put_down
     }
 
+    /// What this device is, or the line without one, begins anew: whatever rests there need rest no longer.
+    pub fn revive(&mut self, device: Option<DeviceId>) {
+        for unit in self.units.iter_mut().filter(|unit| device.is_none_or(|one| one == unit.device)) {
+            unit.breaker.succeed();
+        }
+        if device.is_none() {
+            self.redial.succeed();
+        }
+    }
+
     /// Attempts to connect that failed since the last one that succeeded, and the last fault.
     pub fn refusals(&self) -> (u32, Fault) {
         (self.redial.failures(), self.refused)
@@ -301,9 +311,10 @@ impl Line {
 }
 
 impl Functions {
-    /// Whether this function code may be sent.
+    /// Whether this function code may be sent; 0 is none, which CAN has none of.
     pub const fn allow(&self, function: u8) -> bool {
         match function {
+            0 => true,
             1 => self.read_coils,
             2 => self.read_discrete,
             3 => self.read_holding,

@@ -14,7 +14,7 @@ use tokio_modbus::client::{Client, tcp};
 use tokio_modbus::{Error, ProtocolError, Request as Pdu, Response, Slave};
 
 use super::eager::Eager;
-use super::error::{Fault, LinkFault, PeerFault};
+use super::error::{CallerFault, Fault, LinkFault, PeerFault};
 use super::tls;
 use super::trace::{Tap, Teed};
 use super::wire::{Answer, Boxed, Connection, Dial, Request, Wire};
@@ -71,7 +71,8 @@ pub struct ModbusTcp {
 impl ModbusTcp {
     pub(super) async fn exchange(&mut self, unit: u8, request: Request<'_>) -> Result<Answer, Fault> {
         self.client.set_slave(Slave(unit));
-        match self.client.call(pdu(request)).await {
+        let pdu = pdu(request).ok_or(Fault::Caller(CallerFault::Function))?;
+        match self.client.call(pdu).await {
             Ok(Ok(response)) => check(request, response),
             Ok(Err(exception)) => Err(Fault::Exception(exception.into())),
             Err(Error::Protocol(ProtocolError::HeaderMismatch { .. })) => {
@@ -91,18 +92,20 @@ impl Wire for ModbusTcp {
     }
 }
 
-fn pdu(request: Request<'_>) -> Pdu<'_> {
-    match request {
+fn pdu(request: Request<'_>) -> Option<Pdu<'_>> {
+    Some(match request {
         Request::Read { from, count } => match from.table {
             Table::Coil => Pdu::ReadCoils(from.offset, count),
             Table::Discrete => Pdu::ReadDiscreteInputs(from.offset, count),
             Table::Input => Pdu::ReadInputRegisters(from.offset, count),
             Table::Holding => Pdu::ReadHoldingRegisters(from.offset, count),
+            Table::Object | Table::Process => return None,
         },
         Request::WriteCoil { at, value } => Pdu::WriteSingleCoil(at, value),
         Request::WriteSingle { at, word } => Pdu::WriteSingleRegister(at, word),
         Request::WriteMultiple { at, words } => Pdu::WriteMultipleRegisters(at, Cow::Borrowed(words)),
-    }
+        Request::Can(_) => return None,
+    })
 }
 
 /// Whether this is the answer to that question, in every part the protocol repeats.

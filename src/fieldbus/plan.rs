@@ -2,7 +2,8 @@
 //!
 //! Neighbours in one table share a request, also across a few registers that nobody asked for: a request costs a
 //! round trip, a register two bytes. A device that refuses registers it does not have wants `max_gap = 0`; one that
-//! serves a register wrongly among others has signals with `merge = false`.
+//! serves a register wrongly among others has signals with `merge = false`. A CANopen object is a request of its own, and
+//! what comes in CAN frames is not asked for.
 
 use std::fmt;
 
@@ -56,11 +57,12 @@ pub fn plan<'a>(
     let quirks = &device.quirks;
     let mut wanted: Vec<Wanted> = signals
         .into_iter()
+        .filter(|(_, signal)| signal.address.table != Table::Process)
         .map(|(id, signal)| Wanted {
             signal: id,
             address: signal.address,
             len: signal.encoding.data_type.registers(),
-            alone: quirks.one_request_per_field || !signal.merge,
+            alone: quirks.one_request_per_field || !signal.merge || signal.address.table.is_can(),
         })
         .collect();
     wanted.sort_by_key(|want| (want.address, want.len, want.signal));

@@ -21,7 +21,7 @@ use tokio::net::TcpStream;
 use tokio_modbus::bytes::Bytes;
 use tokio_modbus::{ExceptionResponse, Response};
 
-use super::error::{Fault, LinkFault, PeerFault};
+use super::error::{CallerFault, Fault, LinkFault, PeerFault};
 use super::modbus::{check, dial_fault};
 use super::trace::{Tap, Teed};
 use super::wire::{Answer, Boxed, Connection, Dial, Request, Wire};
@@ -119,6 +119,9 @@ impl<T: Port> Rtu<T> {
     }
 
     async fn exchange(&mut self, unit: u8, request: Request<'_>) -> Result<Answer, Fault> {
+        if matches!(request, Request::Can(_)) {
+            return Err(Fault::Caller(CallerFault::Function));
+        }
         let silence = self.serial.map_or(SILENCE_OVER_TCP, |serial| serial.silence());
         self.hush(silence).await?;
         self.heard = None;

@@ -20,6 +20,7 @@ use tokio::sync::mpsc;
 use super::error::{Fault, LinkFault};
 use super::wire::{Answer, Request};
 use crate::clock::Clock;
+use crate::codec::Frame;
 use crate::profile::DeviceId;
 use crate::quantity::Moment;
 
@@ -138,11 +139,29 @@ impl Tap {
             answered: exchange::answered(answer),
             is_good: answer.is_ok(),
         };
+        self.show(device, &exchange);
+    }
+
+    /// A CAN frame of a device came by itself.
+    pub fn heard(&self, (device, unit): (DeviceId, u8), frame: &Frame) {
+        if self.is_on() {
+            self.show(device, &Exchange::heard(unit, frame, self.0.clock.now()));
+        }
+    }
+
+    fn show(&self, device: DeviceId, exchange: &Exchange) {
         let listeners = locked(&self.0.listeners);
         for listener in listeners.iter().filter(|listener| listener.device.is_none_or(|one| one == device)) {
             if listener.to.try_send(exchange.clone()).is_err() {
                 listener.dropped.fetch_add(1, Ordering::Relaxed);
             }
+        }
+    }
+
+    /// These bytes pass.
+    pub(super) fn pass(&self, bytes: &[u8], is_sent: bool) {
+        if self.is_on() {
+            self.passed().keep(bytes, is_sent);
         }
     }
 
@@ -209,9 +228,7 @@ impl<T> Teed<T> {
     }
 
     pub(super) fn pass(&self, bytes: &[u8], is_sent: bool) {
-        if self.tap.is_on() {
-            self.tap.passed().keep(bytes, is_sent);
-        }
+        self.tap.pass(bytes, is_sent);
     }
 }
 

@@ -10,7 +10,8 @@ use std::time::Duration;
 use super::error::{Fault, LinkFault};
 use super::modbus::ModbusTcp;
 use super::trace::Tap;
-use crate::codec::{Address, Table};
+use crate::codec::{Address, BitField, CanId, Table};
+use crate::profile::Object;
 
 /// A future that a trait object can return.
 pub type Boxed<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
@@ -44,6 +45,34 @@ pub enum Request<'a> {
         /// Zero-based holding register.
         at: u16,
         /// The new values, lowest address first.
+        words: &'a [u16],
+    },
+    /// Of a CAN line, where nothing is a register.
+    Can(CanRequest<'a>),
+}
+
+/// One request to one device on a CAN line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CanRequest<'a> {
+    /// An object of a node is read, by SDO.
+    Read {
+        /// Which.
+        object: Object,
+    },
+    /// An object of a node is written, by SDO.
+    Write {
+        /// Which.
+        object: Object,
+        /// Its new value, the most significant register first.
+        words: &'a [u16],
+    },
+    /// A value in a frame is sent, with what else is in there.
+    Send {
+        /// The frame.
+        id: CanId,
+        /// Where in there.
+        bits: BitField,
+        /// Its new value, the most significant register first.
         words: &'a [u16],
     },
 }
@@ -137,7 +166,7 @@ impl Connection {
 }
 
 impl Request<'_> {
-    /// The Modbus function code it needs.
+    /// The Modbus function code it needs; 0 for what is no register.
     pub const fn function(self) -> u8 {
         match self {
             Request::Read { from, .. } => match from.table {
@@ -145,19 +174,21 @@ impl Request<'_> {
                 Table::Discrete => 2,
                 Table::Holding => 3,
                 Table::Input => 4,
+                Table::Object | Table::Process => 0,
             },
             Request::WriteCoil { .. } => 5,
             Request::WriteSingle { .. } => 6,
             Request::WriteMultiple { .. } => 16,
+            Request::Can(_) => 0,
         }
     }
 
     /// It changes nothing.
     pub const fn is_read(self) -> bool {
-        matches!(self, Request::Read { .. })
+        matches!(self, Request::Read { .. } | Request::Can(CanRequest::Read { .. }))
     }
 
-    /// Whether a Modbus request can carry it.
+    /// Whether one request can carry it.
     pub fn fits(self) -> bool {
         let (at, count, most) = match self {
             Request::Read { from, count } => {
@@ -165,6 +196,7 @@ impl Request<'_> {
             }
             Request::WriteCoil { at, .. } | Request::WriteSingle { at, .. } => (at, 1, 1),
             Request::WriteMultiple { at, words } => (at, u16::try_from(words.len()).unwrap_or(u16::MAX), 123),
+            Request::Can(_) => return true,
         };
         (1..=most).contains(&count) && u32::from(at) + u32::from(count) <= 65536
     }

@@ -13,7 +13,7 @@ use crate::codec::Encoded;
 use crate::compensation::AxisState;
 use crate::fieldbus::line::Line;
 use crate::observe::events::Event;
-use crate::profile::{Output, OutputId, Profile, Share, Verify, Writes};
+use crate::profile::{Output, OutputId, Profile, Share, Writes};
 use crate::quantity::{Micron, Moment};
 use crate::reading::SignalId;
 
@@ -175,7 +175,7 @@ impl Writer {
             return;
         }
         self.tried_at = now;
-        let first_reads = output.verify == Verify::ReadBack || unsettled || self.uncertain.is_some();
+        let first_reads = output.verify.reads() || unsettled || self.uncertain.is_some();
         if first_reads && !self.is_ours(line, shared, output, now).await {
             return;
         }

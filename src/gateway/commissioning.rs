@@ -1,22 +1,25 @@
 //! Whether the devices are set as the profile expects them: read before anything is armed, again after a device was
-//! lost, and again and again where something was wrong, until somebody has put it right.
+//! lost, and again and again where something was wrong, until somebody has put it right. A CANopen node that has a setup
+//! list is set up first ([`setup`]).
 //!
 //! A module that sends hexadecimal counts of its range instead of tenths of a degree sends plausible temperatures.
 //! So nothing is believed of a device whose checks have not all been read and found right.
 
 use std::time::Duration;
 
+use super::can::Can;
 use super::poll;
 use super::shared::Shared;
 use crate::codec::Encoded;
 use crate::compensation::model::Evaluate;
-use crate::fieldbus::error::Fault;
 use crate::fieldbus::line::Line;
 use crate::fieldbus::wire::{Answer, Request};
 use crate::observe::events::Event;
-use crate::profile::{AxisId, DeviceId, Expected, Profile};
+use crate::profile::{AxisId, Device, DeviceId, Profile};
 use crate::quantity::Moment;
 use crate::reading::SignalId;
+
+mod setup;
 
 /// How soon a device that could not be asked is asked again; the line's own pauses come on top.
 const ASK_AGAIN: Duration = Duration::from_secs(1);
@@ -31,6 +34,8 @@ const BELIEVED_SILENT: u32 = 3;
 #[derive(Debug)]
 pub(super) struct Commissioning {
     devices: Vec<Finding>,
+    /// By device: how often everything had to begin anew.
+    rounds: Vec<u64>,
     of_axis: Vec<Vec<DeviceId>>,
 }
 
@@ -54,9 +59,10 @@ pub(super) enum Fit {
 
 impl Commissioning {
     pub(super) fn new(profile: &Profile) -> Commissioning {
-        let devices = profile.devices.iter().map(|device| Finding::begin(&device.verify));
+        let devices = profile.devices.iter().map(Finding::begin);
         let of_axis = (0..profile.axes.len()).map(|axis| devices_of(profile, AxisId(axis)));
-        Commissioning { devices: devices.collect(), of_axis: of_axis.collect() }
+        let rounds = vec![0; profile.devices.len()];
+        Commissioning { devices: devices.collect(), rounds, of_axis: of_axis.collect() }
     }
 
     /// Whether what is read from it may be believed.
@@ -85,18 +91,24 @@ impl Commissioning {
         fit
     }
 
-    /// The device was lost: everything is checked anew.
+    /// The device was lost or restarted: it is set up, and everything is checked, anew.
     pub(super) fn forget(&mut self, shared: &Shared, device: DeviceId) {
+        self.rounds[device.0] += 1;
         if self.is_fit(device) {
-            self.devices[device.0] = Finding::begin(&shared.profile.device(device).verify);
+            self.devices[device.0] = Finding::begin(shared.profile.device(device));
         }
     }
 }
 
 impl Finding {
-    fn begin(verify: &[Expected]) -> Finding {
-        if verify.is_empty() { Finding::Fit } else { Finding::Unknown }
+    fn begin(device: &Device) -> Finding {
+        if is_looked_at(device) { Finding::Unknown } else { Finding::Fit }
     }
+}
+
+/// There is something to check, or to set up first.
+fn is_looked_at(device: &Device) -> bool {
+    !device.verify.is_empty() || device.can.as_ref().is_some_and(|can| !can.setup.is_empty())
 }
 
 /// The devices that any model of the axis reads, and those that its outputs write to.
@@ -120,6 +132,8 @@ struct Inspection {
     due: Moment,
     /// Attempts in a row that were not answered.
     missed: u32,
+    /// The round for which it was set up.
+    set_up: Option<u64>,
 }
 
 impl Inspector {
@@ -128,18 +142,25 @@ impl Inspector {
         devices: impl Iterator<Item = DeviceId>,
         start: Moment,
     ) -> Inspector {
-        let checked = devices.filter(|id| !profile.device(*id).verify.is_empty());
-        Inspector(checked.map(|device| Inspection { device, due: start, missed: 0 }).collect())
+        let checked = devices.filter(|id| is_looked_at(profile.device(*id)));
+        let inspection = |device| Inspection { device, due: start, missed: 0, set_up: None };
+        Inspector(checked.map(inspection).collect())
     }
 
     /// Looks at the devices that are not known to be fit, where it is time.
-    pub(super) async fn inspect(&mut self, line: &mut Line, shared: &Shared) {
+    pub(super) async fn inspect(&mut self, line: &mut Line, shared: &Shared, can: Option<&Can>) {
         for inspection in &mut self.0 {
             let (id, now) = (inspection.device, shared.clock.now());
-            if now < inspection.due || inspection.is_needless(shared) || line.is_resting(id, now) {
+            let round = shared.core().commissioning.rounds[id.0];
+            let is_due = now >= inspection.due || inspection.set_up.is_some_and(|known| known != round);
+            if !is_due || inspection.is_needless(shared) || line.is_resting(id, now) {
                 continue;
             }
-            let found = inspection.look(line, shared).await;
+            let found = inspection.look(line, shared, can, round).await;
+            if shared.core().commissioning.rounds[id.0] != round {
+                // It was restarted meanwhile: that was another one.
+                continue;
+            }
             let pause = match found {
                 Some(Finding::Wrong(_)) => LOOK_AGAIN,
                 Some(_) => Duration::ZERO,
@@ -157,19 +178,40 @@ impl Inspection {
     /// It is fit; or it did not answer, and its polls shall find out first whether it is there at all.
     fn is_needless(&self, shared: &Shared) -> bool {
         let core = shared.core();
+        let lost = core.devices[self.device.0].lost.as_ref();
         core.commissioning.is_fit(self.device)
-            || (self.missed > 0 && core.devices[self.device.0].lost.is_some())
+            || (self.missed > 0 && lost.is_some_and(|lost| lost.answers_since.is_none()))
     }
 
-    /// Reads every check; `None` where the device does not answer, which is told elsewhere.
-    async fn look(&mut self, line: &mut Line, shared: &Shared) -> Option<Finding> {
+    /// Sets it up and reads every check; `None` where the device does not answer, which is told elsewhere.
+    async fn look(
+        &mut self,
+        line: &mut Line,
+        shared: &Shared,
+        can: Option<&Can>,
+        round: u64,
+    ) -> Option<Finding> {
         let mut wrong = Vec::new();
+        if let Some(can) = can.filter(|_| self.set_up != Some(round)) {
+            match setup::set_up(line, shared, self.device).await {
+                Ok(found) if found.is_empty() || shared.dry_run => {
+                    wrong = found;
+                    self.set_up = Some(round);
+                    can.is_set_up(self.device);
+                }
+                Ok(found) => return Some(Finding::Wrong(found.join("; "))),
+                Err(_) => {
+                    self.missed += 1;
+                    return None;
+                }
+            }
+        }
         for expected in &shared.profile.device(self.device).verify {
             let count = expected.encoding.data_type.registers();
             let request = Request::Read { from: expected.address, count };
             match poll::call(line, shared, self.device, request, shared.clock.now()).await {
                 Ok(answer) => wrong.extend(expected.mismatch(words(&answer).words())),
-                Err(Fault::Exception(code)) => wrong.push(expected.unreadable(Fault::Exception(code))),
+                Err(fault) if fault.is_refusal() => wrong.push(expected.unreadable(fault)),
                 Err(fault) => {
                     self.missed += 1;
                     // It answers its polls and never this: some devices are silent where they have no register.

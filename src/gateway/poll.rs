@@ -3,37 +3,33 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+pub(super) use self::call::call;
 use self::captures::Captures;
 use super::apply::{SetWriter, Writer};
+use super::can::{Can, Ear};
 use super::commissioning::Inspector;
 use super::shared::{BusCount, JITTER_MS, Shared};
 use crate::clock::Sleeper;
 use crate::compensation::model::Evaluate;
-use crate::fieldbus::error::Fault;
 use crate::fieldbus::line::Line;
 use crate::fieldbus::plan::{ReadRequest, plan};
-use crate::fieldbus::wire::{Answer, Request};
+use crate::fieldbus::wire::Request;
 use crate::observe::events::Event;
 use crate::profile::{Arm, BusId, DeviceId, OutputId, Profile, SetId, Writes};
 use crate::quantity::Moment;
 use crate::reading::SignalId;
 
+mod call;
 mod captures;
-
 mod read;
 mod urgent;
-
-/// Consecutive failures after which people are told: a single lost answer is only counted.
-const TOLD_AFTER: u64 = 2;
-
-/// A device that was lost has returned when it has answered for this long: one that comes and goes is told once.
-const BELIEVED_AFTER: Duration = Duration::from_secs(10);
 
 /// Owns one line and everything that is read and written on it.
 pub(super) struct LineTask {
     shared: Arc<Shared>,
     bus: BusId,
     line: Line,
+    can: Option<Arc<Can>>,
     inspector: Inspector,
     polls: Vec<Poll>,
     writers: Vec<Writer>,
@@ -124,6 +120,7 @@ impl LineTask {
         LineTask {
             bus,
             line,
+            can: None,
             inspector,
             polls,
             writers,
@@ -142,8 +139,18 @@ impl LineTask {
         self.polls.iter().map(|poll| poll.requests.len()).sum()
     }
 
-    /// Cycles until the gateway has stopped.
-    pub(super) async fn run(mut self, mut sleeper: Sleeper) {
+    /// Cycles until the gateway has stopped; with an ear, listens as well.
+    pub(super) async fn run(mut self, sleeper: Sleeper, ear: Option<(Arc<Can>, Ear)>) {
+        match ear {
+            None => self.cycles(sleeper).await,
+            Some((can, ear)) => {
+                self.can = Some(can);
+                tokio::join!(ear.listen(), self.cycles(sleeper));
+            }
+        }
+    }
+
+    async fn cycles(mut self, mut sleeper: Sleeper) {
         let mut due = sleeper.now();
         loop {
             let began = sleeper.sleep_until(due).await;
@@ -156,9 +163,12 @@ impl LineTask {
 
     /// One round of what is due at `now`.
     pub(super) async fn cycle(&mut self, now: Moment) {
+        for revived in self.can.iter().flat_map(|can| can.revived()) {
+            self.line.revive(revived);
+        }
         self.write(now).await;
         self.beat(now).await;
-        self.inspector.inspect(&mut self.line, &self.shared).await;
+        self.inspector.inspect(&mut self.line, &self.shared, self.can.as_deref()).await;
         let mut polled = false;
         self.passed = self.shared.clock.now();
         let last = self.polls.iter().rposition(|poll| now >= poll.due);
@@ -171,7 +181,7 @@ impl LineTask {
         self.has_been_round = true;
         // Not the beginning of the cycle: readings have aged since, and another line may have stepped.
         let now = self.shared.clock.now();
-        if polled {
+        if polled || self.can.is_some() {
             self.shared.look_for_restarts(now);
         }
         if self.steps_axes {
@@ -226,7 +236,10 @@ impl LineTask {
         let count = &mut core.buses[self.bus.0];
         count.cycles += 1;
         count.last_cycle = ended;
-        count.connected = self.line.is_connected();
+        count.connected = match &self.can {
+            Some(can) => can.link.fault().is_none(),
+            None => self.line.is_connected(),
+        };
         count_late(count, began.since(due));
         let poll = self.polls.iter().map(|poll| poll.due).min();
         if let Some(late) = poll.map(|poll| ended.since(poll)).filter(|late| !late.is_zero()) {
@@ -284,95 +297,4 @@ fn signals_of(
 ) -> impl Iterator<Item = (SignalId, &crate::profile::Signal)> {
     let signals = profile.signals.iter().enumerate().map(|(place, signal)| (SignalId(place), signal));
     signals.filter(move |(_, signal)| signal.device == device)
-}
-
-/// Asks a device; counts, and tells what begins and what ends. `now` is the moment at which nothing on the line is under
-/// way any more: pauses after a failure begin there.
-pub(super) async fn call(
-    line: &mut Line,
-    shared: &Shared,
-    device: DeviceId,
-    request: Request<'_>,
-    now: Moment,
-) -> Result<Answer, Fault> {
-    let rested = line.is_resting(device, now);
-    let answer = line.call(device, request, now).await;
-    let mut core = shared.core();
-    let count = &mut core.devices[device.0];
-    if !rested {
-        count.requests += 1;
-        if let Err(fault) = &answer {
-            *count.failures.entry(fault.blame()).or_default() += 1;
-        }
-    }
-    let events = match &answer {
-        Ok(_) | Err(Fault::Exception(_)) if count.lost.is_none() && count.answered => return answer,
-        Ok(_) | Err(Fault::Exception(_)) => core.device_answers(shared, device),
-        // It never left the house.
-        Err(Fault::Caller(_)) => return answer,
-        Err(fault) if !rested => core.device_fails(shared, device, *fault, line),
-        Err(_) => return answer,
-    };
-    drop(core);
-    for event in events.into_iter().flatten() {
-        shared.tell(&event);
-    }
-    answer
-}
-
-impl super::shared::Core {
-    fn device_answers(&mut self, shared: &Shared, id: DeviceId) -> [Option<Event>; 2] {
-        let device = shared.profile.device(id);
-        let count = &mut self.devices[id.0];
-        count.answered = true;
-        let now = shared.clock.now();
-        let returned = match &mut count.lost {
-            Some(lost) if lost.told => now.since(*lost.answers_since.get_or_insert(now)) >= BELIEVED_AFTER,
-            _ => true,
-        };
-        let lost = if returned { count.lost.take() } else { None };
-        let bus = shared.profile.bus(device.bus);
-        let up = self.buses[device.bus.0].down.take().map(|attempts| Event::LinkUp {
-            bus: bus.name.clone(),
-            address: bus.address.clone(),
-            attempts,
-        });
-        let back = lost.filter(|lost| lost.told).map(|lost| Event::DeviceBack {
-            device: device.name.clone(),
-            unit: device.unit,
-            missed: lost.missed,
-        });
-        [up, back]
-    }
-
-    fn device_fails(
-        &mut self,
-        shared: &Shared,
-        id: DeviceId,
-        fault: Fault,
-        line: &Line,
-    ) -> [Option<Event>; 2] {
-        let device = shared.profile.device(id);
-        let lost = self.devices[id.0].lost.get_or_insert_default();
-        lost.missed += 1;
-        lost.answers_since = None;
-        lost.fault = fault.to_string();
-        // What comes after a connection was made is the device's doing.
-        if fault.is_of_the_line() && line.refusals().0 > 0 {
-            let bus = shared.profile.bus(device.bus);
-            let (attempts, fault) = line.refusals();
-            lost.fault = fault.to_string();
-            let told = self.buses[device.bus.0].down.replace(u64::from(attempts)).is_some();
-            let (bus, address) = (bus.name.clone(), bus.address.clone());
-            return [(!told).then(|| Event::LinkDown { bus, address, fault: fault.to_string() }), None];
-        }
-        let tell = lost.missed >= TOLD_AFTER && !lost.told;
-        lost.told |= tell;
-        if tell {
-            // What comes back may be another one, or one that has forgotten how it was set.
-            self.commissioning.forget(shared, id);
-        }
-        let (device, unit) = (device.name.clone(), device.unit);
-        [tell.then(|| Event::DeviceLost { device, unit, fault: fault.to_string() }), None]
-    }
 }

@@ -4,7 +4,7 @@
 //! register anew, and the axis, armed as before, goes on from what stands there.
 
 use crate::observe::events::Event;
-use crate::profile::{OutputId, Profile};
+use crate::profile::{DeviceId, OutputId, Profile};
 use crate::quantity::Moment;
 use crate::reading::SignalId;
 
@@ -32,6 +32,13 @@ impl Restarts {
     /// How many concern this output so far.
     pub(super) fn of(&self, id: OutputId) -> u64 {
         self.counts.get(id.0).copied().unwrap_or_default()
+    }
+
+    /// A device was restarted, as it said itself.
+    pub(super) fn device_restarted(&mut self, profile: &Profile, device: DeviceId) {
+        for (output, count) in profile.outputs.iter().zip(&mut self.counts) {
+            *count += u64::from(output.device == device);
+        }
     }
 
     /// Takes in the machine's `on` signal; whether it was off and is on. The control may have been off with it.

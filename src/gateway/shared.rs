@@ -168,6 +168,11 @@ impl Shared {
         self.ring_where(|place| place != bus.0);
     }
 
+    /// Wakes this line.
+    pub(super) fn ring_line(&self, bus: BusId) {
+        self.ring_where(|place| place == bus.0);
+    }
+
     fn ring_where(&self, chosen: impl Fn(usize) -> bool) {
         let bells = self.bells.lock().unwrap_or_else(PoisonError::into_inner);
         bells.iter().enumerate().filter(|(place, _)| chosen(*place)).for_each(|(_, bell)| bell.ring());

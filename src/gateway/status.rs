@@ -160,6 +160,7 @@ fn devices(shared: &Shared, core: &Core) -> Vec<DeviceStatus> {
             name: device.name.clone(),
             bus: shared.profile.bus(device.bus).name.clone(),
             unit: device.unit,
+            at: device.at(),
             state: match (&count.lost, count.answered) {
                 (Some(lost), _) if lost.answers_since.is_none() => "lost",
                 (_, false) => "never-answered",
@@ -186,7 +187,7 @@ fn outputs(shared: &Shared, core: &Core, now: Moment) -> Vec<OutputStatus> {
             name: output.name.clone(),
             axis: shared.profile.axis(output.axis).settings.name.clone(),
             device: shared.profile.device(output.device).name.clone(),
-            register: format!("{} ({})", output.address, output.address.modicon()),
+            register: shared.profile.place(output.device, output.address),
             writes: output.writes.name(),
             state: if core.arming[output.axis.0].armed { state.standing.name() } else { "off" },
             handshake: state.handshake.words(output.set.and_then(|id| shared.profile.set(id).handshake)),

@@ -11,8 +11,10 @@ use serde::Serialize;
 
 use crate::quantity::{Micron, Moment};
 
+mod can;
 mod handshake;
 
+pub use can::CanEvent;
 pub use handshake::HandshakeFault;
 
 /// How many events are kept for the page.
@@ -36,9 +38,9 @@ pub enum Event {
     /// A connection is back.
     LinkUp { bus: String, address: String, attempts: u64 },
     /// A device stopped answering properly.
-    DeviceLost { device: String, unit: u8, fault: String },
+    DeviceLost { device: String, at: String, fault: String },
     /// It answers again.
-    DeviceBack { device: String, unit: u8, missed: u64 },
+    DeviceBack { device: String, at: String, missed: u64 },
     /// A device is not set as the profile expects it; nothing that depends on it is armed.
     NotAsExpected { device: String, found: String },
     /// It is now.
@@ -97,6 +99,8 @@ pub enum Event {
     CncBooted { device: String, from: f64, to: f64 },
     /// A control did not take what was written; `set` is "output cnc_z" or "set plc".
     Handshake { set: String, fault: HandshakeFault },
+    /// Something on a CAN line.
+    Can(CanEvent),
     /// The output's interlock opened; nothing is written.
     Interlocked { output: String, when: String },
     /// It closed again.
@@ -167,6 +171,7 @@ impl Event {
             Event::CncRestarted { .. } => "cnc-restarted",
             Event::CncBooted { .. } => "cnc-booted",
             Event::Handshake { fault, .. } => fault.kind(),
+            Event::Can(event) => event.kind(),
             Event::Interlocked { .. } => "interlocked",
             Event::Released { .. } => "released",
             Event::MachineStarted => "machine-started",
@@ -205,6 +210,7 @@ impl Event {
             | Event::Disarmed { .. }
             | Event::Overrun { .. }
             | Event::NotKept { .. } => Level::Warning,
+            Event::Can(event) => event.level(),
             Event::AxisState { to, .. } if matches!(*to, "holding" | "ramping" | "degraded" | "zeroed") => {
                 Level::Warning
             }
@@ -228,9 +234,9 @@ impl fmt::Display for Event {
             Event::LinkUp { bus, address, attempts } => {
                 write!(f, "bus {bus} ({address}): connected after {attempts} attempts")
             }
-            Event::DeviceLost { device, unit, fault } => write!(f, "device {device} (unit {unit}): {fault}"),
-            Event::DeviceBack { device, unit, missed } => {
-                write!(f, "device {device} (unit {unit}): answers again, {missed} requests failed")
+            Event::DeviceLost { device, at, fault } => write!(f, "device {device}{at}: {fault}"),
+            Event::DeviceBack { device, at, missed } => {
+                write!(f, "device {device}{at}: is there again, {missed} failures since it was lost")
             }
             Event::NotAsExpected { device, found } => write!(f, "device {device}: {found}"),
             Event::AsExpected { device } => write!(f, "device {device}: set as the profile expects it"),
@@ -311,6 +317,7 @@ impl fmt::Display for Event {
                 "device {device}: its boot counter went from {from} to {to}; the CNC was restarted, its registers are read anew"
             ),
             Event::Handshake { set, fault } => fault.write(f, set),
+            Event::Can(event) => write!(f, "{event}"),
             Event::Interlocked { output, when } => write!(f, "output {output}: held, because not {when}"),
             Event::Released { output } => write!(f, "output {output}: interlock released"),
             Event::MachineStarted => write!(f, "the machine was started: machine-on time begins"),

@@ -248,8 +248,11 @@ pub struct DeviceStatus {
     pub name: String,
     /// Bus in the profile.
     pub bus: String,
-    /// Modbus unit.
+    /// Modbus unit, or CANopen node.
     pub unit: u8,
+    /// The same as people say it: ` (unit 3)`, ` (node 5)`, nothing for what only sends CAN frames.
+    #[serde(skip)]
+    pub at: String,
     /// `ok`, `never-answered`, `lost`.
     pub state: &'static str,
     /// What is wrong, in words; empty where nothing.

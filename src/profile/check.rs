@@ -9,19 +9,21 @@ use std::time::Duration;
 use super::error::{ProfileError, allowed};
 use super::files::Files;
 use super::place::{Places, child};
-use super::raw::{ArmWord, BusType, RawProfile, Span};
+use super::raw::{ArmWord, RawProfile, Span};
 use super::template::Templates;
 use super::{Arm, Bus, Device, History, Profile, Signal, Web};
 use crate::compensation::settings::MachineSettings;
 use crate::reading::SignalId;
 
 mod axis;
+mod can;
 mod counter;
 mod data;
 mod display;
 mod expression;
 mod fieldbus;
 mod line;
+mod loose_ends;
 mod model;
 mod output;
 mod probe;
@@ -61,6 +63,10 @@ pub(crate) struct Check<'a> {
     outputs: Names,
     sets: Names,
     used: Vec<bool>,
+    /// What of each device on a CAN line is in use.
+    can: Vec<can::Used>,
+    written: Vec<can::Written>,
+    dbcs: can::Dbcs,
 }
 
 /// Whether a duration of nothing makes sense.
@@ -93,6 +99,9 @@ pub(crate) fn check(
         outputs: names("output", raw.output.keys().collect()),
         sets: names("set", raw.set.keys().collect()),
         used: vec![false; raw.signal.len()],
+        can: vec![can::Used::default(); raw.device.len()],
+        written: Vec::new(),
+        dbcs: can::Dbcs::new(),
     };
     let profile = check.profile(path);
     let profile = profile.filter(|_| check.errors.is_empty());
@@ -123,7 +132,7 @@ impl Check<'_> {
         let (name, description, mut machine, arm) = self.machine();
         let buses = self.buses();
         self.one_owner_each(&buses);
-        let devices = self.devices(&buses);
+        let mut devices = self.devices(&buses);
         let mut signals = self.signals(&devices, &buses);
         let axes = self.axes(&signals);
         let (mut outputs, axes) = self.outputs(axes, &devices, &signals, &buses);
@@ -136,6 +145,9 @@ impl Check<'_> {
         if self.raw.mqtt.is_some() {
             self.not_built("mqtt", "publishing over MQTT", None);
         }
+        self.written_frames();
+        self.can_conflicts(&buses, &devices, &signals, &outputs);
+        self.give_can_devices(&mut devices);
         self.registers(&buses, &devices, &signals, &outputs, &sets, heartbeat.as_ref());
         self.time_on_lines(&buses, &devices, &signals);
         self.loose_ends(&devices, &outputs);
@@ -232,46 +244,6 @@ impl Check<'_> {
         }
     }
 
-    /// What is there but leads nowhere: a warning, because a profile grows piece by piece.
-    fn loose_ends(&mut self, devices: &[Option<Device>], outputs: &[Option<super::Output>]) {
-        let raw = self.raw;
-        let lacks_model =
-            |name: &str| raw.axis.get(name).is_some_and(|axis| axis.model.as_ref().is_none_or(Vec::is_empty));
-        let is_unfinished = self.axes.names.iter().any(|name| lacks_model(name));
-        for (index, name, path) in self.signals.each() {
-            // Which of them a model will use is not known before there is one.
-            if !self.used[index] && !is_unfinished {
-                let message = format!(
-                    "no model, condition, output or machine state uses `{name}`; it is only recorded"
-                );
-                self.warnings.push(self.places.at_key(&path, message, None));
-            }
-        }
-        for (index, name, path) in self.axes.each() {
-            if lacks_model(&name) {
-                let message = format!("`{name}` has no model yet: `isotherm run` refuses it");
-                let help = "record runs with `isotherm record`, find the model with `isotherm identify`, and put its block here";
-                self.warnings.push(self.places.at_key(&path, message, Some(help.to_owned())));
-            }
-            let complete = outputs.iter().all(Option::is_some);
-            if complete && !outputs.iter().flatten().any(|output| output.axis.0 == index) {
-                let message =
-                    format!("no output writes the Cz of `{name}`; it is computed and shown, never applied");
-                self.warnings.push(self.places.at_key(&path, message, None));
-            }
-        }
-        for (index, name, path) in self.devices.each() {
-            let of_signals = raw.signal.values().filter_map(|signal| signal.device.as_ref());
-            let of_outputs = raw.output.values().filter_map(|output| output.device.as_ref());
-            let of_heartbeat = raw.heartbeat.iter().filter_map(|heartbeat| heartbeat.device.as_ref());
-            let silent = !of_signals.chain(of_outputs).chain(of_heartbeat).any(|user| *user == name);
-            if silent && devices.get(index).is_some_and(Option::is_some) {
-                let message = format!("nothing is read from `{name}` and nothing is written to it");
-                self.warnings.push(self.places.at_key(&path, message, None));
-            }
-        }
-    }
-
     fn wrong(&mut self, path: &str, message: impl Into<String>, help: impl Into<String>) {
         self.errors.push(self.places.at_value(path, message, Some(help.into())));
     }
@@ -352,11 +324,6 @@ impl Check<'_> {
             return None;
         }
         Some(number)
-    }
-
-    /// Modbus or not: what hangs on another kind of line is checked when that is built.
-    fn is_modbus(&self, bus: &str) -> bool {
-        self.raw.bus.get(bus).and_then(|bus| bus.kind).is_none_or(|kind| kind != BusType::Can)
     }
 }
 

@@ -54,4 +54,23 @@ pub enum Verify {
     ReadBack,
     /// The answer repeats address and value.
     Echo,
+    /// The object at this address is read, of the same type as what was written.
+    ReadBackAt(Address),
+    /// Not at all: a display shows it, and nobody acts on it.
+    Shown,
+}
+
+impl Verify {
+    /// What was written is read back.
+    pub const fn reads(self) -> bool {
+        matches!(self, Verify::ReadBack | Verify::ReadBackAt(_))
+    }
+
+    /// Where that is, if it is another place than it was written to.
+    pub const fn reads_at(self) -> Option<Address> {
+        match self {
+            Verify::ReadBackAt(address) => Some(address),
+            _ => None,
+        }
+    }
 }

@@ -13,6 +13,7 @@ use serde::Deserialize;
 use serde_json::Value;
 
 mod axis;
+mod can;
 mod fieldbus;
 mod probe;
 mod set;
@@ -22,6 +23,9 @@ pub(crate) use axis::{
     Carries, Component, DatumWord, FaultAction, FaultActionWord, InputValue, Inputs, ModelKind, OutsideWord,
     RawAxis, RawBeside, RawModel, RawOutput, RawSlope, RawStale, RawTerm, ReferenceValue, ReferenceWord,
     ShareWord, VerifyWord, WritesWord,
+};
+pub(crate) use can::{
+    BadValue, ByteOrderWord, RawEmergency, RawFrame, RawMultiplex, RawPdo, RawSentinel, RawSetup, RawSync,
 };
 pub(crate) use fieldbus::{
     BusType, ChannelValue, FunctionWord, ParityWord, RawBus, RawCapture, RawDevice, RawQuirks, RawSignal,

@@ -16,6 +16,15 @@ pub enum Transport {
     RtuOverTcp,
     /// Modbus RTU on a serial port of this computer.
     Serial(Serial),
+    /// A CAN interface of this computer.
+    Can,
+}
+
+impl Transport {
+    /// It is a CAN interface.
+    pub const fn is_can(self) -> bool {
+        matches!(self, Transport::Can)
+    }
 }
 
 /// The settings of a serial port. Always eight data bits: Modbus RTU knows nothing else.

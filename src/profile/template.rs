@@ -23,6 +23,7 @@ mod schema;
 mod shipped;
 
 pub use schema::schema;
+pub(crate) use shipped::dbc;
 pub use shipped::names;
 
 /// What a device has from its template.

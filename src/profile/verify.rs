@@ -2,10 +2,11 @@
 
 use std::fmt;
 
+use super::Object;
 use crate::codec::{Address, Encoding};
 use crate::reading::Reason;
 
-/// A register that must read a certain value: a type code, a data format, whether a broken wire is looked for.
+/// A register or an object that must read a certain value: a type code, a data format, whether a broken wire is looked for.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Expected {
     /// Its first register, or its bit.
@@ -18,6 +19,8 @@ pub struct Expected {
     pub what: String,
     /// What to do where it reads something else.
     pub remedy: String,
+    /// The CANopen object that it is; `None`: a register.
+    pub object: Option<Object>,
 }
 
 impl Expected {
@@ -42,8 +45,11 @@ impl Expected {
 }
 
 impl fmt::Display for Expected {
-    /// `coil:268 (00269)`, `holding:116.5 (40117.5)`.
+    /// `coil:268 (00269)`, `holding:116.5 (40117.5)`, `object 6110:01`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(object) = &self.object {
+            return write!(f, "object {object}");
+        }
         let bit = match self.encoding.data_type {
             crate::codec::DataType::Bit(bit) => format!(".{bit}"),
             _ => String::new(),

@@ -44,6 +44,7 @@ impl Asker {
             },
             quirks,
             template: None,
+            can: None,
             verify: Vec::new(),
         };
         let devices: Vec<Device> = (0..=u8::MAX).map(device).collect();

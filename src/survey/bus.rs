@@ -47,6 +47,7 @@ impl Place {
             tls: None,
             timeout,
             quirks: Quirks::default(),
+            sync: None,
         }
     }
 
@@ -56,6 +57,7 @@ impl Place {
             Transport::Tcp => ("modbus-tcp", "address"),
             Transport::RtuOverTcp => ("modbus-rtu-over-tcp", "address"),
             Transport::Serial(_) => ("modbus-rtu", "port"),
+            Transport::Can => ("can", "interface"),
         };
         let serial = match self.transport {
             Transport::Serial(Serial { baud, parity, stop_bits }) => {
@@ -74,6 +76,7 @@ impl fmt::Display for Place {
             Transport::Tcp => write!(f, "tcp://{}", self.address),
             Transport::RtuOverTcp => write!(f, "rtu+tcp://{}", self.address),
             Transport::Serial(serial) => write!(f, "{} at {serial}", self.address),
+            Transport::Can => f.write_str(&self.address),
         }
     }
 }

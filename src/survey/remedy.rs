@@ -35,6 +35,7 @@ pub fn remedy(fault: Fault, asked: Asked<'_>) -> String {
         Table::Input => Table::Holding,
         Table::Coil => Table::Discrete,
         Table::Discrete => Table::Coil,
+        can @ (Table::Object | Table::Process) => can,
     };
     match fault {
         Fault::Timeout => format!(

@@ -35,6 +35,21 @@
 //! | `no-acknowledge` | the acknowledge of its handshakes does not come | only `at`, `after`, `for_time` |
 //! | `stuck-acknowledge` | an acknowledge that is up does not drop | the same |
 //! | `late-acknowledge` | it comes this late | the same, `delay` |
+//!
+//! On a CAN line a device can be `silent` (it sends and hears nothing), `late` (its SDO answers are), send `garbage` (in
+//! its frames of measured values), confirm what it does not do (`ignored-write`: SDO and RPDO) and `restart` (a node
+//! reset: it boots up again); its signals can break in the three ways; and
+//!
+//! | kind | what happens | further keys |
+//! |---|---|---|
+//! | `short-frame` | its frames of measured values lack the last byte that is needed | |
+//! | `babbling` | it sends random bytes beside its own frames | `id`, `every`: 0x7FF each millisecond |
+//! | `emergency` | EMCY with this code; when it is over, with 0000h | `code`; only `at`, `after`, `for_time` |
+//! | `error-frame` | its controller reports trouble, once, or again and again | `error`; `every` with `for`, `for_time` |
+//! | `sdo-abort` | SDO requests are refused | `code`: 0x08000000 |
+//! | `wrong-index` | SDO answers name another index | |
+//!
+//! `for` counts frames there. `error` is one of `no-acknowledge`, `stuff`, `warning`, `passive`, `bus-off`, `restarted`.
 
 use std::time::Duration;
 
@@ -43,11 +58,14 @@ use crate::profile::DeviceId;
 use crate::quantity::Moment;
 use crate::reading::SignalId;
 
+pub(super) mod can;
 mod script;
 #[cfg(test)]
 mod tests;
 
 pub use script::FaultError;
+
+use can::CanFault;
 
 /// The faults of one run, checked against a profile.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -87,6 +105,8 @@ pub(super) enum Kind {
     Restart,
     /// Something is wrong with its handshakes.
     Acknowledge(AcknowledgeFault),
+    /// Something of CAN's own is wrong.
+    Can(CanFault),
 }
 
 /// What can be wrong with an acknowledge.
@@ -149,6 +169,10 @@ struct Running {
     fault: Fault,
     begun: Option<Moment>,
     replies: u64,
+    /// When it last made the device say something.
+    said: Option<Moment>,
+    /// The device has said that it is over.
+    is_over: bool,
 }
 
 /// What a one-time fault does.
@@ -160,9 +184,8 @@ pub(super) enum Incident {
 
 impl Faults {
     pub(super) fn new(script: FaultScript, begin: Moment) -> Faults {
-        let running =
-            script.faults.into_iter().map(|fault| Running { fault, begun: None, replies: 0 }).collect();
-        Faults { begin, running }
+        let fresh = |fault| Running { fault, begun: None, replies: 0, said: None, is_over: false };
+        Faults { begin, running: script.faults.into_iter().map(fresh).collect() }
     }
 
     /// Calls devices that are one piece of hardware by one name.
@@ -189,7 +212,8 @@ impl Faults {
                     incidents.push(Incident::Register { device, address: *address, words: words.clone() });
                 }
                 Kind::Restart => incidents.push(Incident::Restart { device }),
-                Kind::Reply(_) | Kind::Signal { .. } | Kind::Refuse | Kind::Acknowledge(_) => {}
+                Kind::Reply(_) | Kind::Signal { .. } | Kind::Refuse | Kind::Acknowledge(_) | Kind::Can(_) => {
+                }
             }
         }
         incidents

@@ -16,6 +16,7 @@ use super::probing::Cycle;
 use super::truth::{AxisTruth, Observer, TruthRow};
 use super::wander::wander;
 
+pub(super) mod can;
 mod units;
 
 use units::{Unit, overlap, units, well};
@@ -66,7 +67,8 @@ impl Hardware {
         cycles: Vec<Cycle>,
         observe: impl FnOnce(&[String]) -> Observer,
     ) -> Hardware {
-        let (units, unit_of) = units(profile);
+        let (mut units, unit_of) = units(profile);
+        units.iter_mut().filter_map(|unit| unit.can.as_mut()).for_each(|can| can.boot(begin));
         faults.rename(|device| units[unit_of[device.0]].device);
         let known = |axis: &str| plant.as_ref().is_some_and(|plant| plant.true_error_um(axis).is_some());
         let names = profile.axes.iter().map(|axis| axis.settings.name.clone()).enumerate();
@@ -286,21 +288,32 @@ impl Hardware {
                 debug_assert!(fits.is_some(), "room was made for it");
                 self.note_corrections(place, address, count);
             }
-            Incident::Restart { device } => {
-                let place = self.unit_of[device.0];
-                let unit = &mut self.units[place];
-                unit.restart();
-                for control in self.controls.iter_mut().filter(|control| control.place == place) {
-                    let taken = control.restart(&unit.bank, now);
-                    self.taken.extend(self.journal.is_some().then_some(taken));
-                }
-                for (output, correction) in self.profile.outputs.iter().zip(&mut self.corrections) {
-                    if self.unit_of[output.device.0] == place {
-                        *correction = 0.0;
-                    }
-                }
+            Incident::Restart { device } => self.restart(self.unit_of[device.0], now),
+        }
+    }
+
+    /// All that was written to a unit is forgotten.
+    fn restart(&mut self, place: usize, now: Moment) {
+        let unit = &mut self.units[place];
+        unit.restart();
+        if let Some(can) = &mut unit.can {
+            can.boot(now);
+        }
+        for control in self.controls.iter_mut().filter(|control| control.place == place) {
+            let taken = control.restart(&unit.bank, now);
+            self.taken.extend(self.journal.is_some().then_some(taken));
+        }
+        for (output, correction) in self.profile.outputs.iter().zip(&mut self.corrections) {
+            if self.unit_of[output.device.0] == place {
+                *correction = 0.0;
             }
         }
+    }
+
+    /// What stands in a device.
+    #[cfg(test)]
+    pub(super) fn cell(&self, device: DeviceId, address: Address, count: u16) -> Option<&[u16]> {
+        self.units[self.unit_of[device.0]].bank.read(address, count)
     }
 
     fn decoded(&self, device: DeviceId, address: Address, encoding: &Encoding) -> Option<f64> {

@@ -11,7 +11,7 @@ pub struct Seen {
     pub at: Moment,
     /// To whom; devices of one unit go by the first one's name.
     pub device: DeviceId,
-    /// The function code.
+    /// The function code; 0 for what was written on a CAN line.
     pub function: u8,
     /// The first register or bit.
     pub address: Address,

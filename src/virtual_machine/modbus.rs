@@ -144,6 +144,7 @@ impl Request {
                 Table::Discrete => functions.read_discrete,
                 Table::Holding => functions.read_holding,
                 Table::Input => functions.read_input,
+                Table::Object | Table::Process => false,
             },
             Request::WriteOne { address, .. } if address.table.is_bits() => functions.write_coil,
             Request::WriteOne { .. } => functions.write_single,

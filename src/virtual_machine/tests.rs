@@ -1,5 +1,6 @@
 use super::*;
 
+mod can;
 mod client;
 mod faults;
 mod machine;

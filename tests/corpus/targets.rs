@@ -21,8 +21,14 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 pub(crate) type Target = (&'static str, fn(&[u8]));
 
 /// All of them.
-pub(crate) const TARGETS: [Target; 5] =
-    [("codec", codec), ("plan", planner), ("profile", profile_text), ("files", files), ("client", client)];
+pub(crate) const TARGETS: [Target; 6] = [
+    ("codec", codec),
+    ("plan", planner),
+    ("profile", profile_text),
+    ("files", files),
+    ("dbc", dbc),
+    ("client", client),
+];
 
 /// Bytes taken from the front; zeros when there are none left.
 struct Bytes<'a>(&'a [u8]);
@@ -56,7 +62,7 @@ impl Bytes<'_> {
             scale: if scale.is_finite() && scale.abs() > 0.0 { scale } else { 1.0 },
             offset: if offset.is_finite() { offset } else { 0.0 },
             bias: i64::from(i32::from_be_bytes(self.take())),
-            bad: vec![i64::from_be_bytes(self.take())],
+            bad: vec![i64::from_be_bytes(self.take()).into()],
         }
     }
 
@@ -174,6 +180,28 @@ pub(crate) fn files(data: &[u8]) {
     let text = format!("{PROFILE}\n[[axis.z.model]]\nname = \"fuzzed\"\n{model}\n");
     if let Err(errors) = profile::parse_with(Path::new("fuzz.toml"), &text, &[(kind, bytes)], &[], &[]) {
         assert!(!errors.to_string().is_empty());
+    }
+}
+
+/// A DBC file, and frames of every length for the signals that it describes.
+pub(crate) fn dbc(data: &[u8]) {
+    let text = "[machine]\nname = \"fuzzed\"\n[bus.can]\ntype = \"can\"\ninterface = \"vcan0\"\n\
+                [device.d]\nbus = \"can\"\ndbc = \"f.dbc\"\n\
+                [signal.a]\ndevice = \"d\"\ndbc = \"Top.TL_Temp\"\n[signal.b]\ndevice = \"d\"\ndbc = \"Muxed.Deep\"\n";
+    match profile::parse_with(Path::new("fuzz.toml"), text, &[("f.dbc", data)], &[], &[]) {
+        Err(errors) => assert!(!errors.to_string().is_empty()),
+        Ok(loaded) => {
+            let can = loaded.profile.devices[0].can.as_ref().expect("it is on CAN");
+            for (signal, field) in loaded.profile.signals.iter().zip(&can.fields) {
+                for length in 0..=data.len().min(64) {
+                    if let Some(Ok(words)) = field.read(&data[..length])
+                        && let Ok(value) = signal.encoding.decode(words.words())
+                    {
+                        assert!(value.is_finite(), "{field}");
+                    }
+                }
+            }
+        }
     }
 }
 

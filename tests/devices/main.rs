@@ -6,6 +6,7 @@ use std::path::Path;
 
 use isotherm::profile::{Errors, Loaded, Profile, parse};
 
+mod can;
 mod decoded;
 mod shipped;
 

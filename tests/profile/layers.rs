@@ -22,7 +22,7 @@ fn later_layers_win_file_local_environment_flag() {
     assert_eq!(loaded.buses[0].timeout.as_millis(), 300);
     assert_eq!(
         (loaded.signals[0].name.as_str(), loaded.signals[0].encoding.bad.as_slice()),
-        ("wheelhead", [7].as_slice())
+        ("wheelhead", [7.into()].as_slice())
     );
     let environment = pairs(&[("ISOTHERM__BUS__CELL__ADDRESS", "10.0.0.2:502"), ("ISOTHERM_LOG", "debug")]);
     assert_eq!(profile::load(&path, &[], &environment).unwrap().profile.buses[0].address, "10.0.0.2:502");

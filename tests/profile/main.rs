@@ -4,6 +4,8 @@ use std::path::Path;
 
 use isotherm::profile::{self, Errors, Loaded, ProfileError};
 
+mod can;
+mod can_line;
 mod contradictions;
 mod counters;
 mod data;

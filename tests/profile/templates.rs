@@ -54,7 +54,7 @@ fn a_profile_that_names_channels_is_taken_without_a_word() {
     let loaded = parse(MACHINE).unwrap_or_else(|errors| panic!("{errors}"));
     assert_eq!(loaded.warnings, []);
     let machine = loaded.profile;
-    assert_eq!(machine.signals[0].encoding.bad, [-32768, 32767]);
+    assert_eq!(machine.signals[0].encoding.bad, [(-32768).into(), 32767.into()]);
     assert_eq!(machine.outputs[0].address.to_string(), "holding:108");
     let set = &machine.sets[0];
     assert_eq!(
@@ -71,7 +71,7 @@ fn what_the_profile_spells_out_wins_over_the_template() {
     let signal = &machine.signals[0];
     assert_eq!(
         (signal.address.to_string().as_str(), signal.encoding.bad.as_slice()),
-        ("input:5", [7].as_slice())
+        ("input:5", [7.into()].as_slice())
     );
     assert!((signal.encoding.scale - 0.01).abs() < 1e-12);
     let told = isotherm::explain::Explanation::of(&machine).to_string();

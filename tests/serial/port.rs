@@ -100,7 +100,8 @@ pub(crate) fn read(from: u16, count: u16) -> Request<'static> {
 
 pub(crate) fn bus(transport: Transport, address: &str, timeout: Duration) -> Bus {
     let quirks = Quirks::default();
-    Bus { name: "rs485".to_owned(), transport, address: address.to_owned(), tls: None, timeout, quirks }
+    let (name, address) = ("rs485".to_owned(), address.to_owned());
+    Bus { name, transport, address, tls: None, timeout, quirks, sync: None }
 }
 
 pub(crate) fn serial(baud: u32) -> Transport {
@@ -112,6 +113,7 @@ pub(crate) fn line(bus: &Bus, count: u8) -> Line {
     let device = |unit: u8| Device {
         verify: Vec::new(),
         template: None,
+        can: None,
         name: format!("unit{unit}"),
         bus: BusId(0),
         unit,

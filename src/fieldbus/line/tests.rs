@@ -83,6 +83,7 @@ fn line(change: impl Fn(&mut Device)) -> (Line, Shared) {
         tls: None,
         timeout: Duration::from_millis(300),
         quirks: Quirks::default(),
+        sync: None,
     };
     let device = |unit| {
         let mut device = Device {
@@ -93,6 +94,7 @@ fn line(change: impl Fn(&mut Device)) -> (Line, Shared) {
             functions: Functions::ALL,
             verify: Vec::new(),
             template: None,
+            can: None,
             quirks: Quirks::default(),
         };
         change(&mut device);

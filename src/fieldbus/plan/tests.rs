@@ -15,6 +15,7 @@ fn device(quirks: Quirks) -> Device {
         functions: Functions::ALL,
         verify: Vec::new(),
         template: None,
+        can: None,
         quirks,
     }
 }
@@ -187,4 +188,14 @@ proptest! {
         backwards.reverse();
         prop_assert_eq!(plan(&device(quirks), backwards), requests);
     }
+}
+
+#[test]
+fn an_object_is_a_request_of_its_own_and_what_comes_in_frames_is_not_asked_for() {
+    let at = |table, offset| Signal {
+        address: Address { table, offset },
+        ..signal("input:0", DataType::I32, true)
+    };
+    let signals = [at(Table::Object, 0), at(Table::Process, 0), at(Table::Object, 1), at(Table::Process, 1)];
+    assert_eq!(shape(&planned(Quirks::default(), &signals)), ["object:0+2 [0]", "object:1+2 [2]"]);
 }

@@ -32,6 +32,8 @@ pub(super) fn request(unit: u8, request: Request<'_>) -> Vec<u8> {
         Request::WriteCoil { at, value } => (at, if value { 0xff00 } else { 0 }),
         Request::WriteSingle { at, word } => (at, word),
         Request::WriteMultiple { at, words } => (at, u16::try_from(words.len()).unwrap_or(u16::MAX)),
+        // Refused before.
+        Request::Can(_) => (0, 0),
     };
     bytes.extend(at.to_be_bytes());
     bytes.extend(second.to_be_bytes());
@@ -50,6 +52,7 @@ pub(super) fn lengths(request: Request<'_>) -> (usize, usize) {
         Request::Read { count, .. } => (8, 5 + 2 * usize::from(count)),
         Request::WriteCoil { .. } | Request::WriteSingle { .. } => (8, 8),
         Request::WriteMultiple { words, .. } => (9 + 2 * words.len(), 8),
+        Request::Can(_) => (0, 0),
     }
 }
 
@@ -58,7 +61,7 @@ pub(super) fn is_like_its_answer(request: Request<'_>) -> bool {
     match request {
         Request::Read { from, .. } => matches!(from.table, Table::Coil | Table::Discrete),
         Request::WriteCoil { .. } | Request::WriteSingle { .. } => true,
-        Request::WriteMultiple { .. } => false,
+        Request::WriteMultiple { .. } | Request::Can(_) => false,
     }
 }
 

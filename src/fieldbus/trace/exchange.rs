@@ -5,9 +5,9 @@ use std::time::Duration;
 
 use serde::{Serialize, Serializer};
 
-use crate::codec::{Address, Table};
+use crate::codec::{Address, Frame, Table};
 use crate::fieldbus::error::Fault;
-use crate::fieldbus::wire::{Answer, Request};
+use crate::fieldbus::wire::{Answer, CanRequest, Request};
 use crate::quantity::Moment;
 
 /// One question and what came of it.
@@ -21,7 +21,7 @@ pub struct Exchange {
     pub took: Duration,
     /// Modbus unit.
     pub unit: u8,
-    /// What was asked, in words.
+    /// What was asked, in words; empty for what came by itself.
     pub asked: String,
     /// The bytes that went out; none where there was no connection.
     #[serde(serialize_with = "hex")]
@@ -35,6 +35,23 @@ pub struct Exchange {
     pub answered: String,
     /// It is the answer that was asked for.
     pub is_good: bool,
+}
+
+impl Exchange {
+    /// A CAN frame that nobody asked for.
+    pub(super) fn heard(unit: u8, frame: &Frame, at: Moment) -> Exchange {
+        Exchange {
+            asked_at: at,
+            took: Duration::ZERO,
+            unit,
+            asked: String::new(),
+            sent: Vec::new(),
+            received: frame.data().to_vec(),
+            more: 0,
+            answered: format!("frame {}", frame.id()),
+            is_good: true,
+        }
+    }
 }
 
 /// `read input:0..7`, `write holding:104 = 1 65535`.
@@ -54,6 +71,9 @@ pub(super) fn asked(request: Request<'_>) -> String {
         Request::WriteMultiple { at: register, words } => {
             format!("write {} ={}", at(Table::Holding, register), listed(words))
         }
+        Request::Can(CanRequest::Read { object }) => format!("read {object}"),
+        Request::Can(CanRequest::Write { object, words }) => format!("write {object} ={}", listed(words)),
+        Request::Can(CanRequest::Send { id, bits, words }) => format!("send {id}, {bits} ={}", listed(words)),
     }
 }
 
@@ -98,11 +118,15 @@ fn millis<S: Serializer>(span: &Duration, serializer: S) -> Result<S::Ok, S::Err
     serializer.serialize_f64(span.as_secs_f64() * 1000.0)
 }
 
-/// `12:00:01.234 → 00 01 …   unit 1 read input:0..7`, and below it `← …   8 registers: 251 249 …, 3.2 ms`. The time is UTC.
+/// `12:00:01.234 → 00 01 …   unit 1 read input:0..7`, and below it `← …   8 registers: 251 249 …, 3.2 ms`. The time is UTC. What came by
+/// itself is one line.
 impl fmt::Display for Exchange {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let stamp = format!("{:.3}", jiff_stamp(self.asked_at));
         let time = stamp.get(11..23).unwrap_or(&stamp);
+        if self.asked.is_empty() {
+            return write!(f, "{time} ← {}   {}", bytes(&self.received), self.answered);
+        }
         let sent = if self.sent.is_empty() { "nothing sent".to_owned() } else { bytes(&self.sent) };
         writeln!(f, "{time} → {sent}   unit {} {}", self.unit, self.asked)?;
         let received = if self.received.is_empty() { "nothing".to_owned() } else { bytes(&self.received) };

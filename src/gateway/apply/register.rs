@@ -2,16 +2,16 @@
 
 use super::exchange::{self, Cells};
 use super::{Trouble, Words, Writer};
-use crate::codec::Encoded;
-use crate::fieldbus::error::Fault;
+use crate::codec::{Encoded, Table};
+use crate::fieldbus::error::{CallerFault, Fault};
 use crate::fieldbus::line::Line;
-use crate::fieldbus::wire::{Answer, Request};
+use crate::fieldbus::wire::{Answer, CanRequest, Request};
 use crate::gateway::output::Standing;
 use crate::gateway::poll;
 use crate::gateway::shared::Shared;
 use crate::gateway::words::{can_be_read, cz_factor, in_micron, within_limit, words_in_text};
 use crate::observe::events::Event;
-use crate::profile::{Output, Stretch, Verify};
+use crate::profile::{Device, Output, Stretch};
 use crate::quantity::{Micron, Moment};
 
 impl Writer {
@@ -23,7 +23,8 @@ impl Writer {
         now: Moment,
     ) -> Result<Words, Fault> {
         let count = output.encoding.data_type.registers();
-        let request = Request::Read { from: output.address, count };
+        let from = output.verify.reads_at().unwrap_or(output.address);
+        let request = Request::Read { from, count };
         match poll::call(line, shared, output.device, request, now).await? {
             Answer::Words(words) => Ok(Encoded::of(&words)),
             Answer::Bits(_) | Answer::Done => Ok(Encoded::of(&[])),
@@ -145,7 +146,7 @@ impl Writer {
             self.fail(shared, output, fault);
             return false;
         }
-        if output.verify == Verify::ReadBack {
+        if output.verify.reads() {
             match self.read(line, shared, output, now).await {
                 Ok(found) if self.is_verified(shared, output, target, found, now) => {}
                 Ok(_) => return false,
@@ -296,6 +297,11 @@ pub(super) async fn send(
     target: Words,
     now: Moment,
 ) -> Result<(), Fault> {
+    if output.address.table.is_can() {
+        let device = shared.profile.device(output.device);
+        let request = on_can(device, output, target.words()).ok_or(Fault::Caller(CallerFault::Extent))?;
+        return poll::call(line, shared, output.device, request, now).await.map(|_| ());
+    }
     let single = target.words().len() == 1 && shared.profile.device(output.device).functions.write_single;
     let request = if single {
         Request::WriteSingle { at: output.address.offset, word: target.words()[0] }
@@ -303,4 +309,15 @@ pub(super) async fn send(
         Request::WriteMultiple { at: output.address.offset, words: target.words() }
     };
     poll::call(line, shared, output.device, request, now).await.map(|_| ())
+}
+
+/// An output of a CAN device as it goes over the line.
+fn on_can<'a>(device: &Device, output: &Output, words: &'a [u16]) -> Option<Request<'a>> {
+    let (can, place) = (device.can.as_ref()?, output.address.offset);
+    Some(Request::Can(if output.address.table == Table::Object {
+        CanRequest::Write { object: *can.object(place)?, words }
+    } else {
+        let field = can.field(place)?;
+        CanRequest::Send { id: field.frames.id, bits: field.bits, words }
+    }))
 }

@@ -15,6 +15,7 @@ impl Check<'_> {
         raw: &RawSignal,
         encoding: &Encoding,
         device: Option<&Device>,
+        every: Duration,
     ) -> (Option<Counter>, Option<Capture>) {
         let Some(given) = &raw.counter else { return (None, None) };
         let path = &child(path, "counter");
@@ -22,7 +23,11 @@ impl Check<'_> {
             given.capture.as_ref().and_then(|raw| self.capture(&child(path, "capture"), raw, device));
         if Counter::modulus(encoding.data_type).is_none() {
             let message = format!("{} is no counter", encoding.data_type.name());
-            self.wrong_key(path, message, "allowed: u16, i16, u32, i32, which roll over; remove `counter`");
+            self.wrong_key(
+                path,
+                message,
+                "allowed: u16, i16, u32, i32, and 8 to 32 bits of a frame, which roll over; remove `counter`",
+            );
         }
         if raw.max_rate.is_some() {
             let help = "keep `max_speed`: beyond it a step is a new reference, and no fault for ever";
@@ -31,7 +36,6 @@ impl Check<'_> {
         let Some(max_speed) = self.positive(&child(path, "max_speed"), given.max_speed) else {
             return (None, capture);
         };
-        let every = device.map_or(Duration::ZERO, |device| device.every);
         let counter = Counter { max_speed, slack: every };
         if let Some(half) = counter.half_way(encoding).filter(|half| *half <= every * 2) {
             let message = format!(
@@ -52,7 +56,7 @@ impl Check<'_> {
         let writable = |device: &Device| match address.table {
             Table::Coil => Some(device.functions.write_coil),
             Table::Holding => Some(device.functions.writes(1).is_some()),
-            Table::Input | Table::Discrete => None,
+            Table::Input | Table::Discrete | Table::Object | Table::Process => None,
         };
         match device.map_or(Some(true), writable) {
             None => {

@@ -31,10 +31,7 @@ impl Check<'_> {
                 let (serial, port) = (self.serial(path, raw), self.port(path, raw));
                 (Transport::Serial(serial?), port)
             }
-            BusType::Can => {
-                self.not_built(&child(path, "type"), "a CAN line (can)", None);
-                return None;
-            }
+            BusType::Can => (Transport::Can, self.interface(path, raw)),
         };
         let tls = match (&raw.tls, kind) {
             (Some(tls), BusType::ModbusTcp) => {
@@ -48,7 +45,8 @@ impl Check<'_> {
             Some(tls) => Some(tls?),
             None => None,
         };
-        Some(Bus { name: name.to_owned(), transport, address: address?, tls, timeout, quirks })
+        let sync = if kind == BusType::Can { self.sync(path, raw) } else { None };
+        Some(Bus { name: name.to_owned(), transport, address: address?, tls, timeout, quirks, sync })
     }
 
     fn host_and_port(&mut self, path: &str, raw: &RawBus) -> Option<String> {
@@ -79,6 +77,8 @@ impl Check<'_> {
             ("stop_bits", raw.stop_bits.is_some(), serial, "a modbus-rtu line"),
             ("tls", raw.tls.is_some(), kind == BusType::ModbusTcp, "a modbus-tcp line"),
             ("interface", raw.interface.is_some(), can, "a can line"),
+            ("sync", raw.sync.is_some(), can, "a can line"),
+            ("quirks", raw.quirks.is_some(), !can, "a Modbus line"),
         ];
         for (key, there, belongs, owner) in keys {
             if there && !belongs {
@@ -102,12 +102,18 @@ impl Check<'_> {
         let raw = self.raw;
         let each = self.devices.each();
         each.into_iter()
-            .map(|(_, name, path)| self.device(&path, &name, raw.device.get(&name)?, buses))
+            .map(|(place, name, path)| self.device(&path, (place, &name), raw.device.get(&name)?, buses))
             .collect()
     }
 
-    fn device(&mut self, path: &str, name: &str, raw: &RawDevice, buses: &[Option<Bus>]) -> Option<Device> {
-        self.device_not_built(path, raw);
+    fn device(
+        &mut self,
+        path: &str,
+        (place, name): (usize, &str),
+        raw: &RawDevice,
+        buses: &[Option<Bus>],
+    ) -> Option<Device> {
+        self.of_template(path, raw);
         let every = self.span(&child(path, "every"), raw.every.as_ref(), Zero::Refused).unwrap_or(EVERY);
         let functions = functions(raw.functions.as_deref());
         if raw.functions.as_ref().is_some_and(Vec::is_empty) {
@@ -117,12 +123,15 @@ impl Check<'_> {
         let bus = raw.bus.as_ref().and_then(|bus| self.bus_index(&child(path, "bus"), bus));
         let over = bus.and_then(|bus| get(buses, bus)).map_or_else(Quirks::default, |bus| bus.quirks);
         let quirks = self.quirks(&child(path, "quirks"), raw.quirks.as_ref(), over);
-        let modbus = raw.bus.as_ref().is_none_or(|bus| self.is_modbus(bus));
-        if raw.unit.is_none() && modbus {
+        let on_can = self.is_on_can(name);
+        let can = self.can_device(path, name, raw);
+        if raw.unit.is_none() && on_can != Some(true) {
             let help = "write the unit identifier of the device, 0 to 255; one that is alone at its address often has 1 or 255";
             self.missing(path, "unit", "`unit` is missing", help);
         }
-        let over_rtu = bus.and_then(|bus| get(buses, bus)).is_some_and(|bus| bus.transport != Transport::Tcp);
+        let over_rtu = bus
+            .and_then(|bus| get(buses, bus))
+            .is_some_and(|bus| matches!(bus.transport, Transport::Serial(_) | Transport::RtuOverTcp));
         if let Some(unit) = raw.unit.filter(|unit| over_rtu && !(1..=247).contains(unit)) {
             let message = if unit == 0 {
                 "unit 0 speaks to all devices of an RTU line at once, and none of them answers".to_owned()
@@ -131,17 +140,28 @@ impl Check<'_> {
             };
             self.wrong(&child(path, "unit"), message, "write the address set at the device, 1 to 247");
         }
-        let verify = self.verify(&child(path, "verify"), raw, functions);
+        let verify = match on_can {
+            Some(true) => self.expected_objects(&child(path, "verify"), raw, place),
+            _ => self.verify(&child(path, "verify"), raw, functions),
+        };
+        if let Some(can) = &can {
+            self.heartbeat_produced(path, can);
+        }
+        if let Some(dbc) = raw.dbc.as_ref().filter(|_| can.is_some()) {
+            self.dbc(&child(path, "dbc"), dbc);
+        }
+        let unit = if on_can == Some(true) { Some(raw.node.unwrap_or(0)) } else { raw.unit };
         let template = self.templates.get(name).cloned();
         let device = Device {
             name: name.to_owned(),
             bus: BusId(bus?),
-            unit: raw.unit?,
+            unit: unit?,
             every,
             functions,
             quirks,
             verify,
             template,
+            can,
         };
         if let Some(bus) = bus_of(&device, buses)
             && bus.timeout >= every
@@ -164,20 +184,7 @@ impl Check<'_> {
         Some(device)
     }
 
-    fn device_not_built(&mut self, path: &str, raw: &RawDevice) {
-        let objects = raw.verify.iter().flatten().any(|verify| verify.sdo.is_some());
-        let parts = [
-            ("dbc", raw.dbc.is_some(), "devices described by a DBC file"),
-            ("node", raw.node.is_some(), "CANopen nodes"),
-            ("heartbeat", raw.heartbeat.is_some(), "the CANopen heartbeat"),
-            ("setup", raw.setup.is_some(), "CANopen objects written before start"),
-            ("verify", objects, "CANopen objects read before arming"),
-        ];
-        for (key, there, what) in parts {
-            if there {
-                self.not_built(&child(path, key), &format!("{what} ({key})"), None);
-            }
-        }
+    fn of_template(&mut self, path: &str, raw: &RawDevice) {
         let of_template = [
             ("variant", raw.variant.is_some()),
             ("base", raw.base.is_some()),
@@ -186,9 +193,6 @@ impl Check<'_> {
         for (key, _) in of_template.iter().filter(|(_, there)| *there && raw.template.is_none()) {
             let help = "write template = \"…\" as well, or remove it";
             self.wrong_key(&child(path, key), format!("`{key}` belongs to a device template"), help);
-        }
-        if let Some(heartbeat) = &raw.heartbeat {
-            self.span(&child(path, "heartbeat"), Some(heartbeat), Zero::Refused);
         }
     }
 

@@ -1,10 +1,13 @@
 //! Outputs and the heartbeat: what is written, and whether it can be.
 
+use super::can::Target;
 use super::{Check, Signals, Zero, bus_of, get, shown};
 use crate::codec::{Address, DataType, Encoding, Table};
 use crate::profile::place::child;
 use crate::profile::raw::{RawOutput, VerifyWord, WritesWord};
-use crate::profile::{Axis, AxisId, Bus, Device, DeviceId, Heartbeat, Output, Signal, Verify, Writes};
+use crate::profile::{
+    Axis, AxisId, Bus, Device, DeviceId, Display, Heartbeat, Output, Share, Signal, Verify, Writes,
+};
 use crate::quantity::Micron;
 
 /// 1 mm in µm.
@@ -53,12 +56,36 @@ impl Check<'_> {
         let writes = self.writes(path, raw, signals);
         let refresh = self.span(&child(path, "refresh"), raw.refresh.as_ref(), Zero::Refused);
         let when = raw.when.as_ref().and_then(|text| self.condition(&child(path, "when"), text, None));
+        self.output_keys(path, raw);
+        let on_can = raw.device.as_ref().and_then(|device| self.is_on_can(device)) == Some(true);
+        if on_can {
+            let target = self.can_target(path, name, raw, index);
+            let scale = self.output_scale(path, raw, target.as_ref().map(|target| target.data_type));
+            let Target { address, data_type, verify } = target?;
+            self.not_one_bit(path, data_type);
+            let bias = self.bias(path, raw, data_type);
+            return Some(Output {
+                name: name.to_owned(),
+                axis: AxisId(axis?),
+                device: DeviceId(index?),
+                address,
+                encoding: Encoding { scale: scale?, bias, ..super::verify::plain(data_type) },
+                writes: writes?,
+                verify,
+                refresh,
+                when,
+                set: None,
+                boot_counter: None,
+                share: Share::Whole,
+                display: Display::default(),
+            });
+        }
         let verify = if raw.verify == Some(VerifyWord::Echo) { Verify::Echo } else { Verify::ReadBack };
+        self.register_keys(path, raw);
         let address = raw.register.as_ref().and_then(|text| self.holding(&child(path, "register"), text));
         let data_type = raw.kind.map(DataType::from).and_then(|kind| self.digits(path, raw, kind));
-        if data_type == Some(DataType::Bool) {
-            let help = "write an integer or floating-point type: i16, i32, f32, …";
-            self.wrong(&child(path, "type"), "one bit cannot hold a compensation value", help);
+        if let Some(data_type) = data_type {
+            self.not_one_bit(path, data_type);
         }
         let word_order = self.word_order(path, data_type, raw.word_order);
         let scale = self.output_scale(path, raw, data_type);
@@ -77,14 +104,10 @@ impl Check<'_> {
             byte_swap: raw.byte_swap.unwrap_or(false),
             scale: scale?,
             offset: 0.0,
-            bias: raw.bias.unwrap_or(0),
+            bias: self.bias(path, raw, data_type),
             bad: Vec::new(),
         };
         let display = self.display(path, raw, index.and_then(|index| get(devices, index)));
-        if data_type.integer_range().is_none() && encoding.bias != 0 {
-            let help = "a floating-point register holds negative values as they are: remove `bias`";
-            self.wrong(&child(path, "bias"), "a bias belongs to whole counts", help);
-        }
         Some(Output {
             name: name.to_owned(),
             axis: AxisId(axis?),
@@ -100,6 +123,36 @@ impl Check<'_> {
             share,
             display,
         })
+    }
+
+    fn register_keys(&mut self, path: &str, raw: &RawOutput) {
+        if raw.pdo.is_some() || raw.sdo.is_some() || raw.frame.is_some() {
+            return;
+        }
+        if raw.register.is_none() {
+            let help = "write a holding register, as \"holding:104\" or \"40105\"";
+            self.missing(path, "register", "`register` is missing: where is it written?", help);
+        }
+        if raw.kind.is_none() {
+            let help = "allowed: u16, i16, u32, i32, u64, i64, f32, f64; the device's manual says which";
+            self.missing(path, "type", "`type` is missing: how does the value lie in its registers?", help);
+        }
+    }
+
+    fn not_one_bit(&mut self, path: &str, data_type: DataType) {
+        if data_type == DataType::Bool {
+            let help = "write an integer or floating-point type: i16, i32, f32, …";
+            self.wrong(&child(path, "type"), "one bit cannot hold a compensation value", help);
+        }
+    }
+
+    fn bias(&mut self, path: &str, raw: &RawOutput, data_type: DataType) -> i64 {
+        let bias = raw.bias.unwrap_or(0);
+        if data_type.integer_range().is_none() && bias != 0 {
+            let help = "a floating-point register holds negative values as they are: remove `bias`";
+            self.wrong(&child(path, "bias"), "a bias belongs to whole counts", help);
+        }
+        bias
     }
 
     fn writes(&mut self, path: &str, raw: &RawOutput, signals: &Signals) -> Option<Writes> {
@@ -283,6 +336,12 @@ impl Check<'_> {
         let every = self.span("heartbeat.every", raw.every.as_ref(), Zero::Refused);
         let index = raw.device.as_ref().and_then(|device| self.device_index("heartbeat.device", device));
         let address = raw.register.as_ref().and_then(|text| self.holding("heartbeat.register", text));
+        if raw.device.as_ref().and_then(|device| self.is_on_can(device)) == Some(true) {
+            let help =
+                "name a Modbus device; a CANopen node is told by its own heartbeat consumer, object 1016";
+            self.wrong("heartbeat.device", "the heartbeat is a register, and this device has none", help);
+            return None;
+        }
         if let Some(device) = index.and_then(|index| get(devices, index)) {
             self.writable("heartbeat.register", 1, device);
             if let (Some(bus), Some(every)) = (bus_of(device, buses), every)

@@ -60,7 +60,8 @@ impl Check<'_> {
         let device = |id: DeviceId| {
             let device = get(devices, id.0)?;
             let bus = get(buses, device.bus.0)?;
-            Some((bus.address.clone(), device.unit))
+            let is_modbus = bus.transport != crate::profile::Transport::Can;
+            is_modbus.then(|| (bus.address.clone(), device.unit))
         };
         let claim = |id, address, data_type, path: String, what: String, written| {
             Some(Claim { device: device(id)?, address, data_type, path, what, written })

@@ -54,7 +54,11 @@ impl Check<'_> {
         let lines: Vec<&Bus> = buses.iter().flatten().filter(|bus| bus.transport != Transport::Tcp).collect();
         for (place, bus) in lines.iter().enumerate() {
             if let Some(first) = lines[..place].iter().find(|first| first.address == bus.address) {
-                let key = if matches!(bus.transport, Transport::Serial(_)) { "port" } else { "address" };
+                let key = match bus.transport {
+                    Transport::Serial(_) => "port",
+                    Transport::Can => "interface",
+                    Transport::Tcp | Transport::RtuOverTcp => "address",
+                };
                 let message = format!("the bus `{}` has this {key} already", first.name);
                 let help = "put all devices of one line on one bus; each has its own `every`";
                 self.wrong(&child(&child("bus", &bus.name), key), message, help);

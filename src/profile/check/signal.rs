@@ -2,11 +2,13 @@
 
 use std::time::Duration;
 
+use super::can::Located;
 use super::{Check, Zero, bus_of, get, shown};
-use crate::codec::{Address, DataType, Encoding, Table, WordOrder};
-use crate::profile::place::child;
-use crate::profile::raw::{RawSignal, TypeWord, WordOrderWord};
+use crate::codec::{Address, DataType, Encoding, Sentinel, Table, WordOrder};
+use crate::profile::place::{child, element};
+use crate::profile::raw::{BadValue, RawSentinel, RawSignal, TypeWord, WordOrderWord};
 use crate::profile::{Bus, Device, DeviceId, Flag, Signal, Unit};
+use crate::reading::Reason;
 
 impl Check<'_> {
     pub(super) fn signals(
@@ -32,7 +34,8 @@ impl Check<'_> {
     ) -> Option<Signal> {
         let index = raw.device.as_ref().and_then(|device| self.device_index(&child(path, "device"), device));
         let device = index.and_then(|index| get(devices, index));
-        let elsewhere = self.signal_not_built(path, raw);
+        self.one_place(path, raw);
+        self.signal_keys(path, raw);
         let max_age = self.max_age(path, raw, device, buses);
         let range = self.range(&child(path, "range"), raw.range);
         let max_rate = self.positive(&child(path, "max_rate"), raw.max_rate);
@@ -40,8 +43,39 @@ impl Check<'_> {
             .fault_when
             .as_ref()
             .and_then(|text| self.condition(&child(path, "fault_when"), text, Some(name)));
-        // A channel that brought no register has been told.
-        if (elsewhere || self.places.contains(&child(path, "channel"))) && raw.register.is_none() {
+        // A channel that brought no place has been told.
+        let on_can = raw.device.as_ref().and_then(|device| self.is_on_can(device)) == Some(true);
+        let is_nowhere = raw.register.is_none() && !(on_can && has_place(raw));
+        if is_nowhere && self.places.contains(&child(path, "channel")) {
+            return None;
+        }
+        let unit_of = |located: Option<Unit>| match raw.unit.as_deref() {
+            Some(unit) => Unit::named(unit),
+            None => Some(located.unwrap_or(Unit("1"))),
+        };
+        if on_can {
+            let Located { address, data_type, scale, offset, unit } = self.located(path, raw, index?)?;
+            let bad = self.bad(&child(path, "bad"), raw);
+            let scale = self.scale(&child(path, "scale"), scale)?;
+            let encoding = Encoding { scale, offset, bad, ..super::verify::plain(data_type) };
+            self.sentinels(&child(path, "bad"), &encoding);
+            let (counter, _) = self.counter(path, raw, &encoding, device, paces(raw, device, max_age));
+            return Some(Signal {
+                name: name.to_owned(),
+                device: DeviceId(index?),
+                address,
+                encoding,
+                unit: unit_of(unit)?,
+                range,
+                max_rate,
+                max_age: max_age?,
+                fault_when,
+                merge: true,
+                counter,
+                capture: None,
+            });
+        }
+        if raw.register.is_none() && has_place(raw) {
             return None;
         }
         let (address, bit) = match &raw.register {
@@ -63,7 +97,7 @@ impl Check<'_> {
             self.in_one_request(&child(path, "type"), data_type, device);
         }
         let bits = matches!(data_type, DataType::Bool | DataType::Bit(_));
-        let unit = raw.unit.as_deref().unwrap_or(if bits { "bool" } else { "1" });
+        let unit = unit_of(bits.then_some(Unit("bool")));
         let encoding = Encoding {
             data_type,
             word_order: word_order?,
@@ -71,16 +105,17 @@ impl Check<'_> {
             scale: scale?,
             offset: raw.offset.unwrap_or(0.0),
             bias: 0,
-            bad: raw.bad.clone().unwrap_or_default(),
+            bad: self.bad(&child(path, "bad"), raw),
         };
         self.sentinels(&child(path, "bad"), &encoding);
-        let (counter, capture) = self.counter(path, raw, &encoding, device);
+        let every = device.map_or(Duration::ZERO, |device| device.every);
+        let (counter, capture) = self.counter(path, raw, &encoding, device, every);
         Some(Signal {
             name: name.to_owned(),
             device: DeviceId(index?),
             address,
             encoding,
-            unit: Unit::named(unit)?,
+            unit: unit?,
             range,
             max_rate,
             max_age: max_age?,
@@ -91,25 +126,33 @@ impl Check<'_> {
         })
     }
 
-    /// Whether the signal lies somewhere that cannot be read yet.
-    fn signal_not_built(&mut self, path: &str, raw: &RawSignal) -> bool {
-        let parts = [
-            ("dbc", raw.dbc.is_some(), "signals described by a DBC file"),
-            ("pdo", raw.pdo.is_some(), "CANopen process data"),
-            ("sdo", raw.sdo.is_some(), "CANopen objects"),
-            ("frame", raw.frame.is_some(), "raw CAN frames"),
-        ];
-        for (key, there, what) in parts {
-            if there {
-                self.not_built(&child(path, key), &format!("{what} ({key})"), None);
-            }
-        }
-        let there = parts.iter().filter(|(_, there, _)| *there).count();
-        if there + usize::from(raw.register.is_some()) > 1 {
+    fn one_place(&mut self, path: &str, raw: &RawSignal) {
+        let places = [&raw.register, &raw.dbc, &raw.sdo].map(Option::is_some);
+        let there = places.into_iter().chain([raw.pdo.is_some(), raw.frame.is_some()]);
+        if there.filter(|there| *there).count() > 1 {
             let help = "keep one of register, channel, dbc, pdo, sdo, frame";
             self.wrong_key(path, "the signal is read from more than one place", help);
         }
-        there > 0
+    }
+
+    /// The raw values that mean "no measurement", with what the device says by them.
+    fn bad(&mut self, path: &str, raw: &RawSignal) -> Vec<Sentinel> {
+        let mut sentinels = Vec::new();
+        for (place, bad) in raw.bad.iter().flatten().enumerate() {
+            match bad {
+                BadValue::Number(raw) => sentinels.push(Sentinel::from(*raw)),
+                BadValue::Named(RawSentinel { raw: Some(raw), means: Some(words) }) => {
+                    let known = Reason::MEANINGS.iter().find(|(known, _)| known == words);
+                    sentinels.extend(known.map(|(_, means)| Sentinel { raw: *raw, means: *means }));
+                }
+                BadValue::Named(RawSentinel { raw, .. }) => {
+                    let key = if raw.is_none() { "raw" } else { "means" };
+                    let help = "write the raw value, or both, as { raw = -512, means = \"open circuit\" }";
+                    self.missing(&element(path, place), key, format!("`{key}` is missing"), help);
+                }
+            }
+        }
+        sentinels
     }
 
     fn max_age(
@@ -127,6 +170,9 @@ impl Check<'_> {
             let timeout = bus_of(device, buses).map_or(Duration::ZERO, |bus| bus.timeout);
             return Some((5 * every).max(3 * timeout));
         };
+        if Check::comes_by_itself(raw) {
+            return Some(age);
+        }
         let figures =
             format!("`max_age` is {}, `{}` is read every {}", shown(age), device.name, shown(every));
         let help = format!("allow at least two polls, \"{}\"", shown(2 * every));
@@ -269,6 +315,7 @@ impl Check<'_> {
                 Table::Discrete => "read-discrete",
                 Table::Holding => "read-holding",
                 Table::Input => "read-input",
+                Table::Object | Table::Process => return,
             };
             let message = format!("reading this needs {word}, which `{}` may not be sent", device.name);
             self.wrong(
@@ -299,8 +346,8 @@ impl Check<'_> {
     /// A sentinel that the type cannot hold is never seen: a broken sensor would be believed.
     fn sentinels(&mut self, path: &str, encoding: &Encoding) {
         let Some((low, high)) = encoding.data_type.integer_range() else { return };
-        for bad in &encoding.bad {
-            if !(low..=high).contains(&i128::from(*bad)) {
+        for bad in encoding.bad.iter().map(|bad| bad.raw) {
+            if !(low..=high).contains(&i128::from(bad)) {
                 let message = format!("{} never holds {bad}", encoding.data_type.name());
                 self.wrong(
                     path,
@@ -309,5 +356,18 @@ impl Check<'_> {
                 );
             }
         }
+    }
+}
+
+fn has_place(raw: &RawSignal) -> bool {
+    raw.dbc.is_some() || raw.pdo.is_some() || raw.sdo.is_some() || raw.frame.is_some()
+}
+
+/// How far apart two values of a CAN device may be. Of what comes by itself two must come before it is stale.
+fn paces(raw: &RawSignal, device: Option<&Device>, max_age: Option<Duration>) -> Duration {
+    let every = device.map_or(Duration::ZERO, |device| device.every);
+    match max_age.filter(|_| Check::comes_by_itself(raw)) {
+        Some(age) => every.min(age / 2),
+        None => every,
     }
 }

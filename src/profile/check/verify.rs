@@ -1,7 +1,7 @@
 //! What is read before arming: whether it can be read, and can ever be as it must.
 
 use super::Check;
-use crate::codec::{DataType, Encoding};
+use crate::codec::{DataType, Encoding, WordOrder};
 use crate::profile::place::{child, element};
 use crate::profile::raw::{RawDevice, RawVerify};
 use crate::profile::{Expected, Functions};
@@ -34,28 +34,40 @@ impl Check<'_> {
             (Some(kind), None) => kind,
             (None, None) => DataType::U16,
         };
+        let equals = self.equal(path, data_type, raw.equals)?;
+        let word_order = self.word_order(path, Some(data_type), raw.word_order)?;
+        self.fits(&at, address, data_type);
+        let encoding = Encoding { word_order, ..plain(data_type) };
+        let what = raw.what.clone().unwrap_or_else(|| "as the profile expects it".to_owned());
+        let remedy = raw.remedy.clone().unwrap_or_default();
+        Some(Expected { address, encoding, equals, what, remedy, object: None })
+    }
+
+    /// What a register or an object must read, where its type can ever be that.
+    pub(super) fn equal(&mut self, path: &str, data_type: DataType, equals: Option<i64>) -> Option<i64> {
         let Some((low, high)) = data_type.integer_range() else {
             let help = "take an integer type: u16, i16, u32, i32, …";
-            self.wrong(&child(path, "type"), "a floating-point register is never quite equal", help);
+            self.wrong(&child(path, "type"), "a floating-point value is never quite equal", help);
             return None;
         };
-        let word_order = self.word_order(path, Some(data_type), raw.word_order)?;
-        let equals = raw.equals?;
+        let equals = equals?;
         if !(low..=high).contains(&i128::from(equals)) {
             let message = format!("{} never holds {equals}", data_type.name());
             self.wrong(&child(path, "equals"), message, format!("allowed: {low} to {high}"));
         }
-        self.fits(&at, address, data_type);
-        let encoding = Encoding {
-            data_type,
-            word_order,
-            byte_swap: false,
-            scale: 1.0,
-            offset: 0.0,
-            bias: 0,
-            bad: Vec::new(),
-        };
-        let what = raw.what.clone().unwrap_or_else(|| "as the profile expects it".to_owned());
-        Some(Expected { address, encoding, equals, what, remedy: raw.remedy.clone().unwrap_or_default() })
+        Some(equals)
+    }
+}
+
+/// Whole counts as they stand there.
+pub(super) fn plain(data_type: DataType) -> Encoding {
+    Encoding {
+        data_type,
+        word_order: WordOrder::MswFirst,
+        byte_swap: false,
+        scale: 1.0,
+        offset: 0.0,
+        bias: 0,
+        bad: Vec::new(),
     }
 }

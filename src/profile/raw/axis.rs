@@ -5,7 +5,9 @@ use std::collections::BTreeMap;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
-use super::{ChannelValue, RawHandshake, RawProbe, RawRestart, Span, TypeWord, WordOrderWord};
+use super::{
+    ChannelValue, RawFrame, RawHandshake, RawPdo, RawProbe, RawRestart, Span, TypeWord, WordOrderWord,
+};
 
 /// One compensated axis.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
@@ -276,12 +278,21 @@ pub(crate) struct RawOutput {
     /// corrected: the scale's signal, in mm.
     pub(crate) position: Option<String>,
     /// A holding register: "holding:104" or "40105".
-    #[schemars(required)]
     pub(crate) register: Option<String>,
-    /// How the value lies in its registers.
+    /// How the value lies in its registers or in its CANopen object; required for both.
     #[serde(rename = "type")]
-    #[schemars(required)]
     pub(crate) kind: Option<TypeWord>,
+    /// CANopen process data that is written: { cob_id = 0x20C, start = 0, length = 32, signed = true }.
+    pub(crate) pdo: Option<RawPdo>,
+    /// CANopen object that is written: "2000:01".
+    #[schemars(regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
+    pub(crate) sdo: Option<String>,
+    /// CAN frame that is written: { id = 0x300, start = 0, length = 32, order = "little", signed = true }.
+    pub(crate) frame: Option<RawFrame>,
+    /// pdo, frame: the CANopen object that reads what was written, of the same length: "6004:00". Required but for a
+    /// display.
+    #[schemars(regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
+    pub(crate) read_back: Option<String>,
     /// Which register comes first; required for 32 bits and more.
     pub(crate) word_order: Option<WordOrderWord>,
     /// The two bytes inside every register are exchanged. Default false.

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
-use super::{ExpectValue, RawVerify, Span};
+use super::{BadValue, ExpectValue, RawEmergency, RawFrame, RawPdo, RawSetup, RawSync, RawVerify, Span};
 use crate::codec::{DataType, WordOrder};
 
 /// One physical line.
@@ -35,8 +35,10 @@ pub(crate) struct RawBus {
     /// Stop bits of a modbus-rtu line, 1 or 2. Default 1.
     #[schemars(range(min = 1, max = 2))]
     pub(crate) stop_bits: Option<u8>,
-    /// Network interface of a CAN line.
+    /// Network interface of a CAN line: "can0".
     pub(crate) interface: Option<String>,
+    /// SYNC that is sent on a CAN line. Default: none.
+    pub(crate) sync: Option<RawSync>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -119,15 +121,21 @@ pub(crate) struct RawDevice {
     pub(crate) functions: Option<Vec<FunctionWord>>,
     /// What it needs to be treated like, over the bus's quirks.
     pub(crate) quirks: Option<RawQuirks>,
-    /// A DBC file that describes its CAN frames.
+    /// CAN: a DBC file beside the profile that describes its frames.
     pub(crate) dbc: Option<String>,
+    /// CAN, with a DBC file: its J1939 source address. Its messages are parameter groups, and only its own are taken.
+    pub(crate) source_address: Option<u8>,
     /// CANopen node number.
     #[schemars(range(min = 1, max = 127))]
     pub(crate) node: Option<u8>,
-    /// CANopen: its heartbeat missed this long is bad.
+    /// CANopen: whether it is started by NMT, at the beginning and after each boot-up. Default true.
+    pub(crate) start: Option<bool>,
+    /// CANopen: its heartbeat missed this long, or never seen this long, is a fault. Default: not watched.
     pub(crate) heartbeat: Option<Span>,
-    /// CANopen: objects written before start.
+    /// CANopen: objects written before each start, in this order.
     pub(crate) setup: Option<Vec<RawSetup>>,
+    /// CANopen: what its emergency codes mean, beside those of CiA 301.
+    pub(crate) emergency: Option<Vec<RawEmergency>>,
     /// Registers (CANopen: objects) read before arming; a mismatch refuses to arm.
     pub(crate) verify: Option<Vec<RawVerify>>,
 }
@@ -143,24 +151,6 @@ pub(crate) enum FunctionWord {
     WriteSingle,
     WriteCoils,
     WriteMultiple,
-}
-
-/// One object that is written before start.
-#[derive(Clone, Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[allow(dead_code, reason = "read by the schema, refused by the check")]
-#[schemars(rename = "Setup")]
-pub(crate) struct RawSetup {
-    /// Index and subindex, hexadecimal: "1800:05".
-    #[schemars(required, regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
-    pub(crate) sdo: Option<String>,
-    /// How the value lies in the object.
-    #[serde(rename = "type")]
-    #[schemars(required)]
-    pub(crate) kind: Option<TypeWord>,
-    /// What is written.
-    #[schemars(required)]
-    pub(crate) value: Option<i64>,
 }
 
 /// One value that is read.
@@ -188,8 +178,9 @@ pub(crate) struct RawSignal {
     pub(crate) scale: Option<f64>,
     /// Engineering value of raw zero. Default 0.
     pub(crate) offset: Option<f64>,
-    /// Raw values that mean "no measurement", compared before scaling.
-    pub(crate) bad: Option<Vec<i64>>,
+    /// Raw values that mean "no measurement", compared before scaling: [-32768], or with what the device says by them,
+    /// [{ raw = -512, means = "open circuit" }].
+    pub(crate) bad: Option<Vec<BadValue>>,
     /// Engineering unit. Default: "bool" for a coil or a discrete input, else "1".
     #[serde(default)]
     #[schemars(schema_with = "unit_words")]
@@ -206,14 +197,14 @@ pub(crate) struct RawSignal {
     pub(crate) merge: Option<bool>,
     /// It counts: what a rollover and a step mean.
     pub(crate) counter: Option<RawCounter>,
-    /// Message and signal of the device's DBC file: "Message.Signal".
+    /// CAN: message and signal of the device's DBC file: "Message.Signal".
     pub(crate) dbc: Option<String>,
-    /// CANopen process data.
+    /// CANopen process data: { cob_id = 0x185, start = 0, length = 16, signed = true }.
     pub(crate) pdo: Option<RawPdo>,
     /// CANopen object polled every `every`: "7130:01".
     #[schemars(regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
     pub(crate) sdo: Option<String>,
-    /// Raw CAN frame without a DBC.
+    /// CAN frame without a DBC file: { id = 0x100, start = 0, length = 16, order = "little", signed = true }.
     pub(crate) frame: Option<RawFrame>,
 }
 
@@ -260,57 +251,12 @@ impl JsonSchema for ChannelValue {
     }
 }
 
-/// Where a value lies in a CANopen process data object.
-#[derive(Clone, Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[allow(dead_code, reason = "read by the schema, refused by the check")]
-#[schemars(rename = "Pdo")]
-pub(crate) struct RawPdo {
-    /// CAN identifier.
-    #[schemars(required)]
-    pub(crate) cob_id: Option<u32>,
-    /// First bit.
-    #[schemars(required)]
-    pub(crate) start: Option<u16>,
-    /// Number of bits.
-    #[schemars(required)]
-    pub(crate) length: Option<u16>,
-    /// Two's complement.
-    pub(crate) signed: Option<bool>,
-}
-
-/// Where a value lies in a raw CAN frame.
-#[derive(Clone, Debug, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-#[allow(dead_code, reason = "read by the schema, refused by the check")]
-#[schemars(rename = "Frame")]
-pub(crate) struct RawFrame {
-    /// CAN identifier.
-    #[schemars(required)]
-    pub(crate) id: Option<u32>,
-    /// First bit.
-    #[schemars(required)]
-    pub(crate) start: Option<u16>,
-    /// Number of bits.
-    #[schemars(required)]
-    pub(crate) length: Option<u16>,
-    /// Byte order.
-    pub(crate) order: Option<ByteOrder>,
-    /// Two's complement.
-    pub(crate) signed: Option<bool>,
-}
-
-#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum ByteOrder {
-    Little,
-    Big,
-}
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum TypeWord {
     Bool,
+    U8,
+    I8,
     U16,
     I16,
     U32,
@@ -333,6 +279,8 @@ impl From<TypeWord> for DataType {
     fn from(word: TypeWord) -> DataType {
         match word {
             TypeWord::Bool => DataType::Bool,
+            TypeWord::U8 => DataType::unsigned(8),
+            TypeWord::I8 => DataType::signed(8),
             TypeWord::U16 => DataType::U16,
             TypeWord::I16 => DataType::I16,
             TypeWord::U32 => DataType::U32,

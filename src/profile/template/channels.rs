@@ -41,7 +41,13 @@ pub(super) fn of_group(name: &str, group: &Group, base: u16) -> Result<Vec<Chann
             let label = from.saturating_add(place).to_string();
             let mut keys = Map::new();
             for (key, value) in group.iter().filter(|(key, _)| !OF_GROUP.contains(&key.as_str())) {
-                keys.insert(key.clone(), moved(numbered(value, &label), key, place, stride, base)?);
+                let value = numbered(value, &label);
+                let value = match key.as_str() {
+                    "pdo" | "frame" => farther(value, u64::from(place) * u64::from(stride)),
+                    "sdo" => Value::from(of_member(value.as_str().unwrap_or_default(), place, stride)?),
+                    _ => moved(value, key, place, stride, base)?,
+                };
+                keys.insert(key.clone(), value);
             }
             let channel = text(group, "name").unwrap_or(name).replace("{n}", &label);
             Ok(Channel { name: channel, group: name.to_owned(), place, asks: texts(group, "ask"), keys })
@@ -49,10 +55,38 @@ pub(super) fn of_group(name: &str, group: &Group, base: u16) -> Result<Vec<Chann
         .collect()
 }
 
-/// How many registers one channel takes.
+/// How many registers, bits of a frame or subindexes one channel takes.
 fn width(group: &Group) -> u16 {
+    for place in ["pdo", "frame"] {
+        let length = group.get(place).and_then(|place| place.get("length")).and_then(Value::as_u64);
+        if let Some(length) = length.and_then(|length| u16::try_from(length).ok()) {
+            return length;
+        }
+    }
+    if group.contains_key("sdo") {
+        return 1;
+    }
     let kind: Option<TypeWord> = group.get("type").and_then(|kind| serde_json::from_value(kind.clone()).ok());
     kind.map_or(1, |kind| DataType::from(kind).registers())
+}
+
+/// The bits of a frame so far behind the first channel's.
+fn farther(mut frame: Value, bits: u64) -> Value {
+    if let Some(start) = frame.get("start").and_then(Value::as_u64)
+        && let Some(frame) = frame.as_object_mut()
+    {
+        frame.insert("start".to_owned(), Value::from(start + bits));
+    }
+    frame
+}
+
+/// The object of the channel at this place: the subindexes follow each other.
+pub(super) fn of_member(object: &str, place: u16, stride: u16) -> Result<String, String> {
+    let far = u32::from(place) * u32::from(stride);
+    let (index, sub) = object.split_once(':').ok_or_else(|| format!("`{object}` is no CANopen object"))?;
+    let sub = u32::from_str_radix(sub, 16).ok().map(|sub| sub + far).and_then(|sub| u8::try_from(sub).ok());
+    let sub = sub.ok_or_else(|| format!("{object} and {far} more is beyond the last subindex, FF"))?;
+    Ok(format!("{index}:{sub:02X}"))
 }
 
 fn numbered(value: &Value, label: &str) -> Value {
@@ -130,6 +164,26 @@ mod tests {
         assert_eq!(shifted("input:50.14", 3, 1, 0).unwrap(), "input:51.1");
         assert_eq!(shifted("discrete:128", 7, 1, 0).unwrap(), "discrete:135");
         assert!(shifted("holding:65535", 1, 1, 0).unwrap_err().contains("beyond the last"));
+    }
+
+    #[test]
+    fn values_of_frames_follow_each_other_by_their_length_and_objects_by_their_subindex() {
+        let frames = group(
+            json!({ "name": "{n}", "from": 1, "count": 4, "pdo": { "number": 1, "start": 0, "length": 16 } }),
+        );
+        let starts: Vec<_> = of_group("t", &frames, 0)
+            .unwrap()
+            .iter()
+            .map(|c| c.keys["pdo"]["start"].as_u64().unwrap())
+            .collect();
+        assert_eq!(starts, [0, 16, 32, 48]);
+        let objects = group(json!({ "name": "s{n}", "count": 11, "sdo": "6150:01", "type": "u8" }));
+        let channels = of_group("s", &objects, 0).unwrap();
+        assert_eq!(
+            (&channels[3].keys["sdo"], &channels[10].keys["sdo"]),
+            (&json!("6150:04"), &json!("6150:0B"))
+        );
+        assert!(of_member("6150:F0", 16, 1).unwrap_err().contains("beyond the last subindex"));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use super::channels::{Channel, OF_GROUP, shifted};
+use super::channels::{Channel, OF_GROUP, of_member, shifted};
 use super::fill::Filling;
 use super::text;
 use crate::profile::error::allowed;
@@ -61,9 +61,15 @@ impl Filling<'_> {
                 let what =
                     channel.map_or_else(|| what.to_owned(), |name| format!("{what} of channel {name}"));
                 entry.insert("what".to_owned(), Value::from(what));
-                let register = text(group, "register").unwrap_or_default();
-                match shifted(register, place, stride.unwrap_or(1), base.unwrap_or(0)) {
-                    Ok(register) => entry.insert("register".to_owned(), Value::from(register)),
+                let stride = stride.unwrap_or(1);
+                let (key, moved) = match (text(group, "sdo"), text(group, "register")) {
+                    (Some(object), _) => ("sdo", of_member(object, place, stride)),
+                    (None, register) => {
+                        ("register", shifted(register.unwrap_or_default(), place, stride, base.unwrap_or(0)))
+                    }
+                };
+                match moved {
+                    Ok(moved) => entry.insert(key.to_owned(), Value::from(moved)),
                     Err(why) => return self.wrong(&child(&path, "template"), why, "correct its file"),
                 };
                 let key = if expect.contains_key(name) {

@@ -10,7 +10,7 @@ use super::find::{Definition, find};
 use super::{Template, Templates, Use, in_order, text};
 use crate::profile::error::{ProfileError, allowed};
 use crate::profile::files::Files;
-use crate::profile::place::{Places, child};
+use crate::profile::place::{Places, child, element};
 
 pub(super) struct Filling<'a> {
     pub(super) profile: &'a mut Map<String, Value>,
@@ -76,6 +76,10 @@ impl<'a> Filling<'a> {
         if let Some(functions) = definition.functions.clone() {
             self.put("device", name, "functions", functions, &at, &note);
         }
+        if let Some(dbc) = definition.dbc.clone() {
+            self.put("device", name, "dbc", Value::from(dbc), &at, &note);
+        }
+        self.node(name, &definition, &at, &note);
         self.quirks(name, &definition, &at, &note);
         self.templates.insert(
             name.to_owned(),
@@ -92,6 +96,32 @@ impl<'a> Filling<'a> {
             },
         );
         self.known.insert(name.to_owned(), definition);
+    }
+
+    /// What a CANopen node is given. Of its lists the profile's own entries come first, and win over those for the same
+    /// object or code.
+    fn node(&mut self, name: &str, definition: &Definition, at: &str, note: &str) {
+        for (key, value) in definition.node.iter().flatten() {
+            let Value::Array(below) = value else {
+                self.put("device", name, key, value.clone(), at, note);
+                continue;
+            };
+            let identity = if key == "setup" { "sdo" } else { "code" };
+            let own = self.table("device", name).and_then(|device| device.get(key)).and_then(Value::as_array);
+            let own = own.cloned().unwrap_or_default();
+            let is_own = |entry: &&Value| !own.iter().any(|known| known.get(identity) == entry.get(identity));
+            let more: Vec<Value> = below.iter().filter(is_own).cloned().collect();
+            for place in own.len()..own.len() + more.len() {
+                self.places.fill_in(&element(&child(&child("device", name), key), place), at, note);
+            }
+            let path = child(&child("device", name), key);
+            if !self.places.contains(&path) {
+                self.places.fill_in(&path, at, note);
+            }
+            if let Some(device) = self.table_mut("device", name) {
+                device.insert(key.clone(), Value::Array(own.into_iter().chain(more).collect()));
+            }
+        }
     }
 
     fn quirks(&mut self, name: &str, definition: &Definition, at: &str, note: &str) {
@@ -164,7 +194,9 @@ impl<'a> Filling<'a> {
     /// What a channel would have brought is not told to be missing: that it cannot has been told.
     fn nothing_missing(&mut self, table: &str, name: &str, at: &str) {
         let path = child(table, name);
-        for key in ["register", "type", "writes", "scale", "word_order"].map(|key| child(&path, key)) {
+        for key in
+            ["register", "type", "writes", "scale", "word_order", "read_back"].map(|key| child(&path, key))
+        {
             if !self.places.contains(&key) {
                 self.places.fill_in(&key, at, "");
             }

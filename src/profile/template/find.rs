@@ -33,6 +33,10 @@ pub(super) struct Definition {
     pub(super) checks: Vec<(String, Group)>,
     pub(super) set: Option<Value>,
     pub(super) heartbeat: Option<Value>,
+    /// The DBC file, by the path that the profile would give it.
+    pub(super) dbc: Option<String>,
+    /// What a CANopen node is given.
+    pub(super) node: Option<Group>,
 }
 
 /// What is wrong with a choice: the device's key that is to blame, what, and the remedy.
@@ -176,6 +180,8 @@ impl Definition {
             targets: members("target").map_err(broken)?,
             checks: groups("check"),
             heartbeat: one("heartbeat"),
+            dbc: text(&body, "dbc").map(|file| format!("{DIRECTORY}/{file}")),
+            node: body.get("node").and_then(Value::as_object).cloned(),
             set,
         })
     }

@@ -5,12 +5,14 @@ use serde_json::{Map, Value, json};
 use crate::profile::raw;
 
 /// Keys of a signal that only a profile can know.
-const OF_SIGNAL: [&str; 9] =
-    ["device", "channel", "max_age", "max_rate", "dbc", "pdo", "sdo", "frame", "merge"];
+const OF_SIGNAL: [&str; 4] = ["device", "channel", "max_rate", "merge"];
 
 /// Keys of an output that only a profile can know.
 const OF_OUTPUT: [&str; 9] =
     ["axis", "device", "channel", "position", "when", "set", "share", "handshake", "restart"];
+
+/// Keys of a device that a CANopen node has from its template.
+pub(super) const NODE: [&str; 3] = ["heartbeat", "setup", "emergency"];
 
 /// The JSON Schema of a device template, draft 2020-12.
 pub fn schema() -> Value {
@@ -22,7 +24,7 @@ pub fn schema() -> Value {
     };
     let channels = groups(keys("Signal", &OF_SIGNAL), "A group of channels that are alike.");
     let targets = groups(keys("Output", &OF_OUTPUT), "What an output can write.");
-    let mut checks = keys("Verify", &["sdo"]);
+    let mut checks = keys("Verify", &[]);
     checks.insert("of".to_owned(), text("The group of channels of which each that is used is checked."));
     let checks = groups(checks, "What is read before arming.");
     let device = keys("Device", &[]);
@@ -46,6 +48,8 @@ pub fn schema() -> Value {
         ),
         ("functions".to_owned(), device.get("functions").cloned().unwrap_or_default()),
         ("quirks".to_owned(), device.get("quirks").cloned().unwrap_or_default()),
+        ("dbc".to_owned(), text("CAN: the DBC file that describes its frames, beside the template.")),
+        ("node".to_owned(), node(&device)),
         ("channel".to_owned(), channels),
         ("target".to_owned(), targets),
         ("check".to_owned(), checks),
@@ -69,6 +73,16 @@ pub fn schema() -> Value {
     whole
 }
 
+/// What a CANopen node of this kind is given.
+fn node(device: &Map<String, Value>) -> Value {
+    let keys = NODE.map(|key| (key.to_owned(), device.get(key).cloned().unwrap_or_default()));
+    let mut table = closed(Map::from_iter(keys), &[]);
+    if let Some(table) = table.as_object_mut() {
+        table.insert("description".to_owned(), Value::from("What a CANopen node of this kind is given."));
+    }
+    table
+}
+
 /// Groups by name: the keys of what they bring, and those that say how its members follow each other.
 fn groups(mut keys: Map<String, Value>, what: &str) -> Value {
     let whole =
@@ -81,7 +95,7 @@ fn groups(mut keys: Map<String, Value>, what: &str) -> Value {
     keys.insert("from".to_owned(), whole("The number of the first. Default 0."));
     keys.insert(
         "stride".to_owned(),
-        whole("Registers from one to the next. Default: as many as the type takes."),
+        whole("Registers, bits of a frame or subindexes from one to the next. Default: as many as a value takes."),
     );
     keys.insert("unverified".to_owned(), text("What of this group nobody has verified."));
     keys.insert("ask".to_owned(), list("Keys that the profile must give: a wrong guess would move an axis."));

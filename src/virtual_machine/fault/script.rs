@@ -4,8 +4,9 @@ use std::time::Duration;
 
 use serde::{Deserialize, Deserializer, de::Error as _};
 
+use super::can::{BusError, CanFault};
 use super::{AcknowledgeFault, Fault, FaultScript, Kind, Lasts, Reads, ReplyFault};
-use crate::codec::{Address, DataType};
+use crate::codec::{Address, CanId, DataType};
 use crate::profile::{DeviceId, Profile, Transport};
 use crate::reading::SignalId;
 
@@ -14,7 +15,7 @@ use crate::reading::SignalId;
 #[error("{0}")]
 pub struct FaultError(String);
 
-const KINDS: [&str; 26] = [
+const KINDS: [&str; 32] = [
     "silent",
     "late",
     "exception",
@@ -41,6 +42,30 @@ const KINDS: [&str; 26] = [
     "no-acknowledge",
     "stuck-acknowledge",
     "late-acknowledge",
+    "short-frame",
+    "babbling",
+    "emergency",
+    "error-frame",
+    "sdo-abort",
+    "wrong-index",
+];
+
+/// Those that mean something on a CAN line; the last six mean something nowhere else.
+const ON_CAN: [&str; 14] = [
+    "silent",
+    "late",
+    "garbage",
+    "ignored-write",
+    "restart",
+    "sentinel",
+    "nan",
+    "value",
+    "short-frame",
+    "babbling",
+    "emergency",
+    "error-frame",
+    "sdo-abort",
+    "wrong-index",
 ];
 
 #[derive(Deserialize)]
@@ -64,7 +89,11 @@ struct FaultFile {
     for_time: Option<Duration>,
     #[serde(default, deserialize_with = "duration")]
     delay: Option<Duration>,
-    code: Option<u8>,
+    code: Option<u32>,
+    id: Option<u32>,
+    #[serde(default, deserialize_with = "duration")]
+    every: Option<Duration>,
+    error: Option<String>,
     signal: Option<String>,
     raw: Option<i64>,
     value: Option<f64>,
@@ -99,6 +128,13 @@ impl FaultFile {
                 let names = profile.devices.iter().map(|device| device.name.as_str());
                 format!("there is no device `{}`; allowed: {}", self.device, list(names))
             })?;
+        let is_can = profile.devices[device].can.is_some();
+        if is_can && KINDS.contains(&self.kind.as_str()) && !ON_CAN.contains(&self.kind.as_str()) {
+            return Err(format!("means nothing on a CAN line; allowed: {}", list(ON_CAN.into_iter())));
+        }
+        if !is_can && ON_CAN[8..].contains(&self.kind.as_str()) {
+            return Err(format!("`{}` is no device on a CAN line", self.device));
+        }
         let kind = self.kind(profile, DeviceId(device))?;
         self.no_key_is_left()?;
         let is_tcp = profile.bus(profile.devices[device].bus).transport == Transport::Tcp;
@@ -124,6 +160,17 @@ impl FaultFile {
             Kind::Refuse if self.replies.is_some() => {
                 return Err("a closed listener gives no replies to count; give `for_time`".to_owned());
             }
+            Kind::Can(CanFault::Emergency(_)) if self.replies.is_some() => {
+                return Err("an emergency is told once; give `for_time`".to_owned());
+            }
+            Kind::Can(CanFault::Babbling { every, .. } | CanFault::Errors { every: Some(every), .. })
+                if every < Duration::from_micros(100) =>
+            {
+                return Err("`every` is 100 µs at least: no bus carries more".to_owned());
+            }
+            Kind::Can(CanFault::Errors { every: None, .. }) if lasts != Lasts::Ever => {
+                return Err("happens once unless `every` says how often".to_owned());
+            }
             Kind::Acknowledge(_) if self.replies.is_some() => {
                 return Err("an acknowledge is no reply to count; give `for_time`".to_owned());
             }
@@ -148,7 +195,7 @@ impl FaultFile {
             "late-acknowledge" => return Ok(Kind::Acknowledge(AcknowledgeFault::Late(self.delay()?))),
             "exception" => {
                 let code = self.code.take().ok_or("`code` is missing, for example 4")?;
-                ReplyFault::Exception(code)
+                ReplyFault::Exception(u8::try_from(code).map_err(|_| "`code` is 255 at most")?)
             }
             "close" => ReplyFault::Close,
             "half-open" => ReplyFault::HalfOpen,
@@ -168,9 +215,37 @@ impl FaultFile {
             "restart" => return Ok(Kind::Restart),
             "register" => return self.register(),
             "sentinel" | "nan" | "value" => return self.broken_signal(profile, device),
+            kind if ON_CAN[8..].contains(&kind) => return self.can().map(Kind::Can),
             _ => return Err(format!("there is no such kind; allowed: {}", list(KINDS.into_iter()))),
         };
         Ok(Kind::Reply(fault))
+    }
+
+    fn can(&mut self) -> Result<CanFault, String> {
+        Ok(match self.kind.as_str() {
+            "short-frame" => CanFault::ShortFrame,
+            "wrong-index" => CanFault::WrongIndex,
+            "sdo-abort" => CanFault::Refusal(self.code.take().unwrap_or(0x0800_0000)),
+            "babbling" => {
+                let raw = self.id.take().unwrap_or(CanId::LARGEST_STANDARD);
+                let id = CanId::standard(raw).or_else(|| CanId::extended(raw));
+                let id = id.ok_or("`id` is 0x1FFFFFFF at most")?;
+                CanFault::Babbling { id, every: self.every.take().unwrap_or(Duration::from_millis(1)) }
+            }
+            "emergency" => {
+                let code = self.code.take().ok_or("`code` is missing, for example 0x5030")?;
+                let code = u16::try_from(code).ok().filter(|code| *code > 0);
+                CanFault::Emergency(code.ok_or("`code` is from 1 to 0xFFFF")?)
+            }
+            _ => {
+                let known = || list(BusError::ALL.iter().map(|(name, _)| *name));
+                let error =
+                    self.error.take().ok_or_else(|| format!("`error` is missing, one of {}", known()))?;
+                let found = BusError::ALL.iter().find(|(name, _)| *name == error);
+                let (_, error) = found.ok_or_else(|| format!("`error` is one of {}", known()))?;
+                CanFault::Errors { error: *error, every: self.every.take() }
+            }
+        })
     }
 
     fn delay(&mut self) -> Result<Duration, String> {
@@ -211,7 +286,7 @@ impl FaultFile {
                 Reads::Value(value.ok_or("`value` is missing or no finite number")?)
             }
             _ => {
-                let raw = self.raw.take().or_else(|| signal.encoding.bad.first().copied());
+                let raw = self.raw.take().or_else(|| signal.encoding.bad.first().map(|bad| bad.raw));
                 Reads::Raw(raw.ok_or_else(|| format!("`raw` is missing, and `{name}` has no `bad` value"))?)
             }
         };
@@ -228,6 +303,9 @@ impl FaultFile {
             ("value", self.value.is_some()),
             ("register", self.register.is_some()),
             ("words", self.words.is_some()),
+            ("id", self.id.is_some()),
+            ("every", self.every.is_some()),
+            ("error", self.error.is_some()),
         ];
         match left.into_iter().find(|(_, is_left)| *is_left) {
             Some((key, _)) => Err(format!("`{key}` means nothing here")),

@@ -1,10 +1,12 @@
 //! The units of a machine, their registers as they are when the power comes on, and what each measures.
 
 use crate::codec::Address;
-use crate::profile::{DeviceId, Output, Profile};
+use crate::profile::{DeviceId, Output, Profile, Verify};
 use crate::reading::SignalId;
 use crate::virtual_machine::control::Control;
 use crate::virtual_machine::registers::Bank;
+
+use super::can::CanUnit;
 
 /// One device as a piece of hardware.
 #[derive(Debug)]
@@ -17,6 +19,8 @@ pub(super) struct Unit {
     /// Its boot counters, and what they count.
     pub(super) counters: Vec<Address>,
     pub(super) boots: u16,
+    /// What it is on a CAN line.
+    pub(super) can: Option<CanUnit>,
     /// The signals it measures. A register that an output or the heartbeat owns is not among them.
     pub(super) measures: Vec<SignalId>,
 }
@@ -33,7 +37,7 @@ impl Unit {
     }
 }
 
-/// Devices of one unit on one line are one piece of hardware.
+/// Devices of one unit on one line are one piece of hardware; on a CAN line each is one of its own.
 pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
     let mut units: Vec<Unit> = Vec::new();
     let mut unit_of = Vec::new();
@@ -41,7 +45,8 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
         let line = &profile.bus(device.bus).address;
         let same = |unit: &Unit| {
             let other = profile.device(unit.device);
-            other.unit == device.unit && profile.bus(other.bus).address == *line
+            let is_addressed = device.can.is_none() && other.can.is_none();
+            is_addressed && other.unit == device.unit && profile.bus(other.bus).address == *line
         };
         let place = units.iter().position(same).unwrap_or(units.len());
         if place == units.len() {
@@ -52,13 +57,14 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
                 requests: 0,
                 counters: Vec::new(),
                 boots: 0,
+                can: None,
                 measures: Vec::new(),
             });
         }
         unit_of.push(place);
     }
     let mut owned: Vec<(usize, Address, u16)> = Vec::new();
-    for Output { device, address, encoding, .. } in &profile.outputs {
+    for Output { device, address, encoding, verify, .. } in &profile.outputs {
         let place = unit_of[device.0];
         let width = encoding.data_type.registers();
         let bank = &mut units[place].bank;
@@ -66,6 +72,10 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
         let fits = bank.write(*address, encoding.encode(0.0).words());
         debug_assert!(fits.is_some(), "room was made for it");
         owned.push((place, *address, width));
+        if let Verify::ReadBackAt(again) = verify {
+            bank.reserve(*again, width);
+            owned.push((place, *again, width));
+        }
     }
     if let Some(heartbeat) = &profile.heartbeat {
         let place = unit_of[heartbeat.device.0];
@@ -121,6 +131,7 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
         }
     }
     for unit in &mut units {
+        unit.can = CanUnit::of(profile, unit);
         unit.at_power_on = unit.bank.clone();
         unit.restart();
     }
@@ -140,6 +151,9 @@ pub(super) fn well(profile: &Profile) -> Vec<Option<f64>> {
 }
 
 pub(super) fn overlap((first, count): (Address, u16), (other, other_count): (Address, u16)) -> bool {
+    if first.table.is_can() {
+        return first == other;
+    }
     let end = |address: Address, count: u16| u32::from(address.offset) + u32::from(count);
     first.table == other.table
         && u32::from(first.offset) < end(other, other_count)

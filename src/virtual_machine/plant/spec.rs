@@ -209,7 +209,8 @@ impl PlantSpec {
     pub fn shipped(machine: &str) -> Option<Result<PlantSpec, PlantError>> {
         let text = match machine {
             "surface-grinder" => include_str!("../../../profiles/surface-grinder.plant.toml"),
-            "xc100-lathe" => include_str!("../../../profiles/xc100-lathe.plant.toml"),
+            // The same machine with other cables.
+            "xc100-lathe" | "xc100-lathe-can" => include_str!("../../../profiles/xc100-lathe.plant.toml"),
             "ram-mc" => include_str!("../../../profiles/ram-mc.plant.toml"),
             "parts-vmc" => include_str!("../../../profiles/parts-vmc.plant.toml"),
             "spindle-hmc" => include_str!("../../../profiles/spindle-hmc.plant.toml"),

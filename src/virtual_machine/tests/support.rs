@@ -110,7 +110,7 @@ pub(in crate::virtual_machine) fn profile() -> Profile {
     }
 }
 
-fn plain(data_type: DataType, scale: f64) -> Encoding {
+pub(super) fn plain(data_type: DataType, scale: f64) -> Encoding {
     Encoding {
         data_type,
         word_order: WordOrder::MswFirst,
@@ -118,11 +118,11 @@ fn plain(data_type: DataType, scale: f64) -> Encoding {
         scale,
         offset: 0.0,
         bias: 0,
-        bad: if data_type == DataType::I16 { vec![32767] } else { Vec::new() },
+        bad: if data_type == DataType::I16 { vec![32767.into()] } else { Vec::new() },
     }
 }
 
-fn bus(name: &str, address: &str) -> Bus {
+pub(super) fn bus(name: &str, address: &str) -> Bus {
     let quirks = quirks();
     let timeout = Duration::from_millis(300);
     Bus {
@@ -132,6 +132,7 @@ fn bus(name: &str, address: &str) -> Bus {
         tls: None,
         timeout,
         quirks,
+        sync: None,
     }
 }
 
@@ -146,7 +147,7 @@ fn quirks() -> Quirks {
     }
 }
 
-fn device(name: &str, bus: usize, unit: u8) -> Device {
+pub(super) fn device(name: &str, bus: usize, unit: u8) -> Device {
     let functions = Functions {
         read_coils: true,
         read_discrete: true,
@@ -167,6 +168,7 @@ fn device(name: &str, bus: usize, unit: u8) -> Device {
         quirks: quirks(),
         verify: Vec::new(),
         template: None,
+        can: None,
     }
 }
 
@@ -187,7 +189,7 @@ fn signal(name: &str, device: usize, register: &str, encoding: Encoding, unit: &
     }
 }
 
-fn output(name: &str, device: usize, register: &str, scale: f64, writes: Writes) -> Output {
+pub(super) fn output(name: &str, device: usize, register: &str, scale: f64, writes: Writes) -> Output {
     Output {
         name: name.to_owned(),
         axis: AxisId(0),

@@ -1,0 +1,182 @@
+//! The types of values: how many registers and bits each takes, and what counts it holds.
+
+use super::Encoded;
+
+/// The largest number that six digits show.
+const SIX_DIGITS: i128 = 999_999;
+
+/// How a number lies in registers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum DataType {
+    /// One coil or discrete input; in a register: zero or not zero.
+    Bool,
+    /// Unsigned 16 bits.
+    U16,
+    /// Signed 16 bits, two's complement.
+    I16,
+    /// Unsigned 32 bits.
+    U32,
+    /// Signed 32 bits.
+    I32,
+    /// Unsigned 64 bits.
+    U64,
+    /// Signed 64 bits.
+    I64,
+    /// IEEE 754, 32 bits.
+    F32,
+    /// IEEE 754, 64 bits.
+    F64,
+    /// One bit of a register, 0 the least significant.
+    Bit(u8),
+    /// A digit display's two registers: sign, number of decimals (0 to 5) and 24 bits of magnitude, for six digits.
+    Decimal24(u8),
+    /// As many bits as this, 1 to 64, unsigned: of a CAN frame or a CANopen object. Those with a word of their own have it.
+    Unsigned(u8),
+    /// The same in two's complement.
+    Signed(u8),
+}
+
+impl DataType {
+    /// Every type.
+    pub const ALL: [DataType; 9] = [
+        DataType::Bool,
+        DataType::U16,
+        DataType::I16,
+        DataType::U32,
+        DataType::I32,
+        DataType::U64,
+        DataType::I64,
+        DataType::F32,
+        DataType::F64,
+    ];
+
+    /// How many registers a value takes.
+    pub const fn registers(self) -> u16 {
+        match self {
+            DataType::Bool | DataType::Bit(_) | DataType::U16 | DataType::I16 => 1,
+            DataType::U32 | DataType::I32 | DataType::F32 | DataType::Decimal24(_) => 2,
+            DataType::U64 | DataType::I64 | DataType::F64 => 4,
+            DataType::Unsigned(bits) | DataType::Signed(bits) => bits.div_ceil(16) as u16,
+        }
+    }
+
+    /// How many bits a value has.
+    pub const fn width(self) -> u8 {
+        match self {
+            DataType::Bool | DataType::Bit(_) => 1,
+            DataType::U16 | DataType::I16 => 16,
+            DataType::U32 | DataType::I32 | DataType::F32 | DataType::Decimal24(_) => 32,
+            DataType::U64 | DataType::I64 | DataType::F64 => 64,
+            DataType::Unsigned(bits) | DataType::Signed(bits) => bits,
+        }
+    }
+
+    /// A whole number from zero with this many bits, by its word where it has one.
+    pub const fn unsigned(bits: u8) -> DataType {
+        match bits {
+            16 => DataType::U16,
+            32 => DataType::U32,
+            64 => DataType::U64,
+            _ => DataType::Unsigned(bits),
+        }
+    }
+
+    /// A whole number in two's complement with this many bits, by its word where it has one.
+    pub const fn signed(bits: u8) -> DataType {
+        match bits {
+            16 => DataType::I16,
+            32 => DataType::I32,
+            64 => DataType::I64,
+            _ => DataType::Signed(bits),
+        }
+    }
+
+    /// These bits as registers, the most significant first.
+    pub fn words(self, bits: u64) -> Encoded {
+        let len = usize::from(self.registers());
+        let mut words = [0u16; 4];
+        for (place, word) in words.iter_mut().take(len).enumerate() {
+            let [low, high, ..] = (bits >> (16 * (len - 1 - place))).to_le_bytes();
+            *word = u16::from_le_bytes([low, high]);
+        }
+        Encoded { words, len, saturated: false }
+    }
+
+    /// The word of the profile for it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            DataType::Bool | DataType::Bit(_) => "bool",
+            DataType::Decimal24(_) => "decimal24",
+            DataType::U16 => "u16",
+            DataType::I16 => "i16",
+            DataType::U32 => "u32",
+            DataType::I32 => "i32",
+            DataType::U64 => "u64",
+            DataType::I64 => "i64",
+            DataType::F32 => "f32",
+            DataType::F64 => "f64",
+            DataType::Unsigned(8) => "u8",
+            DataType::Signed(8) => "i8",
+            DataType::Unsigned(24) => "u24",
+            DataType::Signed(24) => "i24",
+            DataType::Unsigned(_) => "unsigned",
+            DataType::Signed(_) => "signed",
+        }
+    }
+
+    /// Smallest and largest raw count of an integer type; `None` for floating point.
+    pub const fn integer_range(self) -> Option<(i128, i128)> {
+        Some(match self {
+            DataType::Bool | DataType::Bit(_) => (0, 1),
+            DataType::Decimal24(_) => (-SIX_DIGITS, SIX_DIGITS),
+            DataType::U16 => (0, u16::MAX as i128),
+            DataType::I16 => (i16::MIN as i128, i16::MAX as i128),
+            DataType::U32 => (0, u32::MAX as i128),
+            DataType::I32 => (i32::MIN as i128, i32::MAX as i128),
+            DataType::U64 => (0, u64::MAX as i128),
+            DataType::I64 => (i64::MIN as i128, i64::MAX as i128),
+            DataType::Unsigned(bits) => (0, (1 << bits) - 1),
+            DataType::Signed(bits) => (-(1 << (bits - 1)), (1 << (bits - 1)) - 1),
+            DataType::F32 | DataType::F64 => return None,
+        })
+    }
+}
+
+impl DataType {
+    /// The bits of a raw count that is in range.
+    pub(super) fn bits_of(self, raw: i128) -> u64 {
+        match self {
+            DataType::Bit(bit) => to_bits(raw) << bit,
+            DataType::Decimal24(decimals) => {
+                let sign = u64::from(raw < 0);
+                sign << 28 | u64::from(decimals) << 24 | to_bits(raw.abs())
+            }
+            DataType::Signed(bits) if bits < 64 => to_bits(raw) & ((1 << bits) - 1),
+            _ => to_bits(raw),
+        }
+    }
+}
+
+fn to_bits(raw: i128) -> u64 {
+    let bytes = raw.to_le_bytes();
+    let mut low = [0u8; 8];
+    low.copy_from_slice(&bytes[..8]);
+    u64::from_le_bytes(low)
+}
+
+/// The raw count in these bits.
+pub(super) fn integer_of(data_type: DataType, bits: u64) -> i128 {
+    let width = u32::from(data_type.width());
+    let value = i128::from(bits) & ((1 << width) - 1);
+    let signed = matches!(data_type, DataType::I16 | DataType::I32 | DataType::I64 | DataType::Signed(_));
+    match data_type {
+        DataType::Bool => i128::from(bits != 0),
+        DataType::Bit(bit) => i128::from(bits >> bit & 1),
+        DataType::Decimal24(_) => {
+            let magnitude = i128::from(bits & 0x00ff_ffff);
+            if bits >> 28 & 1 == 1 { -magnitude } else { magnitude }
+        }
+        _ if signed && bits >> (width - 1) == 1 => value - (1i128 << width),
+        _ => value,
+    }
+}

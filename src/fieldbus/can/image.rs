@@ -1,0 +1,102 @@
+//! The frames that are written: several values may share one, and it is sent whole.
+
+use crate::codec::{BitField, CanId, Encoded, Frame};
+use crate::fieldbus::error::{CallerFault, Fault};
+use crate::profile::Object;
+
+/// The frames of one interface, as they are sent next.
+#[derive(Clone, Debug, Default)]
+pub struct Images(Vec<Image>);
+
+#[derive(Clone, Debug)]
+struct Image {
+    frame: Frame,
+    values: Vec<Value>,
+}
+
+/// A value that is written in a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Value {
+    /// Where in there.
+    pub bits: BitField,
+    /// The node and the object that reads what stands there.
+    pub read_at: Option<(u8, Object)>,
+    /// It has been put in.
+    is_known: bool,
+}
+
+impl Value {
+    /// One that is not known yet.
+    pub fn new(bits: BitField, read_at: Option<(u8, Object)>) -> Value {
+        Value { bits, read_at, is_known: false }
+    }
+}
+
+impl Images {
+    /// One more frame, as it is before any of its values is put in.
+    pub fn add(&mut self, frame: Frame, values: Vec<Value>) {
+        self.0.push(Image { frame, values });
+    }
+
+    /// Puts a value in. The frame as it is to be sent.
+    ///
+    /// # Errors
+    /// No such frame; or another of its values is not known yet, and a zero in its place would be one that nobody wants.
+    pub fn put(&mut self, id: CanId, bits: BitField, words: &[u16]) -> Result<Frame, Fault> {
+        let image = self.0.iter_mut().find(|image| image.frame.id() == id);
+        let image = image.ok_or(Fault::Caller(CallerFault::Extent))?;
+        image.put(bits, Encoded::of(words).bits())?;
+        let is_whole = image.values.iter().all(|value| value.is_known);
+        if is_whole { Ok(image.frame) } else { Err(Fault::Caller(CallerFault::Incomplete)) }
+    }
+
+    /// An object was read: a value that stands there, and was not known yet, is now.
+    pub fn found(&mut self, node: u8, object: Object, words: &[u16]) {
+        for image in &mut self.0 {
+            let read = |value: &&Value| !value.is_known && value.read_at == Some((node, object));
+            if let Some(bits) = image.values.iter().find(read).map(|value| value.bits) {
+                // Where it does not fit, it stays unknown.
+                let _ = image.put(bits, Encoded::of(words).bits());
+            }
+        }
+    }
+}
+
+impl Image {
+    fn put(&mut self, bits: BitField, value: u64) -> Result<(), Fault> {
+        bits.insert(self.frame.data_mut(), value).map_err(|_| Fault::Caller(CallerFault::Extent))?;
+        self.values.iter_mut().filter(|known| known.bits == bits).for_each(|known| known.is_known = true);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::codec::{BitKind, ByteOrder, DataType};
+
+    fn bits(start: u16) -> BitField {
+        BitField::new(start, 16, ByteOrder::Intel, BitKind::Signed).unwrap()
+    }
+
+    #[test]
+    fn a_frame_is_sent_when_each_of_its_values_is_known_and_keeps_what_nobody_writes() {
+        let id = CanId::standard(0x20c).unwrap();
+        let object = Object { index: 0x2001, sub: 0, data_type: DataType::I16 };
+        let mut images = Images::default();
+        let frame = Frame::classic(id, &[0xaa, 0, 0, 0, 0, 0xbb]).unwrap();
+        images.add(frame, vec![Value::new(bits(8), None), Value::new(bits(24), Some((5, object)))]);
+        let incomplete = Err(Fault::Caller(CallerFault::Incomplete));
+        assert_eq!(images.put(id, bits(8), &[0x0102]), incomplete);
+        images.found(6, object, &[9]);
+        assert_eq!(images.put(id, bits(8), &[0x0102]), incomplete);
+        images.found(5, object, &[0xfffe]);
+        let whole = images.put(id, bits(8), &[0x0103]).unwrap();
+        assert_eq!(whole.data(), [0xaa, 0x03, 0x01, 0xfe, 0xff, 0xbb]);
+        // What is known is not overwritten by what was read a moment earlier.
+        images.found(5, object, &[7]);
+        assert_eq!(images.put(id, bits(8), &[1]).unwrap().data(), [0xaa, 1, 0, 0xfe, 0xff, 0xbb]);
+        let other = CanId::standard(0x20d).unwrap();
+        assert_eq!(images.put(other, bits(8), &[1]), Err(Fault::Caller(CallerFault::Extent)));
+    }
+}

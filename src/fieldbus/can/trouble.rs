@@ -1,0 +1,115 @@
+//! What a CAN controller says in its error frames, in words that name what to look at.
+
+use std::fmt;
+
+use socketcan::errors::{ControllerProblems, ErrorCause, Location};
+use socketcan::{CanError, CanErrorFrame};
+
+/// One error frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trouble(CanError);
+
+/// How much an error frame matters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Gravity {
+    /// The controller is back on the bus, or well again.
+    Over,
+    /// A frame went wrong and is repeated by the controller.
+    Error,
+    /// So many did that the controller is near to giving up.
+    Passive,
+    /// It has taken itself off the bus: nothing is sent or received.
+    BusOff,
+}
+
+impl Trouble {
+    pub(super) fn of(frame: CanErrorFrame) -> Trouble {
+        Trouble(frame.into_error())
+    }
+
+    /// One with nothing but its class.
+    #[cfg(test)]
+    pub(crate) fn from_class(class: u32) -> Trouble {
+        Trouble::of(CanErrorFrame::new_error(class, &[0; 8]).unwrap())
+    }
+
+    /// How much it matters.
+    pub fn gravity(&self) -> Gravity {
+        let gravity = |cause: &ErrorCause| match cause {
+            ErrorCause::BusOff => Gravity::BusOff,
+            ErrorCause::Restarted => Gravity::Over,
+            ErrorCause::Controller(problems) if problems.contains(ControllerProblems::ACTIVE) => {
+                Gravity::Over
+            }
+            ErrorCause::Controller(problems) if problems.intersects(PASSIVE) => Gravity::Passive,
+            ErrorCause::Counters { .. } => Gravity::Over,
+            _ => Gravity::Error,
+        };
+        self.0.causes().map(gravity).max().unwrap_or(Gravity::Error)
+    }
+}
+
+const PASSIVE: ControllerProblems = ControllerProblems::RX_PASSIVE.union(ControllerProblems::TX_PASSIVE);
+
+impl fmt::Display for Trouble {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // The numbers beside another cause say nothing to a person.
+        let is_told = |cause: &&ErrorCause| !matches!(cause, ErrorCause::Counters { .. });
+        let mut causes = self.0.causes().filter(is_told);
+        let Some(first) = causes.next() else { return f.write_str("errors counted by the controller") };
+        tell(first, f)?;
+        causes.try_for_each(|cause| {
+            f.write_str("; ")?;
+            tell(cause, f)
+        })
+    }
+}
+
+fn tell(cause: &ErrorCause, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    match cause {
+        ErrorCause::BusOff => f.write_str("bus-off: the controller has taken itself off the bus"),
+        ErrorCause::NoAck | ErrorCause::Protocol { location: Location::AckSlot, .. } => {
+            f.write_str("nobody acknowledges: is another node there, at this bitrate?")
+        }
+        ErrorCause::TransmitTimeout => f.write_str("a frame could not be sent in time"),
+        ErrorCause::BusError => f.write_str("bus error"),
+        ErrorCause::Restarted => f.write_str("the controller is back on the bus"),
+        ErrorCause::Transceiver { .. } => write!(f, "{cause}: look at the cable"),
+        ErrorCause::Protocol { .. } => write!(f, "{cause}: look at bitrate, cable and termination"),
+        ErrorCause::Controller(problems) if problems.contains(ControllerProblems::ACTIVE) => {
+            f.write_str("the controller is well again")
+        }
+        ErrorCause::Controller(problems) if problems.intersects(PASSIVE) => {
+            write!(f, "the controller is error-passive ({problems}): look at bitrate, cable and termination")
+        }
+        other => write!(f, "{other}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn trouble(class: u32, data: [u8; 8]) -> Trouble {
+        Trouble::of(CanErrorFrame::new_error(class, &data).unwrap())
+    }
+
+    #[test]
+    fn an_error_frame_says_what_to_look_at() {
+        for (class, data, gravity, words) in [
+            (0x040, [0; 8], Gravity::BusOff, "bus-off"),
+            (0x100, [0; 8], Gravity::Over, "back on the bus"),
+            (0x020, [0; 8], Gravity::Error, "nobody acknowledges"),
+            (0x008, [0, 0, 0x80, 0x19, 0, 0, 0, 0], Gravity::Error, "nobody acknowledges"),
+            (0x008, [0, 0, 0x04, 0x08, 0, 0, 0, 0], Gravity::Error, "termination"),
+            (0x204, [0, 0x30, 0, 0, 0, 0, 0x80, 0], Gravity::Passive, "error-passive"),
+            (0x204, [0, 0x40, 0, 0, 0, 0, 0, 0], Gravity::Over, "well again"),
+            (0x010, [0, 0, 0, 0, 0x04, 0, 0, 0], Gravity::Error, "cable"),
+            (0x200, [0, 0, 0, 0, 0, 0, 3, 9], Gravity::Over, "counted"),
+        ] {
+            let told = trouble(class, data);
+            assert_eq!(told.gravity(), gravity, "{told}");
+            assert!(told.to_string().contains(words), "{told}");
+        }
+    }
+}

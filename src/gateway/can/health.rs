@@ -1,0 +1,150 @@
+//! How a CAN bus does: told when something begins, when it gets worse and when it is over, with a count; never once a
+//! frame.
+
+use std::time::Duration;
+
+use crate::fieldbus::can::{Gravity, Trouble};
+use crate::quantity::Moment;
+
+/// Quiet for this long is over.
+const OVER_AFTER: Duration = Duration::from_secs(10);
+
+/// Everything that may be wrong with a bus.
+#[derive(Debug, Default)]
+pub(super) struct Health {
+    errors: Option<Episode>,
+    worst: Option<Gravity>,
+    full: Meter,
+    lost: Meter,
+}
+
+/// Something that goes on.
+#[derive(Clone, Copy, Debug)]
+struct Episode {
+    since: Moment,
+    last: Moment,
+    count: u64,
+}
+
+/// A number that grows while something is wrong.
+#[derive(Debug, Default)]
+struct Meter {
+    read: u64,
+    episode: Option<Episode>,
+}
+
+/// What is to be told.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Change {
+    /// It begins, or has become worse.
+    Worse { what: String, is_off: bool },
+    /// It is over: so many of what, in this time.
+    Over { count: u64, what: &'static str, within: Duration },
+}
+
+impl Episode {
+    /// One more; whether it is the first.
+    fn add(episode: &mut Option<Episode>, count: u64, now: Moment) -> bool {
+        let is_first = episode.is_none();
+        let known = episode.get_or_insert(Episode { since: now, last: now, count: 0 });
+        (known.last, known.count) = (now, known.count + count);
+        is_first
+    }
+
+    fn end(episode: &mut Option<Episode>, what: &'static str, now: Moment) -> Option<Change> {
+        let Episode { since, last, count } =
+            episode.take_if(|episode| now >= episode.last.after(OVER_AFTER))?;
+        Some(Change::Over { count, what, within: last.since(since) })
+    }
+}
+
+impl Meter {
+    fn read(&mut self, total: u64, now: Moment) -> bool {
+        let more = total.saturating_sub(self.read);
+        self.read = total;
+        more > 0 && Episode::add(&mut self.episode, more, now)
+    }
+}
+
+impl Health {
+    /// An error frame came.
+    pub(super) fn trouble(&mut self, trouble: &Trouble, now: Moment) -> Vec<Change> {
+        let gravity = trouble.gravity();
+        if gravity == Gravity::Over {
+            // Well again; what it was is counted to its end.
+            self.worst = self.worst.map(|_| Gravity::Error);
+            return Vec::new();
+        }
+        Episode::add(&mut self.errors, 1, now);
+        let is_worse =
+            self.worst.replace(self.worst.map_or(gravity, |worst| worst.max(gravity))) < Some(gravity);
+        let worse = || Change::Worse { what: trouble.to_string(), is_off: gravity == Gravity::BusOff };
+        is_worse.then(worse).into_iter().collect()
+    }
+
+    /// Lets time pass. How often the queue was full and how many frames were lost, both since the beginning.
+    pub(super) fn tick(&mut self, full: u64, lost: u64, now: Moment) -> Vec<Change> {
+        let mut changes = Vec::new();
+        if self.full.read(full, now) {
+            let what = "the interface's queue is full: nobody acknowledges, the bus is overloaded, or its txqueuelen is \
+                        too small; frames wait";
+            changes.push(Change::Worse { what: what.to_owned(), is_off: false });
+        }
+        if self.lost.read(lost, now) {
+            let what = "frames are lost: this computer does not take them fast enough";
+            changes.push(Change::Worse { what: what.to_owned(), is_off: false });
+        }
+        let over = Episode::end(&mut self.errors, "error frames", now);
+        if over.is_some() {
+            self.worst = None;
+        }
+        changes.extend(over);
+        changes.extend(Episode::end(&mut self.full.episode, "times the queue was full", now));
+        changes.extend(Episode::end(&mut self.lost.episode, "frames lost", now));
+        changes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(seconds: u64) -> Moment {
+        Moment::default().after(Duration::from_secs(1000 + seconds))
+    }
+
+    fn error(class: u32) -> Trouble {
+        Trouble::from_class(class)
+    }
+
+    #[test]
+    fn error_frames_are_told_when_they_begin_when_they_get_worse_and_when_they_are_over() {
+        let mut health = Health::default();
+        assert_eq!(health.trouble(&error(0x80), at(0)).len(), 1);
+        for second in 1..5 {
+            assert_eq!(health.trouble(&error(0x80), at(second)), []);
+        }
+        let off = health.trouble(&error(0x40), at(5));
+        assert!(matches!(off.as_slice(), [Change::Worse { is_off: true, .. }]), "{off:?}");
+        assert_eq!(health.trouble(&error(0x100), at(6)), []);
+        // Off again is told again.
+        assert_eq!(health.trouble(&error(0x40), at(7)).len(), 1);
+        assert_eq!(health.tick(0, 0, at(16)), []);
+        let over = Change::Over { count: 7, what: "error frames", within: Duration::from_secs(7) };
+        assert_eq!(health.tick(0, 0, at(17)), [over]);
+        assert_eq!(health.tick(0, 0, at(40)), []);
+    }
+
+    #[test]
+    fn a_full_queue_and_lost_frames_are_told_once_and_counted() {
+        let mut health = Health::default();
+        assert_eq!(health.tick(3, 0, at(0)).len(), 1);
+        assert_eq!(health.tick(8, 0, at(5)), []);
+        assert_eq!(health.tick(8, 40, at(6)).len(), 1);
+        let full =
+            Change::Over { count: 8, what: "times the queue was full", within: Duration::from_secs(5) };
+        assert_eq!(health.tick(8, 40, at(15)), [full]);
+        let lost = Change::Over { count: 40, what: "frames lost", within: Duration::ZERO };
+        assert_eq!(health.tick(8, 40, at(16)), [lost]);
+    }
+}

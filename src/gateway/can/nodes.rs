@@ -1,0 +1,206 @@
+//! The devices of a CAN line: nodes are led by the CANopen master, and a device that only sends is missed when it falls
+//! silent.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use crate::codec::{CanId, CanMatch, Frame, Table};
+use crate::fieldbus::canopen::NodeId;
+use crate::fieldbus::canopen::emergency::{Emergency, SERVICE};
+use crate::fieldbus::canopen::master::{Care, Master, NodeEvent, Output, Start};
+use crate::fieldbus::canopen::node::HEARTBEAT;
+use crate::fieldbus::canopen::sdo::ANSWER;
+use crate::profile::{BusId, CanDevice, DeviceId, Profile, Sync};
+use crate::quantity::Moment;
+
+/// Codes of one device that are told apart at a time.
+const MOST_CODES: usize = 16;
+
+/// All devices of one line.
+#[derive(Debug)]
+pub(super) struct Nodes {
+    settings: Vec<(NodeId, Care)>,
+    sync: Option<Sync>,
+    master: Master,
+    devices: Vec<(DeviceId, Option<NodeId>)>,
+    answers: Vec<CanId>,
+    silences: Vec<Silence>,
+    emergencies: BTreeMap<(NodeId, u16), u64>,
+    outputs: Vec<Output>,
+}
+
+/// A device without a heartbeat to be missed: nothing has come of it for longer than its oldest value may be old.
+#[derive(Debug)]
+struct Silence {
+    device: DeviceId,
+    patience: Duration,
+    heard: Moment,
+    was_heard: bool,
+    is_lost: bool,
+}
+
+/// What follows from a frame or from time.
+#[derive(Debug)]
+pub(super) enum Do {
+    Send(Frame),
+    /// This happened to the device.
+    Node(DeviceId, NodeEvent),
+    /// A device that only sends has not sent anything for so long, or never.
+    Silent(DeviceId, Duration, bool),
+    /// An emergency came that has not been told yet.
+    Complains(DeviceId, Emergency),
+    /// All that were told are over, after so many messages.
+    Content(DeviceId, u64),
+}
+
+impl Nodes {
+    pub(super) fn new(profile: &Profile, bus: BusId, now: Moment) -> Nodes {
+        let here = profile.devices.iter().enumerate().filter(|(_, device)| device.bus == bus);
+        let here = here.filter_map(|(place, device)| Some((DeviceId(place), device.can.as_ref()?)));
+        let node = |can: &CanDevice| can.node.and_then(NodeId::new);
+        let settings: Vec<(NodeId, Care)> = here
+            .clone()
+            .filter_map(|(_, can)| Some((node(can)?, Care { heartbeat: can.heartbeat, start: start(can) })))
+            .collect();
+        let sync = profile.bus(bus).sync;
+        let silences = here.clone().filter(|(_, can)| can.heartbeat.is_none()).filter_map(|(id, _)| {
+            let own = profile.signals.iter().filter(|signal| signal.device == id);
+            let patience = own
+                .filter(|signal| signal.address.table == Table::Process)
+                .map(|signal| signal.max_age)
+                .max()?;
+            Some(Silence { device: id, patience, heard: now, was_heard: false, is_lost: false })
+        });
+        Nodes {
+            master: Master::new(settings.iter().copied(), sync, now),
+            silences: silences.collect(),
+            devices: here.map(|(id, can)| (id, node(can))).collect(),
+            answers: settings.iter().map(|(node, _)| node.identifier(ANSWER)).collect(),
+            emergencies: BTreeMap::new(),
+            outputs: Vec::new(),
+            settings,
+            sync,
+        }
+    }
+
+    /// The interface is up again: whatever the nodes have been through meanwhile, they are led as at the beginning.
+    pub(super) fn begin_anew(&mut self, now: Moment) {
+        self.master = Master::new(self.settings.iter().copied(), self.sync, now);
+        self.silences.iter_mut().for_each(|silence| silence.heard = now);
+    }
+
+    /// The frames that are wanted for that.
+    pub(super) fn wanted(&self) -> impl Iterator<Item = CanMatch> {
+        self.master.identifiers().chain(self.answers.iter().copied()).map(CanMatch::exactly)
+    }
+
+    /// Whether a frame answers an SDO of ours.
+    pub(super) fn answers(&self, id: CanId) -> bool {
+        self.answers.contains(&id)
+    }
+
+    /// The devices of the line.
+    pub(super) fn devices(&self) -> impl Iterator<Item = DeviceId> {
+        self.devices.iter().map(|(device, _)| *device)
+    }
+
+    /// Nothing has been heard of it within its patience.
+    pub(super) fn is_lost(&self, device: DeviceId) -> bool {
+        match self.devices.iter().find(|(id, _)| *id == device) {
+            Some((_, Some(node))) if self.master.is_lost(*node) => true,
+            _ => self.silences.iter().any(|silence| silence.device == device && silence.is_lost),
+        }
+    }
+
+    /// The node of ours that speaks of itself in a frame: its state, or an emergency.
+    pub(super) fn speaker(&self, frame: &Frame) -> Option<DeviceId> {
+        let node = [HEARTBEAT, SERVICE].into_iter().find_map(|service| NodeId::sender(frame, service))?;
+        self.device(node)
+    }
+
+    /// A value of a device has come.
+    pub(super) fn heard(&mut self, device: DeviceId, now: Moment) {
+        if let Some(silence) = self.silences.iter_mut().find(|silence| silence.device == device) {
+            silence.is_lost = false;
+            (silence.heard, silence.was_heard) = (now, true);
+        }
+    }
+
+    pub(super) fn take(&mut self, frame: &Frame, now: Moment) -> Vec<Do> {
+        self.master.take(frame, now, &mut self.outputs);
+        self.follow()
+    }
+
+    /// Lets time pass; these devices have been set up.
+    pub(super) fn tick(&mut self, set_up: Vec<DeviceId>, now: Moment) -> Vec<Do> {
+        for device in set_up {
+            if let Some((_, Some(node))) = self.devices.iter().find(|(id, _)| *id == device) {
+                self.master.set_up(*node, &mut self.outputs);
+            }
+        }
+        self.master.tick(now, &mut self.outputs);
+        let mut follows = self.follow();
+        for silence in self.silences.iter_mut().filter(|silence| silence.due().is_some_and(|due| due <= now))
+        {
+            silence.is_lost = true;
+            follows.push(Do::Silent(silence.device, silence.patience, silence.was_heard));
+        }
+        follows
+    }
+
+    pub(super) fn due(&self) -> Option<Moment> {
+        self.silences.iter().filter_map(Silence::due).chain(self.master.due()).min()
+    }
+
+    fn follow(&mut self) -> Vec<Do> {
+        let mut follows = Vec::new();
+        for output in std::mem::take(&mut self.outputs) {
+            match output {
+                Output::Send(frame) => follows.push(Do::Send(frame)),
+                Output::Tell(node, event) => {
+                    let Some(device) = self.device(node) else { continue };
+                    match event {
+                        NodeEvent::Emergency(emergency) => {
+                            follows.extend(self.complains(node, device, emergency))
+                        }
+                        event => follows.push(Do::Node(device, event)),
+                    }
+                }
+            }
+        }
+        follows
+    }
+
+    /// Each code is told once, until the node says that it is over.
+    fn complains(&mut self, node: NodeId, device: DeviceId, emergency: Emergency) -> Option<Do> {
+        let known = self.emergencies.range((node, 0)..=(node, u16::MAX)).count();
+        if emergency.is_over() {
+            let counts = self.emergencies.range((node, 0)..=(node, u16::MAX)).map(|(_, count)| count).sum();
+            self.emergencies.retain(|(other, _), _| *other != node);
+            return (known > 0).then_some(Do::Content(device, counts));
+        }
+        let is_new = known < MOST_CODES && !self.emergencies.contains_key(&(node, emergency.code));
+        if is_new || self.emergencies.contains_key(&(node, emergency.code)) {
+            *self.emergencies.entry((node, emergency.code)).or_default() += 1;
+        }
+        is_new.then_some(Do::Complains(device, emergency))
+    }
+
+    fn device(&self, node: NodeId) -> Option<DeviceId> {
+        self.devices.iter().find(|(_, known)| *known == Some(node)).map(|(device, _)| *device)
+    }
+}
+
+impl Silence {
+    fn due(&self) -> Option<Moment> {
+        (!self.is_lost).then(|| self.heard.after(self.patience))
+    }
+}
+
+fn start(can: &CanDevice) -> Start {
+    match can.start {
+        false => Start::Never,
+        true if can.setup.is_empty() => Start::AtOnce,
+        true => Start::WhenSetUp,
+    }
+}

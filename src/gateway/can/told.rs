@@ -1,0 +1,124 @@
+//! What happens to the devices of a CAN line: what is sent, what is told, what their readings are worth.
+
+use super::Ear;
+use super::nodes::Do;
+use crate::fieldbus::canopen::master::NodeEvent;
+use crate::gateway::shared::{Core, Shared};
+use crate::observe::events::{CanEvent, Event};
+use crate::profile::DeviceId;
+use crate::reading::Reason;
+
+impl Ear {
+    /// A frame of a device came that is not of a value.
+    pub(super) fn is_spoken_to_by(&self, device: DeviceId) {
+        let events = self.shared.core().can_heard(&self.shared, device);
+        events.into_iter().flatten().for_each(|event| self.shared.tell(&event));
+    }
+
+    /// Does what follows from a frame or from time.
+    pub(super) fn act(&mut self, follows: &mut Vec<Do>) {
+        for follow in follows.drain(..) {
+            match follow {
+                Do::Send(frame) => self.queue(frame),
+                Do::Node(device, event) => self.happened(device, event),
+                Do::Silent(device, patience, was_heard) => {
+                    let patience = humantime::format_duration(patience);
+                    let words = if was_heard { "nothing comes any more" } else { "nothing has come" };
+                    self.lost(device, format!("{words}, for {patience}"));
+                }
+                Do::Complains(device, emergency) => {
+                    let own = self.shared.profile.device(device);
+                    let means = own.can.as_ref().map_or(String::new(), |can| can.emergency(emergency.code));
+                    let (device, what) = (own.name.clone(), format!("{means} ({emergency})"));
+                    self.shared.tell(&Event::Can(CanEvent::Emergency { device, what }));
+                }
+                Do::Content(device, count) => {
+                    let device = self.shared.profile.device(device).name.clone();
+                    self.shared.tell(&Event::Can(CanEvent::EmergencyOver { device, count }));
+                }
+            }
+        }
+        self.send();
+    }
+
+    fn happened(&mut self, device: DeviceId, event: NodeEvent) {
+        let own = self.shared.profile.device(device);
+        let (name, node) = (own.name.clone(), own.unit);
+        let what = event.to_string();
+        let mut events = Vec::new();
+        match event {
+            NodeEvent::BootedUp { again } => {
+                self.begins_anew(device, again);
+                events.extend(again.then_some(Event::Can(CanEvent::NodeReset { device: name, node, what })));
+            }
+            NodeEvent::FellBack => {
+                self.begins_anew(device, true);
+                events.push(Event::Can(CanEvent::NodeReset { device: name, node, what }));
+            }
+            NodeEvent::Stopped => events.push(Event::Can(CanEvent::NodeReset { device: name, node, what })),
+            NodeEvent::Lost { .. } => self.lost(device, what),
+            NodeEvent::Back { .. } => {
+                self.can.revive(Some(device));
+                events.extend(self.shared.core().can_heard(&self.shared, device).into_iter().flatten());
+                self.shared.ring_line(self.bus);
+            }
+            // Sifted before.
+            NodeEvent::Emergency(_) => {}
+        }
+        events.iter().for_each(|event| self.shared.tell(event));
+    }
+
+    fn lost(&self, device: DeviceId, what: String) {
+        self.condemn(device, Reason::Timeout);
+        let event = self.shared.core().can_lost(&self.shared, device, what);
+        event.iter().for_each(|event| self.shared.tell(event));
+    }
+
+    /// A node came up: it is set up and looked at as at the beginning. What it said before its reset is not believed any
+    /// more, and what stands in its registers is read anew.
+    fn begins_anew(&mut self, device: DeviceId, was_there: bool) {
+        if was_there {
+            self.condemn(device, Reason::NotAsExpected);
+        }
+        let mut core = self.shared.core();
+        core.commissioning.forget(&self.shared, device);
+        if was_there {
+            core.restarts.device_restarted(&self.shared.profile, device);
+        }
+        drop(core);
+        self.can.revive(Some(device));
+        self.shared.ring_line(self.bus);
+    }
+
+    fn condemn(&self, device: DeviceId, reason: Reason) {
+        let now = self.shared.clock.now();
+        let mut core = self.shared.core();
+        for signal in self.routes.of_device(device) {
+            core.board.store(&self.shared.profile, signal, Err(reason), now);
+            core.board.fail(signal, reason);
+        }
+    }
+}
+
+impl Core {
+    /// A frame of a device came.
+    pub(super) fn can_heard(&mut self, shared: &Shared, id: DeviceId) -> [Option<Event>; 2] {
+        let count = &self.devices[id.0];
+        if count.answered && count.lost.is_none() { [None, None] } else { self.device_answers(shared, id) }
+    }
+
+    /// Nothing comes of a device any more; told once, but for a bus that is down, which has been.
+    fn can_lost(&mut self, shared: &Shared, id: DeviceId, fault: String) -> Option<Event> {
+        let device = shared.profile.device(id);
+        let is_down = self.buses[device.bus.0].down.is_some();
+        let lost = self.devices[id.0].lost.get_or_insert_default();
+        lost.missed += 1;
+        lost.answers_since = None;
+        lost.fault = fault.clone();
+        if is_down || std::mem::replace(&mut lost.told, true) {
+            return None;
+        }
+        self.commissioning.forget(shared, id);
+        Some(Event::DeviceLost { device: device.name.clone(), at: device.at(), fault })
+    }
+}

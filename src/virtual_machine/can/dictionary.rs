@@ -1,0 +1,255 @@
+//! A node's objects, and the SDO server in front of them: expedited and segmented, both ways.
+
+use std::collections::BTreeMap;
+
+/// Index and sub-index.
+pub type At = (u16, u8);
+
+/// An object's bytes, lowest first, and whether they may be written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Object {
+    /// What is read.
+    pub bytes: Vec<u8>,
+    /// Whether SDO may write it.
+    pub is_writable: bool,
+}
+
+/// The objects of a node.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Dictionary {
+    objects: BTreeMap<At, Object>,
+}
+
+/// What a server does with a request.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Served {
+    /// The answer.
+    pub answer: Option<[u8; 8]>,
+    /// The object that was written by it.
+    pub written: Option<At>,
+}
+
+/// The state of one SDO channel.
+#[derive(Clone, Debug, Default)]
+pub struct Server(Option<Transfer>);
+
+#[derive(Clone, Debug)]
+struct Transfer {
+    at: At,
+    /// What goes out, or what has come in.
+    bytes: Vec<u8>,
+    /// How many of them are gone; `None` where they come in.
+    sent: Option<usize>,
+    announced: Option<usize>,
+    toggle: bool,
+}
+
+/// Toggle bit not alternated.
+const TOGGLE: u32 = 0x0503_0000;
+/// Command specifier not known.
+pub const COMMAND: u32 = 0x0504_0001;
+/// Object cannot be written.
+const READ_ONLY: u32 = 0x0601_0002;
+/// No such object.
+const NO_OBJECT: u32 = 0x0602_0000;
+/// Length of the data does not match.
+const LENGTH: u32 = 0x0607_0010;
+/// No such sub-index.
+const NO_SUB_INDEX: u32 = 0x0609_0011;
+
+impl Dictionary {
+    /// Adds an object, or changes what it reads.
+    pub fn put(&mut self, at: At, bytes: &[u8], is_writable: bool) {
+        self.objects.insert(at, Object { bytes: bytes.to_vec(), is_writable });
+    }
+
+    /// Changes what an object reads; one that is not there stays away.
+    pub fn set(&mut self, at: At, bytes: &[u8]) {
+        if let Some(object) = self.objects.get_mut(&at) {
+            object.bytes.clear();
+            object.bytes.extend_from_slice(bytes);
+        }
+    }
+
+    /// What an object reads.
+    pub fn get(&self, at: At) -> Option<&[u8]> {
+        self.objects.get(&at).map(|object| object.bytes.as_slice())
+    }
+
+    /// What an object of at most eight bytes reads, as a number from zero.
+    pub fn number(&self, at: At) -> Option<u64> {
+        let bytes = self.get(at)?;
+        let mut eight = [0; 8];
+        eight.get_mut(..bytes.len())?.copy_from_slice(bytes);
+        Some(u64::from_le_bytes(eight))
+    }
+
+    /// Puts the objects of these indices back to what they are in another dictionary.
+    pub fn restore(&mut self, from: &Dictionary, indices: std::ops::Range<u16>) {
+        for (at, object) in from.objects.range((indices.start, 0)..(indices.end, 0)) {
+            self.objects.insert(*at, object.clone());
+        }
+    }
+
+    /// Lets SDO write an object that is there.
+    pub fn unlock(&mut self, at: At) {
+        if let Some(object) = self.objects.get_mut(&at) {
+            object.is_writable = true;
+        }
+    }
+
+    fn missing(&self, at: At) -> u32 {
+        let is_known = self.objects.range((at.0, 0)..=(at.0, u8::MAX)).next().is_some();
+        if is_known { NO_SUB_INDEX } else { NO_OBJECT }
+    }
+
+    fn writable(&self, at: At) -> Result<&Object, u32> {
+        let object = self.objects.get(&at).ok_or_else(|| self.missing(at))?;
+        if object.is_writable { Ok(object) } else { Err(READ_ONLY) }
+    }
+
+    fn write(&mut self, at: At, bytes: &[u8]) -> Result<(), u32> {
+        if self.writable(at)?.bytes.len() != bytes.len() {
+            return Err(LENGTH);
+        }
+        self.set(at, bytes);
+        Ok(())
+    }
+}
+
+impl Server {
+    /// Whether a request is a part of writing something.
+    pub fn is_write(request: &[u8]) -> bool {
+        request.first().is_some_and(|command| matches!(command >> 5, 0 | 1))
+    }
+
+    /// What a request speaks of; a segment does not say.
+    pub fn names(request: &[u8]) -> Option<At> {
+        match request {
+            [command, low, high, sub, ..] if matches!(command >> 5, 1 | 2) => {
+                Some((u16::from_le_bytes([*low, *high]), *sub))
+            }
+            _ => None,
+        }
+    }
+
+    /// Carries out one request; one that has not eight bytes is none.
+    pub fn serve(&mut self, request: &[u8], objects: &mut Dictionary) -> Served {
+        let Ok([command, low, high, sub, rest @ ..]) = <[u8; 8]>::try_from(request) else {
+            return Served::default();
+        };
+        let at = (u16::from_le_bytes([low, high]), sub);
+        let answered = match command >> 5 {
+            // The client gives up.
+            4 => {
+                self.0 = None;
+                return Served::default();
+            }
+            2 => self.read(at, objects),
+            1 => self.write(at, command, rest, objects),
+            3 => self.next_out(command),
+            0 => self.next_in(command, &request[1..], objects),
+            _ => Err((at, COMMAND)),
+        };
+        match answered {
+            Ok((answer, written)) => Served { answer: Some(answer), written },
+            Err((at, code)) => {
+                self.0 = None;
+                Served { answer: Some(refusal(at, code)), written: None }
+            }
+        }
+    }
+
+    fn read(&mut self, at: At, objects: &Dictionary) -> Answered {
+        let bytes = objects.get(at).ok_or_else(|| (at, objects.missing(at)))?;
+        self.0 = None;
+        if (1..=4).contains(&bytes.len()) {
+            let mut rest = [0; 4];
+            rest[..bytes.len()].copy_from_slice(bytes);
+            return Ok((message(0x43 | spare(4, bytes.len()) << 2, at, rest), None));
+        }
+        let length = u32::try_from(bytes.len()).unwrap_or(u32::MAX);
+        self.0 = Some(Transfer { at, bytes: bytes.to_vec(), sent: Some(0), announced: None, toggle: false });
+        Ok((message(0x41, at, length.to_le_bytes()), None))
+    }
+
+    fn next_out(&mut self, command: u8) -> Answered {
+        let Some(Transfer { at, bytes, sent: Some(sent), toggle, .. }) = &mut self.0 else {
+            return Err(((0, 0), COMMAND));
+        };
+        if (command & 0x10 != 0) != *toggle {
+            return Err((*at, TOGGLE));
+        }
+        let until = bytes.len().min(*sent + 7);
+        let part = &bytes[*sent..until];
+        let mut answer = [0; 8];
+        answer[0] = u8::from(*toggle) << 4 | spare(7, part.len()) << 1 | u8::from(until == bytes.len());
+        answer[1..=part.len()].copy_from_slice(part);
+        *sent = until;
+        *toggle = !*toggle;
+        if until == bytes.len() {
+            self.0 = None;
+        }
+        Ok((answer, None))
+    }
+
+    fn write(&mut self, at: At, command: u8, rest: [u8; 4], objects: &mut Dictionary) -> Answered {
+        let width = objects.writable(at).map_err(|code| (at, code))?.bytes.len();
+        self.0 = None;
+        let done = message(0x60, at, [0; 4]);
+        if command & 2 == 2 {
+            let length = if command & 1 == 1 { 4 - usize::from(command >> 2 & 3) } else { width.min(4) };
+            objects.write(at, &rest[..length]).map_err(|code| (at, code))?;
+            return Ok((done, Some(at)));
+        }
+        let announced = (command & 1 == 1).then(|| u32::from_le_bytes(rest));
+        let announced = announced.map(|length| usize::try_from(length).unwrap_or(usize::MAX));
+        if announced.is_some_and(|announced| announced != width) {
+            return Err((at, LENGTH));
+        }
+        self.0 = Some(Transfer { at, bytes: Vec::new(), sent: None, announced: Some(width), toggle: false });
+        Ok((done, None))
+    }
+
+    fn next_in(&mut self, command: u8, data: &[u8], objects: &mut Dictionary) -> Answered {
+        let Some(Transfer { at, bytes, sent: None, announced, toggle }) = &mut self.0 else {
+            return Err(((0, 0), COMMAND));
+        };
+        let at = *at;
+        if (command & 0x10 != 0) != *toggle {
+            return Err((at, TOGGLE));
+        }
+        bytes.extend_from_slice(&data[..7 - usize::from(command >> 1 & 7)]);
+        if announced.is_some_and(|announced| bytes.len() > announced) {
+            return Err((at, LENGTH));
+        }
+        let answer = message(0x20 | u8::from(*toggle) << 4, (0, 0), [0; 4]);
+        *toggle = !*toggle;
+        if command & 1 == 0 {
+            return Ok((answer, None));
+        }
+        let bytes = std::mem::take(bytes);
+        self.0 = None;
+        objects.write(at, &bytes).map_err(|code| (at, code))?;
+        Ok((answer, Some(at)))
+    }
+}
+
+/// The answer and the object it has written; or for which object it is refused, and why.
+type Answered = Result<([u8; 8], Option<At>), (At, u32)>;
+
+/// The answer that refuses a request.
+pub fn refusal(at: At, code: u32) -> [u8; 8] {
+    message(0x80, at, code.to_le_bytes())
+}
+
+fn message(command: u8, at: At, rest: [u8; 4]) -> [u8; 8] {
+    let [low, high] = at.0.to_le_bytes();
+    let [a, b, c, d] = rest;
+    [command, low, high, at.1, a, b, c, d]
+}
+
+/// How many of so many places stay empty.
+fn spare(places: usize, taken: usize) -> u8 {
+    u8::try_from(places - taken).unwrap_or_default()
+}

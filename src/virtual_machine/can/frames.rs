@@ -1,0 +1,161 @@
+//! Frames as a device sends and takes them: the cells of its bank in the bits of a frame.
+
+use std::time::Duration;
+
+use crate::codec::{Address, BitField, CanId, CanMatch, Encoded, Frame, Table};
+use crate::profile::{CanDevice, DeviceId, Field, Profile, Verify};
+use crate::virtual_machine::registers::Bank;
+
+/// One kind of frame that a device sends. Where its content is multiplexed there is one for each selection.
+#[derive(Clone, Debug, PartialEq)]
+pub(in crate::virtual_machine) struct Image {
+    id: CanId,
+    length: usize,
+    /// What selects its content.
+    selected: Vec<(BitField, u64)>,
+    parts: Vec<(Address, BitField)>,
+}
+
+/// A value that a device takes out of frames.
+#[derive(Clone, Debug, PartialEq)]
+pub(in crate::virtual_machine) struct Taken {
+    field: Field,
+    /// Where it is kept: in its own cell, and in the object by which it is read again.
+    cells: Vec<Address>,
+}
+
+/// What a frame brings to a device.
+#[derive(Clone, Debug, PartialEq)]
+pub(in crate::virtual_machine) enum Delivery {
+    /// Nothing of it is awaited here.
+    Foreign,
+    /// What is put where.
+    Taken(Vec<(Vec<Address>, Encoded)>),
+    /// It has too few bytes: nothing is taken.
+    Short,
+}
+
+/// Frames of one identifier that a device sends together.
+#[derive(Clone, Debug, PartialEq)]
+pub(in crate::virtual_machine) struct Group {
+    pub(in crate::virtual_machine) id: CanId,
+    /// As often as the device is polled, and often enough that none of the values grows too old.
+    pub(in crate::virtual_machine) every: Duration,
+    pub(in crate::virtual_machine) images: Vec<Image>,
+}
+
+/// The frames that a device sends.
+pub(in crate::virtual_machine) fn sent(profile: &Profile, id: DeviceId) -> Vec<Group> {
+    let device = profile.device(id);
+    let Some(can) = &device.can else { return Vec::new() };
+    let mut sent: Vec<Group> = Vec::new();
+    let signals = profile.signals.iter().filter(|signal| signal.device == id);
+    // What does not depend on a selection is in the frames of each, so selections come first.
+    let mut fields: Vec<_> =
+        signals.filter_map(|signal| Some((signal, field(can, signal.address)?))).collect();
+    fields.sort_by_key(|(_, field)| field.multiplex.is_empty());
+    for (signal, field) in fields {
+        let id = sender(field.frames);
+        let place = sent.iter().position(|group| group.id == id).unwrap_or(sent.len());
+        if place == sent.len() {
+            sent.push(Group { id, every: device.every, images: Vec::new() });
+        }
+        let Group { every, images, .. } = &mut sent[place];
+        *every = (*every).min(signal.max_age / 4).max(Duration::from_millis(1));
+        let select = |selector: &crate::profile::Selector| {
+            let (value, _) = selector.values.first()?;
+            Some((selector.bits, *value))
+        };
+        let selected: Vec<_> = field.multiplex.iter().filter_map(select).collect();
+        if !images.iter().any(|image| selected.is_empty() || image.selected == selected) {
+            images.push(Image { id, length: 0, selected: selected.clone(), parts: Vec::new() });
+        }
+        for image in images.iter_mut().filter(|image| selected.is_empty() || image.selected == selected) {
+            image.parts.push((signal.address, field.bits));
+            let needed = image.selected.iter().map(|(bits, _)| bits.bytes()).chain([field.bits.bytes()]);
+            image.length = image.length.max(needed.max().unwrap_or(0));
+        }
+    }
+    sent
+}
+
+/// What a device takes out of the frames that outputs write.
+pub(in crate::virtual_machine) fn taken(profile: &Profile, id: DeviceId) -> Vec<Taken> {
+    let Some(can) = &profile.device(id).can else { return Vec::new() };
+    let outputs = profile.outputs.iter().filter(|output| output.device == id);
+    let taken = outputs.filter_map(|output| {
+        let mut cells = vec![output.address];
+        if let Verify::ReadBackAt(again) = output.verify {
+            cells.push(again);
+        }
+        Some(Taken { field: field(can, output.address)?.clone(), cells })
+    });
+    taken.collect()
+}
+
+fn field(can: &CanDevice, at: Address) -> Option<&Field> {
+    if at.table == Table::Process { can.field(at.offset) } else { None }
+}
+
+/// An identifier that a listener takes. A J1939 group is sent with the usual priority, 6.
+fn sender(frames: CanMatch) -> CanId {
+    let priority = 0x1800_0000 & !frames.mask;
+    let any = frames.id.is_extended().then(|| CanId::extended(frames.id.raw() | priority)).flatten();
+    any.unwrap_or(frames.id)
+}
+
+impl Image {
+    /// The frame with what stands in the bank now.
+    pub(in crate::virtual_machine) fn frame(&self, bank: &Bank) -> Option<Frame> {
+        let mut bytes = [0; BitField::LONGEST_FRAME];
+        let bytes = &mut bytes[..Frame::fd_length(self.length)?];
+        for (address, bits) in &self.parts {
+            let words = bank.read(*address, bits.data_type().registers())?;
+            bits.insert(bytes, Encoded::of(words).bits()).ok()?;
+        }
+        for (bits, value) in &self.selected {
+            bits.insert(bytes, *value).ok()?;
+        }
+        if self.length > 8 { Frame::fd(self.id, bytes) } else { Frame::classic(self.id, bytes) }
+    }
+
+    /// The last byte that a listener needs.
+    pub(in crate::virtual_machine) const fn length(&self) -> usize {
+        self.length
+    }
+}
+
+impl Taken {
+    /// Where it is in which frames.
+    pub(in crate::virtual_machine) const fn field(&self) -> &Field {
+        &self.field
+    }
+
+    /// The cell that follows when an object is written by which this is read again.
+    pub(in crate::virtual_machine) fn shown_at(&self, object: Address) -> Option<Address> {
+        self.cells.first().copied().filter(|_| self.cells.get(1) == Some(&object))
+    }
+}
+
+/// What a frame brings to a device that awaits these.
+pub(in crate::virtual_machine) fn delivered(taken: &[Taken], frame: &Frame) -> Delivery {
+    let awaited = taken.iter().filter(|value| value.field.frames.takes(frame.id()));
+    let read: Option<Vec<_>> = awaited
+        .filter_map(|value| Some((value, value.field.read(frame.data())?)))
+        .map(|(value, words)| Some((value.cells.clone(), words.ok()?)))
+        .collect();
+    match read {
+        None => Delivery::Short,
+        Some(read) if read.is_empty() => Delivery::Foreign,
+        Some(read) => Delivery::Taken(read),
+    }
+}
+
+/// The beginning of a frame: as many bytes as this, or fewer where no frame of its kind has as many.
+pub(in crate::virtual_machine) fn beginning(frame: &Frame, bytes: usize) -> Option<Frame> {
+    let length = bytes.min(frame.data().len());
+    if !frame.is_fd() {
+        return Frame::classic(frame.id(), &frame.data()[..length]);
+    }
+    (0..=length).rev().find_map(|length| Frame::fd(frame.id(), &frame.data()[..length]))
+}

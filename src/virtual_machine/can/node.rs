@@ -1,0 +1,318 @@
+//! A device on a CAN line: a CANopen node with its states, or one that only sends.
+
+use std::time::Duration;
+
+use crate::codec::{CanId, Frame};
+use crate::quantity::Moment;
+
+use super::dictionary::{At, Dictionary, Served, Server};
+
+/// The identifiers of CANopen's services; all but the first two with the node's number added.
+const NMT: u16 = 0x000;
+const SYNC: At = (0x1005, 0);
+const EMERGENCY: u16 = 0x080;
+const SDO_ANSWER: u16 = 0x580;
+const SDO_REQUEST: u16 = 0x600;
+const HEARTBEAT: u16 = 0x700;
+
+/// Heartbeat producer time, ms.
+pub(in crate::virtual_machine) const HEARTBEAT_TIME: At = (0x1017, 0);
+/// The kinds of errors that stand.
+pub(in crate::virtual_machine) const ERROR_REGISTER: At = (0x1001, 0);
+/// An encoder's cycle time, ms: the event timer of its first PDO by another name.
+pub(in crate::virtual_machine) const CYCLE: At = (0x6200, 0);
+
+/// The objects that say how a PDO is sent: identifier, type, event timer in ms.
+pub(in crate::virtual_machine) const fn communication(pdo: u16) -> [At; 3] {
+    let index = 0x1800 + pdo;
+    [(index, 1), (index, 2), (index, 5)]
+}
+
+/// The communication profile's part of the dictionary, which a reset of the communication alone puts back.
+const COMMUNICATION: std::ops::Range<u16> = 0x1000..0x2000;
+
+#[derive(Clone, Debug)]
+pub(in crate::virtual_machine) struct Node {
+    /// `None`: it only sends.
+    number: Option<u8>,
+    /// It needs no master to become operational.
+    starts_itself: bool,
+    state: State,
+    pub(in crate::virtual_machine) objects: Dictionary,
+    at_power_on: Dictionary,
+    server: Server,
+    heartbeat: Option<Moment>,
+    pdos: Vec<Pdo>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    Stopped = 0x04,
+    Operational = 0x05,
+    PreOperational = 0x7f,
+}
+
+/// What a device sends of what it measures.
+#[derive(Clone, Debug)]
+pub(in crate::virtual_machine) struct Pdo {
+    id: CanId,
+    /// Which of the node's PDOs, whose objects then say how it is sent.
+    number: Option<u16>,
+    /// Its period where no objects say so.
+    every: Duration,
+    due: Option<Moment>,
+    syncs: u8,
+}
+
+/// What a node does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::virtual_machine) enum Act {
+    /// It sends this.
+    Send(Frame),
+    /// It sends what it measures, its PDO of this place.
+    Measured(usize),
+    /// It forgets what was written to it, as at power-on. [`Node::boot`] is to follow.
+    Reset,
+    /// It has put objects back by itself.
+    Restored,
+}
+
+impl Pdo {
+    pub(in crate::virtual_machine) fn new(id: CanId, number: Option<u16>, every: Duration) -> Pdo {
+        Pdo { id, number, every, due: None, syncs: 0 }
+    }
+}
+
+impl Node {
+    /// A node without power; [`Node::boot`] gives it some.
+    pub(in crate::virtual_machine) fn new(
+        number: Option<u8>,
+        starts_itself: bool,
+        objects: Dictionary,
+        pdos: Vec<Pdo>,
+    ) -> Node {
+        Node {
+            number,
+            starts_itself,
+            state: State::Stopped,
+            at_power_on: objects.clone(),
+            objects,
+            server: Server::default(),
+            heartbeat: None,
+            pdos,
+        }
+    }
+
+    /// The power comes on.
+    pub(in crate::virtual_machine) fn boot(&mut self, now: Moment, acts: &mut Vec<Act>) {
+        self.objects = self.at_power_on.clone();
+        self.begin(now, acts);
+    }
+
+    /// When it has something to do by itself.
+    pub(in crate::virtual_machine) fn due(&self) -> Option<Moment> {
+        let pdos = self.pdos.iter().filter_map(|pdo| pdo.due);
+        pdos.filter(|_| self.state == State::Operational).chain(self.heartbeat).min()
+    }
+
+    /// Lets time pass.
+    pub(in crate::virtual_machine) fn tick(&mut self, now: Moment, acts: &mut Vec<Act>) {
+        if let (Some(due), Some(period)) = (self.heartbeat, self.milliseconds(HEARTBEAT_TIME))
+            && due <= now
+        {
+            acts.extend(self.service(HEARTBEAT, [self.state as u8]).map(Act::Send));
+            self.heartbeat = Some(now.next_tick(due, period));
+        }
+        if self.state != State::Operational {
+            return;
+        }
+        for place in 0..self.pdos.len() {
+            if let (Some(due), Some(period)) = (self.pdos[place].due, self.period(place))
+                && due <= now
+            {
+                acts.push(Act::Measured(place));
+                self.pdos[place].due = Some(now.next_tick(due, period));
+            }
+        }
+    }
+
+    /// Takes a frame of CANopen's services, where it is for this node. Gives what an SDO server made of it.
+    pub(in crate::virtual_machine) fn take(
+        &mut self,
+        frame: &Frame,
+        now: Moment,
+        acts: &mut Vec<Act>,
+    ) -> Option<Served> {
+        let number = self.number?;
+        let id = frame.id();
+        if id == CanId::of_11_bits(NMT) {
+            match frame.data() {
+                [command, to, ..] if *to == number || *to == 0 => self.command(*command, now, acts),
+                _ => {}
+            }
+        } else if self.is_asked_by(frame) {
+            let served = self.server.serve(frame.data(), &mut self.objects);
+            if let Some(at) = served.written {
+                self.has_changed(at, now);
+            }
+            return Some(served);
+        } else if self.objects.number(SYNC).is_some_and(|sync| sync == u64::from(id.raw())) {
+            self.sync(acts);
+        }
+        None
+    }
+
+    /// The identifiers of the services that it hears.
+    pub(in crate::virtual_machine) fn hears(&self) -> Vec<CanId> {
+        let Some(number) = self.number else { return Vec::new() };
+        let sync = self.objects.number(SYNC).and_then(|sync| CanId::standard(u32::try_from(sync).ok()?));
+        let services = [NMT, SDO_REQUEST + u16::from(number)].map(CanId::of_11_bits);
+        services.into_iter().chain(sync).collect()
+    }
+
+    /// Whether a frame asks its SDO server something.
+    pub(in crate::virtual_machine) fn is_asked_by(&self, frame: &Frame) -> bool {
+        let request = self.number.map(|number| CanId::of_11_bits(SDO_REQUEST + u16::from(number)));
+        request == Some(frame.id()) && self.state != State::Stopped
+    }
+
+    /// What was written last has not been written: this is what stands there.
+    pub(in crate::virtual_machine) fn undo(&mut self, at: At, objects: Dictionary, now: Moment) {
+        self.objects = objects;
+        self.has_changed(at, now);
+    }
+
+    /// Whether it takes process data now.
+    pub(in crate::virtual_machine) const fn takes_process_data(&self) -> bool {
+        matches!(self.state, State::Operational)
+    }
+
+    /// The frame that answers an SDO.
+    pub(in crate::virtual_machine) fn answer(&self, bytes: [u8; 8]) -> Option<Frame> {
+        self.service(SDO_ANSWER, bytes)
+    }
+
+    /// Complains, with the error register that goes with the code; code 0: all is well again.
+    pub(in crate::virtual_machine) fn complain(&mut self, code: u16, acts: &mut Vec<Act>) {
+        let register = match code >> 12 {
+            0 if code == 0 => 0,
+            2 => 0x03,
+            3 => 0x05,
+            4 => 0x09,
+            8 => 0x11,
+            0xf => 0x81,
+            _ => 0x01,
+        };
+        self.objects.set(ERROR_REGISTER, &[register]);
+        let [low, high] = code.to_le_bytes();
+        if self.state != State::Stopped {
+            acts.extend(self.service(EMERGENCY, [low, high, register, 0, 0, 0, 0, 0]).map(Act::Send));
+        }
+    }
+
+    fn command(&mut self, command: u8, now: Moment, acts: &mut Vec<Act>) {
+        match command {
+            0x01 => self.start(now),
+            0x02 => self.state = State::Stopped,
+            0x80 => self.state = State::PreOperational,
+            0x81 => acts.push(Act::Reset),
+            0x82 => {
+                self.objects.restore(&self.at_power_on, COMMUNICATION);
+                acts.push(Act::Restored);
+                self.begin(now, acts);
+            }
+            _ => {}
+        }
+    }
+
+    fn begin(&mut self, now: Moment, acts: &mut Vec<Act>) {
+        self.server = Server::default();
+        acts.extend(self.service(HEARTBEAT, [0]).map(Act::Send));
+        self.state = State::PreOperational;
+        self.set_heartbeat(now);
+        if self.starts_itself || self.number.is_none() {
+            self.start(now);
+        }
+    }
+
+    fn start(&mut self, now: Moment) {
+        if self.state == State::Operational {
+            return;
+        }
+        self.state = State::Operational;
+        for place in 0..self.pdos.len() {
+            self.pdos[place].syncs = 0;
+            self.pdos[place].due = self.period(place).map(|_| now);
+        }
+    }
+
+    /// Something has been written by SDO.
+    fn has_changed(&mut self, at: At, now: Moment) {
+        let timer = communication(0)[2];
+        for (from, to) in [(CYCLE, timer), (timer, CYCLE)] {
+            if let Some(bytes) = self.objects.get(from).filter(|_| from == at) {
+                let bytes = bytes.to_vec();
+                self.objects.set(to, &bytes);
+            }
+        }
+        if at == HEARTBEAT_TIME {
+            self.set_heartbeat(now);
+        }
+        for place in 0..self.pdos.len() {
+            let objects = self.pdos[place].number.map(communication);
+            if at == CYCLE || objects.is_some_and(|objects| objects.contains(&at)) {
+                self.pdos[place].due = self.period(place).map(|period| now.after(period));
+            }
+        }
+    }
+
+    fn set_heartbeat(&mut self, now: Moment) {
+        self.heartbeat = self.milliseconds(HEARTBEAT_TIME).map(|period| now.after(period));
+    }
+
+    /// The period of a PDO that is sent by the clock.
+    fn period(&self, place: usize) -> Option<Duration> {
+        let pdo = &self.pdos[place];
+        let Some(number) = pdo.number else { return Some(pdo.every) };
+        let [_, kind, timer] = communication(number);
+        let is_by_clock = self.objects.number(kind).is_some_and(|kind| kind >= 254);
+        self.milliseconds(timer).filter(|_| is_by_clock && self.is_valid(place))
+    }
+
+    /// Whether its objects let it be sent, with the identifier that is known of it.
+    fn is_valid(&self, place: usize) -> bool {
+        let pdo = &self.pdos[place];
+        let Some(number) = pdo.number else { return true };
+        let wanted = u64::from(pdo.id.raw()) | if pdo.id.is_extended() { 1 << 29 } else { 0 };
+        // Bit 30 speaks of remote requests.
+        self.objects.number(communication(number)[0]).is_some_and(|id| id & !(1 << 30) == wanted)
+    }
+
+    fn sync(&mut self, acts: &mut Vec<Act>) {
+        if self.state != State::Operational {
+            return;
+        }
+        for place in 0..self.pdos.len() {
+            let number = self.pdos[place].number.filter(|_| self.is_valid(place));
+            let kind = number.and_then(|number| self.objects.number(communication(number)[1]));
+            let Some(every) = kind.and_then(|kind| u8::try_from(kind).ok()).filter(|kind| *kind <= 240)
+            else {
+                continue;
+            };
+            self.pdos[place].syncs += 1;
+            if self.pdos[place].syncs >= every {
+                self.pdos[place].syncs = 0;
+                acts.push(Act::Measured(place));
+            }
+        }
+    }
+
+    fn milliseconds(&self, at: At) -> Option<Duration> {
+        self.objects.number(at).filter(|time| *time > 0).map(Duration::from_millis)
+    }
+
+    fn service<const N: usize>(&self, service: u16, bytes: [u8; N]) -> Option<Frame> {
+        let number = self.number?;
+        Some(Frame::short(CanId::of_11_bits(service + u16::from(number)), bytes))
+    }
+}

@@ -1,0 +1,64 @@
+//! The plant's task, and the listeners that it closes and opens.
+
+use tokio::sync::{mpsc, oneshot, watch};
+
+use super::TICK;
+use super::server::{Door, Shared};
+use crate::clock::Sleeper;
+use crate::profile::DeviceId;
+use crate::quantity::Moment;
+
+/// A listener as the plant's task sees it: its devices, and the way to close and open it.
+pub(super) struct Gate {
+    pub(super) devices: Vec<DeviceId>,
+    pub(super) door: mpsc::Sender<Door>,
+    pub(super) is_open: bool,
+}
+
+/// The plant's task: ticks, samples the truth, closes and opens listeners.
+pub(super) async fn live(
+    shared: Shared,
+    mut sleeper: Sleeper,
+    begin: Moment,
+    mut gates: Vec<Gate>,
+    mut stop: watch::Receiver<bool>,
+) -> Result<(), String> {
+    loop {
+        let now = sleeper.now();
+        let refused: Vec<DeviceId> = {
+            let mut hardware = shared.hardware();
+            hardware.advance_to(now);
+            hardware.observe(now);
+            hardware.faults.refused(now).collect()
+        };
+        for gate in &mut gates {
+            let shall_be_open = !gate.devices.iter().any(|device| refused.contains(device));
+            let turned = gate.turn(shall_be_open).await;
+            if *stop.borrow() {
+                return Ok(());
+            }
+            turned?;
+        }
+        tokio::select! {
+            _ = sleeper.sleep_until(now.next_tick(begin, TICK)) => {}
+            _ = stop.changed() => return Ok(()),
+        }
+    }
+}
+
+impl Gate {
+    /// Opens or closes the listener, and returns when that is done: the clock stands meanwhile.
+    async fn turn(&mut self, shall_be_open: bool) -> Result<(), String> {
+        if self.is_open == shall_be_open {
+            return Ok(());
+        }
+        let (done, is_done) = oneshot::channel();
+        let message = if shall_be_open { Door::Open(done) } else { Door::Shut(done) };
+        let told = self.door.send(message).await;
+        if told.is_err() || is_done.await.is_err() {
+            return Err("a listener is gone".to_owned());
+        }
+        self.is_open = shall_be_open;
+        Ok(())
+    }
+}

@@ -1,0 +1,312 @@
+//! What the devices of a CAN line send and what they do with what they hear.
+
+use std::time::Duration;
+
+use rand::RngExt;
+
+use super::{Hardware, Unit};
+use crate::codec::{Address, CanId, Frame};
+use crate::profile::{DeviceId, Profile};
+use crate::quantity::Moment;
+use crate::virtual_machine::can::dictionary::{Server, refusal};
+use crate::virtual_machine::can::frames::{self, Delivery, Image, Taken};
+use crate::virtual_machine::can::node::{Act, Node};
+use crate::virtual_machine::can::power_on;
+use crate::virtual_machine::fault::can::{BusError, SdoFault, Spoilt, Utterance};
+use crate::virtual_machine::journal::Seen;
+use crate::virtual_machine::plant::stream;
+
+/// A unit's part on a CAN line.
+#[derive(Debug)]
+pub(in crate::virtual_machine) struct CanUnit {
+    node: Node,
+    /// The frames of each of the node's PDOs.
+    sent: Vec<Vec<Image>>,
+    taken: Vec<Taken>,
+    /// What it does as soon as its line looks.
+    acts: Vec<Act>,
+}
+
+/// What goes out on a CAN line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::virtual_machine) enum Sent {
+    /// A frame; after so long of wall time, if any.
+    Frame(Frame, Option<Duration>),
+    /// What a controller says of the bus.
+    Error(BusError),
+}
+
+impl CanUnit {
+    /// The unit of a device, without power.
+    pub(super) fn of(profile: &Profile, unit: &mut Unit) -> Option<CanUnit> {
+        let node = power_on::node(profile, unit.device, &mut unit.bank)?;
+        let sent = frames::sent(profile, unit.device).into_iter().map(|group| group.images).collect();
+        Some(CanUnit { node, sent, taken: frames::taken(profile, unit.device), acts: Vec::new() })
+    }
+
+    /// The power comes on.
+    pub(super) fn boot(&mut self, now: Moment) {
+        self.acts.clear();
+        self.node.boot(now, &mut self.acts);
+    }
+}
+
+impl Hardware {
+    /// Lets time pass for the devices of a line. Gives what they send, in its order.
+    pub(in crate::virtual_machine) fn can_tick(&mut self, devices: &[DeviceId], now: Moment) -> Vec<Sent> {
+        self.advance_to(now);
+        let mut sent = Vec::new();
+        for device in devices {
+            let place = self.unit_of[device.0];
+            let device = self.units[place].device;
+            let Some(can) = &mut self.units[place].can else { continue };
+            can.node.tick(now, &mut can.acts);
+            for utterance in self.faults.utter(device, now) {
+                match utterance {
+                    Utterance::Emergency(code) => can.node.complain(code, &mut can.acts),
+                    Utterance::Error(error) => sent.push(Sent::Error(error)),
+                    Utterance::Babble(id) => {
+                        let bytes = stream(now.as_nanos(), "babble").random();
+                        sent.push(Sent::Frame(Frame::short::<8>(id, bytes), None));
+                    }
+                }
+            }
+            self.act(place, now, &mut sent);
+        }
+        sent
+    }
+
+    /// When [`Hardware::can_tick`] is needed at the latest.
+    pub(in crate::virtual_machine) fn can_due(&self, devices: &[DeviceId]) -> Option<Moment> {
+        let units = devices.iter().map(|device| &self.units[self.unit_of[device.0]]);
+        let due = units.flat_map(|unit| {
+            let node = unit.can.as_ref().and_then(|can| can.node.due());
+            node.into_iter().chain(self.faults.due(unit.device))
+        });
+        due.min()
+    }
+
+    /// What the devices of a line hear.
+    pub(in crate::virtual_machine) fn can_wanted(&self, devices: &[DeviceId]) -> Vec<CanId> {
+        let units = devices.iter().map(|device| &self.units[self.unit_of[device.0]]);
+        let wanted = units.filter_map(|unit| unit.can.as_ref()).flat_map(|can| {
+            let taken = can.taken.iter().map(|value| value.field().frames.id);
+            can.node.hears().into_iter().chain(taken)
+        });
+        let mut wanted: Vec<_> = wanted.collect();
+        wanted.sort_unstable();
+        wanted.dedup();
+        wanted
+    }
+
+    /// Gives a frame to the devices of a line. Gives what they send.
+    pub(in crate::virtual_machine) fn can_take(
+        &mut self,
+        devices: &[DeviceId],
+        frame: &Frame,
+        now: Moment,
+    ) -> Vec<Sent> {
+        self.advance_to(now);
+        let mut sent = Vec::new();
+        for device in devices {
+            let place = self.unit_of[device.0];
+            if self.faults.silences(self.units[place].device, now) {
+                continue;
+            }
+            self.hear(place, frame, now, &mut sent);
+            self.take_process_data(place, frame, now);
+            self.act(place, now, &mut sent);
+        }
+        sent
+    }
+
+    /// CANopen's services.
+    fn hear(&mut self, place: usize, frame: &Frame, now: Moment, sent: &mut Vec<Sent>) {
+        let device = self.units[place].device;
+        let is_request = |can: &CanUnit| can.node.is_asked_by(frame);
+        if !self.units[place].can.as_ref().is_some_and(is_request) {
+            if let Some(can) = &mut self.units[place].can {
+                can.node.take(frame, now, &mut can.acts);
+            }
+            return;
+        }
+        self.units[place].requests += 1;
+        self.measure(place, now, None);
+        self.show_objects(place);
+        self.faults.count_signals(device, now);
+        let is_write = Server::is_write(frame.data());
+        let fault = self.faults.sdo(device, is_write, now);
+        let Some(can) = &mut self.units[place].can else { return };
+        let before = can.node.objects.clone();
+        let served = match fault {
+            Some(SdoFault::Refused(code)) => {
+                let at = Server::names(frame.data()).unwrap_or_default();
+                let answer = can.node.answer(refusal(at, code));
+                sent.extend(answer.map(|answer| Sent::Frame(answer, None)));
+                return;
+            }
+            _ => can.node.take(frame, now, &mut can.acts),
+        };
+        let Some(served) = served else { return };
+        let is_ignored = fault == Some(SdoFault::Ignored);
+        if let Some(at) = served.written.filter(|_| is_ignored) {
+            can.node.undo(at, before, now);
+        }
+        if let Some(mut answer) = served.answer {
+            if fault == Some(SdoFault::WrongIndex) {
+                answer[1] ^= 1;
+            }
+            let delay = match fault {
+                Some(SdoFault::Late(delay)) => Some(delay),
+                _ => None,
+            };
+            sent.extend(can.node.answer(answer).map(|answer| Sent::Frame(answer, delay)));
+        }
+        if let Some(at) = served.written.filter(|_| !is_ignored) {
+            self.take_object(place, at, now);
+        }
+    }
+
+    /// Puts what the cells hold into the objects.
+    fn show_objects(&mut self, place: usize) {
+        let unit = &mut self.units[place];
+        let (Some(can), Some(device)) = (&mut unit.can, &self.profile.device(unit.device).can) else {
+            return;
+        };
+        for (place, object) in device.objects.iter().enumerate() {
+            let cell = power_on::cell(place);
+            let words = cell.and_then(|cell| unit.bank.read(cell, object.data_type.registers()));
+            if let Some(words) = words {
+                can.node.objects.set(power_on::at(object), &object.bytes(words));
+            }
+        }
+    }
+
+    /// Puts an object that was written into its cells, and what is shown by it.
+    fn take_object(&mut self, place: usize, at: (u16, u8), now: Moment) {
+        let device = self.units[place].device;
+        let Some(known) = self.profile.device(device).can.clone() else { return };
+        let objects = known.objects.iter().enumerate();
+        let written: Vec<_> = objects.filter(|(_, object)| power_on::at(object) == at).collect();
+        for (offset, object) in written {
+            let Some(can) = &self.units[place].can else { return };
+            let words = can.node.objects.get(at).and_then(|bytes| object.words(bytes));
+            let (Some(words), Some(cell)) = (words, power_on::cell(offset)) else { continue };
+            let shown = can.taken.iter().filter_map(|value| value.shown_at(cell));
+            let cells: Vec<_> = std::iter::once(cell).chain(shown).collect();
+            self.put(place, &cells, words.words(), now);
+        }
+        // The object of a PDO's timer has a second name, and both are read.
+        self.keep_objects(place);
+    }
+
+    /// Puts the node's own objects into their cells.
+    fn keep_objects(&mut self, place: usize) {
+        let unit = &mut self.units[place];
+        let (Some(can), Some(device)) = (&unit.can, &self.profile.device(unit.device).can) else { return };
+        for (place, object) in device.objects.iter().enumerate() {
+            let words = can.node.objects.get(power_on::at(object)).and_then(|bytes| object.words(bytes));
+            if let (Some(words), Some(cell)) = (words, power_on::cell(place)) {
+                let fits = unit.bank.write(cell, words.words());
+                debug_assert!(fits.is_some(), "room was made for it");
+            }
+        }
+    }
+
+    /// What outputs write in frames.
+    fn take_process_data(&mut self, place: usize, frame: &Frame, now: Moment) {
+        let device = self.units[place].device;
+        let Some(can) = &self.units[place].can else { return };
+        if can.taken.is_empty() || !can.node.takes_process_data() {
+            return;
+        }
+        let delivery = frames::delivered(&can.taken, frame);
+        if delivery == Delivery::Foreign {
+            return;
+        }
+        self.units[place].requests += 1;
+        if self.faults.sdo(device, true, now) == Some(SdoFault::Ignored) {
+            return;
+        }
+        match delivery {
+            Delivery::Taken(values) => {
+                for (cells, words) in values {
+                    self.put(place, &cells, words.words(), now);
+                }
+            }
+            _ => {
+                if let Some(can) = &mut self.units[place].can {
+                    can.node.complain(0x8210, &mut can.acts);
+                }
+            }
+        }
+    }
+
+    /// Something has been written to the machine.
+    fn put(&mut self, place: usize, cells: &[Address], words: &[u16], at: Moment) {
+        let device = self.units[place].device;
+        let count = u16::try_from(words.len()).unwrap_or(u16::MAX);
+        for address in cells.iter().copied() {
+            let before = self.units[place].bank.read(address, count).unwrap_or_default().to_vec();
+            let fits = self.units[place].bank.write(address, words);
+            debug_assert!(fits.is_some(), "room was made for it");
+            self.note_corrections(place, address, count);
+            if let Some(journal) = &mut self.journal {
+                let (after, wanted) = (words.to_vec(), words.to_vec());
+                journal.push(Seen { at, device, function: 0, address, count, before, after, wanted });
+            }
+        }
+    }
+
+    /// Does what a node wants to do.
+    fn act(&mut self, place: usize, now: Moment, sent: &mut Vec<Sent>) {
+        let device = self.units[place].device;
+        loop {
+            let Some(can) = &mut self.units[place].can else { return };
+            let acts = std::mem::take(&mut can.acts);
+            if acts.is_empty() {
+                return;
+            }
+            for act in acts {
+                match act {
+                    Act::Reset => self.restart(place, now),
+                    Act::Restored => self.keep_objects(place),
+                    Act::Send(frame) => {
+                        if !self.faults.silences(device, now) {
+                            sent.push(Sent::Frame(frame, None));
+                        }
+                    }
+                    Act::Measured(pdo) => self.send_measured(place, pdo, now, sent),
+                }
+            }
+        }
+    }
+
+    fn send_measured(&mut self, place: usize, pdo: usize, now: Moment, sent: &mut Vec<Sent>) {
+        let device = self.units[place].device;
+        self.measure(place, now, None);
+        self.faults.count_signals(device, now);
+        let unit = &self.units[place];
+        let images = unit.can.as_ref().and_then(|can| can.sent.get(pdo)).map_or(&[][..], Vec::as_slice);
+        for image in images {
+            let Some(mut frame) = image.frame(&unit.bank) else { continue };
+            if self.faults.silences(device, now) {
+                continue;
+            }
+            match self.faults.spoils(device, now) {
+                Some(Spoilt::Random) => {
+                    let mut random = stream(now.as_nanos(), "garbage");
+                    frame.data_mut().iter_mut().for_each(|byte| *byte = random.random());
+                }
+                Some(Spoilt::Short) => {
+                    let Some(short) = frames::beginning(&frame, image.length().saturating_sub(1)) else {
+                        continue;
+                    };
+                    frame = short;
+                }
+                None => {}
+            }
+            sent.push(Sent::Frame(frame, None));
+        }
+    }
+}

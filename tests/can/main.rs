@@ -1,0 +1,19 @@
+//! CAN on a real kernel: `tests/vcan/run` builds these tests and runs them where there is a virtual interface.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+mod demo;
+mod gateway;
+mod machine;
+mod node;
+mod rig;
+mod utils;
+
+/// The interface that the tests run on, made by `tests/vcan/run`.
+pub(crate) fn interface() -> String {
+    std::env::var("ISOTHERM_VCAN").unwrap_or_else(|_| {
+        panic!(
+            "these tests need a CAN interface of their own: `tests/vcan/run` makes one and runs them on it"
+        )
+    })
+}
