@@ -10,8 +10,8 @@
 pub mod ask;
 pub mod bus;
 pub mod can;
-pub mod remedy;
 pub mod interface;
+pub mod remedy;
 pub mod scan;
 pub mod values;
 pub mod walk;

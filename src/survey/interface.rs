@@ -12,9 +12,9 @@ fn remedy(bus: &Bus) -> Option<String> {
     let (bus, interface) = (&bus.name, &bus.address);
     match Interface::look(interface) {
         Ok(found) if found.is_up => None,
-        Ok(_) => Some(format!(
-            "bus {bus}: the interface {interface} is down. As root: ip link set {interface} up"
-        )),
+        Ok(_) => {
+            Some(format!("bus {bus}: the interface {interface} is down. As root: ip link set {interface} up"))
+        }
         Err(_) => Some(format!(
             "bus {bus}: there is no CAN interface {interface} on this computer. A virtual one, as root: \
              ip link add dev {interface} type vcan && ip link set {interface} up; where that is an \"Unknown device \
@@ -43,7 +43,8 @@ mod tests {
 
     #[test]
     fn a_profile_without_can_needs_no_interface() {
-        let text = TEXT.replace("\"can\"", "\"modbus-tcp\"").replace("interface = \"none9\"", "address = \"a:1\"");
+        let text =
+            TEXT.replace("\"can\"", "\"modbus-tcp\"").replace("interface = \"none9\"", "address = \"a:1\"");
         let profile = profile::parse(Path::new("m.toml"), &text, &[], &[]).unwrap_or_else(|e| panic!("{e}"));
         assert_eq!(unusable(&profile.profile), None);
     }

@@ -35,7 +35,10 @@ fn the_lathe_on_can_keeps_what_the_lathe_on_modbus_keeps() {
     let (can, modbus) = (on_can("1h", "1"), reported(demo("xc100-lathe", &["--for", "1h", "--seed", "1"])));
     println!("CAN {can}\nModbus {modbus}");
     let (before, after) = (range(&can, "uncompensated_range_um"), range(&can, "compensated_range_um"));
-    assert!(before > 12.0 && before.total_cmp(&range(&modbus, "uncompensated_range_um")).is_eq(), "{before} µm");
+    assert!(
+        before > 12.0 && before.total_cmp(&range(&modbus, "uncompensated_range_um")).is_eq(),
+        "{before} µm"
+    );
     assert!(after > 0.0 && after < 2.0, "{after} µm");
     assert!((after - range(&modbus, "compensated_range_um")).abs() < 0.5, "{after} µm");
 }
