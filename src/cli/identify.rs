@@ -71,7 +71,7 @@ pub(super) struct Arguments {
     /// Most terms of the model
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     terms: Option<u16>,
-    /// rbf: radial basis functions
+    /// rbf: radial basis functions of each of the five models that are averaged
     #[arg(long, value_name = "N", default_value_t = 20)]
     centres: usize,
     /// network: neurons of each of the five networks that are averaged

@@ -163,8 +163,11 @@ impl Gathering {
 impl Capture {
     fn gather(&mut self, value: f64, now: Moment) {
         let Some(gathering) = &mut self.gathering else { return };
-        gathering.sum += value;
-        gathering.count += 1;
+        // What is read when the time is over belongs to what follows, unless there is nothing else.
+        if now < gathering.until || gathering.count == 0 {
+            gathering.sum += value;
+            gathering.count += 1;
+        }
         if now >= gathering.until {
             self.value = Some(gathering.sum / f64::from(gathering.count));
             self.at = now;

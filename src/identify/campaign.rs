@@ -179,11 +179,11 @@ impl<'a> Campaign<'a> {
             None => vec![0; errors.len()],
         };
         let mut cold: HashMap<i64, Cold> = HashMap::new();
-        // The references of the temperatures take in the first row after their time, too: the same rows here.
-        let settled = run.times.iter().find(|time| **time >= start.after(self.machine.settle));
+        // The same rows as the references of the temperatures: those before their time is over, and at least the first.
+        let settled = start.after(self.machine.settle);
         let rows = || run.times.iter().zip(errors).zip(&places).enumerate();
         for (row, ((time, error), place)) in rows().filter(|(_, ((time, _), _))| **time >= start) {
-            let settles = settled.is_none_or(|settled| time <= settled);
+            let settles = *time < settled || *time == start;
             if error.is_finite() && (settles || !cold.contains_key(place)) {
                 let since = (!settles).then_some(row);
                 let cold = cold.entry(*place).or_insert(Cold { sum: 0.0, count: 0.0, since });

@@ -4,6 +4,7 @@
 
 mod demo;
 mod gateway;
+mod machine;
 mod node;
 mod rig;
 mod utils;

@@ -135,6 +135,7 @@ pub(crate) fn status() -> Status {
             name: "rtd".into(),
             bus: "cell".into(),
             unit: 1,
+            at: " (unit 1)".into(),
             state: "lost",
             fault: "no answer in time".into(),
             requests: 40,

@@ -21,7 +21,7 @@ const HELD: [f64; 1] = [1e-3];
 impl Rule for Position {
     fn fit(&self, grams: &[Gram], runs: &[usize], columns: &[usize]) -> Result<Vec<(usize, f64)>, String> {
         let few: Vec<Gram> = grams.iter().map(|gram| gram.of_columns(columns)).collect();
-        let gains = by_forward(&few, runs, self.terms.unwrap_or(MOST_TERMS), &HELD);
+        let gains = by_forward(&few, runs, self.terms.unwrap_or(MOST_TERMS), &HELD, false);
         Ok(in_columns(&gains, columns))
     }
 }

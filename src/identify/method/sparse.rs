@@ -2,7 +2,7 @@
 //!
 //! - Forward by run-wise validation: the term that helps most on runs that were left out comes in next, as long as one
 //!   helps, at most ten, with a ridge. Few sensors, and safe outside the envelope; but which of two sensors that
-//!   are nearly alike is chosen hangs on little.
+//!   are nearly alike is chosen hangs on little. So the search is made once without each of the folds, and averaged.
 //! - An elastic net, as far along its path as run-wise validation says: its L1 part takes most terms out, its L2 part
 //!   shares a gain among sensors that move together. Steadier inside the envelope, with more terms.
 //!
@@ -12,7 +12,7 @@ use nalgebra::DVector;
 
 use super::forward::forward;
 use super::{Rule, inner, smallest};
-use crate::identify::gram::Gram;
+use crate::identify::gram::{Gram, count};
 use crate::identify::solve::{elastic_net, first_penalty, ridge};
 
 pub(super) struct Sparse {
@@ -35,7 +35,7 @@ const UNVALIDATED: usize = 5;
 impl Rule for Sparse {
     fn fit(&self, grams: &[Gram], runs: &[usize], columns: &[usize]) -> Result<Vec<(usize, f64)>, String> {
         let few: Vec<Gram> = grams.iter().map(|gram| gram.of_columns(columns)).collect();
-        let forward = by_forward(&few, runs, self.terms.unwrap_or(MOST_TERMS), &HELD);
+        let forward = by_forward(&few, runs, self.terms.unwrap_or(MOST_TERMS), &HELD, self.terms.is_none());
         let gains = match self.terms {
             Some(_) => forward,
             None => (forward + by_net(&few, runs)) * 0.5,
@@ -50,8 +50,15 @@ pub(super) fn in_columns(gains: &DVector<f64>, columns: &[usize]) -> Vec<(usize,
     gains.filter(|(gain, _)| gain.abs() > 0.0).map(|(gain, column)| (column, gain)).collect()
 }
 
-/// The forward search with each of these ridges, the first unless a later one leaves clearly less.
-pub(super) fn by_forward(grams: &[Gram], runs: &[usize], most: usize, ridges: &[f64]) -> DVector<f64> {
+/// The forward search with each of these ridges, the first unless a later one leaves clearly less; `is_mean`: the mean of
+/// the searches without one of the folds.
+pub(super) fn by_forward(
+    grams: &[Gram],
+    runs: &[usize],
+    most: usize,
+    ridges: &[f64],
+    is_mean: bool,
+) -> DVector<f64> {
     let sum = Gram::sum(grams, runs);
     let folds = match inner(grams, runs) {
         folds if folds.is_empty() => vec![(sum.clone(), runs.to_vec())],
@@ -63,10 +70,20 @@ pub(super) fn by_forward(grams: &[Gram], runs: &[usize], most: usize, ridges: &[
     let tried = ridges.iter().map(|penalty| (forward(&folds, *penalty, most), *penalty));
     let tried = tried.map(|((chosen, cost), penalty)| (cost, (chosen, penalty)));
     let (chosen, penalty) = first_unless_clearly(tried).unwrap_or_default();
+    let mut searches = vec![chosen];
+    if is_mean && folds.len() > 2 {
+        let without = |left_out: usize| {
+            let mut few = folds.clone();
+            few.remove(left_out);
+            forward(&few, penalty, most).0
+        };
+        searches = (0..folds.len()).map(without).collect();
+    }
     let mut gains = DVector::zeros(sum.cross.len());
-    if !chosen.is_empty() {
-        let found = ridge(&sum, &chosen, penalty);
-        chosen.iter().zip(found.iter()).for_each(|(column, gain)| gains[*column] = *gain);
+    let share = 1.0 / count(searches.len());
+    for chosen in searches.iter().filter(|chosen| !chosen.is_empty()) {
+        let found = ridge(&sum, chosen, penalty);
+        chosen.iter().zip(found.iter()).for_each(|(column, gain)| gains[*column] += gain * share);
     }
     gains
 }

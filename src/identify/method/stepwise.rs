@@ -15,9 +15,9 @@ pub(super) struct Stepwise {
     pub(super) terms: usize,
 }
 
-/// A term comes in where chance would give as much in one case of a hundred, and leaves where in one of fifty.
+/// A term comes in where chance would give as much in one case of a hundred, and leaves where in one of twenty.
 pub(in crate::identify) const ENTERS: f64 = 0.01;
-pub(in crate::identify) const LEAVES: f64 = 0.02;
+pub(in crate::identify) const LEAVES: f64 = 0.05;
 
 impl Rule for Stepwise {
     fn fit(&self, grams: &[Gram], runs: &[usize], columns: &[usize]) -> Result<Vec<(usize, f64)>, String> {

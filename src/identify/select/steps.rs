@@ -1,6 +1,6 @@
 //! Stepwise: the points in the order in which partial F tests take them in, on rises without lags.
 //!
-//! A point comes in where chance would give as much in one case of a hundred, and leaves where in one of fifty. Rows of
+//! A point comes in where chance would give as much in one case of a hundred, and leaves where in one of twenty. Rows of
 //! half an hour count as one sample: counted singly, nearly every point seems significant.
 
 use serde::Serialize;

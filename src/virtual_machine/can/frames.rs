@@ -1,5 +1,7 @@
 //! Frames as a device sends and takes them: the cells of its bank in the bits of a frame.
 
+use std::time::Duration;
+
 use crate::codec::{Address, BitField, CanId, CanMatch, Encoded, Frame, Table};
 use crate::profile::{CanDevice, DeviceId, Field, Profile, Verify};
 use crate::virtual_machine::registers::Bank;
@@ -33,21 +35,33 @@ pub(in crate::virtual_machine) enum Delivery {
     Short,
 }
 
-/// The frames that a device sends, those of one identifier together.
-pub(in crate::virtual_machine) fn sent(profile: &Profile, id: DeviceId) -> Vec<(CanId, Vec<Image>)> {
-    let Some(can) = &profile.device(id).can else { return Vec::new() };
-    let mut sent: Vec<(CanId, Vec<Image>)> = Vec::new();
-    let places = profile.signals.iter().filter(|signal| signal.device == id).map(|signal| signal.address);
+/// Frames of one identifier that a device sends together.
+#[derive(Clone, Debug, PartialEq)]
+pub(in crate::virtual_machine) struct Group {
+    pub(in crate::virtual_machine) id: CanId,
+    /// As often as the device is polled, and often enough that none of the values grows too old.
+    pub(in crate::virtual_machine) every: Duration,
+    pub(in crate::virtual_machine) images: Vec<Image>,
+}
+
+/// The frames that a device sends.
+pub(in crate::virtual_machine) fn sent(profile: &Profile, id: DeviceId) -> Vec<Group> {
+    let device = profile.device(id);
+    let Some(can) = &device.can else { return Vec::new() };
+    let mut sent: Vec<Group> = Vec::new();
+    let signals = profile.signals.iter().filter(|signal| signal.device == id);
     // What does not depend on a selection is in the frames of each, so selections come first.
-    let mut fields: Vec<_> = places.filter_map(|at| Some((at, field(can, at)?))).collect();
+    let mut fields: Vec<_> =
+        signals.filter_map(|signal| Some((signal, field(can, signal.address)?))).collect();
     fields.sort_by_key(|(_, field)| field.multiplex.is_empty());
-    for (address, field) in fields {
+    for (signal, field) in fields {
         let id = sender(field.frames);
-        let place = sent.iter().position(|(other, _)| *other == id).unwrap_or(sent.len());
+        let place = sent.iter().position(|group| group.id == id).unwrap_or(sent.len());
         if place == sent.len() {
-            sent.push((id, Vec::new()));
+            sent.push(Group { id, every: device.every, images: Vec::new() });
         }
-        let images = &mut sent[place].1;
+        let Group { every, images, .. } = &mut sent[place];
+        *every = (*every).min(signal.max_age / 4).max(Duration::from_millis(1));
         let select = |selector: &crate::profile::Selector| {
             let (value, _) = selector.values.first()?;
             Some((selector.bits, *value))
@@ -57,7 +71,7 @@ pub(in crate::virtual_machine) fn sent(profile: &Profile, id: DeviceId) -> Vec<(
             images.push(Image { id, length: 0, selected: selected.clone(), parts: Vec::new() });
         }
         for image in images.iter_mut().filter(|image| selected.is_empty() || image.selected == selected) {
-            image.parts.push((address, field.bits));
+            image.parts.push((signal.address, field.bits));
             let needed = image.selected.iter().map(|(bits, _)| bits.bytes()).chain([field.bits.bytes()]);
             image.length = image.length.max(needed.max().unwrap_or(0));
         }

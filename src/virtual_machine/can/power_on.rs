@@ -22,7 +22,7 @@ pub(in crate::virtual_machine) fn node(profile: &Profile, id: DeviceId, bank: &m
     let can = device.can.as_ref()?;
     let sent = frames::sent(profile, id);
     let Some(number) = can.node else {
-        let pdos = sent.iter().map(|(id, _)| Pdo::new(*id, None, device.every));
+        let pdos = sent.iter().map(|group| Pdo::new(group.id, None, group.every));
         return Some(Node::new(None, true, Dictionary::default(), pdos.collect()));
     };
     let sync = profile.bus(device.bus).sync.map_or(0x80, |sync| sync.id.raw());
@@ -36,19 +36,20 @@ pub(in crate::virtual_machine) fn node(profile: &Profile, id: DeviceId, bank: &m
     objects.put((0x1018, 0), &[4], false);
     (1..=4).for_each(|sub| objects.put((0x1018, sub), &[0; 4], false));
     let mut pdos = Vec::new();
-    for (id, _) in &sent {
-        let pdo = number_of(*id, number, can);
-        pdos.push(Pdo::new(*id, pdo, device.every));
+    for group in &sent {
+        let pdo = number_of(group.id, number, can);
+        pdos.push(Pdo::new(group.id, pdo, group.every));
         let Some(pdo) = pdo else { continue };
         let [identifier, kind, timer] = communication(pdo);
         objects.put((identifier.0, 0), &[5], false);
         objects.put(identifier, &usual(pdo, number).raw().to_le_bytes(), true);
         objects.put(kind, &[BY_CLOCK], true);
-        objects.put(timer, &milliseconds(device.every).to_le_bytes(), true);
+        objects.put(timer, &milliseconds(group.every).to_le_bytes(), true);
     }
     let knows_cycle = |object: &Object| at(object) == CYCLE;
     if can.objects.iter().chain(can.setup.iter().map(|setup| &setup.object)).any(knows_cycle) {
-        objects.put(CYCLE, &milliseconds(device.every).to_le_bytes(), true);
+        let first = objects.get(communication(0)[2]).unwrap_or(&[0, 0]).to_vec();
+        objects.put(CYCLE, &first, true);
     }
     for setup in &can.setup {
         let place = at(&setup.object);

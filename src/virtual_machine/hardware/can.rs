@@ -40,7 +40,7 @@ impl CanUnit {
     /// The unit of a device, without power.
     pub(super) fn of(profile: &Profile, unit: &mut Unit) -> Option<CanUnit> {
         let node = power_on::node(profile, unit.device, &mut unit.bank)?;
-        let sent = frames::sent(profile, unit.device).into_iter().map(|(_, images)| images).collect();
+        let sent = frames::sent(profile, unit.device).into_iter().map(|group| group.images).collect();
         Some(CanUnit { node, sent, taken: frames::taken(profile, unit.device), acts: Vec::new() })
     }
 

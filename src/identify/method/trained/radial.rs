@@ -7,7 +7,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use serde_json::{Value, json};
 
-use super::{Fold, Samples, rows};
+use super::{Fold, Samples};
 use crate::identify::gram::count;
 use crate::identify::method::smallest;
 use crate::identify::parallel;
@@ -22,16 +22,32 @@ const ROUNDS: usize = 50;
 /// k-means ends where no centre moves further than this.
 const STILL: f64 = 1e-6;
 
+/// So many are found, each from centres of its own, and averaged: where k-means ends hangs on chance.
+const MEMBERS: u8 = 5;
+
+/// The mean of several.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Bumps(Vec<Member>);
+
 /// y = Σ w·(φ(x) − φ(0)): zero where there is no rise.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Bumps {
+struct Member {
     centres: DMatrix<f64>,
     width: f64,
     weights: DVector<f64>,
 }
 
+#[cfg(test)]
 impl Bumps {
     pub(super) fn output(&self, rises: &DMatrix<f64>) -> DVector<f64> {
+        let sum = DVector::zeros(rises.nrows());
+        self.0.iter().map(|member| member.output(rises)).fold(sum, |sum, said| sum + said)
+            / count(self.0.len())
+    }
+}
+
+impl Member {
+    fn output(&self, rises: &DMatrix<f64>) -> DVector<f64> {
         said(rises, &self.centres, self.width) * &self.weights
     }
 }
@@ -54,8 +70,8 @@ fn chosen(folds: &[Fold<'_>], centres: usize, seed: u64) -> (usize, usize) {
         let cost = |(width, place): &(usize, usize)| {
             let width = unit(&centres) * WIDTHS[*width];
             let weights = weights(&fold.training, &centres, width, penalty(*place));
-            let bumps = Bumps { centres: centres.clone(), width, weights };
-            fold.left(|rises| bumps.output(rises))
+            let member = Member { centres: centres.clone(), width, weights };
+            fold.left(|rises| member.output(rises))
         };
         tried.iter().map(cost).collect::<Vec<f64>>()
     });
@@ -64,23 +80,30 @@ fn chosen(folds: &[Fold<'_>], centres: usize, seed: u64) -> (usize, usize) {
 }
 
 pub(super) fn fit(all: &Samples, folds: &[Fold<'_>], centres: usize, seed: u64) -> Bumps {
+    let own = |member: u8| seed.wrapping_mul(u64::from(MEMBERS)).wrapping_add(u64::from(member));
+    Bumps((0..MEMBERS).map(|member| member_of(all, folds, centres, own(member))).collect())
+}
+
+fn member_of(all: &Samples, folds: &[Fold<'_>], centres: usize, seed: u64) -> Member {
     let (width, place) = chosen(folds, centres, seed);
     let centres = k_means(&all.rises, centres, seed.wrapping_mul(100).wrapping_add(99));
     let width = unit(&centres) * WIDTHS[width];
     let weights = weights(all, &centres, width, penalty(place));
-    Bumps { centres, width, weights }
+    Member { centres, width, weights }
 }
 
 /// As a network of the project's own format.
 pub(super) fn file(bumps: &Bumps) -> Value {
-    let rest = at_rest(&bumps.centres, bumps.width).dot(&bumps.weights);
-    json!({
-        "type": "rbf",
-        "centres": rows(&bumps.centres),
-        "widths": vec![bumps.width; bumps.centres.nrows()],
-        "weights": bumps.weights.as_slice(),
-        "bias": -rest,
-    })
+    let share = 1.0 / count(bumps.0.len());
+    let mut bias = 0.0;
+    let (mut centres, mut widths, mut weights) = (Vec::new(), Vec::new(), Vec::new());
+    for member in &bumps.0 {
+        bias -= at_rest(&member.centres, member.width).dot(&member.weights) * share;
+        centres.extend(member.centres.row_iter().map(|row| row.iter().copied().collect::<Vec<f64>>()));
+        widths.extend(member.weights.iter().map(|_| member.width));
+        weights.extend(member.weights.iter().map(|weight| weight * share));
+    }
+    json!({ "type": "rbf", "centres": centres, "widths": widths, "weights": weights, "bias": bias })
 }
 
 /// The root mean square distance of a row from the origin: inputs are scaled one by one.

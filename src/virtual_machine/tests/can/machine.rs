@@ -129,6 +129,7 @@ pub(super) fn can_machine() -> Profile {
     devices[AXTC].verify = vec![Expected {
         address: Address { table: sdo, offset: 1 },
         encoding: plain(DataType::Unsigned(8), 1.0),
+        object: Some(object(0x6110, 1, DataType::Unsigned(8))),
         equals: 3,
         what: "type K".to_owned(),
         remedy: String::new(),

@@ -1,5 +1,6 @@
 use super::machine::{DISPLAY, DRIVE};
 use super::*;
+use proptest::prelude::*;
 
 #[test]
 fn a_node_boots_up_waits_to_be_started_and_beats() {
@@ -132,4 +133,32 @@ fn a_reset_forgets_what_was_written_and_that_of_the_communication_only_its_part(
     assert_eq!(rig.give(3, "000#8114"), ["714#00"]);
     assert_eq!(rig.cell(DRIVE, Table::Object, 0, 2), [0, 0]);
     assert_eq!(rig.give(4, "614#4000200100000000"), ["594#4300200100000000"]);
+}
+
+proptest! {
+    #[test]
+    fn no_frame_makes_a_node_panic_and_a_start_brings_each_back(
+        frames in prop::collection::vec((0..0x800u32, prop::collection::vec(any::<u8>(), 0..=8)), 0..80),
+        requests in prop::collection::vec((0..8u8, 0..4usize, any::<[u8; 4]>()), 0..80),
+    ) {
+        const OBJECTS: [(u16, u8); 4] = [(0x1017, 0), (0x1800, 5), (0x6200, 0), (0x2000, 1)];
+        let mut rig = Rig::new("");
+        rig.until(0);
+        for (place, (id, data)) in (1..).zip(frames) {
+            let frame = Frame::classic(CanId::standard(id).unwrap(), &data).unwrap();
+            rig.hardware.can_take(&rig.devices, &frame, at(place));
+        }
+        for (place, (command, object, [a, b, c, d])) in (100..).zip(requests) {
+            let (index, sub) = OBJECTS[object];
+            let [low, high] = index.to_le_bytes();
+            for node in [5u16, 7, 12, 20] {
+                let data = [command << 5 | a & 0x1f, low, high, sub, a, b, c, d];
+                let frame = Frame::classic(CanId::of_11_bits(0x600 + node), &data).unwrap();
+                rig.hardware.can_take(&rig.devices, &frame, at(place));
+            }
+        }
+        rig.give(200, "000#8100");
+        rig.give(200, "000#0100");
+        prop_assert_eq!(rig.give(201, "605#4010610100000000"), ["585#4F10610103000000"]);
+    }
 }
