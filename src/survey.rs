@@ -5,13 +5,12 @@
 //! - [`can`] — the interface of a CAN line, as the kernel has it.
 //! - [`scan`] — which units answer; [`walk`] — which registers a unit has.
 //! - [`values`] — what registers mean, in each order where none was given.
-//! - [`remedy`] — what to do about a fault; [`interface`] — whether a profile's CAN lines can be used at all.
+//! - [`remedy`] — what to do about a fault.
 
 pub mod ask;
 pub mod bus;
 pub mod can;
 pub mod remedy;
-pub mod interface;
 pub mod scan;
 pub mod values;
 pub mod walk;

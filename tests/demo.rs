@@ -119,3 +119,18 @@ fn a_seed_is_the_same_day_again_at_any_speed() {
     assert_eq!(day, demo_at("1500", "surface-grinder", "2h", 7));
     assert_ne!(day, demo("surface-grinder", "2h", 8));
 }
+
+/// On a CAN interface: `tests/vcan/run can -- demo`.
+#[test]
+fn a_machine_on_can_says_what_it_lacks_where_there_is_no_interface() {
+    let home = tempfile::tempdir().unwrap();
+    let elsewhere = ["demo", "xc100-lathe-can", "--set", "bus.field.interface=nocan0"];
+    let output = isotherm(home.path()).args(elsewhere).output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    for part in
+        ["nocan0 is not usable: no such interface", "ip link set dev nocan0", "--set bus.field.interface="]
+    {
+        assert!(said.contains(part), "{said}");
+    }
+}

@@ -14,7 +14,7 @@ use crate::clock::Clock;
 use crate::gateway::{Gateway, Options, Outcome};
 use crate::observe::status::Source;
 use crate::profile::{Profile, Web};
-use crate::survey::interface;
+use crate::survey::can;
 use crate::virtual_machine::{PlantSpec, Published, Setup, Summary, VirtualMachine, Window};
 
 mod table;
@@ -78,9 +78,7 @@ impl Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (profile, plant) = machines::with_plant(&arguments.machine, &arguments.set)?;
-    if let Some(missing) = interface::unusable(&profile) {
-        return Err(anyhow::anyhow!("{}: {missing}", arguments.machine).into());
-    }
+    usable(&profile)?;
     let mut sockets = Sockets::default();
     let page = open_page(&mut sockets, arguments.listen.as_deref(), profile.web.as_ref())?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
@@ -139,6 +137,18 @@ async fn show(
     };
     let (summary, span) = seen.unwrap_or_else(|| (window.summary(), clock.now().since(begun)));
     Ok(Shown { summary, span, outcome, published })
+}
+
+/// The devices on CAN need an interface of the kernel, which nobody can make for them.
+fn usable(profile: &Profile) -> anyhow::Result<()> {
+    let Some(looked) = can::look(profile).into_iter().find(|looked| !looked.is_up) else { return Ok(()) };
+    let can::Looked { bus, interface, state, advice, .. } = looked;
+    anyhow::bail!(
+        "{} needs a CAN interface, and {interface} is not usable: {state}; {}. Another one: --set \
+         bus.{bus}.interface=NAME. Where `ip` says \"Unknown device type\", the kernel has no CAN, as in most containers",
+        profile.name,
+        advice.join("; ")
+    )
 }
 
 /// The page is worth having, but no reason to refuse a demo: where its port is taken, any other will do.

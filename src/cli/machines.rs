@@ -56,7 +56,11 @@ mod tests {
     /// The model of a shipped profile as it is written, line by line.
     fn model(name: &str) -> Vec<&'static str> {
         let (_, text) = text(name).unwrap();
-        text.lines().skip_while(|line| !line.starts_with("[[axis.x.model]]")).take_while(|line| *line != "]").skip(1).collect()
+        text.lines()
+            .skip_while(|line| !line.starts_with("[[axis.x.model]]"))
+            .take_while(|line| *line != "]")
+            .skip(1)
+            .collect()
     }
 
     #[test]

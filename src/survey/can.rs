@@ -13,6 +13,8 @@ pub struct Looked {
     pub bus: String,
     /// Its name.
     pub interface: String,
+    /// It is there and carries frames.
+    pub is_up: bool,
     /// How it is, in words.
     pub state: String,
     /// What would help, each with its command; empty where nothing is wrong.
@@ -36,6 +38,7 @@ fn looked(bus: &Bus, wants_fd: bool, found: Result<Interface, CanFault>) -> Look
     let name = &bus.address;
     let is_virtual = name.starts_with("vcan");
     let mut advice = Vec::new();
+    let is_up = found.as_ref().is_ok_and(|found| found.is_up);
     let state = match found {
         Err(fault) => {
             advice.push(if is_virtual {
@@ -79,7 +82,7 @@ fn looked(bus: &Bus, wants_fd: bool, found: Result<Interface, CanFault>) -> Look
             found.to_string()
         }
     };
-    Looked { bus: bus.name.clone(), interface: name.clone(), state, advice }
+    Looked { bus: bus.name.clone(), interface: name.clone(), is_up, state, advice }
 }
 
 #[cfg(test)]

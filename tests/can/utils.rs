@@ -10,6 +10,7 @@ use isotherm::fieldbus::can::{Heard, Socket};
 use isotherm::reading::Reason;
 
 use crate::interface;
+use crate::rig::{Interface, beside, load, signal, wait_until};
 
 /// How long anything may take before a test gives up.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -29,9 +30,9 @@ struct Candump {
 
 impl Candump {
     /// Starts it, and returns when it hears.
-    fn start(options: &[&str]) -> Candump {
+    fn start(interface: &str, options: &[&str]) -> Candump {
         let mut command = Command::new("candump");
-        command.args(["-T", "20000"]).args(options).arg(interface()).stdout(Stdio::piped());
+        command.args(["-T", "20000"]).args(options).arg(interface).stdout(Stdio::piped());
         let mut child = command.spawn().unwrap_or_else(|error| panic!("candump: {error}"));
         let lines = BufReader::new(child.stdout.take().unwrap());
         let mut candump = Candump { child, lines };
@@ -43,10 +44,10 @@ impl Candump {
                     if ready.load(Ordering::Relaxed) {
                         break;
                     }
-                    can_utils("cansend", &[&interface(), "7A5#00"]);
+                    can_utils("cansend", &[interface, "7A5#00"]);
                     std::thread::sleep(Duration::from_millis(20));
                 }
-                can_utils("cansend", &[&interface(), "7A5#FF"]);
+                can_utils("cansend", &[interface, "7A5#FF"]);
             });
             candump.line();
             ready.store(true, Ordering::Relaxed);
@@ -149,7 +150,7 @@ async fn a_request_for_data_from_cansend_is_no_frame_with_data() {
 
 #[tokio::test]
 async fn candump_prints_what_we_send_word_for_word() {
-    let mut candump = Candump::start(&[]);
+    let mut candump = Candump::start(&interface(), &[]);
     let socket = open(&[]);
     let name = interface();
     for (frame, line) in [
@@ -173,7 +174,7 @@ async fn candump_prints_what_we_send_word_for_word() {
 
 #[tokio::test]
 async fn every_length_that_can_fd_has_goes_both_ways() {
-    let mut candump = Candump::start(&["-L"]);
+    let mut candump = Candump::start(&interface(), &["-L"]);
     let socket = open(&everything());
     let lengths: Vec<usize> = (0..=64).filter(|length| Frame::fd_length(*length) == Some(*length)).collect();
     assert_eq!(lengths.len(), 16);
@@ -203,7 +204,7 @@ fn logged(line: &str) -> Option<String> {
 #[tokio::test]
 async fn we_hear_of_cangen_what_candump_hears_to_the_last_byte() {
     const FRAMES: usize = 2000;
-    let mut candump = Candump::start(&["-L", "-r", "4000000"]);
+    let mut candump = Candump::start(&interface(), &["-L", "-r", "4000000"]);
     let socket = open(&everything());
     let generator = std::thread::spawn(|| {
         can_utils("cangen", &[&interface(), "-m", "-g", "0", "-p", "10", "-n", &FRAMES.to_string()]);
@@ -277,4 +278,110 @@ async fn a_longer_frame_than_needed_is_read_and_a_shorter_one_is_bad() {
     }
     let minus_two = Ok(0xffff_fffe);
     assert_eq!(read, [minus_two, minus_two, minus_two, Err(Reason::ShortFrame)]);
+}
+
+/// Two modules by their templates, and a display that shows the position of an encoder, corrected by a constant.
+const MACHINE: &str = r#"
+[machine]
+name = "utils"
+arm = "auto"
+
+[bus.field]
+type = "can"
+interface = "INTERFACE"
+
+[device.canmod]
+bus = "field"
+template = "css-canmod-temp"
+[device.axtc]
+bus = "field"
+[device.display]
+bus = "field"
+
+[signal.cold_junction]
+device = "canmod"
+channel = "cold_junction_coarse"
+[signal.tl]
+device = "canmod"
+channel = "TL_coarse"
+[signal.tr]
+device = "canmod"
+channel = "TR_coarse"
+[signal.status_tr]
+device = "canmod"
+channel = "TR_coarse_status"
+unit = "1"
+[signal.status_bl]
+device = "canmod"
+channel = "BL_coarse_status"
+unit = "1"
+[signal.status_br]
+device = "canmod"
+channel = "BR_coarse_status"
+unit = "1"
+
+[signal.bed]
+device = "axtc"
+pdo = { cob_id = 0x185, start = 0, length = 16, signed = true }
+scale = 0.0625
+bad = [{ raw = -512, means = "open circuit" }, -1]
+unit = "degC"
+[signal.wall]
+device = "axtc"
+pdo = { cob_id = 0x185, start = 16, length = 16, signed = true }
+scale = 0.0625
+bad = [{ raw = -512, means = "open circuit" }, -1]
+unit = "degC"
+
+[signal.scale_z]
+device = "display"
+frame = { id = 0x1FF, start = 0, length = 32, order = "little", signed = true }
+scale = 0.001
+unit = "mm"
+[axis.z]
+limit = 40.0
+step = 40.0
+rate = 1000.0
+every = "100ms"
+on_fault = { action = "hold" }
+[[axis.z.model]]
+name = "constant"
+kind = "linear"
+offset = 8.0
+terms = [{ signal = "wall", gain = 1.0, reference = 25.0 }]
+
+[output.readout_z]
+axis = "z"
+device = "display"
+writes = "corrected"
+position = "scale_z"
+frame = { id = 0x20C, start = 0, length = 32, order = "little", signed = true, fill = "00 00 00 00 00 00 01 00" }
+scale = 0.001
+"#;
+
+/// What cansend sends is what the gateway believes, and not what it should not; what the gateway sends candump prints.
+#[test]
+fn the_gateway_decodes_what_cansend_sends_and_candump_reads_the_corrected_position() {
+    let field = Interface::new("utils");
+    let mut candump = Candump::start(field.name(), &[]);
+    beside(load(MACHINE, &field), false, |source| {
+        let status = wait_until(source, "the gateway listens", |status| {
+            // −512 is an open circuit, not −32 °C; 25 °C beside it.
+            for frame in ["185#00FE9001", "001#9904600A28198EBE", "1FF#40E20100"] {
+                can_utils("cansend", &["utils", frame]);
+            }
+            std::thread::sleep(Duration::from_millis(20));
+            status.axes[0].state == "active" && (status.axes[0].cz_um - 8.0).abs() < 1e-9
+        });
+        let bed = signal(&status, "bed");
+        assert_eq!((bed.value, bed.reason.as_str()), (None, "open circuit"));
+        let values = ["wall", "cold_junction", "tl", "status_tr", "status_bl", "status_br"];
+        let read = values.map(|name| signal(&status, name).value);
+        assert_eq!(read, [25.0, 25.0, 1.0, 1.0, 2.0, 3.0].map(Some));
+        let broken = signal(&status, "tr");
+        assert!(broken.value.is_none() && broken.quality != "good", "{broken:?}");
+    });
+    // 123.456 mm and 8 µm: 123464 = 0x1E248.
+    let wanted = "utils 20C [8] 48 E2 01 00 00 00 01 00";
+    while candump.line().split_whitespace().collect::<Vec<_>>().join(" ") != wanted {}
 }
