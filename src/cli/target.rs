@@ -64,14 +64,21 @@ impl Target {
                 .map_or("--bus is missing".to_owned(), |name| format!("the profile has no bus `{name}`"));
             return Err(anyhow::anyhow!("{wanted}; it has: {}", names.join(", ")).into());
         };
-        Ok(Target::of(profile, bus, self.timeout))
+        Target::of(profile, bus, self.timeout)
     }
 
-    /// A bus of a profile.
-    pub(super) fn of(profile: Profile, id: BusId, timeout: Option<Duration>) -> Found {
+    /// A bus of a profile; on CAN nothing has registers.
+    pub(super) fn of(profile: Profile, id: BusId, timeout: Option<Duration>) -> Result<Found, Failure> {
+        if profile.bus(id).transport.is_can() {
+            let name = &profile.bus(id).name;
+            return Err(anyhow::anyhow!(
+                "bus {name} is a CAN line, where nothing has registers; `isotherm read PROFILE` reads its signals"
+            )
+            .into());
+        }
         let mut bus = profile.bus(id).clone();
         bus.timeout = timeout.unwrap_or(bus.timeout);
-        Found { place: Place::of(&bus), bus, quirks: Quirks::default(), known: Some((profile, id)) }
+        Ok(Found { place: Place::of(&bus), bus, quirks: Quirks::default(), known: Some((profile, id)) })
     }
 }
 

@@ -202,7 +202,8 @@ impl Ear {
     }
 
     fn queue(&mut self, frame: Frame) {
-        if self.unsent.len() < MOST_UNSENT {
+        // One that waits already serves for both: SYNC is not caught up with.
+        if self.unsent.len() < MOST_UNSENT && !self.unsent.contains(&frame) {
             self.unsent.push_back(frame);
         }
     }

@@ -192,13 +192,11 @@ impl Inspection {
         round: u64,
     ) -> Option<Finding> {
         let mut wrong = Vec::new();
-        if let Some(can) = can.filter(|_| self.set_up != Some(round)) {
+        if can.is_some() && self.set_up != Some(round) {
             match setup::set_up(line, shared, self.device).await {
-                Ok(found) if found.is_empty() || shared.dry_run => {
-                    wrong = found;
-                    self.set_up = Some(round);
-                    can.is_set_up(self.device);
-                }
+                Ok(found) if found.is_empty() => self.set_up = Some(round),
+                // Nothing can be set up, and still it is to be read.
+                Ok(found) if shared.dry_run => wrong = found,
                 Ok(found) => return Some(Finding::Wrong(found.join("; "))),
                 Err(_) => {
                     self.missed += 1;
@@ -221,6 +219,9 @@ impl Inspection {
             }
         }
         self.missed = 0;
+        if let Some(can) = can {
+            can.is_set_up(self.device);
+        }
         Some(if wrong.is_empty() { Finding::Fit } else { Finding::Wrong(wrong.join("; ")) })
     }
 }

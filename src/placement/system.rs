@@ -60,19 +60,19 @@ impl<const WIDTH: usize> System<WIDTH> {
             return;
         }
         if row == column {
-            for (at, start) in (0..WIDTH).zip(WIDTH * column..) {
-                for (under, entries) in block.iter().enumerate().skip(at) {
-                    self.values[self.start[start] + under - at] += entries[at];
+            for (under, values) in block.iter().enumerate() {
+                for (at, value) in values.iter().enumerate().take(under + 1) {
+                    self.values[self.start[WIDTH * column + at] + under - at] += value;
                 }
             }
             return;
         }
         let Ok(row) = u32::try_from(row) else { return };
         let Ok(place) = self.later[column].binary_search(&row) else { return };
-        for (under, entries) in block.iter().enumerate() {
-            for (at, entry) in entries.iter().enumerate() {
+        for (under, values) in block.iter().enumerate() {
+            for (at, value) in values.iter().enumerate() {
                 let first = self.start[WIDTH * column + at] + (WIDTH - at) + WIDTH * place;
-                self.values[first + under] += entry;
+                self.values[first + under] += value;
             }
         }
     }

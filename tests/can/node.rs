@@ -116,9 +116,9 @@ fn live(socket: &CanSocket, state: &Mutex<State>) {
                 send_at = now.after(state.first_after);
             }
         }
-        if state.heartbeat.is_some() && now >= beat_at {
+        if let Some(pause) = state.heartbeat.filter(|_| now >= beat_at) {
             send(frame(0x700 + number, &[if state.is_operational { 5 } else { 0x7f }]));
-            beat_at = now.after(state.heartbeat.unwrap());
+            beat_at = now.after(pause);
         }
         if state.is_operational && now >= send_at {
             state.pdos.iter().for_each(|(id, data)| send(frame(*id, data)));

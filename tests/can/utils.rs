@@ -289,6 +289,7 @@ arm = "auto"
 [bus.field]
 type = "can"
 interface = "INTERFACE"
+timeout = "50ms"
 
 [device.canmod]
 bus = "field"

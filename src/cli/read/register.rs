@@ -104,7 +104,7 @@ fn found(target: &Target, one: &One, json: bool) -> Result<(target::Found, u8), 
             anyhow::anyhow!("the profile has no device `{name}`; it has: {}", known.join(", ")).into()
         );
     };
-    let mut found = Target::of(profile, device.bus, target.timeout);
+    let mut found = Target::of(profile, device.bus, target.timeout)?;
     found.quirks = device.quirks;
     Ok((found, device.unit))
 }

@@ -60,7 +60,10 @@ impl Nodes {
         let node = |can: &CanDevice| can.node.and_then(NodeId::new);
         let settings: Vec<(NodeId, Care)> = here
             .clone()
-            .filter_map(|(_, can)| Some((node(can)?, Care { heartbeat: can.heartbeat, start: start(can) })))
+            .filter_map(|(id, can)| {
+                let start = start(can, profile.device(id).verify.is_empty());
+                Some((node(can)?, Care { heartbeat: can.heartbeat, start }))
+            })
             .collect();
         let sync = profile.bus(bus).sync;
         let silences = here.clone().filter(|(_, can)| can.heartbeat.is_none()).filter_map(|(id, _)| {
@@ -197,10 +200,14 @@ impl Silence {
     }
 }
 
-fn start(can: &CanDevice) -> Start {
+/// One that is set up or checked first is started after that.
+fn start(can: &CanDevice, is_unchecked: bool) -> Start {
     match can.start {
         false => Start::Never,
-        true if can.setup.is_empty() => Start::AtOnce,
+        true if can.setup.is_empty() && is_unchecked => Start::AtOnce,
         true => Start::WhenSetUp,
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -184,7 +184,8 @@ fn bound(fields: &Fields<'_>, place: Place) -> Result<Boundary, Fault> {
     let last = if fields.text(2).is_empty() { first } else { fields.whole(2, "last direction")? };
     let value = if fields.len() == 4 { fields.number(3, "value")? } else { 0.0 };
     let heat = (first, last) == (11, 11);
-    if !heat && (first > last || last > 3) {
+    let structural = first <= last && last <= 3;
+    if !heat && !structural {
         return Err(fields
             .fault(format!("directions {first} to {last}: 1 to 3 hold the structure, 11 its temperature")));
     }

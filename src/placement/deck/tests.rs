@@ -81,7 +81,7 @@ fn with(from: &str, to: &str) -> String {
 fn a_deck_becomes_a_mesh_materials_and_a_load_case() {
     let deck = read_text(DECK).unwrap_or_else(|faults| panic!("{faults}"));
     assert_eq!(deck.name, "case");
-    assert!(deck.mesh.xyz[3].iter().zip([0.0, 0.0, 100.0]).all(|(at, wanted)| (at - wanted).abs() < 1e-12));
+    assert_eq!(deck.mesh.xyz[3].map(f64::to_bits), [0.0_f64, 0.0, 100.0].map(f64::to_bits));
     assert_eq!(deck.mesh.node_sets["BASE"], [0, 1, 2]);
     assert_eq!(deck.mesh.elements[0].kind, Kind::Tet4);
     assert_eq!(deck.materials.of(0).capacity, Some(5e8 * 7.25e-9));
