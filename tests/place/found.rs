@@ -47,7 +47,8 @@ fn one_placement_for_all_cases_beats_block_centres_and_every_placement_by_one_ca
     for row in rows.iter().filter(|row| row["method"] != "multi-case") {
         assert!(all < together(row), "{row}: {all}");
     }
-    let centres = ["air", "spindle", "motor"].map(|name| number(&found["cases"][name]["naive_centroid"]["rms_um"]));
+    let centres =
+        ["air", "spindle", "motor"].map(|name| number(&found["cases"][name]["naive_centroid"]["rms_um"]));
     assert!(all < 0.5 * centres.iter().map(|rms| rms.powi(2)).sum::<f64>().sqrt(), "{all}: {centres:?}");
     // More sensors by the cut that helps most: the blocks leave less at best.
     let by_number = found["by_number"].as_array().unwrap();
@@ -102,7 +103,8 @@ fn its_model_is_taken_by_a_profile_and_its_report_is_one_file() {
         std::fs::read_to_string(home.path().join("column.toml")).unwrap()
     );
     file(home.path(), "machine.toml", &profile);
-    let checked = isotherm(home.path()).current_dir(home.path()).args(["check", "machine.toml"]).output().unwrap();
+    let checked =
+        isotherm(home.path()).current_dir(home.path()).args(["check", "machine.toml"]).output().unwrap();
     let said = String::from_utf8_lossy(&checked.stderr);
     assert_eq!(checked.status.code(), Some(0), "{said}");
     assert!(String::from_utf8_lossy(&checked.stdout).contains("column.matrix.json"));
@@ -125,4 +127,35 @@ fn a_method_of_one_case_says_by_which_it_placed() {
     assert!(told.contains("sensors by patent, placed by spindle"), "the one that moves it most: {told}");
     let told = by(&["--method", "bounded", "--case", "air"]);
     assert!(told.contains("sensors by bounded, placed by air"), "{told}");
+}
+
+/// CalculiX prints seven digits.
+#[test]
+fn calculix_as_the_engine_gives_the_same_p_and_the_same_displacements() {
+    let home = tempfile::tempdir().unwrap();
+    decks(home.path(), &CASES[1..2]);
+    let by = |engine: &str| -> Value {
+        let answer = place(home.path(), &["spindle.inp", "--json", "--engine", engine]);
+        assert_eq!(answer.code, Some(0), "{}", answer.said);
+        serde_json::from_str(&answer.out).unwrap()
+    };
+    let (own, ccx) = (by("own"), by("ccx"));
+    let flat = |value: &Value| -> Vec<f64> {
+        let entries = value.as_array().unwrap().iter();
+        entries
+            .flat_map(|entry| {
+                entry.as_array().map_or(vec![number(entry)], |row| row.iter().map(number).collect())
+            })
+            .collect()
+    };
+    let apart = |own: &Value, ccx: &Value| {
+        let (own, ccx) = (flat(own), flat(ccx));
+        assert_eq!(own.len(), ccx.len());
+        let differ: f64 = own.iter().zip(&ccx).map(|(own, ccx)| (own - ccx).powi(2)).sum();
+        (differ / ccx.iter().map(|ccx| ccx.powi(2)).sum::<f64>()).sqrt()
+    };
+    assert!(apart(&own["P"], &ccx["P"]) < 1e-6, "{}", apart(&own["P"], &ccx["P"]));
+    let moved = |found: &Value| found["cases"]["spindle"]["delta1_mm"].clone();
+    assert!(apart(&moved(&own), &moved(&ccx)) < 1e-6, "{}", apart(&moved(&own), &moved(&ccx)));
+    assert_eq!(ccx["by_number"], serde_json::json!([]), "only the own engine knows other divisions");
 }
