@@ -38,7 +38,7 @@ pub fn temperatures(
 ) -> Result<Vec<f64>, HeatError> {
     let heat = Heat::assembled(mesh, materials, load)?;
     let reached = match load.case {
-        Case::Steady => heat.steady(mesh, load)?,
+        Case::Steady => heat.steady()?,
         Case::Transient { step, period } => heat.transient(load, step, period, progress)?,
     };
     Ok(reached.iter().zip(&load.initial).map(|(reached, initial)| reached - initial).collect())
@@ -102,7 +102,7 @@ impl Heat {
         Ok(Self { conduction, capacity, to_held, enters, held })
     }
 
-    fn steady(self, mesh: &Mesh, load: &LoadCase) -> Result<Vec<f64>, HeatError> {
+    fn steady(self) -> Result<Vec<f64>, HeatError> {
         let mut side = Mat::<f64>::zeros(self.enters.len(), 1);
         let mut column = side.col_mut(0);
         for (row, enters) in self.enters.iter().enumerate() {
@@ -111,7 +111,6 @@ impl Heat {
         for (row, node, value) in &self.to_held {
             column[*row] -= value * self.held[*node].unwrap_or_default();
         }
-        debug_assert_eq!(mesh.nodes.len(), load.initial.len());
         let factor = self.conduction.factor().ok_or(HeatError::Singular)?;
         factor.solve(side.as_mut());
         Ok(spread(&factor, &self.held, side.col(0).iter()))
