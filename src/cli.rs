@@ -16,6 +16,7 @@ mod gauge;
 mod identify;
 mod machines;
 mod measured;
+mod place;
 mod read;
 mod record;
 pub mod replay;
@@ -70,6 +71,8 @@ enum Verb {
     Identify(Box<identify::Arguments>),
     /// Which temperature points to keep, from logs with a measured error
     Select(select::Arguments),
+    /// Where the temperature sensors of a structure belong, from finite-element decks of its load cases
+    Place(Box<place::Arguments>),
     /// What logs say about drift, in the terms of ISO 230-3
     Report(report::Arguments),
     /// Let the running gateway write
@@ -165,6 +168,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Replay(arguments) => replay::run(&arguments),
         Verb::Identify(arguments) => identify::run(&arguments),
         Verb::Select(arguments) => select::run(&arguments),
+        Verb::Place(arguments) => place::run(&arguments),
         Verb::Report(arguments) => report::run(&arguments),
         Verb::Arm(arguments) => command::run(&arguments, crate::observe::status::Command::Arm),
         Verb::Disarm(arguments) => command::run(&arguments, crate::observe::status::Command::Disarm),

@@ -10,7 +10,9 @@
 //! quantity, the states of compensation ← observe ← cli           observe's events and status ← gateway
 //! { codec, profile, clock } ← virtual_machine ← cli              nobody else knows virtual_machine
 //! { codec, profile, fieldbus } ← survey ← cli                    nobody else knows survey
-//! { compensation, profile } ← identify ← cli                   nobody else knows identify
+//! { compensation, profile, sheet } ← identify ← cli            nobody else knows identify
+//! sheet ← placement ← cli                                      nobody else knows placement
+//! quantity ← sheet: pages for people
 //! { profile, the read plan of fieldbus } ← explain ← cli         nobody else knows explain
 //! ```
 //!
@@ -26,8 +28,10 @@ pub mod fieldbus;
 pub mod gateway;
 pub mod identify;
 pub mod observe;
+pub mod placement;
 pub mod profile;
 pub mod quantity;
 pub mod reading;
+pub mod sheet;
 pub mod survey;
 pub mod virtual_machine;

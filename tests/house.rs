@@ -13,7 +13,7 @@ mod source;
 /// Which rooms each room may import. A name behind `::` narrows it to that part of the room.
 ///
 /// The picture of the same is in `src/lib.rs`.
-const ARROWS: [(&str, &[&str]); 14] = [
+const ARROWS: [(&str, &[&str]); 16] = [
     ("quantity", &[]),
     ("reading", &["quantity"]),
     ("clock", &["quantity"]),
@@ -37,7 +37,9 @@ const ARROWS: [(&str, &[&str]); 14] = [
         ],
     ),
     ("survey", &["quantity", "codec", "profile", "clock", "fieldbus"]),
-    ("identify", &["quantity", "reading", "compensation", "profile"]),
+    ("sheet", &["quantity"]),
+    ("identify", &["quantity", "reading", "compensation", "profile", "sheet"]),
+    ("placement", &["quantity", "sheet"]),
     ("virtual_machine", &["quantity", "reading", "codec", "profile", "clock"]),
     ("explain", &["quantity", "reading", "codec", "compensation", "profile", "fieldbus::plan"]),
     (
@@ -54,6 +56,7 @@ const ARROWS: [(&str, &[&str]); 14] = [
             "explain",
             "survey",
             "identify",
+            "placement",
         ],
     ),
 ];

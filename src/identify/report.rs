@@ -4,14 +4,13 @@
 //! identified ─┬─ logs      runs, sensors, correlation map      selected
 //!             ├─ judged    pictures and figures of each run
 //!             └─ terms     the model, its stand-ins, its envelope, the limits in force
-//! chart: every picture        style.css: paper, phone, printer
 //! ```
 
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::Markup;
 
 use crate::quantity::Moment;
+use crate::sheet::{chart, date, decimals, duration, figure, number, plain, table, three_digits};
 
-mod chart;
 mod drifted;
 mod identified;
 mod judged;
@@ -19,113 +18,14 @@ mod logs;
 mod selected;
 mod terms;
 
+pub(super) use crate::sheet::rfc3339;
 pub(super) use logs::is_ambient;
 
 pub use drifted::drifted;
 pub use identified::{Subject, identified};
 pub use selected::selected;
 
-const STYLE: &str = include_str!("report/style.css");
-
 /// A whole page.
 fn page(title: &str, made: Moment, content: &Markup) -> String {
-    html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                title { (title) }
-                style { (PreEscaped(STYLE)) }
-            }
-            body {
-                h1 { (title) }
-                (content)
-                footer {
-                    p { "Made by isotherm " (env!("CARGO_PKG_VERSION")) " on " (date(made)) ". Every figure comes from the logs named here." }
-                    p { "Compensation is not a safety function: guards, stops and travel limits never depend on it." }
-                }
-            }
-        }
-    }
-    .into_string()
-}
-
-/// A moment for programs; none for a log that counts from its own beginning.
-pub(super) fn rfc3339(moment: Moment) -> Option<String> {
-    let stamp = jiff::Timestamp::from_nanosecond(i128::from(moment.as_nanos())).ok()?;
-    (moment.as_secs_f64() >= YEAR_2000_S).then(|| stamp.to_string())
-}
-
-/// What lies before it counts from its own beginning.
-const YEAR_2000_S: f64 = 946_684_800.0;
-
-/// Date and time in UTC; a log that counts from its own beginning has none.
-fn date(moment: Moment) -> String {
-    if moment.as_secs_f64() < YEAR_2000_S {
-        return "–".to_owned();
-    }
-    jiff::Timestamp::from_nanosecond(i128::from(moment.as_nanos()))
-        .map_or_else(|_| "–".to_owned(), |stamp| stamp.strftime("%Y-%m-%d %H:%M UTC").to_string())
-}
-
-/// A picture with what it shows.
-fn figure(title: &str, picture: &Markup, caption: &str) -> Markup {
-    html! {
-        figure {
-            @if !title.is_empty() { h3 { (title) } }
-            (picture)
-            @if !caption.is_empty() { figcaption { (caption) } }
-        }
-    }
-}
-
-/// A table whose first column names its rows; it scrolls where the page is narrow. A head that ends in a colon stands over
-/// words, the others over figures.
-fn table(heads: &[&str], rows: &Markup) -> Markup {
-    html! {
-        div .scroll tabindex="0" {
-            table {
-                thead { tr { @for head in heads { th scope="col" .words[head.ends_with(':')] { (head.trim_end_matches(':')) } } } }
-                tbody { (rows) }
-            }
-        }
-    }
-}
-
-/// Two decimals, with a minus that is as wide as a plus.
-fn number(value: f64) -> String {
-    decimals(value, 2)
-}
-
-fn decimals(value: f64, places: usize) -> String {
-    let text = format!("{value:.places$}");
-    let is_zero = !text.bytes().any(|byte| (b'1'..=b'9').contains(&byte));
-    if is_zero { text.trim_start_matches('-').to_owned() } else { text.replace('-', "−") }
-}
-
-/// As many decimals as three digits need.
-fn three_digits(value: f64) -> String {
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 6 decimals")]
-    let places = (2.0 - value.abs().max(1e-9).log10().floor()).clamp(0.0, 6.0) as usize;
-    decimals(value, places)
-}
-
-/// A step of a sensor: no more digits than it has.
-fn plain(value: f64) -> String {
-    let text = format!("{value:.6}");
-    text.trim_end_matches('0').trim_end_matches('.').to_owned()
-}
-
-fn duration(seconds: f64) -> String {
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a run's length in minutes")]
-    let minutes = (seconds / 60.0).round().max(0.0) as u64;
-    if seconds < 60.0 {
-        return format!("{} s", plain(seconds));
-    }
-    match (minutes / 60, minutes % 60) {
-        (0, minutes) => format!("{minutes} min"),
-        (hours, 0) => format!("{hours} h"),
-        (hours, minutes) => format!("{hours} h {minutes:02} min"),
-    }
+    crate::sheet::page(title, made, "the logs named here", content)
 }

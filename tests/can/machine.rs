@@ -181,7 +181,7 @@ fn on_virtual_time_one_seed_is_one_run_and_the_axis_is_compensated() {
     let axis = &first.summary.axes[0];
     let (without, with) = (axis.uncompensated.range_um(), axis.compensated.range_um());
     println!("error range {without:.2} µm uncompensated, {with:.2} µm compensated");
-    assert!(without > 10.0 && with < 0.2 * without, "{without} {with}: {:#?}", events(&first.status));
+    assert!(without > 8.0 && with < 0.2 * without, "{without} {with}: {:#?}", events(&first.status));
     first.no_step_is_larger_than_one_micrometre();
     let second = Run::with(slowly(&interface), "", SECONDS);
     assert_eq!(first.summary, second.summary);
@@ -360,10 +360,11 @@ fn a_machine_whose_interface_is_missing_says_how_to_make_one() {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     let clock = Clock::wall();
     let started = VirtualMachine::start(&profile, Setup::default(), &clock);
-    let error = runtime.block_on(started).unwrap_err().to_string();
+    let error = runtime.block_on(started).unwrap_err();
+    assert_eq!(error.to_string(), "cannot listen at vm-none (bus `can`)");
     assert_eq!(
-        error,
-        "cannot listen at vm-none (bus `can`): there is no such interface; a virtual one is made by: \
+        std::error::Error::source(&error).unwrap().to_string(),
+        "there is no such interface; a virtual one is made by: \
          ip link add dev vm-none type vcan && ip link set vm-none up"
     );
 }

@@ -31,6 +31,11 @@ pub(in crate::virtual_machine) const fn communication(pdo: u16) -> [At; 3] {
 /// The communication profile's part of the dictionary, which a reset of the communication alone puts back.
 const COMMUNICATION: std::ops::Range<u16> = 0x1000..0x2000;
 
+/// Whether the node itself says what an object reads: nothing is measured there.
+pub(in crate::virtual_machine) fn is_own(at: At) -> bool {
+    COMMUNICATION.contains(&at.0) || at == CYCLE
+}
+
 #[derive(Clone, Debug)]
 pub(in crate::virtual_machine) struct Node {
     /// `None`: it only sends.
@@ -111,8 +116,10 @@ impl Node {
 
     /// When it has something to do by itself.
     pub(in crate::virtual_machine) fn due(&self) -> Option<Moment> {
-        let pdos = self.pdos.iter().filter_map(|pdo| pdo.due);
-        pdos.filter(|_| self.state == State::Operational).chain(self.heartbeat).min()
+        let heartbeat = self.heartbeat.filter(|_| self.milliseconds(HEARTBEAT_TIME).is_some());
+        let by_clock = (0..self.pdos.len()).filter(|place| self.period(*place).is_some());
+        let pdos = by_clock.filter_map(|place| self.pdos[place].due);
+        pdos.filter(|_| self.state == State::Operational).chain(heartbeat).min()
     }
 
     /// Lets time pass.

@@ -10,7 +10,7 @@ use crate::profile::{DeviceId, Profile};
 use crate::quantity::Moment;
 use crate::virtual_machine::can::dictionary::{Server, refusal};
 use crate::virtual_machine::can::frames::{self, Delivery, Image, Taken};
-use crate::virtual_machine::can::node::{Act, Node};
+use crate::virtual_machine::can::node::{Act, Node, is_own};
 use crate::virtual_machine::can::power_on;
 use crate::virtual_machine::fault::can::{BusError, SdoFault, Spoilt, Utterance};
 use crate::virtual_machine::journal::Seen;
@@ -167,13 +167,15 @@ impl Hardware {
         }
     }
 
-    /// Puts what the cells hold into the objects.
+    /// Puts what the cells hold into the objects; the other way round those of which the node itself says what they are.
     fn show_objects(&mut self, place: usize) {
+        self.keep_objects(place, is_own);
         let unit = &mut self.units[place];
         let (Some(can), Some(device)) = (&mut unit.can, &self.profile.device(unit.device).can) else {
             return;
         };
-        for (place, object) in device.objects.iter().enumerate() {
+        let measured = device.objects.iter().enumerate().filter(|(_, object)| !is_own(power_on::at(object)));
+        for (place, object) in measured {
             let cell = power_on::cell(place);
             let words = cell.and_then(|cell| unit.bank.read(cell, object.data_type.registers()));
             if let Some(words) = words {
@@ -196,15 +198,14 @@ impl Hardware {
             let cells: Vec<_> = std::iter::once(cell).chain(shown).collect();
             self.put(place, &cells, words.words(), now);
         }
-        // The object of a PDO's timer has a second name, and both are read.
-        self.keep_objects(place);
     }
 
-    /// Puts the node's own objects into their cells.
-    fn keep_objects(&mut self, place: usize) {
+    /// Puts objects into their cells.
+    fn keep_objects(&mut self, place: usize, which: impl Fn((u16, u8)) -> bool) {
         let unit = &mut self.units[place];
         let (Some(can), Some(device)) = (&unit.can, &self.profile.device(unit.device).can) else { return };
-        for (place, object) in device.objects.iter().enumerate() {
+        let objects = device.objects.iter().enumerate().filter(|(_, object)| which(power_on::at(object)));
+        for (place, object) in objects {
             let words = can.node.objects.get(power_on::at(object)).and_then(|bytes| object.words(bytes));
             if let (Some(words), Some(cell)) = (words, power_on::cell(place)) {
                 let fits = unit.bank.write(cell, words.words());
@@ -270,7 +271,7 @@ impl Hardware {
             for act in acts {
                 match act {
                     Act::Reset => self.restart(place, now),
-                    Act::Restored => self.keep_objects(place),
+                    Act::Restored => self.keep_objects(place, is_own),
                     Act::Send(frame) => {
                         if !self.faults.silences(device, now) {
                             sent.push(Sent::Frame(frame, None));

@@ -3,6 +3,7 @@
 use crate::codec::Address;
 use crate::profile::{DeviceId, Output, Profile, Verify};
 use crate::reading::SignalId;
+use crate::virtual_machine::can::{node, power_on};
 use crate::virtual_machine::control::Control;
 use crate::virtual_machine::registers::Bank;
 
@@ -126,7 +127,10 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
         let is_owned = |(other, address, count): &(usize, Address, u16)| {
             *other == place && overlap((*address, *count), (signal.address, width))
         };
-        if !owned.iter().any(is_owned) {
+        let can = profile.device(signal.device).can.as_ref();
+        let is_the_node_s =
+            can.and_then(|can| power_on::named(can, signal.address)).is_some_and(node::is_own);
+        if !is_the_node_s && !owned.iter().any(is_owned) {
             units[place].measures.push(SignalId(index));
         }
     }

@@ -65,7 +65,12 @@ pub(super) fn can_machine() -> Profile {
     let mut axtc = node(Some(5));
     axtc.heartbeat = Some(Duration::from_secs(3));
     axtc.setup = vec![set_up(0x1800, 5, DataType::U16, 200)];
-    axtc.objects = vec![object(0x7130, 1, DataType::I16), object(0x6110, 1, DataType::Unsigned(8))];
+    axtc.objects = vec![
+        object(0x7130, 1, DataType::I16),
+        object(0x6110, 1, DataType::Unsigned(8)),
+        object(0x1001, 0, DataType::Unsigned(8)),
+        object(0x1017, 0, DataType::U16),
+    ];
     axtc.fields = vec![field(0x185, 0, 16, signed), field(0x185, 16, 16, signed)];
 
     let mut canmod = node(None);
@@ -113,6 +118,8 @@ pub(super) fn can_machine() -> Profile {
         signal("far", 1, table, 6, temperature),
         Signal { unit: Unit("mm"), ..signal("position", 2, table, 0, position.clone()) },
         Signal { unit: Unit("mm"), ..signal("synchronous", 2, table, 1, position) },
+        Signal { unit: Unit("1"), ..signal("errors", AXTC, sdo, 2, plain(DataType::Unsigned(8), 1.0)) },
+        Signal { unit: Unit("1"), ..signal("beats", AXTC, sdo, 3, plain(DataType::U16, 1.0)) },
     ];
     let read_back = Verify::ReadBackAt(Address { table: sdo, offset: 0 });
     let corrected = Writes::Corrected { position: SignalId(10) };

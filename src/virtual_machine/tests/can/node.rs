@@ -101,6 +101,16 @@ fn what_a_frame_writes_is_kept_and_read_again_by_sdo() {
 }
 
 #[test]
+fn what_the_node_says_of_itself_is_not_measured() {
+    let mut rig = Rig::new("");
+    rig.until(0);
+    assert_eq!(rig.give(1, "605#4017100000000000"), ["585#4B171000E8030000"], "its heartbeat, 1 s");
+    assert_eq!(rig.give(1, "605#2B171000C8000000"), ["585#6017100000000000"]);
+    assert_eq!(rig.heard(601, &["705"]), ["201 705#7F", "401 705#7F", "601 705#7F"]);
+    assert_eq!(rig.give(700, "605#4017100000000000"), ["585#4B171000C8000000"]);
+}
+
+#[test]
 fn a_frame_that_is_too_short_is_not_taken_and_complained_of() {
     let mut rig = Rig::new("");
     rig.until(0);
@@ -157,8 +167,9 @@ proptest! {
                 rig.hardware.can_take(&rig.devices, &frame, at(place));
             }
         }
-        rig.give(200, "000#8100");
-        rig.give(200, "000#0100");
-        prop_assert_eq!(rig.give(201, "605#4010610100000000"), ["585#4F10610103000000"]);
+        rig.until(400);
+        rig.give(400, "000#8100");
+        rig.give(400, "000#0100");
+        prop_assert_eq!(rig.give(401, "605#4010610100000000"), ["585#4F10610103000000"]);
     }
 }

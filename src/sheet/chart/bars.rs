@@ -8,17 +8,17 @@ use super::{COOL, INK, QUIET, letters, pixels, sheet, span};
 
 /// A bar.
 #[derive(Clone, Debug)]
-pub(in crate::identify::report) struct Bar {
+pub(crate) struct Bar {
     /// Before it.
-    pub(in crate::identify::report) name: String,
+    pub(crate) name: String,
     /// How long; below zero it points left.
-    pub(in crate::identify::report) value: f64,
+    pub(crate) value: f64,
     /// Half the width of the whisker at its end; 0: none.
-    pub(in crate::identify::report) doubt: f64,
+    pub(crate) doubt: f64,
     /// A second one, hollow, around it.
-    pub(in crate::identify::report) outline: Option<f64>,
+    pub(crate) outline: Option<f64>,
     /// At the right edge.
-    pub(in crate::identify::report) figure: String,
+    pub(crate) figure: String,
 }
 
 const WIDTH: f64 = 480.0;
@@ -27,18 +27,18 @@ const ROW: f64 = 28.0;
 const LETTER: f64 = 9.6;
 
 /// The bars below each other, over one scale that takes zero in.
-pub(in crate::identify::report) fn bars(says: &str, all: &[Bar]) -> Markup {
+pub(crate) fn bars(says: &str, all: &[Bar]) -> Markup {
     let ends = all
         .iter()
         .flat_map(|bar| [bar.value - bar.doubt, bar.value + bar.doubt, bar.outline.unwrap_or(bar.value)]);
     let (low, high) = span(ends, true);
     let widest = |text: fn(&Bar) -> &str| {
         let letters = all.iter().map(|bar| text(bar).chars().count()).max().unwrap_or(0);
-        crate::identify::gram::count(letters) * LETTER + 8.0
+        super::count(letters) * LETTER + 8.0
     };
     let (before, behind) = (widest(|bar| &bar.name).min(210.0), widest(|bar| &bar.figure).min(160.0));
     let place = |value: f64| before + (value - low) / (high - low) * (WIDTH - before - behind);
-    let height = crate::identify::gram::count(all.len()) * ROW + 8.0;
+    let height = super::count(all.len()) * ROW + 8.0;
     let most = letters_in(before);
     sheet(480, pixels(height).unsigned_abs(), says, |paper| {
         let right = letters(16.0, INK).pos(Pos::new(HPos::Right, VPos::Center));
@@ -47,7 +47,7 @@ pub(in crate::identify::report) fn bars(says: &str, all: &[Bar]) -> Markup {
             PathElement::new([(x, pixels(from)), (x, pixels(to))], color.stroke_width(2))
         };
         for (row, bar) in all.iter().enumerate() {
-            let middle = (crate::identify::gram::count(row) + 0.5) * ROW + 4.0;
+            let middle = (super::count(row) + 0.5) * ROW + 4.0;
             let (top, bottom) = (pixels(middle - 8.0), pixels(middle + 8.0));
             let across = |from: f64, to: f64| {
                 [(pixels(place(from.min(to))), top), (pixels(place(from.max(to))), bottom)]

@@ -7,7 +7,7 @@ use super::{COOL, INK, QUIET, RULE, WARM, hours, letters, sheet, span, tick};
 
 /// How a line looks: told apart without colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::identify::report) enum Look {
+pub(crate) enum Look {
     /// Black.
     Solid,
     /// Broken.
@@ -20,11 +20,11 @@ pub(in crate::identify::report) enum Look {
 
 /// A line over hours.
 #[derive(Clone, Debug)]
-pub(in crate::identify::report) struct Line {
+pub(crate) struct Line {
     /// How it looks.
-    pub(in crate::identify::report) look: Look,
+    pub(crate) look: Look,
     /// Hours and values.
-    pub(in crate::identify::report) points: Vec<(f64, f64)>,
+    pub(crate) points: Vec<(f64, f64)>,
 }
 
 /// Most points of a line: more than a printer shows at this width.
@@ -34,7 +34,7 @@ const MOST_POINTS_FAINT: usize = 80;
 
 impl Line {
     /// Thinned out: of each stretch the two ends of what it spans, so that no spike is lost.
-    pub(in crate::identify::report) fn new(look: Look, points: impl Iterator<Item = (f64, f64)>) -> Line {
+    pub(crate) fn new(look: Look, points: impl Iterator<Item = (f64, f64)>) -> Line {
         let all: Vec<(f64, f64)> = points.filter(|(_, value)| value.is_finite()).collect();
         let most = if look == Look::Faint { MOST_POINTS_FAINT } else { MOST_POINTS };
         let stretch = all.len().div_ceil(most / 2);
@@ -53,7 +53,7 @@ impl Line {
 }
 
 /// Lines over hours, at a width of `width` pixels. `within` is the span of values where pictures share one.
-pub(in crate::identify::report) fn lines(
+pub(crate) fn lines(
     width: u32,
     height: u32,
     unit: &str,
@@ -112,7 +112,7 @@ pub(in crate::identify::report) fn lines(
 }
 
 /// Values by a count from 0 on, the one at `marked` with a ring; `level` is a broken line across.
-pub(in crate::identify::report) fn curve(
+pub(crate) fn curve(
     unit: &str,
     says: &str,
     values: &[f64],
@@ -153,7 +153,7 @@ pub(in crate::identify::report) fn curve(
 }
 
 /// The second of each pair over the first, with the line on which both are equal.
-pub(in crate::identify::report) fn scatter(unit: &str, says: &str, pairs: &[(f64, f64)]) -> Markup {
+pub(crate) fn scatter(unit: &str, says: &str, pairs: &[(f64, f64)]) -> Markup {
     let (low, high) = span(pairs.iter().flat_map(|(one, other)| [*one, *other]), true);
     sheet(480, 440, says, |paper| {
         let mut chart = ChartBuilder::on(paper)
@@ -181,7 +181,7 @@ pub(in crate::identify::report) fn scatter(unit: &str, says: &str, pairs: &[(f64
 }
 
 fn number(place: usize) -> f64 {
-    crate::identify::gram::count(place)
+    super::count(place)
 }
 
 #[cfg(test)]

@@ -5,13 +5,13 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::{INK, letters, pixels, sheet};
-use crate::identify::gram::count;
+use super::count;
 
 const CELL: f64 = 30.0;
 const LETTER: f64 = 8.4;
 
 /// One row and one column for each name, in hundredths.
-pub(in crate::identify::report) fn map(says: &str, names: &[&str], values: &[Vec<f64>]) -> Markup {
+pub(crate) fn map(says: &str, names: &[&str], values: &[Vec<f64>]) -> Markup {
     let longest = names.iter().map(|name| name.chars().count()).max().unwrap_or(0);
     let before = count(longest) * LETTER + 34.0;
     // Columns carry the numbers of the rows: names on end are hard to read.

@@ -7,13 +7,15 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::TextStyle;
 
+mod along;
 mod bars;
 mod lines;
 mod map;
 
-pub(super) use bars::{Bar, bars};
-pub(super) use lines::{Line, Look, curve, lines, scatter};
-pub(super) use map::map;
+pub(crate) use along::along;
+pub(crate) use bars::{Bar, bars};
+pub(crate) use lines::{Line, Look, curve, lines, scatter};
+pub(crate) use map::map;
 
 type Paper<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
@@ -49,7 +51,7 @@ fn letters(size: f64, color: RGBColor) -> TextStyle<'static> {
 }
 
 /// A number on an axis: no more digits than it needs.
-pub(super) fn tick(value: f64) -> String {
+pub(crate) fn tick(value: f64) -> String {
     let text = format!("{value:.3}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
     if text == "-0" { "0".to_owned() } else { text.replace('-', "−") }
@@ -77,4 +79,11 @@ fn span(values: impl Iterator<Item = f64>, zero: bool) -> (f64, f64) {
     }
     let room = if high - low > 1e-9 { 0.05 * (high - low) } else { 0.5 };
     (low - room, high + room)
+}
+
+/// A number of things to compute with.
+fn count(things: usize) -> f64 {
+    #[allow(clippy::cast_precision_loss, reason = "things on a sheet")]
+    let count = things as f64;
+    count
 }

@@ -1,0 +1,199 @@
+//! From decks to what sensors are chosen on: temperatures, displacements, P.
+
+use super::{Arguments, Engine, Failure};
+use crate::placement::blocks::{Part, Reach, parts};
+use crate::placement::body::Progress;
+use crate::placement::ccx::Ccx;
+use crate::placement::deck::{self, Deck};
+use crate::placement::found::rows;
+use crate::placement::heat::temperatures;
+use crate::placement::mesh::Mesh;
+use crate::placement::problem::Load;
+use crate::placement::structure::{Adjoint, Structure};
+use crate::placement::views::outside;
+
+/// What is known of a structure.
+pub(super) struct Known {
+    pub(super) mesh: Mesh,
+    pub(super) guide: Vec<usize>,
+    pub(super) parts: Vec<Part>,
+    pub(super) reach: Reach,
+    /// Rows 3·guide + component, columns blocks, mm/K.
+    pub(super) p: Vec<Vec<f64>>,
+    /// Only the own engine knows it.
+    pub(super) adjoint: Option<Adjoint>,
+    pub(super) loads: Vec<Load>,
+}
+
+/// Reads the decks and computes.
+pub(super) fn known(arguments: &Arguments, progress: Progress<'_>) -> Result<Known, Failure> {
+    let decks = decks(arguments, progress)?;
+    let mut wrong = Vec::new();
+    let first = &decks[0];
+    let mesh = &first.mesh;
+    let guide = set(mesh, &arguments.guide, "--guide", &mut wrong);
+    let fixed = match mesh.node_sets.get(&arguments.fixed.to_uppercase()) {
+        None if !first.supports.is_empty() => first.supports.clone(),
+        _ => set(mesh, &arguments.fixed, "--fixed", &mut wrong),
+    };
+    let parts = parts(mesh, &arguments.blocks, &arguments.cut).unwrap_or_else(|why| {
+        wrong.extend(why);
+        Vec::new()
+    });
+    let mut allowed = outside(mesh, &fixed);
+    if let Some(name) = &arguments.candidates {
+        let chosen = set(mesh, name, "--candidates", &mut wrong);
+        allowed = vec![false; mesh.nodes.len()];
+        let skin = mesh.skin();
+        chosen.iter().filter(|node| skin.binary_search(node).is_ok()).for_each(|node| allowed[*node] = true);
+    }
+    guide.iter().chain(&fixed).for_each(|node| allowed[*node] = false);
+    if !wrong.is_empty() {
+        return Err(anyhow::anyhow!("{}: {}", arguments.decks[0].display(), wrong.join("\n")).into());
+    }
+    let reach = Reach { margin: arguments.margin, allowed };
+    match arguments.engine {
+        Engine::Own => own(decks, guide, &fixed, parts, reach, progress),
+        Engine::Ccx => referee(decks, guide, &fixed, parts, reach, progress),
+    }
+}
+
+/// With the own finite elements.
+fn own(
+    decks: Vec<Deck>,
+    guide: Vec<usize>,
+    fixed: &[usize],
+    parts: Vec<Part>,
+    reach: Reach,
+    progress: Progress<'_>,
+) -> Result<Known, Failure> {
+    let first = &decks[0];
+    let structure =
+        Structure::new(&first.mesh, &first.materials, fixed, progress).map_err(anyhow::Error::from)?;
+    let adjoint = structure.guideway(&guide, progress);
+    let mut loads = Vec::new();
+    for (place, deck) in decks.iter().enumerate() {
+        progress("load cases", place, decks.len());
+        let rise = temperatures(&deck.mesh, &deck.materials, &deck.load, progress)
+            .map_err(|why| anyhow::anyhow!("{}: {why}", deck.name))?;
+        loads.push(Load { name: deck.name.clone(), moved_mm: adjoint.displacements(&rise), rise });
+    }
+    progress("load cases", decks.len(), decks.len());
+    let columns: Vec<Vec<f64>> = parts.iter().map(|part| adjoint.block(&part.nodes)).collect();
+    let p = rows(&columns);
+    let mesh = decks.into_iter().next().map(|deck| deck.mesh).unwrap_or_default();
+    Ok(Known { mesh, guide, parts, reach, p, adjoint: Some(adjoint), loads })
+}
+
+/// With CalculiX: temperatures case by case, then all displacements and P by unit rises of each block.
+fn referee(
+    decks: Vec<Deck>,
+    guide: Vec<usize>,
+    fixed: &[usize],
+    parts: Vec<Part>,
+    reach: Reach,
+    progress: Progress<'_>,
+) -> Result<Known, Failure> {
+    let ccx = Ccx::default();
+    let all = decks.len() + 1;
+    let mut rises = Vec::new();
+    for (place, deck) in decks.iter().enumerate() {
+        progress("ccx", place, all);
+        let rise = ccx.temperatures(&deck.mesh, &deck.materials, &deck.load);
+        rises.push(rise.map_err(|why| anyhow::anyhow!("{}: {why}", deck.name))?);
+    }
+    let (mesh, materials) = (&decks[0].mesh, &decks[0].materials);
+    let warmed = |part: &Part| {
+        let mut warmed = vec![0.0; mesh.nodes.len()];
+        part.nodes.iter().for_each(|node| warmed[*node] = 1.0);
+        warmed
+    };
+    let units: Vec<Vec<f64>> = parts.iter().map(warmed).collect();
+    let fields: Vec<&[f64]> = units.iter().chain(&rises).map(Vec::as_slice).collect();
+    progress("ccx", decks.len(), all);
+    let mut columns =
+        ccx.displacements(mesh, materials, fixed, &guide, &fields).map_err(anyhow::Error::from)?;
+    progress("ccx", all, all);
+    let moved = columns.split_off(parts.len());
+    let loads = decks
+        .iter()
+        .zip(rises)
+        .zip(moved)
+        .map(|((deck, rise), moved_mm)| Load { name: deck.name.clone(), rise, moved_mm })
+        .collect();
+    let p = rows(&columns);
+    let mesh = decks.into_iter().next().map(|deck| deck.mesh).unwrap_or_default();
+    Ok(Known { mesh, guide, parts, reach, p, adjoint: None, loads })
+}
+
+/// Every deck, all of one structure.
+fn decks(arguments: &Arguments, progress: Progress<'_>) -> Result<Vec<Deck>, Failure> {
+    let mut decks: Vec<Deck> = Vec::new();
+    let mut wrong = Vec::new();
+    for (place, path) in arguments.decks.iter().enumerate() {
+        progress("decks", place, arguments.decks.len());
+        match deck::read(path) {
+            Ok(deck) => {
+                if decks.iter().any(|other| other.name == deck.name) {
+                    wrong.push(format!(
+                        "{}: a second load case called {}; a case is called as its file is: give the files different names",
+                        path.display(),
+                        deck.name
+                    ));
+                }
+                decks.push(deck);
+            }
+            Err(faults) => wrong.push(faults.to_string()),
+        }
+    }
+    progress("decks", arguments.decks.len(), arguments.decks.len());
+    if let Some((first, others)) = decks.split_first() {
+        for other in others {
+            if let Some(why) = differs(first, other) {
+                wrong.push(format!(
+                    "{} and {} are not one structure: {why}; every load case must have the same mesh and the same materials \
+                     (one file that each deck includes)",
+                    first.name, other.name
+                ));
+            }
+        }
+    }
+    if wrong.is_empty() { Ok(decks) } else { Err(anyhow::anyhow!("{}", wrong.join("\n")).into()) }
+}
+
+fn differs(first: &Deck, other: &Deck) -> Option<String> {
+    let (one, two) = (&first.mesh, &other.mesh);
+    if one.nodes != two.nodes {
+        return Some(format!("{} nodes and {}, or other numbers", one.nodes.len(), two.nodes.len()));
+    }
+    if one.xyz != two.xyz {
+        return Some("their nodes lie elsewhere".to_owned());
+    }
+    if one.elements != two.elements {
+        return Some("their elements differ".to_owned());
+    }
+    if one.node_sets != two.node_sets {
+        return Some("their node sets differ".to_owned());
+    }
+    (first.materials != other.materials).then(|| "their materials differ".to_owned())
+}
+
+/// The nodes of a set that must be there.
+fn set(mesh: &Mesh, name: &str, option: &str, wrong: &mut Vec<String>) -> Vec<usize> {
+    match mesh.node_sets.get(&name.to_uppercase()) {
+        Some(nodes) if !nodes.is_empty() => nodes.clone(),
+        Some(_) => {
+            wrong.push(format!("node set {} is empty", name.to_uppercase()));
+            Vec::new()
+        }
+        None => {
+            let known: Vec<&str> = mesh.node_sets.keys().map(String::as_str).collect();
+            let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
+            wrong.push(format!(
+                "there is no node set {} (there are: {known}); add it to the deck, or name another with {option}",
+                name.to_uppercase()
+            ));
+            Vec::new()
+        }
+    }
+}

@@ -1,0 +1,174 @@
+//! The mesh: nodes, tetrahedra, named sets, and the outer skin.
+
+use std::collections::{BTreeMap, HashMap};
+use std::fmt;
+
+/// The number a node has in the deck.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct NodeId(pub u32);
+
+impl fmt::Display for NodeId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+/// How many nodes a tetrahedron has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Four corners, linear (`C3D4`).
+    Tet4,
+    /// Four corners and the middles of the six edges, quadratic (`C3D10`).
+    Tet10,
+}
+
+impl Kind {
+    /// Nodes of one element.
+    #[must_use]
+    pub const fn nodes(self) -> usize {
+        match self {
+            Self::Tet4 => 4,
+            Self::Tet10 => 10,
+        }
+    }
+
+    /// The name of the element in a deck.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Tet4 => "C3D4",
+            Self::Tet10 => "C3D10",
+        }
+    }
+
+    /// The places of the nodes of face `side` (0 to 3, in a deck F1 to F4): corners, then the middles of its edges.
+    #[must_use]
+    pub fn face(self, side: usize) -> &'static [usize] {
+        match self {
+            Self::Tet4 => &FACES[side][..3],
+            Self::Tet10 => &FACES[side],
+        }
+    }
+}
+
+/// Faces as Abaqus and CalculiX count them, seen from outside clockwise.
+const FACES: [[usize; 6]; 4] =
+    [[0, 1, 2, 4, 5, 6], [0, 3, 1, 7, 8, 4], [1, 3, 2, 8, 9, 5], [2, 3, 0, 9, 7, 6]];
+
+/// A tetrahedron.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Element {
+    /// Its number in the deck.
+    pub id: u32,
+    /// Linear or quadratic.
+    pub kind: Kind,
+    /// Places of its nodes in [`Mesh::nodes`]: four corners, then the middles of the edges 12, 23, 31, 14, 24, 34.
+    pub nodes: Vec<usize>,
+}
+
+/// One face of one element.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Face {
+    /// Place of the element in [`Mesh::elements`].
+    pub element: usize,
+    /// 0 to 3, in a deck F1 to F4.
+    pub side: usize,
+}
+
+/// A body of tetrahedra.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Mesh {
+    /// Numbers of the nodes in the deck, ascending. Everything else speaks of nodes by their place in here.
+    pub nodes: Vec<NodeId>,
+    /// Coordinates in mm, one triple for each of `nodes`.
+    pub xyz: Vec<[f64; 3]>,
+    /// The tetrahedra.
+    pub elements: Vec<Element>,
+    /// Places of nodes, ascending and each once, by the name of the set in capitals.
+    pub node_sets: BTreeMap<String, Vec<usize>>,
+    /// Places of elements, ascending and each once, by the name of the set in capitals.
+    pub element_sets: BTreeMap<String, Vec<usize>>,
+}
+
+impl Mesh {
+    /// The place of the node with this number.
+    #[must_use]
+    pub fn place(&self, node: NodeId) -> Option<usize> {
+        self.nodes.binary_search(&node).ok()
+    }
+
+    /// Coordinates of the nodes of an element.
+    #[must_use]
+    pub fn corners(&self, element: &Element) -> Vec<[f64; 3]> {
+        element.nodes.iter().map(|node| self.xyz[*node]).collect()
+    }
+
+    /// Faces that belong to one element only, in the order of the elements.
+    #[must_use]
+    pub fn outer_faces(&self) -> Vec<Face> {
+        let mut seen: HashMap<[usize; 3], (Face, usize)> = HashMap::with_capacity(self.elements.len() * 3);
+        for (place, element) in self.elements.iter().enumerate() {
+            for side in 0..4 {
+                let face = Face { element: place, side };
+                seen.entry(self.face_key(element, side)).or_insert((face, 0)).1 += 1;
+            }
+        }
+        let mut outer: Vec<Face> =
+            seen.into_values().filter(|(_, times)| *times == 1).map(|(face, _)| face).collect();
+        outer.sort_unstable();
+        outer
+    }
+
+    /// What a face is, whoever of its two elements is asked: its corners, ascending.
+    #[must_use]
+    pub fn face_key(&self, element: &Element, side: usize) -> [usize; 3] {
+        let corners = FACES[side];
+        let mut key = [element.nodes[corners[0]], element.nodes[corners[1]], element.nodes[corners[2]]];
+        key.sort_unstable();
+        key
+    }
+
+    /// Nodes of the outer faces, ascending: where a sensor can be reached.
+    #[must_use]
+    pub fn skin(&self) -> Vec<usize> {
+        let mut on = vec![false; self.nodes.len()];
+        for face in self.outer_faces() {
+            let element = &self.elements[face.element];
+            for place in element.kind.face(face.side) {
+                on[element.nodes[*place]] = true;
+            }
+        }
+        (0..on.len()).filter(|node| on[*node]).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two tetrahedra on one common face.
+    fn pair() -> Mesh {
+        let element = |id, nodes: [usize; 4]| Element { id, kind: Kind::Tet4, nodes: nodes.to_vec() };
+        Mesh {
+            nodes: [1, 2, 5, 7, 9].map(NodeId).to_vec(),
+            xyz: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0]],
+            elements: vec![element(1, [0, 1, 2, 3]), element(2, [1, 4, 2, 3])],
+            ..Mesh::default()
+        }
+    }
+
+    #[test]
+    fn the_common_face_of_two_elements_is_not_outside() {
+        let mesh = pair();
+        let outer = mesh.outer_faces();
+        assert_eq!(outer.len(), 6);
+        assert!(outer.iter().all(|face| mesh.face_key(&mesh.elements[face.element], face.side) != [1, 2, 3]));
+        assert_eq!(mesh.skin(), [0, 1, 2, 3, 4]);
+    }
+
+    #[test]
+    fn a_node_is_found_by_its_number_in_the_deck() {
+        assert_eq!(pair().place(NodeId(7)), Some(3));
+        assert_eq!(pair().place(NodeId(6)), None);
+    }
+}

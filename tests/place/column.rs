@@ -1,0 +1,55 @@
+//! The column's decks, and the verb over them.
+
+use std::path::Path;
+use std::sync::OnceLock;
+
+use isotherm::placement::column::{Column, Warming};
+use isotherm::placement::mesh::Kind;
+use isotherm::placement::write;
+
+use crate::process::{file, isotherm};
+
+/// What the verb answered.
+pub(crate) struct Answer {
+    pub(crate) code: Option<i32>,
+    pub(crate) out: String,
+    pub(crate) said: String,
+}
+
+/// `isotherm place` with these arguments, in this directory.
+pub(crate) fn place(home: &Path, arguments: &[&str]) -> Answer {
+    let done = isotherm(home).current_dir(home).arg("place").args(arguments).output().unwrap();
+    Answer {
+        code: done.status.code(),
+        out: String::from_utf8(done.stdout).unwrap(),
+        said: String::from_utf8(done.stderr).unwrap(),
+    }
+}
+
+fn coarse() -> &'static Column {
+    static COLUMN: OnceLock<Column> = OnceLock::new();
+    COLUMN.get_or_init(|| Column::new(120.0, Kind::Tet4))
+}
+
+/// A mesh that decks include, as text; and the decks of these load cases, which end where their steps do.
+pub(crate) fn decks(home: &Path, cases: &[Warming]) {
+    let column = coarse();
+    let structure = write::mesh(&column.mesh) + &write::materials(&column.mesh, &column.materials);
+    file(home, "structure.inc", &structure);
+    for warming in cases {
+        let deck = write::load(&column.mesh, &column.load(*warming), "");
+        file(home, &format!("{}.inp", warming.name()), &format!("*INCLUDE, INPUT=structure.inc\n{deck}"));
+    }
+}
+
+/// The mesh's text changed by hand.
+pub(crate) fn changed(home: &Path, change: impl FnOnce(String) -> String) {
+    let path = home.join("structure.inc");
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(path, change(text)).unwrap();
+}
+
+/// Number of guideway nodes.
+pub(crate) fn guide() -> usize {
+    coarse().mesh.node_sets["GUIDE"].len()
+}

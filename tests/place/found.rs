@@ -1,0 +1,128 @@
+//! What it finds, and what it writes.
+
+use isotherm::placement::column::Warming;
+use serde_json::Value;
+
+use crate::column::{decks, guide, place};
+use crate::process::{file, isotherm};
+
+const CASES: [Warming; 3] = [Warming::Air, Warming::Spindle, Warming::Motor];
+const FILES: [&str; 3] = ["air.inp", "spindle.inp", "motor.inp"];
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
+}
+
+#[test]
+fn one_placement_for_all_cases_beats_block_centres_and_every_placement_by_one_case() {
+    let home = tempfile::tempdir().unwrap();
+    decks(home.path(), &CASES);
+    let answer = place(home.path(), &[&FILES[..], &["--json"]].concat());
+    assert_eq!(answer.code, Some(0), "{}", answer.said);
+    let found: Value = serde_json::from_str(&answer.out).unwrap();
+    assert_eq!(found["P"].as_array().unwrap().len(), 3 * guide());
+    assert!(found["P"].as_array().unwrap().iter().all(|row| row.as_array().unwrap().len() == 8));
+    assert_eq!(found["guide_nodes"].as_array().unwrap().len(), guide());
+    for name in ["air", "spindle", "motor"] {
+        let case = &found["cases"][name];
+        assert_eq!(case["delta1_mm"].as_array().unwrap().len(), 3 * guide());
+        let floor = number(&case["floor"]["rms_um"]);
+        for method in ["patent", "bounded", "multi-case"] {
+            let placed = &case[method];
+            assert!(number(&placed["rms_um"]) >= floor - 1e-9, "{name}, {method}: below the floor");
+            assert!(number(&placed["max_um"]) >= number(&placed["rms_um"]));
+            let sensors = placed["sensors"].as_array().unwrap();
+            let blocks: Vec<&str> = sensors.iter().map(|sensor| sensor["block"].as_str().unwrap()).collect();
+            assert_eq!(blocks, ["BLK1", "BLK2", "BLK3", "BLK4", "BLK5", "BLK6", "BLK7", "BLK8"]);
+            assert!(sensors.iter().all(|sensor| sensor["node"].is_u64() && sensor["xyz"].is_array()));
+        }
+    }
+    // Over all cases together nothing that serves one case comes near what serves all.
+    let together = |row: &Value| {
+        let each = row["rms_um"].as_array().unwrap();
+        each.iter().map(|rms| number(rms).powi(2)).sum::<f64>().sqrt()
+    };
+    let rows = found["cross_case"].as_array().unwrap();
+    let all = rows.iter().find(|row| row["method"] == "multi-case").map(together).unwrap();
+    for row in rows.iter().filter(|row| row["method"] != "multi-case") {
+        assert!(all < together(row), "{row}: {all}");
+    }
+    let centres = ["air", "spindle", "motor"].map(|name| number(&found["cases"][name]["naive_centroid"]["rms_um"]));
+    assert!(all < 0.5 * centres.iter().map(|rms| rms.powi(2)).sum::<f64>().sqrt(), "{all}: {centres:?}");
+    // More sensors by the cut that helps most: the blocks leave less at best.
+    let by_number = found["by_number"].as_array().unwrap();
+    let numbers: Vec<u64> = by_number.iter().map(|entry| entry["sensors"].as_u64().unwrap()).collect();
+    assert_eq!(numbers, (1..=12).collect::<Vec<u64>>());
+    assert!(number(&by_number[11]["floor_um"]) < number(&by_number[7]["floor_um"]));
+}
+
+#[test]
+fn the_same_decks_give_the_same_sensors() {
+    let home = tempfile::tempdir().unwrap();
+    decks(home.path(), &CASES[..2]);
+    let told = || place(home.path(), &["air.inp", "spindle.inp"]).out;
+    let first = told();
+    assert!(first.contains("sensors by multi-case"), "{first}");
+    assert_eq!(first, told());
+}
+
+#[test]
+fn planes_give_blocks_where_the_deck_has_none_and_divide_one_alone() {
+    let home = tempfile::tempdir().unwrap();
+    decks(home.path(), &CASES[1..2]);
+    let cut = ["spindle.inp", "--blocks", "NONE", "--cut", "y=750", "--cut", "x=0:BLKb", "--json"];
+    let answer = place(home.path(), &cut);
+    assert_eq!(answer.code, Some(0), "{}", answer.said);
+    let found: Value = serde_json::from_str(&answer.out).unwrap();
+    assert_eq!(found["blocks"], serde_json::json!(["BLKa", "BLKba", "BLKbb"]));
+}
+
+#[test]
+fn its_model_is_taken_by_a_profile_and_its_report_is_one_file() {
+    let home = tempfile::tempdir().unwrap();
+    decks(home.path(), &CASES[..2]);
+    let write = ["air.inp", "spindle.inp", "--write", "column.toml", "--report", "sensors.html"];
+    let answer = place(home.path(), &write);
+    assert_eq!(answer.code, Some(0), "{}", answer.said);
+    let signal = |name: String, unit: &str| {
+        format!(
+            "[signal.{name}]\ndevice = \"module\"\nregister = \"input:{}\"\ntype = \"i16\"\nscale = 0.1\nunit = \
+             \"{unit}\"\nmax_age = \"5s\"\n",
+            name.len() * 100 + usize::from(name.as_bytes()[name.len() - 1])
+        )
+    };
+    let blocks: String = (1..=8).map(|block| signal(format!("blk{block}"), "degC")).collect();
+    let profile = format!(
+        "[machine]\nname = \"column\"\n[bus.cell]\ntype = \"modbus-tcp\"\naddress = \"127.0.0.1:1\"\ntimeout = \"300ms\"\n\
+         [device.module]\nbus = \"cell\"\nunit = 1\nevery = \"1s\"\n{blocks}{}[axis.z]\nlimit = 200.0\nstep = 1.0\nrate = \
+         0.5\nevery = \"10s\"\non_fault = {{ action = \"hold\" }}\n{}[output.cnc]\naxis = \"z\"\ndevice = \
+         \"module\"\nwrites = \"offset\"\nregister = \"holding:104\"\ntype = \"i32\"\nword_order = \"msw-first\"\nscale = \
+         0.1\nverify = \"read-back\"\n",
+        signal("scale_y".to_owned(), "mm"),
+        std::fs::read_to_string(home.path().join("column.toml")).unwrap()
+    );
+    file(home.path(), "machine.toml", &profile);
+    let checked = isotherm(home.path()).current_dir(home.path()).args(["check", "machine.toml"]).output().unwrap();
+    let said = String::from_utf8_lossy(&checked.stderr);
+    assert_eq!(checked.status.code(), Some(0), "{said}");
+    assert!(String::from_utf8_lossy(&checked.stdout).contains("column.matrix.json"));
+    let page = std::fs::read_to_string(home.path().join("sensors.html")).unwrap();
+    for wanted in ["<svg", "What is left of each case", "How many sensors are worth it", "BLK8"] {
+        assert!(page.contains(wanted), "`{wanted}` is not in the report");
+    }
+    for outside in ["<script", "src=", "href=", "http"] {
+        assert!(!page.contains(outside), "`{outside}` is in the report");
+    }
+    assert!(page.len() < 1_000_000, "{} bytes", page.len());
+}
+
+#[test]
+fn a_method_of_one_case_says_by_which_it_placed() {
+    let home = tempfile::tempdir().unwrap();
+    decks(home.path(), &CASES[..2]);
+    let by = |arguments: &[&str]| place(home.path(), &[&["air.inp", "spindle.inp"], arguments].concat()).out;
+    let told = by(&["--method", "patent"]);
+    assert!(told.contains("sensors by patent, placed by spindle"), "the one that moves it most: {told}");
+    let told = by(&["--method", "bounded", "--case", "air"]);
+    assert!(told.contains("sensors by bounded, placed by air"), "{told}");
+}

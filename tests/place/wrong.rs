@@ -1,0 +1,84 @@
+//! What a newcomer gets wrong ends with a sentence, never with numbers.
+
+use std::path::Path;
+
+use isotherm::placement::column::Warming;
+
+use crate::column::{changed, decks, place};
+use crate::process::file;
+
+fn home() -> tempfile::TempDir {
+    let home = tempfile::tempdir().unwrap();
+    decks(home.path(), &[Warming::Air]);
+    home
+}
+
+#[track_caller]
+fn refused(home: &Path, arguments: &[&str], words: &[&str]) {
+    let answer = place(home, arguments);
+    assert!(matches!(answer.code, Some(1 | 2)), "{:?}: {}", answer.code, answer.said);
+    assert!(answer.out.is_empty(), "no numbers: {}", answer.out);
+    for word in words {
+        assert!(answer.said.contains(word), "`{word}` is not in: {}", answer.said);
+    }
+}
+
+#[test]
+fn a_set_that_is_not_there_is_told_with_those_that_are() {
+    let home = home();
+    refused(home.path(), &["air.inp", "--guide", "RAIL"], &["no node set RAIL", "GUIDE", "--guide"]);
+    refused(home.path(), &["air.inp", "--fixed", "FOOT"], &["no node set FOOT", "BASE", "--fixed"]);
+    refused(home.path(), &["air.inp", "--candidates", "OUTER"], &["no node set OUTER", "--candidates"]);
+    refused(home.path(), &["air.inp", "--blocks", "PART"], &["no node set begins with PART", "--cut z=450"]);
+}
+
+#[test]
+fn a_cut_that_is_none_is_told_with_what_would_be_one() {
+    let home = home();
+    refused(home.path(), &["air.inp", "--cut", "height=3"], &["is no cut", "z=450"]);
+    refused(home.path(), &["air.inp", "--cut", "y=3,5"], &["is no cut"]);
+    refused(home.path(), &["air.inp", "--cut", "y=9000"], &["goes through nothing", "from 0 to 1500 mm"]);
+    refused(home.path(), &["air.inp", "--cut", "y=700:BLK9"], &["no such block", "BLK1, BLK2"]);
+}
+
+#[test]
+fn blocks_that_overlap_or_leave_nodes_out_are_told_by_their_nodes() {
+    let home = home();
+    // The first line of the first block stands in the second as well; then it stands in none.
+    let line = |text: &str| {
+        let at = text.find("*NSET, NSET=BLK1\n").unwrap() + "*NSET, NSET=BLK1\n".len();
+        text[at..].lines().next().unwrap().to_owned()
+    };
+    changed(home.path(), |text| {
+        let line = line(&text);
+        text.replace("*NSET, NSET=BLK2\n", &format!("*NSET, NSET=BLK2\n{line}\n"))
+    });
+    refused(home.path(), &["air.inp"], &["BLK1 and BLK2 have 10 nodes (", "in common", "exactly one block"]);
+    let home = self::home();
+    changed(home.path(), |text| {
+        let line = line(&text);
+        text.replace(&format!("*NSET, NSET=BLK1\n{line}\n"), "*NSET, NSET=BLK1\n")
+    });
+    refused(home.path(), &["air.inp"], &["10 nodes (", "lie in no block (BLK1, ", "they belong to"]);
+}
+
+#[test]
+fn a_block_too_small_for_the_margin_says_what_helps() {
+    let home = home();
+    refused(home.path(), &["air.inp", "--margin", "900"], &["900 mm away from every other block", "--margin"]);
+    refused(home.path(), &["air.inp", "--margin", "20,5"], &["decimal point"]);
+    refused(home.path(), &["air.inp", "--candidates", "BASE"], &["may carry a sensor", "--candidates"]);
+}
+
+#[test]
+fn decks_of_other_structures_or_of_one_name_are_told() {
+    let home = home();
+    let deck = std::fs::read_to_string(home.path().join("air.inp")).unwrap();
+    let mesh = std::fs::read_to_string(home.path().join("structure.inc")).unwrap();
+    file(home.path(), "stiffer.inc", &mesh.replace("110000", "120000"));
+    file(home.path(), "other.inp", &deck.replace("structure.inc", "stiffer.inc"));
+    refused(home.path(), &["air.inp", "other.inp"], &["air and other are not one structure", "materials differ"]);
+    refused(home.path(), &["air.inp", "air.inp"], &["a second load case called air"]);
+    refused(home.path(), &["air.inp", "--method", "patent", "--case", "night"], &["no such load case", "air"]);
+    refused(home.path(), &["nowhere.inp"], &["nowhere.inp"]);
+}
