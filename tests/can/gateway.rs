@@ -9,7 +9,7 @@ use isotherm::observe::status::{Source, Status};
 use crate::node::{Node, State};
 use crate::rig::{Interface, beside, count, events, load, shell, signal, told, wait_until};
 
-const PROFILE: &str = r#"
+pub(crate) const PROFILE: &str = r#"
 [machine]
 name = "can"
 arm = "auto"
@@ -77,7 +77,7 @@ scale = 0.1
 "#;
 
 /// The thermocouples: 25.0 °C, and a second frame.
-fn module() -> State {
+pub(crate) fn module() -> State {
     State {
         number: 5,
         pdos: [(0x185, vec![250, 0, 0, 0])].into(),
@@ -94,13 +94,13 @@ fn module() -> State {
     }
 }
 
-fn cnc() -> State {
+pub(crate) fn cnc() -> State {
     let objects = [((0x1000, 0), vec![0; 4]), ((0x2000, 1), vec![0, 0])];
     State { number: 9, objects: objects.into(), ..State::default() }
 }
 
 /// A sensor that only sends: 24.0 °C.
-fn sender() -> State {
+pub(crate) fn sender() -> State {
     State { is_operational: true, pdos: [(0x18FF_0105, vec![7, 0, 240])].into(), ..State::default() }
 }
 

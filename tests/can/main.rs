@@ -8,6 +8,7 @@ mod machine;
 mod node;
 mod rig;
 mod utils;
+mod verbs;
 
 /// The interface that the tests run on, made by `tests/vcan/run`.
 pub(crate) fn interface() -> String {
