@@ -137,7 +137,10 @@ fn disjoint(mesh: &Mesh, sets: &[(&String, &Vec<usize>)], used: &[bool]) -> Resu
     };
     let parts: Vec<Part> = sets.iter().map(part).collect();
     wrong.extend(
-        parts.iter().filter(|part| part.nodes.is_empty()).map(|part| format!("block {} has no node of the mesh", part.name)),
+        parts
+            .iter()
+            .filter(|part| part.nodes.is_empty())
+            .map(|part| format!("block {} has no node of the mesh", part.name)),
     );
     if wrong.is_empty() { Ok(parts) } else { Err(wrong) }
 }

@@ -221,7 +221,10 @@ pub fn place(study: &Study<'_>, asked: &Asked, progress: Progress<'_>) -> Result
     let mut cross = Vec::new();
     let mut cases = Vec::new();
     for (case, aim) in problem.aims.iter().enumerate() {
-        let error = |theta: &[f64]| Error { rms_um: problem.rms(aim, theta), max_um: largest(&problem.left(aim, theta)) };
+        let error = |theta: &[f64]| Error {
+            rms_um: problem.rms(aim, theta),
+            max_um: largest(&problem.left(aim, theta)),
+        };
         let placed = |places: &[usize], theta: Option<Vec<f64>>, rounds: Vec<Round>| {
             let read = error(&problem.read(aim, places));
             Placed {
@@ -383,5 +386,7 @@ fn together_rms(each: &[f64]) -> f64 {
 }
 
 fn moves_most(cases: &[CaseFound]) -> usize {
-    (0..cases.len()).max_by(|one, other| cases[*one].largest_um.total_cmp(&cases[*other].largest_um)).unwrap_or(0)
+    (0..cases.len())
+        .max_by(|one, other| cases[*one].largest_um.total_cmp(&cases[*other].largest_um))
+        .unwrap_or(0)
 }

@@ -63,7 +63,8 @@ impl<'a> Floors<'a> {
         let sum = |row: &&[f64]| nodes.iter().map(|node| row[*node]).sum::<f64>() * UM_PER_MM;
         let bounds = |load: &Load| {
             let rises = nodes.iter().map(|node| load.rise[*node]);
-            rises.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), rise| (low.min(rise), high.max(rise)))
+            rises
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), rise| (low.min(rise), high.max(rise)))
         };
         Piece { column: self.rows.iter().map(sum).collect(), bounds: self.loads.iter().map(bounds).collect() }
     }
@@ -93,10 +94,12 @@ impl<'a> Floors<'a> {
     #[must_use]
     pub fn best_cut(&self, parts: &[Part], may: &dyn Fn(&[Part]) -> bool) -> Option<Changed> {
         let pieces: Vec<Piece> = parts.iter().map(|part| self.piece(&part.nodes)).collect();
-        let tried: Vec<(usize, Cut)> = (0..parts.len()).flat_map(|place| self.cuts(place, &parts[place])).collect();
+        let tried: Vec<(usize, Cut)> =
+            (0..parts.len()).flat_map(|place| self.cuts(place, &parts[place])).collect();
         let floors = super::parallel::map(&tried, |(place, cut)| {
             let halves = divided(self.mesh, parts, cut).ok()?;
-            let made: Vec<Piece> = halves[*place..*place + 2].iter().map(|half| self.piece(&half.nodes)).collect();
+            let made: Vec<Piece> =
+                halves[*place..*place + 2].iter().map(|half| self.piece(&half.nodes)).collect();
             let kept = pieces.iter().enumerate().filter(|(other, _)| other != place).map(|(_, piece)| piece);
             let floor = self.floor(&kept.chain(&made).collect::<Vec<_>>());
             Some((floor, cut, halves))

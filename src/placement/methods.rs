@@ -47,9 +47,8 @@ pub fn nearest(aim: &Aim, theta: &[f64]) -> Vec<usize> {
 #[must_use]
 pub fn central(problem: &Problem, xyz: &[[f64; 3]]) -> Vec<usize> {
     let central = |block: &super::problem::Block| {
-        let far = |node: &usize| {
-            (0..3).map(|axis| (xyz[*node][axis] - block.centre[axis]).powi(2)).sum::<f64>()
-        };
+        let far =
+            |node: &usize| (0..3).map(|axis| (xyz[*node][axis] - block.centre[axis]).powi(2)).sum::<f64>();
         block.nodes.iter().copied().min_by(|one, other| far(one).total_cmp(&far(other))).unwrap_or(0)
     };
     problem.blocks.iter().map(central).collect()

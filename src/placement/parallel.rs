@@ -10,7 +10,8 @@ pub(crate) fn map<'a, T: Sync, R: Send>(items: &'a [T], work: impl Fn(&'a T) -> 
     let take = |first: usize| items.iter().skip(first).step_by(threads).map(work).collect::<Vec<R>>();
     let take = &take;
     std::thread::scope(|scope| {
-        let others: Vec<_> = (1..threads.min(items.len())).map(|first| scope.spawn(move || take(first))).collect();
+        let others: Vec<_> =
+            (1..threads.min(items.len())).map(|first| scope.spawn(move || take(first))).collect();
         let mut parts = vec![take(0).into_iter()];
         for other in others {
             match other.join() {

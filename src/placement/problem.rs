@@ -66,8 +66,7 @@ impl Problem {
     #[must_use]
     pub fn new(blocks: Vec<Block>, p: &[Vec<f64>], loads: &[Load], component: usize) -> Problem {
         let rows: Vec<&Vec<f64>> = p.iter().skip(component).step_by(3).collect();
-        let matrix =
-            DMatrix::from_fn(rows.len(), blocks.len(), |row, block| rows[row][block] * UM_PER_MM);
+        let matrix = DMatrix::from_fn(rows.len(), blocks.len(), |row, block| rows[row][block] * UM_PER_MM);
         let aims = loads
             .iter()
             .map(|load| {
@@ -131,7 +130,9 @@ impl Aim {
             .collect();
         let mean = blocks
             .iter()
-            .map(|block| block.nodes.iter().map(|node| load.rise[*node]).sum::<f64>() / count(block.nodes.len()))
+            .map(|block| {
+                block.nodes.iter().map(|node| load.rise[*node]).sum::<f64>() / count(block.nodes.len())
+            })
             .collect();
         let widest = |(low, high): (f64, f64), rise: f64| (low.min(rise), high.max(rise));
         let bounds = |block: &Block| {

@@ -62,7 +62,12 @@ pub fn report(subject: &Subject<'_>) -> String {
         (numbers(found))
         (rounds(found))
     };
-    page("Where the temperature sensors belong", subject.made, "the finite-element model and the load cases named here", &content)
+    page(
+        "Where the temperature sensors belong",
+        subject.made,
+        "the finite-element model and the load cases named here",
+        &content,
+    )
 }
 
 /// What a reader must know, in sentences; the command line says the same.
@@ -100,7 +105,9 @@ pub fn remarks(found: &Found) -> Vec<String> {
         ));
     }
     if found.cases.len() == 1 {
-        remarks.push("There is one load case only: what the sensors leave under another load is not known.".to_owned());
+        remarks.push(
+            "There is one load case only: what the sensors leave under another load is not known.".to_owned(),
+        );
     }
     remarks
 }

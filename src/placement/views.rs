@@ -63,8 +63,7 @@ impl View {
         #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "pixels, at most FINE")]
         let size = plane.map(|axis| ((high[axis] - low[axis]) / pixel) as usize + 1);
         let seen = vec![None; size[0] * size[1]];
-        let mut view =
-            View { axis, from_above, plane, size, low: plane.map(|axis| low[axis]), pixel, seen };
+        let mut view = View { axis, from_above, plane, size, low: plane.map(|axis| low[axis]), pixel, seen };
         for face in mesh.outer_faces() {
             let element = &mesh.elements[face.element];
             let corners = element.kind.face(face.side);
@@ -115,7 +114,8 @@ impl View {
     fn draw(&mut self, mesh: &Mesh, corners: [usize; 3]) {
         let at = corners.map(|corner| self.place(&mesh.xyz[corner]));
         let depth = corners.map(|corner| self.depth(&mesh.xyz[corner]));
-        let double = (at[1][0] - at[0][0]) * (at[2][1] - at[0][1]) - (at[2][0] - at[0][0]) * (at[1][1] - at[0][1]);
+        let double =
+            (at[1][0] - at[0][0]) * (at[2][1] - at[0][1]) - (at[2][0] - at[0][0]) * (at[1][1] - at[0][1]);
         if double.abs() < 1e-9 {
             return;
         }
@@ -155,7 +155,8 @@ impl View {
 pub fn extent(mesh: &Mesh) -> ([f64; 3], [f64; 3]) {
     let nodes = || mesh.elements.iter().flat_map(|element| &element.nodes).map(|node| mesh.xyz[*node]);
     let low = nodes().fold([f64::INFINITY; 3], |low, xyz| [0, 1, 2].map(|axis| xyz[axis].min(low[axis])));
-    let high = nodes().fold([f64::NEG_INFINITY; 3], |high, xyz| [0, 1, 2].map(|axis| xyz[axis].max(high[axis])));
+    let high =
+        nodes().fold([f64::NEG_INFINITY; 3], |high, xyz| [0, 1, 2].map(|axis| xyz[axis].max(high[axis])));
     (low, high)
 }
 

@@ -40,7 +40,8 @@ impl Along {
         for across in (0..3).filter(|across| *across != axis) {
             rails = rails.into_iter().flat_map(|rail| apart(guide, rail, across)).collect();
         }
-        let lines: Vec<Vec<(f64, Vec<usize>)>> = rails.iter().map(|rail| line(guide, rail, axis, same)).collect();
+        let lines: Vec<Vec<(f64, Vec<usize>)>> =
+            rails.iter().map(|rail| line(guide, rail, axis, same)).collect();
         let mut guide_mm: Vec<f64> = lines.iter().flatten().map(|(at, _)| *at).collect();
         guide_mm.sort_by(f64::total_cmp);
         guide_mm.dedup_by(|next, kept| *next - *kept <= same);
@@ -48,7 +49,11 @@ impl Along {
             .iter()
             .map(|at| {
                 let each = 1.0 / count(lines.len().max(1));
-                lines.iter().flat_map(|line| shares(line, *at)).map(|(node, share)| (node, share * each)).collect()
+                lines
+                    .iter()
+                    .flat_map(|line| shares(line, *at))
+                    .map(|(node, share)| (node, share * each))
+                    .collect()
             })
             .collect();
         Along { axis, rails: rails.len(), guide_mm, weights }
@@ -70,7 +75,9 @@ fn apart(guide: &[[f64; 3]], mut rail: Vec<usize>, across: usize) -> Vec<Vec<usi
     let at = |place: usize| guide[rail[place]][across];
     let Some(last) = rail.len().checked_sub(1) else { return vec![rail] };
     let extent = at(last) - at(0);
-    match (1..rail.len()).max_by(|one, other| (at(*one) - at(one - 1)).total_cmp(&(at(*other) - at(other - 1)))) {
+    match (1..rail.len())
+        .max_by(|one, other| (at(*one) - at(one - 1)).total_cmp(&(at(*other) - at(other - 1))))
+    {
         Some(gap) if at(gap) - at(gap - 1) > 0.5 * extent && extent > 0.0 => {
             let far = rail.split_off(gap);
             // A single node is no rail.
@@ -147,7 +154,9 @@ pub fn block(found: &Found, along: &Along, file: &str) -> String {
         // Writing into a string does not fail.
         let _ = writeln!(text, "{words}");
     };
-    line(format_args!("# Displacement of the guideway by block temperatures, from a finite-element model (isotherm place)."));
+    line(format_args!(
+        "# Displacement of the guideway by block temperatures, from a finite-element model (isotherm place)."
+    ));
     line(format_args!("# Sensors, coordinates of the mesh in mm:"));
     for (sensor, name) in found.sensors.iter().zip(&names) {
         let [x, y, z] = sensor.xyz;
@@ -163,7 +172,9 @@ pub fn block(found: &Found, along: &Along, file: &str) -> String {
     line(format_args!("file      = {file:?}"));
     line(format_args!("inputs    = {}", serde_json::json!(names).to_string().replace("\",\"", "\", \"")));
     line(format_args!("reference = \"start\""));
-    line(format_args!("position  = \"scale_{axis}\"   # the axis along the guideway, mm, with its zero where the mesh has it"));
+    line(format_args!(
+        "position  = \"scale_{axis}\"   # the axis along the guideway, mm, with its zero where the mesh has it"
+    ));
     line(format_args!("component = \"{}\"", found.component));
     line(format_args!("carries   = \"tool\"      # or \"work\": what rides on the guideway"));
     text
@@ -187,7 +198,13 @@ mod tests {
 
     #[test]
     fn rails_with_nodes_at_other_heights_are_interpolated_to_all_heights() {
-        let guide = [[-100.0, 0.0, 0.0], [-100.0, 200.0, 0.0], [100.0, 0.0, 0.0], [100.0, 100.0, 0.0], [100.0, 200.0, 0.0]];
+        let guide = [
+            [-100.0, 0.0, 0.0],
+            [-100.0, 200.0, 0.0],
+            [100.0, 0.0, 0.0],
+            [100.0, 100.0, 0.0],
+            [100.0, 200.0, 0.0],
+        ];
         let along = Along::new(&guide, None);
         assert_eq!(along.guide_mm, [0.0, 100.0, 200.0]);
         let moved = [0.0, 4.0, 0.0, 0.0, 0.0].map(|x| [x, 0.0, 0.0]).concat();

@@ -47,7 +47,8 @@ fn one_placement_for_all_cases_beats_block_centres_and_every_placement_by_one_ca
     for row in rows.iter().filter(|row| row["method"] != "multi-case") {
         assert!(all < together(row), "{row}: {all}");
     }
-    let centres = ["air", "spindle", "motor"].map(|name| number(&found["cases"][name]["naive_centroid"]["rms_um"]));
+    let centres =
+        ["air", "spindle", "motor"].map(|name| number(&found["cases"][name]["naive_centroid"]["rms_um"]));
     assert!(all < 0.5 * centres.iter().map(|rms| rms.powi(2)).sum::<f64>().sqrt(), "{all}: {centres:?}");
     // More sensors by the cut that helps most: the blocks leave less at best.
     let by_number = found["by_number"].as_array().unwrap();
@@ -102,7 +103,8 @@ fn its_model_is_taken_by_a_profile_and_its_report_is_one_file() {
         std::fs::read_to_string(home.path().join("column.toml")).unwrap()
     );
     file(home.path(), "machine.toml", &profile);
-    let checked = isotherm(home.path()).current_dir(home.path()).args(["check", "machine.toml"]).output().unwrap();
+    let checked =
+        isotherm(home.path()).current_dir(home.path()).args(["check", "machine.toml"]).output().unwrap();
     let said = String::from_utf8_lossy(&checked.stderr);
     assert_eq!(checked.status.code(), Some(0), "{said}");
     assert!(String::from_utf8_lossy(&checked.stdout).contains("column.matrix.json"));

@@ -65,7 +65,11 @@ fn blocks_that_overlap_or_leave_nodes_out_are_told_by_their_nodes() {
 #[test]
 fn a_block_too_small_for_the_margin_says_what_helps() {
     let home = home();
-    refused(home.path(), &["air.inp", "--margin", "900"], &["900 mm away from every other block", "--margin"]);
+    refused(
+        home.path(),
+        &["air.inp", "--margin", "900"],
+        &["900 mm away from every other block", "--margin"],
+    );
     refused(home.path(), &["air.inp", "--margin", "20,5"], &["decimal point"]);
     refused(home.path(), &["air.inp", "--candidates", "BASE"], &["may carry a sensor", "--candidates"]);
 }
@@ -77,8 +81,16 @@ fn decks_of_other_structures_or_of_one_name_are_told() {
     let mesh = std::fs::read_to_string(home.path().join("structure.inc")).unwrap();
     file(home.path(), "stiffer.inc", &mesh.replace("110000", "120000"));
     file(home.path(), "other.inp", &deck.replace("structure.inc", "stiffer.inc"));
-    refused(home.path(), &["air.inp", "other.inp"], &["air and other are not one structure", "materials differ"]);
+    refused(
+        home.path(),
+        &["air.inp", "other.inp"],
+        &["air and other are not one structure", "materials differ"],
+    );
     refused(home.path(), &["air.inp", "air.inp"], &["a second load case called air"]);
-    refused(home.path(), &["air.inp", "--method", "patent", "--case", "night"], &["no such load case", "air"]);
+    refused(
+        home.path(),
+        &["air.inp", "--method", "patent", "--case", "night"],
+        &["no such load case", "air"],
+    );
     refused(home.path(), &["nowhere.inp"], &["nowhere.inp"]);
 }

@@ -54,7 +54,12 @@ fn write(text: &mut String, found: &Found, parts: &[Part]) -> fmt::Result {
          adds {:.2}",
         found.misplaced_mm, found.noise_k, found.noise_um
     )?;
-    writeln!(text, "\neach placement on every case, µm RMS\n  {:width$}  method    {}", "placed by", heads(found))?;
+    writeln!(
+        text,
+        "\neach placement on every case, µm RMS\n  {:width$}  method    {}",
+        "placed by",
+        heads(found)
+    )?;
     for crossed in &found.cross_case {
         let by = crossed.placed_by.as_deref().unwrap_or("all");
         let figures: String = crossed.rms_um.iter().map(|rms| format!("{rms:>10.2}")).collect();
@@ -65,7 +70,11 @@ fn write(text: &mut String, found: &Found, parts: &[Part]) -> fmt::Result {
         for entry in &found.by_number {
             let mark = if entry.sensors == found.blocks.len() { '*' } else { ' ' };
             let cut = entry.cut.as_ref().map(|cut| format!("--cut {cut}")).unwrap_or_default();
-            writeln!(text, " {mark}{:>6}   {:>7.2}   {:>10.2}   {cut}", entry.sensors, entry.rms_um, entry.floor_um)?;
+            writeln!(
+                text,
+                " {mark}{:>6}   {:>7.2}   {:>10.2}   {cut}",
+                entry.sensors, entry.rms_um, entry.floor_um
+            )?;
         }
     }
     writeln!(text)?;

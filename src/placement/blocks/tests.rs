@@ -20,7 +20,8 @@ fn a_cut_is_read_as_it_is_written() {
 #[test]
 fn a_cut_of_one_block_leaves_its_namesakes_alone() {
     let mesh = column();
-    let named = |name: &str, nodes: std::ops::Range<usize>| Part { name: name.to_owned(), nodes: nodes.collect() };
+    let named =
+        |name: &str, nodes: std::ops::Range<usize>| Part { name: name.to_owned(), nodes: nodes.collect() };
     let half = mesh.nodes.len() / 2;
     let parts = [named("BLK1", 0..half), named("BLK10", half..mesh.nodes.len())];
     let cut = divided(&mesh, &parts, &"x=0:BLK1".parse().unwrap()).unwrap();

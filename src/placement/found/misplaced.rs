@@ -29,8 +29,7 @@ fn gradient(study: &Study<'_>, node: usize, rise: &[f64]) -> Vector3<f64> {
     near.retain(|other| *other != node && study.reach.allowed[*other]);
     let (mut square, mut cross) = (Matrix3::zeros(), Vector3::zeros());
     for other in near {
-        let way: Vector3<f64> =
-            Vector3::from_fn(|axis, _| mesh.xyz[other][axis] - mesh.xyz[node][axis]);
+        let way: Vector3<f64> = Vector3::from_fn(|axis, _| mesh.xyz[other][axis] - mesh.xyz[node][axis]);
         square += way * way.transpose();
         cross += way * (rise[other] - rise[node]);
     }

@@ -70,7 +70,13 @@ fn settle(
         let mut first = None;
         for (place, wanted) in free.iter().zip(wanted.iter()) {
             let (low, high) = bounds[*place];
-            let edge = if *wanted < low { low } else if *wanted > high { high } else { continue };
+            let edge = if *wanted < low {
+                low
+            } else if *wanted > high {
+                high
+            } else {
+                continue;
+            };
             let way = wanted - theta[*place];
             let share = if way.abs() > 0.0 { ((edge - theta[*place]) / way).clamp(0.0, 1.0) } else { 0.0 };
             if share <= step {

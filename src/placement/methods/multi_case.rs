@@ -119,16 +119,19 @@ impl Search {
     fn stand(&self, places: Vec<usize>) -> Standing {
         let rise = |block: usize, case: usize| self.rises(block, places[block])[case];
         let slope = |block: usize, case: usize| {
-            let told: f64 = (0..self.blocks()).map(|other| self.square[(block, other)] * rise(other, case)).sum();
+            let told: f64 =
+                (0..self.blocks()).map(|other| self.square[(block, other)] * rise(other, case)).sum();
             told - self.cross[block][case]
         };
-        let slope: Vec<Vec<f64>> =
-            (0..self.blocks()).map(|block| (0..self.cases).map(|case| slope(block, case)).collect()).collect();
+        let slope: Vec<Vec<f64>> = (0..self.blocks())
+            .map(|block| (0..self.cases).map(|case| slope(block, case)).collect())
+            .collect();
         let error: Vec<f64> = (0..self.cases)
             .map(|case| {
                 let blocks = 0..self.blocks();
-                let sum: f64 =
-                    blocks.map(|block| rise(block, case) * (slope[block][case] - self.cross[block][case])).sum();
+                let sum: f64 = blocks
+                    .map(|block| rise(block, case) * (slope[block][case] - self.cross[block][case]))
+                    .sum();
                 self.power[case] + sum
             })
             .collect();
@@ -168,7 +171,8 @@ impl Search {
         };
         let mut at = self.stand((0..self.blocks()).map(|block| below(self.candidates(block))).collect());
         let mut best = (at.cost, at.places.clone());
-        let falls = (THRESHOLD.1 / THRESHOLD.0).powf(count(STRETCH as usize) / f64::from(changes.max(STRETCH)));
+        let falls =
+            (THRESHOLD.1 / THRESHOLD.0).powf(count(STRETCH as usize) / f64::from(changes.max(STRETCH)));
         let mut threshold = THRESHOLD.0;
         for tried in 0..changes {
             if tried % STRETCH == STRETCH - 1 {

@@ -44,7 +44,8 @@ const LEAST: f64 = 1e-4;
 #[must_use]
 pub fn patent(problem: &Problem, aim: &Aim, enough: f64) -> Iterated {
     let patterns = patterns(&problem.blocks);
-    let displacements: Vec<DVector<f64>> = patterns.iter().map(|pattern| displaced(problem, pattern)).collect();
+    let displacements: Vec<DVector<f64>> =
+        patterns.iter().map(|pattern| displaced(problem, pattern)).collect();
     let mut theta = aim.mean.clone();
     clamp(&mut theta, aim);
     let mut rms = problem.rms(aim, &theta);
@@ -67,7 +68,12 @@ pub fn patent(problem: &Problem, aim: &Aim, enough: f64) -> Iterated {
             }
             clamp(&mut next, aim);
             let after = problem.rms(aim, &next);
-            let round = || Round { pattern: patterns[place].name.clone(), likeness: likeness(place), r, rms_um: after };
+            let round = || Round {
+                pattern: patterns[place].name.clone(),
+                likeness: likeness(place),
+                r,
+                rms_um: after,
+            };
             (after < rms * (1.0 - LEAST)).then(|| (round(), next))
         });
         let Some((round, next)) = step else { break };

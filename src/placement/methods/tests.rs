@@ -79,10 +79,17 @@ fn every_round_of_the_patent_leaves_less_and_none_leaves_less_than_the_bounds_al
         let found = patent(&problem, aim, 1e-3);
         let mut before = problem.rms(aim, &aim.mean);
         for round in &found.rounds {
-            assert!(round.rms_um < before && round.likeness > 0.0 && round.likeness < 1.0 + 1e-9, "{round:?}");
+            assert!(
+                round.rms_um < before && round.likeness > 0.0 && round.likeness < 1.0 + 1e-9,
+                "{round:?}"
+            );
             before = round.rms_um;
         }
-        assert!(found.rounds.len() > 2 && before < 0.2 * problem.rms(aim, &aim.mean), "{}: {before}", aim.name);
+        assert!(
+            found.rounds.len() > 2 && before < 0.2 * problem.rms(aim, &aim.mean),
+            "{}: {before}",
+            aim.name
+        );
         for (theta, (low, high)) in found.theta.iter().zip(&aim.bounds) {
             assert!((*low..=*high).contains(theta));
         }
@@ -105,7 +112,8 @@ fn patterns_are_the_whole_its_sides_its_corners_and_each_block_once() {
     for wanted in ["low y", "high y", "low z", "high z", "low y, low z", "high y, high z"] {
         assert!(names.iter().any(|name| name == wanted), "{wanted} is not in {names:?}");
     }
-    let sets: Vec<Vec<bool>> = patterns::patterns(&blocks()).into_iter().map(|pattern| pattern.warmed).collect();
+    let sets: Vec<Vec<bool>> =
+        patterns::patterns(&blocks()).into_iter().map(|pattern| pattern.warmed).collect();
     for (place, set) in sets.iter().enumerate() {
         assert!(!sets[..place].contains(set), "twice: {set:?}");
     }

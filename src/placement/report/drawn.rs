@@ -30,7 +30,8 @@ pub(super) fn views(subject: &Subject<'_>) -> Markup {
         .into_iter()
         .map(|axis| {
             let sides = [true, false].map(|from_above| View::new(subject.mesh, axis, from_above));
-            let seen = |view: &View| subject.found.sensors.iter().filter(|sensor| view.sees(&sensor.xyz)).count();
+            let seen =
+                |view: &View| subject.found.sensors.iter().filter(|sensor| view.sees(&sensor.xyz)).count();
             let [above, below] = sides;
             let view = if seen(&above) >= seen(&below) { above } else { below };
             (title(&view), draw(subject, &view, load, &owner, (low, high)))

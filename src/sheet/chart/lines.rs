@@ -112,13 +112,7 @@ pub(crate) fn lines(
 }
 
 /// Values by a count from 0 on, the one at `marked` with a ring; `level` is a broken line across.
-pub(crate) fn curve(
-    unit: &str,
-    says: &str,
-    values: &[f64],
-    marked: usize,
-    level: f64,
-) -> Markup {
+pub(crate) fn curve(unit: &str, says: &str, values: &[f64], marked: usize, level: f64) -> Markup {
     let (_, high) = span(values.iter().copied().chain([level]), true);
     let places = || values.iter().enumerate().map(|(place, value)| (number(place), *value));
     sheet(480, 280, says, |paper| {
