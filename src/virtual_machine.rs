@@ -128,14 +128,14 @@ pub enum UnknownUnit {
 #[derive(Debug, thiserror::Error)]
 pub enum VirtualMachineError {
     /// An address cannot be listened at.
-    #[error("cannot listen at {address} (bus `{bus}`): {cause}")]
+    #[error("cannot listen at {address} (bus `{bus}`)")]
     Listen {
         /// The bus of the profile.
         bus: String,
         /// Its address.
         address: String,
-        /// What the system says. No `source`: it stands in the message.
-        cause: std::io::Error,
+        /// What the system says.
+        source: std::io::Error,
     },
     /// One of its tasks has failed.
     #[error("the virtual machine has failed: {0}")]
@@ -352,6 +352,6 @@ fn name(bus: &crate::profile::Bus, ports: Ports) -> std::io::Result<port::Name> 
     wanted.map_or_else(|| port::Name::free(&bus.name), Ok)
 }
 
-fn refused(bus: &crate::profile::Bus, cause: std::io::Error) -> VirtualMachineError {
-    VirtualMachineError::Listen { bus: bus.name.clone(), address: bus.address.clone(), cause }
+fn refused(bus: &crate::profile::Bus, source: std::io::Error) -> VirtualMachineError {
+    VirtualMachineError::Listen { bus: bus.name.clone(), address: bus.address.clone(), source }
 }

@@ -15,7 +15,7 @@ use process::{PATIENCE, Running, file, free_port, isotherm};
 
 const MACHINE: &str = include_str!("interop/machine.toml");
 
-const VERBS: [&str; 19] = [
+const VERBS: [&str; 20] = [
     "demo",
     "run",
     "check",
@@ -26,6 +26,7 @@ const VERBS: [&str; 19] = [
     "replay",
     "identify",
     "select",
+    "place",
     "report",
     "arm",
     "disarm",

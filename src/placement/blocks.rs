@@ -27,7 +27,7 @@ impl FromStr for Cut {
         let wrong = || format!("`{text}` is no cut; write z=450, or x=0:BLK3 for one block only");
         let (axis, rest) = text.split_once('=').ok_or_else(wrong)?;
         let (at, of) = match rest.split_once(':') {
-            Some((at, of)) => (at, Some(of.trim().to_uppercase()).filter(|of| !of.is_empty())),
+            Some((at, of)) => (at, Some(of.trim().to_owned()).filter(|of| !of.is_empty())),
             None => (rest, None),
         };
         let axis = axis.trim().to_lowercase();
@@ -159,7 +159,8 @@ fn listed(mesh: &Mesh, nodes: &[usize]) -> String {
 /// It goes through nothing, or names a block that is not there.
 pub fn divided(mesh: &Mesh, parts: &[Part], cut: &Cut) -> Result<Vec<Part>, String> {
     let came_from = |name: &str, of: &str| {
-        name.strip_prefix(of).is_some_and(|halves| halves.chars().all(|half| "ab".contains(half)))
+        let (name, of) = (name.to_uppercase(), of.to_uppercase());
+        name.strip_prefix(&of).is_some_and(|halves| halves.chars().all(|half| "AB".contains(half)))
     };
     let meant = |part: &Part| cut.of.as_ref().is_none_or(|of| came_from(&part.name, of));
     if !parts.iter().any(meant) {

@@ -186,11 +186,11 @@ mod tests {
 
     #[test]
     fn two_rails_are_one_line_in_their_middle() {
-        let rail = |x: f64| [0.0, 100.0, 200.0].map(|y| [x, y, 5.0]);
+        let rail = |x: f64| [0.0, 300.0, 600.0].map(|y| [x, y, 5.0]);
         let guide: Vec<[f64; 3]> = rail(-190.0).into_iter().chain(rail(190.0)).collect();
         let along = Along::new(&guide, None);
         assert_eq!((along.axis, along.rails), (1, 2));
-        assert_eq!(along.guide_mm, [0.0, 100.0, 200.0]);
+        assert_eq!(along.guide_mm, [0.0, 300.0, 600.0]);
         let values: Vec<f64> = (0..18).map(f64::from).collect();
         // Nodes 0 and 3 stand at the first point: rows 2 and 11 are their z.
         assert_eq!(along.of(&values, 2), [6.5, 9.5, 12.5]);

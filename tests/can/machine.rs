@@ -361,10 +361,16 @@ fn a_machine_whose_interface_is_missing_says_how_to_make_one() {
     let clock = Clock::wall();
     let started = VirtualMachine::start(&profile, Setup::default(), &clock);
     let error = runtime.block_on(started).unwrap_err();
-    assert_eq!(error.to_string(), "cannot listen at vm-none (bus `can`)");
+    // With what the system says, where that is told apart.
+    let mut told = error.to_string();
+    let mut cause = std::error::Error::source(&error);
+    while let Some(error) = cause {
+        told += &format!(": {error}");
+        cause = error.source();
+    }
     assert_eq!(
-        std::error::Error::source(&error).unwrap().to_string(),
-        "there is no such interface; a virtual one is made by: \
+        told,
+        "cannot listen at vm-none (bus `can`): there is no such interface; a virtual one is made by: \
          ip link add dev vm-none type vcan && ip link set vm-none up"
     );
 }

@@ -128,3 +128,34 @@ fn a_method_of_one_case_says_by_which_it_placed() {
     let told = by(&["--method", "bounded", "--case", "air"]);
     assert!(told.contains("sensors by bounded, placed by air"), "{told}");
 }
+
+/// CalculiX prints seven digits.
+#[test]
+fn calculix_as_the_engine_gives_the_same_p_and_the_same_displacements() {
+    let home = tempfile::tempdir().unwrap();
+    decks(home.path(), &CASES[1..2]);
+    let by = |engine: &str| -> Value {
+        let answer = place(home.path(), &["spindle.inp", "--json", "--engine", engine]);
+        assert_eq!(answer.code, Some(0), "{}", answer.said);
+        serde_json::from_str(&answer.out).unwrap()
+    };
+    let (own, ccx) = (by("own"), by("ccx"));
+    let flat = |value: &Value| -> Vec<f64> {
+        let entries = value.as_array().unwrap().iter();
+        entries
+            .flat_map(|entry| {
+                entry.as_array().map_or(vec![number(entry)], |row| row.iter().map(number).collect())
+            })
+            .collect()
+    };
+    let apart = |own: &Value, ccx: &Value| {
+        let (own, ccx) = (flat(own), flat(ccx));
+        assert_eq!(own.len(), ccx.len());
+        let differ: f64 = own.iter().zip(&ccx).map(|(own, ccx)| (own - ccx).powi(2)).sum();
+        (differ / ccx.iter().map(|ccx| ccx.powi(2)).sum::<f64>()).sqrt()
+    };
+    assert!(apart(&own["P"], &ccx["P"]) < 1e-6, "{}", apart(&own["P"], &ccx["P"]));
+    let moved = |found: &Value| found["cases"]["spindle"]["delta1_mm"].clone();
+    assert!(apart(&moved(&own), &moved(&ccx)) < 1e-6, "{}", apart(&moved(&own), &moved(&ccx)));
+    assert_eq!(ccx["by_number"], serde_json::json!([]), "only the own engine knows other divisions");
+}

@@ -10,8 +10,8 @@ fn column() -> Mesh {
 #[test]
 fn a_cut_is_read_as_it_is_written() {
     let cut: Cut = "x = -12.5 : blk3".parse().unwrap();
-    assert_eq!(cut, Cut { axis: 0, at: -12.5, of: Some("BLK3".to_owned()) });
-    assert_eq!(cut.to_string(), "x=-12.5:BLK3");
+    assert_eq!(cut, Cut { axis: 0, at: -12.5, of: Some("blk3".to_owned()) });
+    assert_eq!(cut.to_string(), "x=-12.5:blk3");
     for wrong in ["", "450", "w=450", "z=", "z=4,5", "z=inf"] {
         assert!(wrong.parse::<Cut>().unwrap_err().contains("write z=450"), "{wrong}");
     }
@@ -24,7 +24,7 @@ fn a_cut_of_one_block_leaves_its_namesakes_alone() {
         |name: &str, nodes: std::ops::Range<usize>| Part { name: name.to_owned(), nodes: nodes.collect() };
     let half = mesh.nodes.len() / 2;
     let parts = [named("BLK1", 0..half), named("BLK10", half..mesh.nodes.len())];
-    let cut = divided(&mesh, &parts, &"x=0:BLK1".parse().unwrap()).unwrap();
+    let cut = divided(&mesh, &parts, &"x=0:blk1".parse().unwrap()).unwrap();
     let names: Vec<&str> = cut.iter().map(|part| part.name.as_str()).collect();
     assert_eq!(names, ["BLK1a", "BLK1b", "BLK10"]);
 }

@@ -1,7 +1,7 @@
 //! On a structure where the truth is known: a beam whose blocks really have one temperature each at some nodes.
 
 use super::bounded::bounded;
-use super::multi_case::{Effort, multi_case};
+use super::multi_case::{Effort, multi_case, noise_um};
 use super::patent::patent;
 use super::*;
 use crate::placement::problem::{Block, Load};
@@ -43,25 +43,41 @@ fn problem() -> Problem {
     let even = |node: usize| 1.0 + (node % EACH) as f64 * 0.2 + (node / EACH) as f64;
     let crossed = |node: usize| 3.0 + ((node % EACH) as f64 * 0.9).sin() + 0.05 * (node % EACH) as f64;
     let third = |node: usize| 2.0 + ((node % EACH) as f64 * 0.37 + (node / EACH) as f64).cos();
-    let loads = [load("even", RIGHT, even), load("crossed", RIGHT, crossed), load("third", RIGHT, third)];
+    let repeated = |node: usize| 1.0 + (node % 10) as f64 * 0.3;
+    let loads = [
+        load("even", RIGHT, even),
+        load("crossed", RIGHT, crossed),
+        load("third", RIGHT, third),
+        load("repeated", RIGHT, repeated),
+    ];
     Problem::new(blocks(), &p(), &loads, 2)
 }
 
+/// What noise of a tenth of a kelvin does is the yardstick: less than a part of it is as good as nothing.
 #[test]
-fn nodes_that_are_right_in_every_case_are_found_by_all_cases_together() {
+fn nodes_for_all_cases_together_leave_nothing_that_counts_where_some_leave_nothing() {
     let problem = problem();
-    let found = multi_case(&problem, &[0, 1, 2], 0.1, Effort::SHORT);
-    assert_eq!(found, RIGHT);
-    assert!(problem.aims.iter().all(|aim| problem.rms_of(aim, &found) < 1e-4));
+    let found = multi_case(&problem, &[0, 1, 2, 3], 0.1, Effort::SHORT);
+    let right: Vec<usize> = RIGHT.to_vec();
+    for aim in &problem.aims {
+        assert!(problem.rms_of(aim, &right) < 1e-4, "the truth of {}", aim.name);
+        let left = problem.rms_of(aim, &found);
+        assert!(left < 0.3 * noise_um(&problem, 0.1), "{}: {left}", aim.name);
+        assert!(left < 0.1 * problem.rms(aim, &aim.mean), "{}: {left}", aim.name);
+    }
 }
 
 #[test]
-fn one_case_alone_does_not_tell_which_nodes_are_right() {
+fn one_case_alone_does_not_tell_nodes_of_one_temperature_apart() {
     let problem = problem();
-    let aim = &problem.aims[1];
-    let found = nearest(aim, &bounded(&problem, aim));
-    assert!(problem.rms_of(aim, &found) < 0.05, "{}", problem.rms_of(aim, &found));
-    assert_ne!(found, RIGHT, "several nodes have that temperature");
+    let aim = &problem.aims[3];
+    let alone = nearest(aim, &bounded(&problem, aim));
+    assert!(problem.rms_of(aim, &alone) < 1e-3);
+    let together = multi_case(&problem, &[0, 1, 2, 3], 0.1, Effort::SHORT);
+    for other in &problem.aims[..3] {
+        let (alone, together) = (problem.rms_of(other, &alone), problem.rms_of(other, &together));
+        assert!(together < 0.5 * alone, "{}: {together} {alone}", other.name);
+    }
 }
 
 #[test]
