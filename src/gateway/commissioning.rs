@@ -70,6 +70,11 @@ impl Commissioning {
         self.devices[device.0] == Finding::Fit
     }
 
+    /// It has not been looked at to the end yet.
+    pub(super) fn is_unknown(&self, device: DeviceId) -> bool {
+        self.devices[device.0] == Finding::Unknown
+    }
+
     /// What is wrong with a device.
     pub(super) fn wrong(&self, device: usize) -> Option<&str> {
         match self.devices.get(device) {

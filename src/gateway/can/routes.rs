@@ -105,7 +105,10 @@ impl Ear {
                 Ok(_) if !core.commissioning.is_fit(route.device) => Err(Reason::NotAsExpected),
                 value => value,
             };
-            core.board.store(&self.shared.profile, route.signal, value, now);
+            // Before it has been looked at, nothing is known of what it says, not even that it is wrong.
+            if !core.commissioning.is_unknown(route.device) {
+                core.board.store(&self.shared.profile, route.signal, value, now);
+            }
             let told = core.can_heard(&self.shared, route.device);
             if told.iter().any(Option::is_some) {
                 events = told;
