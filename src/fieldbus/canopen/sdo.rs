@@ -25,8 +25,10 @@ pub const ANSWER: u16 = 0x580;
 /// The most bytes that are read: more than any value or name has.
 pub const LONGEST: usize = 4096;
 
-/// What is asked for after a transfer that ended without its last answer. Every node has it, and it never changes.
-const SETTLER: Entry = Entry::new(0x1000, 0);
+/// What is asked for, in turn, after a transfer that ended without its last answer: what CiA 301 has in every node. One
+/// question alone would not do: its own late answer would be taken for that to the next one.
+const SETTLERS: [Entry; 4] =
+    [Entry::new(0x1000, 0), Entry::new(0x1001, 0), Entry::new(0x1018, 0), Entry::new(0x1018, 1)];
 
 /// One node's client. One transfer at a time.
 #[derive(Clone, Debug)]
@@ -37,6 +39,8 @@ pub struct Client {
     is_unsettled: bool,
     /// What is begun as soon as that is no longer so.
     postponed: Option<Job>,
+    /// The question that is asked next to find out.
+    settler: usize,
 }
 
 #[derive(Clone, Debug)]
@@ -127,7 +131,7 @@ pub enum SdoError {
 impl Client {
     /// A client of this node, by its standard identifiers.
     pub fn new(node: NodeId) -> Client {
-        Client { node, state: State::Idle, is_unsettled: false, postponed: None }
+        Client { node, state: State::Idle, is_unsettled: false, postponed: None, settler: 0 }
     }
 
     /// The identifier on which its answers come.
@@ -186,7 +190,9 @@ impl Client {
         if self.is_unsettled || self.awaited().is_some() {
             self.is_unsettled = true;
             self.postponed = Some(job);
-            self.open(Job { entry: SETTLER, data: None })
+            let entry = SETTLERS[self.settler];
+            self.settler = (self.settler + 1) % SETTLERS.len();
+            self.open(Job { entry, data: None })
         } else {
             self.open(job)
         }

@@ -194,13 +194,33 @@ fn after_a_time_out_a_late_answer_is_not_taken_for_the_next_one() {
 }
 
 #[test]
+fn the_late_answer_to_one_settling_question_is_not_taken_for_that_to_the_next() {
+    let mut client = client();
+    client.read(SPEED);
+    client.timed_out();
+    client.write(SPEED, &[1, 0]);
+    let settled = client.take(&answer([0x43, 0x00, 0x10, 0, 4, 1, 0, 0]));
+    assert!(matches!(settled, Some(Progress::Send(_))));
+    client.timed_out();
+    client.write(SPEED, &[2, 0]);
+    client.timed_out();
+    client.write(SPEED, &[3, 0]);
+    let first = client.take(&answer([0x4f, 0x01, 0x10, 0, 0, 0, 0, 0]));
+    assert_eq!(first, None, "the confirmation of 1 may still be under way");
+    let second = client.take(&answer([0x4f, 0x18, 0x10, 0, 4, 0, 0, 0]));
+    assert_eq!(second, Some(Progress::Send(request([0x2b, 0x30, 0x71, 1, 3, 0, 0, 0]))));
+}
+
+#[test]
 fn a_node_that_stays_silent_costs_one_time_out_each_time() {
     let mut client = client();
     client.read(SPEED);
     client.timed_out();
-    for _ in 0..3 {
+    for [low, high, sub] in
+        [[0x00, 0x10, 0], [0x01, 0x10, 0], [0x18, 0x10, 0], [0x18, 0x10, 1], [0x00, 0x10, 0]]
+    {
         client.read(SPEED);
-        let abort = request([0x80, 0x00, 0x10, 0, 0, 0, 4, 5]);
+        let abort = request([0x80, low, high, sub, 0, 0, 4, 5]);
         assert_eq!(client.timed_out(), Some((SdoError::TimedOut(SPEED), abort)));
         assert_eq!(client.timed_out(), None);
     }

@@ -94,7 +94,7 @@ fn the_file_is_the_mean_of_its_networks_and_says_nothing_without_a_rise() {
         file["output"] = serde_json::json!({ "mean": 0.0, "scale": 1.0 });
         let (net, _) = network::parse(file.to_string().as_bytes()).unwrap();
         assert!(net.output(&[0.0, 0.0]).abs() < 1e-9, "{}", net.what());
-        let is_radial = net.what().contains("20 nodes");
+        let is_radial = net.what().contains("100 nodes");
         let mean = members.iter().map(|member| member.output(&all.rises)).sum::<DVector<f64>>() / 5.0;
         let direct = if is_radial { bumps.output(&all.rises) } else { mean };
         for (row, direct) in all.rises.row_iter().zip(direct.iter()) {
