@@ -134,6 +134,14 @@ impl Cell {
         i16::from_le_bytes([bytes[0], bytes[1]])
     }
 
+    /// What the module was told. A heartbeat that passes the start on its way looks as if that had been lost: it may come
+    /// twice.
+    fn heard(&self) -> Vec<String> {
+        let mut log = self.module.state().log.clone();
+        log.dedup();
+        log
+    }
+
     /// The values that the control was written, in order.
     fn written(&self) -> Vec<i16> {
         let log = self.cnc.state().log.clone();
@@ -150,7 +158,7 @@ fn a_node_is_set_up_then_started_then_believed_and_what_it_says_is_written_to_an
         assert_eq!(signal(&status, "room").value, Some(24.0));
         assert_eq!(signal(&status, "serial").value, Some(123_456_789.0));
         wait_until(source, "the offset is written", |_| cell.offset() == 50);
-        assert_eq!(cell.module.state().log, ["1800:05=1400", "1017:00=6400", "start"]);
+        assert_eq!(cell.heard(), ["1800:05=1400", "1017:00=6400", "start"]);
         let (lost, reset) = (count(&status, "device-lost"), count(&status, "node-reset"));
         assert_eq!((lost, reset), (0, 0), "{:#?}", events(&status));
         // Something else in the same place is not taken for a temperature.
@@ -169,9 +177,7 @@ fn a_node_that_is_reset_is_set_up_and_started_again_within_a_heartbeat_and_the_a
         cell.module.reset();
         wait_until(source, "it does without", |status| status.axes[0].state == "degraded");
         let status = wait_until(source, "it follows again", is_active);
-        assert_eq!(cell.module.times("start"), 2);
-        let log = cell.module.state().log.clone();
-        assert_eq!(log[3..], ["reset", "1800:05=1400", "1017:00=6400", "start"]);
+        assert_eq!(cell.heard()[3..], ["reset", "1800:05=1400", "1017:00=6400", "start"]);
         told(&status, "device module (node 5): was reset");
         assert_eq!(count(&status, "node-reset"), 1, "{:#?}", events(&status));
         assert_eq!(count(&status, "device-lost"), 0, "{:#?}", events(&status));
