@@ -2,9 +2,10 @@
 //!
 //! - From a position on the wire to the corrected one on the wire: the kernel's time stamps of the two frames. The limit:
 //!   the median is under 200 µs.
-//! - How long the gateway's thread is busy, and how often it wakes, while 20,000 foreign frames a second pass, beside the
-//!   same bus without them, second by second in turns. The limit: 5 % more of either. (The user-mode kernel counts
-//!   processor time in steps of 10 ms, which is too coarse; the runtime measures itself from wake to sleep.)
+//! - How often the gateway's thread wakes while 20,000 foreign frames a second pass, beside the same bus without them,
+//!   second by second in turns. The limit: 5 % more. How long it is from wake to sleep is told beside it and has no limit:
+//!   the user-mode kernel has one processor, so that this holds the kernel's own work for the foreign frames, too, and
+//!   its clock of processor time goes in steps of 10 ms, which is too coarse to tell the two apart.
 
 #![allow(
     clippy::unwrap_used,
@@ -28,7 +29,7 @@ use tokio::runtime::{Handle, RuntimeMetrics};
 
 /// From wire to wire.
 const LATENCY: Duration = Duration::from_micros(200);
-/// Busy with foreign traffic per busy without.
+/// Wakes with foreign traffic per those without.
 const SHARE: f64 = 1.05;
 /// Seconds of each.
 const ROUNDS: u64 = 20;
@@ -275,18 +276,17 @@ fn foreign(interface: &str, running: &Running, machine: &mut Machine) -> bool {
     };
     let mean = |each: &[[f64; 2]]| each.iter().map(|one| one[1]).sum::<f64>() / each.len() as f64;
     let rate = sent.load(Ordering::Relaxed) / ROUNDS;
-    let mut is_kept = true;
-    for (quiet, loud, unit) in
-        [(median(&quiet), median(&loud), "ms busy (median)"), (mean(&quiet), mean(&loud), "sleeps (mean)")]
-    {
+    let told = |quiet: f64, loud: f64, unit: &str| {
         println!(
-            "for each position: {quiet:.4} {unit}, while {rate} foreign frames a second pass {loud:.4}: {:.3} times as \
-             much; limit {SHARE}",
+            "for each position: {quiet:.4} {unit}, while {rate} foreign frames a second pass {loud:.4}: {:.3} times as much",
             loud / quiet
         );
-        is_kept &= loud < quiet * SHARE;
-    }
-    is_kept
+    };
+    told(median(&quiet), median(&loud), "ms from wake to sleep (median)");
+    let (quiet, loud) = (mean(&quiet), mean(&loud));
+    told(quiet, loud, "sleeps (mean)");
+    println!("limit of sleeps {SHARE}");
+    loud < quiet * SHARE
 }
 
 fn main() {
