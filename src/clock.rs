@@ -134,9 +134,13 @@ impl Sleeper {
     /// Returns at `deadline`, or as soon as the bell rings (also when it rang since the last sleep); and tells when
     /// that is.
     pub async fn sleep_until(&mut self, deadline: Moment) -> Moment {
+        self.sleep_from(self.now(), deadline).await
+    }
+
+    /// The same for whoever has just looked at the clock.
+    pub async fn sleep_from(&mut self, now: Moment, deadline: Moment) -> Moment {
         match &mut self.place {
             Place::Wall(notify) => {
-                let now = self.clock.now();
                 if now >= deadline {
                     return now;
                 }
@@ -149,7 +153,8 @@ impl Sleeper {
 
     /// Returns after `span`, or as soon as the bell rings.
     pub async fn sleep(&mut self, span: Duration) -> Moment {
-        self.sleep_until(self.now().after(span)).await
+        let now = self.now();
+        self.sleep_from(now, now.after(span)).await
     }
 }
 

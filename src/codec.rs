@@ -247,13 +247,15 @@ fn same(a: f64, b: f64) -> bool {
 /// 64-bit counters beyond 2^53 lose their last digits here: a scale with 2^53 counts does not exist.
 #[allow(clippy::cast_precision_loss)]
 fn as_float(raw: i128) -> f64 {
-    raw as f64
+    // What fits in 64 bits the processor converts by itself.
+    i64::try_from(raw).map_or_else(|_| raw as f64, |raw| raw as f64)
 }
 
 /// `as` saturates at the ends, which is what is wanted before the range check.
 #[allow(clippy::cast_possible_truncation)]
 fn as_integer(rounded: f64) -> i128 {
-    rounded as i128
+    const FITS: f64 = 9.0e18;
+    if rounded.abs() < FITS { i128::from(rounded as i64) } else { rounded as i128 }
 }
 
 fn float_of(data_type: DataType, bits: u64) -> f64 {

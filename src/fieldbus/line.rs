@@ -65,8 +65,8 @@ struct Unit {
     quirks: Quirks,
     breaker: Backoff,
     last_fault: Fault,
-    /// Since when it may owe an answer that could be taken for another.
-    owes: Silence,
+    /// Since when it may owe an answer that could be taken for another; `None` when that is over.
+    owes: Option<Silence>,
 }
 
 impl Line {
@@ -84,7 +84,7 @@ impl Line {
                 breaker: Backoff::new(FIRST_PAUSE, seed(&device.name)),
                 last_fault: Fault::Link(LinkFault::Down),
                 // Its answer to a gateway that ended a moment ago may be under way.
-                owes: Silence::begin(),
+                owes: Some(Silence::begin()),
             })
             .collect();
         Line {
@@ -164,8 +164,9 @@ impl Line {
         }
         let was_connected = self.wire.is_some();
         let mut answer = self.exchange(place, request, now).await;
-        let is_closed = answer == Err(Fault::Link(LinkFault::Closed));
-        if was_connected && (is_closed || answer == Err(BROKEN)) {
+        let fault = answer.as_ref().err().copied();
+        let is_closed = fault == Some(Fault::Link(LinkFault::Closed));
+        if was_connected && (is_closed || fault == Some(BROKEN)) {
             // Some gateways close a connection that was idle for a while: that is no reason to lose a reading. A write
             // is not repeated, unless nothing was sent; but where nobody listens any more, that is what is wrong.
             let is_told_apart = self.wire.as_mut().is_some_and(|wire| wire.wire().names_its_question());
@@ -236,7 +237,7 @@ impl Line {
         self.units[place].breaker.fail(now.after(self.timeout));
         let number = self.units[place].number;
         for unit in self.units.iter_mut().filter(|unit| unit.number == number) {
-            unit.owes = Silence::begin();
+            unit.owes = Some(Silence::begin());
             unit.breaker.not_before_either(quiet);
             unit.last_fault = fault;
         }
@@ -255,11 +256,14 @@ impl Line {
 
     async fn ask(&mut self, place: usize, request: Request<'_>, now: Moment) -> Result<Answer, Fault> {
         self.connect(now).await?;
-        let unit = &self.units[place];
+        let unit = &mut self.units[place];
         let Some(connection) = &mut self.wire else { return Err(Fault::Link(LinkFault::Down)) };
-        let owed = unit.owes.left_of(self.timeout * GRACE);
-        if !owed.is_zero() {
-            connection.wire().listen(owed).await?;
+        if let Some(quiet) = unit.owes {
+            let owed = quiet.left_of(self.timeout * GRACE);
+            if !owed.is_zero() {
+                connection.wire().listen(owed).await?;
+            }
+            unit.owes = None;
         }
         let pause = unit.quirks.pause_between_requests;
         if self.spoke && !pause.is_zero() {
@@ -269,7 +273,7 @@ impl Line {
         let span = self.timeout + connection.wire().time_under_way(request);
         let answer = self.patience.within(span, connection.call(unit.number, request)).await;
         let answer = answer.unwrap_or_else(|| Err(connection.wire().missed()));
-        if answer == Err(BROKEN) && !self.has_answered && connection.wire().names_its_question() {
+        if !self.has_answered && answer == Err(BROKEN) && connection.wire().names_its_question() {
             return Err(self.dial.turned_away());
         }
         self.has_answered = true;

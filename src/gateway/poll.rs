@@ -151,13 +151,15 @@ impl LineTask {
     }
 
     async fn cycles(mut self, mut sleeper: Sleeper) {
-        let mut due = sleeper.now();
+        let mut ended = sleeper.now();
+        let mut due = ended;
         loop {
-            let began = sleeper.sleep_until(due).await;
+            let began = sleeper.sleep_from(ended, due).await;
             self.cycle(began).await;
             // A line that is always late must not keep the others from their turn.
             tokio::task::coop::consume_budget().await;
-            due = self.account(due, began, sleeper.now());
+            ended = sleeper.now();
+            due = self.account(due, began, ended);
         }
     }
 
@@ -169,25 +171,24 @@ impl LineTask {
         self.write(now).await;
         self.beat(now).await;
         self.inspector.inspect(&mut self.line, &self.shared, self.can.as_deref()).await;
-        let mut polled = false;
-        self.passed = self.shared.clock.now();
+        let mut polled = None;
+        self.passed = now;
         let last = self.polls.iter().rposition(|poll| now >= poll.due);
         for place in 0..self.polls.len() {
             if now >= self.polls[place].due {
-                self.poll(place, now, Some(place) == last).await;
-                polled = true;
+                polled = Some(self.poll(place, now, Some(place) == last).await);
             }
         }
         self.has_been_round = true;
         // Not the beginning of the cycle: readings have aged since, and another line may have stepped.
-        let now = self.shared.clock.now();
-        if polled || self.can.is_some() {
+        let now = polled.unwrap_or_else(|| self.shared.clock.now());
+        if polled.is_some() || self.can.is_some() {
             self.shared.look_for_restarts(now);
         }
         if self.steps_axes {
             self.shared.advance(self.bus, now);
         }
-        if polled && self.feeds_others {
+        if polled.is_some() && self.feeds_others {
             self.shared.ring_others(self.bus);
         }
         self.write(now).await;

@@ -29,6 +29,11 @@ impl Restarts {
         Restarts { counts: vec![0; profile.outputs.len()], counters, was_on: None }
     }
 
+    /// Whether any signal of the profile can tell one.
+    pub(super) fn are_told(profile: &Profile) -> bool {
+        profile.machine.on.is_some() || profile.outputs.iter().any(|output| output.boot_counter.is_some())
+    }
+
     /// How many concern this output so far.
     pub(super) fn of(&self, id: OutputId) -> u64 {
         self.counts.get(id.0).copied().unwrap_or_default()
@@ -70,6 +75,9 @@ impl Restarts {
 impl Shared {
     /// Looks at what has just been read, before anything is written. Every line is woken where a control was restarted.
     pub(super) fn look_for_restarts(&self, now: Moment) {
+        if !self.tells_restarts {
+            return;
+        }
         let mut core = self.core();
         let is_on = self.profile.machine.on.and_then(|id| core.board.value(&self.profile, id, now));
         let switched_on = core.restarts.switched_on(is_on.map(|level| level >= 0.5));

@@ -34,6 +34,8 @@ pub(crate) struct Shared {
     pub(crate) dry_run: bool,
     pub(crate) started: Moment,
     pub(super) ledger: Ledger,
+    /// Something that is read tells that a control was restarted.
+    pub(super) tells_restarts: bool,
     bells: Mutex<Vec<Bell>>,
     core: Mutex<Core>,
 }
@@ -133,9 +135,10 @@ impl Shared {
             levels: vec![LevelsTold::default(); profile.axes.len()],
             extrapolating: vec![false; profile.axes.len()],
         };
+        let tells_restarts = Restarts::are_told(&profile);
         let started = clock.now();
         let (bells, core) = (Mutex::new(bells), Mutex::new(core));
-        Shared { profile, clock, journal, dry_run, started, ledger, bells, core }
+        Shared { profile, clock, journal, dry_run, started, ledger, tells_restarts, bells, core }
     }
 
     /// A task that panicked while it held the lock has already stopped the gateway; what it left is still needed for

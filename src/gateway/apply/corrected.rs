@@ -25,11 +25,15 @@ impl Writer {
         now: Moment,
     ) {
         let output = shared.profile.output(self.id);
+        let has_dashes = output.display.stale.is_some();
+        let taken = shared.core().board.taken(position);
+        if taken == self.applied && !has_dashes {
+            return;
+        }
         let order = self.order(shared, now);
-        if output.display.stale.is_some() && (order.off || order.position.is_none()) {
+        if has_dashes && (order.off || order.position.is_none()) {
             self.show_nothing(line, shared, now).await;
         }
-        let taken = shared.core().board.taken(position);
         if taken == self.applied {
             return;
         }

@@ -5,8 +5,9 @@ use crate::quantity::Moment;
 use crate::reading::Reason;
 
 impl LineTask {
-    /// Asks a device for all that is read of it. The last of a round need not let anything pass: the round's end does.
-    pub(super) async fn poll(&mut self, place: usize, round: Moment, is_last: bool) {
+    /// Asks a device for all that is read of it; the moment after that. The last of a round need not let anything pass: the
+    /// round's end does.
+    pub(super) async fn poll(&mut self, place: usize, round: Moment, is_last: bool) -> Moment {
         let poll = &mut self.polls[place];
         poll.due = round.next_tick(poll.due, poll.every);
         let requests = poll.requests.len();
@@ -17,6 +18,7 @@ impl LineTask {
                 now = self.let_pass(place, now).await;
             }
         }
+        now
     }
 
     /// What a device must be told before it is read; the moment after that.
