@@ -31,7 +31,7 @@ fn decode(criterion: &mut Criterion) {
         data_type: DataType::I16,
         word_order: WordOrder::MswFirst,
         byte_swap: false,
-        scale: 0.1,
+        scale: isotherm::codec::Scale::of(0.1),
         offset: 0.0,
         bias: 0,
         bad: vec![(-32768).into(), 32767.into()],

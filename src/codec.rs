@@ -13,6 +13,7 @@ mod can;
 mod checksum;
 mod counter;
 mod data_type;
+mod scale;
 
 pub use address::{Address, Table};
 pub use bits::{BitField, BitKind, ByteOrder};
@@ -20,6 +21,7 @@ pub use can::{CanId, CanMatch, Frame};
 pub use checksum::checksum;
 pub use counter::{Counter, Motion, Tracked};
 pub use data_type::DataType;
+pub use scale::Scale;
 
 use data_type::integer_of;
 
@@ -41,8 +43,8 @@ pub struct Encoding {
     pub word_order: WordOrder,
     /// The two bytes inside every register are exchanged.
     pub byte_swap: bool,
-    /// Engineering units per count; never zero.
-    pub scale: f64,
+    /// Engineering units per count.
+    pub scale: Scale,
     /// Engineering value of raw zero.
     pub offset: f64,
     /// Added to the raw count on the wire (outputs; LinuxCNC wants 32768).
@@ -95,7 +97,7 @@ impl Encoding {
     /// # Errors
     /// Where scale and offset make it something that is no number.
     pub fn decode_bit(&self, bit: bool) -> Result<f64, Reason> {
-        let value = f64::from(u8::from(bit)) * self.scale + self.offset;
+        let value = f64::from(u8::from(bit)) * self.scale.get() + self.offset;
         if value.is_finite() { Ok(value) } else { Err(Reason::NotANumber) }
     }
 
@@ -120,14 +122,14 @@ impl Encoding {
                 as_float(raw - i128::from(self.bias))
             }
         };
-        let value = self.scaled(raw) + self.offset;
+        let value = self.scale.scaled(raw) + self.offset;
         if value.is_finite() { Ok(value) } else { Err(Reason::NotANumber) }
     }
 
     /// The registers that come nearest to `value`: whole counts, rounded half away from zero, cut to the type's range.
     /// NaN is written as the count of zero and reported as saturated; callers never pass it.
     pub fn encode(&self, value: f64) -> Encoded {
-        let scaled = self.unscaled(value - self.offset);
+        let scaled = self.scale.unscaled(value - self.offset);
         let (bits, saturated) = match self.data_type.integer_range() {
             None => float_bits(self.data_type, scaled),
             Some((low, high)) => {
@@ -169,36 +171,13 @@ impl Encoding {
     /// The engineering value of these counts.
     pub fn value_of(&self, counts: i64) -> f64 {
         // Adding zero turns −0 into 0.
-        self.scaled(as_float(i128::from(counts))) + self.offset + 0.0
+        self.scale.scaled(as_float(i128::from(counts))) + self.offset + 0.0
     }
 
     /// The counts that come nearest to a value, half away from zero.
     pub fn nearest_counts(&self, value: f64) -> i64 {
-        let counts = as_integer(self.unscaled(value - self.offset).round());
+        let counts = as_integer(self.scale.unscaled(value - self.offset).round());
         i64::try_from(counts).unwrap_or(if counts < 0 { i64::MIN } else { i64::MAX })
-    }
-
-    /// `raw · scale`, where a scale such as 0.1 is taken for the tenth that is meant: 229 counts are 22.9, not
-    /// 22.900000000000002.
-    fn scaled(&self, raw: f64) -> f64 {
-        match self.counts_per_unit() {
-            Some(counts) => raw / counts,
-            None => raw * self.scale,
-        }
-    }
-
-    fn unscaled(&self, value: f64) -> f64 {
-        match self.counts_per_unit() {
-            Some(counts) => value * counts,
-            None => value / self.scale,
-        }
-    }
-
-    /// Where a unit is a whole number of counts: that number.
-    fn counts_per_unit(&self) -> Option<f64> {
-        let counts = (1.0 / self.scale).round();
-        let is_whole = counts.abs() >= 1.0 && same(1.0 / counts, self.scale);
-        is_whole.then_some(counts)
     }
 
     fn sentinel(&self, is: impl Fn(i64) -> bool) -> Result<(), Reason> {
@@ -247,8 +226,18 @@ fn same(a: f64, b: f64) -> bool {
 /// 64-bit counters beyond 2^53 lose their last digits here: a scale with 2^53 counts does not exist.
 #[allow(clippy::cast_precision_loss)]
 fn as_float(raw: i128) -> f64 {
-    // What fits in 64 bits the processor converts by itself.
-    i64::try_from(raw).map_or_else(|_| raw as f64, |raw| raw as f64)
+    match i64::try_from(raw) {
+        // What fits the processor converts by itself.
+        Ok(raw) => raw as f64,
+        Err(_) => wide_as_float(raw),
+    }
+}
+
+#[cold]
+#[inline(never)]
+#[allow(clippy::cast_precision_loss)]
+fn wide_as_float(raw: i128) -> f64 {
+    raw as f64
 }
 
 /// `as` saturates at the ends, which is what is wanted before the range check.

@@ -261,7 +261,7 @@ fn signal_explained(profile: &Profile, id: SignalId) -> SignalExplained {
         data_type: encoding.data_type.name(),
         word_order: (encoding.data_type.registers() > 1 && !signal.address.table.is_can())
             .then(|| encoding.word_order.to_string()),
-        scale: encoding.scale,
+        scale: encoding.scale.get(),
         offset: encoding.offset,
         unit: signal.unit.0,
         doubts,

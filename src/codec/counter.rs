@@ -67,7 +67,7 @@ impl Counter {
     pub fn half_way(&self, encoding: &Encoding) -> Option<Duration> {
         let half = Counter::modulus(encoding.data_type)? / 2;
         #[allow(clippy::cast_precision_loss, reason = "at most 2^31")]
-        Duration::try_from_secs_f64(half as f64 * encoding.scale.abs() / self.max_speed).ok()
+        Duration::try_from_secs_f64(half as f64 * encoding.scale.get().abs() / self.max_speed).ok()
     }
 }
 
@@ -76,7 +76,7 @@ impl Tracked {
     pub fn take(&mut self, counter: &Counter, encoding: &Encoding, value: f64, at: Moment) -> Motion {
         let Some(modulus) = Counter::modulus(encoding.data_type) else { return Motion::To(value) };
         #[allow(clippy::cast_possible_truncation, reason = "a count of at most 32 bits")]
-        let raw = ((value - encoding.offset) / encoding.scale).round() as i64;
+        let raw = ((value - encoding.offset) / encoding.scale.get()).round() as i64;
         let count = nearest_to_zero(raw, modulus);
         let fresh = Seen { count, position: count, at };
         let Some(last) = self.last else {
@@ -85,7 +85,7 @@ impl Tracked {
         };
         let travelled = |seen: Seen| {
             let seconds = (at.since(seen.at) + counter.slack).as_secs_f64();
-            let reach = counter.max_speed * seconds / encoding.scale.abs() + 1.0;
+            let reach = counter.max_speed * seconds / encoding.scale.get().abs() + 1.0;
             let moved = nearest_to_zero(count - seen.count, modulus);
             #[allow(clippy::cast_precision_loss, reason = "at most 2^31")]
             let (can, half) = (moved.abs() as f64 <= reach, (modulus / 2) as f64);
@@ -124,7 +124,7 @@ fn scaled(encoding: &Encoding, count: i64) -> f64 {
     #[allow(clippy::cast_precision_loss, reason = "some rollovers of 32 bits")]
     let count = count as f64;
     // As the codec does it: a counter that never rolled over shows the very same number.
-    encoding.scaled(count) + encoding.offset
+    encoding.scale.scaled(count) + encoding.offset
 }
 
 #[cfg(test)]

@@ -3,7 +3,15 @@ use proptest::prelude::*;
 use super::*;
 
 fn encoding(data_type: DataType, word_order: WordOrder) -> Encoding {
-    Encoding { data_type, word_order, byte_swap: false, scale: 1.0, offset: 0.0, bias: 0, bad: Vec::new() }
+    Encoding {
+        data_type,
+        word_order,
+        byte_swap: false,
+        scale: Scale::ONE,
+        offset: 0.0,
+        bias: 0,
+        bad: Vec::new(),
+    }
 }
 
 #[test]
@@ -53,7 +61,7 @@ fn registers_become_the_numbers_that_devices_mean() {
 #[test]
 fn a_sentinel_is_compared_before_scaling() {
     let axiomatic = Encoding {
-        scale: 0.0625,
+        scale: Scale::of(0.0625),
         bad: vec![(-1).into(), (-512).into()],
         ..encoding(DataType::I16, WordOrder::MswFirst)
     };
@@ -78,7 +86,7 @@ fn the_wrong_number_of_registers_is_a_bad_reply() {
 
 #[test]
 fn what_does_not_fit_is_cut_and_reported() {
-    let tenth = Encoding { scale: 0.1, ..encoding(DataType::I16, WordOrder::MswFirst) };
+    let tenth = Encoding { scale: Scale::of(0.1), ..encoding(DataType::I16, WordOrder::MswFirst) };
     assert_eq!(tenth.encode(8.4).words(), [84]);
     assert!(!tenth.encode(8.4).saturated);
     let cut = tenth.encode(1e9);
@@ -91,16 +99,17 @@ fn tenths_and_thousandths_come_out_as_they_are_written() {
     for (raw, scale, value) in
         [(229, 0.1, 22.9), (3, 0.1, 0.3), (-84, 0.1, -8.4), (123_457, 0.0001, 12.3457), (7, 0.0005, 0.0035)]
     {
-        let encoding = Encoding { scale, ..encoding(DataType::I32, WordOrder::MswFirst) };
+        let encoding = Encoding { scale: Scale::of(scale), ..encoding(DataType::I32, WordOrder::MswFirst) };
         let words = encoding.encode(value);
         assert_eq!(encoding.decode(words.words()), Ok(value), "{raw} counts of {scale}");
-        assert_eq!(Encoding { scale: 1.0, ..encoding }.decode(words.words()), Ok(f64::from(raw)));
+        assert_eq!(Encoding { scale: Scale::ONE, ..encoding }.decode(words.words()), Ok(f64::from(raw)));
     }
 }
 
 #[test]
 fn a_bias_keeps_a_negative_offset_above_zero_on_the_wire() {
-    let linuxcnc = Encoding { scale: 0.1, bias: 32768, ..encoding(DataType::U16, WordOrder::MswFirst) };
+    let linuxcnc =
+        Encoding { scale: Scale::of(0.1), bias: 32768, ..encoding(DataType::U16, WordOrder::MswFirst) };
     assert_eq!(linuxcnc.encode(-0.1).words(), [32767]);
     assert_eq!(linuxcnc.encode(0.0).words(), [32768]);
     assert!((linuxcnc.decode(&[32767]).unwrap() + 0.1).abs() < 1e-12);
@@ -108,9 +117,10 @@ fn a_bias_keeps_a_negative_offset_above_zero_on_the_wire() {
 
 #[test]
 fn a_bit_that_its_scale_makes_infinite_is_no_number() {
-    let bit = Encoding { scale: 2.0, offset: 1.0, ..encoding(DataType::Bool, WordOrder::MswFirst) };
+    let bit =
+        Encoding { scale: Scale::of(2.0), offset: 1.0, ..encoding(DataType::Bool, WordOrder::MswFirst) };
     assert_eq!((bit.decode_bit(false), bit.decode_bit(true)), (Ok(1.0), Ok(3.0)));
-    let endless = Encoding { scale: 1e308, offset: 1e308, ..bit };
+    let endless = Encoding { scale: Scale::of(1e308), offset: 1e308, ..bit };
     assert_eq!(endless.decode_bit(true), Err(Reason::NotANumber));
 }
 
@@ -142,7 +152,8 @@ fn a_bit_of_a_register_is_read_alone() {
 /// DM36B06: high nibble the sign, next nibble the decimals, then 24 bits.
 #[test]
 fn a_digit_display_is_given_sign_decimals_and_magnitude() {
-    let display = Encoding { scale: 0.01, ..encoding(DataType::Decimal24(2), WordOrder::MswFirst) };
+    let display =
+        Encoding { scale: Scale::of(0.01), ..encoding(DataType::Decimal24(2), WordOrder::MswFirst) };
     for (value, words) in [(32.70, [0x0200, 0x0cc6]), (-32.70, [0x1200, 0x0cc6]), (1310.72, [0x0202, 0x0000])]
     {
         assert_eq!(display.encode(value).words(), words, "{value}");

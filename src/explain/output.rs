@@ -78,12 +78,12 @@ pub(super) fn explained(profile: &Profile, output: &Output) -> WriteExplained {
     let limit = axis.settings.guard.limit.get() * factor;
     let (unit, reach, meaning) = match output.writes {
         Writes::Offset => {
-            let counts = figure(factor / encoding.scale);
+            let counts = figure(factor / encoding.scale.get());
             let what = if axis.diameter { "twice Cz" } else { "Cz" };
             ("µm", Some((-limit, limit)), format!("{what}: +1 µm of Cz is {counts} counts"))
         }
         Writes::Intercept => {
-            let counts = figure(1.0 / encoding.scale);
+            let counts = figure(1.0 / encoding.scale.get());
             (
                 "µm",
                 Some((-limit, limit)),
@@ -96,7 +96,7 @@ pub(super) fn explained(profile: &Profile, output: &Output) -> WriteExplained {
             let meaning = format!(
                 "tanβ, which the control multiplies by the distance from the reference position: +0.001 µm/mm is {} \
                  counts; at most ±{} µm/mm, which is ±{limit} µm at {reach} mm",
-                figure(0.001 / encoding.scale),
+                figure(0.001 / encoding.scale.get()),
                 figure(most).trim_start_matches('+'),
             );
             ("µm/mm", Some((-most, most)), meaning)
@@ -120,12 +120,12 @@ pub(super) fn explained(profile: &Profile, output: &Output) -> WriteExplained {
         registers,
         data_type: encoding.data_type.name(),
         word_order: (registers > 1 && !output.address.table.is_can()).then(|| encoding.word_order.to_string()),
-        scale: encoding.scale,
+        scale: encoding.scale.get(),
         unit,
         bias: encoding.bias,
         counts: reach.filter(|_| encoding.data_type.integer_range().is_some()).map(|(low, high)| {
             let (a, b) =
-                (count(low, encoding.scale, encoding.bias), count(high, encoding.scale, encoding.bias));
+                (count(low, encoding.scale.get(), encoding.bias), count(high, encoding.scale.get(), encoding.bias));
             (a.min(b), a.max(b))
         }),
         function: if output.address.table.is_can() {

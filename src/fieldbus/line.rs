@@ -42,6 +42,8 @@ pub struct Line {
     refused: Fault,
     units: Vec<Unit>,
     spoke: bool,
+    /// Requests that were more than refused here.
+    asked: u64,
     misses: u32,
     /// Closed by us after an answer.
     is_put_down: bool,
@@ -97,6 +99,7 @@ impl Line {
             refused: Fault::Link(LinkFault::Down),
             units,
             spoke: false,
+            asked: 0,
             misses: 0,
             is_put_down: false,
             tap: Tap::default(),
@@ -117,6 +120,11 @@ impl Line {
     /// There is a connection.
     pub fn is_connected(&self) -> bool {
         self.wire.is_some() || self.is_put_down
+    }
+
+    /// Requests so far that were more than refused here: while it stays the same, nobody has waited for this line.
+    pub fn asked(&self) -> u64 {
+        self.asked
     }
 
     /// What this device is, or the line without one, begins anew: whatever rests there need rest no longer.
@@ -162,6 +170,7 @@ impl Line {
         if !unit.breaker.allows(now) {
             return Err(unit.last_fault);
         }
+        self.asked += 1;
         let was_connected = self.wire.is_some();
         let mut answer = self.exchange(place, request, now).await;
         let fault = answer.as_ref().err().copied();
@@ -255,7 +264,9 @@ impl Line {
     }
 
     async fn ask(&mut self, place: usize, request: Request<'_>, now: Moment) -> Result<Answer, Fault> {
-        self.connect(now).await?;
+        if self.wire.is_none() {
+            self.connect(now).await?;
+        }
         let unit = &mut self.units[place];
         let Some(connection) = &mut self.wire else { return Err(Fault::Link(LinkFault::Down)) };
         if let Some(quiet) = unit.owes {
@@ -270,7 +281,7 @@ impl Line {
             tokio::time::sleep(pause).await;
         }
         self.spoke = true;
-        let span = self.timeout + connection.wire().time_under_way(request);
+        let span = self.timeout + connection.time_under_way(request);
         let answer = self.patience.within(span, connection.call(unit.number, request)).await;
         let answer = answer.unwrap_or_else(|| Err(connection.wire().missed()));
         if !self.has_answered && answer == Err(BROKEN) && connection.wire().names_its_question() {
@@ -281,9 +292,6 @@ impl Line {
     }
 
     async fn connect(&mut self, now: Moment) -> Result<(), Fault> {
-        if self.wire.is_some() {
-            return Ok(());
-        }
         if !self.yielding.allows(now) {
             return Err(Fault::Link(LinkFault::Contested));
         }

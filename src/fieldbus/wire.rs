@@ -156,6 +156,14 @@ impl Connection {
         }
     }
 
+    /// As [`Wire::time_under_way`].
+    pub fn time_under_way(&self, request: Request<'_>) -> Duration {
+        match self {
+            Connection::Modbus(wire) => wire.time_under_way(request),
+            Connection::Other(wire) => wire.time_under_way(request),
+        }
+    }
+
     /// It as any kind of wire.
     pub fn wire(&mut self) -> &mut dyn Wire {
         match self {

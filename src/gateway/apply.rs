@@ -18,7 +18,7 @@ use crate::quantity::{Micron, Moment};
 use crate::reading::SignalId;
 
 use super::output::Standing;
-use super::shared::Shared;
+use super::shared::{Core, Shared};
 use super::words::{can_be_read, cz_factor, one_step, part};
 
 mod corrected;
@@ -148,7 +148,7 @@ impl Writer {
         if output.share == Share::Ledger {
             return self.joint_offset(line, shared, output, now).await;
         }
-        let order = self.order(shared, now);
+        let order = self.order(shared, &shared.core(), now);
         self.note_restarts(&order);
         self.idle = order.off || shared.dry_run;
         if self.idle {
@@ -191,9 +191,8 @@ impl Writer {
         }
     }
 
-    fn order(&self, shared: &Shared, now: Moment) -> Order {
+    fn order(&self, shared: &Shared, core: &Core, now: Moment) -> Order {
         let output = shared.profile.output(self.id);
-        let core = shared.core();
         let decision = core.compensation.decision(output.axis.0);
         let arming = &core.arming[output.axis.0];
         let value = |id: SignalId| core.board.value(&shared.profile, id, now);

@@ -150,7 +150,7 @@ impl Arming {
 pub(super) fn has_its_reference(profile: &Profile, output: &Output, state: &OutputState) -> bool {
     let apart = profile.axis(output.axis).settings.apart;
     let (Writes::Reference, Some(apart)) = (output.writes, apart) else { return true };
-    let near = output.encoding.scale.abs() * 0.501;
+    let near = output.encoding.scale.get().abs() * 0.501;
     state.value.is_some_and(|value| (value - apart.reference).abs() <= near)
 }
 

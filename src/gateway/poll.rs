@@ -168,27 +168,31 @@ impl LineTask {
         for revived in self.can.iter().flat_map(|can| can.revived()) {
             self.line.revive(revived);
         }
+        let asked = self.line.asked();
         self.write(now).await;
         self.beat(now).await;
         self.inspector.inspect(&mut self.line, &self.shared, self.can.as_deref()).await;
-        let mut polled = None;
+        let mut polled = false;
         self.passed = now;
+        // Where something was written or looked into, that took its time.
+        let mut at = if self.line.asked() == asked { now } else { self.shared.clock.now() };
         let last = self.polls.iter().rposition(|poll| now >= poll.due);
         for place in 0..self.polls.len() {
             if now >= self.polls[place].due {
-                polled = Some(self.poll(place, now, Some(place) == last).await);
+                at = self.poll(place, now, at, Some(place) == last).await;
+                polled = true;
             }
         }
         self.has_been_round = true;
         // Not the beginning of the cycle: readings have aged since, and another line may have stepped.
-        let now = polled.unwrap_or_else(|| self.shared.clock.now());
-        if polled.is_some() || self.can.is_some() {
+        let now = at;
+        if polled || self.can.is_some() {
             self.shared.look_for_restarts(now);
         }
         if self.steps_axes {
             self.shared.advance(self.bus, now);
         }
-        if polled.is_some() && self.feeds_others {
+        if polled && self.feeds_others {
             self.shared.ring_others(self.bus);
         }
         self.write(now).await;

@@ -12,7 +12,10 @@ pub(super) fn one_step(profile: &Profile, output: &Output) -> f64 {
     let most = profile.axis(output.axis).settings.guard.step.get() * cz_factor(profile, output);
     match output.encoding.data_type.integer_range() {
         // What makes 3 · 0.1 a little more than 0.3 must not cost a count.
-        Some(_) => (most / output.encoding.scale.abs() * (1.0 + 1e-12)).floor() * output.encoding.scale.abs(),
+        Some(_) => {
+            (most / output.encoding.scale.get().abs() * (1.0 + 1e-12)).floor()
+                * output.encoding.scale.get().abs()
+        }
         None => most,
     }
 }
@@ -48,7 +51,7 @@ pub(super) fn within_limit(profile: &Profile, output: &Output, words: &Encoded) 
 pub(super) fn is_beyond_limit(profile: &Profile, output: &Output, cz: Micron) -> bool {
     let limit = profile.axis(output.axis).settings.guard.limit.get();
     let slack = match output.encoding.data_type.integer_range() {
-        Some(_) => 0.5 * output.encoding.scale.abs() / cz_factor(profile, output),
+        Some(_) => 0.5 * output.encoding.scale.get().abs() / cz_factor(profile, output),
         // What is left of a number in the 24 bits of a float.
         None => limit * f64::from(f32::EPSILON),
     };
@@ -70,7 +73,7 @@ pub(super) fn counts_in_text(output: &Output, counts: i64) -> String {
 
 /// As many digits as a count has.
 fn tidy(value: f64, encoding: &Encoding) -> String {
-    let digits = (0..6).find(|digits| encoding.scale.abs() * 10f64.powi(*digits) >= 0.999).unwrap_or(6);
+    let digits = (0..6).find(|digits| encoding.scale.get().abs() * 10f64.powi(*digits) >= 0.999).unwrap_or(6);
     format!("{value:.*}", usize::try_from(digits).unwrap_or(6))
 }
 

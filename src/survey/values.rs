@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::codec::{Address, DataType, Encoding, WordOrder};
+use crate::codec::{Address, DataType, Encoding, Scale, WordOrder};
 use crate::fieldbus::wire::Answer;
 
 /// How registers are to be understood.
@@ -90,7 +90,15 @@ impl Form {
 
     fn value(&self, data_type: DataType, word_order: WordOrder, words: &[u16]) -> String {
         let Form { byte_swap, scale, offset, .. } = *self;
-        let encoding = Encoding { data_type, word_order, byte_swap, scale, offset, bias: 0, bad: Vec::new() };
+        let encoding = Encoding {
+            data_type,
+            word_order,
+            byte_swap,
+            scale: Scale::of(scale),
+            offset,
+            bias: 0,
+            bad: Vec::new(),
+        };
         // Whole counts as they are: a floating-point detour would lose digits of 64 bits.
         let is_plain = scale.to_bits() == 1f64.to_bits() && offset.abs() < f64::MIN_POSITIVE;
         match encoding.counts(words).filter(|_| is_plain) {

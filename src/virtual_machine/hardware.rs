@@ -3,7 +3,7 @@
 //! Registers are filled at the moment of a request from the plant at that moment, so the plant's own tick decides
 //! nothing that a client could see.
 
-use crate::codec::{Address, Encoding, Table};
+use crate::codec::{Address, Encoding, Scale, Table};
 use crate::profile::{AxisId, Capture, DeviceId, Output, OutputId, Profile, SetId, Signal, Writes};
 use crate::quantity::Moment;
 
@@ -338,7 +338,7 @@ fn cells(signal: &Signal, reads: Reads) -> Vec<u16> {
     let encoded = match reads {
         Reads::Value(value) => encoding.encode(value),
         Reads::Raw(raw) => {
-            let plain = Encoding { scale: 1.0, offset: 0.0, bias: 0, ..encoding.clone() };
+            let plain = Encoding { scale: Scale::ONE, offset: 0.0, bias: 0, ..encoding.clone() };
             plain.encode(exact(raw))
         }
         Reads::Nan => return not_a_number(encoding),

@@ -8,7 +8,7 @@ use std::pin::Pin;
 use std::sync::LazyLock;
 use std::task::{Context, Poll};
 
-use isotherm::codec::{Address, DataType, Encoding, Table, WordOrder, checksum};
+use isotherm::codec::{Address, DataType, Encoding, Scale, Table, WordOrder, checksum};
 use isotherm::fieldbus::modbus::attach;
 use isotherm::fieldbus::plan::plan;
 use isotherm::fieldbus::rtu::{Port, Rtu};
@@ -59,7 +59,7 @@ impl Bytes<'_> {
             word_order: if kinds & 0x40 == 0 { WordOrder::MswFirst } else { WordOrder::LswFirst },
             byte_swap: kinds & 0x80 != 0,
             // What a profile may say: finite, and no scale of zero.
-            scale: if scale.is_finite() && scale.abs() > 0.0 { scale } else { 1.0 },
+            scale: Scale::of(if scale.is_finite() && scale.abs() > 0.0 { scale } else { 1.0 }),
             offset: if offset.is_finite() { offset } else { 0.0 },
             bias: i64::from(i32::from_be_bytes(self.take())),
             bad: vec![i64::from_be_bytes(self.take()).into()],

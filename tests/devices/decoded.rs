@@ -63,7 +63,7 @@ fn an_adam_6018_sends_the_share_of_its_types_range() {
         let machine = signal(&device, "7", "");
         let found = decode(&machine, &[raw]).unwrap();
         // Half a count of the type.
-        let half = machine.signals[0].encoding.scale * 0.51;
+        let half = machine.signals[0].encoding.scale.get() * 0.51;
         assert!((found - value).abs() <= half, "{variant}: {found}");
         assert_eq!(machine.signals[0].address.to_string(), "holding:7");
         for end in [0, 65535] {

@@ -109,12 +109,12 @@ fn is_inside(
         }
         Writes::Reference => {
             let reference = axis.settings.apart.unwrap().reference;
-            let count = output.encoding.scale.abs();
+            let count = output.encoding.scale.get().abs();
             assert!((wanted - reference).abs() <= 0.501 * count, "P0: {wanted} mm, {seen:?}");
         }
         Writes::Corrected { position } => {
             let signal = trace.profile.signal(position);
-            let count = 1000.0 * output.encoding.scale / factor;
+            let count = 1000.0 * output.encoding.scale.get() / factor;
             let last = corrections.get(&output.name).copied();
             let shown = recent(trace, place, signal, signal.max_age);
             let share = |position: &f64| 1000.0 * (wanted - position) / factor;
@@ -205,7 +205,7 @@ fn grows_only_while_active(trace: &Trace) {
         let decided = trace.samples.iter().filter(|sample| near(sample.at));
         let follows = decided.into_iter().map(|sample| &sample.status.axes[output.axis.0]).any(|axis| {
             matches!(axis.state, "active" | "degraded" | "holding")
-                && axis.cz_um.abs() * factor + output.encoding.scale + EPSILON >= wanted
+                && axis.cz_um.abs() * factor + output.encoding.scale.get() + EPSILON >= wanted
         });
         assert!(
             follows,

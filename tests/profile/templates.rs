@@ -73,7 +73,7 @@ fn what_the_profile_spells_out_wins_over_the_template() {
         (signal.address.to_string().as_str(), signal.encoding.bad.as_slice()),
         ("input:5", [7.into()].as_slice())
     );
-    assert!((signal.encoding.scale - 0.01).abs() < 1e-12);
+    assert!((signal.encoding.scale.get() - 0.01).abs() < 1e-12);
     let told = isotherm::explain::Explanation::of(&machine).to_string();
     let words = "channel 0 of icp-das-m7019r; the profile itself says bad, register, scale";
     assert!(told.contains(words), "{told}");

@@ -1,7 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::codec::{Encoding, WordOrder};
+use crate::codec::{Encoding, Scale, WordOrder};
 
 const INTEL: ByteOrder = ByteOrder::Intel;
 const MOTOROLA: ByteOrder = ByteOrder::Motorola;
@@ -13,8 +13,15 @@ fn field(start: u16, length: u16, order: ByteOrder, kind: BitKind) -> BitField {
 fn value(field: BitField, scale: f64, offset: f64, frame: &[u8]) -> Result<f64, Reason> {
     let data_type = field.data_type();
     let word_order = WordOrder::MswFirst;
-    let encoding =
-        Encoding { data_type, word_order, byte_swap: false, scale, offset, bias: 0, bad: Vec::new() };
+    let encoding = Encoding {
+        data_type,
+        word_order,
+        byte_swap: false,
+        scale: Scale::of(scale),
+        offset,
+        bias: 0,
+        bad: Vec::new(),
+    };
     encoding.decode(field.words(frame)?.words())
 }
 
@@ -99,7 +106,7 @@ fn a_value_that_does_not_fit_its_field_is_cut_and_told() {
         data_type,
         word_order: WordOrder::MswFirst,
         byte_swap: false,
-        scale: 0.1,
+        scale: Scale::of(0.1),
         offset: 0.0,
         bias: 0,
         bad: Vec::new(),
@@ -141,7 +148,7 @@ proptest! {
     fn every_count_of_a_field_survives_the_way_through_its_encoding(field in any_field(), bits: u64) {
         let data_type = field.data_type();
         let encoding = Encoding {
-            data_type, word_order: WordOrder::MswFirst, byte_swap: false, scale: 1.0, offset: 0.0, bias: 0, bad: Vec::new(),
+            data_type, word_order: WordOrder::MswFirst, byte_swap: false, scale: Scale::ONE, offset: 0.0, bias: 0, bad: Vec::new(),
         };
         let bits = bits & (u64::MAX >> (64 - u32::from(data_type.width())));
         let words = data_type.words(bits);

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::codec::WordOrder;
+use crate::codec::{Scale, WordOrder};
 
 const POLL: Duration = Duration::from_millis(20);
 
@@ -12,7 +12,7 @@ fn encoding(data_type: DataType) -> Encoding {
         data_type,
         word_order: WordOrder::LswFirst,
         byte_swap: false,
-        scale: 0.0005,
+        scale: Scale::of(0.0005),
         offset: 0.0,
         bias: 0,
         bad: Vec::new(),
@@ -28,11 +28,11 @@ fn counter() -> Counter {
 fn tracked(data_type: DataType, counts: &[i64]) -> Vec<Result<i64, Option<(i64, i64)>>> {
     let encoding = encoding(data_type);
     let mut tracked = Tracked::default();
-    let back = |position: f64| (position / encoding.scale).round() as i64;
+    let back = |position: f64| (position / encoding.scale.get()).round() as i64;
     let mut at = Moment::from_nanos(0);
     let each = counts.iter().map(|count| {
         at = at.after(POLL);
-        match tracked.take(&counter(), &encoding, *count as f64 * encoding.scale, at) {
+        match tracked.take(&counter(), &encoding, *count as f64 * encoding.scale.get(), at) {
             Motion::To(position) => Ok(back(position)),
             Motion::Doubtful => Err(None),
             Motion::Rereferenced { from, to } => Err(Some((back(from), back(to)))),
@@ -88,14 +88,14 @@ fn out_of_sight_for_longer_than_it_takes_to_go_round_only_what_it_shows_is_known
     let mut at = Moment::from_nanos(0);
     for count in [0.0, 15_000.0, 30_000.0, 45_000.0] {
         at = at.after(POLL);
-        tracked.take(&counter(), &encoding, count * encoding.scale, at);
+        tracked.take(&counter(), &encoding, count * encoding.scale.get(), at);
     }
     at = at.after(Duration::from_secs(60));
-    let motion = tracked.take(&counter(), &encoding, 100.0 * encoding.scale, at);
+    let motion = tracked.take(&counter(), &encoding, 100.0 * encoding.scale.get(), at);
     assert_eq!(motion, Motion::Rereferenced { from: 22.5, to: 0.05 });
     // Where it never rolled over, what it shows is where it is.
     at = at.after(Duration::from_secs(60));
-    let motion = tracked.take(&counter(), &encoding, 200.0 * encoding.scale, at);
+    let motion = tracked.take(&counter(), &encoding, 200.0 * encoding.scale.get(), at);
     assert_eq!(motion, Motion::To(0.1));
 }
 

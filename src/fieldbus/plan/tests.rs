@@ -3,7 +3,7 @@ use std::time::Duration;
 use proptest::prelude::*;
 
 use super::*;
-use crate::codec::{DataType, Encoding, WordOrder};
+use crate::codec::{DataType, Encoding, Scale, WordOrder};
 use crate::profile::{BusId, DeviceId, Functions, Quirks, Unit};
 
 fn device(quirks: Quirks) -> Device {
@@ -25,7 +25,7 @@ fn signal(register: &str, data_type: DataType, merge: bool) -> Signal {
         data_type,
         word_order: WordOrder::MswFirst,
         byte_swap: false,
-        scale: 1.0,
+        scale: Scale::ONE,
         offset: 0.0,
         bias: 0,
         bad: Vec::new(),

@@ -26,11 +26,14 @@ impl Writer {
     ) {
         let output = shared.profile.output(self.id);
         let has_dashes = output.display.stale.is_some();
-        let taken = shared.core().board.taken(position);
-        if taken == self.applied && !has_dashes {
-            return;
-        }
-        let order = self.order(shared, now);
+        let (taken, order) = {
+            let core = shared.core();
+            let taken = core.board.taken(position);
+            if taken == self.applied && !has_dashes {
+                return;
+            }
+            (taken, self.order(shared, &core, now))
+        };
         if has_dashes && (order.off || order.position.is_none()) {
             self.show_nothing(line, shared, now).await;
         }

@@ -70,7 +70,7 @@ impl Writer {
         output: &Output,
         now: Moment,
     ) {
-        let order = self.order(shared, now);
+        let order = self.order(shared, &shared.core(), now);
         self.note_restarts(&order);
         self.idle = order.off || shared.dry_run;
         if self.idle {

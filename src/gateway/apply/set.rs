@@ -135,7 +135,10 @@ impl SetWriter {
                 return;
             }
         }
-        let orders: Vec<Order> = self.members.iter().map(|member| member.order(shared, now)).collect();
+        let orders: Vec<Order> = {
+            let core = shared.core();
+            self.members.iter().map(|member| member.order(shared, &core, now)).collect()
+        };
         let parts: Vec<Part> =
             self.members.iter_mut().zip(&orders).map(|(member, order)| member.part(shared, order)).collect();
         self.forget_off(&parts);

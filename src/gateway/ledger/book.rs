@@ -52,7 +52,7 @@ pub(super) fn register(profile: &Profile, output: &Output) -> String {
         encoding.data_type.name(),
         encoding.word_order,
         if encoding.byte_swap { " byte-swapped" } else { "" },
-        encoding.scale,
+        encoding.scale.get(),
         encoding.bias
     )
 }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::codec::{Address, DataType, Encoding, Table, WordOrder};
+use crate::codec::{Address, DataType, Encoding, Scale, Table, WordOrder};
 use crate::compensation::model::{Expression, Formula, Kind, Linear, Model, Reference, Symbol, Term};
 use crate::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault};
 use crate::profile::{Arm, Axis, DeviceId, History, Profile, Signal, Unit};
@@ -22,7 +22,7 @@ fn signal(name: &str) -> Signal {
             data_type: DataType::F64,
             word_order: WordOrder::MswFirst,
             byte_swap: false,
-            scale: 1.0,
+            scale: Scale::ONE,
             offset: 0.0,
             bias: 0,
             bad: Vec::new(),

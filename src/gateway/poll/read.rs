@@ -5,13 +5,13 @@ use crate::quantity::Moment;
 use crate::reading::Reason;
 
 impl LineTask {
-    /// Asks a device for all that is read of it; the moment after that. The last of a round need not let anything pass: the
-    /// round's end does.
-    pub(super) async fn poll(&mut self, place: usize, round: Moment, is_last: bool) -> Moment {
+    /// Asks a device for all that is read of it, from `now` on; the moment after that. The last of a round need not let
+    /// anything pass: the round's end does.
+    pub(super) async fn poll(&mut self, place: usize, round: Moment, now: Moment, is_last: bool) -> Moment {
         let poll = &mut self.polls[place];
         poll.due = round.next_tick(poll.due, poll.every);
         let requests = poll.requests.len();
-        let mut now = self.capture(place, self.shared.clock.now()).await;
+        let mut now = self.capture(place, now).await;
         for request in 0..requests {
             now = self.ask(place, request, now).await;
             if !is_last || request + 1 < requests {

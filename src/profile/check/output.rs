@@ -2,7 +2,7 @@
 
 use super::can::Target;
 use super::{Check, Signals, Zero, bus_of, get, shown};
-use crate::codec::{Address, DataType, Encoding, Table};
+use crate::codec::{Address, DataType, Encoding, Scale, Table};
 use crate::profile::place::child;
 use crate::profile::raw::{RawOutput, VerifyWord, WritesWord};
 use crate::profile::{
@@ -69,7 +69,7 @@ impl Check<'_> {
                 axis: AxisId(axis?),
                 device: DeviceId(index?),
                 address,
-                encoding: Encoding { scale: scale?, bias, ..super::verify::plain(data_type) },
+                encoding: Encoding { scale: Scale::of(scale?), bias, ..super::verify::plain(data_type) },
                 writes: writes?,
                 verify,
                 refresh,
@@ -102,7 +102,7 @@ impl Check<'_> {
             data_type,
             word_order: word_order?,
             byte_swap: raw.byte_swap.unwrap_or(false),
-            scale: scale?,
+            scale: Scale::of(scale?),
             offset: 0.0,
             bias: self.bias(path, raw, data_type),
             bad: Vec::new(),
@@ -265,7 +265,8 @@ impl Check<'_> {
             let name = encoding.data_type.name();
             let message = format!(
                 "{from} to {to} {unit} do not fit {name} at {} {unit} per count with bias {}: it holds {low} to {high} counts",
-                encoding.scale, encoding.bias
+                encoding.scale.get(),
+                encoding.bias
             );
             self.wrong(
                 &child(path, "type"),
@@ -273,7 +274,7 @@ impl Check<'_> {
                 "take a wider type, a coarser `scale`, a `bias`, or a smaller `limit`",
             );
         }
-        let count = encoding.scale.abs();
+        let count = encoding.scale.get().abs();
         let step = guard.step.get() * factor;
         let count = match (output.writes, axis.settings.apart) {
             (Writes::Offset | Writes::Intercept, _) => count,
@@ -368,7 +369,7 @@ fn note_count(axis: &mut Axis, output: &Output) {
     if output.encoding.data_type.integer_range().is_none() {
         return;
     }
-    let count = output.encoding.scale.abs();
+    let count = output.encoding.scale.get().abs();
     let coarser = |known: Option<Micron>, count| match known {
         Some(known) if known.get() >= count => Some(known),
         _ => Micron::new(count),

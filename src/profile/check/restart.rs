@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::{Check, bus_of, get};
-use crate::codec::{Address, DataType, Encoding, WordOrder};
+use crate::codec::{Address, DataType, Encoding, Scale, WordOrder};
 use crate::profile::place::child;
 use crate::profile::{Bus, Device, DeviceId, Output, Signal, Unit, Writes};
 use crate::reading::SignalId;
@@ -77,7 +77,7 @@ fn counter(device: &Device, id: DeviceId, address: Address, bus: Option<&Bus>) -
             data_type: DataType::U16,
             word_order: WordOrder::MswFirst,
             byte_swap: false,
-            scale: 1.0,
+            scale: Scale::ONE,
             offset: 0.0,
             bias: 0,
             bad: Vec::new(),

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::can::Located;
 use super::{Check, Zero, bus_of, get, shown};
-use crate::codec::{Address, DataType, Encoding, Sentinel, Table, WordOrder};
+use crate::codec::{Address, DataType, Encoding, Scale, Sentinel, Table, WordOrder};
 use crate::profile::place::{child, element};
 use crate::profile::raw::{BadValue, RawSentinel, RawSignal, TypeWord, WordOrderWord};
 use crate::profile::{Bus, Device, DeviceId, Flag, Signal, Unit};
@@ -57,7 +57,8 @@ impl Check<'_> {
             let Located { address, data_type, scale, offset, unit } = self.located(path, raw, index?)?;
             let bad = self.bad(&child(path, "bad"), raw);
             let scale = self.scale(&child(path, "scale"), scale)?;
-            let encoding = Encoding { scale, offset, bad, ..super::verify::plain(data_type) };
+            let encoding =
+                Encoding { scale: Scale::of(scale), offset, bad, ..super::verify::plain(data_type) };
             self.sentinels(&child(path, "bad"), &encoding);
             let (counter, _) = self.counter(path, raw, &encoding, device, paces(raw, device, max_age));
             return Some(Signal {
@@ -102,7 +103,7 @@ impl Check<'_> {
             data_type,
             word_order: word_order?,
             byte_swap: raw.byte_swap.unwrap_or(false),
-            scale: scale?,
+            scale: Scale::of(scale?),
             offset: raw.offset.unwrap_or(0.0),
             bias: 0,
             bad: self.bad(&child(path, "bad"), raw),

@@ -1,7 +1,7 @@
 //! What is read before arming: whether it can be read, and can ever be as it must.
 
 use super::Check;
-use crate::codec::{DataType, Encoding, WordOrder};
+use crate::codec::{DataType, Encoding, Scale, WordOrder};
 use crate::profile::place::{child, element};
 use crate::profile::raw::{RawDevice, RawVerify};
 use crate::profile::{Expected, Functions};
@@ -65,7 +65,7 @@ pub(super) fn plain(data_type: DataType) -> Encoding {
         data_type,
         word_order: WordOrder::MswFirst,
         byte_swap: false,
-        scale: 1.0,
+        scale: Scale::ONE,
         offset: 0.0,
         bias: 0,
         bad: Vec::new(),

@@ -1,7 +1,7 @@
 use super::client::Answer;
 use super::support::start_with;
 use super::*;
-use crate::codec::{DataType, Encoding};
+use crate::codec::{DataType, Encoding, Scale};
 use crate::profile::{Handshake, OutputId, OutputSet, SetId, Signal};
 use crate::reading::SignalId;
 
@@ -200,7 +200,11 @@ fn shaken() -> crate::profile::Profile {
     let boots = Signal {
         name: "cnc.boot_counter".to_owned(),
         address: "holding:98".parse().unwrap(),
-        encoding: Encoding { data_type: DataType::U16, scale: 1.0, ..profile.signals[5].encoding.clone() },
+        encoding: Encoding {
+            data_type: DataType::U16,
+            scale: Scale::ONE,
+            ..profile.signals[5].encoding.clone()
+        },
         ..profile.signals[5].clone()
     };
     profile.signals.push(boots);

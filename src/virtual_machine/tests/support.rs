@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::clock::Sleeper;
-use crate::codec::{Address, DataType, Encoding, WordOrder};
+use crate::codec::{Address, DataType, Encoding, Scale, WordOrder};
 use crate::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault};
 use crate::profile::{
     Arm, Axis, AxisId, Bus, Device, Functions, Heartbeat, History, Output, Quirks, Share, Signal, Transport,
@@ -115,7 +115,7 @@ pub(super) fn plain(data_type: DataType, scale: f64) -> Encoding {
         data_type,
         word_order: WordOrder::MswFirst,
         byte_swap: false,
-        scale,
+        scale: Scale::of(scale),
         offset: 0.0,
         bias: 0,
         bad: if data_type == DataType::I16 { vec![32767.into()] } else { Vec::new() },

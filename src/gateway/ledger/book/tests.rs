@@ -88,7 +88,8 @@ fn an_account_goes_with_its_register_not_with_its_name() {
     let former = profile.outputs[0].name.clone();
     profile.outputs[0].name = "renamed".to_owned();
     assert_eq!(found(directory.path(), &profile).0["renamed"], accounts[&former]);
-    profile.outputs[0].encoding.scale *= 2.0;
+    let scale = &mut profile.outputs[0].encoding.scale;
+    *scale = crate::codec::Scale::of(2.0 * scale.get());
     profile.outputs[0].name.clone_from(&former);
     let elsewhere = &found(directory.path(), &profile).0[&former];
     assert_eq!((elsewhere.doubt, elsewhere.share), (Some(Doubt::Elsewhere), 0));

@@ -2,7 +2,7 @@
 
 use super::super::support::{bus, device, output, plain, profile};
 use super::*;
-use crate::codec::{BitField, BitKind, ByteOrder, CanMatch, DataType, Encoding};
+use crate::codec::{BitField, BitKind, ByteOrder, CanMatch, DataType, Encoding, Scale};
 use crate::profile::{
     CanDevice, Device, Expected, Field, Object, Output, Selector, Signal, Sync, Transport, Unit, Verify,
     Writes,
@@ -101,7 +101,7 @@ pub(super) fn can_machine() -> Profile {
     let mut drive = node(Some(20));
     drive.objects = vec![object(0x2000, 1, DataType::I32)];
 
-    let position = Encoding { scale: 0.001, ..plain(DataType::I32, 1.0) };
+    let position = Encoding { scale: Scale::of(0.001), ..plain(DataType::I32, 1.0) };
     let temperature = Encoding { bad: vec![(-512).into()], ..plain(DataType::I16, 0.0625) };
     let fine = Encoding { offset: -16384.0, ..plain(DataType::Unsigned(22), 0.007_812_5) };
     let (table, sdo) = (Table::Process, Table::Object);

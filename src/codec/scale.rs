@@ -1,0 +1,41 @@
+//! Engineering units per count.
+
+/// A scale, and whether a unit is a whole number of counts; that is worked out once, because it takes two divisions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Scale {
+    per_count: f64,
+    counts_per_unit: Option<f64>,
+}
+
+impl Scale {
+    /// One unit per count.
+    pub const ONE: Scale = Scale { per_count: 1.0, counts_per_unit: Some(1.0) };
+
+    /// From units per count; never zero.
+    pub fn of(per_count: f64) -> Scale {
+        let counts = (1.0 / per_count).round();
+        let is_whole = counts.abs() >= 1.0 && super::same(1.0 / counts, per_count);
+        Scale { per_count, counts_per_unit: is_whole.then_some(counts) }
+    }
+
+    /// Units per count.
+    pub const fn get(self) -> f64 {
+        self.per_count
+    }
+
+    /// `raw · scale`, where a scale such as 0.1 is taken for the tenth that is meant: 229 counts are 22.9, not
+    /// 22.900000000000002.
+    pub(super) fn scaled(self, raw: f64) -> f64 {
+        match self.counts_per_unit {
+            Some(counts) => raw / counts,
+            None => raw * self.per_count,
+        }
+    }
+
+    pub(super) fn unscaled(self, value: f64) -> f64 {
+        match self.counts_per_unit {
+            Some(counts) => value * counts,
+            None => value / self.per_count,
+        }
+    }
+}
