@@ -9,6 +9,7 @@
 //! A device that failed is left alone for a pause that doubles; while it rests, the others on the line are served, so
 //! a dead unit costs them at most one timeout per pause. A line that cannot be connected rests in the same way.
 
+use std::pin::pin;
 use std::time::Duration;
 
 use super::backoff::Backoff;
@@ -282,7 +283,11 @@ impl Line {
         }
         self.spoke = true;
         let span = self.timeout + connection.time_under_way(request);
-        let answer = self.patience.within(span, connection.call(unit.number, request)).await;
+        let answer = {
+            // Pinned here, it need not be moved.
+            let call = pin!(connection.call(unit.number, request));
+            self.patience.within(span, call).await
+        };
         let answer = answer.unwrap_or_else(|| Err(connection.wire().missed()));
         if !self.has_answered && answer == Err(BROKEN) && connection.wire().names_its_question() {
             return Err(self.dial.turned_away());

@@ -25,26 +25,26 @@ impl LevelsTold {
         self.warned
     }
 
-    /// What is to be told of this decision.
-    pub(super) fn events(&mut self, axis: &AxisSettings, decision: &Decision) -> [Option<Event>; 3] {
+    /// Adds what is to be told of this decision.
+    pub(super) fn tell(&mut self, axis: &AxisSettings, decision: &Decision, untold: &mut Vec<Event>) {
         let name = || axis.name.clone();
         let at_limit = decision.acted.contains(Stages::LIMIT);
-        let limit = decision.raw.filter(|_| at_limit && !self.at_limit).map(|wanted| Event::AtLimit {
-            axis: name(),
-            wanted,
-            limit: axis.guard.limit,
-        });
+        if let Some(wanted) = decision.raw.filter(|_| at_limit && !self.at_limit) {
+            untold.push(Event::AtLimit { axis: name(), wanted, limit: axis.guard.limit });
+        }
         self.at_limit = at_limit;
         let size = decision.cz.abs().get().max(decision.slope.abs().get());
         let warned =
             axis.levels.warn.filter(|warn| size > warn.get() * if self.warned { ENDS_AT } else { 1.0 });
-        let warning =
-            warned.filter(|_| !self.warned).map(|warn| Event::Warned { axis: name(), cz: decision.cz, warn });
+        if let Some(warn) = warned.filter(|_| !self.warned) {
+            untold.push(Event::Warned { axis: name(), cz: decision.cz, warn });
+        }
         self.warned = warned.is_some();
         let error = axis.levels.error.zip(decision.raw).filter(|_| decision.tripped && !self.tripped);
-        let error = error.map(|(error, wanted)| Event::BeyondError { axis: name(), wanted, error });
+        if let Some((error, wanted)) = error {
+            untold.push(Event::BeyondError { axis: name(), wanted, error });
+        }
         self.tripped = decision.tripped;
-        [limit, warning, error]
     }
 }
 

@@ -48,8 +48,7 @@ impl Core {
                 });
                 self.told_states[axis] = decision.state;
             }
-            let events = self.levels[axis].events(&settings.settings, decision);
-            self.untold.extend(events.into_iter().flatten());
+            self.levels[axis].tell(&settings.settings, decision, &mut self.untold);
             let told = extrapolation::event(&shared.profile, name, decision, &mut self.extrapolating[axis]);
             self.untold.extend(told);
         }
