@@ -31,12 +31,24 @@ const CASES: [(&str, &str, &str, Air, &[(&str, f64)]); 11] = [
     ("head_hour", "The head has worked in the middle of its travel for an hour", HOUR, STILL, &MIDDLE),
     ("head_low", "It has worked in the lower half for four hours", FOUR, STILL, &LOW),
     ("head_high", "It has worked in the upper half for four hours", FOUR, STILL, &HIGH),
-    ("head_day", "It works up and down until nothing changes any more", STEADY, Air { covers: 22.0, ..STILL }, &ALL),
+    (
+        "head_day",
+        "It works up and down until nothing changes any more",
+        STEADY,
+        Air { covers: 22.0, ..STILL },
+        &ALL,
+    ),
     ("motor", "The motor on the top is warm", STEADY, Air { high: 20.5, ..STILL }, &[("MOTOR", 0.8)]),
     ("cabinet", "The control cabinet hangs on the back and is warm", STEADY, STILL, &[("CABINET", 0.15)]),
     ("room", "The room has been three kelvin warmer for three hours", THREE, ROOM, &[]),
     ("layers", "The air is warmer at the top than at the foot", STEADY, LAYERS, &[]),
-    ("covers", "The air behind the covers has been warm for two hours", TWO, Air { covers: 25.0, ..STILL }, &[]),
+    (
+        "covers",
+        "The air behind the covers has been warm for two hours",
+        TWO,
+        Air { covers: 25.0, ..STILL },
+        &[],
+    ),
     ("bed", "The bed is two kelvin warmer", STEADY, Air { foot: 22.0, ..STILL }, &[]),
     ("shift", "All of it together for three hours", THREE, SHIFT, &SHIFTS),
 ];
@@ -86,12 +98,14 @@ const REAL: [f64; 5] = [0.009, 0.007, 0.005, 0.002, 0.07];
 /// `plant.inp`, which says where heat comes in and goes out while the machine runs.
 #[must_use]
 pub fn files() -> Vec<(String, String)> {
-    let mut files = vec![("mesh.inp".to_owned(), mesh_file(&mesh())), ("column.inp".to_owned(), COMMON.to_owned())];
+    let mut files =
+        vec![("mesh.inp".to_owned(), mesh_file(&mesh())), ("column.inp".to_owned(), COMMON.to_owned())];
     for (name, what, step, air, fluxes) in CASES {
         files.push((format!("{name}.inp"), deck(what, step, air, FILMS, fluxes)));
     }
     let ports: Vec<(String, f64)> = (1..PATCHES.len()).map(|patch| (format!("RAILS_{patch}"), 1.0)).collect();
-    let ports = ports.iter().map(|(name, heat)| (name.as_str(), *heat)).chain([("MOTOR", 1.0), ("CABINET", 1.0)]);
+    let ports =
+        ports.iter().map(|(name, heat)| (name.as_str(), *heat)).chain([("MOTOR", 1.0), ("CABINET", 1.0)]);
     let what = "No load case: where heat comes in and goes out while the machine runs";
     files.push(("plant.inp".to_owned(), deck(what, HOUR, STILL, REAL, &ports.collect::<Vec<_>>())));
     files
@@ -138,9 +152,11 @@ fn mesh() -> Mesh {
     let cells = LINES.map(|lines| lines.len() - 1);
     // Cells are counted, then put where they belong.
     let grid = Grid { cells, size: cells.map(super::problem::count), origin: [0.0; 3] };
-    grid.mesh(Kind::Tet10, |cell| iron([0, 1, 2].map(|axis| along(axis, cell[axis]))), |corner| {
-        [0, 1, 2].map(|axis| along(axis, corner[axis]))
-    })
+    grid.mesh(
+        Kind::Tet10,
+        |cell| iron([0, 1, 2].map(|axis| along(axis, cell[axis]))),
+        |corner| [0, 1, 2].map(|axis| along(axis, corner[axis])),
+    )
 }
 
 /// The place of a counted one, mm; halves lie in the middle.
@@ -170,7 +186,8 @@ fn on_rail(x: f64) -> bool {
 
 /// Nodes, elements, the skin as flat elements, and the sets: blocks, guideway, foot, surfaces.
 fn mesh_file(mesh: &Mesh) -> String {
-    let mut text = String::from("** The column's mesh: quadratic tetrahedra, its skin as flat elements; mm.\n*NODE\n");
+    let mut text =
+        String::from("** The column's mesh: quadratic tetrahedra, its skin as flat elements; mm.\n*NODE\n");
     for (id, [x, y, z]) in mesh.nodes.iter().zip(&mesh.xyz) {
         let _ = writeln!(text, "{id}, {}, {}, {}", number(*x), number(*y), number(*z));
     }
@@ -202,10 +219,14 @@ fn mesh_file(mesh: &Mesh) -> String {
     };
     let _ = writeln!(text, "*NSET, NSET=COLUMN, GENERATE\n1, {}, 1", mesh.nodes.len());
     set(&mut text, "*NSET, NSET=BASE", each(&|[_, y, _]| y < 1.0));
-    set(&mut text, "*NSET, NSET=GUIDE", each(&|[x, y, z]| {
-        let corner = LINES[1].iter().any(|line| (y - line).abs() < 1.0);
-        z < -319.0 && (x.abs() - 200.0).abs() < 1.0 && corner && (280.0..=1400.0).contains(&y)
-    }));
+    set(
+        &mut text,
+        "*NSET, NSET=GUIDE",
+        each(&|[x, y, z]| {
+            let corner = LINES[1].iter().any(|line| (y - line).abs() < 1.0);
+            z < -319.0 && (x.abs() - 200.0).abs() < 1.0 && corner && (280.0..=1400.0).contains(&y)
+        }),
+    );
     for (side, front) in [("FRONT", true), ("BACK", false)] {
         for storey in 0..=STOREYS.len() {
             let own = |[_, y, z]: [f64; 3]| {

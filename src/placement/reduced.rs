@@ -33,7 +33,9 @@ const NEW: f64 = 1e-7;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ReducedError {
     /// Temperatures that are held, or heat at single nodes.
-    #[error("{0}: the plant's heat comes in through fluxes and films on named surfaces, and through nothing else")]
+    #[error(
+        "{0}: the plant's heat comes in through fluxes and films on named surfaces, and through nothing else"
+    )]
     OtherHeat(&'static str),
     /// The same name for both.
     #[error("`{0}` is both a film and a flux: give one of them a surface of another name")]
@@ -194,8 +196,10 @@ impl Basis<'_> {
             if most < 0.0 { shape.iter().map(|value| -value).collect() } else { shape }
         };
         let shapes: Vec<Vec<f64>> = order.iter().map(shape).collect();
-        let along = |field: &[f64]| shapes.iter().map(|shape| MILLI * dot(shape, field)).collect::<Vec<f64>>();
-        let sink = |field: &Vec<f64>| Sink { conductance: MILLI * field.iter().sum::<f64>(), modes: along(field) };
+        let along =
+            |field: &[f64]| shapes.iter().map(|shape| MILLI * dot(shape, field)).collect::<Vec<f64>>();
+        let sink =
+            |field: &Vec<f64>| Sink { conductance: MILLI * field.iter().sum::<f64>(), modes: along(field) };
         Modes {
             rates: order.iter().map(|place| eigen.eigenvalues[*place]).collect(),
             uniform: along(&self.capacity.times(uniform)),

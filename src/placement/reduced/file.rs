@@ -43,7 +43,8 @@ struct SinkFile {
 #[must_use]
 pub fn file(modes: &Modes, outputs: &Outputs<'_>) -> String {
     let point = |node: usize| short(modes.shapes.iter().map(|shape| shape[node]));
-    let moved: Vec<Vec<f64>> = modes.shapes.iter().map(|shape| outputs.adjoint.displacements(shape)).collect();
+    let moved: Vec<Vec<f64>> =
+        modes.shapes.iter().map(|shape| outputs.adjoint.displacements(shape)).collect();
     let moves = |component: usize| -> Vec<Vec<f64>> {
         let columns: Vec<Vec<f64>> = moved.iter().map(|moved| outputs.along.of(moved, component)).collect();
         let row = |at: usize| short(columns.iter().map(|column| 1000.0 * column[at]));

@@ -3,10 +3,10 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::Path;
 
-use super::super::{Fault, Places};
 use super::super::card::Place;
 use super::super::load::Where;
 use super::super::raw::Raw;
+use super::super::{Fault, Places};
 use super::names::Names;
 use super::whole;
 use crate::placement::body::{Film, Flux, LoadCase};
