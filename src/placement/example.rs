@@ -4,6 +4,7 @@
 //! two rails on the front, which is at negative z. Cast iron: 700 mm wide, 1600 high, 560 deep, walls of 40, a floor
 //! at half height with a hole, an opening in the back wall.
 
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
 use super::column::Grid;
@@ -38,8 +39,14 @@ const CASES: [(&str, &str, &str, Air, &[(&str, f64)]); 11] = [
         Air { covers: 22.0, ..STILL },
         &ALL,
     ),
-    ("motor", "The motor on the top is warm", STEADY, Air { high: 20.5, ..STILL }, &[("MOTOR", 0.8)]),
-    ("cabinet", "The control cabinet hangs on the back and is warm", STEADY, STILL, &[("CABINET", 0.15)]),
+    ("motor", "The motor on the top is warm", STEADY, Air { high: 20.5, ..STILL }, &[("MOTOR_FOOT", 0.8)]),
+    (
+        "cabinet",
+        "The control cabinet hangs on the back and is warm",
+        STEADY,
+        STILL,
+        &[("CABINET_WALL", 0.15)],
+    ),
     ("room", "The room has been three kelvin warmer for three hours", THREE, ROOM, &[]),
     ("layers", "The air is warmer at the top than at the foot", STEADY, LAYERS, &[]),
     (
@@ -70,8 +77,8 @@ const SHIFTS: [(&str, f64); 7] = [
     ("RAILS_3", 1.1),
     ("RAILS_4", 0.8),
     ("RAILS_5", 0.3),
-    ("MOTOR", 0.8),
-    ("CABINET", 0.15),
+    ("MOTOR_FOOT", 0.8),
+    ("CABINET_WALL", 0.15),
 ];
 
 /// Temperatures of what flows past, °C.
@@ -104,8 +111,10 @@ pub fn files() -> Vec<(String, String)> {
         files.push((format!("{name}.inp"), deck(what, step, air, FILMS, fluxes)));
     }
     let ports: Vec<(String, f64)> = (1..PATCHES.len()).map(|patch| (format!("RAILS_{patch}"), 1.0)).collect();
-    let ports =
-        ports.iter().map(|(name, heat)| (name.as_str(), *heat)).chain([("MOTOR", 1.0), ("CABINET", 1.0)]);
+    let ports = ports
+        .iter()
+        .map(|(name, heat)| (name.as_str(), *heat))
+        .chain([("MOTOR_FOOT", 1.0), ("CABINET_WALL", 1.0)]);
     let what = "No load case: where heat comes in and goes out while the machine runs";
     files.push(("plant.inp".to_owned(), deck(what, HOUR, STILL, REAL, &ports.collect::<Vec<_>>())));
     files
@@ -219,6 +228,13 @@ fn mesh_file(mesh: &Mesh) -> String {
     };
     let _ = writeln!(text, "*NSET, NSET=COLUMN, GENERATE\n1, {}, 1", mesh.nodes.len());
     set(&mut text, "*NSET, NSET=BASE", each(&|[_, y, _]| y < 1.0));
+    let touched = |free: bool| {
+        let faces = skin.iter().zip(&names);
+        let mine = faces.filter(move |(_, names)| free != names.iter().any(|name| is_covered(name)));
+        mine.flat_map(|(nodes, _)| nodes.iter().copied()).collect::<BTreeSet<usize>>()
+    };
+    let reached: BTreeSet<usize> = touched(true).difference(&touched(false)).copied().collect();
+    set(&mut text, "*NSET, NSET=REACHED", reached.into_iter().map(|node| mesh.nodes[node].0));
     set(
         &mut text,
         "*NSET, NSET=GUIDE",
@@ -236,6 +252,11 @@ fn mesh_file(mesh: &Mesh) -> String {
         }
     }
     text
+}
+
+/// Nothing can be fixed there: it is inside, or something stands or slides on it.
+fn is_covered(surface: &str) -> bool {
+    ["FOOT", "INSIDE", "MOTOR_FOOT", "CABINET_WALL"].contains(&surface) || surface.starts_with("RAILS_")
 }
 
 fn nodes_of(mesh: &Mesh, face: Face) -> Vec<usize> {
@@ -260,10 +281,10 @@ fn surfaces([x, y, z]: [f64; 3]) -> Vec<String> {
         names.extend(patch.map(|patch| format!("RAILS_{}", patch + 1)));
     }
     if y > 1599.0 && x.abs() < 100.0 && z.abs() < 120.0 {
-        names.push("MOTOR".to_owned());
+        names.push("MOTOR_FOOT".to_owned());
     }
     if z > 279.0 && x.abs() < 200.0 && (520.0..1040.0).contains(&y) {
-        names.push("CABINET".to_owned());
+        names.push("CABINET_WALL".to_owned());
     }
     names
 }

@@ -102,9 +102,13 @@ fn a_uniform_rise_stays_one_and_what_comes_in_is_stored_or_goes_out() {
     // goes into the sinks and nowhere else.
     for (place, (rate, uniform)) in modes.rates.iter().zip(&modes.uniform).enumerate() {
         let drawn: f64 = modes.sinks.values().map(|sink| sink.modes[place]).sum();
-        assert!((rate * uniform - drawn).abs() < 1e-9 * rate.max(1.0), "mode {place}: {rate} {uniform} {drawn}");
+        assert!(
+            (rate * uniform - drawn).abs() < 1e-9 * rate.max(1.0),
+            "mode {place}: {rate} {uniform} {drawn}"
+        );
     }
-    let everywhere = |node: usize| modes.shapes.iter().zip(&modes.uniform).map(|(s, u)| s[node] * u).sum::<f64>();
+    let everywhere =
+        |node: usize| modes.shapes.iter().zip(&modes.uniform).map(|(s, u)| s[node] * u).sum::<f64>();
     assert!((0..modes.shapes[0].len()).all(|node| (everywhere(node) - 1.0).abs() < 1e-7));
     for (name, port) in &modes.ports {
         let stored: f64 = modes.uniform.iter().zip(port).map(|(uniform, port)| uniform * port).sum();
@@ -137,10 +141,11 @@ fn the_example_is_one_structure_whose_rails_are_heated_where_they_are() {
     for (name, text) in &files {
         std::fs::write(home.path().join(name), text).unwrap();
     }
-    let plant = crate::placement::deck::read(&home.path().join("plant.inp")).unwrap_or_else(|e| panic!("{e}"));
+    let plant =
+        crate::placement::deck::read(&home.path().join("plant.inp")).unwrap_or_else(|e| panic!("{e}"));
     let modes = Modes::of(&plant, SILENT).unwrap();
     let ports: Vec<&str> = modes.ports.keys().map(String::as_str).collect();
-    assert_eq!(ports, ["cabinet", "motor", "rails_1", "rails_2", "rails_3", "rails_4", "rails_5"]);
+    assert_eq!(ports, ["cabinet_wall", "motor_foot", "rails_1", "rails_2", "rails_3", "rails_4", "rails_5"]);
     let sinks: Vec<&str> = modes.sinks.keys().map(String::as_str).collect();
     assert_eq!(sinks, ["air_high", "air_low", "covers", "foot", "inside"]);
     // Area times film: 700 x 560 of foot, two walls of it hollow inside but whole at the bottom.
