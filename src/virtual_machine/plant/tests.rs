@@ -1,5 +1,7 @@
 use super::*;
 
+mod structure;
+
 const HOUR: u64 = 3600;
 /// The day the shipped coefficients were identified on.
 const NOMINAL: u64 = 100;

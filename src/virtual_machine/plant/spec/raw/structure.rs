@@ -70,8 +70,7 @@ impl StructureFile {
         let name = &self.modes;
         let text = read(name).ok_or_else(|| format!("structure.modes: there is no file `{name}`"))?;
         let modes: ModesFile = serde_json::from_str(&text).map_err(|why| format!("{name}: {why}"))?;
-        let mut wrong = modes.wrong();
-        wrong.iter_mut().for_each(|why| *why = format!("{name}: {why}"));
+        let wrong: Vec<String> = modes.wrong().iter().map(|why| format!("{name}: {why}")).collect();
         if wrong.is_empty() { Ok(modes) } else { Err(wrong.join("\n")) }
     }
 
@@ -145,7 +144,7 @@ impl ModesFile {
         }
         let mut rows = |what: String, row: &[f64]| {
             if row.len() != count || !row.iter().all(|value| value.is_finite()) {
-                wrong.push(format!("{what}: {} finite numbers, one for each mode", count));
+                wrong.push(format!("{what}: {count} finite numbers, one for each mode"));
             }
         };
         rows("uniform".to_owned(), &self.uniform);
