@@ -45,15 +45,6 @@ pub enum ReducedError {
     Heat(#[from] HeatError),
 }
 
-/// A film's surroundings.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Sink {
-    /// Film times area, W/K.
-    pub conductance: f64,
-    /// Each mode's share, W/K per unit of the mode.
-    pub modes: Vec<f64>,
-}
-
 /// The modes. A unit of a mode is √(J·K): its energy is half its square, over 1 K.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Modes {
@@ -63,8 +54,8 @@ pub struct Modes {
     pub uniform: Vec<f64>,
     /// For each port its temperature, K per unit of each mode; a watt in it drives the modes with the same numbers.
     pub ports: BTreeMap<String, Vec<f64>>,
-    /// For each sink what it draws.
-    pub sinks: BTreeMap<String, Sink>,
+    /// For each sink what a kelvin of it drives, W/K per unit of each mode: with `uniform` film times area.
+    pub sinks: BTreeMap<String, Vec<f64>>,
     /// For each mode the temperature of every node, K per unit.
     pub shapes: Vec<Vec<f64>>,
 }
@@ -198,13 +189,11 @@ impl Basis<'_> {
         let shapes: Vec<Vec<f64>> = order.iter().map(shape).collect();
         let along =
             |field: &[f64]| shapes.iter().map(|shape| MILLI * dot(shape, field)).collect::<Vec<f64>>();
-        let sink =
-            |field: &Vec<f64>| Sink { conductance: MILLI * field.iter().sum::<f64>(), modes: along(field) };
         Modes {
             rates: order.iter().map(|place| eigen.eigenvalues[*place]).collect(),
             uniform: along(&self.capacity.times(uniform)),
             ports: inputs.ports.iter().map(|(name, field)| (name.clone(), along(field))).collect(),
-            sinks: inputs.sinks.iter().map(|(name, field)| (name.clone(), sink(field))).collect(),
+            sinks: inputs.sinks.iter().map(|(name, field)| (name.clone(), along(field))).collect(),
             shapes,
         }
     }

@@ -27,16 +27,10 @@ struct File<'a> {
     rate_per_s: Vec<f64>,
     uniform: Vec<f64>,
     ports: BTreeMap<&'a str, Vec<f64>>,
-    sinks: BTreeMap<&'a str, SinkFile>,
+    sinks: BTreeMap<&'a str, Vec<f64>>,
     points: BTreeMap<&'a str, Vec<f64>>,
     guide_mm: &'a [f64],
     moves_um: BTreeMap<&'a str, Vec<Vec<f64>>>,
-}
-
-#[derive(Serialize)]
-struct SinkFile {
-    w_per_k: f64,
-    modes: Vec<f64>,
 }
 
 /// The modes as JSON, one row of numbers to a line.
@@ -50,24 +44,20 @@ pub fn file(modes: &Modes, outputs: &Outputs<'_>) -> String {
         let row = |at: usize| short(columns.iter().map(|column| 1000.0 * column[at]));
         (0..outputs.along.guide_mm.len()).map(row).collect()
     };
-    let sink = |sink: &super::Sink| SinkFile {
-        w_per_k: short([sink.conductance].into_iter())[0],
-        modes: short(sink.modes.iter().copied()),
-    };
     let file = File {
         format: "isotherm-modes",
         version: 1,
         rate_per_s: short(modes.rates.iter().copied()),
         uniform: short(modes.uniform.iter().copied()),
         ports: modes.ports.iter().map(|(name, port)| (&name[..], short(port.iter().copied()))).collect(),
-        sinks: modes.sinks.iter().map(|(name, each)| (&name[..], sink(each))).collect(),
+        sinks: modes.sinks.iter().map(|(name, sink)| (&name[..], short(sink.iter().copied()))).collect(),
         points: outputs.points.iter().map(|(name, node)| (&name[..], point(*node))).collect(),
         guide_mm: &outputs.along.guide_mm,
         moves_um: (0..3).map(|component| (AXES[component], moves(component))).collect(),
     };
     // Numbers and names only: this cannot fail.
     let text = serde_json::to_string(&file).unwrap_or_default();
-    text.replace("],", "],\n").replace("{\"", "{\n\"").replace("]]", "]\n]") + "\n"
+    text.replace("],", "],\n").replace("},", "},\n").replace("{\"", "{\n\"") + "\n"
 }
 
 /// Seven digits: of a temperature in °C the last is a hundred-thousandth of a kelvin.

@@ -54,7 +54,7 @@ fn step(deck: &Deck, input: &str, modes: &Modes) -> LoadCase {
 fn answer(modes: &Modes, input: &str, seconds: f64) -> Vec<f64> {
     let (drives, size) = match modes.ports.get(input) {
         Some(port) => (port, 100.0),
-        None => (&modes.sinks[input].modes, 5.0),
+        None => (&modes.sinks[input], 5.0),
     };
     let mut rises = vec![0.0; modes.shapes[0].len()];
     for ((rate, drive), shape) in modes.rates.iter().zip(drives).zip(&modes.shapes) {
@@ -97,11 +97,12 @@ fn every_input_does_to_every_node_and_the_guideway_what_it_does_to_the_whole() {
 
 #[test]
 fn a_uniform_rise_stays_one_and_what_comes_in_is_stored_or_goes_out() {
-    let modes = Modes::of(&deck(Kind::Tet10), SILENT).unwrap();
+    let deck = deck(Kind::Tet10);
+    let modes = Modes::of(&deck, SILENT).unwrap();
     // Where all sinks are a kelvin warmer, so is every node in the end; and, read the other way, what a mode gives up
     // goes into the sinks and nowhere else.
     for (place, (rate, uniform)) in modes.rates.iter().zip(&modes.uniform).enumerate() {
-        let drawn: f64 = modes.sinks.values().map(|sink| sink.modes[place]).sum();
+        let drawn: f64 = modes.sinks.values().map(|sink| sink[place]).sum();
         assert!(
             (rate * uniform - drawn).abs() < 1e-9 * rate.max(1.0),
             "mode {place}: {rate} {uniform} {drawn}"
@@ -114,10 +115,12 @@ fn a_uniform_rise_stays_one_and_what_comes_in_is_stored_or_goes_out() {
         let stored: f64 = modes.uniform.iter().zip(port).map(|(uniform, port)| uniform * port).sum();
         assert!((stored - 1.0).abs() < 1e-9, "{name}: of a joule {stored} are stored");
     }
-    for (name, sink) in &modes.sinks {
-        let drawn: f64 = modes.uniform.iter().zip(&sink.modes).map(|(uniform, drawn)| uniform * drawn).sum();
-        assert!((drawn - sink.conductance).abs() < 1e-9 * sink.conductance, "{name}: {drawn}");
+    let drawn: f64 = modes.uniform.iter().zip(&modes.sinks["coolant"]).map(|(one, sink)| one * sink).sum();
+    let mut film = 0.0;
+    for coolant in deck.load.films.iter().filter(|film| film.coefficient > 0.05) {
+        film_heat(&deck.mesh, coolant, |_, heat| film += MILLI * heat);
     }
+    assert!((drawn / film - 1.0).abs() < 1e-9, "film times area: {drawn} and {film} W/K");
     assert!(modes.rates.iter().all(|rate| *rate > 0.0), "nothing grows by itself");
     assert!(modes.rates.len() < 40, "{} modes", modes.rates.len());
 }
@@ -148,8 +151,9 @@ fn the_example_is_one_structure_whose_rails_are_heated_where_they_are() {
     assert_eq!(ports, ["cabinet_wall", "motor_foot", "rails_1", "rails_2", "rails_3", "rails_4", "rails_5"]);
     let sinks: Vec<&str> = modes.sinks.keys().map(String::as_str).collect();
     assert_eq!(sinks, ["air_high", "air_low", "covers", "foot", "inside"]);
-    // Area times film: 700 x 560 of foot, two walls of it hollow inside but whole at the bottom.
-    assert!((modes.sinks["foot"].conductance - 0.7 * 0.56 * 70.0).abs() < 1e-6);
+    // Film times area: the foot is closed.
+    let foot: f64 = modes.uniform.iter().zip(&modes.sinks["foot"]).map(|(one, sink)| one * sink).sum();
+    assert!((foot - 0.7 * 0.56 * 70.0).abs() < 1e-6, "{foot} W/K");
     for case in crate::placement::example::cases() {
         let deck = crate::placement::deck::read(&home.path().join(format!("{case}.inp")));
         let deck = deck.unwrap_or_else(|e| panic!("{e}"));

@@ -6,7 +6,7 @@ use serde::Deserialize;
 
 use super::super::{Point, Position};
 use super::resolve::Check;
-use crate::virtual_machine::plant::structure::{Sink, Structure};
+use crate::virtual_machine::plant::structure::{Sink, Structure, dot};
 
 /// How the structure stands in its machine.
 #[derive(Deserialize)]
@@ -40,17 +40,10 @@ pub(super) struct ModesFile {
     rate_per_s: Vec<f64>,
     uniform: Vec<f64>,
     ports: BTreeMap<String, Vec<f64>>,
-    sinks: BTreeMap<String, SinkFile>,
+    sinks: BTreeMap<String, Vec<f64>>,
     points: BTreeMap<String, Vec<f64>>,
     guide_mm: Vec<f64>,
     moves_um: Moves,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct SinkFile {
-    w_per_k: f64,
-    modes: Vec<f64>,
 }
 
 #[derive(Deserialize)]
@@ -85,7 +78,7 @@ impl StructureFile {
             check.demand(false, || format!("structure.sinks: there is no sink `{name}`; there are {known}"));
         }
         let mut sinks = Vec::new();
-        for (name, sink) in modes.sinks {
+        for (name, drives) in modes.sinks {
             let place = format!("structure.sinks.{name}");
             let point = match self.sinks.get(&name) {
                 Some(around) => check.surroundings(&place, around),
@@ -94,7 +87,7 @@ impl StructureFile {
                     Point::Ambient
                 }
             };
-            sinks.push(Sink { point, conductance: sink.w_per_k, modes: sink.modes });
+            sinks.push(Sink { point, conductance: dot(&drives, &modes.uniform), modes: drives });
         }
         let (keep, gain) = modes.rate_per_s.iter().map(|rate| Structure::step(*rate)).unzip();
         Structure {
@@ -149,7 +142,7 @@ impl ModesFile {
         };
         rows("uniform".to_owned(), &self.uniform);
         self.ports.iter().for_each(|(name, row)| rows(format!("ports.{name}"), row));
-        self.sinks.iter().for_each(|(name, sink)| rows(format!("sinks.{name}.modes"), &sink.modes));
+        self.sinks.iter().for_each(|(name, row)| rows(format!("sinks.{name}"), row));
         self.points.iter().for_each(|(name, row)| rows(format!("points.{name}"), row));
         let directions = [("x", &self.moves_um.x), ("y", &self.moves_um.y), ("z", &self.moves_um.z)];
         for (name, moves) in directions {
@@ -164,9 +157,6 @@ impl ModesFile {
         let ascends = self.guide_mm.windows(2).all(|pair| pair[0] < pair[1]);
         if self.guide_mm.is_empty() || !ascends {
             wrong.push("guide_mm: points in mm, ascending".to_owned());
-        }
-        if !self.sinks.values().all(|sink| sink.w_per_k.is_finite() && sink.w_per_k > 0.0) {
-            wrong.push("sinks: every w_per_k is more than 0".to_owned());
         }
         wrong
     }
