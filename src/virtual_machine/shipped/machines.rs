@@ -59,7 +59,7 @@ fn column(plant: &str) -> Held {
     let files: &[(&str, &[u8])] =
         &[("column-hmc.matrix.json", include_bytes!("../../../profiles/column-hmc.matrix.json"))];
     let rig = Rig::new("column-hmc", include_str!("../../../profiles/column-hmc.toml"), plant, files);
-    Held { rig, hours: 12, figures: &[("y", 60.0, 7.0), ("z", 60.0, 12.0)] }
+    Held { rig, hours: 12, figures: &[("y", 75.0, 6.0), ("z", 70.0, 10.5)] }
 }
 
 fn screw() -> Held {
