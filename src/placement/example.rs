@@ -27,37 +27,96 @@ const STOREYS: [f64; 3] = [400.0, 800.0, 1200.0];
 /// Heights between the patches of the rails that ports heat, mm.
 const PATCHES: [f64; 6] = [160.0, 400.0, 640.0, 920.0, 1160.0, 1400.0];
 
-/// What each deck says besides what all of them include.
-const CASES: [(&str, &str, &str, Air, &[(&str, f64)]); 11] = [
-    ("head_hour", "The head has worked in the middle of its travel for an hour", HOUR, STILL, &MIDDLE),
-    ("head_low", "It has worked in the lower half for four hours", FOUR, STILL, &LOW),
-    ("head_high", "It has worked in the upper half for four hours", FOUR, STILL, &HIGH),
-    (
-        "head_day",
-        "It works up and down until nothing changes any more",
-        STEADY,
-        Air { covers: 22.0, ..STILL },
-        &ALL,
-    ),
-    ("motor", "The motor on the top is warm", STEADY, Air { high: 20.5, ..STILL }, &[("MOTOR_FOOT", 0.8)]),
-    (
-        "cabinet",
-        "The control cabinet hangs on the back and is warm",
-        STEADY,
-        STILL,
-        &[("CABINET_WALL", 0.15)],
-    ),
-    ("room", "The room has been three kelvin warmer for three hours", THREE, ROOM, &[]),
-    ("layers", "The air is warmer at the top than at the foot", STEADY, LAYERS, &[]),
-    (
-        "covers",
-        "The air behind the covers has been warm for two hours",
-        TWO,
-        Air { covers: 25.0, ..STILL },
-        &[],
-    ),
-    ("bed", "The bed is two kelvin warmer", STEADY, Air { foot: 22.0, ..STILL }, &[]),
-    ("shift", "All of it together for three hours", THREE, SHIFT, &SHIFTS),
+/// A load case.
+struct Story {
+    name: &'static str,
+    /// For people.
+    what: &'static str,
+    /// The line of the step.
+    step: &'static str,
+    air: Air,
+    /// Surfaces, and the heat through them, mW/mm².
+    heat: &'static [(&'static str, f64)],
+}
+
+const CASES: [Story; 11] = [
+    Story {
+        name: "head_hour",
+        what: "The head has worked in the middle of its travel for an hour",
+        step: HOUR,
+        air: STILL,
+        heat: &MIDDLE,
+    },
+    Story {
+        name: "head_low",
+        what: "It has worked in the lower half for four hours",
+        step: FOUR,
+        air: STILL,
+        heat: &LOW,
+    },
+    Story {
+        name: "head_high",
+        what: "It has worked in the upper half for four hours",
+        step: FOUR,
+        air: STILL,
+        heat: &HIGH,
+    },
+    Story {
+        name: "head_day",
+        what: "It works up and down until nothing changes any more",
+        step: STEADY,
+        air: Air { covers: 22.0, ..STILL },
+        heat: &ALL,
+    },
+    Story {
+        name: "motor",
+        what: "The motor on the top is warm",
+        step: STEADY,
+        air: Air { high: 20.5, ..STILL },
+        heat: &[("MOTOR_FOOT", 0.8)],
+    },
+    Story {
+        name: "cabinet",
+        what: "The control cabinet hangs on the back and is warm",
+        step: STEADY,
+        air: STILL,
+        heat: &[("CABINET_WALL", 0.15)],
+    },
+    Story {
+        name: "room",
+        what: "The room has been three kelvin warmer for three hours",
+        step: THREE,
+        air: ROOM,
+        heat: &[],
+    },
+    Story {
+        name: "layers",
+        what: "The air is warmer at the top than at the foot",
+        step: STEADY,
+        air: LAYERS,
+        heat: &[],
+    },
+    Story {
+        name: "covers",
+        what: "The air behind the covers has been warm for two hours",
+        step: TWO,
+        air: Air { covers: 25.0, ..STILL },
+        heat: &[],
+    },
+    Story {
+        name: "bed",
+        what: "The bed is two kelvin warmer",
+        step: STEADY,
+        air: Air { foot: 22.0, ..STILL },
+        heat: &[],
+    },
+    Story {
+        name: "shift",
+        what: "All of it together for three hours",
+        step: THREE,
+        air: SHIFT,
+        heat: &SHIFTS,
+    },
 ];
 
 const HOUR: &str = ", DIRECT\n300, 3600";
@@ -107,8 +166,8 @@ const REAL: [f64; 5] = [0.009, 0.007, 0.005, 0.002, 0.07];
 pub fn files() -> Vec<(String, String)> {
     let mut files =
         vec![("mesh.inp".to_owned(), mesh_file(&mesh())), ("column.inp".to_owned(), COMMON.to_owned())];
-    for (name, what, step, air, fluxes) in CASES {
-        files.push((format!("{name}.inp"), deck(what, step, air, FILMS, fluxes)));
+    for Story { name, what, step, air, heat } in CASES {
+        files.push((format!("{name}.inp"), deck(what, step, air, FILMS, heat)));
     }
     let ports: Vec<(String, f64)> = (1..PATCHES.len()).map(|patch| (format!("RAILS_{patch}"), 1.0)).collect();
     let ports = ports
@@ -122,7 +181,7 @@ pub fn files() -> Vec<(String, String)> {
 
 /// The names of the decks that are load cases.
 pub fn cases() -> impl Iterator<Item = &'static str> {
-    CASES.iter().map(|(name, ..)| *name)
+    CASES.iter().map(|case| case.name)
 }
 
 const COMMON: &str = "** Cast iron, and the cold machine: what every deck includes.

@@ -8,7 +8,6 @@ use serde::Serialize;
 
 use super::blocks::{AXES, Part, Reach, blocks};
 use super::body::Progress;
-use super::layout::{Changed, Floors};
 use super::mesh::Mesh;
 use super::methods::bounded::bounded;
 use super::methods::multi_case::{Effort, multi_case, noise_um};
@@ -17,7 +16,10 @@ use super::methods::{Method, central, nearest};
 use super::problem::{Block, Load, Problem, count};
 use super::structure::Adjoint;
 
+mod divisions;
 mod misplaced;
+
+use divisions::other_divisions;
 
 /// What is asked.
 #[derive(Clone, Debug)]
@@ -211,8 +213,6 @@ fn by_name<S: serde::Serializer>(cases: &[CaseFound], to: S) -> Result<S::Ok, S:
 
 /// More than this share of the error is the blocks' own: they limit.
 const LIMITS: f64 = 0.7;
-/// Blocks that are added for the curve over numbers.
-const MORE: usize = 4;
 
 /// Places the sensors.
 ///
@@ -316,58 +316,6 @@ pub fn place(study: &Study<'_>, asked: &Asked, progress: Progress<'_>) -> Result
         by_number,
         cases,
     })
-}
-
-/// The best further cut, and the error over the number of sensors.
-fn other_divisions(
-    study: &Study<'_>,
-    asked: &Asked,
-    problem: &Problem,
-    rms_um: &f64,
-    progress: Progress<'_>,
-) -> (Option<(String, f64)>, Vec<Numbered>) {
-    let Some(adjoint) = study.adjoint else { return (None, Vec::new()) };
-    let floors = Floors::new(study.mesh, adjoint, study.loads, &asked.components);
-    let usable = |parts: &[Part]| blocks(study.mesh, parts, study.reach).is_ok();
-    let numbered = |changed: &Changed| {
-        let blocks = blocks(study.mesh, &changed.parts, study.reach).ok()?;
-        let columns: Vec<Vec<f64>> = changed.parts.iter().map(|part| adjoint.block(&part.nodes)).collect();
-        let problem = Problem::new(blocks, &rows(&columns), study.loads, &asked.components);
-        let cases: Vec<usize> = (0..problem.aims.len()).collect();
-        let places = multi_case(&problem, &cases, asked.noise, Effort::SHORT);
-        let rms: Vec<f64> = problem.aims.iter().map(|aim| problem.rms_of(aim, &places)).collect();
-        Some(Numbered {
-            sensors: changed.parts.len(),
-            floor_um: changed.floor_um,
-            rms_um: together_rms(&rms),
-            cut: changed.cut.as_ref().map(ToString::to_string),
-        })
-    };
-    let all = study.parts.len() + MORE;
-    let mut found = Vec::new();
-    let mut parts = study.parts.to_vec();
-    while let Some(joined) = floors.best_join(&parts, &usable) {
-        progress("number of sensors", found.len(), all);
-        found.extend(numbered(&joined));
-        parts = joined.parts;
-    }
-    found.reverse();
-    // The blocks themselves, with the sensors that were looked for longest.
-    let own = problem.blocks.len();
-    found.push(Numbered { sensors: own, floor_um: floors.of(study.parts), rms_um: *rms_um, cut: None });
-    let mut best_cut = None;
-    let mut parts = study.parts.to_vec();
-    for more in 0..MORE {
-        progress("number of sensors", own + more, all);
-        let Some(cut) = floors.best_cut(&parts, &usable) else { break };
-        if more == 0 {
-            best_cut = cut.cut.as_ref().map(|plane| (plane.to_string(), cut.floor_um));
-        }
-        found.extend(numbered(&cut));
-        parts = cut.parts;
-    }
-    progress("number of sensors", all, all);
-    (best_cut, found)
 }
 
 /// Rows of a matrix given by its columns.
