@@ -134,6 +134,7 @@ fn the_example_leads_to_models_of_two_axes_with_a_rider_and_to_the_modes_of_its_
     let made = place(home.path(), &["--example", "column"]);
     assert_eq!(made.code, Some(0), "{}", made.said);
     assert!(made.out.contains("isotherm place column/head_hour.inp"), "{}", made.out);
+    assert!(made.out.contains("--blocks COLUMN_ --candidates REACHED"), "{}", made.out);
     let cases =
         ["column/head_low.inp", "column/layers.inp", "--blocks", "COLUMN_", "--candidates", "REACHED"];
     let asked = ["--component", "z,y", "--rider", "Head:z=-4.95/y=0.5", "--plant", "column/plant.inp"];

@@ -55,6 +55,9 @@ pub(super) fn example(directory: &Path) -> Result<(), Failure> {
     let place = directory.display();
     let cases: Vec<String> = example::cases().map(|case| format!("{place}/{case}.inp")).collect();
     println!("the column is in {place}/mesh.inp, its load cases beside it; where its sensors belong:");
-    println!("isotherm place {} --blocks COLUMN_ --component y,z --report sensors.html", cases.join(" "));
+    println!(
+        "isotherm place {} --blocks COLUMN_ --candidates REACHED --component y,z --report sensors.html",
+        cases.join(" ")
+    );
     Ok(())
 }
