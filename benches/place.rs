@@ -95,7 +95,7 @@ fn own(cell: f64, home: &Path) -> f64 {
     let study =
         Study { mesh, guide, p: &p, adjoint: Some(&adjoint), parts: &parts, reach: &reach, loads: &loads };
     let asked = Asked {
-        component: 2,
+        components: vec![2],
         method: Method::MultiCase,
         case: None,
         noise: 0.1,

@@ -22,7 +22,7 @@ const SHIPPED: [(&str, &str); 10] = [
 
 /// The matrices, networks and envelopes that the shipped profiles name, by those names.
 pub(super) const FILES: [(&str, &[u8]); 1] =
-    [("column-hmc.json", include_bytes!("../../profiles/column-hmc.json"))];
+    [("column-hmc.matrix.json", include_bytes!("../../profiles/column-hmc.matrix.json"))];
 
 /// The names, for help and errors.
 pub(super) fn names() -> impl Iterator<Item = &'static str> {

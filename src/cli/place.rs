@@ -1,5 +1,6 @@
 //! `isotherm place`: where the temperature sensors of a structure belong.
 
+use std::collections::BTreeSet;
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 
@@ -11,8 +12,9 @@ use crate::placement::blocks::Cut;
 use crate::placement::found::{Asked, Found, Study, place};
 use crate::placement::methods::Method;
 use crate::placement::report::{Subject, remarks, report};
-use crate::placement::written::{Along, block, matrix};
+use crate::placement::written::{Along, Rider, block, matrix};
 
+mod plant;
 mod structure;
 mod told;
 
@@ -24,12 +26,12 @@ mod told;
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm place spindle.inp ambient.inp --report sensors.html\n  isotherm place spindle.inp \
-                  ambient.inp --cut y=800 --cut z=0 --write column.toml\n\nUnits of the decks: mm, N, s, t, K (N/mm², \
+                  ambient.inp --cut y=800 --cut z=0 --write column.toml\n\nWithout a mesh of your own:\n  isotherm place --example DIR\n\nUnits of the decks: mm, N, s, t, K (N/mm², \
                   mW/(mm·K))."
 )]
 pub(super) struct Arguments {
     /// The decks, one per load case
-    #[arg(value_name = "CASE.inp", required = true)]
+    #[arg(value_name = "CASE.inp", required_unless_present = "example")]
     decks: Vec<PathBuf>,
     /// Node sets whose names begin so are the blocks
     #[arg(long, value_name = "PREFIX", default_value = "BLK")]
@@ -50,9 +52,9 @@ pub(super) struct Arguments {
     /// Sensors keep this far from other blocks, mm
     #[arg(long, value_name = "MM", default_value_t = 20.0, value_parser = not_negative)]
     margin: f64,
-    /// The direction of the displacement that is judged
-    #[arg(long, value_name = "AXIS", default_value = "z")]
-    component: AxisWord,
+    /// The direction of the displacement that is judged; several, as in `y,z`, are judged together
+    #[arg(long, value_name = "AXIS", default_value = "z", value_delimiter = ',')]
+    component: Vec<AxisWord>,
     /// The direction of the guideway [default: the longest of its nodes]
     #[arg(long, value_name = "AXIS")]
     along: Option<AxisWord>,
@@ -74,12 +76,25 @@ pub(super) struct Arguments {
     /// The patent's iteration ends below this, µm RMS
     #[arg(long, value_name = "UM", default_value_t = 1.0, value_parser = not_negative)]
     enough: f64,
+    /// A part that rides on the guideway and grows by itself, by its sensor's signal, in µm/K: `head:z=-4.95`,
+    /// `head:y=1.2/z=-4.95`; P gets a column for it
+    #[arg(long, value_name = "SIGNAL:AXIS=UM")]
+    rider: Vec<Rider>,
     /// Writes the model's block for a profile, and P beside it
     #[arg(long, value_name = "MODEL.toml")]
     write: Option<PathBuf>,
     /// Writes a page with pictures: one file, to be opened anywhere
     #[arg(long, value_name = "OUT.html")]
     report: Option<PathBuf>,
+    /// A deck that says where heat comes in and goes out while the machine runs: its fluxes are ports, its films sinks
+    #[arg(long, value_name = "PLANT.inp", requires = "modes")]
+    plant: Option<PathBuf>,
+    /// Writes the structure of --plant reduced to modes, for the thermal plant of a virtual machine
+    #[arg(long, value_name = "MODES.json", requires = "plant")]
+    modes: Option<PathBuf>,
+    /// Writes a column's mesh and decks into this directory, to begin with, and does nothing else
+    #[arg(long, value_name = "DIR", conflicts_with = "decks")]
+    example: Option<PathBuf>,
     /// One JSON document
     #[arg(long)]
     json: bool,
@@ -150,6 +165,9 @@ struct Document<'a> {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+    if let Some(directory) = &arguments.example {
+        return plant::example(directory);
+    }
     let progress = progress();
     let known = structure::known(arguments, &progress)?;
     let case = match &arguments.case {
@@ -159,8 +177,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
             anyhow::anyhow!("--case {name}: there is no such load case; there are {}", names.join(", "))
         })?),
     };
+    let components: BTreeSet<usize> = arguments.component.iter().map(|word| word.place()).collect();
     let asked = Asked {
-        component: arguments.component.place(),
+        components: components.into_iter().collect(),
         method: arguments.method.method(),
         case,
         noise: arguments.noise,
@@ -168,7 +187,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         enough: arguments.enough,
     };
     let study = Study {
-        mesh: &known.mesh,
+        mesh: &known.first.mesh,
         guide: &known.guide,
         p: &known.p,
         adjoint: known.adjoint.as_ref(),
@@ -177,14 +196,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         loads: &known.loads,
     };
     let found = place(&study, &asked, &progress).map_err(|wrong| anyhow::anyhow!("{}", wrong.join("\n")))?;
-    let guide_xyz: Vec<[f64; 3]> = known.guide.iter().map(|node| known.mesh.xyz[*node]).collect();
+    let guide_xyz: Vec<[f64; 3]> = known.guide.iter().map(|node| known.first.mesh.xyz[*node]).collect();
     let along = Along::new(&guide_xyz, arguments.along.map(AxisWord::place));
     if let Some(path) = &arguments.write {
-        write(path, &found, &along)?;
+        write(path, &found, &along, &arguments.rider)?;
+    }
+    if let (Some(deck), Some(path)) = (&arguments.plant, &arguments.modes) {
+        plant::modes(deck, path, &known, &found, &along, &progress)?;
     }
     if let Some(path) = &arguments.report {
         let page = report(&Subject {
-            mesh: &known.mesh,
+            mesh: &known.first.mesh,
             parts: &known.parts,
             guide: &known.guide,
             loads: &known.loads,
@@ -202,6 +224,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(path) = &arguments.write {
         writeln!(out, "the model's block is in {}, P in {}", path.display(), beside(path).display())?;
     }
+    if let Some(path) = &arguments.modes {
+        writeln!(out, "the modes are in {}", path.display())?;
+    }
     if let Some(path) = &arguments.report {
         writeln!(out, "the report is in {}", path.display())?;
     }
@@ -213,10 +238,11 @@ fn beside(path: &Path) -> PathBuf {
     path.with_extension("matrix.json")
 }
 
-fn write(path: &Path, found: &Found, along: &Along) -> Result<(), Failure> {
+fn write(path: &Path, found: &Found, along: &Along, riders: &[Rider]) -> Result<(), Failure> {
     let beside = beside(path);
     let name = beside.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    for (path, text) in [(path, block(found, along, &name)), (&beside, matrix(found, along))] {
+    for (path, text) in [(path, block(found, along, riders, &name)), (&beside, matrix(found, along, riders))]
+    {
         std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
     }
     Ok(())

@@ -101,8 +101,9 @@ fn plant(path: &Path, profile: &Profile) -> anyhow::Result<Option<PlantSpec>> {
     if beside.exists() {
         let text = std::fs::read_to_string(&beside)
             .with_context(|| format!("the plant {} cannot be read", beside.display()))?;
-        let plant =
-            PlantSpec::parse(&text).map_err(|error| anyhow::anyhow!("{}: {error}", beside.display()))?;
+        let home = beside.parent().unwrap_or(Path::new(""));
+        let plant = PlantSpec::parse_with(&text, &|name| std::fs::read_to_string(home.join(name)).ok())
+            .map_err(|error| anyhow::anyhow!("{}: {error}", beside.display()))?;
         return Ok(Some(plant));
     }
     Ok(PlantSpec::shipped(&profile.name).transpose()?)

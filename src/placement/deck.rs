@@ -41,8 +41,19 @@ pub struct Deck {
     pub materials: Materials,
     /// What warms the body.
     pub load: LoadCase,
+    /// What the deck calls the places of films and fluxes.
+    pub places: Places,
     /// Nodes that `*BOUNDARY` holds in x, y and z, ascending; often empty, since conduction does not ask for it.
     pub supports: Vec<usize>,
+}
+
+/// Names of places, in small letters: those of the surfaces or sets; a single element is called by its number.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Places {
+    /// One for each film of the load case.
+    pub films: Vec<String>,
+    /// One for each flux of the load case.
+    pub fluxes: Vec<String>,
 }
 
 /// One thing that is wrong in a deck, and where.

@@ -6,24 +6,26 @@
 
 use serde::Serialize;
 
-use super::blocks::{Part, Reach, blocks};
+use super::blocks::{AXES, Part, Reach, blocks};
 use super::body::Progress;
-use super::layout::{Changed, Floors};
 use super::mesh::Mesh;
 use super::methods::bounded::bounded;
 use super::methods::multi_case::{Effort, multi_case, noise_um};
 use super::methods::patent::{Round, patent};
 use super::methods::{Method, central, nearest};
-use super::problem::{Load, Problem, count};
+use super::problem::{Block, Load, Problem, count};
 use super::structure::Adjoint;
 
+mod divisions;
 mod misplaced;
+
+use divisions::other_divisions;
 
 /// What is asked.
 #[derive(Clone, Debug)]
 pub struct Asked {
-    /// Direction in which errors are judged: 0 x, 1 y, 2 z.
-    pub component: usize,
+    /// Directions in which errors are judged, together: 0 x, 1 y, 2 z.
+    pub components: Vec<usize>,
     /// By which method.
     pub method: Method,
     /// The case that `patent` and `bounded` are placed by; none: the one that moves the guideway most.
@@ -66,6 +68,12 @@ pub struct Sensor {
     pub block: String,
 }
 
+impl Sensor {
+    fn at(mesh: &Mesh, node: usize, block: &Block) -> Sensor {
+        Sensor { node: mesh.nodes[node].0, xyz: mesh.xyz[node], block: block.name.clone() }
+    }
+}
+
 /// An error along the guideway, µm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Error {
@@ -102,7 +110,7 @@ pub struct CaseFound {
     pub name: String,
     /// δ1, mm, rows 3·guide + component.
     pub delta1_mm: Vec<f64>,
-    /// The largest δ1 in the judged direction, µm.
+    /// The largest δ1 in a judged direction, µm.
     pub largest_um: f64,
     /// A node at each block's centre.
     pub naive_centroid: Error,
@@ -163,17 +171,19 @@ pub struct Found {
     pub blocks: Vec<String>,
     /// Numbers of the guideway's nodes in the deck.
     pub guide_nodes: Vec<u32>,
-    /// The direction that is judged: 0 x, 1 y, 2 z.
+    /// The directions that are judged: 0 x, 1 y, 2 z.
     #[serde(skip)]
-    pub axis: usize,
-    /// Its name.
-    pub component: &'static str,
+    pub axes: Vec<usize>,
+    /// Their names: `z`, `y, z`.
+    pub component: String,
     /// The chosen method.
     pub method: Method,
     /// The case it was placed by; none: by all.
     pub placed_by: Option<String>,
     /// Its sensors.
     pub sensors: Vec<Sensor>,
+    /// The nodes at the blocks' centres, which `naive_centroid` is told by.
+    pub centres: Vec<Sensor>,
     /// The cases.
     #[serde(serialize_with = "by_name")]
     pub cases: Vec<CaseFound>,
@@ -203,8 +213,6 @@ fn by_name<S: serde::Serializer>(cases: &[CaseFound], to: S) -> Result<S::Ok, S:
 
 /// More than this share of the error is the blocks' own: they limit.
 const LIMITS: f64 = 0.7;
-/// Blocks that are added for the curve over numbers.
-const MORE: usize = 4;
 
 /// Places the sensors.
 ///
@@ -212,7 +220,7 @@ const MORE: usize = 4;
 /// A block without a place for a sensor.
 pub fn place(study: &Study<'_>, asked: &Asked, progress: Progress<'_>) -> Result<Found, Vec<String>> {
     let blocks = blocks(study.mesh, study.parts, study.reach)?;
-    let problem = Problem::new(blocks, study.p, study.loads, asked.component);
+    let problem = Problem::new(blocks, study.p, study.loads, &asked.components);
     let all: Vec<usize> = (0..problem.aims.len()).collect();
     progress("sensors", 0, all.len() + 2);
     let together = multi_case(&problem, &all, asked.noise, Effort::FULL);
@@ -280,11 +288,16 @@ pub fn place(study: &Study<'_>, asked: &Asked, progress: Progress<'_>) -> Result
         p: study.p.to_vec(),
         blocks: problem.blocks.iter().map(|block| block.name.clone()).collect(),
         guide_nodes: study.guide.iter().map(|node| study.mesh.nodes[*node].0).collect(),
-        axis: asked.component,
-        component: super::blocks::AXES[asked.component],
+        axes: asked.components.clone(),
+        component: asked.components.iter().map(|axis| AXES[*axis]).collect::<Vec<_>>().join(", "),
         method: asked.method,
         placed_by: by.as_ref().map(name),
         sensors: sensors(study.mesh, &problem, &chosen),
+        centres: central
+            .iter()
+            .zip(&problem.blocks)
+            .map(|(node, block)| Sensor::at(study.mesh, *node, block))
+            .collect(),
         cross_case: cross
             .iter()
             .map(|(method, case, places)| Crossed {
@@ -305,58 +318,6 @@ pub fn place(study: &Study<'_>, asked: &Asked, progress: Progress<'_>) -> Result
     })
 }
 
-/// The best further cut, and the error over the number of sensors.
-fn other_divisions(
-    study: &Study<'_>,
-    asked: &Asked,
-    problem: &Problem,
-    rms_um: &f64,
-    progress: Progress<'_>,
-) -> (Option<(String, f64)>, Vec<Numbered>) {
-    let Some(adjoint) = study.adjoint else { return (None, Vec::new()) };
-    let floors = Floors::new(study.mesh, adjoint, study.loads, asked.component);
-    let usable = |parts: &[Part]| blocks(study.mesh, parts, study.reach).is_ok();
-    let numbered = |changed: &Changed| {
-        let blocks = blocks(study.mesh, &changed.parts, study.reach).ok()?;
-        let columns: Vec<Vec<f64>> = changed.parts.iter().map(|part| adjoint.block(&part.nodes)).collect();
-        let problem = Problem::new(blocks, &rows(&columns), study.loads, asked.component);
-        let cases: Vec<usize> = (0..problem.aims.len()).collect();
-        let places = multi_case(&problem, &cases, asked.noise, Effort::SHORT);
-        let rms: Vec<f64> = problem.aims.iter().map(|aim| problem.rms_of(aim, &places)).collect();
-        Some(Numbered {
-            sensors: changed.parts.len(),
-            floor_um: changed.floor_um,
-            rms_um: together_rms(&rms),
-            cut: changed.cut.as_ref().map(ToString::to_string),
-        })
-    };
-    let all = study.parts.len() + MORE;
-    let mut found = Vec::new();
-    let mut parts = study.parts.to_vec();
-    while let Some(joined) = floors.best_join(&parts, &usable) {
-        progress("number of sensors", found.len(), all);
-        found.extend(numbered(&joined));
-        parts = joined.parts;
-    }
-    found.reverse();
-    // The blocks themselves, with the sensors that were looked for longest.
-    let own = problem.blocks.len();
-    found.push(Numbered { sensors: own, floor_um: floors.of(study.parts), rms_um: *rms_um, cut: None });
-    let mut best_cut = None;
-    let mut parts = study.parts.to_vec();
-    for more in 0..MORE {
-        progress("number of sensors", own + more, all);
-        let Some(cut) = floors.best_cut(&parts, &usable) else { break };
-        if more == 0 {
-            best_cut = cut.cut.as_ref().map(|plane| (plane.to_string(), cut.floor_um));
-        }
-        found.extend(numbered(&cut));
-        parts = cut.parts;
-    }
-    progress("number of sensors", all, all);
-    (best_cut, found)
-}
-
 /// Rows of a matrix given by its columns.
 #[must_use]
 pub fn rows(columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
@@ -365,10 +326,7 @@ pub fn rows(columns: &[Vec<f64>]) -> Vec<Vec<f64>> {
 }
 
 fn sensors(mesh: &Mesh, problem: &Problem, places: &[usize]) -> Vec<Sensor> {
-    let one = |(block, place): (&super::problem::Block, &usize)| {
-        let node = block.candidates[*place];
-        Sensor { node: mesh.nodes[node].0, xyz: mesh.xyz[node], block: block.name.clone() }
-    };
+    let one = |(block, place): (&Block, &usize)| Sensor::at(mesh, block.candidates[*place], block);
     problem.blocks.iter().zip(places).map(one).collect()
 }
 

@@ -2,7 +2,7 @@
 
 use faer::{ColMut, Mat};
 
-use super::body::{Case, Flux, LoadCase, Materials, Progress};
+use super::body::{Case, Film, Flux, LoadCase, Materials, Progress};
 use super::element::{dot, face_points};
 use super::graph::Graph;
 use super::mesh::{Face, Mesh, NodeId};
@@ -47,11 +47,12 @@ pub fn temperatures(
 /// Couplings of a free node (by its number) with a held one (by its place).
 type Coupling = Vec<(usize, usize, f64)>;
 
-struct Heat {
+/// Conduction and capacity of a body, and what warms it.
+pub(super) struct Heat {
     /// Conduction and films, mW/K.
-    conduction: System<1>,
+    pub(super) conduction: System<1>,
     /// Heat capacity, mJ/K; empty in a steady case.
-    capacity: Option<System<1>>,
+    pub(super) capacity: Option<System<1>>,
     to_held: Coupling,
     /// Heat that enters at each free node, mW.
     enters: Vec<f64>,
@@ -60,7 +61,7 @@ struct Heat {
 }
 
 impl Heat {
-    fn assembled(mesh: &Mesh, materials: &Materials, load: &LoadCase) -> Result<Self, HeatError> {
+    pub(super) fn assembled(mesh: &Mesh, materials: &Materials, load: &LoadCase) -> Result<Self, HeatError> {
         let mut held = vec![None; mesh.nodes.len()];
         load.held.iter().for_each(|(node, temperature)| held[*node] = Some(*temperature));
         let graph = Graph::of(mesh);
@@ -181,7 +182,8 @@ fn enter(system: &System<1>, enters: &mut [f64], node: usize, heat: f64) {
     }
 }
 
-fn add_fluxes(mesh: &Mesh, load: &LoadCase, system: &System<1>, enters: &mut [f64]) {
+/// Adds the heat that fluxes and single nodes bring to each free node, mW.
+pub(super) fn add_fluxes(mesh: &Mesh, load: &LoadCase, system: &System<1>, enters: &mut [f64]) {
     for (node, heat) in &load.nodal {
         enter(system, enters, *node, *heat);
     }
@@ -225,6 +227,15 @@ fn add_capacity(mesh: &Mesh, materials: &Materials, system: &mut System<1>) -> R
         }
     });
     Ok(())
+}
+
+/// Tells of each node of a film what a kelvin of its sink brings there, mW.
+pub(super) fn film_heat(mesh: &Mesh, film: &Film, mut tell: impl FnMut(usize, f64)) {
+    for_each_face_point(mesh, film.face, |nodes, value, area| {
+        for (node, value) in nodes.iter().zip(value) {
+            tell(*node, film.coefficient * area * value);
+        }
+    });
 }
 
 fn for_each_face_point(mesh: &Mesh, face: Face, mut visit: impl FnMut(&[usize], &[f64; 6], f64)) {

@@ -5,10 +5,10 @@ use nalgebra::{DMatrix, DVector};
 use super::blocks::{AXES, Cut, Part, divided};
 use super::mesh::Mesh;
 use super::methods::bounded::least_squares;
-use super::problem::{Load, count};
+use super::problem::{Load, count, in_directions};
 use super::structure::Adjoint;
 
-/// The floor of any division: the structure in one direction under all load cases.
+/// The floor of any division: the structure in some directions under all load cases.
 #[derive(Debug)]
 pub struct Floors<'a> {
     mesh: &'a Mesh,
@@ -44,19 +44,16 @@ const UM_PER_MM: f64 = 1000.0;
 const PLANES: usize = 9;
 
 impl<'a> Floors<'a> {
-    /// In one direction (0 x, 1 y, 2 z).
+    /// In these directions (0 x, 1 y, 2 z).
     #[must_use]
-    pub fn new(mesh: &'a Mesh, adjoint: &'a Adjoint, loads: &'a [Load], component: usize) -> Floors<'a> {
+    pub fn new(mesh: &'a Mesh, adjoint: &'a Adjoint, loads: &'a [Load], components: &[usize]) -> Floors<'a> {
+        let rows: Vec<usize> = (0..adjoint.rows).collect();
+        let rows = in_directions(&rows, components).into_iter().map(|row| adjoint.row(*row));
         let moved = |load: &Load| {
-            let component: Vec<f64> = load.moved_mm.iter().skip(component).step_by(3).copied().collect();
-            DVector::from_vec(component) * UM_PER_MM
+            let moved: Vec<f64> = in_directions(&load.moved_mm, components).into_iter().copied().collect();
+            DVector::from_vec(moved) * UM_PER_MM
         };
-        Floors {
-            mesh,
-            rows: (component..adjoint.rows).step_by(3).map(|row| adjoint.row(row)).collect(),
-            loads,
-            moved: loads.iter().map(moved).collect(),
-        }
+        Floors { mesh, rows: rows.collect(), loads, moved: loads.iter().map(moved).collect() }
     }
 
     fn piece(&self, nodes: &[usize]) -> Piece {

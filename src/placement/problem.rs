@@ -26,7 +26,7 @@ pub struct Load {
     pub moved_mm: Vec<f64>,
 }
 
-/// The displacement of the guideway in one direction, as blocks with one temperature each tell it.
+/// The displacement of the guideway in one direction or several, as blocks with one temperature each tell it.
 ///
 /// Everything that methods ask many times is held as products: with P'P, P'δ1 and δ1'δ1 the squared error of any set
 /// of block temperatures θ is δ1'δ1 − 2·θ'P'δ1 + θ'P'P·θ, whatever the number of guideway nodes.
@@ -34,7 +34,7 @@ pub struct Load {
 pub struct Problem {
     /// The blocks.
     pub blocks: Vec<Block>,
-    /// P in this direction: rows guideway nodes, columns blocks, µm/K.
+    /// P in these directions: rows guideway nodes, one direction after the other, columns blocks, µm/K.
     pub matrix: DMatrix<f64>,
     square: DMatrix<f64>,
     /// One for each load case.
@@ -46,7 +46,7 @@ pub struct Problem {
 pub struct Aim {
     /// Name of the load case.
     pub name: String,
-    /// δ1 in this direction, µm.
+    /// δ1 in these directions, µm.
     pub moved: DVector<f64>,
     cross: DVector<f64>,
     power: f64,
@@ -61,17 +61,17 @@ pub struct Aim {
 const UM_PER_MM: f64 = 1000.0;
 
 impl Problem {
-    /// From P (rows 3·guide + component, one column per block, mm/K) and the load cases, in one direction (0 x, 1 y,
+    /// From P (rows 3·guide + component, one column per block, mm/K) and the load cases, in these directions (0 x, 1 y,
     /// 2 z).
     #[must_use]
-    pub fn new(blocks: Vec<Block>, p: &[Vec<f64>], loads: &[Load], component: usize) -> Problem {
-        let rows: Vec<&Vec<f64>> = p.iter().skip(component).step_by(3).collect();
+    pub fn new(blocks: Vec<Block>, p: &[Vec<f64>], loads: &[Load], components: &[usize]) -> Problem {
+        let rows = in_directions(p, components);
         let matrix = DMatrix::from_fn(rows.len(), blocks.len(), |row, block| rows[row][block] * UM_PER_MM);
         let aims = loads
             .iter()
             .map(|load| {
-                let moved: Vec<f64> = load.moved_mm.iter().skip(component).step_by(3).copied().collect();
-                Aim::new(load, DVector::from_vec(moved) * UM_PER_MM, &matrix, &blocks)
+                let moved = in_directions(&load.moved_mm, components).into_iter().copied();
+                Aim::new(load, DVector::from_iterator(rows.len(), moved) * UM_PER_MM, &matrix, &blocks)
             })
             .collect();
         Problem { square: matrix.tr_mul(&matrix), matrix, blocks, aims }
@@ -83,7 +83,7 @@ impl Problem {
         &self.square
     }
 
-    /// Guideway nodes.
+    /// Rows: guideway nodes, as often as there are directions.
     #[must_use]
     pub fn rows(&self) -> f64 {
         count(self.matrix.nrows())
@@ -162,6 +162,11 @@ impl Aim {
     pub fn power(&self) -> f64 {
         self.power
     }
+}
+
+/// Of rows 3·guide + component those of these directions, one direction after the other.
+pub(super) fn in_directions<'a, T>(rows: &'a [T], components: &[usize]) -> Vec<&'a T> {
+    components.iter().flat_map(|component| rows.iter().skip(*component).step_by(3)).collect()
 }
 
 /// A number of things to compute with.

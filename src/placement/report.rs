@@ -148,24 +148,26 @@ fn sensors(found: &Found) -> Markup {
 
 fn displacements(subject: &Subject<'_>) -> Markup {
     let Subject { found, along, .. } = *subject;
-    let line = |look: Look, values: &[f64]| {
-        let told = along.of(values, found.axis);
+    let line = |look: Look, values: &[f64], axis: usize| {
+        let told = along.of(values, axis);
         Line { look, points: along.guide_mm.iter().copied().zip(told.iter().map(|mm| mm * 1000.0)).collect() }
     };
-    let picture = |case: &CaseFound| {
+    let picture = |case: &CaseFound, axis: usize| {
         let lines = [
-            line(Look::Dashed, &case.naive_mm),
-            line(Look::Solid, &case.delta1_mm),
-            line(Look::Faint, &case.read_mm),
+            line(Look::Dashed, &case.naive_mm, axis),
+            line(Look::Solid, &case.delta1_mm, axis),
+            line(Look::Faint, &case.read_mm, axis),
         ];
-        let says = format!("displacement along {} in the case {}", found.component, case.name);
+        let says = format!("displacement along {} in the case {}", AXES[axis], case.name);
         chart::along("µm", &format!("{}, mm", AXES[along.axis]), &says, &lines)
     };
     html! {
         h2 { "Displacement along the guideway" }
-        p { "Along " (found.component) @if along.rails > 1 { ", the mean of the rails" } "." }
-        ul .keys { li { "true" } li .dashed { "told by nodes at block centres" } li .ring { "told by the sensors" } }
-        div .gallery { @for case in &found.cases { (figure(&case.name, &picture(case), "")) } }
+        @for axis in &found.axes {
+            p { "Along " (AXES[*axis]) @if along.rails > 1 { ", the mean of the rails" } "." }
+            ul .keys { li { "true" } li .dashed { "told by nodes at block centres" } li .ring { "told by the sensors" } }
+            div .gallery { @for case in &found.cases { (figure(&case.name, &picture(case, *axis), "")) } }
+        }
     }
 }
 

@@ -46,7 +46,7 @@ pub fn number(value: f64) -> String {
     if whole.len() <= 20 { whole } else { format!("{value:.12e}") }
 }
 
-fn set(text: &mut String, card: &str, ids: impl Iterator<Item = u32>) {
+pub(super) fn set(text: &mut String, card: &str, ids: impl Iterator<Item = u32>) {
     let ids: Vec<String> = ids.map(|id| id.to_string()).collect();
     let _ = writeln!(text, "{card}");
     for line in ids.chunks(IN_LINE) {

@@ -1,6 +1,7 @@
 //! What goes to the machine: P as the file that `kind = "matrix"` reads, and the model's block for the profile.
 
 use std::fmt::Write;
+use std::str::FromStr;
 
 use super::blocks::AXES;
 use super::found::Found;
@@ -115,9 +116,37 @@ fn shares(line: &[(f64, Vec<usize>)], at: f64) -> Vec<(usize, f64)> {
     of(low, 1.0 - share).chain(of(high, share)).filter(|(_, share)| *share > 0.0).collect()
 }
 
-/// The matrix file.
+/// A part that rides on the guideway, has a sensor of its own and grows by itself: what is carried moves as much wherever
+/// it stands.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rider {
+    /// The name of its sensor's signal.
+    pub name: String,
+    /// Along x, y and z, µm/K.
+    pub moves: [f64; 3],
+}
+
+impl FromStr for Rider {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Rider, String> {
+        let wrong =
+            || format!("`{text}` is no rider; write its signal and µm per kelvin, as in head:z=-4.95");
+        let (name, rest) = text.split_once(':').filter(|(name, _)| !name.is_empty()).ok_or_else(wrong)?;
+        let mut moves = [0.0; 3];
+        for each in rest.split('/') {
+            let (axis, value) = each.split_once('=').ok_or_else(wrong)?;
+            let axis = AXES.iter().position(|known| *known == axis.trim()).ok_or_else(wrong)?;
+            let value = value.trim().parse::<f64>().ok().filter(|value| value.is_finite());
+            moves[axis] = value.ok_or_else(wrong)?;
+        }
+        Ok(Rider { name: name.to_owned(), moves })
+    }
+}
+
+/// The matrix file: a column for each block, then one for each rider.
 #[must_use]
-pub fn matrix(found: &Found, along: &Along) -> String {
+pub fn matrix(found: &Found, along: &Along, riders: &[Rider]) -> String {
     let column = |block: usize| -> Vec<f64> { found.p.iter().map(|row| row[block]).collect() };
     let columns: Vec<Vec<Vec<f64>>> = (0..found.blocks.len())
         .map(|block| (0..3).map(|component| along.of(&column(block), component)).collect())
@@ -125,31 +154,34 @@ pub fn matrix(found: &Found, along: &Along) -> String {
     let mut rows = Vec::new();
     for point in 0..along.guide_mm.len() {
         for component in 0..3 {
-            let row: Vec<f64> = columns.iter().map(|column| column[component][point]).collect();
+            let blocks = columns.iter().map(|column| column[component][point]);
+            let riders = riders.iter().map(|rider| rider.moves[component] / 1000.0);
+            let row: Vec<f64> = blocks.chain(riders).collect();
             rows.push(format!("    {}", serde_json::json!(row)));
         }
     }
     format!(
         "{{\n  \"format\": \"isotherm-matrix\", \"version\": 1,\n  \"blocks\": {},\n  \"guide_mm\": {},\n  \"P\": [\n{}\n  ]\n}}\n",
-        serde_json::json!(signals(found)),
+        serde_json::json!(signals(found, riders)),
         serde_json::json!(along.guide_mm),
         rows.join(",\n")
     )
 }
 
-/// One name per block as a profile wants them: small letters, digits, underlines.
+/// One name per block, then per rider, as a profile wants them: small letters, digits, underlines.
 #[must_use]
-pub fn signals(found: &Found) -> Vec<String> {
+pub fn signals(found: &Found, riders: &[Rider]) -> Vec<String> {
     let small = |letter: char| if letter.is_ascii_alphanumeric() { letter.to_ascii_lowercase() } else { '_' };
-    found.blocks.iter().map(|block| block.chars().map(small).collect()).collect()
+    let names = found.blocks.iter().chain(riders.iter().map(|rider| &rider.name));
+    names.map(|name| name.chars().map(small).collect()).collect()
 }
 
 /// The block for the profile; `file` is the matrix file's name.
 #[must_use]
-pub fn block(found: &Found, along: &Along, file: &str) -> String {
+pub fn block(found: &Found, along: &Along, riders: &[Rider], file: &str) -> String {
     let mut text = String::new();
     let axis = AXES[along.axis];
-    let names = signals(found);
+    let names = signals(found, riders);
     let mut line = |words: std::fmt::Arguments<'_>| {
         // Writing into a string does not fail.
         let _ = writeln!(text, "{words}");
@@ -166,17 +198,19 @@ pub fn block(found: &Found, along: &Along, file: &str) -> String {
         "# On the load cases the model was made with {:.1} µm RMS are left; blocks alone could leave {:.1}.",
         found.rms_um, found.floor_um
     ));
-    line(format_args!("[[axis.{}.model]]", found.component));
-    line(format_args!("name      = \"blocks of the structure\""));
-    line(format_args!("kind      = \"matrix\""));
-    line(format_args!("file      = {file:?}"));
-    line(format_args!("inputs    = {}", serde_json::json!(names).to_string().replace("\",\"", "\", \"")));
-    line(format_args!("reference = \"start\""));
-    line(format_args!(
-        "position  = \"scale_{axis}\"   # the axis along the guideway, mm, with its zero where the mesh has it"
-    ));
-    line(format_args!("component = \"{}\"", found.component));
-    line(format_args!("carries   = \"tool\"      # or \"work\": what rides on the guideway"));
+    for component in found.axes.iter().map(|component| AXES[*component]) {
+        line(format_args!("[[axis.{component}.model]]"));
+        line(format_args!("name      = \"blocks of the structure\""));
+        line(format_args!("kind      = \"matrix\""));
+        line(format_args!("file      = {file:?}"));
+        line(format_args!("inputs    = {}", serde_json::json!(names).to_string().replace("\",\"", "\", \"")));
+        line(format_args!("reference = \"start\""));
+        line(format_args!(
+            "position  = \"scale_{axis}\"   # the axis along the guideway, mm, with its zero where the mesh has it"
+        ));
+        line(format_args!("component = \"{component}\""));
+        line(format_args!("carries   = \"tool\"      # or \"work\": what rides on the guideway"));
+    }
     text
 }
 

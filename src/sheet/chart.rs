@@ -4,6 +4,7 @@
 
 use maud::{Markup, PreEscaped, html};
 use plotters::coord::Shift;
+use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::TextStyle;
 
@@ -42,6 +43,39 @@ fn sheet(width: u32, height: u32, says: &str, draw: impl FnOnce(&Paper<'_>) -> D
     html! {
         svg viewBox={ "0 0 " (width) " " (height) } role="img" aria-label=(says) { (PreEscaped(inside)) }
     }
+}
+
+type Plot<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+
+/// Numbers along both axes: `unit` stands over the one, `across` under the other where there is anything to say.
+fn plot<'a, 'b>(
+    paper: &'a Paper<'b>,
+    (left, right): (f64, f64),
+    (low, high): (f64, f64),
+    across: &str,
+    unit: &str,
+) -> Result<Plot<'a, 'b>, DrawingAreaErrorKind<std::io::Error>> {
+    let mut chart = ChartBuilder::on(paper)
+        .margin_top(26)
+        .margin_right(20)
+        .x_label_area_size(if across.is_empty() { 28 } else { 46 })
+        .y_label_area_size(50)
+        .build_cartesian_2d(left..right, low..high)?;
+    chart
+        .configure_mesh()
+        .x_labels(6)
+        .y_labels(6)
+        .max_light_lines(0)
+        .bold_line_style(RULE)
+        .axis_style(QUIET)
+        .label_style(letters(16.0, QUIET))
+        .x_desc(across)
+        .axis_desc_style(letters(16.0, QUIET))
+        .x_label_formatter(&|value| tick(*value))
+        .y_label_formatter(&|value| tick(*value))
+        .draw()?;
+    paper.draw(&Text::new(unit.to_owned(), (2, 2), letters(16.0, QUIET)))?;
+    Ok(chart)
 }
 
 /// Letters of this many pixels.

@@ -1,4 +1,5 @@
-//! The plant: lumped masses with heat sources, conduction, convection and a day's air. Pure: no I/O, no clock.
+//! The plant: lumped masses with heat sources, conduction, convection and a day's air, and where a machine has one, a
+//! structure by the modes of its finite elements. Pure: no I/O, no clock.
 //!
 //! It is deliberately not the compensator's formula. The true error comes from the expansion and the bending of the
 //! plant's own parts; sensors feel those parts late, rounded and with noise, and some parts have no sensor at all. So
@@ -17,6 +18,7 @@ use crate::quantity::Moment;
 
 mod drive;
 mod spec;
+mod structure;
 #[cfg(test)]
 mod tests;
 
@@ -24,6 +26,7 @@ pub use spec::{PlantError, PlantSpec, Published, PublishedAxis};
 
 use drive::{Ambient, Duty};
 use spec::{Point, SensorSpec};
+use structure::{Structure, dot};
 
 /// The plant's own step. A machine's time constants are minutes and hours.
 pub const STEP: Duration = Duration::from_secs(1);
@@ -39,12 +42,41 @@ pub struct Plant {
     duty: Duty,
     /// Power of each source on this seed's day, W.
     powers: Vec<f64>,
-    temperatures: Vec<f64>,
-    air: f64,
-    zero: Vec<f64>,
-    zero_air: f64,
+    warm: Temperatures,
+    /// When the run began.
+    zero: Temperatures,
     sensors: Vec<Sensor>,
+    /// Into each node, W.
     flows: Vec<f64>,
+    /// Of the structure's ports: temperatures, °C, and what comes in, W.
+    ports: Vec<f64>,
+    enters: Vec<f64>,
+    /// Of the structure's sinks: temperatures, °C.
+    around: Vec<f64>,
+}
+
+/// What has a temperature.
+#[derive(Clone, Debug, Default)]
+struct Temperatures {
+    nodes: Vec<f64>,
+    air: f64,
+    /// The structure's modes.
+    modes: Vec<f64>,
+}
+
+impl Temperatures {
+    /// The temperature at a point, °C.
+    fn at(&self, spec: &PlantSpec, point: Point) -> f64 {
+        let told = |of: fn(&Structure) -> &Vec<Vec<f64>>, place: usize| {
+            spec.structure.as_ref().map_or(0.0, |structure| dot(&of(structure)[place], &self.modes))
+        };
+        match point {
+            Point::Node(index) => self.nodes[index],
+            Point::Ambient => self.air,
+            Point::Port(place) => told(|structure| &structure.ports, place),
+            Point::Spot(place) => told(|structure| &structure.spots, place),
+        }
+    }
 }
 
 #[derive(Clone, Debug)]
@@ -72,30 +104,37 @@ impl Plant {
             let draw: f64 = rand::RngExt::random_range(&mut stream(seed, &source.name), -1.0..=1.0);
             source.watts * (1.0 + source.varies * draw)
         });
+        let structure = spec.structure.as_ref();
+        let warm = Temperatures {
+            nodes: spec.nodes.iter().map(|node| node.initial).collect(),
+            air: ambient.at(0.0),
+            modes: structure.map_or_else(Vec::new, Structure::begun),
+        };
+        let ports = vec![0.0; structure.map_or(0, |structure| structure.ports.len())];
         let mut plant = Plant {
             begin,
             now: begin,
             steps: 0,
             duty: Duty::new(&spec.duty, seed),
             powers: powers.collect(),
-            temperatures: spec.nodes.iter().map(|node| node.initial).collect(),
-            air: ambient.at(0.0),
+            warm,
             ambient,
-            zero: Vec::new(),
-            zero_air: 0.0,
+            zero: Temperatures::default(),
             sensors: Vec::new(),
             flows: vec![0.0; spec.nodes.len()],
+            enters: ports.clone(),
+            ports,
+            around: vec![0.0; structure.map_or(0, |structure| structure.sinks.len())],
             spec: spec.clone(),
         };
         plant.soak();
         let begun = plant.spec.sensors.iter().map(|sensor| Sensor {
-            felt: sensor.feels(&plant.temperatures, plant.air),
+            felt: sensor.feels(&plant.spec, &plant.warm),
             noise: 0.0,
             random: stream(seed, &sensor.signal),
         });
         plant.sensors = begun.collect();
-        plant.zero.clone_from(&plant.temperatures);
-        plant.zero_air = plant.air;
+        plant.zero = plant.warm.clone();
         plant
     }
 
@@ -126,47 +165,49 @@ impl Plant {
     /// depends on a position is that of the present one.
     pub fn true_error_um(&self, axis: &str) -> Option<f64> {
         let displacement = self.spec.axes.iter().find(|displacement| displacement.axis == axis)?;
-        let rise = |point: Point| match point {
-            Point::Node(index) => self.temperatures[index] - self.zero[index],
-            Point::Ambient => self.air - self.zero_air,
-        };
+        let rise = |point: Point| self.warm.at(&self.spec, point) - self.zero.at(&self.spec, point);
         let sum = |gains: &[(Point, f64)]| gains.iter().map(|(point, gain)| gain * rise(*point)).sum::<f64>();
         let seconds = self.now.since(self.begin).as_secs_f64();
         let along = displacement.stretches.iter().map(|stretch| {
             let position = self.spec.positions[stretch.position].at(seconds);
             stretch.effect(position) * sum(&stretch.gains)
         });
-        Some(sum(&displacement.gains) + along.sum::<f64>())
+        let guided = displacement.guided.zip(self.spec.structure.as_ref()).map(|(direction, structure)| {
+            let position = self.spec.positions[structure.position].at(seconds);
+            let moved = |at: &Temperatures| structure.moved(direction, position, &at.modes);
+            moved(&self.warm) - moved(&self.zero)
+        });
+        Some(sum(&displacement.gains) + along.sum::<f64>() + guided.unwrap_or_default())
     }
 
     /// The temperature of a node, °C: what no sensor sees exactly.
     pub fn node(&self, name: &str) -> Option<f64> {
         let index = self.spec.nodes.iter().position(|node| node.name == name)?;
-        self.temperatures.get(index).copied()
+        self.warm.nodes.get(index).copied()
     }
 
     /// The air's temperature, °C.
     pub fn ambient(&self) -> f64 {
-        self.air
+        self.warm.air
     }
 
     /// The time before the run: the machine stands, off, in its air.
     fn soak(&mut self) {
         let length = self.spec.soak.as_secs() / STEP.as_secs();
         for step in 0..length {
-            self.air = self.ambient.at(-seconds(length - step));
+            self.warm.air = self.ambient.at(-seconds(length - step));
             self.exchange_heat(false);
         }
-        self.air = self.ambient.at(0.0);
+        self.warm.air = self.ambient.at(0.0);
     }
 
     fn step(&mut self) {
         self.duty.advance_to(self.steps);
         self.exchange_heat(true);
-        self.air = self.ambient.at(seconds(self.steps));
+        self.warm.air = self.ambient.at(seconds(self.steps));
         for (spec, sensor) in self.spec.sensors.iter().zip(&mut self.sensors) {
             let share = if spec.lag > 0.0 { -(-STEP.as_secs_f64() / spec.lag).exp_m1() } else { 1.0 };
-            sensor.felt += share * (spec.feels(&self.temperatures, self.air) - sensor.felt);
+            sensor.felt += share * (spec.feels(&self.spec, &self.warm) - sensor.felt);
             let draw: f64 = StandardNormal.sample(&mut sensor.random);
             sensor.noise = spec.noise * draw;
         }
@@ -174,15 +215,21 @@ impl Plant {
 
     fn exchange_heat(&mut self, running: bool) {
         self.flows.fill(0.0);
+        self.enters.fill(0.0);
+        for (place, port) in self.ports.iter_mut().enumerate() {
+            *port = self.warm.at(&self.spec, Point::Port(place));
+        }
         for link in &self.spec.links {
             let other = match link.other {
-                Point::Node(index) => self.temperatures[index],
-                Point::Ambient => self.air,
+                Point::Port(place) => self.ports[place],
+                point => self.warm.at(&self.spec, point),
             };
-            let flow = link.conductance * (other - self.temperatures[link.node]);
+            let flow = link.conductance * (other - self.warm.nodes[link.node]);
             self.flows[link.node] += flow;
-            if let Point::Node(index) = link.other {
-                self.flows[index] -= flow;
+            match link.other {
+                Point::Node(index) => self.flows[index] -= flow,
+                Point::Port(place) => self.enters[place] -= flow,
+                Point::Ambient | Point::Spot(_) => {}
             }
         }
         if running {
@@ -190,8 +237,16 @@ impl Plant {
                 self.flows[source.node] += power * self.duty.share(source.when);
             }
         }
-        for ((temperature, flow), node) in self.temperatures.iter_mut().zip(&self.flows).zip(&self.spec.nodes)
-        {
+        if let Some(structure) = &self.spec.structure {
+            for (sink, around) in structure.sinks.iter().zip(&mut self.around) {
+                *around = self.warm.at(&self.spec, sink.point);
+                if let Point::Node(index) = sink.point {
+                    self.flows[index] += dot(&sink.modes, &self.warm.modes) - sink.conductance * *around;
+                }
+            }
+            structure.advance(&mut self.warm.modes, &self.enters, &self.around);
+        }
+        for ((temperature, flow), node) in self.warm.nodes.iter_mut().zip(&self.flows).zip(&self.spec.nodes) {
             *temperature += flow * STEP.as_secs_f64() / node.capacity;
         }
     }
@@ -199,12 +254,8 @@ impl Plant {
 
 impl SensorSpec {
     /// The temperature where it sits.
-    fn feels(&self, temperatures: &[f64], air: f64) -> f64 {
-        let at = |point: Point| match point {
-            Point::Node(index) => temperatures[index],
-            Point::Ambient => air,
-        };
-        self.feels.iter().map(|(point, share)| share * at(*point)).sum()
+    fn feels(&self, spec: &PlantSpec, warm: &Temperatures) -> f64 {
+        self.feels.iter().map(|(point, share)| share * warm.at(spec, *point)).sum()
     }
 
     /// A value as its module rounds it.

@@ -68,6 +68,15 @@ fn the_same_decks_give_the_same_sensors() {
 }
 
 #[test]
+fn every_case_has_its_whole_name_over_its_column() {
+    let home = tempfile::tempdir().unwrap();
+    decks(home.path(), &[Warming::Air, Warming::SpindleHour]);
+    let told = place(home.path(), &["air.inp", "spindle_hour.inp"]).out;
+    let heads: Vec<&str> = told.lines().find(|line| line.contains("method ")).unwrap().split(' ').collect();
+    assert!(heads.contains(&"air") && heads.contains(&"spindle_hour"), "{told}");
+}
+
+#[test]
 fn planes_give_blocks_where_the_deck_has_none_and_divide_one_alone() {
     let home = tempfile::tempdir().unwrap();
     decks(home.path(), &CASES[1..2]);
@@ -116,6 +125,45 @@ fn its_model_is_taken_by_a_profile_and_its_report_is_one_file() {
         assert!(!page.contains(outside), "`{outside}` is in the report");
     }
     assert!(page.len() < 1_000_000, "{} bytes", page.len());
+}
+
+/// From nothing to a profile's models and a plant, as README has it.
+#[test]
+fn the_example_leads_to_models_of_two_axes_with_a_rider_and_to_the_modes_of_its_plant() {
+    let home = tempfile::tempdir().unwrap();
+    let made = place(home.path(), &["--example", "column"]);
+    assert_eq!(made.code, Some(0), "{}", made.said);
+    assert!(made.out.contains("isotherm place column/head_hour.inp"), "{}", made.out);
+    assert!(made.out.contains("--blocks COLUMN_ --candidates REACHED"), "{}", made.out);
+    let cases =
+        ["column/head_low.inp", "column/layers.inp", "--blocks", "COLUMN_", "--candidates", "REACHED"];
+    let asked = ["--component", "z,y", "--rider", "Head:z=-4.95/y=0.5", "--plant", "column/plant.inp"];
+    let out = ["--modes", "modes.json", "--write", "model.toml", "--json"];
+    let answer = place(home.path(), &[&cases[..], &asked, &out].concat());
+    assert_eq!(answer.code, Some(0), "{}", answer.said);
+    let found: Value = serde_json::from_str(&answer.out).unwrap();
+    assert_eq!(found["component"], "y, z");
+    let case = &found["cases"]["head_low"];
+    assert!(number(&case["multi-case"]["rms_um"]) < number(&case["naive_centroid"]["rms_um"]));
+    let read = |name: &str| std::fs::read_to_string(home.path().join(name)).unwrap();
+    let model = read("model.toml");
+    for wanted in
+        ["[[axis.y.model]]", "[[axis.z.model]]", "component = \"y\"", "\"column_front_4\", \"head\"]"]
+    {
+        assert!(model.contains(wanted), "{model}");
+    }
+    let matrix: Value = serde_json::from_str(&read("model.matrix.json")).unwrap();
+    let rows = matrix["P"].as_array().unwrap();
+    assert_eq!((rows.len(), rows[0].as_array().unwrap().len()), (3 * 11, 9));
+    let rider: Vec<f64> = rows[..3].iter().map(|row| number(&row[8])).collect();
+    assert_eq!(rider, [0.0, 0.0005, -0.00495]);
+    let modes: Value = serde_json::from_str(&read("modes.json")).unwrap();
+    let names = |group: &str| modes[group].as_object().unwrap().keys().cloned().collect::<Vec<_>>();
+    assert_eq!(names("sinks"), ["air_high", "air_low", "covers", "foot", "inside"]);
+    assert_eq!(names("ports").len(), 7);
+    assert_eq!(names("points")[..2], ["column_back_1", "column_back_1_centre"]);
+    assert_eq!(modes["guide_mm"], matrix["guide_mm"]);
+    assert!(read("modes.json").len() < 80_000);
 }
 
 #[test]

@@ -94,3 +94,22 @@ fn decks_of_other_structures_or_of_one_name_are_told() {
     );
     refused(home.path(), &["nowhere.inp"], &["nowhere.inp"]);
 }
+
+#[test]
+fn a_rider_and_a_plant_that_are_none_are_told() {
+    let home = home();
+    refused(home.path(), &["air.inp", "--rider", "head"], &["`head` is no rider", "head:z=-4.95"]);
+    refused(home.path(), &["air.inp", "--rider", "head:w=1"], &["is no rider"]);
+    refused(home.path(), &["air.inp", "--plant", "air.inp"], &["--modes"]);
+    refused(home.path(), &["--example", "there", "air.inp"], &["--example"]);
+    refused(home.path(), &[], &["CASE.inp"]);
+    let other = home.path().join("air.inp");
+    let text = std::fs::read_to_string(&other).unwrap().replace("structure.inc", "other.inc");
+    file(home.path(), "plant.inp", &text);
+    let mesh = std::fs::read_to_string(home.path().join("structure.inc")).unwrap();
+    file(home.path(), "other.inc", &mesh.replace("110000", "210000"));
+    let asked = ["air.inp", "--plant", "plant.inp", "--modes", "modes.json"];
+    refused(home.path(), &asked, &["air and plant are not one structure", "their materials differ"]);
+    let engine = ["air.inp", "--plant", "air.inp", "--modes", "modes.json", "--engine", "ccx"];
+    refused(home.path(), &engine, &["--modes needs isotherm's own finite elements"]);
+}

@@ -14,7 +14,8 @@ use crate::placement::views::outside;
 
 /// What is known of a structure.
 pub(super) struct Known {
-    pub(super) mesh: Mesh,
+    /// The first deck: mesh and materials are those of all.
+    pub(super) first: Deck,
     pub(super) guide: Vec<usize>,
     pub(super) parts: Vec<Part>,
     pub(super) reach: Reach,
@@ -23,6 +24,14 @@ pub(super) struct Known {
     /// Only the own engine knows it.
     pub(super) adjoint: Option<Adjoint>,
     pub(super) loads: Vec<Load>,
+}
+
+/// What is asked of a structure.
+struct Wanted {
+    guide: Vec<usize>,
+    fixed: Vec<usize>,
+    parts: Vec<Part>,
+    reach: Reach,
 }
 
 /// Reads the decks and computes.
@@ -51,25 +60,19 @@ pub(super) fn known(arguments: &Arguments, progress: Progress<'_>) -> Result<Kno
     if !wrong.is_empty() {
         return Err(anyhow::anyhow!("{}: {}", arguments.decks[0].display(), wrong.join("\n")).into());
     }
-    let reach = Reach { margin: arguments.margin, allowed };
+    let wanted = Wanted { guide, fixed, parts, reach: Reach { margin: arguments.margin, allowed } };
     match arguments.engine {
-        Engine::Own => own(decks, guide, &fixed, parts, reach, progress),
-        Engine::Ccx => referee(decks, guide, &fixed, parts, reach, progress),
+        Engine::Own => own(decks, wanted, progress),
+        Engine::Ccx => referee(decks, wanted, progress),
     }
 }
 
 /// With the own finite elements.
-fn own(
-    decks: Vec<Deck>,
-    guide: Vec<usize>,
-    fixed: &[usize],
-    parts: Vec<Part>,
-    reach: Reach,
-    progress: Progress<'_>,
-) -> Result<Known, Failure> {
+fn own(mut decks: Vec<Deck>, wanted: Wanted, progress: Progress<'_>) -> Result<Known, Failure> {
+    let Wanted { guide, fixed, parts, reach } = wanted;
     let first = &decks[0];
     let structure =
-        Structure::new(&first.mesh, &first.materials, fixed, progress).map_err(anyhow::Error::from)?;
+        Structure::new(&first.mesh, &first.materials, &fixed, progress).map_err(anyhow::Error::from)?;
     let adjoint = structure.guideway(&guide, progress);
     let mut loads = Vec::new();
     for (place, deck) in decks.iter().enumerate() {
@@ -81,19 +84,13 @@ fn own(
     progress("load cases", decks.len(), decks.len());
     let columns: Vec<Vec<f64>> = parts.iter().map(|part| adjoint.block(&part.nodes)).collect();
     let p = rows(&columns);
-    let mesh = decks.into_iter().next().map(|deck| deck.mesh).unwrap_or_default();
-    Ok(Known { mesh, guide, parts, reach, p, adjoint: Some(adjoint), loads })
+    let first = decks.swap_remove(0);
+    Ok(Known { first, guide, parts, reach, p, adjoint: Some(adjoint), loads })
 }
 
 /// With CalculiX: temperatures case by case, then all displacements and P by unit rises of each block.
-fn referee(
-    decks: Vec<Deck>,
-    guide: Vec<usize>,
-    fixed: &[usize],
-    parts: Vec<Part>,
-    reach: Reach,
-    progress: Progress<'_>,
-) -> Result<Known, Failure> {
+fn referee(mut decks: Vec<Deck>, wanted: Wanted, progress: Progress<'_>) -> Result<Known, Failure> {
+    let Wanted { guide, fixed, parts, reach } = wanted;
     let ccx = Ccx::default();
     let all = decks.len() + 1;
     let mut rises = Vec::new();
@@ -112,7 +109,7 @@ fn referee(
     let fields: Vec<&[f64]> = units.iter().chain(&rises).map(Vec::as_slice).collect();
     progress("ccx", decks.len(), all);
     let mut columns =
-        ccx.displacements(mesh, materials, fixed, &guide, &fields).map_err(anyhow::Error::from)?;
+        ccx.displacements(mesh, materials, &fixed, &guide, &fields).map_err(anyhow::Error::from)?;
     progress("ccx", all, all);
     let moved = columns.split_off(parts.len());
     let loads = decks
@@ -122,8 +119,8 @@ fn referee(
         .map(|((deck, rise), moved_mm)| Load { name: deck.name.clone(), rise, moved_mm })
         .collect();
     let p = rows(&columns);
-    let mesh = decks.into_iter().next().map(|deck| deck.mesh).unwrap_or_default();
-    Ok(Known { mesh, guide, parts, reach, p, adjoint: None, loads })
+    let first = decks.swap_remove(0);
+    Ok(Known { first, guide, parts, reach, p, adjoint: None, loads })
 }
 
 /// Every deck, all of one structure.
@@ -150,32 +147,34 @@ fn decks(arguments: &Arguments, progress: Progress<'_>) -> Result<Vec<Deck>, Fai
     if let Some((first, others)) = decks.split_first() {
         for other in others {
             if let Some(why) = differs(first, other) {
-                wrong.push(format!(
-                    "{} and {} are not one structure: {why}; every load case must have the same mesh and the same materials \
-                     (one file that each deck includes)",
-                    first.name, other.name
-                ));
+                wrong.push(why);
             }
         }
     }
     if wrong.is_empty() { Ok(decks) } else { Err(anyhow::anyhow!("{}", wrong.join("\n")).into()) }
 }
 
-fn differs(first: &Deck, other: &Deck) -> Option<String> {
+/// Why two decks are not of one structure, in words.
+pub(super) fn differs(first: &Deck, other: &Deck) -> Option<String> {
     let (one, two) = (&first.mesh, &other.mesh);
-    if one.nodes != two.nodes {
-        return Some(format!("{} nodes and {}, or other numbers", one.nodes.len(), two.nodes.len()));
-    }
-    if one.xyz != two.xyz {
-        return Some("their nodes lie elsewhere".to_owned());
-    }
-    if one.elements != two.elements {
-        return Some("their elements differ".to_owned());
-    }
-    if one.node_sets != two.node_sets {
-        return Some("their node sets differ".to_owned());
-    }
-    (first.materials != other.materials).then(|| "their materials differ".to_owned())
+    let why = if one.nodes != two.nodes {
+        format!("{} nodes and {}, or other numbers", one.nodes.len(), two.nodes.len())
+    } else if one.xyz != two.xyz {
+        "their nodes lie elsewhere".to_owned()
+    } else if one.elements != two.elements {
+        "their elements differ".to_owned()
+    } else if one.node_sets != two.node_sets {
+        "their node sets differ".to_owned()
+    } else if first.materials != other.materials {
+        "their materials differ".to_owned()
+    } else {
+        return None;
+    };
+    Some(format!(
+        "{} and {} are not one structure: {why}; every load case must have the same mesh and the same materials (one file \
+         that each deck includes)",
+        first.name, other.name
+    ))
 }
 
 /// The nodes of a set that must be there.

@@ -3,7 +3,7 @@
 use std::fmt::{self, Write};
 
 use crate::placement::blocks::Part;
-use crate::placement::found::Found;
+use crate::placement::found::{CaseFound, Found};
 use crate::placement::report::remarks;
 
 /// Everything, as text.
@@ -62,7 +62,9 @@ fn write(text: &mut String, found: &Found, parts: &[Part]) -> fmt::Result {
     )?;
     for crossed in &found.cross_case {
         let by = crossed.placed_by.as_deref().unwrap_or("all");
-        let figures: String = crossed.rms_um.iter().map(|rms| format!("{rms:>10.2}")).collect();
+        let figures = crossed.rms_um.iter().zip(&found.cases);
+        let figures: String =
+            figures.map(|(rms, case)| format!("  {rms:>width$.2}", width = column(case))).collect();
         writeln!(text, "  {by:width$}  {:10}{figures}", crossed.method.name())?;
     }
     if !found.by_number.is_empty() {
@@ -81,11 +83,12 @@ fn write(text: &mut String, found: &Found, parts: &[Part]) -> fmt::Result {
     remarks(found).iter().try_for_each(|remark| writeln!(text, "{remark}"))
 }
 
-/// Names of the cases over the columns; long ones keep their end, which tells them apart.
+/// Names of the cases over the columns.
 fn heads(found: &Found) -> String {
-    let short = |name: &str| {
-        let letters = name.chars().count();
-        name.chars().skip(letters.saturating_sub(9)).collect::<String>()
-    };
-    found.cases.iter().map(|case| format!("{:>10}", short(&case.name))).collect()
+    found.cases.iter().map(|case| format!("  {:>width$}", case.name, width = column(case))).collect()
+}
+
+/// How wide the column of a case is.
+fn column(case: &CaseFound) -> usize {
+    case.name.chars().count().max(7)
 }

@@ -55,6 +55,18 @@ impl Where {
     }
 }
 
+impl Where {
+    /// What it is called: the set, or the number of the element.
+    pub(super) fn name(&self) -> String {
+        match self {
+            Self::Side(target, _) | Self::Surface(target) | Self::Volume(target) => match target {
+                Target::Set(name) => name.to_lowercase(),
+                Target::Id(id) => id.to_string(),
+            },
+        }
+    }
+}
+
 /// Node or set, first and last direction, value.
 #[derive(Debug)]
 pub(super) struct Boundary {

@@ -50,9 +50,9 @@ pub(super) fn deck(path: &Path, raw: &Raw, faults: &mut Vec<Fault>) -> Option<De
     let materials = solid::materials(raw, &names, faults);
     let load = load::load(path, raw, &names, faults);
     let supports = load::supports(raw, &names, faults);
-    let load = load?;
+    let (load, places) = load?;
     let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    Some(Deck { name, mesh, materials: materials?, load, supports })
+    Some(Deck { name, mesh, materials: materials?, load, places, supports })
 }
 
 fn whole(path: &Path, message: &str) -> Fault {

@@ -50,7 +50,7 @@ fn problem() -> Problem {
         load("third", RIGHT, third),
         load("repeated", RIGHT, repeated),
     ];
-    Problem::new(blocks(), &p(), &loads, 2)
+    Problem::new(blocks(), &p(), &loads, &[2])
 }
 
 /// What noise of a tenth of a kelvin does is the yardstick: less than a part of it is as good as nothing.

@@ -3,7 +3,7 @@
 use maud::Markup;
 use plotters::prelude::*;
 
-use super::{COOL, INK, QUIET, RULE, WARM, hours, letters, sheet, span, tick};
+use super::{COOL, INK, QUIET, RULE, WARM, hours, letters, plot, sheet, span, tick};
 
 /// How a line looks: told apart without colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -150,24 +150,7 @@ pub(crate) fn curve(unit: &str, says: &str, values: &[f64], marked: usize, level
 pub(crate) fn scatter(unit: &str, says: &str, pairs: &[(f64, f64)]) -> Markup {
     let (low, high) = span(pairs.iter().flat_map(|(one, other)| [*one, *other]), true);
     sheet(480, 440, says, |paper| {
-        let mut chart = ChartBuilder::on(paper)
-            .margin_top(26)
-            .margin_right(16)
-            .x_label_area_size(28)
-            .y_label_area_size(50)
-            .build_cartesian_2d(low..high, low..high)?;
-        chart
-            .configure_mesh()
-            .x_labels(6)
-            .y_labels(6)
-            .max_light_lines(0)
-            .bold_line_style(RULE)
-            .axis_style(QUIET)
-            .label_style(letters(16.0, QUIET))
-            .x_label_formatter(&|value| tick(*value))
-            .y_label_formatter(&|value| tick(*value))
-            .draw()?;
-        paper.draw(&Text::new(unit.to_owned(), (2, 2), letters(16.0, QUIET)))?;
+        let mut chart = plot(paper, (low, high), (low, high), "", unit)?;
         chart.draw_series(pairs.iter().map(|pair| Circle::new(*pair, 2, INK.mix(0.35).filled())))?;
         chart.draw_series(LineSeries::new([(low, low), (high, high)], WARM.stroke_width(2)))?;
         Ok(())

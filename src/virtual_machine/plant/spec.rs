@@ -2,12 +2,17 @@
 
 use std::time::Duration;
 
+use super::structure::Structure;
 use crate::quantity::Moment;
 
 mod published;
 mod raw;
 
 pub use published::{Published, PublishedAxis};
+
+/// The modes of the shipped column: the name in its plant file, and the text.
+const COLUMN: (&str, &str) =
+    ("column-hmc/modes.json", include_str!("../../../profiles/column-hmc/modes.json"));
 
 /// A plant file that cannot be used, in words; where TOML itself is wrong, with line and column.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -23,6 +28,7 @@ pub struct PlantSpec {
     pub(super) duty: DutySpec,
     pub(super) nodes: Vec<Node>,
     pub(super) links: Vec<Link>,
+    pub(super) structure: Option<Structure>,
     pub(super) sources: Vec<Source>,
     pub(super) sensors: Vec<SensorSpec>,
     pub(super) positions: Vec<Position>,
@@ -81,6 +87,10 @@ pub(super) struct Node {
 pub(super) enum Point {
     Node(usize),
     Ambient,
+    /// A patch of the structure through which heat comes in.
+    Port(usize),
+    /// A place of the structure that is only looked at.
+    Spot(usize),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -145,12 +155,13 @@ pub(super) struct Displacement {
     pub(super) axis: String,
     pub(super) gains: Vec<(Point, f64)>,
     pub(super) stretches: Vec<Stretch>,
+    /// It moves with the structure's guideway, in this direction: 0 x, 1 y, 2 z.
+    pub(super) guided: Option<usize>,
 }
 
 /// A part that lies along a travel. It adds the more, the more of it lies between a reference and the present position.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Stretch {
-    pub(super) shape: Shape,
     /// Place among the positions.
     pub(super) position: usize,
     /// Where it adds nothing, mm.
@@ -158,17 +169,8 @@ pub(super) struct Stretch {
     /// The part of the travel it lies along, mm.
     pub(super) from: f64,
     pub(super) to: f64,
-    /// µm per mm and K; where it bows, µm per mm² and K.
+    /// µm per mm and K.
     pub(super) gains: Vec<(Point, f64)>,
-}
-
-/// What a part along a travel does to the place of what stands on it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Shape {
-    /// It grows, or turns: the effect is that of its length.
-    Straight,
-    /// It bends, and what is beyond it leans: the effect is that of each of its millimetres times the distance from there.
-    Bowed,
 }
 
 impl Position {
@@ -180,26 +182,31 @@ impl Position {
 
 impl Stretch {
     /// How much of it counts at this position: in mm what lies between there and its reference, negative on the
-    /// reference's other side; bowed, from its beginning on, in mm².
+    /// reference's other side.
     pub(super) fn effect(&self, position: f64) -> f64 {
         let within = |value: f64| value.clamp(self.from, self.to);
-        let end = within(position);
-        match self.shape {
-            Shape::Straight => end - within(self.reference),
-            Shape::Bowed => (end - self.from) * (position - f64::midpoint(self.from, end)),
-        }
+        within(position) - within(self.reference)
     }
 }
 
 impl PlantSpec {
-    /// Reads a plant file.
+    /// Reads a plant file. Of other files it may name those of the shipped plants.
+    ///
+    /// # Errors
+    /// As [`PlantSpec::parse_with`].
+    pub fn parse(text: &str) -> Result<PlantSpec, PlantError> {
+        let shipped = |name: &str| (name == COLUMN.0).then(|| COLUMN.1.to_owned());
+        PlantSpec::parse_with(text, &shipped)
+    }
+
+    /// Reads a plant file; `read` gives the text of a file that it names.
     ///
     /// # Errors
     /// What is wrong with it: TOML's own message with its line and column, or every name and number that does not
     /// fit, one to a line.
-    pub fn parse(text: &str) -> Result<PlantSpec, PlantError> {
+    pub fn parse_with(text: &str, read: &dyn Fn(&str) -> Option<String>) -> Result<PlantSpec, PlantError> {
         let file: raw::PlantFile = toml::from_str(text).map_err(|error| PlantError(error.to_string()))?;
-        file.resolve().map_err(|errors| PlantError(errors.join("\n")))
+        file.resolve(read).map_err(|errors| PlantError(errors.join("\n")))
     }
 
     /// The plant that belongs to a shipped profile; `None` where there is none of that name.

@@ -1,5 +1,7 @@
 use super::*;
 
+mod structure;
+
 const HOUR: u64 = 3600;
 /// The day the shipped coefficients were identified on.
 const NOMINAL: u64 = 100;
@@ -125,7 +127,7 @@ fn a_sensor_shows_tenths_and_feels_its_part_late() {
     assert!((shown * 10.0 - (shown * 10.0).round()).abs() < 1e-9);
     let spec = PlantSpec::shipped("surface-grinder").unwrap().unwrap();
     let place = spec.sensors.iter().position(|sensor| sensor.signal == "wheelhead").unwrap();
-    let there = spec.sensors[place].feels(&grinder.temperatures, grinder.air);
+    let there = spec.sensors[place].feels(&spec, &grinder.warm);
     assert!(grinder.sensors[place].felt < there, "a part that warms is ahead of its sensor");
 }
 
@@ -172,7 +174,7 @@ fn error_along(more: &str, seconds: u64) -> (f64, f64, f64, f64) {
     after(&mut plant, seconds);
     let rise = |name: &str| {
         let place = spec.nodes.iter().position(|node| node.name == name).unwrap();
-        plant.temperatures[place] - plant.zero[place]
+        plant.warm.nodes[place] - plant.zero.nodes[place]
     };
     (plant.true_error_um("u").unwrap(), rise("ram"), rise("column"), plant.sensor("scale_z").unwrap())
 }
@@ -196,27 +198,6 @@ fn a_tilt_grows_with_the_difference_and_the_distance() {
                 position = \"scale_z\"\nreference_mm = 10.0\n";
     let (error, ram, column, position) = error_along(tilt, 4 * HOUR);
     assert!((error - 0.02 * (ram - column) * (position - 10.0)).abs() < 1e-9);
-}
-
-#[test]
-fn a_beam_grows_by_its_walls_and_bows_from_the_warm_one() {
-    let beam = |across: &str| {
-        format!(
-            "[beam]\nposition = \"scale_z\"\nalong = \"{}\"\nacross = \"{across}\"\ncoefficient = 1e-5\n\
-             area_mm2 = 2000.0\ninertia_mm4 = 1e7\narm_mm = 30.0\n\
-             wall = [{{ node = \"ram\", from_mm = 0.0, to_mm = 60.0, area_mm2 = 1000.0, offset_mm = 50.0 }}]\n",
-            if across == "u" { "v" } else { "u" }
-        )
-    };
-    for seconds in [0, 40, 80, 300, 360].map(|later| 3 * HOUR + later) {
-        let (across, ram, _, h) = error_along(&beam("u"), seconds);
-        let along = error_along(&beam("v"), seconds).0;
-        // 1e-5·1000·50 / 1e7 per mm and K; at h the slope from the foot counts, and beyond 60 mm it is a straight line.
-        let curvature = 5e-8 * 1000.0 * ram;
-        let below = h.clamp(0.0, 60.0);
-        assert!((across - curvature * below * (h - below / 2.0)).abs() < 1e-9, "{h} mm: {across} um");
-        assert!((along - (0.005 * ram + 30.0 * curvature) * below).abs() < 1e-9, "{h} mm: {along} um");
-    }
 }
 
 #[test]

@@ -2,7 +2,6 @@
 
 use super::RECORDED;
 use super::rig::{Fitted, Rig};
-use crate::compensation::model::Kind;
 
 /// What a machine is held to.
 struct Held {
@@ -54,9 +53,13 @@ fn jcs() -> Held {
     Held { rig: rig!("jcs018a-vmc"), hours: 8, figures: &[("z", 7.0, 2.0)] }
 }
 
-fn column() -> Held {
-    let files: &[(&str, &[u8])] = &[("column-hmc.json", include_bytes!("../../../profiles/column-hmc.json"))];
-    Held { rig: rig!("column-hmc", files), hours: 12, figures: &[("y", 100.0, 14.0), ("z", 60.0, 14.0)] }
+const COLUMN: &str = include_str!("../../../profiles/column-hmc.plant.toml");
+
+fn column(plant: &str) -> Held {
+    let files: &[(&str, &[u8])] =
+        &[("column-hmc.matrix.json", include_bytes!("../../../profiles/column-hmc.matrix.json"))];
+    let rig = Rig::new("column-hmc", include_str!("../../../profiles/column-hmc.toml"), plant, files);
+    Held { rig, hours: 12, figures: &[("y", 75.0, 6.0), ("z", 70.0, 10.5)] }
 }
 
 fn screw() -> Held {
@@ -144,41 +147,6 @@ fn no_other_gains_leave_clearly_less_of_the_screws_recorded_days() {
     screw().recorded();
 }
 
-/// By hand, as the profile's page of comment says.
-#[test]
-fn the_columns_matrix_is_that_of_a_beam() {
-    const ALPHA: f64 = 11e-6;
-    const ARM: f64 = 450.0;
-    let share = 3.938e6 / 1.70685e9;
-    let column = column();
-    for (axis, kind) in
-        column.rig.profile.axes.iter().map(|axis| (&axis.settings, &axis.settings.models[0].kind))
-    {
-        let Kind::Matrix(matrix) = kind else { panic!("a matrix") };
-        assert_eq!(matrix.ends(), (300.0, 1300.0));
-        for h in (3..=13u8).map(|point| 100.0 * f64::from(point)) {
-            let gains: Vec<f64> = matrix.gains_at(h).collect();
-            for (block, gain) in gains.iter().enumerate() {
-                let (place, side) = (u8::try_from(block % 4).unwrap(), if block < 4 { 1.0 } else { -1.0 });
-                let a = 400.0 * f64::from(place);
-                let n = (h - a).clamp(0.0, 400.0);
-                let displaced = match (axis.name.as_str(), block) {
-                    ("y", 8) => 0.0,
-                    ("y", _) => ALPHA * n * (0.5 + side * ARM * share),
-                    (_, 8) => -ALPHA * ARM,
-                    _ => ALPHA * n * (h - a - n / 2.0) * side * share,
-                };
-                let wanted = -1000.0 * displaced;
-                assert!(
-                    (gain - wanted).abs() <= 1e-4 * wanted.abs(),
-                    "{} {block} at {h}: {gain} {wanted}",
-                    axis.name
-                );
-            }
-        }
-    }
-}
-
 #[test]
 fn eight_days_coefficients_hold_the_grinder_on_twenty_other_days() {
     grinder().twenty_days();
@@ -190,8 +158,29 @@ fn eight_days_coefficients_hold_the_edm_on_twenty_other_days() {
 }
 
 #[test]
-fn a_matrix_from_drawings_holds_the_column_on_twenty_days() {
-    column().twenty_days();
+fn a_matrix_and_places_from_its_decks_hold_the_column_on_twenty_days() {
+    column(COLUMN).twenty_days();
+}
+
+/// What `isotherm place` is for: the same column, the same P, and sensors where one would put them without it.
+#[test]
+fn sensors_at_the_centres_of_their_blocks_leave_more_of_the_column() {
+    let mut naive = COLUMN.to_owned();
+    for block in (1..=4).flat_map(|storey| ["front", "back"].map(|side| format!("column_{side}_{storey}"))) {
+        let placed = format!("node       = \"{block}\"");
+        assert!(naive.contains(&placed), "{block} has a sensor");
+        naive = naive.replace(&placed, &format!("node       = \"{block}_centre\""));
+    }
+    for seed in [1, 2] {
+        let with = |plant: &str| {
+            let column = column(plant);
+            let day = column.rig.extents(seed, column.hours);
+            day.into_iter().map(|(_, extents)| extents.ranges().1).collect::<Vec<f64>>()
+        };
+        let (placed, centres) = (with(COLUMN), with(&naive));
+        println!("seed {seed}: y, z {placed:.1?} um, at centres {centres:.1?} um");
+        assert!(centres.iter().zip(&placed).all(|(centre, placed)| *centre > 1.3 * placed));
+    }
 }
 
 #[test]

@@ -3,10 +3,10 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::Path;
 
-use super::super::Fault;
 use super::super::card::Place;
 use super::super::load::Where;
 use super::super::raw::Raw;
+use super::super::{Fault, Places};
 use super::names::Names;
 use super::whole;
 use crate::placement::body::{Film, Flux, LoadCase};
@@ -28,7 +28,12 @@ pub(super) fn supports(raw: &Raw, names: &Names<'_>, faults: &mut Vec<Fault>) ->
     held.into_keys().collect()
 }
 
-pub(super) fn load(path: &Path, raw: &Raw, names: &Names<'_>, faults: &mut Vec<Fault>) -> Option<LoadCase> {
+pub(super) fn load(
+    path: &Path,
+    raw: &Raw,
+    names: &Names<'_>,
+    faults: &mut Vec<Fault>,
+) -> Option<(LoadCase, Places)> {
     let initial = initial(path, raw, names, faults);
     let Some(step) = &raw.load else {
         if faults.is_empty() {
@@ -45,12 +50,14 @@ pub(super) fn load(path: &Path, raw: &Raw, names: &Names<'_>, faults: &mut Vec<F
         nodal: Vec::new(),
         held: Vec::new(),
     };
+    let mut places = Places::default();
     let mut once = Once::default();
     for (at, sink, coefficient, place) in &step.films {
         for face in faces(at, "F", names, &outer, place, faults) {
             let id = names.mesh.elements[face.element].id;
             let what = || format!("side F{} of element {id} has a film", face.side + 1);
             once.check((0, face.element, face.side), what, place, faults);
+            places.films.push(at.name());
             load.films.push(Film { face, sink: *sink, coefficient: *coefficient });
         }
     }
@@ -59,12 +66,14 @@ pub(super) fn load(path: &Path, raw: &Raw, names: &Names<'_>, faults: &mut Vec<F
         if let Where::Volume(target) = at {
             for element in names.elements(target, place, faults) {
                 once.check((1, element, 0), || twice(element), place, faults);
+                places.fluxes.push(at.name());
                 load.fluxes.push(Flux::Volume(element, *heat));
             }
             continue;
         }
         for face in faces(at, "S", names, &outer, place, faults) {
             once.check((2, face.element, face.side), || twice(face.element), place, faults);
+            places.fluxes.push(at.name());
             load.fluxes.push(Flux::Face(face, *heat));
         }
     }
@@ -85,7 +94,7 @@ pub(super) fn load(path: &Path, raw: &Raw, names: &Names<'_>, faults: &mut Vec<F
         }
     }
     load.held = held.into_iter().collect();
-    Some(load)
+    Some((load, places))
 }
 
 /// What may be said only once, and the line that said it.

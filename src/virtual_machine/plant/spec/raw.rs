@@ -8,12 +8,12 @@ use serde::{Deserialize, Deserializer, de::Error as _};
 use super::{Published, Span};
 use crate::quantity::Moment;
 
-mod beam;
 mod displacement;
 mod resolve;
+mod structure;
 
-use beam::BeamFile;
 use displacement::{BendingFile, ExpansionFile, StretchFile, TiltFile};
+use structure::StructureFile;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -41,7 +41,7 @@ pub(super) struct PlantFile {
     stretch: Vec<StretchFile>,
     #[serde(default)]
     tilt: Vec<TiltFile>,
-    beam: Option<BeamFile>,
+    structure: Option<StructureFile>,
     published: Option<Published>,
 }
 

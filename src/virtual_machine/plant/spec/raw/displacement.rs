@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
-use super::super::{Displacement, Point, Position, Shape, Stretch};
+use super::super::{Displacement, Point, Position, Stretch};
 use super::resolve::Check;
 
 /// A part that grows and takes the axis with it.
@@ -58,7 +58,7 @@ pub(super) struct TiltFile {
 /// The axes as they are gathered.
 pub(super) struct Displacements<'a> {
     positions: &'a [Position],
-    pub(super) check: &'a mut Check,
+    check: &'a mut Check,
     axes: BTreeMap<String, Displacement>,
 }
 
@@ -95,31 +95,31 @@ impl<'a> Displacements<'a> {
         self.check.demand(from < to, || format!("{place}: from_mm must lie below to_mm"));
         let point = self.check.point(&place, &file.node);
         let gains = vec![(point, file.sign * file.coefficient * 1000.0)];
-        let (shape, reference) = (Shape::Straight, file.reference_mm);
-        self.along(
-            &place,
-            &file.axis,
-            &file.position,
-            Stretch { position: 0, shape, reference, from, to, gains },
-        );
+        let stretch = Stretch { position: 0, reference: file.reference_mm, from, to, gains };
+        self.along(&place, &file.axis, &file.position, stretch);
     }
 
     pub(super) fn tilt(&mut self, file: &TiltFile) {
         let place = format!("tilt of axis {} by {} and {}", file.axis, file.warm, file.cold);
         self.finite(&place, "every number", &[file.um_per_mm_kelvin, file.reference_mm]);
         let gains = self.pair(&place, &file.warm, &file.cold, file.um_per_mm_kelvin).to_vec();
-        let (shape, reference) = (Shape::Straight, file.reference_mm);
-        let everywhere = Stretch { position: 0, shape, reference, from: f64::MIN, to: f64::MAX, gains };
+        let everywhere =
+            Stretch { position: 0, reference: file.reference_mm, from: f64::MIN, to: f64::MAX, gains };
         self.along(&place, &file.axis, &file.position, everywhere);
     }
 
     /// Adds a stretch along the position of this name.
-    pub(super) fn along(&mut self, place: &str, axis: &str, position: &str, stretch: Stretch) {
+    fn along(&mut self, place: &str, axis: &str, position: &str, stretch: Stretch) {
         let Some(position) = self.positions.iter().position(|known| known.signal == position) else {
             self.check.demand(false, || format!("{place}: there is no position `{position}`"));
             return;
         };
         self.axis(axis).stretches.push(Stretch { position, ..stretch });
+    }
+
+    /// The axis moves with the structure's guideway, in this direction.
+    pub(super) fn guided(&mut self, axis: &str, direction: usize) {
+        self.axis(axis).guided = Some(direction);
     }
 
     fn axis(&mut self, name: &str) -> &mut Displacement {
@@ -137,7 +137,7 @@ impl<'a> Displacements<'a> {
         });
     }
 
-    pub(super) fn finite(&mut self, place: &str, what: &str, values: &[f64]) {
+    fn finite(&mut self, place: &str, what: &str, values: &[f64]) {
         self.check.demand(values.iter().all(|value| value.is_finite()), || {
             format!("{place}: {what} must be finite")
         });

@@ -1,18 +1,20 @@
 //! From the plant file's names and numbers to a checked [`PlantSpec`], or to every complaint at once.
 
 use super::super::{
-    AmbientSpec, DutySpec, Link, Node, PlantSpec, Point, Position, SensorSpec, Source, Switch, Varied, When,
+    AmbientSpec, DutySpec, Link, Node, PlantSpec, Point, Position, SensorSpec, Source, Structure, Switch,
+    Varied, When,
 };
 use super::displacement::Displacements;
+use super::structure::ModesFile;
 use super::{AmbientFile, LinkFile, NodeFile, PlantFile, PositionFile, SensorFile, SourceFile, WhenFile};
 use crate::virtual_machine::plant::STEP;
 
 /// What a link, a sensor or a displacement calls the air.
 const AMBIENT: &str = "ambient";
 
-/// The names of the nodes, and every complaint so far.
+/// The names of what has a temperature, and every complaint so far.
 pub(super) struct Check {
-    names: Vec<String>,
+    names: Vec<(String, Point)>,
     errors: Vec<String>,
 }
 
@@ -28,40 +30,68 @@ impl Check {
         if name == AMBIENT {
             return Point::Ambient;
         }
-        if let Some(index) = self.names.iter().position(|known| known == name) {
-            return Point::Node(index);
+        if let Some((_, point)) = self.names.iter().find(|(known, _)| known == name) {
+            return *point;
         }
-        let known = self.names.join(", ");
+        let known: Vec<&str> = self.names.iter().map(|(name, _)| name.as_str()).collect();
+        let known = known.join(", ");
         self.errors.push(format!("{place}: there is no node `{name}`; allowed: {known}, {AMBIENT}"));
         Point::Ambient
     }
 
-    /// As [`Check::point`], for places where the air will not do.
+    /// As [`Check::point`], for places where only a node will do.
     fn node(&mut self, place: &str, name: &str) -> usize {
+        let before = self.errors.len();
         match self.point(place, name) {
             Point::Node(index) => index,
-            Point::Ambient => {
-                self.demand(name != AMBIENT, || {
-                    format!("{place}: `{AMBIENT}` has no heat capacity; name a node")
+            _ => {
+                self.demand(self.errors.len() > before, || {
+                    format!("{place}: `{name}` has no heat capacity of its own; name a node")
                 });
                 0
+            }
+        }
+    }
+
+    /// As [`Check::point`], for what surrounds a structure.
+    pub(super) fn surroundings(&mut self, place: &str, name: &str) -> Point {
+        match self.point(place, name) {
+            point @ (Point::Node(_) | Point::Ambient) => point,
+            _ => {
+                self.demand(false, || {
+                    format!("{place}: `{name}` is of the structure itself; name a node, or {AMBIENT}")
+                });
+                Point::Ambient
             }
         }
     }
 }
 
 impl PlantFile {
-    pub(in super::super) fn resolve(self) -> Result<PlantSpec, Vec<String>> {
-        let names = self.node.keys().cloned().collect();
+    /// `read` gives the text of a file that the plant names.
+    pub(in super::super) fn resolve(
+        self,
+        read: &dyn Fn(&str) -> Option<String>,
+    ) -> Result<PlantSpec, Vec<String>> {
+        let modes = self.structure.as_ref().map(|structure| structure.read(read));
+        let modes = modes.transpose().map_err(|why| vec![why])?;
+        let nodes = self.node.keys().cloned().zip((0..).map(Point::Node));
+        let names = nodes.chain(modes.iter().flat_map(ModesFile::names)).collect();
         let mut check = Check { names, errors: Vec::new() };
+        for (place, (name, _)) in check.names.clone().iter().enumerate() {
+            let twice = check.names[..place].iter().any(|(other, _)| other == name);
+            check.demand(!twice, || format!("`{name}` is both a node and of the structure"));
+        }
         let nodes: Vec<Node> =
             self.node.into_iter().map(|(name, file)| file.resolve(name, &mut check)).collect();
         let links: Vec<Link> = self.link.iter().map(|file| file.resolve(&mut check)).collect();
-        stable(&nodes, &links, &mut check);
         let sources = self.source.into_iter().map(|(name, file)| file.resolve(name, &mut check)).collect();
         let sensors = self.sensor.into_iter().map(|(name, file)| file.resolve(name, &mut check)).collect();
         let positions: Vec<Position> =
             self.position.into_iter().map(|(name, file)| file.resolve(name, &mut check)).collect();
+        let structure = self.structure.as_ref().zip(modes);
+        let structure = structure.map(|(file, modes)| file.resolve(modes, &positions, &mut check));
+        stable(&nodes, &links, structure.as_ref(), &mut check);
         let switches = self
             .switch
             .into_iter()
@@ -72,7 +102,8 @@ impl PlantFile {
         self.bending.iter().for_each(|file| axes.bending(file));
         self.stretch.iter().for_each(|file| axes.stretch(file));
         self.tilt.iter().for_each(|file| axes.tilt(file));
-        self.beam.iter().for_each(|file| axes.beam(file));
+        let guided = self.structure.iter().flat_map(|file| &file.axes);
+        guided.for_each(|(axis, direction)| axes.guided(axis, direction.place()));
         let axes = axes.all();
         let ambient = self.ambient.resolve(&mut check);
         check.demand(!self.duty.work.shortest.is_zero(), || "duty.work: must be longer than 0s".to_owned());
@@ -95,6 +126,7 @@ impl PlantFile {
             },
             nodes,
             links,
+            structure,
             sources,
             sensors,
             positions,
@@ -146,12 +178,20 @@ impl LinkFile {
         check.demand(self.conductance.is_finite() && self.conductance > 0.0, || {
             format!("{place}: conductance {} W/K; must be more than 0", self.conductance)
         });
-        let (node, other) = if first == AMBIENT { (second, first) } else { (first, second) };
-        Link {
-            node: check.node(&place, node),
-            other: check.point(&place, other),
-            conductance: self.conductance,
-        }
+        let before = check.errors.len();
+        let ends = (check.point(&place, first), check.point(&place, second));
+        let (node, other) = match ends {
+            (Point::Node(node), other) | (other, Point::Node(node)) => (node, other),
+            (_, other) => {
+                let wrong = check.errors.len() > before;
+                check.demand(wrong, || format!("{place}: one of the two must be a node"));
+                (0, other)
+            }
+        };
+        check.demand(!matches!(other, Point::Spot(_)), || {
+            format!("{place}: a place where temperature is told takes no heat; link a port")
+        });
+        Link { node, other, conductance: self.conductance }
     }
 }
 
@@ -213,16 +253,29 @@ impl PositionFile {
     }
 }
 
-/// The network is stepped explicitly: a step must be short against every node's own time constant.
-fn stable(nodes: &[Node], links: &[Link], check: &mut Check) {
+/// The network is stepped explicitly: a step must be short against every node's own time constant, and a structure's
+/// port must not warm in it by more than a part of what drives the heat.
+fn stable(nodes: &[Node], links: &[Link], structure: Option<&Structure>, check: &mut Check) {
     for (index, node) in nodes.iter().enumerate() {
         let total: f64 = links
             .iter()
             .filter(|link| link.node == index || link.other == Point::Node(index))
             .map(|link| link.conductance)
             .sum();
+        let sinks = structure.iter().flat_map(|structure| &structure.sinks);
+        let sinks = sinks.filter(|sink| sink.point == Point::Node(index)).map(|sink| sink.conductance);
+        let total = total + sinks.sum::<f64>();
         check.demand(total * STEP.as_secs_f64() < 0.1 * node.capacity, || {
             format!("node.{}: {total} W/K is too much for {} J/K", node.name, node.capacity)
+        });
+    }
+    let ports = structure.map_or(0, |structure| structure.ports.len());
+    for port in 0..ports {
+        let mine = links.iter().filter(|link| link.other == Point::Port(port));
+        let total: f64 = mine.map(|link| link.conductance).sum();
+        let yields = structure.map_or(0.0, |structure| structure.yields(port));
+        check.demand(total * yields < 0.1, || {
+            format!("structure: {total} W/K is too much for a port that 1 W warms by {yields} K in a step")
         });
     }
 }

@@ -1,0 +1,63 @@
+//! What a plant is made from: the structure's modes; and an example to begin with.
+
+use std::path::Path;
+
+use anyhow::Context;
+
+use super::Failure;
+use super::structure::{Known, differs};
+use crate::placement::body::Progress;
+use crate::placement::deck;
+use crate::placement::example;
+use crate::placement::found::{Found, Sensor};
+use crate::placement::mesh::NodeId;
+use crate::placement::reduced::{Modes, Outputs, file};
+use crate::placement::written::{Along, signals};
+
+/// Writes the modes of the plant's deck, told at the sensors, at the blocks' centres (`NAME_centre`) and along the guideway.
+pub(super) fn modes(
+    path: &Path,
+    out: &Path,
+    known: &Known,
+    found: &Found,
+    along: &Along,
+    progress: Progress<'_>,
+) -> Result<(), Failure> {
+    let plant = deck::read(path).map_err(anyhow::Error::from)?;
+    if let Some(why) = differs(&known.first, &plant) {
+        return Err(anyhow::anyhow!("{why}").into());
+    }
+    let Some(adjoint) = &known.adjoint else {
+        return Err(
+            anyhow::anyhow!("--modes needs isotherm's own finite elements: leave --engine ccx out").into()
+        );
+    };
+    let modes = Modes::of(&plant, progress).map_err(|why| anyhow::anyhow!("{}: {why}", path.display()))?;
+    let names = signals(found, &[]);
+    let node = |sensor: &Sensor| plant.mesh.place(NodeId(sensor.node)).unwrap_or_default();
+    let placed = found.sensors.iter().zip(&names).map(|(sensor, name)| (name.clone(), node(sensor)));
+    let centres =
+        found.centres.iter().zip(&names).map(|(sensor, name)| (format!("{name}_centre"), node(sensor)));
+    let points: Vec<(String, usize)> = placed.chain(centres).collect();
+    let text = file(&modes, &Outputs { points: &points, adjoint, along });
+    std::fs::write(out, text).with_context(|| format!("cannot write {}", out.display()))?;
+    Ok(())
+}
+
+/// Writes the example's files, and says what to do with them.
+pub(super) fn example(directory: &Path) -> Result<(), Failure> {
+    std::fs::create_dir_all(directory)
+        .with_context(|| format!("cannot make the directory {}", directory.display()))?;
+    for (name, text) in example::files() {
+        let path = directory.join(name);
+        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    let place = directory.display();
+    let cases: Vec<String> = example::cases().map(|case| format!("{place}/{case}.inp")).collect();
+    println!("the column is in {place}/mesh.inp, its load cases beside it; where its sensors belong:");
+    println!(
+        "isotherm place {} --blocks COLUMN_ --candidates REACHED --component y,z --report sensors.html",
+        cases.join(" ")
+    );
+    Ok(())
+}

@@ -1,0 +1,163 @@
+//! A structure reduced to modes: as written, and checked.
+
+use std::collections::BTreeMap;
+
+use serde::Deserialize;
+
+use super::super::{Point, Position};
+use super::resolve::Check;
+use crate::virtual_machine::plant::structure::{Sink, Structure, dot};
+
+/// How the structure stands in its machine.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct StructureFile {
+    /// The file of its modes.
+    modes: String,
+    initial: f64,
+    /// Where on its guideway that stands whose place counts.
+    position: String,
+    /// For each axis the direction of the guideway's displacement that is its error.
+    pub(super) axes: BTreeMap<String, Direction>,
+    /// What has the temperature of each sink.
+    sinks: BTreeMap<String, String>,
+}
+
+#[derive(Deserialize, Clone, Copy)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Direction {
+    X,
+    Y,
+    Z,
+}
+
+/// The modes as `isotherm place --modes` writes them.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct ModesFile {
+    format: String,
+    version: u32,
+    rate_per_s: Vec<f64>,
+    uniform: Vec<f64>,
+    ports: BTreeMap<String, Vec<f64>>,
+    sinks: BTreeMap<String, Vec<f64>>,
+    points: BTreeMap<String, Vec<f64>>,
+    guide_mm: Vec<f64>,
+    moves_um: Moves,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Moves {
+    x: Vec<Vec<f64>>,
+    y: Vec<Vec<f64>>,
+    z: Vec<Vec<f64>>,
+}
+
+impl StructureFile {
+    /// The file of the modes, read.
+    ///
+    /// # Errors
+    /// It is not there, or is none.
+    pub(super) fn read(&self, read: &dyn Fn(&str) -> Option<String>) -> Result<ModesFile, String> {
+        let name = &self.modes;
+        let text = read(name).ok_or_else(|| format!("structure.modes: there is no file `{name}`"))?;
+        let modes: ModesFile = serde_json::from_str(&text).map_err(|why| format!("{name}: {why}"))?;
+        let wrong: Vec<String> = modes.wrong().iter().map(|why| format!("{name}: {why}")).collect();
+        if wrong.is_empty() { Ok(modes) } else { Err(wrong.join("\n")) }
+    }
+
+    pub(super) fn resolve(&self, modes: ModesFile, positions: &[Position], check: &mut Check) -> Structure {
+        check.demand(self.initial.is_finite(), || "structure.initial: must be a finite number".to_owned());
+        let position = positions.iter().position(|known| known.signal == self.position);
+        check.demand(position.is_some(), || {
+            format!("structure.position: there is no position `{}`", self.position)
+        });
+        for name in self.sinks.keys().filter(|name| !modes.sinks.contains_key(*name)) {
+            let known = modes.sinks.keys().cloned().collect::<Vec<_>>().join(", ");
+            check.demand(false, || format!("structure.sinks: there is no sink `{name}`; there are {known}"));
+        }
+        let mut sinks = Vec::new();
+        for (name, drives) in modes.sinks {
+            let place = format!("structure.sinks.{name}");
+            let point = match self.sinks.get(&name) {
+                Some(around) => check.surroundings(&place, around),
+                None => {
+                    check.demand(false, || format!("{place}: is missing: a node, or ambient"));
+                    Point::Ambient
+                }
+            };
+            sinks.push(Sink { point, conductance: dot(&drives, &modes.uniform), modes: drives });
+        }
+        let (keep, gain) = modes.rate_per_s.iter().map(|rate| Structure::step(*rate)).unzip();
+        Structure {
+            initial: self.initial,
+            position: position.unwrap_or_default(),
+            keep,
+            gain,
+            uniform: modes.uniform,
+            ports: modes.ports.into_values().collect(),
+            sinks,
+            spots: modes.points.into_values().collect(),
+            guide: modes.guide_mm,
+            moves: [modes.moves_um.x, modes.moves_um.y, modes.moves_um.z],
+        }
+    }
+}
+
+impl Direction {
+    pub(super) fn place(self) -> usize {
+        match self {
+            Direction::X => 0,
+            Direction::Y => 1,
+            Direction::Z => 2,
+        }
+    }
+}
+
+impl ModesFile {
+    /// What can be linked, and what can be felt, by name.
+    pub(super) fn names(&self) -> Vec<(String, Point)> {
+        let ports = self.ports.keys().enumerate().map(|(place, name)| (name.clone(), Point::Port(place)));
+        let spots = self.points.keys().enumerate().map(|(place, name)| (name.clone(), Point::Spot(place)));
+        ports.chain(spots).collect()
+    }
+
+    fn wrong(&self) -> Vec<String> {
+        let mut wrong = Vec::new();
+        if self.format != "isotherm-modes" || self.version != 1 {
+            wrong.push(format!(
+                "format {:?}, version {}: isotherm-modes, 1 is read",
+                self.format, self.version
+            ));
+        }
+        let count = self.rate_per_s.len();
+        if count == 0 || !self.rate_per_s.iter().all(|rate| rate.is_finite() && *rate > 0.0) {
+            wrong.push("rate_per_s: every mode decays, at a rate of more than 0".to_owned());
+        }
+        let mut rows = |what: String, row: &[f64]| {
+            if row.len() != count || !row.iter().all(|value| value.is_finite()) {
+                wrong.push(format!("{what}: {count} finite numbers, one for each mode"));
+            }
+        };
+        rows("uniform".to_owned(), &self.uniform);
+        self.ports.iter().for_each(|(name, row)| rows(format!("ports.{name}"), row));
+        self.sinks.iter().for_each(|(name, row)| rows(format!("sinks.{name}"), row));
+        self.points.iter().for_each(|(name, row)| rows(format!("points.{name}"), row));
+        let directions = [("x", &self.moves_um.x), ("y", &self.moves_um.y), ("z", &self.moves_um.z)];
+        for (name, moves) in directions {
+            moves.iter().for_each(|row| rows(format!("moves_um.{name}"), row));
+        }
+        for (name, _) in directions.iter().filter(|(_, moves)| moves.len() != self.guide_mm.len()) {
+            wrong.push(format!(
+                "moves_um.{name}: {} rows, one for each point of guide_mm",
+                self.guide_mm.len()
+            ));
+        }
+        let ascends = self.guide_mm.windows(2).all(|pair| pair[0] < pair[1]);
+        if self.guide_mm.is_empty() || !ascends {
+            wrong.push("guide_mm: points in mm, ascending".to_owned());
+        }
+        wrong
+    }
+}
