@@ -40,6 +40,11 @@ pub enum ReducedError {
     /// The same name for both.
     #[error("`{0}` is both a film and a flux: give one of them a surface of another name")]
     Twice(String),
+    /// Fluxes that are nothing, or take away what they bring.
+    #[error(
+        "`{0}`: its fluxes come to no heat: give each *DFLUX any number above 0, only how they share counts"
+    )]
+    NoHeat(String),
     /// The conduction.
     #[error(transparent)]
     Heat(#[from] HeatError),
@@ -113,15 +118,19 @@ impl Inputs {
         if let Some(name) = fluxes.keys().find(|name| sinks.contains_key(*name)) {
             return Err(ReducedError::Twice(name.clone()));
         }
-        let port = |fluxes: Vec<Flux>| {
+        let port = |(name, fluxes): (String, Vec<Flux>)| {
             let load = LoadCase { films: vec![], fluxes, ..load.clone() };
             let mut heat = vec![0.0; mesh.nodes.len()];
             add_fluxes(mesh, &load, system, &mut heat);
             let all: f64 = heat.iter().sum();
+            let passing: f64 = heat.iter().map(|heat| heat.abs()).sum();
+            if all.abs() <= NEW * passing {
+                return Err(ReducedError::NoHeat(name));
+            }
             // Weights: a thousand milliwatts are the watt that comes in.
-            heat.iter().map(|heat| 1000.0 * heat / all).collect()
+            Ok((name, heat.iter().map(|heat| 1000.0 * heat / all).collect()))
         };
-        Ok(Inputs { ports: fluxes.into_iter().map(|(name, fluxes)| (name, port(fluxes))).collect(), sinks })
+        Ok(Inputs { ports: fluxes.into_iter().map(port).collect::<Result<_, _>>()?, sinks })
     }
 
     /// (K + shift·C)⁻¹·F.

@@ -102,6 +102,9 @@ fn a_rider_and_a_plant_that_are_none_are_told() {
     refused(home.path(), &["air.inp", "--rider", "head:w=1"], &["is no rider"]);
     refused(home.path(), &["air.inp", "--plant", "air.inp"], &["--modes"]);
     refused(home.path(), &["--example", "there", "air.inp"], &["--example"]);
+    file(home.path(), "motor.inp", "*HEADING\nmine\n");
+    refused(home.path(), &["--example", "."], &["motor.inp is there already", "name another directory"]);
+    assert!(!home.path().join("mesh.inp").exists(), "all of it or nothing");
     refused(home.path(), &[], &["CASE.inp"]);
     let other = home.path().join("air.inp");
     let text = std::fs::read_to_string(&other).unwrap().replace("structure.inc", "other.inc");

@@ -48,8 +48,19 @@ pub(super) fn modes(
 pub(super) fn example(directory: &Path) -> Result<(), Failure> {
     std::fs::create_dir_all(directory)
         .with_context(|| format!("cannot make the directory {}", directory.display()))?;
-    for (name, text) in example::files() {
-        let path = directory.join(name);
+    let files: Vec<_> =
+        example::files().into_iter().map(|(name, text)| (directory.join(name), text)).collect();
+    // What somebody has changed there is not lost.
+    for (path, text) in &files {
+        if std::fs::read(path).is_ok_and(|there| there != text.as_bytes()) {
+            return Err(anyhow::anyhow!(
+                "{} is there already, and is another: name another directory",
+                path.display()
+            )
+            .into());
+        }
+    }
+    for (path, text) in files {
         std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
     }
     let place = directory.display();

@@ -138,6 +138,16 @@ fn other_heat_and_one_name_for_two_things_are_refused() {
 }
 
 #[test]
+fn a_port_without_heat_is_refused() {
+    let mut cold = deck(Kind::Tet4);
+    cold.load.fluxes.iter_mut().for_each(|flux| match flux {
+        Flux::Face(_, heat) | Flux::Volume(_, heat) => *heat = 0.0,
+    });
+    let error = Modes::of(&cold, SILENT).unwrap_err().to_string();
+    assert!(error.contains("come to no heat") && error.contains("*DFLUX"), "{error}");
+}
+
+#[test]
 fn the_example_is_one_structure_whose_rails_are_heated_where_they_are() {
     let files: BTreeMap<String, String> = crate::placement::example::files().into_iter().collect();
     let home = tempfile::tempdir().unwrap();
