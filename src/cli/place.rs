@@ -26,8 +26,8 @@ mod told;
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm place spindle.inp ambient.inp --report sensors.html\n  isotherm place spindle.inp \
-                  ambient.inp --cut y=800 --cut z=0 --write column.toml\n\nWithout a mesh of your own:\n  isotherm place --example DIR\n\nUnits of the decks: mm, N, s, t, K (N/mm², \
-                  mW/(mm·K))."
+                  ambient.inp --cut y=800 --cut z=0 --write column.toml\n\nWithout a mesh of your own:\n  \
+                  isotherm place --example DIR\n\nUnits of the decks: mm, N, s, t, K (N/mm², mW/(mm·K))."
 )]
 pub(super) struct Arguments {
     /// The decks, one per load case
@@ -169,6 +169,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         return plant::example(directory);
     }
     let progress = progress();
+    let plant = arguments.plant.as_deref().map(|path| plant::deck(path, arguments.engine)).transpose()?;
     let known = structure::known(arguments, &progress)?;
     let case = match &arguments.case {
         None => None,
@@ -201,7 +202,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(path) = &arguments.write {
         write(path, &found, &along, &arguments.rider)?;
     }
-    if let (Some(deck), Some(path)) = (&arguments.plant, &arguments.modes) {
+    if let (Some(deck), Some(path)) = (&plant, &arguments.modes) {
         plant::modes(deck, path, &known, &found, &along, &progress)?;
     }
     if let Some(path) = &arguments.report {

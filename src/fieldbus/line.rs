@@ -43,8 +43,6 @@ pub struct Line {
     refused: Fault,
     units: Vec<Unit>,
     spoke: bool,
-    /// Requests that were more than refused here.
-    asked: u64,
     misses: u32,
     /// Closed by us after an answer.
     is_put_down: bool,
@@ -100,7 +98,6 @@ impl Line {
             refused: Fault::Link(LinkFault::Down),
             units,
             spoke: false,
-            asked: 0,
             misses: 0,
             is_put_down: false,
             tap: Tap::default(),
@@ -121,11 +118,6 @@ impl Line {
     /// There is a connection.
     pub fn is_connected(&self) -> bool {
         self.wire.is_some() || self.is_put_down
-    }
-
-    /// Requests so far that were more than refused here: while it stays the same, nobody has waited for this line.
-    pub fn asked(&self) -> u64 {
-        self.asked
     }
 
     /// What this device is, or the line without one, begins anew: whatever rests there need rest no longer.
@@ -171,7 +163,6 @@ impl Line {
         if !unit.breaker.allows(now) {
             return Err(unit.last_fault);
         }
-        self.asked += 1;
         let was_connected = self.wire.is_some();
         let mut answer = self.exchange(place, request, now).await;
         let fault = answer.as_ref().err().copied();

@@ -168,14 +168,13 @@ impl LineTask {
         for revived in self.can.iter().flat_map(|can| can.revived()) {
             self.line.revive(revived);
         }
-        let asked = self.line.asked();
         self.write(now).await;
         self.beat(now).await;
         self.inspector.inspect(&mut self.line, &self.shared, self.can.as_deref()).await;
         let mut polled = false;
         self.passed = now;
-        // Where something was written or looked into, that took its time.
-        let mut at = if self.line.asked() == asked { now } else { self.shared.clock.now() };
+        // What was written took its time: the line's, or the disk's, where an account is kept first.
+        let mut at = self.shared.clock.now();
         let last = self.polls.iter().rposition(|poll| now >= poll.due);
         for place in 0..self.polls.len() {
             if now >= self.polls[place].due {

@@ -13,8 +13,8 @@ pub(super) fn one_step(profile: &Profile, output: &Output) -> f64 {
     match output.encoding.data_type.integer_range() {
         // What makes 3 · 0.1 a little more than 0.3 must not cost a count.
         Some(_) => {
-            (most / output.encoding.scale.get().abs() * (1.0 + 1e-12)).floor()
-                * output.encoding.scale.get().abs()
+            let count = output.encoding.scale.get().abs();
+            (most / count * (1.0 + 1e-12)).floor() * count
         }
         None => most,
     }

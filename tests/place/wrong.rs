@@ -101,6 +101,8 @@ fn a_rider_and_a_plant_that_are_none_are_told() {
     refused(home.path(), &["air.inp", "--rider", "head"], &["`head` is no rider", "head:z=-4.95"]);
     refused(home.path(), &["air.inp", "--rider", "head:w=1"], &["is no rider"]);
     refused(home.path(), &["air.inp", "--plant", "air.inp"], &["--modes"]);
+    let modes = ["air.inp", "--plant", "air.inp", "--modes", "m.json"];
+    refused(home.path(), &[&modes[..], &["--engine", "ccx"]].concat(), &["leave --engine ccx out"]);
     refused(home.path(), &["--example", "there", "air.inp"], &["--example"]);
     file(home.path(), "motor.inp", "*HEADING\nmine\n");
     refused(home.path(), &["--example", "."], &["motor.inp is there already", "name another directory"]);

@@ -4,35 +4,42 @@ use std::path::Path;
 
 use anyhow::Context;
 
-use super::Failure;
 use super::structure::{Known, differs};
+use super::{Engine, Failure};
 use crate::placement::body::Progress;
-use crate::placement::deck;
+use crate::placement::deck::{self, Deck};
 use crate::placement::example;
 use crate::placement::found::{Found, Sensor};
 use crate::placement::mesh::NodeId;
 use crate::placement::reduced::{Modes, Outputs, file};
 use crate::placement::written::{Along, signals};
 
+/// The plant's deck, read before the long work begins.
+pub(super) fn deck(path: &Path, engine: Engine) -> Result<Deck, Failure> {
+    if engine == Engine::Ccx {
+        return Err(needs_own_engine());
+    }
+    Ok(deck::read(path).map_err(anyhow::Error::from)?)
+}
+
+fn needs_own_engine() -> Failure {
+    anyhow::anyhow!("--modes needs isotherm's own finite elements: leave --engine ccx out").into()
+}
+
 /// Writes the modes of the plant's deck, told at the sensors, at the blocks' centres (`NAME_centre`) and along the guideway.
 pub(super) fn modes(
-    path: &Path,
+    plant: &Deck,
     out: &Path,
     known: &Known,
     found: &Found,
     along: &Along,
     progress: Progress<'_>,
 ) -> Result<(), Failure> {
-    let plant = deck::read(path).map_err(anyhow::Error::from)?;
-    if let Some(why) = differs(&known.first, &plant) {
+    if let Some(why) = differs(&known.first, plant) {
         return Err(anyhow::anyhow!("{why}").into());
     }
-    let Some(adjoint) = &known.adjoint else {
-        return Err(
-            anyhow::anyhow!("--modes needs isotherm's own finite elements: leave --engine ccx out").into()
-        );
-    };
-    let modes = Modes::of(&plant, progress).map_err(|why| anyhow::anyhow!("{}: {why}", path.display()))?;
+    let adjoint = known.adjoint.as_ref().ok_or_else(needs_own_engine)?;
+    let modes = Modes::of(plant, progress).map_err(|why| anyhow::anyhow!("{}: {why}", plant.name))?;
     let names = signals(found, &[]);
     let node = |sensor: &Sensor| plant.mesh.place(NodeId(sensor.node)).unwrap_or_default();
     let placed = found.sensors.iter().zip(&names).map(|(sensor, name)| (name.clone(), node(sensor)));

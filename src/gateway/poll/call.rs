@@ -27,10 +27,8 @@ pub(in crate::gateway) async fn call(
     now: Moment,
 ) -> Result<Answer, Fault> {
     let request = addressed(shared, device, request)?;
-    let asked = line.asked();
+    let rested = line.is_resting(device, now);
     let answer = line.call(device, request, now).await;
-    // A device that rests is not asked; nor is one that does not know the function, but that counts.
-    let rested = line.asked() == asked && !matches!(answer, Err(Fault::Caller(_)));
     // Nobody answers a frame: that it was sent says nothing of the device.
     let sends_only = matches!(request, Request::Can(CanRequest::Send { .. }));
     let mut core = shared.core();
