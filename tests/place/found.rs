@@ -57,6 +57,23 @@ fn one_placement_for_all_cases_beats_block_centres_and_every_placement_by_one_ca
     assert!(number(&by_number[11]["floor_um"]) < number(&by_number[7]["floor_um"]));
 }
 
+/// The patent knows one load case: given the same one, this leaves no more of it.
+#[test]
+fn placed_by_one_case_alone_it_is_at_least_as_good_as_the_patent_on_every_case() {
+    let home = tempfile::tempdir().unwrap();
+    decks(home.path(), &CASES);
+    for (name, deck) in ["air", "spindle", "motor"].into_iter().zip(FILES) {
+        let answer = place(home.path(), &[deck, "--json"]);
+        let found: Value = serde_json::from_str(&answer.out).unwrap();
+        let case = &found["cases"][name];
+        let left = number(&case["multi-case"]["rms_um"]);
+        for method in ["patent", "bounded"] {
+            let placed = number(&case[method]["rms_um"]);
+            assert!(left <= placed + 1e-9, "{name}: {left}, {method} {placed}");
+        }
+    }
+}
+
 #[test]
 fn the_same_decks_give_the_same_sensors() {
     let home = tempfile::tempdir().unwrap();

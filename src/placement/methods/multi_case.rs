@@ -4,7 +4,8 @@
 //! does. Every case's error is measured against that, and the sum of the sixth powers of these ratios is made small:
 //! the worst case counts most, and a case that cannot be better draws nothing. Nodes are changed one at a time under a
 //! falling threshold (threshold accepting; Dueck and Scheuer, Journal of Computational Physics 90, 1990), from several
-//! starts, and at the end every block in turn until no single node helps. The same input gives the same result.
+//! starts, and at the end every block in turn until no single node helps. Placements that are known already are starts,
+//! too, so that what is found is never worse than they are. The same input gives the same result.
 
 use nalgebra::DMatrix;
 use rand_pcg::Pcg64Mcg;
@@ -33,13 +34,20 @@ impl Effort {
 const LEFT_OF_NOISE: f64 = 0.3;
 
 /// For each block the place of its sensor among its candidates, chosen on the cases at `cases`; `noise` is that of a
-/// sensor, K.
+/// sensor, K. Of one case it leaves no more than any placement of `known` does.
 #[must_use]
-pub fn multi_case(problem: &Problem, cases: &[usize], noise: f64, effort: Effort) -> Vec<usize> {
+pub fn multi_case(
+    problem: &Problem,
+    cases: &[usize],
+    noise: f64,
+    effort: Effort,
+    known: &[&[usize]],
+) -> Vec<usize> {
     let search = Search::new(problem, cases, noise);
     let starts: Vec<u64> = (0..effort.starts).collect();
     let found = crate::placement::parallel::map(&starts, |seed| search.from(*seed, effort.changes));
-    let best = found.into_iter().min_by(|(one, _), (other, _)| one.total_cmp(other));
+    let known = known.iter().map(|places| search.settle(search.stand(places.to_vec())));
+    let best = found.into_iter().chain(known).min_by(|(one, _), (other, _)| one.total_cmp(other));
     best.map(|(_, places)| places).unwrap_or_default()
 }
 
