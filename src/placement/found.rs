@@ -10,10 +10,10 @@ use super::blocks::{AXES, Part, Reach, blocks};
 use super::body::Progress;
 use super::mesh::Mesh;
 use super::methods::bounded::bounded;
-use super::methods::multi_case::{Effort, multi_case, noise_um};
-use super::methods::patent::{Iterated, Round, patent};
+use super::methods::multi_case::{Effort, Tolerated, multi_case, noise_um};
+use super::methods::patent::{Round, patent};
 use super::methods::{Method, central, nearest};
-use super::problem::{Aim, Block, Load, Problem, count};
+use super::problem::{Block, Load, Problem, count};
 use super::structure::Adjoint;
 
 mod divisions;
@@ -36,6 +36,12 @@ pub struct Asked {
     pub misplaced: f64,
     /// Below this `patent` looks no further, µm RMS.
     pub enough: f64,
+}
+
+impl Asked {
+    fn tolerated(&self) -> Tolerated {
+        Tolerated { noise: self.noise, enough: self.enough }
+    }
 }
 
 /// A structure under its load cases.
@@ -211,23 +217,6 @@ fn by_name<S: serde::Serializer>(cases: &[CaseFound], to: S) -> Result<S::Ok, S:
     to.collect_map(cases.iter().map(|case| (&case.name, case)))
 }
 
-/// What serves one case alone.
-struct Alone {
-    /// The best block temperatures there are.
-    floor: Vec<f64>,
-    by_bounded: Vec<usize>,
-    iterated: Iterated,
-    by_patent: Vec<usize>,
-}
-
-impl Alone {
-    fn new(problem: &Problem, aim: &Aim, enough: f64) -> Alone {
-        let (floor, iterated) = (bounded(problem, aim), patent(problem, aim, enough));
-        let (by_bounded, by_patent) = (nearest(aim, &floor), nearest(aim, &iterated.theta));
-        Alone { floor, by_bounded, iterated, by_patent }
-    }
-}
-
 /// More than this share of the error is the blocks' own: they limit.
 const LIMITS: f64 = 0.7;
 
@@ -240,16 +229,12 @@ pub fn place(study: &Study<'_>, asked: &Asked, progress: Progress<'_>) -> Result
     let problem = Problem::new(blocks, study.p, study.loads, &asked.components);
     let all: Vec<usize> = (0..problem.aims.len()).collect();
     progress("sensors", 0, all.len() + 2);
-    let alone: Vec<Alone> = problem.aims.iter().map(|aim| Alone::new(&problem, aim, asked.enough)).collect();
-    let known: Vec<&[usize]> =
-        alone.iter().flat_map(|alone| [alone.by_patent.as_slice(), &alone.by_bounded]).collect();
-    let together = multi_case(&problem, &all, asked.noise, Effort::FULL, &known);
+    let together = multi_case(&problem, &all, asked.tolerated(), Effort::FULL);
     progress("sensors", 1, all.len() + 2);
     let central = central(&problem, &study.mesh.xyz);
     let mut cross = Vec::new();
     let mut cases = Vec::new();
-    for (case, (aim, alone)) in problem.aims.iter().zip(alone).enumerate() {
-        let Alone { floor, iterated, by_bounded, by_patent } = alone;
+    for (case, aim) in problem.aims.iter().enumerate() {
         let error = |theta: &[f64]| Error {
             rms_um: problem.rms(aim, theta),
             max_um: largest(&problem.left(aim, theta)),
@@ -266,9 +251,12 @@ pub fn place(study: &Study<'_>, asked: &Asked, progress: Progress<'_>) -> Result
             }
         };
         let naive: Vec<f64> = central.iter().map(|node| study.loads[case].rise[*node]).collect();
+        let floor = bounded(&problem, aim);
+        let iterated = patent(&problem, aim, asked.enough);
+        let (by_patent, by_bounded) = (nearest(aim, &iterated.theta), nearest(aim, &floor));
         let others: Vec<usize> = all.iter().copied().filter(|other| *other != case).collect();
         let left_out = (!others.is_empty())
-            .then(|| problem.rms_of(aim, &multi_case(&problem, &others, asked.noise, Effort::SHORT, &[])));
+            .then(|| problem.rms_of(aim, &multi_case(&problem, &others, asked.tolerated(), Effort::SHORT)));
         cases.push(CaseFound {
             name: aim.name.clone(),
             delta1_mm: study.loads[case].moved_mm.clone(),

@@ -26,7 +26,7 @@ pub(super) fn other_divisions(
         let columns: Vec<Vec<f64>> = changed.parts.iter().map(|part| adjoint.block(&part.nodes)).collect();
         let problem = Problem::new(blocks, &rows(&columns), study.loads, &asked.components);
         let cases: Vec<usize> = (0..problem.aims.len()).collect();
-        let places = multi_case(&problem, &cases, asked.noise, Effort::SHORT, &[]);
+        let places = multi_case(&problem, &cases, asked.tolerated(), Effort::SHORT);
         let rms: Vec<f64> = problem.aims.iter().map(|aim| problem.rms_of(aim, &places)).collect();
         Some(Numbered {
             sensors: changed.parts.len(),

@@ -1,18 +1,21 @@
 //! One node per block that serves all load cases together.
 //!
 //! What a case can have at best is its floor (the best block temperatures there are) and what the sensors' own noise
-//! does. Every case's error is measured against that, and the sum of the sixth powers of these ratios is made small:
-//! the worst case counts most, and a case that cannot be better draws nothing. Nodes are changed one at a time under a
-//! falling threshold (threshold accepting; Dueck and Scheuer, Journal of Computational Physics 90, 1990), from several
-//! starts, and at the end every block in turn until no single node helps. Placements that are known already are starts,
-//! too, so that what is found is never worse than they are. The same input gives the same result.
+//! does; what is good enough is what the patent leaves of it that knows no other case. Every case's error is measured
+//! against the larger of the two, and the sum of the sixth powers of these ratios is made small: the worst case counts
+//! most, and a case that cannot be better draws nothing. Nodes are changed one at a time under a falling threshold
+//! (threshold accepting; Dueck and Scheuer, Journal of Computational Physics 90, 1990), from several starts, and at the
+//! end every block in turn until no single node helps. What serves one case alone is a start, too: given that case
+//! alone, no more of it is left than by the patent or by bounded least squares. The same input gives the same result.
 
 use nalgebra::DMatrix;
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::{Rng, SeedableRng};
 
 use super::bounded::bounded;
-use crate::placement::problem::{Problem, count};
+use super::nearest;
+use super::patent::patent;
+use crate::placement::problem::{Aim, Problem, count};
 
 /// How hard it looks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,21 +36,25 @@ impl Effort {
 /// The part of a sensor's noise that a minute's mean leaves: it is what counts beside the floor.
 const LEFT_OF_NOISE: f64 = 0.3;
 
-/// For each block the place of its sensor among its candidates, chosen on the cases at `cases`; `noise` is that of a
-/// sensor, K. Of one case it leaves no more than any placement of `known` does.
+/// What is as good as nothing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tolerated {
+    /// A sensor's noise, K.
+    pub noise: f64,
+    /// The patent's iteration ends below this, µm RMS.
+    pub enough: f64,
+}
+
+/// For each block the place of its sensor among its candidates, chosen on the cases at `cases`.
 #[must_use]
-pub fn multi_case(
-    problem: &Problem,
-    cases: &[usize],
-    noise: f64,
-    effort: Effort,
-    known: &[&[usize]],
-) -> Vec<usize> {
-    let search = Search::new(problem, cases, noise);
+pub fn multi_case(problem: &Problem, cases: &[usize], tolerated: Tolerated, effort: Effort) -> Vec<usize> {
+    let alone: Vec<Alone> = cases.iter().map(|case| Alone::new(problem, *case, tolerated)).collect();
+    let search = Search::new(problem, &alone);
     let starts: Vec<u64> = (0..effort.starts).collect();
     let found = crate::placement::parallel::map(&starts, |seed| search.from(*seed, effort.changes));
-    let known = known.iter().map(|places| search.settle(search.stand(places.to_vec())));
-    let best = found.into_iter().chain(known).min_by(|(one, _), (other, _)| one.total_cmp(other));
+    let known = alone.into_iter().flat_map(|alone| alone.placements);
+    let found = found.into_iter().chain(known.map(|places| search.settle(search.stand(places))));
+    let best = found.min_by(|(one, _), (other, _)| one.total_cmp(other));
     best.map(|(_, places)| places).unwrap_or_default()
 }
 
@@ -57,6 +64,28 @@ pub fn noise_um(problem: &Problem, noise: f64) -> f64 {
     noise * (problem.matrix.norm_squared() / problem.rows().max(1.0)).sqrt()
 }
 
+/// What serves one case alone.
+struct Alone<'a> {
+    aim: &'a Aim,
+    /// By the patent, and by bounded least squares.
+    placements: [Vec<usize>; 2],
+    /// The squared error that its error is measured against, µm² over the guideway.
+    measure: f64,
+}
+
+impl<'a> Alone<'a> {
+    fn new(problem: &'a Problem, case: usize, Tolerated { noise, enough }: Tolerated) -> Alone<'a> {
+        let aim = &problem.aims[case];
+        let floor = bounded(problem, aim);
+        let by_patent = nearest(aim, &patent(problem, aim, enough).theta);
+        let unavoidable = problem.rms(aim, &floor).hypot(noise_um(problem, LEFT_OF_NOISE * noise));
+        // µm: what is less is nothing.
+        let measure = unavoidable.max(problem.rms_of(aim, &by_patent)).max(1e-3);
+        let placements = [by_patent, nearest(aim, &floor)];
+        Alone { aim, placements, measure: measure.powi(2) * problem.rows() }
+    }
+}
+
 struct Search {
     /// For each block, candidate after candidate, the rise in each case.
     offered: Vec<Vec<f64>>,
@@ -64,7 +93,7 @@ struct Search {
     /// For each block, P'δ1 of each case.
     cross: Vec<Vec<f64>>,
     power: Vec<f64>,
-    /// For each case 1 over its unavoidable squared error.
+    /// For each case 1 over the squared error that it is measured against.
     weight: Vec<f64>,
     cases: usize,
 }
@@ -85,14 +114,8 @@ const THRESHOLD: (f64, f64) = (2.0, 1e-4);
 const STRETCH: u32 = 256;
 
 impl Search {
-    fn new(problem: &Problem, cases: &[usize], noise: f64) -> Search {
-        let aims: Vec<_> = cases.iter().map(|case| &problem.aims[*case]).collect();
-        let unavoidable = |aim| {
-            let floor = problem.rms(aim, &bounded(problem, aim));
-            let both = floor.powi(2) + noise_um(problem, LEFT_OF_NOISE * noise).powi(2);
-            // µm²: what is less is nothing.
-            both.max(1e-6) * problem.rows()
-        };
+    fn new(problem: &Problem, alone: &[Alone<'_>]) -> Search {
+        let aims: Vec<_> = alone.iter().map(|alone| alone.aim).collect();
         let blocks = 0..problem.blocks.len();
         let offered = |block: usize| {
             let candidates = 0..problem.blocks[block].candidates.len();
@@ -103,7 +126,7 @@ impl Search {
             square: problem.square().clone(),
             cross: blocks.map(|block| aims.iter().map(|aim| aim.cross()[block]).collect()).collect(),
             power: aims.iter().map(|aim| aim.power()).collect(),
-            weight: aims.iter().map(|aim| 1.0 / unavoidable(aim)).collect(),
+            weight: alone.iter().map(|alone| 1.0 / alone.measure).collect(),
             cases: aims.len(),
         }
     }
