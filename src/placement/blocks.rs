@@ -131,9 +131,10 @@ fn disjoint(mesh: &Mesh, sets: &[(&String, &Vec<usize>)], used: &[bool]) -> Resu
             names.join(", ")
         ));
     }
-    let part = |(name, nodes): &(&String, &Vec<usize>)| Part {
-        name: (*name).clone(),
-        nodes: nodes.iter().copied().filter(|node| used[*node]).collect(),
+    let part = |(name, nodes): &(&String, &Vec<usize>)| {
+        let mut nodes: Vec<usize> = nodes.iter().copied().filter(|node| used[*node]).collect();
+        nodes.sort_unstable();
+        Part { name: (*name).clone(), nodes }
     };
     let parts: Vec<Part> = sets.iter().map(part).collect();
     wrong.extend(

@@ -84,7 +84,7 @@ pub struct Mesh {
     pub xyz: Vec<[f64; 3]>,
     /// The tetrahedra.
     pub elements: Vec<Element>,
-    /// Places of nodes, ascending and each once, by the name of the set in capitals.
+    /// Places of nodes, in the deck's order and each once, by the name of the set in capitals.
     pub node_sets: BTreeMap<String, Vec<usize>>,
     /// Places of elements, ascending and each once, by the name of the set in capitals.
     pub element_sets: BTreeMap<String, Vec<usize>>,

@@ -3,7 +3,7 @@
 use isotherm::placement::column::Warming;
 use serde_json::Value;
 
-use crate::column::{decks, guide, place};
+use crate::column::{changed, decks, guide, place};
 use crate::process::{file, isotherm};
 
 const CASES: [Warming; 3] = [Warming::Air, Warming::Spindle, Warming::Motor];
@@ -70,6 +70,33 @@ fn placed_by_one_case_alone_it_is_at_least_as_good_as_the_patent_on_every_case()
         for method in ["patent", "bounded"] {
             let placed = number(&case[method]["rms_um"]);
             assert!(left <= placed + 1e-9, "{name}: {left}, {method} {placed}");
+        }
+    }
+}
+
+#[test]
+fn rows_come_in_the_order_in_which_the_deck_names_the_guideway() {
+    let home = tempfile::tempdir().unwrap();
+    decks(home.path(), &CASES[..1]);
+    let found =
+        || -> Value { serde_json::from_str(&place(home.path(), &["air.inp", "--json"]).out).unwrap() };
+    let nodes = |found: &Value| found["guide_nodes"].as_array().unwrap().clone();
+    let before = found();
+    let backwards: Vec<Value> = nodes(&before).into_iter().rev().collect();
+    changed(home.path(), |text| {
+        let (head, rest) = text.split_once("*NSET, NSET=GUIDE\n").unwrap();
+        let (_, tail) = rest.split_once('*').unwrap();
+        let lines: String = backwards.iter().map(|node| format!("{node},\n")).collect();
+        format!("{head}*NSET, NSET=GUIDE\n{lines}*{tail}")
+    });
+    let after = found();
+    assert_eq!(nodes(&after), backwards);
+    // Rows 3·guide + component: those of the first node are now those of the last.
+    let last = 3 * (guide() - 1);
+    for component in 0..3 {
+        let row = |found: &Value, at: usize| found["P"][at].as_array().unwrap().clone();
+        for (one, other) in row(&before, component).iter().zip(row(&after, last + component)) {
+            assert!((number(one) - number(&other)).abs() < 1e-12, "{one} {other}");
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Names looked up, the whole checked.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::Path;
 
 use super::model::{Member, Members};
@@ -35,7 +35,8 @@ pub(super) fn deck(path: &Path, raw: &Raw, faults: &mut Vec<Fault>) -> Option<De
         raw.outlines.iter().enumerate().map(|(at, (id, ..))| (*id, mesh.elements.len() + at)).collect();
     let element = |id: u32| elements.get(&id).or_else(|| flat.get(&id)).copied();
     mesh.node_sets = sets(&raw.node_sets, "node", node, faults);
-    let element_sets = sets(&raw.element_sets, "element", element, faults);
+    let mut element_sets = sets(&raw.element_sets, "element", element, faults);
+    element_sets.values_mut().for_each(|set| set.sort_unstable());
     let surfaces = outline::surfaces(raw, &mut mesh, element_sets, faults);
     let names = Names { mesh: &mesh, elements: &elements, surfaces: &surfaces };
     whole_body(raw, &mesh, faults);
@@ -185,8 +186,8 @@ fn sets(
             None => sets.entry(members.name.clone()).or_default(),
         };
         set.append(&mut found);
-        set.sort_unstable();
-        set.dedup();
+        let mut seen = HashSet::new();
+        set.retain(|at| seen.insert(*at));
     }
     for members in raw.iter().filter(|members| members.own_card && members.members.is_empty()) {
         faults.push(members.place.fault(format!("{what} set {} is empty", members.name)));

@@ -78,6 +78,15 @@ fn with(from: &str, to: &str) -> String {
 }
 
 #[test]
+fn a_node_set_keeps_the_order_of_its_deck_and_has_every_node_once() {
+    let text =
+        DECK.replacen("*MATERIAL", "*NSET, NSET=RAIL\n3, 1, 3\n*NSET, NSET=BOTH\n4, RAIL\n*MATERIAL", 1);
+    let deck = read_text(&text).unwrap_or_else(|faults| panic!("{faults}"));
+    assert_eq!(deck.mesh.node_sets["RAIL"], [2, 0]);
+    assert_eq!(deck.mesh.node_sets["BOTH"], [3, 2, 0]);
+}
+
+#[test]
 fn a_deck_becomes_a_mesh_materials_and_a_load_case() {
     let deck = read_text(DECK).unwrap_or_else(|faults| panic!("{faults}"));
     assert_eq!(deck.name, "case");
