@@ -78,10 +78,17 @@ fn placed_by_one_case_alone_it_is_at_least_as_good_as_the_patent_on_every_case()
 fn rows_come_in_the_order_in_which_the_deck_names_the_guideway() {
     let home = tempfile::tempdir().unwrap();
     decks(home.path(), &CASES[..1]);
-    let found =
-        || -> Value { serde_json::from_str(&place(home.path(), &["air.inp", "--json"]).out).unwrap() };
+    let deck = std::fs::read_to_string(home.path().join("air.inp")).unwrap();
+    let structure = std::fs::read_to_string(home.path().join("structure.inc")).unwrap();
+    file(home.path(), "forwards.inc", &structure);
+    file(home.path(), "forwards.inp", &deck.replace("structure.inc", "forwards.inc"));
+    let found = |decks: &[&str]| -> Value {
+        let answer = place(home.path(), &[decks, &["--json"]].concat());
+        assert_eq!(answer.code, Some(0), "{}", answer.said);
+        serde_json::from_str(&answer.out).unwrap()
+    };
     let nodes = |found: &Value| found["guide_nodes"].as_array().unwrap().clone();
-    let before = found();
+    let before = found(&["air.inp"]);
     let backwards: Vec<Value> = nodes(&before).into_iter().rev().collect();
     changed(home.path(), |text| {
         let (head, rest) = text.split_once("*NSET, NSET=GUIDE\n").unwrap();
@@ -89,7 +96,8 @@ fn rows_come_in_the_order_in_which_the_deck_names_the_guideway() {
         let lines: String = backwards.iter().map(|node| format!("{node},\n")).collect();
         format!("{head}*NSET, NSET=GUIDE\n{lines}*{tail}")
     });
-    let after = found();
+    // Where decks name them differently, the first one's order counts: it is one structure nevertheless.
+    let after = found(&["air.inp", "forwards.inp"]);
     assert_eq!(nodes(&after), backwards);
     // Rows 3·guide + component: those of the first node are now those of the last.
     let last = 3 * (guide() - 1);

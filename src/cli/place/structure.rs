@@ -1,5 +1,7 @@
 //! From decks to what sensors are chosen on: temperatures, displacements, P.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use super::{Arguments, Engine, Failure};
 use crate::placement::blocks::{Part, Reach, parts};
 use crate::placement::body::Progress;
@@ -163,7 +165,7 @@ pub(super) fn differs(first: &Deck, other: &Deck) -> Option<String> {
         "their nodes lie elsewhere".to_owned()
     } else if one.elements != two.elements {
         "their elements differ".to_owned()
-    } else if one.node_sets != two.node_sets {
+    } else if members(one) != members(two) {
         "their node sets differ".to_owned()
     } else if first.materials != other.materials {
         "their materials differ".to_owned()
@@ -175,6 +177,11 @@ pub(super) fn differs(first: &Deck, other: &Deck) -> Option<String> {
          that each deck includes)",
         first.name, other.name
     ))
+}
+
+/// Node sets without the order in which a deck names their nodes: the first deck's is that of P's rows.
+fn members(mesh: &Mesh) -> BTreeMap<&str, BTreeSet<usize>> {
+    mesh.node_sets.iter().map(|(name, nodes)| (name.as_str(), nodes.iter().copied().collect())).collect()
 }
 
 /// The nodes of a set that must be there.
