@@ -15,7 +15,7 @@ use std::time::Duration;
 
 use criterion::{Criterion, Throughput};
 use isotherm::clock::Clock;
-use isotherm::gateway::{Gateway, Options};
+use isotherm::gateway::{Gateway, Options, Pace};
 use isotherm::profile;
 
 /// The gateway's loops per loop of the blocking socket, at least.
@@ -35,7 +35,7 @@ timeout = "300ms"
 [device.module]
 bus = "cell"
 unit = 1
-every = "1us"
+every = "1s"
 [device.readout]
 bus = "cell"
 unit = 1
@@ -168,14 +168,14 @@ impl Running {
     fn start(server: &Server, axis_every: Duration) -> Running {
         let text = PROFILE.replace("ADDRESS", &server.address.to_string());
         let loaded = profile::parse(Path::new("bench.toml"), &text, &[], &[]);
-        let mut profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;
-        // Faster than a profile may ask for, so that each loop contains a step.
-        profile.axes[0].settings.every = axis_every;
+        let profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;
+        // Without a pause, and each loop with a step.
+        let pace = Some(Pace { polls: Duration::from_micros(1), axes: axis_every });
         let (stop, stopped) = tokio::sync::oneshot::channel::<()>();
         let thread = std::thread::spawn(move || {
             let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
             runtime.block_on(async {
-                let gateway = Gateway::new(profile, &Clock::wall(), Options::default());
+                let gateway = Gateway::new(profile, &Clock::wall(), Options { pace, ..Options::default() });
                 let stopping = async { drop(stopped.await) };
                 gateway.run(stopping, std::future::ready(())).await;
             });

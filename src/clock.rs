@@ -15,12 +15,16 @@ use std::time::Duration;
 use crate::quantity::Moment;
 
 mod inlet;
+mod looks;
+mod passing;
 mod patience;
 mod silence;
 mod simulated;
 mod wall;
 
 pub use inlet::{Inlet, Taking};
+pub use looks::Looks;
+pub use passing::Passing;
 pub use patience::Patience;
 pub use silence::Silence;
 
@@ -67,9 +71,19 @@ pub struct Hold {
 }
 
 impl Clock {
-    /// The wall's time. Anchored once, monotonic from there.
+    /// The wall's time. Anchored once; from there it counts what passes, a computer's suspension included.
     pub fn wall() -> Clock {
-        Clock(Source::Wall(Arc::new(Wall::start())))
+        Clock::wall_by(Passing::default())
+    }
+
+    /// The wall's time as this counts it.
+    pub fn wall_by(passing: Passing) -> Clock {
+        Clock(Source::Wall(Arc::new(Wall::start(passing))))
+    }
+
+    /// Its time passes only as its sleepers sleep: it never stands still, and nothing comes too late.
+    pub fn is_virtual(&self) -> bool {
+        matches!(self.0, Source::Simulated(_))
     }
 
     /// A virtual time that begins at `start` and runs at most `speed` times as fast as the wall; `None`: as fast as

@@ -1,4 +1,4 @@
-//! Registers and frame bits ↔ numbers: tables and addresses, types, word order, scale, raw sentinels, saturation.
+//! Registers and frame bits ↔ numbers: addresses, types, word order, scale, raw sentinels, saturation.
 //!
 //! A value spans one to four 16-bit registers (or one coil). Integers are compared with their sentinels *before*
 //! scaling: −512 is "open circuit" to some modules and would scale to a plausible −32.0 °C.
@@ -13,14 +13,18 @@ mod can;
 mod checksum;
 mod counter;
 mod data_type;
+mod field;
+mod object;
 mod scale;
 
-pub use address::{Address, Table};
+pub use address::{Address, Register, Table};
 pub use bits::{BitField, BitKind, ByteOrder};
 pub use can::{CanId, CanMatch, Frame};
 pub use checksum::checksum;
 pub use counter::{Counter, Motion, Tracked};
 pub use data_type::DataType;
+pub use field::{Field, Selector};
+pub use object::{Entry, Object};
 pub use scale::Scale;
 
 use data_type::integer_of;

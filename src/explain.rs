@@ -6,14 +6,15 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::codec::{Address, DataType, Sentinel};
+use crate::codec::{self, Address, DataType, Sentinel};
 use crate::fieldbus::plan::{plan, summary};
-use crate::profile::{BusId, Device, DeviceId, Flag, Profile, Signal, Template, Unit};
+use crate::profile::{BusId, Device, DeviceId, Flag, Profile, ProfileError, Signal, Template, Unit};
 use crate::reading::{Reason, SignalId};
 
 mod axis;
 mod can;
 mod device;
+mod load;
 mod output;
 mod serial;
 mod set;
@@ -21,6 +22,7 @@ mod set;
 pub use axis::{AxisExplained, ModelExplained};
 pub use can::{CanExplained, CanLineExplained};
 pub use device::CheckExplained;
+pub use load::{LoadExplained, Verdict};
 pub use output::{HeartbeatExplained, WriteExplained};
 pub use serial::SerialExplained;
 pub use set::{HandshakeExplained, SetExplained};
@@ -61,10 +63,14 @@ pub struct BusExplained {
     pub tls: Option<TlsExplained>,
     /// Longest wait for an answer.
     pub timeout: String,
+    /// How long a write that was not answered may still arrive.
+    pub late: String,
     /// A serial port's settings and its time.
     pub serial: Option<SerialExplained>,
     /// What passes on a CAN line.
     pub can: Option<CanLineExplained>,
+    /// How full it is; `None` where nobody is asked.
+    pub load: Option<LoadExplained>,
 }
 
 /// Whom a secured line trusts.
@@ -149,7 +155,7 @@ pub struct SignalExplained {
 }
 
 impl Register {
-    fn of(address: Address) -> Register {
+    fn of(address: codec::Register) -> Register {
         Register { protocol: address.to_string(), modicon: address.modicon() }
     }
 
@@ -159,19 +165,13 @@ impl Register {
     }
 
     /// Where a value of a device is.
-    fn at(profile: &Profile, device: DeviceId, address: Address, data_type: DataType) -> Register {
-        if address.table.is_can() {
-            return Register { protocol: profile.place(device, address), modicon: String::new() };
-        }
-        Register::of_bit(address, data_type)
-    }
-
-    fn of_bit(address: Address, data_type: DataType) -> Register {
-        let bit = match data_type {
-            DataType::Bit(bit) => Some(bit),
-            _ => None,
+    fn at(address: &Address, data_type: DataType) -> Register {
+        let (register, bit) = match (address, data_type) {
+            (Address::Modbus(register), DataType::Bit(bit)) => (*register, Some(bit)),
+            (Address::Modbus(register), _) => (*register, None),
+            (other, _) => return Register { protocol: other.to_string(), modicon: String::new() },
         };
-        let flag = Flag { address, bit };
+        let flag = Flag { address: register, bit };
         Register { protocol: flag.to_string(), modicon: flag.modicon() }
     }
 }
@@ -206,15 +206,20 @@ impl Explanation {
             heartbeat: profile.heartbeat.as_ref().map(|heartbeat| output::heartbeat(profile, heartbeat)),
         }
     }
+
+    /// What of it, explained from this profile, cannot be kept: lines that are too full.
+    pub fn warnings(&self, profile: &Profile) -> Vec<ProfileError> {
+        load::warnings(self, profile)
+    }
 }
 
 fn device_explained(profile: &Profile, id: DeviceId, device: &Device) -> DeviceExplained {
-    let is_asked = |signal: &Signal| signal.device == id && !signal.address.table.is_can();
+    let is_asked = |signal: &Signal| signal.device == id && signal.address.register().is_some();
     let signals = profile.signals.iter().enumerate().filter(|(_, signal)| is_asked(signal));
     let requests = plan(device, signals.map(|(index, signal)| (SignalId(index), signal)));
     let explained = requests.iter().map(|request| RequestExplained {
         read: request.to_string(),
-        function: request.table.read_function(),
+        function: request.request().function(),
         signals: request.fields.iter().map(|field| profile.signal(field.signal).name.clone()).collect(),
     });
     DeviceExplained {
@@ -257,9 +262,9 @@ fn signal_explained(profile: &Profile, id: SignalId) -> SignalExplained {
     SignalExplained {
         name: signal.name.clone(),
         device: profile.device(signal.device).name.clone(),
-        register: Register::at(profile, signal.device, signal.address, encoding.data_type),
+        register: Register::at(&signal.address, encoding.data_type),
         data_type: encoding.data_type.name(),
-        word_order: (encoding.data_type.registers() > 1 && !signal.address.table.is_can())
+        word_order: (encoding.data_type.registers() > 1 && signal.address.register().is_some())
             .then(|| encoding.word_order.to_string()),
         scale: encoding.scale.get(),
         offset: encoding.offset,
@@ -289,6 +294,7 @@ impl fmt::Display for Explanation {
         writeln!(f)?;
         for bus in &self.buses {
             writeln!(f, "\nbus {}: {} at {}, timeout {}", bus.name, bus.kind, bus.address, bus.timeout)?;
+            writeln!(f, "  a write that is not answered may still arrive for {}", bus.late)?;
             if let Some(tls) = &bus.tls {
                 let TlsExplained { name, trusts, shows } = tls;
                 writeln!(
@@ -301,6 +307,9 @@ impl fmt::Display for Explanation {
             }
             if let Some(can) = &bus.can {
                 write!(f, "{can}")?;
+            }
+            if let Some(load) = &bus.load {
+                write!(f, "{load}")?;
             }
             for device in self.devices.iter().filter(|device| device.bus == bus.name) {
                 let DeviceExplained { name, unit, every, summary, .. } = device;

@@ -1,22 +1,26 @@
 //! The fieldbus: one owner per physical line, reads and writes in one order, every fault by its blame.
 //!
 //! - [`plan`] — pure: the signals of a device become the fewest read requests.
-//! - [`wire`] — the border behind which the Modbus library lives; [`modbus`] is the library's side of it.
-//! - [`rtu`] — frames of a serial line, on a port ([`serial`]) or through TCP.
+//! - [`wire`] — the border behind which a transport lives.
+//! - [`modbus`] — frames of Modbus TCP; [`rtu`] — frames of a serial line, on a port ([`serial`]) or through TCP; what both
+//!   carry is made and compared in one place, by the Modbus library.
 //! - [`trace`] — the wire log: every frame, while somebody listens.
 //! - [`canopen`] — what a CANopen master needs, frames in and frames out.
 //! - [`can`] — one CAN interface: frames, error frames, its state, what is asked and written there.
 //! - [`tls`] — Modbus TCP inside TLS.
-//! - [`mod@line`] — one request at a time, timeout, breaker per device, reconnection.
+//! - [`mod@line`] — the one way to ask a device: one request at a time, timeout, last moment, breaker, reconnection.
 
 pub mod backoff;
 pub mod can;
 pub mod canopen;
+pub mod departure;
 mod eager;
 pub mod error;
 pub mod line;
 pub mod modbus;
+mod pdu;
 pub mod plan;
+pub mod port;
 pub mod rtu;
 pub mod serial;
 pub mod tls;
@@ -25,24 +29,16 @@ pub mod wire;
 
 use crate::profile::{Bus, Transport};
 
-/// What opens the connections of a bus, by what it is made of.
-pub fn dial(bus: &Bus) -> Box<dyn wire::Dial> {
-    match bus.transport {
+/// What opens the connections of a Modbus line, by what it is made of. `None` for a CAN interface: it is listened to
+/// before anything is asked there, and who listens opens it.
+pub fn dial(bus: &Bus) -> Option<Box<dyn wire::Dial>> {
+    Some(match bus.transport {
         Transport::Tcp => match &bus.tls {
-            Some(tls) => Box::new(tls::TlsDial::new(&bus.address, tls)),
-            None => Box::new(modbus::TcpDial::new(&bus.address)),
+            Some(tls) => Box::new(tls::TlsDial::new(&bus.address, bus.timeout, tls)),
+            None => Box::new(modbus::TcpDial::new(&bus.address, bus.timeout)),
         },
-        Transport::RtuOverTcp => Box::new(rtu::RtuOverTcpDial::new(&bus.address)),
+        Transport::RtuOverTcp => Box::new(rtu::RtuOverTcpDial::new(&bus.address, bus.timeout)),
         Transport::Serial(serial) => Box::new(serial::SerialDial::new(&bus.address, serial)),
-        Transport::Can => Box::new(NoLine),
-    }
-}
-
-/// A line of a kind that cannot be opened.
-struct NoLine;
-
-impl wire::Dial for NoLine {
-    fn dial(&mut self) -> wire::Boxed<'_, Result<wire::Connection, error::Fault>> {
-        Box::pin(std::future::ready(Err(error::Fault::Link(error::LinkFault::Unsuited))))
-    }
+        Transport::Can => return None,
+    })
 }

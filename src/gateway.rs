@@ -15,7 +15,7 @@ use tokio::task::{Id, JoinError, JoinSet};
 
 use crate::clock::{Clock, Sleeper};
 use crate::fieldbus::dial;
-use crate::fieldbus::line::Line;
+use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::Dial;
 use crate::observe::events::{Event, Journal};
 use crate::observe::status::Source;
@@ -35,6 +35,8 @@ mod levels;
 pub mod log;
 mod memory;
 mod output;
+mod overrun;
+mod pause;
 mod poll;
 mod probing;
 mod restart;
@@ -42,6 +44,7 @@ mod shared;
 mod status;
 mod watch;
 mod wire_log;
+mod witness;
 mod words;
 
 use can::{Can, Ear};
@@ -58,7 +61,7 @@ pub use wire_log::WireLog;
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
 
 /// What opens the connections of a bus.
-pub type Dialer = Arc<dyn Fn(&Bus) -> Box<dyn Dial> + Send + Sync>;
+pub type Dialer = Arc<dyn Fn(&Bus) -> Option<Box<dyn Dial>> + Send + Sync>;
 
 /// How a gateway is run.
 pub struct Options {
@@ -68,8 +71,11 @@ pub struct Options {
     pub directory: Option<PathBuf>,
     /// What opens connections; something else than the field's in tests.
     pub dialer: Dialer,
-    /// How long a line may go without a cycle; `None`: what its timeouts allow. Tests make it short.
+    /// How long a line may go without a turn; `None`: what its timeouts allow. Tests make it short.
     pub watch: Option<Duration>,
+    /// How often every device is polled and every axis decides, whatever the profile says: what a bench measures is often
+    /// faster than a profile may be.
+    pub pace: Option<Pace>,
     /// Called where a stuck gateway cannot even stop.
     pub give_up: Arc<dyn Fn() + Send + Sync>,
 }
@@ -81,10 +87,23 @@ impl Default for Options {
             directory: None,
             dialer: Arc::new(dial),
             watch: None,
+            pace: None,
             give_up: Arc::new(|| {}),
         }
     }
 }
+
+/// How fast a gateway goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pace {
+    /// The period of every device's polls.
+    pub polls: Duration,
+    /// The period of every axis.
+    pub axes: Duration,
+}
+
+/// What listens on a CAN line, and what the line shares with it.
+type Listener = (Arc<Can>, Ear);
 
 /// A gateway that is about to run.
 pub struct Gateway {
@@ -107,7 +126,11 @@ pub struct Outcome {
 
 impl Gateway {
     /// Wires a profile. Joins the clock, one sleeper a line, in the order of the profile.
-    pub fn new(profile: Profile, clock: &Clock, options: Options) -> Gateway {
+    pub fn new(mut profile: Profile, clock: &Clock, options: Options) -> Gateway {
+        if let Some(Pace { polls, axes }) = options.pace {
+            profile.devices.iter_mut().for_each(|device| device.every = polls);
+            profile.axes.iter_mut().for_each(|axis| axis.settings.every = axes);
+        }
         let profile = Arc::new(profile);
         let journal = Arc::new(Journal::default());
         let mut recalled = memory::Recalled::default();
@@ -201,14 +224,15 @@ impl Gateway {
         let sleepers = std::mem::take(&mut self.sleepers);
         let mut requests = 0;
         for (place, sleeper) in sleepers.into_iter().enumerate() {
-            let (task, ear) = self.line_task(BusId(place), start);
+            let Some((task, ear)) = self.line_task(BusId(place), start) else { continue };
             requests += task.requests();
             lines.insert(tasks.spawn(task.run(sleeper, ear)).id(), BusId(place));
         }
         requests
     }
 
-    fn line_task(&self, bus: BusId, start: Moment) -> (LineTask, Option<(Arc<Can>, Ear)>) {
+    /// The task of a line, with its listener where it is CAN. `None` only where nothing opens a line of its kind.
+    fn line_task(&self, bus: BusId, start: Moment) -> Option<(LineTask, Option<Listener>)> {
         let profile = &self.shared.profile;
         let devices: Vec<(DeviceId, _)> = profile
             .devices
@@ -221,10 +245,13 @@ impl Gateway {
         let ear = Ear::of(&self.shared, bus, self.wire_log.tap(bus));
         let dial: Box<dyn Dial> = match &ear {
             Some((can, _)) => Box::new(can.dial(settings)),
-            None => (self.options.dialer)(settings),
+            None => (self.options.dialer)(settings)?,
         };
-        let line = Line::new(settings, &devices, dial).tapped(self.wire_log.tap(bus));
-        (LineTask::new(self.shared.clone(), bus, line, start), ear)
+        let line = DeviceLine::new(settings, &devices, dial, &self.shared.clock)
+            .tapped(self.wire_log.tap(bus))
+            .witnessed(self.shared.clone())
+            .aged(profile.shortest_age());
+        Some((LineTask::new(self.shared.clone(), bus, line, start), ear))
     }
 
     fn watch(&self, stop: &Arc<Notify>) -> Watch {
@@ -249,7 +276,7 @@ impl Gateway {
         self.shared.core().failed = true;
         let sleeper = self.shared.clock.join();
         self.shared.hang_bell(bus, sleeper.bell());
-        let (again, ear) = self.line_task(bus, self.shared.clock.now());
+        let Some((again, ear)) = self.line_task(bus, self.shared.clock.now()) else { return };
         lines.insert(tasks.spawn(again.run(sleeper, ear)).id(), bus);
     }
 

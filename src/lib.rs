@@ -7,6 +7,7 @@
 //! ```text
 //! quantity ← reading ← { codec, compensation } ← profile ← fieldbus ← gateway ← cli
 //! quantity ← clock ← { fieldbus, gateway, virtual_machine, cli }
+//! quantity ← output                                             nobody knows it yet: gateway is to
 //! quantity, the states of compensation ← observe ← cli           observe's events and status ← gateway
 //! { codec, profile, clock } ← virtual_machine ← cli              nobody else knows virtual_machine
 //! { codec, profile, fieldbus } ← survey ← cli                    nobody else knows survey
@@ -16,8 +17,8 @@
 //! { profile, the read plan of fieldbus } ← explain ← cli         nobody else knows explain
 //! ```
 //!
-//! fieldbus and compensation never know each other. compensation has no tokio, no input or output and no clock: time is
-//! an argument of its step. Only clock knows what time it is.
+//! fieldbus and compensation never know each other. compensation and output have no tokio, no input or output and no
+//! clock: time is an argument of their steps. Only clock knows what time it is.
 
 pub mod cli;
 pub mod clock;
@@ -28,6 +29,7 @@ pub mod fieldbus;
 pub mod gateway;
 pub mod identify;
 pub mod observe;
+pub mod output;
 pub mod placement;
 pub mod profile;
 pub mod quantity;

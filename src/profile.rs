@@ -6,7 +6,7 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use crate::codec::{Address, Counter, Encoding};
+use crate::codec::{Address, Counter, Encoding, Register};
 use crate::compensation::model::Condition;
 use crate::compensation::settings::{AxisSettings, MachineSettings};
 use crate::reading::SignalId;
@@ -32,7 +32,7 @@ mod verify;
 mod walk;
 mod writes;
 
-pub use can::{CanDevice, Emergency, Field, Object, Selector, Setup, Sync};
+pub use can::{CanDevice, Emergency, Setup, Sync};
 pub use display::{Beside, Display, Shown, Stale};
 pub use error::{Errors, ProfileError};
 pub use functions::{Functions, WriteFunction};
@@ -117,6 +117,8 @@ pub struct Bus {
     pub tls: Option<Tls>,
     /// Longest wait for one answer, and for a connection.
     pub timeout: Duration,
+    /// How long a write that was not answered may still arrive. Never less than `timeout`.
+    pub late: Duration,
     /// What its devices need to be treated like.
     pub quirks: Quirks,
     /// The SYNC that is sent on a CAN line.
@@ -193,7 +195,7 @@ pub struct Signal {
     pub name: String,
     /// Where it is read.
     pub device: DeviceId,
-    /// Its first register or its bit.
+    /// Its first register or its bit, its object, its place in frames.
     pub address: Address,
     /// How registers become the value.
     pub encoding: Encoding,
@@ -219,7 +221,7 @@ pub struct Signal {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Capture {
     /// A coil or a holding register of the same device.
-    pub address: Address,
+    pub address: Register,
     /// What is written there; a coil takes zero and not zero.
     pub value: u16,
 }
@@ -282,7 +284,7 @@ pub struct Heartbeat {
     /// Where.
     pub device: DeviceId,
     /// A holding register.
-    pub address: Address,
+    pub address: Register,
     /// How often it counts.
     pub every: Duration,
 }
@@ -306,6 +308,11 @@ pub struct History {
 }
 
 impl Profile {
+    /// The shortest time for which a reading may be used.
+    pub fn shortest_age(&self) -> Duration {
+        self.signals.iter().map(|signal| signal.max_age).min().unwrap_or(Duration::MAX)
+    }
+
     /// The signal.
     pub fn signal(&self, id: SignalId) -> &Signal {
         &self.signals[id.0]

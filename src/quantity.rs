@@ -88,6 +88,9 @@ impl fmt::Display for Micron {
 pub struct Moment(u64);
 
 impl Moment {
+    /// No moment is later.
+    pub const END: Moment = Moment(u64::MAX);
+
     /// The moment this many nanoseconds after the Unix epoch.
     pub const fn from_nanos(nanos: u64) -> Moment {
         Moment(nanos)

@@ -13,12 +13,13 @@ mod source;
 /// Which rooms each room may import. A name behind `::` narrows it to that part of the room.
 ///
 /// The picture of the same is in `src/lib.rs`.
-const ARROWS: [(&str, &[&str]); 16] = [
+const ARROWS: [(&str, &[&str]); 17] = [
     ("quantity", &[]),
     ("reading", &["quantity"]),
     ("clock", &["quantity"]),
     ("codec", &["quantity", "reading"]),
     ("compensation", &["quantity", "reading"]),
+    ("output", &["quantity"]),
     ("profile", &["quantity", "reading", "codec", "compensation"]),
     ("fieldbus", &["quantity", "reading", "codec", "profile", "clock"]),
     ("observe", &["quantity", "compensation::AxisState", "compensation::Stages"]),
@@ -75,7 +76,7 @@ const TOP: [&str; 11] = [
     "packaging",
 ];
 
-const LONGEST: usize = 400;
+const LONGEST: usize = 600;
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -172,9 +173,10 @@ fn only_the_clock_knows_what_time_it_is() {
 }
 
 #[test]
-fn the_heart_touches_nothing_outside_itself() {
+fn the_two_pure_steps_touch_nothing_outside_themselves() {
     let outside = ["tokio", "std::fs", "std::net", "std::io", "std::thread", "std::env", "tracing", "rand"];
-    for source in source::all(root()).iter().filter(|source| source.room() == "compensation") {
+    let is_pure = |room: &str| ["compensation", "output"].contains(&room);
+    for source in source::all(root()).iter().filter(|source| is_pure(source.room())) {
         for word in outside {
             assert!(!source.code.contains(word), "{} uses {word}", source.path);
         }

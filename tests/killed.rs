@@ -175,7 +175,7 @@ impl Lane {
     fn count_on(&mut self) {
         let wire = self.window.requests();
         for seen in &wire[self.seen..] {
-            if !seen.is_write() || seen.address.offset != 104 {
+            if !seen.is_write() || seen.address.register().unwrap().offset != 104 {
                 continue;
             }
             let (before, wanted) = (counts(&seen.before), counts(&seen.wanted));

@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use isotherm::clock::Clock;
-use isotherm::gateway::{Gateway, Options};
+use isotherm::gateway::{Gateway, Options, Pace};
 use isotherm::observe::status::{Source, Status};
 use isotherm::profile;
 
@@ -79,6 +79,10 @@ scale = 0.01
 struct Bank {
     words: [u16; 20],
     written: Vec<(u16, u16)>,
+    /// The first connections end after so many answers each.
+    lives: Vec<usize>,
+    /// Registers that were written on a connection on which nobody had read them.
+    unseen: Vec<u16>,
 }
 
 fn serve(bank: &Arc<Mutex<Bank>>) -> SocketAddr {
@@ -96,18 +100,27 @@ fn serve(bank: &Arc<Mutex<Bank>>) -> SocketAddr {
 
 fn answer(mut stream: TcpStream, bank: &Mutex<Bank>) {
     let mut request = [0u8; 12];
-    while stream.read_exact(&mut request).is_ok() {
+    let mut seen = Vec::new();
+    let lives = bank.lock().unwrap().lives.pop().unwrap_or(usize::MAX);
+    for _ in 0..lives {
+        if stream.read_exact(&mut request).is_err() {
+            return;
+        }
         let word = |at: usize| u16::from_be_bytes([request[at], request[at + 1]]);
         let (from, second) = (word(8), word(10));
         let mut reply = request[..8].to_vec();
         let mut bank = bank.lock().unwrap();
         if request[7] == 3 {
             reply.push(u8::try_from(2 * second).unwrap());
+            seen.extend(from..from + second);
             let (from, count) = (usize::from(from), usize::from(second));
             reply.extend(bank.words[from..from + count].iter().flat_map(|word| word.to_be_bytes()));
         } else {
             bank.words[usize::from(from)] = second;
             bank.written.push((from, second));
+            if !seen.contains(&from) {
+                bank.unseen.push(from);
+            }
             reply.extend_from_slice(&request[8..12]);
         }
         let length = u16::try_from(reply.len() - 6).unwrap();
@@ -121,12 +134,22 @@ fn answer(mut stream: TcpStream, bank: &Mutex<Bank>) {
 
 /// Runs the gateway beside what `script` does with its state; the script's end stops it.
 fn beside(bank: &Arc<Mutex<Bank>>, script: impl FnOnce(&dyn Source) + Send + 'static) {
-    let text = PROFILE.replace("ADDRESS", &serve(bank).to_string());
+    with(PROFILE, bank, None, script);
+}
+
+/// The same with another profile, or with other periods than the profile's.
+fn with(
+    text: &str,
+    bank: &Arc<Mutex<Bank>>,
+    pace: Option<Pace>,
+    script: impl FnOnce(&dyn Source) + Send + 'static,
+) {
+    let text = text.replace("ADDRESS", &serve(bank).to_string());
     let loaded = profile::parse(Path::new("line.toml"), &text, &[], &[]);
     let profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
-        let gateway = Gateway::new(profile, &Clock::wall(), Options::default());
+        let gateway = Gateway::new(profile, &Clock::wall(), Options { pace, ..Options::default() });
         let source = gateway.source();
         let done = tokio::task::spawn_blocking(move || script(source.as_ref()));
         let (tell, told) = tokio::sync::oneshot::channel();
@@ -146,7 +169,7 @@ fn wait_until(source: &dyn Source, what: &str, found: impl Fn(&Status) -> bool) 
             return;
         }
         let events: Vec<&str> = status.events.iter().map(|event| event.text.as_str()).collect();
-        assert!(clock.now().since(begun) < Duration::from_secs(20), "{what}: {:?} {events:#?}", status.axes);
+        assert!(clock.now().since(begun) < Duration::from_secs(60), "{what}: {:?} {events:#?}", status.axes);
         std::thread::sleep(Duration::from_millis(5));
     }
 }
@@ -203,4 +226,28 @@ fn beyond_the_error_level_the_axis_goes_to_zero_and_stays_off_until_it_is_armed(
         set_bed(250);
         wait_until(source, "it follows again", |status| status.axes[0].state == "active");
     });
+}
+
+#[test]
+fn on_a_line_that_is_never_done_with_its_reads_the_axes_go_on() {
+    let bank = Arc::new(Mutex::new(Bank::default()));
+    bank.lock().unwrap().words[0] = 250;
+    let pace = Pace { polls: Duration::from_micros(1), axes: Duration::from_millis(50) };
+    let seen = bank.clone();
+    with(PROFILE, &bank, Some(pace), move |source| {
+        wait_until(source, "K0 and tanβ arrive", |_| seen.lock().unwrap().words[10..12] == [50, 35]);
+    });
+}
+
+#[test]
+fn on_a_connection_that_is_new_a_register_is_read_before_it_is_written_also_where_the_echo_is_enough() {
+    let bank = Arc::new(Mutex::new(Bank { lives: vec![8, 7], ..Bank::default() }));
+    bank.lock().unwrap().words[0] = 250;
+    let text = PROFILE.replace("writes = ", "verify = \"echo\"\nwrites = ");
+    let seen = bank.clone();
+    with(&text, &bank, None, move |source| {
+        wait_until(source, "K0 and tanβ arrive", |_| seen.lock().unwrap().words[10..12] == [50, 35]);
+    });
+    let bank = bank.lock().unwrap();
+    assert!(bank.unseen.is_empty(), "{:?}: {:?}", bank.unseen, bank.written);
 }

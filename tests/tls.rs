@@ -7,11 +7,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use isotherm::clock::Clock;
-use isotherm::codec::{Address, Table};
+use isotherm::codec::{Register, Table};
 use isotherm::explain::Explanation;
+use isotherm::fieldbus::departure::Leave;
 use isotherm::fieldbus::dial;
 use isotherm::fieldbus::error::{Fault, LinkFault, TlsFault};
-use isotherm::fieldbus::line::Line;
+use isotherm::fieldbus::line::DeviceLine;
 use isotherm::fieldbus::wire::{Answer, Request};
 use isotherm::profile::{self, BusId, DeviceId, Errors, Profile, ProfileError};
 use isotherm::virtual_machine::{Ports, Setup, VirtualMachine};
@@ -29,7 +30,7 @@ mod certificates;
 use certificates::{Authority, Signed, signs_itself};
 
 const NOW: (i32, i32) = (2020, 2099);
-const READ: Request<'static> = Request::Read { from: Address { table: Table::Input, offset: 0 }, count: 2 };
+const READ: Request<'static> = Request::Read { from: Register { table: Table::Input, offset: 0 }, count: 2 };
 const PROFILE: &str = include_str!("interop/machine.toml");
 
 /// The machine of the tests against foreign servers, its line secured by these files.
@@ -91,8 +92,9 @@ async fn serve(
 async fn asked(profile: &Profile) -> Result<Answer, Fault> {
     let devices: Vec<_> =
         profile.devices.iter().enumerate().map(|(place, device)| (DeviceId(place), device)).collect();
-    let mut line = Line::new(&profile.buses[0], &devices, dial(&profile.buses[0]));
-    line.call(DeviceId(0), READ, Clock::wall().now()).await
+    let mut line =
+        DeviceLine::new(&profile.buses[0], &devices, dial(&profile.buses[0]).unwrap(), &Clock::wall());
+    line.request(DeviceId(0), READ, Leave::Whenever).await.map(|answered| answered.answer)
 }
 
 fn tls(fault: TlsFault) -> Result<Answer, Fault> {

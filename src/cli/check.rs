@@ -26,6 +26,9 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let profile = load(&arguments.profile, arguments.json)?;
     let explanation = Explanation::of(&profile);
+    for warning in explanation.warnings(&profile) {
+        eprintln!("warning: {warning}");
+    }
     if !arguments.online {
         if arguments.json {
             return print_json(&explanation);

@@ -9,7 +9,6 @@ use crate::clock::Clock;
 use crate::gateway::{Gateway, Options};
 use crate::observe::status::{Source, Status};
 use crate::profile::Profile;
-use crate::survey::Table;
 
 /// The longest that a frame is waited for which comes by itself.
 const LONGEST_PERIOD: Duration = Duration::from_secs(10);
@@ -36,7 +35,7 @@ pub(super) fn watch(profile: Profile, mut look: impl FnMut(Status) -> bool) -> R
     let devices = u32::try_from(profile.devices.len()).unwrap_or(u32::MAX);
     let patience = patience * devices.max(1) + Duration::from_millis(500);
     // What comes by itself comes when it comes.
-    let comes = profile.signals.iter().filter(|signal| signal.address.table == Table::Process);
+    let comes = profile.signals.iter().filter(|signal| signal.address.is_in_frames());
     let patience = comes.map(|signal| signal.max_age.min(LONGEST_PERIOD)).fold(patience, Duration::max);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     runtime.block_on(async {

@@ -8,7 +8,7 @@ use super::target::{self, Target};
 use super::{Failure, print_json};
 use crate::clock::Clock;
 use crate::quantity::Moment;
-use crate::survey::Address;
+use crate::survey::Register;
 use crate::survey::ask::Asker;
 use crate::survey::bus::{Parity, Place, Transport, baud};
 use crate::survey::remedy::{Asked, remedy};
@@ -33,7 +33,7 @@ pub(super) struct Arguments {
     units: (u8, u8),
     /// What each unit is asked for; several, and the next is tried where nothing comes for the one before
     #[arg(long, value_name = "REGISTER", value_delimiter = ',', default_value = "holding:0")]
-    register: Vec<Address>,
+    register: Vec<Register>,
     /// Bits per second to try on a serial line, one after the other
     #[arg(long, value_name = "BAUD", value_delimiter = ',', value_parser = baud)]
     baud: Vec<u32>,
@@ -42,7 +42,7 @@ pub(super) struct Arguments {
     parity: Vec<Parity>,
     /// Then reads these registers of every unit that answers, in steps of 16, and tells which it has
     #[arg(long, value_name = "holding:0..99", value_parser = target::stretch)]
-    registers: Option<(Address, u16)>,
+    registers: Option<(Register, u16)>,
     /// The bytes of each frame, on stderr
     #[arg(long)]
     trace: bool,
@@ -130,7 +130,7 @@ fn in_words(scan: &Scan, Stopped { unit, fault }: Stopped) -> String {
 }
 
 /// Walks the registers of every unit that has been found.
-async fn registers(scan: &Scan, (from, count): (Address, u16), seen: &mut Seen) {
+async fn registers(scan: &Scan, (from, count): (Register, u16), seen: &mut Seen) {
     for (place, found) in seen.found.clone() {
         if matches!(found.how, How::Garbled(_)) {
             continue;

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::{Failure, key_and_value, load_with};
 use crate::profile::{BusId, Profile, Quirks};
-use crate::survey::Address;
+use crate::survey::Register;
 use crate::survey::bus::Place;
 
 /// How long an answer is waited for where nothing is said.
@@ -100,15 +100,15 @@ pub(super) fn units(text: &str) -> Result<(u8, u8), String> {
 }
 
 /// `holding:0..99` or `40001..40100`, both ends included: the first and how many.
-pub(super) fn stretch(text: &str) -> Result<(Address, u16), String> {
+pub(super) fn stretch(text: &str) -> Result<(Register, u16), String> {
     let (from, to) =
         text.split_once("..").ok_or_else(|| format!("`{text}` is no stretch; write holding:0..99"))?;
-    let first: Address = from.trim().parse()?;
+    let first: Register = from.trim().parse()?;
     let to = to.trim();
     let last = match to.parse() {
         Ok(last) if from.contains(':') => last,
         _ => {
-            to.parse::<Address>()
+            to.parse::<Register>()
                 .map_err(|_| format!("`{to}` is no end of a stretch; write holding:0..99"))?
                 .offset
         }

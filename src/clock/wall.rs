@@ -1,24 +1,26 @@
-//! The wall's time: the Unix time at start plus what the monotonic clock has counted since.
+//! The wall's time: the Unix time at start plus what has passed since, suspension included.
 
 #![allow(clippy::disallowed_types, reason = "this is where time comes from")]
 
-use std::time::{Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use super::Passing;
 use crate::quantity::Moment;
 
 #[derive(Debug)]
 pub(super) struct Wall {
     anchor: Moment,
-    started: Instant,
+    started: Duration,
+    passing: Passing,
 }
 
 impl Wall {
-    pub(super) fn start() -> Wall {
+    pub(super) fn start(passing: Passing) -> Wall {
         let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        Wall { anchor: Moment::default().after(since_epoch), started: Instant::now() }
+        Wall { anchor: Moment::default().after(since_epoch), started: passing.passed(), passing }
     }
 
     pub(super) fn now(&self) -> Moment {
-        self.anchor.after(self.started.elapsed())
+        self.anchor.after(self.passing.passed().saturating_sub(self.started))
     }
 }

@@ -1,9 +1,23 @@
-//! Register addresses in both notations people use: `input:0` (protocol, zero-based) and `30001` (Modicon, one-based).
+//! Where a value is: in registers, in a CANopen object, or in CAN frames. Registers have two notations that people use:
+//! `input:0` (protocol, zero-based) and `30001` (Modicon, one-based).
 
 use std::fmt;
 use std::str::FromStr;
 
-/// The four tables of a Modbus device, and the two that the values of a CAN device are kept in.
+use super::{Field, Object};
+
+/// Where a value is on a line of either kind.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum Address {
+    /// In Modbus registers, from this one on; or in this bit.
+    Modbus(Register),
+    /// In a CANopen object, read and written by SDO.
+    Object(Object),
+    /// In CAN frames, which nobody is asked for.
+    Frame(Field),
+}
+
+/// The four tables of a Modbus device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Table {
     /// Single bits, read and written. Modicon 0xxxx.
@@ -14,15 +28,11 @@ pub enum Table {
     Input,
     /// 16-bit registers, read and written. Modicon 4xxxx.
     Holding,
-    /// CANopen objects, read and written by SDO; the address is a place in the device's list of objects.
-    Object,
-    /// Values inside CAN frames; the address is a place in the device's list of fields.
-    Process,
 }
 
 /// A place in one table, as the protocol counts it: from zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Address {
+pub struct Register {
     /// Which table.
     pub table: Table,
     /// Zero-based protocol address.
@@ -30,7 +40,6 @@ pub struct Address {
 }
 
 impl Table {
-    /// Those of Modbus.
     const ALL: [Table; 4] = [Table::Coil, Table::Discrete, Table::Input, Table::Holding];
 
     /// The word of the profile for it.
@@ -40,8 +49,6 @@ impl Table {
             Table::Discrete => "discrete",
             Table::Input => "input",
             Table::Holding => "holding",
-            Table::Object => "object",
-            Table::Process => "process",
         }
     }
 
@@ -50,57 +57,63 @@ impl Table {
         matches!(self, Table::Coil | Table::Discrete)
     }
 
-    /// It belongs to a CAN device.
-    pub const fn is_can(self) -> bool {
-        matches!(self, Table::Object | Table::Process)
-    }
-
     /// A master may write to it.
     pub const fn is_writable(self) -> bool {
-        matches!(self, Table::Coil | Table::Holding | Table::Object | Table::Process)
+        matches!(self, Table::Coil | Table::Holding)
     }
 
-    /// The function code that reads it; 0 where none does.
+    /// The function code that reads it.
     pub const fn read_function(self) -> u8 {
         match self {
             Table::Coil => 1,
             Table::Discrete => 2,
             Table::Holding => 3,
             Table::Input => 4,
-            Table::Object | Table::Process => 0,
         }
     }
 
     /// The first digit of its Modicon numbers.
-    const fn digit(self) -> Option<u32> {
+    const fn digit(self) -> u32 {
         match self {
-            Table::Coil => Some(0),
-            Table::Discrete => Some(1),
-            Table::Input => Some(3),
-            Table::Holding => Some(4),
-            Table::Object | Table::Process => None,
+            Table::Coil => 0,
+            Table::Discrete => 1,
+            Table::Input => 3,
+            Table::Holding => 4,
         }
     }
 }
 
 impl Address {
-    /// The one-based Modicon number: five digits, six above 9999. Empty for what is no register.
-    pub fn modicon(self) -> String {
-        let number = u32::from(self.offset) + 1;
-        match self.table.digit() {
-            Some(digit) if number > 9999 => format!("{digit}{number:05}"),
-            Some(digit) => format!("{digit}{number:04}"),
-            None => String::new(),
-        }
+    /// The register that it is, or begins with.
+    pub const fn register(&self) -> Option<Register> {
+        if let Address::Modbus(register) = self { Some(*register) } else { None }
+    }
+
+    /// What is there comes by itself, in frames: nobody asks for it.
+    pub const fn is_in_frames(&self) -> bool {
+        matches!(self, Address::Frame(_))
+    }
+
+    /// What is there is a single bit.
+    pub fn is_bit(&self) -> bool {
+        self.register().is_some_and(|register| register.table.is_bits())
     }
 }
 
-impl FromStr for Address {
+impl Register {
+    /// The one-based Modicon number: five digits, six above 9999.
+    pub fn modicon(self) -> String {
+        let (digit, number) = (self.table.digit(), u32::from(self.offset) + 1);
+        if number > 9999 { format!("{digit}{number:05}") } else { format!("{digit}{number:04}") }
+    }
+}
+
+impl FromStr for Register {
     type Err = String;
 
     /// # Errors
     /// A sentence that says what is allowed.
-    fn from_str(text: &str) -> Result<Address, String> {
+    fn from_str(text: &str) -> Result<Register, String> {
         if let Some((table, offset)) = text.split_once(':') {
             let table =
                 Table::ALL.into_iter().find(|known| known.name() == table.trim()).ok_or_else(|| {
@@ -112,7 +125,7 @@ impl FromStr for Address {
                     offset.trim()
                 )
             })?;
-            return Ok(Address { table, offset });
+            return Ok(Register { table, offset });
         }
         modicon(text.trim()).ok_or_else(|| {
             format!(
@@ -123,19 +136,36 @@ impl FromStr for Address {
     }
 }
 
-fn modicon(text: &str) -> Option<Address> {
+fn modicon(text: &str) -> Option<Register> {
     if !(text.len() == 5 || text.len() == 6) || !text.bytes().all(|byte| byte.is_ascii_digit()) {
         return None;
     }
     let (digit, number) = text.split_at(1);
-    let table = Table::ALL.into_iter().find(|table| digit.parse().ok() == table.digit())?;
+    let table = Table::ALL.into_iter().find(|table| digit.parse() == Ok(table.digit()))?;
     let number: u32 = number.parse().ok()?;
     let offset = u16::try_from(number.checked_sub(1)?).ok()?;
-    Some(Address { table, offset })
+    Some(Register { table, offset })
 }
 
-impl fmt::Display for Address {
+impl From<Register> for Address {
+    fn from(register: Register) -> Address {
+        Address::Modbus(register)
+    }
+}
+
+impl fmt::Display for Register {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}:{}", self.table.name(), self.offset)
+    }
+}
+
+/// For people: `holding:104 (40105)`, `object 6150:01`, `0x20c, 32 bits from 0 up (Intel), signed`.
+impl fmt::Display for Address {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Address::Modbus(register) => write!(f, "{register} ({})", register.modicon()),
+            Address::Object(object) => write!(f, "object {object}"),
+            Address::Frame(field) => write!(f, "{field}"),
+        }
     }
 }

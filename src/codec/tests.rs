@@ -19,12 +19,12 @@ fn both_notations_name_the_same_register() {
     for (protocol, modicon) in
         [("input:0", "30001"), ("holding:100", "40101"), ("coil:19", "00020"), ("discrete:128", "10129")]
     {
-        let address: Address = protocol.parse().unwrap();
+        let address: Register = protocol.parse().unwrap();
         assert_eq!(modicon.parse(), Ok(address));
         assert_eq!((address.to_string().as_str(), address.modicon().as_str()), (protocol, modicon));
     }
-    assert_eq!("465536".parse(), Ok(Address { table: Table::Holding, offset: 65535 }));
-    assert_eq!("holding:65535".parse::<Address>().unwrap().modicon(), "465536");
+    assert_eq!("465536".parse(), Ok(Register { table: Table::Holding, offset: 65535 }));
+    assert_eq!("holding:65535".parse::<Register>().unwrap().modicon(), "465536");
 }
 
 #[test]
@@ -32,7 +32,7 @@ fn what_is_no_register_is_refused_with_what_is_allowed() {
     for wrong in
         ["", "holding", "holding:-1", "holding:65536", "holdin:1", "40000", "465537", "20001", "4000x"]
     {
-        let said = wrong.parse::<Address>().unwrap_err();
+        let said = wrong.parse::<Register>().unwrap_err();
         assert!(said.contains("allowed") || said.contains("write a"), "{wrong}: {said}");
     }
 }

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::codec::{CanId, CanMatch, Table};
+use crate::codec::{Address, CanId, CanMatch, Field};
 use crate::profile::{BusId, CanDevice, DeviceId, Profile};
 
 /// What the kernel lets through, and what is sent to all.
@@ -47,8 +47,7 @@ pub(super) fn line(profile: &Profile, id: BusId) -> CanLineExplained {
     };
     for signal in &profile.signals {
         let device = profile.device(signal.device);
-        let field = device.can.as_ref().and_then(|can| can.field(signal.address.offset));
-        if let Some(field) = field.filter(|_| signal.address.table == Table::Process && device.bus == id) {
+        if let (Address::Frame(field), true) = (&signal.address, device.bus == id) {
             add(field.frames, format!("values of {}", device.name));
         }
     }
@@ -97,20 +96,17 @@ pub(super) fn device(profile: &Profile, id: DeviceId, can: &CanDevice) -> CanExp
         format!("before each start writes {object} = {value} ({kind}){what}")
     });
     let every = humantime::format_duration(device.every);
-    let readers = |table: Table, place: usize| -> Vec<&str> {
-        let of = profile.signals.iter().filter(|signal| {
-            signal.device == id
-                && signal.address.table == table
-                && usize::from(signal.address.offset) == place
-        });
-        of.map(|signal| signal.name.as_str()).collect()
-    };
-    let mut frames: Vec<(CanMatch, Vec<String>)> = Vec::new();
-    for (place, field) in can.fields.iter().enumerate() {
-        let names = readers(Table::Process, place);
-        if names.is_empty() {
-            continue;
+    let own = || profile.signals.iter().filter(|signal| signal.device == id);
+    let mut fields: Vec<(&Field, Vec<&str>)> = Vec::new();
+    for signal in own() {
+        let Address::Frame(field) = &signal.address else { continue };
+        match fields.iter_mut().find(|(known, _)| *known == field) {
+            Some((_, names)) => names.push(&signal.name),
+            None => fields.push((field, vec![&signal.name])),
         }
+    }
+    let mut frames: Vec<(CanMatch, Vec<String>)> = Vec::new();
+    for (field, names) in fields {
         let choice: String = field.multiplex.iter().map(|selector| format!(", {selector}")).collect();
         let value = format!("{} ({}{choice})", names.join(" and "), field.bits);
         match frames.iter_mut().find(|(known, _)| *known == field.frames) {
@@ -118,17 +114,16 @@ pub(super) fn device(profile: &Profile, id: DeviceId, can: &CanDevice) -> CanExp
             None => frames.push((field.frames, vec![value])),
         }
     }
-    let objects = can.objects.iter().enumerate().filter_map(|(place, object)| {
-        let names = readers(Table::Object, place);
+    let objects = profile.objects(id).into_iter().filter_map(|object| {
+        let of = own().filter(|signal| signal.address == Address::Object(object));
+        let names: Vec<&str> = of.map(|signal| signal.name.as_str()).collect();
         let kind = object.data_type.name();
         (!names.is_empty()).then(|| format!("object {object}, {kind}, every {every}: {}", names.join(", ")))
     });
     let sends = can.written.iter().map(|frame| {
         let of = profile.outputs.iter().filter(|output| {
-            let field = can.field(output.address.offset);
-            output.device == id
-                && output.address.table == Table::Process
-                && field.is_some_and(|field| field.frames.takes(frame.id()))
+            let is_in = |field: &Field| field.frames.takes(frame.id());
+            output.device == id && matches!(&output.address, Address::Frame(field) if is_in(field))
         });
         let names: Vec<&str> = of.map(|output| output.name.as_str()).collect();
         let bytes: Vec<String> = frame.data().iter().map(|byte| format!("{byte:02x}")).collect();

@@ -5,7 +5,7 @@ use std::fmt;
 use serde::Serialize;
 
 use super::Register;
-use crate::codec::{Address, Table};
+use crate::codec::{self, Address, Table};
 use crate::profile::{Beside, Heartbeat, Output, Profile, Share, Verify, Writes};
 
 /// 1 mm in µm.
@@ -112,14 +112,15 @@ pub(super) fn explained(profile: &Profile, output: &Output) -> WriteExplained {
             ("mm", reach, format!("{} + {what}, each time the scale is read", signal.name))
         }
     };
+    let is_object = matches!(output.address, Address::Object(_));
     WriteExplained {
         output: output.name.clone(),
         axis: axis.settings.name.clone(),
         device: device.name.clone(),
-        register: Register::at(profile, output.device, output.address, encoding.data_type),
+        register: Register::at(&output.address, encoding.data_type),
         registers,
         data_type: encoding.data_type.name(),
-        word_order: (registers > 1 && !output.address.table.is_can()).then(|| encoding.word_order.to_string()),
+        word_order: (registers > 1 && output.address.register().is_some()).then(|| encoding.word_order.to_string()),
         scale: encoding.scale.get(),
         unit,
         bias: encoding.bias,
@@ -128,24 +129,21 @@ pub(super) fn explained(profile: &Profile, output: &Output) -> WriteExplained {
                 (count(low, encoding.scale.get(), encoding.bias), count(high, encoding.scale.get(), encoding.bias));
             (a.min(b), a.max(b))
         }),
-        function: if output.address.table.is_can() {
-            0
-        } else {
-            device.functions.writes(registers).map_or(0, crate::profile::WriteFunction::code)
+        function: match output.address {
+            Address::Modbus(_) => device.functions.writes(registers).map_or(0, crate::profile::WriteFunction::code),
+            Address::Object(_) | Address::Frame(_) => 0,
         },
         meaning,
         verify: match output.verify {
-            Verify::ReadBack if output.address.table.is_can() => "once the object reads back what was written".to_owned(),
-            Verify::Echo if output.address.table.is_can() => {
+            Verify::ReadBack if is_object => "once the object reads back what was written".to_owned(),
+            Verify::Echo if is_object => {
                 "once the node has taken it; the object is not read back".to_owned()
             }
             Verify::ReadBack => "once the register reads back what was written".to_owned(),
             Verify::Echo => {
                 "once the answer repeats what was written; the register is not read back".to_owned()
             }
-            Verify::ReadBackAt(at) => {
-                format!("once {} reads back what was written", profile.place(output.device, at))
-            }
+            Verify::ReadBackAt(object) => format!("once object {object} reads back what was written"),
             Verify::Shown => "as soon as it is sent: shown, not verified, nothing reads it back".to_owned(),
         },
         refresh: output.refresh.map(|refresh| humantime::format_duration(refresh).to_string()),
@@ -160,7 +158,7 @@ pub(super) fn explained(profile: &Profile, output: &Output) -> WriteExplained {
 }
 
 fn display(output: &Output) -> Vec<String> {
-    let at = |offset| Register::of(Address { table: Table::Holding, offset });
+    let at = |offset| Register::of(codec::Register { table: Table::Holding, offset });
     let beside = output.display.beside.iter().map(|word| {
         let register = at(word.register);
         if word.good == word.fault {
@@ -180,8 +178,8 @@ fn display(output: &Output) -> Vec<String> {
 }
 
 fn restart(profile: &Profile, output: &Output) -> Option<String> {
-    let counter = output.boot_counter.map(|id| profile.signal(id).address);
-    let counter = counter.map(|address| format!("{address} ({}) changes", address.modicon()));
+    let counter = output.boot_counter.map(|id| &profile.signal(id).address);
+    let counter = counter.map(|address| format!("{address} changes"));
     let on = profile.machine.on.filter(|_| output.writes.is_scheduled());
     let on = on.map(|id| format!("{} rises", profile.signal(id).name));
     let seen: Vec<String> = counter.into_iter().chain(on).collect();

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use super::{BusExplained, TlsExplained};
-use crate::fieldbus::plan::{ReadRequest, plan};
+use super::{BusExplained, TlsExplained, load};
+use crate::fieldbus::plan::plan;
 use crate::profile::{BusId, Profile, Serial, Transport};
 use crate::reading::SignalId;
 
@@ -57,7 +57,9 @@ pub(super) fn bus(profile: &Profile, id: BusId) -> BusExplained {
             shows: tls.cert.clone(),
         }),
         timeout: humantime::format_duration(bus.timeout).to_string(),
+        late: humantime::format_duration(bus.late).to_string(),
         serial,
+        load: load::of(profile, id),
         can: (bus.transport == Transport::Can).then(|| super::can::line(profile, id)),
     }
 }
@@ -69,7 +71,7 @@ fn explained(profile: &Profile, id: BusId, serial: Serial) -> SerialExplained {
             let signals = profile.signals.iter().enumerate();
             let signals = signals.filter(|(_, signal)| signal.device.0 == place);
             let requests = plan(device, signals.map(|(index, signal)| (SignalId(index), signal)));
-            let frames = requests.iter().map(frames).collect::<Vec<_>>();
+            let frames = requests.iter().map(load::read_frames).collect::<Vec<_>>();
             let spans = frames.iter().map(|(question, answer)| {
                 serial.exchange(*question, *answer) + device.quirks.pause_between_requests
             });
@@ -88,13 +90,6 @@ fn explained(profile: &Profile, id: BusId, serial: Serial) -> SerialExplained {
         load_percent: 100.0 * polls.iter().map(|poll| poll.takes_ms / poll.every_ms).sum::<f64>(),
         polls,
     }
-}
-
-/// Bytes of a request's frame and of its answer's, with unit and checksum.
-fn frames(request: &ReadRequest) -> (usize, usize) {
-    let count = usize::from(request.count);
-    let data = if request.table.is_bits() { count.div_ceil(8) } else { 2 * count };
-    (8, 5 + data)
 }
 
 fn ms(span: Duration) -> f64 {

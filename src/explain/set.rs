@@ -5,7 +5,7 @@ use std::fmt;
 use serde::Serialize;
 
 use super::Register;
-use crate::codec::{Address, Table};
+use crate::codec::{self, Table};
 use crate::profile::{Flag, OutputSet, Profile, WriteFunction};
 
 /// One set, or one output with a handshake of its own.
@@ -53,7 +53,7 @@ pub(super) fn explained(profile: &Profile, set: &OutputSet) -> SetExplained {
     let function = |registers| device.functions.writes(registers).map_or(0, WriteFunction::code);
     let stretches = set.stretches(set.members(profile), device.longest_request());
     let requests = stretches.iter().map(|stretch| {
-        let at = |offset| Address { table: Table::Holding, offset };
+        let at = |offset| codec::Register { table: Table::Holding, offset };
         let (first, last) = (at(stretch.from), at(stretch.from + (stretch.count - 1)));
         let code = function(stretch.count);
         if stretch.count == 1 {

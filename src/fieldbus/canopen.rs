@@ -52,25 +52,3 @@ impl fmt::Display for NodeId {
         write!(f, "node {}", self.0)
     }
 }
-
-/// An entry of a node's object dictionary. Prints as a profile has it: `7130:01`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Entry {
-    /// The object.
-    pub index: u16,
-    /// The place in it.
-    pub sub: u8,
-}
-
-impl Entry {
-    /// The entry at this index and sub-index.
-    pub const fn new(index: u16, sub: u8) -> Entry {
-        Entry { index, sub }
-    }
-}
-
-impl fmt::Display for Entry {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:04X}:{:02X}", self.index, self.sub)
-    }
-}

@@ -13,6 +13,8 @@ use socket2::SockRef;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::TcpStream;
 
+use super::port::Port;
+
 /// A whole answer: header and the longest of Modbus's messages.
 const LONGEST_FRAME: usize = 260;
 
@@ -58,6 +60,12 @@ impl Eager {
 /// Waiting, or trying again, is all that it asks for.
 fn is_passing(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted)
+}
+
+impl Port for Eager {
+    fn take_waiting(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        self.stream.take_waiting(bytes)
+    }
 }
 
 impl AsyncRead for Eager {

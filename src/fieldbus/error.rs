@@ -31,6 +31,8 @@ pub enum CallerFault {
     Function,
     /// Of a frame that several values share, another is not known yet.
     Incomplete,
+    /// What it rests on has become too old before it could be sent.
+    TooLate,
 }
 
 /// How a connection fails.
@@ -127,6 +129,17 @@ pub enum PeerFault {
     Width,
     /// Nothing that the protocol knows.
     Malformed,
+    /// Something that nobody had asked for.
+    Unasked,
+}
+
+/// What is known of a write that failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Outcome {
+    /// It was not done, and will not be.
+    NotDone,
+    /// It may have been done, or may still be.
+    Unknown,
 }
 
 impl Fault {
@@ -147,6 +160,41 @@ impl Fault {
     /// The device has answered, and it says no.
     pub const fn is_refusal(self) -> bool {
         matches!(self, Fault::Exception(_) | Fault::Aborted(_))
+    }
+
+    /// What it says of a write: whether that may have been done all the same.
+    ///
+    /// Only a device that refuses in words which mean "not done" is believed: a TCP-to-RTU gateway says 11 of a write that
+    /// its slave has carried out, 5 means "accepted, takes long", and a full queue or bus-off of CAN says nothing.
+    pub const fn outcome(self) -> Outcome {
+        match self {
+            // It never left the house.
+            Fault::Caller(_) | Fault::Exception(1..=3) => Outcome::NotDone,
+            Fault::Aborted(AbortCode(code)) if code >> 24 == 0x06 => Outcome::NotDone,
+            Fault::Link(
+                LinkFault::Refused
+                | LinkFault::Unreachable
+                | LinkFault::Closed
+                | LinkFault::Absent
+                | LinkFault::Forbidden
+                | LinkFault::Busy
+                | LinkFault::Unsuited
+                | LinkFault::Contested
+                | LinkFault::Down,
+            ) => Outcome::NotDone,
+            Fault::Exception(_)
+            | Fault::Aborted(_)
+            | Fault::Timeout
+            | Fault::Peer(_)
+            | Fault::Link(
+                LinkFault::Broken | LinkFault::TurnedAway | LinkFault::Tls(_) | LinkFault::Can(_),
+            ) => Outcome::Unknown,
+        }
+    }
+
+    /// Nothing was sent, and nobody is to blame: its moment was over, or the connection on which it was decided is lost.
+    pub const fn has_lapsed(self) -> bool {
+        matches!(self, Fault::Caller(CallerFault::TooLate) | Fault::Link(LinkFault::Closed))
     }
 
     /// Whether the connection can no longer be trusted: what still arrives on it may answer an older question.
@@ -180,6 +228,7 @@ impl fmt::Display for Fault {
             Fault::Caller(CallerFault::Incomplete) => {
                 "another value in the same frame is not known yet; sent as soon as it is"
             }
+            Fault::Caller(CallerFault::TooLate) => "too late: what it rests on is too old by now",
             Fault::Caller(CallerFault::Function) => "function code not allowed by the profile",
             Fault::Link(LinkFault::Refused) => "connection refused: nobody listens there",
             Fault::Link(LinkFault::Unreachable) => "host not reachable",
@@ -207,6 +256,9 @@ impl fmt::Display for Fault {
             Fault::Peer(PeerFault::Echo) => "write answered with another address or value",
             Fault::Peer(PeerFault::Width) => "the object has another width than its type in the profile",
             Fault::Peer(PeerFault::Malformed) => "reply is none that the protocol knows",
+            Fault::Peer(PeerFault::Unasked) => {
+                "it sends what nobody asked for: a late reply, or another master on the same line"
+            }
             Fault::Exception(code) => return write!(f, "exception {code} ({})", exception_name(*code)),
             Fault::Aborted(code) => return write!(f, "refused: {code}"),
             Fault::Timeout => "no answer in time",

@@ -1,4 +1,13 @@
-//! One physical line: at most one request under way, a timeout for each, a breaker for each device, reconnection.
+//! One physical line: at most one request under way, a timeout and a last moment for each, a breaker for each device,
+//! reconnection. [`DeviceLine::request`] is the one way to ask a device anything, Modbus or CAN.
+//!
+//! ```text
+//! request ─► ready: connected, quiet, paused ─► exchange: a look at the clock, the bytes, the answer ─► compared
+//!    │                                                                                                    │
+//!    └──── breaker, retry, reconnection, who hears of it ◄────────────────────────────────────────────────┘
+//! ```
+//!
+//! An answer is as old as its question, and one that is found after its timeout is none.
 //!
 //! After a timeout or a wrong answer the connection is dropped: a reused one would stay one reply behind for ever.
 //! On a line whose answers do not name their question (RTU) a new connection would not help, as the late answer may
@@ -10,13 +19,15 @@
 //! a dead unit costs them at most one timeout per pause. A line that cannot be connected rests in the same way.
 
 use std::pin::pin;
+use std::sync::Arc;
 use std::time::Duration;
 
 use super::backoff::Backoff;
-use super::error::{CallerFault, Fault, LinkFault};
+use super::departure::{Departure, Leave};
+use super::error::{CallerFault, Fault, LinkFault, PeerFault};
 use super::trace::Tap;
 use super::wire::{Answer, Connection, Dial, Request};
-use crate::clock::{Patience, Silence};
+use crate::clock::{Clock, Patience, Silence};
 use crate::profile::{Bus, Device, DeviceId, Functions, Quirks};
 use crate::quantity::Moment;
 
@@ -33,8 +44,10 @@ const SHORT_LIVES: u32 = 3;
 const FIRST_PAUSE: Duration = Duration::from_secs(1);
 
 /// The owner of a line: nobody else speaks on it.
-pub struct Line {
+pub struct DeviceLine {
     dial: Box<dyn Dial>,
+    departure: Departure,
+    witness: Option<Arc<dyn Witness>>,
     wire: Option<Connection>,
     patience: Patience,
     timeout: Duration,
@@ -47,6 +60,7 @@ pub struct Line {
     /// Closed by us after an answer.
     is_put_down: bool,
     tap: Tap,
+    connections: u64,
     /// Since when there is a connection.
     connected_at: Moment,
     /// It has brought an answer.
@@ -55,6 +69,27 @@ pub struct Line {
     short_lives: u32,
     /// How long we give way.
     yielding: Backoff,
+}
+
+/// An answer that was checked against its question.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Answered {
+    /// What it brings.
+    pub answer: Answer,
+    /// When its question left: what it brings is no younger than that.
+    pub asked: Moment,
+}
+
+/// Hears what became of each request that was not refused at once.
+pub trait Witness: Send + Sync {
+    /// It was answered, or failed; the attempts to connect that have failed in a row, and why the last did.
+    fn note(
+        &self,
+        device: DeviceId,
+        request: Request<'_>,
+        outcome: Result<(), Fault>,
+        refusals: (u32, Fault),
+    );
 }
 
 /// One device on the line.
@@ -70,9 +105,9 @@ struct Unit {
     owes: Option<Silence>,
 }
 
-impl Line {
+impl DeviceLine {
     /// A line that has not been connected yet, for these devices of a profile.
-    pub fn new(bus: &Bus, devices: &[(DeviceId, &Device)], dial: Box<dyn Dial>) -> Line {
+    pub fn new(bus: &Bus, devices: &[(DeviceId, &Device)], dial: Box<dyn Dial>, clock: &Clock) -> DeviceLine {
         let pauses = devices.iter().map(|(_, device)| device.quirks.pause_after_connect);
         let pause_after_connect = pauses.fold(bus.quirks.pause_after_connect, Duration::max);
         let units = devices
@@ -88,8 +123,10 @@ impl Line {
                 owes: Some(Silence::begin()),
             })
             .collect();
-        Line {
+        DeviceLine {
             dial,
+            departure: Departure::whenever(clock),
+            witness: None,
             wire: None,
             patience: Patience::new(),
             timeout: bus.timeout,
@@ -101,6 +138,7 @@ impl Line {
             misses: 0,
             is_put_down: false,
             tap: Tap::default(),
+            connections: 0,
             connected_at: Moment::default(),
             has_answered: false,
             short_lives: 0,
@@ -109,15 +147,58 @@ impl Line {
     }
 
     /// The same line, listened to at this tap.
-    pub fn tapped(mut self, tap: &Tap) -> Line {
+    pub fn tapped(mut self, tap: &Tap) -> DeviceLine {
         self.dial.tap(tap);
         self.tap = tap.clone();
         self
     }
 
+    /// The same line; this hears what becomes of each request.
+    pub fn witnessed(mut self, witness: Arc<dyn Witness>) -> DeviceLine {
+        self.witness = Some(witness);
+        self
+    }
+
+    /// The same line on a machine whose readings are old after this long: a gap between two looks at the clock that is
+    /// longer is one in which the computer stood still.
+    pub fn aged(mut self, max_age: Duration) -> DeviceLine {
+        self.departure = self.departure.aged(max_age);
+        self
+    }
+
+    /// Looks at the clock.
+    pub fn look(&mut self) -> Moment {
+        self.departure.look()
+    }
+
+    /// Takes note of a look that somebody else has had.
+    pub fn look_at(&mut self, now: Moment) {
+        self.departure.look_at(now);
+    }
+
+    /// The next look is so far away.
+    pub fn away_for(&mut self, span: Duration) {
+        self.departure.away_for(span);
+    }
+
+    /// The last look before the computer stood still, where it did and nobody has asked yet.
+    pub fn stood_still(&mut self) -> Option<Moment> {
+        self.departure.stood_still()
+    }
+
+    /// When the clock was last looked at.
+    pub fn looked(&self) -> Moment {
+        self.departure.looked()
+    }
+
     /// There is a connection.
     pub fn is_connected(&self) -> bool {
         self.wire.is_some() || self.is_put_down
+    }
+
+    /// Which connection there is, by number. One that we close ourselves after each answer is the same one.
+    pub fn connection(&self) -> Option<u64> {
+        self.is_connected().then_some(self.connections)
     }
 
     /// What this device is, or the line without one, begins anew: whatever rests there need rest no longer.
@@ -127,6 +208,7 @@ impl Line {
         }
         if device.is_none() {
             self.redial.succeed();
+            self.yielding.succeed();
         }
     }
 
@@ -140,16 +222,18 @@ impl Line {
         self.units.iter().any(|unit| unit.device == device && !unit.breaker.allows(now))
     }
 
-    /// Asks a device and waits for its answer, at most for the line's timeout (twice, where it must connect first).
+    /// Asks a device and waits for its answer, at most for the line's timeout (twice, where it must connect first). The
+    /// question leaves as `leave` says, or not at all: that is looked at right before its first byte does.
     ///
     /// # Errors
-    /// Every request fails here and nowhere else: see [`Fault`]. A resting device fails at once, with its last fault.
-    pub async fn call(
+    /// Every request fails here and nowhere else: see [`Fault`], and [`Fault::outcome`] for what that says of a write. A
+    /// resting device fails at once, with its last fault.
+    pub async fn request(
         &mut self,
         device: DeviceId,
         request: Request<'_>,
-        now: Moment,
-    ) -> Result<Answer, Fault> {
+        leave: Leave,
+    ) -> Result<Answered, Fault> {
         let Some(place) = self.units.iter().position(|unit| unit.device == device) else {
             return Err(Fault::Caller(CallerFault::Extent));
         };
@@ -160,41 +244,96 @@ impl Line {
         if !request.fits() {
             return Err(Fault::Caller(CallerFault::Extent));
         }
+        let now = self.departure.look();
         if !unit.breaker.allows(now) {
             return Err(unit.last_fault);
         }
-        let was_connected = self.wire.is_some();
-        let mut answer = self.exchange(place, request, now).await;
-        let fault = answer.as_ref().err().copied();
-        let is_closed = fault == Some(Fault::Link(LinkFault::Closed));
-        if was_connected && (is_closed || fault == Some(BROKEN)) {
-            // Some gateways close a connection that was idle for a while: that is no reason to lose a reading. A write
-            // is not repeated, unless nothing was sent; but where nobody listens any more, that is what is wrong.
-            let is_told_apart = self.wire.as_mut().is_some_and(|wire| wire.wire().names_its_question());
-            self.wire = None;
-            if is_told_apart && self.is_contested(now) {
-                return Err(Fault::Link(LinkFault::Contested));
-            }
-            if is_closed || (request.is_read() && is_told_apart) {
-                answer = self.exchange(place, request, now).await;
-            } else {
-                self.connect(now).await?;
-                if !is_told_apart {
-                    self.rest(place, BROKEN, now);
-                }
-                return answer;
-            }
+        if matches!(leave, Leave::Here(_)) && !self.is_connected() {
+            return Err(CLOSED);
         }
+        let number = unit.number;
+        let mut was_connected = self.wire.is_some();
+        let answer = loop {
+            let begun = self.tap.begin();
+            self.departure.next(request, leave);
+            let mut answer = self.make_ready(place, now).await;
+            if answer.is_ok()
+                && let Some(connection) = &mut self.wire
+            {
+                let span = self.timeout + connection.time_under_way(request);
+                self.departure.begins(span);
+                let exchanged = {
+                    // Pinned here, it need not be moved.
+                    let exchange = pin!(connection.exchange(number, request, &mut self.departure));
+                    self.patience.within(span, exchange).await
+                };
+                let took = self.departure.took();
+                answer = match exchanged {
+                    // One that was found after its time comes too late, also where nobody looked in between.
+                    Some(Ok(_) | Err(Fault::Exception(_) | Fault::Aborted(_))) if took > span => {
+                        Err(connection.wire().missed())
+                    }
+                    Some(answer) => answer,
+                    None => Err(connection.wire().missed()),
+                };
+            }
+            if let Some(begun) = begun {
+                self.tap.tell(begun, (device, number), request, &answer);
+            }
+            if !std::mem::take(&mut was_connected) || !matches!(answer, Err(BROKEN | CLOSED)) {
+                break self.settle(place, answer, now);
+            }
+            // Some gateways close a connection that was idle for a while: that is no reason to lose a reading. What may
+            // have been sent is not sent again, and nothing that goes by what was read on a connection which is lost.
+            let has_ids = self.wire.as_mut().is_some_and(|wire| wire.wire().has_transaction_id());
+            self.wire = None;
+            // Of a write that was sent it is not known whether it was done: that says more than why the line gives way.
+            let may_be_done = answer == Err(BROKEN) && !request.is_read();
+            if has_ids && self.is_contested(now) {
+                break if may_be_done { answer } else { Err(Fault::Link(LinkFault::Contested)) };
+            }
+            let is_free = !matches!(leave, Leave::Here(_));
+            if request.is_read() && has_ids || answer == Err(CLOSED) && is_free {
+                continue;
+            }
+            let _ = self.connect(now).await;
+            if !has_ids && answer == Err(BROKEN) {
+                self.rest(place, BROKEN, now);
+            }
+            break answer;
+        };
+        if let Some(witness) = &self.witness
+            && !matches!(answer, Err(Fault::Caller(_)))
+        {
+            let outcome = answer.as_ref().map(|_| ()).map_err(|fault| *fault);
+            witness.note(device, request, outcome, self.refusals());
+        }
+        // One that never left has no answer.
+        Ok(Answered { answer: answer?, asked: self.departure.asked().unwrap_or(now) })
+    }
+
+    /// What an answer, or its absence, means for the connection and the unit.
+    fn settle(&mut self, place: usize, answer: Result<Answer, Fault>, now: Moment) -> Result<Answer, Fault> {
         let Some(connection) = &mut self.wire else { return answer };
+        let has_ids = connection.wire().has_transaction_id();
+        let has_left = self.departure.asked().is_some();
+        let is_first = has_left && !self.has_answered;
+        self.has_answered |= has_left;
+        let answer = match answer {
+            Err(BROKEN) if is_first && has_ids => Err(self.dial.turned_away()),
+            answer => answer,
+        };
         match &answer {
+            // It never left the house, which says nothing of the device.
+            Err(Fault::Caller(_)) => {}
             Err(fault) if fault.spoils_connection() => {
-                let is_told_apart = connection.wire().names_its_question();
                 self.misses += 1;
-                if is_told_apart || self.misses >= MISSES || matches!(fault, Fault::Link(_)) {
+                let is_lost = matches!(fault, Fault::Link(_) | Fault::Peer(PeerFault::Unasked));
+                if has_ids || is_lost || self.misses >= MISSES {
                     self.wire = None;
                     self.misses = 0;
                 }
-                if is_told_apart {
+                if has_ids {
                     // The pause begins when the timeout is over, else several dead units would have none left.
                     let waited = if *fault == Fault::Timeout { self.timeout } else { Duration::ZERO };
                     self.units[place].breaker.fail(now.after(waited));
@@ -214,6 +353,12 @@ impl Line {
             }
         }
         answer
+    }
+
+    /// Hangs up: what is on its way on the connection belongs to a time that is over.
+    pub fn hang_up(&mut self) {
+        self.wire = None;
+        self.units.iter_mut().for_each(|unit| unit.owes = Some(Silence::begin()));
     }
 
     /// The connection was closed by the other end: whether that happens too often to come back at once.
@@ -244,47 +389,31 @@ impl Line {
         }
     }
 
-    /// Puts the question, and shows what came of it to whoever listens.
-    async fn exchange(&mut self, place: usize, request: Request<'_>, now: Moment) -> Result<Answer, Fault> {
-        let begun = self.tap.begin();
-        let answer = self.ask(place, request, now).await;
-        if let Some(begun) = begun {
-            let unit = &self.units[place];
-            self.tap.tell(begun, (unit.device, unit.number), request, &answer);
-        }
-        answer
-    }
-
-    async fn ask(&mut self, place: usize, request: Request<'_>, now: Moment) -> Result<Answer, Fault> {
+    /// There is a connection, nothing is on its way to us, and the unit has had its pause. `Done`, to begin with.
+    async fn make_ready(&mut self, place: usize, now: Moment) -> Result<Answer, Fault> {
         if self.wire.is_none() {
             self.connect(now).await?;
         }
         let unit = &mut self.units[place];
         let Some(connection) = &mut self.wire else { return Err(Fault::Link(LinkFault::Down)) };
         if let Some(quiet) = unit.owes {
-            let owed = quiet.left_of(self.timeout * GRACE);
-            if !owed.is_zero() {
-                connection.wire().listen(owed).await?;
-            }
+            // On a new connection nothing waits yet of what is said out of turn.
+            let least = if self.has_answered { Duration::ZERO } else { self.timeout };
+            let owed = quiet.left_of(self.timeout * GRACE).max(least);
+            self.departure.away_for(owed + self.timeout);
+            let heard = connection.wire().listen(unit.number, owed, self.timeout).await;
+            self.departure.look();
+            heard?;
             unit.owes = None;
         }
         let pause = unit.quirks.pause_between_requests;
         if self.spoke && !pause.is_zero() {
+            self.departure.away_for(pause);
             tokio::time::sleep(pause).await;
+            self.departure.look();
         }
         self.spoke = true;
-        let span = self.timeout + connection.time_under_way(request);
-        let answer = {
-            // Pinned here, it need not be moved.
-            let call = pin!(connection.call(unit.number, request));
-            self.patience.within(span, call).await
-        };
-        let answer = answer.unwrap_or_else(|| Err(connection.wire().missed()));
-        if !self.has_answered && answer == Err(BROKEN) && connection.wire().names_its_question() {
-            return Err(self.dial.turned_away());
-        }
-        self.has_answered = true;
-        answer
+        Ok(Answer::Done)
     }
 
     async fn connect(&mut self, now: Moment) -> Result<(), Fault> {
@@ -295,13 +424,18 @@ impl Line {
             return Err(Fault::Link(LinkFault::Down));
         }
         let span = self.timeout + self.dial.takes();
+        self.departure.away_for(span);
         let dialled = self.patience.within(span, self.dial.dial()).await;
+        self.departure.look();
         match dialled.unwrap_or(Err(Fault::Link(LinkFault::Unreachable))) {
             Ok(wire) => {
                 if !self.pause_after_connect.is_zero() {
+                    self.departure.away_for(self.pause_after_connect);
                     tokio::time::sleep(self.pause_after_connect).await;
+                    self.departure.look();
                 }
                 self.wire = Some(wire);
+                self.connections += u64::from(!self.is_put_down);
                 self.spoke = self.is_put_down;
                 self.is_put_down = false;
                 (self.connected_at, self.has_answered) = (now, false);
@@ -337,6 +471,7 @@ impl Functions {
 }
 
 const BROKEN: Fault = Fault::Link(LinkFault::Broken);
+const CLOSED: Fault = Fault::Link(LinkFault::Closed);
 
 /// Different names rest for different times; the same name always for the same.
 fn seed(name: &str) -> u64 {

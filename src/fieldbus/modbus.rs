@@ -1,44 +1,55 @@
-//! Modbus TCP through tokio-modbus; beside this only [`super::rtu`] knows the library, for its decoder.
+//! Modbus TCP: frames with a transaction number, on sockets that keep nothing back.
 //!
-//! The library compares transaction, unit and function of an answer, but not the length of a read nor the echo of a
-//! write (in release builds; in debug builds its typed calls panic), and it has no timeout and no reconnect. So the
-//! untyped `call` is used, everything is checked here, and [`super::line`] does the rest.
+//! - A transaction number begins anywhere, so that a device which numbers answers of its own from zero, as every
+//!   simple client does, meets none of ours.
+//! - Before a question there is nothing to be read: bytes that answer no open question close the connection, as does
+//!   whatever comes behind an answer.
+//! - What was given up never leaves this computer: a closed connection's bytes would else be sent by the system for
+//!   minutes, after newer ones on the next connection.
 
-use std::borrow::Cow;
-use std::fmt;
+use std::collections::hash_map::RandomState;
+use std::hash::{BuildHasher, Hasher};
 use std::io;
+use std::time::Duration;
 
-use tokio::io::{AsyncRead, AsyncWrite};
+use socket2::SockRef;
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::TcpStream;
-use tokio_modbus::client::{Client, tcp};
-use tokio_modbus::{Error, ProtocolError, Request as Pdu, Response, Slave};
 
+use super::departure::Departure;
 use super::eager::Eager;
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
+use super::pdu;
+use super::port::{Any, Port};
 use super::tls;
 use super::trace::{Tap, Teed};
 use super::wire::{Answer, Boxed, Connection, Dial, Request, Wire};
-use crate::codec::Table;
+
+/// Transaction, protocol and length, behind which the length counts; and the unit.
+const HEADER: usize = 6;
+/// Header, unit and the longest message.
+const LONGEST: usize = HEADER + 1 + pdu::LONGEST;
 
 /// Opens TCP connections to one address.
 #[derive(Clone, Debug)]
 pub struct TcpDial {
     address: String,
+    timeout: Duration,
     tap: Tap,
 }
 
 impl TcpDial {
-    /// To `host:port`.
-    pub fn new(address: &str) -> TcpDial {
-        TcpDial { address: address.to_owned(), tap: Tap::default() }
+    /// To `host:port`; what the other end has not confirmed within the timeout breaks the connection.
+    pub fn new(address: &str, timeout: Duration) -> TcpDial {
+        TcpDial { address: address.to_owned(), timeout, tap: Tap::default() }
     }
 }
 
 impl Dial for TcpDial {
     fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
         Box::pin(async {
-            let stream = connected(&self.address).await?;
-            Ok(Connection::Modbus(attach(Teed::new(Eager::new(stream), self.tap.clone()))))
+            let stream = connected(&self.address, self.timeout).await?;
+            Ok(Connection::Modbus(ModbusTcp::over(Teed::new(Eager::new(stream), self.tap.clone()))))
         })
     }
 
@@ -47,129 +58,126 @@ impl Dial for TcpDial {
     }
 }
 
-/// A TCP connection to `host:port`.
-pub(super) async fn connected(address: &str) -> Result<TcpStream, Fault> {
+/// A TCP connection to `host:port`. Closing it throws away what has not been sent and what was not confirmed.
+pub(super) async fn connected(address: &str, timeout: Duration) -> Result<TcpStream, Fault> {
     let stream = TcpStream::connect(address).await.map_err(|error| dial_fault(&error))?;
-    // A small request must not wait for the answer to the last one.
-    stream.set_nodelay(true).map_err(|_| Fault::Link(LinkFault::Broken))?;
+    let socket = SockRef::from(&stream);
+    let set = socket
+        .set_linger(Some(Duration::ZERO))
+        .and_then(|()| socket.set_tcp_user_timeout(Some(timeout)))
+        // A small request must not wait for the answer to the last one.
+        .and_then(|()| stream.set_nodelay(true));
+    set.map_err(|_| BROKEN)?;
     Ok(stream)
 }
 
-/// Modbus TCP over any stream.
+/// Modbus TCP over any stream. It cannot be seen whether something waits there that the runtime has not heard of.
 pub fn attach<T>(stream: T) -> ModbusTcp
 where
-    T: AsyncRead + AsyncWrite + Send + Unpin + fmt::Debug + 'static,
+    T: AsyncRead + AsyncWrite + Send + Unpin + 'static,
 {
-    ModbusTcp { client: tcp::attach(stream).into() }
+    ModbusTcp::over(Any(stream))
 }
 
 /// An open Modbus TCP connection.
 pub struct ModbusTcp {
-    client: Box<dyn Client>,
+    stream: Box<dyn Port>,
+    transaction: u16,
+    question: Vec<u8>,
 }
 
 impl ModbusTcp {
-    pub(super) async fn exchange(&mut self, unit: u8, request: Request<'_>) -> Result<Answer, Fault> {
-        self.client.set_slave(Slave(unit));
-        let pdu = pdu(request).ok_or(Fault::Caller(CallerFault::Function))?;
-        match self.client.call(pdu).await {
-            Ok(Ok(response)) => check(request, response),
-            Ok(Err(exception)) => Err(Fault::Exception(exception.into())),
-            Err(Error::Protocol(ProtocolError::HeaderMismatch { .. })) => {
-                Err(Fault::Peer(PeerFault::Foreign))
+    pub(super) fn over(stream: impl Port + 'static) -> ModbusTcp {
+        let [low, high, ..] = RandomState::new().build_hasher().finish().to_le_bytes();
+        let transaction = u16::from_le_bytes([low, high]);
+        ModbusTcp { stream: Box::new(stream), transaction, question: Vec::with_capacity(LONGEST) }
+    }
+
+    pub(super) async fn exchange(
+        &mut self,
+        unit: u8,
+        request: Request<'_>,
+        departure: &mut Departure,
+    ) -> Result<Answer, Fault> {
+        if matches!(request, Request::Can(_)) {
+            return Err(Fault::Caller(CallerFault::Function));
+        }
+        let mut received = [0; 2 * LONGEST];
+        match self.stream.take_waiting(&mut received) {
+            Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted) => {}
+            Err(error) => return Err(tls::told(&error).unwrap_or(CLOSED)),
+            Ok(0) => return Err(CLOSED),
+            Ok(_) => return Err(Fault::Peer(PeerFault::Unasked)),
+        }
+        self.transaction = self.transaction.wrapping_add(1);
+        self.frame(unit, request);
+        departure.leave()?;
+        self.stream.write_all(&self.question).await.map_err(|error| transport_fault(&error))?;
+        self.stream.flush().await.map_err(|error| transport_fault(&error))?;
+        let mut filled = 0;
+        loop {
+            let count = self.stream.read(&mut received[filled..]).await;
+            filled += match count.map_err(|error| transport_fault(&error))? {
+                0 => return Err(BROKEN),
+                count => count,
+            };
+            if let Some(message) = self.message(&received[..filled], unit)? {
+                return pdu::answer(request, message);
             }
-            Err(Error::Protocol(ProtocolError::FunctionCodeMismatch { .. })) => {
-                Err(Fault::Peer(PeerFault::Function))
-            }
-            Err(Error::Transport(error)) => Err(transport_fault(&error)),
+        }
+    }
+
+    fn frame(&mut self, unit: u8, request: Request<'_>) {
+        self.question.clear();
+        self.question.extend(self.transaction.to_be_bytes());
+        self.question.extend([0, 0, 0, 0, unit]);
+        pdu::question(request, &mut self.question);
+        let length = u16::try_from(self.question.len() - HEADER).unwrap_or(u16::MAX);
+        self.question[4..HEADER].copy_from_slice(&length.to_be_bytes());
+    }
+
+    /// The message in what has come; `None` while it is not whole.
+    fn message<'a>(&self, received: &'a [u8], unit: u8) -> Result<Option<&'a [u8]>, Fault> {
+        let Some((header, rest)) = received.split_at_checked(HEADER) else { return Ok(None) };
+        let number = |at: usize| u16::from_be_bytes([header[at], header[at + 1]]);
+        let length = usize::from(number(4));
+        if number(2) != 0 || !(2..=1 + pdu::LONGEST).contains(&length) {
+            return Err(Fault::Peer(PeerFault::Malformed));
+        }
+        if number(0) != self.transaction || rest.first().is_some_and(|answers| *answers != unit) {
+            return Err(Fault::Peer(PeerFault::Foreign));
+        }
+        match rest.len() {
+            came if came < length => Ok(None),
+            came if came > length => Err(Fault::Peer(PeerFault::Unasked)),
+            _ => Ok(Some(&rest[1..])),
         }
     }
 }
 
 impl Wire for ModbusTcp {
-    fn call<'a>(&'a mut self, unit: u8, request: Request<'a>) -> Boxed<'a, Result<Answer, Fault>> {
-        Box::pin(self.exchange(unit, request))
+    fn exchange<'a>(
+        &'a mut self,
+        unit: u8,
+        request: Request<'a>,
+        departure: &'a mut Departure,
+    ) -> Boxed<'a, Result<Answer, Fault>> {
+        Box::pin(self.exchange(unit, request, departure))
     }
 }
 
-fn pdu(request: Request<'_>) -> Option<Pdu<'_>> {
-    Some(match request {
-        Request::Read { from, count } => match from.table {
-            Table::Coil => Pdu::ReadCoils(from.offset, count),
-            Table::Discrete => Pdu::ReadDiscreteInputs(from.offset, count),
-            Table::Input => Pdu::ReadInputRegisters(from.offset, count),
-            Table::Holding => Pdu::ReadHoldingRegisters(from.offset, count),
-            Table::Object | Table::Process => return None,
-        },
-        Request::WriteCoil { at, value } => Pdu::WriteSingleCoil(at, value),
-        Request::WriteSingle { at, word } => Pdu::WriteSingleRegister(at, word),
-        Request::WriteMultiple { at, words } => Pdu::WriteMultipleRegisters(at, Cow::Borrowed(words)),
-        Request::Can(_) => return None,
+const BROKEN: Fault = Fault::Link(LinkFault::Broken);
+const CLOSED: Fault = Fault::Link(LinkFault::Closed);
+
+fn dial_fault(error: &io::Error) -> Fault {
+    Fault::Link(match error.kind() {
+        io::ErrorKind::ConnectionRefused => LinkFault::Refused,
+        _ => LinkFault::Unreachable,
     })
 }
 
-/// Whether this is the answer to that question, in every part the protocol repeats.
-pub(super) fn check(request: Request<'_>, response: Response) -> Result<Answer, Fault> {
-    match (request, response) {
-        (
-            Request::Read { count, .. },
-            Response::ReadInputRegisters(words) | Response::ReadHoldingRegisters(words),
-        ) => {
-            if words.len() == usize::from(count) {
-                Ok(Answer::Words(words))
-            } else {
-                Err(length())
-            }
-        }
-        (
-            Request::Read { count, .. },
-            Response::ReadCoils(mut bits) | Response::ReadDiscreteInputs(mut bits),
-        ) => {
-            // Bits travel in whole bytes.
-            if bits.len() != usize::from(count).next_multiple_of(8) && bits.len() != usize::from(count) {
-                return Err(length());
-            }
-            bits.truncate(usize::from(count));
-            Ok(Answer::Bits(bits))
-        }
-        (Request::WriteCoil { at, value }, Response::WriteSingleCoil(echoed, to)) => {
-            echo(at == echoed && value == to)
-        }
-        (Request::WriteSingle { at, word }, Response::WriteSingleRegister(echoed, to)) => {
-            echo(at == echoed && word == to)
-        }
-        (Request::WriteMultiple { at, words }, Response::WriteMultipleRegisters(echoed, count)) => {
-            echo(at == echoed && words.len() == usize::from(count))
-        }
-        _ => Err(Fault::Peer(PeerFault::Function)),
-    }
-}
-
-const fn length() -> Fault {
-    Fault::Peer(PeerFault::Length)
-}
-
-fn echo(repeated: bool) -> Result<Answer, Fault> {
-    if repeated { Ok(Answer::Done) } else { Err(Fault::Peer(PeerFault::Echo)) }
-}
-
-pub(super) fn dial_fault(error: &io::Error) -> Fault {
-    match error.kind() {
-        io::ErrorKind::ConnectionRefused => Fault::Link(LinkFault::Refused),
-        io::ErrorKind::TimedOut => Fault::Timeout,
-        _ => Fault::Link(LinkFault::Unreachable),
-    }
-}
-
-/// Where the stream ends in the middle the library reports whatever error the system had last, "Success" included.
 fn transport_fault(error: &io::Error) -> Fault {
-    if let Some(fault) = tls::told(error) {
-        return fault;
-    }
-    match error.kind() {
-        io::ErrorKind::InvalidData | io::ErrorKind::InvalidInput => Fault::Peer(PeerFault::Malformed),
-        _ => Fault::Link(LinkFault::Broken),
-    }
+    tls::told(error).unwrap_or(BROKEN)
 }
 
 #[cfg(test)]

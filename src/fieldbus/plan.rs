@@ -7,9 +7,10 @@
 
 use std::fmt;
 
+use super::trace::asked;
 use super::wire::{Answer, Request};
-use crate::codec::{Address, Encoding, Table};
-use crate::profile::{Device, Signal};
+use crate::codec::{Encoding, Register};
+use crate::profile::{Device, Quirks, Signal};
 use crate::reading::{Reason, SignalId};
 
 /// Most coils or discrete inputs that one request may ask for, by the protocol.
@@ -18,12 +19,7 @@ const MAX_BITS: u16 = 2000;
 /// One read request, and which of its registers belong to whom.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReadRequest {
-    /// The table, and by it the function code.
-    pub table: Table,
-    /// The first register or bit.
-    pub start: u16,
-    /// How many.
-    pub count: u16,
+    request: Request<'static>,
     /// What the answer holds. Never empty.
     pub fields: Vec<Field>,
 }
@@ -39,14 +35,6 @@ pub struct Field {
     pub len: u16,
 }
 
-/// What a signal needs, before it is put into a request.
-struct Wanted {
-    signal: SignalId,
-    address: Address,
-    len: u16,
-    alone: bool,
-}
-
 /// The fewest requests that read these signals of one device, by table and address.
 ///
 /// A value of several registers is never torn apart, even where it is longer than the device's limit.
@@ -55,72 +43,59 @@ pub fn plan<'a>(
     signals: impl IntoIterator<Item = (SignalId, &'a Signal)>,
 ) -> Vec<ReadRequest> {
     let quirks = &device.quirks;
-    let mut wanted: Vec<Wanted> = signals
-        .into_iter()
-        .filter(|(_, signal)| signal.address.table != Table::Process)
-        .map(|(id, signal)| Wanted {
-            signal: id,
-            address: signal.address,
-            len: signal.encoding.data_type.registers(),
-            alone: quirks.one_request_per_field || !signal.merge || signal.address.table.is_can(),
-        })
-        .collect();
-    wanted.sort_by_key(|want| (want.address, want.len, want.signal));
-    let (alone, together): (Vec<_>, Vec<_>) = wanted.into_iter().partition(|want| want.alone);
     let mut requests: Vec<ReadRequest> = Vec::new();
-    for want in &together {
-        let limit = if want.address.table.is_bits() { MAX_BITS } else { quirks.max_registers_per_request };
-        match requests.last_mut() {
-            Some(request) if request.can_take(want, quirks.max_gap, limit) => request.take(want),
-            _ => requests.push(ReadRequest::of(want)),
+    let mut together: Vec<ReadRequest> = Vec::new();
+    for (id, signal) in signals {
+        let data_type = signal.encoding.data_type;
+        let Some(request) = Request::read(&signal.address, data_type) else { continue };
+        let fields = vec![Field { signal: id, at: 0, len: data_type.registers() }];
+        let shares = signal.merge && !quirks.one_request_per_field && signal.address.register().is_some();
+        if shares { &mut together } else { &mut requests }.push(ReadRequest { request, fields });
+    }
+    together.sort_by_key(ReadRequest::rank);
+    let mut merged: Vec<ReadRequest> = Vec::new();
+    for next in together {
+        let is_taken = merged.last_mut().is_some_and(|last| last.takes(&next, quirks));
+        if !is_taken {
+            merged.push(next);
         }
     }
-    requests.extend(alone.iter().map(ReadRequest::of));
-    requests.sort_by_key(|request| (request.table, request.start, request.fields[0].signal));
+    requests.extend(merged);
+    requests.sort_by_key(ReadRequest::rank);
     requests
 }
 
 impl ReadRequest {
-    fn of(want: &Wanted) -> ReadRequest {
-        ReadRequest {
-            table: want.address.table,
-            start: want.address.offset,
-            count: want.len,
-            fields: vec![Field { signal: want.signal, at: 0, len: want.len }],
+    /// The first register or bit, and how many; `None` for an object.
+    pub const fn span(&self) -> Option<(Register, u16)> {
+        if let Request::Read { from, count } = self.request { Some((from, count)) } else { None }
+    }
+
+    fn rank(&self) -> (Option<(Register, u16)>, SignalId) {
+        (self.span(), self.fields[0].signal)
+    }
+
+    /// Takes in the one that follows it by address, so that only its end can move; `false` where that is too far away or
+    /// would make it too long.
+    fn takes(&mut self, next: &ReadRequest, quirks: &Quirks) -> bool {
+        let (Request::Read { from, count }, Some((start, len))) = (&mut self.request, next.span()) else {
+            return false;
+        };
+        let limit = if from.table.is_bits() { MAX_BITS } else { quirks.max_registers_per_request };
+        let at = start.offset.saturating_sub(from.offset);
+        let is_near = u32::from(at) <= u32::from(*count) + u32::from(quirks.max_gap);
+        let whole = (*count).max(at.saturating_add(len));
+        let fits = from.table == start.table && is_near && whole <= limit;
+        if fits {
+            *count = whole;
+            self.fields.extend(next.fields.iter().map(|field| Field { at, ..*field }));
         }
+        fits
     }
 
-    fn end(&self) -> u32 {
-        u32::from(self.start) + u32::from(self.count)
-    }
-
-    /// Wanted come in the order of their addresses, so only the end can move.
-    fn can_take(&self, want: &Wanted, max_gap: u16, limit: u16) -> bool {
-        let end = (u32::from(want.address.offset) + u32::from(want.len)).max(self.end());
-        self.table == want.address.table
-            && u32::from(want.address.offset) <= self.end() + u32::from(max_gap)
-            && end - u32::from(self.start) <= u32::from(limit)
-    }
-
-    fn take(&mut self, want: &Wanted) {
-        let at = want.address.offset - self.start;
-        self.count = self.count.max(at + want.len);
-        self.fields.push(Field { signal: want.signal, at, len: want.len });
-    }
-
-    /// As it goes over the wire.
-    pub fn request(&self) -> Request<'static> {
-        Request::Read { from: self.first(), count: self.count }
-    }
-
-    /// The address of the first register or bit.
-    pub fn first(&self) -> Address {
-        Address { table: self.table, offset: self.start }
-    }
-
-    /// The address of the last register or bit.
-    pub fn last(&self) -> Address {
-        Address { table: self.table, offset: self.start.saturating_add(self.count - 1) }
+    /// As it goes over the line.
+    pub const fn request(&self) -> Request<'static> {
+        self.request
     }
 }
 
@@ -142,15 +117,19 @@ impl Field {
 /// `read input:0..7 (30001..30008), 8 registers`.
 impl fmt::Display for ReadRequest {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (first, last) = (self.first(), self.last());
-        let plural = if self.count == 1 { "" } else { "s" };
-        let cells = if self.table.is_bits() { "bit" } else { "register" };
+        let (first, count) = match self.request {
+            Request::Read { from, count } => (from, count),
+            other => return f.write_str(&asked(other)),
+        };
+        let last = Register { offset: first.offset.saturating_add(count - 1), ..first };
+        let plural = if count == 1 { "" } else { "s" };
+        let cells = if first.table.is_bits() { "bit" } else { "register" };
         if first == last {
             write!(f, "read {first} ({})", first.modicon())?;
         } else {
             write!(f, "read {first}..{} ({}..{})", last.offset, first.modicon(), last.modicon())?;
         }
-        write!(f, ", {} {cells}{plural}", self.count)
+        write!(f, ", {count} {cells}{plural}")
     }
 }
 
@@ -161,11 +140,8 @@ pub fn summary(requests: &[ReadRequest]) -> String {
     }
     let counted = |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
     let touched = |bits: bool| {
-        requests
-            .iter()
-            .filter(|request| request.table.is_bits() == bits)
-            .map(|request| usize::from(request.count))
-            .sum()
+        let spans = requests.iter().filter_map(ReadRequest::span);
+        spans.filter(|(from, _)| from.table.is_bits() == bits).map(|(_, count)| usize::from(count)).sum()
     };
     let (registers, bits): (usize, usize) = (touched(false), touched(true));
     let cells: Vec<String> = [(registers, "register"), (bits, "bit")]

@@ -1,28 +1,25 @@
 //! Modbus RTU, on a serial port or through a TCP connection.
 //!
-//! tokio-modbus decodes the answers here as it does for TCP, but its RTU client cannot serve: it keeps no silence
-//! between frames, discards nothing that an older request left in the system's buffer, waits for ever on a wrong
-//! checksum, and takes the first frame of the right unit and function for the answer. So framing is done here:
-//!
-//! - Before a request, whatever has come is discarded, and the line is silent for 3.5 characters (1.75 ms above
-//!   19,200 baud).
-//! - An answer is told by its unit, length and checksum. Noise before it and answers of other units are passed over.
-//! - RTU has no transaction number: after a miss, [`super::line`] listens until a late answer has had its time, and
-//!   only then asks that unit again.
+//! - Before a request, noise that has come is discarded, and the line is silent for 3.5 characters (1.75 ms above
+//!   19,200 baud). A whole frame of the unit that is to be asked is no noise: something answers out of turn, and nothing
+//!   is asked before that is over.
+//! - An answer is told by its unit, length and checksum. Noise before it and answers of other units are passed over; where
+//!   a second one lies behind it, neither is believed.
+//! - RTU has no transaction number: after a miss, [`super::line`] listens until a late answer has had its time and the
+//!   line is quiet, and only then asks that unit again.
 //! - Where an adapter without echo suppression lets us hear ourselves, the first read shows it, and from then on every
 //!   request is expected back before its answer.
 
-use std::io::{self, Read};
+use std::io;
 use std::time::Duration;
 
-use socket2::SockRef;
-use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
-use tokio::net::TcpStream;
-use tokio_modbus::bytes::Bytes;
-use tokio_modbus::{ExceptionResponse, Response};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
+use super::departure::Departure;
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
-use super::modbus::{check, dial_fault};
+use super::modbus::connected;
+use super::pdu;
+use super::port::Port;
 use super::trace::{Tap, Teed};
 use super::wire::{Answer, Boxed, Connection, Dial, Request, Wire};
 use crate::clock::{Patience, Silence};
@@ -41,52 +38,27 @@ const SILENCE_OVER_TCP: Duration = Duration::ZERO;
 #[derive(Clone, Debug)]
 pub struct RtuOverTcpDial {
     address: String,
+    timeout: Duration,
     tap: Tap,
 }
 
 impl RtuOverTcpDial {
-    /// To `host:port`.
-    pub fn new(address: &str) -> RtuOverTcpDial {
-        RtuOverTcpDial { address: address.to_owned(), tap: Tap::default() }
+    /// To `host:port`; what the other end has not confirmed within the timeout breaks the connection.
+    pub fn new(address: &str, timeout: Duration) -> RtuOverTcpDial {
+        RtuOverTcpDial { address: address.to_owned(), timeout, tap: Tap::default() }
     }
 }
 
 impl Dial for RtuOverTcpDial {
     fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
         Box::pin(async {
-            let stream =
-                TcpStream::connect(self.address.as_str()).await.map_err(|error| dial_fault(&error))?;
-            stream.set_nodelay(true).map_err(|_| Fault::Link(LinkFault::Broken))?;
+            let stream = connected(&self.address, self.timeout).await?;
             Ok(Connection::Other(Box::new(Rtu::new(Teed::new(stream, self.tap.clone()), None))))
         })
     }
 
     fn tap(&mut self, tap: &Tap) {
         self.tap = tap.clone();
-    }
-}
-
-/// A stream that can be asked for what has already come.
-pub trait Port: AsyncRead + AsyncWrite + Send + Unpin {
-    /// Takes what waits in the system's buffer, past the runtime, which may not have heard of it yet.
-    ///
-    /// # Errors
-    /// [`io::ErrorKind::WouldBlock`] where nothing waits, and whatever is wrong with the stream.
-    fn take_waiting(&self, bytes: &mut [u8]) -> io::Result<usize>;
-}
-
-impl Port for TcpStream {
-    fn take_waiting(&self, bytes: &mut [u8]) -> io::Result<usize> {
-        (&*SockRef::from(self)).read(bytes)
-    }
-}
-
-/// What is taken to be discarded passes the tap too: a late answer is worth seeing.
-impl<T: Port> Port for Teed<T> {
-    fn take_waiting(&self, bytes: &mut [u8]) -> io::Result<usize> {
-        let count = self.inner().take_waiting(bytes)?;
-        self.pass(&bytes[..count], false);
-        Ok(count)
     }
 }
 
@@ -102,6 +74,8 @@ pub struct Rtu<T> {
     heard: Option<PeerFault>,
     /// We hear ourselves.
     echoes: bool,
+    /// What has been discarded since the last answer: whole frames in there are no noise.
+    discarded: Vec<u8>,
 }
 
 impl<T: Port> Rtu<T> {
@@ -115,17 +89,28 @@ impl<T: Port> Rtu<T> {
             received: Vec::new(),
             heard: None,
             echoes: false,
+            discarded: Vec::new(),
         }
     }
 
-    async fn exchange(&mut self, unit: u8, request: Request<'_>) -> Result<Answer, Fault> {
+    async fn ask(
+        &mut self,
+        unit: u8,
+        request: Request<'_>,
+        departure: &mut Departure,
+    ) -> Result<Answer, Fault> {
         if matches!(request, Request::Can(_)) {
             return Err(Fault::Caller(CallerFault::Function));
         }
         let silence = self.serial.map_or(SILENCE_OVER_TCP, |serial| serial.silence());
         self.hush(silence).await?;
+        if self.has_spoken(unit) {
+            return Err(UNASKED);
+        }
+        self.discarded.clear();
         self.heard = None;
         let question = frame::request(unit, request);
+        departure.leave()?;
         self.stream.write_all(&question).await.map_err(|_| BROKEN)?;
         self.stream.flush().await.map_err(|_| BROKEN)?;
         // The port takes all bytes at once and sends them one after the other.
@@ -151,8 +136,11 @@ impl<T: Port> Rtu<T> {
     fn look(&mut self, unit: u8, request: Request<'_>) -> Option<Result<Answer, Fault>> {
         loop {
             match frame::find(&self.received, unit) {
-                Found::Own { pdu, .. } => {
-                    let answer = decode(request, &self.received[pdu]);
+                Found::Own { pdu, end } => {
+                    let answer = match frame::find(&self.received[end..], unit) {
+                        Found::Own { .. } => Err(UNASKED),
+                        _ => pdu::answer(request, &self.received[pdu]),
+                    };
                     self.received.clear();
                     return Some(answer);
                 }
@@ -195,8 +183,8 @@ impl<T: Port> Rtu<T> {
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
                 Ok(0) | Err(_) => return Err(CLOSED),
-                Ok(_) => {
-                    self.disturbed();
+                Ok(count) => {
+                    self.disturbed(&bytes[..count]);
                     // One that never stops must not keep everybody else from their turn.
                     tokio::task::yield_now().await;
                     continue;
@@ -209,24 +197,32 @@ impl<T: Port> Rtu<T> {
             match self.patience.within(left, self.stream.read(&mut bytes)).await {
                 None => {}
                 Some(Ok(0) | Err(_)) => return Err(CLOSED),
-                Some(Ok(_)) => self.disturbed(),
+                Some(Ok(count)) => self.disturbed(&bytes[..count]),
             }
         }
     }
 
     /// Something came that nobody asked for.
-    fn disturbed(&mut self) {
+    fn disturbed(&mut self, bytes: &[u8]) {
         self.silence = Silence::begin();
         self.heard = Some(PeerFault::Malformed);
+        self.discarded.extend(bytes);
+        let surplus = self.discarded.len().saturating_sub(MOST_KEPT);
+        self.discarded.drain(..surplus);
     }
 }
 
 impl<T: Port> Wire for Rtu<T> {
-    fn call<'a>(&'a mut self, unit: u8, request: Request<'a>) -> Boxed<'a, Result<Answer, Fault>> {
-        Box::pin(self.exchange(unit, request))
+    fn exchange<'a>(
+        &'a mut self,
+        unit: u8,
+        request: Request<'a>,
+        departure: &'a mut Departure,
+    ) -> Boxed<'a, Result<Answer, Fault>> {
+        Box::pin(self.ask(unit, request, departure))
     }
 
-    fn names_its_question(&self) -> bool {
+    fn has_transaction_id(&self) -> bool {
         false
     }
 
@@ -236,46 +232,59 @@ impl<T: Port> Wire for Rtu<T> {
     }
 
     fn missed(&mut self) -> Fault {
+        self.stream.discard_unsent();
         self.heard.take().map_or(Fault::Timeout, Fault::Peer)
     }
 
-    fn listen(&mut self, span: Duration) -> Boxed<'_, Result<(), Fault>> {
+    fn listen(&mut self, unit: u8, span: Duration, quiet: Duration) -> Boxed<'_, Result<(), Fault>> {
         Box::pin(async move {
-            let end = Silence::begin();
+            let begun = Silence::begin();
+            // What waits here has come while nobody listened. One that never stops has its end, too.
+            let mut patience = Patience::new();
+            if let Some(Err(fault)) = patience.within(quiet, self.hush(Duration::ZERO)).await {
+                return Err(fault);
+            }
+            let mut spoken = self.has_spoken(unit).then(Silence::begin);
             loop {
-                let mut bytes = [0; frame::LONGEST];
-                let left = end.left_of(span);
-                // One that never stops talking would be heard for ever.
+                let owed = begun.left_of(span);
+                let left = owed.max(spoken.map_or(Duration::ZERO, |last| last.left_of(quiet)));
                 if left.is_zero() {
                     return Ok(());
                 }
+                let mut bytes = [0; frame::LONGEST];
                 match self.patience.within(left, self.stream.read(&mut bytes)).await {
-                    None => return Ok(()),
+                    None => {}
                     Some(Ok(0) | Err(_)) => return Err(CLOSED),
-                    Some(Ok(_)) => self.disturbed(),
+                    Some(Ok(count)) => {
+                        self.disturbed(&bytes[..count]);
+                        if self.has_spoken(unit) {
+                            // More than what was owed: whatever it says next would be believed.
+                            if owed.is_zero() {
+                                return Err(UNASKED);
+                            }
+                            spoken = Some(Silence::begin());
+                        }
+                    }
                 }
             }
         })
     }
 }
 
+impl<T> Rtu<T> {
+    /// Whether a whole frame of the unit is among what was discarded. It is forgotten with that.
+    fn has_spoken(&mut self, unit: u8) -> bool {
+        let has_spoken = matches!(frame::find(&self.discarded, unit), Found::Own { .. });
+        if has_spoken {
+            self.discarded.clear();
+        }
+        has_spoken
+    }
+}
+
 const BROKEN: Fault = Fault::Link(LinkFault::Broken);
 const CLOSED: Fault = Fault::Link(LinkFault::Closed);
-
-/// The answer in a frame whose checksum is right.
-fn decode(request: Request<'_>, pdu: &[u8]) -> Result<Answer, Fault> {
-    let function = pdu.first().copied().unwrap_or_default();
-    if function & 0x7f != request.function() {
-        return Err(Fault::Peer(PeerFault::Function));
-    }
-    let malformed = |_: io::Error| Fault::Peer(PeerFault::Malformed);
-    let bytes = Bytes::copy_from_slice(pdu);
-    if function == request.function() {
-        return check(request, Response::try_from(bytes).map_err(malformed)?);
-    }
-    let refusal = ExceptionResponse::try_from(bytes).map_err(malformed)?;
-    Err(Fault::Exception(refusal.exception.into()))
-}
+const UNASKED: Fault = Fault::Peer(PeerFault::Unasked);
 
 #[cfg(test)]
 mod tests;

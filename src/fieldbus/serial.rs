@@ -15,7 +15,8 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::unix::pipe::{Receiver, Sender};
 
 use super::error::{Fault, LinkFault};
-use super::rtu::{Port, Rtu};
+use super::port::Port;
+use super::rtu::Rtu;
 use super::trace::{Tap, Teed};
 use super::wire::{Boxed, Connection, Dial};
 use crate::profile::{Parity, Serial};
@@ -80,8 +81,9 @@ impl SerialPort {
 }
 
 impl Drop for SerialPort {
-    /// A pseudo-terminal would stay taken while its other end is open.
+    /// A pseudo-terminal would stay taken while its other end is open; and a port that is closed still sends what it has.
     fn drop(&mut self) {
+        self.discard_unsent();
         let _ = rustix::termios::ioctl_tiocnxcl(&self.reader);
     }
 }
@@ -129,8 +131,12 @@ fn set_up(descriptor: &OwnedFd, settings: Serial) -> rustix::io::Result<()> {
 }
 
 impl Port for SerialPort {
-    fn take_waiting(&self, bytes: &mut [u8]) -> io::Result<usize> {
+    fn take_waiting(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         Ok(rustix::io::read(&self.reader, bytes)?)
+    }
+
+    fn discard_unsent(&mut self) {
+        let _ = rustix::termios::tcflush(&self.writer, QueueSelector::OFlush);
     }
 }
 

@@ -10,7 +10,8 @@ use tokio_rustls::rustls::{AlertDescription, CertificateError, Error};
 
 use super::eager::Eager;
 use super::error::{Fault, LinkFault, TlsFault};
-use super::modbus::{attach, connected};
+use super::modbus::{ModbusTcp, connected};
+use super::port::Any;
 use super::trace::{Tap, Teed};
 use super::wire::{Boxed, Connection, Dial};
 use crate::profile::Tls;
@@ -22,28 +23,29 @@ const HANDSHAKE: Duration = Duration::from_secs(5);
 #[derive(Clone, Debug)]
 pub struct TlsDial {
     address: String,
+    timeout: Duration,
     tls: Tls,
     tap: Tap,
 }
 
 impl TlsDial {
-    /// To `host:port`.
-    pub fn new(address: &str, tls: &Tls) -> TlsDial {
-        TlsDial { address: address.to_owned(), tls: tls.clone(), tap: Tap::default() }
+    /// To `host:port`; what the other end has not confirmed within the timeout breaks the connection.
+    pub fn new(address: &str, timeout: Duration, tls: &Tls) -> TlsDial {
+        TlsDial { address: address.to_owned(), timeout, tls: tls.clone(), tap: Tap::default() }
     }
 }
 
 impl Dial for TlsDial {
     fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
         Box::pin(async {
-            let stream: TcpStream = connected(&self.address).await?;
+            let stream: TcpStream = connected(&self.address, self.timeout).await?;
             let connector = TlsConnector::from(self.tls.client.clone());
             let secured = connector.connect(self.tls.name.clone(), Eager::new(stream)).await;
             let secured = secured.map_err(|error| {
                 tracing::debug!(address = self.address, %error, "no TLS connection");
                 handshake_fault(&error)
             })?;
-            Ok(Connection::Modbus(attach(Teed::new(secured, self.tap.clone()))))
+            Ok(Connection::Modbus(ModbusTcp::over(Teed::new(Any(secured), self.tap.clone()))))
         })
     }
 

@@ -18,6 +18,7 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::sync::mpsc;
 
 use super::error::{Fault, LinkFault};
+use super::port::Port;
 use super::wire::{Answer, Request};
 use crate::clock::Clock;
 use crate::codec::Frame;
@@ -27,6 +28,7 @@ use crate::quantity::Moment;
 mod exchange;
 
 pub use exchange::Exchange;
+pub(super) use exchange::asked;
 
 /// Exchanges that wait for a slow listener; more are left out.
 const UNHEARD: usize = 1024;
@@ -223,11 +225,7 @@ impl<T> Teed<T> {
         Teed { stream, tap }
     }
 
-    pub(super) fn inner(&self) -> &T {
-        &self.stream
-    }
-
-    pub(super) fn pass(&self, bytes: &[u8], is_sent: bool) {
+    fn pass(&self, bytes: &[u8], is_sent: bool) {
         self.tap.pass(bytes, is_sent);
     }
 }
@@ -266,6 +264,19 @@ impl<T: AsyncWrite + Unpin> AsyncWrite for Teed<T> {
 
     fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
         Pin::new(&mut self.stream).poll_shutdown(context)
+    }
+}
+
+/// What is taken to be discarded passes the tap too: a late answer is worth seeing.
+impl<T: Port> Port for Teed<T> {
+    fn take_waiting(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        let count = self.stream.take_waiting(bytes)?;
+        self.pass(&bytes[..count], false);
+        Ok(count)
+    }
+
+    fn discard_unsent(&mut self) {
+        self.stream.discard_unsent();
     }
 }
 

@@ -1,17 +1,18 @@
-//! The small border behind which the Modbus library lives: a wire carries one request and brings one answer.
+//! The small border behind which a transport lives: a wire carries one request and brings one answer.
 //!
-//! Everything the gateway knows of a library is in the files that implement [`Wire`] and [`Dial`]; another library,
-//! another transport or a test's own device replaces them in a day.
+//! Everything the gateway knows of a transport is in the files that implement [`Wire`] and [`Dial`]; another one, or a
+//! test's own device, replaces them in a day.
 
 use std::future::Future;
 use std::pin::Pin;
 use std::time::Duration;
 
+use super::departure::Departure;
 use super::error::{Fault, LinkFault};
 use super::modbus::ModbusTcp;
 use super::trace::Tap;
-use crate::codec::{Address, BitField, CanId, Table};
-use crate::profile::Object;
+use crate::codec::{Address, BitField, CanId, DataType, Field, Object, Register, Table};
+use crate::profile::Functions;
 
 /// A future that a trait object can return.
 pub type Boxed<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
@@ -22,7 +23,7 @@ pub enum Request<'a> {
     /// Functions 01 to 04, by table.
     Read {
         /// First register or bit.
-        from: Address,
+        from: Register,
         /// How many.
         count: u16,
     },
@@ -92,11 +93,16 @@ pub enum Answer {
 pub trait Wire: Send {
     /// Sends the request and waits for its answer, for as long as it takes. The answer has been checked against the
     /// request: transaction, unit, function, length, echo.
-    fn call<'a>(&'a mut self, unit: u8, request: Request<'a>) -> Boxed<'a, Result<Answer, Fault>>;
+    fn exchange<'a>(
+        &'a mut self,
+        unit: u8,
+        request: Request<'a>,
+        departure: &'a mut Departure,
+    ) -> Boxed<'a, Result<Answer, Fault>>;
 
     /// Whether an answer names the question it belongs to. Where it does not, as on a serial line, a late answer looks
     /// like the one to the next question.
-    fn names_its_question(&self) -> bool {
+    fn has_transaction_id(&self) -> bool {
         true
     }
 
@@ -110,8 +116,11 @@ pub trait Wire: Send {
         Fault::Timeout
     }
 
-    /// Discards whatever comes for this long.
-    fn listen(&mut self, _span: Duration) -> Boxed<'_, Result<(), Fault>> {
+    /// Discards whatever comes for this long, and until nothing has come from the unit for a while.
+    ///
+    /// # Errors
+    /// It does not become quiet, or the connection is at its end.
+    fn listen(&mut self, _unit: u8, _span: Duration, _quiet: Duration) -> Boxed<'_, Result<(), Fault>> {
         Box::pin(std::future::ready(Ok(())))
     }
 }
@@ -145,14 +154,19 @@ pub enum Connection {
 }
 
 impl Connection {
-    /// As [`Wire::call`].
+    /// As [`Wire::exchange`].
     ///
     /// # Errors
     /// Whatever makes the answer unusable.
-    pub async fn call(&mut self, unit: u8, request: Request<'_>) -> Result<Answer, Fault> {
+    pub async fn exchange(
+        &mut self,
+        unit: u8,
+        request: Request<'_>,
+        departure: &mut Departure,
+    ) -> Result<Answer, Fault> {
         match self {
-            Connection::Modbus(wire) => wire.exchange(unit, request).await,
-            Connection::Other(wire) => wire.call(unit, request).await,
+            Connection::Modbus(wire) => wire.exchange(unit, request, departure).await,
+            Connection::Other(wire) => wire.exchange(unit, request, departure).await,
         }
     }
 
@@ -173,7 +187,35 @@ impl Connection {
     }
 }
 
-impl Request<'_> {
+impl<'a> Request<'a> {
+    /// What reads a value of this type there; `None` where nobody can be asked for it.
+    pub fn read(at: &Address, data_type: DataType) -> Option<Request<'static>> {
+        match at {
+            Address::Modbus(from) => Some(Request::Read { from: *from, count: data_type.registers() }),
+            Address::Object(object) => Some(Request::Can(CanRequest::Read { object: *object })),
+            Address::Frame(_) => None,
+        }
+    }
+
+    /// What writes these words there, by the functions that the device may be sent.
+    pub fn write(at: &Address, words: &'a [u16], functions: Functions) -> Request<'a> {
+        match at {
+            Address::Modbus(Register { offset, .. }) => Request::write_holding(*offset, words, functions),
+            Address::Object(object) => Request::Can(CanRequest::Write { object: *object, words }),
+            Address::Frame(Field { frames, bits, .. }) => {
+                Request::Can(CanRequest::Send { id: frames.id, bits: *bits, words })
+            }
+        }
+    }
+
+    /// What writes holding registers from this one on.
+    pub const fn write_holding(at: u16, words: &'a [u16], functions: Functions) -> Request<'a> {
+        match words {
+            [word] if functions.write_single => Request::WriteSingle { at, word: *word },
+            words => Request::WriteMultiple { at, words },
+        }
+    }
+
     /// The Modbus function code it needs; 0 for what is no register.
     pub const fn function(self) -> u8 {
         match self {
@@ -182,7 +224,6 @@ impl Request<'_> {
                 Table::Discrete => 2,
                 Table::Holding => 3,
                 Table::Input => 4,
-                Table::Object | Table::Process => 0,
             },
             Request::WriteCoil { .. } => 5,
             Request::WriteSingle { .. } => 6,

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use crate::codec::Encoded;
 use crate::compensation::AxisState;
-use crate::fieldbus::line::Line;
+use crate::fieldbus::line::DeviceLine;
 use crate::observe::events::Event;
 use crate::profile::{Output, OutputId, Profile, Share, Writes};
 use crate::quantity::{Micron, Moment};
@@ -19,7 +19,7 @@ use crate::reading::SignalId;
 
 use super::output::Standing;
 use super::shared::{Core, Shared};
-use super::words::{can_be_read, cz_factor, one_step, part};
+use super::words::{can_be_read, cz_factor, in_micron, one_step, part};
 
 mod corrected;
 mod exchange;
@@ -42,6 +42,8 @@ pub(super) struct Writer {
     id: OutputId,
     /// What stands in the register, as last seen there.
     known: Option<Words>,
+    /// The connection on which it was last seen, or written and confirmed.
+    seen_on: Option<u64>,
     /// A write whose end is not known: it may or may not have arrived.
     uncertain: Option<Words>,
     /// Something may have happened to the register: it is compared before anything else is done.
@@ -50,6 +52,8 @@ pub(super) struct Writer {
     restarted: bool,
     /// Restarts taken note of.
     restarts: u64,
+    /// Times in which the computer stood still, taken note of.
+    pauses: u64,
     /// The decision that was carried out last; the position that was corrected last.
     applied: Moment,
     /// The share of Cz in the last corrected position, and the decision it followed.
@@ -67,6 +71,8 @@ pub(super) struct Writer {
     held: bool,
     /// Nothing is to be written for now: off, dry run, interlock.
     idle: bool,
+    /// Its turn came too late for what was decided last.
+    pub(super) is_late: bool,
     /// Where the register is shared with an operator: what of it is ours.
     joint: ledger::Joint,
 }
@@ -90,12 +96,18 @@ struct Order {
     off: bool,
     /// The position to be corrected, where it may be used.
     position: Option<f64>,
+    /// When a change must have left at the latest: what it rests on is too old after that.
+    not_after: Moment,
     /// Whether the interlock allows writing; `None` where that cannot be known.
     allowed: Option<bool>,
     /// What stands in the register has not been taken over yet: the decision is older than that.
     outdated: bool,
     /// Restarts of the control so far.
     restarts: u64,
+    /// How often the computer has stood still so far.
+    pauses: u64,
+    /// The axis follows a model.
+    follows: bool,
 }
 
 impl Writer {
@@ -103,10 +115,12 @@ impl Writer {
         Writer {
             id,
             known: None,
+            seen_on: None,
             uncertain: None,
             compare: false,
             restarted: false,
             restarts: 0,
+            pauses: 0,
             applied: Moment::default(),
             corrected: None,
             sent: None,
@@ -118,6 +132,7 @@ impl Writer {
             interlocked: false,
             held: false,
             idle: true,
+            is_late: false,
             joint: ledger::Joint::default(),
         }
     }
@@ -143,7 +158,7 @@ impl Writer {
     }
 
     /// Carries out the axis's last decision, where there is something to do.
-    pub(super) async fn offset(&mut self, line: &mut Line, shared: &Shared, now: Moment) {
+    pub(super) async fn offset(&mut self, line: &mut DeviceLine, shared: &Shared, now: Moment) {
         let output = shared.profile.output(self.id);
         if output.share == Share::Ledger {
             return self.joint_offset(line, shared, output, now).await;
@@ -174,20 +189,58 @@ impl Writer {
             self.applied = order.decided;
             return;
         }
+        let has_lapsed = self.has_lapsed(shared, &order, target, now);
+        if has_lapsed && !refresh {
+            return;
+        }
         self.tried_at = now;
-        let first_reads = output.verify.reads() || unsettled || self.uncertain.is_some();
+        // On a new connection nothing of it has been seen yet.
+        let is_new = self.seen_on.is_none() || self.seen_on != line.connection();
+        let first_reads = output.verify.reads() || unsettled || self.uncertain.is_some() || is_new;
         if first_reads && !self.is_ours(line, shared, output, now).await {
             return;
         }
-        let target = match self.uncertain.take() {
+        let target = match (self.uncertain, self.known) {
             // It cannot be read: the same absolute value once more is the only one that is near to what may stand there.
-            Some(sent) if !can_be_read(shared, output) => sent,
+            (Some(sent), _) if !can_be_read(shared, output) => sent,
+            // What was decided before the device was lost is not made up for: that it can be written again is shown by what
+            // stands there, once more.
+            (_, Some(known)) if has_lapsed || (self.trouble == Some(Trouble::Link) && !order.follows) => {
+                known
+            }
             _ => self.target(shared, output, &order),
         };
-        if self.write(line, shared, output, target, now).await {
+        let not_after = if self.known == Some(target) { Moment::END } else { order.not_after };
+        if self.write(line, shared, output, target, (now, not_after)).await {
             self.applied = order.decided;
             self.written_at = now;
+            self.seen_on = line.connection();
             self.settle(shared, output, target, now, true);
+        }
+    }
+
+    /// Its turn has come too late: what was decided rests on readings that are too old now. The next decision is carried
+    /// out, and people are told that the line is too slow.
+    fn has_lapsed(&mut self, shared: &Shared, order: &Order, target: Words, now: Moment) -> bool {
+        let is_changed = self.known.is_some_and(|known| known != target);
+        let has_lapsed = self.trouble.is_none() && now > order.not_after && is_changed;
+        self.is_late = has_lapsed && order.follows;
+        if has_lapsed && std::mem::replace(&mut self.applied, order.decided) != order.decided && self.is_late
+        {
+            shared.order_lapsed(self.id, order.not_after);
+        }
+        if has_lapsed && !order.follows {
+            self.holds_what_stands(shared);
+        }
+        has_lapsed
+    }
+
+    /// An axis that holds decides no other value than the one which never left: it goes on from what stands there.
+    fn holds_what_stands(&self, shared: &Shared) {
+        let output = shared.profile.output(self.id);
+        let cz = self.known.and_then(|known| in_micron(output, cz_factor(&shared.profile, output), &known));
+        if let Some(cz) = cz {
+            shared.core().found(&shared.profile, self.id, cz);
         }
     }
 
@@ -200,6 +253,12 @@ impl Writer {
             cz: decision.map_or(Micron::ZERO, |decision| part(decision, output.writes)),
             decided: decision.map_or(Moment::default(), |decision| decision.at),
             position: self.position(&shared.profile).and_then(value),
+            not_after: match self.position(&shared.profile) {
+                Some(position) => core.board.usable_until(&shared.profile, position),
+                // A constant rests on no reading.
+                None if output.writes == Writes::Reference => Moment::END,
+                None => core.not_after[output.axis.0],
+            },
             off: !arming.armed || decision.is_none_or(|decision| decision.state == AxisState::Off),
             allowed: output.when.as_ref().map_or(Some(true), |when| when.holds(&value)),
             outdated: match output.writes {
@@ -209,18 +268,28 @@ impl Writer {
                 _ => arming.take_over.is_some(),
             },
             restarts: core.restarts.of(self.id),
+            pauses: core.pauses.count(),
+            follows: decision.is_some_and(|decision| decision.state.is_following()),
         }
     }
 
-    /// After a restart the register is read and compared before anything else.
+    /// After a restart, and after the computer has stood still, the register is read and compared before anything else.
     fn note_restarts(&mut self, order: &Order) {
+        self.compare |= std::mem::replace(&mut self.pauses, order.pauses) != order.pauses;
         if std::mem::replace(&mut self.restarts, order.restarts) != order.restarts {
             (self.compare, self.restarted) = (true, true);
         }
     }
 
     /// While the axis is off: looks at the register again with each decision.
-    async fn watch(&mut self, line: &mut Line, shared: &Shared, output: &Output, order: &Order, now: Moment) {
+    async fn watch(
+        &mut self,
+        line: &mut DeviceLine,
+        shared: &Shared,
+        output: &Output,
+        order: &Order,
+        now: Moment,
+    ) {
         self.rest();
         let fresh = order.decided == self.applied && self.known.is_some() && self.trouble.is_none();
         if fresh || line.is_resting(output.device, now) {
@@ -235,7 +304,7 @@ impl Writer {
             let known = self.known.unwrap_or_else(|| Words::of(output.encoding.encode(0.0).words()));
             return self.settle(shared, output, known, now, false);
         }
-        match self.read(line, shared, output, now).await {
+        match self.read(line, output).await {
             Ok(found) => {
                 // Nothing of ours is to be verified any more.
                 self.trouble = None;

@@ -98,9 +98,23 @@ impl Board {
         self.failing[id.0] = Some(reason);
     }
 
+    /// What was read so far belongs to a time that is over. What is counted and what is told goes on.
+    pub(super) fn forget(&mut self) {
+        for reading in &mut self.readings {
+            if reading.quality == Quality::Good {
+                *reading = Reading::bad(reading.at, Reason::Stale);
+            }
+        }
+    }
+
     /// When it was last read.
     pub(super) fn taken(&self, id: SignalId) -> Moment {
         self.readings[id.0].at
+    }
+
+    /// Until when its last reading may be used.
+    pub(super) fn usable_until(&self, profile: &Profile, id: SignalId) -> Moment {
+        self.readings[id.0].at.after(profile.signal(id).max_age)
     }
 
     /// The machine at `now`: every reading aged, and condemned where its `fault_when` holds or cannot be known.

@@ -14,7 +14,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use super::shared::Shared;
-use crate::clock::{Bell, Inlet, Sleeper};
+use crate::clock::{Bell, Inlet, Looks, Sleeper};
 use crate::codec::Frame;
 use crate::fieldbus::can::{CanDial, Heard, Link, Socket};
 use crate::fieldbus::error::{CanFault, Fault, LinkFault};
@@ -77,6 +77,7 @@ pub(super) struct Ear {
     tap: Tap,
     /// When the counts of the socket are looked at again.
     measure_at: Moment,
+    looks: Looks,
 }
 
 impl Can {
@@ -121,6 +122,7 @@ impl Ear {
 
     /// Until a frame comes, or it is time for something.
     async fn wait(&mut self, due: Moment) {
+        self.looks.away_for(due.since(self.looks.last()));
         let socket = self.socket.as_ref().map(|(socket, _)| socket.clone());
         match socket.filter(|_| self.is_up) {
             Some(socket) => {
@@ -143,6 +145,13 @@ impl Ear {
     fn look(&mut self) -> Moment {
         if !self.is_up {
             self.try_interface();
+        }
+        let clock = &self.shared.clock;
+        let gap = self.looks.look(clock.now()).filter(|_| !clock.is_virtual());
+        if let Some(since) = gap {
+            // What waits here came while nobody listened: how long ago, nobody knows.
+            self.discard();
+            self.shared.stood_still(since);
         }
         self.hear();
         let now = self.shared.clock.now();
@@ -174,6 +183,12 @@ impl Ear {
                 Err(fault) => return self.lose_interface(fault),
             }
         }
+    }
+
+    fn discard(&mut self) {
+        while let Some((socket, _)) = &self.socket
+            && matches!(socket.hear_now(), Ok(Some(_)))
+        {}
     }
 
     fn take(&mut self, frame: &Frame) {

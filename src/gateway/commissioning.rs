@@ -8,11 +8,12 @@
 use std::time::Duration;
 
 use super::can::Can;
-use super::poll;
 use super::shared::Shared;
 use crate::codec::Encoded;
 use crate::compensation::model::Evaluate;
-use crate::fieldbus::line::Line;
+use crate::fieldbus::departure::Leave;
+use crate::fieldbus::error::{CallerFault, Fault};
+use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, Request};
 use crate::observe::events::Event;
 use crate::profile::{AxisId, Device, DeviceId, Profile};
@@ -152,8 +153,13 @@ impl Inspector {
         Inspector(checked.map(inspection).collect())
     }
 
+    /// None of the devices is ever looked at.
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
     /// Looks at the devices that are not known to be fit, where it is time.
-    pub(super) async fn inspect(&mut self, line: &mut Line, shared: &Shared, can: Option<&Can>) {
+    pub(super) async fn inspect(&mut self, line: &mut DeviceLine, shared: &Shared, can: Option<&Can>) {
         for inspection in &mut self.0 {
             let (id, now) = (inspection.device, shared.clock.now());
             let round = shared.core().commissioning.rounds[id.0];
@@ -191,7 +197,7 @@ impl Inspection {
     /// Sets it up and reads every check; `None` where the device does not answer, which is told elsewhere.
     async fn look(
         &mut self,
-        line: &mut Line,
+        line: &mut DeviceLine,
         shared: &Shared,
         can: Option<&Can>,
         round: u64,
@@ -210,10 +216,13 @@ impl Inspection {
             }
         }
         for expected in &shared.profile.device(self.device).verify {
-            let count = expected.encoding.data_type.registers();
-            let request = Request::Read { from: expected.address, count };
-            match poll::call(line, shared, self.device, request, shared.clock.now()).await {
-                Ok(answer) => wrong.extend(expected.mismatch(words(&answer).words())),
+            let request = Request::read(&expected.address, expected.encoding.data_type);
+            let Some(request) = request else {
+                wrong.push(expected.unreadable(Fault::Caller(CallerFault::Function)));
+                continue;
+            };
+            match line.request(self.device, request, Leave::Whenever).await {
+                Ok(found) => wrong.extend(expected.mismatch(words(&found.answer).words())),
                 Err(fault) if fault.is_refusal() => wrong.push(expected.unreadable(fault)),
                 Err(fault) => {
                     self.missed += 1;

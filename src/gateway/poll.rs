@@ -1,72 +1,94 @@
-//! The task of one line: writes, reads, steps, and writes again what was just decided, in one bus cycle.
+//! The task of one line. It takes reads, outputs and the heartbeat one at a time, by what is due first, and steps the
+//! axes as soon as their inputs have been read.
+//!
+//! ```text
+//! sleep ─► turn ─► the heartbeat, when it is due
+//!   ▲       │      the axes, when what they rest on was read (or is late)
+//!   │       │      a corrected position, when its position was read
+//!   └───────┘      what is due first: one request of a device's reads · one verified write · one look at how a device is set
+//! ```
+//!
+//! No round of writes makes a sensor stale: a device whose readings have lived half of their `max_age` goes before
+//! every output, some times in a row. And no slow device keeps a position that is corrected, or an axis that is due,
+//! waiting for more than one of its requests.
 
 use std::sync::Arc;
 use std::time::Duration;
 
-pub(super) use self::call::call;
 use self::captures::Captures;
-use super::apply::{SetWriter, Writer};
+use self::outputs::Job;
+use self::read::Poll;
 use super::can::{Can, Ear};
 use super::commissioning::Inspector;
-use super::shared::{BusCount, JITTER_MS, Shared};
+use super::shared::{JITTER_MS, Shared};
 use crate::clock::Sleeper;
 use crate::compensation::model::Evaluate;
-use crate::fieldbus::line::Line;
-use crate::fieldbus::plan::{ReadRequest, plan};
-use crate::fieldbus::wire::Request;
-use crate::observe::events::Event;
-use crate::profile::{Arm, BusId, DeviceId, OutputId, Profile, SetId, Writes};
+use crate::fieldbus::line::DeviceLine;
+use crate::profile::{BusId, DeviceId, Profile, Writes};
 use crate::quantity::Moment;
 use crate::reading::SignalId;
 
-mod call;
 mod captures;
+mod outputs;
+mod pulse;
 mod read;
-mod urgent;
+mod turn;
+
+use pulse::Pulse;
+use turn::Turn;
+
+/// With nothing to do, a line looks around this often.
+const IDLE: Duration = Duration::from_secs(1);
 
 /// Owns one line and everything that is read and written on it.
 pub(super) struct LineTask {
     shared: Arc<Shared>,
     bus: BusId,
-    line: Line,
+    line: DeviceLine,
     can: Option<Arc<Can>>,
     inspector: Inspector,
     polls: Vec<Poll>,
-    writers: Vec<Writer>,
-    sets: Vec<SetWriter>,
+    jobs: Vec<Job>,
     pulse: Option<Pulse>,
     /// Inputs of an axis are read here, so its steps are made here, right after them.
     steps_axes: bool,
     /// A position read here is corrected on another line.
     feeds_others: bool,
-    /// When what must not wait was last looked at.
-    passed: Moment,
-    /// Everything here has been asked for once.
-    has_been_round: bool,
+    /// When the next axis is due.
+    step_due: Option<Moment>,
+    /// A device has been read, or there was news, since the axes were last looked at.
+    has_news: bool,
+    /// A position has been read that is corrected on another line.
+    rings_others: bool,
+    /// How the devices are set is to be looked at.
+    inspects: bool,
+    /// The news and the pauses that were taken note of.
+    news: u64,
+    pauses: u64,
+    /// The last turn was that of a position, or of a read that could wait no longer; how often in a row.
+    pressed: u32,
+    overruns: Overruns,
 }
 
-/// One device's reads.
-struct Poll {
-    device: DeviceId,
-    every: Duration,
-    due: Moment,
-    /// A position that is corrected is among them.
-    reads_position: bool,
-    captures: Captures,
-    requests: Vec<ReadRequest>,
+/// What was late since it was last counted.
+#[derive(Debug, Default)]
+struct Overruns {
+    count: u64,
+    /// The worst of them, and what it was.
+    worst: Option<(Duration, DeviceId)>,
 }
 
-/// The heartbeat.
-struct Pulse {
-    device: DeviceId,
-    register: u16,
-    every: Duration,
-    due: Moment,
-    count: u16,
+impl Overruns {
+    fn note(&mut self, late: Duration, device: DeviceId) {
+        self.count += 1;
+        if self.worst.is_none_or(|(worst, _)| late > worst) {
+            self.worst = Some((late, device));
+        }
+    }
 }
 
 impl LineTask {
-    pub(super) fn new(shared: Arc<Shared>, bus: BusId, line: Line, start: Moment) -> LineTask {
+    pub(super) fn new(shared: Arc<Shared>, bus: BusId, line: DeviceLine, start: Moment) -> LineTask {
         let profile = &shared.profile;
         let here = |device: DeviceId| profile.device(device).bus == bus;
         let positions: Vec<(SignalId, DeviceId)> = profile
@@ -77,37 +99,11 @@ impl LineTask {
                 _ => None,
             })
             .collect();
-        let reads_position = |device: DeviceId| {
-            positions.iter().any(|(position, _)| profile.signal(*position).device == device)
-        };
-        let mut polls: Vec<Poll> = devices_of(profile, bus)
-            .map(|device| Poll {
-                device,
-                every: profile.device(device).every,
-                due: start,
-                reads_position: reads_position(device),
-                captures: Captures::new(signals_of(profile, device).filter_map(|(_, signal)| signal.capture)),
-                requests: plan(profile.device(device), signals_of(profile, device)),
-            })
-            .filter(|poll| !poll.requests.is_empty())
-            .collect();
-        // Positions are read last, so that nothing stands between reading and correcting one.
-        polls.sort_by_key(|poll| poll.reads_position);
-        let writers = (0..profile.outputs.len())
-            .map(OutputId)
-            .filter(|id| here(profile.output(*id).device) && profile.output(*id).set.is_none())
-            .map(Writer::new);
-        let writers = writers.collect();
-        let sets = (0..profile.sets.len()).map(SetId).filter(|id| here(profile.set(*id).device));
-        let sets = sets.map(|id| SetWriter::new(&shared, id)).collect();
-        let pulse =
-            profile.heartbeat.as_ref().filter(|heartbeat| here(heartbeat.device)).map(|heartbeat| Pulse {
-                device: heartbeat.device,
-                register: heartbeat.address.offset,
-                every: heartbeat.every,
-                due: start,
-                count: 0,
-            });
+        let corrected: Vec<DeviceId> =
+            positions.iter().map(|(position, _)| profile.signal(*position).device).collect();
+        let polls = read::polls(profile, bus, &corrected, start);
+        let jobs = outputs::jobs(&shared, bus, start);
+        let pulse = Pulse::of(profile, bus, start);
         let steps_axes = home_lines(profile).contains(&bus);
         let probed = profile.axes.iter().filter_map(|axis| axis.probe_input);
         let mut probed = probed.flat_map(|input| [Some(input.signal), input.trigger]).flatten();
@@ -116,168 +112,138 @@ impl LineTask {
             .any(|(position, device)| here(profile.signal(*position).device) && !here(*device))
             || (!steps_axes && probed.any(|signal| here(profile.signal(signal).device)));
         let inspector = Inspector::new(profile, devices_of(profile, bus), start);
-        let (passed, has_been_round) = (start, false);
         LineTask {
             bus,
             line,
             can: None,
             inspector,
             polls,
-            writers,
-            sets,
+            jobs,
             pulse,
             steps_axes,
             feeds_others,
-            passed,
-            has_been_round,
+            step_due: Some(start),
+            has_news: true,
+            rings_others: false,
+            inspects: true,
+            news: 0,
+            pauses: shared.pauses(),
+            pressed: 0,
+            overruns: Overruns::default(),
             shared,
         }
     }
 
     /// Read requests of one round.
     pub(super) fn requests(&self) -> usize {
-        self.polls.iter().map(|poll| poll.requests.len()).sum()
+        self.polls.iter().map(Poll::requests).sum()
     }
 
-    /// Cycles until the gateway has stopped; with an ear, listens as well.
+    /// Takes its turns until the gateway has stopped; with an ear, listens as well.
     pub(super) async fn run(mut self, sleeper: Sleeper, ear: Option<(Arc<Can>, Ear)>) {
         match ear {
-            None => self.cycles(sleeper).await,
+            None => self.turns(sleeper).await,
             Some((can, ear)) => {
                 self.can = Some(can);
-                tokio::join!(ear.listen(), self.cycles(sleeper));
+                tokio::join!(ear.listen(), self.turns(sleeper));
             }
         }
     }
 
-    async fn cycles(mut self, mut sleeper: Sleeper) {
-        let mut ended = sleeper.now();
-        let mut due = ended;
+    async fn turns(mut self, mut sleeper: Sleeper) {
+        let mut now = self.line.look();
         loop {
-            let began = sleeper.sleep_from(ended, due).await;
-            self.cycle(began).await;
-            // A line that is always late must not keep the others from their turn.
+            self.take_note(now);
+            let turn = self.next(now);
+            // After the axes, where it is their turn: what the others do then goes by what was just decided.
+            if turn != Turn::Step && std::mem::take(&mut self.rings_others) {
+                self.shared.ring_others(self.bus);
+            }
+            match turn {
+                Turn::Sleep(due) => {
+                    let due = due.min(now.after(IDLE));
+                    self.line.away_for(due.since(now));
+                    let began = sleeper.sleep_from(now, due).await;
+                    self.line.look_at(began);
+                    self.account(began.since(due));
+                    self.inspects = true;
+                    self.shared.turned(self.bus);
+                    now = began;
+                    continue;
+                }
+                Turn::Beat => self.beat(now).await,
+                Turn::Inspect => {
+                    self.inspects = false;
+                    self.inspector.inspect(&mut self.line, &self.shared, self.can.as_deref()).await;
+                }
+                Turn::Read(place) => self.read(place, now).await,
+                Turn::Step => self.step(now),
+                Turn::Output(place) => self.write(place, now).await,
+            }
+            // A line that always has something to do must not keep the others from their turn.
             tokio::task::coop::consume_budget().await;
-            ended = sleeper.now();
-            due = self.account(due, began, ended);
+            self.shared.turned(self.bus);
+            now = self.line.looked();
         }
     }
 
-    /// One round of what is due at `now`.
-    pub(super) async fn cycle(&mut self, now: Moment) {
+    /// What has happened elsewhere since the last turn.
+    fn take_note(&mut self, now: Moment) {
+        if let Some(since) = self.line.stood_still() {
+            self.shared.stood_still(since);
+        }
+        let news = self.shared.news(self.bus);
+        if std::mem::replace(&mut self.news, news) == news {
+            return;
+        }
+        (self.has_news, self.inspects) = (true, true);
         for revived in self.can.iter().flat_map(|can| can.revived()) {
             self.line.revive(revived);
         }
-        self.write(now).await;
-        self.beat(now).await;
-        self.inspector.inspect(&mut self.line, &self.shared, self.can.as_deref()).await;
-        let mut polled = false;
-        self.passed = now;
-        // What was written took its time: the line's, or the disk's, where an account is kept first.
-        let mut at = self.shared.clock.now();
-        let last = self.polls.iter().rposition(|poll| now >= poll.due);
-        for place in 0..self.polls.len() {
-            if now >= self.polls[place].due {
-                at = self.poll(place, now, at, Some(place) == last).await;
-                polled = true;
-            }
+        let pauses = self.shared.pauses();
+        if std::mem::replace(&mut self.pauses, pauses) != pauses {
+            // What is on its way belongs to a time that is over.
+            self.line.hang_up();
+            self.polls.iter_mut().for_each(|poll| poll.begin_anew(now));
         }
-        self.has_been_round = true;
-        // Not the beginning of the cycle: readings have aged since, and another line may have stepped.
-        let now = at;
-        if polled || self.can.is_some() {
-            self.shared.look_for_restarts(now);
-        }
+        self.wake_outputs(now);
+    }
+
+    /// Steps the axes that are due, and looks at the outputs again: each of them may have something to do.
+    fn step(&mut self, now: Moment) {
+        self.has_news = false;
+        self.shared.look_for_restarts(now);
         if self.steps_axes {
-            self.shared.advance(self.bus, now);
+            self.step_due = self.shared.advance(self.bus, now);
         }
-        if polled && self.feeds_others {
+        if std::mem::take(&mut self.rings_others) {
             self.shared.ring_others(self.bus);
         }
-        self.write(now).await;
+        self.wake_outputs(now);
     }
 
-    /// Everything that is decided and not yet written.
-    async fn write(&mut self, begun: Moment) {
-        for (place, writer) in self.writers.iter_mut().enumerate() {
-            // The one before it may have waited for its device.
-            let now = if place == 0 { begun } else { self.shared.clock.now() };
-            match writer.position(&self.shared.profile) {
-                None => writer.offset(&mut self.line, &self.shared, now).await,
-                Some(position) => writer.corrected(&mut self.line, &self.shared, position, now).await,
-            }
-        }
-        for set in &mut self.sets {
-            set.advance(&mut self.line, &self.shared, self.shared.clock.now()).await;
-        }
-    }
-
-    async fn beat(&mut self, now: Moment) {
-        let Some(pulse) = self.pulse.as_mut().filter(|pulse| now >= pulse.due) else { return };
-        pulse.due = now.next_tick(pulse.due, pulse.every);
-        // Where a person arms, nothing at all is written before; from then on it beats as long as the gateway lives.
-        let wanted = self.shared.profile.arm == Arm::Auto || self.shared.core().was_armed;
-        if self.shared.dry_run || !wanted {
-            return;
-        }
-        pulse.count = pulse.count.wrapping_add(1);
-        let (device, at, word) = (pulse.device, pulse.register, [pulse.count]);
-        let single = self.shared.profile.device(device).functions.write_single;
-        let request = if single {
-            Request::WriteSingle { at, word: word[0] }
-        } else {
-            Request::WriteMultiple { at, words: &word }
-        };
-        // A failure is counted and told where every request fails; the next beat is the repetition.
-        let now = self.shared.clock.now();
-        let _ = call(&mut self.line, &self.shared, device, request, now).await;
-    }
-
-    /// Counts a cycle, and tells when there is something to do again.
-    fn account(&self, due: Moment, began: Moment, ended: Moment) -> Moment {
-        let mut core = self.shared.core();
-        let step = if self.steps_axes { core.compensation.next_due() } else { None };
-        let count = &mut core.buses[self.bus.0];
-        count.cycles += 1;
-        count.last_cycle = ended;
-        count.connected = match &self.can {
+    /// Counts a sleep that ended so late, and what was late before it.
+    fn account(&mut self, late: Duration) {
+        let Overruns { count: overruns, worst } = std::mem::take(&mut self.overruns);
+        let is_connected = match &self.can {
             Some(can) => can.link.fault().is_none(),
             None => self.line.is_connected(),
         };
-        count_late(count, began.since(due));
-        let poll = self.polls.iter().map(|poll| poll.due).min();
-        if let Some(late) = poll.map(|poll| ended.since(poll)).filter(|late| !late.is_zero()) {
-            count.overruns += 1;
-            // Told at the first, the eighth, the sixty-fourth …
-            let told = count.overruns.is_power_of_two() && count.overruns.trailing_zeros().is_multiple_of(3);
-            drop(core);
-            if told {
-                let bus = self.shared.profile.bus(self.bus).name.clone();
-                self.shared.tell(&Event::Overrun { bus, late });
-            }
+        let now = self.line.looked();
+        let mut core = self.shared.core();
+        let count = &mut core.buses[self.bus.0];
+        count.cycles += 1;
+        count.connected = is_connected;
+        let late_ms = late.as_secs_f64() * 1000.0;
+        let bucket = JITTER_MS.iter().position(|bound| late_ms <= *bound).unwrap_or(JITTER_MS.len());
+        count.jitter[bucket] += 1;
+        let told = count.overrun(overruns, now);
+        drop(core);
+        if let Some((late, device)) = worst.filter(|_| told) {
+            let what = format!("a poll of {}", self.shared.profile.device(device).name);
+            self.shared.tell_overrun(self.bus, what, late);
         }
-        // A writer whose refresh is overdue because its device rests must not make the line spin.
-        let soon = ended.after(Duration::from_millis(100));
-        let refreshes = self.writers.iter().filter_map(|writer| writer.due(&self.shared.profile));
-        let refreshes = refreshes.chain(self.sets.iter().filter_map(|set| set.due(&self.shared.profile)));
-        let asks = self.sets.iter().filter_map(SetWriter::asks);
-        let pulse = self.pulse.iter().map(|pulse| pulse.due);
-        let idle = ended.after(Duration::from_secs(1));
-        refreshes
-            .map(|due| due.max(soon))
-            .chain(poll)
-            .chain(pulse)
-            .chain(step)
-            .chain(asks)
-            .min()
-            .unwrap_or(idle)
     }
-}
-
-fn count_late(count: &mut BusCount, late: Duration) {
-    let late_ms = late.as_secs_f64() * 1000.0;
-    let bucket = JITTER_MS.iter().position(|bound| late_ms <= *bound).unwrap_or(JITTER_MS.len());
-    count.jitter[bucket] += 1;
 }
 
 /// The lines on which axes are stepped: where the first input of each is read, or its output is written.

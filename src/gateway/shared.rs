@@ -1,6 +1,7 @@
 //! What the lines, the page and the commands share: one lock, held for microseconds, never across a wait.
 
 use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
 use super::arming::Arming;
@@ -10,14 +11,17 @@ use super::keeper::Keeper;
 use super::ledger::Ledger;
 use super::levels::LevelsTold;
 use super::output::OutputState;
+use super::pause::Pauses;
 use super::probing::Probing;
 use super::restart::Restarts;
 use crate::clock::{Bell, Clock};
+use crate::compensation::model::Evaluate;
 use crate::compensation::{AxisState, Compensation, Control, Remembered};
 use crate::observe::events::{Event, Journal};
 use crate::observe::status::Command;
-use crate::profile::{AxisId, BusId, Profile};
+use crate::profile::{Axis, AxisId, BusId, Profile};
 use crate::quantity::Moment;
+use crate::reading::SignalId;
 
 mod probing;
 mod step;
@@ -36,7 +40,12 @@ pub(crate) struct Shared {
     pub(super) ledger: Ledger,
     /// Something that is read tells that a control was restarted.
     pub(super) tells_restarts: bool,
+    /// By axis and model: the signals that it rests on.
+    pub(super) inputs: Vec<Vec<Vec<SignalId>>>,
     bells: Mutex<Vec<Bell>>,
+    /// By bus: how often there was something new for it, and the turns that it took.
+    news: Vec<AtomicU64>,
+    turns: Vec<AtomicU64>,
     core: Mutex<Core>,
 }
 
@@ -52,6 +61,9 @@ pub(super) struct Core {
     pub(super) buses: Vec<BusCount>,
     pub(super) keeper: Keeper,
     pub(super) restarts: Restarts,
+    /// By axis: when a change that it decided must have left at the latest.
+    pub(super) not_after: Vec<Moment>,
+    pub(super) pauses: Pauses,
     pub(super) stopping: bool,
     /// The lines end now: no strobe stays up.
     pub(super) leaving: bool,
@@ -96,8 +108,9 @@ pub(super) struct BusCount {
     pub(super) down: Option<u64>,
     pub(super) cycles: u64,
     pub(super) overruns: u64,
+    /// The last of them.
+    pub(super) overrun_at: Option<Moment>,
     pub(super) jitter: [u64; JITTER_MS.len() + 1],
-    pub(super) last_cycle: Moment,
 }
 
 /// Upper bounds of the jitter histogram, ms.
@@ -125,6 +138,8 @@ impl Shared {
             buses: vec![BusCount::default(); profile.buses.len()],
             keeper,
             restarts: Restarts::new(&profile),
+            not_after: vec![Moment::default(); profile.axes.len()],
+            pauses: Pauses::default(),
             stopping: false,
             leaving: false,
             was_armed: false,
@@ -137,8 +152,25 @@ impl Shared {
         };
         let tells_restarts = Restarts::are_told(&profile);
         let started = clock.now();
+        let inputs = |axis: &Axis| axis.settings.models.iter().map(Evaluate::inputs).collect();
+        let inputs = profile.axes.iter().map(inputs).collect();
+        let counts = || profile.buses.iter().map(|_| AtomicU64::default()).collect();
+        let (news, turns) = (counts(), counts());
         let (bells, core) = (Mutex::new(bells), Mutex::new(core));
-        Shared { profile, clock, journal, dry_run, started, ledger, tells_restarts, bells, core }
+        Shared {
+            profile,
+            clock,
+            journal,
+            dry_run,
+            started,
+            ledger,
+            tells_restarts,
+            inputs,
+            bells,
+            news,
+            turns,
+            core,
+        }
     }
 
     /// A task that panicked while it held the lock has already stopped the gateway; what it left is still needed for
@@ -178,7 +210,26 @@ impl Shared {
 
     fn ring_where(&self, chosen: impl Fn(usize) -> bool) {
         let bells = self.bells.lock().unwrap_or_else(PoisonError::into_inner);
-        bells.iter().enumerate().filter(|(place, _)| chosen(*place)).for_each(|(_, bell)| bell.ring());
+        for (_, (bell, news)) in bells.iter().zip(&self.news).enumerate().filter(|(place, _)| chosen(*place))
+        {
+            news.fetch_add(1, Ordering::Relaxed);
+            bell.ring();
+        }
+    }
+
+    /// A line has taken a turn.
+    pub(super) fn turned(&self, bus: BusId) {
+        self.turns[bus.0].fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// How many turns a line has taken.
+    pub(super) fn turns(&self, bus: BusId) -> u64 {
+        self.turns[bus.0].load(Ordering::Relaxed)
+    }
+
+    /// How often there was something new for a line: what a line that never sleeps hears of a bell.
+    pub(super) fn news(&self, bus: BusId) -> u64 {
+        self.news[bus.0].load(Ordering::Relaxed)
     }
 
     /// A line's task was started anew and sleeps elsewhere now.
@@ -190,16 +241,18 @@ impl Shared {
     }
 
     /// Steps each axis that is due and wakes the other lines, which may have to write. Called by the line that has
-    /// just read its inputs.
-    pub(super) fn advance(&self, bus: BusId, now: Moment) {
-        let (stepped, events) = {
+    /// just read its inputs. When the next axis is due.
+    pub(super) fn advance(&self, bus: BusId, now: Moment) -> Option<Moment> {
+        let (stepped, due, events) = {
             let mut core = self.core();
-            (core.advance(self, now), std::mem::take(&mut core.untold))
+            let stepped = core.advance(self, now);
+            (stepped, core.compensation.next_due(), std::mem::take(&mut core.untold))
         };
         events.iter().for_each(|event| self.tell(event));
         if stepped && self.profile.buses.len() > 1 {
             self.ring_others(bus);
         }
+        due
     }
 
     /// Does what a person asks for.

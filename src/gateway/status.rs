@@ -187,7 +187,7 @@ fn outputs(shared: &Shared, core: &Core, now: Moment) -> Vec<OutputStatus> {
             name: output.name.clone(),
             axis: shared.profile.axis(output.axis).settings.name.clone(),
             device: shared.profile.device(output.device).name.clone(),
-            register: shared.profile.place(output.device, output.address),
+            register: output.address.to_string(),
             writes: output.writes.name(),
             state: if core.arming[output.axis.0].armed { state.standing.name() } else { "off" },
             handshake: state.handshake.words(output.set.and_then(|id| shared.profile.set(id).handshake)),

@@ -6,6 +6,7 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::time::Duration;
 
 use super::shared::Shared;
+use crate::clock::Looks;
 use crate::observe::events::Event;
 use crate::profile::{BusId, Profile};
 
@@ -27,15 +28,31 @@ impl Watch {
         give_up: impl Fn() + Send + 'static,
     ) -> Watch {
         let (sender, receiver) = channel();
-        let limits: Vec<Duration> = (0..shared.profile.buses.len())
+        let looks =
+            |span: Duration| u32::try_from(span.as_millis() / LOOK_EVERY.as_millis()).unwrap_or(u32::MAX);
+        let mut lines: Vec<Seen> = (0..shared.profile.buses.len())
             .map(|bus| patience.unwrap_or_else(|| limit(&shared.profile, BusId(bus))))
+            .map(|limit| Seen { turns: 0, looks: 0, most: looks(limit).max(1) })
             .collect();
+        let mut own = Looks::begin(shared.clock.now(), shared.profile.shortest_age());
         let watch = move || {
             let mut stuck = Duration::ZERO;
             let mut told = false;
-            let mut cycles = vec![0; limits.len()];
+            own.away_for(LOOK_EVERY);
             while receiver.recv_timeout(LOOK_EVERY) == Err(RecvTimeoutError::Timeout) {
-                let Some(late) = late_line(&shared, &limits, &mut cycles, &mut stuck) else {
+                let (last, now) = (own.last(), shared.clock.now());
+                let gap = own.look(now);
+                own.away_for(LOOK_EVERY);
+                if shared.clock.is_virtual() {
+                    // Its time may be held: nobody can take a turn then.
+                    if now == last {
+                        continue;
+                    }
+                } else if let Some(since) = gap {
+                    shared.stood_still(since);
+                    continue;
+                }
+                let Some(late) = late_line(&shared, &mut lines, &mut stuck) else {
                     let _ = sd_notify::notify(&[sd_notify::NotifyState::Watchdog]);
                     continue;
                 };
@@ -56,23 +73,26 @@ impl Watch {
     }
 }
 
-/// The name of a line that has not cycled for too long; also one that keeps the lock.
-fn late_line(
-    shared: &Shared,
-    limits: &[Duration],
-    cycles: &mut [u64],
-    stuck: &mut Duration,
-) -> Option<String> {
-    let now = shared.clock.now();
-    let Some(core) = shared.try_core() else {
+/// What was seen of a line. Looks are counted, not seconds: those in which the computer stood still are not the line's.
+struct Seen {
+    turns: u64,
+    /// Looks in a row that found the same number of turns.
+    looks: u32,
+    /// After so many it is stuck.
+    most: u32,
+}
+
+/// The name of a line that has not taken a turn for too long; also one that keeps the lock.
+fn late_line(shared: &Shared, lines: &mut [Seen], stuck: &mut Duration) -> Option<String> {
+    if shared.try_core().is_none() {
         *stuck += LOOK_EVERY;
         return (*stuck > Duration::from_secs(5)).then(|| "(state locked)".to_owned());
-    };
-    for (place, ((count, limit), seen)) in core.buses.iter().zip(limits).zip(cycles).enumerate() {
-        let last = count.last_cycle.max(shared.started);
-        // Late and at the same cycle as at the last look: a clock that was set ahead makes every line late for once.
-        let stands = std::mem::replace(seen, count.cycles) == count.cycles;
-        if stands && now.since(last) > *limit {
+    }
+    for (place, seen) in lines.iter_mut().enumerate() {
+        let turns = shared.turns(BusId(place));
+        seen.looks = if turns == seen.turns { seen.looks.saturating_add(1) } else { 0 };
+        seen.turns = turns;
+        if seen.looks > seen.most {
             return Some(shared.profile.bus(BusId(place)).name.clone());
         }
     }

@@ -1,6 +1,6 @@
 //! What an output's registers mean in the axis's terms.
 
-use crate::codec::{Encoded, Encoding, Table};
+use crate::codec::{Encoded, Encoding};
 use crate::compensation::Decision;
 use crate::profile::{Output, Profile, Writes};
 use crate::quantity::Micron;
@@ -78,9 +78,5 @@ fn tidy(value: f64, encoding: &Encoding) -> String {
 }
 
 pub(super) fn can_be_read(shared: &Shared, output: &Output) -> bool {
-    match output.address.table {
-        Table::Process => output.verify.reads(),
-        Table::Object => true,
-        _ => shared.profile.device(output.device).functions.read_holding,
-    }
+    shared.profile.device(output.device).functions.reads_at(&output.reads_at())
 }

@@ -109,8 +109,11 @@ pub enum Event {
     MachineStarted,
     /// The "zero" references are captured from now on.
     Zeroed,
-    /// A cycle took longer than its period.
-    Overrun { bus: String, late: Duration },
+    /// More is asked of a line than it can carry: something was this late when its turn came. Told once, and again when the
+    /// line had been quick enough in between.
+    Overrun { bus: String, what: String, late: Duration },
+    /// Nobody looked at the clock for this long: the computer was stopped, suspended or had no time for us.
+    StoodStill { span: Duration },
     /// A task of the gateway failed inside; its axes take the fault action.
     TaskFailed { task: String, why: String },
     /// The state or the log could not be kept on disk.
@@ -177,6 +180,7 @@ impl Event {
             Event::MachineStarted => "machine-started",
             Event::Zeroed => "zeroed",
             Event::Overrun { .. } => "overrun",
+            Event::StoodStill { .. } => "stood-still",
             Event::TaskFailed { .. } => "task-failed",
             Event::NotKept { .. } => "not-kept",
             Event::KeptAgain { .. } => "kept-again",
@@ -209,6 +213,7 @@ impl Event {
             | Event::CncBooted { .. }
             | Event::Disarmed { .. }
             | Event::Overrun { .. }
+            | Event::StoodStill { .. }
             | Event::NotKept { .. } => Level::Warning,
             Event::Can(event) => event.level(),
             Event::AxisState { to, .. } if matches!(*to, "holding" | "ramping" | "degraded" | "zeroed") => {
@@ -322,9 +327,18 @@ impl fmt::Display for Event {
             Event::Released { output } => write!(f, "output {output}: interlock released"),
             Event::MachineStarted => write!(f, "the machine was started: machine-on time begins"),
             Event::Zeroed => write!(f, "zero: references are captured from now on"),
-            Event::Overrun { bus, late } => {
-                write!(f, "bus {bus}: a cycle ended {} ms late", late.as_millis())
-            }
+            Event::Overrun { bus, what, late } => write!(
+                f,
+                "bus {bus}: more is asked of it than it can carry: {what} was {} ms late; `isotherm check` tells the load \
+                 of each line",
+                late.as_millis()
+            ),
+            Event::StoodStill { span } => write!(
+                f,
+                "this computer stood still for {:.1} s (stopped, suspended or too busy): nothing from before is used, and \
+                 everything is read again",
+                span.as_secs_f64()
+            ),
             Event::TaskFailed { task, why } => write!(f, "{task} failed: {why}"),
             Event::NotKept { what, why } => write!(f, "{what} cannot be kept: {why}"),
             Event::KeptAgain { what } => write!(f, "{what} is kept again"),

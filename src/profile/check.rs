@@ -63,8 +63,7 @@ pub(crate) struct Check<'a> {
     outputs: Names,
     sets: Names,
     used: Vec<bool>,
-    /// What of each device on a CAN line is in use.
-    can: Vec<can::Used>,
+    /// What outputs write in CAN frames.
     written: Vec<can::Written>,
     dbcs: can::Dbcs,
 }
@@ -99,7 +98,6 @@ pub(crate) fn check(
         outputs: names("output", raw.output.keys().collect()),
         sets: names("set", raw.set.keys().collect()),
         used: vec![false; raw.signal.len()],
-        can: vec![can::Used::default(); raw.device.len()],
         written: Vec::new(),
         dbcs: can::Dbcs::new(),
     };
@@ -145,9 +143,8 @@ impl Check<'_> {
         if self.raw.mqtt.is_some() {
             self.not_built("mqtt", "publishing over MQTT", None);
         }
-        self.written_frames();
+        self.written_frames(&mut devices);
         self.can_conflicts(&buses, &devices, &signals, &outputs);
-        self.give_can_devices(&mut devices);
         self.registers(&buses, &devices, &signals, &outputs, &sets, heartbeat.as_ref());
         self.time_on_lines(&buses, &devices, &signals);
         self.loose_ends(&devices, &outputs);

@@ -5,9 +5,9 @@ use can_dbc::{
     MultiplexIndicator, Signal, SignalExtendedValueType, ValueType,
 };
 
+use super::Unit;
 use super::error::allowed;
-use super::{Field, Selector, Unit};
-use crate::codec::{BitField, BitKind, ByteOrder, CanId, CanMatch};
+use crate::codec::{BitField, BitKind, ByteOrder, CanId, CanMatch, Field, Selector};
 
 /// Multiplexers behind each other, at most.
 const DEEPEST: usize = 8;

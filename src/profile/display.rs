@@ -1,6 +1,6 @@
 //! What a digit display shows beside a corrected position, and where there is none.
 
-use crate::codec::{Address, Table};
+use crate::codec::{Register, Table};
 
 /// The words of a display besides its value. An output to anything else has none.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -71,10 +71,10 @@ impl Stale {
 
 impl Display {
     /// Every register that it writes, besides the value's.
-    pub fn registers(&self) -> impl Iterator<Item = Address> + '_ {
+    pub fn registers(&self) -> impl Iterator<Item = Register> + '_ {
         let texts = self.stale.iter().flat_map(|stale| (stale.register..).take(stale.words.len()));
         let words = self.beside.iter().map(|beside| beside.register);
-        words.chain(texts).map(|offset| Address { table: Table::Holding, offset })
+        words.chain(texts).map(|offset| Register { table: Table::Holding, offset })
     }
 }
 

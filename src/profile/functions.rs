@@ -1,6 +1,6 @@
 //! The function codes of Modbus that a device may be sent.
 
-use crate::codec::Table;
+use crate::codec::{Address, Table};
 
 /// The function codes that may be sent to a device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,7 +63,15 @@ impl Functions {
             Table::Discrete => self.read_discrete,
             Table::Holding => self.read_holding,
             Table::Input => self.read_input,
-            Table::Object | Table::Process => true,
+        }
+    }
+
+    /// May what is there be read? A value inside frames comes by itself.
+    pub const fn reads_at(self, address: &Address) -> bool {
+        match address {
+            Address::Modbus(register) => self.reads(register.table),
+            Address::Object(_) => true,
+            Address::Frame(_) => false,
         }
     }
 

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::{AxisId, DeviceId, Display, SetId, Writes};
-use crate::codec::{Address, Encoding};
+use crate::codec::{Address, Encoding, Object};
 use crate::compensation::model::Condition;
 use crate::reading::SignalId;
 
@@ -16,7 +16,7 @@ pub struct Output {
     pub axis: AxisId,
     /// Where it goes.
     pub device: DeviceId,
-    /// Its first register.
+    /// Its first register, its object, its place in a frame.
     pub address: Address,
     /// How the value becomes registers.
     pub encoding: Encoding,
@@ -54,8 +54,8 @@ pub enum Verify {
     ReadBack,
     /// The answer repeats address and value.
     Echo,
-    /// The object at this address is read, of the same type as what was written.
-    ReadBackAt(Address),
+    /// This object is read, of the same type as what was written.
+    ReadBackAt(Object),
     /// Not at all: a display shows it, and nobody acts on it.
     Shown,
 }
@@ -65,12 +65,20 @@ impl Verify {
     pub const fn reads(self) -> bool {
         matches!(self, Verify::ReadBack | Verify::ReadBackAt(_))
     }
+}
 
-    /// Where that is, if it is another place than it was written to.
-    pub const fn reads_at(self) -> Option<Address> {
-        match self {
-            Verify::ReadBackAt(address) => Some(address),
-            _ => None,
+impl Output {
+    /// These words by the registers that they stand in; none where it is not in registers.
+    pub fn cells(&self, words: &[u16]) -> impl Iterator<Item = (u16, u16)> {
+        let first = self.address.register().map(|register| register.offset..);
+        first.into_iter().flatten().zip(words.iter().copied())
+    }
+
+    /// Where what stands there is read: where it is written, unless another place is said.
+    pub fn reads_at(&self) -> Address {
+        match self.verify {
+            Verify::ReadBackAt(object) => Address::Object(object),
+            _ => self.address.clone(),
         }
     }
 }

@@ -7,6 +7,10 @@ use std::time::Duration;
 /// Bits per second up to which silence is measured in characters; above, it is a fixed time.
 const FASTEST_BY_CHARACTERS: u32 = 19_200;
 
+/// A network, with the boxes in it, keeps a write at most this long where nothing else is known of it.
+const LATE: Duration = Duration::from_secs(30);
+const LATE_TIMEOUTS: u32 = 2;
+
 /// What a bus is made of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Transport {
@@ -24,6 +28,15 @@ impl Transport {
     /// It is a CAN interface.
     pub const fn is_can(self) -> bool {
         matches!(self, Transport::Can)
+    }
+
+    /// How long a write that was not answered may still arrive, where the profile does not say. On a port of our own
+    /// nothing but its device holds it back.
+    pub fn late(self, timeout: Duration) -> Duration {
+        match self {
+            Transport::Serial(_) => timeout.saturating_mul(LATE_TIMEOUTS),
+            Transport::Tcp | Transport::RtuOverTcp | Transport::Can => LATE.max(timeout),
+        }
     }
 }
 

@@ -9,7 +9,7 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use super::{Device, DeviceId, Output, OutputId, Profile};
-use crate::codec::{Address, Table};
+use crate::codec::{Register, Table};
 
 /// One set: its place in the profile's list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -27,15 +27,15 @@ pub struct OutputSet {
     /// What belongs to it, in the order of the file. Never empty.
     pub outputs: Vec<OutputId>,
     /// Counts up with every whole set, written last: one register, 1 to 65535, then 1 again.
-    pub sequence: Option<Address>,
+    pub sequence: Option<Register>,
     /// All other words of the set, the sequence with them, summed to 16 bits and inverted: one register.
-    pub complement: Option<Address>,
+    pub complement: Option<Register>,
     /// Counts up with every write: one register, 0 to 32767.
-    pub heartbeat: Option<Address>,
+    pub heartbeat: Option<Register>,
     /// What the gateway does, in bits: one register. See [`Control`].
-    pub control: Option<Address>,
+    pub control: Option<Register>,
     /// A number that control and profile agree on.
-    pub version: Option<(Address, u16)>,
+    pub version: Option<(Register, u16)>,
     /// Registers between its words are written as 0.
     pub zeros: bool,
     /// How the control is asked to take it.
@@ -72,7 +72,7 @@ pub struct Handshake {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Flag {
     /// Where.
-    pub address: Address,
+    pub address: Register,
     /// Which bit of the register, 0 to 15; `None` for a coil, a discrete input, or a whole register.
     pub bit: Option<u8>,
 }
@@ -95,7 +95,9 @@ impl OutputSet {
     /// How its registers are written, in this order: one stretch where all lie side by side; else the values (and the
     /// complement) first and the sequence, alone, last. None is longer than `most` registers.
     pub fn stretches<'a>(&self, outputs: impl Iterator<Item = &'a Output>, most: u16) -> Vec<Stretch> {
-        let values = outputs.map(|output| (output.address.offset, output.encoding.data_type.registers()));
+        let values = outputs.filter_map(|output| {
+            Some((output.address.register()?.offset, output.encoding.data_type.registers()))
+        });
         let words = [self.complement, self.heartbeat, self.control, self.version.map(|(at, _)| at)];
         let words = words.into_iter().flatten().map(|at| (at.offset, 1));
         let mut cells: Vec<(u16, u16)> = values.chain(words).collect();
@@ -195,7 +197,7 @@ impl FromStr for Flag {
             Some((register, bit)) => (register, Some(bit.trim())),
             None => (text, None),
         };
-        let address: Address = register.parse()?;
+        let address: Register = register.parse()?;
         let Some(bit) = bit else { return Ok(Flag { address, bit: None }) };
         if matches!(address.table, Table::Coil | Table::Discrete) {
             return Err(format!("{address} is one bit already: write it without `.{bit}`"));

@@ -2,14 +2,13 @@
 
 use std::fmt;
 
-use super::Object;
-use crate::codec::{Address, Encoding};
+use crate::codec::{Address, DataType, Encoding};
 use crate::reading::Reason;
 
 /// A register or an object that must read a certain value: a type code, a data format, whether a broken wire is looked for.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Expected {
-    /// Its first register, or its bit.
+    /// Its first register or its bit; its object.
     pub address: Address,
     /// How it is read; scale 1.
     pub encoding: Encoding,
@@ -19,8 +18,6 @@ pub struct Expected {
     pub what: String,
     /// What to do where it reads something else.
     pub remedy: String,
-    /// The CANopen object that it is; `None`: a register.
-    pub object: Option<Object>,
 }
 
 impl Expected {
@@ -47,13 +44,11 @@ impl Expected {
 impl fmt::Display for Expected {
     /// `coil:268 (00269)`, `holding:116.5 (40117.5)`, `object 6110:01`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if let Some(object) = &self.object {
-            return write!(f, "object {object}");
+        match (&self.address, self.encoding.data_type) {
+            (Address::Modbus(register), DataType::Bit(bit)) => {
+                write!(f, "{register}.{bit} ({}.{bit})", register.modicon())
+            }
+            (address, _) => write!(f, "{address}"),
         }
-        let bit = match self.encoding.data_type {
-            crate::codec::DataType::Bit(bit) => format!(".{bit}"),
-            _ => String::new(),
-        };
-        write!(f, "{}{bit} ({}{bit})", self.address, self.address.modicon())
     }
 }

@@ -2,27 +2,25 @@
 
 use std::time::Duration;
 
-use crate::codec::Address;
+use crate::clock::Clock;
+use crate::codec::Register;
+use crate::fieldbus::departure::Leave;
 use crate::fieldbus::dial;
-use crate::fieldbus::error::Fault;
-use crate::fieldbus::line::Line;
+use crate::fieldbus::error::{CallerFault, Fault};
+use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::trace::{Exchange, Listening, Tap};
 use crate::fieldbus::wire::{Answer, Request};
 use crate::profile::{Bus, BusId, Device, DeviceId, Functions, Quirks};
-use crate::quantity::Moment;
 use crate::survey::bus::Place;
 
 /// Attempts to connect before a line is given up, with a pause between two.
 const DIALS: u32 = 3;
 const BETWEEN_DIALS: Duration = Duration::from_millis(300);
-/// Longer than any pause of a line after a failure: whoever asks here wants to know now.
-const ANY_PAUSE: Duration = Duration::from_secs(120);
 
 /// Puts questions to the units of a line. Reads only.
 pub struct Asker {
-    line: Line,
-    /// Not the time, which a line only needs for its pauses.
-    now: Moment,
+    /// `None` where nothing has registers: a CAN interface.
+    line: Option<DeviceLine>,
     listening: Option<Listening>,
 }
 
@@ -50,15 +48,15 @@ impl Asker {
         let devices: Vec<Device> = (0..=u8::MAX).map(device).collect();
         let units: Vec<(DeviceId, &Device)> =
             devices.iter().map(|device| (DeviceId(usize::from(device.unit)), device)).collect();
-        let line = Line::new(&bus, &units, dial(&bus));
-        Asker { line, now: Moment::default(), listening: None }
+        let line = dial(&bus).map(|dial| DeviceLine::new(&bus, &units, dial, &Clock::wall()));
+        Asker { line, listening: None }
     }
 
     /// The same, with every exchange to be had from [`Asker::heard`].
     #[must_use]
     pub fn listened_to(mut self) -> Asker {
         let tap = Tap::default();
-        self.line = self.line.tapped(&tap);
+        self.line = self.line.map(|line| line.tapped(&tap));
         self.listening = tap.listen(None).ok();
         self
     }
@@ -72,12 +70,15 @@ impl Asker {
     ///
     /// # Errors
     /// Why there is no answer.
-    pub async fn read(&mut self, unit: u8, from: Address, count: u16) -> Result<Answer, Fault> {
+    pub async fn read(&mut self, unit: u8, from: Register, count: u16) -> Result<Answer, Fault> {
+        let line = self.line.as_mut().ok_or(Fault::Caller(CallerFault::Function))?;
         let mut dials = 1;
         loop {
-            self.now = self.now.after(ANY_PAUSE);
+            // Whoever asks here wants to know now.
             let device = DeviceId(usize::from(unit));
-            let answer = self.line.call(device, Request::Read { from, count }, self.now).await;
+            line.revive(None);
+            let request = Request::Read { from, count };
+            let answer = line.request(device, request, Leave::Whenever).await.map(|found| found.answer);
             match answer {
                 Err(fault) if fault.is_of_the_line() && dials < DIALS => {
                     dials += 1;

@@ -46,6 +46,7 @@ impl Place {
             address: self.address.clone(),
             tls: None,
             timeout,
+            late: self.transport.late(timeout),
             quirks: Quirks::default(),
             sync: None,
         }

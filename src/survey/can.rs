@@ -2,9 +2,10 @@
 
 use serde::Serialize;
 
+use crate::codec::{Address, Frame};
 use crate::fieldbus::can::Interface;
 use crate::fieldbus::error::{CanFault, Fault, LinkFault};
-use crate::profile::{Bus, Profile};
+use crate::profile::{Bus, Profile, Signal};
 
 /// What was found of an interface.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -29,9 +30,11 @@ pub fn look(profile: &Profile) -> Vec<Looked> {
 
 fn wants_fd(profile: &Profile, bus: &Bus) -> bool {
     let here = profile.devices.iter().filter(|device| profile.bus(device.bus).name == bus.name);
-    here.filter_map(|device| device.can.as_ref()).any(|can| {
-        can.fields.iter().any(|field| field.is_fd) || can.written.iter().any(|frame| frame.is_fd())
-    })
+    let is_written =
+        here.filter_map(|device| device.can.as_ref()).flat_map(|can| &can.written).any(Frame::is_fd);
+    let is_here = |signal: &&Signal| profile.bus(profile.device(signal.device).bus).name == bus.name;
+    let is_fd = |signal: &Signal| matches!(&signal.address, Address::Frame(field) if field.is_fd);
+    is_written || profile.signals.iter().filter(is_here).any(is_fd)
 }
 
 fn looked(bus: &Bus, wants_fd: bool, found: Result<Interface, CanFault>) -> Looked {

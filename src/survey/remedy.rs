@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::codec::{Address, Table};
+use crate::codec::{Register, Table};
 use crate::fieldbus::error::{Fault, LinkFault, PeerFault};
 use crate::survey::bus::{Place, Transport};
 
@@ -14,7 +14,7 @@ pub struct Asked<'a> {
     /// Which unit.
     pub unit: u8,
     /// The first register or bit.
-    pub from: Address,
+    pub from: Register,
     /// How many.
     pub count: u16,
     /// How long the answer was waited for.
@@ -35,7 +35,6 @@ pub fn remedy(fault: Fault, asked: Asked<'_>) -> String {
         Table::Input => Table::Holding,
         Table::Coil => Table::Discrete,
         Table::Discrete => Table::Coil,
-        can @ (Table::Object | Table::Process) => can,
     };
     match fault {
         Fault::Timeout => format!(

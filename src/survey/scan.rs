@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use crate::codec::Address;
+use crate::codec::Register;
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::trace::Exchange;
 use crate::fieldbus::wire::Answer;
@@ -29,7 +29,7 @@ pub struct Scan {
     /// Which units.
     pub units: RangeInclusive<u8>,
     /// What each of them is asked for: the first of these registers, and the next only where nothing came.
-    pub registers: Vec<Address>,
+    pub registers: Vec<Register>,
     /// Every exchange is told as well.
     pub traced: bool,
 }

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::codec::{Address, DataType, Encoding, Scale, WordOrder};
+use crate::codec::{DataType, Encoding, Register, Scale, WordOrder};
 use crate::fieldbus::wire::Answer;
 
 /// How registers are to be understood.
@@ -54,7 +54,7 @@ impl Form {
     }
 
     /// The values in an answer that begins at `from`.
-    pub fn values(&self, from: Address, answer: &Answer) -> Vec<Shown> {
+    pub fn values(&self, from: Register, answer: &Answer) -> Vec<Shown> {
         let width = usize::from(self.registers());
         match answer {
             Answer::Words(words) => words
@@ -111,9 +111,9 @@ impl Form {
     }
 }
 
-fn shown(from: Address, place: usize, raw: String, readings: Vec<AsRead>) -> Shown {
+fn shown(from: Register, place: usize, raw: String, readings: Vec<AsRead>) -> Shown {
     let offset = from.offset.saturating_add(u16::try_from(place).unwrap_or(u16::MAX));
-    let address = Address { offset, ..from };
+    let address = Register { offset, ..from };
     Shown { register: address.to_string(), modicon: address.modicon(), raw, readings }
 }
 

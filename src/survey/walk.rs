@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use crate::codec::Address;
+use crate::codec::Register;
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::trace::Exchange;
 use crate::fieldbus::wire::Answer;
@@ -44,7 +44,7 @@ pub enum Walked {
 pub async fn walk(
     asker: &mut Asker,
     unit: u8,
-    from: Address,
+    from: Register,
     count: u16,
     mut tell: impl FnMut(Walked),
 ) -> Result<(), Fault> {
@@ -62,7 +62,7 @@ pub async fn walk(
     let mut missing: Option<Stretch> = None;
     while let Some((start, count)) = left.pop() {
         let (Ok(offset), Ok(length)) = (u16::try_from(start), u16::try_from(count)) else { continue };
-        let first = Address { offset, ..from };
+        let first = Register { offset, ..from };
         let answer = asker.read(unit, first, length).await;
         while let Some(exchange) = asker.heard() {
             tell(Walked::Exchange(exchange));
@@ -110,7 +110,7 @@ fn words(answer: Answer) -> Vec<u16> {
     }
 }
 
-fn stretch(first: Address, count: u16, read: Result<Vec<u16>, Fault>) -> Stretch {
+fn stretch(first: Register, count: u16, read: Result<Vec<u16>, Fault>) -> Stretch {
     let why = read.as_ref().err().map_or(String::new(), Fault::to_string);
     Stretch { register: first.to_string(), modicon: first.modicon(), count, values: read.ok(), why }
 }

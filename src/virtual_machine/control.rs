@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use super::fault::AcknowledgeFault;
 use super::registers::Bank;
-use crate::codec::Address;
+use crate::codec::{Address, Register};
 use crate::profile::{Flag, Handshake, OutputId, OutputSet, Profile, SetId};
 use crate::quantity::Moment;
 
@@ -31,7 +31,7 @@ pub(super) struct Control {
     pub(super) place: usize,
     outputs: Vec<(OutputId, Address, u16)>,
     handshake: Option<Handshake>,
-    sequence: Option<Address>,
+    sequence: Option<Register>,
     last_sequence: u16,
     strobe_up: bool,
     /// When the strobe last changed.
@@ -44,7 +44,7 @@ impl Control {
     pub(super) fn new(profile: &Profile, id: SetId, set: &OutputSet, place: usize, bank: &Bank) -> Control {
         let outputs = set.outputs.iter().zip(set.members(profile));
         let outputs =
-            outputs.map(|(id, output)| (*id, output.address, output.encoding.data_type.registers()));
+            outputs.map(|(id, output)| (*id, output.address.clone(), output.encoding.data_type.registers()));
         let mut control = Control {
             set: id,
             place,
@@ -62,7 +62,7 @@ impl Control {
     }
 
     /// The registers and bits that are the set's own, besides its outputs: where, and how many.
-    pub(super) fn own(set: &OutputSet) -> impl Iterator<Item = Address> {
+    pub(super) fn own(set: &OutputSet) -> impl Iterator<Item = Register> {
         let flags = set.handshake.map(|handshake| [handshake.strobe.address, handshake.acknowledge.address]);
         let words = [set.sequence, set.complement, set.heartbeat, set.control, set.version.map(|(at, _)| at)];
         words.into_iter().flatten().chain(flags.into_iter().flatten())
@@ -127,13 +127,13 @@ impl Control {
     }
 
     fn read(&self, bank: &Bank) -> Vec<Vec<u16>> {
-        let words = |(_, address, count): &(OutputId, Address, u16)| bank.read(*address, *count);
+        let words = |(_, address, count): &(OutputId, Address, u16)| bank.read(address, *count);
         self.outputs.iter().map(|output| words(output).unwrap_or_default().to_vec()).collect()
     }
 }
 
-fn word(bank: &Bank, address: Address) -> Option<u16> {
-    bank.read(address, 1).and_then(|words| words.first().copied())
+fn word(bank: &Bank, address: Register) -> Option<u16> {
+    bank.registers(address, 1).and_then(|words| words.first().copied())
 }
 
 fn set_flag(bank: &mut Bank, flag: Flag, up: bool) {
@@ -143,6 +143,6 @@ fn set_flag(bank: &mut Bank, flag: Flag, up: bool) {
         Some(_) => before & !flag.raised(),
         None => u16::from(up),
     };
-    let fits = bank.write(flag.address, &[after]);
+    let fits = bank.write(&flag.address.into(), &[after]);
     debug_assert!(fits.is_some(), "room was made for it");
 }

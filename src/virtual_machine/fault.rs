@@ -53,7 +53,7 @@
 
 use std::time::Duration;
 
-use crate::codec::Address;
+use crate::codec::Register;
 use crate::profile::DeviceId;
 use crate::quantity::Moment;
 use crate::reading::SignalId;
@@ -100,7 +100,7 @@ pub(super) enum Kind {
     /// The listener is closed.
     Refuse,
     /// Somebody else writes.
-    Register { address: Address, words: Vec<u16> },
+    Register { address: Register, words: Vec<u16> },
     /// All that was written is forgotten.
     Restart,
     /// Something is wrong with its handshakes.
@@ -178,7 +178,7 @@ struct Running {
 /// What a one-time fault does.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Incident {
-    Register { device: DeviceId, address: Address, words: Vec<u16> },
+    Register { device: DeviceId, address: Register, words: Vec<u16> },
     Restart { device: DeviceId },
 }
 

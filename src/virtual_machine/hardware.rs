@@ -3,7 +3,7 @@
 //! Registers are filled at the moment of a request from the plant at that moment, so the plant's own tick decides
 //! nothing that a client could see.
 
-use crate::codec::{Address, Encoding, Scale, Table};
+use crate::codec::{Address, Encoding, Scale};
 use crate::profile::{AxisId, Capture, DeviceId, Output, OutputId, Profile, SetId, Signal, Writes};
 use crate::quantity::Moment;
 
@@ -147,7 +147,7 @@ impl Hardware {
             let mut controls = self.controls.iter();
             match controls.find_map(|control| control.taken(OutputId(place))) {
                 Some(words) => output.encoding.decode(words).ok(),
-                None => self.decoded(output.device, output.address, &output.encoding),
+                None => self.decoded(output.device, &output.address, &output.encoding),
             }
         };
         let written = outputs()
@@ -209,13 +209,14 @@ impl Hardware {
         let (address, count) = request.extent();
         let function = pdu.first().copied().unwrap_or_default();
         let wanted = request.written().map_or(Vec::new(), |(_, values)| values.to_vec());
+        let address = address.into();
         journal.push(Seen { at, device, function, address, count, before, after, wanted });
     }
 
     /// The cells a request speaks of; nothing where nobody wants to know, or where one does not exist.
     fn cells_of(&self, place: usize, request: &Request) -> Vec<u16> {
         let (address, count) = request.extent();
-        let cells = self.journal.as_ref().and_then(|_| self.units[place].bank.read(address, count));
+        let cells = self.journal.as_ref().and_then(|_| self.units[place].bank.registers(address, count));
         cells.unwrap_or_default().to_vec()
     }
 
@@ -231,7 +232,7 @@ impl Hardware {
             && fault != Some(ReplyFault::IgnoredWrite)
         {
             let count = u16::try_from(values.len()).unwrap_or(u16::MAX);
-            self.note_corrections(place, address, count);
+            self.note_corrections(place, &address.into(), count);
         }
         Reply { pdu: Some(answer.unwrap_or_else(|code| modbus::exception(pdu, code))), fault }
     }
@@ -252,25 +253,25 @@ impl Hardware {
                 probed.or(known).or(self.well[id.0]).unwrap_or_else(|| wander(signal, self.seed, seconds));
             let reads = broken.iter().find(|(broken, _)| broken == id).map(|(_, reads)| *reads);
             let words = cells(signal, reads.unwrap_or(Reads::Value(value)));
-            let fits = unit.bank.put(signal.address, &signal.encoding, &words);
+            let fits = unit.bank.put(&signal.address, &signal.encoding, &words);
             debug_assert!(fits.is_some(), "room was made for every signal");
         }
     }
 
     /// Keeps what a corrected output adds to its position: D' as written, D as the scale showed it last.
-    fn note_corrections(&mut self, place: usize, address: Address, count: u16) {
+    fn note_corrections(&mut self, place: usize, address: &Address, count: u16) {
         for (index, output) in self.profile.outputs.iter().enumerate() {
             let Writes::Corrected { position } = output.writes else { continue };
             let width = output.encoding.data_type.registers();
             let touched =
-                self.unit_of[output.device.0] == place && overlap((output.address, width), (address, count));
+                self.unit_of[output.device.0] == place && overlap((&output.address, width), (address, count));
             let scale = self.profile.signal(position);
             if !touched {
                 continue;
             }
             if let (Some(corrected), Some(shown)) = (
-                self.decoded(output.device, output.address, &output.encoding),
-                self.decoded(scale.device, scale.address, &scale.encoding),
+                self.decoded(output.device, &output.address, &output.encoding),
+                self.decoded(scale.device, &scale.address, &scale.encoding),
             ) {
                 self.corrections[index] = 1000.0 * (corrected - shown);
             }
@@ -279,10 +280,11 @@ impl Hardware {
 
     fn happen(&mut self, incident: Incident, now: Moment) {
         match incident {
-            Incident::Register { device, address, words } => {
+            Incident::Register { device, address: register, words } => {
                 let place = self.unit_of[device.0];
                 let count = u16::try_from(words.len()).unwrap_or(u16::MAX);
                 let bank = &mut self.units[place].bank;
+                let address = &Address::Modbus(register);
                 bank.reserve(address, count);
                 let fits = bank.write(address, &words);
                 debug_assert!(fits.is_some(), "room was made for it");
@@ -312,14 +314,14 @@ impl Hardware {
 
     /// What stands in a device.
     #[cfg(test)]
-    pub(super) fn cell(&self, device: DeviceId, address: Address, count: u16) -> Option<&[u16]> {
+    pub(super) fn cell(&self, device: DeviceId, address: &Address, count: u16) -> Option<&[u16]> {
         self.units[self.unit_of[device.0]].bank.read(address, count)
     }
 
-    fn decoded(&self, device: DeviceId, address: Address, encoding: &Encoding) -> Option<f64> {
+    fn decoded(&self, device: DeviceId, address: &Address, encoding: &Encoding) -> Option<f64> {
         let bank = &self.units[self.unit_of[device.0]].bank;
         let words = bank.read(address, encoding.data_type.registers())?;
-        if address.table.is_bits() {
+        if address.is_bit() {
             return words.first().and_then(|bit| encoding.decode_bit(*bit != 0).ok());
         }
         encoding.decode(words).ok()
@@ -344,7 +346,7 @@ fn cells(signal: &Signal, reads: Reads) -> Vec<u16> {
         Reads::Nan => return not_a_number(encoding),
     };
     let mut words = encoded.words().to_vec();
-    if matches!(signal.address.table, Table::Coil | Table::Discrete) {
+    if signal.address.is_bit() {
         words.iter_mut().for_each(|word| *word = (*word).min(1));
     }
     words

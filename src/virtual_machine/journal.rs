@@ -13,7 +13,7 @@ pub struct Seen {
     pub device: DeviceId,
     /// The function code; 0 for what was written on a CAN line.
     pub function: u8,
-    /// The first register or bit.
+    /// Where: the first register or bit, the object, the place in a frame.
     pub address: Address,
     /// How many.
     pub count: u16,

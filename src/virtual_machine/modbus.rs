@@ -1,7 +1,7 @@
 //! The server's side of Modbus TCP: frames, requests and answers as bytes. Pure, and nothing it is sent makes it panic.
 
 use super::registers::Bank;
-use crate::codec::{Address, Table};
+use crate::codec::{Register, Table};
 use crate::profile::Functions;
 
 /// Bytes before the protocol data unit: transaction, protocol, length, unit.
@@ -52,17 +52,17 @@ pub(super) fn frame(transaction: u16, unit: u8, pdu: &[u8]) -> Vec<u8> {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Request {
     Read {
-        address: Address,
+        address: Register,
         count: u16,
     },
     /// Function 05 or 06.
     WriteOne {
-        address: Address,
+        address: Register,
         value: u16,
     },
     /// Function 15 or 16.
     WriteMany {
-        address: Address,
+        address: Register,
         values: Vec<u16>,
     },
 }
@@ -74,7 +74,7 @@ impl Request {
     /// The exception code it deserves.
     pub(super) fn decode(pdu: &[u8]) -> Result<Request, u8> {
         let (function, body) = pdu.split_first().ok_or(ILLEGAL_FUNCTION)?;
-        let at = |table| field(body, 0).map(|offset| Address { table, offset }).ok_or(ILLEGAL_VALUE);
+        let at = |table| field(body, 0).map(|offset| Register { table, offset }).ok_or(ILLEGAL_VALUE);
         let read = |table, most| {
             let count = field(body, 2).filter(|count| (1..=most).contains(count));
             match (body.len(), count) {
@@ -112,7 +112,7 @@ impl Request {
     }
 
     /// The first cell it speaks of, and how many.
-    pub(super) fn extent(&self) -> (Address, u16) {
+    pub(super) fn extent(&self) -> (Register, u16) {
         match self {
             Request::Read { address, count } => (*address, *count),
             Request::WriteOne { address, .. } => (*address, 1),
@@ -128,7 +128,7 @@ impl Request {
     }
 
     /// The cells it writes, with the values they shall have.
-    pub(super) fn written(&self) -> Option<(Address, &[u16])> {
+    pub(super) fn written(&self) -> Option<(Register, &[u16])> {
         match self {
             Request::Read { .. } => None,
             Request::WriteOne { address, value } => Some((*address, std::slice::from_ref(value))),
@@ -144,7 +144,6 @@ impl Request {
                 Table::Discrete => functions.read_discrete,
                 Table::Holding => functions.read_holding,
                 Table::Input => functions.read_input,
-                Table::Object | Table::Process => false,
             },
             Request::WriteOne { address, .. } if address.table.is_bits() => functions.write_coil,
             Request::WriteOne { .. } => functions.write_single,
@@ -161,16 +160,16 @@ impl Request {
         let echo = |length: usize| pdu.iter().take(length).copied().collect();
         match self {
             Request::Read { address, count } => {
-                let cells = bank.read(*address, *count).ok_or(ILLEGAL_ADDRESS)?;
+                let cells = bank.registers(*address, *count).ok_or(ILLEGAL_ADDRESS)?;
                 let data = if address.table.is_bits() { packed(cells) } else { big_endian(cells) };
                 let function = pdu.first().copied().unwrap_or_default();
                 Ok([&[function, u8::try_from(data.len()).unwrap_or(u8::MAX)], data.as_slice()].concat())
             }
             Request::WriteOne { address, value } => {
-                bank.write(*address, &[*value]).map(|()| echo(5)).ok_or(ILLEGAL_ADDRESS)
+                bank.write(&(*address).into(), &[*value]).map(|()| echo(5)).ok_or(ILLEGAL_ADDRESS)
             }
             Request::WriteMany { address, values } => {
-                bank.write(*address, values).map(|()| echo(5)).ok_or(ILLEGAL_ADDRESS)
+                bank.write(&(*address).into(), values).map(|()| echo(5)).ok_or(ILLEGAL_ADDRESS)
             }
         }
     }
@@ -216,7 +215,7 @@ mod tests {
     fn bank() -> Bank {
         let mut bank = Bank::default();
         for table in [Table::Coil, Table::Discrete, Table::Input, Table::Holding] {
-            bank.reserve(Address { table, offset: 0 }, 32);
+            bank.reserve(&Register { table, offset: 0 }.into(), 32);
         }
         bank
     }

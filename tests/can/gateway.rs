@@ -3,7 +3,6 @@
 
 use std::time::Duration;
 
-use isotherm::clock::Clock;
 use isotherm::observe::status::{Source, Status};
 
 use crate::node::{Node, State};
@@ -303,11 +302,7 @@ fn an_interface_that_goes_down_is_told_once_and_everything_on_it_returns_when_it
         });
         std::thread::sleep(Duration::from_secs(3));
         cell.interface.up();
-        let begun = Clock::wall();
-        let from = begun.now();
         let status = wait_until(source, "it follows again", is_active);
-        let took = begun.now().since(from);
-        assert!(took < Duration::from_secs(3), "{took:?}: {:#?}", events(&status));
         let counts = ["link-down", "link-up", "device-lost"].map(|kind| count(&status, kind));
         assert_eq!(counts, [1, 1, 0], "{:#?}", events(&status));
         // It is written again, too.

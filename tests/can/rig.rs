@@ -2,6 +2,7 @@
 
 use std::path::Path;
 use std::process::Command;
+use std::sync::Arc;
 use std::time::Duration;
 
 use isotherm::clock::Clock;
@@ -9,8 +10,8 @@ use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::status::{SignalStatus, Source, Status};
 use isotherm::profile;
 
-/// How long anything may take before a test gives up.
-const PATIENCE: Duration = Duration::from_secs(15);
+/// How long anything may take before a test gives up: a kernel in a kernel on a busy computer takes its time.
+const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A virtual interface that lives as long as this.
 pub(crate) struct Interface(String);
@@ -85,11 +86,20 @@ pub(crate) fn beside(
     dry_run: bool,
     script: impl FnOnce(&dyn Source) + Send + 'static,
 ) {
+    with_source(profile, dry_run, move |source| script(source.as_ref()));
+}
+
+/// The same for a script whose devices look at the gateway, too.
+pub(crate) fn with_source(
+    profile: profile::Profile,
+    dry_run: bool,
+    script: impl FnOnce(Arc<dyn Source>) + Send + 'static,
+) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
         let gateway = Gateway::new(profile, &Clock::wall(), Options { dry_run, ..Options::default() });
         let source = gateway.source();
-        let done = tokio::task::spawn_blocking(move || script(source.as_ref()));
+        let done = tokio::task::spawn_blocking(move || script(source));
         let (tell, told) = tokio::sync::oneshot::channel();
         let stop = async move { drop(tell.send(done.await)) };
         gateway.run(stop, std::future::ready(())).await;

@@ -95,7 +95,7 @@ async fn heard(socket: &Socket) -> Frame {
 }
 
 async fn sent(socket: &Socket, frame: &Frame) {
-    socket.send(frame, Duration::from_secs(1)).await.unwrap();
+    socket.send_now(frame).unwrap();
 }
 
 fn standard(raw: u32) -> CanId {

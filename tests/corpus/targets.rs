@@ -8,10 +8,13 @@ use std::pin::Pin;
 use std::sync::LazyLock;
 use std::task::{Context, Poll};
 
-use isotherm::codec::{Address, DataType, Encoding, Scale, Table, WordOrder, checksum};
+use isotherm::clock::Clock;
+use isotherm::codec::{Address, DataType, Encoding, Register, Scale, Table, WordOrder, checksum};
+use isotherm::fieldbus::departure::Departure;
 use isotherm::fieldbus::modbus::attach;
 use isotherm::fieldbus::plan::plan;
-use isotherm::fieldbus::rtu::{Port, Rtu};
+use isotherm::fieldbus::port::Port;
+use isotherm::fieldbus::rtu::Rtu;
 use isotherm::fieldbus::wire::{Answer, Request, Wire};
 use isotherm::profile::{self, Device, Profile, Quirks, Signal};
 use isotherm::reading::SignalId;
@@ -66,9 +69,9 @@ impl Bytes<'_> {
         }
     }
 
-    fn address(&mut self) -> Address {
+    fn address(&mut self) -> Register {
         let table = [Table::Coil, Table::Discrete, Table::Input, Table::Holding];
-        Address { table: table[usize::from(self.byte() % 4)], offset: self.word() }
+        Register { table: table[usize::from(self.byte() % 4)], offset: self.word() }
     }
 
     fn answer(&mut self) -> Answer {
@@ -99,7 +102,7 @@ pub(crate) fn codec(data: &[u8]) {
     let any = f64::from_bits(u64::from_be_bytes(bytes.take()));
     assert_eq!(encoding.encode(any).words().len(), usize::from(encoding.data_type.registers()));
     if let Ok(text) = std::str::from_utf8(bytes.0)
-        && let Ok(address) = text.parse::<Address>()
+        && let Ok(address) = text.parse::<Register>()
     {
         assert_eq!(address.to_string().parse(), Ok(address));
         assert_eq!(address.modicon().parse(), Ok(address));
@@ -126,8 +129,9 @@ pub(crate) fn planner(data: &[u8]) {
         for field in &request.fields {
             read[field.signal.0] += 1;
             let signal = &signals[field.signal.0];
-            assert_eq!(request.start + field.at, signal.address.offset);
-            assert!(field.at + field.len <= request.count);
+            let (from, count) = request.span().unwrap();
+            assert_eq!(Some(from.offset + field.at), signal.address.register().map(|own| own.offset));
+            assert!(field.at + field.len <= count);
             if let Ok(value) = field.decode(&signal.encoding, &answer) {
                 assert!(value.is_finite(), "{value} of {answer:?} by {:?}", signal.encoding);
             }
@@ -145,7 +149,7 @@ fn signal(bytes: &mut Bytes<'_>, usual: &Signal) -> Option<Signal> {
     }
     let fits = u32::from(address.offset) + u32::from(encoding.data_type.registers()) <= 65_536;
     let merge = bytes.byte() & 3 != 3;
-    fits.then(|| Signal { address, encoding, merge, ..usual.clone() })
+    fits.then(|| Signal { address: address.into(), encoding, merge, ..usual.clone() })
 }
 
 /// The text of a profile, whole or as one line within a good one.
@@ -191,8 +195,8 @@ pub(crate) fn dbc(data: &[u8]) {
     match profile::parse_with(Path::new("fuzz.toml"), text, &[("f.dbc", data)], &[], &[]) {
         Err(errors) => assert!(!errors.to_string().is_empty()),
         Ok(loaded) => {
-            let can = loaded.profile.devices[0].can.as_ref().expect("it is on CAN");
-            for (signal, field) in loaded.profile.signals.iter().zip(&can.fields) {
+            for signal in &loaded.profile.signals {
+                let Address::Frame(field) = &signal.address else { panic!("it is on CAN") };
                 for length in 0..=data.len().min(64) {
                     if let Some(Ok(words)) = field.read(&data[..length])
                         && let Ok(value) = signal.encoding.decode(words.words())
@@ -264,10 +268,11 @@ pub(crate) fn client(data: &[u8]) {
     let unit = bytes.byte();
     let peer = Peer { asked: Vec::new(), answer: bytes.0.to_vec(), at: 0, how, calls: 0 };
     let runtime = tokio::runtime::Builder::new_current_thread().build().expect("a runtime without drivers");
+    let mut departure = Departure::whenever(&Clock::wall());
     let answer = if how & RTU == 0 {
-        runtime.block_on(attach(peer).call(unit, request))
+        runtime.block_on(attach(peer).exchange(unit, request, &mut departure))
     } else {
-        runtime.block_on(Rtu::new(peer, None).call(unit, request))
+        runtime.block_on(Rtu::new(peer, None).exchange(unit, request, &mut departure))
     };
     match (answer, request) {
         (Ok(Answer::Words(words)), Request::Read { from, count }) => {
@@ -298,7 +303,7 @@ struct Peer {
 }
 
 impl Port for Peer {
-    fn take_waiting(&self, _: &mut [u8]) -> io::Result<usize> {
+    fn take_waiting(&mut self, _: &mut [u8]) -> io::Result<usize> {
         Err(io::ErrorKind::WouldBlock.into())
     }
 }

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use isotherm::codec::{CanId, Frame, Table};
+use isotherm::codec::{Address, CanId, Frame};
 use isotherm::explain::Explanation;
-use isotherm::profile::{Errors, Loaded, Profile, Verify, parse};
+use isotherm::profile::{DeviceId, Errors, Loaded, Profile, Verify, parse};
 use isotherm::reading::Reason;
 
 /// Templates of devices on CAN, with the key that a CANopen node needs.
@@ -38,15 +38,16 @@ fn signal(template: &str, channel: &str, more: &str) -> Profile {
 /// What a frame or an object's bytes say of the signal with this name.
 fn read(profile: &Profile, name: &str, id: u32, bytes: &[u8]) -> Result<f64, Reason> {
     let signal = profile.signals.iter().find(|signal| signal.name == name).unwrap();
-    let can = profile.device(signal.device).can.as_ref().unwrap();
-    let words = if signal.address.table == Table::Process {
-        let field = can.field(signal.address.offset).unwrap();
-        assert!(field.frames.takes(CanId::standard(id).unwrap()), "{field} is not of {id:#x}");
-        field.read(bytes).unwrap()?
-    } else {
-        let object = can.object(signal.address.offset).unwrap();
-        assert_eq!(u32::from(object.index), id, "{object}");
-        object.words(bytes).ok_or(Reason::BadReply)?
+    let words = match &signal.address {
+        Address::Frame(field) => {
+            assert!(field.frames.takes(CanId::standard(id).unwrap()), "{field} is not of {id:#x}");
+            field.read(bytes).unwrap()?
+        }
+        Address::Object(object) => {
+            assert_eq!(u32::from(object.entry.index), id, "{object}");
+            object.words(bytes).ok_or(Reason::BadReply)?
+        }
+        Address::Modbus(register) => panic!("{register}"),
     };
     signal.encoding.decode(words.words())
 }
@@ -72,8 +73,7 @@ fn an_axiomatic_scanner_says_open_circuit_and_switched_off_by_counts_that_would_
     assert_eq!(Reason::OpenCircuit.to_string(), "open circuit");
     assert_eq!(read(&machine, "s", 0x185, &frame(-1)), Err(Reason::SwitchedOff));
     assert_eq!(read(&machine, "d_status_3", 0x6150, &[3]), Ok(3.0));
-    let can = machine.devices[0].can.as_ref().unwrap();
-    assert_eq!(can.object(0).unwrap().to_string(), "6150:03");
+    assert_eq!(machine.objects(DeviceId(0))[0].to_string(), "6150:03");
     for (status, bad) in [(0.0, false), (3.0, true), (16.0, false), (32.0, false), (65.0, true)] {
         assert_eq!(condemned(&machine, &[("d_status_3", status)]), Some(bad), "{status}");
     }
@@ -229,7 +229,8 @@ fn a_siko_indicator_is_written_with_its_control_word_and_condemned_by_its_status
     let can = machine.devices[0].can.as_ref().unwrap();
     let mut frame: Frame = *can.written(CanId::standard(0x20c).unwrap()).unwrap();
     let words = output.encoding.encode(-12.34);
-    can.field(output.address.offset).unwrap().bits.insert(frame.data_mut(), words.bits()).unwrap();
+    let Address::Frame(field) = &output.address else { panic!("{}", output.address) };
+    field.bits.insert(frame.data_mut(), words.bits()).unwrap();
     assert_eq!(frame.to_string(), "20C#2EFBFFFF00000000");
     let told = Explanation::of(&machine).to_string();
     assert!(told.contains("not verified: the control word in bytes 6 and 7 of RPDO1"), "{told}");

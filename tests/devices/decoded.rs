@@ -13,7 +13,7 @@ fn decode(profile: &Profile, words: &[u16]) -> Result<f64, Reason> {
 #[track_caller]
 fn reads(profile: &Profile, at: &str, cases: &[(&[u16], f64)]) {
     let signal = &profile.signals[0];
-    assert_eq!(signal.address.to_string(), at);
+    assert_eq!(signal.address.register().unwrap().to_string(), at);
     for (words, value) in cases {
         let found = signal.encoding.decode(words).unwrap();
         assert!((found - value).abs() < 0.0006, "{words:04x?} is {found}, not {value}");
@@ -43,7 +43,7 @@ fn icp_das_modules_send_tenths_of_a_degree_and_the_ends_of_the_range_for_no_sens
 fn a_module_with_a_range_bit_for_each_channel_is_not_believed_while_it_is_set() {
     let machine = signal("template = \"icp-das-m7019r\"", "3", "");
     assert_eq!(machine.signals[1].name, "d_range_3");
-    assert_eq!(machine.signals[1].address.to_string(), "discrete:131");
+    assert_eq!(machine.signals[1].address.register().unwrap().to_string(), "discrete:131");
     assert_eq!((condemned(&machine, 1.0), condemned(&machine, 0.0)), (Some(true), Some(false)));
 }
 
@@ -65,12 +65,12 @@ fn an_adam_6018_sends_the_share_of_its_types_range() {
         // Half a count of the type.
         let half = machine.signals[0].encoding.scale.get() * 0.51;
         assert!((found - value).abs() <= half, "{variant}: {found}");
-        assert_eq!(machine.signals[0].address.to_string(), "holding:7");
+        assert_eq!(machine.signals[0].address.register().unwrap().to_string(), "holding:7");
         for end in [0, 65535] {
             assert_eq!(decode(&machine, &[end]), Err(Reason::Sentinel));
         }
         let check = &machine.devices[0].verify[0];
-        assert_eq!(check.address.to_string(), "holding:207");
+        assert_eq!(check.address.register().unwrap().to_string(), "holding:207");
     }
     let type_t = signal("template = \"advantech-adam-6018\"\nvariant = \"T\"", "0", "");
     assert_eq!(type_t.devices[0].verify[0].equals, 1088);
@@ -106,12 +106,12 @@ fn advantechs_counters_send_the_low_word_first() {
 fn an_exemys_channel_is_not_believed_while_its_status_is_not_normal() {
     let machine = signal("template = \"exemys-rme1-tc\"\nvariant = \"K\"", "8", "");
     reads(&machine, "holding:7", &[(&[255], 25.5), (&[0xff01], -25.5)]);
-    assert_eq!(machine.signals[1].address.to_string(), "holding:15");
+    assert_eq!(machine.signals[1].address.register().unwrap().to_string(), "holding:15");
     for (status, bad) in [(0.0, false), (1.0, true), (2.0, true)] {
         assert_eq!(condemned(&machine, status), Some(bad));
     }
     let check = &machine.devices[0].verify[0];
-    assert_eq!((check.address.to_string().as_str(), check.equals), ("holding:207", 3));
+    assert_eq!((check.address.register().unwrap().to_string().as_str(), check.equals), ("holding:207", 3));
 }
 
 #[test]
@@ -132,7 +132,7 @@ fn a_bitmap_of_connected_sensors_condemns_each_channel_by_its_own_bit() {
     let machine = signal("template = \"isma-sfar-s-6ti\"", "4", "scale = 0.1");
     reads(&machine, "input:55", &[(&[255], 25.5), (&[0xff01], -25.5)]);
     let connected = &machine.signals[1];
-    assert_eq!(connected.address.to_string(), "input:50");
+    assert_eq!(connected.address.register().unwrap().to_string(), "input:50");
     assert_eq!(
         (connected.encoding.decode(&[0b01000]), connected.encoding.decode(&[0b10111])),
         (Ok(1.0), Ok(0.0))
@@ -155,7 +155,7 @@ fn loggers_say_not_connected_and_error_by_values_outside_the_range() {
     assert!(inside(&atal, 238) && !inside(&atal, 0x82fb), "-32005 is error 5");
     let fine = signal("template = \"atal-awp-c\"", "\"fine_2\"", "");
     reads(&fine, "holding:40042", &[(&[0, 23812], 23.812), (&[0xffff, 0xfc18], -1.0)]);
-    assert_eq!(fine.devices[0].verify[0].address.to_string(), "holding:40033");
+    assert_eq!(fine.devices[0].verify[0].address.register().unwrap().to_string(), "holding:40033");
 }
 
 #[test]
@@ -192,7 +192,7 @@ fn what_a_control_tells_back_is_read_by_bits_and_by_values() {
     for name in ["plc-block", "fanuc-modbus-server"] {
         let device = format!("template = \"{name}\"\nbase = 100");
         let referenced = signal(&device, "\"referenced\"", "");
-        assert_eq!(referenced.signals[0].address.to_string(), "holding:116");
+        assert_eq!(referenced.signals[0].address.register().unwrap().to_string(), "holding:116");
         assert_eq!((decode(&referenced, &[0b00100]), decode(&referenced, &[0b11011])), (Ok(1.0), Ok(0.0)));
         let echo = signal(&device, "\"echo_z\"", "");
         reads(&echo, "holding:122", &[(&[0xffff, 0xffac], -8.4)]);

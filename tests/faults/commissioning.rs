@@ -78,7 +78,7 @@ fn a_module_that_is_set_as_expected_is_armed_and_its_checks_are_read_once() {
     assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
     let reads = |register: u16, function: u8| {
         let same = |seen: &&isotherm::virtual_machine::Seen| {
-            seen.function == function && seen.address.offset == register
+            seen.function == function && seen.address.register().unwrap().offset == register
         };
         trace.wire.iter().filter(same).count()
     };

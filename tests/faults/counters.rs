@@ -2,12 +2,12 @@
 
 use std::time::Duration;
 
-use isotherm::codec::{Address, Table};
+use isotherm::codec::{Address, Register, Table};
 
 use crate::law;
 use crate::rig::{BENCH, Trace, run};
 
-const COMMAND: Address = Address { table: Table::Holding, offset: 132 };
+const COMMAND: Address = Address::Modbus(Register { table: Table::Holding, offset: 132 });
 
 fn counting(faults: &str) -> Trace {
     let counter = "counter = { max_speed = 50.0, capture = { register = \"holding:132\", value = 1 } }";

@@ -3,7 +3,8 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use isotherm::codec::{Address, Table};
+use isotherm::codec::{Register, Table};
+use isotherm::fieldbus::departure::Departure;
 use isotherm::fieldbus::error::Fault;
 use isotherm::fieldbus::wire::{Answer, Boxed, Connection, Dial, Request, Wire};
 use isotherm::gateway::Dialer;
@@ -16,8 +17,8 @@ use crate::rig::{BENCH, Trace, World, block_on, run};
 
 const MINUTE: Duration = Duration::from_secs(60);
 const SECOND: Duration = Duration::from_secs(1);
-const STROBE: Address = Address { table: Table::Coil, offset: 20 };
-const ACKNOWLEDGE: Address = Address { table: Table::Discrete, offset: 20 };
+const STROBE: Register = Register { table: Table::Coil, offset: 20 };
+const ACKNOWLEDGE: Register = Register { table: Table::Discrete, offset: 20 };
 
 fn shaken() -> String {
     let keys = "handshake = { strobe = \"coil:20\", acknowledge = \"discrete:20\", timeout = \"500ms\" }";
@@ -38,7 +39,7 @@ fn holds(trace: &Trace) {
 /// No strobe stays up: each is dropped before long, also by a gateway that ends.
 fn strobes_are_short(trace: &Trace) {
     let mut up = None;
-    for seen in trace.wire.iter().filter(|seen| seen.is_write() && seen.address == STROBE) {
+    for seen in trace.wire.iter().filter(|seen| seen.is_write() && seen.address == STROBE.into()) {
         up = (seen.wanted == [1]).then_some(seen.at);
         let since = up.map_or(seen.at, |up| up);
         assert!(seen.at.since(since) <= Duration::from_millis(700), "{seen:?}\n{}", trace.lines());
@@ -49,13 +50,13 @@ fn strobes_are_short(trace: &Trace) {
 /// What happens at the control, in order: `v` value written, `S` strobe up, `s` strobe down, `A` and `a` acknowledge
 /// seen up and down, `r` the register read.
 fn story(trace: &Trace, from: f64, to: f64) -> String {
-    let word = |seen: &Seen| match (seen.is_write(), seen.address) {
+    let word = |seen: &Seen| match (seen.is_write(), seen.address.register().unwrap()) {
         (true, STROBE) if seen.wanted == [1] => "S",
         (true, STROBE) => "s",
         (false, ACKNOWLEDGE) if seen.after == [1] => "A",
         (false, ACKNOWLEDGE) => "a",
-        (true, Address { table: Table::Holding, offset: 104 }) => "v",
-        (false, Address { table: Table::Holding, offset: 104 }) => "r",
+        (true, Register { table: Table::Holding, offset: 104 }) => "v",
+        (false, Register { table: Table::Holding, offset: 104 }) => "r",
         _ => "",
     };
     let seen = trace.wire.iter().filter(|seen| (from..=to).contains(&trace.seconds(seen.at)));
@@ -176,9 +177,10 @@ fn the_line_serves_other_devices_while_it_waits() {
     let trace = run(&shaken().replace(module, beside), &late, MINUTE);
     holds(&trace);
     assert_eq!(trace.told("acknowledge-missing") + trace.told("overrun"), 0, "{}", trace.lines());
-    let read: Vec<f64> = (trace.wire.iter().filter(|seen| seen.address.table == Table::Input))
-        .map(|seen| trace.seconds(seen.at))
-        .collect();
+    let read: Vec<f64> =
+        (trace.wire.iter().filter(|seen| seen.address.register().unwrap().table == Table::Input))
+            .map(|seen| trace.seconds(seen.at))
+            .collect();
     let widest = read.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
     assert!(read.len() > 280 && widest <= 0.25, "{} reads, {widest} s apart", read.len());
 }
@@ -203,14 +205,19 @@ struct RefusingWire {
 impl Dial for Refusing {
     fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
         Box::pin(async {
-            let wire = isotherm::fieldbus::dial(&self.bus).dial().await?;
+            let wire = isotherm::fieldbus::dial(&self.bus).unwrap().dial().await?;
             Ok(Connection::Other(Box::new(RefusingWire { wire, by: self.clone() })))
         })
     }
 }
 
 impl Wire for RefusingWire {
-    fn call<'a>(&'a mut self, unit: u8, request: Request<'a>) -> Boxed<'a, Result<Answer, Fault>> {
+    fn exchange<'a>(
+        &'a mut self,
+        unit: u8,
+        request: Request<'a>,
+        departure: &'a mut Departure,
+    ) -> Boxed<'a, Result<Answer, Fault>> {
         if (self.by.kind)(&request) {
             let mut counted = self.by.counted.lock().unwrap();
             *counted += 1;
@@ -220,7 +227,7 @@ impl Wire for RefusingWire {
                 return Box::pin(async { Err(Fault::Exception(4)) });
             }
         }
-        Box::pin(self.wire.call(unit, request))
+        Box::pin(self.wire.exchange(unit, request, departure))
     }
 }
 
@@ -228,7 +235,7 @@ fn refusing(from: u32, times: u32, kind: fn(&Request<'_>) -> bool) -> Trace {
     let counted = Arc::new(std::sync::Mutex::new(0));
     let dialer: Dialer = Arc::new(move |bus: &Bus| {
         let (bus, counted) = (bus.clone(), counted.clone());
-        Box::new(Refusing { bus, counted, from, times, kind, panics: false })
+        Some(Box::new(Refusing { bus, counted, from, times, kind, panics: false }))
     });
     let trace = block_on(async {
         let mut world = World::new(&shaken(), "").await;
@@ -254,7 +261,7 @@ fn a_strobe_that_cannot_be_dropped_is_told_and_dropped_as_soon_as_that_is_possib
     let kind: fn(&Request<'_>) -> bool = |request| matches!(request, Request::WriteCoil { value: false, .. });
     let dialer: Dialer = Arc::new(move |bus: &Bus| {
         let (bus, counted) = (bus.clone(), counted.clone());
-        Box::new(Refusing { bus, counted, from: 6, times: 5, kind, panics: false })
+        Some(Box::new(Refusing { bus, counted, from: 6, times: 5, kind, panics: false }))
     });
     let trace = block_on(async {
         let mut world = World::new(&shaken(), "").await;
@@ -266,7 +273,7 @@ fn a_strobe_that_cannot_be_dropped_is_told_and_dropped_as_soon_as_that_is_possib
     assert_eq!(told.len(), 1, "{}", trace.lines());
     assert!(told[0].starts_with("strobe of output cnc_z could not be dropped (coil:20): "), "{told:?}");
     assert_eq!(trace.states_between(150, 180), ["active"], "{}", trace.lines());
-    let last = trace.wire.iter().rfind(|seen| seen.is_write() && seen.address == STROBE).unwrap();
+    let last = trace.wire.iter().rfind(|seen| seen.is_write() && seen.address == STROBE.into()).unwrap();
     assert_eq!(last.wanted, [0]);
 }
 
@@ -342,7 +349,7 @@ fn a_panic_in_the_middle_of_a_handshake_leaves_no_strobe_up() {
                 |request| matches!(request, Request::Read { from: ACKNOWLEDGE, .. });
             let dialer: Dialer = Arc::new(move |bus: &Bus| {
                 let (bus, counted) = (bus.clone(), counted.clone());
-                Box::new(Refusing { bus, counted, from, times: 1, kind: asks, panics: true })
+                Some(Box::new(Refusing { bus, counted, from, times: 1, kind: asks, panics: true }))
             });
             let trace = block_on(async {
                 let mut world = World::new(&text, "").await;
@@ -391,7 +398,7 @@ fn a_strobe_and_an_acknowledge_may_be_bits_of_registers() {
     let mut strobes: Vec<u16> = trace
         .wire
         .iter()
-        .filter(|seen| seen.is_write() && seen.address.offset == 120)
+        .filter(|seen| seen.is_write() && seen.address.register().unwrap().offset == 120)
         .map(|seen| seen.wanted[0])
         .collect();
     strobes.dedup();

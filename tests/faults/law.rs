@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::time::Duration;
 
-use isotherm::codec::{Address, Table};
+use isotherm::codec::{Register, Table};
 use isotherm::compensation::model::Evaluate;
 use isotherm::profile::{Output, Profile, Share, Signal, Writes};
 use isotherm::quantity::Moment;
@@ -32,30 +32,36 @@ pub(crate) fn holds(trace: &Trace) {
 
 /// The part of a write that is one output, if it is in there as a whole.
 pub(crate) fn of_output(seen: &Seen, output: &Output) -> Option<Seen> {
-    if !seen.is_write() || seen.device != output.device || seen.address.table != output.address.table {
+    if !seen.is_write()
+        || seen.device != output.device
+        || seen.address.register().unwrap().table != output.address.register().unwrap().table
+    {
         return None;
     }
-    let from = usize::from(output.address.offset.checked_sub(seen.address.offset)?);
+    let from = usize::from(
+        output.address.register().unwrap().offset.checked_sub(seen.address.register().unwrap().offset)?,
+    );
     let part = from..from + usize::from(output.encoding.data_type.registers());
     let wanted = seen.wanted.get(part.clone())?.to_vec();
     let cut = |words: &[u16]| words.get(part.clone()).unwrap_or_default().to_vec();
     let (before, after) = (cut(&seen.before), cut(&seen.after));
-    Some(Seen { address: output.address, before, after, wanted, ..seen.clone() })
+    Some(Seen { address: output.address.clone(), before, after, wanted, ..seen.clone() })
 }
 
 /// I1: every cell of a write belongs to an output, a set, the heartbeat or a capture command, and no value is torn.
 fn is_in_the_write_list(profile: &Profile, seen: &Seen) {
     let mut known = vec![false; seen.wanted.len()];
-    let mut mark = |address: Address, count: usize| {
-        let from = address.offset.checked_sub(seen.address.offset).map(usize::from);
-        if address.table == seen.address.table
+    let first = seen.address.register().unwrap();
+    let mut mark = |address: Register, count: usize| {
+        let from = address.offset.checked_sub(first.offset).map(usize::from);
+        if address.table == first.table
             && let Some(cells) = from.and_then(|from| known.get_mut(from..from + count))
         {
             cells.fill(true);
         }
     };
     for output in profile.outputs.iter().filter(|output| output.device == seen.device) {
-        mark(output.address, usize::from(output.encoding.data_type.registers()));
+        mark(output.address.register().unwrap(), usize::from(output.encoding.data_type.registers()));
     }
     for set in profile.sets.iter().filter(|set| set.device == seen.device) {
         let strobe = set.handshake.map(|handshake| handshake.strobe.address);
@@ -64,7 +70,7 @@ fn is_in_the_write_list(profile: &Profile, seen: &Seen) {
         words.into_iter().flatten().for_each(|address| mark(address, 1));
         let longest = profile.device(set.device).longest_request();
         for stretch in set.stretches(set.members(profile), longest).iter().filter(|_| set.zeros) {
-            mark(Address { table: Table::Holding, offset: stretch.from }, usize::from(stretch.count));
+            mark(Register { table: Table::Holding, offset: stretch.from }, usize::from(stretch.count));
         }
     }
     for output in profile.outputs.iter().filter(|output| output.device == seen.device) {
@@ -157,12 +163,17 @@ fn recent(trace: &Trace, place: usize, signal: &Signal, age: Duration) -> Vec<f6
 
 /// The value of a signal in the registers that a request speaks of.
 fn measured(seen: &Seen, signal: &Signal) -> Option<f64> {
-    if seen.is_write() || seen.device != signal.device || seen.address.table != signal.address.table {
+    if seen.is_write()
+        || seen.device != signal.device
+        || seen.address.register().unwrap().table != signal.address.register().unwrap().table
+    {
         return None;
     }
-    let from = usize::from(signal.address.offset.checked_sub(seen.address.offset)?);
+    let from = usize::from(
+        signal.address.register().unwrap().offset.checked_sub(seen.address.register().unwrap().offset)?,
+    );
     let words = seen.after.get(from..from + usize::from(signal.encoding.data_type.registers()))?;
-    if signal.address.table.is_bits() {
+    if signal.address.register().unwrap().table.is_bits() {
         return signal.encoding.decode_bit(words[0] != 0).ok();
     }
     signal.encoding.decode(words).ok()
@@ -240,7 +251,7 @@ fn readings_are_measured(trace: &Trace) {
 fn nothing_comes_in_bursts(trace: &Trace) {
     let mut asked: HashMap<_, (Moment, u32)> = HashMap::new();
     for seen in &trace.wire {
-        let question = (seen.device, seen.function, seen.address, seen.count);
+        let question = (seen.device, seen.function, &seen.address, seen.count);
         let entry = asked.entry(question).or_insert((seen.at, 0));
         *entry = if entry.0 == seen.at { (seen.at, entry.1 + 1) } else { (seen.at, 1) };
         assert!(entry.1 <= 4, "I9: a burst at {:.1} s of {question:?}", trace.seconds(seen.at));

@@ -28,7 +28,10 @@ fn a_dead_unit_costs_the_live_ones_on_its_line_one_timeout_per_breaker_window() 
     let trace = run(&one_line(), faults, 11 * MINUTE);
     law::holds(&trace);
     let asked = |offset: u16| -> Vec<f64> {
-        let of = trace.wire.iter().filter(|seen| !seen.is_write() && seen.address.offset == offset);
+        let of = trace
+            .wire
+            .iter()
+            .filter(|seen| !seen.is_write() && seen.address.register().unwrap().offset == offset);
         of.map(|seen| trace.seconds(seen.at)).filter(|at| (61.0..=660.0).contains(at)).collect()
     };
     let (dead, live) = (asked(0), asked(84));

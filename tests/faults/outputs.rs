@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use isotherm::observe::status::Command;
+use isotherm::virtual_machine::Seen;
 
 use crate::law;
 use crate::rig::{BENCH, LATHE, Stage, Trace, World, bench, block_on, patient, run};
@@ -268,7 +269,12 @@ fn what_the_readout_is_told_is_the_position_plus_what_the_cnc_is_told() {
     let trace = run(&patient(), "", 3 * MINUTE);
     law::holds(&trace);
     let scale = &trace.profile.signals[2];
-    let (mut position, mut offset, mut compared) = (None, None, 0);
+    let is_offset = |seen: &&Seen| {
+        let at = seen.address.register().map(|register| register.offset);
+        seen.is_write() && seen.device == trace.profile.outputs[1].device && at == Some(104)
+    };
+    let offsets: Vec<_> = trace.wire.iter().filter(is_offset).map(|seen| (seen.at, &seen.wanted)).collect();
+    let (mut position, mut compared) = (None, 0);
     for seen in trace.wire.iter().filter(|seen| seen.at <= trace.stopped.0) {
         if seen.device == scale.device && !seen.is_write() {
             position = scale.encoding.decode(&seen.after).ok();
@@ -276,15 +282,15 @@ fn what_the_readout_is_told_is_the_position_plus_what_the_cnc_is_told() {
         if !seen.is_write() {
             continue;
         }
-        if seen.device == trace.profile.outputs[1].device && seen.address.offset == 104 {
-            offset = trace.profile.outputs[1].encoding.decode(&seen.wanted).ok();
-        }
+        // At one moment the readout is told first, and the CNC after it.
+        let offset = offsets.iter().rfind(|(at, _)| *at <= seen.at);
+        let offset = offset.and_then(|(_, wanted)| trace.profile.outputs[1].encoding.decode(wanted).ok());
         if seen.device == trace.profile.outputs[0].device
             && let (Some(position), Some(offset)) = (position, offset)
         {
             let shown = trace.profile.outputs[0].encoding.decode(&seen.wanted).unwrap();
             let cz = 1000.0 * (shown - position);
-            // One count; the readout may be a step ahead of the CNC inside one update.
+            // One count; the CNC may be a step behind where it walks in.
             let settled = trace.seconds(seen.at) > 40.0;
             assert!((cz - offset).abs() <= if settled { 0.11 } else { 1.11 } + 0.2, "{cz} {offset}");
             compared += 1;

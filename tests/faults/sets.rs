@@ -55,7 +55,11 @@ fn a_set_side_by_side_is_one_request_with_its_sequence_and_its_complement() {
     assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
     let mut last = 0;
     for seen in writes(&trace) {
-        assert_eq!((seen.function, seen.address.offset, seen.count), (16, 103, 8), "{seen:?}");
+        assert_eq!(
+            (seen.function, seen.address.register().unwrap().offset, seen.count),
+            (16, 103, 8),
+            "{seen:?}"
+        );
         assert_eq!(seen.wanted[0], last + 1, "the sequence counts up by one: {seen:?}");
         last = seen.wanted[0];
         let sum = seen.wanted[..7].iter().fold(0u16, |sum, word| sum.wrapping_add(*word));
@@ -68,7 +72,7 @@ fn a_set_side_by_side_is_one_request_with_its_sequence_and_its_complement() {
 fn a_set_that_lies_apart_has_its_sequence_written_last_and_is_never_taken_by_half() {
     let trace = run(&apart(), "", 2 * MINUTE);
     holds(&trace);
-    let offsets: Vec<u16> = writes(&trace).map(|seen| seen.address.offset).collect();
+    let offsets: Vec<u16> = writes(&trace).map(|seen| seen.address.register().unwrap().offset).collect();
     for set in offsets.chunks(4) {
         assert_eq!(set, [106, 120, 130, 140], "{offsets:?}");
     }
@@ -154,7 +158,7 @@ fn hours_of_every_fault_and_no_half_set_no_jump_and_no_strobe_left_up() {
             let end: Vec<&str> =
                 trace.between(1420, 1500).map(|sample| sample.status.axes[2].state).collect();
             assert!(end.iter().all(|state| *state == "active"), "{seed} {with_handshake}\n{}", trace.lines());
-            let strobe = writes(&trace).filter(|seen| seen.address.offset == 20).last();
+            let strobe = writes(&trace).filter(|seen| seen.address.register().unwrap().offset == 20).last();
             assert!(strobe.is_none_or(|seen| seen.wanted == [0]), "{strobe:?}");
         }
     }
@@ -166,7 +170,7 @@ fn a_set_with_a_handshake_has_one_strobe_for_all_of_it() {
     holds(&trace);
     assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
     let mut count: HashMap<u16, usize> = HashMap::new();
-    writes(&trace).for_each(|seen| *count.entry(seen.address.offset).or_default() += 1);
+    writes(&trace).for_each(|seen| *count.entry(seen.address.register().unwrap().offset).or_default() += 1);
     // One strobe up and one down for each set; one more down before the first.
     assert_eq!(count[&20], 2 * count[&103] + 1, "{count:?}");
 }
@@ -232,7 +236,11 @@ fn the_three_parts_of_a_line_land_together() {
     law::nothing_taken_jumps(&trace);
     assert_eq!(trace.samples[100].status.axes[0].state, "active", "{}", trace.lines());
     for seen in writes(&trace) {
-        assert_eq!((seen.function, seen.address.offset, seen.count), (16, 10, 4), "{seen:?}");
+        assert_eq!(
+            (seen.function, seen.address.register().unwrap().offset, seen.count),
+            (16, 10, 4),
+            "{seen:?}"
+        );
         assert_eq!(seen.wanted[2], (-5000i16).cast_unsigned(), "P0 with every set: {seen:?}");
     }
     let slope = trace.writes("tan_beta");

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
 use isotherm::clock::Clock;
+use isotherm::fieldbus::departure::Departure;
 use isotherm::fieldbus::error::Fault;
 use isotherm::fieldbus::wire::{Answer, Boxed, Connection, Dial, Request, Wire};
 use isotherm::gateway::Dialer;
@@ -238,11 +239,11 @@ enum Mishap {
 fn grief(bus: &'static str, nth: u32, mishap: Mishap) -> Dialer {
     let calls = Arc::new(AtomicU32::new(0));
     Arc::new(move |settings: &Bus| {
-        let dial = isotherm::fieldbus::dial(settings);
+        let dial = isotherm::fieldbus::dial(settings)?;
         if settings.name != bus {
-            return dial;
+            return Some(dial);
         }
-        Box::new(BadDial { dial, calls: calls.clone(), nth, mishap })
+        Some(Box::new(BadDial { dial, calls: calls.clone(), nth, mishap }))
     })
 }
 
@@ -271,14 +272,19 @@ impl Dial for BadDial {
 }
 
 impl Wire for BadWire {
-    fn call<'a>(&'a mut self, unit: u8, request: Request<'a>) -> Boxed<'a, Result<Answer, Fault>> {
+    fn exchange<'a>(
+        &'a mut self,
+        unit: u8,
+        request: Request<'a>,
+        departure: &'a mut Departure,
+    ) -> Boxed<'a, Result<Answer, Fault>> {
         if self.calls.fetch_add(1, Ordering::Relaxed) == self.nth {
             match self.mishap {
                 Mishap::Panic => panic!("the wire is hot"),
                 Mishap::Block(span) => std::thread::sleep(span),
             }
         }
-        Box::pin(self.wire.call(unit, request))
+        Box::pin(self.wire.exchange(unit, request, departure))
     }
 }
 

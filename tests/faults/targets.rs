@@ -100,7 +100,11 @@ fn blocks(trace: &Trace, base: u16) -> Vec<&Seen> {
     let blocks = written(trace);
     assert!(blocks.len() > 60, "{}", blocks.len());
     for (place, seen) in blocks.iter().enumerate() {
-        assert_eq!((seen.function, seen.address.offset, seen.count), (16, base, 11), "{seen:?}");
+        assert_eq!(
+            (seen.function, seen.address.register().unwrap().offset, seen.count),
+            (16, base, 11),
+            "{seen:?}"
+        );
         let count = u16::try_from(place + 1).unwrap();
         assert_eq!((seen.wanted[0], seen.wanted[2], seen.wanted[3]), (count, 1, count), "{seen:?}");
         let sum = seen.wanted[..10].iter().fold(0u16, |sum, word| sum.wrapping_add(*word));
@@ -194,7 +198,7 @@ fn a_heidenhain_control_is_given_whole_micrometres_one_at_a_time_and_one_a_secon
     assert!(words.len() > 5, "{}", words.len());
     let mut before: Option<(i16, isotherm::quantity::Moment)> = None;
     for seen in words {
-        assert_eq!((seen.address.offset, seen.count), (578, 1), "W580: {seen:?}");
+        assert_eq!((seen.address.register().unwrap().offset, seen.count), (578, 1), "W580: {seen:?}");
         let micron = i16::from_be_bytes(seen.wanted[0].to_be_bytes());
         if let Some((last, at)) = before {
             assert!((micron - last).abs() <= 1, "{last} → {micron} µm");
@@ -214,7 +218,9 @@ fn linuxcnc_is_given_words_around_32768_that_never_wrap() {
     );
     let trace = run(&text, "", 2 * MINUTE);
     law::holds(&trace);
-    let of = |register| written(&trace).into_iter().filter(move |seen| seen.address.offset == register);
+    let of = |register| {
+        written(&trace).into_iter().filter(move |seen| seen.address.register().unwrap().offset == register)
+    };
     let (x, z): (Vec<u16>, Vec<u16>) =
         (of(0).map(|seen| seen.wanted[0]).collect(), of(2).map(|seen| seen.wanted[0]).collect());
     assert!(x.iter().all(|word| (32768 - 400..=32768).contains(word)), "X goes below: {x:?}");
@@ -237,7 +243,8 @@ fn a_ditel_display_shows_value_point_and_colour_in_one_request_red_on_a_fault_an
     let trace = run(&display("ditel-dn-nb"), &format!("{BREAKS}{silent}"), 2 * MINUTE);
     law::holds(&trace);
     let written = written(&trace);
-    let values: Vec<&&Seen> = written.iter().filter(|seen| seen.address.offset == 10).collect();
+    let values: Vec<&&Seen> =
+        written.iter().filter(|seen| seen.address.register().unwrap().offset == 10).collect();
     assert!(values.len() > 150, "{}", values.len());
     for seen in &values {
         assert_eq!((seen.function, seen.count, seen.wanted[2]), (16, 4, 0x0200), "{seen:?}");
@@ -255,7 +262,8 @@ fn a_ditel_display_shows_value_point_and_colour_in_one_request_red_on_a_fault_an
         within.map(|seen| seen.wanted[3]).all(|colour| colour == 0x3034)
     };
     assert!(red(66.0, 118.0), "red from the fault on\n{}", trace.lines());
-    let dashes: Vec<&&Seen> = written.iter().filter(|seen| seen.address.offset == 0).collect();
+    let dashes: Vec<&&Seen> =
+        written.iter().filter(|seen| seen.address.register().unwrap().offset == 0).collect();
     assert!(dashes.iter().all(|seen| seen.wanted == [0x2d2d, 0x2d2d]), "{dashes:?}");
     let stale = dashes.iter().filter(|seen| (91.0..106.0).contains(&trace.seconds(seen.at))).count();
     assert!((1..=3).contains(&stale), "{stale} times dashes while the scale is silent");
@@ -281,7 +289,8 @@ fn a_dm36_display_is_given_sign_decimals_and_digits() {
     let trace = run(&display("dm36b06"), silent, MINUTE);
     law::holds(&trace);
     let written = written(&trace);
-    let values: Vec<&&Seen> = written.iter().filter(|seen| seen.address.offset == 6).collect();
+    let values: Vec<&&Seen> =
+        written.iter().filter(|seen| seen.address.register().unwrap().offset == 6).collect();
     assert!(values.len() > 50, "{}", values.len());
     for seen in values {
         assert_eq!(
@@ -292,7 +301,7 @@ fn a_dm36_display_is_given_sign_decimals_and_digits() {
         let digits = u32::from(seen.wanted[0] & 0xff) << 16 | u32::from(seen.wanted[1]);
         assert!((100_000..=260_000).contains(&digits), "{digits}");
     }
-    let dashes = written.iter().find(|seen| seen.address.offset == 0).unwrap();
+    let dashes = written.iter().find(|seen| seen.address.register().unwrap().offset == 0).unwrap();
     assert_eq!(dashes.wanted, [0x2d; 6], "while the scale is silent");
 }
 

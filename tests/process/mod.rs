@@ -80,6 +80,30 @@ impl Running {
         assert!(sent.is_ok_and(|status| status.success()), "the signal {name} could not be sent");
     }
 
+    /// Stops it by SIGSTOP; returns when it stands still.
+    #[track_caller]
+    pub(crate) fn stands_still(&self) {
+        self.signal("STOP");
+        let stat = format!("/proc/{}/stat", self.child.id());
+        // "1234 (name) T ...": the name may hold anything, a bracket too.
+        let stands = |stat: &str| stat.rsplit(") ").next().is_some_and(|rest| rest.starts_with('T'));
+        until("it stands still", || match std::fs::read_to_string(&stat) {
+            Ok(text) if stands(&text) => Ok(()),
+            found => Err(format!("{found:?}")),
+        });
+    }
+
+    /// Lets it go on.
+    #[track_caller]
+    pub(crate) fn goes_on(&self) {
+        self.signal("CONT");
+    }
+
+    /// Whether it has ended.
+    pub(crate) fn has_ended(&mut self) -> bool {
+        self.child.try_wait().unwrap().is_some()
+    }
+
     /// Kills it (SIGKILL); what it had said.
     pub(crate) fn killed(mut self) -> Vec<String> {
         self.child.kill().unwrap();

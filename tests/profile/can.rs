@@ -2,8 +2,8 @@
 
 use super::*;
 
-use isotherm::codec::{CanId, Table};
-use isotherm::profile::{Device, Transport, Verify, parse_with};
+use isotherm::codec::{Address, CanId, DataType, Field, Object};
+use isotherm::profile::{Device, DeviceId, Profile, Transport, Verify, parse_with};
 use isotherm::reading::Reason;
 
 pub(crate) const LATHE: &str = include_str!("can.toml");
@@ -39,6 +39,13 @@ pub(crate) fn device<'a>(loaded: &'a Loaded, name: &str) -> &'a Device {
     found.unwrap_or_else(|| panic!("no {name}"))
 }
 
+/// Where a signal lies in its frames.
+fn field<'a>(profile: &'a Profile, signal: &str) -> &'a Field {
+    let mut found = profile.signals.iter().filter(|known| known.name == signal).map(|known| &known.address);
+    let Some(Address::Frame(field)) = found.next() else { panic!("{signal} is in no frame") };
+    field
+}
+
 #[test]
 fn a_machine_on_can_is_taken_without_a_word() {
     match lathe(LATHE) {
@@ -57,21 +64,25 @@ fn what_is_written_of_a_can_line_becomes_final_types() {
     assert_eq!((axtc.node, axtc.start, axtc.heartbeat.map(|span| span.as_secs())), (Some(5), true, Some(2)));
     assert_eq!(axtc.setup[1].object.to_string(), "1800:05");
     assert_eq!(axtc.setup[1].bytes(), [100, 0]);
-    assert_eq!(axtc.objects.iter().map(ToString::to_string).collect::<Vec<_>>(), ["6110:01", "6150:01"]);
+    let place = loaded.profile.devices.iter().position(|device| device.name == "axtc").unwrap();
+    let objects = loaded.profile.objects(DeviceId(place));
+    assert_eq!(objects.iter().map(ToString::to_string).collect::<Vec<_>>(), ["6110:01", "6150:01"]);
     assert_eq!(
         (axtc.emergency(0xff01).as_str(), axtc.emergency(0x8130).as_str()),
         ("open thermocouple", "life guard error or heartbeat error",)
     );
     let verify = &device(&loaded, "axtc").verify[0];
-    assert_eq!((verify.address.table, verify.address.offset, verify.equals), (Table::Object, 0, 3));
+    let object = Address::Object(Object::new(0x6110, 1, DataType::U16));
+    assert_eq!((&verify.address, verify.equals), (&object, 3));
     assert!(verify.mismatch(&[4]).unwrap().starts_with("object 6110:01 reads 4 instead of 3"));
     let display = device(&loaded, "display").can.as_ref().unwrap();
     let id = CanId::standard(0x20c).unwrap();
     assert_eq!(display.written(id).unwrap().data(), [0, 0, 0, 0, 0, 0, 1, 0]);
     let output = &loaded.profile.outputs[1];
-    assert_eq!((output.address.table, output.verify), (Table::Process, Verify::Shown));
-    let encoder = device(&loaded, "encoder").can.as_ref().unwrap();
-    assert_eq!(encoder.fields[0].to_string(), "0x1ff, 32 bits from 0 up (Intel), signed");
+    assert!(matches!(output.address, Address::Frame(_)));
+    assert_eq!(output.verify, Verify::Shown);
+    let scale = field(&loaded.profile, "scale_x");
+    assert_eq!(scale.to_string(), "0x1ff, 32 bits from 0 up (Intel), signed");
 }
 
 #[test]
@@ -79,8 +90,7 @@ fn frames_become_values_with_the_shared_sentinels_scales_and_conditions() {
     let profile = lathe(LATHE).unwrap().profile;
     let read = |name: &str, frame: &[u8]| {
         let signal = profile.signals.iter().find(|signal| signal.name == name).unwrap();
-        let can = profile.device(signal.device).can.as_ref().unwrap();
-        let words = can.field(signal.address.offset).unwrap().read(frame).unwrap()?;
+        let words = field(&profile, name).read(frame).unwrap()?;
         signal.encoding.decode(words.words())
     };
     // 22 bits at bit 18: (25 + 16384) · 128 = 2,100,352 counts, and 2 in the status before them.
@@ -205,7 +215,7 @@ fn a_field_that_no_frame_holds_is_told_with_how_many_bytes_it_needs() {
     let fd = "frame  = { id = 0x18FF1234, fd = true, start = 511, length = 8, order = \"big\"";
     let loaded =
         lathe(&changed("frame  = { id = 0x100, start = 7, length = 16, order = \"big\"", fd)).unwrap();
-    let field = &device(&loaded, "canmod").can.as_ref().unwrap().fields[2];
+    let field = field(&loaded.profile, "coolant");
     assert!(field.is_fd && field.frames.id.is_extended());
     wrong("id = 0x100,", "id = 0x800, extended = false,", "signal.coolant.frame.extended", &["29 bits"]);
     wrong("raw = -512, means", "raw = -70000, means", "signal.column.bad", &["i16 never holds -70000"]);
@@ -269,8 +279,7 @@ fn a_parameter_group_is_taken_from_any_sender_or_from_the_one_that_the_device_is
     let text = changed("[axis.x]", signal);
     let frames = |text: &str| {
         let loaded = lathe(text).unwrap();
-        let field = device(&loaded, "canmod").can.as_ref().unwrap().fields[3].clone();
-        field.frames
+        field(&loaded.profile, "oil").frames
     };
     let sent = |raw| CanId::extended(raw).unwrap();
     assert!(frames(&text).takes(sent(0x18fe_ee21)) && frames(&text).takes(sent(0x0cfe_ee00)));
@@ -281,7 +290,7 @@ fn a_parameter_group_is_taken_from_any_sender_or_from_the_one_that_the_device_is
     let only =
         only.replace("device = \"canmod\"\ndbc = \"ET1.Oil\"", "device = \"engine\"\ndbc = \"ET1.Oil\"");
     let loaded = lathe(&only).unwrap();
-    let own = device(&loaded, "engine").can.as_ref().unwrap().fields[0].frames;
+    let own = field(&loaded.profile, "oil").frames;
     assert!(own.takes(sent(0x18fe_ee21)) && !own.takes(sent(0x18fe_ee22)));
     wrong(
         "node = 127",

@@ -63,8 +63,7 @@ fn an_offset_over_can_is_read_back_and_a_display_need_not_be() {
     );
     let text = changed(display, &format!("{offset}\nread_back = \"2000:01\""));
     let loaded = lathe(&text).unwrap();
-    let Verify::ReadBackAt(at) = loaded.profile.outputs[1].verify else { panic!("read back") };
-    let object = *device(&loaded, "display").can.as_ref().unwrap().object(at.offset).unwrap();
+    let Verify::ReadBackAt(object) = loaded.profile.outputs[1].verify else { panic!("read back") };
     assert_eq!((object.to_string().as_str(), object.data_type.name()), ("2000:01", "i32"));
     let told = "verify   = \"echo\"\nwrites   = \"corrected\"\nposition = \"scale_x\"";
     wrong(display, told, "output.shown_x.verify", &["nothing answers a frame"]);

@@ -10,7 +10,9 @@ mod contradictions;
 mod counters;
 mod data;
 mod explained;
+mod late;
 mod layers;
+mod load;
 mod mistakes;
 mod models;
 mod not_built;
@@ -80,7 +82,7 @@ fn what_is_read_becomes_final_types_in_the_order_of_the_file() {
     assert_eq!(names, order);
     assert_eq!((machine.name.as_str(), machine.arm), ("grinder-1", Arm::Auto));
     assert_eq!(machine.machine.on.map(|id| id.0), Some(3));
-    assert_eq!(machine.signals[0].address.to_string(), "input:1");
+    assert_eq!(machine.signals[0].address.to_string(), "input:1 (30002)");
     assert_eq!(machine.signals[1].max_age.as_secs(), 5);
     assert_eq!((machine.buses[0].quirks.max_gap, machine.devices[2].quirks.max_gap), (4, 0));
     assert_eq!(machine.devices[2].quirks.pause_between_requests.as_millis(), 5);

@@ -55,7 +55,7 @@ fn a_profile_that_names_channels_is_taken_without_a_word() {
     assert_eq!(loaded.warnings, []);
     let machine = loaded.profile;
     assert_eq!(machine.signals[0].encoding.bad, [(-32768).into(), 32767.into()]);
-    assert_eq!(machine.outputs[0].address.to_string(), "holding:108");
+    assert_eq!(machine.outputs[0].address.to_string(), "holding:108 (40109)");
     let set = &machine.sets[0];
     assert_eq!(
         (set.name.as_str(), set.sequence.unwrap().offset, set.complement.unwrap().offset),
@@ -71,7 +71,7 @@ fn what_the_profile_spells_out_wins_over_the_template() {
     let signal = &machine.signals[0];
     assert_eq!(
         (signal.address.to_string().as_str(), signal.encoding.bad.as_slice()),
-        ("input:5", [7.into()].as_slice())
+        ("input:5 (30006)", [7.into()].as_slice())
     );
     assert!((signal.encoding.scale.get() - 0.01).abs() < 1e-12);
     let told = isotherm::explain::Explanation::of(&machine).to_string();
@@ -230,7 +230,7 @@ fn a_template_of_ones_own_beside_the_profile_wins_and_is_checked_like_a_profile(
                 register = \"input:40\"\ntype = \"i16\"\nscale = 0.5\n";
     std::fs::write(&own, text).unwrap();
     let machine = profile::load(&path, &[], &[]).unwrap_or_else(|errors| panic!("{errors}")).profile;
-    assert_eq!(machine.signals[0].address.to_string(), "input:40");
+    assert_eq!(machine.signals[0].address.to_string(), "input:40 (30041)");
     let told = isotherm::explain::Explanation::of(&machine).to_string();
     assert!(told.contains("icp-das-m7019r.toml, not from the shipped ones"), "{told}");
     std::fs::write(&own, text.replace("scale =", "scal =")).unwrap();

@@ -9,12 +9,11 @@ use std::time::{Duration, Instant};
 use isotherm::fieldbus::error::Fault;
 use isotherm::fieldbus::wire::Answer;
 use isotherm::profile::DeviceId;
-use isotherm::quantity::Moment;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
 use tokio::sync::watch;
 
-use crate::port::{Plug, answer, bus, framed, line, read, serial, word};
+use crate::port::{self, Plug, answer, bus, framed, line, read, serial, word};
 
 const LINES: u64 = 8;
 const POLLS: u32 = 1250;
@@ -91,14 +90,14 @@ async fn polls(seed: u64) -> Count {
     let bus = bus(serial(115_200), plug.path.to_str().unwrap(), TIMEOUT);
     let polls = async {
         let mut line = line(&bus, 3);
-        for poll in 0..POLLS {
+        for _ in 0..POLLS {
             let (unit, from, words) =
                 (random.random_range(1..=3), random.random_range(0..400), random.random_range(1..4));
             tell.send(Instant::now()).unwrap();
-            // A minute between the polls, for the pauses of the breakers; the silence that is owed is the wall's.
-            let now = Moment::default().after(Duration::from_secs(60) * (poll + 1));
+            // For the pauses of the breakers it is a minute later; the silence that is owed stays.
+            line.revive(None);
             let expected = (from..from + words).map(|register| word(unit, register)).collect();
-            let answer = line.call(DeviceId(usize::from(unit) - 1), read(from, words), now).await;
+            let answer = port::asked(&mut line, DeviceId(usize::from(unit) - 1), read(from, words)).await;
             let mut count = count.borrow_mut();
             match answer {
                 Ok(answer) if answer == Answer::Words(expected) => count.good += 1,

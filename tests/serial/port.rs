@@ -7,9 +7,13 @@ use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use isotherm::codec::{Address, Table, checksum};
-use isotherm::fieldbus::line::Line;
-use isotherm::fieldbus::{dial, wire::Request};
+use isotherm::clock::Clock;
+use isotherm::codec::{Register, Table, checksum};
+use isotherm::fieldbus::departure::Leave;
+use isotherm::fieldbus::dial;
+use isotherm::fieldbus::error::Fault;
+use isotherm::fieldbus::line::DeviceLine;
+use isotherm::fieldbus::wire::{Answer, Request};
 use isotherm::profile::{Bus, BusId, Device, DeviceId, Functions, Parity, Quirks, Serial, Transport};
 use rustix::fs::OFlags;
 use rustix::io::Errno;
@@ -95,13 +99,13 @@ pub(crate) fn answer((unit, function, from, count): (u8, u8, u16, u16)) -> Vec<u
 }
 
 pub(crate) fn read(from: u16, count: u16) -> Request<'static> {
-    Request::Read { from: Address { table: Table::Holding, offset: from }, count }
+    Request::Read { from: Register { table: Table::Holding, offset: from }, count }
 }
 
 pub(crate) fn bus(transport: Transport, address: &str, timeout: Duration) -> Bus {
     let quirks = Quirks::default();
     let (name, address) = ("rs485".to_owned(), address.to_owned());
-    Bus { name, transport, address, tls: None, timeout, quirks, sync: None }
+    Bus { name, transport, address, tls: None, timeout, late: transport.late(timeout), quirks, sync: None }
 }
 
 pub(crate) fn serial(baud: u32) -> Transport {
@@ -109,7 +113,7 @@ pub(crate) fn serial(baud: u32) -> Transport {
 }
 
 /// A line with units 1 to `count`, as devices in this order.
-pub(crate) fn line(bus: &Bus, count: u8) -> Line {
+pub(crate) fn line(bus: &Bus, count: u8) -> DeviceLine {
     let device = |unit: u8| Device {
         verify: Vec::new(),
         template: None,
@@ -124,5 +128,14 @@ pub(crate) fn line(bus: &Bus, count: u8) -> Line {
     let devices: Vec<Device> = (1..=count).map(device).collect();
     let devices: Vec<_> =
         devices.iter().enumerate().map(|(place, device)| (DeviceId(place), device)).collect();
-    Line::new(bus, &devices, dial(bus))
+    DeviceLine::new(bus, &devices, dial(bus).unwrap(), &Clock::wall())
+}
+
+/// What a device answers.
+pub(crate) async fn asked(
+    line: &mut DeviceLine,
+    device: DeviceId,
+    request: Request<'_>,
+) -> Result<Answer, Fault> {
+    line.request(device, request, Leave::Whenever).await.map(|answered| answered.answer)
 }

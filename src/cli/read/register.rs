@@ -9,7 +9,7 @@ use crate::clock::Clock;
 use crate::survey::ask::Asker;
 use crate::survey::remedy::{Asked, remedy};
 use crate::survey::values::{Form, Shown};
-use crate::survey::{Address, DataType, Fault, WordOrder};
+use crate::survey::{DataType, Fault, Register, WordOrder};
 
 /// Registers and bits that one request carries, by the protocol.
 const MOST_REGISTERS: u16 = 125;
@@ -21,7 +21,7 @@ const MOST_BITS: u16 = 2000;
 pub(in crate::cli) struct One {
     /// The first register or bit: holding:100, input:0, coil:3, discrete:3, or a Modicon number such as 40101
     #[arg(long, value_name = "REGISTER")]
-    register: Option<Address>,
+    register: Option<Register>,
     /// The Modbus unit
     #[arg(long, value_name = "UNIT", conflicts_with = "device", requires = "register")]
     unit: Option<u8>,

@@ -1,8 +1,7 @@
 //! The frames that are written: several values may share one, and it is sent whole.
 
-use crate::codec::{BitField, CanId, Encoded, Frame};
+use crate::codec::{BitField, CanId, Encoded, Frame, Object};
 use crate::fieldbus::error::{CallerFault, Fault};
-use crate::profile::Object;
 
 /// The frames of one interface, as they are sent next.
 #[derive(Clone, Debug, Default)]
@@ -82,7 +81,7 @@ mod tests {
     #[test]
     fn a_frame_is_sent_when_each_of_its_values_is_known_and_keeps_what_nobody_writes() {
         let id = CanId::standard(0x20c).unwrap();
-        let object = Object { index: 0x2001, sub: 0, data_type: DataType::I16 };
+        let object = Object::new(0x2001, 0, DataType::I16);
         let mut images = Images::default();
         let frame = Frame::classic(id, &[0xaa, 0, 0, 0, 0, 0xbb]).unwrap();
         images.add(frame, vec![Value::new(bits(8), None), Value::new(bits(24), Some((5, object)))]);

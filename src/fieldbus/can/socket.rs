@@ -14,7 +14,6 @@
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
 
 use socketcan::{
     CanAddr, CanAnyFrame, CanDataFrame, CanFdFrame, CanFdSocket, CanFilter, EmbeddedFrame, Frame as _,
@@ -31,8 +30,6 @@ use crate::fieldbus::error::{CanFault, Fault, LinkFault};
 const BUFFER: libc::c_int = 4 << 20;
 /// Filters that the kernel takes.
 const MOST_FILTERS: usize = 512;
-/// Between two attempts to put a frame into a full queue: 8 frames at 1 Mbit/s.
-const PAUSE: Duration = Duration::from_millis(1);
 /// Frames, and the error that tells that the interface went down.
 const READING: Interest = Interest::READABLE.add(Interest::ERROR);
 /// Arbitration is lost all the time on a bus that is well.
@@ -113,27 +110,10 @@ impl Socket {
         }
     }
 
-    /// Puts a frame into the interface's queue; a full one is given this long to take it.
-    ///
-    /// # Errors
-    /// Down, gone, still full, a frame of more than 8 bytes on an interface without CAN FD.
-    pub async fn send(&self, frame: &Frame, patience: Duration) -> Result<(), Fault> {
-        let mut pauses = patience.as_millis() / PAUSE.as_millis();
-        loop {
-            match self.send_now(frame) {
-                Err(full) if full == fault(CanFault::Full) && pauses > 0 => {
-                    pauses -= 1;
-                    tokio::time::sleep(PAUSE).await;
-                }
-                end => return end,
-            }
-        }
-    }
-
     /// Puts a frame into the interface's queue, where it has room now.
     ///
     /// # Errors
-    /// As [`Socket::send`].
+    /// Down, gone, full, a frame of more than 8 bytes on an interface without CAN FD.
     pub fn send_now(&self, frame: &Frame) -> Result<(), Fault> {
         let packed = packed(frame).ok_or(fault(CanFault::TooLong))?;
         let socket = self.fd.get_ref();

@@ -8,12 +8,12 @@ use tokio::sync::mpsc;
 use super::link::Link;
 use super::socket::Socket;
 use crate::codec::Frame;
+use crate::fieldbus::canopen::NodeId;
 use crate::fieldbus::canopen::sdo::{Client, Data, Progress, SdoError};
-use crate::fieldbus::canopen::{Entry, NodeId};
+use crate::fieldbus::departure::Departure;
 use crate::fieldbus::error::{CallerFault, CanFault, Fault, LinkFault, PeerFault};
 use crate::fieldbus::trace::Tap;
 use crate::fieldbus::wire::{Answer, Boxed, CanRequest, Connection, Dial, Request, Wire};
-use crate::profile::Object;
 
 /// Opens the line of an interface that somebody listens to.
 #[derive(Debug)]
@@ -51,6 +51,9 @@ impl Dial for CanDial {
     }
 }
 
+/// A full queue never says that there is room again.
+const PAUSE: Duration = Duration::from_millis(1);
+
 struct CanWire {
     link: Arc<Link>,
     socket: Arc<Socket>,
@@ -62,8 +65,13 @@ struct CanWire {
 }
 
 impl Wire for CanWire {
-    fn call<'a>(&'a mut self, unit: u8, request: Request<'a>) -> Boxed<'a, Result<Answer, Fault>> {
-        Box::pin(self.exchange(unit, request))
+    fn exchange<'a>(
+        &'a mut self,
+        unit: u8,
+        request: Request<'a>,
+        departure: &'a mut Departure,
+    ) -> Boxed<'a, Result<Answer, Fault>> {
+        Box::pin(self.ask(unit, request, departure))
     }
 
     fn missed(&mut self) -> Fault {
@@ -77,15 +85,22 @@ impl Wire for CanWire {
 }
 
 impl CanWire {
-    async fn exchange(&mut self, unit: u8, request: Request<'_>) -> Result<Answer, Fault> {
+    async fn ask(
+        &mut self,
+        unit: u8,
+        request: Request<'_>,
+        departure: &mut Departure,
+    ) -> Result<Answer, Fault> {
         let Request::Can(request) = request else { return Err(Fault::Caller(CallerFault::Function)) };
         match request {
             CanRequest::Read { object } => {
                 let node = node(unit)?;
-                let first = self.link.client(node, |client| client.read(entry(object)));
-                let data = self.transfer(node, first).await?;
+                self.discard_unasked(node);
+                departure.leave()?;
+                let first = self.link.client(node, |client| client.read(object.entry));
+                let data = self.transfer(node, first, departure).await?;
                 let bytes = data.as_ref().ok_or(Fault::Peer(PeerFault::Malformed))?;
-                let bytes = bytes.of_width(object.size(), entry(object)).map_err(fault)?;
+                let bytes = bytes.of_width(object.size(), object.entry).map_err(fault)?;
                 let words = object.words(bytes).ok_or(Fault::Caller(CallerFault::Extent))?;
                 self.link.images(|images| images.found(unit, object, words.words()));
                 Ok(Answer::Words(words.words().to_vec()))
@@ -93,22 +108,39 @@ impl CanWire {
             CanRequest::Write { object, words } => {
                 let node = node(unit)?;
                 let bytes = object.bytes(words);
-                let first = self.link.client(node, |client| client.write(entry(object), &bytes));
-                self.transfer(node, first).await.map(|_| Answer::Done)
+                self.discard_unasked(node);
+                departure.leave()?;
+                let first = self.link.client(node, |client| client.write(object.entry, &bytes));
+                self.transfer(node, first, departure).await.map(|_| Answer::Done)
             }
             CanRequest::Send { id, bits, words } => {
+                // What does not leave must not leave with another value of the same frame either.
+                departure.leave()?;
                 let frame = self.link.images(|images| images.put(id, bits, words))?;
-                self.send(&frame).await.map(|()| Answer::Done)
+                self.open(&frame, departure).await.map(|()| Answer::Done)
             }
         }
     }
 
+    /// What has come before the question answers an older one, or none: whatever else of that kind is under way must not be
+    /// taken for the answer to this one.
+    fn discard_unasked(&mut self, node: NodeId) {
+        while let Ok(frame) = self.answers.try_recv() {
+            self.tap.pass(frame.data(), false);
+            self.link.client(node, |client| client.was_not_asked(&frame));
+        }
+    }
+
     /// One object, one frame at a time. `None`: it was written.
-    async fn transfer(&mut self, node: NodeId, first: Frame) -> Result<Option<Data>, Fault> {
+    async fn transfer(
+        &mut self,
+        node: NodeId,
+        first: Frame,
+        departure: &mut Departure,
+    ) -> Result<Option<Data>, Fault> {
         self.asked = Some(node);
-        let mut frame = first;
+        self.open(&first, departure).await?;
         let end = loop {
-            self.send(&frame).await?;
             let progress = loop {
                 let answer = self.answers.recv().await.ok_or(Fault::Link(LinkFault::Broken))?;
                 self.tap.pass(answer.data(), false);
@@ -117,7 +149,12 @@ impl CanWire {
                 }
             };
             match progress {
-                Progress::Send(next) => frame = next,
+                Progress::Send(next) => self.send(&next).await?,
+                // Only now does the question itself leave, if it still may.
+                Progress::Begin(first) => {
+                    departure.leave()?;
+                    self.open(&first, departure).await?;
+                }
                 Progress::Read(data) => break Ok(Some(data)),
                 Progress::Written => break Ok(None),
                 Progress::Failed(why, last) => {
@@ -132,9 +169,29 @@ impl CanWire {
         end
     }
 
+    /// Sends the first frame of a question; where the queue is full, the question may still become too late.
+    async fn open(&self, frame: &Frame, departure: &mut Departure) -> Result<(), Fault> {
+        self.put(frame, Some(departure)).await
+    }
+
     async fn send(&self, frame: &Frame) -> Result<(), Fault> {
+        self.put(frame, None).await
+    }
+
+    /// Puts a frame into the interface's queue; a full one is given its time.
+    async fn put(&self, frame: &Frame, mut departure: Option<&mut Departure>) -> Result<(), Fault> {
         self.tap.pass(frame.data(), true);
-        let sent = self.socket.send(frame, self.patience).await;
+        let mut pauses = self.patience.as_millis() / PAUSE.as_millis();
+        let sent = loop {
+            match self.socket.send_now(frame) {
+                Err(Fault::Link(LinkFault::Can(CanFault::Full))) if pauses > 0 => pauses -= 1,
+                sent => break sent,
+            }
+            tokio::time::sleep(PAUSE).await;
+            if let Some(departure) = &mut departure {
+                departure.leave()?;
+            }
+        };
         if let Err(fault @ Fault::Link(LinkFault::Can(CanFault::Down | CanFault::NoInterface))) = sent {
             self.link.failed(fault);
         }
@@ -144,10 +201,6 @@ impl CanWire {
 
 fn node(unit: u8) -> Result<NodeId, Fault> {
     NodeId::new(unit).ok_or(Fault::Caller(CallerFault::Extent))
-}
-
-const fn entry(object: Object) -> Entry {
-    Entry::new(object.index, object.sub)
 }
 
 const fn fault(error: SdoError) -> Fault {

@@ -13,9 +13,9 @@
 //!         21 index sub length ─► ◄─ 60 index sub · 00 … ─► ◄─ 20 · 11 … ─► ◄─ 30
 //! ```
 
+use super::NodeId;
 use super::abort::AbortCode;
-use super::{Entry, NodeId};
-use crate::codec::{CanId, Frame};
+use crate::codec::{CanId, Entry, Frame};
 
 /// The identifiers of requests: this and the node's number.
 pub const REQUEST: u16 = 0x600;
@@ -76,6 +76,8 @@ enum State {
 pub enum Progress {
     /// Send it, and wait for the next answer.
     Send(Frame),
+    /// Nothing older is under way any more: with this frame begins what was asked for.
+    Begin(Frame),
     /// The entry has been read.
     Read(Data),
     /// The entry has been written.
@@ -176,6 +178,11 @@ impl Client {
         self.state = State::Idle;
         self.is_unsettled = true;
         Some((SdoError::TimedOut(wanted.unwrap_or(asked)), self.abort(asked, AbortCode::TIMED_OUT)))
+    }
+
+    /// An answer of the node has come that answers nothing: more of them may be under way.
+    pub fn was_not_asked(&mut self, frame: &Frame) {
+        self.is_unsettled |= frame.id() == self.answers();
     }
 
     fn awaited(&self) -> Option<Entry> {
@@ -306,14 +313,14 @@ impl Client {
     }
 
     fn has_read(&mut self, data: Data) -> Option<Progress> {
-        Some(self.settled().map_or(Progress::Read(data), Progress::Send))
+        Some(self.settled().map_or(Progress::Read(data), Progress::Begin))
     }
 
     /// A refusal is the last answer of its transfer.
     fn refused(&mut self, entry: Entry, code: [u8; 4]) -> Option<Progress> {
         let code = AbortCode(u32::from_le_bytes(code));
         let failed = Progress::Failed(SdoError::Refused(entry, code), None);
-        Some(self.settled().map_or(failed, Progress::Send))
+        Some(self.settled().map_or(failed, Progress::Begin))
     }
 
     /// Where the last answer was that of the settling question, whatever it said: begins what has waited for it.

@@ -2,7 +2,8 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
 use super::*;
-use crate::codec::{Address, Table};
+use crate::clock::Passing;
+use crate::codec::{Register, Table};
 use crate::fieldbus::wire::Boxed;
 use crate::fieldbus::wire::Wire;
 use crate::profile::{BusId, Quirks};
@@ -11,6 +12,8 @@ use crate::profile::{BusId, Quirks};
 #[derive(Clone, Debug)]
 enum Turn {
     Gives(Result<Answer, Fault>),
+    /// A good answer, after so long.
+    Takes(Duration),
     NeverEnds,
 }
 
@@ -21,6 +24,8 @@ struct Script {
     dialled: u32,
     /// Unit, function, and milliseconds since the test began.
     asked: Vec<(u8, u8, u128)>,
+    /// It is listened to for as long as the line wants, as a serial one is.
+    is_heard: bool,
     began: Option<tokio_time::Instant>,
 }
 
@@ -51,8 +56,14 @@ impl Dial for Scripted {
 }
 
 impl Wire for Scripted {
-    fn call<'a>(&'a mut self, unit: u8, request: Request<'a>) -> Boxed<'a, Result<Answer, Fault>> {
+    fn exchange<'a>(
+        &'a mut self,
+        unit: u8,
+        request: Request<'a>,
+        departure: &'a mut Departure,
+    ) -> Boxed<'a, Result<Answer, Fault>> {
         Box::pin(async move {
+            departure.leave()?;
             let turn = {
                 let mut script = self.0.lock().unwrap();
                 let began = *script.began.get_or_insert_with(tokio_time::Instant::now);
@@ -62,8 +73,22 @@ impl Wire for Scripted {
             match turn {
                 Some(Turn::NeverEnds) => std::future::pending().await,
                 Some(Turn::Gives(answer)) => answer,
+                Some(Turn::Takes(span)) => {
+                    tokio::time::sleep(span).await;
+                    Ok(good())
+                }
                 None => Ok(good()),
             }
+        })
+    }
+
+    fn listen(&mut self, _unit: u8, span: Duration, quiet: Duration) -> Boxed<'_, Result<(), Fault>> {
+        let is_heard = self.0.lock().unwrap().is_heard;
+        Box::pin(async move {
+            if is_heard {
+                tokio::time::sleep(span + quiet).await;
+            }
+            Ok(())
         })
     }
 }
@@ -72,16 +97,56 @@ fn good() -> Answer {
     Answer::Words(vec![7])
 }
 
-const READ: Request<'static> = Request::Read { from: Address { table: Table::Holding, offset: 1 }, count: 1 };
+const READ: Request<'static> =
+    Request::Read { from: Register { table: Table::Holding, offset: 1 }, count: 1 };
 const WRITE: Request<'static> = Request::WriteSingle { at: 1, word: 9 };
 
-fn line(change: impl Fn(&mut Device)) -> (Line, Shared) {
+/// A line and its time, which runs as the test says.
+struct Rig {
+    line: DeviceLine,
+    begun: Moment,
+    time: Arc<Mutex<Duration>>,
+}
+
+impl Rig {
+    /// Asks at this moment, in milliseconds.
+    async fn ask(&mut self, device: usize, request: Request<'_>, at: u64) -> Result<Answer, Fault> {
+        self.ask_by(device, request, at, Leave::Whenever).await
+    }
+
+    async fn ask_by(
+        &mut self,
+        device: usize,
+        request: Request<'_>,
+        at: u64,
+        leave: Leave,
+    ) -> Result<Answer, Fault> {
+        self.goes_to(at);
+        self.line.look();
+        self.line.request(DeviceId(device), request, leave).await.map(|answered| answered.answer)
+    }
+
+    fn goes_to(&self, at: u64) {
+        *self.time.lock().unwrap() = Duration::from_millis(at);
+    }
+
+    fn is_resting(&self, device: usize, at: u64) -> bool {
+        self.line.is_resting(DeviceId(device), self.begun.after(Duration::from_millis(at)))
+    }
+}
+
+fn line(change: impl Fn(&mut Device)) -> (Rig, Shared) {
+    line_of(Duration::from_millis(300), change)
+}
+
+fn line_of(timeout: Duration, change: impl Fn(&mut Device)) -> (Rig, Shared) {
     let bus = Bus {
         name: "cell".to_owned(),
         transport: crate::profile::Transport::Tcp,
         address: String::new(),
         tls: None,
-        timeout: Duration::from_millis(300),
+        timeout,
+        late: Duration::from_secs(30),
         quirks: Quirks::default(),
         sync: None,
     };
@@ -102,13 +167,12 @@ fn line(change: impl Fn(&mut Device)) -> (Line, Shared) {
     };
     let (one, two) = (device(1), device(2));
     let script = Shared::default();
-    let line =
-        Line::new(&bus, &[(DeviceId(0), &one), (DeviceId(1), &two)], Box::new(Scripted(script.clone())));
-    (line, script)
-}
-
-fn at(millis: u64) -> Moment {
-    Moment::default().after(Duration::from_millis(1_000_000 + millis))
+    let time = Arc::new(Mutex::new(Duration::ZERO));
+    let passed = time.clone();
+    let clock = Clock::wall_by(Passing::by(move || *passed.lock().unwrap()));
+    let devices = [(DeviceId(0), &one), (DeviceId(1), &two)];
+    let line = DeviceLine::new(&bus, &devices, Box::new(Scripted(script.clone())), &clock);
+    (Rig { line, begun: clock.now(), time }, script)
 }
 
 fn answers(script: &Shared, turns: &[Turn]) {
@@ -119,17 +183,13 @@ fn answers(script: &Shared, turns: &[Turn]) {
 async fn a_silent_unit_is_left_alone_for_a_pause_and_the_other_one_is_served() {
     let (mut line, script) = line(|_| {});
     answers(&script, &[Turn::NeverEnds]);
-    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Err(Fault::Timeout));
-    assert!(line.is_resting(DeviceId(0), at(1000)) && !line.is_resting(DeviceId(1), at(0)));
-    assert_eq!(
-        line.call(DeviceId(0), READ, at(400)).await,
-        Err(Fault::Timeout),
-        "at once, with its last fault"
-    );
-    assert_eq!(line.call(DeviceId(1), READ, at(400)).await, Ok(good()));
+    assert_eq!(line.ask(0, READ, 0).await, Err(Fault::Timeout));
+    assert!(line.is_resting(0, 1000) && !line.is_resting(1, 0));
+    assert_eq!(line.ask(0, READ, 400).await, Err(Fault::Timeout), "at once, with its last fault");
+    assert_eq!(line.ask(1, READ, 400).await, Ok(good()));
     assert_eq!(script.lock().unwrap().asked.len(), 2, "the resting unit was not asked");
-    assert!(!line.is_resting(DeviceId(0), at(1300)), "the pause begins when the timeout is over");
-    assert_eq!(line.call(DeviceId(0), READ, at(1300)).await, Ok(good()));
+    assert!(!line.is_resting(0, 1300), "the pause begins when the timeout is over");
+    assert_eq!(line.ask(0, READ, 1300).await, Ok(good()));
 }
 
 #[tokio::test(start_paused = true)]
@@ -139,8 +199,8 @@ async fn after_a_timeout_and_after_a_wrong_answer_the_connection_is_a_new_one() 
         &script,
         &[Turn::NeverEnds, Turn::Gives(Err(Fault::Peer(crate::fieldbus::error::PeerFault::Foreign)))],
     );
-    for now in [at(0), at(2000), at(4000)] {
-        let _ = line.call(DeviceId(0), READ, now).await;
+    for now in [0, 2000, 4000] {
+        let _ = line.ask(0, READ, now).await;
     }
     assert_eq!(script.lock().unwrap().dialled, 3);
 }
@@ -149,8 +209,8 @@ async fn after_a_timeout_and_after_a_wrong_answer_the_connection_is_a_new_one() 
 async fn an_exception_is_an_answer_and_keeps_the_connection() {
     let (mut line, script) = line(|_| {});
     answers(&script, &[Turn::Gives(Err(Fault::Exception(4)))]);
-    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Err(Fault::Exception(4)));
-    assert_eq!(line.call(DeviceId(0), READ, at(1)).await, Ok(good()));
+    assert_eq!(line.ask(0, READ, 0).await, Err(Fault::Exception(4)));
+    assert_eq!(line.ask(0, READ, 1).await, Ok(good()));
     assert_eq!(script.lock().unwrap().dialled, 1);
 }
 
@@ -158,8 +218,8 @@ async fn an_exception_is_an_answer_and_keeps_the_connection() {
 async fn a_read_on_a_connection_that_broke_while_idle_is_asked_once_more() {
     let (mut line, script) = line(|_| {});
     answers(&script, &[Turn::Gives(Ok(good())), Turn::Gives(Err(BROKEN))]);
-    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Ok(good()));
-    assert_eq!(line.call(DeviceId(0), READ, at(1000)).await, Ok(good()));
+    assert_eq!(line.ask(0, READ, 0).await, Ok(good()));
+    assert_eq!(line.ask(0, READ, 1000).await, Ok(good()));
     let script = script.lock().unwrap();
     assert_eq!((script.dialled, script.asked.len()), (2, 3));
 }
@@ -168,20 +228,56 @@ async fn a_read_on_a_connection_that_broke_while_idle_is_asked_once_more() {
 async fn a_write_on_a_connection_that_broke_is_never_repeated() {
     let (mut line, script) = line(|_| {});
     answers(&script, &[Turn::Gives(Ok(good())), Turn::Gives(Err(BROKEN))]);
-    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Ok(good()));
-    assert_eq!(line.call(DeviceId(0), WRITE, at(1000)).await, Err(BROKEN));
+    assert_eq!(line.ask(0, READ, 0).await, Ok(good()));
+    assert_eq!(line.ask(0, WRITE, 1000).await, Err(BROKEN));
     let script = script.lock().unwrap();
     let writes = script.asked.iter().filter(|(_, function, _)| *function == 6).count();
     assert_eq!((script.dialled, writes), (2, 1));
 }
 
 #[tokio::test(start_paused = true)]
+async fn what_goes_by_what_was_read_leaves_on_no_other_connection() {
+    let (mut line, script) = line(|_| {});
+    let here = Leave::Here(Moment::END);
+    assert_eq!(line.ask_by(0, WRITE, 0, here).await, Err(CLOSED), "nothing has been read yet");
+    assert_eq!(line.ask(0, READ, 0).await, Ok(good()));
+    assert_eq!(line.ask_by(0, WRITE, 100, here).await, Ok(good()));
+    // The other device's fault closes the connection for both.
+    answers(&script, &[Turn::Gives(Err(Fault::Peer(PeerFault::Malformed)))]);
+    assert_eq!(line.ask(1, READ, 200).await, Err(Fault::Peer(PeerFault::Malformed)));
+    assert_eq!(line.ask_by(0, WRITE, 300, here).await, Err(CLOSED));
+    assert!(!line.is_resting(0, 300), "the device has done nothing wrong");
+    assert_eq!(line.ask(0, READ, 300).await, Ok(good()));
+    assert_eq!(line.ask_by(0, WRITE, 300, here).await, Ok(good()));
+    let script = script.lock().unwrap();
+    let writes = script.asked.iter().filter(|(_, function, _)| *function == 6).count();
+    assert_eq!((script.dialled, writes), (2, 2));
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_write_that_was_sent_is_never_told_as_not_done_though_the_line_gives_way() {
+    let (mut line, script) = line(|_| {});
+    for second in 0..4 {
+        assert_eq!(line.ask(0, READ, 10_000 * second).await, Ok(good()));
+        answers(&script, &[Turn::Gives(Err(BROKEN))]);
+        let written = line.ask(0, WRITE, 10_000 * second + 300).await;
+        assert_eq!(written, Err(BROKEN));
+        assert_eq!(BROKEN.outcome(), crate::fieldbus::error::Outcome::Unknown);
+        // The connection that was made anew is taken away as soon.
+        answers(&script, &[Turn::Gives(Err(BROKEN))]);
+        assert_eq!(line.ask(0, WRITE, 10_000 * second + 600).await, Err(BROKEN));
+        script.lock().unwrap().answers.clear();
+        line.line.revive(None);
+    }
+}
+
+#[tokio::test(start_paused = true)]
 async fn a_connection_that_breaks_at_once_again_is_not_tried_for_ever() {
     let (mut line, script) = line(|_| {});
     answers(&script, &[Turn::Gives(Ok(good())), Turn::Gives(Err(BROKEN)), Turn::Gives(Err(BROKEN))]);
-    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Ok(good()));
-    assert_eq!(line.call(DeviceId(0), READ, at(1000)).await, Err(Fault::Link(LinkFault::TurnedAway)));
-    assert!(line.is_resting(DeviceId(0), at(1001)));
+    assert_eq!(line.ask(0, READ, 0).await, Ok(good()));
+    assert_eq!(line.ask(0, READ, 1000).await, Err(Fault::Link(LinkFault::TurnedAway)));
+    assert!(line.is_resting(0, 1001));
     assert_eq!(script.lock().unwrap().asked.len(), 3);
 }
 
@@ -190,15 +286,11 @@ async fn while_nobody_listens_requests_fail_at_once_and_one_attempt_is_made_per_
     let (mut line, script) = line(|_| {});
     let refused = Fault::Link(LinkFault::Refused);
     script.lock().unwrap().dials.extend([Turn::Gives(Err(refused)), Turn::Gives(Err(refused))]);
-    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Err(refused));
-    assert_eq!(line.call(DeviceId(1), READ, at(1)).await, Err(Fault::Link(LinkFault::Down)));
-    assert_eq!(line.call(DeviceId(1), READ, at(1000)).await, Err(refused));
-    assert_eq!(line.refusals(), (2, refused));
-    assert_eq!(
-        line.call(DeviceId(0), READ, at(3000)).await,
-        Ok(good()),
-        "no unit rests for the line's fault"
-    );
+    assert_eq!(line.ask(0, READ, 0).await, Err(refused));
+    assert_eq!(line.ask(1, READ, 1).await, Err(Fault::Link(LinkFault::Down)));
+    assert_eq!(line.ask(1, READ, 1000).await, Err(refused));
+    assert_eq!(line.line.refusals(), (2, refused));
+    assert_eq!(line.ask(0, READ, 3000).await, Ok(good()), "no unit rests for the line's fault");
     assert_eq!(script.lock().unwrap().dialled, 3);
 }
 
@@ -207,7 +299,7 @@ async fn a_host_that_never_answers_the_dial_costs_one_timeout() {
     let (mut line, script) = line(|_| {});
     script.lock().unwrap().dials.push_back(Turn::NeverEnds);
     let began = tokio_time::Instant::now();
-    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Err(Fault::Link(LinkFault::Unreachable)));
+    assert_eq!(line.ask(0, READ, 0).await, Err(Fault::Link(LinkFault::Unreachable)));
     let took = began.elapsed().as_millis();
     assert!((300..310).contains(&took), "{took} ms");
 }
@@ -216,7 +308,7 @@ async fn a_host_that_never_answers_the_dial_costs_one_timeout() {
 async fn a_pause_between_requests_is_kept_and_none_is_made_before_the_first() {
     let (mut line, script) = line(|device| device.quirks.pause_between_requests = Duration::from_millis(50));
     for _ in 0..3 {
-        assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Ok(good()));
+        assert_eq!(line.ask(0, READ, 0).await, Ok(good()));
     }
     let asked: Vec<u128> = script.lock().unwrap().asked.iter().map(|(_, _, at)| *at).collect();
     assert!(asked[0] == 0 && (50..55).contains(&asked[1]) && (100..110).contains(&asked[2]), "{asked:?}");
@@ -228,8 +320,8 @@ async fn a_pause_after_connecting_is_a_device_s_own_and_no_part_of_the_timeout()
         device.quirks.pause_after_connect = Duration::from_secs(if device.unit == 2 { 2 } else { 0 });
     });
     let began = tokio_time::Instant::now();
-    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Ok(good()), "though its timeout is 300 ms");
-    assert_eq!(line.call(DeviceId(1), READ, at(2000)).await, Ok(good()));
+    assert_eq!(line.ask(0, READ, 0).await, Ok(good()), "though its timeout is 300 ms");
+    assert_eq!(line.ask(1, READ, 2000).await, Ok(good()));
     let took = began.elapsed().as_millis();
     assert!((2000..2010).contains(&took), "once, {took} ms");
     assert_eq!(script.lock().unwrap().dialled, 1);
@@ -239,12 +331,12 @@ async fn a_pause_after_connecting_is_a_device_s_own_and_no_part_of_the_timeout()
 async fn what_the_profile_does_not_list_and_what_does_not_fit_never_leaves_the_house() {
     let (mut line, script) = line(|device| device.functions.write_single = false);
     let refused = Err(Fault::Caller(CallerFault::Function));
-    assert_eq!(line.call(DeviceId(0), WRITE, at(0)).await, refused);
-    let too_far = Request::Read { from: Address { table: Table::Holding, offset: 65535 }, count: 2 };
-    assert_eq!(line.call(DeviceId(0), too_far, at(0)).await, Err(Fault::Caller(CallerFault::Extent)));
-    let too_many = Request::Read { from: Address { table: Table::Holding, offset: 0 }, count: 126 };
-    assert_eq!(line.call(DeviceId(0), too_many, at(0)).await, Err(Fault::Caller(CallerFault::Extent)));
-    assert_eq!(line.call(DeviceId(9), READ, at(0)).await, Err(Fault::Caller(CallerFault::Extent)));
+    assert_eq!(line.ask(0, WRITE, 0).await, refused);
+    let too_far = Request::Read { from: Register { table: Table::Holding, offset: 65535 }, count: 2 };
+    assert_eq!(line.ask(0, too_far, 0).await, Err(Fault::Caller(CallerFault::Extent)));
+    let too_many = Request::Read { from: Register { table: Table::Holding, offset: 0 }, count: 126 };
+    assert_eq!(line.ask(0, too_many, 0).await, Err(Fault::Caller(CallerFault::Extent)));
+    assert_eq!(line.ask(9, READ, 0).await, Err(Fault::Caller(CallerFault::Extent)));
     let script = script.lock().unwrap();
     assert!(script.asked.is_empty() && script.dialled == 0);
 }
@@ -262,15 +354,20 @@ impl Dial for Nameless {
 }
 
 impl Wire for Nameless {
-    fn call<'a>(&'a mut self, unit: u8, request: Request<'a>) -> Boxed<'a, Result<Answer, Fault>> {
-        self.0.call(unit, request)
+    fn exchange<'a>(
+        &'a mut self,
+        unit: u8,
+        request: Request<'a>,
+        departure: &'a mut Departure,
+    ) -> Boxed<'a, Result<Answer, Fault>> {
+        self.0.exchange(unit, request, departure)
     }
 
-    fn names_its_question(&self) -> bool {
+    fn has_transaction_id(&self) -> bool {
         false
     }
 
-    fn listen(&mut self, span: Duration) -> Boxed<'_, Result<(), Fault>> {
+    fn listen(&mut self, _unit: u8, span: Duration, _quiet: Duration) -> Boxed<'_, Result<(), Fault>> {
         Box::pin(async move {
             tokio::time::sleep(span).await;
             Ok(())
@@ -278,9 +375,9 @@ impl Wire for Nameless {
     }
 }
 
-fn nameless() -> (Line, Shared) {
+fn nameless() -> (Rig, Shared) {
     let (mut line, script) = line(|_| {});
-    line.dial = Box::new(Nameless(Scripted(script.clone())));
+    line.line.dial = Box::new(Nameless(Scripted(script.clone())));
     (line, script)
 }
 
@@ -288,14 +385,11 @@ fn nameless() -> (Line, Shared) {
 async fn without_transactions_a_unit_is_not_asked_again_before_its_late_answer_has_had_its_time() {
     let (mut line, script) = nameless();
     answers(&script, &[Turn::NeverEnds]);
-    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Err(Fault::Timeout));
-    assert!(
-        line.is_resting(DeviceId(0), at(4 * 300 - 1)),
-        "three timeouts more, also where the pause is over"
-    );
-    assert_eq!(line.call(DeviceId(1), READ, at(300)).await, Ok(good()), "the other one is asked at once");
+    assert_eq!(line.ask(0, READ, 0).await, Err(Fault::Timeout));
+    assert!(line.is_resting(0, 4 * 300 - 1), "three timeouts more, also where the pause is over");
+    assert_eq!(line.ask(1, READ, 300).await, Ok(good()), "the other one is asked at once");
     // The moments of the caller may run ahead of the wall; the silence that is owed does not.
-    assert_eq!(line.call(DeviceId(0), READ, at(2200)).await, Ok(good()));
+    assert_eq!(line.ask(0, READ, 2200).await, Ok(good()));
     let script = script.lock().unwrap();
     let asked: Vec<u128> = script.asked.iter().map(|(_, _, at)| *at).collect();
     assert!((300..310).contains(&asked[1]) && (1200..1220).contains(&asked[2]), "{asked:?}");
@@ -305,11 +399,11 @@ async fn without_transactions_a_unit_is_not_asked_again_before_its_late_answer_h
 #[tokio::test(start_paused = true)]
 async fn without_transactions_a_late_answer_is_waited_for_under_every_name_that_its_unit_has() {
     let (mut line, script) = nameless();
-    line.units[1].number = 1;
+    line.line.units[1].number = 1;
     answers(&script, &[Turn::NeverEnds]);
-    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Err(Fault::Timeout));
-    assert!(line.is_resting(DeviceId(1), at(4 * 300 - 1)), "it is the same unit");
-    assert_eq!(line.call(DeviceId(1), READ, at(4 * 300)).await, Ok(good()));
+    assert_eq!(line.ask(0, READ, 0).await, Err(Fault::Timeout));
+    assert!(line.is_resting(1, 4 * 300 - 1), "it is the same unit");
+    assert_eq!(line.ask(1, READ, 4 * 300).await, Ok(good()));
     let script = script.lock().unwrap();
     assert!(script.asked[1].2 >= 4 * 300, "{:?}", script.asked);
 }
@@ -319,7 +413,7 @@ async fn without_transactions_the_second_miss_in_a_row_opens_the_line_again() {
     let (mut line, script) = nameless();
     answers(&script, &[Turn::NeverEnds, Turn::Gives(Ok(good())), Turn::NeverEnds, Turn::NeverEnds]);
     for (device, now) in [(0, 0), (1, 300), (0, 5000), (1, 6000), (1, 10_000)] {
-        let _ = line.call(DeviceId(device), READ, at(now)).await;
+        let _ = line.ask(device, READ, now).await;
     }
     assert_eq!(script.lock().unwrap().dialled, 2);
 }
@@ -330,11 +424,11 @@ async fn without_transactions_nothing_that_was_sent_is_repeated_and_what_was_not
     let (mut line, script) = nameless();
     let closed = Fault::Link(LinkFault::Closed);
     answers(&script, &[Turn::Gives(Ok(good())), Turn::Gives(Err(closed)), Turn::Gives(Ok(Answer::Done))]);
-    assert_eq!(line.call(DeviceId(0), READ, at(0)).await, Ok(good()));
-    assert_eq!(line.call(DeviceId(0), WRITE, at(1000)).await, Ok(Answer::Done));
+    assert_eq!(line.ask(0, READ, 0).await, Ok(good()));
+    assert_eq!(line.ask(0, WRITE, 1000).await, Ok(Answer::Done));
     answers(&script, &[Turn::Gives(Err(BROKEN))]);
-    assert_eq!(line.call(DeviceId(0), READ, at(2000)).await, Err(BROKEN));
-    assert!(line.is_resting(DeviceId(0), at(2001)) && !line.is_resting(DeviceId(1), at(2001)));
+    assert_eq!(line.ask(0, READ, 2000).await, Err(BROKEN));
+    assert!(line.is_resting(0, 2001) && !line.is_resting(1, 2001));
     assert_eq!(script.lock().unwrap().dialled, 3);
 }
 
@@ -342,8 +436,8 @@ async fn without_transactions_nothing_that_was_sent_is_repeated_and_what_was_not
 async fn a_device_that_wants_it_gets_a_connection_for_each_request() {
     let (mut line, script) = line(|device| device.quirks.close_after_each = true);
     for now in [0, 1000] {
-        assert_eq!(line.call(DeviceId(0), READ, at(now)).await, Ok(good()));
-        assert!(line.is_connected(), "closed by us is not down");
+        assert_eq!(line.ask(0, READ, now).await, Ok(good()));
+        assert!(line.line.is_connected(), "closed by us is not down");
     }
     assert_eq!(script.lock().unwrap().dialled, 2);
 }
@@ -352,11 +446,11 @@ async fn a_device_that_wants_it_gets_a_connection_for_each_request() {
 async fn a_device_that_hangs_up_before_its_first_answer_is_said_to_have_another_master() {
     let (mut line, script) = line(|_| {});
     answers(&script, &[Turn::Gives(Err(BROKEN))]);
-    let fault = line.call(DeviceId(0), READ, at(0)).await.unwrap_err();
+    let fault = line.ask(0, READ, 0).await.unwrap_err();
     assert_eq!(fault, Fault::Link(LinkFault::TurnedAway));
     assert!(fault.to_string().contains("another master holds it"), "{fault}");
-    assert!(line.is_resting(DeviceId(0), at(700)), "it is not asked again at once");
-    assert_eq!(line.call(DeviceId(0), READ, at(1100)).await, Ok(good()));
+    assert!(line.is_resting(0, 700), "it is not asked again at once");
+    assert_eq!(line.ask(0, READ, 1100).await, Ok(good()));
 }
 
 #[tokio::test(start_paused = true)]
@@ -365,11 +459,11 @@ async fn a_connection_that_another_master_takes_again_and_again_is_not_fought_fo
     let mut dialled = Vec::new();
     // The other master comes back 300 ms after each of our polls, which come every second, for a minute.
     for second in 0..60 {
-        if line.is_connected() {
+        if line.line.is_connected() {
             answers(&script, &[Turn::Gives(Err(BROKEN))]);
         }
         let before = script.lock().unwrap().dialled;
-        let answer = line.call(DeviceId(0), READ, at(1000 * second)).await;
+        let answer = line.ask(0, READ, 1000 * second).await;
         script.lock().unwrap().answers.clear();
         if script.lock().unwrap().dialled > before {
             dialled.push(second);
@@ -382,8 +476,55 @@ async fn a_connection_that_another_master_takes_again_and_again_is_not_fought_fo
     assert!(dialled.len() <= 9 && pauses.is_sorted(), "a fight would be 60: {dialled:?}");
     // The other one has gone: what lives on is believed again.
     let after = 100_000;
-    assert_eq!(line.call(DeviceId(0), READ, at(after)).await, Ok(good()));
-    assert_eq!(line.call(DeviceId(0), READ, at(after + 6000)).await, Ok(good()));
+    assert_eq!(line.ask(0, READ, after).await, Ok(good()));
+    assert_eq!(line.ask(0, READ, after + 6000).await, Ok(good()));
     answers(&script, &[Turn::Gives(Err(BROKEN))]);
-    assert_eq!(line.call(DeviceId(0), READ, at(after + 7000)).await, Ok(good()), "asked once more");
+    assert_eq!(line.ask(0, READ, after + 7000).await, Ok(good()), "asked once more");
+}
+
+/// A line whose time passes as the test's does, and is asked every second for half a minute; when it stood still.
+async fn stands_still(
+    timeout: Duration,
+    change: impl Fn(&mut Device),
+    turn: impl Fn(&Shared),
+) -> Vec<Moment> {
+    let (rig, script) = line_of(timeout, change);
+    let begun = tokio_time::Instant::now();
+    let clock = Clock::wall_by(Passing::by(move || begun.elapsed()));
+    let mut line = rig.line;
+    line.departure = Departure::whenever(&clock).aged(Duration::from_secs(5));
+    let mut gaps = Vec::new();
+    for second in 0..30 {
+        turn(&script);
+        let _ = line.request(DeviceId(second % 2), READ, Leave::Whenever).await;
+        gaps.extend(line.stood_still());
+        let pause = Duration::from_secs(1);
+        line.away_for(pause);
+        tokio::time::sleep(pause).await;
+        line.look();
+        gaps.extend(line.stood_still());
+    }
+    gaps
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_line_that_waits_as_long_as_it_may_has_not_stood_still() {
+    let (half, two) = (Duration::from_millis(500), Duration::from_secs(2));
+    let nothing = |_: &Shared| {};
+    let listens = |script: &Shared| script.lock().unwrap().is_heard = true;
+    assert_eq!(stands_still(half, |_| {}, listens).await, [], "a serial line that is listened to");
+    let slow = |device: &mut Device| device.quirks.pause_after_connect = Duration::from_secs(3);
+    assert_eq!(
+        stands_still(half, slow, nothing).await,
+        [],
+        "a device that wants a pause after each connection"
+    );
+    let slow = |device: &mut Device| device.quirks.pause_between_requests = Duration::from_secs(3);
+    assert_eq!(stands_still(half, slow, nothing).await, [], "one that wants a pause before each request");
+    let answers_late = |script: &Shared| answers(script, &[Turn::Takes(Duration::from_millis(1900))]);
+    assert_eq!(stands_still(two, |_| {}, answers_late).await, [], "one that answers at the last moment");
+    let is_silent = |script: &Shared| answers(script, &[Turn::NeverEnds]);
+    assert_eq!(stands_still(two, |_| {}, is_silent).await, [], "one that never answers");
+    let dials = |script: &Shared| script.lock().unwrap().dials.push_back(Turn::NeverEnds);
+    assert_eq!(stands_still(two, |_| {}, dials).await, [], "one that cannot be reached");
 }

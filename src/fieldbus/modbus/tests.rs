@@ -3,9 +3,11 @@
 use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 
 use super::*;
-use crate::codec::Address;
+use crate::clock::Clock;
+use crate::codec::{Register, Table};
 
-const READ: Request<'static> = Request::Read { from: Address { table: Table::Holding, offset: 4 }, count: 2 };
+const READ: Request<'static> =
+    Request::Read { from: Register { table: Table::Holding, offset: 4 }, count: 2 };
 const WRITE: Request<'static> = Request::WriteSingle { at: 4, word: 9 };
 const WRITE_TWO: Request<'static> = Request::WriteMultiple { at: 4, words: &[1, 2] };
 
@@ -35,7 +37,8 @@ async fn asked(request: Request<'_>, answer: impl FnOnce(&[u8]) -> Vec<u8>) -> R
         theirs.write_all(&answer(&asked)).await.unwrap();
         drop(theirs);
     };
-    tokio::join!(wire.call(3, request), peer).0
+    let mut departure = Departure::whenever(&Clock::wall());
+    tokio::join!(wire.exchange(3, request, &mut departure), peer).0
 }
 
 async fn plain(request: Request<'_>, pdu: &[u8]) -> Result<Answer, Fault> {
@@ -97,7 +100,7 @@ async fn an_exception_with_a_code_of_its_own_is_still_an_exception() {
 
 #[tokio::test]
 async fn bits_come_in_whole_bytes_and_only_those_asked_for_are_kept() {
-    let bits = |count| Request::Read { from: Address { table: Table::Discrete, offset: 0 }, count };
+    let bits = |count| Request::Read { from: Register { table: Table::Discrete, offset: 0 }, count };
     assert_eq!(plain(bits(3), &[2, 1, 0b101]).await, Ok(Answer::Bits(vec![true, false, true])));
     assert_eq!(plain(bits(3), &[2, 2, 0b101, 0]).await, peer(PeerFault::Length));
     assert_eq!(plain(bits(9), &[2, 1, 0xff]).await, peer(PeerFault::Length));

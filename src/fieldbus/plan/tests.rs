@@ -3,7 +3,10 @@ use std::time::Duration;
 use proptest::prelude::*;
 
 use super::*;
-use crate::codec::{DataType, Encoding, Scale, WordOrder};
+use crate::codec::{
+    self, Address, BitField, BitKind, ByteOrder, CanId, CanMatch, DataType, Encoding, Object, Scale,
+    WordOrder,
+};
 use crate::profile::{BusId, DeviceId, Functions, Quirks, Unit};
 
 fn device(quirks: Quirks) -> Device {
@@ -33,7 +36,7 @@ fn signal(register: &str, data_type: DataType, merge: bool) -> Signal {
     Signal {
         name: register.to_owned(),
         device: DeviceId(0),
-        address: register.parse().unwrap(),
+        address: Address::Modbus(register.parse().unwrap()),
         encoding,
         unit: Unit("1"),
         range: None,
@@ -54,7 +57,11 @@ fn planned(quirks: Quirks, signals: &[Signal]) -> Vec<ReadRequest> {
 fn shape(requests: &[ReadRequest]) -> Vec<String> {
     let one = |request: &ReadRequest| {
         let fields: Vec<String> = request.fields.iter().map(|field| field.signal.0.to_string()).collect();
-        format!("{}+{} [{}]", request.first(), request.count, fields.join(" "))
+        let span = match request.request() {
+            Request::Read { from, count } => format!("{from}+{count}"),
+            other => asked(other),
+        };
+        format!("{span} [{}]", fields.join(" "))
     };
     requests.iter().map(one).collect()
 }
@@ -171,15 +178,17 @@ proptest! {
         let requests = planned(quirks, &signals);
         let mut seen = vec![0; signals.len()];
         for request in &requests {
-            let limit = if request.table.is_bits() { MAX_BITS } else { max_registers_per_request };
-            prop_assert!(request.count <= limit);
-            prop_assert!(u32::from(request.start) + u32::from(request.count) <= 65_536);
+            let (Register { table, offset }, count) = request.span().unwrap();
+            let limit = if table.is_bits() { MAX_BITS } else { max_registers_per_request };
+            prop_assert!(count <= limit);
+            prop_assert!(u32::from(offset) + u32::from(count) <= 65_536);
             for field in &request.fields {
                 let signal = &signals[field.signal.0];
                 seen[field.signal.0] += 1;
-                prop_assert_eq!(Address { table: request.table, offset: request.start + field.at }, signal.address);
+                let own = Register { table, offset: offset + field.at };
+                prop_assert_eq!(Some(own), signal.address.register());
                 prop_assert_eq!(field.len, signal.encoding.data_type.registers());
-                prop_assert!(field.at + field.len <= request.count);
+                prop_assert!(field.at + field.len <= count);
                 prop_assert!(signal.merge || request.fields.len() == 1);
             }
         }
@@ -192,10 +201,11 @@ proptest! {
 
 #[test]
 fn an_object_is_a_request_of_its_own_and_what_comes_in_frames_is_not_asked_for() {
-    let at = |table, offset| Signal {
-        address: Address { table, offset },
-        ..signal("input:0", DataType::I32, true)
-    };
-    let signals = [at(Table::Object, 0), at(Table::Process, 0), at(Table::Object, 1), at(Table::Process, 1)];
-    assert_eq!(shape(&planned(Quirks::default(), &signals)), ["object:0+2 [0]", "object:1+2 [2]"]);
+    let at = |address| Signal { address, ..signal("input:0", DataType::I32, true) };
+    let object = |sub| at(Address::Object(Object::new(0x2000, sub, DataType::I32)));
+    let bits = BitField::new(0, 32, ByteOrder::Intel, BitKind::Signed).unwrap();
+    let frames = CanMatch::exactly(CanId::standard(0x185).unwrap());
+    let frame = at(Address::Frame(codec::Field { frames, is_fd: false, bits, multiplex: Vec::new() }));
+    let signals = [object(2), frame.clone(), object(1), frame];
+    assert_eq!(shape(&planned(Quirks::default(), &signals)), ["read 2000:02 [0]", "read 2000:01 [2]"]);
 }

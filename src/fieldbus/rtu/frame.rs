@@ -4,6 +4,7 @@
 //! put them together as they like.
 
 use crate::codec::{Table, checksum};
+use crate::fieldbus::pdu;
 use crate::fieldbus::wire::Request;
 
 /// The longest frame: unit, 253 bytes, checksum.
@@ -26,21 +27,8 @@ pub(super) enum Found {
 
 /// The frame of a request.
 pub(super) fn request(unit: u8, request: Request<'_>) -> Vec<u8> {
-    let mut bytes = vec![unit, request.function()];
-    let (at, second) = match request {
-        Request::Read { from, count } => (from.offset, count),
-        Request::WriteCoil { at, value } => (at, if value { 0xff00 } else { 0 }),
-        Request::WriteSingle { at, word } => (at, word),
-        Request::WriteMultiple { at, words } => (at, u16::try_from(words.len()).unwrap_or(u16::MAX)),
-        // Refused before.
-        Request::Can(_) => (0, 0),
-    };
-    bytes.extend(at.to_be_bytes());
-    bytes.extend(second.to_be_bytes());
-    if let Request::WriteMultiple { words, .. } = request {
-        bytes.push(u8::try_from(2 * words.len()).unwrap_or(u8::MAX));
-        bytes.extend(words.iter().flat_map(|word| word.to_be_bytes()));
-    }
+    let mut bytes = vec![unit];
+    pdu::question(request, &mut bytes);
     bytes.extend(checksum(&bytes).to_le_bytes());
     bytes
 }
@@ -96,11 +84,11 @@ fn whole(bytes: &[u8]) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::codec::Address;
+    use crate::codec::Register;
     use proptest::prelude::*;
 
     fn read(table: Table, offset: u16, count: u16) -> Request<'static> {
-        Request::Read { from: Address { table, offset }, count }
+        Request::Read { from: Register { table, offset }, count }
     }
 
     fn framed(unit: u8, pdu: &[u8]) -> Vec<u8> {

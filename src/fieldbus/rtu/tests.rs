@@ -3,14 +3,15 @@
 use std::pin::Pin;
 use std::task::{Context, Waker};
 
-use tokio::io::{DuplexStream, ReadBuf, duplex};
+use tokio::io::{AsyncRead, AsyncWrite, DuplexStream, ReadBuf, duplex};
 
 use super::*;
-use crate::clock::Patience;
-use crate::codec::{Address, Table, checksum};
+use crate::clock::{Clock, Patience};
+use crate::codec::{Register, Table, checksum};
 use crate::profile::Parity;
 
-const READ: Request<'static> = Request::Read { from: Address { table: Table::Holding, offset: 4 }, count: 2 };
+const READ: Request<'static> =
+    Request::Read { from: Register { table: Table::Holding, offset: 4 }, count: 2 };
 const WRITE: Request<'static> = Request::WriteSingle { at: 4, word: 9 };
 const SLOW: Serial = Serial { baud: 9600, parity: Parity::None, stop_bits: 1 };
 
@@ -24,7 +25,7 @@ impl Ours {
 }
 
 impl Port for Ours {
-    fn take_waiting(&self, bytes: &mut [u8]) -> io::Result<usize> {
+    fn take_waiting(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
         let mut buffer = ReadBuf::new(bytes);
         let mut context = Context::from_waker(Waker::noop());
         match Pin::new(&mut *self.stream()).poll_read(&mut context, &mut buffer) {
@@ -85,7 +86,8 @@ async fn asked(
     answer: &[u8],
 ) -> Result<Answer, Fault> {
     let call = async {
-        let answer = Patience::new().within(Duration::from_secs(1), wire.call(3, request)).await;
+        let answer =
+            Patience::new().within(Duration::from_secs(1), wire.ask(3, request, &mut whenever())).await;
         answer.unwrap_or_else(|| Err(wire.missed()))
     };
     let device = async {
@@ -97,6 +99,10 @@ async fn asked(
 }
 
 const GOOD: [u16; 2] = [1, 2];
+
+fn whenever() -> Departure {
+    Departure::whenever(&Clock::wall())
+}
 
 fn good() -> Result<Answer, Fault> {
     Ok(Answer::Words(GOOD.to_vec()))
@@ -123,17 +129,24 @@ async fn an_answer_may_come_one_byte_at_a_time() {
             tokio::time::sleep(Duration::from_millis(20)).await;
         }
     };
-    assert_eq!(tokio::join!(wire.call(3, READ), piecemeal).0, good());
+    let mut departure = whenever();
+    assert_eq!(tokio::join!(wire.ask(3, READ, &mut departure), piecemeal).0, good());
 }
 
 #[tokio::test(start_paused = true)]
 async fn what_came_before_the_question_is_never_its_answer() {
     let (mut wire, mut device) = line();
     device.write_all(&words(7, 7)).await.unwrap();
-    assert_eq!(asked(&mut wire, &mut device, READ, &words(1, 2)).await, good());
-    device.write_all(&words(7, 7)).await.unwrap();
+    assert_eq!(wire.ask(3, READ, &mut whenever()).await, Err(UNASKED), "something answers out of turn");
     device.write_all(&words(8, 8)[..4]).await.unwrap();
-    assert_eq!(asked(&mut wire, &mut device, READ, &words(1, 2)).await, good());
+    assert_eq!(asked(&mut wire, &mut device, READ, &words(1, 2)).await, good(), "noise does not");
+}
+
+#[tokio::test(start_paused = true)]
+async fn of_two_answers_in_one_neither_is_believed() {
+    let (mut wire, mut device) = line();
+    let both = [words(1, 2), words(7, 7)].concat();
+    assert_eq!(asked(&mut wire, &mut device, READ, &both).await, Err(UNASKED));
 }
 
 #[tokio::test(start_paused = true)]
@@ -213,14 +226,15 @@ async fn an_adapter_that_lets_us_hear_ourselves_is_seen_at_the_first_read_and_no
 async fn a_connection_that_ends_while_idle_is_told_apart_from_one_that_breaks_under_a_question() {
     let (mut wire, device) = line();
     drop(device);
-    assert_eq!(wire.call(3, READ).await, Err(CLOSED));
+    assert_eq!(wire.ask(3, READ, &mut whenever()).await, Err(CLOSED));
     let (mut wire, mut device) = line();
     let dies = async {
         let mut question = [0; 8];
         device.read_exact(&mut question).await.unwrap();
         drop(device);
     };
-    assert_eq!(tokio::join!(wire.call(3, READ), dies).0, Err(BROKEN));
+    let mut departure = whenever();
+    assert_eq!(tokio::join!(wire.ask(3, READ, &mut departure), dies).0, Err(BROKEN));
 }
 
 #[tokio::test(start_paused = true)]
@@ -230,7 +244,57 @@ async fn while_listening_a_late_answer_is_discarded() {
         tokio::time::sleep(Duration::from_millis(200)).await;
         device.write_all(&words(7, 7)).await.unwrap();
     };
-    let (heard, ()) = tokio::join!(wire.listen(Duration::from_millis(300)), late);
+    let (heard, ()) =
+        tokio::join!(wire.listen(3, Duration::from_millis(300), Duration::from_millis(100)), late);
     assert_eq!(heard, Ok(()));
     assert_eq!(asked(&mut wire, &mut device, READ, &words(1, 2)).await, good());
+}
+
+/// A line on which something always waits.
+struct Chatter;
+
+impl Port for Chatter {
+    fn take_waiting(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        bytes.fill(0x55);
+        Ok(bytes.len())
+    }
+}
+
+impl AsyncRead for Chatter {
+    fn poll_read(
+        self: Pin<&mut Self>,
+        _: &mut Context<'_>,
+        buffer: &mut ReadBuf<'_>,
+    ) -> std::task::Poll<io::Result<()>> {
+        buffer.put_slice(&[0x55; 16]);
+        std::task::Poll::Ready(Ok(()))
+    }
+}
+
+impl AsyncWrite for Chatter {
+    fn poll_write(
+        self: Pin<&mut Self>,
+        _: &mut Context<'_>,
+        bytes: &[u8],
+    ) -> std::task::Poll<io::Result<usize>> {
+        std::task::Poll::Ready(Ok(bytes.len()))
+    }
+
+    fn poll_flush(self: Pin<&mut Self>, _: &mut Context<'_>) -> std::task::Poll<io::Result<()>> {
+        std::task::Poll::Ready(Ok(()))
+    }
+
+    fn poll_shutdown(self: Pin<&mut Self>, _: &mut Context<'_>) -> std::task::Poll<io::Result<()>> {
+        std::task::Poll::Ready(Ok(()))
+    }
+}
+
+#[tokio::test]
+async fn whoever_never_stops_talking_is_listened_to_for_as_long_as_was_said_and_no_longer() {
+    let mut wire = Rtu::new(Chatter, Some(SLOW));
+    let (span, quiet) = (Duration::from_millis(40), Duration::from_millis(20));
+    let listened = Patience::new().within(Duration::from_secs(30), wire.listen(3, span, quiet)).await;
+    assert_eq!(listened, Some(Ok(())));
+    let asked = Patience::new().within(quiet, wire.ask(3, READ, &mut whenever())).await;
+    assert_eq!((asked, wire.missed()), (None, Fault::Peer(PeerFault::Malformed)));
 }

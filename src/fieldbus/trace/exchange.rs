@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde::{Serialize, Serializer};
 
-use crate::codec::{Address, Frame, Table};
+use crate::codec::{Frame, Register, Table};
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::wire::{Answer, CanRequest, Request};
 use crate::quantity::Moment;
@@ -55,8 +55,8 @@ impl Exchange {
 }
 
 /// `read input:0..7`, `write holding:104 = 1 65535`.
-pub(super) fn asked(request: Request<'_>) -> String {
-    let at = |table, offset| Address { table, offset };
+pub(in crate::fieldbus) fn asked(request: Request<'_>) -> String {
+    let at = |table, offset| Register { table, offset };
     match request {
         Request::Read { from, count: 1 } => format!("read {from}"),
         Request::Read { from, count } => {

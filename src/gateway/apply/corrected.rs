@@ -5,7 +5,8 @@ use std::time::Duration;
 use super::register::send_cells;
 use super::{Order, Writer};
 use crate::compensation::AxisState;
-use crate::fieldbus::line::Line;
+use crate::fieldbus::departure::Leave;
+use crate::fieldbus::line::DeviceLine;
 use crate::gateway::shared::Shared;
 use crate::gateway::words::cz_factor;
 use crate::profile::{Arm, Output, Shown};
@@ -19,7 +20,7 @@ impl Writer {
     /// Writes position + Cz as soon as a new position has been read.
     pub(in crate::gateway) async fn corrected(
         &mut self,
-        line: &mut Line,
+        line: &mut DeviceLine,
         shared: &Shared,
         position: SignalId,
         now: Moment,
@@ -56,7 +57,7 @@ impl Writer {
         let cz = self.share(shared, output, &order);
         let factor = cz_factor(&shared.profile, output);
         let target = self.encode(shared, output, position + cz.get() * factor / 1000.0);
-        let is_written = self.write(line, shared, output, target, now).await;
+        let is_written = self.write(line, shared, output, target, (now, order.not_after)).await;
         self.sent = self.uncertain.map(|_| cz);
         if is_written {
             self.dashes_at = None;
@@ -67,7 +68,7 @@ impl Writer {
 
     /// Dashes instead of a number that nobody corrects any more: when that begins, and again after each pause, because a
     /// display that was switched off and on shows something else.
-    async fn show_nothing(&mut self, line: &mut Line, shared: &Shared, now: Moment) {
+    async fn show_nothing(&mut self, line: &mut DeviceLine, shared: &Shared, now: Moment) {
         let output = shared.profile.output(self.id);
         let Some(stale) = &output.display.stale else { return };
         let is_fresh = self.dashes_at.is_some_and(|at| now < at.after(DASHES_AGAIN));
@@ -77,8 +78,8 @@ impl Writer {
         let text = (stale.register..).zip(stale.words.iter().copied());
         let beside = output.display.beside.iter().map(|beside| (beside.register, beside.word(Shown::Fault)));
         // What fails is told where every request fails, and tried again.
-        if send_cells(line, shared, output, beside.collect()).await.is_ok()
-            && send_cells(line, shared, output, text.collect()).await.is_ok()
+        if send_cells(line, shared, output, beside.collect(), Leave::Whenever).await.is_ok()
+            && send_cells(line, shared, output, text.collect(), Leave::Whenever).await.is_ok()
         {
             (self.dashes_at, self.corrected, self.sent) = (Some(now), None, None);
         }

@@ -49,7 +49,7 @@ pub(super) fn cells(profile: &Profile, set: &OutputSet, values: &[Encoded], own:
         }
     }
     for (output, value) in set.members(profile).zip(values) {
-        cells.extend((output.address.offset..).zip(value.words().iter().copied()));
+        cells.extend(output.cells(value.words()));
     }
     let words = [
         (set.sequence, own.sequence),

@@ -13,11 +13,11 @@
 
 use std::time::Duration;
 
-use crate::fieldbus::error::Fault;
-use crate::fieldbus::line::Line;
+use crate::fieldbus::departure::Leave;
+use crate::fieldbus::error::{Fault, Outcome};
+use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, Request};
 use crate::gateway::output::Wait;
-use crate::gateway::poll;
 use crate::gateway::shared::Shared;
 use crate::observe::events::{Event, HandshakeFault};
 use crate::profile::{Flag, OutputSet};
@@ -61,14 +61,14 @@ pub(super) enum Waited {
 
 impl SetWriter {
     /// Raises the strobe and begins to wait for the acknowledge.
-    pub(super) async fn raise(&mut self, line: &mut Line, shared: &Shared) -> bool {
+    pub(super) async fn raise(&mut self, line: &mut DeviceLine, shared: &Shared) -> bool {
         let set = shared.profile.set(self.id);
         let Some(handshake) = set.handshake else { return false };
         self.strobe.stands = Stands::Up;
         self.show(shared);
         if let Err(fault) = write_strobe(line, shared, set, handshake.strobe, true).await {
-            if !fault.spoils_connection() {
-                // The device refused: it never went up.
+            if fault.outcome() == Outcome::NotDone {
+                // It never went up.
                 self.strobe.stands = Stands::Down;
             }
             let (register, fault) = (handshake.strobe.to_string(), fault.to_string());
@@ -80,7 +80,7 @@ impl SetWriter {
     }
 
     /// Drops the strobe. Where that fails it is told, and tried again.
-    pub(super) async fn lower(&mut self, line: &mut Line, shared: &Shared) -> bool {
+    pub(super) async fn lower(&mut self, line: &mut DeviceLine, shared: &Shared) -> bool {
         let set = shared.profile.set(self.id);
         let Some(handshake) = set.handshake else { return true };
         let done = write_strobe(line, shared, set, handshake.strobe, false).await;
@@ -101,7 +101,7 @@ impl SetWriter {
     }
 
     /// Asks for the acknowledge, once.
-    pub(super) async fn wait(&mut self, line: &mut Line, shared: &Shared) -> Waited {
+    pub(super) async fn wait(&mut self, line: &mut DeviceLine, shared: &Shared) -> Waited {
         let set = shared.profile.set(self.id);
         let (Some((wait, until, ask)), Some(handshake)) = (self.strobe.waits, set.handshake) else {
             return Waited::Over;
@@ -111,7 +111,7 @@ impl SetWriter {
             return Waited::Still;
         }
         let register = handshake.acknowledge.to_string();
-        let is_up = match read_flag(line, shared, set, handshake.acknowledge).await {
+        let is_up = match read_flag(line, set, handshake.acknowledge).await {
             Ok(is_up) => is_up,
             Err(fault) => {
                 let fault = fault.to_string();
@@ -139,7 +139,7 @@ impl SetWriter {
     }
 
     /// First of all the strobe goes down; then it is told, and what was sent is doubted.
-    pub(super) async fn failed(&mut self, line: &mut Line, shared: &Shared, fault: HandshakeFault) {
+    pub(super) async fn failed(&mut self, line: &mut DeviceLine, shared: &Shared, fault: HandshakeFault) {
         self.strobe.waits = None;
         let lowered = self.strobe.stands != Stands::Up || self.lower(line, shared).await;
         // Where it cannot even be dropped, that is what is wrong, and it has been told.
@@ -180,7 +180,7 @@ impl SetWriter {
 }
 
 async fn write_strobe(
-    line: &mut Line,
+    line: &mut DeviceLine,
     shared: &Shared,
     set: &OutputSet,
     strobe: Flag,
@@ -195,13 +195,13 @@ async fn write_strobe(
     } else {
         Request::WriteMultiple { at, words: &word }
     };
-    poll::call(line, shared, set.device, request, shared.clock.now()).await.map(|_| ())
+    line.request(set.device, request, Leave::Whenever).await.map(|_| ())
 }
 
-async fn read_flag(line: &mut Line, shared: &Shared, set: &OutputSet, flag: Flag) -> Result<bool, Fault> {
+async fn read_flag(line: &mut DeviceLine, set: &OutputSet, flag: Flag) -> Result<bool, Fault> {
     let request = Request::Read { from: flag.address, count: 1 };
-    let answer = poll::call(line, shared, set.device, request, shared.clock.now()).await?;
-    Ok(match answer {
+    let answered = line.request(set.device, request, Leave::Whenever).await?;
+    Ok(match answered.answer {
         Answer::Bits(bits) => bits.first().copied().unwrap_or_default(),
         Answer::Words(words) => words.first().is_some_and(|word| flag.is_up(*word)),
         Answer::Done => false,

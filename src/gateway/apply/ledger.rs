@@ -7,7 +7,7 @@
 use std::time::Duration;
 
 use super::{Order, RETRY, Trouble, Writer};
-use crate::fieldbus::line::Line;
+use crate::fieldbus::line::DeviceLine;
 use crate::gateway::ledger::{Account, Doubt, Finding, Kept};
 use crate::gateway::shared::Shared;
 use crate::gateway::words::{counts_in_text, cz_factor, one_step};
@@ -35,8 +35,6 @@ pub(super) struct Joint {
     is_new: bool,
     promise: Option<Promise>,
     promised_at: Moment,
-    /// The disk did not answer in time when it was last waited for.
-    slow: bool,
     /// The last write was acknowledged, and then something else stood there.
     odd: bool,
     doubt_told: bool,
@@ -65,7 +63,7 @@ impl Writer {
     /// Carries out the axis's last decision, where there is something to do.
     pub(super) async fn joint_offset(
         &mut self,
-        line: &mut Line,
+        line: &mut DeviceLine,
         shared: &Shared,
         output: &Output,
         now: Moment,
@@ -105,9 +103,20 @@ impl Writer {
             // An operator's register is looked at; to write the same again could only undo what he does meanwhile.
             self.written_at = now;
         }
+        let is_changed = self.next_share(shared, output, &order) != self.standing_share();
+        if self.trouble.is_none() && now > order.not_after && is_changed {
+            // Its turn has come too late; the next decision is carried out.
+            (self.applied, self.is_late) = (order.decided, order.follows);
+            self.withdraw(shared, output);
+            if order.follows {
+                shared.order_lapsed(self.id, order.not_after);
+            }
+            return;
+        }
+        self.is_late = false;
         for _ in 0..TRIES {
-            let Some(share) = self.promised(shared, output, &order, now).await else { return };
-            let Some(found) = self.find(line, shared, output, now).await else { return };
+            let Some(share) = self.promised(line, shared, output, &order, now).await else { return };
+            let Some(found) = self.find(line, shared, output).await else { return };
             match self.note(shared, output, found, now) {
                 Finding::Same => return self.write_share(line, shared, output, &order, share).await,
                 Finding::Moved { .. } => {}
@@ -120,7 +129,7 @@ impl Writer {
     /// Reads the register and takes note of what it means. Whether the decision is still to be carried out.
     async fn look(
         &mut self,
-        line: &mut Line,
+        line: &mut DeviceLine,
         shared: &Shared,
         output: &Output,
         order: &Order,
@@ -129,7 +138,7 @@ impl Writer {
         if self.idle {
             self.applied = order.decided;
         }
-        let Some(found) = self.find(line, shared, output, now).await else { return false };
+        let Some(found) = self.find(line, shared, output).await else { return false };
         self.compare = false;
         if !self.idle && self.joint.doubt().is_some() {
             // Only a person arms an axis whose account is in question.
@@ -151,7 +160,7 @@ impl Writer {
         }
         if !self.joint.is_kept && !shared.dry_run {
             // A first account is on disk before anything depends on it.
-            let nothing = self.promised(shared, output, order, now).await;
+            let nothing = self.promised(line, shared, output, order, now).await;
             debug_assert_eq!(nothing, None, "an account is opened with the share that it has");
             return false;
         }
@@ -178,6 +187,7 @@ impl Writer {
     /// yet.
     async fn promised(
         &mut self,
+        line: &mut DeviceLine,
         shared: &Shared,
         output: &Output,
         order: &Order,
@@ -200,9 +210,10 @@ impl Writer {
         });
         let is_new = self.joint.promise.replace(promise).is_none();
         let timeout = shared.profile.bus(shared.profile.device(output.device).bus).timeout;
-        let span = if is_new && !self.joint.slow { timeout } else { Duration::ZERO };
+        let span = if is_new { timeout } else { Duration::ZERO };
+        line.away_for(span);
         let kept = shared.ledger.kept(promise.version, span).await;
-        self.joint.slow = kept == Kept::NotYet;
+        line.look();
         match kept {
             Kept::NotYet => {
                 if now.since(promise.since) >= DISK_PATIENCE && self.trouble != Some(Trouble::Disk) {
@@ -227,6 +238,10 @@ impl Writer {
             return None;
         }
         Some(share)
+    }
+
+    fn standing_share(&self) -> Option<i64> {
+        self.joint.account.as_ref().map(Account::share)
     }
 
     /// What is promised and not sent need not be sent any more.
@@ -268,7 +283,10 @@ impl Writer {
     fn next_share(&mut self, shared: &Shared, output: &Output, order: &Order) -> Option<i64> {
         let account = self.joint.account.as_ref()?;
         let (stands, base) = (account.share(), account.base());
-        if self.idle || !self.joint.is_kept {
+        // What was decided before the device was lost is not made up for: that it can be written again is shown by what
+        // stands there, once more.
+        let is_over = self.trouble == Some(Trouble::Link) && !order.follows;
+        if self.idle || !self.joint.is_kept || is_over {
             return Some(stands);
         }
         let encoding = &output.encoding;

@@ -2,30 +2,23 @@
 
 use super::exchange::{self, Cells};
 use super::{Trouble, Words, Writer};
-use crate::codec::{Encoded, Table};
-use crate::fieldbus::error::{CallerFault, Fault};
-use crate::fieldbus::line::Line;
-use crate::fieldbus::wire::{Answer, CanRequest, Request};
+use crate::codec::Encoded;
+use crate::fieldbus::departure::Leave;
+use crate::fieldbus::error::{CallerFault, Fault, Outcome};
+use crate::fieldbus::line::DeviceLine;
+use crate::fieldbus::wire::{Answer, Request};
 use crate::gateway::output::Standing;
-use crate::gateway::poll;
 use crate::gateway::shared::Shared;
 use crate::gateway::words::{can_be_read, cz_factor, in_micron, within_limit, words_in_text};
 use crate::observe::events::Event;
-use crate::profile::{Device, Output, Stretch};
+use crate::profile::{Output, Stretch};
 use crate::quantity::{Micron, Moment};
 
 impl Writer {
-    pub(super) async fn read(
-        &self,
-        line: &mut Line,
-        shared: &Shared,
-        output: &Output,
-        now: Moment,
-    ) -> Result<Words, Fault> {
-        let count = output.encoding.data_type.registers();
-        let from = output.verify.reads_at().unwrap_or(output.address);
-        let request = Request::Read { from, count };
-        match poll::call(line, shared, output.device, request, now).await? {
+    pub(super) async fn read(&self, line: &mut DeviceLine, output: &Output) -> Result<Words, Fault> {
+        let request = Request::read(&output.reads_at(), output.encoding.data_type);
+        let request = request.ok_or(Fault::Caller(CallerFault::Function))?;
+        match line.request(output.device, request, Leave::Whenever).await?.answer {
             Answer::Words(words) => Ok(Encoded::of(&words)),
             Answer::Bits(_) | Answer::Done => Ok(Encoded::of(&[])),
         }
@@ -34,13 +27,14 @@ impl Writer {
     /// Reads the register. Whether what stands there is ours and the decision is still to be carried out.
     pub(super) async fn is_ours(
         &mut self,
-        line: &mut Line,
+        line: &mut DeviceLine,
         shared: &Shared,
         output: &Output,
         now: Moment,
     ) -> bool {
         if !can_be_read(shared, output) {
             self.compare = false;
+            self.seen_on = line.connection();
             if std::mem::take(&mut self.restarted) {
                 // What a restarted control holds that nobody can read: nothing.
                 self.take_over(shared, output, Words::of(output.encoding.encode(0.0).words()), now);
@@ -48,13 +42,14 @@ impl Writer {
             }
             return true;
         }
-        let found = match self.read(line, shared, output, now).await {
+        let found = match self.read(line, output).await {
             Ok(found) => found,
             Err(fault) => {
                 self.fail(shared, output, fault);
                 return false;
             }
         };
+        self.seen_on = line.connection();
         self.judge(shared, output, found, now)
     }
 
@@ -131,23 +126,29 @@ impl Writer {
     /// Writes and verifies; what went wrong is told, and known afterwards.
     pub(super) async fn write(
         &mut self,
-        line: &mut Line,
+        line: &mut DeviceLine,
         shared: &Shared,
         output: &Output,
         target: Words,
-        now: Moment,
+        (now, not_after): (Moment, Moment),
     ) -> bool {
-        self.uncertain = Some(target);
-        if let Err(fault) = self.send_all(line, shared, output, target, now).await {
-            if !fault.spoils_connection() {
-                // The device refused: what stood there still stands.
-                self.uncertain = None;
+        let before = self.uncertain.replace(target);
+        let goes_by_reads = output.writes.is_scheduled() && can_be_read(shared, output);
+        let leave = if goes_by_reads { Leave::Here(not_after) } else { Leave::By(not_after) };
+        if let Err((fault, outcome)) = self.send_all(line, shared, output, target, leave).await {
+            if outcome == Outcome::NotDone {
+                // What stood there still stands.
+                self.uncertain = before;
             }
-            self.fail(shared, output, fault);
+            if fault.has_lapsed() {
+                self.compare = can_be_read(shared, output);
+            } else {
+                self.fail(shared, output, fault);
+            }
             return false;
         }
         if output.verify.reads() {
-            match self.read(line, shared, output, now).await {
+            match self.read(line, output).await {
                 Ok(found) if self.is_verified(shared, output, target, found, now) => {}
                 Ok(_) => return false,
                 Err(fault) => {
@@ -253,71 +254,55 @@ impl Writer {
     /// The value, with the words of a display that belong beside it.
     async fn send_all(
         &mut self,
-        line: &mut Line,
+        line: &mut DeviceLine,
         shared: &Shared,
         output: &Output,
         target: Words,
-        now: Moment,
-    ) -> Result<(), Fault> {
+        leave: Leave,
+    ) -> Result<(), (Fault, Outcome)> {
         if output.display.beside.is_empty() {
-            return send(line, shared, output, target, now).await;
+            let sent = send(line, shared, output, target, leave).await;
+            return sent.map_err(|fault| (fault, fault.outcome()));
         }
-        let value = (output.address.offset..).zip(target.words().iter().copied());
+        let value = output.cells(target.words());
         let shown = self.shown(shared, output);
         let beside = output.display.beside.iter().map(|beside| (beside.register, beside.word(shown)));
-        send_cells(line, shared, output, value.chain(beside).collect()).await
+        send_cells(line, shared, output, value.chain(beside).collect(), leave).await
     }
 }
 
-/// Writes registers, those side by side in one request.
+/// Writes registers, those side by side in one request. The first decides; what belongs to it follows, however late, and
+/// where that fails the first has arrived all the same.
 pub(super) async fn send_cells(
-    line: &mut Line,
+    line: &mut DeviceLine,
     shared: &Shared,
     output: &Output,
     cells: Cells,
-) -> Result<(), Fault> {
+    leave: Leave,
+) -> Result<(), (Fault, Outcome)> {
     let device = shared.profile.device(output.device);
+    let (mut leave, mut has_sent) = (leave, false);
     let each = cells.keys().map(|register| (*register, 1)).collect();
     for stretch in Stretch::joined(each, device.longest_request()) {
         let words = exchange::words(&cells, &stretch);
-        let request = match words.as_slice() {
-            [word] if device.functions.write_single => Request::WriteSingle { at: stretch.from, word: *word },
-            words => Request::WriteMultiple { at: stretch.from, words },
-        };
-        poll::call(line, shared, output.device, request, shared.clock.now()).await?;
+        let request = Request::write_holding(stretch.from, &words, device.functions);
+        let (leave, has_begun) = (std::mem::replace(&mut leave, Leave::Whenever), has_sent);
+        let sent = line.request(output.device, request, leave).await;
+        sent.map_err(|fault| (fault, if has_begun { Outcome::Unknown } else { fault.outcome() }))?;
+        has_sent = true;
     }
     Ok(())
 }
 
 /// Writes the registers of one value; that they stand there is not known yet.
 pub(super) async fn send(
-    line: &mut Line,
+    line: &mut DeviceLine,
     shared: &Shared,
     output: &Output,
     target: Words,
-    now: Moment,
+    leave: Leave,
 ) -> Result<(), Fault> {
-    if output.address.table.is_can() {
-        let device = shared.profile.device(output.device);
-        let request = on_can(device, output, target.words()).ok_or(Fault::Caller(CallerFault::Extent))?;
-        return poll::call(line, shared, output.device, request, now).await.map(|_| ());
-    }
-    let single = target.words().len() == 1 && shared.profile.device(output.device).functions.write_single;
-    let request = if single {
-        Request::WriteSingle { at: output.address.offset, word: target.words()[0] }
-    } else {
-        Request::WriteMultiple { at: output.address.offset, words: target.words() }
-    };
-    poll::call(line, shared, output.device, request, now).await.map(|_| ())
-}
-
-/// An output of a CAN device as it goes over the line.
-fn on_can<'a>(device: &Device, output: &Output, words: &'a [u16]) -> Option<Request<'a>> {
-    let (can, place) = (device.can.as_ref()?, output.address.offset);
-    Some(Request::Can(if output.address.table == Table::Object {
-        CanRequest::Write { object: *can.object(place)?, words }
-    } else {
-        let field = can.field(place)?;
-        CanRequest::Send { id: field.frames.id, bits: field.bits, words }
-    }))
+    let functions = shared.profile.device(output.device).functions;
+    let request = Request::write(&output.address, target.words(), functions);
+    line.request(output.device, request, leave).await.map(|_| ())
 }

@@ -11,7 +11,7 @@
 //! alone; the control may then see two steps at once.
 
 use crate::compensation::AxisState;
-use crate::fieldbus::line::Line;
+use crate::fieldbus::line::DeviceLine;
 use crate::gateway::output::Wait;
 use crate::gateway::shared::Shared;
 use crate::profile::{Control, Output, Profile, SetId};
@@ -88,7 +88,7 @@ impl SetWriter {
     }
 
     /// Goes on with an exchange, or begins one where there is something to do. Never waits for the control.
-    pub(in crate::gateway) async fn advance(&mut self, line: &mut Line, shared: &Shared, now: Moment) {
+    pub(in crate::gateway) async fn advance(&mut self, line: &mut DeviceLine, shared: &Shared, now: Moment) {
         if shared.core().leaving {
             return self.leave(line, shared).await;
         }
@@ -115,7 +115,7 @@ impl SetWriter {
     }
 
     /// The gateway ends: whatever was under way, the strobe does not stay up.
-    async fn leave(&mut self, line: &mut Line, shared: &Shared) {
+    async fn leave(&mut self, line: &mut DeviceLine, shared: &Shared) {
         self.strobe.waits = None;
         if self.strobe.stands == Stands::Up && !self.lower(line, shared).await {
             self.tried_at = shared.clock.now();
@@ -123,7 +123,7 @@ impl SetWriter {
         self.show(shared);
     }
 
-    async fn begin(&mut self, line: &mut Line, shared: &Shared, now: Moment) {
+    async fn begin(&mut self, line: &mut DeviceLine, shared: &Shared, now: Moment) {
         let profile = &shared.profile;
         if self.strobe.stands == Stands::Up {
             // Left up by an exchange that failed: ours to drop, also while the axis is off.
@@ -168,7 +168,8 @@ impl SetWriter {
         if self.members.iter().any(|member| member.trouble.is_some()) && now < self.tried_at.after(RETRY) {
             return;
         }
-        let targets = self.targets(shared, &orders, &parts, None);
+        let targets = self.targets(shared, &orders, &parts, None, now);
+        self.tell_lapsed(shared, &orders, &parts);
         let stands = self.members.iter().zip(&targets).all(|(member, target)| member.known == *target);
         let looks = parts.contains(&Part::Off);
         if stands && !refresh && !unsettled && !looks {
@@ -182,14 +183,24 @@ impl SetWriter {
         if !self.is_ours(shared, &orders, &parts, &cells, now) || !is_free {
             return;
         }
-        let targets = self.targets(shared, &orders, &parts, Some(&cells));
+        let targets = self.targets(shared, &orders, &parts, Some(&cells), now);
         let stands = self.members.iter().zip(&targets).all(|(member, target)| member.known == *target);
         let settled = self.unfinished.is_none() && !self.any(&parts, Part::Free, Writer::is_unsettled);
         if stands && settled && !refresh {
             return self.apply(&orders, &parts);
         }
-        self.send(line, shared, &parts, targets).await;
+        let not_after = self.not_after(&orders, &parts, &targets);
+        self.send(line, shared, &parts, targets, not_after).await;
         self.apply(&orders, &parts);
+    }
+
+    /// The last moment for what changes; what stays as it is rests on no reading.
+    fn not_after(&self, orders: &[Order], parts: &[Part], targets: &[Option<Words>]) -> Moment {
+        let all = self.members.iter().zip(orders).zip(parts).zip(targets);
+        let changes = all.filter(|(((member, _), part), target)| {
+            **part == Part::Free && (member.known != **target || member.uncertain.is_some())
+        });
+        changes.map(|(((_, order), _), _)| order.not_after).min().unwrap_or(Moment::END)
     }
 
     /// An axis that is off begins from its register when it is armed: nothing of it is sent again.
@@ -204,7 +215,7 @@ impl SetWriter {
     }
 
     /// The acknowledge is down, so that the next one answers the next strobe.
-    async fn is_clear(&mut self, line: &mut Line, shared: &Shared) -> bool {
+    async fn is_clear(&mut self, line: &mut DeviceLine, shared: &Shared) -> bool {
         let Some(handshake) = shared.profile.set(self.id).handshake else { return true };
         if self.strobe.stands == Stands::Unknown && !self.lower(line, shared).await {
             self.doubt_sent(shared);
@@ -253,13 +264,15 @@ impl SetWriter {
         goes_on
     }
 
-    /// What each member shall hold: what was sent and not taken; else its decision; else what stands there.
+    /// What each member shall hold: what was sent and not taken; else its decision, where that is not too late; else what
+    /// stands there.
     fn targets(
         &mut self,
         shared: &Shared,
         orders: &[Order],
         parts: &[Part],
         cells: Option<&Cells>,
+        now: Moment,
     ) -> Vec<Option<Words>> {
         let sent = self.unfinished.as_ref().map(|sent| sent.values.clone()).unwrap_or_default();
         let mut sent = sent.into_iter();
@@ -268,11 +281,39 @@ impl SetWriter {
             let output = shared.profile.output(member.id);
             targets.push(match (part, sent.next().flatten()) {
                 (Part::Free, Some(sent)) => Some(sent),
-                (Part::Free, None) => Some(member.target(shared, output, order)),
+                (Part::Free, None) => {
+                    let target = member.target(shared, output, order);
+                    member.is_late = now > order.not_after
+                        && member.trouble.is_none()
+                        && member.uncertain.is_none()
+                        && member.known.is_some_and(|known| known != target);
+                    if member.is_late { member.known } else { Some(target) }
+                }
                 _ => cells.map(|cells| found(output, cells)).or(member.known),
             });
         }
         targets
+    }
+
+    /// What became too late for its turn rests on readings that are too old now: the set goes without it, and first with the
+    /// next decision.
+    fn tell_lapsed(&mut self, shared: &Shared, orders: &[Order], parts: &[Part]) {
+        let members = self.members.iter().zip(orders).zip(parts);
+        let late = members.filter(|((member, order), part)| {
+            **part == Part::Free && member.is_late && member.applied != order.decided
+        });
+        for ((member, order), _) in late {
+            if order.follows {
+                shared.order_lapsed(member.id, order.not_after);
+            } else {
+                member.holds_what_stands(shared);
+            }
+        }
+    }
+
+    /// The turn of one of its members came too late for what was decided.
+    pub(in crate::gateway) fn is_late(&self) -> bool {
+        self.members.iter().any(|member| member.is_late && !member.idle)
     }
 
     /// What was sent may have been taken or not.
@@ -358,5 +399,7 @@ impl Writer {
 }
 
 fn found(output: &Output, cells: &Cells) -> Words {
-    exchange::value(cells, output.address.offset, output.encoding.data_type.registers())
+    let count = output.encoding.data_type.registers();
+    let first = output.address.register();
+    first.map_or(Words::of(&[]), |first| exchange::value(cells, first.offset, count))
 }

@@ -4,7 +4,8 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
 use super::{Can, Ear, Handed, Health, Nodes, Routes};
-use crate::codec::Table;
+use crate::clock::Looks;
+use crate::codec::{Address, CanId};
 use crate::fieldbus::can::{Images, Link, Value};
 use crate::fieldbus::trace::Tap;
 use crate::gateway::shared::Shared;
@@ -38,6 +39,7 @@ impl Ear {
             is_up: false,
             tap: tap.clone(),
             measure_at: now,
+            looks: Looks::begin(now, shared.profile.shortest_age()),
         };
         ear.try_interface();
         Some((can, ear))
@@ -59,13 +61,12 @@ fn images(profile: &Profile, bus: BusId) -> Images {
 }
 
 /// The value of an output in the frame with this identifier.
-fn value(device: &Device, output: &Output, id: crate::codec::CanId) -> Option<Value> {
-    let can = device.can.as_ref()?;
-    let field = can.field(output.address.offset).filter(|_| output.address.table == Table::Process)?;
+fn value(device: &Device, output: &Output, id: CanId) -> Option<Value> {
+    let Address::Frame(field) = &output.address else { return None };
+    let node = device.can.as_ref().and_then(|can| can.node);
     let read_at = match output.verify {
-        Verify::ReadBackAt(address) => can.object(address.offset).copied().zip(can.node),
+        Verify::ReadBackAt(object) => node.map(|node| (node, object)),
         _ => None,
     };
-    let read_at = read_at.map(|(object, node)| (node, object));
     (field.frames.id == id).then(|| Value::new(field.bits, read_at))
 }

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use crate::codec::{CanId, CanMatch, Frame, Table};
+use crate::codec::{Address, CanId, CanMatch, Frame};
 use crate::fieldbus::canopen::NodeId;
 use crate::fieldbus::canopen::emergency::{Emergency, SERVICE};
 use crate::fieldbus::canopen::master::{Care, Master, NodeEvent, Output, Start};
@@ -69,7 +69,7 @@ impl Nodes {
         let silences = here.clone().filter(|(_, can)| can.heartbeat.is_none()).filter_map(|(id, _)| {
             let own = profile.signals.iter().filter(|signal| signal.device == id);
             let patience = own
-                .filter(|signal| signal.address.table == Table::Process)
+                .filter(|signal| matches!(signal.address, Address::Frame(_)))
                 .map(|signal| signal.max_age)
                 .max()?;
             Some(Silence { device: id, patience, heard: now, was_heard: false, is_lost: false })

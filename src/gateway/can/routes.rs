@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 
 use super::Ear;
-use crate::codec::{CanId, CanMatch, Frame, Table};
-use crate::profile::{BusId, DeviceId, Field, Profile, Writes};
+use crate::codec::{Address, CanId, CanMatch, Field, Frame};
+use crate::profile::{BusId, DeviceId, Profile, Writes};
 use crate::quantity::Moment;
 use crate::reading::{Reason, SignalId};
 
@@ -30,9 +30,10 @@ impl Routes {
         let mut routes = Routes::default();
         for (place, signal) in profile.signals.iter().enumerate() {
             let device = profile.device(signal.device);
-            let is_here = device.bus == bus && signal.address.table == Table::Process;
-            let field = device.can.as_ref().and_then(|can| can.field(signal.address.offset));
-            let Some(field) = field.filter(|_| is_here) else { continue };
+            let Address::Frame(field) = &signal.address else { continue };
+            if device.bus != bus {
+                continue;
+            }
             let id = SignalId(place);
             let route =
                 Route { device: signal.device, signal: id, field: field.clone(), wakes: wakes(profile, id) };

@@ -1,10 +1,10 @@
 //! The setup list of a CANopen node: written before each of its starts, in its order. A dry run writes nothing, so there it
 //! is only compared.
 
+use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{Fault, PeerFault};
-use crate::fieldbus::line::Line;
+use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, CanRequest, Request};
-use crate::gateway::poll;
 use crate::gateway::shared::Shared;
 use crate::profile::{DeviceId, Setup};
 
@@ -12,7 +12,11 @@ use crate::profile::{DeviceId, Setup};
 ///
 /// # Errors
 /// The node does not answer.
-pub(super) async fn set_up(line: &mut Line, shared: &Shared, device: DeviceId) -> Result<Vec<String>, Fault> {
+pub(super) async fn set_up(
+    line: &mut DeviceLine,
+    shared: &Shared,
+    device: DeviceId,
+) -> Result<Vec<String>, Fault> {
     let Some(can) = &shared.profile.device(device).can else { return Ok(Vec::new()) };
     let mut wrong = Vec::new();
     for setup in &can.setup {
@@ -22,7 +26,11 @@ pub(super) async fn set_up(line: &mut Line, shared: &Shared, device: DeviceId) -
             true => CanRequest::Read { object: setup.object },
             false => CanRequest::Write { object: setup.object, words: words.words() },
         };
-        match poll::call(line, shared, device, Request::Can(request), shared.clock.now()).await {
+        match line
+            .request(device, Request::Can(request), Leave::Whenever)
+            .await
+            .map(|answered| answered.answer)
+        {
             Ok(Answer::Words(found)) if found != words.words() => wrong.push(format!(
                 "{} is not {} yet, and nothing is set up while nothing may be written",
                 named(setup),

@@ -4,6 +4,7 @@
 //! waits for that, for a short while, and looks again in its next cycle.
 
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -31,6 +32,8 @@ pub(in crate::gateway) enum Kept {
 pub(in crate::gateway) struct Ledger {
     desk: Arc<Desk>,
     done: watch::Receiver<Done>,
+    /// The disk did not answer in time when it was last waited for: nobody waits for it again before it has.
+    is_slow: AtomicBool,
 }
 
 /// The latest version that was put on disk, and the latest that could not be.
@@ -65,7 +68,7 @@ impl Ledger {
         let desk = Arc::new(Desk::default());
         let (tell, done) = watch::channel(Done::default());
         if !profile.outputs.iter().any(|output| output.share == Share::Ledger) {
-            return Ledger { desk, done };
+            return Ledger { desk, done, is_slow: AtomicBool::new(false) };
         }
         let not_kept = |why| Event::NotKept { what: "the ledger".to_owned(), why };
         let Some(directory) = directory else {
@@ -73,7 +76,7 @@ impl Ledger {
                 clock.now(),
                 &not_kept("there is no state directory; name one with --state".to_owned()),
             );
-            return Ledger { desk, done };
+            return Ledger { desk, done, is_slow: AtomicBool::new(false) };
         };
         let found = book::open(directory, profile, remembers);
         if let Some(why) = found.trouble {
@@ -84,7 +87,7 @@ impl Ledger {
         let work = move || place.work(found.book, &tell, &journal, &clock);
         // Without a thread nothing is kept, which is what every writer is then told.
         let _ = std::thread::Builder::new().name("ledger".to_owned()).spawn(work);
-        Ledger { desk, done }
+        Ledger { desk, done, is_slow: AtomicBool::new(false) }
     }
 
     /// The account of an output as it was last kept or is to be kept; `None` before its register was first read.
@@ -106,11 +109,16 @@ impl Ledger {
         pages.version
     }
 
-    /// What became of that, waiting for it no longer than `span` of the wall's time.
+    /// What became of that, waiting for it no longer than `span` of the wall's time, and for a disk that did not answer
+    /// the last time not at all.
     pub(in crate::gateway) async fn kept(&self, version: u64, span: Duration) -> Kept {
         let mut done = self.done.clone();
         let is_done = |done: &Done| done.kept >= version || done.failed >= version;
+        let span = if self.is_slow.load(Ordering::Relaxed) { Duration::ZERO } else { span };
         let waited = Patience::new().within(span, done.wait_for(is_done)).await;
+        if waited.is_some() || !span.is_zero() {
+            self.is_slow.store(waited.is_none(), Ordering::Relaxed);
+        }
         match waited {
             None => Kept::NotYet,
             Some(Ok(done)) if done.kept >= version => Kept::Yes,
@@ -121,6 +129,7 @@ impl Ledger {
     /// Waits for what is still to be put on disk.
     pub(in crate::gateway) async fn finish(&self, span: Duration) {
         let version = self.desk.pages().version;
+        self.is_slow.store(false, Ordering::Relaxed);
         if version > 0 {
             let _ = self.kept(version, span).await;
         }

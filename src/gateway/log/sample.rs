@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::codec::{Address, DataType, Encoding, Scale, Table, WordOrder};
+use crate::codec::{Address, DataType, Encoding, Register, Scale, Table, WordOrder};
 use crate::compensation::model::{Expression, Formula, Kind, Linear, Model, Reference, Symbol, Term};
 use crate::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault};
 use crate::profile::{Arm, Axis, DeviceId, History, Profile, Signal, Unit};
@@ -17,7 +17,7 @@ fn signal(name: &str) -> Signal {
     Signal {
         name: name.to_owned(),
         device: DeviceId(0),
-        address: Address { table: Table::Input, offset: 0 },
+        address: Address::Modbus(Register { table: Table::Input, offset: 0 }),
         encoding: Encoding {
             data_type: DataType::F64,
             word_order: WordOrder::MswFirst,

@@ -1,56 +1,143 @@
-//! One device is read, one request at a time.
+//! The reads of one device, one request at a time.
 
-use super::{LineTask, call};
+use std::time::Duration;
+
+use super::{Captures, LineTask, devices_of, signals_of};
+use crate::fieldbus::departure::Leave;
+use crate::fieldbus::plan::{ReadRequest, plan};
+use crate::profile::{BusId, DeviceId, Profile};
 use crate::quantity::Moment;
 use crate::reading::Reason;
 
+/// One device's reads.
+pub(super) struct Poll {
+    device: DeviceId,
+    every: Duration,
+    /// When its next round begins.
+    next: Moment,
+    /// The round that is under way: when it was due, and the request that comes next.
+    under_way: Option<(Moment, usize)>,
+    /// A position that is corrected is among them.
+    pub(super) reads_position: bool,
+    /// It was read to its end, or could not be.
+    pub(super) has_been_read: bool,
+    /// When its last round began, and how old that may become.
+    read_at: Moment,
+    max_age: Duration,
+    captures: Captures,
+    requests: Vec<ReadRequest>,
+}
+
+/// The reads of a line. Those of positions that are corrected come last, so that nothing stands between the two.
+pub(super) fn polls(profile: &Profile, bus: BusId, corrected: &[DeviceId], start: Moment) -> Vec<Poll> {
+    let poll = |device: DeviceId| Poll {
+        device,
+        every: profile.device(device).every,
+        next: start,
+        under_way: None,
+        reads_position: corrected.contains(&device),
+        has_been_read: false,
+        read_at: start,
+        max_age: signals_of(profile, device).map(|(_, signal)| signal.max_age).min().unwrap_or(Duration::MAX),
+        captures: Captures::new(signals_of(profile, device).filter_map(|(_, signal)| signal.capture)),
+        requests: plan(profile.device(device), signals_of(profile, device)),
+    };
+    let mut polls: Vec<Poll> =
+        devices_of(profile, bus).map(poll).filter(|poll| !poll.requests.is_empty()).collect();
+    polls.sort_by_key(|poll| poll.reads_position);
+    polls
+}
+
+impl Poll {
+    pub(super) fn requests(&self) -> usize {
+        self.requests.len()
+    }
+
+    /// When the round that is under way was due, else when the next one is.
+    pub(super) fn due(&self) -> Moment {
+        self.under_way.map_or(self.next, |(due, _)| due)
+    }
+
+    /// It was due by then and has not been read since.
+    pub(super) fn is_outstanding(&self, by: Moment) -> bool {
+        let has_been_read = self.has_been_read && self.under_way.is_none() && self.read_at >= by;
+        self.due() <= by && !has_been_read
+    }
+
+    pub(super) fn is_under_way(&self) -> bool {
+        self.under_way.is_some()
+    }
+
+    /// Its readings have lived half of the time for which they may be used.
+    pub(super) fn grows_stale(&self, now: Moment) -> bool {
+        now.since(self.read_at) >= self.max_age / 2
+    }
+
+    /// It is read at once, from its first request on.
+    pub(super) fn begin_anew(&mut self, now: Moment) {
+        (self.next, self.under_way) = (now, None);
+    }
+}
+
 impl LineTask {
-    /// Asks a device for all that is read of it, from `now` on; the moment after that. The last of a round need not let
-    /// anything pass: the round's end does.
-    pub(super) async fn poll(&mut self, place: usize, round: Moment, now: Moment, is_last: bool) -> Moment {
+    /// One request of a device's reads, and what it brings. What the device must be told before goes with the first.
+    pub(super) async fn read(&mut self, place: usize, now: Moment) {
+        let presses = self.pressing_now(place, now);
+        self.pressed = if presses { self.pressed + 1 } else { 0 };
         let poll = &mut self.polls[place];
-        poll.due = round.next_tick(poll.due, poll.every);
-        let requests = poll.requests.len();
-        let mut now = self.capture(place, now).await;
-        for request in 0..requests {
-            now = self.ask(place, request, now).await;
-            if !is_last || request + 1 < requests {
-                now = self.let_pass(place, now).await;
+        let (due, request) = poll.under_way.unwrap_or((poll.next, 0));
+        if request == 0 {
+            poll.next = now.next_tick(due, poll.every);
+            poll.read_at = now;
+            let late = now.since(due);
+            if late >= poll.every {
+                self.overruns.note(late, poll.device);
             }
+            poll.captures.send(&mut self.line, &self.shared, poll.device).await;
         }
-        now
+        let is_last = request + 1 == poll.requests.len();
+        poll.under_way = (!is_last).then_some((due, request + 1));
+        self.ask(place, request).await;
+        if is_last {
+            self.has_read(place);
+        }
     }
 
-    /// What a device must be told before it is read; the moment after that.
-    pub(super) async fn capture(&mut self, place: usize, now: Moment) -> Moment {
-        let poll = &mut self.polls[place];
-        poll.captures.send(&mut self.line, &self.shared, poll.device, now).await
+    /// Whether it goes before others because it presses.
+    fn pressing_now(&self, place: usize, now: Moment) -> bool {
+        self.polls[place].reads_position || self.polls[place].grows_stale(now)
     }
 
-    /// One request of a poll and what it brings; the moment after that.
-    pub(super) async fn ask(&mut self, place: usize, request: usize, now: Moment) -> Moment {
+    async fn ask(&mut self, place: usize, request: usize) {
         let poll = &self.polls[place];
         let read = &poll.requests[request];
-        let answer = call(&mut self.line, &self.shared, poll.device, read.request(), now).await;
-        let taken = self.shared.clock.now();
+        let answer = self.line.request(poll.device, read.request(), Leave::Whenever).await;
         let mut core = self.shared.core();
         let is_fit = core.commissioning.is_fit(poll.device);
         for field in &read.fields {
-            let capture = self.shared.profile.signal(field.signal).capture;
-            if let Some(fault) = poll.captures.failed(capture) {
-                core.board.fail(field.signal, fault.reason());
-                continue;
-            }
-            match &answer {
-                Ok(answer) => {
-                    let encoding = &self.shared.profile.signal(field.signal).encoding;
-                    let value = field.decode(encoding, answer);
+            let signal = self.shared.profile.signal(field.signal);
+            match (poll.captures.captured(signal.capture), &answer) {
+                (Ok(captured), Ok(answered)) => {
+                    let value = field.decode(&signal.encoding, &answered.answer);
                     let value = value.and_then(|value| is_fit.then_some(value).ok_or(Reason::NotAsExpected));
-                    core.board.store(&self.shared.profile, field.signal, value, taken);
+                    let asked = captured.map_or(answered.asked, |captured| captured.min(answered.asked));
+                    core.board.store(&self.shared.profile, field.signal, value, asked);
                 }
-                Err(fault) => core.board.fail(field.signal, fault.reason()),
+                (Err(fault), _) | (_, &Err(fault)) => core.board.fail(field.signal, fault.reason()),
             }
         }
-        taken
+    }
+
+    /// A device has been read to its end: its position is corrected next, here or on another line.
+    fn has_read(&mut self, place: usize) {
+        let now = self.line.looked();
+        let poll = &mut self.polls[place];
+        poll.has_been_read = true;
+        (self.has_news, self.inspects) = (true, true);
+        if poll.reads_position {
+            let device = poll.device;
+            self.wake_corrections(device, now);
+        }
+        self.rings_others = self.feeds_others;
     }
 }

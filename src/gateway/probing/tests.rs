@@ -146,14 +146,14 @@ fn only_a_value_that_is_certain_is_held_against_an_error() {
 }
 
 fn output(writes: crate::profile::Writes) -> Output {
-    use crate::codec::{Address, Table};
+    use crate::codec::{Address, Register, Table};
     use crate::profile::{AxisId, DeviceId, Share, Verify};
     let encoding = sample::profile().signals[0].encoding.clone();
     Output {
         name: "o".to_owned(),
         axis: AxisId(0),
         device: DeviceId(0),
-        address: Address { table: Table::Holding, offset: 0 },
+        address: Address::Modbus(Register { table: Table::Holding, offset: 0 }),
         encoding,
         writes,
         verify: Verify::ReadBack,

@@ -34,8 +34,21 @@ impl Core {
         }
         self.keeper.record(&snapshot, &self.controls, &self.compensation);
         for (axis, arming) in self.arming.iter_mut().enumerate() {
-            if self.compensation.decision(axis).is_some_and(|decision| decision.at == now) {
+            if let Some(decision) = self.compensation.decision(axis).filter(|decision| decision.at == now) {
                 (arming.take_over, arming.take_over_slope) = (None, None);
+                self.not_after[axis] = match (decision.model, decision.state) {
+                    (Some(model), state) if state.is_following() => {
+                        let inputs = &shared.inputs[axis][model];
+                        let until = inputs.iter().map(|id| self.board.usable_until(profile, *id));
+                        until.min().unwrap_or(Moment::END)
+                    }
+                    // It holds because its readings have died: what it decided may go out as long as it might have then.
+                    (_, AxisState::Holding(_)) if !self.compensation.has_usable_model(axis, &snapshot) => {
+                        self.not_after[axis]
+                    }
+                    // A fault action rests on no reading; what an axis holds whose output is in trouble rests on good ones.
+                    _ => now.after(profile.axes[axis].settings.every),
+                };
             }
         }
         self.disarm_tripped(shared);

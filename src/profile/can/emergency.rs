@@ -92,8 +92,6 @@ mod tests {
             heartbeat: None,
             setup: Vec::new(),
             emergencies: vec![own(0x5030, 0xfff0, "sensor"), own(0x5031, 0xffff, "sensor 1 open")],
-            objects: Vec::new(),
-            fields: Vec::new(),
             written: Vec::new(),
         };
         assert_eq!(device.emergency(0x5031), "sensor 1 open");

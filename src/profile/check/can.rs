@@ -1,10 +1,10 @@
 //! What hangs on a CAN line: the line, its nodes, their objects.
 
 use super::{Check, Zero, shown};
-use crate::codec::{Address, CanId, DataType, Frame, Table};
+use crate::codec::{Address, CanId, DataType, Entry, Object};
 use crate::profile::place::{child, element};
 use crate::profile::raw::{BusType, RawBus, RawDevice, RawSetup, RawVerify};
-use crate::profile::{CanDevice, Emergency, Expected, Field, Object, Setup, Sync};
+use crate::profile::{CanDevice, Emergency, Expected, Setup, Sync};
 
 mod conflicts;
 mod dbc;
@@ -19,33 +19,6 @@ pub(super) use signal::Located;
 const LONGEST_NAME: usize = 15;
 /// SYNC, where nothing else is said.
 const SYNC: u32 = 0x80;
-
-/// What of a device is in use: as signals, outputs and checks name it, in this order.
-#[derive(Clone, Debug, Default)]
-pub(super) struct Used {
-    objects: Vec<Object>,
-    fields: Vec<Field>,
-    written: Vec<Frame>,
-}
-
-impl Used {
-    fn object(&mut self, object: Object) -> Address {
-        Address { table: Table::Object, offset: place_of(&mut self.objects, object) }
-    }
-
-    fn field(&mut self, field: Field) -> Address {
-        Address { table: Table::Process, offset: place_of(&mut self.fields, field) }
-    }
-}
-
-/// Where something is in a list, to which it is added where it is new.
-fn place_of<T: PartialEq>(list: &mut Vec<T>, wanted: T) -> u16 {
-    let found = list.iter().position(|known| *known == wanted).unwrap_or_else(|| {
-        list.push(wanted);
-        list.len() - 1
-    });
-    u16::try_from(found).unwrap_or(u16::MAX)
-}
 
 impl Check<'_> {
     /// Whether a device hangs on a CAN line; `None` where its line is not known.
@@ -129,8 +102,6 @@ impl Check<'_> {
             heartbeat,
             setup,
             emergencies: emergencies.collect(),
-            objects: Vec::new(),
-            fields: Vec::new(),
             written: Vec::new(),
         })
     }
@@ -154,10 +125,10 @@ impl Check<'_> {
     }
 
     fn setup(&mut self, path: &str, raw: &RawSetup) -> Option<Setup> {
-        let object = self.object(&child(path, "sdo"), raw.sdo.as_ref()?);
+        let object = self.entry(&child(path, "sdo"), raw.sdo.as_ref()?);
         let at = child(path, "type");
         let data_type = self.object_type(&at, DataType::from(raw.kind?));
-        let ((index, sub), data_type, value) = (object?, data_type?, raw.value?);
+        let (entry, data_type, value) = (object?, data_type?, raw.value?);
         let Some((low, high)) = data_type.integer_range() else {
             let help = "take an integer type: u8, u16, i16, u32, i32, …";
             self.wrong(&at, "a floating-point object cannot be set up", help);
@@ -168,17 +139,18 @@ impl Check<'_> {
             self.wrong(&child(path, "value"), message, format!("allowed: {low} to {high}"));
         }
         let what = raw.what.clone().unwrap_or_default();
-        Some(Setup { object: Object { index, sub, data_type }, value, what })
+        Some(Setup { object: Object { entry, data_type }, value, what })
     }
 
     /// Index and subindex: "1800:05".
-    pub(super) fn object(&mut self, path: &str, text: &str) -> Option<(u16, u8)> {
+    pub(super) fn entry(&mut self, path: &str, text: &str) -> Option<Entry> {
         let parsed = text.split_once(':').and_then(|(index, sub)| {
             let plain = |part: &str, length| {
                 part.len() == length && part.bytes().all(|byte| byte.is_ascii_hexdigit())
             };
             let fits = plain(index, 4) && plain(sub, 2);
-            fits.then(|| u16::from_str_radix(index, 16).ok().zip(u8::from_str_radix(sub, 16).ok()))?
+            let numbers = (u16::from_str_radix(index, 16).ok()?, u8::from_str_radix(sub, 16).ok()?);
+            fits.then_some(Entry::new(numbers.0, numbers.1))
         });
         if parsed.is_none() {
             let help = "write index and subindex in hexadecimal, four digits and two, as \"7130:01\"";
@@ -202,12 +174,12 @@ impl Check<'_> {
     }
 
     /// Objects that are read before arming.
-    pub(super) fn expected_objects(&mut self, path: &str, raw: &RawDevice, device: usize) -> Vec<Expected> {
+    pub(super) fn expected_objects(&mut self, path: &str, raw: &RawDevice) -> Vec<Expected> {
         let entries = raw.verify.iter().flatten().enumerate();
-        entries.filter_map(|(place, raw)| self.expected_object(&element(path, place), raw, device)).collect()
+        entries.filter_map(|(place, raw)| self.expected_object(&element(path, place), raw)).collect()
     }
 
-    fn expected_object(&mut self, path: &str, raw: &RawVerify, device: usize) -> Option<Expected> {
+    fn expected_object(&mut self, path: &str, raw: &RawVerify) -> Option<Expected> {
         for (key, there) in [("register", raw.register.is_some()), ("word_order", raw.word_order.is_some())] {
             if there {
                 let help = "remove it, and write sdo = \"6110:01\"";
@@ -221,38 +193,23 @@ impl Check<'_> {
             }
             return None;
         };
-        let object = self.object(&child(path, "sdo"), sdo);
+        let entry = self.entry(&child(path, "sdo"), sdo);
         let kind = raw.kind.map_or(DataType::U16, DataType::from);
         let data_type = self.object_type(&child(path, "type"), kind)?;
         let equals = self.equal(path, data_type, raw.equals)?;
-        let (index, sub) = object?;
-        let object = Object { index, sub, data_type };
-        let address = self.can.get_mut(device)?.object(object);
         Some(Expected {
-            address,
+            address: Address::Object(Object { entry: entry?, data_type }),
             encoding: super::verify::plain(data_type),
             equals,
             what: raw.what.clone().unwrap_or_else(|| "as the profile expects it".to_owned()),
             remedy: raw.remedy.clone().unwrap_or_default(),
-            object: Some(object),
         })
-    }
-
-    /// The lists of all devices, now that all users are known.
-    pub(super) fn give_can_devices(&mut self, devices: &mut [Option<crate::profile::Device>]) {
-        for (device, used) in devices.iter_mut().zip(std::mem::take(&mut self.can)) {
-            if let Some(can) = device.as_mut().and_then(|device| device.can.as_mut()) {
-                can.objects = used.objects;
-                can.fields = used.fields;
-                can.written = used.written;
-            }
-        }
     }
 
     /// Heartbeats that come too rarely to be missed in time are told here, where both are known.
     pub(super) fn heartbeat_produced(&mut self, path: &str, can: &CanDevice) {
         let Some(heartbeat) = can.heartbeat else { return };
-        let produced = can.setup.iter().find(|setup| setup.object.index == 0x1017);
+        let produced = can.setup.iter().find(|setup| setup.object.entry.index == 0x1017);
         if let Some(produced) = produced {
             let every = std::time::Duration::from_millis(u64::try_from(produced.value).unwrap_or(0));
             if every.is_zero() || every * 2 > heartbeat {

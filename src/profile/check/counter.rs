@@ -56,7 +56,7 @@ impl Check<'_> {
         let writable = |device: &Device| match address.table {
             Table::Coil => Some(device.functions.write_coil),
             Table::Holding => Some(device.functions.writes(1).is_some()),
-            Table::Input | Table::Discrete | Table::Object | Table::Process => None,
+            Table::Input | Table::Discrete => None,
         };
         match device.map_or(Some(true), writable) {
             None => {

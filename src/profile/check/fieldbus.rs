@@ -10,6 +10,7 @@ use crate::profile::{Bus, BusId, Device, Functions, Quirks, TLS_PORT, Transport}
 const TIMEOUT: Duration = Duration::from_millis(500);
 const SHORTEST_TIMEOUT: Duration = Duration::from_millis(100);
 const EVERY: Duration = Duration::from_secs(1);
+const LONGEST_LATE: Duration = Duration::from_mins(10);
 
 impl Check<'_> {
     pub(super) fn buses(&mut self) -> Vec<Option<Bus>> {
@@ -33,6 +34,7 @@ impl Check<'_> {
             }
             BusType::Can => (Transport::Can, self.interface(path, raw)),
         };
+        let late = self.late(&child(path, "late"), raw, timeout, transport.late(timeout));
         let tls = match (&raw.tls, kind) {
             (Some(tls), BusType::ModbusTcp) => {
                 // Its files are looked at even where the address is wrong.
@@ -46,7 +48,25 @@ impl Check<'_> {
             None => None,
         };
         let sync = if kind == BusType::Can { self.sync(path, raw) } else { None };
-        Some(Bus { name: name.to_owned(), transport, address: address?, tls, timeout, quirks, sync })
+        Some(Bus { name: name.to_owned(), transport, address: address?, tls, timeout, late, quirks, sync })
+    }
+
+    fn late(&mut self, path: &str, raw: &RawBus, timeout: Duration, default: Duration) -> Duration {
+        let Some(late) = self.span(path, raw.late.as_ref(), Zero::Refused) else { return default };
+        let left_out = format!("or leave it out: {}", shown(default));
+        if late < timeout {
+            let (late, timeout) = (shown(late), shown(timeout));
+            let message =
+                format!("{late} is shorter than the {timeout} that an answer is waited for (`timeout`)");
+            self.wrong(path, message, format!("write {timeout} or more, {left_out}"));
+        } else if late > LONGEST_LATE {
+            let (late, longest) = (shown(late), shown(LONGEST_LATE));
+            let message = format!(
+                "{late} is longer than {longest}, and for that long a lost answer may keep an axis where it is"
+            );
+            self.wrong(path, message, format!("write {longest} or less, {left_out}"));
+        }
+        late
     }
 
     fn host_and_port(&mut self, path: &str, raw: &RawBus) -> Option<String> {
@@ -102,17 +122,11 @@ impl Check<'_> {
         let raw = self.raw;
         let each = self.devices.each();
         each.into_iter()
-            .map(|(place, name, path)| self.device(&path, (place, &name), raw.device.get(&name)?, buses))
+            .map(|(_, name, path)| self.device(&path, &name, raw.device.get(&name)?, buses))
             .collect()
     }
 
-    fn device(
-        &mut self,
-        path: &str,
-        (place, name): (usize, &str),
-        raw: &RawDevice,
-        buses: &[Option<Bus>],
-    ) -> Option<Device> {
+    fn device(&mut self, path: &str, name: &str, raw: &RawDevice, buses: &[Option<Bus>]) -> Option<Device> {
         self.of_template(path, raw);
         let every = self.span(&child(path, "every"), raw.every.as_ref(), Zero::Refused).unwrap_or(EVERY);
         let functions = functions(raw.functions.as_deref());
@@ -141,7 +155,7 @@ impl Check<'_> {
             self.wrong(&child(path, "unit"), message, "write the address set at the device, 1 to 247");
         }
         let verify = match on_can {
-            Some(true) => self.expected_objects(&child(path, "verify"), raw, place),
+            Some(true) => self.expected_objects(&child(path, "verify"), raw),
             _ => self.verify(&child(path, "verify"), raw, functions),
         };
         if let Some(can) = &can {

@@ -2,7 +2,7 @@
 
 use super::can::Target;
 use super::{Check, Signals, Zero, bus_of, get, shown};
-use crate::codec::{Address, DataType, Encoding, Scale, Table};
+use crate::codec::{DataType, Encoding, Register, Scale, Table};
 use crate::profile::place::child;
 use crate::profile::raw::{RawOutput, VerifyWord, WritesWord};
 use crate::profile::{
@@ -112,7 +112,7 @@ impl Check<'_> {
             name: name.to_owned(),
             axis: AxisId(axis?),
             device: DeviceId(index?),
-            address,
+            address: address.into(),
             encoding,
             writes: writes?,
             verify,
@@ -211,7 +211,7 @@ impl Check<'_> {
         self.scale(&child(path, "scale"), raw.scale.unwrap_or(1.0))
     }
 
-    pub(super) fn holding(&mut self, path: &str, text: &str) -> Option<Address> {
+    pub(super) fn holding(&mut self, path: &str, text: &str) -> Option<Register> {
         let address = self.address(path, text)?;
         if address.table == Table::Holding {
             return Some(address);

@@ -1,7 +1,7 @@
 //! Which registers belong to whom: two things may not half share one.
 
 use super::{Check, Signals, get};
-use crate::codec::{Address, DataType};
+use crate::codec::{Address, DataType, Register};
 use crate::profile::place::child;
 use crate::profile::{Bus, Device, DeviceId, Heartbeat, Output, OutputSet, Signal, Writes};
 
@@ -9,7 +9,7 @@ use crate::profile::{Bus, Device, DeviceId, Heartbeat, Output, OutputSet, Signal
 struct Claim {
     /// The line's address and the unit: the same device may have two names.
     device: (String, u8),
-    address: Address,
+    address: Register,
     data_type: DataType,
     /// The key that names it.
     path: String,
@@ -37,7 +37,7 @@ impl Claim {
     }
 
     fn shown(&self) -> String {
-        let Address { table, offset } = self.address;
+        let Register { table, offset } = self.address;
         let span = if self.data_type.registers() == 1 {
             format!("{table}:{offset}", table = table.name())
         } else {
@@ -60,8 +60,7 @@ impl Check<'_> {
         let device = |id: DeviceId| {
             let device = get(devices, id.0)?;
             let bus = get(buses, device.bus.0)?;
-            let is_modbus = bus.transport != crate::profile::Transport::Can;
-            is_modbus.then(|| (bus.address.clone(), device.unit))
+            Some((bus.address.clone(), device.unit))
         };
         let claim = |id, address, data_type, path: String, what: String, written| {
             Some(Claim { device: device(id)?, address, data_type, path, what, written })
@@ -78,7 +77,9 @@ impl Check<'_> {
                 }
                 None => (register("signal", &signal.name), format!("signal `{}`", signal.name)),
             };
-            claims.extend(claim(signal.device, signal.address, signal.encoding.data_type, path, what, false));
+            if let Address::Modbus(register) = signal.address {
+                claims.extend(claim(signal.device, register, signal.encoding.data_type, path, what, false));
+            }
             // Several counters of a device may be captured by one command.
             let of = |signal: &Signal| (signal.device, signal.capture.map(|capture| capture.address));
             let is_first = signals[..place].iter().flatten().all(|earlier| of(earlier) != of(signal));
@@ -98,7 +99,9 @@ impl Check<'_> {
         }
         for output in outputs.iter().flatten() {
             let (path, what) = (register("output", &output.name), format!("output `{}`", output.name));
-            claims.extend(claim(output.device, output.address, output.encoding.data_type, path, what, true));
+            if let Address::Modbus(register) = output.address {
+                claims.extend(claim(output.device, register, output.encoding.data_type, path, what, true));
+            }
         }
         for output in outputs.iter().flatten() {
             let path = child("output", &output.name);
@@ -169,7 +172,7 @@ impl Check<'_> {
 }
 
 /// What a set reads and writes besides its outputs: the key, what it is, where, and whether it is written.
-fn words_of(set: &OutputSet) -> Vec<(String, String, Address, bool)> {
+fn words_of(set: &OutputSet) -> Vec<(String, String, Register, bool)> {
     let path = child(if set.is_named { "set" } else { "output" }, &set.name);
     let label = set.label();
     let of_set = [

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::{Check, bus_of, get};
-use crate::codec::{Address, DataType, Encoding, Scale, WordOrder};
+use crate::codec::{DataType, Encoding, Register, Scale, WordOrder};
 use crate::profile::place::child;
 use crate::profile::{Bus, Device, DeviceId, Output, Signal, Unit, Writes};
 use crate::reading::SignalId;
@@ -18,7 +18,7 @@ impl Check<'_> {
         buses: &[Option<Bus>],
     ) {
         let raw = self.raw;
-        let mut known: Vec<(DeviceId, Address, SignalId, String)> = Vec::new();
+        let mut known: Vec<(DeviceId, Register, SignalId, String)> = Vec::new();
         for ((_, name, path), output) in self.outputs.each().into_iter().zip(outputs) {
             let Some(restart) = raw.output.get(&name).and_then(|raw| raw.restart.as_ref()) else { continue };
             let path = child(&child(&path, "restart"), "boot_counter");
@@ -54,7 +54,7 @@ impl Check<'_> {
         }
     }
 
-    fn boot_counter(&mut self, path: &str, text: &str) -> Option<Address> {
+    fn boot_counter(&mut self, path: &str, text: &str) -> Option<Register> {
         let address = self.address(path, text)?;
         if address.table.is_bits() {
             let help =
@@ -67,12 +67,12 @@ impl Check<'_> {
 }
 
 /// The dot keeps its name apart from those that a profile can give.
-fn counter(device: &Device, id: DeviceId, address: Address, bus: Option<&Bus>) -> Signal {
+fn counter(device: &Device, id: DeviceId, address: Register, bus: Option<&Bus>) -> Signal {
     let timeout = bus.map_or(Duration::ZERO, |bus| bus.timeout);
     Signal {
         name: format!("{}.boot_counter", device.name),
         device: id,
-        address,
+        address: address.into(),
         encoding: Encoding {
             data_type: DataType::U16,
             word_order: WordOrder::MswFirst,

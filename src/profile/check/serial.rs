@@ -106,12 +106,11 @@ impl Check<'_> {
 fn least_time(serial: Serial, device: &Device, signals: &[&Signal]) -> f64 {
     let mut seconds = 0.0;
     for table in [Table::Coil, Table::Discrete, Table::Input, Table::Holding] {
-        let of_table = signals.iter().filter(|signal| signal.address.table == table);
-        let cells = |signal: &&&Signal| {
-            let from = u32::from(signal.address.offset);
-            from..from + u32::from(signal.encoding.data_type.registers())
-        };
-        let distinct: BTreeSet<u32> = of_table.clone().flat_map(|signal| cells(&signal)).collect();
+        let of_table = signals.iter().filter_map(|signal| {
+            let first = signal.address.register().filter(|first| first.table == table)?;
+            Some((u32::from(first.offset), u32::from(signal.encoding.data_type.registers())))
+        });
+        let distinct: BTreeSet<u32> = of_table.clone().flat_map(|(from, count)| from..from + count).collect();
         let (per_request, bytes) = if table.is_bits() {
             (2000, distinct.len().div_ceil(8))
         } else {

@@ -1,7 +1,7 @@
 //! Sets of outputs and handshakes: whether a control can see them whole, and whether there is time for it.
 
 use super::{Check, Zero, bus_of, get, shown};
-use crate::codec::{Address, Table};
+use crate::codec::{Register, Table};
 use crate::profile::place::child;
 use crate::profile::raw::{RawHandshake, RawSet, VerifyWord};
 use crate::profile::{Axis, Bus, Device, Flag, Handshake, Output, OutputId, OutputSet, SetId, Share, Writes};
@@ -182,7 +182,7 @@ impl Check<'_> {
         (wants_handshake == handshake.is_some()).then_some(set)
     }
 
-    fn word_of(&mut self, path: &str, key: &str, text: Option<&String>) -> Option<Address> {
+    fn word_of(&mut self, path: &str, key: &str, text: Option<&String>) -> Option<Register> {
         self.holding(&child(path, key), text?)
     }
 

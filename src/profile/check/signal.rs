@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::can::Located;
 use super::{Check, Zero, bus_of, get, shown};
-use crate::codec::{Address, DataType, Encoding, Scale, Sentinel, Table, WordOrder};
+use crate::codec::{DataType, Encoding, Register, Scale, Sentinel, Table, WordOrder};
 use crate::profile::place::{child, element};
 use crate::profile::raw::{BadValue, RawSentinel, RawSignal, TypeWord, WordOrderWord};
 use crate::profile::{Bus, Device, DeviceId, Flag, Signal, Unit};
@@ -54,7 +54,7 @@ impl Check<'_> {
             None => Some(located.unwrap_or(Unit("1"))),
         };
         if on_can {
-            let Located { address, data_type, scale, offset, unit } = self.located(path, raw, index?)?;
+            let Located { address, data_type, scale, offset, unit } = self.located(path, raw)?;
             let bad = self.bad(&child(path, "bad"), raw);
             let scale = self.scale(&child(path, "scale"), scale)?;
             let encoding =
@@ -114,7 +114,7 @@ impl Check<'_> {
         Some(Signal {
             name: name.to_owned(),
             device: DeviceId(index?),
-            address,
+            address: address.into(),
             encoding,
             unit: unit?,
             range,
@@ -199,7 +199,7 @@ impl Check<'_> {
         &mut self,
         path: &str,
         word: Option<TypeWord>,
-        address: Option<Address>,
+        address: Option<Register>,
         bit: Option<u8>,
     ) -> Option<DataType> {
         let bits = address?.table.is_bits();
@@ -237,7 +237,7 @@ impl Check<'_> {
     }
 
     /// A register, or one bit of it.
-    pub(super) fn cell(&mut self, path: &str, text: &str) -> (Option<Address>, Option<u8>) {
+    pub(super) fn cell(&mut self, path: &str, text: &str) -> (Option<Register>, Option<u8>) {
         let is_plain = !text.contains('.');
         match text.parse::<Flag>() {
             Ok(flag) => (Some(flag.address), flag.bit),
@@ -253,7 +253,7 @@ impl Check<'_> {
         }
     }
 
-    pub(super) fn address(&mut self, path: &str, text: &str) -> Option<Address> {
+    pub(super) fn address(&mut self, path: &str, text: &str) -> Option<Register> {
         match text.parse() {
             Ok(address) => Some(address),
             Err(why) => {
@@ -300,7 +300,7 @@ impl Check<'_> {
     }
 
     /// The last register is one that exists.
-    pub(super) fn fits(&mut self, path: &str, address: Address, data_type: DataType) {
+    pub(super) fn fits(&mut self, path: &str, address: Register, data_type: DataType) {
         let last = u32::from(address.offset) + u32::from(data_type.registers()) - 1;
         if last > u32::from(u16::MAX) {
             let message =
@@ -316,7 +316,6 @@ impl Check<'_> {
                 Table::Discrete => "read-discrete",
                 Table::Holding => "read-holding",
                 Table::Input => "read-input",
-                Table::Object | Table::Process => return,
             };
             let message = format!("reading this needs {word}, which `{}` may not be sent", device.name);
             self.wrong(

@@ -40,7 +40,8 @@ impl Check<'_> {
         let encoding = Encoding { word_order, ..plain(data_type) };
         let what = raw.what.clone().unwrap_or_else(|| "as the profile expects it".to_owned());
         let remedy = raw.remedy.clone().unwrap_or_default();
-        Some(Expected { address, encoding, equals, what, remedy, object: None })
+        let address = address.into();
+        Some(Expected { address, encoding, equals, what, remedy })
     }
 
     /// What a register or an object must read, where its type can ever be that.

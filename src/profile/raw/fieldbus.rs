@@ -21,6 +21,9 @@ pub(crate) struct RawBus {
     pub(crate) address: Option<String>,
     /// Longest wait for one answer. Default "500ms", or half the shortest poll period of its devices if that is less.
     pub(crate) timeout: Option<Span>,
+    /// How long a write that was not answered may still arrive, held back on its way: `timeout` to "10min". Default "30s";
+    /// on a modbus-rtu line, where nothing holds it back, twice `timeout`.
+    pub(crate) late: Option<Span>,
     /// Modbus/TCP Security: the certificate files of a modbus-tcp line.
     pub(crate) tls: Option<RawTls>,
     /// What all its devices need to be treated like.

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use crate::codec::{Address, BitField, CanId, CanMatch, Encoded, Frame, Table};
-use crate::profile::{CanDevice, DeviceId, Field, Profile, Verify};
+use crate::codec::{Address, BitField, CanId, CanMatch, Encoded, Field, Frame, Selector};
+use crate::profile::{DeviceId, Profile, Verify};
 use crate::virtual_machine::registers::Bank;
 
 /// One kind of frame that a device sends. Where its content is multiplexed there is one for each selection.
@@ -47,12 +47,10 @@ pub(in crate::virtual_machine) struct Group {
 /// The frames that a device sends.
 pub(in crate::virtual_machine) fn sent(profile: &Profile, id: DeviceId) -> Vec<Group> {
     let device = profile.device(id);
-    let Some(can) = &device.can else { return Vec::new() };
     let mut sent: Vec<Group> = Vec::new();
     let signals = profile.signals.iter().filter(|signal| signal.device == id);
     // What does not depend on a selection is in the frames of each, so selections come first.
-    let mut fields: Vec<_> =
-        signals.filter_map(|signal| Some((signal, field(can, signal.address)?))).collect();
+    let mut fields: Vec<_> = signals.filter_map(|signal| Some((signal, field(&signal.address)?))).collect();
     fields.sort_by_key(|(_, field)| field.multiplex.is_empty());
     for (signal, field) in fields {
         let id = sender(field.frames);
@@ -62,7 +60,7 @@ pub(in crate::virtual_machine) fn sent(profile: &Profile, id: DeviceId) -> Vec<G
         }
         let Group { every, images, .. } = &mut sent[place];
         *every = (*every).min(signal.max_age / 4).max(Duration::from_millis(1));
-        let select = |selector: &crate::profile::Selector| {
+        let select = |selector: &Selector| {
             let (value, _) = selector.values.first()?;
             Some((selector.bits, *value))
         };
@@ -71,7 +69,7 @@ pub(in crate::virtual_machine) fn sent(profile: &Profile, id: DeviceId) -> Vec<G
             images.push(Image { id, length: 0, selected: selected.clone(), parts: Vec::new() });
         }
         for image in images.iter_mut().filter(|image| selected.is_empty() || image.selected == selected) {
-            image.parts.push((signal.address, field.bits));
+            image.parts.push((signal.address.clone(), field.bits));
             let needed = image.selected.iter().map(|(bits, _)| bits.bytes()).chain([field.bits.bytes()]);
             image.length = image.length.max(needed.max().unwrap_or(0));
         }
@@ -81,20 +79,19 @@ pub(in crate::virtual_machine) fn sent(profile: &Profile, id: DeviceId) -> Vec<G
 
 /// What a device takes out of the frames that outputs write.
 pub(in crate::virtual_machine) fn taken(profile: &Profile, id: DeviceId) -> Vec<Taken> {
-    let Some(can) = &profile.device(id).can else { return Vec::new() };
     let outputs = profile.outputs.iter().filter(|output| output.device == id);
     let taken = outputs.filter_map(|output| {
-        let mut cells = vec![output.address];
+        let mut cells = vec![output.address.clone()];
         if let Verify::ReadBackAt(again) = output.verify {
-            cells.push(again);
+            cells.push(Address::Object(again));
         }
-        Some(Taken { field: field(can, output.address)?.clone(), cells })
+        Some(Taken { field: field(&output.address)?.clone(), cells })
     });
     taken.collect()
 }
 
-fn field(can: &CanDevice, at: Address) -> Option<&Field> {
-    if at.table == Table::Process { can.field(at.offset) } else { None }
+const fn field(at: &Address) -> Option<&Field> {
+    if let Address::Frame(field) = at { Some(field) } else { None }
 }
 
 /// An identifier that a listener takes. A J1939 group is sent with the usual priority, 6.
@@ -110,7 +107,7 @@ impl Image {
         let mut bytes = [0; BitField::LONGEST_FRAME];
         let bytes = &mut bytes[..Frame::fd_length(self.length)?];
         for (address, bits) in &self.parts {
-            let words = bank.read(*address, bits.data_type().registers())?;
+            let words = bank.read(address, bits.data_type().registers())?;
             bits.insert(bytes, Encoded::of(words).bits()).ok()?;
         }
         for (bits, value) in &self.selected {
@@ -132,8 +129,8 @@ impl Taken {
     }
 
     /// The cell that follows when an object is written by which this is read again.
-    pub(in crate::virtual_machine) fn shown_at(&self, object: Address) -> Option<Address> {
-        self.cells.first().copied().filter(|_| self.cells.get(1) == Some(&object))
+    pub(in crate::virtual_machine) fn shown_at(&self, object: &Address) -> Option<Address> {
+        self.cells.first().filter(|_| self.cells.get(1) == Some(object)).cloned()
     }
 }
 

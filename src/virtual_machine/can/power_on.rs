@@ -8,8 +8,8 @@ use std::time::Duration;
 use super::dictionary::{At, Dictionary};
 use super::frames;
 use super::node::{CYCLE, ERROR_REGISTER, HEARTBEAT_TIME, Node, Pdo, communication};
-use crate::codec::{Address, CanId, Table};
-use crate::profile::{CanDevice, DeviceId, Object, Profile, Verify};
+use crate::codec::{Address, CanId, Object};
+use crate::profile::{CanDevice, DeviceId, Expected, Output, Profile};
 use crate::virtual_machine::registers::Bank;
 
 /// Sent by the clock or on a change of the maker's own choosing; the first of the two types that mean it.
@@ -47,7 +47,8 @@ pub(in crate::virtual_machine) fn node(profile: &Profile, id: DeviceId, bank: &m
         objects.put(timer, &milliseconds(group.every).to_le_bytes(), true);
     }
     let knows_cycle = |object: &Object| at(object) == CYCLE;
-    if can.objects.iter().chain(can.setup.iter().map(|setup| &setup.object)).any(knows_cycle) {
+    let in_use = profile.objects(id);
+    if in_use.iter().chain(can.setup.iter().map(|setup| &setup.object)).any(knows_cycle) {
         let first = objects.get(communication(0)[2]).unwrap_or(&[0, 0]).to_vec();
         objects.put(CYCLE, &first, true);
     }
@@ -66,10 +67,9 @@ pub(in crate::virtual_machine) fn node(profile: &Profile, id: DeviceId, bank: &m
             None => objects.put(place, &vec![0; setup.object.size()], true),
         }
     }
-    let kept =
-        |object: &Object| is_verified(profile, id, can, object) || is_written(profile, id, can, object);
-    for (place, object) in can.objects.iter().enumerate() {
-        let Some(cell) = cell(place) else { continue };
+    let kept = |object: &Object| is_verified(profile, id, can, object) || is_written(profile, id, object);
+    for object in &in_use {
+        let cell = &Address::Object(*object);
         bank.reserve(cell, object.data_type.registers());
         match objects.get(at(object)).and_then(|bytes| object.words(bytes)) {
             Some(words) if !kept(object) => {
@@ -78,7 +78,7 @@ pub(in crate::virtual_machine) fn node(profile: &Profile, id: DeviceId, bank: &m
             }
             stands => {
                 let bytes = object.bytes(bank.read(cell, object.data_type.registers()).unwrap_or_default());
-                let is_writable = is_written(profile, id, can, object)
+                let is_writable = is_written(profile, id, object)
                     || (stands.is_some() && can.setup.iter().any(|setup| at(&setup.object) == at(object)));
                 objects.put(at(object), &bytes, is_writable);
             }
@@ -89,13 +89,7 @@ pub(in crate::virtual_machine) fn node(profile: &Profile, id: DeviceId, bank: &m
 
 /// Index and sub-index.
 pub(in crate::virtual_machine) const fn at(object: &Object) -> At {
-    (object.index, object.sub)
-}
-
-/// The cell of the object at a place of the list.
-pub(in crate::virtual_machine) fn cell(place: usize) -> Option<Address> {
-    let offset = u16::try_from(place).ok()?;
-    Some(Address { table: Table::Object, offset })
+    (object.entry.index, object.entry.sub)
 }
 
 fn is_timer((index, sub): At) -> bool {
@@ -105,22 +99,21 @@ fn is_timer((index, sub): At) -> bool {
 /// It is only looked at before arming, so it stands as it must.
 fn is_verified(profile: &Profile, id: DeviceId, can: &CanDevice, object: &Object) -> bool {
     let is_set_up = can.setup.iter().any(|setup| at(&setup.object) == at(object));
-    let named = |address: Address| named(can, address) == Some(at(object));
-    !is_set_up && profile.device(id).verify.iter().any(|expected| named(expected.address))
+    let is_looked_at = |expected: &Expected| named(&expected.address) == Some(at(object));
+    !is_set_up && profile.device(id).verify.iter().any(is_looked_at)
 }
 
 /// An output's value is written there, or stands there once it came in a frame.
-fn is_written(profile: &Profile, id: DeviceId, can: &CanDevice, object: &Object) -> bool {
-    let named = |address: Address| named(can, address) == Some(at(object));
-    profile.outputs.iter().filter(|output| output.device == id).any(|output| match output.verify {
-        Verify::ReadBackAt(again) => named(output.address) || named(again),
-        _ => named(output.address),
-    })
+fn is_written(profile: &Profile, id: DeviceId, object: &Object) -> bool {
+    let is_its = |output: &Output| {
+        named(&output.address) == Some(at(object)) || named(&output.reads_at()) == Some(at(object))
+    };
+    profile.outputs.iter().filter(|output| output.device == id).any(is_its)
 }
 
 /// The object at an address.
-pub(in crate::virtual_machine) fn named(can: &CanDevice, address: Address) -> Option<At> {
-    can.object(address.offset).filter(|_| address.table == Table::Object).map(at)
+pub(in crate::virtual_machine) const fn named(address: &Address) -> Option<At> {
+    if let Address::Object(object) = address { Some(at(object)) } else { None }
 }
 
 /// Which of a node's PDOs comes with this identifier: by the usual set, or because the setup list gives it that one.

@@ -6,7 +6,7 @@ use serde::{Deserialize, Deserializer, de::Error as _};
 
 use super::can::{BusError, CanFault};
 use super::{AcknowledgeFault, Fault, FaultScript, Kind, Lasts, Reads, ReplyFault};
-use crate::codec::{Address, CanId, DataType};
+use crate::codec::{CanId, DataType, Register};
 use crate::profile::{DeviceId, Profile, Transport};
 use crate::reading::SignalId;
 
@@ -255,7 +255,7 @@ impl FaultFile {
     fn register(&mut self) -> Result<Kind, String> {
         let register = self.register.take().ok_or("`register` is missing, for example \"holding:104\"")?;
         let words = self.words.take().ok_or("`words` is missing, for example [0, 5]")?;
-        let address: Address = register.parse()?;
+        let address: Register = register.parse()?;
         if words.is_empty() || usize::from(address.offset) + words.len() > 65536 {
             return Err(format!("{} words do not fit from {address} on", words.len()));
         }

@@ -5,7 +5,7 @@ use std::time::Duration;
 use rand::RngExt;
 
 use super::{Hardware, Unit};
-use crate::codec::{Address, CanId, Frame};
+use crate::codec::{Address, CanId, Encoded, Frame, Object};
 use crate::profile::{DeviceId, Profile};
 use crate::quantity::Moment;
 use crate::virtual_machine::can::dictionary::{Server, refusal};
@@ -23,6 +23,8 @@ pub(in crate::virtual_machine) struct CanUnit {
     /// The frames of each of the node's PDOs.
     sent: Vec<Vec<Image>>,
     taken: Vec<Taken>,
+    /// The objects that somebody reads or writes.
+    objects: Vec<Object>,
     /// What it does as soon as its line looks.
     acts: Vec<Act>,
 }
@@ -41,7 +43,15 @@ impl CanUnit {
     pub(super) fn of(profile: &Profile, unit: &mut Unit) -> Option<CanUnit> {
         let node = power_on::node(profile, unit.device, &mut unit.bank)?;
         let sent = frames::sent(profile, unit.device).into_iter().map(|group| group.images).collect();
-        Some(CanUnit { node, sent, taken: frames::taken(profile, unit.device), acts: Vec::new() })
+        let (taken, objects) = (frames::taken(profile, unit.device), profile.objects(unit.device));
+        Some(CanUnit { node, sent, taken, objects, acts: Vec::new() })
+    }
+
+    /// The objects in use of which this holds, with what stands in them.
+    fn standing(&self, which: impl Fn((u16, u8)) -> bool) -> Vec<(Address, Encoded)> {
+        let objects = self.objects.iter().filter(|object| which(power_on::at(object)));
+        let stands = |object: &Object| object.words(self.node.objects.get(power_on::at(object))?);
+        objects.filter_map(|object| Some((Address::Object(*object), stands(object)?))).collect()
     }
 
     /// The power comes on.
@@ -171,13 +181,9 @@ impl Hardware {
     fn show_objects(&mut self, place: usize) {
         self.keep_objects(place, is_own);
         let unit = &mut self.units[place];
-        let (Some(can), Some(device)) = (&mut unit.can, &self.profile.device(unit.device).can) else {
-            return;
-        };
-        let measured = device.objects.iter().enumerate().filter(|(_, object)| !is_own(power_on::at(object)));
-        for (place, object) in measured {
-            let cell = power_on::cell(place);
-            let words = cell.and_then(|cell| unit.bank.read(cell, object.data_type.registers()));
+        let Some(can) = &mut unit.can else { return };
+        for object in can.objects.iter().filter(|object| !is_own(power_on::at(object))) {
+            let words = unit.bank.read(&Address::Object(*object), object.data_type.registers());
             if let Some(words) = words {
                 can.node.objects.set(power_on::at(object), &object.bytes(words));
             }
@@ -186,15 +192,10 @@ impl Hardware {
 
     /// Puts an object that was written into its cells, and what is shown by it.
     fn take_object(&mut self, place: usize, at: (u16, u8), now: Moment) {
-        let device = self.units[place].device;
-        let Some(known) = self.profile.device(device).can.clone() else { return };
-        let objects = known.objects.iter().enumerate();
-        let written: Vec<_> = objects.filter(|(_, object)| power_on::at(object) == at).collect();
-        for (offset, object) in written {
+        let Some(can) = &self.units[place].can else { return };
+        for (cell, words) in can.standing(|object| object == at) {
             let Some(can) = &self.units[place].can else { return };
-            let words = can.node.objects.get(at).and_then(|bytes| object.words(bytes));
-            let (Some(words), Some(cell)) = (words, power_on::cell(offset)) else { continue };
-            let shown = can.taken.iter().filter_map(|value| value.shown_at(cell));
+            let shown: Vec<_> = can.taken.iter().filter_map(|value| value.shown_at(&cell)).collect();
             let cells: Vec<_> = std::iter::once(cell).chain(shown).collect();
             self.put(place, &cells, words.words(), now);
         }
@@ -203,14 +204,10 @@ impl Hardware {
     /// Puts objects into their cells.
     fn keep_objects(&mut self, place: usize, which: impl Fn((u16, u8)) -> bool) {
         let unit = &mut self.units[place];
-        let (Some(can), Some(device)) = (&unit.can, &self.profile.device(unit.device).can) else { return };
-        let objects = device.objects.iter().enumerate().filter(|(_, object)| which(power_on::at(object)));
-        for (place, object) in objects {
-            let words = can.node.objects.get(power_on::at(object)).and_then(|bytes| object.words(bytes));
-            if let (Some(words), Some(cell)) = (words, power_on::cell(place)) {
-                let fits = unit.bank.write(cell, words.words());
-                debug_assert!(fits.is_some(), "room was made for it");
-            }
+        let Some(can) = &unit.can else { return };
+        for (cell, words) in can.standing(which) {
+            let fits = unit.bank.write(&cell, words.words());
+            debug_assert!(fits.is_some(), "room was made for it");
         }
     }
 
@@ -247,13 +244,13 @@ impl Hardware {
     fn put(&mut self, place: usize, cells: &[Address], words: &[u16], at: Moment) {
         let device = self.units[place].device;
         let count = u16::try_from(words.len()).unwrap_or(u16::MAX);
-        for address in cells.iter().copied() {
+        for address in cells {
             let before = self.units[place].bank.read(address, count).unwrap_or_default().to_vec();
             let fits = self.units[place].bank.write(address, words);
             debug_assert!(fits.is_some(), "room was made for it");
             self.note_corrections(place, address, count);
             if let Some(journal) = &mut self.journal {
-                let (after, wanted) = (words.to_vec(), words.to_vec());
+                let (address, after, wanted) = (address.clone(), words.to_vec(), words.to_vec());
                 journal.push(Seen { at, device, function: 0, address, count, before, after, wanted });
             }
         }

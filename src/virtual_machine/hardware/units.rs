@@ -1,6 +1,6 @@
 //! The units of a machine, their registers as they are when the power comes on, and what each measures.
 
-use crate::codec::Address;
+use crate::codec::{Address, Register};
 use crate::profile::{DeviceId, Output, Profile, Verify};
 use crate::reading::SignalId;
 use crate::virtual_machine::can::{node, power_on};
@@ -32,7 +32,7 @@ impl Unit {
         self.bank = self.at_power_on.clone();
         self.boots = self.boots.wrapping_add(1);
         for counter in &self.counters {
-            let fits = self.bank.write(*counter, &[self.boots]);
+            let fits = self.bank.write(counter, &[self.boots]);
             debug_assert!(fits.is_some(), "room was made for it");
         }
     }
@@ -69,40 +69,38 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
         let place = unit_of[device.0];
         let width = encoding.data_type.registers();
         let bank = &mut units[place].bank;
-        bank.reserve(*address, width);
-        let fits = bank.write(*address, encoding.encode(0.0).words());
+        bank.reserve(address, width);
+        let fits = bank.write(address, encoding.encode(0.0).words());
         debug_assert!(fits.is_some(), "room was made for it");
-        owned.push((place, *address, width));
+        owned.push((place, address.clone(), width));
         if let Verify::ReadBackAt(again) = verify {
-            bank.reserve(*again, width);
-            owned.push((place, *again, width));
+            let again = Address::Object(*again);
+            bank.reserve(&again, width);
+            owned.push((place, again, width));
         }
     }
     if let Some(heartbeat) = &profile.heartbeat {
         let place = unit_of[heartbeat.device.0];
-        units[place].bank.reserve(heartbeat.address, 1);
-        owned.push((place, heartbeat.address, 1));
+        owned.push((place, heartbeat.address.into(), 1));
     }
     for set in &profile.sets {
         let place = unit_of[set.device.0];
         for address in Control::own(set) {
-            units[place].bank.reserve(address, 1);
-            owned.push((place, address, 1));
+            owned.push((place, address.into(), 1));
         }
     }
     for output in &profile.outputs {
         let place = unit_of[output.device.0];
         for address in output.display.registers() {
-            units[place].bank.reserve(address, 1);
-            owned.push((place, address, 1));
+            owned.push((place, address.into(), 1));
         }
     }
     for (device, place) in profile.devices.iter().zip(&unit_of) {
         for expected in &device.verify {
             let bank = &mut units[*place].bank;
-            bank.reserve(expected.address, expected.encoding.data_type.registers());
+            bank.reserve(&expected.address, expected.encoding.data_type.registers());
             let fits = bank.put(
-                expected.address,
+                &expected.address,
                 &expected.encoding,
                 expected.encoding.encode_counts(expected.equals).words(),
             );
@@ -110,26 +108,26 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
         }
     }
     for output in &profile.outputs {
-        let Some(counter) = output.boot_counter.map(|id| profile.signal(id).address) else { continue };
+        let Some(counter) = output.boot_counter.map(|id| &profile.signal(id).address) else { continue };
         let place = unit_of[output.device.0];
-        units[place].counters.push(counter);
-        owned.push((place, counter, 1));
+        units[place].counters.push(counter.clone());
+        owned.push((place, counter.clone(), 1));
     }
     for signal in &profile.signals {
         let Some(capture) = signal.capture else { continue };
         let place = unit_of[signal.device.0];
-        units[place].bank.reserve(capture.address, 1);
-        owned.push((place, capture.address, 1));
+        owned.push((place, capture.address.into(), 1));
+    }
+    for (place, address, count) in &owned {
+        units[*place].bank.reserve(address, *count);
     }
     for (index, signal) in profile.signals.iter().enumerate() {
         let (place, width) = (unit_of[signal.device.0], signal.encoding.data_type.registers());
-        units[place].bank.reserve(signal.address, width);
+        units[place].bank.reserve(&signal.address, width);
         let is_owned = |(other, address, count): &(usize, Address, u16)| {
-            *other == place && overlap((*address, *count), (signal.address, width))
+            *other == place && overlap((address, *count), (&signal.address, width))
         };
-        let can = profile.device(signal.device).can.as_ref();
-        let is_the_node_s =
-            can.and_then(|can| power_on::named(can, signal.address)).is_some_and(node::is_own);
+        let is_the_node_s = power_on::named(&signal.address).is_some_and(node::is_own);
         if !is_the_node_s && !owned.iter().any(is_owned) {
             units[place].measures.push(SignalId(index));
         }
@@ -154,11 +152,9 @@ pub(super) fn well(profile: &Profile) -> Vec<Option<f64>> {
     well
 }
 
-pub(super) fn overlap((first, count): (Address, u16), (other, other_count): (Address, u16)) -> bool {
-    if first.table.is_can() {
-        return first == other;
-    }
-    let end = |address: Address, count: u16| u32::from(address.offset) + u32::from(count);
+pub(super) fn overlap((first, count): (&Address, u16), (other, other_count): (&Address, u16)) -> bool {
+    let (Address::Modbus(first), Address::Modbus(other)) = (first, other) else { return first == other };
+    let end = |register: &Register, count: u16| u32::from(register.offset) + u32::from(count);
     first.table == other.table
         && u32::from(first.offset) < end(other, other_count)
         && u32::from(other.offset) < end(first, count)

@@ -1,7 +1,7 @@
 //! The devices of a CAN line, without a socket: frames as candump writes them, moments in milliseconds.
 
 use super::*;
-use crate::codec::{Address, CanId, Frame, Table};
+use crate::codec::{Address, CanId, Frame};
 use crate::quantity::Moment;
 use crate::virtual_machine::fault::can::BusError;
 use crate::virtual_machine::hardware::Hardware;
@@ -81,8 +81,8 @@ impl Rig {
         self.give(0, "000#0100");
     }
 
-    fn cell(&self, device: usize, table: Table, offset: u16, count: u16) -> Vec<u16> {
-        self.hardware.cell(DeviceId(device), Address { table, offset }, count).unwrap().to_vec()
+    fn cell(&self, device: usize, address: &Address, count: u16) -> Vec<u16> {
+        self.hardware.cell(DeviceId(device), address, count).unwrap().to_vec()
     }
 }
 

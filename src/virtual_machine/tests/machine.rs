@@ -1,7 +1,7 @@
 use super::client::Answer;
 use super::support::start_with;
 use super::*;
-use crate::codec::{DataType, Encoding, Scale};
+use crate::codec::{Address, DataType, Encoding, Scale};
 use crate::profile::{Handshake, OutputId, OutputSet, SetId, Signal};
 use crate::reading::SignalId;
 
@@ -199,7 +199,7 @@ fn shaken() -> crate::profile::Profile {
     });
     let boots = Signal {
         name: "cnc.boot_counter".to_owned(),
-        address: "holding:98".parse().unwrap(),
+        address: Address::Modbus("holding:98".parse().unwrap()),
         encoding: Encoding {
             data_type: DataType::U16,
             scale: Scale::ONE,

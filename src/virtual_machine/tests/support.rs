@@ -131,6 +131,7 @@ pub(super) fn bus(name: &str, address: &str) -> Bus {
         address: address.to_owned(),
         tls: None,
         timeout,
+        late: Transport::Tcp.late(timeout),
         quirks,
         sync: None,
     }
@@ -176,7 +177,7 @@ fn signal(name: &str, device: usize, register: &str, encoding: Encoding, unit: &
     Signal {
         name: name.to_owned(),
         device: DeviceId(device),
-        address: register.parse::<Address>().unwrap(),
+        address: Address::Modbus(register.parse().unwrap()),
         encoding,
         unit: Unit(unit),
         range: None,
@@ -194,7 +195,7 @@ pub(super) fn output(name: &str, device: usize, register: &str, scale: f64, writ
         name: name.to_owned(),
         axis: AxisId(0),
         device: DeviceId(device),
-        address: register.parse().unwrap(),
+        address: Address::Modbus(register.parse().unwrap()),
         encoding: plain(DataType::I32, scale),
         writes,
         verify: Verify::ReadBack,

@@ -6,6 +6,7 @@ use proptest::prelude::*;
 
 use super::super::sdo::{Client, Progress, SdoError};
 use super::*;
+use crate::codec::Entry;
 use crate::virtual_machine::can::dictionary::{Dictionary, Server};
 
 /// What the bus does with one frame.
@@ -97,7 +98,7 @@ impl Bus {
                 while let Some(frame) = self.back.arrive(self.now) {
                     match self.client.take(&frame) {
                         None => {}
-                        Some(Progress::Send(frame)) => sending = Some(frame),
+                        Some(Progress::Send(frame) | Progress::Begin(frame)) => sending = Some(frame),
                         Some(Progress::Read(data)) => return Ok(Some(data.bytes().to_vec())),
                         Some(Progress::Written) => return Ok(None),
                         Some(Progress::Failed(error, abort)) => return Err(self.failed(error, abort)),

@@ -1,5 +1,6 @@
 use super::super::sdo::{Client, Data, Progress, SdoError};
 use super::*;
+use crate::codec::Entry;
 
 const SPEED: Entry = Entry::new(0x7130, 1);
 
@@ -188,7 +189,7 @@ fn after_a_time_out_a_late_answer_is_not_taken_for_the_next_one() {
     let late = answer([0x60, 0x30, 0x71, 1, 0, 0, 0, 0]);
     assert_eq!(client.take(&late), None, "the confirmation of the first write");
     let settled = client.take(&answer([0x43, 0x00, 0x10, 0, 4, 1, 0, 0]));
-    assert_eq!(settled, Some(Progress::Send(request([0x2b, 0x30, 0x71, 1, 2, 0, 0, 0]))));
+    assert_eq!(settled, Some(Progress::Begin(request([0x2b, 0x30, 0x71, 1, 2, 0, 0, 0]))));
     assert_eq!(client.take(&late), Some(Progress::Written));
     assert_eq!(client.read(SPEED), request([0x40, 0x30, 0x71, 1, 0, 0, 0, 0]), "and is settled");
 }
@@ -200,7 +201,7 @@ fn the_late_answer_to_one_settling_question_is_not_taken_for_that_to_the_next() 
     client.timed_out();
     client.write(SPEED, &[1, 0]);
     let settled = client.take(&answer([0x43, 0x00, 0x10, 0, 4, 1, 0, 0]));
-    assert!(matches!(settled, Some(Progress::Send(_))));
+    assert!(matches!(settled, Some(Progress::Begin(_))));
     client.timed_out();
     client.write(SPEED, &[2, 0]);
     client.timed_out();
@@ -208,7 +209,7 @@ fn the_late_answer_to_one_settling_question_is_not_taken_for_that_to_the_next() 
     let first = client.take(&answer([0x4f, 0x01, 0x10, 0, 0, 0, 0, 0]));
     assert_eq!(first, None, "the confirmation of 1 may still be under way");
     let second = client.take(&answer([0x4f, 0x18, 0x10, 0, 4, 0, 0, 0]));
-    assert_eq!(second, Some(Progress::Send(request([0x2b, 0x30, 0x71, 1, 3, 0, 0, 0]))));
+    assert_eq!(second, Some(Progress::Begin(request([0x2b, 0x30, 0x71, 1, 3, 0, 0, 0]))));
 }
 
 #[test]
@@ -233,5 +234,5 @@ fn a_node_without_a_device_type_settles_with_its_refusal() {
     client.timed_out();
     client.read(SPEED);
     let settled = client.take(&answer([0x80, 0x00, 0x10, 0, 0, 0, 2, 6]));
-    assert_eq!(settled, Some(Progress::Send(request([0x40, 0x30, 0x71, 1, 0, 0, 0, 0]))));
+    assert_eq!(settled, Some(Progress::Begin(request([0x40, 0x30, 0x71, 1, 0, 0, 0, 0]))));
 }

@@ -2,7 +2,9 @@
 
 use super::super::register::send;
 use super::super::{Order, Trouble, Words, Writer};
-use crate::fieldbus::line::Line;
+use crate::fieldbus::departure::Leave;
+use crate::fieldbus::error::Outcome;
+use crate::fieldbus::line::DeviceLine;
 use crate::gateway::ledger::{Account, Doubt, Finding, ReadBack};
 use crate::gateway::shared::Shared;
 use crate::gateway::words::{cz_factor, words_in_text};
@@ -25,12 +27,11 @@ impl Writer {
     /// Reads the register; what goes wrong is told.
     pub(super) async fn find(
         &mut self,
-        line: &mut Line,
+        line: &mut DeviceLine,
         shared: &Shared,
         output: &Output,
-        now: Moment,
     ) -> Option<Found> {
-        let words = match self.read(line, shared, output, now).await {
+        let words = match self.read(line, output).await {
             Ok(words) => words,
             Err(fault) => {
                 self.fail(shared, output, fault);
@@ -46,7 +47,7 @@ impl Writer {
     /// Writes base + this share, which the account on disk names, and reads it back.
     pub(super) async fn write_share(
         &mut self,
-        line: &mut Line,
+        line: &mut DeviceLine,
         shared: &Shared,
         output: &Output,
         order: &Order,
@@ -58,15 +59,20 @@ impl Writer {
         let target = Words::of(output.encoding.encode_counts(account.with(share)).words());
         let now = shared.clock.now();
         self.joint.promised_at = now;
-        if let Err(fault) = send(line, shared, output, target, now).await {
-            if !fault.spoils_connection() {
-                // The device refused: what stood there still stands.
+        let not_after = if before.share() == share { Moment::END } else { order.not_after };
+        if let Err(fault) = send(line, shared, output, target, Leave::Here(not_after)).await {
+            if fault.outcome() == Outcome::NotDone {
+                // What stood there still stands.
                 self.joint.account = Some(before);
                 self.keep(shared, output);
             }
+            if fault.has_lapsed() {
+                self.compare = true;
+                return;
+            }
             return self.fail(shared, output, fault);
         }
-        let Some(found) = self.find(line, shared, output, now).await else { return };
+        let Some(found) = self.find(line, shared, output).await else { return };
         let Some(account) = &mut self.joint.account else { return };
         let read_back = account.read_back(share, found.counts, found.cleared);
         let was_odd = std::mem::replace(&mut self.joint.odd, matches!(read_back, ReadBack::Then(_)));

@@ -3,18 +3,31 @@
 use std::collections::BTreeMap;
 
 use super::{Part, SetWriter, found};
-use crate::codec::{Address, Table};
-use crate::fieldbus::error::Fault;
-use crate::fieldbus::line::Line;
+use crate::codec::{Register, Table};
+use crate::fieldbus::departure::Leave;
+use crate::fieldbus::error::{Fault, Outcome};
+use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, Request};
 use crate::gateway::apply::Words;
 use crate::gateway::apply::exchange::{self, Cells, Own, Sent};
-use crate::gateway::poll;
 use crate::gateway::shared::Shared;
+use crate::quantity::Moment;
+
+/// What was known before a set was sent.
+struct Before {
+    uncertain: Vec<Option<Words>>,
+    unfinished: Option<Sent>,
+    told: (u16, Option<u16>),
+}
 
 impl SetWriter {
     /// Every register of the set as it stands now.
-    pub(super) async fn look(&mut self, line: &mut Line, shared: &Shared, parts: &[Part]) -> Option<Cells> {
+    pub(super) async fn look(
+        &mut self,
+        line: &mut DeviceLine,
+        shared: &Shared,
+        parts: &[Part],
+    ) -> Option<Cells> {
         match self.read(line, shared).await {
             Ok(cells) => Some(cells),
             Err(fault) => {
@@ -28,14 +41,13 @@ impl SetWriter {
         }
     }
 
-    async fn read(&mut self, line: &mut Line, shared: &Shared) -> Result<Cells, Fault> {
+    async fn read(&mut self, line: &mut DeviceLine, shared: &Shared) -> Result<Cells, Fault> {
         let set = shared.profile.set(self.id);
         let mut cells = BTreeMap::new();
         for stretch in exchange::stretches(&shared.profile, set) {
-            let from = Address { table: Table::Holding, offset: stretch.from };
+            let from = Register { table: Table::Holding, offset: stretch.from };
             let request = Request::Read { from, count: stretch.count };
-            let answer = poll::call(line, shared, set.device, request, shared.clock.now()).await?;
-            if let Answer::Words(words) = answer {
+            if let Answer::Words(words) = line.request(set.device, request, Leave::Whenever).await?.answer {
                 cells.extend((stretch.from..).zip(words));
             }
         }
@@ -51,10 +63,11 @@ impl SetWriter {
     /// Writes the values, and where all of them have arrived, the sequence; then the strobe, or the end.
     pub(super) async fn send(
         &mut self,
-        line: &mut Line,
+        line: &mut DeviceLine,
         shared: &Shared,
         parts: &[Part],
         targets: Vec<Option<Words>>,
+        not_after: Moment,
     ) {
         let set = shared.profile.set(self.id);
         let Some(values) = targets.into_iter().collect::<Option<Vec<Words>>>() else { return };
@@ -63,12 +76,12 @@ impl SetWriter {
         let cells = exchange::cells(&shared.profile, set, &values, own);
         let free = |(value, part): (&Words, &Part)| (*part == Part::Free).then_some(*value);
         let sent: Vec<Option<Words>> = values.iter().zip(parts).map(free).collect();
+        let before = self.before();
         for (member, value) in self.members.iter_mut().zip(&sent) {
             member.uncertain = value.or(member.uncertain);
         }
         let single = shared.profile.device(set.device).functions.write_single;
-        let before =
-            self.unfinished.replace(Sent { values: sent, cells: cells.clone(), sequence, is_taken: false });
+        self.unfinished = Some(Sent { values: sent, cells: cells.clone(), sequence, is_taken: false });
         (self.beat, self.told_control) = (own.heartbeat, Some(own.control));
         for (place, stretch) in exchange::stretches(&shared.profile, set).iter().enumerate() {
             let words = exchange::words(&cells, stretch);
@@ -76,10 +89,15 @@ impl SetWriter {
                 [word] if single => Request::WriteSingle { at: stretch.from, word: *word },
                 words => Request::WriteMultiple { at: stretch.from, words },
             };
-            if let Err(fault) = poll::call(line, shared, set.device, request, shared.clock.now()).await {
-                if place == 0 && !fault.spoils_connection() {
-                    // The device refused: what stood there still stands.
-                    self.unfinished = before;
+            // The first request decides; what belongs to it follows, however late.
+            let leave = if place == 0 { Leave::Here(not_after) } else { Leave::Whenever };
+            if let Err(fault) = line.request(set.device, request, leave).await {
+                if place == 0 && fault.outcome() == Outcome::NotDone {
+                    // What stood there still stands.
+                    self.take_back(before);
+                    if fault.has_lapsed() {
+                        return;
+                    }
                 }
                 return self.each(parts, |member, part| {
                     if part == Part::Free {
@@ -97,8 +115,26 @@ impl SetWriter {
         }
     }
 
+    /// What is known before a set is sent.
+    fn before(&self) -> Before {
+        Before {
+            uncertain: self.members.iter().map(|member| member.uncertain).collect(),
+            unfinished: self.unfinished.clone(),
+            told: (self.beat, self.told_control),
+        }
+    }
+
+    /// Nothing was sent: what was known before is what is known.
+    fn take_back(&mut self, before: Before) {
+        self.unfinished = before.unfinished;
+        (self.beat, self.told_control) = before.told;
+        for (member, uncertain) in self.members.iter_mut().zip(before.uncertain) {
+            (member.uncertain, member.compare) = (uncertain, true);
+        }
+    }
+
     /// Reads everything back: what was sent is believed now, or doubted.
-    pub(super) async fn finish(&mut self, line: &mut Line, shared: &Shared) {
+    pub(super) async fn finish(&mut self, line: &mut DeviceLine, shared: &Shared) {
         let parts: Vec<Part> = match &self.unfinished {
             Some(sent) => {
                 sent.values.iter().map(|sent| if sent.is_some() { Part::Free } else { Part::Kept }).collect()

@@ -1,10 +1,10 @@
 //! What cannot be on one CAN line together: node numbers, identifiers, writers.
 
-use crate::codec::{CanId, CanMatch, Table};
+use crate::codec::{Address, CanId, Entry, Field, Object};
 use crate::profile::check::{Check, Signals, get};
 use crate::profile::place::child;
 use crate::profile::raw::RawSignal;
-use crate::profile::{Bus, Device, Output, Writes};
+use crate::profile::{Bus, Device, DeviceId, Output, Writes};
 
 /// A CANopen node of a line.
 #[derive(Clone, Debug)]
@@ -71,12 +71,14 @@ impl Check<'_> {
         nodes: &[Node],
     ) {
         let sync = get(buses, bus).and_then(|bus| bus.sync).map(|sync| sync.id);
-        for signal in signals.iter().flatten().filter(|signal| signal.address.table == Table::Process) {
+        for signal in signals.iter().flatten() {
+            let Address::Frame(Field { frames, .. }) = signal.address else { continue };
             let Some(device) = get(devices, signal.device.0).filter(|device| device.bus.0 == bus) else {
                 continue;
             };
-            let frames = self.frames_of(signal.device.0, signal.address.offset);
-            let Some(frames) = frames.filter(|frames| frames.is_exact()) else { continue };
+            if !frames.is_exact() {
+                continue;
+            }
             let Some(raw) = self.raw.signal.get(&signal.name) else { continue };
             let path = identifier_key(&child("signal", &signal.name), raw);
             let is_pdo = raw.pdo.is_some();
@@ -119,9 +121,9 @@ impl Check<'_> {
                     "one frame belongs to one device: put both outputs there, or correct the identifier",
                 );
             }
-            for signal in signals.iter().flatten().filter(|signal| signal.address.table == Table::Process) {
-                let frames = self.frames_of(signal.device.0, signal.address.offset);
-                if here(signal.device.0) && frames.is_some_and(|frames| frames.takes(id)) {
+            for signal in signals.iter().flatten() {
+                let is_read = matches!(&signal.address, Address::Frame(field) if field.frames.takes(id));
+                if here(signal.device.0) && is_read {
                     let message =
                         format!("signal `{}` is read from {id}, which this output would send", signal.name);
                     self.wrong(
@@ -134,19 +136,12 @@ impl Check<'_> {
         }
     }
 
-    fn frames_of(&self, device: usize, field: u16) -> Option<CanMatch> {
-        Some(self.can.get(device)?.fields.get(usize::from(field))?.frames)
-    }
-
     /// One object has one writer, and a corrected position is not the object it is computed from.
     fn objects_written(&mut self, devices: &[Option<Device>], signals: &Signals, outputs: &[Option<Output>]) {
-        let object = |check: &Check<'_>, device: usize, place: u16| {
-            let object = *check.can.get(device)?.objects.get(usize::from(place))?;
-            Some((device, object.index, object.sub))
-        };
-        let mut known: Vec<((usize, u16, u8), String)> = Vec::new();
-        for output in outputs.iter().flatten().filter(|output| output.address.table == Table::Object) {
-            let Some(own) = object(self, output.device.0, output.address.offset) else { continue };
+        let mut known: Vec<((DeviceId, Entry), String)> = Vec::new();
+        for output in outputs.iter().flatten() {
+            let Address::Object(Object { entry, .. }) = output.address else { continue };
+            let own = (output.device, entry);
             let path = child(&child("output", &output.name), "sdo");
             if let Some((_, first)) = known.iter().find(|(other, _)| *other == own) {
                 let there = self.places.line_of(&child(&child("output", first), "sdo"));
@@ -155,17 +150,16 @@ impl Check<'_> {
             }
             known.push((own, output.name.clone()));
             let setup = get(devices, output.device.0).and_then(|device| device.can.as_ref());
-            let is_set = |can: &crate::profile::CanDevice| {
-                can.setup.iter().any(|setup| (setup.object.index, setup.object.sub) == (own.1, own.2))
-            };
+            let is_set =
+                |can: &crate::profile::CanDevice| can.setup.iter().any(|setup| setup.object.entry == entry);
             if setup.is_some_and(is_set) {
                 let message = "`setup` of its device writes this object before each start";
                 self.wrong(&path, message, "remove it from `setup`: a node that restarts would make a step");
             }
             let Writes::Corrected { position } = output.writes else { continue };
             let Some(signal) = get(signals, position.0) else { continue };
-            if signal.address.table == Table::Object
-                && object(self, signal.device.0, signal.address.offset) == Some(own)
+            if signal.device == output.device
+                && matches!(signal.address, Address::Object(read) if read.entry == entry)
             {
                 let message = format!(
                     "the corrected position would overwrite signal `{}`, from which it is computed",

@@ -1,11 +1,11 @@
 //! What is written on a CAN line: objects, and values inside frames.
 
 use super::signal::Direction;
-use crate::codec::{Address, BitField, CanId, CanMatch, DataType, Frame};
+use crate::codec::{Address, BitField, CanId, CanMatch, DataType, Field, Frame, Object};
 use crate::profile::check::Check;
 use crate::profile::place::child;
 use crate::profile::raw::{RawOutput, ShareWord, VerifyWord, WritesWord};
-use crate::profile::{Field, Object, Verify};
+use crate::profile::{Device, Verify};
 
 /// Where an output goes, and how it is believed.
 pub(in crate::profile::check) struct Target {
@@ -102,7 +102,7 @@ impl Check<'_> {
         }
         let owner = raw.device.as_deref()?;
         if let Some(sdo) = &raw.sdo {
-            return self.object_target(path, sdo, raw, owner, device?);
+            return self.object_target(path, sdo, raw, owner);
         }
         if raw.kind.is_some() {
             let help = "remove it: `length`, `signed` and `float` say it";
@@ -131,24 +131,17 @@ impl Check<'_> {
             None => None,
         };
         let data_type = bits.data_type();
-        let verify = self.believed(path, raw, data_type, owner, device?);
+        let verify = self.believed(path, raw, data_type, owner);
         let (frames, multiplex) = (CanMatch::exactly(id), Vec::new());
-        let address = self.can.get_mut(device?)?.field(Field { frames, is_fd, bits, multiplex });
+        let address = Address::Frame(Field { frames, is_fd, bits, multiplex });
         let (device, output) = (device?, name.to_owned());
         self.written.push(Written { device, output, path: at, id, is_fd, bits, fill });
         Some(Target { address, data_type, verify: verify? })
     }
 
-    fn object_target(
-        &mut self,
-        path: &str,
-        sdo: &str,
-        raw: &RawOutput,
-        owner: &str,
-        device: usize,
-    ) -> Option<Target> {
+    fn object_target(&mut self, path: &str, sdo: &str, raw: &RawOutput, owner: &str) -> Option<Target> {
         self.needs_node(&child(path, "sdo"), owner);
-        let object = self.object(&child(path, "sdo"), sdo);
+        let entry = self.entry(&child(path, "sdo"), sdo);
         if raw.read_back.is_some() {
             let help = "remove it: the object that is written is read back itself";
             self.wrong_key(&child(path, "read_back"), "`read_back` belongs to pdo and frame", help);
@@ -159,21 +152,13 @@ impl Check<'_> {
             return None;
         };
         let data_type = self.object_type(&child(path, "type"), kind)?;
-        let (index, sub) = object?;
-        let address = self.can.get_mut(device)?.object(Object { index, sub, data_type });
+        let address = Address::Object(Object { entry: entry?, data_type });
         let verify = if raw.verify == Some(VerifyWord::Echo) { Verify::Echo } else { Verify::ReadBack };
         Some(Target { address, data_type, verify })
     }
 
     /// A frame has no answer: what was written is read elsewhere, or a display shows it and nobody acts on it.
-    fn believed(
-        &mut self,
-        path: &str,
-        raw: &RawOutput,
-        data_type: DataType,
-        owner: &str,
-        device: usize,
-    ) -> Option<Verify> {
+    fn believed(&mut self, path: &str, raw: &RawOutput, data_type: DataType, owner: &str) -> Option<Verify> {
         let at = child(path, "read_back");
         if let Some(verify) =
             raw.verify.filter(|verify| *verify == VerifyWord::Echo || raw.read_back.is_none())
@@ -194,14 +179,13 @@ impl Check<'_> {
             return (!self.places.contains(&at)).then_some(Verify::Shown);
         };
         self.needs_node(&at, owner);
-        let object = self.object(&at, text);
+        let entry = self.entry(&at, text);
         if !data_type.width().is_multiple_of(8) {
             let message = format!("an object has whole bytes, and {} bits are written", data_type.width());
             self.wrong(&at, message, "write 8, 16, 24, 32 or 64 bits, as the object has them");
             return None;
         }
-        let (index, sub) = object?;
-        Some(Verify::ReadBackAt(self.can.get_mut(device)?.object(Object { index, sub, data_type })))
+        Some(Verify::ReadBackAt(Object { entry: entry?, data_type }))
     }
 
     fn fill(&mut self, path: &str, text: &str, is_fd: bool, bits: BitField) -> Option<Vec<u8>> {
@@ -233,7 +217,7 @@ impl Check<'_> {
     }
 
     /// The frames that are written, each with the values of all its outputs.
-    pub(in crate::profile::check) fn written_frames(&mut self) {
+    pub(in crate::profile::check) fn written_frames(&mut self, devices: &mut [Option<Device>]) {
         let written = std::mem::take(&mut self.written);
         for (place, one) in written.iter().enumerate() {
             let same = |other: &&Written| other.id == one.id && other.device == one.device;
@@ -250,8 +234,9 @@ impl Check<'_> {
             let length = if is_fd { Frame::fd_length(needed).unwrap_or(needed) } else { needed };
             let bytes = fill.unwrap_or_else(|| vec![0; length]);
             let frame = if is_fd { Frame::fd(one.id, &bytes) } else { Frame::classic(one.id, &bytes) };
-            if let Some(used) = self.can.get_mut(one.device) {
-                used.written.extend(frame);
+            let device = devices.get_mut(one.device).and_then(Option::as_mut);
+            if let Some(can) = device.and_then(|device| device.can.as_mut()) {
+                can.written.extend(frame);
             }
         }
         self.written = written;

@@ -1,10 +1,12 @@
 //! Where a signal of a CAN device lies: in a frame, by a DBC file, in process data, in an object.
 
-use crate::codec::{Address, BitField, BitKind, ByteOrder, CanId, CanMatch, DataType};
+use crate::codec::{
+    Address, BitField, BitKind, ByteOrder, CanId, CanMatch, DataType, Field, Object, Selector,
+};
+use crate::profile::Unit;
 use crate::profile::check::Check;
 use crate::profile::place::child;
 use crate::profile::raw::{ByteOrderWord, RawFrame, RawMultiplex, RawPdo, RawSignal};
-use crate::profile::{Field, Object, Selector, Unit};
 
 /// Bytes of a classic frame.
 const CLASSIC: usize = 8;
@@ -65,12 +67,7 @@ impl Check<'_> {
     }
 
     /// Where a signal of a CAN device lies.
-    pub(in crate::profile::check) fn located(
-        &mut self,
-        path: &str,
-        raw: &RawSignal,
-        device: usize,
-    ) -> Option<Located> {
+    pub(in crate::profile::check) fn located(&mut self, path: &str, raw: &RawSignal) -> Option<Located> {
         let name = raw.device.as_deref()?;
         if let Some(dbc) = &raw.dbc {
             self.type_from_bits(path, "dbc", raw);
@@ -78,7 +75,7 @@ impl Check<'_> {
             let (scale, offset) = self.described_scale(path, raw, (found.scale, found.offset))?;
             self.described_unit(path, raw, found.unit);
             let data_type = found.field.bits.data_type();
-            let address = self.can.get_mut(device)?.field(found.field);
+            let address = Address::Frame(found.field);
             return Some(Located { address, data_type, scale, offset, unit: found.unit });
         }
         let (address, data_type) = match (&raw.pdo, &raw.sdo, &raw.frame) {
@@ -86,11 +83,11 @@ impl Check<'_> {
                 self.type_from_bits(path, "pdo", raw);
                 let (id, bits) = self.pdo(&child(path, "pdo"), pdo, name, Direction::Read)?;
                 self.no_fill(&child(path, "pdo"), pdo.fill.is_some());
-                self.field(device, CanMatch::exactly(id), bits, false, Vec::new())?
+                in_frames(id, bits, false, Vec::new())
             }
             (_, Some(sdo), _) => {
                 self.needs_node(&child(path, "sdo"), name);
-                let object = self.object(&child(path, "sdo"), sdo);
+                let entry = self.entry(&child(path, "sdo"), sdo);
                 let at = child(path, "type");
                 let Some(kind) = raw.kind.map(DataType::from) else {
                     let help = "allowed: bool, u8, i8, u16, i16, u32, i32, u64, i64, f32, f64; the device's manual says which";
@@ -103,9 +100,7 @@ impl Check<'_> {
                     return None;
                 };
                 let data_type = self.object_type(&at, kind)?;
-                let (index, sub) = object?;
-                let object = Object { index, sub, data_type };
-                (self.can.get_mut(device)?.object(object), data_type)
+                (Address::Object(Object { entry: entry?, data_type }), data_type)
             }
             (_, _, Some(frame)) => {
                 self.type_from_bits(path, "frame", raw);
@@ -113,7 +108,7 @@ impl Check<'_> {
                 self.no_fill(&at, frame.fill.is_some());
                 let (id, bits, multiplex) = self.frame(&at, frame)?;
                 let multiplex = multiplex.into_iter().collect();
-                self.field(device, CanMatch::exactly(id), bits, frame.fd.unwrap_or(false), multiplex)?
+                in_frames(id, bits, frame.fd.unwrap_or(false), multiplex)
             }
             (None, None, None) => {
                 let keys = ["dbc", "pdo", "sdo", "frame"].map(|key| child(path, key));
@@ -129,18 +124,6 @@ impl Check<'_> {
         let unit = matches!(data_type, DataType::Bool).then_some(Unit("bool"));
         let (scale, offset) = (raw.scale.unwrap_or(1.0), raw.offset.unwrap_or(0.0));
         Some(Located { address, data_type, scale, offset, unit })
-    }
-
-    fn field(
-        &mut self,
-        device: usize,
-        frames: CanMatch,
-        bits: BitField,
-        is_fd: bool,
-        multiplex: Vec<Selector>,
-    ) -> Option<(Address, DataType)> {
-        let data_type = bits.data_type();
-        Some((self.can.get_mut(device)?.field(Field { frames, is_fd, bits, multiplex }), data_type))
     }
 
     fn type_from_bits(&mut self, path: &str, key: &str, raw: &RawSignal) {
@@ -353,6 +336,11 @@ impl Check<'_> {
     pub(in crate::profile::check) fn comes_by_itself(raw: &RawSignal) -> bool {
         raw.dbc.is_some() || raw.pdo.is_some() || raw.frame.is_some()
     }
+}
+
+fn in_frames(id: CanId, bits: BitField, is_fd: bool, multiplex: Vec<Selector>) -> (Address, DataType) {
+    let frames = CanMatch::exactly(id);
+    (Address::Frame(Field { frames, is_fd, bits, multiplex }), bits.data_type())
 }
 
 /// Who sends.

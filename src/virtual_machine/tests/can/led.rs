@@ -1,9 +1,10 @@
 //! The gateway's master and SDO client against these nodes.
 
 use super::*;
+use crate::codec::Entry;
+use crate::fieldbus::canopen::NodeId;
 use crate::fieldbus::canopen::master::{Care, Master, NodeEvent, Output, Start};
 use crate::fieldbus::canopen::sdo::{Client, Progress};
-use crate::fieldbus::canopen::{Entry, NodeId};
 
 const AXTC: u8 = 5;
 
@@ -55,7 +56,7 @@ impl Bus {
             for sent in self.rig.hardware.can_take(&self.rig.devices, &frame, at(now)) {
                 let Sent::Frame(frame, _) = sent else { continue };
                 match client.take(&frame) {
-                    Some(Progress::Send(frame)) => asking = Some(frame),
+                    Some(Progress::Send(frame) | Progress::Begin(frame)) => asking = Some(frame),
                     Some(Progress::Written) => {}
                     other => panic!("{other:?}"),
                 }

@@ -1,5 +1,6 @@
-use super::machine::{DISPLAY, DRIVE};
+use super::machine::{DISPLAY, DRIVE, offset, shown};
 use super::*;
+use crate::codec::{DataType, Object};
 use proptest::prelude::*;
 
 #[test]
@@ -23,7 +24,7 @@ fn a_node_that_starts_by_itself_does() {
     let mut rig = Rig::new("");
     rig.until(0);
     assert_eq!(rig.give(1, "20C#E8030000"), [""; 0]);
-    assert_eq!(rig.cell(DISPLAY, Table::Process, 0, 2), [0, 1000]);
+    assert_eq!(rig.cell(DISPLAY, &shown(), 2), [0, 1000]);
 }
 
 #[test]
@@ -87,13 +88,14 @@ fn what_a_frame_writes_is_kept_and_read_again_by_sdo() {
     let mut rig = Rig::new("");
     rig.until(0);
     rig.give(1, "20C#40E2010000000000");
-    assert_eq!(rig.cell(DISPLAY, Table::Process, 0, 2), [1, 0xe240]);
+    assert_eq!(rig.cell(DISPLAY, &shown(), 2), [1, 0xe240]);
     assert_eq!(rig.give(1, "60C#40105F0000000000"), ["58C#43105F0040E20100"]);
     rig.give(1, "60C#23105F0007000000");
-    assert_eq!(rig.cell(DISPLAY, Table::Process, 0, 2), [0, 7], "somebody else changes it");
+    assert_eq!(rig.cell(DISPLAY, &shown(), 2), [0, 7], "somebody else changes it");
     let seen = rig.hardware.journal.clone().unwrap();
-    let wanted: Vec<_> = seen.iter().map(|seen| (seen.address.table, seen.wanted.clone())).collect();
-    let (process, object) = (Table::Process, Table::Object);
+    let wanted: Vec<_> = seen.iter().map(|seen| (&seen.address, seen.wanted.clone())).collect();
+    let again = Address::Object(Object::new(0x5f10, 0, DataType::I32));
+    let (process, object) = (&shown(), &again);
     assert_eq!(
         wanted,
         [(process, vec![1, 0xe240]), (object, vec![1, 0xe240]), (object, vec![0, 7]), (process, vec![0, 7])]
@@ -115,7 +117,7 @@ fn a_frame_that_is_too_short_is_not_taken_and_complained_of() {
     let mut rig = Rig::new("");
     rig.until(0);
     assert_eq!(rig.give(1, "20C#40E201"), ["08C#1082110000000000"]);
-    assert_eq!(rig.cell(DISPLAY, Table::Process, 0, 2), [0, 0]);
+    assert_eq!(rig.cell(DISPLAY, &shown(), 2), [0, 0]);
 }
 
 #[test]
@@ -124,9 +126,9 @@ fn process_data_is_taken_only_while_operational_and_sdo_before_too() {
     rig.until(0);
     rig.give(1, "000#800C");
     rig.give(1, "20C#40E2010000000000");
-    assert_eq!(rig.cell(DISPLAY, Table::Process, 0, 2), [0, 0]);
+    assert_eq!(rig.cell(DISPLAY, &shown(), 2), [0, 0]);
     assert_eq!(rig.give(1, "614#230020016AFFFFFF"), ["594#6000200100000000"]);
-    assert_eq!(rig.cell(DRIVE, Table::Object, 0, 2), [0xffff, 0xff6a]);
+    assert_eq!(rig.cell(DRIVE, &offset(), 2), [0xffff, 0xff6a]);
     let applied = rig.hardware.applied_um(crate::profile::AxisId(0));
     assert!((applied + 0.15).abs() < 1e-9, "{applied}");
 }
@@ -138,10 +140,10 @@ fn a_reset_forgets_what_was_written_and_that_of_the_communication_only_its_part(
     rig.give(1, "607#2B00620032000000");
     rig.give(1, "614#230020016AFFFFFF");
     assert_eq!(rig.give(2, "000#8200").iter().filter(|text| text.starts_with("70")).count(), 3);
-    assert_eq!(rig.cell(DRIVE, Table::Object, 0, 2), [0xffff, 0xff6a]);
+    assert_eq!(rig.cell(DRIVE, &offset(), 2), [0xffff, 0xff6a]);
     assert_eq!(rig.give(2, "607#4000180500000000"), ["587#4B00180500000000"], "the timer is communication");
     assert_eq!(rig.give(3, "000#8114"), ["714#00"]);
-    assert_eq!(rig.cell(DRIVE, Table::Object, 0, 2), [0, 0]);
+    assert_eq!(rig.cell(DRIVE, &offset(), 2), [0, 0]);
     assert_eq!(rig.give(4, "614#4000200100000000"), ["594#4300200100000000"]);
 }
 

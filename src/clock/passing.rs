@@ -1,0 +1,38 @@
+//! Time that passes. The monotonic clock of a suspended computer stands still while the machine goes on getting warm;
+//! the one that counts from boot does not.
+
+use std::fmt;
+use std::sync::Arc;
+use std::time::Duration;
+
+use rustix::time::{ClockId, clock_gettime};
+
+type Source = Arc<dyn Fn() -> Duration + Send + Sync>;
+
+/// Counts how much time has passed, from a beginning that does not matter.
+#[derive(Clone, Default)]
+pub struct Passing(Option<Source>);
+
+impl Passing {
+    /// As this counts: what a test takes the place of a computer with that was suspended.
+    pub fn by(source: impl Fn() -> Duration + Send + Sync + 'static) -> Passing {
+        Passing(Some(Arc::new(source)))
+    }
+
+    /// Passed since the computer was started (CLOCK_BOOTTIME), suspension included.
+    pub fn passed(&self) -> Duration {
+        if let Some(source) = &self.0 {
+            return source();
+        }
+        let since_boot = clock_gettime(ClockId::Boottime);
+        // A clock that counts from boot is never negative.
+        let seconds = u64::try_from(since_boot.tv_sec).unwrap_or_default();
+        Duration::new(seconds, u32::try_from(since_boot.tv_nsec).unwrap_or_default())
+    }
+}
+
+impl fmt::Debug for Passing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(if self.0.is_some() { "Passing(given)" } else { "Passing(since boot)" })
+    }
+}

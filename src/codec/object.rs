@@ -1,0 +1,86 @@
+//! CANopen objects: where they are in a node's dictionary, and their bytes ↔ registers.
+
+use std::fmt;
+
+use super::{DataType, Encoded};
+
+/// An entry of a node's object dictionary. Prints as a profile has it: `7130:01`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Entry {
+    /// The object.
+    pub index: u16,
+    /// The place in it.
+    pub sub: u8,
+}
+
+impl Entry {
+    /// The entry at this index and sub-index.
+    pub const fn new(index: u16, sub: u8) -> Entry {
+        Entry { index, sub }
+    }
+}
+
+impl fmt::Display for Entry {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:04X}:{:02X}", self.index, self.sub)
+    }
+}
+
+/// One CANopen object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Object {
+    /// Where in the node's dictionary.
+    pub entry: Entry,
+    /// How its value lies there; always whole bytes.
+    pub data_type: DataType,
+}
+
+impl Object {
+    /// The object at this index and sub-index, with a value of this type.
+    pub const fn new(index: u16, sub: u8, data_type: DataType) -> Object {
+        Object { entry: Entry::new(index, sub), data_type }
+    }
+
+    /// How many bytes it has.
+    pub const fn size(&self) -> usize {
+        self.data_type.width().div_ceil(8) as usize
+    }
+
+    /// Its value as registers, the most significant first; `None` where it is not its size.
+    pub fn words(&self, bytes: &[u8]) -> Option<Encoded> {
+        if bytes.len() != self.size() || bytes.len() > 8 {
+            return None;
+        }
+        let mut eight = [0; 8];
+        eight[..bytes.len()].copy_from_slice(bytes);
+        Some(self.data_type.words(u64::from_le_bytes(eight)))
+    }
+
+    /// The bytes of such registers, as they go over the line.
+    pub fn bytes(&self, words: &[u16]) -> Vec<u8> {
+        Encoded::of(words).bits().to_le_bytes()[..self.size().min(8)].to_vec()
+    }
+}
+
+/// `7130:01`.
+impl fmt::Display for Object {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.entry.fmt(f)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_object_s_bytes_are_its_registers_turned_round() {
+        let position = Object::new(0x6004, 0, DataType::I32);
+        assert_eq!(position.words(&[0x78, 0x56, 0x34, 0x12]).unwrap().words(), [0x1234, 0x5678]);
+        assert_eq!(position.bytes(&[0x1234, 0x5678]), [0x78, 0x56, 0x34, 0x12]);
+        assert_eq!(position.words(&[0x78, 0x56]), None);
+        let status = Object::new(0x6150, 1, DataType::unsigned(8));
+        assert_eq!((status.size(), status.words(&[3]).unwrap().words()), (1, [3].as_slice()));
+        assert_eq!((position.to_string(), status.to_string()), ("6004:00".to_owned(), "6150:01".to_owned()));
+    }
+}

@@ -1,0 +1,107 @@
+//! Questions and answers as bytes, without what a transport puts around them. Beside the virtual machine only this knows
+//! the Modbus library, for its decoder.
+//!
+//! The library's clients cannot serve: over TCP it numbers every connection's transactions from zero and clears away,
+//! without a word, what was sent before it asked; over RTU it keeps no silence, waits for ever on a wrong checksum and
+//! takes the first frame of the right unit and function for the answer. Neither has a timeout, compares the length of a
+//! read, or (in release builds) the echo of a write. So the frames are ours ([`super::modbus`], [`super::rtu`]), and an
+//! answer is compared here with its question in every part that the protocol repeats.
+
+use std::io;
+
+use tokio_modbus::Response;
+use tokio_modbus::bytes::Bytes;
+
+use super::error::{Fault, PeerFault};
+use super::wire::{Answer, Request};
+
+/// The longest, by the protocol.
+pub(super) const LONGEST: usize = 253;
+/// The flag of an exception in the function code.
+const EXCEPTION: u8 = 0x80;
+
+/// The bytes of a request; none of one that is not Modbus.
+pub(super) fn question(request: Request<'_>, bytes: &mut Vec<u8>) {
+    let (at, second) = match request {
+        Request::Read { from, count } => (from.offset, count),
+        Request::WriteCoil { at, value } => (at, if value { 0xff00 } else { 0 }),
+        Request::WriteSingle { at, word } => (at, word),
+        Request::WriteMultiple { at, words } => (at, u16::try_from(words.len()).unwrap_or(u16::MAX)),
+        // Refused before.
+        Request::Can(_) => return,
+    };
+    bytes.push(request.function());
+    bytes.extend(at.to_be_bytes());
+    bytes.extend(second.to_be_bytes());
+    if let Request::WriteMultiple { words, .. } = request {
+        bytes.push(u8::try_from(2 * words.len()).unwrap_or(u8::MAX));
+        bytes.extend(words.iter().flat_map(|word| word.to_be_bytes()));
+    }
+}
+
+/// What these bytes answer to that question.
+///
+/// # Errors
+/// They refuse it, or they are not its answer. An exception has exactly two bytes.
+pub(super) fn answer(request: Request<'_>, bytes: &[u8]) -> Result<Answer, Fault> {
+    let function = bytes.first().copied().unwrap_or_default();
+    if function & !EXCEPTION != request.function() {
+        return Err(Fault::Peer(PeerFault::Function));
+    }
+    if function & EXCEPTION != 0 {
+        return Err(match bytes {
+            [_, code] => Fault::Exception(*code),
+            _ => Fault::Peer(PeerFault::Malformed),
+        });
+    }
+    // The library leaves out what is behind an answer's last byte, and guesses what is missing.
+    let length = match request {
+        Request::Read { .. } => 2 + usize::from(bytes.get(1).copied().unwrap_or_default()),
+        _ => 5,
+    };
+    if bytes.len() != length {
+        return Err(Fault::Peer(PeerFault::Length));
+    }
+    let malformed = |_: io::Error| Fault::Peer(PeerFault::Malformed);
+    compare(request, Response::try_from(Bytes::copy_from_slice(bytes)).map_err(malformed)?)
+}
+
+fn compare(request: Request<'_>, response: Response) -> Result<Answer, Fault> {
+    match (request, response) {
+        (
+            Request::Read { count, .. },
+            Response::ReadInputRegisters(words) | Response::ReadHoldingRegisters(words),
+        ) => {
+            if words.len() == usize::from(count) {
+                Ok(Answer::Words(words))
+            } else {
+                Err(Fault::Peer(PeerFault::Length))
+            }
+        }
+        (
+            Request::Read { count, .. },
+            Response::ReadCoils(mut bits) | Response::ReadDiscreteInputs(mut bits),
+        ) => {
+            // Bits travel in whole bytes.
+            if bits.len() != usize::from(count).next_multiple_of(8) {
+                return Err(Fault::Peer(PeerFault::Length));
+            }
+            bits.truncate(usize::from(count));
+            Ok(Answer::Bits(bits))
+        }
+        (Request::WriteCoil { at, value }, Response::WriteSingleCoil(echoed, to)) => {
+            echo(at == echoed && value == to)
+        }
+        (Request::WriteSingle { at, word }, Response::WriteSingleRegister(echoed, to)) => {
+            echo(at == echoed && word == to)
+        }
+        (Request::WriteMultiple { at, words }, Response::WriteMultipleRegisters(echoed, count)) => {
+            echo(at == echoed && words.len() == usize::from(count))
+        }
+        _ => Err(Fault::Peer(PeerFault::Function)),
+    }
+}
+
+fn echo(repeated: bool) -> Result<Answer, Fault> {
+    if repeated { Ok(Answer::Done) } else { Err(Fault::Peer(PeerFault::Echo)) }
+}

@@ -1,0 +1,92 @@
+//! The outputs of one line, and when each wants to be looked at.
+
+use std::time::Duration;
+
+use super::LineTask;
+use crate::gateway::apply::{SetWriter, Writer};
+use crate::gateway::shared::Shared;
+use crate::profile::{BusId, DeviceId, OutputId, SetId};
+use crate::quantity::Moment;
+
+/// An output whose device rests must not make the line spin.
+const SOON: Duration = Duration::from_millis(100);
+
+/// One output, or a set of them.
+pub(super) struct Job {
+    /// When it is looked at; of one that waits for its turn, since when.
+    pub(super) due: Moment,
+    /// Since when it waits, where its turn came too late for what was decided: with the next decision it goes first.
+    waits_since: Option<Moment>,
+    work: Work,
+    /// The device whose position it corrects.
+    corrects: Option<DeviceId>,
+}
+
+enum Work {
+    One(Box<Writer>),
+    Set(Box<SetWriter>),
+}
+
+pub(super) fn jobs(shared: &Shared, bus: BusId, start: Moment) -> Vec<Job> {
+    let profile = &shared.profile;
+    let here = |device: DeviceId| profile.device(device).bus == bus;
+    let ones = (0..profile.outputs.len())
+        .map(OutputId)
+        .filter(|id| here(profile.output(*id).device) && profile.output(*id).set.is_none())
+        .map(|id| {
+            let writer = Writer::new(id);
+            let corrects = writer.position(profile).map(|position| profile.signal(position).device);
+            Job { due: start, waits_since: None, work: Work::One(Box::new(writer)), corrects }
+        });
+    let sets = (0..profile.sets.len()).map(SetId).filter(|id| here(profile.set(*id).device));
+    let sets = sets.map(|id| {
+        let set = Box::new(SetWriter::new(shared, id));
+        Job { due: start, waits_since: None, work: Work::Set(set), corrects: None }
+    });
+    ones.chain(sets).collect()
+}
+
+impl Job {
+    /// It corrects a position: it goes before everything that can wait.
+    pub(super) fn corrects(&self) -> bool {
+        self.corrects.is_some()
+    }
+}
+
+impl LineTask {
+    /// Something was decided, read or commanded: each output looks whether that is something to do for it.
+    pub(super) fn wake_outputs(&mut self, now: Moment) {
+        self.jobs.iter_mut().for_each(|job| job.due = job.due.min(job.waits_since.unwrap_or(now)));
+    }
+
+    /// A position has been read.
+    pub(super) fn wake_corrections(&mut self, device: DeviceId, now: Moment) {
+        let jobs = self.jobs.iter_mut().filter(|job| job.corrects == Some(device));
+        jobs.for_each(|job| job.due = job.due.min(now));
+    }
+
+    /// Lets an output do what there is to do: at most one verified write.
+    pub(super) async fn write(&mut self, place: usize, now: Moment) {
+        let (line, shared) = (&mut self.line, &*self.shared);
+        let profile = &shared.profile;
+        let job = &mut self.jobs[place];
+        let (wants, asks, is_late) = match &mut job.work {
+            Work::One(writer) => {
+                match writer.position(profile) {
+                    None => writer.offset(line, shared, now).await,
+                    Some(position) => writer.corrected(line, shared, position, now).await,
+                }
+                (writer.due(profile), None, writer.is_late)
+            }
+            Work::Set(set) => {
+                set.advance(line, shared, now).await;
+                (set.due(profile), set.asks(), set.is_late())
+            }
+        };
+        job.waits_since = is_late.then(|| job.waits_since.unwrap_or(job.due));
+        let soon = line.looked().after(SOON);
+        let due = wants.map(|due| due.max(soon)).into_iter().chain(asks).min();
+        job.due = due.unwrap_or(Moment::END);
+        self.pressed = 0;
+    }
+}

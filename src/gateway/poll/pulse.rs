@@ -1,0 +1,56 @@
+//! The heartbeat in a register of its own.
+
+use std::time::Duration;
+
+use super::LineTask;
+use crate::fieldbus::departure::Leave;
+use crate::fieldbus::wire::Request;
+use crate::profile::{Arm, BusId, DeviceId, Profile};
+use crate::quantity::Moment;
+
+/// The heartbeat.
+pub(super) struct Pulse {
+    device: DeviceId,
+    register: u16,
+    every: Duration,
+    pub(super) due: Moment,
+    count: u16,
+}
+
+impl Pulse {
+    /// That of a line, if it has one.
+    pub(super) fn of(profile: &Profile, bus: BusId, start: Moment) -> Option<Pulse> {
+        let heartbeat = profile.heartbeat.as_ref();
+        let heartbeat = heartbeat.filter(|heartbeat| profile.device(heartbeat.device).bus == bus)?;
+        Some(Pulse {
+            device: heartbeat.device,
+            register: heartbeat.address.offset,
+            every: heartbeat.every,
+            due: start,
+            count: 0,
+        })
+    }
+}
+
+impl LineTask {
+    pub(super) async fn beat(&mut self, now: Moment) {
+        let Some(pulse) = &mut self.pulse else { return };
+        pulse.due = now.next_tick(pulse.due, pulse.every);
+        // Where a person arms, nothing at all is written before; from then on it beats as long as the gateway lives.
+        let wanted = self.shared.profile.arm == Arm::Auto || self.shared.core().was_armed;
+        if self.shared.dry_run || !wanted {
+            return;
+        }
+        let next = pulse.due;
+        pulse.count = pulse.count.wrapping_add(1);
+        let (device, at, word) = (pulse.device, pulse.register, [pulse.count]);
+        let single = self.shared.profile.device(device).functions.write_single;
+        let request = if single {
+            Request::WriteSingle { at, word: word[0] }
+        } else {
+            Request::WriteMultiple { at, words: &word }
+        };
+        // A failure is counted and told where every request fails; the next beat is the repetition, and none is made up for.
+        let _ = self.line.request(device, request, Leave::By(next)).await;
+    }
+}

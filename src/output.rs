@@ -1,0 +1,174 @@
+//! From a decision and what the register said to the next exchange. Pure: no I/O, no clock, no allocation in a step.
+//!
+//! [`step`] is what stands between a decision and a register. Whatever the link, the device, an operator, the clock or a
+//! kill does in between, the register is never moved by more than one step, never beyond its limit, and what belongs to
+//! an operator stays his. Numbers are whole counts of the register here.
+//!
+//! # Theory of operation
+//! A write whose answer did not come may have been carried out, may still be, or never will. So what is known of a
+//! register is not one value, but what the last read showed and **every copy of a value that may still arrive**
+//! ([`Copies`]). A value is sent only directly after a read that showed nothing new, and only if it is at most one step
+//! from what that read showed and from each of these copies: then whatever arrives when, the register moves by one step
+//! at most. Where no such value is nearer to what is wanted, the change waits until the copies cannot arrive any more.
+//! What appears in the register and was under way is ours; nothing else is. What stands there is sent again
+//! (`refresh`) under the same rule, and never while a change waits.
+//!
+//! ```text
+//!            change wanted           nothing new             (shared) promise kept
+//!   Nothing ──────────────► Read ──────────────► Keep ──────────────► Read ─────► Write
+//!      ▲                     │ ▲                                                    │
+//!      │  nothing to be done │ └──────────── done · unknown: what stands there? ────┤
+//!      └─────────────────────┴──────────────────────────────── refused · not sent ──┘
+//! ```
+//!
+//! A **shared** register holds the operator's part (base) and ours (share), and shows only the sum. Before a value is
+//! sent it is on disk as a promise, absolute as the register would hold it; after that the register is read once more, so
+//! that an edit in between is seen. Whenever the process dies, what stands in the register is base + share, or one of the
+//! promises, or an operator's work.
+//!
+//! An output that **cannot be read** has nothing but the device's answers: what was acknowledged last takes the place of
+//! what was read last. Copies that nobody answered are over when a write that was begun after their time was
+//! acknowledged; what was acknowledged last is sent again for that.
+//!
+//! # What a read means
+//! It is compared with what was answered as done last, else with what was verified last.
+//!
+//! | it shows | whole register | shared register |
+//! |---|---|---|
+//! | the same | nothing new | nothing new |
+//! | what stood before a write that was answered as done | not taken: tried again | not taken: tried again |
+//! | a value under way | ours; walked back step by step | ours: the share changes; zero with a base: doubt |
+//! | a value lately sent | ours, very late | doubt: the operator's, or ours |
+//! | zero | CNC restarted: from there on | CNC restarted: base 0, share 0 |
+//! | anything else | somebody else wrote: off | the operator's change: the base moves by it |
+//! | anything else, and a write of ours may have arrived unseen before it | | doubt |
+//! | anything else within `late` of a start that follows no orderly stop | perhaps ours: from there on | doubt, if a promise was open |
+//! | anything else, after the CNC was said to have restarted | from there on, if it is within the limit | doubt, if anything of ours was in it |
+//! | anything at all, while in doubt | | nothing: a person decides |
+//!
+//! Doubt switches off until a person arms. He is shown what stands there and what of it is taken to be ours; when he has
+//! made that right, the register is read once more, and if it still holds what he saw, the rest is the operator's part.
+//!
+//! # What ends what
+//! | fact | the write that was asked for | the decision |
+//! |---|---|---|
+//! | `Done` | is under way until a read shows it | stays |
+//! | `Unknown` | is under way until a read pair or time ends it | is dropped |
+//! | `Refused`, `NotSent` | is none | is dropped |
+//! | `NoAnswer`, `Paused`, `Interlocked`, `Restarted`, `Off` | | is dropped |
+//! | a wait for what may still arrive | | is dropped |
+
+use crate::quantity::Moment;
+
+mod copies;
+mod event;
+mod judge;
+mod kept;
+mod plan;
+mod reports;
+mod settings;
+mod slots;
+mod standing;
+mod state;
+
+pub use copies::{Copies, LatelySent, MOST_REMEMBERED, MOST_UNDER_WAY, Room, Sent};
+pub use event::{Doubt, Event};
+pub use kept::{Account, Kept, Promise};
+pub use settings::{Rules, Settings, Verify};
+pub use slots::Slots;
+pub use standing::{Seen, Shown, Standing};
+pub use state::State;
+
+/// What has happened.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Fact {
+    /// Nothing: the moment has come at which it wanted to be asked again.
+    Look,
+    /// What is wanted.
+    Decided {
+        /// Counts from the bias; of a shared register our share.
+        offset: i64,
+        /// A change to it may be sent until then.
+        not_after: Moment,
+    },
+    /// The register was read.
+    Read {
+        /// What stands there.
+        found: i64,
+        /// When the question was sent: looked at before its first byte.
+        asked: Moment,
+    },
+    /// The read was not answered.
+    NoAnswer,
+    /// The write was answered as done.
+    Done {
+        /// When it had left: looked at after its last byte.
+        left: Moment,
+    },
+    /// Whether the write was carried out is not known.
+    Unknown {
+        /// When it had left: looked at after its last byte.
+        left: Moment,
+    },
+    /// The device says that it did not carry the write out.
+    Refused,
+    /// Nothing of the write has left: its moment was over, or there was no connection.
+    NotSent,
+    /// What was to be kept is on disk.
+    Kept,
+    /// It is not, or nobody knows.
+    NotKept,
+    /// Something else than the register says that the CNC was restarted.
+    Restarted,
+    /// Its interlock opened: nothing is written.
+    Interlocked,
+    /// Its interlock closed again.
+    Released,
+    /// It may be written from now on. Give it after the register was read for the first time.
+    Armed {
+        /// Who says so.
+        by: Who,
+    },
+    /// It is not written any more; what stands there stays.
+    Off,
+    /// The computer stood still: nothing from before counts. It comes before the end of an exchange that was asked for.
+    Paused,
+}
+
+/// Who arms.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Who {
+    /// A person, who has seen what stands there.
+    Person,
+    /// The profile: not where a person has to decide something.
+    Policy,
+}
+
+/// What is to be done next: at most one exchange, whose end is the next fact.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Action {
+    /// Nothing, until a fact comes or this moment.
+    Nothing {
+        /// Then it wants a [`Fact::Look`].
+        until: Moment,
+    },
+    /// Read the register.
+    Read,
+    /// Put [`State::kept`] on disk.
+    Keep,
+    /// Write to the register.
+    Write {
+        /// What it shall hold.
+        value: i64,
+        /// Its first byte may leave until then; else it is not sent.
+        not_after: Moment,
+        /// It is what stands there already.
+        is_repeat: bool,
+    },
+}
+
+/// Takes a fact in and says what to do next. While what was asked for is under way, that is nothing.
+pub fn step(state: &mut State, settings: &Settings, fact: Fact, now: Moment) -> Action {
+    let fresh = state.take(settings, fact, now);
+    plan::act(state, settings, fresh, now)
+}

@@ -1,0 +1,125 @@
+//! What people are told about an output.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use crate::quantity::Moment;
+
+/// Something that happened. Values are counts of the register.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Event {
+    /// A write whose answer never came has arrived.
+    OwnWriteArrivedLate {
+        /// What it put there.
+        value: i64,
+        /// When it was sent.
+        sent: Moment,
+    },
+    /// What appeared may be our own from before the start: it is taken over.
+    PerhapsFromBefore {
+        /// What stands there.
+        value: i64,
+    },
+    /// The operator changed his part of a shared register.
+    OperatorChanged {
+        /// His part before.
+        from: i64,
+        /// His part now.
+        to: i64,
+    },
+    /// The register fell to zero: the CNC was restarted, or somebody cleared it.
+    CncRestarted {
+        /// What stood there before.
+        stood: i64,
+    },
+    /// Somebody else wrote to a register that is ours alone: the axis is off.
+    ForeignValue {
+        /// What should have stood there.
+        expected: i64,
+        /// What does.
+        found: i64,
+    },
+    /// Whose part of a shared register is what cannot be known: the axis is off until a person decides.
+    Doubted {
+        /// Why.
+        doubt: Doubt,
+        /// What stands there.
+        found: i64,
+        /// What of it is taken to be ours.
+        share: i64,
+    },
+    /// A shared register that was never ours before is not zero: a person confirms that all of it is the operator's.
+    FirstAccount {
+        /// What stands there.
+        found: i64,
+    },
+    /// A write was acknowledged, and what stood there before still does.
+    NotTaken {
+        /// What was written.
+        wrote: i64,
+        /// What stands there.
+        found: i64,
+    },
+    /// A late write may still arrive, and the next change would be too far from it.
+    WaitingForLateWrite {
+        /// For so long at most.
+        seconds: u64,
+    },
+    /// The device acknowledges what is written, and nobody reads it back.
+    AcknowledgedNotReadBack,
+    /// The device refused a write.
+    WriteRefused {
+        /// What it was.
+        value: i64,
+    },
+    /// What must be on disk before anything is sent cannot be kept there.
+    DiskDoesNotKeep,
+}
+
+impl Event {
+    /// It switches the axis off until a person arms it.
+    pub fn switches_off(self) -> bool {
+        matches!(self, Event::ForeignValue { .. } | Event::Doubted { .. } | Event::FirstAccount { .. })
+    }
+}
+
+/// Why the account of a shared register is not believed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Doubt {
+    /// The register was changed while a write was under way.
+    ChangedMeanwhile,
+    /// What stands there is the operator's change, or a write of ours that came very late.
+    YoursOrOurs,
+    /// It fell to zero, which is also what a write of ours would have made of it.
+    ZeroOrOurs,
+    /// The CNC was restarted, and something else stands there since.
+    Rebooted,
+    /// Twice in a row an unanswered write was followed by a change of just its size.
+    LikeOurOwn,
+    /// It changed while a person armed the axis.
+    ChangedWhileArming,
+    /// The ledger cannot be read.
+    Unreadable,
+    /// An offset was written before, and there is no ledger of it.
+    Lost,
+    /// The ledger speaks of another register, or of counts of another worth.
+    Elsewhere,
+}
+
+impl fmt::Display for Doubt {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Doubt::ChangedMeanwhile => "somebody changed the register while a write was under way",
+            Doubt::YoursOrOurs => "it is your change, or a write of ours that came very late",
+            Doubt::ZeroOrOurs => "the CNC was restarted, or a write of ours made it zero",
+            Doubt::Rebooted => "the CNC was restarted, and something else stands in its register since",
+            Doubt::LikeOurOwn => "twice an unanswered write was followed by a change of just its size",
+            Doubt::ChangedWhileArming => "the register changed while the axis was being armed",
+            Doubt::Unreadable => "the ledger cannot be read",
+            Doubt::Lost => "an offset was written before, and there is no ledger of it",
+            Doubt::Elsewhere => "the ledger speaks of another register, or of counts of another worth",
+        })
+    }
+}

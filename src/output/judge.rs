@@ -1,0 +1,105 @@
+//! What a read of the register means. Nothing is changed here.
+
+use super::event::Doubt;
+use super::settings::Settings;
+use super::state::State;
+use crate::quantity::Moment;
+
+/// What stands there, and why.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Meaning {
+    /// It was read for the first time, and is whatever it is.
+    First,
+    /// What was expected.
+    Same,
+    /// A write of ours that was under way or lately sent, sent at this moment; `is_late` where a read before this one
+    /// had not shown it yet.
+    Ours { sent: Moment, is_late: bool },
+    /// Something from before the start, perhaps ours.
+    FromBefore,
+    /// A write was answered as done, and what stood there before still does.
+    NotTaken,
+    /// Zero, and nothing else explains it.
+    Restarted,
+    /// Somebody wrote to a register that is ours alone.
+    Foreign,
+    /// The operator changed his part by so much.
+    Moved { by: i64 },
+    /// Nobody can say.
+    Doubtful(Doubt),
+}
+
+/// What it means that a read asked at `asked` found `found`.
+pub(super) fn meaning(state: &State, settings: &Settings, found: i64, asked: Moment) -> Meaning {
+    let Some(expected) = state.expected() else { return Meaning::First };
+    if found == expected {
+        return Meaning::Same;
+    }
+    if state.answered.is_some() && state.verified.is_some_and(|verified| verified.value == found) {
+        return Meaning::NotTaken;
+    }
+    if settings.is_shared {
+        shared(state, settings, expected, found, asked)
+    } else {
+        whole(state, settings, found)
+    }
+}
+
+fn whole(state: &State, settings: &Settings, found: i64) -> Meaning {
+    let is_inside = found.abs_diff(settings.bias) <= settings.limit.unsigned_abs();
+    match ours(state, settings, found) {
+        Some(ours) => ours,
+        None if settings.rules.knows_its_own
+            && let Some(sent) = state.copies.lately_of(found) =>
+        {
+            Meaning::Ours { sent: sent.at, is_late: true }
+        }
+        None if found == 0 || (state.is_rebooted && is_inside) => Meaning::Restarted,
+        None if state.settles_at.is_some() && is_inside => Meaning::FromBefore,
+        None => Meaning::Foreign,
+    }
+}
+
+fn shared(state: &State, settings: &Settings, expected: i64, found: i64, asked: Moment) -> Meaning {
+    let doubts = settings.rules.doubt;
+    let ours = ours(state, settings, found);
+    let is_lately = state.copies.lately_of(found).is_some();
+    if found == 0 {
+        let base = state.account.map_or(0, |account| account.base);
+        return match ours {
+            _ if doubts && base != 0 && (ours.is_some() || is_lately) => Meaning::Doubtful(Doubt::ZeroOrOurs),
+            Some(ours) => ours,
+            None => Meaning::Restarted,
+        };
+    }
+    match ours {
+        Some(ours) => ours,
+        None if is_lately && settings.rules.knows_its_own => Meaning::Doubtful(Doubt::YoursOrOurs),
+        None if doubts && state.is_rebooted && state.has_anything_of_ours() => {
+            Meaning::Doubtful(Doubt::Rebooted)
+        }
+        None if doubts && hides_a_step(state, settings, expected, asked) => {
+            Meaning::Doubtful(Doubt::ChangedMeanwhile)
+        }
+        None if doubts && state.is_like_our_own_again(found.saturating_sub(expected)) => {
+            Meaning::Doubtful(Doubt::LikeOurOwn)
+        }
+        None => Meaning::Moved { by: found.saturating_sub(expected) },
+    }
+}
+
+fn ours(state: &State, settings: &Settings, found: i64) -> Option<Meaning> {
+    let sent = state.copies.of(found).filter(|_| settings.rules.knows_its_own)?;
+    let is_late = state.verified.is_some_and(|verified| verified.asked > sent.left);
+    Some(Meaning::Ours { sent: sent.at, is_late })
+}
+
+/// A write may have arrived and then been changed by the operator, between the read before and this one: his change
+/// would be wrong by a step.
+fn hides_a_step(state: &State, settings: &Settings, expected: i64, asked: Moment) -> bool {
+    let mut others =
+        state.copies.under_way().filter(|sent| sent.answered.is_none() && sent.value != expected);
+    let Some(before) = state.verified.map(|verified| verified.asked) else { return others.next().is_some() };
+    let is_long_ago = asked.since(before) > settings.every.saturating_mul(2);
+    others.any(|sent| is_long_ago || sent.left >= before)
+}

@@ -1,0 +1,229 @@
+//! What to do next, from what is known.
+
+use std::time::Duration;
+
+use super::Action;
+use super::copies::{Copies, Room};
+use super::event::Event;
+use super::settings::{Settings, Verify};
+use super::standing::{Doing, Seen, Standing};
+use super::state::{RETRY, State};
+use crate::quantity::Moment;
+
+/// Where a change can go.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Aim {
+    /// What stands there is what is wanted.
+    There,
+    /// This value is nearer, and may be sent.
+    Send(i64),
+    /// Whatever is nearer is too far from what may still arrive.
+    Blocked,
+}
+
+/// Chooses the next action and takes note of it. `fresh`: a read asked then has just shown nothing new.
+pub(super) fn act(state: &mut State, settings: &Settings, fresh: Option<Moment>, now: Moment) -> Action {
+    match state.doing {
+        Doing::Nothing => {}
+        _ => return Action::Nothing { until: Moment::END },
+    }
+    let aim = change(state, settings, now);
+    if aim.is_some() {
+        note_waiting(state, settings, aim, now);
+    }
+    if state.must_read && now >= state.reads_from {
+        return read(state);
+    }
+    // A whole register says itself what stands in it: what else is known of it goes on disk whenever that is written.
+    state.is_unsaved &= settings.promises();
+    if aim == Some(Aim::There) && state.promised.take().is_some() {
+        state.is_unsaved = true;
+    }
+    let keeps = now >= state.keeps_from;
+    if keeps && state.is_unsaved && !matches!(aim, Some(Aim::Send(_))) {
+        return keep(state);
+    }
+    let writes = keeps && now >= state.writes_from;
+    if writes && let Some(Aim::Send(value)) = aim {
+        if let Some(asked) = fresh.or((settings.verify == Verify::Echo).then_some(now)) {
+            return send(state, settings, value, asked, now);
+        }
+        if now >= state.reads_from && !state.is_unsaved {
+            return read(state);
+        }
+    }
+    if keeps && state.is_unsaved {
+        return keep(state);
+    }
+    if let Some(seen) = state.verified
+        && writes
+        && repeats(state, settings, aim, now)
+    {
+        // Nobody's edit and no zero of a restarted CNC is written over: a repeat follows a read as every write does.
+        if fresh.is_some() || settings.verify == Verify::Echo {
+            return repeat(state, settings, seen, now);
+        }
+        if now >= state.reads_from {
+            return read(state);
+        }
+    }
+    if now >= next_read(state, settings) {
+        return read(state);
+    }
+    Action::Nothing { until: until(state, settings, aim, now) }
+}
+
+/// Where the change that is wanted now can go; `None` where none is wanted, or may be made.
+fn change(state: &State, settings: &Settings, now: Moment) -> Option<Aim> {
+    let order = state.order.filter(|order| now <= order.not_after || !settings.rules.last_moment)?;
+    let stands = state.expected()?;
+    (state.standing == Standing::Armed && !state.is_interlocked && !state.must_read).then_some(())?;
+    if state.settles_at.is_some() && settings.rules.near_what_may_arrive {
+        return Some(Aim::Blocked);
+    }
+    let centre = state.account.map_or(settings.bias, |account| account.base);
+    let target = centre.saturating_add(order.offset);
+    let avoids_zero = settings.is_shared && settings.rules.doubt && centre != 0;
+    Some(aim(state, settings, stands, target, centre, avoids_zero))
+}
+
+fn aim(state: &State, settings: &Settings, stands: i64, target: i64, centre: i64, avoids_zero: bool) -> Aim {
+    // Zero is what a restarted CNC shows: an operator's part is never hidden by it. The count beside it is near enough.
+    let is_there = stands == target || (avoids_zero && target == 0 && stands.unsigned_abs() == 1);
+    if is_there {
+        return Aim::There;
+    }
+    if !state.copies.has_room() {
+        return Aim::Blocked;
+    }
+    let may_be_sent = |value: &i64| {
+        room(state, settings, stands).contains(*value)
+            && is_inside(settings, stands, *value, centre)
+            && target.abs_diff(*value) < target.abs_diff(stands)
+            && !(avoids_zero && *value == 0)
+    };
+    if let Some(promised) = state.promised.filter(may_be_sent) {
+        return Aim::Send(promised);
+    }
+    let beside = |value: i64| [value, value.saturating_sub(1), value.saturating_add(1)];
+    let candidates = room(state, settings, stands).nearest(target).into_iter().flat_map(beside);
+    let nearest = candidates.filter(may_be_sent).min_by_key(|value| target.abs_diff(*value));
+    nearest.map_or(Aim::Blocked, Aim::Send)
+}
+
+/// Within a step of what stands there and of everything that may still arrive.
+fn room(state: &State, settings: &Settings, stands: i64) -> Room {
+    if settings.rules.near_what_may_arrive {
+        state.copies.room(stands, settings.step, settings.reach())
+    } else {
+        Copies::default().room(stands, settings.step, settings.step)
+    }
+}
+
+/// Within the limit, or nearer to it than what stands there.
+fn is_inside(settings: &Settings, stands: i64, value: i64, centre: i64) -> bool {
+    let distance = value.abs_diff(centre);
+    !settings.rules.limit || distance <= settings.limit.unsigned_abs() || distance < stands.abs_diff(centre)
+}
+
+/// A change that waits is told once; what was decided before a wait is not sent after it.
+fn note_waiting(state: &mut State, settings: &Settings, aim: Option<Aim>, now: Moment) {
+    if aim != Some(Aim::Blocked) {
+        state.is_waiting = false;
+        return;
+    }
+    state.drop_order(settings);
+    if !std::mem::replace(&mut state.is_waiting, true) {
+        let until = state.waits_until(settings).unwrap_or(now);
+        state.reports.tell(Event::WaitingForLateWrite { seconds: until.since(now).as_secs() });
+    }
+}
+
+/// Directly after a read that showed nothing new: the promise, or the write that it was for.
+fn send(state: &mut State, settings: &Settings, value: i64, asked: Moment, now: Moment) -> Action {
+    if settings.promises() && (state.promised != Some(value) || state.is_unsaved) {
+        state.promised = Some(value);
+        return keep(state);
+    }
+    if !state.has_begun_on_disk {
+        return keep(state);
+    }
+    state.promised = None;
+    let read = (settings.verify == Verify::Reading).then_some(asked);
+    state.doing = Doing::Writing { value, begun: now, read };
+    let not_after = state.order.map_or(now, |order| order.not_after);
+    Action::Write { value, not_after, is_repeat: false }
+}
+
+/// What stands there is due to be sent again: because it is refreshed, or because of an output that cannot be read
+/// nothing else says that what was under way has not arrived.
+fn repeats(state: &State, settings: &Settings, aim: Option<Aim>, now: Moment) -> bool {
+    let Some(seen) = state.verified else { return false };
+    let is_due = settings.refresh.is_some_and(|refresh| now >= state.written_at.after(refresh))
+        && !state.is_waiting
+        && aim.is_none_or(|aim| aim == Aim::There)
+        && state.answered.is_none();
+    let clears = settings.verify == Verify::Echo
+        && state.copies.first_over(settings.late).is_some_and(|over| now > over);
+    let may = state.standing == Standing::Armed && !state.is_interlocked && !state.must_read;
+    let is_settled = state.settles_at.is_none() && state.copies.has_room();
+    may && (is_due || clears) && is_settled && !settings.is_shared && is_repeatable(state, settings, seen)
+}
+
+/// A late one that arrives after it would be at most one step away from it.
+fn is_repeatable(state: &State, settings: &Settings, seen: Seen) -> bool {
+    let room = state.copies.room(seen.value, settings.step, settings.step);
+    room.contains(seen.value) || !settings.rules.near_what_may_arrive
+}
+
+fn repeat(state: &mut State, settings: &Settings, seen: Seen, now: Moment) -> Action {
+    if !state.has_begun_on_disk || state.is_unsaved {
+        return keep(state);
+    }
+    state.doing = Doing::Writing { value: seen.value, begun: now, read: None };
+    debug_assert!(!settings.is_shared, "a shared register is never refreshed");
+    Action::Write { value: seen.value, not_after: Moment::END, is_repeat: true }
+}
+
+fn keep(state: &mut State) -> Action {
+    state.doing = Doing::Keeping;
+    state.is_unsaved = false;
+    Action::Keep
+}
+
+fn read(state: &mut State) -> Action {
+    state.doing = Doing::Reading;
+    Action::Read
+}
+
+/// When the register is read next, if nothing else comes before.
+fn next_read(state: &State, settings: &Settings) -> Moment {
+    if settings.verify == Verify::Echo {
+        return Moment::END;
+    }
+    let Some(seen) = state.verified else { return state.reads_from };
+    let is_certain = state.copies.under_way().next().is_none() && state.settles_at.is_none();
+    let span = if is_certain { settings.every } else { settings.every.min(RETRY) };
+    let over = state.copies.first_over(settings.late).into_iter().chain(state.settles_at).min();
+    let ends = over.map_or(Moment::END, |over| over.after(Duration::from_nanos(1)));
+    seen.asked.after(span).min(ends.max(seen.asked)).max(state.reads_from)
+}
+
+fn until(state: &State, settings: &Settings, aim: Option<Aim>, now: Moment) -> Moment {
+    let read = if state.must_read { state.reads_from } else { next_read(state, settings) };
+    let has_to_write = state.is_unsaved || matches!(aim, Some(Aim::Send(_)));
+    let write = if has_to_write {
+        state.writes_from.max(state.keeps_from).max(state.reads_from)
+    } else {
+        Moment::END
+    };
+    let is_armed = state.standing == Standing::Armed;
+    let refresh = settings.refresh.filter(|_| is_armed).map(|refresh| state.written_at.after(refresh));
+    let clears = state.copies.first_over(settings.late).filter(|_| is_armed);
+    let later = |moment: Moment| moment.max(now.after(RETRY));
+    [Some(read), Some(write), refresh.map(later), clears.map(later)]
+        .into_iter()
+        .flatten()
+        .min()
+        .unwrap_or(Moment::END)
+}

@@ -1,0 +1,53 @@
+//! What people are to be told, each trouble once.
+
+use super::event::Event;
+use super::slots::Slots;
+
+/// Events that were not taken yet, and what was said already.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub(super) struct Reports {
+    events: Slots<Event, 8>,
+    has_said_acknowledged: bool,
+    has_said_disk: bool,
+    has_said_trouble: bool,
+}
+
+impl Reports {
+    /// A step tells three at most, and they are taken after each.
+    pub(super) fn tell(&mut self, event: Event) {
+        let _ = self.events.push(event);
+    }
+
+    /// Once, until a write stands there.
+    pub(super) fn tell_trouble(&mut self, event: Event) {
+        if !std::mem::replace(&mut self.has_said_trouble, true) {
+            self.tell(event);
+        }
+    }
+
+    /// Once, until the disk keeps something again.
+    pub(super) fn tell_disk(&mut self) {
+        if !std::mem::replace(&mut self.has_said_disk, true) {
+            self.tell(Event::DiskDoesNotKeep);
+        }
+    }
+
+    /// Once.
+    pub(super) fn tell_acknowledged(&mut self) {
+        if !std::mem::replace(&mut self.has_said_acknowledged, true) {
+            self.tell(Event::AcknowledgedNotReadBack);
+        }
+    }
+
+    pub(super) fn write_stands(&mut self) {
+        self.has_said_trouble = false;
+    }
+
+    pub(super) fn disk_keeps(&mut self) {
+        self.has_said_disk = false;
+    }
+
+    pub(super) fn take(&mut self) -> Slots<Event, 8> {
+        std::mem::take(&mut self.events)
+    }
+}

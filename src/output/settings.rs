@@ -1,0 +1,72 @@
+//! What an output is, in whole counts of its register.
+
+use std::time::Duration;
+
+/// One output. Counts are those of the register; whoever calls converts from µm.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Settings {
+    /// The largest change of the register by one write: at least 1, of a shared register at least 2.
+    pub step: i64,
+    /// The largest distance from the bias, or from the operator's part.
+    pub limit: i64,
+    /// What the register holds where the offset is zero. A shared register has none: there it belongs to the operator.
+    pub bias: i64,
+    /// How long after it left a write may still arrive.
+    pub late: Duration,
+    /// How long a value whose answer never came is still recognised after that: some ten times `late`.
+    pub remembered: Duration,
+    /// The longest time between two readings of the register.
+    pub every: Duration,
+    /// What stands there is sent again after this long.
+    pub refresh: Option<Duration>,
+    /// An operator writes to the register too, and keeps what is his.
+    pub is_shared: bool,
+    /// How a write is known to stand there.
+    pub verify: Verify,
+    /// All of them, outside of the search that shows what each is for.
+    pub rules: Rules,
+}
+
+impl Settings {
+    /// What is on disk before a value is sent: a register that says itself what stands in it needs no promise.
+    pub(super) fn promises(&self) -> bool {
+        self.is_shared || self.verify == Verify::Echo
+    }
+
+    /// How far a value may be from another one under way. One count less where an operator writes too: his edit of
+    /// exactly one step is then never taken for ours.
+    pub(super) fn reach(&self) -> i64 {
+        if self.is_shared { self.step - 1 } else { self.step }
+    }
+}
+
+/// How a write is known to stand there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verify {
+    /// The register is read.
+    Reading,
+    /// It cannot be, or is not to be: the device's answer is all there is.
+    Echo,
+}
+
+/// The rules that can be taken out one by one, to show that the search finds what each of them prevents.
+#[doc(hidden)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Rules {
+    /// What may still arrive is never more than one step away.
+    pub near_what_may_arrive: bool,
+    /// A value that appears is ours if it is under way.
+    pub knows_its_own: bool,
+    /// A change has a last moment.
+    pub last_moment: bool,
+    /// Nothing is sent beyond the limit.
+    pub limit: bool,
+    /// Where the operator's part cannot be known, a person decides.
+    pub doubt: bool,
+}
+
+impl Default for Rules {
+    fn default() -> Rules {
+        Rules { near_what_may_arrive: true, knows_its_own: true, last_moment: true, limit: true, doubt: true }
+    }
+}

@@ -1,0 +1,87 @@
+//! A list of fixed capacity, so that a step asks no allocator for anything.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+/// At most `N` items, in the order in which they came.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(
+    into = "Vec<T>",
+    try_from = "Vec<T>",
+    bound(serialize = "T: Copy + Serialize", deserialize = "T: Copy + Deserialize<'de>")
+)]
+pub struct Slots<T, const N: usize> {
+    items: [Option<T>; N],
+    len: usize,
+}
+
+impl<T: Copy, const N: usize> Slots<T, N> {
+    /// How many it holds.
+    pub fn len(&self) -> usize {
+        self.len
+    }
+
+    /// It holds none.
+    pub fn is_empty(&self) -> bool {
+        self.len == 0
+    }
+
+    /// Adds an item at the end; whether there was room for it.
+    #[must_use]
+    pub fn push(&mut self, item: T) -> bool {
+        let slot = self.items.get_mut(self.len);
+        let has_room = slot.is_some();
+        if let Some(slot) = slot {
+            *slot = Some(item);
+            self.len += 1;
+        }
+        has_room
+    }
+
+    /// Its items, the oldest first.
+    pub fn iter(&self) -> impl Iterator<Item = &T> {
+        self.items.iter().flatten()
+    }
+
+    pub(super) fn iter_mut(&mut self) -> impl Iterator<Item = &mut T> {
+        self.items.iter_mut().flatten()
+    }
+
+    pub(super) fn retain(&mut self, mut stays: impl FnMut(&T) -> bool) {
+        let before = std::mem::take(self);
+        for item in before.iter().filter(|item| stays(item)) {
+            let _ = self.push(*item);
+        }
+    }
+}
+
+impl<T: Copy, const N: usize> Default for Slots<T, N> {
+    fn default() -> Self {
+        Slots { items: [None; N], len: 0 }
+    }
+}
+
+impl<T: Copy, const N: usize> From<Slots<T, N>> for Vec<T> {
+    fn from(slots: Slots<T, N>) -> Vec<T> {
+        slots.iter().copied().collect()
+    }
+}
+
+impl<T: Copy, const N: usize> TryFrom<Vec<T>> for Slots<T, N> {
+    type Error = &'static str;
+    fn try_from(items: Vec<T>) -> Result<Self, Self::Error> {
+        let mut slots = Slots::default();
+        if items.into_iter().all(|item| slots.push(item)) {
+            Ok(slots)
+        } else {
+            Err("more than it has room for")
+        }
+    }
+}
+
+impl<T: Copy + fmt::Debug, const N: usize> fmt::Debug for Slots<T, N> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_list().entries(self.iter()).finish()
+    }
+}

@@ -1,0 +1,65 @@
+//! What is known, asked for and shown of one output.
+
+use super::kept::Account;
+use crate::quantity::Moment;
+
+/// A value, and when the question was sent that it answers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Seen {
+    /// What stands there.
+    pub value: i64,
+    /// When the read was asked; of an output that is not read, when the write had left.
+    pub asked: Moment,
+}
+
+/// What was asked of the caller and not answered yet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Doing {
+    Nothing,
+    Reading,
+    Writing {
+        value: i64,
+        begun: Moment,
+        read: Option<Moment>,
+    },
+    Keeping,
+    /// The process ends: nothing is begun any more.
+    Ended,
+}
+
+/// What is wanted: counts from the bias, or our share.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Order {
+    pub(super) offset: i64,
+    pub(super) not_after: Moment,
+}
+
+/// Whether it may be written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Standing {
+    /// Nobody has armed it, or somebody switched it off.
+    Off,
+    /// Off until a person arms it: something happened that only a person can judge.
+    Barred,
+    /// A person armed it and confirmed this value of a shared register, which is read once more.
+    Confirming(i64),
+    /// It follows what is wanted.
+    Armed,
+}
+
+/// What people see.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shown {
+    /// What stands in the register, and when it was asked.
+    pub verified: Option<Seen>,
+    /// It was only acknowledged, not read.
+    pub is_only_acknowledged: bool,
+    /// Whose part is what, where the register is shared.
+    pub account: Option<Account>,
+    /// Whether it may be written.
+    pub standing: Standing,
+    /// How many copies may still arrive.
+    pub under_way: usize,
+    /// Until when a change waits for them.
+    pub waits_until: Option<Moment>,
+}

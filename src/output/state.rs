@@ -1,0 +1,483 @@
+//! What is known of one output, and how each fact changes it.
+
+use std::time::Duration;
+
+use super::copies::{Copies, Look, Sent};
+use super::event::{Doubt, Event};
+use super::judge::{self, Meaning};
+use super::kept::{Account, Kept, Promise};
+use super::reports::Reports;
+use super::settings::{Settings, Verify};
+use super::slots::Slots;
+use super::standing::{Doing, Order, Seen, Shown, Standing};
+use super::{Fact, Who};
+use crate::quantity::Moment;
+
+/// What failed is tried again after this long at the earliest; and what is not certain is looked at again.
+pub(super) const RETRY: Duration = Duration::from_secs(1);
+
+/// One output.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct State {
+    pub(super) doing: Doing,
+    pub(super) copies: Copies,
+    /// What the last read showed; of an output that is not read what was acknowledged last.
+    pub(super) verified: Option<Seen>,
+    /// What was answered as done since then.
+    pub(super) answered: Option<i64>,
+    /// Whose part is what in a shared register, once that is known.
+    pub(super) account: Option<Account>,
+    pub(super) standing: Standing,
+    pub(super) is_interlocked: bool,
+    /// What is wanted, and until when a change to it may be sent.
+    pub(super) order: Option<Order>,
+    /// The value on disk that is about to be sent.
+    pub(super) promised: Option<i64>,
+    /// The disk does not say what it must say before the next write.
+    pub(super) is_unsaved: bool,
+    /// The disk says that this run has begun: it does not end in order unless it says so itself.
+    pub(super) has_begun_on_disk: bool,
+    /// After a start without an orderly stop a whole register is not written until a read was asked after this.
+    pub(super) settles_at: Option<Moment>,
+    /// No read before this can be the first of a pair.
+    pub(super) pairs_from: Moment,
+    /// The CNC was restarted since the last read.
+    pub(super) is_rebooted: bool,
+    /// The change that the last write would have made, if nobody answered it as done, until the next read.
+    unanswered_change: Option<i64>,
+    /// The operator's last change equalled an unanswered one of ours.
+    was_like_our_own: bool,
+    /// The register is to be read before anything else is decided.
+    pub(super) must_read: bool,
+    /// A change waits for what may still arrive.
+    pub(super) is_waiting: bool,
+    /// No read is tried again before this.
+    pub(super) reads_from: Moment,
+    /// No write is tried again before this.
+    pub(super) writes_from: Moment,
+    /// Nothing is given to the disk again before this.
+    pub(super) keeps_from: Moment,
+    /// When something was last put there.
+    pub(super) written_at: Moment,
+    pub(super) reports: Reports,
+}
+
+impl State {
+    /// At a start, with what the last run left on disk.
+    pub fn new(settings: &Settings, kept: Option<&Kept>, now: Moment) -> State {
+        let nothing = Kept::default();
+        let was_in_order = kept.is_some_and(|kept| kept.in_order);
+        let kept = kept.unwrap_or(&nothing);
+        let is_read = settings.verify == Verify::Reading;
+        let acknowledged = Seen { value: kept.stood.unwrap_or(settings.bias), asked: now };
+        let account = kept.account.filter(|_| settings.is_shared);
+        let is_doubtful = account.is_some_and(|account| account.doubt.is_some());
+        let late_over = now.after(settings.late);
+        State {
+            doing: Doing::Nothing,
+            copies: kept.copies(settings, now),
+            verified: (!is_read).then_some(acknowledged),
+            answered: None,
+            account,
+            standing: if is_doubtful { Standing::Barred } else { Standing::Off },
+            is_interlocked: false,
+            order: None,
+            promised: None,
+            is_unsaved: false,
+            has_begun_on_disk: false,
+            settles_at: (!was_in_order && !settings.promises()).then_some(late_over),
+            pairs_from: if was_in_order { now } else { late_over },
+            is_rebooted: false,
+            unanswered_change: None,
+            was_like_our_own: false,
+            must_read: is_read,
+            is_waiting: false,
+            reads_from: now,
+            writes_from: now,
+            keeps_from: now,
+            written_at: now,
+            reports: Reports::default(),
+        }
+    }
+
+    /// What people see.
+    pub fn shown(&self, settings: &Settings) -> Shown {
+        Shown {
+            verified: self.verified,
+            is_only_acknowledged: settings.verify == Verify::Echo,
+            account: self.account,
+            standing: self.standing,
+            under_way: self.copies.under_way().count(),
+            waits_until: self.is_waiting.then(|| self.waits_until(settings)).flatten(),
+        }
+    }
+
+    /// What of ours may still appear in the register.
+    pub fn copies(&self) -> &Copies {
+        &self.copies
+    }
+
+    /// What has happened since this was last called.
+    pub fn take_events(&mut self) -> Slots<Event, 8> {
+        self.reports.take()
+    }
+
+    /// What is to be put on disk now.
+    pub fn kept(&self) -> Kept {
+        let mut promises = Slots::default();
+        let mut add = |value, at, is_under_way| {
+            // There is room for all that fits into the memory and one more.
+            let _ = promises.push(Promise { value, at, is_under_way });
+        };
+        self.copies.under_way().for_each(|sent| add(sent.value, sent.at, true));
+        let about_to_be = self.promised.or(match self.doing {
+            Doing::Writing { value, .. } => Some(value),
+            _ => None,
+        });
+        about_to_be.into_iter().for_each(|value| add(value, self.written_at, true));
+        self.copies.lately().for_each(|sent| add(sent.value, sent.at, false));
+        Kept {
+            in_order: false,
+            account: self.account,
+            stood: self.verified.map(|verified| verified.value),
+            promises,
+        }
+    }
+
+    /// The end of the process: what goes on disk last. Nothing is begun any more. The stop is in order if nothing may
+    /// still arrive.
+    pub fn end(&mut self) -> Kept {
+        self.promised = None;
+        let is_writing = matches!(self.doing, Doing::Writing { .. });
+        let in_order = !is_writing && self.copies.under_way().next().is_none() && self.settles_at.is_none();
+        let kept = Kept { in_order, ..self.kept() };
+        self.doing = Doing::Ended;
+        kept
+    }
+
+    /// Takes a fact in. When a read shows nothing new, the moment at which it was asked.
+    pub(super) fn take(&mut self, settings: &Settings, fact: Fact, now: Moment) -> Option<Moment> {
+        self.is_unsaved |= self.copies.expire(now);
+        match fact {
+            Fact::Look => {}
+            Fact::Decided { offset, not_after } => {
+                let offset =
+                    if settings.rules.limit { offset.clamp(-settings.limit, settings.limit) } else { offset };
+                self.order = Some(Order { offset, not_after });
+            }
+            Fact::Read { found, asked } if self.ends(Doing::Reading) => {
+                return self.read(settings, found, asked, now);
+            }
+            Fact::NoAnswer if self.ends(Doing::Reading) => {
+                self.reads_from = now.after(RETRY);
+                self.drop_order(settings);
+            }
+            Fact::Done { left } => self.written(settings, Some(now), left, now),
+            Fact::Unknown { left } => self.written(settings, None, left, now),
+            Fact::Refused => {
+                if let Some(value) = self.not_written(settings, now) {
+                    self.unanswered_change = self.expected().map(|stood| value.saturating_sub(stood));
+                    self.reports.tell_trouble(Event::WriteRefused { value });
+                }
+            }
+            Fact::NotSent => {
+                self.not_written(settings, now);
+            }
+            Fact::Kept if self.ends(Doing::Keeping) => {
+                self.has_begun_on_disk = true;
+                self.reports.disk_keeps();
+            }
+            Fact::NotKept if self.ends(Doing::Keeping) => {
+                self.is_unsaved = true;
+                self.keeps_from = now.after(RETRY);
+                self.drop_order(settings);
+                self.reports.tell_disk();
+            }
+            Fact::Restarted => self.restarted(settings, now),
+            Fact::Interlocked => {
+                self.is_interlocked = true;
+                self.drop_order(settings);
+            }
+            Fact::Released => self.is_interlocked = false,
+            Fact::Paused => {
+                self.must_read = settings.verify == Verify::Reading;
+                self.drop_order(settings);
+            }
+            Fact::Armed { by } => self.arm(settings, by),
+            Fact::Off => {
+                let is_barred = matches!(self.standing, Standing::Barred | Standing::Confirming(_));
+                self.switch_off(if is_barred { Standing::Barred } else { Standing::Off });
+            }
+            // Nobody asked for it.
+            Fact::Read { .. } | Fact::NoAnswer | Fact::Kept | Fact::NotKept => {}
+        }
+        None
+    }
+
+    fn read(&mut self, settings: &Settings, found: i64, asked: Moment, now: Moment) -> Option<Moment> {
+        let meaning = judge::meaning(self, settings, found, asked);
+        let is_believed = self.account.is_none_or(|account| account.doubt.is_none());
+        if is_believed {
+            self.follow(settings, meaning, found, now);
+        }
+        let look = Look {
+            found,
+            asked,
+            late: settings.late,
+            remembered: settings.remembered,
+            pairs_from: self.pairs_from,
+        };
+        self.is_unsaved |= self.copies.look(look);
+        if self.settles_at.is_some_and(|settles| asked > settles) {
+            self.settles_at = None;
+        }
+        self.verified = Some(Seen { value: found, asked });
+        (self.answered, self.unanswered_change) = (None, None);
+        (self.must_read, self.is_rebooted) = (false, false);
+        self.confirm(found);
+        (meaning == Meaning::Same).then_some(asked)
+    }
+
+    fn follow(&mut self, settings: &Settings, meaning: Meaning, found: i64, now: Moment) {
+        let expected = self.expected();
+        match meaning {
+            Meaning::Same => {
+                if self.answered.is_some() {
+                    self.reports.write_stands();
+                }
+                self.share_is(found);
+            }
+            Meaning::First if settings.is_shared && found != 0 => {
+                if self.standing != Standing::Barred {
+                    self.reports.tell(Event::FirstAccount { found });
+                }
+                self.switch_off(Standing::Barred);
+            }
+            Meaning::First if settings.is_shared => self.account_is(Account::default()),
+            Meaning::First => {}
+            Meaning::Ours { sent, is_late } => {
+                self.share_is(found);
+                if is_late {
+                    self.reports.tell(Event::OwnWriteArrivedLate { value: found, sent });
+                }
+            }
+            Meaning::FromBefore => self.reports.tell(Event::PerhapsFromBefore { value: found }),
+            Meaning::NotTaken => {
+                self.reports.tell_trouble(Event::NotTaken { wrote: expected.unwrap_or(found), found });
+                self.writes_from = now.after(RETRY);
+            }
+            Meaning::Restarted => {
+                self.reports.tell(Event::CncRestarted { stood: expected.unwrap_or(found) });
+                if settings.is_shared {
+                    self.account_is(Account::default());
+                }
+                if found.abs_diff(settings.bias) > settings.limit.unsigned_abs() && !settings.is_shared {
+                    self.bar_foreign(settings.bias, found);
+                }
+            }
+            Meaning::Foreign => self.bar_foreign(expected.unwrap_or(found), found),
+            Meaning::Moved { by } => {
+                self.was_like_our_own = self.unanswered_change == Some(by);
+                expected.into_iter().for_each(|expected| self.share_is(expected));
+                let Some(account) = self.account else { return };
+                let to = account.base.saturating_add(by);
+                self.reports.tell(Event::OperatorChanged { from: account.base, to });
+                self.account_is(Account { base: to, ..account });
+            }
+            Meaning::Doubtful(doubt) => self.doubt(doubt, found),
+        }
+    }
+
+    /// The sum is known, and the operator's part has not changed.
+    fn share_is(&mut self, sum: i64) {
+        if let Some(account) = self.account {
+            self.account_is(Account { share: sum.saturating_sub(account.base), ..account });
+        }
+    }
+
+    fn account_is(&mut self, account: Account) {
+        self.is_unsaved |= self.account != Some(account);
+        self.account = Some(account);
+    }
+
+    fn doubt(&mut self, doubt: Doubt, found: i64) {
+        let account = self.account.unwrap_or_default();
+        self.account_is(Account { doubt: Some(doubt), ..account });
+        self.reports.tell(Event::Doubted { doubt, found, share: account.share });
+        self.switch_off(Standing::Barred);
+    }
+
+    fn bar_foreign(&mut self, expected: i64, found: i64) {
+        if self.standing == Standing::Armed {
+            self.reports.tell(Event::ForeignValue { expected, found });
+            self.switch_off(Standing::Barred);
+        }
+    }
+
+    fn arm(&mut self, settings: &Settings, by: Who) {
+        // Whoever arms takes over what stands there: what was decided before started from something else.
+        self.drop_order(settings);
+        let is_confirmed = self.account.is_some_and(|account| account.doubt.is_none());
+        match (self.standing, by) {
+            (Standing::Armed | Standing::Confirming(_), _) | (Standing::Barred, Who::Policy) => {}
+            _ if !settings.is_shared || is_confirmed => {
+                if by == Who::Person {
+                    self.copies.pin();
+                }
+                self.standing = Standing::Armed;
+            }
+            (_, Who::Policy) => {}
+            (_, Who::Person) => {
+                self.copies.pin();
+                self.must_read = true;
+                let shown = self.verified.map(|verified| Standing::Confirming(verified.value));
+                self.standing = shown.unwrap_or(self.standing);
+            }
+        }
+    }
+
+    /// A person has said that the register is right: our share is what it was taken to be, the rest is the operator's.
+    fn confirm(&mut self, found: i64) {
+        let Standing::Confirming(shown) = self.standing else { return };
+        let account = self.account.unwrap_or_default();
+        if found == shown {
+            self.account_is(Account {
+                base: found.saturating_sub(account.share),
+                share: account.share,
+                doubt: None,
+            });
+            self.standing = Standing::Armed;
+        } else {
+            self.doubt(Doubt::ChangedWhileArming, found);
+        }
+    }
+
+    fn restarted(&mut self, settings: &Settings, now: Moment) {
+        self.drop_order(settings);
+        if settings.verify == Verify::Reading {
+            (self.is_rebooted, self.must_read) = (true, true);
+        } else {
+            // What a restarted control holds that nobody can read: nothing.
+            let stood = self.verified.map_or(settings.bias, |verified| verified.value);
+            self.reports.tell(Event::CncRestarted { stood });
+            self.verified = Some(Seen { value: settings.bias, asked: now });
+            self.is_unsaved = true;
+        }
+    }
+
+    /// A write has left: it was answered as done at this moment, or nobody knows.
+    fn written(&mut self, settings: &Settings, answered: Option<Moment>, left: Moment, now: Moment) {
+        let Doing::Writing { value, begun, read } = self.doing else { return };
+        self.doing = Doing::Nothing;
+        self.written_at = now;
+        let stood = self.expected();
+        if settings.verify == Verify::Echo && answered.is_some() {
+            self.acknowledged(settings, value, begun, left);
+            return;
+        }
+        let other_seen = read.filter(|asked| *asked > self.pairs_from);
+        let sent = Sent { value, at: left, left, answered, other_seen, is_pinned: false };
+        // A write is only begun where there is room for it.
+        let _ = self.copies.add(sent);
+        self.must_read |= settings.verify == Verify::Reading && (answered.is_none() || read.is_some());
+        if answered.is_some() {
+            self.answered = Some(value);
+        } else {
+            self.unanswered_change = stood.map(|stood| value.saturating_sub(stood));
+            self.writes_from = now.after(RETRY);
+            self.drop_order(settings);
+        }
+    }
+
+    fn acknowledged(&mut self, settings: &Settings, value: i64, begun: Moment, left: Moment) {
+        self.copies.end_late(begun, settings.late, settings.remembered);
+        self.verified = Some(Seen { value, asked: left });
+        self.is_unsaved = true;
+        self.reports.tell_acknowledged();
+    }
+
+    /// A write did not take place. What it was.
+    fn not_written(&mut self, settings: &Settings, now: Moment) -> Option<i64> {
+        let Doing::Writing { value, .. } = self.doing else { return None };
+        self.doing = Doing::Nothing;
+        self.is_unsaved |= settings.promises();
+        self.writes_from = now.after(RETRY);
+        self.drop_order(settings);
+        Some(value)
+    }
+
+    /// What was decided before this is not sent any more.
+    pub(super) fn drop_order(&mut self, settings: &Settings) {
+        if settings.rules.last_moment {
+            self.order = None;
+        }
+    }
+
+    fn switch_off(&mut self, to: Standing) {
+        if to == Standing::Barred {
+            // A person may type anything now, also what is under way: that ends nothing.
+            self.copies.pin();
+        }
+        self.standing = to;
+        self.order = None;
+        self.is_waiting = false;
+        if self.promised.take().is_some() {
+            self.is_unsaved = true;
+        }
+    }
+
+    /// What was asked for has come to its end, if it was this.
+    fn ends(&mut self, what: Doing) -> bool {
+        let is_it = self.doing == what;
+        if is_it {
+            self.doing = Doing::Nothing;
+        }
+        is_it
+    }
+
+    /// What should stand there: what was answered as done last, else what was verified last.
+    pub(super) fn expected(&self) -> Option<i64> {
+        let from_disk = || self.account.map(|account| account.base.saturating_add(account.share));
+        self.answered.or(self.verified.map(|verified| verified.value)).or_else(from_disk)
+    }
+
+    /// Our share stands there, or something of ours may still arrive.
+    pub(super) fn has_anything_of_ours(&self) -> bool {
+        self.account.is_some_and(|account| account.share != 0) || self.copies.under_way().next().is_some()
+    }
+
+    /// For the second time in a row an unanswered write was followed by a change of just its size.
+    pub(super) fn is_like_our_own_again(&self, change: i64) -> bool {
+        self.was_like_our_own && self.unanswered_change == Some(change)
+    }
+
+    /// When what may still arrive no longer forbids anything, at the latest.
+    pub(super) fn waits_until(&self, settings: &Settings) -> Option<Moment> {
+        self.copies.all_over(settings.late).into_iter().chain(self.settles_at).max()
+    }
+
+    /// The same state with every moment moved by `to`, and without what only people see: two states that are equal then
+    /// behave alike.
+    #[doc(hidden)]
+    pub fn moved(&self, to: impl Fn(Moment) -> Moment) -> State {
+        State {
+            doing: match self.doing {
+                Doing::Writing { value, begun, read } => {
+                    Doing::Writing { value, begun: to(begun), read: read.map(&to) }
+                }
+                other => other,
+            },
+            copies: self.copies.moved(&to),
+            verified: self.verified.map(|seen| Seen { asked: to(seen.asked), ..seen }),
+            order: self.order.map(|order| Order { not_after: to(order.not_after), ..order }),
+            settles_at: self.settles_at.map(&to),
+            pairs_from: to(self.pairs_from),
+            reads_from: to(self.reads_from),
+            writes_from: to(self.writes_from),
+            keeps_from: to(self.keeps_from),
+            written_at: to(self.written_at),
+            reports: Reports::default(),
+            ..*self
+        }
+    }
+}

@@ -1,0 +1,108 @@
+//! A question as the device got it, and what can be made of it.
+
+use isotherm::codec::checksum;
+
+/// What the device's temperature is, in tenths of a degree, and what it never is.
+pub(crate) const TRUTH: i32 = 215;
+pub(crate) const LIE: i32 = 777;
+
+/// How the line is made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Tcp,
+    RtuOverTcp,
+    Port,
+}
+
+impl Kind {
+    pub(crate) const ALL: [Kind; 3] = [Kind::Tcp, Kind::RtuOverTcp, Kind::Port];
+
+    pub(crate) fn is_rtu(self) -> bool {
+        self != Kind::Tcp
+    }
+
+    /// A protocol data unit as it travels on this line.
+    pub(crate) fn frame(self, transaction: u16, unit: u8, pdu: &[u8]) -> Vec<u8> {
+        if self.is_rtu() { rtu(unit, pdu) } else { tcp(transaction, 0, pdu.len() + 1, unit, pdu) }
+    }
+}
+
+pub(crate) fn rtu(unit: u8, pdu: &[u8]) -> Vec<u8> {
+    let mut bytes = [&[unit], pdu].concat();
+    bytes.extend(checksum(&bytes).to_le_bytes());
+    bytes
+}
+
+/// A frame with any header.
+pub(crate) fn tcp(transaction: u16, protocol: u16, length: usize, unit: u8, pdu: &[u8]) -> Vec<u8> {
+    let length = u16::try_from(length).unwrap();
+    let words = [transaction, protocol, length];
+    let header = words.into_iter().flat_map(u16::to_be_bytes);
+    header.chain([unit]).chain(pdu.iter().copied()).collect()
+}
+
+/// The answer to a read of this temperature.
+pub(crate) fn reading(function: u8, tenths: i32) -> Vec<u8> {
+    [&[function, 4], tenths.to_be_bytes().as_slice()].concat()
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct Asked {
+    pub(crate) kind: Kind,
+    pub(crate) transaction: u16,
+    pub(crate) unit: u8,
+    pub(crate) pdu: Vec<u8>,
+}
+
+impl Asked {
+    /// The first whole question among these bytes, and where it ends.
+    pub(crate) fn find(kind: Kind, bytes: &[u8]) -> Option<(Asked, usize)> {
+        if !kind.is_rtu() {
+            let header = bytes.first_chunk::<7>()?;
+            let length = usize::from(u16::from_be_bytes([header[4], header[5]]));
+            let pdu = bytes.get(7..6 + length)?.to_vec();
+            let transaction = u16::from_be_bytes([header[0], header[1]]);
+            return Some((Asked { kind, transaction, unit: header[6], pdu }, 6 + length));
+        }
+        (0..bytes.len()).find_map(|from| {
+            let rest = &bytes[from..];
+            let length = if *rest.get(1)? == 16 { 9 + usize::from(*rest.get(6)?) } else { 8 };
+            let (frame, sum) = rest.get(..length)?.split_at(length - 2);
+            let is_whole = checksum(frame).to_le_bytes() == sum;
+            let asked = || Asked { kind, transaction: 0, unit: frame[0], pdu: frame[1..].to_vec() };
+            is_whole.then(|| (asked(), from + length))
+        })
+    }
+
+    pub(crate) fn function(&self) -> u8 {
+        self.pdu[0]
+    }
+
+    pub(crate) fn is_read(&self) -> bool {
+        self.function() < 5
+    }
+
+    /// In its own envelope.
+    pub(crate) fn framed(&self, pdu: &[u8]) -> Vec<u8> {
+        self.kind.frame(self.transaction, self.unit, pdu)
+    }
+
+    /// In that of another unit.
+    pub(crate) fn framed_for(&self, unit: u8) -> Vec<u8> {
+        self.kind.frame(self.transaction, unit, &self.content())
+    }
+
+    /// The right answer.
+    pub(crate) fn right(&self) -> Vec<u8> {
+        self.framed(&self.pdu_of(TRUTH))
+    }
+
+    /// An answer of the right form, with the temperature that the device never has. A write has one form only.
+    pub(crate) fn content(&self) -> Vec<u8> {
+        self.pdu_of(LIE)
+    }
+
+    pub(crate) fn pdu_of(&self, tenths: i32) -> Vec<u8> {
+        if self.is_read() { reading(self.function(), tenths) } else { self.pdu[..5].to_vec() }
+    }
+}

@@ -1,0 +1,321 @@
+//! A Modbus TCP device that keeps what reaches it: every read and every write, with its moment and its connection.
+//!
+//! `holding:0` is a temperature, `holding:10` an offset. [`PROFILE`] asks for as many counts of offset as the temperature
+//! has, so that whoever sets the one knows where the other has to go.
+
+#![allow(dead_code, reason = "each of the tests uses its part")]
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard};
+use std::time::Duration;
+
+use isotherm::clock::Clock;
+use isotherm::quantity::Moment;
+
+/// Counts of one step of the axis.
+pub(crate) const STEP: i16 = 10;
+/// How long the gateway is silent before each of its questions: time enough to act between two of them.
+const PAUSE: &str = "100ms";
+
+const TEMPERATURE: u16 = 0;
+const OFFSET: u16 = 10;
+
+/// The times of a machine.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Times {
+    /// No answer is waited for longer.
+    pub(crate) timeout: Duration,
+    /// The period of the reading and of the axis; long enough for four questions, each after its pause.
+    pub(crate) every: Duration,
+    /// No reading that is older may be acted upon.
+    pub(crate) max_age: Duration,
+}
+
+/// A machine of this one device: an axis that walks one step a period.
+pub(crate) fn profile(address: SocketAddr, times: Times) -> String {
+    let spans = [("MAX_AGE", times.max_age), ("TIMEOUT", times.timeout), ("EVERY", times.every)];
+    let text = PROFILE.replace("ADDRESS", &address.to_string()).replace("PAUSE", PAUSE);
+    spans.iter().fold(text, |text, (name, span)| text.replace(name, &format!("{}ms", span.as_millis())))
+}
+
+const PROFILE: &str = r#"
+[machine]
+name = "walker"
+arm = "auto"
+[bus.cell]
+type = "modbus-tcp"
+address = "ADDRESS"
+timeout = "TIMEOUT"
+[device.cnc]
+bus = "cell"
+unit = 1
+every = "EVERY"
+quirks = { pause_between_requests = "PAUSE" }
+[signal.bed]
+device = "cnc"
+register = "holding:0"
+type = "i16"
+scale = 0.1
+unit = "degC"
+max_age = "MAX_AGE"
+[axis.z]
+limit = 2000.0
+step = 1.0
+rate = 1000.0
+every = "EVERY"
+on_fault = { action = "hold" }
+[[axis.z.model]]
+name = "bed"
+kind = "linear"
+terms = [ { signal = "bed", gain = 1.0, reference = 0.0 } ]
+[output.cnc_z]
+axis = "z"
+device = "cnc"
+writes = "offset"
+register = "holding:10"
+type = "i16"
+scale = 0.1
+"#;
+
+/// What has reached the device.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Seen {
+    pub(crate) at: Moment,
+    /// Connections are numbered as they were accepted.
+    pub(crate) connection: usize,
+    pub(crate) what: What,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum What {
+    /// The temperature was asked for; `None` as long as that is not answered.
+    Asked { answered: Option<i16> },
+    /// The offset was read.
+    Looked,
+    /// The offset was written.
+    Wrote { from: i16, to: i16 },
+}
+
+/// The device, shared with the threads that answer.
+#[derive(Clone)]
+pub(crate) struct Device(Arc<Inner>);
+
+struct Inner {
+    clock: Clock,
+    address: SocketAddr,
+    /// How long it thinks before it answers.
+    delay: Duration,
+    state: Mutex<State>,
+    changed: Condvar,
+}
+
+#[derive(Default)]
+pub(crate) struct State {
+    temperature: i16,
+    offset: i16,
+    pub(crate) seen: Vec<Seen>,
+    connections: usize,
+    /// Temperatures are not answered for now.
+    holds: bool,
+    /// How many wait for that.
+    pub(crate) held: usize,
+}
+
+impl Device {
+    /// Answers whoever connects here, until the process ends.
+    pub(crate) fn listen(listener: TcpListener, delay: Duration) -> Device {
+        Device::by(Clock::wall(), listener, delay)
+    }
+
+    /// The same; what it sees has its moments by this clock.
+    pub(crate) fn by(clock: Clock, listener: TcpListener, delay: Duration) -> Device {
+        let device = Device(Arc::new(Inner {
+            clock,
+            address: listener.local_addr().unwrap(),
+            delay,
+            state: Mutex::default(),
+            changed: Condvar::new(),
+        }));
+        let accepting = device.clone();
+        std::thread::spawn(move || {
+            for stream in listener.incoming() {
+                let device = accepting.clone();
+                let connection = device.state().connections;
+                device.state().connections += 1;
+                std::thread::spawn(move || device.answer(stream.unwrap(), connection));
+            }
+        });
+        device
+    }
+
+    pub(crate) fn address(&self) -> SocketAddr {
+        self.0.address
+    }
+
+    /// The moment now, by the clock of everything that was seen.
+    pub(crate) fn now(&self) -> Moment {
+        self.0.clock.now()
+    }
+
+    pub(crate) fn state(&self) -> MutexGuard<'_, State> {
+        self.0.state.lock().unwrap()
+    }
+
+    /// From now on it is so warm that the axis is to go to this offset, in counts.
+    pub(crate) fn asks(&self, offset: i16) {
+        self.state().temperature = offset;
+    }
+
+    /// Where the offset stands.
+    pub(crate) fn offset(&self) -> i16 {
+        self.state().offset()
+    }
+
+    /// From now on whoever asks for the temperature waits.
+    pub(crate) fn hold(&self) {
+        self.state().holds = true;
+    }
+
+    /// Those who wait are answered.
+    pub(crate) fn release(&self) {
+        self.state().holds = false;
+        self.0.changed.notify_all();
+    }
+
+    /// Waits until `found` finds something, looking again at each request; `None` where that takes longer than `most`.
+    pub(crate) fn wait<T>(&self, most: Duration, found: impl Fn(&State) -> Option<T>) -> Option<T> {
+        let until = self.now().after(most);
+        let mut state = self.state();
+        loop {
+            if let Some(found) = found(&state) {
+                return Some(found);
+            }
+            let now = self.now();
+            if now >= until {
+                return None;
+            }
+            state = self.0.changed.wait_timeout(state, until.since(now)).unwrap().0;
+        }
+    }
+
+    fn answer(&self, mut stream: TcpStream, connection: usize) {
+        stream.set_nodelay(true).unwrap();
+        let mut header = [0; 7];
+        while stream.read_exact(&mut header).is_ok() {
+            let mut pdu = vec![0; usize::from(u16::from_be_bytes([header[4], header[5]])) - 1];
+            if stream.read_exact(&mut pdu).is_err() {
+                return;
+            }
+            let at = self.now();
+            let reply = self.carry_out(&pdu, at, connection);
+            let length = u16::try_from(reply.len() + 1).unwrap();
+            header[4..6].copy_from_slice(&length.to_be_bytes());
+            if stream.write_all(&[&header[..], &reply[..]].concat()).is_err() {
+                return;
+            }
+        }
+    }
+
+    fn carry_out(&self, pdu: &[u8], at: Moment, connection: usize) -> Vec<u8> {
+        let word = |at: usize| u16::from_be_bytes([pdu[at], pdu[at + 1]]);
+        let register = word(1);
+        let value = match (pdu[0], register, word(3)) {
+            (3, TEMPERATURE, 1) => self.temperature(at, connection),
+            (3, OFFSET, 1) => {
+                self.keep(Seen { at, connection, what: What::Looked });
+                self.think();
+                self.state().offset
+            }
+            (6, OFFSET, to) => {
+                self.write(at, connection, to.cast_signed());
+                return pdu.to_vec();
+            }
+            (16, OFFSET, 1) => {
+                self.write(at, connection, word(6).cast_signed());
+                return pdu[..5].to_vec();
+            }
+            // There is no such register.
+            _ => return vec![pdu[0] | 0x80, 2],
+        };
+        [&[3, 2][..], &value.to_be_bytes()].concat()
+    }
+
+    fn temperature(&self, at: Moment, connection: usize) -> i16 {
+        let place = self.keep(Seen { at, connection, what: What::Asked { answered: None } });
+        self.think();
+        let mut state = self.state();
+        state.held += 1;
+        self.0.changed.notify_all();
+        state = self.0.changed.wait_while(state, |state| state.holds).unwrap();
+        state.held -= 1;
+        self.0.changed.notify_all();
+        let value = state.temperature;
+        state.seen[place].what = What::Asked { answered: Some(value) };
+        value
+    }
+
+    fn write(&self, at: Moment, connection: usize, to: i16) {
+        let from = std::mem::replace(&mut self.state().offset, to);
+        self.keep(Seen { at, connection, what: What::Wrote { from, to } });
+        self.think();
+    }
+
+    fn keep(&self, seen: Seen) -> usize {
+        let mut state = self.state();
+        state.seen.push(seen);
+        self.0.changed.notify_all();
+        state.seen.len() - 1
+    }
+
+    fn think(&self) {
+        std::thread::sleep(self.0.delay);
+    }
+}
+
+impl State {
+    /// Where the offset stands.
+    pub(crate) fn offset(&self) -> i16 {
+        self.offset
+    }
+
+    /// How often the offset was written.
+    pub(crate) fn writes(&self) -> usize {
+        self.seen.iter().filter(|seen| matches!(seen.what, What::Wrote { .. })).count()
+    }
+
+    /// The axis walks, and what comes next is a write: temperature and offset were read, the offset last.
+    pub(crate) fn is_about_to_write(&self) -> bool {
+        let last = self.seen.last_chunk::<2>().map(|last| last.map(|seen| seen.what));
+        matches!(last, Some([What::Asked { .. }, What::Looked]))
+    }
+}
+
+/// A write may be that much longer under way than its question was.
+const UNDER_WAY: Duration = Duration::from_millis(100);
+
+/// Writes that no reading asks for which was younger than this when they arrived, and those of more than a step.
+pub(crate) fn acted_wrongly(seen: &[Seen], max_age: Duration) -> Vec<String> {
+    let mut wrong = Vec::new();
+    for (place, one) in seen.iter().enumerate() {
+        let What::Wrote { from, to } = one.what else { continue };
+        // The same again moves nothing.
+        if from == to {
+            continue;
+        }
+        if (to - from).abs() > STEP {
+            wrong.push(format!("{from} → {to} in one write"));
+        }
+        let asks = |seen: &&Seen| match seen.what {
+            What::Asked { answered: Some(asked) } => (asked - from).signum() == (to - from).signum(),
+            _ => false,
+        };
+        let reading = seen[..place].iter().rev().find(asks);
+        let age = reading.map(|reading| one.at.since(reading.at));
+        if age.is_none_or(|age| age > max_age + UNDER_WAY) {
+            wrong.push(format!("{from} → {to} rests on a reading that was asked for {age:?} before"));
+        }
+    }
+    wrong
+}

@@ -1,0 +1,27 @@
+//! What must not be: connections whose last bytes the kernel still delivers after they were closed.
+
+use std::sync::Arc;
+
+use isotherm::fieldbus::error::{Fault, LinkFault};
+use isotherm::fieldbus::modbus::attach;
+use isotherm::fieldbus::wire::{Boxed, Connection, Dial};
+use isotherm::gateway::Dialer;
+use tokio::net::TcpStream;
+
+/// Opens connections as any program does that leaves them to the kernel.
+pub(crate) fn dialer() -> Dialer {
+    Arc::new(|bus| Some(Box::new(Lingering(bus.address.clone()))))
+}
+
+struct Lingering(String);
+
+impl Dial for Lingering {
+    fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
+        Box::pin(async {
+            let unreachable = |_| Fault::Link(LinkFault::Unreachable);
+            let stream = TcpStream::connect(&self.0).await.map_err(unreachable)?;
+            stream.set_nodelay(true).map_err(unreachable)?;
+            Ok(Connection::Modbus(attach(stream)))
+        })
+    }
+}

@@ -1,0 +1,12 @@
+//! The pure step from a decision to a register, searched exhaustively: link, device, operator, disk and kills do what
+//! they like, and the register never moves by more than a step.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+mod allocates;
+mod moves;
+mod rig;
+mod rows;
+mod search;
+mod searched;
+mod traces;
+mod world;

@@ -1,0 +1,272 @@
+//! Everything that can happen next in a world.
+
+use isotherm::output::{Action, Fact, Kept, Settings, Standing, Verify};
+
+use super::world::{Broken, NOW, World};
+
+/// One thing that happened, for people.
+pub(crate) type Name = &'static str;
+
+/// Calls `to` with every world that can come next, and with what broke on the way there.
+pub(crate) fn each(world: &World, settings: &Settings, to: &mut impl FnMut(Name, World, Broken)) {
+    let mut go = |name: Name, change: &mut dyn FnMut(&mut World) -> Broken| {
+        let mut next = world.clone();
+        let broken = change(&mut next);
+        to(name, next, broken);
+    };
+    let left = world.left;
+    match (world.gateway, world.action) {
+        (None, _) => {
+            go("start", &mut |next| {
+                next.start(settings);
+                Ok(())
+            });
+            if world.held.iter().flatten().next().is_some() {
+                go("a second passes while it is dead", &mut |next| next.second(settings, false));
+            }
+        }
+        (Some(_), Action::Read) => {
+            go("read", &mut |next| next.answer_read(settings));
+            if left.losses > 0 {
+                go("the read is not answered", &mut |next| {
+                    next.left.losses -= 1;
+                    next.give(settings, Fact::NoAnswer)
+                });
+            }
+        }
+        (Some(gateway), Action::Keep) => {
+            go("kept", &mut |next| {
+                next.keep(Some(gateway.kept()));
+                next.give(settings, Fact::Kept)
+            });
+            for is_there in [false, true].into_iter().filter(|_| left.disk > 0) {
+                go("the disk says no", &mut |next| {
+                    next.left.disk -= 1;
+                    next.keep(is_there.then(|| gateway.kept()));
+                    next.give(settings, Fact::NotKept)
+                });
+            }
+            if left.kills > 0 {
+                go("killed when it was kept", &mut |next| {
+                    next.keep(Some(gateway.kept()));
+                    next.kill()
+                });
+            }
+        }
+        (Some(_), Action::Write { .. }) => writes(world, settings, &mut go),
+        (Some(_), Action::Nothing { .. }) => quiet(world, settings, &mut go),
+    }
+    anywhere(world, settings, &mut go);
+}
+
+type Go<'a> = dyn FnMut(Name, &mut dyn FnMut(&mut World) -> Broken) + 'a;
+
+fn writes(world: &World, settings: &Settings, go: &mut Go<'_>) {
+    let left = world.left;
+    let value = match world.write() {
+        Ok(value) => value.unwrap_or_default(),
+        Err(why) => return go("write", &mut |_| Err(why.clone())),
+    };
+    let excuse = (world.is_moved, world.is_moved);
+    go("write done", &mut |next| {
+        next.deliver(settings, value, excuse)?;
+        next.give(settings, Fact::Done { left: NOW })
+    });
+    if left.losses > 0 {
+        go("write done, answer lost", &mut |next| {
+            next.left.losses -= 1;
+            next.deliver(settings, value, excuse)?;
+            next.give(settings, Fact::Unknown { left: NOW })
+        });
+        go("write lost", &mut |next| {
+            next.left.losses -= 1;
+            next.give(settings, Fact::Unknown { left: NOW })
+        });
+    }
+    if left.holds > 0 && world.held.contains(&None) {
+        go("write held", &mut |next| {
+            next.left.holds -= 1;
+            next.put_on_hold(value);
+            next.give(settings, Fact::Unknown { left: NOW })
+        });
+        if left.kills > 0 {
+            go("write held, killed", &mut |next| {
+                next.left.holds -= 1;
+                next.put_on_hold(value);
+                next.kill()
+            });
+        }
+    }
+    if left.refusals > 0 {
+        go("write refused", &mut |next| {
+            next.left.refusals -= 1;
+            next.give(settings, Fact::Refused)
+        });
+    }
+    // An output that cannot be read has nothing else to believe.
+    if left.ignored > 0 && settings.verify == Verify::Reading {
+        go("write acknowledged and ignored", &mut |next| {
+            (next.left.ignored, next.has_arrived) = (left.ignored - 1, true);
+            next.give(settings, Fact::Done { left: NOW })
+        });
+    }
+    if left.kills > 0 {
+        go("write done, killed", &mut |next| {
+            next.deliver(settings, value, excuse)?;
+            next.kill()
+        });
+    }
+}
+
+fn quiet(world: &World, settings: &Settings, go: &mut Go<'_>) {
+    let left = world.left;
+    go("a second", &mut |next| next.second(settings, true));
+    if left.stale > 0 {
+        go("a second with stale readings", &mut |next| {
+            next.left.stale -= 1;
+            next.second(settings, false)
+        });
+    }
+    for target in [-settings.limit - 1, 0, settings.limit + 1] {
+        if left.targets > 0 && target != world.wanted {
+            go("another target", &mut |next| {
+                next.left.targets -= 1;
+                next.wanted = target;
+                next.second(settings, true)
+            });
+        }
+    }
+    let shown = world.gateway.map(|gateway| gateway.shown(settings));
+    if shown.is_some_and(|shown| matches!(shown.standing, Standing::Barred | Standing::Off)) {
+        go("a person decides", &mut |next| next.persons_turn(settings).map(|_| ()));
+    }
+    if left.offs > 0 {
+        go("off and on again", &mut |next| {
+            next.left.offs -= 1;
+            next.order = None;
+            next.give(settings, Fact::Off)
+        });
+    }
+    if left.kills > 0 {
+        go("stopped", &mut |next| {
+            next.left.kills -= 1;
+            let kept = next.gateway.as_mut().map(|gateway| gateway.end());
+            next.keep(kept);
+            next.is_gone()
+        });
+    }
+}
+
+fn anywhere(world: &World, settings: &Settings, go: &mut Go<'_>) {
+    let left = world.left;
+    for (place, held) in world.held.iter().enumerate() {
+        let Some(held) = held else { continue };
+        // Between the read that shows a restart and the moment when that is on disk, a late write from before it makes
+        // the operator's part unknown to whoever is killed right then.
+        if held.is_excused && world.is_restarted && world.lost.is_none() {
+            continue;
+        }
+        go("a held write arrives", &mut |next| {
+            next.held[place] = None;
+            next.held.sort_by_key(|held| held.map(|held| (held.value, held.age)));
+            next.has_arrived = true;
+            next.deliver(settings, held.value, (held.is_excused, held.may_jump))
+        });
+    }
+    if left.kills > 0 && world.gateway.is_some() {
+        go("killed", &mut World::kill);
+    }
+    if left.restarts > 0 && settings.verify == Verify::Reading {
+        go("the CNC restarts", &mut |next| {
+            next.left.restarts -= 1;
+            next.register = 0;
+            if settings.is_shared {
+                next.lost = next.lost.or(Some(next.his));
+                (next.his, next.is_restarted) = (0, true);
+            }
+            next.is_moved_by_others();
+            Ok(())
+        });
+        if matches!(world.action, Action::Nothing { .. }) && world.gateway.is_some() {
+            go("the CNC restarts, forgets nothing, and says so", &mut |next| {
+                (next.left.restarts, next.is_touched) = (left.restarts - 1, true);
+                next.give(settings, Fact::Restarted)
+            });
+        }
+    }
+    if left.edits > 0 && may_edit(world) && settings.verify == Verify::Reading {
+        for change in [-1, 1, 2] {
+            let value = world.register + change;
+            if !is_of_ours(world, settings, value) && (value != 0 || !settings.is_shared) {
+                go("the operator edits", &mut |next| {
+                    (next.left.edits, next.is_touched) = (left.edits - 1, true);
+                    next.register = value;
+                    next.his += if settings.is_shared { change } else { 0 };
+                    Ok(())
+                });
+            }
+        }
+    }
+    if left.pauses > 0 && world.gateway.is_some() {
+        for seconds in [1, settings.late.as_secs() + 1] {
+            go("the computer stands still", &mut |next| {
+                next.left.pauses -= 1;
+                pause(next, settings, seconds)
+            });
+        }
+    }
+}
+
+/// Not where nobody can promise anything: between a read and the write after it, while a copy is held or has just
+/// arrived, between a write that was acknowledged and ignored and the next read, and between a restart and the moment
+/// when the zero is on disk.
+fn may_edit(world: &World) -> bool {
+    let is_writing = matches!(world.action, Action::Write { .. });
+    let is_held = world.held.iter().flatten().next().is_some();
+    !(is_writing || is_held || world.has_arrived || world.is_restarted)
+}
+
+/// A value of ours that may still appear or is promised, or what stood before such a one.
+fn is_of_ours(world: &World, settings: &Settings, value: i64) -> bool {
+    let kept = [world.gateway.map(|gateway| gateway.kept()), world.disk];
+    let is_promised = kept.iter().flatten().any(|kept| kept.promises.iter().any(|one| one.value == value));
+    let shown = world.gateway.map(|gateway| gateway.shown(settings));
+    let stood = shown.filter(|shown| shown.under_way > 0).and_then(|shown| shown.verified);
+    // Whoever dies before that is on disk knows of no more than what is.
+    let is_open = |kept: &Kept| !kept.in_order && kept.promises.iter().any(|one| one.is_under_way);
+    let on_disk = world.disk.filter(is_open).and_then(|kept| kept.account);
+    let is_on_disk = on_disk.is_some_and(|account| account.base + account.share == value);
+    is_promised || is_on_disk || stood.is_some_and(|seen| seen.value == value)
+}
+
+fn pause(world: &mut World, settings: &Settings, seconds: u64) -> Broken {
+    let action = world.action;
+    world.order = None;
+    for _ in 0..seconds {
+        world.pass(settings);
+    }
+    world.give(settings, Fact::Paused)?;
+    match action {
+        Action::Read => world.give(settings, Fact::NoAnswer),
+        Action::Write { .. } => world.give(settings, Fact::NotSent),
+        Action::Keep => {
+            world.keep(world.gateway.map(|gateway| gateway.kept()));
+            world.give(settings, Fact::Kept)
+        }
+        Action::Nothing { .. } => Ok(()),
+    }
+}
+
+impl World {
+    pub(crate) fn kill(&mut self) -> Broken {
+        self.left.kills -= 1;
+        self.is_gone()
+    }
+
+    fn is_gone(&mut self) -> Broken {
+        self.gateway = None;
+        self.order = None;
+        self.action = Action::Nothing { until: NOW };
+        Ok(())
+    }
+}

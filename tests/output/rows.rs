@@ -1,0 +1,332 @@
+//! Each row of the tables in the module's documentation.
+
+use std::time::Duration;
+
+use isotherm::output::{Account, Action, Doubt, Event, Fact, Kept, Settings, Standing, Verify, Who};
+
+use super::rig::Rig;
+use super::world::settings;
+
+fn whole(stands: i64) -> Rig {
+    Rig::new(settings(false, 5, 4), Kept { in_order: true, stood: Some(stands), ..Kept::default() })
+}
+
+fn shared(base: i64, share: i64) -> Rig {
+    let account = Some(Account { base, share, doubt: None });
+    Rig::new(settings(true, 5, 4), Kept { in_order: true, account, ..Kept::default() })
+}
+
+fn doubt(rig: &Rig) -> Option<Doubt> {
+    rig.told.iter().find_map(|event| match event {
+        Event::Doubted { doubt, .. } => Some(*doubt),
+        _ => None,
+    })
+}
+
+fn standing(rig: &Rig) -> Standing {
+    rig.state.shown(&rig.settings).standing
+}
+
+/// A value is lately sent that never arrived, and nothing is under way.
+fn lately(rig: &mut Rig, offset: i64) -> i64 {
+    assert!(rig.want(offset).is_some());
+    rig.settings.remembered = Duration::from_secs(60);
+    let value = rig.held();
+    let stays = rig.register - rig.state.kept().account.map_or(0, |account| account.base);
+    assert_eq!(rig.seconds(6, stays), None);
+    assert!(rig.state.copies().lately_of(value).is_some());
+    value
+}
+
+#[test]
+fn the_same_is_nothing_new_and_is_shown_with_the_moment_it_was_asked() {
+    let mut rig = whole(2);
+    let before = rig.now;
+    assert_eq!(rig.seconds(1, 2), None);
+    let seen = rig.state.shown(&rig.settings).verified.unwrap();
+    assert!(seen.value == 2 && seen.asked > before && seen.asked < rig.now);
+    assert!(rig.told.is_empty());
+}
+
+#[test]
+fn what_is_acknowledged_and_not_taken_is_tried_again_a_second_later() {
+    for mut rig in [whole(0), shared(3, 0)] {
+        let stands = rig.register;
+        assert!(rig.want(5).is_some());
+        rig.give(Fact::Done { left: rig.now });
+        assert_eq!(rig.settle(), None);
+        assert!(rig.has_told(|event| matches!(event, Event::NotTaken { .. })) && !rig.blames_others());
+        assert_eq!(rig.register, stands);
+        assert!(rig.seconds(1, 5).is_some());
+        rig.give(Fact::Done { left: rig.now });
+        assert_eq!(rig.settle(), None);
+        let told = rig.told.iter().filter(|event| matches!(event, Event::NotTaken { .. })).count();
+        assert_eq!(told, 1, "once, until a write stands there");
+    }
+}
+
+#[test]
+fn a_value_under_way_is_ours() {
+    let mut rig = shared(3, 0);
+    assert_eq!(rig.want(2), Some(5));
+    rig.answer_lost();
+    assert_eq!(rig.settle(), None);
+    assert_eq!(rig.parts(), (3, 2));
+    assert!(rig.told.is_empty(), "its answer was lost, and it is not late");
+}
+
+#[test]
+fn a_value_lately_sent_is_taken_over_in_a_whole_register() {
+    let mut rig = whole(2);
+    rig.register = lately(&mut rig, 3);
+    assert_eq!(rig.seconds(1, 2), Some(2));
+    assert!(rig.has_told(|event| matches!(event, Event::OwnWriteArrivedLate { value: 3, .. })));
+    assert_eq!(standing(&rig), Standing::Armed);
+}
+
+#[test]
+fn a_value_lately_sent_is_doubt_in_a_shared_register() {
+    let mut rig = shared(3, 0);
+    rig.register = lately(&mut rig, 2);
+    assert_eq!(rig.seconds(1, 0), None);
+    assert_eq!((doubt(&rig), standing(&rig)), (Some(Doubt::YoursOrOurs), Standing::Barred));
+}
+
+#[test]
+fn a_value_lately_sent_and_sent_again_is_ended_by_no_pair_of_reads() {
+    let mut rig = whole(2);
+    let value = lately(&mut rig, 3);
+    assert_eq!(rig.seconds(1, 3), Some(value));
+    rig.answer_lost();
+    assert_eq!(rig.settle(), None);
+    assert_eq!(rig.state.copies().under_way().count(), 1, "it may have been the old one that arrived");
+}
+
+#[test]
+fn zero_is_a_restart_and_the_walk_begins_there() {
+    let mut rig = whole(3);
+    rig.register = 0;
+    assert_eq!(rig.seconds(1, 3), Some(1));
+    assert!(rig.has_told(|event| matches!(event, Event::CncRestarted { stood: 3 })));
+    let mut rig = shared(3, 2);
+    rig.register = 0;
+    assert_eq!(rig.seconds(1, 2), Some(2));
+    assert_eq!(rig.parts(), (0, 0));
+}
+
+#[test]
+fn zero_is_doubt_where_a_write_of_ours_would_make_it_and_something_is_his() {
+    let mut rig = shared(-2, 0);
+    // His edit makes the sum of what was sent and what is his zero.
+    assert_eq!(rig.want(1), Some(-1));
+    rig.held();
+    rig.register = 0;
+    assert_eq!(rig.seconds(1, 1), None);
+    assert_eq!(rig.parts(), (0, 0), "nothing of ours would make it zero: it was cleared");
+    let kept = Kept {
+        account: Some(Account { base: 2, share: 1, doubt: None }),
+        promises: vec![isotherm::output::Promise { value: 0, at: rig.now, is_under_way: true }]
+            .try_into()
+            .unwrap(),
+        ..Kept::default()
+    };
+    let mut rig = Rig::new(settings(true, 5, 4), kept);
+    rig.register = 0;
+    assert_eq!(rig.seconds(1, 1), None);
+    assert_eq!(doubt(&rig), Some(Doubt::ZeroOrOurs));
+}
+
+#[test]
+fn anything_else_in_a_whole_register_is_somebody_else_and_switches_off() {
+    let mut rig = whole(3);
+    rig.register = 5;
+    assert_eq!(rig.seconds(20, 3), None);
+    assert!(rig.has_told(|event| *event == Event::ForeignValue { expected: 3, found: 5 }));
+    rig.give(Fact::Armed { by: Who::Policy });
+    assert_eq!(rig.seconds(1, 3), None, "only a person arms it again");
+    rig.give(Fact::Armed { by: Who::Person });
+    assert_eq!(rig.seconds(1, 3), Some(4), "from what stands there");
+}
+
+#[test]
+fn anything_else_in_a_shared_register_is_the_operators_change() {
+    let mut rig = shared(3, 2);
+    rig.register = 9;
+    assert_eq!(rig.seconds(1, 2), None);
+    assert_eq!(rig.parts(), (7, 2));
+    assert!(rig.has_told(|event| *event == Event::OperatorChanged { from: 3, to: 7 }));
+}
+
+#[test]
+fn twice_a_change_of_just_the_size_of_a_refused_write_is_doubt() {
+    let mut rig = shared(3, 0);
+    for _ in 0..2 {
+        assert!(rig.seconds(2, 2).is_some());
+        // It says that it refused, and carries it out.
+        let Action::Write { value, .. } = rig.action else { panic!("a write") };
+        rig.register = value;
+        rig.give(Fact::Refused);
+        assert_eq!(rig.settle(), None);
+        rig.seconds(1, 0);
+    }
+    assert_eq!(doubt(&rig), Some(Doubt::LikeOurOwn));
+}
+
+#[test]
+fn a_restart_that_was_told_and_another_value_is_doubt_where_something_was_ours() {
+    let mut rig = shared(3, 2);
+    rig.register = 4;
+    rig.give(Fact::Restarted);
+    assert_eq!(rig.settle(), None);
+    assert_eq!(doubt(&rig), Some(Doubt::Rebooted));
+}
+
+#[test]
+fn the_first_account_that_is_not_zero_waits_for_a_person() {
+    let mut rig = Rig::new(settings(true, 5, 4), Kept { in_order: true, ..Kept::default() });
+    assert_eq!(rig.parts(), (0, 0), "a register that holds nothing is nobody's");
+    rig.disk = None;
+    rig.register = 7;
+    rig.kill();
+    assert!(rig.has_told(|event| *event == Event::FirstAccount { found: 7 }));
+    assert_eq!(rig.seconds(2, 2), None);
+    rig.give(Fact::Armed { by: Who::Person });
+    assert_eq!(rig.settle(), None);
+    assert_eq!((rig.parts(), standing(&rig)), ((7, 0), Standing::Armed));
+    assert_eq!(rig.want(2), Some(9));
+}
+
+#[test]
+fn what_a_person_types_while_it_is_in_doubt_ends_no_copy() {
+    let mut rig = shared(3, 0);
+    assert_eq!(rig.want(2), Some(5));
+    rig.held();
+    rig.register = 4;
+    rig.give(Fact::Restarted);
+    rig.settle();
+    assert_eq!(standing(&rig), Standing::Barred);
+    rig.register = 5;
+    rig.seconds(1, 2);
+    assert_eq!(rig.state.copies().under_way().count(), 1);
+}
+
+#[test]
+fn a_register_that_changes_while_a_person_arms_stays_in_doubt() {
+    let mut rig = shared(3, 2);
+    rig.register = 4;
+    rig.give(Fact::Restarted);
+    assert_eq!(rig.settle(), None);
+    rig.give(Fact::Armed { by: Who::Person });
+    rig.register = 6;
+    assert_eq!(rig.settle(), None);
+    assert_eq!(standing(&rig), Standing::Barred);
+    rig.give(Fact::Armed { by: Who::Person });
+    assert_eq!(rig.settle(), None);
+    assert_eq!((rig.parts(), standing(&rig)), ((4, 2), Standing::Armed));
+}
+
+#[test]
+fn whatever_interrupts_a_decision_ends_it() {
+    let interruptions = [Fact::Paused, Fact::Interlocked, Fact::Off, Fact::NotSent, Fact::Refused];
+    for fact in interruptions {
+        let mut rig = whole(0);
+        assert_eq!(rig.want(1), Some(1));
+        rig.give(fact);
+        if rig.action == (Action::Nothing { until: isotherm::quantity::Moment::END }) {
+            rig.give(Fact::NotSent);
+        }
+        assert_eq!(rig.settle(), None, "{fact:?}");
+        rig.give(Fact::Released);
+        rig.now = rig.now.after(Duration::from_secs(2));
+        rig.give(Fact::Look);
+        assert_eq!(rig.settle(), None, "{fact:?}");
+    }
+}
+
+#[test]
+fn what_the_disk_does_not_keep_is_not_sent() {
+    let mut rig = shared(3, 0);
+    rig.give(Fact::Decided { offset: 2, not_after: rig.now.after(Duration::from_secs(1)) });
+    rig.give(Fact::Read { found: 3, asked: rig.now });
+    assert_eq!(rig.action, Action::Keep);
+    rig.give(Fact::NotKept);
+    assert_eq!(rig.told, [Event::DiskDoesNotKeep]);
+    assert!(!matches!(rig.action, Action::Write { .. } | Action::Keep));
+    assert_eq!(rig.seconds(1, 2), Some(5), "a second later it is tried again");
+}
+
+#[test]
+fn a_wait_is_told_once_with_its_seconds() {
+    let mut rig = whole(0);
+    assert_eq!(rig.want(1), Some(1));
+    rig.held();
+    assert_eq!(rig.seconds(3, -1), None);
+    let waits: Vec<_> =
+        rig.told.iter().filter(|event| matches!(event, Event::WaitingForLateWrite { .. })).collect();
+    assert_eq!(waits, [&Event::WaitingForLateWrite { seconds: 2 }]);
+    assert!(rig.state.shown(&rig.settings).waits_until.is_some());
+    assert_eq!(rig.seconds(3, -1), Some(-1));
+}
+
+#[test]
+fn what_is_full_waits_and_forgets_nothing() {
+    let mut rig = whole(0);
+    let mut sent = 0;
+    for _ in 0..12 {
+        if rig.seconds(1, 1).is_some() {
+            rig.held();
+            sent += 1;
+        }
+        rig.settings.late = Duration::from_secs(60);
+    }
+    assert_eq!((sent, rig.state.copies().under_way().count()), (8, 8));
+}
+
+#[test]
+fn what_is_kept_comes_back_as_it_was() {
+    let mut rig = shared(3, 2);
+    assert_eq!(rig.want(4), Some(7));
+    let kept = rig.disk.unwrap();
+    let text = serde_json::to_string(&kept).unwrap();
+    assert_eq!(serde_json::from_str::<Kept>(&text).unwrap(), kept);
+    assert!(text.contains(r#""promises":[{"value":7"#), "{text}");
+}
+
+#[test]
+fn what_cannot_be_read_is_acknowledged_and_that_is_no_trouble() {
+    let settings = Settings { verify: Verify::Echo, ..settings(false, 5, 4) };
+    let mut rig = Rig::new(settings, Kept { in_order: true, stood: Some(0), ..Kept::default() });
+    rig.go(3);
+    assert_eq!(rig.told, [Event::AcknowledgedNotReadBack]);
+    assert!(rig.state.shown(&rig.settings).is_only_acknowledged);
+    assert_eq!(rig.state.copies().under_way().count(), 0);
+}
+
+#[test]
+fn a_change_after_a_long_time_without_a_read_is_doubt_while_something_may_arrive() {
+    for (seconds, doubts) in [(1, None), (5, Some(Doubt::ChangedMeanwhile))] {
+        let mut rig = shared(3, 0);
+        rig.settings.late = Duration::from_secs(60);
+        assert_eq!(rig.want(2), Some(5));
+        rig.held();
+        rig.now = rig.now.after(Duration::from_secs(seconds));
+        rig.register = 4;
+        assert_eq!(rig.want(2).is_none(), doubts.is_some());
+        assert_eq!(doubt(&rig), doubts);
+    }
+}
+
+#[test]
+fn only_a_write_begun_after_its_time_ends_a_copy_that_cannot_be_read() {
+    let settings = Settings { verify: Verify::Echo, ..settings(false, 5, 4) };
+    let mut rig = Rig::new(settings, Kept { in_order: true, stood: Some(0), ..Kept::default() });
+    assert_eq!(rig.want(-1), Some(-1));
+    rig.held();
+    rig.settings.refresh = Some(Duration::from_secs(1));
+    rig.now = rig.now.after(Duration::from_millis(3900));
+    rig.give(Fact::Look);
+    assert_eq!(rig.settle(), Some(0), "what was acknowledged last is refreshed");
+    rig.now = rig.now.after(Duration::from_millis(500));
+    rig.give(Fact::Done { left: rig.now });
+    assert_eq!(rig.state.copies().under_way().count(), 1);
+}

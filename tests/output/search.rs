@@ -1,0 +1,136 @@
+//! Breadth first: every world that can be reached, the shortest way to each.
+
+use std::collections::{HashSet, VecDeque};
+use std::hash::{BuildHasher, BuildHasherDefault, DefaultHasher};
+
+use isotherm::output::Settings;
+
+use super::moves::{self, Name};
+use super::world::{Budget, World};
+
+/// What a search came to.
+#[derive(Debug)]
+pub(crate) struct Searched {
+    pub(crate) states: usize,
+    pub(crate) depth: usize,
+    /// Every world that can be reached was seen.
+    pub(crate) is_complete: bool,
+    /// Worlds in which everything that may happen has happened.
+    pub(crate) spent: usize,
+    /// The longest time to rest when nothing failed any more, seconds.
+    pub(crate) longest: u64,
+    /// The shortest way to something that must not be.
+    pub(crate) broken: Option<Broken>,
+}
+
+/// A counterexample.
+#[derive(Debug)]
+pub(crate) struct Broken {
+    pub(crate) why: String,
+    #[allow(dead_code, reason = "printed")]
+    pub(crate) way: Vec<Name>,
+}
+
+struct Seen {
+    from: usize,
+    name: Name,
+}
+
+/// Looks at no more than `most` worlds, and from each `every`-th lets everything run out.
+pub(crate) fn search(settings: &Settings, budget: Budget, most: usize, every: u64) -> Searched {
+    let hasher = BuildHasherDefault::<DefaultHasher>::default();
+    let mut known: HashSet<u64, BuildHasherDefault<DefaultHasher>> = HashSet::default();
+    let mut seen = vec![Seen { from: 0, name: "begin" }];
+    let mut layer = vec![(0, World::new(settings, budget))];
+    let mut searched =
+        Searched { states: 1, depth: 0, is_complete: true, spent: 0, longest: 0, broken: None };
+    let mut broken: Option<(usize, Name, String)> = None;
+    while !layer.is_empty() && broken.is_none() {
+        searched.depth += 1;
+        let mut next_layer = Vec::new();
+        for (from, world) in &layer {
+            if seen.len() >= most {
+                searched.is_complete = false;
+                break;
+            }
+            moves::each(world, settings, &mut |name, next, outcome| {
+                if broken.is_some() {
+                    return;
+                }
+                if let Err(why) = outcome {
+                    broken = Some((*from, name, why));
+                    return;
+                }
+                let next = next.canonical(settings);
+                let hash = hasher.hash_one(&next);
+                if !known.insert(hash) {
+                    return;
+                }
+                searched.spent += usize::from(next.left == Budget::NONE);
+                if hash % every == 0 {
+                    match next.runs_out(settings) {
+                        Ok(seconds) => searched.longest = searched.longest.max(seconds),
+                        Err(why) => {
+                            broken = Some((*from, name, format!("{why}, when all runs out after this")))
+                        }
+                    }
+                }
+                seen.push(Seen { from: *from, name });
+                next_layer.push((seen.len() - 1, next));
+            });
+        }
+        layer = next_layer;
+        if !searched.is_complete {
+            break;
+        }
+    }
+    searched.states = seen.len();
+    searched.is_complete &= broken.is_none();
+    searched.broken = broken.map(|(from, name, why)| Broken { why, way: way(&seen, from, name) });
+    searched
+}
+
+/// One long way through a world in which everything may happen again and again; what broke on it, if anything did.
+pub(crate) fn walk(settings: &Settings, steps: u64) -> Option<String> {
+    let mut world = World::new(settings, Budget::ALL);
+    let mut lately: VecDeque<Name> = VecDeque::new();
+    // A linear congruential generator (Knuth's MMIX) is random enough to choose a way.
+    let mut random = 0x5eed_u64;
+    let mut draw = |below: u64| {
+        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (random >> 33) % below
+    };
+    for place in 0..steps {
+        let mut faults = Vec::new();
+        let mut plain = Vec::new();
+        moves::each(&world, settings, &mut |name, next, outcome| {
+            let is_plain =
+                ["read", "kept", "write done", "a second", "start", "a person decides"].contains(&name);
+            if is_plain { &mut plain } else { &mut faults }.push((name, next, outcome));
+        });
+        let is_quiet = plain.is_empty() || (!faults.is_empty() && draw(4) == 0);
+        let mut chosen = if is_quiet { faults } else { plain };
+        let of = chosen.len() as u64;
+        let (name, next, outcome) = chosen.swap_remove(usize::try_from(draw(of)).unwrap());
+        lately.push_back(name);
+        if lately.len() > 60 {
+            lately.pop_front();
+        }
+        let rested = if place % 16 == 0 { next.runs_out(settings).map(|_| ()) } else { Ok(()) };
+        if let Err(why) = outcome.and(rested) {
+            return Some(format!("{why}, after {place} steps, the last of which are {lately:#?}"));
+        }
+        world = World { left: Budget::ALL, ..next.canonical(settings) };
+    }
+    None
+}
+
+fn way(seen: &[Seen], mut from: usize, last: Name) -> Vec<Name> {
+    let mut way = vec![last];
+    while from != 0 {
+        way.push(seen[from].name);
+        from = seen[from].from;
+    }
+    way.reverse();
+    way
+}

@@ -1,0 +1,139 @@
+//! The searches, and what they are expected to find.
+
+use std::time::Duration;
+
+use isotherm::output::{Rules, Settings, Verify};
+
+use super::search::{Searched, search, walk};
+use super::world::{Budget, settings};
+
+fn run(what: &str, settings: &Settings, budget: Budget, most: usize) -> Searched {
+    let searched = search(settings, budget, most, 4);
+    let Searched { states, depth, is_complete, longest, .. } = searched;
+    let spent = searched.spent;
+    println!(
+        "{what}: {states} states, depth {depth}, complete: {is_complete}, {spent} with every fault together, \
+         at rest after {longest} s"
+    );
+    if let Some(broken) = &searched.broken {
+        println!("{what}: {}\n  {}", broken.why, broken.way.join("\n  "));
+    }
+    searched
+}
+
+fn holds(what: &str, settings: &Settings, budget: Budget) {
+    let asked = std::env::var("SEARCH_STATES").ok().and_then(|most| most.parse().ok());
+    let searched = run(what, settings, budget, asked.unwrap_or(MOST));
+    assert!(searched.broken.is_none(), "{what}");
+}
+
+/// So many worlds of each kind are looked at; more, or more steps of a walk, are with
+/// `SEARCH_STATES=2000000 WALK_STEPS=5000000 cargo test --test output searched -- --nocapture`.
+const MOST: usize = 200_000;
+
+#[test]
+fn a_whole_register_never_jumps() {
+    let none = Budget::NONE;
+    let link = Budget { holds: 2, losses: 2, refusals: 1, targets: 2, ..none };
+    holds("whole, link", &settings(false, 3, 3), link);
+    let kills = Budget { holds: 2, losses: 1, kills: 2, pauses: 1, disk: 1, targets: 1, ..none };
+    holds("whole, kills", &settings(false, 3, 3), kills);
+    let control =
+        Budget { holds: 2, losses: 1, restarts: 1, edits: 1, pauses: 1, targets: 1, offs: 1, ..none };
+    holds("whole, CNC and persons", &settings(false, 2, 3), control);
+    let readings = Budget { holds: 1, losses: 1, ignored: 2, stale: 2, pauses: 1, targets: 2, ..none };
+    holds("whole, readings", &settings(false, 3, 3), readings);
+    let refresh = Settings { refresh: Some(Duration::from_secs(1)), ..settings(false, 2, 3) };
+    let repeats = Budget { holds: 2, losses: 2, restarts: 1, targets: 1, kills: 1, ..none };
+    holds("whole, refreshed", &refresh, repeats);
+    let all = Budget { holds: 2, edits: 1, kills: 1, pauses: 1, restarts: 1, ..none };
+    holds("whole, everything", &settings(false, 2, 3), all);
+}
+
+#[test]
+fn a_shared_register_never_jumps_and_the_operators_part_stays() {
+    let none = Budget::NONE;
+    let link = Budget { holds: 2, losses: 2, refusals: 1, edits: 1, targets: 1, ..none };
+    holds("shared, link", &settings(true, 3, 3), link);
+    let kills = Budget { holds: 2, losses: 1, kills: 2, edits: 1, targets: 1, ..none };
+    holds("shared, kills", &settings(true, 3, 3), kills);
+    let control = Budget { holds: 1, losses: 1, restarts: 1, edits: 2, targets: 1, offs: 1, ..none };
+    holds("shared, CNC and persons", &settings(true, 3, 3), control);
+    let readings =
+        Budget { losses: 1, ignored: 2, stale: 2, pauses: 1, edits: 1, disk: 1, targets: 1, ..none };
+    holds("shared, readings", &settings(true, 3, 3), readings);
+    let all = Budget { holds: 2, edits: 1, kills: 1, pauses: 1, restarts: 1, ..none };
+    holds("shared, everything", &settings(true, 2, 3), all);
+}
+
+#[test]
+fn an_output_that_cannot_be_read_never_jumps() {
+    let none = Budget::NONE;
+    let echo = Settings { verify: Verify::Echo, ..settings(false, 3, 3) };
+    let link = Budget { holds: 2, losses: 2, refusals: 1, targets: 2, pauses: 1, ..none };
+    holds("unread, link", &echo, link);
+    let kills = Budget { holds: 2, losses: 1, kills: 2, pauses: 1, disk: 1, targets: 1, ..none };
+    holds("unread, kills", &echo, kills);
+    let refresh = Settings { refresh: Some(Duration::from_secs(1)), ..echo };
+    let repeats = Budget { holds: 2, losses: 2, targets: 2, kills: 1, ..none };
+    holds("unread, refreshed", &refresh, repeats);
+}
+
+/// Without one of the rules, the shortest way to what it prevents.
+fn breaks(what: &str, settings: &Settings, budget: Budget, rules: Rules) {
+    let searched = run(what, &Settings { rules, ..*settings }, budget, MOST);
+    assert!(searched.broken.is_some(), "{what}: the search finds nothing");
+}
+
+const LINK: Budget = Budget { holds: 2, losses: 1, targets: 2, edits: 1, pauses: 1, ..Budget::NONE };
+
+#[test]
+fn without_the_first_rule_a_late_write_makes_it_jump() {
+    let rules = Rules { near_what_may_arrive: false, ..Rules::default() };
+    breaks("whole without R1", &settings(false, 3, 3), LINK, rules);
+    breaks("shared without R1", &settings(true, 3, 3), LINK, rules);
+    let echo = Settings { verify: Verify::Echo, ..settings(false, 3, 3) };
+    breaks("unread without R1", &echo, LINK, rules);
+}
+
+#[test]
+fn without_the_second_rule_others_are_blamed_for_our_own_writes() {
+    let rules = Rules { knows_its_own: false, ..Rules::default() };
+    breaks("whole without R2", &settings(false, 3, 3), LINK, rules);
+    breaks("shared without R2", &settings(true, 3, 3), LINK, rules);
+}
+
+#[test]
+fn without_the_third_rule_a_change_is_sent_on_old_readings() {
+    let rules = Rules { last_moment: false, ..Rules::default() };
+    breaks("whole without R3", &settings(false, 3, 3), LINK, rules);
+    breaks("shared without R3", &settings(true, 3, 3), LINK, rules);
+}
+
+#[test]
+fn without_the_sixth_rule_the_limit_and_the_operators_part_are_lost() {
+    let rules = Rules { limit: false, ..Rules::default() };
+    breaks("whole without the limit", &settings(false, 3, 3), LINK, rules);
+    breaks("shared without the limit", &settings(true, 3, 3), LINK, rules);
+    let rules = Rules { doubt: false, ..Rules::default() };
+    breaks("shared without doubt", &settings(true, 3, 3), LINK, rules);
+}
+
+#[test]
+fn a_long_walk_among_all_faults_at_once_breaks_nothing() {
+    let refresh = Some(Duration::from_secs(1));
+    let kinds = [
+        ("whole", settings(false, 3, 4)),
+        ("whole, refreshed", Settings { refresh, bias: 5, ..settings(false, 3, 4) }),
+        ("whole, steps of 2", Settings { step: 2, ..settings(false, 5, 4) }),
+        ("shared", settings(true, 3, 4)),
+        ("shared, steps of 3", Settings { step: 3, ..settings(true, 5, 4) }),
+        ("unread", Settings { verify: Verify::Echo, ..settings(false, 3, 4) }),
+        ("unread, refreshed", Settings { verify: Verify::Echo, refresh, ..settings(false, 3, 4) }),
+    ];
+    for (what, settings) in kinds {
+        let asked = std::env::var("WALK_STEPS").ok().and_then(|steps| steps.parse().ok());
+        let broken = walk(&settings, asked.unwrap_or(60_000));
+        assert!(broken.is_none(), "{what}: {}", broken.unwrap());
+    }
+}

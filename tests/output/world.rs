@@ -1,0 +1,416 @@
+//! A model of everything around one output: the register, the operator, the link, the disk, and time in whole seconds.
+
+use std::time::Duration;
+
+use isotherm::output::{
+    Account, Action, Event, Fact, Kept, Promise, Settings, Slots, Standing, State, Verify, Who, step,
+};
+use isotherm::quantity::Moment;
+
+/// It is always this moment: what passes moves everything else into the past.
+pub(crate) const NOW: Moment = Moment::from_nanos(1_000_000_000_000);
+const SECOND: Duration = Duration::from_secs(1);
+
+/// A write that has left and may arrive later.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct Held {
+    pub(crate) value: i64,
+    pub(crate) age: u64,
+    /// The CNC restarted, or a person corrected the register, since the read that it rested on: nobody can promise
+    /// where it takes the register.
+    pub(crate) is_excused: bool,
+    /// The same for how far it moves it: until something else is written, which must be near to this one.
+    pub(crate) may_jump: bool,
+}
+
+/// How often each thing may still happen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct Budget {
+    pub(crate) holds: u8,
+    pub(crate) losses: u8,
+    pub(crate) refusals: u8,
+    pub(crate) ignored: u8,
+    pub(crate) edits: u8,
+    pub(crate) restarts: u8,
+    pub(crate) kills: u8,
+    pub(crate) pauses: u8,
+    pub(crate) disk: u8,
+    pub(crate) stale: u8,
+    pub(crate) offs: u8,
+    pub(crate) targets: u8,
+}
+
+impl Budget {
+    /// Nothing but what should happen.
+    pub(crate) const NONE: Budget = Budget {
+        holds: 0,
+        losses: 0,
+        refusals: 0,
+        ignored: 0,
+        edits: 0,
+        restarts: 0,
+        kills: 0,
+        pauses: 0,
+        disk: 0,
+        stale: 0,
+        offs: 0,
+        targets: 0,
+    };
+
+    /// Everything.
+    pub(crate) const ALL: Budget = Budget {
+        holds: 1,
+        losses: 1,
+        refusals: 1,
+        ignored: 1,
+        edits: 1,
+        restarts: 1,
+        kills: 1,
+        pauses: 1,
+        disk: 1,
+        stale: 1,
+        offs: 1,
+        targets: 1,
+    };
+}
+
+/// What was broken.
+pub(crate) type Broken = Result<(), String>;
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct World {
+    pub(crate) gateway: Option<State>,
+    /// What the gateway asked for and nobody has done yet.
+    pub(crate) action: Action,
+    pub(crate) disk: Option<Kept>,
+    pub(crate) register: i64,
+    /// The operator's part, as he would say it; the bias of a register that is ours alone.
+    pub(crate) his: i64,
+    /// His part before a restart of the CNC that the gateway has not read: a write brings it back.
+    pub(crate) lost: Option<i64>,
+    pub(crate) held: [Option<Held>; 2],
+    pub(crate) wanted: i64,
+    /// Seconds for which the newest decision may still be carried out; `None` where there is none.
+    pub(crate) order: Option<u64>,
+    /// The register has changed without the gateway's doing since its last read.
+    pub(crate) is_moved: bool,
+    /// A late write arrived since the last read.
+    pub(crate) has_arrived: bool,
+    /// The CNC restarted, and that is not on disk yet.
+    pub(crate) is_restarted: bool,
+    /// Somebody else than the gateway has changed the register at some time.
+    pub(crate) is_touched: bool,
+    pub(crate) left: Budget,
+}
+
+impl World {
+    pub(crate) fn new(settings: &Settings, left: Budget) -> World {
+        let kept = Kept {
+            in_order: true,
+            account: settings.is_shared.then(Account::default),
+            stood: Some(settings.bias),
+            ..Kept::default()
+        };
+        let mut world = World {
+            gateway: None,
+            action: Action::Nothing { until: Moment::END },
+            disk: Some(kept),
+            register: settings.bias,
+            his: settings.bias,
+            lost: None,
+            held: [None; 2],
+            wanted: settings.limit + 1,
+            order: None,
+            is_moved: false,
+            has_arrived: false,
+            is_restarted: false,
+            is_touched: false,
+            left,
+        };
+        world.start(settings);
+        world
+    }
+
+    pub(crate) fn start(&mut self, settings: &Settings) {
+        let mut gateway = State::new(settings, self.disk.as_ref(), NOW);
+        self.action = step(&mut gateway, settings, Fact::Look, NOW);
+        self.gateway = Some(gateway);
+        self.order = None;
+    }
+
+    /// Gives the gateway a fact. Whoever is switched off by it is told why.
+    pub(crate) fn give(&mut self, settings: &Settings, fact: Fact) -> Broken {
+        let Some(gateway) = &mut self.gateway else { return Ok(()) };
+        let before = gateway.shown(settings).standing;
+        self.action = step(gateway, settings, fact, NOW);
+        let shown = gateway.shown(settings);
+        let events = gateway.take_events();
+        if !matches!(
+            fact,
+            Fact::Decided { .. } | Fact::Read { .. } | Fact::Done { .. } | Fact::Kept | Fact::Look
+        ) {
+            self.order = None;
+        }
+        if before == Standing::Armed && shown.standing != Standing::Armed && fact != Fact::Off {
+            let is_told = events.iter().any(|event| event.switches_off());
+            is_told.then_some(()).ok_or("switched off without a reason told")?;
+        }
+        let blames = |event: &Event| event.switches_off() || matches!(event, Event::OperatorChanged { .. });
+        if let Some(event) = events.iter().find(|event| blames(event) && !self.is_touched) {
+            return Err(format!("nobody has touched the register, but it says {event:?}"));
+        }
+        if self.action == (Action::Nothing { until: NOW.min(self.wakes()) }) {
+            return Err("it wants to be asked again at once, for nothing".to_owned());
+        }
+        let longest = NOW.after(settings.late);
+        let is_short = shown.waits_until.is_none_or(|until| until <= longest);
+        is_short.then_some(()).ok_or_else(|| "it waits longer than a write can be late".to_owned())?;
+        self.arm_by_policy(settings)
+    }
+
+    /// When it wants to be asked again.
+    fn wakes(&self) -> Moment {
+        match self.action {
+            Action::Nothing { until } => until,
+            _ => Moment::END,
+        }
+    }
+
+    /// `arm = "auto"`: as soon as the register was read, where its value is inside the limit.
+    fn arm_by_policy(&mut self, settings: &Settings) -> Broken {
+        let Some(shown) = self.gateway.map(|gateway| gateway.shown(settings)) else { return Ok(()) };
+        let inside = |value: i64| settings.is_shared || (value - settings.bias).abs() <= settings.limit;
+        let is_known = shown.verified.is_some_and(|seen| inside(seen.value));
+        let is_idle = matches!(self.action, Action::Nothing { .. });
+        if shown.standing == Standing::Off && is_known && is_idle {
+            return self.give(settings, Fact::Armed { by: Who::Policy });
+        }
+        Ok(())
+    }
+
+    /// The write that the gateway asks for; a change must rest on a decision that still holds.
+    pub(crate) fn write(&self) -> Result<Option<i64>, String> {
+        let Action::Write { value, not_after, is_repeat } = self.action else { return Ok(None) };
+        if !is_repeat && self.order.is_none() {
+            return Err(format!("{value} is sent on readings that are too old"));
+        }
+        if not_after < NOW {
+            return Err(format!("{value} is sent after its last moment"));
+        }
+        Ok(Some(value))
+    }
+
+    /// A write of ours takes effect.
+    pub(crate) fn deliver(
+        &mut self,
+        settings: &Settings,
+        value: i64,
+        (is_excused, may_jump): (bool, bool),
+    ) -> Broken {
+        let before = std::mem::replace(&mut self.register, value);
+        self.his = self.lost.take().unwrap_or(self.his);
+        let jump = (value - before).abs();
+        if jump > settings.step && !may_jump {
+            return Err(format!("a jump of {jump}: {before} to {value}"));
+        }
+        if !may_jump {
+            self.held.iter_mut().flatten().for_each(|held| held.may_jump = false);
+        }
+        if is_excused {
+            return Ok(());
+        }
+        let distance = |sum: i64| (sum - self.his).abs();
+        if distance(value) > settings.limit && distance(value) > distance(before) {
+            return Err(format!("{value} is beyond the limit, with {} of the operator's", self.his));
+        }
+        Ok(())
+    }
+
+    /// What the gateway says is on disk from now on. Times are for people, and not compared.
+    pub(crate) fn keep(&mut self, kept: Option<Kept>) {
+        let Some(kept) = kept else { return };
+        let mut promises = Slots::default();
+        for promise in kept.promises.iter() {
+            assert!(promises.push(Promise { at: Moment::default(), ..*promise }));
+        }
+        self.disk = Some(Kept { promises, ..kept });
+        self.notices_restart();
+    }
+
+    /// A second passes for everything but the gateway's own step.
+    pub(crate) fn pass(&mut self, settings: &Settings) {
+        for slot in &mut self.held {
+            *slot = slot.map(|held| Held { age: held.age + 1, ..held });
+            *slot = slot.filter(|held| Duration::from_secs(held.age) <= settings.late);
+        }
+        self.held.sort_by_key(|held| held.map(|held| (held.value, held.age)));
+        self.order = self.order.and_then(|order| order.checked_sub(1));
+        let past = |moment: Moment| if moment == Moment::END { moment } else { moment.before(SECOND) };
+        self.gateway = self.gateway.map(|gateway| gateway.moved(past));
+        if let Action::Nothing { until } = &mut self.action {
+            *until = past(*until);
+        }
+    }
+
+    /// Two worlds that are equal then behave alike.
+    pub(crate) fn canonical(&self, settings: &Settings) -> World {
+        let span = settings.late + settings.remembered + settings.every * 3;
+        let oldest = NOW.before(span);
+        let gateway = self.gateway.map(|gateway| gateway.moved(|moment| moment.max(oldest)));
+        let action = match self.action {
+            Action::Nothing { until } => Action::Nothing { until: until.max(NOW) },
+            other => other,
+        };
+        World { gateway, action, ..self.clone() }
+    }
+
+    pub(crate) fn put_on_hold(&mut self, value: i64) -> bool {
+        let Some(slot) = self.held.iter_mut().find(|held| held.is_none()) else { return false };
+        *slot = Some(Held { value, age: 0, is_excused: self.is_moved, may_jump: self.is_moved });
+        self.held.sort_by_key(|held| held.map(|held| (held.value, held.age)));
+        true
+    }
+
+    /// The register changed without anybody's write of ours.
+    pub(crate) fn is_moved_by_others(&mut self) {
+        (self.is_moved, self.is_touched) = (true, true);
+        let held = self.held.iter_mut().flatten();
+        held.for_each(|held| (held.is_excused, held.may_jump) = (true, true));
+    }
+
+    /// What stands in the end, when nothing fails any more.
+    pub(crate) fn is_at_rest(&self, settings: &Settings) -> bool {
+        let offset = self.wanted.clamp(-settings.limit, settings.limit);
+        let sum = self.his + offset;
+        let beside = settings.is_shared && self.his != 0 && sum == 0 && self.register.abs() == 1;
+        self.register == sum || beside
+    }
+
+    /// From here on nothing fails: how many seconds until the register is what it should be, and stays so.
+    pub(crate) fn runs_out(&self, settings: &Settings) -> Result<u64, String> {
+        let mut world = self.clone();
+        world.held = [None; 2];
+        let mut rested = 0;
+        let longest = 2 * settings.late.as_secs() + 2 * settings.limit.unsigned_abs() + 16;
+        for second in 0..longest {
+            for _ in 0..40 {
+                if !world.serve(settings)? {
+                    break;
+                }
+            }
+            if !world.is_at_rest(settings) {
+                rested = second + 1;
+            }
+            world.second(settings, true)?;
+        }
+        let account = world.gateway.and_then(|gateway| gateway.shown(settings).account);
+        if rested == longest {
+            return Err(format!("it never comes to rest: {} stands there, {world:?}", world.register));
+        }
+        if account.is_some_and(|account| account.base != world.his) {
+            return Err(format!("the operator's part is {}, the ledger says {account:?}", world.his));
+        }
+        Ok(rested)
+    }
+
+    /// Does what is asked for as it should be done, persons included. Whether there was anything.
+    fn serve(&mut self, settings: &Settings) -> Result<bool, String> {
+        if self.gateway.is_none() {
+            self.start(settings);
+        }
+        match self.action {
+            Action::Read => self.answer_read(settings)?,
+            Action::Keep => {
+                self.keep(self.gateway.map(|gateway| gateway.kept()));
+                self.give(settings, Fact::Kept)?;
+            }
+            Action::Write { .. } => {
+                let value = self.write()?.unwrap_or_default();
+                self.deliver(settings, value, (self.is_moved, self.is_moved))?;
+                self.give(settings, Fact::Done { left: NOW })?;
+            }
+            Action::Nothing { .. } => return self.persons_turn(settings),
+        }
+        Ok(true)
+    }
+
+    pub(crate) fn answer_read(&mut self, settings: &Settings) -> Broken {
+        (self.is_moved, self.has_arrived, self.lost) = (false, false, None);
+        self.give(settings, Fact::Read { found: self.register, asked: NOW })?;
+        self.notices_restart();
+        Ok(())
+    }
+
+    /// The restart has been read, and is on disk.
+    fn notices_restart(&mut self) {
+        let known = self.gateway.and_then(|gateway| gateway.kept().account);
+        let is_kept = known == self.disk.and_then(|kept| kept.account);
+        self.is_restarted &= !(is_kept && known.is_none_or(|account| account.base + account.share == 0));
+        self.is_restarted |= self.lost.is_some();
+    }
+
+    /// Where only a person can decide, he makes the register right and arms when it is shown so. Whether he did anything.
+    pub(crate) fn persons_turn(&mut self, settings: &Settings) -> Result<bool, String> {
+        let Some(shown) = self.gateway.map(|gateway| gateway.shown(settings)) else { return Ok(false) };
+        let stands = shown.verified.map(|seen| seen.value);
+        let is_beyond = !settings.is_shared && (self.register - settings.bias).abs() > settings.limit;
+        if shown.standing != Standing::Barred && !(shown.standing == Standing::Off && is_beyond) {
+            return Ok(false);
+        }
+        let is_on_disk = self.disk.and_then(|kept| kept.account).is_none_or(|one| one.doubt.is_some());
+        if settings.is_shared && !is_on_disk {
+            return Ok(false);
+        }
+        let share = shown.account.map_or(0, |account| account.share);
+        if settings.is_shared && self.his != 0 && self.his + share == 0 {
+            self.his += 1;
+        }
+        let right = match settings.is_shared {
+            true => self.his + share,
+            false if is_beyond => settings.bias,
+            false => self.register,
+        };
+        if self.register != right {
+            self.register = right;
+            self.is_moved_by_others();
+            return Ok(true);
+        }
+        let is_due = stands == Some(right);
+        if is_due {
+            self.give(settings, Fact::Armed { by: Who::Person })?;
+        }
+        Ok(is_due)
+    }
+
+    /// The next second begins: with a decision, or without one where the readings are stale.
+    pub(crate) fn second(&mut self, settings: &Settings, is_fresh: bool) -> Broken {
+        self.pass(settings);
+        if self.gateway.is_none() {
+            return Ok(());
+        }
+        if is_fresh {
+            self.order = Some(1);
+            return self.give(settings, Fact::Decided { offset: self.wanted, not_after: NOW.after(SECOND) });
+        }
+        match self.action {
+            Action::Nothing { until } if until <= NOW => self.give(settings, Fact::Look),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Step 1 for a whole register; a shared one steps by 2, so that nothing has to be sent that is zero.
+pub(crate) fn settings(is_shared: bool, limit: i64, late: u64) -> Settings {
+    Settings {
+        step: if is_shared { 2 } else { 1 },
+        limit,
+        bias: 0,
+        late: Duration::from_secs(late),
+        remembered: Duration::from_secs(2),
+        every: SECOND,
+        refresh: None,
+        is_shared,
+        verify: Verify::Reading,
+        rules: isotherm::output::Rules::default(),
+    }
+}

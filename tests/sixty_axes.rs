@@ -1,0 +1,285 @@
+//! Sixty axes on the sensors' own line: nobody's turn makes a sensor stale, and what is written rests on fresh readings.
+//!
+//! The temperatures are a ramp, so each value tells when it was read, and each offset how old the reading below it is.
+#![allow(clippy::unwrap_used, reason = "a test may stop where it stands")]
+#![allow(clippy::disallowed_types, reason = "ages on a real line are the wall's")]
+#![allow(clippy::cast_possible_truncation, reason = "counts that are known to be small")]
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use isotherm::clock::Clock;
+use isotherm::gateway::{Gateway, Options};
+use isotherm::observe::status::{Source, Status};
+use isotherm::profile;
+
+const ANSWER_AFTER: Duration = Duration::from_millis(30);
+const MAX_AGE: Duration = Duration::from_secs(4);
+/// What the way to the device and our own rounding may add.
+const ON_THE_WAY: Duration = Duration::from_millis(20);
+const SENSORS: u16 = 8;
+const AXES: u16 = 60;
+/// °C a second, and what an axis makes of one, µm.
+const RAMP: f64 = 0.02;
+const GAIN: f64 = 10.0;
+const REFERENCE: f64 = 20.0;
+/// µm a count of an output, °C a count of a sensor.
+const COUNT: f64 = 1e-4;
+const FINE: f64 = 1e-5;
+
+/// A register whose value changed, and how old the reading was on which that rests, both when it came.
+struct Move {
+    at: Instant,
+    axis: u16,
+    age: Duration,
+}
+
+struct Machine {
+    begun: Instant,
+    registers: BTreeMap<u16, u16>,
+    moves: Vec<Move>,
+    /// When the sensors were read.
+    read: Vec<Instant>,
+    refused: Option<u16>,
+    refusals: u32,
+    longest_gap: Duration,
+}
+
+impl Machine {
+    fn new(refused: Option<u16>) -> Arc<Mutex<Machine>> {
+        Arc::new(Mutex::new(Machine {
+            begun: Instant::now(),
+            registers: BTreeMap::new(),
+            moves: Vec::new(),
+            read: Vec::new(),
+            refused,
+            refusals: 0,
+            longest_gap: Duration::ZERO,
+        }))
+    }
+
+    /// What every sensor shows now.
+    fn temperature(&self) -> i32 {
+        ((REFERENCE + RAMP * self.begun.elapsed().as_secs_f64()) / FINE).round() as i32
+    }
+
+    fn pair(&self, at: u16) -> i32 {
+        let word = |at: u16| self.registers.get(&at).copied().unwrap_or_default().to_be_bytes();
+        let ([a, b], [c, d]) = (word(at), word(at + 1));
+        i32::from_be_bytes([a, b, c, d])
+    }
+
+    fn answer(&mut self, pdu: &[u8]) -> Vec<u8> {
+        let word = |at: usize| u16::from_be_bytes([pdu[at], pdu[at + 1]]);
+        let (from, count) = (word(1), word(3));
+        if pdu[0] == 16 {
+            if self.refused == Some(from / 2) {
+                self.refusals += 1;
+                return vec![0x90, 2];
+            }
+            let before = self.pair(from);
+            for (at, bytes) in (from..).zip(pdu[6..].chunks(2)) {
+                self.registers.insert(at, u16::from_be_bytes([bytes[0], bytes[1]]));
+            }
+            let after = self.pair(from);
+            if after != before {
+                let read = f64::from(after) * COUNT / GAIN / RAMP;
+                let age = self.begun.elapsed().saturating_sub(Duration::from_secs_f64(read.max(0.0)));
+                self.moves.push(Move { at: Instant::now(), axis: from / 2, age });
+            }
+            return pdu[..5].to_vec();
+        }
+        let words: Vec<u16> = if pdu[0] == 4 {
+            self.is_read();
+            let [a, b, c, d] = self.temperature().to_be_bytes();
+            let both = [u16::from_be_bytes([a, b]), u16::from_be_bytes([c, d])];
+            (from..from + count).map(|at| both[usize::from(at % 2)]).collect()
+        } else {
+            (from..from + count).map(|at| self.registers.get(&at).copied().unwrap_or_default()).collect()
+        };
+        let bytes = words.into_iter().flat_map(u16::to_be_bytes);
+        [pdu[0], u8::try_from(2 * count).unwrap()].into_iter().chain(bytes).collect()
+    }
+
+    fn is_read(&mut self) {
+        let now = Instant::now();
+        let gap = self.read.last().map_or(Duration::ZERO, |last| now.duration_since(*last));
+        self.longest_gap = self.longest_gap.max(gap);
+        self.read.push(now);
+    }
+}
+
+fn serve(machine: &Arc<Mutex<Machine>>) -> SocketAddr {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    let machine = machine.clone();
+    std::thread::spawn(move || {
+        for stream in listener.incoming() {
+            let machine = machine.clone();
+            std::thread::spawn(move || speak(stream.unwrap(), &machine));
+        }
+    });
+    address
+}
+
+fn speak(mut stream: TcpStream, machine: &Mutex<Machine>) {
+    stream.set_nodelay(true).unwrap();
+    let mut header = [0; 7];
+    while stream.read_exact(&mut header).is_ok() {
+        let mut pdu = vec![0; usize::from(u16::from_be_bytes([header[4], header[5]])) - 1];
+        if stream.read_exact(&mut pdu).is_err() {
+            return;
+        }
+        let answer = machine.lock().unwrap().answer(&pdu);
+        std::thread::sleep(ANSWER_AFTER);
+        let length = u16::try_from(answer.len() + 1).unwrap().to_be_bytes();
+        let frame = [&header[..4], &length, &header[6..], &answer].concat();
+        if stream.write_all(&frame).is_err() {
+            return;
+        }
+    }
+}
+
+fn profile(address: SocketAddr, axes: u16, every: &str) -> profile::Profile {
+    let mut text = format!(
+        "[machine]\nname = \"sixty\"\narm = \"auto\"\n\
+         [bus.cell]\ntype = \"modbus-tcp\"\naddress = \"{address}\"\ntimeout = \"500ms\"\n\
+         [device.thermocouples]\nbus = \"cell\"\nunit = 1\nevery = \"1s\"\n\
+         [device.cnc]\nbus = \"cell\"\nunit = 2\n"
+    );
+    let pair = "type = \"i32\"\nword_order = \"msw-first\"";
+    for sensor in 0..SENSORS {
+        write!(
+            text,
+            "[signal.t{sensor}]\ndevice = \"thermocouples\"\nregister = \"input:{}\"\n{pair}\nscale = {FINE:.5}\n\
+             unit = \"degC\"\nmax_age = \"{}s\"\n",
+            2 * sensor,
+            MAX_AGE.as_secs()
+        )
+        .unwrap();
+    }
+    for axis in 0..axes {
+        let sensor = axis % SENSORS;
+        write!(
+            text,
+            "[axis.a{axis}]\nlimit = 60.0\nstep = 30.0\nrate = 100.0\nevery = \"{every}\"\n\
+             on_fault = {{ action = \"hold\" }}\n[[axis.a{axis}.model]]\nname = \"own\"\nkind = \"linear\"\n\
+             terms = [{{ signal = \"t{sensor}\", gain = {GAIN:.1}, reference = {REFERENCE:.1} }}]\n\
+             [output.o{axis}]\naxis = \"a{axis}\"\ndevice = \"cnc\"\nwrites = \"offset\"\n\
+             register = \"holding:{}\"\n{pair}\nscale = {COUNT:.4}\nshare = \"ledger\"\n",
+            2 * axis
+        )
+        .unwrap();
+    }
+    let loaded = profile::parse(Path::new("sixty.toml"), &text, &[], &[]);
+    loaded.unwrap_or_else(|errors| panic!("{errors}")).profile
+}
+
+/// What was seen from the moment at which every axis was armed.
+#[derive(Debug, Default)]
+struct Seen {
+    armed_after: Duration,
+    /// Signals that were no longer good, and why.
+    spoilt: Vec<String>,
+    told: BTreeMap<String, u64>,
+}
+
+/// Runs the gateway for this long after every axis is armed.
+fn run(profile: profile::Profile, span: Duration) -> Seen {
+    let directory = tempfile::tempdir().unwrap();
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let options = Options { directory: Some(directory.path().to_owned()), ..Options::default() };
+        let gateway = Gateway::new(profile, &Clock::wall(), options);
+        let source = gateway.source();
+        let done = tokio::task::spawn_blocking(move || watch(source.as_ref(), span));
+        let (tell, told) = tokio::sync::oneshot::channel();
+        let stop = async move { drop(tell.send(done.await)) };
+        gateway.run(stop, std::future::ready(())).await;
+        told.await.unwrap().unwrap()
+    })
+}
+
+fn watch(source: &dyn Source, span: Duration) -> Seen {
+    let begun = Instant::now();
+    let mut seen = Seen::default();
+    let mut until = None;
+    while until.is_none_or(|until| Instant::now() < until) {
+        std::thread::sleep(Duration::from_millis(100));
+        let status = source.status();
+        if until.is_none() && status.axes.iter().all(|axis| axis.armed) {
+            seen.armed_after = begun.elapsed();
+            until = Some(Instant::now() + span);
+        }
+        assert!(until.is_some() || begun.elapsed() < Duration::from_secs(90), "{:?}", events(&status));
+        let bad = status.signals.iter().filter(|signal| until.is_some() && signal.quality != "good");
+        for bad in bad.map(|signal| format!("{} {}", signal.name, signal.quality)) {
+            if !seen.spoilt.contains(&bad) {
+                seen.spoilt.push(bad);
+            }
+        }
+        seen.told = status.event_counts.iter().map(|(kind, count)| ((*kind).to_owned(), *count)).collect();
+    }
+    seen
+}
+
+fn events(status: &Status) -> Vec<&str> {
+    status.events.iter().map(|event| event.text.as_str()).collect()
+}
+
+/// How often each axis moved, and how old the oldest reading below a move was.
+fn told(machine: &Machine, axes: u16, seen: &Seen) -> Vec<usize> {
+    let counts: Vec<usize> =
+        (0..axes).map(|axis| machine.moves.iter().filter(|one| one.axis == axis).count()).collect();
+    let old = machine.moves.iter().filter(|one| one.age > MAX_AGE + ON_THE_WAY).count();
+    let oldest = machine.moves.iter().max_by_key(|one| one.age);
+    let oldest = oldest.map(|one| (one.axis, one.at.duration_since(machine.begun), one.age));
+    println!(
+        "{} moves, each axis {:?} to {:?} times, {old} on readings older than max_age; the oldest (axis, when, age) \
+         {oldest:?}; sensors read {} times, {:?} apart at most; {seen:?}",
+        machine.moves.len(),
+        counts.iter().min(),
+        counts.iter().max(),
+        machine.read.len(),
+        machine.longest_gap,
+    );
+    counts
+}
+
+#[track_caller]
+fn nothing_rests_on_old_readings(machine: &Machine, seen: &Seen) {
+    let old = machine.moves.iter().filter(|one| one.age > MAX_AGE + ON_THE_WAY);
+    let old: Vec<_> = old.map(|one| (one.axis, one.age)).collect();
+    assert!(old.is_empty(), "{} of {} moves on old readings: {old:?}", old.len(), machine.moves.len());
+    assert!(seen.spoilt.is_empty(), "{:?}", seen.spoilt);
+    assert!(machine.longest_gap < MAX_AGE, "{:?}", machine.longest_gap);
+}
+
+#[test]
+fn sixty_axes_on_the_sensors_own_line_move_on_fresh_readings_only() {
+    let machine = Machine::new(None);
+    let seen = run(profile(serve(&machine), AXES, "10s"), Duration::from_secs(35));
+    let machine = machine.lock().unwrap();
+    let counts = told(&machine, AXES, &seen);
+    assert!(counts.iter().all(|count| *count >= 2), "{counts:?}");
+    nothing_rests_on_old_readings(&machine, &seen);
+}
+
+#[test]
+fn an_axis_whose_writes_are_refused_keeps_no_other_from_its_moves() {
+    let machine = Machine::new(Some(1));
+    let seen = run(profile(serve(&machine), 4, "2s"), Duration::from_secs(16));
+    let machine = machine.lock().unwrap();
+    let counts = told(&machine, 4, &seen);
+    assert_eq!(counts[1], 0, "{counts:?}");
+    assert!(machine.refusals >= 2, "it was tried {} times", machine.refusals);
+    for other in [0, 2, 3] {
+        assert!(counts[other] >= 6, "{counts:?}");
+    }
+    nothing_rests_on_old_readings(&machine, &seen);
+}
