@@ -28,6 +28,7 @@ mod board;
 mod can;
 mod commissioning;
 pub mod control;
+mod execute;
 mod extrapolation;
 mod keeper;
 mod ledger;
@@ -39,7 +40,9 @@ mod overrun;
 mod pause;
 mod poll;
 mod probing;
+mod promises;
 mod restart;
+mod saver;
 mod shared;
 mod status;
 mod watch;
@@ -52,6 +55,7 @@ use keeper::Keeper;
 use ledger::Ledger;
 use memory::Memory;
 use poll::LineTask;
+use promises::Promises;
 use shared::Shared;
 use watch::Watch;
 
@@ -67,7 +71,8 @@ pub type Dialer = Arc<dyn Fn(&Bus) -> Option<Box<dyn Dial>> + Send + Sync>;
 pub struct Options {
     /// Read, compute, show; write nothing.
     pub dry_run: bool,
-    /// Where state and log are kept; nowhere without it.
+    /// Where state and log are kept; nowhere without it. Whoever gives none answers for it that nothing of an earlier run
+    /// is still on its way to a register.
     pub directory: Option<PathBuf>,
     /// What opens connections; something else than the field's in tests.
     pub dialer: Dialer,
@@ -141,6 +146,7 @@ impl Gateway {
         }
         let remembers = |output: &str| recalled.verified.contains(output);
         let ledger = Ledger::open(&profile, options.directory.as_deref(), remembers, journal.clone(), clock);
+        let promises = Promises::open(&profile, options.directory.as_deref(), journal.clone(), clock);
         let sleepers: Vec<Sleeper> = profile.buses.iter().map(|_| clock.join()).collect();
         let bells = sleepers.iter().map(Sleeper::bell).collect();
         let (remembered, trouble) = (recalled.remembered, recalled.trouble);
@@ -150,7 +156,7 @@ impl Gateway {
             journal,
             options.dry_run,
             remembered,
-            (keeper, ledger),
+            (keeper, ledger, promises),
             bells,
         ));
         if let Some(why) = trouble {
@@ -199,10 +205,14 @@ impl Gateway {
             () = hurry => false,
         };
         self.let_go().await;
+        // No time passes any more, however long the tasks and the disk take to come to their end.
+        let _hold = self.shared.clock.hold();
         tasks.shutdown().await;
         let left = self.shared.what_is_left();
         self.shared.tell(&Event::Stopped { left: left.clone() });
         self.shared.ledger.finish(LAST_PATIENCE).await;
+        self.shared.end_registers();
+        self.shared.promises.finish(LAST_PATIENCE).await;
         let failed = self.keep_for_the_last_time();
         Outcome { failed, rested, left }
     }

@@ -11,7 +11,8 @@
 //! from what that read showed and from each of these copies: then whatever arrives when, the register moves by one step
 //! at most. Where no such value is nearer to what is wanted, the change waits until the copies cannot arrive any more.
 //! What appears in the register and was under way is ours; nothing else is. What stands there is sent again
-//! (`refresh`) under the same rule, and never while a change waits.
+//! (`refresh`) under the same rule, and never while a change waits. One decision moves the register once, by one step at
+//! most: how fast it goes is decided elsewhere.
 //!
 //! ```text
 //!            change wanted           nothing new             (shared) promise kept
@@ -52,7 +53,7 @@
 //! # What ends what
 //! | fact | the write that was asked for | the decision |
 //! |---|---|---|
-//! | `Done` | is under way until a read shows it | stays |
+//! | `Done` | is under way until a read shows it | was dropped when it was asked for |
 //! | `Unknown` | is under way until a read pair or time ends it | is dropped |
 //! | `Refused`, `NotSent` | is none | is dropped |
 //! | `NoAnswer`, `Paused`, `Interlocked`, `Restarted`, `Off` | | is dropped |

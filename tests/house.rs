@@ -30,6 +30,7 @@ const ARROWS: [(&str, &[&str]); 17] = [
             "reading",
             "codec",
             "compensation",
+            "output",
             "profile",
             "fieldbus",
             "clock",

@@ -122,6 +122,11 @@ impl Departure {
         self.looks.last()
     }
 
+    /// The computer has stood still, and nobody has taken note of it.
+    pub(super) fn has_stood_still(&self) -> bool {
+        self.stood_still.is_some()
+    }
+
     /// The last look before the computer stood still, once.
     pub(super) fn stood_still(&mut self) -> Option<Moment> {
         self.stood_still.take()

@@ -181,6 +181,11 @@ impl DeviceLine {
         self.departure.away_for(span);
     }
 
+    /// The computer has stood still, and nobody has asked yet.
+    pub fn has_stood_still(&self) -> bool {
+        self.departure.has_stood_still()
+    }
+
     /// The last look before the computer stood still, where it did and nobody has asked yet.
     pub fn stood_still(&mut self) -> Option<Moment> {
         self.departure.stood_still()

@@ -10,7 +10,6 @@
 use std::time::Duration;
 
 use crate::codec::Encoded;
-use crate::compensation::AxisState;
 use crate::fieldbus::line::DeviceLine;
 use crate::observe::events::Event;
 use crate::profile::{Output, OutputId, Profile, Share, Writes};
@@ -19,15 +18,17 @@ use crate::reading::SignalId;
 
 use super::output::Standing;
 use super::shared::{Core, Shared};
-use super::words::{can_be_read, cz_factor, in_micron, one_step, part};
+use super::words::{can_be_read, cz_factor, in_micron, one_step};
 
 mod corrected;
 mod exchange;
 mod handshake;
 mod ledger;
+mod order;
 mod register;
 mod set;
 
+pub(super) use order::Order;
 pub(super) use set::SetWriter;
 
 /// The registers of one value.
@@ -88,28 +89,6 @@ enum Trouble {
     Disk,
 }
 
-/// What is to be done now, as the shared state says.
-struct Order {
-    /// Cz, or what the slope comes to at the axis's reach.
-    cz: Micron,
-    decided: Moment,
-    off: bool,
-    /// The position to be corrected, where it may be used.
-    position: Option<f64>,
-    /// When a change must have left at the latest: what it rests on is too old after that.
-    not_after: Moment,
-    /// Whether the interlock allows writing; `None` where that cannot be known.
-    allowed: Option<bool>,
-    /// What stands in the register has not been taken over yet: the decision is older than that.
-    outdated: bool,
-    /// Restarts of the control so far.
-    restarts: u64,
-    /// How often the computer has stood still so far.
-    pauses: u64,
-    /// The axis follows a model.
-    follows: bool,
-}
-
 impl Writer {
     pub(super) fn new(id: OutputId) -> Writer {
         Writer {
@@ -151,10 +130,7 @@ impl Writer {
 
     /// The position this output corrects, if it does.
     pub(super) fn position(&self, profile: &Profile) -> Option<SignalId> {
-        match profile.output(self.id).writes {
-            Writes::Corrected { position } => Some(position),
-            _ => None,
-        }
+        profile.output(self.id).writes.position()
     }
 
     /// Carries out the axis's last decision, where there is something to do.
@@ -245,32 +221,7 @@ impl Writer {
     }
 
     fn order(&self, shared: &Shared, core: &Core, now: Moment) -> Order {
-        let output = shared.profile.output(self.id);
-        let decision = core.compensation.decision(output.axis.0);
-        let arming = &core.arming[output.axis.0];
-        let value = |id: SignalId| core.board.value(&shared.profile, id, now);
-        Order {
-            cz: decision.map_or(Micron::ZERO, |decision| part(decision, output.writes)),
-            decided: decision.map_or(Moment::default(), |decision| decision.at),
-            position: self.position(&shared.profile).and_then(value),
-            not_after: match self.position(&shared.profile) {
-                Some(position) => core.board.usable_until(&shared.profile, position),
-                // A constant rests on no reading.
-                None if output.writes == Writes::Reference => Moment::END,
-                None => core.not_after[output.axis.0],
-            },
-            off: !arming.armed || decision.is_none_or(|decision| decision.state == AxisState::Off),
-            allowed: output.when.as_ref().map_or(Some(true), |when| when.holds(&value)),
-            outdated: match output.writes {
-                Writes::Slope => arming.take_over_slope.is_some(),
-                // A constant.
-                Writes::Reference => false,
-                _ => arming.take_over.is_some(),
-            },
-            restarts: core.restarts.of(self.id),
-            pauses: core.pauses.count(),
-            follows: decision.is_some_and(|decision| decision.state.is_following()),
-        }
+        Order::of(shared, core, self.id, now)
     }
 
     /// After a restart, and after the computer has stood still, the register is read and compared before anything else.

@@ -35,7 +35,8 @@ use serde::{Deserialize, Serialize};
 mod book;
 mod desk;
 
-pub(super) use desk::{Kept, Ledger};
+pub(super) use book::register;
+pub(super) use desk::Ledger;
 
 /// One register: what is the operator's and what is ours, in counts.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

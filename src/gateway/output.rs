@@ -31,6 +31,8 @@ pub(super) struct OutputState {
     /// The operator's part of that and ours, where the register is shared.
     pub(super) shares: Option<(f64, f64)>,
     pub(super) verified_at: Option<Moment>,
+    /// When nothing of ours can arrive any more that was not answered.
+    pub(super) waits_until: Option<Moment>,
     pub(super) writes: u64,
     /// Failures since the last verified write.
     pub(super) failures: u64,

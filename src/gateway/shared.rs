@@ -13,6 +13,7 @@ use super::levels::LevelsTold;
 use super::output::OutputState;
 use super::pause::Pauses;
 use super::probing::Probing;
+use super::promises::Promises;
 use super::restart::Restarts;
 use crate::clock::{Bell, Clock};
 use crate::compensation::model::Evaluate;
@@ -38,6 +39,7 @@ pub(crate) struct Shared {
     pub(crate) dry_run: bool,
     pub(crate) started: Moment,
     pub(super) ledger: Ledger,
+    pub(super) promises: Promises,
     /// Something that is read tells that a control was restarted.
     pub(super) tells_restarts: bool,
     /// By axis and model: the signals that it rests on.
@@ -56,6 +58,8 @@ pub(super) struct Core {
     pub(super) arming: Vec<Arming>,
     pub(super) probing: Vec<Probing>,
     pub(super) outputs: Vec<OutputState>,
+    /// By output: what is known of its register, where one task alone carries it out.
+    pub(super) registers: Vec<Option<crate::output::State>>,
     pub(super) devices: Vec<DeviceCount>,
     pub(super) commissioning: Commissioning,
     pub(super) buses: Vec<BusCount>,
@@ -123,7 +127,7 @@ impl Shared {
         journal: Arc<Journal>,
         dry_run: bool,
         remembered: Remembered,
-        (keeper, ledger): (Keeper, Ledger),
+        (keeper, ledger, promises): (Keeper, Ledger, Promises),
         bells: Vec<Bell>,
     ) -> Shared {
         let axes = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
@@ -133,6 +137,7 @@ impl Shared {
             arming: vec![Arming::default(); profile.axes.len()],
             probing: vec![Probing::default(); profile.axes.len()],
             outputs: vec![OutputState::default(); profile.outputs.len()],
+            registers: vec![None; profile.outputs.len()],
             devices: vec![DeviceCount::default(); profile.devices.len()],
             commissioning: Commissioning::new(&profile),
             buses: vec![BusCount::default(); profile.buses.len()],
@@ -164,6 +169,7 @@ impl Shared {
             dry_run,
             started,
             ledger,
+            promises,
             tells_restarts,
             inputs,
             bells,

@@ -87,6 +87,14 @@ pub enum Event {
     Verified { output: String, failures: u64 },
     /// Somebody else wrote to our register.
     ForeignChange { output: String, expected: String, found: String },
+    /// A write of ours arrived long after it was sent.
+    OwnWriteLate { output: String, value: String, sent: String },
+    /// What appeared after a start may be our own, from before it.
+    PerhapsFromBefore { output: String, value: String },
+    /// A late write may still arrive, and the next change would be too far from it.
+    WaitsForLateWrite { output: String, seconds: u64 },
+    /// What is written is acknowledged, and cannot be read.
+    NotReadBack { output: String },
     /// An operator changed his part of a register of which we own a share.
     OperatorChange { output: String, from: String, to: String, share: String },
     /// What of a register is the operator's and what is ours, from now on.
@@ -168,6 +176,10 @@ impl Event {
             Event::WriteFailed { .. } => "write-failed",
             Event::Verified { .. } => "verified",
             Event::ForeignChange { .. } => "foreign-change",
+            Event::OwnWriteLate { .. } => "own-write-late",
+            Event::PerhapsFromBefore { .. } => "perhaps-from-before",
+            Event::WaitsForLateWrite { .. } => "waits-for-late-write",
+            Event::NotReadBack { .. } => "not-read-back",
             Event::OperatorChange { .. } => "operator-change",
             Event::LedgerOpened { .. } => "ledger-opened",
             Event::LedgerDoubt { .. } => "ledger-doubt",
@@ -209,6 +221,9 @@ impl Event {
             | Event::ModelAges { .. }
             | Event::Saturated { .. }
             | Event::WriteFailed { .. }
+            | Event::OwnWriteLate { .. }
+            | Event::PerhapsFromBefore { .. }
+            | Event::WaitsForLateWrite { .. }
             | Event::CncRestarted { .. }
             | Event::CncBooted { .. }
             | Event::Disarmed { .. }
@@ -303,6 +318,27 @@ impl fmt::Display for Event {
             }
             Event::ForeignChange { output, expected, found } => {
                 write!(f, "output {output}: somebody else wrote {found} where {expected} stood; left alone")
+            }
+            Event::OwnWriteLate { output, value, sent } => {
+                write!(
+                    f,
+                    "output {output}: our own write of {value} from {sent} arrived late; going on from there"
+                )
+            }
+            Event::PerhapsFromBefore { output, value } => {
+                write!(
+                    f,
+                    "output {output}: {value} appeared, perhaps our own from before the start; going on from there"
+                )
+            }
+            Event::WaitsForLateWrite { output, seconds } => {
+                write!(
+                    f,
+                    "output {output}: waiting for a late write, {seconds} s at most: until then the next step could be more than one from it"
+                )
+            }
+            Event::NotReadBack { output } => {
+                write!(f, "output {output}: acknowledged, not read back: its register cannot be read")
             }
             Event::OperatorChange { output, from, to, share } => {
                 write!(

@@ -6,7 +6,7 @@ use super::Action;
 use super::copies::{Copies, Room};
 use super::event::Event;
 use super::settings::{Settings, Verify};
-use super::standing::{Doing, Seen, Standing};
+use super::standing::{Doing, Seen, Standing, Untaken};
 use super::state::{RETRY, State};
 use crate::quantity::Moment;
 
@@ -152,22 +152,31 @@ fn send(state: &mut State, settings: &Settings, value: i64, asked: Moment, now: 
     let read = (settings.verify == Verify::Reading).then_some(asked);
     state.doing = Doing::Writing { value, begun: now, read };
     let not_after = state.order.map_or(now, |order| order.not_after);
+    // One decision moves the register once: how fast it may go is the axis's to say.
+    state.drop_order(settings);
     Action::Write { value, not_after, is_repeat: false }
 }
 
-/// What stands there is due to be sent again: because it is refreshed, or because of an output that cannot be read
-/// nothing else says that what was under way has not arrived.
+/// What stands there is due to be sent again: because it is refreshed; because only that shows that a register which
+/// did not take what was written can be written again; or because of an output that cannot be read nothing else says
+/// that what was under way has not arrived.
 fn repeats(state: &State, settings: &Settings, aim: Option<Aim>, now: Moment) -> bool {
     let Some(seen) = state.verified else { return false };
-    let is_due = settings.refresh.is_some_and(|refresh| now >= state.written_at.after(refresh))
-        && !state.is_waiting
-        && aim.is_none_or(|aim| aim == Aim::There)
-        && state.answered.is_none();
+    let rests = !state.is_waiting && aim.is_none_or(|aim| aim == Aim::There) && state.answered.is_none();
+    let is_due = settings.refresh.is_some_and(|refresh| now >= state.written_at.after(refresh));
     let clears = settings.verify == Verify::Echo
         && state.copies.first_over(settings.late).is_some_and(|over| now > over);
     let may = state.standing == Standing::Armed && !state.is_interlocked && !state.must_read;
     let is_settled = state.settles_at.is_none() && state.copies.has_room();
-    may && (is_due || clears) && is_settled && !settings.is_shared && is_repeatable(state, settings, seen)
+    let shows = match state.untaken {
+        None => false,
+        Some(Untaken::Refused) => true,
+        Some(Untaken::Ignored) => aim == Some(Aim::There),
+    };
+    may && (rests && (is_due || shows) || clears)
+        && is_settled
+        && !settings.is_shared
+        && is_repeatable(state, settings, seen)
 }
 
 /// A late one that arrives after it would be at most one step away from it.
@@ -202,6 +211,10 @@ fn next_read(state: &State, settings: &Settings) -> Moment {
         return Moment::END;
     }
     let Some(seen) = state.verified else { return state.reads_from };
+    if state.is_interlocked {
+        // What is behind an interlock may be off, or starting: it is read when that is over.
+        return Moment::END;
+    }
     let is_certain = state.copies.under_way().next().is_none() && state.settles_at.is_none();
     let span = if is_certain { settings.every } else { settings.every.min(RETRY) };
     let over = state.copies.first_over(settings.late).into_iter().chain(state.settles_at).min();

@@ -9,20 +9,12 @@ pub(super) struct Reports {
     events: Slots<Event, 8>,
     has_said_acknowledged: bool,
     has_said_disk: bool,
-    has_said_trouble: bool,
 }
 
 impl Reports {
     /// A step tells three at most, and they are taken after each.
     pub(super) fn tell(&mut self, event: Event) {
         let _ = self.events.push(event);
-    }
-
-    /// Once, until a write stands there.
-    pub(super) fn tell_trouble(&mut self, event: Event) {
-        if !std::mem::replace(&mut self.has_said_trouble, true) {
-            self.tell(event);
-        }
     }
 
     /// Once, until the disk keeps something again.
@@ -37,10 +29,6 @@ impl Reports {
         if !std::mem::replace(&mut self.has_said_acknowledged, true) {
             self.tell(Event::AcknowledgedNotReadBack);
         }
-    }
-
-    pub(super) fn write_stands(&mut self) {
-        self.has_said_trouble = false;
     }
 
     pub(super) fn disk_keeps(&mut self) {

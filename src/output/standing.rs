@@ -27,6 +27,15 @@ pub(super) enum Doing {
     Ended,
 }
 
+/// How a write failed that was answered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Untaken {
+    /// Nobody says that it was done: whatever is answered as done shows that there is somebody again.
+    Refused,
+    /// It was answered as done and does not stand there: only another value that does shows something.
+    Ignored,
+}
+
 /// What is wanted: counts from the bias, or our share.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) struct Order {
@@ -62,4 +71,6 @@ pub struct Shown {
     pub under_way: usize,
     /// Until when a change waits for them.
     pub waits_until: Option<Moment>,
+    /// The last write was refused or not taken, and none was since.
+    pub is_untaken: bool,
 }

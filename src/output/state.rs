@@ -9,7 +9,7 @@ use super::kept::{Account, Kept, Promise};
 use super::reports::Reports;
 use super::settings::{Settings, Verify};
 use super::slots::Slots;
-use super::standing::{Doing, Order, Seen, Shown, Standing};
+use super::standing::{Doing, Order, Seen, Shown, Standing, Untaken};
 use super::{Fact, Who};
 use crate::quantity::Moment;
 
@@ -59,6 +59,8 @@ pub struct State {
     pub(super) keeps_from: Moment,
     /// When something was last put there.
     pub(super) written_at: Moment,
+    /// How the last write failed, if none has stood there since.
+    pub(super) untaken: Option<Untaken>,
     pub(super) reports: Reports,
 }
 
@@ -96,6 +98,7 @@ impl State {
             writes_from: now,
             keeps_from: now,
             written_at: now,
+            untaken: None,
             reports: Reports::default(),
         }
     }
@@ -109,6 +112,7 @@ impl State {
             standing: self.standing,
             under_way: self.copies.under_way().count(),
             waits_until: self.is_waiting.then(|| self.waits_until(settings)).flatten(),
+            is_untaken: self.untaken.is_some(),
         }
     }
 
@@ -177,11 +181,14 @@ impl State {
             Fact::Refused => {
                 if let Some(value) = self.not_written(settings, now) {
                     self.unanswered_change = self.expected().map(|stood| value.saturating_sub(stood));
-                    self.reports.tell_trouble(Event::WriteRefused { value });
+                    self.tell_untaken(Untaken::Refused, Event::WriteRefused { value });
                 }
             }
             Fact::NotSent => {
-                self.not_written(settings, now);
+                // Of what cannot be read only a write that is acknowledged shows that there is somebody to write to.
+                if self.not_written(settings, now).is_some() && settings.verify == Verify::Echo {
+                    self.untaken = Some(Untaken::Refused);
+                }
             }
             Fact::Kept if self.ends(Doing::Keeping) => {
                 self.has_begun_on_disk = true;
@@ -198,7 +205,10 @@ impl State {
                 self.is_interlocked = true;
                 self.drop_order(settings);
             }
-            Fact::Released => self.is_interlocked = false,
+            Fact::Released => {
+                let was_interlocked = std::mem::take(&mut self.is_interlocked);
+                self.must_read |= was_interlocked && settings.verify == Verify::Reading;
+            }
             Fact::Paused => {
                 self.must_read = settings.verify == Verify::Reading;
                 self.drop_order(settings);
@@ -243,7 +253,7 @@ impl State {
         match meaning {
             Meaning::Same => {
                 if self.answered.is_some() {
-                    self.reports.write_stands();
+                    self.untaken = None;
                 }
                 self.share_is(found);
             }
@@ -256,17 +266,23 @@ impl State {
             Meaning::First if settings.is_shared => self.account_is(Account::default()),
             Meaning::First => {}
             Meaning::Ours { sent, is_late } => {
+                self.drop_order(settings);
                 self.share_is(found);
                 if is_late {
                     self.reports.tell(Event::OwnWriteArrivedLate { value: found, sent });
                 }
             }
-            Meaning::FromBefore => self.reports.tell(Event::PerhapsFromBefore { value: found }),
+            Meaning::FromBefore => {
+                self.drop_order(settings);
+                self.reports.tell(Event::PerhapsFromBefore { value: found });
+            }
             Meaning::NotTaken => {
-                self.reports.tell_trouble(Event::NotTaken { wrote: expected.unwrap_or(found), found });
+                let event = Event::NotTaken { wrote: expected.unwrap_or(found), found };
+                self.tell_untaken(Untaken::Ignored, event);
                 self.writes_from = now.after(RETRY);
             }
             Meaning::Restarted => {
+                self.drop_order(settings);
                 self.reports.tell(Event::CncRestarted { stood: expected.unwrap_or(found) });
                 if settings.is_shared {
                     self.account_is(Account::default());
@@ -285,6 +301,13 @@ impl State {
                 self.account_is(Account { base: to, ..account });
             }
             Meaning::Doubtful(doubt) => self.doubt(doubt, found),
+        }
+    }
+
+    /// Once, until a write stands there.
+    fn tell_untaken(&mut self, how: Untaken, event: Event) {
+        if self.untaken.replace(how).is_none() {
+            self.reports.tell(event);
         }
     }
 
@@ -386,13 +409,16 @@ impl State {
             self.unanswered_change = stood.map(|stood| value.saturating_sub(stood));
             self.writes_from = now.after(RETRY);
             self.drop_order(settings);
+            if settings.verify == Verify::Echo {
+                self.untaken = Some(Untaken::Refused);
+            }
         }
     }
 
     fn acknowledged(&mut self, settings: &Settings, value: i64, begun: Moment, left: Moment) {
         self.copies.end_late(begun, settings.late, settings.remembered);
         self.verified = Some(Seen { value, asked: left });
-        self.is_unsaved = true;
+        (self.is_unsaved, self.untaken) = (true, None);
         self.reports.tell_acknowledged();
     }
 
@@ -419,7 +445,7 @@ impl State {
             self.copies.pin();
         }
         self.standing = to;
-        self.order = None;
+        (self.order, self.untaken) = (None, None);
         self.is_waiting = false;
         if self.promised.take().is_some() {
             self.is_unsaved = true;
@@ -452,7 +478,7 @@ impl State {
     }
 
     /// When what may still arrive no longer forbids anything, at the latest.
-    pub(super) fn waits_until(&self, settings: &Settings) -> Option<Moment> {
+    pub fn waits_until(&self, settings: &Settings) -> Option<Moment> {
         self.copies.all_over(settings.late).into_iter().chain(self.settles_at).max()
     }
 

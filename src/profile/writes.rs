@@ -35,6 +35,14 @@ impl Writes {
         }
     }
 
+    /// The position that it corrects, if it does.
+    pub const fn position(self) -> Option<SignalId> {
+        match self {
+            Writes::Corrected { position } => Some(position),
+            _ => None,
+        }
+    }
+
     /// The unit of its value.
     pub const fn unit(self) -> &'static str {
         match self {

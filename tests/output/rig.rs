@@ -106,9 +106,8 @@ impl Rig {
 
     /// Walks to where this is wanted.
     pub(crate) fn go(&mut self, offset: i64) {
-        let mut write = self.want(offset);
-        while write.is_some() {
-            write = self.done();
+        while self.want(offset).is_some() {
+            assert_eq!(self.done(), None, "one decision is one change");
         }
         let base = self.state.kept().account.map_or(self.settings.bias, |account| account.base);
         assert_eq!(self.register, base + offset);

@@ -79,7 +79,7 @@ fn a_value_under_way_is_ours() {
 fn a_value_lately_sent_is_taken_over_in_a_whole_register() {
     let mut rig = whole(2);
     rig.register = lately(&mut rig, 3);
-    assert_eq!(rig.seconds(1, 2), Some(2));
+    assert_eq!(rig.seconds(2, 2), Some(2));
     assert!(rig.has_told(|event| matches!(event, Event::OwnWriteArrivedLate { value: 3, .. })));
     assert_eq!(standing(&rig), Standing::Armed);
 }
@@ -106,11 +106,12 @@ fn a_value_lately_sent_and_sent_again_is_ended_by_no_pair_of_reads() {
 fn zero_is_a_restart_and_the_walk_begins_there() {
     let mut rig = whole(3);
     rig.register = 0;
+    assert_eq!(rig.seconds(1, 3), None, "what was decided went by what stood there before");
     assert_eq!(rig.seconds(1, 3), Some(1));
     assert!(rig.has_told(|event| matches!(event, Event::CncRestarted { stood: 3 })));
     let mut rig = shared(3, 2);
     rig.register = 0;
-    assert_eq!(rig.seconds(1, 2), Some(2));
+    assert_eq!(rig.seconds(2, 2), Some(2));
     assert_eq!(rig.parts(), (0, 0));
 }
 
@@ -237,9 +238,15 @@ fn whatever_interrupts_a_decision_ends_it() {
         }
         assert_eq!(rig.settle(), None, "{fact:?}");
         rig.give(Fact::Released);
+        assert_eq!(rig.settle(), None, "{fact:?}");
         rig.now = rig.now.after(Duration::from_secs(2));
         rig.give(Fact::Look);
-        assert_eq!(rig.settle(), None, "{fact:?}");
+        let again = rig.settle();
+        let shows = (fact == Fact::Refused).then_some(0);
+        assert_eq!(
+            again, shows,
+            "{fact:?}: what was refused shows with what stands there that it can be written"
+        );
     }
 }
 

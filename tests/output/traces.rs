@@ -37,6 +37,8 @@ fn a_repeat_is_not_sent_while_what_is_two_steps_away_may_arrive() {
     assert!(rig.has_told(|event| matches!(event, Event::CncRestarted { stood: -1 })));
     assert_eq!(rig.seconds(3, 0), None, "neither a repeat of zero nor anything else");
     rig.register = -2;
+    assert_eq!(rig.seconds(1, 0), Some(-2), "it is ours, and stands there");
+    assert_eq!(rig.done(), None);
     assert_eq!(rig.seconds(1, 0), Some(-1), "from where it stands now");
 }
 

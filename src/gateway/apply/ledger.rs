@@ -8,7 +8,8 @@ use std::time::Duration;
 
 use super::{Order, RETRY, Trouble, Writer};
 use crate::fieldbus::line::DeviceLine;
-use crate::gateway::ledger::{Account, Doubt, Finding, Kept};
+use crate::gateway::ledger::{Account, Doubt, Finding};
+use crate::gateway::saver::Kept;
 use crate::gateway::shared::Shared;
 use crate::gateway::words::{counts_in_text, cz_factor, one_step};
 use crate::observe::events::Event;

@@ -43,7 +43,7 @@ pub(super) struct Book {
 }
 
 /// What an account must speak of to be this output's.
-pub(super) fn register(profile: &Profile, output: &Output) -> String {
+pub(in crate::gateway) fn register(profile: &Profile, output: &Output) -> String {
     let encoding = &output.encoding;
     let device = &profile.device(output.device).name;
     format!(

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use super::LineTask;
 use crate::gateway::apply::{SetWriter, Writer};
+use crate::gateway::execute::Executor;
 use crate::gateway::shared::Shared;
 use crate::profile::{BusId, DeviceId, OutputId, SetId};
 use crate::quantity::Moment;
@@ -23,6 +24,7 @@ pub(super) struct Job {
 }
 
 enum Work {
+    Offset(Box<Executor>),
     One(Box<Writer>),
     Set(Box<SetWriter>),
 }
@@ -34,6 +36,10 @@ pub(super) fn jobs(shared: &Shared, bus: BusId, start: Moment) -> Vec<Job> {
         .map(OutputId)
         .filter(|id| here(profile.output(*id).device) && profile.output(*id).set.is_none())
         .map(|id| {
+            if Executor::carries_out(profile.output(id)) {
+                let work = Work::Offset(Box::new(Executor::new(shared, id, start)));
+                return Job { due: start, waits_since: None, work, corrects: None };
+            }
             let writer = Writer::new(id);
             let corrects = writer.position(profile).map(|position| profile.signal(position).device);
             Job { due: start, waits_since: None, work: Work::One(Box::new(writer)), corrects }
@@ -71,6 +77,10 @@ impl LineTask {
         let profile = &shared.profile;
         let job = &mut self.jobs[place];
         let (wants, asks, is_late) = match &mut job.work {
+            Work::Offset(executor) => {
+                executor.turn(line, shared, now).await;
+                (Some(executor.due()), None, executor.is_late())
+            }
             Work::One(writer) => {
                 match writer.position(profile) {
                     None => writer.offset(line, shared, now).await,

@@ -88,8 +88,9 @@ impl Core {
                 Attempt::NotYet => {}
                 Attempt::From(from, take_over_slope) => {
                     let take_over = Some(from);
+                    let by_person = self.arming[axis].asked;
                     self.arming[axis] =
-                        Arming { armed: true, take_over, take_over_slope, ..Arming::default() };
+                        Arming { armed: true, by_person, take_over, take_over_slope, ..Arming::default() };
                     for (output, state) in shared.profile.outputs.iter().zip(&mut self.outputs) {
                         if output.axis.0 == axis && state.standing == Standing::Foreign {
                             state.standing = Standing::Verified;
@@ -117,7 +118,12 @@ impl Core {
         let settings = &profile.axes[axis].settings;
         let grain = |output: &Output| match (output.writes, settings.apart) {
             (Writes::Slope, Some(apart)) => apart.count.unwrap_or(Micron::ZERO),
-            _ => settings.guard.count.unwrap_or(Micron::ZERO),
+            // A floating-point register tells ten thousand parts of a step apart.
+            _ => settings
+                .guard
+                .count
+                .or_else(|| Micron::new(settings.guard.step.get() * 1e-4))
+                .unwrap_or_default(),
         };
         let is_there = |output: &Output, cz: Micron| {
             output.writes == Writes::Reference || (cz - part(decision, output.writes)).abs() <= grain(output)

@@ -25,11 +25,31 @@ impl Shared {
             })
         });
         let longest = times.max();
+        // What may still arrive can forbid the next step for so long, of a device that answers.
+        let answers = core.outputs.iter().filter(|output| output.standing == Standing::Verified);
+        let now = self.clock.now();
+        let waits = answers.filter_map(|output| Some(output.waits_until?.since(now))).max();
         drop(core);
         self.ring();
         // The last value is still to be written and read back, by a device that may be slow.
         let slowest = self.profile.buses.iter().map(|bus| bus.timeout * 6).max();
-        longest.unwrap_or_default() + slowest.unwrap_or_default() + Duration::from_secs(2)
+        waits.unwrap_or_default()
+            + longest.unwrap_or_default()
+            + slowest.unwrap_or_default()
+            + Duration::from_secs(2)
+    }
+
+    /// The process ends: what may still arrive in the registers goes on disk, and whether it ended in order.
+    pub(in crate::gateway) fn end_registers(&self) {
+        if self.dry_run {
+            return;
+        }
+        let mut core = self.core();
+        for (output, state) in self.profile.outputs.iter().zip(&mut core.registers) {
+            if let Some(state) = state {
+                let _ = self.promises.keep(&self.profile, output, state.end());
+            }
+        }
     }
 
     /// The lines drop what strobes are up; whether there is one.

@@ -1,0 +1,71 @@
+//! What is to be done about an output now, as the shared state says.
+
+use crate::compensation::AxisState;
+use crate::gateway::shared::{Core, Shared};
+use crate::gateway::words::part;
+use crate::profile::{OutputId, Writes};
+use crate::quantity::{Micron, Moment};
+use crate::reading::SignalId;
+
+/// What is to be done now.
+pub(in crate::gateway) struct Order {
+    /// Cz, or what the slope comes to at the axis's reach.
+    pub(in crate::gateway) cz: Micron,
+    pub(in crate::gateway) decided: Moment,
+    /// The axis is armed.
+    pub(in crate::gateway) armed: bool,
+    /// Nothing is wanted of it: it is not armed, or nothing was decided since.
+    pub(in crate::gateway) off: bool,
+    /// The position to be corrected, where it may be used.
+    pub(in crate::gateway) position: Option<f64>,
+    /// When a change must have left at the latest: what it rests on is too old after that.
+    pub(in crate::gateway) not_after: Moment,
+    /// Whether the interlock allows writing; `None` where that cannot be known.
+    pub(in crate::gateway) allowed: Option<bool>,
+    /// What stands in the register has not been taken over yet: the decision is older than that.
+    pub(in crate::gateway) outdated: bool,
+    /// Restarts of the control so far.
+    pub(in crate::gateway) restarts: u64,
+    /// How often the computer has stood still so far.
+    pub(in crate::gateway) pauses: u64,
+    /// The axis follows a model.
+    pub(in crate::gateway) follows: bool,
+    /// The axis holds what it decided last.
+    pub(in crate::gateway) holds: bool,
+}
+
+impl Order {
+    /// What is to be done about this output.
+    pub(in crate::gateway) fn of(shared: &Shared, core: &Core, id: OutputId, now: Moment) -> Order {
+        let output = shared.profile.output(id);
+        let decision = core.compensation.decision(output.axis.0);
+        let state = decision.map(|decision| decision.state);
+        let arming = &core.arming[output.axis.0];
+        let value = |id: SignalId| core.board.value(&shared.profile, id, now);
+        let position = output.writes.position();
+        Order {
+            cz: decision.map_or(Micron::ZERO, |decision| part(decision, output.writes)),
+            decided: decision.map_or(Moment::default(), |decision| decision.at),
+            position: position.and_then(value),
+            not_after: match position {
+                Some(position) => core.board.usable_until(&shared.profile, position),
+                // A constant rests on no reading.
+                None if output.writes == Writes::Reference => Moment::END,
+                None => core.not_after[output.axis.0],
+            },
+            armed: arming.armed,
+            off: !arming.armed || state.is_none_or(|state| state == AxisState::Off),
+            allowed: output.when.as_ref().map_or(Some(true), |when| when.holds(&value)),
+            outdated: match output.writes {
+                Writes::Slope => arming.take_over_slope.is_some(),
+                // A constant.
+                Writes::Reference => false,
+                _ => arming.take_over.is_some(),
+            },
+            restarts: core.restarts.of(id),
+            pauses: core.pauses.count(),
+            follows: state.is_some_and(AxisState::is_following),
+            holds: matches!(state, Some(AxisState::Holding(_))),
+        }
+    }
+}

@@ -1,0 +1,183 @@
+//! Keeps the newest version of a document on disk, by a thread of its own: a slow disk never holds a line up.
+//!
+//! It always writes the newest document, and says which version of it is on disk. Whoever depends on a version waits for
+//! that, for a short while, and looks again in its next turn.
+
+use std::fmt;
+use std::io;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::watch;
+
+use crate::clock::{Clock, Patience};
+use crate::observe::events::{Event, Journal};
+
+/// What became of a version that was to be put on disk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kept {
+    /// It is there, or a newer one.
+    Yes,
+    /// The disk has not answered.
+    NotYet,
+    /// It cannot be.
+    No,
+}
+
+/// A document of which the newest version is kept on disk.
+pub(super) struct Saver<T> {
+    shelf: Arc<Shelf<T>>,
+    done: watch::Receiver<Done>,
+    /// The disk did not answer in time when it was last waited for: nobody waits for it again before it has.
+    is_slow: AtomicBool,
+}
+
+/// The newest version that was put on disk, and the newest that could not be.
+#[derive(Clone, Copy, Debug, Default)]
+struct Done {
+    kept: u64,
+    failed: u64,
+}
+
+#[derive(Default)]
+struct Shelf<T> {
+    newest: Mutex<Newest<T>>,
+    turned: Condvar,
+}
+
+#[derive(Default)]
+struct Newest<T> {
+    document: T,
+    version: u64,
+    closed: bool,
+}
+
+impl<T: Clone + Default + Send + 'static> Saver<T> {
+    /// One that never keeps anything.
+    pub(super) fn idle() -> Saver<T> {
+        let (_, done) = watch::channel(Done::default());
+        Saver { shelf: Arc::new(Shelf::default()), done, is_slow: AtomicBool::new(false) }
+    }
+
+    /// Begins with what is on disk. `save` returns when the document is there. Events say what it is, and what
+    /// follows where it cannot be kept.
+    pub(super) fn start(
+        (what, otherwise): (&'static str, &'static str),
+        document: T,
+        save: impl FnMut(&T) -> io::Result<()> + Send + 'static,
+        journal: Arc<Journal>,
+        clock: &Clock,
+    ) -> Saver<T> {
+        let shelf = Arc::new(Shelf::default());
+        let (tell, done) = watch::channel(Done::default());
+        let saver = Saver { shelf: Arc::clone(&shelf), done, is_slow: AtomicBool::new(false) };
+        shelf.newest().document = document;
+        let clock = clock.clone();
+        let work = move || shelf.work((what, otherwise), save, &tell, &journal, &clock);
+        // Without a thread nothing is kept, which is what everybody is then told.
+        let _ = std::thread::Builder::new().name(what.replace(' ', "-")).spawn(work);
+        saver
+    }
+
+    /// The newest document, which is not on disk yet perhaps.
+    pub(super) fn look<R>(&self, at: impl FnOnce(&T) -> R) -> R {
+        at(&self.shelf.newest().document)
+    }
+
+    /// Changes the document and has it put on disk; the number asks for what became of that.
+    pub(super) fn keep(&self, change: impl FnOnce(&mut T)) -> u64 {
+        let mut newest = self.shelf.newest();
+        change(&mut newest.document);
+        newest.version += 1;
+        self.shelf.turned.notify_one();
+        newest.version
+    }
+
+    /// What became of that, waiting for it no longer than `span` of the wall's time, and for a disk that did not answer
+    /// the last time not at all.
+    pub(super) async fn kept(&self, version: u64, span: Duration) -> Kept {
+        let mut done = self.done.clone();
+        let is_done = |done: &Done| done.kept >= version || done.failed >= version;
+        let span = if self.is_slow.load(Ordering::Relaxed) { Duration::ZERO } else { span };
+        let waited = Patience::new().within(span, done.wait_for(is_done)).await;
+        if waited.is_some() || !span.is_zero() {
+            self.is_slow.store(waited.is_none(), Ordering::Relaxed);
+        }
+        match waited {
+            None => Kept::NotYet,
+            Some(Ok(done)) if done.kept >= version => Kept::Yes,
+            Some(_) => Kept::No,
+        }
+    }
+
+    /// Waits for what is still to be put on disk.
+    pub(super) async fn finish(&self, span: Duration) {
+        let version = self.shelf.newest().version;
+        self.is_slow.store(false, Ordering::Relaxed);
+        if version > 0 {
+            let _ = self.kept(version, span).await;
+        }
+    }
+}
+
+impl<T> Drop for Saver<T> {
+    fn drop(&mut self) {
+        self.shelf.newest().closed = true;
+        self.shelf.turned.notify_one();
+    }
+}
+
+impl<T> fmt::Debug for Saver<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Saver").field("done", &*self.done.borrow()).finish_non_exhaustive()
+    }
+}
+
+impl<T> Shelf<T> {
+    fn newest(&self) -> MutexGuard<'_, Newest<T>> {
+        self.newest.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl<T: Clone> Shelf<T> {
+    fn work(
+        &self,
+        (what, otherwise): (&str, &str),
+        mut save: impl FnMut(&T) -> io::Result<()>,
+        tell: &watch::Sender<Done>,
+        journal: &Journal,
+        clock: &Clock,
+    ) {
+        let (mut last, mut failing) = (0, false);
+        loop {
+            let mut newest = self.newest();
+            while newest.version == last && !newest.closed {
+                newest = self.turned.wait(newest).unwrap_or_else(PoisonError::into_inner);
+            }
+            if newest.version == last {
+                return;
+            }
+            last = newest.version;
+            let document = newest.document.clone();
+            drop(newest);
+            let saved = save(&document);
+            match &saved {
+                Ok(()) if std::mem::take(&mut failing) => {
+                    journal.tell(clock.now(), &Event::KeptAgain { what: what.to_owned() });
+                }
+                Ok(()) => {}
+                Err(error) => {
+                    if !std::mem::replace(&mut failing, true) {
+                        let why = format!("{error}; {otherwise}");
+                        journal.tell(clock.now(), &Event::NotKept { what: what.to_owned(), why });
+                    }
+                }
+            }
+            tell.send_modify(|done| match saved {
+                Ok(()) => done.kept = last,
+                Err(_) => done.failed = last,
+            });
+        }
+    }
+}
