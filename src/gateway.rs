@@ -146,7 +146,12 @@ impl Gateway {
         }
         let remembers = |output: &str| recalled.verified.contains(output);
         let ledger = Ledger::open(&profile, options.directory.as_deref(), remembers, journal.clone(), clock);
-        let promises = Promises::open(&profile, options.directory.as_deref(), journal.clone(), clock);
+        let promises = Promises::open(
+            &profile,
+            options.directory.as_deref().filter(|_| !options.dry_run),
+            journal.clone(),
+            clock,
+        );
         let sleepers: Vec<Sleeper> = profile.buses.iter().map(|_| clock.join()).collect();
         let bells = sleepers.iter().map(Sleeper::bell).collect();
         let (remembered, trouble) = (recalled.remembered, recalled.trouble);

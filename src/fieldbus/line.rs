@@ -60,7 +60,6 @@ pub struct DeviceLine {
     /// Closed by us after an answer.
     is_put_down: bool,
     tap: Tap,
-    connections: u64,
     /// Since when there is a connection.
     connected_at: Moment,
     /// It has brought an answer.
@@ -138,7 +137,6 @@ impl DeviceLine {
             misses: 0,
             is_put_down: false,
             tap: Tap::default(),
-            connections: 0,
             connected_at: Moment::default(),
             has_answered: false,
             short_lives: 0,
@@ -199,11 +197,6 @@ impl DeviceLine {
     /// There is a connection.
     pub fn is_connected(&self) -> bool {
         self.wire.is_some() || self.is_put_down
-    }
-
-    /// Which connection there is, by number. One that we close ourselves after each answer is the same one.
-    pub fn connection(&self) -> Option<u64> {
-        self.is_connected().then_some(self.connections)
     }
 
     /// What this device is, or the line without one, begins anew: whatever rests there need rest no longer.
@@ -440,7 +433,6 @@ impl DeviceLine {
                     self.departure.look();
                 }
                 self.wire = Some(wire);
-                self.connections += u64::from(!self.is_put_down);
                 self.spoke = self.is_put_down;
                 self.is_put_down = false;
                 (self.connected_at, self.has_answered) = (now, false);

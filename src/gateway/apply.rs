@@ -1,4 +1,5 @@
-//! From a decision to a register: read what stands there, write, verify.
+//! From a decision to a register, where that is not [`super::execute`]'s: registers that an operator writes to as well,
+//! sets, corrected positions, constants. Read what stands there, write, verify.
 //!
 //! One [`Writer`] per output, owned by the task of the output's line. What it knows of the register is the anchor of
 //! every write: a value is at most one `step` away from it, a write is never repeated without reading first, and
@@ -43,8 +44,6 @@ pub(super) struct Writer {
     id: OutputId,
     /// What stands in the register, as last seen there.
     known: Option<Words>,
-    /// The connection on which it was last seen, or written and confirmed.
-    seen_on: Option<u64>,
     /// A write whose end is not known: it may or may not have arrived.
     uncertain: Option<Words>,
     /// Something may have happened to the register: it is compared before anything else is done.
@@ -94,7 +93,6 @@ impl Writer {
         Writer {
             id,
             known: None,
-            seen_on: None,
             uncertain: None,
             compare: false,
             restarted: false,
@@ -133,24 +131,30 @@ impl Writer {
         profile.output(self.id).writes.position()
     }
 
-    /// Carries out the axis's last decision, where there is something to do.
-    pub(super) async fn offset(&mut self, line: &mut DeviceLine, shared: &Shared, now: Moment) {
+    /// Carries out the axis's last decision in a register that is shared with an operator, or writes the reference
+    /// position, a constant.
+    pub(super) async fn scheduled(&mut self, line: &mut DeviceLine, shared: &Shared, now: Moment) {
         let output = shared.profile.output(self.id);
-        if output.share == Share::Ledger {
-            return self.joint_offset(line, shared, output, now).await;
+        match output.share {
+            Share::Ledger => self.joint_offset(line, shared, output, now).await,
+            Share::Whole => self.constant(line, shared, output, now).await,
         }
+    }
+
+    async fn constant(&mut self, line: &mut DeviceLine, shared: &Shared, output: &Output, now: Moment) {
         let order = self.order(shared, &shared.core(), now);
         self.note_restarts(&order);
         self.idle = order.off || shared.dry_run;
         if self.idle {
             return self.watch(line, shared, output, &order, now).await;
         }
-        if order.outdated || self.holds_back(shared, output, &order) {
+        if self.holds_back(shared, output, &order) {
             return;
         }
+        let target = self.target(shared, output, &order);
         let refresh = output.refresh.is_some_and(|refresh| now >= self.written_at.after(refresh));
-        let unsettled = self.compare || self.trouble.is_some() || self.known.is_none();
-        if order.decided == self.applied && !refresh && !unsettled {
+        let unsettled = self.compare || self.trouble.is_some() || self.known != Some(target);
+        if !refresh && !unsettled {
             return;
         }
         if line.is_resting(output.device, now) {
@@ -160,55 +164,15 @@ impl Writer {
         if self.trouble.is_some() && now < self.tried_at.after(RETRY) {
             return;
         }
-        let target = self.target(shared, output, &order);
-        if !refresh && !unsettled && self.known == Some(target) {
-            self.applied = order.decided;
-            return;
-        }
-        let has_lapsed = self.has_lapsed(shared, &order, target, now);
-        if has_lapsed && !refresh {
-            return;
-        }
         self.tried_at = now;
-        // On a new connection nothing of it has been seen yet.
-        let is_new = self.seen_on.is_none() || self.seen_on != line.connection();
-        let first_reads = output.verify.reads() || unsettled || self.uncertain.is_some() || is_new;
+        let first_reads = output.verify.reads() || unsettled || self.uncertain.is_some();
         if first_reads && !self.is_ours(line, shared, output, now).await {
             return;
         }
-        let target = match (self.uncertain, self.known) {
-            // It cannot be read: the same absolute value once more is the only one that is near to what may stand there.
-            (Some(sent), _) if !can_be_read(shared, output) => sent,
-            // What was decided before the device was lost is not made up for: that it can be written again is shown by what
-            // stands there, once more.
-            (_, Some(known)) if has_lapsed || (self.trouble == Some(Trouble::Link) && !order.follows) => {
-                known
-            }
-            _ => self.target(shared, output, &order),
-        };
-        let not_after = if self.known == Some(target) { Moment::END } else { order.not_after };
-        if self.write(line, shared, output, target, (now, not_after)).await {
-            self.applied = order.decided;
+        if self.write(line, shared, output, target, (now, Moment::END)).await {
             self.written_at = now;
-            self.seen_on = line.connection();
             self.settle(shared, output, target, now, true);
         }
-    }
-
-    /// Its turn has come too late: what was decided rests on readings that are too old now. The next decision is carried
-    /// out, and people are told that the line is too slow.
-    fn has_lapsed(&mut self, shared: &Shared, order: &Order, target: Words, now: Moment) -> bool {
-        let is_changed = self.known.is_some_and(|known| known != target);
-        let has_lapsed = self.trouble.is_none() && now > order.not_after && is_changed;
-        self.is_late = has_lapsed && order.follows;
-        if has_lapsed && std::mem::replace(&mut self.applied, order.decided) != order.decided && self.is_late
-        {
-            shared.order_lapsed(self.id, order.not_after);
-        }
-        if has_lapsed && !order.follows {
-            self.holds_what_stands(shared);
-        }
-        has_lapsed
     }
 
     /// An axis that holds decides no other value than the one which never left: it goes on from what stands there.

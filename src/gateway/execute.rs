@@ -15,7 +15,7 @@ use crate::fieldbus::error::{CallerFault, Fault, Outcome};
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, Request};
 use crate::observe::events::Event;
-use crate::output::{Action, Copies, Fact, Rules, Settings, State, Verify, Who, step};
+use crate::output::{Action, Copies, Fact, Rules, Settings, Standing, State, Verify, Who, step};
 use crate::profile::{Output, OutputId, Profile, Share, Writes};
 use crate::quantity::Moment;
 
@@ -46,11 +46,21 @@ pub(super) struct Executor {
     /// What is being put on disk, and since when.
     keeping: Option<(u64, Moment)>,
     trouble: Option<Trouble>,
+    /// What failed and was told, until it does not fail any more.
+    told: Option<Asked>,
     /// It goes on from what stands there, which is not what was decided.
     goes_on_from_there: bool,
     /// A write was acknowledged that no read has shown yet.
     is_to_be_seen: bool,
+    /// At the end of the last turn its register had not taken what was written.
+    was_untaken: bool,
     is_saturated: bool,
+    /// What stood there when its axis began to hold something else.
+    held_at: Option<i64>,
+    /// What was decided in this turn is to change the register.
+    is_to_be_changed: bool,
+    /// A change waits for what may still arrive.
+    is_waiting: bool,
     /// Its turn came too late for what was decided last.
     is_late: bool,
     /// When it wants to be called again.
@@ -75,10 +85,19 @@ struct Heard {
 enum Trouble {
     /// The device did not answer.
     Link,
+    /// It did not answer a write, and nothing was written since.
+    Unanswered,
     /// It answered, and did not do what it was told.
     Untaken,
     /// What must be on disk is not.
     Disk,
+}
+
+/// What a device was asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Asked {
+    Read,
+    Write,
 }
 
 impl Executor {
@@ -99,19 +118,29 @@ impl Executor {
         let kept = shared.promises.at_start(profile, output);
         let state = before.map(|state| taken_up(state, &settings, now));
         let state = state.unwrap_or_else(|| State::new(&settings, kept.as_ref(), now));
+        let mut heard = Heard { pauses: shared.pauses(), ..Heard::default() };
+        if before.is_some() {
+            heard.restarts = shared.core().restarts.of(id);
+            heard.is_armed = state.shown(&settings).standing == Standing::Armed;
+        }
         Executor {
             id,
             units,
             settings,
             state,
             action: Action::Nothing { until: now },
-            heard: Heard { pauses: shared.pauses(), ..Heard::default() },
+            heard,
             on_disk: None,
             keeping: None,
             trouble: None,
+            told: None,
             goes_on_from_there: false,
             is_to_be_seen: false,
+            was_untaken: false,
             is_saturated: false,
+            held_at: None,
+            is_to_be_changed: false,
+            is_waiting: false,
             is_late: false,
             due: now,
         }
@@ -147,6 +176,7 @@ impl Executor {
                     }
                 },
                 Action::Write { value, not_after, .. } => {
+                    self.is_to_be_changed = false;
                     self.write(line, shared, output, value, not_after, &order).await
                 }
             };
@@ -168,6 +198,10 @@ impl Executor {
             self.action = Action::Nothing { until: now };
             self.step(shared, fact, line.looked());
         }
+        if self.is_to_be_changed && line.looked() > order.not_after {
+            // Its moment has passed while the register was read.
+            self.lapsed(shared, &order);
+        }
         self.publish(shared, output, &order);
     }
 
@@ -182,11 +216,12 @@ impl Executor {
         let is_armed = order.armed && !shared.dry_run;
         if std::mem::replace(&mut self.heard.is_armed, is_armed) != is_armed {
             let fact = if is_armed { Fact::Armed { by: who(shared, output) } } else { Fact::Off };
-            self.trouble = None;
+            // A device that does not answer is still one.
+            self.trouble = self.trouble.filter(|trouble| *trouble == Trouble::Link);
             self.step(shared, fact, now);
         }
         self.hear_interlock(shared, output, order, now);
-        self.is_late = false;
+        (self.is_late, self.is_to_be_changed) = (false, false);
         let decides = is_armed && !order.off && !order.outdated && order.allowed == Some(true);
         if decides && std::mem::replace(&mut self.heard.decided, order.decided) != order.decided {
             self.decide(shared, output, order, now);
@@ -207,12 +242,14 @@ impl Executor {
         let is_changed = stands != Some(offset.saturating_add(self.settings.bias));
         // What it holds while its register does not take it is tried again.
         if is_changed && order.holds && self.trouble != Some(Trouble::Untaken) {
-            self.goes_on_from_there = true;
+            self.goes_on_from_there |= std::mem::replace(&mut self.held_at, stands) != stands;
             return;
         }
+        self.held_at = None;
         if is_changed && now > order.not_after {
             return self.lapsed(shared, order);
         }
+        self.is_to_be_changed = is_changed;
         self.step(shared, Fact::Decided { offset, not_after: order.not_after }, now);
     }
 
@@ -272,7 +309,7 @@ impl Executor {
                 Fact::Read { found, asked: answered.asked }
             }
             Err(fault) => {
-                self.fail(shared, output, fault, Trouble::Link);
+                self.fail(shared, output, fault, Asked::Read);
                 Fact::NoAnswer
             }
         }
@@ -308,7 +345,7 @@ impl Executor {
             }
             return Fact::NotSent;
         }
-        self.fail(shared, output, fault, Trouble::Untaken);
+        self.fail(shared, output, fault, Asked::Write);
         match fault.outcome() {
             Outcome::NotDone if matches!(fault, Fault::Exception(_) | Fault::Aborted(_)) => Fact::Refused,
             Outcome::NotDone => Fact::NotSent,
@@ -349,6 +386,7 @@ impl Executor {
         }
         self.keeping = None;
         if kept == Kept::Yes {
+            self.goes_on_from_there |= self.trouble == Some(Trouble::Disk);
             self.trouble = self.trouble.filter(|trouble| *trouble != Trouble::Disk);
             return Some(Fact::Kept);
         }
@@ -375,7 +413,7 @@ fn times(profile: &Profile, output: &Output, is_read: bool) -> Settings {
 
 /// What the task before this one knew, which ended in the middle of something.
 fn taken_up(mut state: State, settings: &Settings, now: Moment) -> State {
-    let ends = [Fact::Paused, Fact::NoAnswer, Fact::Unknown { left: now }, Fact::NotKept];
+    let ends = [Fact::Paused, Fact::Unknown { left: now }, Fact::NotKept, Fact::NoAnswer];
     for fact in ends {
         let _ = step(&mut state, settings, fact, now);
     }

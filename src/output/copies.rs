@@ -67,6 +67,8 @@ pub(super) struct Look {
     pub(super) remembered: Duration,
     /// A read asked before this is no first read of a pair: what was sent before the start may still arrive.
     pub(super) pairs_from: Moment,
+    /// What a restarted CNC may show as well as zero.
+    pub(super) bias: i64,
 }
 
 impl Copies {
@@ -138,7 +140,10 @@ impl Copies {
         let before = *self;
         self.under_way.retain(|sent| {
             let was_done = sent.answered.is_some_and(|answered| look.asked >= answered);
-            let may_pair = sent.value != 0 && !sent.is_pinned && before.lately_of(sent.value).is_none();
+            let may_pair = sent.value != 0
+                && sent.value != look.bias
+                && !sent.is_pinned
+                && before.lately_of(sent.value).is_none();
             let is_paired = may_pair && sent.other_seen.is_some();
             !(sent.value == look.found && (was_done || is_paired))
         });

@@ -54,7 +54,9 @@ fn whole(state: &State, settings: &Settings, found: i64) -> Meaning {
         {
             Meaning::Ours { sent: sent.at, is_late: true }
         }
-        None if found == 0 || (state.is_rebooted && is_inside) => Meaning::Restarted,
+        None if found == 0 || found == settings.bias || (state.is_rebooted && is_inside) => {
+            Meaning::Restarted
+        }
         None if state.settles_at.is_some() && is_inside => Meaning::FromBefore,
         None => Meaning::Foreign,
     }

@@ -233,7 +233,7 @@ fn until(state: &State, settings: &Settings, aim: Option<Aim>, now: Moment) -> M
     let is_armed = state.standing == Standing::Armed;
     let refresh = settings.refresh.filter(|_| is_armed).map(|refresh| state.written_at.after(refresh));
     let clears = state.copies.first_over(settings.late).filter(|_| is_armed);
-    let later = |moment: Moment| moment.max(now.after(RETRY));
+    let later = |moment: Moment| if moment > now { moment } else { now.after(RETRY) };
     [Some(read), Some(write), refresh.map(later), clears.map(later)]
         .into_iter()
         .flatten()

@@ -30,7 +30,7 @@ pub(super) enum Doing {
 /// How a write failed that was answered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Untaken {
-    /// Nobody says that it was done: whatever is answered as done shows that there is somebody again.
+    /// Nobody says that it was done, or nobody knows: whatever is answered as done shows that there is somebody again.
     Refused,
     /// It was answered as done and does not stand there: only another value that does shows something.
     Ignored,

@@ -153,7 +153,10 @@ impl State {
     pub fn end(&mut self) -> Kept {
         self.promised = None;
         let is_writing = matches!(self.doing, Doing::Writing { .. });
-        let in_order = !is_writing && self.copies.under_way().next().is_none() && self.settles_at.is_none();
+        let stands = self.verified.map(|verified| verified.value);
+        // A repeat of what stands there that was answered as done has moved nothing.
+        let is_repeat = |sent: &Sent| sent.answered.is_some() && Some(sent.value) == stands;
+        let in_order = !is_writing && self.copies.under_way().all(is_repeat) && self.settles_at.is_none();
         let kept = Kept { in_order, ..self.kept() };
         self.doing = Doing::Ended;
         kept
@@ -236,6 +239,7 @@ impl State {
             late: settings.late,
             remembered: settings.remembered,
             pairs_from: self.pairs_from,
+            bias: settings.bias,
         };
         self.is_unsaved |= self.copies.look(look);
         if self.settles_at.is_some_and(|settles| asked > settles) {
@@ -267,6 +271,7 @@ impl State {
             Meaning::First => {}
             Meaning::Ours { sent, is_late } => {
                 self.drop_order(settings);
+                self.untaken = None;
                 self.share_is(found);
                 if is_late {
                     self.reports.tell(Event::OwnWriteArrivedLate { value: found, sent });
@@ -409,9 +414,7 @@ impl State {
             self.unanswered_change = stood.map(|stood| value.saturating_sub(stood));
             self.writes_from = now.after(RETRY);
             self.drop_order(settings);
-            if settings.verify == Verify::Echo {
-                self.untaken = Some(Untaken::Refused);
-            }
+            self.untaken = Some(Untaken::Refused);
         }
     }
 

@@ -34,7 +34,6 @@ impl Writer {
     ) -> bool {
         if !can_be_read(shared, output) {
             self.compare = false;
-            self.seen_on = line.connection();
             if std::mem::take(&mut self.restarted) {
                 // What a restarted control holds that nobody can read: nothing.
                 self.take_over(shared, output, Words::of(output.encoding.encode(0.0).words()), now);
@@ -49,7 +48,6 @@ impl Writer {
                 return false;
             }
         };
-        self.seen_on = line.connection();
         self.judge(shared, output, found, now)
     }
 

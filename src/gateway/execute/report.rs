@@ -1,7 +1,7 @@
 //! What people, the axes and the disk learn of an output.
 
-use super::{Executor, Trouble};
-use crate::fieldbus::error::Fault;
+use super::{Asked, Executor, Trouble};
+use crate::fieldbus::error::{Fault, Outcome};
 use crate::gateway::apply::Order;
 use crate::gateway::output::Standing;
 use crate::gateway::shared::Shared;
@@ -29,7 +29,8 @@ impl Executor {
                 }
                 output::Event::CncRestarted { stood } => {
                     let seen = self.state.shown(&self.settings);
-                    if !seen.is_only_acknowledged && seen.verified.is_some_and(|seen| seen.value == 0) {
+                    let is_zero = |value: i64| value == 0 || value == self.settings.bias;
+                    if !seen.is_only_acknowledged && seen.verified.is_some_and(|seen| is_zero(seen.value)) {
                         shared.tell(&Event::CncRestarted { output: name(), expected: in_text(stood) });
                     }
                     (has_restarted, self.goes_on_from_there) = (true, true);
@@ -76,12 +77,19 @@ impl Executor {
     }
 
     /// A request has failed. A device that is lost has been told; one that refuses has not.
-    pub(super) fn fail(&mut self, shared: &Shared, output: &Output, fault: Fault, trouble: Trouble) {
-        if !fault.spoils_connection() && self.trouble.is_none() {
+    pub(super) fn fail(&mut self, shared: &Shared, output: &Output, fault: Fault, asked: Asked) {
+        if !fault.spoils_connection() && self.told.replace(asked).is_none() {
             shared.tell(&Event::WriteFailed { output: output.name.clone(), fault: fault.to_string() });
         }
-        if self.trouble != Some(Trouble::Untaken) {
-            self.trouble = Some(if fault.spoils_connection() { Trouble::Link } else { trouble });
+        let trouble = match asked {
+            Asked::Read => Trouble::Link,
+            Asked::Write if fault.spoils_connection() || fault.outcome() == Outcome::Unknown => {
+                Trouble::Unanswered
+            }
+            Asked::Write => Trouble::Untaken,
+        };
+        if !matches!(self.trouble, Some(Trouble::Untaken | Trouble::Unanswered)) {
+            self.trouble = Some(trouble);
         }
         shared.core().outputs[self.id.0].failures += 1;
     }
@@ -89,6 +97,11 @@ impl Executor {
     /// What an exchange that has come to its end says of the trouble before it.
     pub(super) fn look_back(&mut self, shared: &Shared, output: &Output, fact: Fact) {
         let shown = self.state.shown(&self.settings);
+        self.told = self.told.filter(|asked| match fact {
+            Fact::Done { .. } => *asked != Asked::Write,
+            Fact::Read { .. } => *asked != Asked::Read,
+            _ => true,
+        });
         let is_written = match fact {
             Fact::Done { .. } if self.settings.verify == Verify::Reading => {
                 self.is_to_be_seen = true;
@@ -101,14 +114,15 @@ impl Executor {
         let mut core = shared.core();
         let state = &mut core.outputs[self.id.0];
         if shown.is_untaken {
-            state.failures += u64::from(self.trouble == Some(Trouble::Untaken));
-            self.trouble = Some(Trouble::Untaken);
+            if !matches!(self.trouble, Some(Trouble::Unanswered)) {
+                state.failures += u64::from(self.trouble == Some(Trouble::Untaken));
+                self.trouble = Some(Trouble::Untaken);
+            }
             return;
         }
         state.writes += u64::from(is_written);
         let is_over = match self.trouble {
-            Some(Trouble::Untaken) => is_written,
-            Some(Trouble::Link) => true,
+            Some(Trouble::Untaken | Trouble::Unanswered | Trouble::Link) => true,
             None | Some(Trouble::Disk) => false,
         };
         if !is_over {
@@ -116,7 +130,7 @@ impl Executor {
         }
         let failures = std::mem::take(&mut state.failures);
         drop(core);
-        if self.trouble.take() == Some(Trouble::Untaken) {
+        if self.trouble.take() == Some(Trouble::Untaken) && self.was_untaken {
             shared.tell(&Event::Verified { output: output.name.clone(), failures });
         }
         self.goes_on_from_there = true;
@@ -127,10 +141,14 @@ impl Executor {
         let shown = self.state.shown(&self.settings);
         let mut core = shared.core();
         let state = &mut core.outputs[self.id.0];
-        state.waits_until = self.state.waits_until(&self.settings);
-        let Some(verified) = shown.verified else { return };
         let copies = self.state.copies();
         let unanswered = copies.under_way().any(|sent| sent.answered.is_none());
+        let waits = unanswered || shown.waits_until.is_some();
+        state.waits_until = self.state.waits_until(&self.settings).filter(|_| waits);
+        self.was_untaken = self.trouble == Some(Trouble::Untaken);
+        let was_waiting = std::mem::replace(&mut self.is_waiting, shown.waits_until.is_some());
+        self.goes_on_from_there |= was_waiting && !self.is_waiting;
+        let Some(verified) = shown.verified else { return };
         let is_open = unanswered || copies.lately().next().is_some();
         let open = is_open.then_some(*copies);
         if std::mem::replace(&mut self.on_disk, open) != open {

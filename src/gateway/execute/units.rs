@@ -6,8 +6,8 @@ use crate::profile::{Output, Profile};
 use crate::quantity::Micron;
 
 /// A register of a floating-point type has so many counts in a step: few enough that the 24 bits of a float tell the
-/// counts of a thousand steps apart.
-const COUNTS_OF_A_STEP: f64 = 10_000.0;
+/// counts of eight thousand steps apart.
+const COUNTS_OF_A_STEP: f64 = 1000.0;
 /// What no register of ours holds: where what stands there is no number.
 const NO_NUMBER: i64 = i64::MAX / 4;
 

@@ -83,7 +83,7 @@ impl LineTask {
             }
             Work::One(writer) => {
                 match writer.position(profile) {
-                    None => writer.offset(line, shared, now).await,
+                    None => writer.scheduled(line, shared, now).await,
                     Some(position) => writer.corrected(line, shared, position, now).await,
                 }
                 (writer.due(profile), None, writer.is_late)

@@ -118,17 +118,24 @@ impl Core {
         let settings = &profile.axes[axis].settings;
         let grain = |output: &Output| match (output.writes, settings.apart) {
             (Writes::Slope, Some(apart)) => apart.count.unwrap_or(Micron::ZERO),
-            // A floating-point register tells ten thousand parts of a step apart.
+            // A floating-point register is written in thousandths of a step.
             _ => settings
                 .guard
                 .count
-                .or_else(|| Micron::new(settings.guard.step.get() * 1e-4))
+                .or_else(|| Micron::new(settings.guard.step.get() * 1e-3))
                 .unwrap_or_default(),
         };
         let is_there = |output: &Output, cz: Micron| {
             output.writes == Writes::Reference || (cz - part(decision, output.writes)).abs() <= grain(output)
         };
+        let is_held = |output: &Output| {
+            let here = profile.outputs.iter().position(|other| std::ptr::eq(other, output));
+            let is_executed = here.is_some_and(|place| self.registers[place].is_some());
+            is_executed && matches!(decision.state, AxisState::Holding(_))
+        };
         of_axis(profile, axis, &self.outputs).all(|(output, state)| match state.standing {
+            // While its axis holds, nothing changes it any more.
+            Standing::Verified if is_held(output) => true,
             Standing::Verified => state.cz.is_some_and(|cz| is_there(output, cz)),
             // It cannot be written, however long one waits; a position that is not read is not corrected.
             Standing::Interlocked => true,
