@@ -6,7 +6,7 @@ use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::path::Path;
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use isotherm::clock::Clock;
 use isotherm::gateway::{Gateway, Options};
@@ -186,13 +186,14 @@ fn profile_of(control: &Arc<Mutex<Control>>, late: &str, more: &str) -> String {
 
 #[track_caller]
 fn wait_until(source: &dyn Source, what: &str, found: impl Fn(&Status) -> bool) {
-    let begun = Instant::now();
+    let clock = Clock::wall();
+    let begun = clock.now();
     loop {
         let status = source.status();
         if found(&status) {
             return;
         }
-        assert!(begun.elapsed() < Duration::from_secs(60), "{what}: {:#?}", events(&status));
+        assert!(clock.now().since(begun) < Duration::from_secs(60), "{what}: {:#?}", events(&status));
         std::thread::sleep(Duration::from_millis(5));
     }
 }

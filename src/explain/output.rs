@@ -135,6 +135,9 @@ pub(super) fn explained(profile: &Profile, output: &Output) -> WriteExplained {
         },
         meaning,
         verify: match output.verify {
+            Verify::Echo if output.is_offset_of_its_own() && device.functions.reads_at(&output.reads_at()) => {
+                "once it is read back: what can be read is read before and after, whatever the answer says".to_owned()
+            }
             Verify::ReadBack if is_object => "once the object reads back what was written".to_owned(),
             Verify::Echo if is_object => {
                 "once the node has taken it; the object is not read back".to_owned()

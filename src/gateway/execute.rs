@@ -16,7 +16,7 @@ use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, Request};
 use crate::observe::events::Event;
 use crate::output::{Action, Copies, Fact, Rules, Settings, Standing, State, Verify, Who, step};
-use crate::profile::{Output, OutputId, Profile, Share, Writes};
+use crate::profile::{Output, OutputId, Profile};
 use crate::quantity::Moment;
 
 mod report;
@@ -101,12 +101,6 @@ enum Asked {
 }
 
 impl Executor {
-    /// Whether an output is carried out here: an offset in a register of its own that nobody else writes to.
-    pub(super) fn carries_out(output: &Output) -> bool {
-        let is_offset = output.writes.is_cz() || output.writes == Writes::Slope;
-        is_offset && output.set.is_none() && output.share == Share::Whole
-    }
-
     pub(super) fn new(shared: &Shared, id: OutputId, now: Moment) -> Executor {
         let profile = &shared.profile;
         let output = profile.output(id);

@@ -68,6 +68,12 @@ impl Verify {
 }
 
 impl Output {
+    /// An offset in a register of its own, which nobody else writes to.
+    pub fn is_offset_of_its_own(&self) -> bool {
+        let is_offset = self.writes.is_cz() || self.writes == Writes::Slope;
+        is_offset && self.set.is_none() && self.share == Share::Whole
+    }
+
     /// These words by the registers that they stand in; none where it is not in registers.
     pub fn cells(&self, words: &[u16]) -> impl Iterator<Item = (u16, u16)> {
         let first = self.address.register().map(|register| register.offset..);

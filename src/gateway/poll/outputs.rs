@@ -36,7 +36,7 @@ pub(super) fn jobs(shared: &Shared, bus: BusId, start: Moment) -> Vec<Job> {
         .map(OutputId)
         .filter(|id| here(profile.output(*id).device) && profile.output(*id).set.is_none())
         .map(|id| {
-            if Executor::carries_out(profile.output(id)) {
+            if profile.output(id).is_offset_of_its_own() {
                 let work = Work::Offset(Box::new(Executor::new(shared, id, start)));
                 return Job { due: start, waits_since: None, work, corrects: None };
             }
