@@ -265,7 +265,7 @@ fn axis(number: usize, function: u8) -> String {
          on_fault = {{ action = \"hold\" }}\n[[axis.z{number}.model]]\nname = \"full\"\nkind = \"linear\"\n\
          terms = [{{ signal = \"s{number}\", gain = 1.0, reference = 20.0 }}]\n\
          [output.o{number}]\naxis = \"z{number}\"\ndevice = \"d{number}\"\nwrites = \"offset\"\n\
-         register = \"holding:10\"\n{form}\nscale = 0.1\nverify = \"echo\"\nrefresh = \"200ms\"\n"
+         register = \"holding:1000\"\n{form}\nscale = 0.1\nverify = \"echo\"\nrefresh = \"200ms\"\n"
     )
 }
 
