@@ -22,7 +22,6 @@ use crate::observe::status::Source;
 use crate::profile::{Bus, BusId, DeviceId, Profile};
 use crate::quantity::Moment;
 
-mod apply;
 mod arming;
 mod board;
 mod can;
@@ -40,7 +39,6 @@ mod overrun;
 mod pause;
 mod poll;
 mod probing;
-mod promises;
 mod restart;
 mod saver;
 mod shared;
@@ -55,7 +53,6 @@ use keeper::Keeper;
 use ledger::Ledger;
 use memory::Memory;
 use poll::LineTask;
-use promises::Promises;
 use shared::Shared;
 use watch::Watch;
 
@@ -140,15 +137,19 @@ impl Gateway {
         let journal = Arc::new(Journal::default());
         let mut recalled = memory::Recalled::default();
         let mut keeper = Keeper::default();
+        let mut had_state = false;
         if let Some(directory) = options.directory.as_deref() {
+            had_state = Memory::path(directory, &profile).exists();
             recalled = Memory::recall(&Memory::path(directory, &profile), &profile);
             keeper = Keeper::start(&profile, directory, options.dry_run, journal.clone());
         }
         let remembers = |output: &str| recalled.verified.contains(output);
-        let ledger = Ledger::open(&profile, options.directory.as_deref(), remembers, journal.clone(), clock);
-        let promises = Promises::open(
+        let directory = options.directory.as_deref();
+        let ledger = Ledger::open(
             &profile,
-            options.directory.as_deref().filter(|_| !options.dry_run),
+            directory,
+            (options.dry_run, had_state),
+            remembers,
             journal.clone(),
             clock,
         );
@@ -161,7 +162,7 @@ impl Gateway {
             journal,
             options.dry_run,
             remembered,
-            (keeper, ledger, promises),
+            (keeper, ledger),
             bells,
         ));
         if let Some(why) = trouble {
@@ -215,9 +216,8 @@ impl Gateway {
         tasks.shutdown().await;
         let left = self.shared.what_is_left();
         self.shared.tell(&Event::Stopped { left: left.clone() });
-        self.shared.ledger.finish(LAST_PATIENCE).await;
         self.shared.end_registers();
-        self.shared.promises.finish(LAST_PATIENCE).await;
+        self.shared.ledger.finish(LAST_PATIENCE).await;
         let failed = self.keep_for_the_last_time();
         Outcome { failed, rested, left }
     }

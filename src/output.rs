@@ -31,6 +31,10 @@
 //! what was read last. Copies that nobody answered are over when a write that was begun after their time was
 //! acknowledged; what was acknowledged last is sent again for that.
 //!
+//! An output **in a set** leaves in one request with others. When one of those is to be written, or the heartbeat beside
+//! them, what stands there goes along ([`Fact::GoesAlong`]) in every state, as it was just read; it is a copy under way
+//! like any other.
+//!
 //! # What a read means
 //! It is compared with what was answered as done last, else with what was verified last.
 //!
@@ -38,7 +42,7 @@
 //! |---|---|---|
 //! | the same | nothing new | nothing new |
 //! | what stood before a write that was answered as done | not taken: tried again | not taken: tried again |
-//! | a value under way | ours; walked back step by step | ours: the share changes; zero with a base: doubt |
+//! | a value under way | ours; walked back step by step | ours: the share changes; zero with a base, or more than the limit from it: doubt |
 //! | a value lately sent | ours, very late | doubt: the operator's, or ours |
 //! | zero | CNC restarted: from there on | CNC restarted: base 0, share 0 |
 //! | anything else | somebody else wrote: off | the operator's change: the base moves by it |
@@ -92,7 +96,18 @@ pub enum Fact {
         /// A change to it may be sent until then.
         not_after: Moment,
     },
-    /// The register was read.
+    /// What shares a request with it is about to leave: what stands there goes along.
+    GoesAlong,
+    /// What stood there, whatever it was, went along in one request with others.
+    WentAlong {
+        /// What that was.
+        value: i64,
+        /// When it had left: looked at after its last byte.
+        left: Moment,
+        /// It was answered as done; else nobody knows.
+        is_done: bool,
+    },
+    /// The register was read, because that was asked for or in one with others.
     Read {
         /// What stands there.
         found: i64,
@@ -171,5 +186,8 @@ pub enum Action {
 /// Takes a fact in and says what to do next. While what was asked for is under way, that is nothing.
 pub fn step(state: &mut State, settings: &Settings, fact: Fact, now: Moment) -> Action {
     let fresh = state.take(settings, fact, now);
-    plan::act(state, settings, fresh, now)
+    match fact {
+        Fact::GoesAlong => plan::go_along(state, settings, now),
+        _ => plan::act(state, settings, fresh, now),
+    }
 }

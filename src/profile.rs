@@ -37,7 +37,7 @@ pub use display::{Beside, Display, Shown, Stale};
 pub use error::{Errors, ProfileError};
 pub use functions::{Functions, WriteFunction};
 pub use load::{Loaded, environment, load, parse, parse_with};
-pub use output::{Output, Share, Verify};
+pub use output::{Applied, Output, Share, Verify};
 pub use raw::schema;
 pub use serial::{Parity, Serial, Transport};
 pub use set::{Control, Flag, Handshake, OutputSet, SetId, Stretch};

@@ -263,7 +263,7 @@ fn nothing_rests_on_old_readings(machine: &Machine, seen: &Seen) {
 #[test]
 fn sixty_axes_on_the_sensors_own_line_move_on_fresh_readings_only() {
     let machine = Machine::new(None);
-    let seen = run(profile(serve(&machine), AXES, "10s"), Duration::from_secs(35));
+    let seen = run(profile(serve(&machine), AXES, "10s"), Duration::from_secs(45));
     let machine = machine.lock().unwrap();
     let counts = told(&machine, AXES, &seen);
     assert!(counts.iter().all(|count| *count >= 2), "{counts:?}");

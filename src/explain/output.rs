@@ -135,7 +135,8 @@ pub(super) fn explained(profile: &Profile, output: &Output) -> WriteExplained {
         },
         meaning,
         verify: match output.verify {
-            Verify::Echo if output.is_offset_of_its_own() && device.functions.reads_at(&output.reads_at()) => {
+            _ if let Some(applied) = &output.applied => format!("once {} says that it is applied, within {} µm after {} at most; the register itself is compared as well", Register::of(applied.address), applied.tolerance, humantime::format_duration(applied.settle)),
+            Verify::Echo if output.is_single_offset() && device.functions.reads_at(&output.reads_at()) => {
                 "once it is read back: what can be read is read before and after, whatever the answer says".to_owned()
             }
             Verify::ReadBack if is_object => "once the object reads back what was written".to_owned(),

@@ -13,6 +13,8 @@ pub(super) struct Arming {
     pub(super) armed: bool,
     /// A person, or a foreign change, switched it off: it stays off until a person arms it.
     pub(super) latched: bool,
+    /// What that was.
+    pub(super) why: String,
     /// A person asked for it, and had his way.
     pub(super) by_person: bool,
     /// Its model asked for more than the error level: it is switched off when the fault action has come to its end.

@@ -1,6 +1,6 @@
 //! Commands to a running gateway over its own Unix socket in the state directory: `isotherm arm`, `disarm`, `zero`, `measured`.
 //!
-//! One line in, one line out: `arm` → `ok z: will be armed …` or `error …`; `measured z 3.2`, in µm, and `measured z
+//! One line in, one line out: `arm` → `ok z: armed`, `ok z: will be armed …` or `error …`; `measured z 3.2`, in µm, and `measured z
 //! clear`. `trace` has an answer of many lines. Who may open the file may command.
 
 use std::io::{BufRead, BufReader, Write};
@@ -20,6 +20,9 @@ mod trace;
 
 pub use trace::{LONGEST as LONGEST_TRACE, trace};
 
+/// How long whoever arms waits to hear what comes of it.
+const ARMING: Duration = Duration::from_secs(3);
+const LOOK_AGAIN: Duration = Duration::from_millis(20);
 /// Longest command line that is read.
 const LONGEST: u64 = 256;
 
@@ -73,7 +76,13 @@ pub async fn serve(
                 let _ = trace::serve(wanted, &wire_log, reader, writer).await;
                 return;
             }
-            let answer = match obey(heard.trim(), source.as_ref()) {
+            let mut done = obey(heard.trim(), source.as_ref());
+            if let (Some(Ok(_)), Some(Command::Arm)) = (&done, command(heard.trim()))
+                && let Some(became) = armed(source.as_ref()).await
+            {
+                done = Some(became);
+            }
+            let answer = match done {
                 Some(Ok(said)) => format!("ok {said}\n"),
                 Some(Err(why)) => format!("error {why}\n"),
                 None => "error this socket understands arm, disarm, zero, measured, trace\n".to_owned(),
@@ -81,6 +90,19 @@ pub async fn serve(
             let _ = writer.write_all(answer.as_bytes()).await;
         });
     }
+}
+
+/// What comes of arming, if that is known before long.
+async fn armed(source: &dyn Source) -> Option<Result<String, String>> {
+    let known = async {
+        loop {
+            if let Some(became) = source.arming() {
+                return became;
+            }
+            tokio::time::sleep(LOOK_AGAIN).await;
+        }
+    };
+    tokio::time::timeout(ARMING, known).await.ok()
 }
 
 /// Does what a line asks for; `None` where it is not understood.

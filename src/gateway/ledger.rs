@@ -1,236 +1,185 @@
-//! How much of a register is ours, where an operator writes to it too.
+//! What of the outputs must outlive the process: whose part of a shared register is what, what may still appear in a
+//! register, and whether the last run ended in order. How that is used: [`crate::output`].
 //!
-//! # Theory of operation
-//! A register holds base (the operator's) + share (ours), in whole counts without bias. The register shows only the sum,
-//! so the share stands in a ledger on disk, one account for each such output, and the base is what is left: whatever
-//! anybody writes there is the operator's, kept, and told.
-//!
-//! Before a share is sent, the account on disk names it beside the one that stands: a promise. After it was read back,
-//! the account names it alone. So whenever the gateway dies, the register holds base + one of the shares in the account,
-//! and the register itself says which:
-//!
-//! | the register holds | it means |
-//! |---|---|
-//! | base + share | what was sent last has not arrived (yet: it stays promised for a while) |
-//! | base + a promised share | that one has arrived |
-//! | zero | the CNC was restarted, or somebody cleared it: both are gone; base 0, share 0 |
-//! | something else, nothing promised | the operator changed it: the base moves by the difference, the share stays |
-//! | something else, a share promised | undecidable: the sum has two unknowns |
-//! | something else, after a restart of the CNC | undecidable: our share may be gone with its memory |
-//!
-//! The last two are never guessed: the axis is off until a person arms it, the share is taken to be the one that was
-//! verified last, and the person is told to which value that makes the register right. The same holds for an account
-//! that is lost, cannot be read, or speaks of another register; then no share is taken to be in it.
-//!
-//! What cannot be seen at all: an operator who changes the register by exactly the difference of a promise that did not
-//! arrive; a restart of the CNC that neither a boot counter nor the machine's `on` signal shows, after which an operator
-//! enters his part before the gateway has read the zero, which looks like a change of his part; and an operator who writes in the milliseconds between our reading and our writing of the register, whose value is
-//! overwritten, because Modbus cannot compare and write at once. The register is read again after the promise is on
-//! disk, so that this gap is a single exchange.
+//! One JSON file in the state directory (`file.rs`). A thread of its own puts it on disk; whoever depends on that asks
+//! what became of it.
 
-use std::fmt;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
+use super::saver::{Kept, Saver};
+use crate::clock::Clock;
+use crate::observe::events::{Event, Journal};
+use crate::output::{self, Doubt};
+use crate::profile::{Output, Profile, Share};
 
-mod book;
-mod desk;
+mod file;
 
-pub(super) use book::register;
-pub(super) use desk::Ledger;
+use file::{Entries, Entry, LedgerFile, register};
 
-/// One register: what is the operator's and what is ours, in counts.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct Account {
-    /// Which register it speaks of, and what a count is worth there.
-    register: String,
-    base: i64,
-    /// As last verified.
-    share: i64,
-    /// Shares that may have been sent and may or may not have arrived.
-    promised: Vec<i64>,
-    /// Why it is not believed; only a person ends that.
-    doubt: Option<Doubt>,
+/// The name of it in events.
+const WHAT: &str = "the ledger";
+/// Where it cannot be kept.
+const OTHERWISE: &str = "a register that is shared or cannot be read is not written, and after the next start no \
+                         register is before nothing from before can arrive";
+
+/// What of each output is on disk.
+#[derive(Debug)]
+pub(super) struct Ledger {
+    /// `None` where nothing is ever kept.
+    saver: Option<Saver<Entries>>,
+    found: Entries,
+    /// Nothing of ours has ever been in a register of ours alone: no run has left anything here; or whoever runs a
+    /// gateway that keeps nothing answers for that.
+    is_first: bool,
+    /// Nothing on disk says any more that a run ended in order.
+    is_unmarked: bool,
 }
 
-/// Why an account is not believed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub(super) enum Doubt {
-    /// The register was changed while a write was under way.
-    Undecidable,
-    /// The register was changed while the CNC restarted.
-    Rebooted,
-    /// What was written does not stay.
-    Unsteady,
-    /// The ledger cannot be read.
-    Unreadable,
-    /// The state remembers an offset, and there is no account of it.
-    Lost,
-    /// The account speaks of another register, or of counts of another worth.
-    Elsewhere,
-}
-
-/// What the register was found to mean.
+/// What has to happen before a write that depends on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Finding {
-    /// What was known.
-    Same,
-    /// What was promised has arrived.
-    Arrived,
-    /// The operator's part moved.
-    Moved {
-        /// Counts before.
-        from: i64,
-        /// Counts now.
-        to: i64,
-    },
-    /// Both parts are gone.
-    Restarted,
-    /// Only a person can tell.
-    InQuestion,
+pub(super) enum Keeping {
+    /// Nothing: it is not kept, and need not be.
+    Needless,
+    /// This version must be on disk.
+    Version(u64),
+    /// It would have to be on disk, and there is none.
+    Impossible,
 }
 
-/// What a write that was acknowledged came to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum ReadBack {
-    /// It stands there.
-    Verified,
-    /// What stood there before still does.
-    Ignored,
-    /// It had arrived, and then something else happened.
-    Then(Finding),
-}
-
-impl Account {
-    /// The account of a register that nothing of ours has ever been in.
-    pub(super) fn open(register: String, found: i64) -> Account {
-        Account { register, base: found, share: 0, promised: Vec::new(), doubt: None }
-    }
-
-    /// One that is not believed: no share of ours is taken to be in the register.
-    fn in_question(register: String, doubt: Doubt) -> Account {
-        Account { doubt: Some(doubt), ..Account::open(register, 0) }
-    }
-
-    pub(super) fn base(&self) -> i64 {
-        self.base
-    }
-
-    pub(super) fn share(&self) -> i64 {
-        self.share
-    }
-
-    pub(super) fn doubt(&self) -> Option<Doubt> {
-        self.doubt
-    }
-
-    pub(super) fn promised(&self) -> &[i64] {
-        &self.promised
-    }
-
-    /// What the register holds with this share.
-    pub(super) fn with(&self, share: i64) -> i64 {
-        self.base.saturating_add(share)
-    }
-
-    /// The account that must be on disk before this share is sent.
-    pub(super) fn promising(&self, share: i64) -> Account {
-        let mut account = self.clone();
-        if share != self.share && !self.promised.contains(&share) {
-            account.promised.push(share);
+impl Ledger {
+    /// Opens the ledger of a machine. Without a directory nothing is kept, in a dry run nothing is changed. `remembers`:
+    /// whether an offset of this output was verified before; `had_state`: a run before this one has left a state.
+    pub(super) fn open(
+        profile: &Profile,
+        directory: Option<&Path>,
+        (dry_run, had_state): (bool, bool),
+        remembers: impl Fn(&str) -> bool,
+        journal: Arc<Journal>,
+        clock: &Clock,
+    ) -> Ledger {
+        let not_kept = |why| journal.tell(clock.now(), &Event::NotKept { what: WHAT.to_owned(), why });
+        let Some(directory) = directory else {
+            if profile.outputs.iter().any(is_shared) {
+                not_kept("there is no state directory; name one with --state".to_owned());
+            }
+            return Ledger { saver: None, found: Entries::new(), is_first: true, is_unmarked: true };
+        };
+        let (mut file, read) = LedgerFile::open(directory, profile);
+        let is_first = matches!(&read, Ok(None)) && !had_state;
+        let (mut before, is_readable) = match read {
+            Ok(entries) => (entries.unwrap_or_default(), true),
+            Err(why) => {
+                not_kept(why);
+                (Entries::new(), false)
+            }
+        };
+        let found = found(profile, &mut before, is_readable, remembers);
+        if dry_run {
+            return Ledger { saver: None, found, is_first, is_unmarked: true };
         }
-        account
+        let mut entries = found.clone();
+        entries.values_mut().for_each(|entry| entry.kept.in_order = false);
+        // What cannot be used does not say that anything was in order, and is first kept aside.
+        let is_saved = is_readable && file.save(&entries).is_ok();
+        let is_unmarked = is_saved || !is_readable || file.is_marked_begun();
+        let save = move |entries: &Entries| file.save(entries);
+        let saver = Saver::start((WHAT, OTHERWISE), entries, save, journal, clock);
+        Ledger { saver: Some(saver), found, is_first: is_first && is_saved, is_unmarked }
     }
 
-    /// Says what a register that was just read means, and takes note of it. `cleared`: it reads as it does after a
-    /// restart of the CNC.
-    pub(super) fn find(&mut self, found: i64, cleared: bool) -> Finding {
-        if self.doubt.is_some() {
-            return Finding::InQuestion;
+    /// What was on disk of this output at the start; `None` where that says nothing of its register.
+    pub(super) fn at_start(&self, output: &Output) -> Option<output::Kept> {
+        if self.is_first && !is_shared(output) {
+            return Some(output::Kept { in_order: true, ..output::Kept::default() });
         }
-        let part = found.saturating_sub(self.base);
-        if part == self.share {
-            return Finding::Same;
-        }
-        if let Some(place) = self.promised.iter().position(|share| *share == part) {
-            self.promised.swap_remove(place);
-            self.share = part;
-            return Finding::Arrived;
-        }
-        if cleared {
-            (self.base, self.share) = (found, 0);
-            self.promised.clear();
-            return Finding::Restarted;
-        }
-        if !self.promised.is_empty() {
-            self.doubt = Some(Doubt::Undecidable);
-            return Finding::InQuestion;
-        }
-        let from = self.base;
-        self.base = found.saturating_sub(self.share);
-        Finding::Moved { from, to: self.base }
+        self.found.get(&output.name).map(|entry| entry.kept)
     }
 
-    /// The same for the first look after a restart of the CNC, which may or may not have forgotten its registers: what an
-    /// operator entered since then is his part alone, or our share is still in it.
-    pub(super) fn find_rebooted(&mut self, found: i64, cleared: bool) -> Finding {
-        let part = found.saturating_sub(self.base);
-        let is_known = cleared || part == self.share || self.promised.contains(&part);
-        if !is_known && (self.share != 0 || !self.promised.is_empty()) {
-            self.doubt.get_or_insert(Doubt::Rebooted);
+    /// Has this put on disk. `is_needed`: a register that says itself what stands in it need not wait for the disk, once
+    /// nothing there says any more that a run ended in order.
+    pub(super) fn keep(
+        &self,
+        profile: &Profile,
+        output: &Output,
+        kept: output::Kept,
+        is_needed: bool,
+    ) -> Keeping {
+        // What is no number in the register is none here either.
+        let stood = kept.stood.filter(|counts| file::fits(*counts));
+        let entry = Entry { register: register(profile, output), kept: output::Kept { stood, ..kept } };
+        match &self.saver {
+            None if is_shared(output) => Keeping::Impossible,
+            None => Keeping::Needless,
+            Some(saver) => {
+                let version = saver.keep(|entries| drop(entries.insert(output.name.clone(), entry)));
+                if is_needed || !self.is_unmarked { Keeping::Version(version) } else { Keeping::Needless }
+            }
         }
-        self.find(found, cleared)
     }
 
-    /// The same for a register that is read back after a write of this share was acknowledged.
-    pub(super) fn read_back(&mut self, share: i64, found: i64, cleared: bool) -> ReadBack {
-        let part = found.saturating_sub(self.base);
-        if part == share {
-            self.share = share;
-            self.promised.clear();
-            return ReadBack::Verified;
+    /// What became of that, waiting for it no longer than `span`: see [`Saver::kept`].
+    pub(super) async fn kept(&self, version: u64, span: Duration) -> Kept {
+        match &self.saver {
+            Some(saver) => saver.kept(version, span).await,
+            None => Kept::Yes,
         }
-        if part == self.share || self.promised.iter().any(|other| *other != share && *other == part) {
-            // It may still arrive, so it stays promised.
-            let _ = self.find(found, cleared);
-            return ReadBack::Ignored;
+    }
+
+    /// Waits for what is still to be put on disk.
+    pub(super) async fn finish(&self, span: Duration) {
+        if let Some(saver) = &self.saver {
+            saver.finish(span).await;
         }
-        // The device said that it took it: what came then came on top of it.
-        self.share = share;
-        self.promised.clear();
-        ReadBack::Then(self.find(found, cleared))
-    }
-
-    /// What was promised and not seen for long will not come any more.
-    pub(super) fn forget_promises(&mut self) {
-        self.promised.clear();
-    }
-
-    /// What is written does not stay.
-    pub(super) fn doubt_for(&mut self, doubt: Doubt) {
-        self.doubt = Some(doubt);
-    }
-
-    /// A person says that the register is right: the share stays what it is taken to be, the rest is the operator's.
-    pub(super) fn confirm(&mut self, found: i64) {
-        self.base = found.saturating_sub(self.share);
-        self.promised.clear();
-        self.doubt = None;
     }
 }
 
-impl fmt::Display for Doubt {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Doubt::Undecidable => "somebody changed the register while a write was under way",
-            Doubt::Rebooted => "the CNC was restarted, and something else stands in its register since",
-            Doubt::Unsteady => "what is written does not stay, twice in a row something else stood there",
-            Doubt::Unreadable => "the ledger cannot be read",
-            Doubt::Lost => "an offset was written before, and there is no ledger of it",
-            Doubt::Elsewhere => "the ledger speaks of another register, or of counts of another worth",
-        })
+/// What the file says of the outputs of this profile. Of a shared register it must say something where there may be
+/// anything of ours in it: else a person decides.
+fn found(
+    profile: &Profile,
+    before: &mut Entries,
+    is_readable: bool,
+    remembers: impl Fn(&str) -> bool,
+) -> Entries {
+    let mut found = Entries::new();
+    for output in &profile.outputs {
+        let register = register(profile, output);
+        let in_question = |doubt| output::Kept::in_question(doubt);
+        let kept = match take(before, profile, &output.name, &register) {
+            Some(entry) if entry.register == register && is_shared(output) && is_ours(output, &entry) => {
+                in_question(Doubt::Lost)
+            }
+            Some(entry) if entry.register == register => entry.kept,
+            _ if !is_shared(output) => continue,
+            _ if !is_readable => in_question(Doubt::Unreadable),
+            Some(_) => in_question(Doubt::Elsewhere),
+            None if remembers(&output.name) => in_question(Doubt::Lost),
+            None => continue,
+        };
+        found.insert(output.name.clone(), Entry { register, kept });
     }
+    found
+}
+
+/// The register was ours alone before, and held something: whose that is now only a person can say.
+fn is_ours(output: &Output, entry: &Entry) -> bool {
+    let is_zero = |counts: i64| counts == 0 || counts == output.encoding.bias;
+    entry.kept.account.is_none() && entry.kept.stood.is_some_and(|stood| !is_zero(stood))
+}
+
+/// By its name; an output that was given a new name goes on with what is known of its register.
+fn take(entries: &mut Entries, profile: &Profile, name: &str, register: &str) -> Option<Entry> {
+    let is_nobodys = |known: &str| profile.outputs.iter().all(|output| output.name != known);
+    let former = |(known, entry): &(&String, &Entry)| is_nobodys(known) && entry.register == register;
+    let former = || entries.iter().find(former).map(|(known, _)| known.clone());
+    let key = if entries.contains_key(name) { name.to_owned() } else { former()? };
+    entries.remove(&key)
+}
+
+fn is_shared(output: &Output) -> bool {
+    output.share == Share::Ledger
 }
 
 #[cfg(test)]

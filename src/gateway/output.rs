@@ -1,5 +1,8 @@
 //! What the gateway knows of one output: whether what it wrote is what stands there.
 
+use std::time::Duration;
+
+use crate::fieldbus::error::Fault;
 use crate::profile::Handshake;
 use crate::quantity::{Micron, Moment};
 
@@ -31,11 +34,19 @@ pub(super) struct OutputState {
     /// The operator's part of that and ours, where the register is shared.
     pub(super) shares: Option<(f64, f64)>,
     pub(super) verified_at: Option<Moment>,
+    /// What the control says it applies, in the output's unit, and when it was asked.
+    pub(super) applied: Option<(f64, Moment)>,
     /// When nothing of ours can arrive any more that was not answered.
     pub(super) waits_until: Option<Moment>,
+    /// A change waits for that.
+    pub(super) is_waiting: bool,
+    /// It was only acknowledged, and is not read.
+    pub(super) is_only_acknowledged: bool,
     pub(super) writes: u64,
     /// Failures since the last verified write.
     pub(super) failures: u64,
+    /// What the last of them was.
+    pub(super) cause: Option<Fault>,
     /// Where its handshake stands.
     pub(super) handshake: Stand,
 }
@@ -49,6 +60,10 @@ pub(super) struct Stand {
     pub(super) failed: Option<&'static str>,
     /// The strobe is up, or may be.
     pub(super) strobe_up: bool,
+    /// The control word beside it may say that every axis is armed.
+    pub(super) says_enabled: bool,
+    /// What stands there was not taken yet.
+    pub(super) is_untaken: bool,
 }
 
 /// What a handshake waits for.
@@ -79,6 +94,22 @@ impl Stand {
 }
 
 impl OutputState {
+    /// How long a change still waits for what may arrive late, at most.
+    pub(super) fn waits(&self, now: Moment) -> Option<Duration> {
+        self.waits_until.filter(|_| self.is_waiting).map(|until| until.since(now))
+    }
+
+    /// What else is to be known of its value, for the page.
+    pub(super) fn note(&self, now: Moment) -> String {
+        match self.waits(now) {
+            Some(span) => format!("waiting for a late write, {} s", span.as_secs()),
+            None if self.is_only_acknowledged && self.verified_at.is_some() => {
+                "acknowledged, not read back".to_owned()
+            }
+            None => String::new(),
+        }
+    }
+
     /// What stands in the register is not certain any more.
     pub(super) fn doubt(&mut self) {
         if self.standing != Standing::Unknown {

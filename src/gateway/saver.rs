@@ -54,12 +54,6 @@ struct Newest<T> {
 }
 
 impl<T: Clone + Default + Send + 'static> Saver<T> {
-    /// One that never keeps anything.
-    pub(super) fn idle() -> Saver<T> {
-        let (_, done) = watch::channel(Done::default());
-        Saver { shelf: Arc::new(Shelf::default()), done, is_slow: AtomicBool::new(false) }
-    }
-
     /// Begins with what is on disk. `save` returns when the document is there. Events say what it is, and what
     /// follows where it cannot be kept.
     pub(super) fn start(
@@ -78,11 +72,6 @@ impl<T: Clone + Default + Send + 'static> Saver<T> {
         // Without a thread nothing is kept, which is what everybody is then told.
         let _ = std::thread::Builder::new().name(what.replace(' ', "-")).spawn(work);
         saver
-    }
-
-    /// The newest document, which is not on disk yet perhaps.
-    pub(super) fn look<R>(&self, at: impl FnOnce(&T) -> R) -> R {
-        at(&self.shelf.newest().document)
     }
 
     /// Changes the document and has it put on disk; the number asks for what became of that.

@@ -13,14 +13,13 @@ use super::levels::LevelsTold;
 use super::output::OutputState;
 use super::pause::Pauses;
 use super::probing::Probing;
-use super::promises::Promises;
 use super::restart::Restarts;
 use crate::clock::{Bell, Clock};
 use crate::compensation::model::Evaluate;
 use crate::compensation::{AxisState, Compensation, Control, Remembered};
 use crate::observe::events::{Event, Journal};
 use crate::observe::status::Command;
-use crate::profile::{Axis, AxisId, BusId, Profile};
+use crate::profile::{Arm, Axis, AxisId, BusId, Profile};
 use crate::quantity::Moment;
 use crate::reading::SignalId;
 
@@ -39,7 +38,6 @@ pub(crate) struct Shared {
     pub(crate) dry_run: bool,
     pub(crate) started: Moment,
     pub(super) ledger: Ledger,
-    pub(super) promises: Promises,
     /// Something that is read tells that a control was restarted.
     pub(super) tells_restarts: bool,
     /// By axis and model: the signals that it rests on.
@@ -73,6 +71,10 @@ pub(super) struct Core {
     pub(super) leaving: bool,
     /// An axis has been armed since the start.
     pub(super) was_armed: bool,
+    /// What an axis rests on has been read since the start.
+    pub(super) has_read: bool,
+    /// When the axes were stepped last.
+    pub(super) stepped_at: Moment,
     /// Something failed inside: the process ends with an error after the fault actions.
     pub(super) failed: bool,
     controls: Vec<Control>,
@@ -127,7 +129,7 @@ impl Shared {
         journal: Arc<Journal>,
         dry_run: bool,
         remembered: Remembered,
-        (keeper, ledger, promises): (Keeper, Ledger, Promises),
+        (keeper, ledger): (Keeper, Ledger),
         bells: Vec<Bell>,
     ) -> Shared {
         let axes = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
@@ -148,6 +150,8 @@ impl Shared {
             stopping: false,
             leaving: false,
             was_armed: false,
+            has_read: false,
+            stepped_at: Moment::default(),
             failed: false,
             untold: Vec::new(),
             controls: vec![Control::default(); profile.axes.len()],
@@ -169,7 +173,6 @@ impl Shared {
             dry_run,
             started,
             ledger,
-            promises,
             tells_restarts,
             inputs,
             bells,
@@ -192,6 +195,19 @@ impl Shared {
             Err(TryLockError::Poisoned(poisoned)) => Some(poisoned.into_inner()),
             Err(TryLockError::WouldBlock) => None,
         }
+    }
+
+    /// Heartbeats and control words go on: from the first arming, or where the profile arms from the first good reading,
+    /// until the process ends.
+    pub(super) fn may_beat(&self) -> bool {
+        let core = self.core();
+        !self.dry_run && (core.was_armed || (self.profile.arm == Arm::Auto && core.has_read))
+    }
+
+    /// The axes were stepped as lately as they should be: a gateway whose lines live but whose head does not counts no beat.
+    pub(super) fn head_lives(&self, now: Moment) -> bool {
+        let every = self.profile.axes.iter().map(|axis| axis.settings.every).min();
+        every.is_none_or(|every| now.since(self.core().stepped_at) <= every * 2)
     }
 
     /// Tells an event.
@@ -261,6 +277,21 @@ impl Shared {
         due
     }
 
+    /// What has become of the last request to arm: `None` as long as an axis waits for something.
+    pub(crate) fn arming(&self) -> Option<Result<String, String>> {
+        let core = self.core();
+        let names = self.profile.axes.iter().map(|axis| axis.settings.name.as_str());
+        let refused = core.arming.iter().zip(names.clone()).find_map(|(arming, name)| {
+            let why = arming.refusal.as_ref().filter(|_| arming.asked)?;
+            Some(format!("axis {name} is not armed: {why}"))
+        });
+        if let Some(refused) = refused {
+            return Some(Err(refused));
+        }
+        let all = core.arming.iter().all(|arming| arming.armed && !arming.asked);
+        all.then(|| Ok(format!("{}: armed", names.collect::<Vec<_>>().join(", "))))
+    }
+
     /// Does what a person asks for.
     pub(crate) fn obey(&self, command: Command) -> Result<String, String> {
         let mut core = self.core();
@@ -274,6 +305,11 @@ impl Shared {
                     arming.asked = !arming.armed || arming.tripped;
                     arming.refusal = None;
                 }
+                // At once where that can be: whoever asks hears whether he is refused.
+                let now = self.clock.now();
+                core.board.look(&self.profile, now);
+                core.arm_where_possible(self, now);
+                events.append(&mut core.untold);
                 format!("{names}: will be armed as soon as devices and readings allow it")
             }
             Command::Disarm => {

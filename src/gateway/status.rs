@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use super::arming::of_axis;
 use super::extrapolation;
 use super::shared::{Core, JITTER_MS, Shared, refused_in_words};
 use crate::compensation::Stages;
@@ -19,7 +20,7 @@ impl Source for Shared {
         let mut core = self.core();
         core.board.look(&self.profile, now);
         let machine_on = core.compensation.machine().on_time(now);
-        let (axes, devices) = (axes(self, &core), devices(self, &core));
+        let (axes, devices) = (axes(self, &core, now), devices(self, &core));
         Status {
             machine: self.profile.name.clone(),
             description: self.profile.description.clone(),
@@ -45,12 +46,23 @@ impl Source for Shared {
         self.obey(command)
     }
 
+    fn arming(&self) -> Option<Result<String, String>> {
+        Shared::arming(self)
+    }
+
     fn measured(&self, axis: &str, error_um: Option<f64>) -> Result<String, String> {
         self.take_measured(axis, error_um)
     }
 }
 
-fn axes(shared: &Shared, core: &Core) -> Vec<AxisStatus> {
+/// Cz as last verified in the first register of an axis that holds it, and when that was asked.
+fn verified(shared: &Shared, core: &Core, axis: usize) -> Option<(Micron, Moment)> {
+    let mut outputs =
+        of_axis(&shared.profile, axis, &core.outputs).filter(|(output, _)| output.writes.is_cz());
+    outputs.find_map(|(_, state)| state.cz.zip(state.verified_at))
+}
+
+fn axes(shared: &Shared, core: &Core, now: Moment) -> Vec<AxisStatus> {
     let axes = shared.profile.axes.iter().zip(core.compensation.decisions()).enumerate();
     axes.map(|(place, (axis, decision))| AxisStatus {
         name: axis.settings.name.clone(),
@@ -62,6 +74,8 @@ fn axes(shared: &Shared, core: &Core) -> Vec<AxisStatus> {
             .map(|model| model.name.clone()),
         raw_um: decision.raw.map(Micron::get),
         cz_um: decision.cz.get(),
+        verified_um: verified(shared, core, place).map(|(cz, _)| cz.get()),
+        verified_age_s: verified(shared, core, place).map(|(_, at)| now.since(at).as_secs_f64()),
         acted: Stages::ALL
             .iter()
             .filter(|(stage, _)| decision.acted.contains(*stage))
@@ -193,6 +207,9 @@ fn outputs(shared: &Shared, core: &Core, now: Moment) -> Vec<OutputStatus> {
             handshake: state.handshake.words(output.set.and_then(|id| shared.profile.set(id).handshake)),
             value: state.value,
             shares: state.shares.map(|(base, share)| SharesStatus { base, share }),
+            applied: state.applied.map(|(value, _)| value),
+            note: state.note(now),
+            waits_s: state.waits(now).map(|span| span.as_secs_f64()),
             writes_done: state.writes,
             age_s: state.verified_at.map(|at| now.since(at)).as_ref().map(Duration::as_secs_f64),
         })

@@ -36,16 +36,6 @@ pub(super) fn cz_factor(profile: &Profile, output: &Output) -> f64 {
     }
 }
 
-pub(super) fn in_micron(output: &Output, factor: f64, words: &Encoded) -> Option<Micron> {
-    let value = output.encoding.decode(words.words()).ok()?;
-    Micron::new(value / factor)
-}
-
-/// What a register holds, where the axis may go on from it: within the limit.
-pub(super) fn within_limit(profile: &Profile, output: &Output, words: &Encoded) -> Option<Micron> {
-    in_micron(output, cz_factor(profile, output), words).filter(|cz| !is_beyond_limit(profile, output, *cz))
-}
-
 /// Whether a register holds more than its axis may. The arithmetic between counts and µm must not decide that: half a
 /// count more is the limit itself. A reference position is no correction and has no limit.
 pub(super) fn is_beyond_limit(profile: &Profile, output: &Output, cz: Micron) -> bool {

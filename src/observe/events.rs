@@ -81,6 +81,8 @@ pub enum Event {
     Saturated { output: String, wanted: f64 },
     /// What was read back is not what was written.
     VerifyFailed { output: String, wrote: String, found: String },
+    /// The control applies something else than what stands in its register.
+    NotApplied { output: String, stands: String, applies: String, register: String },
     /// A write failed on its way.
     WriteFailed { output: String, fault: String },
     /// A write was verified again.
@@ -99,6 +101,8 @@ pub enum Event {
     OperatorChange { output: String, from: String, to: String, share: String },
     /// What of a register is the operator's and what is ours, from now on.
     LedgerOpened { output: String, base: String, share: String },
+    /// Nothing is known of a register that is to be shared and is not zero; a person has to say that it is his.
+    FirstAccount { output: String, holds: String },
     /// What of a register is ours is not certain; a person has to say.
     LedgerDoubt { output: String, why: String },
     /// The register was back at zero: the CNC was restarted.
@@ -173,6 +177,7 @@ impl Event {
             Event::ModelAges { .. } => "model-ages",
             Event::Saturated { .. } => "saturated",
             Event::VerifyFailed { .. } => "verify-failed",
+            Event::NotApplied { .. } => "not-applied",
             Event::WriteFailed { .. } => "write-failed",
             Event::Verified { .. } => "verified",
             Event::ForeignChange { .. } => "foreign-change",
@@ -182,6 +187,7 @@ impl Event {
             Event::NotReadBack { .. } => "not-read-back",
             Event::OperatorChange { .. } => "operator-change",
             Event::LedgerOpened { .. } => "ledger-opened",
+            Event::FirstAccount { .. } => "first-account",
             Event::LedgerDoubt { .. } => "ledger-doubt",
             Event::CncRestarted { .. } => "cnc-restarted",
             Event::CncBooted { .. } => "cnc-booted",
@@ -204,6 +210,7 @@ impl Event {
         match self {
             Event::TaskFailed { .. }
             | Event::VerifyFailed { .. }
+            | Event::NotApplied { .. }
             | Event::Handshake { .. }
             | Event::ForeignChange { .. }
             | Event::LedgerDoubt { .. }
@@ -224,6 +231,7 @@ impl Event {
             | Event::OwnWriteLate { .. }
             | Event::PerhapsFromBefore { .. }
             | Event::WaitsForLateWrite { .. }
+            | Event::FirstAccount { .. }
             | Event::CncRestarted { .. }
             | Event::CncBooted { .. }
             | Event::Disarmed { .. }
@@ -312,6 +320,12 @@ impl fmt::Display for Event {
             Event::VerifyFailed { output, wrote, found } => {
                 write!(f, "output {output}: wrote {wrote}, read back {found}")
             }
+            Event::NotApplied { output, stands, applies, register } => {
+                write!(
+                    f,
+                    "output {output}: {stands} stand in its register, the control applies {applies} ({register})"
+                )
+            }
             Event::WriteFailed { output, fault } => write!(f, "output {output}: not written: {fault}"),
             Event::Verified { output, failures } => {
                 write!(f, "output {output}: written and verified again after {failures} failures")
@@ -349,6 +363,11 @@ impl fmt::Display for Event {
             Event::LedgerOpened { output, base, share } => {
                 write!(f, "output {output}: {base} in its register are the operator's, {share} are ours")
             }
+            Event::FirstAccount { output, holds } => write!(
+                f,
+                "output {output}: its register holds {holds}, and nothing of ours is known in it: if all of that is your own \
+                 value, arm the axis; if not, make it your own value first"
+            ),
             Event::LedgerDoubt { output, why } => write!(f, "output {output}: {why}"),
             Event::CncRestarted { output, expected } => {
                 write!(f, "output {output}: back at zero where {expected} stood; the CNC was restarted")

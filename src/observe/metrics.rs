@@ -50,6 +50,10 @@ fn describe() {
     describe_counter!("isotherm_bus_cycles_total", "Cycles run.");
     describe_counter!("isotherm_bus_overruns_total", "Cycles that ended too late.");
     describe_gauge!("isotherm_output_value", "Last verified value, in the unit of its label.");
+    describe_gauge!(
+        "isotherm_output_late_write_wait_seconds",
+        "How long a change still waits for what may arrive late, at most."
+    );
     describe_gauge!("isotherm_output_verified", "1 when the last write was read back as written.");
     describe_counter!("isotherm_output_writes_total", "Writes that were verified.");
     describe_counter!("isotherm_events_total", "Events, by kind.");
@@ -145,6 +149,7 @@ fn record_output(output: &OutputStatus, of: Labels<'_>) {
     counter!("isotherm_output_writes_total", named).absolute(output.writes_done);
     let named = of(&[("output", &output.name), ("axis", &output.axis), ("unit", unit)]);
     set("isotherm_output_value", &named, output.value);
+    set("isotherm_output_late_write_wait_seconds", &named, output.waits_s);
 }
 
 fn set(name: &'static str, labels: &[Label], value: Option<f64>) {

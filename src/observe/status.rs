@@ -17,6 +17,12 @@ pub trait Source: Send + Sync + 'static {
     /// A sentence that says why not.
     fn command(&self, command: Command) -> Result<String, String>;
 
+    /// What has become of the last [`Command::Arm`]: `None` as long as an axis waits for something.
+    ///
+    /// # Errors
+    /// A sentence that says why an axis is not armed.
+    fn arming(&self) -> Option<Result<String, String>>;
+
     /// Learns from an axis's measured error, µm; `None` takes back everything that was learned. The answer is a sentence.
     ///
     /// # Errors
@@ -116,8 +122,12 @@ pub struct AxisStatus {
     pub model: Option<String>,
     /// The model's Cz, µm.
     pub raw_um: Option<f64>,
-    /// Cz after the guard, µm.
+    /// Cz after the guard, µm: what is wanted.
     pub cz_um: f64,
+    /// Cz as last verified in its register, µm: what stands there; `None` where it was never read.
+    pub verified_um: Option<f64>,
+    /// Seconds since that was asked.
+    pub verified_age_s: Option<f64>,
     /// The stages of the guard that acted: limit, deadband, step, rate, round.
     pub acted: Vec<&'static str>,
     /// Largest |Cz|, µm.
@@ -284,9 +294,16 @@ pub struct OutputStatus {
     pub value: Option<f64>,
     /// Of that, the operator's part and ours, where the register is shared with an operator.
     pub shares: Option<SharesStatus>,
+    /// What the control says it applies, in the output's unit, where it says so.
+    pub applied: Option<f64>,
+    /// What else is to be known of the value: that it waits for a late write, or is acknowledged and not read back. Empty
+    /// where nothing is.
+    pub note: String,
+    /// How long a change still waits for what may arrive late, at most.
+    pub waits_s: Option<f64>,
     /// Writes that were verified.
     pub writes_done: u64,
-    /// Seconds since the last verified write.
+    /// Seconds since what stands there was asked.
     pub age_s: Option<f64>,
 }
 

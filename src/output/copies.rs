@@ -119,6 +119,14 @@ impl Copies {
             (before.left, before.answered) = (sent.left, sent.answered);
             return true;
         }
+        if sent.answered.is_none()
+            && let Some(before) =
+                self.under_way.iter_mut().find(|one| one.value == sent.value && one.answered.is_none())
+        {
+            // Two of them, of which one arriving says nothing of the other: only time ends both.
+            (before.left, before.at, before.other_seen, before.is_pinned) = (sent.left, sent.at, None, true);
+            return true;
+        }
         for same in self.under_way.iter_mut().filter(|one| one.value == sent.value) {
             (same.other_seen, sent.other_seen) = (None, None);
         }

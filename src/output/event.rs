@@ -98,6 +98,8 @@ pub enum Doubt {
     Rebooted,
     /// Twice in a row an unanswered write was followed by a change of just its size.
     LikeOurOwn,
+    /// Twice in a row something else stood there than was written and acknowledged.
+    Unsteady,
     /// It changed while a person armed the axis.
     ChangedWhileArming,
     /// The ledger cannot be read.
@@ -116,6 +118,7 @@ impl fmt::Display for Doubt {
             Doubt::ZeroOrOurs => "the CNC was restarted, or a write of ours made it zero",
             Doubt::Rebooted => "the CNC was restarted, and something else stands in its register since",
             Doubt::LikeOurOwn => "twice an unanswered write was followed by a change of just its size",
+            Doubt::Unsteady => "what is written does not stay, twice in a row something else stood there",
             Doubt::ChangedWhileArming => "the register changed while the axis was being armed",
             Doubt::Unreadable => "the ledger cannot be read",
             Doubt::Lost => "an offset was written before, and there is no ledger of it",

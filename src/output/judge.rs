@@ -54,9 +54,7 @@ fn whole(state: &State, settings: &Settings, found: i64) -> Meaning {
         {
             Meaning::Ours { sent: sent.at, is_late: true }
         }
-        None if found == 0 || found == settings.bias || (state.is_rebooted && is_inside) => {
-            Meaning::Restarted
-        }
+        None if settings.is_zero(found) || (state.is_rebooted && is_inside) => Meaning::Restarted,
         None if state.settles_at.is_some() && is_inside => Meaning::FromBefore,
         None => Meaning::Foreign,
     }
@@ -66,15 +64,16 @@ fn shared(state: &State, settings: &Settings, expected: i64, found: i64, asked: 
     let doubts = settings.rules.doubt;
     let ours = ours(state, settings, found);
     let is_lately = state.copies.lately_of(found).is_some();
-    if found == 0 {
-        let base = state.account.map_or(0, |account| account.base);
+    if settings.is_zero(found) {
+        let is_base = state.account.is_none_or(|account| account.base == found);
         return match ours {
-            _ if doubts && base != 0 && (ours.is_some() || is_lately) => Meaning::Doubtful(Doubt::ZeroOrOurs),
+            _ if doubts && !is_base && (ours.is_some() || is_lately) => Meaning::Doubtful(Doubt::ZeroOrOurs),
             Some(ours) => ours,
             None => Meaning::Restarted,
         };
     }
     match ours {
+        Some(_) if doubts && is_no_share(state, settings, found) => Meaning::Doubtful(Doubt::YoursOrOurs),
         Some(ours) => ours,
         None if is_lately && settings.rules.knows_its_own => Meaning::Doubtful(Doubt::YoursOrOurs),
         None if doubts && state.is_rebooted && state.has_anything_of_ours() => {
@@ -86,8 +85,20 @@ fn shared(state: &State, settings: &Settings, expected: i64, found: i64, asked: 
         None if doubts && state.is_like_our_own_again(found.saturating_sub(expected)) => {
             Meaning::Doubtful(Doubt::LikeOurOwn)
         }
+        None if doubts && state.answered.is_some() && state.was_unsteady => {
+            Meaning::Doubtful(Doubt::Unsteady)
+        }
         None => Meaning::Moved { by: found.saturating_sub(expected) },
     }
+}
+
+/// Beside the operator's part as it is now this is more than was ever ours: he has set it to what we had sent beside
+/// another part of his, or that has arrived and undone his change.
+fn is_no_share(state: &State, settings: &Settings, found: i64) -> bool {
+    state.account.is_some_and(|account| {
+        let share = found.abs_diff(account.base);
+        share > settings.limit.unsigned_abs() && share > account.share.unsigned_abs()
+    })
 }
 
 fn ours(state: &State, settings: &Settings, found: i64) -> Option<Meaning> {

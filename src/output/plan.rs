@@ -27,6 +27,9 @@ pub(super) fn act(state: &mut State, settings: &Settings, fresh: Option<Moment>,
         Doing::Nothing => {}
         _ => return Action::Nothing { until: Moment::END },
     }
+    // Whoever waited and wants nothing any more does not wait.
+    let is_long_ago = now.since(state.waited_at) > settings.every * 2;
+    state.is_waiting &= !is_long_ago || state.waits_until(settings).is_some();
     let aim = change(state, settings, now);
     if aim.is_some() {
         note_waiting(state, settings, aim, now);
@@ -35,7 +38,8 @@ pub(super) fn act(state: &mut State, settings: &Settings, fresh: Option<Moment>,
         return read(state);
     }
     // A whole register says itself what stands in it: what else is known of it goes on disk whenever that is written.
-    state.is_unsaved &= settings.promises();
+    let has_to_begin = !state.has_begun_on_disk && state.standing == Standing::Armed;
+    state.is_unsaved &= settings.promises() || has_to_begin;
     if aim == Some(Aim::There) && state.promised.take().is_some() {
         state.is_unsaved = true;
     }
@@ -73,6 +77,21 @@ pub(super) fn act(state: &mut State, settings: &Settings, fresh: Option<Moment>,
     Action::Nothing { until: until(state, settings, aim, now) }
 }
 
+/// In one request with others, in every state: what stands there, as it was just read. Nothing, where a late write could
+/// then be too far from it.
+pub(super) fn go_along(state: &mut State, settings: &Settings, now: Moment) -> Action {
+    let Some(seen) = state.verified.filter(|_| state.doing == Doing::Nothing) else {
+        return Action::Nothing { until: Moment::END };
+    };
+    state.is_unsaved &= settings.promises();
+    let is_known = !state.must_read && state.answered.is_none() && !settings.is_shared;
+    let may = now >= state.keeps_from || state.has_begun_on_disk;
+    if is_known && may && state.copies.has_room() && is_repeatable(state, settings, seen) {
+        return repeat(state, settings, seen, now);
+    }
+    Action::Nothing { until: until(state, settings, None, now) }
+}
+
 /// Where the change that is wanted now can go; `None` where none is wanted, or may be made.
 fn change(state: &State, settings: &Settings, now: Moment) -> Option<Aim> {
     let order = state.order.filter(|order| now <= order.not_after || !settings.rules.last_moment)?;
@@ -81,26 +100,37 @@ fn change(state: &State, settings: &Settings, now: Moment) -> Option<Aim> {
     if state.settles_at.is_some() && settings.rules.near_what_may_arrive {
         return Some(Aim::Blocked);
     }
-    let centre = state.account.map_or(settings.bias, |account| account.base);
-    let target = centre.saturating_add(order.offset);
-    let avoids_zero = settings.is_shared && settings.rules.doubt && centre != 0;
-    Some(aim(state, settings, stands, target, centre, avoids_zero))
+    Some(aim(state, settings, stands, order.offset))
 }
 
-fn aim(state: &State, settings: &Settings, stands: i64, target: i64, centre: i64, avoids_zero: bool) -> Aim {
-    // Zero is what a restarted CNC shows: an operator's part is never hidden by it. The count beside it is near enough.
-    let is_there = stands == target || (avoids_zero && target == 0 && stands.unsigned_abs() == 1);
-    if is_there {
+/// Zero is what a restarted CNC shows: an operator's part is never hidden by it. The count beside it is near enough.
+fn avoids(settings: &Settings, centre: i64, value: i64) -> bool {
+    settings.is_shared && settings.rules.doubt && settings.is_zero(value) && value != centre
+}
+
+/// This offset from the operator's part, or from the bias, is what a register that holds `stands` has.
+pub(super) fn is_there(state: &State, settings: &Settings, stands: i64, offset: i64) -> bool {
+    let centre = state.centre(settings);
+    let target = settings.target(centre, offset);
+    stands == target || (avoids(settings, centre, target) && stands.abs_diff(target) == 1)
+}
+
+fn aim(state: &State, settings: &Settings, stands: i64, offset: i64) -> Aim {
+    if is_there(state, settings, stands, offset) {
         return Aim::There;
     }
     if !state.copies.has_room() {
         return Aim::Blocked;
     }
+    let centre = state.centre(settings);
+    let target = settings.target(centre, offset);
+    let (lowest, highest) = settings.range;
     let may_be_sent = |value: &i64| {
         room(state, settings, stands).contains(*value)
+            && (lowest..=highest).contains(value)
             && is_inside(settings, stands, *value, centre)
             && target.abs_diff(*value) < target.abs_diff(stands)
-            && !(avoids_zero && *value == 0)
+            && !avoids(settings, centre, *value)
     };
     if let Some(promised) = state.promised.filter(may_be_sent) {
         return Aim::Send(promised);
@@ -133,6 +163,7 @@ fn note_waiting(state: &mut State, settings: &Settings, aim: Option<Aim>, now: M
         return;
     }
     state.drop_order(settings);
+    state.waited_at = now;
     if !std::mem::replace(&mut state.is_waiting, true) {
         let until = state.waits_until(settings).unwrap_or(now);
         state.reports.tell(Event::WaitingForLateWrite { seconds: until.since(now).as_secs() });

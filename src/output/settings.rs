@@ -9,8 +9,10 @@ pub struct Settings {
     pub step: i64,
     /// The largest distance from the bias, or from the operator's part.
     pub limit: i64,
-    /// What the register holds where the offset is zero. A shared register has none: there it belongs to the operator.
+    /// What the register holds where the offset is zero: a CNC may come up with it as well as with zero.
     pub bias: i64,
+    /// The lowest and the highest count that the register holds.
+    pub range: (i64, i64),
     /// How long after it left a write may still arrive.
     pub late: Duration,
     /// How long a value whose answer never came is still recognised after that: some ten times `late`.
@@ -28,8 +30,19 @@ pub struct Settings {
 }
 
 impl Settings {
+    /// A restarted CNC shows this.
+    pub fn is_zero(&self, value: i64) -> bool {
+        value == 0 || value == self.bias
+    }
+
+    /// What should stand there for this offset from the bias, or from the operator's part.
+    pub(super) fn target(&self, centre: i64, offset: i64) -> i64 {
+        let (lowest, highest) = self.range;
+        centre.saturating_add(offset).clamp(lowest, highest)
+    }
+
     /// What is on disk before a value is sent: a register that says itself what stands in it needs no promise.
-    pub(super) fn promises(&self) -> bool {
+    pub fn promises(&self) -> bool {
         self.is_shared || self.verify == Verify::Echo
     }
 

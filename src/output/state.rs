@@ -10,7 +10,7 @@ use super::reports::Reports;
 use super::settings::{Settings, Verify};
 use super::slots::Slots;
 use super::standing::{Doing, Order, Seen, Shown, Standing, Untaken};
-use super::{Fact, Who};
+use super::{Fact, Who, plan};
 use crate::quantity::Moment;
 
 /// What failed is tried again after this long at the earliest; and what is not certain is looked at again.
@@ -47,10 +47,14 @@ pub struct State {
     unanswered_change: Option<i64>,
     /// The operator's last change equalled an unanswered one of ours.
     was_like_our_own: bool,
+    /// Where a write was answered as done last, something else stood there afterwards.
+    pub(super) was_unsteady: bool,
     /// The register is to be read before anything else is decided.
     pub(super) must_read: bool,
     /// A change waits for what may still arrive.
     pub(super) is_waiting: bool,
+    /// When it was last found to wait.
+    pub(super) waited_at: Moment,
     /// No read is tried again before this.
     pub(super) reads_from: Moment,
     /// No write is tried again before this.
@@ -92,8 +96,10 @@ impl State {
             is_rebooted: false,
             unanswered_change: None,
             was_like_our_own: false,
+            was_unsteady: false,
             must_read: is_read,
             is_waiting: false,
+            waited_at: now,
             reads_from: now,
             writes_from: now,
             keeps_from: now,
@@ -166,13 +172,19 @@ impl State {
     pub(super) fn take(&mut self, settings: &Settings, fact: Fact, now: Moment) -> Option<Moment> {
         self.is_unsaved |= self.copies.expire(now);
         match fact {
-            Fact::Look => {}
+            Fact::Look | Fact::GoesAlong => {}
+            Fact::WentAlong { value, left, is_done } => {
+                let answered = is_done.then_some(now);
+                let sent = Sent { value, at: left, left, answered, other_seen: None, is_pinned: false };
+                // Where there is no room, as many are under way already, and this one is what was just read.
+                let _ = self.copies.add(sent);
+            }
             Fact::Decided { offset, not_after } => {
                 let offset =
                     if settings.rules.limit { offset.clamp(-settings.limit, settings.limit) } else { offset };
                 self.order = Some(Order { offset, not_after });
             }
-            Fact::Read { found, asked } if self.ends(Doing::Reading) => {
+            Fact::Read { found, asked } if self.ends(Doing::Reading) || self.doing == Doing::Nothing => {
                 return self.read(settings, found, asked, now);
             }
             Fact::NoAnswer if self.ends(Doing::Reading) => {
@@ -229,6 +241,9 @@ impl State {
 
     fn read(&mut self, settings: &Settings, found: i64, asked: Moment, now: Moment) -> Option<Moment> {
         let meaning = judge::meaning(self, settings, found, asked);
+        if self.answered.is_some() {
+            self.was_unsteady = matches!(meaning, Meaning::Moved { .. });
+        }
         let is_believed = self.account.is_none_or(|account| account.doubt.is_none());
         if is_believed {
             self.follow(settings, meaning, found, now);
@@ -248,7 +263,7 @@ impl State {
         self.verified = Some(Seen { value: found, asked });
         (self.answered, self.unanswered_change) = (None, None);
         (self.must_read, self.is_rebooted) = (false, false);
-        self.confirm(found);
+        self.confirm(settings, found);
         (meaning == Meaning::Same).then_some(asked)
     }
 
@@ -261,13 +276,13 @@ impl State {
                 }
                 self.share_is(found);
             }
-            Meaning::First if settings.is_shared && found != 0 => {
+            Meaning::First if settings.is_shared && !settings.is_zero(found) => {
                 if self.standing != Standing::Barred {
                     self.reports.tell(Event::FirstAccount { found });
                 }
                 self.switch_off(Standing::Barred);
             }
-            Meaning::First if settings.is_shared => self.account_is(Account::default()),
+            Meaning::First if settings.is_shared => self.has_nothing_of_ours(found),
             Meaning::First => {}
             Meaning::Ours { sent, is_late } => {
                 self.drop_order(settings);
@@ -290,7 +305,7 @@ impl State {
                 self.drop_order(settings);
                 self.reports.tell(Event::CncRestarted { stood: expected.unwrap_or(found) });
                 if settings.is_shared {
-                    self.account_is(Account::default());
+                    self.has_nothing_of_ours(found);
                 }
                 if found.abs_diff(settings.bias) > settings.limit.unsigned_abs() && !settings.is_shared {
                     self.bar_foreign(settings.bias, found);
@@ -326,6 +341,10 @@ impl State {
     fn account_is(&mut self, account: Account) {
         self.is_unsaved |= self.account != Some(account);
         self.account = Some(account);
+    }
+
+    fn has_nothing_of_ours(&mut self, found: i64) {
+        self.account_is(Account { base: found, ..Account::default() });
     }
 
     fn doubt(&mut self, doubt: Doubt, found: i64) {
@@ -365,10 +384,15 @@ impl State {
     }
 
     /// A person has said that the register is right: our share is what it was taken to be, the rest is the operator's.
-    fn confirm(&mut self, found: i64) {
+    /// He may have done that after it was last read; but what may have come from us, or from a restarted CNC, need not be
+    /// what he said. What stood before the doubt is the same, whoever put it there again.
+    fn confirm(&mut self, settings: &Settings, found: i64) {
         let Standing::Confirming(shown) = self.standing else { return };
         let account = self.account.unwrap_or_default();
-        if found == shown {
+        let is_ours = self.copies.of(found).is_some() || self.copies.lately_of(found).is_some();
+        if settings.is_zero(found) && account.share != 0 {
+            self.doubt(Doubt::ZeroOrOurs, found);
+        } else if found == shown || !is_ours || found == account.base.saturating_add(account.share) {
             self.account_is(Account {
                 base: found.saturating_sub(account.share),
                 share: account.share,
@@ -414,7 +438,10 @@ impl State {
             self.unanswered_change = stood.map(|stood| value.saturating_sub(stood));
             self.writes_from = now.after(RETRY);
             self.drop_order(settings);
-            self.untaken = Some(Untaken::Refused);
+            // A shared register is not written again to find out: that it is read shows enough.
+            if self.standing == Standing::Armed && !settings.is_shared {
+                self.untaken = Some(Untaken::Refused);
+            }
         }
     }
 
@@ -480,6 +507,44 @@ impl State {
         self.was_like_our_own && self.unanswered_change == Some(change)
     }
 
+    /// What the offset is counted from: the operator's part, or the bias.
+    pub(super) fn centre(&self, settings: &Settings) -> i64 {
+        self.account.map_or(settings.bias, |account| account.base)
+    }
+
+    /// This offset is what stands there as last verified.
+    pub fn is_at(&self, settings: &Settings, offset: i64) -> bool {
+        self.verified.is_some_and(|seen| plan::is_there(self, settings, seen.value, offset))
+    }
+
+    /// Its interlock is open.
+    pub fn is_interlocked(&self) -> bool {
+        self.is_interlocked
+    }
+
+    /// What it asked for has not come to its end.
+    pub fn is_asking(&self) -> bool {
+        self.doing != Doing::Nothing
+    }
+
+    /// Nothing from before the start may still arrive unknown.
+    pub fn is_settled(&self) -> bool {
+        self.settles_at.is_none()
+    }
+
+    /// A read that shows nothing new may be followed by a write.
+    pub fn may_write(&self, settings: &Settings, now: Moment) -> bool {
+        let is_wanted =
+            self.order.is_some_and(|order| now <= order.not_after && !self.is_at(settings, order.offset));
+        let is_driven = self.standing == Standing::Armed && !self.is_interlocked;
+        is_driven && now >= self.writes_from && (is_wanted || self.untaken.is_some())
+    }
+
+    /// A value is on disk that is about to be sent, or is to be: without it nothing is.
+    pub fn is_promising(&self) -> bool {
+        self.promised.is_some()
+    }
+
     /// When what may still arrive no longer forbids anything, at the latest.
     pub fn waits_until(&self, settings: &Settings) -> Option<Moment> {
         self.copies.all_over(settings.late).into_iter().chain(self.settles_at).max()
@@ -505,6 +570,7 @@ impl State {
             writes_from: to(self.writes_from),
             keeps_from: to(self.keeps_from),
             written_at: to(self.written_at),
+            waited_at: to(self.waited_at),
             reports: Reports::default(),
             ..*self
         }

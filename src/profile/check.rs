@@ -15,6 +15,7 @@ use super::{Arm, Bus, Device, History, Profile, Signal, Web};
 use crate::compensation::settings::MachineSettings;
 use crate::reading::SignalId;
 
+mod applied;
 mod axis;
 mod can;
 mod counter;

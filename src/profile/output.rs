@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::{AxisId, DeviceId, Display, SetId, Writes};
-use crate::codec::{Address, Encoding, Object};
+use crate::codec::{Address, Encoding, Object, Register};
 use crate::compensation::model::Condition;
 use crate::reading::SignalId;
 
@@ -34,6 +34,8 @@ pub struct Output {
     pub boot_counter: Option<SignalId>,
     /// Whose register it is.
     pub share: Share,
+    /// Where the control says what it applies.
+    pub applied: Option<Applied>,
     /// What a display shows beside the value, and instead of it.
     pub display: Display,
 }
@@ -60,6 +62,29 @@ pub enum Verify {
     Shown,
 }
 
+/// What the control applies of an offset, where it says so in a register beside the one that is written.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Applied {
+    /// Where.
+    pub address: Register,
+    /// How the value lies there, in the output's unit.
+    pub encoding: Encoding,
+    /// It may be so far from what was written, in the output's unit.
+    pub tolerance: f64,
+    /// The control may take so long to apply a change.
+    pub settle: Duration,
+}
+
+impl Share {
+    /// A change needs so many counts at least: the sum of a shared register is never zero, which a restarted CNC shows.
+    pub const fn counts_of_a_step(self) -> u32 {
+        match self {
+            Share::Whole => 1,
+            Share::Ledger => 2,
+        }
+    }
+}
+
 impl Verify {
     /// What was written is read back.
     pub const fn reads(self) -> bool {
@@ -68,10 +93,10 @@ impl Verify {
 }
 
 impl Output {
-    /// An offset in a register of its own, which nobody else writes to.
-    pub fn is_offset_of_its_own(&self) -> bool {
-        let is_offset = self.writes.is_cz() || self.writes == Writes::Slope;
-        is_offset && self.set.is_none() && self.share == Share::Whole
+    /// An offset that is written by itself, not with a set.
+    pub fn is_single_offset(&self) -> bool {
+        let is_offset = self.writes.is_scheduled();
+        is_offset && self.set.is_none()
     }
 
     /// These words by the registers that they stand in; none where it is not in registers.

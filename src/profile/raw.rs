@@ -21,8 +21,8 @@ mod verify;
 
 pub(crate) use axis::{
     Carries, Component, DatumWord, FaultAction, FaultActionWord, InputValue, Inputs, ModelKind, OutsideWord,
-    RawAxis, RawBeside, RawModel, RawOutput, RawSlope, RawStale, RawTerm, ReferenceValue, ReferenceWord,
-    ShareWord, VerifyWord, WritesWord,
+    RawAxis, RawBeside, RawModel, RawOutput, RawSlope, RawStale, RawTerm, ReadBackValue, ReferenceValue,
+    ReferenceWord, ShareWord, VerifyWord, WritesWord,
 };
 pub(crate) use can::{
     BadValue, ByteOrderWord, RawEmergency, RawFrame, RawMultiplex, RawPdo, RawSentinel, RawSetup, RawSync,

@@ -256,6 +256,21 @@ impl Hardware {
             let fits = unit.bank.put(&signal.address, &signal.encoding, &words);
             debug_assert!(fits.is_some(), "room was made for every signal");
         }
+        self.apply(place);
+    }
+
+    /// A control that says what it applies applies what it was given, at once.
+    fn apply(&mut self, place: usize) {
+        for output in &self.profile.outputs {
+            let Some(applied) = output.applied.as_ref().filter(|_| self.unit_of[output.device.0] == place)
+            else {
+                continue;
+            };
+            if let Some(value) = self.decoded(output.device, &output.address, &output.encoding) {
+                let words = applied.encoding.encode(value);
+                let _ = self.units[place].bank.write(&applied.address.into(), words.words());
+            }
+        }
     }
 
     /// Keeps what a corrected output adds to its position: D' as written, D as the scale showed it last.

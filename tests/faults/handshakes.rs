@@ -85,7 +85,9 @@ fn a_value_is_written_strobed_acknowledged_and_only_then_believed() {
     let exchanges: Vec<&str> = story.split_inclusive("sAar").collect();
     assert!(exchanges.len() > 10, "{story}");
     for exchange in &exchanges[1..exchanges.len() - 1] {
-        assert!(exchange.starts_with("ar") && exchange.contains("rvS"), "{exchange} in {story}");
+        // In between it is looked at.
+        let exchange = exchange.trim_start_matches('r');
+        assert!(exchange.starts_with("ar") && exchange.contains("rvrS"), "{exchange} in {story}");
     }
     assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
     assert!(trace.taken.len() > 15, "{}", trace.taken.len());
@@ -151,7 +153,7 @@ fn an_acknowledge_that_does_not_drop_is_told_and_nothing_is_written_while_it_is_
         "{}",
         trace.lines()
     );
-    assert!(!story(&trace, 72.0, 80.0).contains(['v', 'S']), "{}", story(&trace, 72.0, 80.0));
+    assert!(!story(&trace, 72.0, 79.9).contains(['v', 'S']), "{}", story(&trace, 72.0, 79.9));
     assert!(trace.states_between(55, 120).contains(&"holding"), "{}", trace.lines());
 }
 

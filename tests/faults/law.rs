@@ -116,7 +116,9 @@ fn is_inside(
         Writes::Reference => {
             let reference = axis.settings.apart.unwrap().reference;
             let count = output.encoding.scale.get().abs();
-            assert!((wanted - reference).abs() <= 0.501 * count, "P0: {wanted} mm, {seen:?}");
+            // With a set that is off it goes along as it stands.
+            let is_theirs = seen.wanted == seen.before;
+            assert!(is_theirs || (wanted - reference).abs() <= 0.501 * count, "P0: {wanted} mm, {seen:?}");
         }
         Writes::Corrected { position } => {
             let signal = trace.profile.signal(position);
@@ -216,7 +218,8 @@ fn grows_only_while_active(trace: &Trace) {
         let decided = trace.samples.iter().filter(|sample| near(sample.at));
         let follows = decided.into_iter().map(|sample| &sample.status.axes[output.axis.0]).any(|axis| {
             matches!(axis.state, "active" | "degraded" | "holding")
-                && axis.cz_um.abs() * factor + output.encoding.scale.get() + EPSILON >= wanted
+                // A decision that stood for less than a second is in no sample: two counts of the noise.
+                && axis.cz_um.abs() * factor + 2.0 * output.encoding.scale.get() + EPSILON >= wanted
         });
         assert!(
             follows,
@@ -254,7 +257,8 @@ fn nothing_comes_in_bursts(trace: &Trace) {
         let question = (seen.device, seen.function, &seen.address, seen.count);
         let entry = asked.entry(question).or_insert((seen.at, 0));
         *entry = if entry.0 == seen.at { (seen.at, entry.1 + 1) } else { (seen.at, 1) };
-        assert!(entry.1 <= 4, "I9: a burst at {:.1} s of {question:?}", trace.seconds(seen.at));
+        // A set is read before and after each beat and each change, which may fall together, and an answer may be lost.
+        assert!(entry.1 <= 6, "I9: a burst at {:.1} s of {question:?}", trace.seconds(seen.at));
     }
 }
 

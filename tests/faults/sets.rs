@@ -246,3 +246,38 @@ fn the_three_parts_of_a_line_land_together() {
     let slope = trace.writes("tan_beta");
     assert!(slope.iter().any(|(_, value)| value.abs() > 0.004), "{slope:?}");
 }
+
+/// A heartbeat twice a second beside the values, and every fortieth or twentieth answer lost: a rule that waited `late` after
+/// each of them would stand still.
+#[test]
+fn with_lost_answers_and_a_fast_heartbeat_a_set_still_follows_two_micrometres_a_minute() {
+    let text = BLOCK
+        .replace("[set.block]", "[set.block]\nheartbeat = \"holding:102\"")
+        .replace("refresh = \"10s\"", "refresh = \"500ms\"");
+    let minutes = 10;
+    let warm: String = (0..2 * minutes)
+        .map(|place| {
+            let keys = "device = \"thermocouples\"\nkind = \"value\"\nsignal = \"bed\"";
+            let value = 21.0 + 0.5 * f64::from(place);
+            format!("[[fault]]\n{keys}\nvalue = {value:.1}\nat = \"{}s\"\nfor_time = \"30s\"\n", 30 * place)
+        })
+        .collect();
+    for one_of in [40, 20] {
+        let mut random = Pcg32::seed_from_u64(one_of);
+        let lost = (200..5000).filter(|_| random.random_range(0..one_of) == 0);
+        let lost: String =
+            lost.map(|place| plc(&format!("kind = \"close\"\nafter = {place}\nfor = 1"))).collect();
+        let trace = run(&text, &(warm.clone() + &lost), u32::try_from(minutes).unwrap() * MINUTE);
+        holds(&trace);
+        let mut behind: f64 = 0.0;
+        for sample in trace.between(60, 595) {
+            let wanted = 8.0 + (trace.seconds(sample.at) / 30.0).floor();
+            let stands = sample.status.outputs.iter().find(|output| output.name == "plc_z").unwrap();
+            behind = behind.max(wanted - stands.value.unwrap());
+        }
+        println!("one of {one_of} lost: {behind:.1} µm behind at most; {} sets taken", trace.taken.len());
+        // What is wanted goes up by one at once, every half minute.
+        assert!(behind <= 3.5, "one of {one_of}: {behind:.1} µm behind\n{}", trace.lines());
+        assert_eq!(trace.told("foreign-change") + trace.told("disarmed"), 0, "{}", trace.lines());
+    }
+}

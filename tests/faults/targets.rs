@@ -2,13 +2,15 @@
 
 use std::time::Duration;
 
+use isotherm::observe::status::Command;
 use isotherm::profile::Control;
 use isotherm::virtual_machine::Seen;
 
 use crate::law;
-use crate::rig::{Trace, run};
+use crate::rig::{Trace, World, block_on, run};
 
 const MINUTE: Duration = Duration::from_secs(60);
+const SECOND: Duration = Duration::from_secs(1);
 
 const BREAKS: &str =
     "[[fault]]\ndevice = \"thermocouples\"\nkind = \"sentinel\"\nsignal = \"bed\"\nat = \"60s\"\n";
@@ -129,7 +131,8 @@ fn a_plc_is_given_its_block_in_one_request_a_second_with_heartbeat_control_and_c
     words.dedup();
     let enabled = Control::ENABLE;
     let faulty = enabled | Control::FAULT;
-    assert_eq!(words, [enabled, faulty | Control::HOLD, faulty], "{}", trace.lines());
+    // The last word says that nothing is armed any more.
+    assert_eq!(words, [enabled, faulty | Control::HOLD, faulty, Control::FAULT], "{}", trace.lines());
     let high = blocks.iter().map(|seen| signed(&seen.wanted[8..10])).max().unwrap();
     for seen in &blocks {
         let [x, y, z] = [4, 6, 8].map(|at| signed(&seen.wanted[at..at + 2]));
@@ -140,6 +143,68 @@ fn a_plc_is_given_its_block_in_one_request_a_second_with_heartbeat_control_and_c
     assert_eq!(signed(&last.wanted[8..10]), 0, "ramped to zero");
     let silence = blocks.windows(2).map(|pair| pair[1].at.since(pair[0].at)).max().unwrap();
     assert!(silence < Duration::from_secs(2), "the heartbeat stood still for {silence:?}");
+}
+
+fn plc(arm: &str) -> String {
+    let text = machine("template = \"plc-block\"\nbase = 100", &["z"], &outputs(&[("z", "z")]));
+    text.replace("name = \"bench\"", &format!("name = \"bench\"\narm = \"{arm}\""))
+}
+
+#[test]
+fn the_heartbeat_of_a_set_goes_on_while_its_axis_is_off_and_its_control_word_says_so() {
+    let text = plc("manual");
+    let trace = block_on(async {
+        let mut world = World::new(&text, "").await;
+        let trial = world.gateway().command(10 * SECOND, Command::Arm);
+        let trial = trial.command(40 * SECOND, Command::Disarm).command(70 * SECOND, Command::Arm);
+        trial.run(2 * MINUTE).await
+    });
+    law::holds(&trace);
+    let blocks = blocks(&trace, 100);
+    let at = |seen: &Seen| trace.seconds(seen.at);
+    assert!(at(blocks[0]) >= 10.0, "nothing before a person arms: {:?}", blocks[0]);
+    let silence = blocks.windows(2).map(|pair| pair[1].at.since(pair[0].at)).max().unwrap();
+    assert!(silence < Duration::from_millis(1500), "the heartbeat stood still for {silence:?}");
+    let within = |from: f64, to: f64| blocks.iter().filter(move |seen| (from..to).contains(&at(seen)));
+    assert!(within(41.0, 69.0).count() > 25, "while it is off");
+    assert!(within(41.0, 69.0).all(|seen| seen.wanted[1] & Control::ENABLE == 0));
+    let off: std::collections::BTreeSet<_> =
+        within(41.0, 69.0).map(|seen| seen.wanted[8..10].to_vec()).collect();
+    assert_eq!(off.len(), 1, "what stands there goes along: {off:?}");
+    assert!(within(72.0, 119.0).all(|seen| seen.wanted[1] & Control::ENABLE != 0));
+    assert_eq!(blocks.last().unwrap().wanted[1] & Control::ENABLE, 0, "at the end nothing is armed");
+}
+
+#[test]
+fn a_dry_run_sends_no_heartbeat_in_a_set() {
+    let text = plc("auto");
+    let trace = block_on(async {
+        let mut world = World::new(&text, "").await;
+        world.gateway().options(|options| options.dry_run = true).run(MINUTE).await
+    });
+    assert_eq!(written(&trace).len(), 0);
+}
+
+#[test]
+fn a_set_with_an_open_interlock_goes_along_as_it_stands() {
+    let text = plc("auto").replace(
+        "[output.cnc_z]",
+        "[signal.ready]\ndevice = \"scale\"\nregister = \"holding:90\"\ntype = \"u16\"\nunit = \"bool\"\nmax_age = \"3s\"\n\
+         [output.cnc_z]\nwhen = \"ready == 1\"",
+    );
+    let ready = |value: u16, at: u64| {
+        let keys = "device = \"scale\"\nkind = \"value\"\nsignal = \"ready\"";
+        format!("[[fault]]\n{keys}\nvalue = {value}.0\nat = \"{at}s\"\nfor_time = \"30s\"\n")
+    };
+    let trace = run(&text, &(ready(1, 0) + &ready(0, 30) + &ready(1, 60)), 90 * SECOND);
+    assert_eq!((trace.told("interlocked"), trace.told("released")), (1, 1), "{}", trace.lines());
+    law::holds(&trace);
+    let blocks = blocks(&trace, 100);
+    let silence = blocks.windows(2).map(|pair| pair[1].at.since(pair[0].at)).max().unwrap();
+    assert!(silence < Duration::from_millis(1500), "the heartbeat stood still for {silence:?}");
+    let held = blocks.iter().filter(|seen| (32.0..59.0).contains(&trace.seconds(seen.at)));
+    let held: std::collections::BTreeSet<_> = held.map(|seen| seen.wanted[8..10].to_vec()).collect();
+    assert_eq!(held.len(), 1, "{held:?}\n{}", trace.lines());
 }
 
 #[test]
@@ -178,7 +243,10 @@ fn a_sinumerik_is_given_the_parts_of_its_line_as_real_numbers_in_millimetres() {
     let trace = run(&text, "", 2 * MINUTE);
     law::holds(&trace);
     let blocks = blocks(&trace, 0);
-    for seen in &blocks {
+    // Before it is armed all of it goes along as it stands.
+    let stands = |words: &[u16]| real(words) == 0.0;
+    let armed = blocks.iter().skip_while(|seen| stands(&seen.wanted[4..6]) && stands(&seen.wanted[8..10]));
+    for seen in armed {
         let [k0, slope, reference] = [4, 6, 8].map(|at| real(&seen.wanted[at..at + 2]));
         assert!(k0.abs() <= 0.040 && slope.abs() <= 0.040 / 200.0, "{k0} mm, {slope}");
         assert!((reference - 100.0).abs() < 1e-6, "{reference} mm");
@@ -307,11 +375,13 @@ fn a_dm36_display_is_given_sign_decimals_and_digits() {
 
 #[test]
 fn linuxcnc_with_plain_zeros_in_its_words_is_not_armed_and_the_count_to_put_there_is_told() {
-    let text = machine("template = \"linuxcnc-classicladder\"", &["z"], &outputs(&[("z", "z")]));
+    let heartbeat = "[heartbeat]\ndevice = \"cnc\"\nevery = \"500ms\"\n";
+    let outputs = outputs(&[("z", "z")]) + heartbeat;
+    let text = machine("template = \"linuxcnc-classicladder\"", &["z"], &outputs);
     let zero = "[[fault]]\ndevice = \"cnc\"\nkind = \"register\"\nregister = \"holding:2\"\nwords = [0]\nat = \"0s\"\n";
     let trace = run(&text, zero, MINUTE);
     law::holds(&trace);
-    assert_eq!((trace.states(), written(&trace).len()), (vec!["off"], 0), "{}", trace.lines());
+    assert_eq!((trace.states(), trace.writes("cnc_z").len()), (vec!["off"], 0), "{}", trace.lines());
     let refused = trace.events.iter().find(|event| event.kind == "arm-refused").unwrap();
     for words in ["holds -3276.8 µm", "set it to zero, which is 32768 there"] {
         assert!(refused.text.contains(words), "`{words}` is not in: {}", refused.text);

@@ -52,6 +52,10 @@ impl Source for Fake {
         }
     }
 
+    fn arming(&self) -> Option<Result<String, String>> {
+        None
+    }
+
     fn measured(&self, axis: &str, error_um: Option<f64>) -> Result<String, String> {
         self.measured.lock().unwrap().push((axis.into(), error_um));
         match error_um {
@@ -107,6 +111,8 @@ pub(crate) fn status() -> Status {
             model: None,
             raw_um: None,
             cz_um: 12.5,
+            verified_um: Some(12.5),
+            verified_age_s: Some(2.0),
             acted: vec!["limit"],
             limit_um: 60.0,
             warn_um: Some(12.0),
@@ -151,6 +157,9 @@ pub(crate) fn status() -> Status {
             handshake: String::new(),
             value: Some(12.5),
             shares: None,
+            applied: None,
+            note: String::new(),
+            waits_s: None,
             writes_done: 9,
             age_s: Some(2.0),
         }],

@@ -36,19 +36,19 @@ pub(crate) fn each(world: &World, settings: &Settings, to: &mut impl FnMut(Name,
         }
         (Some(gateway), Action::Keep) => {
             go("kept", &mut |next| {
-                next.keep(Some(gateway.kept()));
+                next.keep(settings, Some(gateway.kept()));
                 next.give(settings, Fact::Kept)
             });
             for is_there in [false, true].into_iter().filter(|_| left.disk > 0) {
                 go("the disk says no", &mut |next| {
                     next.left.disk -= 1;
-                    next.keep(is_there.then(|| gateway.kept()));
+                    next.keep(settings, is_there.then(|| gateway.kept()));
                     next.give(settings, Fact::NotKept)
                 });
             }
             if left.kills > 0 {
                 go("killed when it was kept", &mut |next| {
-                    next.keep(Some(gateway.kept()));
+                    next.keep(settings, Some(gateway.kept()));
                     next.kill()
                 });
             }
@@ -138,7 +138,8 @@ fn quiet(world: &World, settings: &Settings, go: &mut Go<'_>) {
     }
     let shown = world.gateway.map(|gateway| gateway.shown(settings));
     if shown.is_some_and(|shown| matches!(shown.standing, Standing::Barred | Standing::Off)) {
-        go("a person decides", &mut |next| next.persons_turn(settings).map(|_| ()));
+        go("a person decides", &mut |next| next.persons_turn(settings, false).map(|_| ()));
+        go("a person decides at once", &mut |next| next.persons_turn(settings, true).map(|_| ()));
     }
     if left.offs > 0 {
         go("off and on again", &mut |next| {
@@ -147,11 +148,17 @@ fn quiet(world: &World, settings: &Settings, go: &mut Go<'_>) {
             next.give(settings, Fact::Off)
         });
     }
+    if left.beats > 0 {
+        go("it goes along with others", &mut |next| {
+            next.left.beats -= 1;
+            next.goes_along(settings)
+        });
+    }
     if left.kills > 0 {
         go("stopped", &mut |next| {
             next.left.kills -= 1;
             let kept = next.gateway.as_mut().map(|gateway| gateway.end());
-            next.keep(kept);
+            next.keep(settings, kept);
             next.is_gone()
         });
     }
@@ -197,7 +204,8 @@ fn anywhere(world: &World, settings: &Settings, go: &mut Go<'_>) {
     if left.edits > 0 && may_edit(world) && settings.verify == Verify::Reading {
         for change in [-1, 1, 2] {
             let value = world.register + change;
-            if !is_of_ours(world, settings, value) && (value != 0 || !settings.is_shared) {
+            let is_avoided = settings.is_shared && settings.is_zero(value);
+            if !(is_avoided || is_of_ours(world, settings, value)) {
                 go("the operator edits", &mut |next| {
                     (next.left.edits, next.is_touched) = (left.edits - 1, true);
                     next.register = value;
@@ -250,7 +258,7 @@ fn pause(world: &mut World, settings: &Settings, seconds: u64) -> Broken {
         Action::Read => world.give(settings, Fact::NoAnswer),
         Action::Write { .. } => world.give(settings, Fact::NotSent),
         Action::Keep => {
-            world.keep(world.gateway.map(|gateway| gateway.kept()));
+            world.keep(settings, world.gateway.map(|gateway| gateway.kept()));
             world.give(settings, Fact::Kept)
         }
         Action::Nothing { .. } => Ok(()),

@@ -217,18 +217,51 @@ fn what_a_person_types_while_it_is_in_doubt_ends_no_copy() {
 }
 
 #[test]
-fn a_register_that_changes_while_a_person_arms_stays_in_doubt() {
-    let mut rig = shared(3, 2);
-    rig.register = 4;
-    rig.give(Fact::Restarted);
-    assert_eq!(rig.settle(), None);
-    rig.give(Fact::Armed { by: Who::Person });
-    rig.register = 6;
-    assert_eq!(rig.settle(), None);
-    assert_eq!(standing(&rig), Standing::Barred);
-    rig.give(Fact::Armed { by: Who::Person });
-    assert_eq!(rig.settle(), None);
-    assert_eq!((rig.parts(), standing(&rig)), ((4, 2), Standing::Armed));
+fn a_register_that_turns_to_what_may_be_ours_while_a_person_arms_stays_in_doubt() {
+    for (turns_to, standing_then) in [(5, Standing::Barred), (0, Standing::Barred), (6, Standing::Armed)] {
+        let mut rig = shared(3, 1);
+        assert_eq!(rig.want(2), Some(5));
+        rig.held();
+        rig.register = 9;
+        rig.give(Fact::Restarted);
+        assert_eq!(rig.settle(), None);
+        rig.give(Fact::Armed { by: Who::Person });
+        rig.register = turns_to;
+        assert_eq!(rig.settle(), None);
+        assert_eq!(standing(&rig), standing_then, "{turns_to}");
+        rig.register = if standing_then == Standing::Armed { 6 } else { 7 };
+        rig.give(Fact::Armed { by: Who::Person });
+        assert_eq!(rig.settle(), None);
+        assert_eq!(standing(&rig), Standing::Armed, "{turns_to}");
+        let (base, share) = rig.parts();
+        assert_eq!(base + share, rig.register);
+    }
+}
+
+#[test]
+fn a_device_that_stores_something_else_than_it_acknowledges_is_no_operator() {
+    let mut rig = shared(3, 0);
+    for doubts in [false, true] {
+        let wrote = rig.seconds(6, 5).unwrap();
+        rig.give(Fact::Done { left: rig.now });
+        rig.register = wrote + 1;
+        assert_eq!(rig.settle(), None);
+        let is_told = rig.has_told(|event| matches!(event, Event::Doubted { doubt: Doubt::Unsteady, .. }));
+        assert_eq!(is_told, doubts);
+    }
+}
+
+#[test]
+fn nothing_is_sent_that_the_register_cannot_hold() {
+    let range = (0, 4);
+    let kept =
+        Kept { in_order: true, account: Some(Account { base: 3, ..Account::default() }), ..Kept::default() };
+    let mut rig = Rig::new(Settings { range, ..settings(true, 5, 4) }, kept);
+    assert_eq!(rig.want(5), Some(4));
+    assert_eq!(rig.done(), None);
+    assert_eq!((rig.want(5), rig.parts()), (None, (3, 1)));
+    rig.seconds(3, -5);
+    assert_eq!(rig.parts().0, 3);
 }
 
 #[test]
@@ -282,16 +315,24 @@ fn a_wait_is_told_once_with_its_seconds() {
 
 #[test]
 fn what_is_full_waits_and_forgets_nothing() {
-    let mut rig = whole(0);
-    let mut sent = 0;
-    for _ in 0..12 {
-        if rig.seconds(1, 1).is_some() {
-            rig.held();
-            sent += 1;
-        }
-        rig.settings.late = Duration::from_secs(60);
-    }
+    let settings = Settings { step: 20, late: Duration::from_secs(60), ..settings(false, 20, 4) };
+    let mut rig = Rig::new(settings, Kept { in_order: true, ..Kept::default() });
+    let sent = (1..=12).filter(|offset| rig.seconds(1, *offset).map(|_| rig.held()).is_some()).count();
     assert_eq!((sent, rig.state.copies().under_way().count()), (8, 8));
+}
+
+#[test]
+fn the_same_value_sent_again_and_again_without_an_answer_takes_one_place() {
+    let mut rig = whole(0);
+    rig.settings.late = Duration::from_secs(60);
+    for _ in 0..12 {
+        assert_eq!(rig.seconds(2, 1), Some(1));
+        rig.held();
+    }
+    assert_eq!(rig.state.copies().under_way().count(), 1);
+    rig.register = 1;
+    rig.seconds(2, 1);
+    assert_eq!(rig.state.copies().under_way().count(), 1, "one arriving says nothing of the others");
 }
 
 #[test]
@@ -341,4 +382,18 @@ fn only_a_write_begun_after_its_time_ends_a_copy_that_cannot_be_read() {
     rig.now = rig.now.after(Duration::from_millis(500));
     rig.give(Fact::Done { left: rig.now });
     assert_eq!(rig.state.copies().under_way().count(), 1);
+}
+
+#[test]
+fn what_was_sent_beside_another_part_of_the_operators_is_not_taken_for_a_share_beyond_the_limit() {
+    let mut rig = shared(3, 0);
+    assert_eq!(rig.want(2), Some(5));
+    rig.held();
+    rig.register = 103;
+    assert_eq!(rig.seconds(1, 2), None);
+    assert_eq!((doubt(&rig), rig.parts()), (None, (103, 0)));
+    rig.register = 5;
+    assert_eq!(rig.seconds(1, 2), None);
+    assert_eq!((doubt(&rig), standing(&rig)), (Some(Doubt::YoursOrOurs), Standing::Barred));
+    assert_eq!(rig.parts(), (103, 0), "no share of nearly a hundred");
 }

@@ -91,8 +91,8 @@ pub(crate) fn search(settings: &Settings, budget: Budget, most: usize, every: u6
 }
 
 /// One long way through a world in which everything may happen again and again; what broke on it, if anything did.
-pub(crate) fn walk(settings: &Settings, steps: u64) -> Option<String> {
-    let mut world = World::new(settings, Budget::ALL);
+pub(crate) fn walk(settings: &Settings, budget: Budget, steps: u64) -> Option<String> {
+    let mut world = World::new(settings, budget);
     let mut lately: VecDeque<Name> = VecDeque::new();
     // A linear congruential generator (Knuth's MMIX) is random enough to choose a way.
     let mut random = 0x5eed_u64;
@@ -120,7 +120,7 @@ pub(crate) fn walk(settings: &Settings, steps: u64) -> Option<String> {
         if let Err(why) = outcome.and(rested) {
             return Some(format!("{why}, after {place} steps, the last of which are {lately:#?}"));
         }
-        world = World { left: Budget::ALL, ..next.canonical(settings) };
+        world = World { left: budget, ..next.canonical(settings) };
     }
     None
 }

@@ -51,6 +51,17 @@ fn a_whole_register_never_jumps() {
 }
 
 #[test]
+fn a_register_that_goes_along_with_others_never_jumps_in_any_state() {
+    let none = Budget::NONE;
+    let link = Budget { holds: 2, losses: 2, targets: 1, beats: 3, ..none };
+    holds("in a set, link", &settings(false, 3, 3), link);
+    let kills = Budget { holds: 2, kills: 2, offs: 1, targets: 1, beats: 2, ..none };
+    holds("in a set, kills", &settings(false, 3, 3), kills);
+    let control = Budget { holds: 1, losses: 1, restarts: 1, edits: 1, offs: 1, beats: 2, ..none };
+    holds("in a set, CNC and persons", &settings(false, 2, 3), control);
+}
+
+#[test]
 fn a_shared_register_never_jumps_and_the_operators_part_stays() {
     let none = Budget::NONE;
     let link = Budget { holds: 2, losses: 2, refusals: 1, edits: 1, targets: 1, ..none };
@@ -124,16 +135,19 @@ fn a_long_walk_among_all_faults_at_once_breaks_nothing() {
     let refresh = Some(Duration::from_secs(1));
     let kinds = [
         ("whole", settings(false, 3, 4)),
+        ("in a set", settings(false, 3, 4)),
         ("whole, refreshed", Settings { refresh, bias: 5, ..settings(false, 3, 4) }),
         ("whole, steps of 2", Settings { step: 2, ..settings(false, 5, 4) }),
         ("shared", settings(true, 3, 4)),
         ("shared, steps of 3", Settings { step: 3, ..settings(true, 5, 4) }),
+        ("shared, with a bias", Settings { bias: 5, ..settings(true, 3, 4) }),
         ("unread", Settings { verify: Verify::Echo, ..settings(false, 3, 4) }),
         ("unread, refreshed", Settings { verify: Verify::Echo, refresh, ..settings(false, 3, 4) }),
     ];
     for (what, settings) in kinds {
         let asked = std::env::var("WALK_STEPS").ok().and_then(|steps| steps.parse().ok());
-        let broken = walk(&settings, asked.unwrap_or(60_000));
+        let beats = u8::from(what == "in a set");
+        let broken = walk(&settings, Budget { beats, ..Budget::ALL }, asked.unwrap_or(60_000));
         assert!(broken.is_none(), "{what}: {}", broken.unwrap());
     }
 }

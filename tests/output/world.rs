@@ -38,6 +38,8 @@ pub(crate) struct Budget {
     pub(crate) stale: u8,
     pub(crate) offs: u8,
     pub(crate) targets: u8,
+    /// It is in one request with others, which leaves in between.
+    pub(crate) beats: u8,
 }
 
 impl Budget {
@@ -55,6 +57,7 @@ impl Budget {
         stale: 0,
         offs: 0,
         targets: 0,
+        beats: 0,
     };
 
     /// Everything.
@@ -71,6 +74,7 @@ impl Budget {
         stale: 1,
         offs: 1,
         targets: 1,
+        beats: 0,
     };
 }
 
@@ -107,7 +111,7 @@ impl World {
     pub(crate) fn new(settings: &Settings, left: Budget) -> World {
         let kept = Kept {
             in_order: true,
-            account: settings.is_shared.then(Account::default),
+            account: settings.is_shared.then_some(Account { base: settings.bias, ..Account::default() }),
             stood: Some(settings.bias),
             ..Kept::default()
         };
@@ -147,7 +151,12 @@ impl World {
         let events = gateway.take_events();
         if !matches!(
             fact,
-            Fact::Decided { .. } | Fact::Read { .. } | Fact::Done { .. } | Fact::Kept | Fact::Look
+            Fact::Decided { .. }
+                | Fact::Read { .. }
+                | Fact::Done { .. }
+                | Fact::Kept
+                | Fact::Look
+                | Fact::GoesAlong
         ) {
             self.order = None;
         }
@@ -227,14 +236,14 @@ impl World {
     }
 
     /// What the gateway says is on disk from now on. Times are for people, and not compared.
-    pub(crate) fn keep(&mut self, kept: Option<Kept>) {
+    pub(crate) fn keep(&mut self, settings: &Settings, kept: Option<Kept>) {
         let Some(kept) = kept else { return };
         let mut promises = Slots::default();
         for promise in kept.promises.iter() {
             assert!(promises.push(Promise { at: Moment::default(), ..*promise }));
         }
         self.disk = Some(Kept { promises, ..kept });
-        self.notices_restart();
+        self.notices_restart(settings);
     }
 
     /// A second passes for everything but the gateway's own step.
@@ -271,6 +280,15 @@ impl World {
         true
     }
 
+    /// The set that it is in is read, and sent with what was read.
+    pub(crate) fn goes_along(&mut self, settings: &Settings) -> Broken {
+        self.answer_read(settings)?;
+        match self.action {
+            Action::Nothing { .. } => self.give(settings, Fact::GoesAlong),
+            _ => Ok(()),
+        }
+    }
+
     /// The register changed without anybody's write of ours.
     pub(crate) fn is_moved_by_others(&mut self) {
         (self.is_moved, self.is_touched) = (true, true);
@@ -282,8 +300,8 @@ impl World {
     pub(crate) fn is_at_rest(&self, settings: &Settings) -> bool {
         let offset = self.wanted.clamp(-settings.limit, settings.limit);
         let sum = self.his + offset;
-        let beside = settings.is_shared && self.his != 0 && sum == 0 && self.register.abs() == 1;
-        self.register == sum || beside
+        let is_avoided = settings.is_shared && settings.is_zero(sum) && self.his != sum;
+        self.register == sum || (is_avoided && (self.register - sum).abs() == 1)
     }
 
     /// From here on nothing fails: how many seconds until the register is what it should be, and stays so.
@@ -321,7 +339,7 @@ impl World {
         match self.action {
             Action::Read => self.answer_read(settings)?,
             Action::Keep => {
-                self.keep(self.gateway.map(|gateway| gateway.kept()));
+                self.keep(settings, self.gateway.map(|gateway| gateway.kept()));
                 self.give(settings, Fact::Kept)?;
             }
             Action::Write { .. } => {
@@ -329,7 +347,7 @@ impl World {
                 self.deliver(settings, value, (self.is_moved, self.is_moved))?;
                 self.give(settings, Fact::Done { left: NOW })?;
             }
-            Action::Nothing { .. } => return self.persons_turn(settings),
+            Action::Nothing { .. } => return self.persons_turn(settings, false),
         }
         Ok(true)
     }
@@ -337,20 +355,22 @@ impl World {
     pub(crate) fn answer_read(&mut self, settings: &Settings) -> Broken {
         (self.is_moved, self.has_arrived, self.lost) = (false, false, None);
         self.give(settings, Fact::Read { found: self.register, asked: NOW })?;
-        self.notices_restart();
+        self.notices_restart(settings);
         Ok(())
     }
 
     /// The restart has been read, and is on disk.
-    fn notices_restart(&mut self) {
+    fn notices_restart(&mut self, settings: &Settings) {
         let known = self.gateway.and_then(|gateway| gateway.kept().account);
         let is_kept = known == self.disk.and_then(|kept| kept.account);
-        self.is_restarted &= !(is_kept && known.is_none_or(|account| account.base + account.share == 0));
+        self.is_restarted &=
+            !(is_kept && known.is_none_or(|account| settings.is_zero(account.base + account.share)));
         self.is_restarted |= self.lost.is_some();
     }
 
     /// Where only a person can decide, he makes the register right and arms when it is shown so. Whether he did anything.
-    pub(crate) fn persons_turn(&mut self, settings: &Settings) -> Result<bool, String> {
+    /// `at_once`: he does not wait until it is.
+    pub(crate) fn persons_turn(&mut self, settings: &Settings, at_once: bool) -> Result<bool, String> {
         let Some(shown) = self.gateway.map(|gateway| gateway.shown(settings)) else { return Ok(false) };
         let stands = shown.verified.map(|seen| seen.value);
         let is_beyond = !settings.is_shared && (self.register - settings.bias).abs() > settings.limit;
@@ -362,8 +382,8 @@ impl World {
             return Ok(false);
         }
         let share = shown.account.map_or(0, |account| account.share);
-        if settings.is_shared && self.his != 0 && self.his + share == 0 {
-            self.his += 1;
+        if settings.is_shared && share != 0 && settings.is_zero(self.his + share) {
+            self.his += if settings.is_zero(self.his + share + 1) { 2 } else { 1 };
         }
         let right = match settings.is_shared {
             true => self.his + share,
@@ -373,9 +393,11 @@ impl World {
         if self.register != right {
             self.register = right;
             self.is_moved_by_others();
-            return Ok(true);
+            if !at_once {
+                return Ok(true);
+            }
         }
-        let is_due = stands == Some(right);
+        let is_due = stands == Some(right) || at_once;
         if is_due {
             self.give(settings, Fact::Armed { by: Who::Person })?;
         }
@@ -405,6 +427,7 @@ pub(crate) fn settings(is_shared: bool, limit: i64, late: u64) -> Settings {
         step: if is_shared { 2 } else { 1 },
         limit,
         bias: 0,
+        range: (-200, 200),
         late: Duration::from_secs(late),
         remembered: Duration::from_secs(2),
         every: SECOND,

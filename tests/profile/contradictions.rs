@@ -213,6 +213,10 @@ fn a_share_of_an_operators_register_needs_whole_counts_that_can_be_read() {
     let ledger = "share = \"ledger\"";
     let shared = |from: &str, to: &str| GRINDER.replace("share = \"whole\"", ledger).replacen(from, to, 1);
     assert!(parse(&shared("", "")).is_ok());
+    let coarse = "type = \"i32\"\nword_order = \"msw-first\"\nscale = 1.0";
+    let fine = shared("type = \"i32\"\nword_order = \"msw-first\"\nscale = 0.1", coarse);
+    let fine = only_error(&fine, "output.cnc_z.scale", "1.0");
+    assert!(fine.to_string().contains("two counts"), "{fine}");
     let echo = shared(ledger, "share = \"ledger\"\nverify = \"echo\"");
     let echo = only_error(&echo, "output.cnc_z.verify", "\"echo\"");
     assert!(echo.to_string().contains("known only from what is read"), "{echo}");
@@ -226,4 +230,23 @@ fn a_share_of_an_operators_register_needs_whole_counts_that_can_be_read() {
         GRINDER.replacen("writes = \"corrected\"", "writes = \"corrected\"\nshare = \"ledger\"", 1);
     let corrected = only_error(&corrected, "output.readout_z.share", "\"ledger\"");
     assert!(corrected.to_string().contains("only an offset"), "{corrected}");
+}
+
+#[test]
+fn what_a_control_applies_is_read_elsewhere_and_of_a_whole_offset_alone() {
+    let with = |read_back: &str| {
+        GRINDER.replacen("share = \"whole\"", &format!("share = \"whole\"\nread_back = {read_back}"), 1)
+    };
+    let table = "{ register = \"input:112\", tolerance = 0.2, settle = \"500ms\" }";
+    let loaded = parse(&with(table)).unwrap();
+    let output = loaded.profile.outputs.iter().find(|output| output.name == "cnc_z").unwrap();
+    let applied = output.applied.as_ref().unwrap();
+    assert_eq!((applied.address.to_string(), applied.settle.as_millis()), ("input:112".to_owned(), 500));
+    assert_eq!(applied.encoding.scale, output.encoding.scale, "as the output's, where nothing else is said");
+    let told = |text: &str| parse(text).unwrap_err().to_string();
+    assert!(told(&with("\"6004:00\"")).contains("on CAN"));
+    assert!(told(&with("{ register = \"coil:3\" }")).contains("no offset"));
+    assert!(told(&with("{ tolerance = 0.2 }")).contains("`register` is missing"));
+    assert!(told(&with(table).replacen("share = \"whole\"", "share = \"ledger\"", 1)).contains("the sum"));
+    assert!(told(&with("{ register = \"input:112\", tolerance = -1.0 }")).contains("more than zero"));
 }

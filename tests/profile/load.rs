@@ -80,7 +80,7 @@ fn what_is_asked_in_a_second_is_polls_and_what_each_kind_of_write_takes() {
         (1, "refresh = \"20s\"", none.clone(), 1.0, 0.3),
         // Read, promised, read, written, read back; and looked at.
         (1, "share = \"ledger\"", none.clone(), 1.0, 0.4),
-        (1, "share = \"ledger\"\nrefresh = \"2s\"", none.clone(), 1.0, 0.8),
+        (1, "share = \"ledger\"\nrefresh = \"2s\"", none.clone(), 1.0, 0.4),
         (1, "", capture, 1.0 + 2.0 * 2.5, 0.3),
         (1, "", corrected("verify = \"echo\""), 3.5, 0.3 + 2.5),
         (1, "", corrected("verify = \"read-back\""), 3.5, 0.3 + 2.0 * 2.5),

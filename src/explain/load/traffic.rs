@@ -85,6 +85,7 @@ impl Traffic<'_> {
 
     fn output(&mut self, output: &Output) {
         let every = self.profile.axis(output.axis).settings.every;
+        self.applied(output, per(every));
         let again = refreshes(every, output.refresh);
         match (output.writes, output.share) {
             (Writes::Corrected { position }, _) => {
@@ -96,8 +97,6 @@ impl Traffic<'_> {
             (_, Share::Ledger) => {
                 self.write(output, per(every));
                 self.read_back(output, per(every), 3.0);
-                // Only looked at.
-                self.read_back(output, again, 1.0);
             }
             // A constant, written when it does not stand there.
             (Writes::Reference, Share::Whole) => {
@@ -145,6 +144,13 @@ impl Traffic<'_> {
                 true,
                 write_frames(device, holding(stretch.from), stretch.count),
             );
+        }
+    }
+
+    /// What the control says it applies, after each change and as often as the axis decides.
+    fn applied(&mut self, output: &Output, per_second: f64) {
+        if let Some(applied) = &output.applied {
+            self.ask(output.device, per_second, true, registers_read(applied.encoding.data_type.registers()));
         }
     }
 

@@ -16,6 +16,11 @@ impl Source for Fake {
         if command == Command::Zero { Err("axis z moves".to_owned()) } else { Ok("z: as you say".to_owned()) }
     }
 
+    fn arming(&self) -> Option<Result<String, String>> {
+        let asked = self.0.lock().unwrap().iter().filter(|command| **command == Command::Arm).count();
+        (asked > 1).then(|| Err("its register holds too much".to_owned()))
+    }
+
     fn measured(&self, axis: &str, error_um: Option<f64>) -> Result<String, String> {
         self.1.lock().unwrap().push((axis.to_owned(), error_um));
         Ok(format!("{axis}: {error_um:?}"))
@@ -51,6 +56,17 @@ async fn commands_arrive_and_their_answers_return() {
     assert_eq!(commands, [Command::Arm, Command::Disarm, Command::Zero]);
     assert_eq!(answers[0], Ok("z: as you say".to_owned()));
     assert_eq!(answers[2], Err("axis z moves".to_owned()));
+}
+
+#[tokio::test]
+async fn who_arms_and_is_refused_is_told_why() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = path(directory.path(), "m");
+    let socket = path.clone();
+    let twice = move || [send(&socket, Command::Arm), send(&socket, Command::Arm)];
+    let (answers, _) = beside(&path, twice).await;
+    let refused = Err("its register holds too much".to_owned());
+    assert_eq!(answers, [Ok("z: as you say".to_owned()), refused]);
 }
 
 #[tokio::test]

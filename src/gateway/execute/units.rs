@@ -2,7 +2,8 @@
 
 use crate::codec::{Encoded, Encoding};
 use crate::gateway::words::{counts_in_text, cz_factor, one_step};
-use crate::profile::{Output, Profile};
+use crate::output::State;
+use crate::profile::{Output, Profile, Writes};
 use crate::quantity::Micron;
 
 /// A register of a floating-point type has so many counts in a step: few enough that the 24 bits of a float tell the
@@ -13,7 +14,7 @@ const NO_NUMBER: i64 = i64::MAX / 4;
 
 /// What a register's counts are worth.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Units {
+pub(in crate::gateway) struct Units {
     /// Of the register's unit for 1 µm.
     factor: f64,
     /// Of the register's unit for a count, where its type has none itself.
@@ -32,8 +33,11 @@ impl Units {
         }
     }
 
-    /// Step, limit and bias of an output in counts.
+    /// Step, limit and bias of an output in counts. A reference position is no correction: it is written at once.
     pub(super) fn bounds(self, profile: &Profile, output: &Output) -> (i64, i64, i64) {
+        if output.writes == Writes::Reference {
+            return (NO_NUMBER, NO_NUMBER, self.bias);
+        }
         let guard = &profile.axis(output.axis).settings.guard;
         let step = self.nearest(&output.encoding, one_step(profile, output)).abs().max(1);
         let limit = self.nearest(&output.encoding, guard.limit.get() * self.factor).abs();
@@ -72,18 +76,43 @@ impl Units {
         Micron::new(self.value(encoding, counts) / self.factor).unwrap_or_default()
     }
 
-    /// The counts from the bias that come nearest to this Cz, cut to what the register can hold.
+    /// The counts from the bias that come nearest to this Cz.
     pub(super) fn offset(self, encoding: &Encoding, cz: Micron) -> i64 {
-        let wanted = self.nearest(encoding, cz.get() * self.factor);
+        self.nearest(encoding, cz.get() * self.factor)
+    }
+
+    /// The counts from the bias that come nearest to this value of the register.
+    pub(super) fn counts(self, encoding: &Encoding, value: f64) -> i64 {
+        self.nearest(encoding, value)
+    }
+
+    /// The lowest and the highest count that the register holds.
+    pub(super) fn range(self, encoding: &Encoding) -> (i64, i64) {
         match encoding.range_of_counts().filter(|_| self.grain.is_none()) {
-            Some((low, high)) => wanted.clamp(low, high),
-            None => wanted,
+            Some((low, high)) => (low.saturating_add(self.bias), high.saturating_add(self.bias)),
+            None => (-NO_NUMBER, NO_NUMBER),
         }
     }
 
-    /// Whether this Cz fits into the register.
-    pub(super) fn fits(self, encoding: &Encoding, cz: Micron) -> bool {
-        self.offset(encoding, cz) == self.nearest(encoding, cz.get() * self.factor)
+    /// Values of ours that may still appear in a register, for people.
+    pub(in crate::gateway) fn may_arrive(profile: &Profile, output: &Output, state: &State) -> Vec<String> {
+        let units = Units::of(profile, output);
+        let stands = state.kept().stood;
+        let sent =
+            state.copies().under_way().filter(|sent| sent.answered.is_none() && Some(sent.value) != stands);
+        let mut values: Vec<i64> = sent.map(|sent| sent.value).collect();
+        values.dedup();
+        values.into_iter().map(|value| units.in_text(output, value)).collect()
+    }
+
+    /// What so many counts are worth, in the register's unit.
+    pub(super) fn part(self, encoding: &Encoding, counts: i64) -> f64 {
+        self.value(encoding, counts.saturating_add(self.bias))
+    }
+
+    /// The Cz that a share of so many counts is.
+    pub(super) fn cz_of_share(self, encoding: &Encoding, share: i64) -> Micron {
+        self.cz(encoding, share.saturating_add(self.bias))
     }
 
     /// For people.

@@ -1,265 +1,189 @@
-use proptest::prelude::*;
-
 use super::*;
+use crate::output::{Account, Promise, Slots};
+use crate::quantity::Moment;
 
-fn account(base: i64, share: i64, promised: &[i64]) -> Account {
-    Account { promised: promised.to_vec(), share, ..Account::open("here".to_owned(), base) }
+const GRINDER: &str = include_str!("../../../profiles/surface-grinder.toml");
+
+fn profile() -> Profile {
+    let mut profile = crate::profile::parse(Path::new("grinder.toml"), GRINDER, &[], &[]).unwrap().profile;
+    profile.outputs.iter_mut().for_each(|output| output.share = Share::Ledger);
+    profile
+}
+
+fn found(directory: &Path, profile: &Profile) -> (Entries, Option<String>) {
+    let (_, read) = LedgerFile::open(directory, profile);
+    let (mut before, trouble) = match read {
+        Ok(entries) => (entries.unwrap_or_default(), None),
+        Err(why) => (Entries::new(), Some(why)),
+    };
+    (super::found(profile, &mut before, trouble.is_none(), |_| false), trouble)
+}
+
+/// Something is known of every output.
+fn entries(profile: &Profile) -> Entries {
+    let mut promises = Slots::default();
+    assert!(promises.push(Promise { value: 152, at: Moment::from_nanos(1), is_under_way: true }));
+    let account = Some(Account { base: 120, share: 31, doubt: None });
+    let kept = output::Kept { in_order: false, account, stood: Some(151), promises };
+    let entry = |output: &Output| Entry { register: register(profile, output), kept };
+    profile.outputs.iter().map(|output| (output.name.clone(), entry(output))).collect()
+}
+
+fn kept(directory: &Path, profile: &Profile) -> Entries {
+    let entries = entries(profile);
+    LedgerFile::open(directory, profile).0.save(&entries).unwrap();
+    entries
+}
+
+fn text_of(profile: &Profile) -> String {
+    let directory = tempfile::tempdir().unwrap();
+    kept(directory.path(), profile);
+    std::fs::read_to_string(directory.path().join(format!("{}.ledger.json", profile.name))).unwrap()
 }
 
 #[test]
-fn what_a_register_means_follows_from_the_account_alone() {
-    let moved = |from, to| Finding::Moved { from, to };
-    // base, share, promised, found → finding, base, share
-    type Case<'a> = (i64, i64, &'a [i64], i64, Finding, i64, i64);
-    let cases: [Case<'_>; 12] = [
-        (120, 31, &[], 151, Finding::Same, 120, 31),
-        (120, 31, &[41], 151, Finding::Same, 120, 31),
-        (120, 31, &[41], 161, Finding::Arrived, 120, 41),
-        (120, 31, &[41, 36], 156, Finding::Arrived, 120, 36),
-        (120, 31, &[], 171, moved(120, 140), 140, 31),
-        (120, 31, &[], -9, moved(120, -40), -40, 31),
-        (120, 31, &[41], 171, Finding::InQuestion, 120, 31),
-        (120, 31, &[], 0, Finding::Restarted, 0, 0),
-        (120, 31, &[41], 0, Finding::Restarted, 0, 0),
-        // A sum that happens to be zero is what was known.
-        (-31, 31, &[], 0, Finding::Same, -31, 31),
-        (-41, 31, &[41], 0, Finding::Arrived, -41, 41),
-        (0, 0, &[], 55, moved(0, 55), 55, 0),
-    ];
-    for (base, share, promised, found, finding, base_now, share_now) in cases {
-        let mut known = account(base, share, promised);
-        assert_eq!(known.find(found, found == 0), finding, "{base} + {share} {promised:?}: {found}");
-        assert_eq!(
-            (known.base, known.share),
-            (base_now, share_now),
-            "{base} + {share} {promised:?}: {found}"
-        );
-    }
+fn what_is_kept_is_found_again() {
+    let directory = tempfile::tempdir().unwrap();
+    let profile = profile();
+    assert_eq!(found(directory.path(), &profile), (Entries::new(), None));
+    let entries = kept(directory.path(), &profile);
+    assert_eq!(found(directory.path(), &profile), (entries, None));
 }
 
 #[test]
-fn an_acknowledged_write_that_reads_back_as_something_else_had_arrived_first() {
-    let cases = [
-        (161, ReadBack::Verified, 120, 41, 0),
-        (151, ReadBack::Ignored, 120, 31, 1),
-        (191, ReadBack::Then(Finding::Moved { from: 120, to: 150 }), 150, 41, 0),
-        (0, ReadBack::Then(Finding::Restarted), 0, 0, 0),
-    ];
-    for (found, expected, base, share, promised) in cases {
-        let mut known = account(120, 31, &[]).promising(41);
-        assert_eq!(known.read_back(41, found, found == 0), expected, "{found}");
-        assert_eq!((known.base, known.share, known.promised.len()), (base, share, promised), "{found}");
-    }
-}
-
-#[test]
-fn after_a_restart_only_what_was_known_or_nothing_at_all_is_believed() {
-    for (share, promised, found, finding) in [
-        (31, &[][..], 151, Finding::Same),
-        (31, &[41], 161, Finding::Arrived),
-        (31, &[], 0, Finding::Restarted),
-        (31, &[], 200, Finding::InQuestion),
-        (0, &[41], 200, Finding::InQuestion),
-        // Without a share of ours whatever stands there is the operator's.
-        (0, &[], 200, Finding::Moved { from: 120, to: 200 }),
-    ] {
-        let mut known = account(120, share, promised);
-        assert_eq!(known.find_rebooted(found, found == 0), finding, "{share} {promised:?} {found}");
-        assert_eq!(known.doubt(), (finding == Finding::InQuestion).then_some(Doubt::Rebooted));
+fn each_writing_has_a_number_of_its_own_over_restarts_too() {
+    let directory = tempfile::tempdir().unwrap();
+    let profile = profile();
+    let entries = entries(&profile);
+    let path = directory.path().join(format!("{}.ledger.json", profile.name));
+    for number in [1, 3, 5] {
+        let mut file = LedgerFile::open(directory.path(), &profile).0;
+        file.save(&entries).unwrap();
+        let json: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
+        assert_eq!(json["seal"]["number"], number);
+        file.save(&entries).unwrap();
     }
 }
 
 #[test]
-fn what_is_in_question_stays_so_until_a_person_says_that_the_register_is_right() {
-    let mut known = account(120, 31, &[41]);
-    assert_eq!(known.find(500, false), Finding::InQuestion);
-    assert_eq!(known.doubt(), Some(Doubt::Undecidable));
-    assert_eq!(known.find(151, false), Finding::InQuestion, "also where it fits again");
-    known.confirm(331);
-    assert_eq!((known.base(), known.share(), known.doubt(), known.promised().len()), (300, 31, None, 0));
-    let mut lost = Account::in_question("here".to_owned(), Doubt::Lost);
-    assert_eq!(lost.find(77, false), Finding::InQuestion);
-    lost.confirm(77);
-    assert_eq!((lost.base(), lost.share()), (77, 0));
+fn a_file_that_cannot_be_used_puts_every_share_in_question_and_is_kept_aside_before_it_is_replaced() {
+    let profile = profile();
+    let name = format!("{}.ledger.json", profile.name);
+    let whole = text_of(&profile);
+    let half = whole[..whole.len() / 2].to_owned();
+    let later = whole.replace("\"version\": 2", "\"version\": 9");
+    let changed = whole.replacen("\"share\": 31", "\"share\": 30", 1);
+    let huge = whole.replace("\"share\": 31", "\"share\": 9223372036854775807");
+    for spoilt in [half.as_str(), later.as_str(), changed.as_str(), huge.as_str(), "", "{}"] {
+        let directory = tempfile::tempdir().unwrap();
+        std::fs::write(directory.path().join(&name), spoilt).unwrap();
+        for _ in 0..2 {
+            let (entries, trouble) = found(directory.path(), &profile);
+            assert!(trouble.is_some_and(|why| why.contains(&name)), "{spoilt}");
+            assert_eq!(entries.len(), profile.outputs.len());
+            let accounts = entries.values().map(|entry| entry.kept.account.unwrap());
+            assert!(accounts.clone().all(|one| one.doubt == Some(Doubt::Unreadable) && one.share == 0));
+        }
+        let (entries, _) = found(directory.path(), &profile);
+        LedgerFile::open(directory.path(), &profile).0.save(&entries).unwrap();
+        let aside = directory.path().join(&name).with_extension("json.bad");
+        assert_eq!(std::fs::read_to_string(aside).unwrap(), spoilt);
+        assert_eq!(found(directory.path(), &profile), (entries, None), "the question outlives the file");
+    }
 }
 
 #[test]
-fn a_promise_of_what_stands_or_is_promised_already_adds_nothing() {
-    let known = account(120, 31, &[41]);
-    assert_eq!(known.promising(31), known);
-    assert_eq!(known.promising(41), known);
-    assert_eq!(known.promising(21).promised(), [41, 21]);
-}
-
-/// Where the gateway ends up in the middle of a change.
-#[derive(Clone, Copy, Debug)]
-enum Fate {
-    KilledBeforeThePromise,
-    KilledAfterThePromise,
-    KilledAfterTheWrite,
-    KilledAfterTheReadBack,
-    Refused,
-    /// No answer: it never arrived, had arrived, arrives after the next look.
-    Lost,
-    Unheard,
-    Late,
-    Ignored,
-    Done,
-}
-
-#[derive(Clone, Copy, Debug)]
-enum Act {
-    Change(i64, Fate),
-    /// In thousands of counts, so that no edit looks like a share.
-    Operator(i64),
-    CncRestarts,
-    Look,
-    Kill,
-}
-
-fn acts() -> impl Strategy<Value = Act> {
-    use Fate::*;
-    let fate = prop::sample::select(vec![
-        KilledBeforeThePromise,
-        KilledAfterThePromise,
-        KilledAfterTheWrite,
-        KilledAfterTheReadBack,
-        Refused,
-        Lost,
-        Unheard,
-        Late,
-        Ignored,
-        Done,
-        Done,
-        Done,
-    ]);
-    let change = (prop::sample::select(vec![-3, -2, -1, 1, 2, 3]), fate);
-    prop_oneof![
-        8 => change.prop_map(|(by, fate)| Act::Change(by, fate)),
-        2 => prop::sample::select(vec![-2, -1, 1, 2]).prop_map(Act::Operator),
-        1 => Just(Act::CncRestarts),
-        3 => Just(Act::Look),
-        2 => Just(Act::Kill),
-    ]
-}
-
-/// A register, what is truly in it, and a gateway with a disk.
-#[derive(Debug)]
-struct World {
-    base: i64,
-    share: i64,
-    disk: Account,
-    /// Of a gateway that is alive.
-    memory: Option<Account>,
-    late: Option<i64>,
-    edited_during_a_promise: bool,
-}
-
-impl World {
-    fn register(&self) -> i64 {
-        self.base + self.share
-    }
-
-    /// The gateway, started where it was dead, reads the register. `None` where a person had to be asked.
-    fn look(&mut self) -> Option<Account> {
-        let mut account = self.memory.take().unwrap_or_else(|| self.disk.clone());
-        let found = self.register();
-        let finding = account.find(found, found == 0);
-        if finding == Finding::InQuestion {
-            assert!(self.edited_during_a_promise, "asked without need: {self:?} {account:?}");
-            // The person does as he was told.
-            self.share = account.share();
-            account.confirm(self.register());
-        }
-        self.edited_during_a_promise &= finding != Finding::InQuestion && !account.promised().is_empty();
-        assert_eq!((account.base(), account.share()), (self.base, self.share), "{finding:?}");
-        self.disk = account.clone();
-        self.memory = Some(account.clone());
-        (finding == Finding::Same).then_some(account)
-    }
-
-    fn change(&mut self, by: i64, fate: Fate) {
-        let Some(mut account) = self.look() else { return };
-        let share = account.share() + by;
-        if matches!(fate, Fate::KilledBeforeThePromise) {
-            self.memory = None;
-            return;
-        }
-        self.disk = account.promising(share);
-        if matches!(fate, Fate::KilledAfterThePromise) {
-            self.memory = None;
-            return;
-        }
-        if matches!(fate, Fate::Refused) {
-            self.disk = account;
-            return;
-        }
-        account = account.promising(share);
-        self.memory = Some(account.clone());
-        match fate {
-            Fate::Lost => return,
-            Fate::Late => {
-                self.late = Some(share);
-                return;
-            }
-            Fate::Ignored => {
-                let before = self.register();
-                assert_eq!(account.read_back(share, before, before == 0), ReadBack::Ignored);
-                self.memory = Some(account);
-                return;
-            }
-            _ => self.share = share,
-        }
-        match fate {
-            Fate::KilledAfterTheWrite => self.memory = None,
-            Fate::Unheard => {}
-            _ => {
-                let found = self.register();
-                assert_eq!(account.read_back(share, found, found == 0), ReadBack::Verified);
-                self.memory = Some(account.clone());
-                if matches!(fate, Fate::KilledAfterTheReadBack) {
-                    self.memory = None;
-                } else {
-                    self.disk = account;
-                }
-            }
-        }
-    }
-
-    fn act(&mut self, act: Act) {
-        if let Some(late) = self.late.take() {
-            self.look();
-            self.share = late;
-        }
-        match act {
-            Act::Change(by, fate) => self.change(by, fate),
-            Act::Operator(thousands) => {
-                self.base += 1000 * thousands;
-                let known = self.memory.as_ref().unwrap_or(&self.disk);
-                self.edited_during_a_promise |= !known.promised().is_empty();
-            }
-            Act::CncRestarts => {
-                // What an operator enters before the gateway has seen the zero hides it.
-                (self.base, self.share) = (0, 0);
-                self.look();
-            }
-            Act::Look => drop(self.look()),
-            Act::Kill => self.memory = None,
+fn no_byte_of_it_can_be_another_without_that_being_seen() {
+    let mut profile = profile();
+    profile.outputs.truncate(1);
+    let whole = text_of(&profile);
+    let directory = tempfile::tempdir().unwrap();
+    let right = kept(directory.path(), &profile);
+    let path = directory.path().join(format!("{}.ledger.json", profile.name));
+    for place in 0..whole.len() {
+        for flip in [1u8, 4, 32, 128] {
+            let mut bytes = whole.clone().into_bytes();
+            bytes[place] ^= flip;
+            std::fs::write(&path, &bytes).unwrap();
+            let (entries, trouble) = found(directory.path(), &profile);
+            assert!(trouble.is_some() || entries == right, "byte {place} with {flip}: {entries:?}");
         }
     }
 }
 
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(2000))]
+#[test]
+fn the_first_layout_is_taken_over_with_its_promises_as_the_register_would_hold_them() {
+    let mut profile = profile();
+    profile.outputs.truncate(1);
+    let of = register(&profile, &profile.outputs[0]);
+    let bias = profile.outputs[0].encoding.bias;
+    let name = profile.outputs[0].name.as_str();
+    let text = format!(
+        "{{\"version\": 1, \"outputs\": {{\"{name}\": {{\"register\": \"{of}\", \"base\": 120, \"share\": 31, \
+         \"promised\": [32], \"doubt\": null}}}}}}"
+    );
+    let directory = tempfile::tempdir().unwrap();
+    std::fs::write(directory.path().join(format!("{}.ledger.json", profile.name)), text).unwrap();
+    let (entries, trouble) = found(directory.path(), &profile);
+    assert_eq!(trouble, None);
+    let kept = entries[name].kept;
+    assert_eq!(kept.account, Some(Account { base: 120 + bias, share: 31, doubt: None }));
+    let promised: Vec<_> = kept.promises.iter().map(|one| (one.value, one.is_under_way)).collect();
+    assert_eq!(promised, [(152 + bias, true)]);
+}
 
-    #[test]
-    fn a_share_is_never_lost_nor_doubled_whatever_happens_when(acts in prop::collection::vec(acts(), 1..60)) {
-        let disk = Account::open("here".to_owned(), 0);
-        let mut world =
-            World { base: 0, share: 0, disk, memory: None, late: None, edited_during_a_promise: false };
-        for act in acts {
-            world.act(act);
-        }
-        world.look();
+#[test]
+fn where_nothing_can_be_written_the_mark_is_gone_and_what_is_known_is_found_all_the_same() {
+    let directory = tempfile::tempdir().unwrap();
+    let profile = profile();
+    let mut in_order = entries(&profile);
+    in_order.values_mut().for_each(|entry| entry.kept.in_order = true);
+    let mut file = LedgerFile::open(directory.path(), &profile).0;
+    file.save(&in_order).unwrap();
+    assert!(file.is_marked_begun());
+    assert_eq!(found(directory.path(), &profile), (entries(&profile), None), "and no run ended in order");
+    file.save(&in_order).unwrap();
+    assert_eq!(found(directory.path(), &profile), (in_order, None));
+    assert_eq!(std::fs::read_dir(directory.path()).unwrap().count(), 1);
+}
+
+#[test]
+fn a_register_that_was_ours_alone_and_held_something_is_a_question_when_it_is_to_be_shared() {
+    let profile = profile();
+    for (stood, is_question) in [(151, true), (0, false)] {
+        let mut before = entries(&profile);
+        before.values_mut().for_each(|entry| (entry.kept.account, entry.kept.stood) = (None, Some(stood)));
+        let found = super::found(&profile, &mut before, true, |_| false);
+        let doubts =
+            found.values().all(|entry| entry.kept.account.is_some_and(|one| one.doubt == Some(Doubt::Lost)));
+        assert_eq!(doubts, is_question, "{stood}");
     }
+}
+
+#[test]
+fn what_is_no_number_in_a_register_spoils_nobody_elses_account() {
+    assert!(!file::fits(i64::MAX / 4) && file::fits(i64::from(u32::MAX)));
+}
+
+#[test]
+fn a_ledger_that_is_gone_while_the_state_remembers_an_offset_is_a_question() {
+    let profile = profile();
+    let entries = super::found(&profile, &mut Entries::new(), true, |_| true);
+    assert_eq!(entries.len(), profile.outputs.len());
+    assert!(entries.values().all(|entry| entry.kept.account.unwrap().doubt == Some(Doubt::Lost)));
+}
+
+#[test]
+fn what_is_known_goes_with_the_register_not_with_the_name() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut profile = profile();
+    let entries = kept(directory.path(), &profile);
+    let former = profile.outputs[0].name.clone();
+    profile.outputs[0].name = "renamed".to_owned();
+    assert_eq!(found(directory.path(), &profile).0["renamed"], entries[&former]);
+    let scale = &mut profile.outputs[0].encoding.scale;
+    *scale = crate::codec::Scale::of(2.0 * scale.get());
+    profile.outputs[0].name.clone_from(&former);
+    let elsewhere = found(directory.path(), &profile).0[&former].kept.account.unwrap();
+    assert_eq!((elsewhere.doubt, elsewhere.share), (Some(Doubt::Elsewhere), 0));
 }

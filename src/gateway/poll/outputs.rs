@@ -3,8 +3,7 @@
 use std::time::Duration;
 
 use super::LineTask;
-use crate::gateway::apply::{SetWriter, Writer};
-use crate::gateway::execute::Executor;
+use crate::gateway::execute::{Position, Set, Single};
 use crate::gateway::shared::Shared;
 use crate::profile::{BusId, DeviceId, OutputId, SetId};
 use crate::quantity::Moment;
@@ -24,9 +23,9 @@ pub(super) struct Job {
 }
 
 enum Work {
-    Offset(Box<Executor>),
-    One(Box<Writer>),
-    Set(Box<SetWriter>),
+    Single(Box<Single>),
+    Position(Box<Position>),
+    Set(Box<Set>),
 }
 
 pub(super) fn jobs(shared: &Shared, bus: BusId, start: Moment) -> Vec<Job> {
@@ -36,17 +35,17 @@ pub(super) fn jobs(shared: &Shared, bus: BusId, start: Moment) -> Vec<Job> {
         .map(OutputId)
         .filter(|id| here(profile.output(*id).device) && profile.output(*id).set.is_none())
         .map(|id| {
-            if profile.output(id).is_offset_of_its_own() {
-                let work = Work::Offset(Box::new(Executor::new(shared, id, start)));
-                return Job { due: start, waits_since: None, work, corrects: None };
-            }
-            let writer = Writer::new(id);
-            let corrects = writer.position(profile).map(|position| profile.signal(position).device);
-            Job { due: start, waits_since: None, work: Work::One(Box::new(writer)), corrects }
+            let position = profile.output(id).writes.position();
+            let work = match position {
+                Some(position) => Work::Position(Box::new(Position::new(id, position))),
+                None => Work::Single(Box::new(Single::new(shared, id, start))),
+            };
+            let corrects = position.map(|position| profile.signal(position).device);
+            Job { due: start, waits_since: None, work, corrects }
         });
     let sets = (0..profile.sets.len()).map(SetId).filter(|id| here(profile.set(*id).device));
     let sets = sets.map(|id| {
-        let set = Box::new(SetWriter::new(shared, id));
+        let set = Box::new(Set::new(shared, id, start));
         Job { due: start, waits_since: None, work: Work::Set(set), corrects: None }
     });
     ones.chain(sets).collect()
@@ -74,23 +73,19 @@ impl LineTask {
     /// Lets an output do what there is to do: at most one verified write.
     pub(super) async fn write(&mut self, place: usize, now: Moment) {
         let (line, shared) = (&mut self.line, &*self.shared);
-        let profile = &shared.profile;
         let job = &mut self.jobs[place];
         let (wants, asks, is_late) = match &mut job.work {
-            Work::Offset(executor) => {
-                executor.turn(line, shared, now).await;
-                (Some(executor.due()), None, executor.is_late())
+            Work::Single(single) => {
+                single.turn(line, shared, now).await;
+                (Some(single.due()), None, single.is_late())
             }
-            Work::One(writer) => {
-                match writer.position(profile) {
-                    None => writer.scheduled(line, shared, now).await,
-                    Some(position) => writer.corrected(line, shared, position, now).await,
-                }
-                (writer.due(profile), None, writer.is_late)
+            Work::Position(position) => {
+                position.turn(line, shared, now).await;
+                (None, None, false)
             }
             Work::Set(set) => {
-                set.advance(line, shared, now).await;
-                (set.due(profile), set.asks(), set.is_late())
+                set.turn(line, shared, now).await;
+                (Some(set.due()), set.asks(), set.is_late())
             }
         };
         job.waits_since = is_late.then(|| job.waits_since.unwrap_or(job.due));

@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::LineTask;
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::wire::Request;
-use crate::profile::{Arm, BusId, DeviceId, Profile};
+use crate::profile::{BusId, DeviceId, Profile};
 use crate::quantity::Moment;
 
 /// The heartbeat.
@@ -36,13 +36,11 @@ impl LineTask {
     pub(super) async fn beat(&mut self, now: Moment) {
         let Some(pulse) = &mut self.pulse else { return };
         pulse.due = now.next_tick(pulse.due, pulse.every);
-        // Where a person arms, nothing at all is written before; from then on it beats as long as the gateway lives.
-        let wanted = self.shared.profile.arm == Arm::Auto || self.shared.core().was_armed;
-        if self.shared.dry_run || !wanted {
+        if !self.shared.may_beat() {
             return;
         }
         let next = pulse.due;
-        pulse.count = pulse.count.wrapping_add(1);
+        pulse.count = pulse.count.wrapping_add(u16::from(self.shared.head_lives(now)));
         let (device, at, word) = (pulse.device, pulse.register, [pulse.count]);
         let single = self.shared.profile.device(device).functions.write_single;
         let request = if single {

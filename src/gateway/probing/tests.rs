@@ -162,6 +162,7 @@ fn output(writes: crate::profile::Writes) -> Output {
         set: None,
         boot_counter: None,
         share: Share::Whole,
+        applied: None,
         display: crate::profile::Display::default(),
     }
 }

@@ -4,7 +4,7 @@ use super::{Core, Shared};
 use crate::compensation::{AxisState, Control, Snapshot};
 use crate::gateway::arming::{Arming, Attempt, of_axis};
 use crate::gateway::commissioning::Fit;
-use crate::gateway::output::Standing;
+use crate::gateway::output::{OutputState, Standing};
 use crate::gateway::probing::Probing;
 use crate::gateway::words::part;
 use crate::observe::events::Event;
@@ -32,6 +32,9 @@ impl Core {
         if !stepped.anything {
             return false;
         }
+        self.stepped_at = now;
+        let has_model = |axis| self.compensation.has_usable_model(axis, &snapshot);
+        self.has_read = self.has_read || (0..profile.axes.len()).any(has_model);
         self.keeper.record(&snapshot, &self.controls, &self.compensation);
         for (axis, arming) in self.arming.iter_mut().enumerate() {
             if let Some(decision) = self.compensation.decision(axis).filter(|decision| decision.at == now) {
@@ -125,8 +128,12 @@ impl Core {
                 .or_else(|| Micron::new(settings.guard.step.get() * 1e-3))
                 .unwrap_or_default(),
         };
-        let is_there = |output: &Output, cz: Micron| {
-            output.writes == Writes::Reference || (cz - part(decision, output.writes)).abs() <= grain(output)
+        // What is nearest is at most half a count away; beside an operator's part, whose sum is never made zero, one.
+        let slack =
+            |state: &OutputState| if state.shares.is_some_and(|(base, _)| base != 0.0) { 1.1 } else { 0.6 };
+        let is_there = |output: &Output, state: &OutputState, cz: Micron| {
+            let distance = (cz - part(decision, output.writes)).abs().get();
+            output.writes == Writes::Reference || distance <= slack(state) * grain(output).get()
         };
         let is_held = |output: &Output| {
             let here = profile.outputs.iter().position(|other| std::ptr::eq(other, output));
@@ -136,7 +143,7 @@ impl Core {
         of_axis(profile, axis, &self.outputs).all(|(output, state)| match state.standing {
             // While its axis holds, nothing changes it any more.
             Standing::Verified if is_held(output) => true,
-            Standing::Verified => state.cz.is_some_and(|cz| is_there(output, cz)),
+            Standing::Verified => state.cz.is_some_and(|cz| is_there(output, state, cz)),
             // It cannot be written, however long one waits; a position that is not read is not corrected.
             Standing::Interlocked => true,
             _ => !output.writes.is_scheduled(),
@@ -145,7 +152,7 @@ impl Core {
 
     /// Switches an axis off until a person arms it again; what is to be told of that.
     pub(in crate::gateway) fn disarm(&mut self, axis: AxisId, name: &str, why: &str) -> Option<Event> {
-        let latched = Arming { latched: true, ..Arming::default() };
+        let latched = Arming { latched: true, why: why.to_owned(), ..Arming::default() };
         let was = std::mem::replace(&mut self.arming[axis.0], latched);
         was.armed.then(|| Event::Disarmed { axis: name.to_owned(), why: why.to_owned() })
     }

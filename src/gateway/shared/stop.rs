@@ -2,9 +2,10 @@
 
 use std::time::Duration;
 
-use super::Shared;
+use super::{Core, Shared};
 use crate::compensation::AxisState;
 use crate::compensation::settings::OnFault;
+use crate::gateway::execute::Units;
 use crate::gateway::output::Standing;
 use crate::profile::Share;
 
@@ -14,12 +15,14 @@ impl Shared {
         let mut core = self.core();
         core.stopping = true;
         let exchange = self.profile.sets.iter().filter_map(|set| Some(set.handshake?.timeout * 2)).max();
-        let exchange = exchange.unwrap_or_default();
+        let settle =
+            self.profile.outputs.iter().filter_map(|output| Some(output.applied.as_ref()?.settle)).max();
+        let exchange = exchange.unwrap_or_default() + settle.unwrap_or_default();
         let axes = self.profile.axes.iter().zip(core.compensation.decisions());
         // A slope goes to zero beside Cz, in steps of the same size.
         let times = axes.flat_map(|(axis, decision)| {
             [decision.cz, decision.slope].map(|way| {
-                // Each step may have to wait for its acknowledge.
+                // Each step may have to wait for its acknowledge, and to be applied.
                 let steps = way.abs().get() / axis.settings.guard.step.get() + 2.0;
                 axis.settings.time_to_rest(way) + exchange.mul_f64(steps)
             })
@@ -45,17 +48,22 @@ impl Shared {
             return;
         }
         let mut core = self.core();
-        for (output, state) in self.profile.outputs.iter().zip(&mut core.registers) {
+        let Core { registers, outputs, .. } = &mut *core;
+        for ((output, state), told) in self.profile.outputs.iter().zip(registers).zip(outputs) {
             if let Some(state) = state {
-                let _ = self.promises.keep(&self.profile, output, state.end());
+                let mut kept = state.end();
+                // What the control has not taken is sent again before anything else, by the next run too.
+                kept.in_order &= !told.handshake.is_untaken;
+                let _ = self.ledger.keep(&self.profile, output, kept, false);
             }
         }
     }
 
-    /// The lines drop what strobes are up; whether there is one.
+    /// The lines drop what strobes are up, and what says that an axis is armed; whether there is one.
     pub(in crate::gateway) fn leave(&self) -> bool {
         let mut core = self.core();
-        let any = core.outputs.iter().any(|output| output.handshake.strobe_up);
+        let any =
+            core.outputs.iter().any(|output| output.handshake.strobe_up || output.handshake.says_enabled);
         core.leaving = true;
         drop(core);
         if any {
@@ -80,22 +88,30 @@ impl Shared {
             })
     }
 
-    /// What stays in the registers, in words.
+    /// What stays in the registers, in words: as verified, with its age, and what may still arrive.
     pub(in crate::gateway) fn what_is_left(&self) -> String {
         let core = self.core();
-        let left: Vec<String> = self
-            .profile
-            .outputs
-            .iter()
-            .zip(&core.outputs)
+        let now = self.clock.now();
+        let each = self.profile.outputs.iter().zip(core.outputs.iter().zip(&core.registers));
+        let left: Vec<String> = each
             .filter(|(output, _)| output.writes.is_cz())
-            .map(|(output, state)| match (state.standing, state.cz) {
-                (Standing::Verified, Some(cz)) if output.share == Share::Ledger => {
-                    format!("{} holds {cz} of ours beside the operator's part", output.name)
+            .map(|(output, (state, register))| {
+                let ago = state.verified_at.map_or(0, |at| now.since(at).as_secs());
+                let held = match (state.standing, state.cz) {
+                    (Standing::Verified, Some(cz)) if output.share == Share::Ledger => {
+                        format!("{} holds {cz} of ours beside the operator's part", output.name)
+                    }
+                    (Standing::Verified, Some(cz)) => format!("{} holds {cz}", output.name),
+                    (_, Some(cz)) => {
+                        format!("{} held {cz} when it was last verified, {ago} s ago", output.name)
+                    }
+                    (_, None) => format!("{} was never read", output.name),
+                };
+                let open = register.map(|state| Units::may_arrive(&self.profile, output, &state));
+                match open.filter(|open| !open.is_empty()) {
+                    Some(open) => format!("{held} ({} may still arrive)", open.join(" or ")),
+                    None => held,
                 }
-                (Standing::Verified, Some(cz)) => format!("{} holds {cz}", output.name),
-                (_, Some(cz)) => format!("{} held {cz} when it was last verified", output.name),
-                (_, None) => format!("{} was never read", output.name),
             })
             .collect();
         if left.is_empty() { "no offset outputs".to_owned() } else { left.join(", ") }

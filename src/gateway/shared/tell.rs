@@ -62,7 +62,10 @@ impl Core {
             return refusal.clone();
         }
         if arming.latched && !arming.asked {
-            return "switched off; arm it again".to_owned();
+            return format!(
+                "{}; arm it again",
+                if arming.why.is_empty() { "switched off" } else { &arming.why }
+            );
         }
         let permit = arming.permit(&shared.profile, axis, &self.outputs, self.stopping, shared.dry_run);
         if permit == Permit::Stopping {
@@ -76,7 +79,12 @@ impl Core {
             .find(|(output, state)| output.writes.is_scheduled() && !is_well(state.standing))
             .map(|(output, state)| {
                 let stands = format!("output {} is {}", output.name, state.standing.name());
-                state.handshake.failed.map_or(stands.clone(), |failed| format!("{stands}: {failed}"))
+                let cause = state.cause.filter(|_| state.failures > 0);
+                match (state.handshake.failed, cause) {
+                    (Some(failed), _) => format!("{stands}: {failed}"),
+                    (None, Some(fault)) => format!("{stands}: {fault}, {} times", state.failures),
+                    (None, None) => stands,
+                }
             });
         let displaced = of_axis(&shared.profile, axis, &self.outputs)
             .find(|(output, state)| {

@@ -2,7 +2,7 @@
 
 import { Chart } from "./chart.js";
 import { Probe } from "./probe.js";
-import { axisState, badge, element, say, signed, fixed } from "./words.js";
+import { axisState, badge, element, say, signed, fixed, span } from "./words.js";
 
 const STAGES = [
   ["limit", "more than the limit was asked for"],
@@ -16,6 +16,7 @@ class Card {
   constructor(name) {
     this.state = element("span", { className: "badge" });
     this.value = element("span", { className: "figure" });
+    this.stands = element("span", { className: "quiet" });
     this.raw = element("dd");
     this.model = element("dd");
     this.armed = element("dd");
@@ -30,7 +31,7 @@ class Card {
       element("div", { className: "row" }, element("h2", {}, `Axis ${name}`), this.state),
       this.why,
       element("p", { className: "cz" }, element("abbr", { title: "compensation value" }, "Cz"), " ",
-        this.value, " ", element("span", { className: "unit" }, "µm")),
+        this.value, " ", element("span", { className: "unit" }, "µm"), " ", this.stands),
       this.bar.root,
       element("dl", { className: "facts" },
         element("div", {}, element("dt", {}, "Model asks for"), this.raw),
@@ -57,7 +58,12 @@ class Card {
     ].filter(Boolean).join(", ");
     this.levelsRow.hidden = levels === "";
     say(this.levels, levels);
-    say(this.value, signed(axis.cz_um, 1));
+    // What was verified stands there; what is wanted may still be on its way, or never arrive.
+    const isKnown = axis.verified_um !== null;
+    say(this.value, signed(isKnown ? axis.verified_um : axis.cz_um, 1));
+    say(this.stands, isKnown
+      ? `verified ${span(axis.verified_age_s)} ago; wanted ${signed(axis.cz_um, 1)} µm`
+      : "wanted; nothing was verified yet");
     say(this.raw, axis.raw_um === null ? "nothing" : `${signed(axis.raw_um, 2)} µm`);
     say(this.model, axis.model ?? "none");
     say(this.armed, status.dry_run ? "nothing (dry run)" : axis.armed ? "armed" : "not armed");

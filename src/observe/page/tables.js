@@ -62,7 +62,7 @@ export function showTables(status) {
     outputs.row(output.name, [
       { text: output.name, small: `axis ${output.axis} → ${output.device}, ${output.register}` },
       { text: output.value === null ? "–" : value, small: shares(output) ?? words[output.writes] ?? "offset", figure: true },
-      { text: output.state, tone: outputTone(output.state), small: output.handshake || `${count(output.writes_done)} writes` },
+      { text: output.state, tone: outputTone(output.state), small: output.handshake || output.note || `${count(output.writes_done)} writes` },
       { text: output.age_s === null ? "never" : span(output.age_s), figure: true },
     ]);
   }

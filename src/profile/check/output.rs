@@ -77,6 +77,7 @@ impl Check<'_> {
                 set: None,
                 boot_counter: None,
                 share: Share::Whole,
+                applied: None,
                 display: Display::default(),
             });
         }
@@ -98,6 +99,7 @@ impl Check<'_> {
             }
         }
         let share = self.share(path, raw, data_type, index.and_then(|index| get(devices, index)));
+        let refresh = self.refresh_of(path, share, refresh);
         let encoding = Encoding {
             data_type,
             word_order: word_order?,
@@ -107,6 +109,8 @@ impl Check<'_> {
             bias: self.bias(path, raw, data_type),
             bad: Vec::new(),
         };
+        let applied =
+            self.applied(path, raw, share, (address, &encoding), index.and_then(|index| get(devices, index)));
         let display = self.display(path, raw, index.and_then(|index| get(devices, index)));
         Some(Output {
             name: name.to_owned(),
@@ -121,6 +125,7 @@ impl Check<'_> {
             set: None,
             boot_counter: None,
             share,
+            applied,
             display,
         })
     }
@@ -276,20 +281,27 @@ impl Check<'_> {
         }
         let count = encoding.scale.get().abs();
         let step = guard.step.get() * factor;
+        let needed = output.share.counts_of_a_step();
         let count = match (output.writes, axis.settings.apart) {
             (Writes::Offset | Writes::Intercept, _) => count,
             (Writes::Slope, Some(apart)) => count * apart.reach,
             _ => return,
         };
-        if step < count * (1.0 - 1e-9) {
+        if step < f64::from(needed) * count * (1.0 - 1e-9) {
             let axis = &axis.settings.name;
-            let message = format!(
-                "one count is {count} µm, one step of axis `{axis}` is {step} µm: it could never move"
-            );
+            let (follows, at_least) = match output.share {
+                Share::Whole => ("it could never move", "one count"),
+                Share::Ledger => (
+                    "beside an operator's part it takes two counts, because their sum is never made zero",
+                    "two counts",
+                ),
+            };
+            let message =
+                format!("one count is {count} µm, one step of axis `{axis}` is {step} µm: {follows}");
             self.wrong(
                 &child(path, "scale"),
                 message,
-                format!("make `step` of axis `{axis}` at least one count"),
+                format!("make `step` of axis `{axis}` at least {at_least}"),
             );
         }
     }

@@ -1,5 +1,7 @@
 //! An operator's register, of which we own a share: what must be known of it.
 
+use std::time::Duration;
+
 use super::Check;
 use crate::codec::{DataType, Table};
 use crate::profile::place::child;
@@ -44,5 +46,21 @@ impl Check<'_> {
             );
         }
         Share::Ledger
+    }
+
+    /// An operator's register is looked at as often as its axis decides, and never written again with what stands there.
+    pub(super) fn refresh_of(
+        &mut self,
+        path: &str,
+        share: Share,
+        refresh: Option<Duration>,
+    ) -> Option<Duration> {
+        if share == Share::Ledger && refresh.is_some() {
+            let message = "a shared register is not refreshed: to write the same again could only undo what an operator does \
+                           meanwhile";
+            let help = "remove `refresh`: the register is read once in each `every` of its axis all the same";
+            self.warnings.push(self.places.at_key(&child(path, "refresh"), message, Some(help.to_owned())));
+        }
+        refresh.filter(|_| share == Share::Whole)
     }
 }

@@ -289,10 +289,9 @@ pub(crate) struct RawOutput {
     pub(crate) sdo: Option<String>,
     /// CAN frame that is written: { id = 0x300, start = 0, length = 32, order = "little", signed = true }.
     pub(crate) frame: Option<RawFrame>,
-    /// pdo, frame: the CANopen object that reads what was written, of the same length: "6004:00". Required but for a
-    /// display.
-    #[schemars(regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
-    pub(crate) read_back: Option<String>,
+    /// register: another register, in which the control says what it applies. pdo, frame: the CANopen object that reads what
+    /// was written, of the same length: "6004:00"; required but for a display.
+    pub(crate) read_back: Option<ReadBackValue>,
     /// Which register comes first; required for 32 bits and more.
     pub(crate) word_order: Option<WordOrderWord>,
     /// The two bytes inside every register are exchanged. Default false.
@@ -323,6 +322,50 @@ pub(crate) struct RawOutput {
     pub(crate) beside: Option<Vec<RawBeside>>,
     /// corrected: what a display shows where there is no position to correct, or the axis is off.
     pub(crate) stale: Option<RawStale>,
+}
+
+/// What reads back an output: an object on CAN, a register on Modbus.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(untagged)]
+pub(crate) enum ReadBackValue {
+    Object(String),
+    Register(RawReadBack),
+}
+
+/// The register in which a control says what it applies of an offset.
+#[derive(Clone, Debug, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "ReadBack")]
+pub(crate) struct RawReadBack {
+    /// An input or holding register: "input:12" or "30013".
+    #[schemars(required)]
+    pub(crate) register: Option<String>,
+    /// How the value lies in its registers. Default: as the output's.
+    #[serde(rename = "type")]
+    pub(crate) kind: Option<TypeWord>,
+    /// Which register comes first. Default: as the output's.
+    pub(crate) word_order: Option<WordOrderWord>,
+    /// The two bytes inside every register are exchanged. Default: as the output's.
+    pub(crate) byte_swap: Option<bool>,
+    /// µm per count. Default: the output's.
+    pub(crate) scale: Option<f64>,
+    /// What it may be away from what was written, µm. Default: one count, the output's or its own, whichever is more.
+    pub(crate) tolerance: Option<f64>,
+    /// How long the control may take to apply a change. Default 1s.
+    pub(crate) settle: Option<Span>,
+}
+
+impl JsonSchema for ReadBackValue {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "ReadBackPlace".into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        // The alternative itself, not a `$ref` to it: the walk chooses by the type it sees.
+        let table = RawReadBack::json_schema(generator);
+        let object = serde_json::json!({ "type": "string", "pattern": "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$" });
+        schemars::json_schema!({ "anyOf": [object, table] })
+    }
 }
 
 /// One word of a display beside its value.

@@ -44,6 +44,7 @@ impl<'a> Filling<'a> {
             }
         }
         self.heartbeat();
+        self.silent_heartbeats();
         for name in self.known.keys().cloned().collect::<Vec<_>>() {
             self.checks(&name);
         }
@@ -295,6 +296,26 @@ impl<'a> Filling<'a> {
         self.places.fill_in("heartbeat.register", "heartbeat.device", &note);
         if let Some(beat) = self.profile.get_mut("heartbeat").and_then(Value::as_object_mut) {
             beat.insert("register".to_owned(), register);
+        }
+    }
+
+    /// The control of a template looks for a heartbeat, and the profile writes to it but sends none.
+    fn silent_heartbeats(&mut self) {
+        let of_heartbeat = self.profile.get("heartbeat").and_then(|beat| text(beat.as_object()?, "device"));
+        let outputs = self.profile.get("output").and_then(Value::as_object);
+        let written = outputs.into_iter().flat_map(Map::values).filter_map(Value::as_object);
+        let written: Vec<&str> = written.filter_map(|output| text(output, "device")).collect();
+        let is_silent = |name: &str| written.contains(&name) && of_heartbeat != Some(name);
+        let known = self.known.iter().filter(|(name, _)| is_silent(name));
+        let silent = known
+            .filter_map(|(name, known)| Some((name.clone(), known.heartbeat.as_ref()?.as_str()?.to_owned())));
+        for (name, register) in silent.collect::<Vec<_>>() {
+            let template = &self.templates[&name].name;
+            let message = format!(
+                "`{template}` looks for a heartbeat in {register}, and nothing sends it one: `{name}` would take the gateway for dead"
+            );
+            let help = format!("add [heartbeat] with device = \"{name}\" and every = \"500ms\"");
+            self.wrong(&child(&child("device", &name), "template"), message, help);
         }
     }
 

@@ -65,7 +65,7 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
         unit_of.push(place);
     }
     let mut owned: Vec<(usize, Address, u16)> = Vec::new();
-    for Output { device, address, encoding, verify, .. } in &profile.outputs {
+    for Output { device, address, encoding, verify, applied, .. } in &profile.outputs {
         let place = unit_of[device.0];
         let width = encoding.data_type.registers();
         let bank = &mut units[place].bank;
@@ -73,6 +73,9 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
         let fits = bank.write(address, encoding.encode(0.0).words());
         debug_assert!(fits.is_some(), "room was made for it");
         owned.push((place, address.clone(), width));
+        if let Some(applied) = applied {
+            bank.reserve(&applied.address.into(), applied.encoding.data_type.registers());
+        }
         if let Verify::ReadBackAt(again) = verify {
             let again = Address::Object(*again);
             bank.reserve(&again, width);

@@ -204,6 +204,7 @@ pub(super) fn output(name: &str, device: usize, register: &str, scale: f64, writ
         set: None,
         boot_counter: None,
         share: Share::Whole,
+        applied: None,
         display: crate::profile::Display::default(),
     }
 }

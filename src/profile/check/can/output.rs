@@ -4,7 +4,7 @@ use super::signal::Direction;
 use crate::codec::{Address, BitField, CanId, CanMatch, DataType, Field, Frame, Object};
 use crate::profile::check::Check;
 use crate::profile::place::child;
-use crate::profile::raw::{RawOutput, ShareWord, VerifyWord, WritesWord};
+use crate::profile::raw::{RawOutput, ReadBackValue, ShareWord, VerifyWord, WritesWord};
 use crate::profile::{Device, Verify};
 
 /// Where an output goes, and how it is believed.
@@ -32,12 +32,7 @@ impl Check<'_> {
     pub(in crate::profile::check) fn output_keys(&mut self, path: &str, raw: &RawOutput) {
         let Some(device) = raw.device.as_deref() else { return };
         let Some(on_can) = self.is_on_can(device) else { return };
-        let of_can = [
-            ("pdo", raw.pdo.is_some()),
-            ("sdo", raw.sdo.is_some()),
-            ("frame", raw.frame.is_some()),
-            ("read_back", raw.read_back.is_some()),
-        ];
+        let of_can = [("pdo", raw.pdo.is_some()), ("sdo", raw.sdo.is_some()), ("frame", raw.frame.is_some())];
         let boot_counter = raw.restart.as_ref().is_some_and(|restart| restart.boot_counter.is_some());
         let of_modbus = [
             ("register", raw.register.is_some()),
@@ -168,7 +163,12 @@ impl Check<'_> {
             let help = "remove it, and write read_back = \"6004:00\", the object that reads what was written";
             self.wrong(&child(path, "verify"), message, help);
         }
-        let Some(text) = &raw.read_back else {
+        if let Some(ReadBackValue::Register(_)) = &raw.read_back {
+            let help = "write read_back = \"6004:00\", the CANopen object that reads what was written";
+            self.wrong(&at, "a register is on Modbus: on CAN an object is read back", help);
+            return None;
+        }
+        let Some(ReadBackValue::Object(text)) = &raw.read_back else {
             if raw.writes.is_some_and(|writes| writes != WritesWord::Corrected) && !self.places.contains(&at)
             {
                 let message = "`read_back` is missing: an offset that nobody has read back is not believed";

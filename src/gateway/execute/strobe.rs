@@ -1,10 +1,10 @@
 //! The handshake around a set: strobe up, acknowledge up, strobe down, acknowledge down.
 //!
 //! ```text
-//!   values written ─► strobe up ─► Acknowledge ─► strobe down ─► Release ─► read back
-//!                                      │ not in time                │ not in time
-//!                                      ▼                            ▼
-//!                       strobe down at once, told, tried again: the same values, from the beginning
+//!   values written and read back ─► strobe up ─► Acknowledge ─► strobe down ─► Release ─► taken
+//!                                                    │ not in time                │ not in time
+//!                                                    ▼                            ▼
+//!                                     strobe down at once, told, tried again: the same values, from the beginning
 //! ```
 //!
 //! Before anything is written the acknowledge must be down (`Clear`): one that is still up from before would answer a
@@ -20,22 +20,21 @@ use crate::fieldbus::wire::{Answer, Request};
 use crate::gateway::output::Wait;
 use crate::gateway::shared::Shared;
 use crate::observe::events::{Event, HandshakeFault};
-use crate::profile::{Flag, OutputSet};
+use crate::profile::{Flag, OutputSet, SetId};
 use crate::quantity::Moment;
-
-use super::set::SetWriter;
 
 /// How often the acknowledge is asked for at most.
 const ASK_EVERY: Duration = Duration::from_millis(20);
 
 /// The strobe and what is waited for.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Strobe {
+    set: SetId,
     pub(super) stands: Stands,
     /// What is waited for, until when, and when the acknowledge is asked for again.
     pub(super) waits: Option<(Wait, Moment, Moment)>,
     /// The failure that has been told; the next success ends it.
-    pub(super) told: Option<&'static str>,
+    told: Option<&'static str>,
 }
 
 /// What is known of a strobe.
@@ -59,17 +58,21 @@ pub(super) enum Waited {
     Failed,
 }
 
-impl SetWriter {
+impl Strobe {
+    pub(super) fn new(set: SetId, stands: Stands) -> Strobe {
+        Strobe { set, stands, waits: None, told: None }
+    }
+
     /// Raises the strobe and begins to wait for the acknowledge.
     pub(super) async fn raise(&mut self, line: &mut DeviceLine, shared: &Shared) -> bool {
-        let set = shared.profile.set(self.id);
+        let set = shared.profile.set(self.set);
         let Some(handshake) = set.handshake else { return false };
-        self.strobe.stands = Stands::Up;
-        self.show(shared);
+        self.stands = Stands::Up;
+        self.tell(shared);
         if let Err(fault) = write_strobe(line, shared, set, handshake.strobe, true).await {
             if fault.outcome() == Outcome::NotDone {
                 // It never went up.
-                self.strobe.stands = Stands::Down;
+                self.stands = Stands::Down;
             }
             let (register, fault) = (handshake.strobe.to_string(), fault.to_string());
             self.failed(line, shared, HandshakeFault::StrobeNotWritten { register, fault }).await;
@@ -81,7 +84,7 @@ impl SetWriter {
 
     /// Drops the strobe. Where that fails it is told, and tried again.
     pub(super) async fn lower(&mut self, line: &mut DeviceLine, shared: &Shared) -> bool {
-        let set = shared.profile.set(self.id);
+        let set = shared.profile.set(self.set);
         let Some(handshake) = set.handshake else { return true };
         let done = write_strobe(line, shared, set, handshake.strobe, false).await;
         if let Err(fault) = done {
@@ -89,21 +92,21 @@ impl SetWriter {
             self.tell_failed(shared, HandshakeFault::StrobeNotDropped { register, fault });
             return false;
         }
-        self.strobe.stands = Stands::Down;
-        self.show(shared);
+        self.stands = Stands::Down;
+        self.tell(shared);
         true
     }
 
     pub(super) fn wait_for(&mut self, shared: &Shared, wait: Wait, timeout: Duration) {
         let now = shared.clock.now();
-        self.strobe.waits = Some((wait, now.after(timeout), now));
-        self.show(shared);
+        self.waits = Some((wait, now.after(timeout), now));
+        self.tell(shared);
     }
 
     /// Asks for the acknowledge, once.
     pub(super) async fn wait(&mut self, line: &mut DeviceLine, shared: &Shared) -> Waited {
-        let set = shared.profile.set(self.id);
-        let (Some((wait, until, ask)), Some(handshake)) = (self.strobe.waits, set.handshake) else {
+        let set = shared.profile.set(self.set);
+        let (Some((wait, until, ask)), Some(handshake)) = (self.waits, set.handshake) else {
             return Waited::Over;
         };
         let now = shared.clock.now();
@@ -120,12 +123,12 @@ impl SetWriter {
             }
         };
         if is_up == (wait == Wait::Acknowledge) {
-            self.strobe.waits = None;
-            self.show(shared);
+            self.waits = None;
+            self.tell(shared);
             return Waited::Over;
         }
         if now < until {
-            self.strobe.waits = Some((wait, until, now.after(ASK_EVERY).min(until)));
+            self.waits = Some((wait, until, now.after(ASK_EVERY).min(until)));
             return Waited::Still;
         }
         let within = handshake.timeout;
@@ -138,42 +141,47 @@ impl SetWriter {
         Waited::Failed
     }
 
-    /// First of all the strobe goes down; then it is told, and what was sent is doubted.
-    pub(super) async fn failed(&mut self, line: &mut DeviceLine, shared: &Shared, fault: HandshakeFault) {
-        self.strobe.waits = None;
-        let lowered = self.strobe.stands != Stands::Up || self.lower(line, shared).await;
+    /// First of all the strobe goes down; then it is told.
+    async fn failed(&mut self, line: &mut DeviceLine, shared: &Shared, fault: HandshakeFault) {
+        self.waits = None;
+        let lowered = self.stands != Stands::Up || self.lower(line, shared).await;
         // Where it cannot even be dropped, that is what is wrong, and it has been told.
-        if lowered || self.strobe.told.is_none() {
+        if lowered || self.told.is_none() {
             self.tell_failed(shared, fault);
         }
-        self.doubt_sent(shared);
     }
 
     fn tell_failed(&mut self, shared: &Shared, fault: HandshakeFault) {
-        if self.strobe.told != Some(fault.kind()) {
-            self.strobe.told = Some(fault.kind());
+        if self.told != Some(fault.kind()) {
+            self.told = Some(fault.kind());
             self.stand(shared, |stand| stand.failed = Some(fault.words()));
-            let set = shared.profile.set(self.id).label();
+            let set = shared.profile.set(self.set).label();
             shared.tell(&Event::Handshake { set, fault });
         }
-        self.show(shared);
+        self.tell(shared);
     }
 
     /// A handshake came to its end.
     pub(super) fn succeeded(&mut self, shared: &Shared) {
-        self.strobe.told = None;
+        self.told = None;
         self.stand(shared, |stand| stand.failed = None);
     }
 
     /// What people see of it.
-    pub(super) fn show(&self, shared: &Shared) {
-        let (waits, strobe_up) = (self.strobe.waits.map(|(wait, ..)| wait), self.strobe.stands == Stands::Up);
+    fn tell(&self, shared: &Shared) {
+        let (waits, strobe_up) = (self.waits.map(|(wait, ..)| wait), self.stands == Stands::Up);
         self.stand(shared, |stand| (stand.waits, stand.strobe_up) = (waits, strobe_up));
+    }
+
+    /// The same at the end of a turn; `says_enabled`: the control word of the set may say that every axis is armed.
+    pub(super) fn show(&self, shared: &Shared, says_enabled: bool, is_untaken: bool) {
+        self.tell(shared);
+        self.stand(shared, |stand| (stand.says_enabled, stand.is_untaken) = (says_enabled, is_untaken));
     }
 
     fn stand(&self, shared: &Shared, change: impl Fn(&mut crate::gateway::output::Stand)) {
         let mut core = shared.core();
-        for id in &shared.profile.set(self.id).outputs {
+        for id in &shared.profile.set(self.set).outputs {
             change(&mut core.outputs[id.0].handshake);
         }
     }

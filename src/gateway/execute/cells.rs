@@ -8,17 +8,6 @@ use crate::profile::{OutputSet, Profile, Stretch};
 /// The words of a set by their registers.
 pub(super) type Cells = BTreeMap<u16, u16>;
 
-/// What was sent and is not known to have been taken as a whole.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct Sent {
-    /// By member; `None` where it was only kept.
-    pub(super) values: Vec<Option<Encoded>>,
-    pub(super) cells: Cells,
-    pub(super) sequence: Option<u16>,
-    /// The control has acknowledged it, and dropped that again.
-    pub(super) is_taken: bool,
-}
-
 /// The number of the next set. Zero is left to a control that has just been started.
 pub(super) fn next(sequence: u16) -> u16 {
     sequence.checked_add(1).unwrap_or(1)

@@ -1,0 +1,273 @@
+//! Corrected positions: D' = D + Cz, as soon as D has been read.
+//!
+//! The newest position goes out at once in every armed state, also while the axis holds; nobody waits for what may still
+//! arrive, because the next one is under way already. Only the Cz inside moves by one step at each decision; after a write
+//! whose end nobody knows it stays what was sent until one was answered.
+
+use std::time::Duration;
+
+use super::cells::{self, Cells};
+use super::interlock::Interlock;
+use super::order::Order;
+use super::{Trouble, Words};
+use crate::codec::Encoded;
+use crate::compensation::AxisState;
+use crate::fieldbus::departure::Leave;
+use crate::fieldbus::error::{CallerFault, Fault, Outcome};
+use crate::fieldbus::line::DeviceLine;
+use crate::fieldbus::wire::{Answer, Request};
+use crate::gateway::output::Standing;
+use crate::gateway::shared::Shared;
+use crate::gateway::words::{cz_factor, words_in_text};
+use crate::observe::events::Event;
+use crate::profile::{Arm, Output, OutputId, Shown, Stretch};
+use crate::quantity::{Micron, Moment};
+use crate::reading::SignalId;
+
+/// How often dashes are written again.
+const DASHES_AGAIN: Duration = Duration::from_secs(10);
+
+/// Owns one output.
+#[derive(Debug)]
+pub(in crate::gateway) struct Position {
+    id: OutputId,
+    position: SignalId,
+    /// The position that was corrected last.
+    corrected: Moment,
+    /// The share of Cz in what was answered last, and the decision it followed.
+    inside: Option<(Micron, Moment)>,
+    /// A share of Cz that was sent and may or may not have arrived: only the same again is near to both.
+    sent: Option<Micron>,
+    /// When a display was last given dashes; `None` while it shows a value.
+    dashes_at: Option<Moment>,
+    trouble: Option<Trouble>,
+    is_saturated: bool,
+    interlock: Interlock,
+}
+
+impl Position {
+    pub(in crate::gateway) fn new(id: OutputId, position: SignalId) -> Position {
+        Position {
+            id,
+            position,
+            corrected: Moment::default(),
+            inside: None,
+            sent: None,
+            dashes_at: None,
+            trouble: None,
+            is_saturated: false,
+            interlock: Interlock::default(),
+        }
+    }
+
+    /// Writes position + Cz as soon as a new position has been read.
+    pub(in crate::gateway) async fn turn(&mut self, line: &mut DeviceLine, shared: &Shared, now: Moment) {
+        let output = shared.profile.output(self.id);
+        let has_dashes = output.display.stale.is_some();
+        let (taken, order) = {
+            let core = shared.core();
+            let taken = core.board.taken(self.position);
+            if taken == self.corrected && !has_dashes {
+                return;
+            }
+            (taken, Order::of(shared, &core, self.id, now))
+        };
+        if has_dashes && (order.off || order.position.is_none()) {
+            self.show_nothing(line, shared, now).await;
+        }
+        if taken == self.corrected {
+            return;
+        }
+        if order.off || shared.dry_run {
+            (self.inside, self.sent) = (None, None);
+            self.corrected = taken;
+            return;
+        }
+        if line.is_resting(output.device, now) {
+            return;
+        }
+        self.corrected = taken;
+        let Some(position) = order.position else { return };
+        self.interlock.hear(shared, output, true, order.allowed);
+        match order.allowed {
+            Some(true) => self.correct(line, shared, position, &order).await,
+            Some(false) => shared.core().outputs[self.id.0].standing = Standing::Interlocked,
+            None => shared.core().outputs[self.id.0].doubt(),
+        }
+    }
+
+    async fn correct(&mut self, line: &mut DeviceLine, shared: &Shared, position: f64, order: &Order) {
+        let output = shared.profile.output(self.id);
+        let cz = self.share(shared, output, order);
+        let factor = cz_factor(&shared.profile, output);
+        let target = self.encode(shared, output, position + cz.get() * factor / 1000.0);
+        let asked = line.looked();
+        match self.write(line, shared, output, target, order.not_after).await {
+            Ok(found) if found.is_none_or(|found| found.words() == target.words()) => {}
+            Ok(found) => {
+                self.sent = Some(cz);
+                return self.is_not_shown(shared, output, target, found);
+            }
+            Err((fault, outcome)) => {
+                if outcome != Outcome::NotDone {
+                    self.sent = Some(cz);
+                }
+                return self.fail(shared, output, fault);
+            }
+        }
+        (self.sent, self.dashes_at) = (None, None);
+        self.inside = Some((cz, order.decided));
+        let mut core = shared.core();
+        let state = &mut core.outputs[self.id.0];
+        let failures = std::mem::take(&mut state.failures);
+        state.standing = Standing::Verified;
+        state.writes += 1;
+        state.cz = Some(cz);
+        state.value = output.encoding.decode(target.words()).ok();
+        state.verified_at = Some(asked);
+        drop(core);
+        if self.trouble.take() == Some(Trouble::Untaken) {
+            shared.tell(&Event::Verified { output: output.name.clone(), failures });
+        }
+    }
+
+    /// Cz as it goes into a position: one step nearer to the axis's at each of its decisions. The axis's own may jump,
+    /// where it takes over what a restarted CNC holds.
+    fn share(&self, shared: &Shared, output: &Output, order: &Order) -> Micron {
+        if let Some(sent) = self.sent {
+            return sent;
+        }
+        let Some((last, decided)) = self.inside else { return order.cz };
+        let step = shared.profile.axis(output.axis).settings.guard.step;
+        if decided == order.decided { last } else { last + (order.cz - last).clamp_to(step) }
+    }
+
+    fn encode(&mut self, shared: &Shared, output: &Output, value: f64) -> Words {
+        let encoded = output.encoding.encode(value);
+        if encoded.saturated && !self.is_saturated {
+            shared.tell(&Event::Saturated { output: output.name.clone(), wanted: value });
+        }
+        self.is_saturated = encoded.saturated;
+        Words::of(encoded.words())
+    }
+
+    /// The value, with the words of a display that belong beside it; and what is read back, where it is.
+    async fn write(
+        &mut self,
+        line: &mut DeviceLine,
+        shared: &Shared,
+        output: &Output,
+        target: Words,
+        not_after: Moment,
+    ) -> Result<Option<Words>, (Fault, Outcome)> {
+        let leave = Leave::By(not_after);
+        if output.display.beside.is_empty() {
+            let functions = shared.profile.device(output.device).functions;
+            let request = Request::write(&output.address, target.words(), functions);
+            let sent = line.request(output.device, request, leave).await;
+            sent.map_err(|fault| (fault, fault.outcome()))?;
+        } else {
+            let shown = shown(shared, output);
+            let beside = output.display.beside.iter().map(|beside| (beside.register, beside.word(shown)));
+            let wanted = output.cells(target.words()).chain(beside).collect();
+            send_cells(line, shared, output, wanted, leave).await?;
+        }
+        if !output.verify.reads() {
+            return Ok(None);
+        }
+        let request = Request::read(&output.reads_at(), output.encoding.data_type);
+        let request = request.ok_or((Fault::Caller(CallerFault::Function), Outcome::Unknown))?;
+        let read = line.request(output.device, request, Leave::Whenever).await;
+        match read.map_err(|fault| (fault, Outcome::Unknown))?.answer {
+            Answer::Words(words) => Ok(Some(Encoded::of(&words))),
+            Answer::Bits(_) | Answer::Done => Ok(Some(Encoded::of(&[]))),
+        }
+    }
+
+    /// Something else is read back than was written: told once, and tried again with the next position.
+    fn is_not_shown(&mut self, shared: &Shared, output: &Output, wrote: Words, found: Option<Words>) {
+        if self.trouble.replace(Trouble::Untaken) != Some(Trouble::Untaken) {
+            let found = found.map_or(String::new(), |found| words_in_text(output, &found));
+            let wrote = words_in_text(output, &wrote);
+            shared.tell(&Event::VerifyFailed { output: output.name.clone(), wrote, found });
+        }
+        self.is_unverified(shared);
+    }
+
+    /// A device that is lost has been told; one that refuses has not.
+    fn fail(&mut self, shared: &Shared, output: &Output, fault: Fault) {
+        if fault.has_lapsed() {
+            return;
+        }
+        if !fault.spoils_connection() && self.trouble.is_none() {
+            shared.tell(&Event::WriteFailed { output: output.name.clone(), fault: fault.to_string() });
+        }
+        let trouble = if fault.spoils_connection() { Trouble::Link } else { Trouble::Untaken };
+        self.trouble = self.trouble.filter(|known| *known == Trouble::Untaken).or(Some(trouble));
+        self.is_unverified(shared);
+    }
+
+    fn is_unverified(&self, shared: &Shared) {
+        let mut core = shared.core();
+        let state = &mut core.outputs[self.id.0];
+        state.failures += 1;
+        state.doubt();
+    }
+
+    /// Dashes instead of a number that nobody corrects any more: when that begins, and again after each pause, because a
+    /// display that was switched off and on shows something else.
+    async fn show_nothing(&mut self, line: &mut DeviceLine, shared: &Shared, now: Moment) {
+        let output = shared.profile.output(self.id);
+        let Some(stale) = &output.display.stale else { return };
+        let is_fresh = self.dashes_at.is_some_and(|at| now < at.after(DASHES_AGAIN));
+        if is_fresh || shared.dry_run || !has_shown(shared) || line.is_resting(output.device, now) {
+            return;
+        }
+        let text = (stale.register..).zip(stale.words.iter().copied());
+        let beside = output.display.beside.iter().map(|beside| (beside.register, beside.word(Shown::Fault)));
+        // What fails is told where every request fails, and tried again.
+        if send_cells(line, shared, output, beside.collect(), Leave::Whenever).await.is_ok()
+            && send_cells(line, shared, output, text.collect(), Leave::Whenever).await.is_ok()
+        {
+            (self.dashes_at, self.inside, self.sent) = (Some(now), None, None);
+        }
+    }
+}
+
+/// Whether the display is ours by now: where a person arms, nothing is written before that.
+fn has_shown(shared: &Shared) -> bool {
+    shared.profile.arm == Arm::Auto || shared.core().was_armed
+}
+
+/// How the axis does, for a display.
+fn shown(shared: &Shared, output: &Output) -> Shown {
+    let state = shared.core().compensation.decision(output.axis.0).map(|decision| decision.state);
+    match state {
+        Some(AxisState::Active) => Shown::Good,
+        Some(AxisState::Degraded) => Shown::Degraded,
+        _ => Shown::Fault,
+    }
+}
+
+/// Writes registers, those side by side in one request. The first decides; what belongs to it follows, however late, and
+/// where that fails the first has arrived all the same.
+async fn send_cells(
+    line: &mut DeviceLine,
+    shared: &Shared,
+    output: &Output,
+    wanted: Cells,
+    leave: Leave,
+) -> Result<(), (Fault, Outcome)> {
+    let device = shared.profile.device(output.device);
+    let (mut leave, mut has_sent) = (leave, false);
+    let each = wanted.keys().map(|register| (*register, 1)).collect();
+    for stretch in Stretch::joined(each, device.longest_request()) {
+        let words = cells::words(&wanted, &stretch);
+        let request = Request::write_holding(stretch.from, &words, device.functions);
+        let (leave, has_begun) = (std::mem::replace(&mut leave, Leave::Whenever), has_sent);
+        let sent = line.request(output.device, request, leave).await;
+        sent.map_err(|fault| (fault, if has_begun { Outcome::Unknown } else { fault.outcome() }))?;
+        has_sent = true;
+    }
+    Ok(())
+}

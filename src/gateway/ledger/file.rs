@@ -1,0 +1,177 @@
+//! The ledger's file: one JSON document beside the state, sealed, replaced atomically and synced.
+//!
+//! The seal is a number that grows with every writing and a checksum of all the rest: a bit that fell over is not
+//! believed to be anybody's part.
+
+use std::collections::BTreeMap;
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::output::Kept;
+use crate::profile::{Output, Profile};
+
+mod first_layout;
+
+/// The layout of the file.
+const VERSION: u32 = 2;
+/// More counts than any register holds: who says more does not speak of one of ours.
+const MOST: u64 = 1 << 40;
+/// What the name ends with of one that could not be written when a run began.
+const BEGUN: &str = "begun.json";
+/// CRC-32 as in Ethernet and gzip (ITU-T V.42).
+const CHECKSUM: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Document {
+    version: u32,
+    seal: Seal,
+    outputs: Entries,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Seal {
+    number: u64,
+    checksum: String,
+}
+
+/// What is kept, by output.
+pub(super) type Entries = BTreeMap<String, Entry>;
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Entry {
+    /// Which register it speaks of, and what a count is worth there.
+    pub(super) register: String,
+    pub(super) kept: Kept,
+}
+
+/// Where it is kept.
+#[derive(Debug)]
+pub(super) struct LedgerFile {
+    path: PathBuf,
+    /// Of the last writing.
+    number: u64,
+    /// The file that stands there cannot be used: it is kept aside before it is replaced.
+    is_spoilt: bool,
+}
+
+impl LedgerFile {
+    /// The file of a machine in a state directory, and what it says; `None` where there is none, a sentence where it
+    /// cannot be used.
+    pub(super) fn open(directory: &Path, profile: &Profile) -> (LedgerFile, Result<Option<Entries>, String>) {
+        let path = directory.join(format!("{}.ledger.json", profile.name));
+        let mut read = read(&path);
+        if let Ok(None) = read {
+            read = begun(&path);
+        }
+        let (number, read) = match read {
+            Ok(found) => {
+                (found.as_ref().map_or(0, |(number, _)| *number), Ok(found.map(|(_, entries)| entries)))
+            }
+            Err(why) => (0, Err(format!("{} cannot be used: {why}", path.display()))),
+        };
+        (LedgerFile { path, number, is_spoilt: read.is_err() }, read)
+    }
+
+    /// The file says no more that a run ended in order, although nothing can be written: it has another name now, under
+    /// which it is still found.
+    pub(super) fn is_marked_begun(&self) -> bool {
+        std::fs::rename(&self.path, self.path.with_extension(BEGUN)).is_ok() || !self.path.exists()
+    }
+
+    /// Puts the entries on disk: they are there when this returns.
+    pub(super) fn save(&mut self, entries: &Entries) -> std::io::Result<()> {
+        if let Some(directory) = self.path.parent() {
+            std::fs::create_dir_all(directory)?;
+        }
+        if self.is_spoilt {
+            // A copy: between two renames there would be no file at all, which means that nothing is ours.
+            match std::fs::copy(&self.path, self.path.with_extension("json.bad")) {
+                Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
+                _ => self.is_spoilt = false,
+            }
+        }
+        let number = self.number + 1;
+        let seal = Seal { number, checksum: checksum(number, entries)? };
+        let document = Document { version: VERSION, seal, outputs: entries.clone() };
+        let mut file = atomic_write_file::AtomicWriteFile::open(&self.path)?;
+        serde_json::to_writer_pretty(&mut file, &document).map_err(std::io::Error::other)?;
+        file.write_all(b"\n")?;
+        file.commit()?;
+        self.number = number;
+        let _ = std::fs::remove_file(self.path.with_extension(BEGUN));
+        Ok(())
+    }
+}
+
+/// What the entries of an output must speak of to be its own.
+pub(super) fn register(profile: &Profile, output: &Output) -> String {
+    let encoding = &output.encoding;
+    let device = &profile.device(output.device).name;
+    format!(
+        "{} of {device}, {} {}{}, {} per count, bias {}",
+        output.address,
+        encoding.data_type.name(),
+        encoding.word_order,
+        if encoding.byte_swap { " byte-swapped" } else { "" },
+        encoding.scale.get(),
+        encoding.bias
+    )
+}
+
+fn checksum(number: u64, entries: &Entries) -> std::io::Result<String> {
+    let bytes = serde_json::to_vec(&(VERSION, number, entries)).map_err(std::io::Error::other)?;
+    Ok(format!("{:08x}", CHECKSUM.checksum(&bytes)))
+}
+
+/// What a run left that could write nothing when it began.
+fn begun(path: &Path) -> Result<Option<(u64, Entries)>, String> {
+    let found = read(&path.with_extension(BEGUN))?;
+    Ok(found.map(|(number, mut entries)| {
+        entries.values_mut().for_each(|entry| entry.kept.in_order = false);
+        (number, entries)
+    }))
+}
+
+fn read(path: &Path) -> Result<Option<(u64, Entries)>, String> {
+    let text = match std::fs::read_to_string(path) {
+        Ok(text) => text,
+        Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
+            return Ok(None);
+        }
+        Err(error) => return Err(error.to_string()),
+    };
+    let (number, entries) = match first_layout::read(&text) {
+        Some(entries) => (0, entries?),
+        None => {
+            let document: Document = serde_json::from_str(&text).map_err(|error| error.to_string())?;
+            if document.version != VERSION {
+                return Err(format!("it has version {}, this program writes {VERSION}", document.version));
+            }
+            let sum = checksum(document.seal.number, &document.outputs).map_err(|error| error.to_string())?;
+            if document.seal.checksum != sum {
+                return Err("its checksum does not fit: it was changed, or damaged".to_owned());
+            }
+            (document.seal.number, document.outputs)
+        }
+    };
+    match entries.iter().find(|(_, entry)| !all_fit(&entry.kept)) {
+        Some((name, _)) => Err(format!("no register holds as many counts as it says of {name}")),
+        None => Ok(Some((number, entries))),
+    }
+}
+
+/// So many counts can stand in a register of ours.
+pub(super) fn fits(counts: i64) -> bool {
+    counts.unsigned_abs() <= MOST
+}
+
+fn all_fit(kept: &Kept) -> bool {
+    let account = kept.account.iter().flat_map(|account| [account.base, account.share]);
+    let promises = kept.promises.iter().map(|promise| promise.value);
+    account.chain(promises).chain(kept.stood).all(fits)
+}
