@@ -463,10 +463,8 @@ impl Set {
     ) -> Option<(Vec<Words>, Moment)> {
         let mut values = Vec::new();
         let mut last = Moment::END;
-        for place in 0..self.registers.len() {
-            let register = &mut self.registers[place];
+        for (register, &stands) in self.registers.iter_mut().zip(found) {
             let output = shared.profile.output(register.id);
-            let stands = found[place];
             if register.interlock.is_held && !register.is_writing() {
                 // Behind an interlock it stays as it is, whatever that is.
                 values.push(stands);
