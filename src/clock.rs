@@ -81,6 +81,11 @@ impl Clock {
         Clock(Source::Wall(Arc::new(Wall::start(passing))))
     }
 
+    /// A wall's time that is `anchor` now, right or wrong, and goes on as this counts it.
+    pub fn set_to(anchor: Moment, passing: Passing) -> Clock {
+        Clock(Source::Wall(Arc::new(Wall::from(anchor, passing))))
+    }
+
     /// Its time passes only as its sleepers sleep: it never stands still, and nothing comes too late.
     pub fn is_virtual(&self) -> bool {
         matches!(self.0, Source::Simulated(_))

@@ -27,6 +27,7 @@ mod board;
 mod can;
 mod commissioning;
 pub mod control;
+mod disk;
 mod execute;
 mod extrapolation;
 mod keeper;
@@ -56,6 +57,7 @@ use poll::LineTask;
 use shared::Shared;
 use watch::Watch;
 
+pub use disk::{Disk, Files};
 pub use wire_log::WireLog;
 
 /// How long the end of a run waits for the ledger to be on disk.
@@ -71,6 +73,11 @@ pub struct Options {
     /// Where state and log are kept; nowhere without it. Whoever gives none answers for it that nothing of an earlier run
     /// is still on its way to a register.
     pub directory: Option<PathBuf>,
+    /// Where state and ledger are kept in that directory.
+    pub disk: Arc<dyn Disk>,
+    /// Disk and watch have threads of their own. Without them there is no watch and no log, everything happens in the one
+    /// runtime, and a simulation repeats bit for bit.
+    pub has_threads: bool,
     /// What opens connections; something else than the field's in tests.
     pub dialer: Dialer,
     /// How long a line may go without a turn; `None`: what its timeouts allow. Tests make it short.
@@ -78,6 +85,9 @@ pub struct Options {
     /// How often every device is polled and every axis decides, whatever the profile says: what a bench measures is often
     /// faster than a profile may be.
     pub pace: Option<Pace>,
+    /// Readings are as old as their answers: only to show what the rule is for that they are as old as the questions.
+    #[doc(hidden)]
+    pub is_credulous: bool,
     /// Called where a stuck gateway cannot even stop.
     pub give_up: Arc<dyn Fn() + Send + Sync>,
 }
@@ -87,9 +97,12 @@ impl Default for Options {
         Options {
             dry_run: false,
             directory: None,
+            disk: Arc::new(Files),
+            has_threads: true,
             dialer: Arc::new(dial),
             watch: None,
             pace: None,
+            is_credulous: false,
             give_up: Arc::new(|| {}),
         }
     }
@@ -139,19 +152,23 @@ impl Gateway {
         let mut keeper = Keeper::default();
         let mut had_state = false;
         if let Some(directory) = options.directory.as_deref() {
-            had_state = Memory::path(directory, &profile).exists();
-            recalled = Memory::recall(&Memory::path(directory, &profile), &profile);
-            keeper = Keeper::start(&profile, directory, options.dry_run, journal.clone());
+            let (state, disk) = (Memory::path(directory, &profile), &options.disk);
+            had_state = disk.has(&state);
+            recalled = Memory::recall(&**disk, &state, &profile);
+            keeper = match options.has_threads {
+                true => Keeper::start(&profile, directory, options.dry_run, journal.clone()),
+                false => Keeper::without_log(disk.clone(), state),
+            };
         }
         let remembers = |output: &str| recalled.verified.contains(output);
         let directory = options.directory.as_deref();
         let ledger = Ledger::open(
             &profile,
             directory,
+            (options.disk.clone(), options.has_threads),
             (options.dry_run, had_state),
             remembers,
-            journal.clone(),
-            clock,
+            (journal.clone(), clock),
         );
         let sleepers: Vec<Sleeper> = profile.buses.iter().map(|_| clock.join()).collect();
         let bells = sleepers.iter().map(Sleeper::bell).collect();
@@ -195,8 +212,9 @@ impl Gateway {
         let requests = self.start_lines(&mut tasks, &mut lines);
         let machine = self.shared.profile.name.clone();
         self.shared.tell(&Event::Started { machine, bus_requests: requests });
-        let _watch = self.watch(&stop);
+        let _watch = self.options.has_threads.then(|| self.watch(&stop));
         tokio::select! {
+            biased;
             () = shutdown => {}
             () = stop.notified() => self.shared.core().failed = true,
             Some(ended) = tasks.join_next_with_id() => {
@@ -207,6 +225,7 @@ impl Gateway {
         self.shared.tell(&Event::Stopping { within });
         let _ = sd_notify::notify(&[sd_notify::NotifyState::Stopping]);
         let rested = tokio::select! {
+            biased;
             rested = self.rest(within) => rested,
             () = hurry => false,
         };
@@ -266,6 +285,7 @@ impl Gateway {
             .tapped(self.wire_log.tap(bus))
             .witnessed(self.shared.clone())
             .aged(profile.shortest_age());
+        let line = if self.options.is_credulous { line.credulous() } else { line };
         Some((LineTask::new(self.shared.clone(), bus, line, start), ear))
     }
 

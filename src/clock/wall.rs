@@ -17,7 +17,11 @@ pub(super) struct Wall {
 impl Wall {
     pub(super) fn start(passing: Passing) -> Wall {
         let since_epoch = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-        Wall { anchor: Moment::default().after(since_epoch), started: passing.passed(), passing }
+        Wall::from(Moment::default().after(since_epoch), passing)
+    }
+
+    pub(super) fn from(anchor: Moment, passing: Passing) -> Wall {
+        Wall { anchor, started: passing.passed(), passing }
     }
 
     pub(super) fn now(&self) -> Moment {

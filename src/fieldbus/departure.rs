@@ -33,6 +33,8 @@ pub struct Departure {
     asked: Option<Moment>,
     /// How long its answer is waited for.
     patience: Duration,
+    /// Age counts from the answer, and no answer comes too late: only to show what the rule is for.
+    is_credulous: bool,
 }
 
 impl Departure {
@@ -47,7 +49,12 @@ impl Departure {
             not_after: Moment::END,
             asked: None,
             patience: Duration::ZERO,
+            is_credulous: false,
         }
+    }
+
+    pub(super) fn credulous(self) -> Departure {
+        Departure { is_credulous: true, ..self }
     }
 
     pub(super) fn aged(self, max_age: Duration) -> Departure {
@@ -87,14 +94,18 @@ impl Departure {
 
     /// When it left; `None` where it has not.
     pub fn asked(&self) -> Option<Moment> {
-        self.asked
+        if self.is_credulous { self.asked.map(|_| self.clock.now()) } else { self.asked }
     }
 
     /// How long ago it left.
     pub(super) fn took(&mut self) -> Duration {
         let now = self.look();
         // Virtual time does not pass while somebody waits for an answer; it may be moved.
-        if self.clock.is_virtual() { Duration::ZERO } else { now.since(self.asked.unwrap_or(now)) }
+        if self.clock.is_virtual() || self.is_credulous {
+            Duration::ZERO
+        } else {
+            now.since(self.asked.unwrap_or(now))
+        }
     }
 
     /// What comes next takes this long.
@@ -112,7 +123,7 @@ impl Departure {
     /// Takes note of a look.
     pub(super) fn look_at(&mut self, now: Moment) {
         let gap = self.looks.look(now);
-        if self.is_watched {
+        if self.is_watched && !self.is_credulous {
             self.stood_still = self.stood_still.or(gap);
         }
     }

@@ -164,6 +164,13 @@ impl DeviceLine {
         self
     }
 
+    /// The same line without the rule that an answer is as old as its question: to show what that is for.
+    #[doc(hidden)]
+    pub fn credulous(mut self) -> DeviceLine {
+        self.departure = self.departure.credulous();
+        self
+    }
+
     /// Looks at the clock.
     pub fn look(&mut self) -> Moment {
         self.departure.look()

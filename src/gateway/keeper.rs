@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::time::Duration;
 
+use super::disk::{Disk, Files};
 use super::log::Recorder;
 use super::memory::Memory;
 use super::output::OutputState;
@@ -55,6 +56,8 @@ pub(super) struct Keeper {
     torn: Arc<AtomicBool>,
     /// Ends with the thread.
     working: Option<Receiver<()>>,
+    /// Without a thread, and without a log: where the state is put at once.
+    here: Option<(Arc<dyn Disk>, PathBuf)>,
 }
 
 #[derive(Debug)]
@@ -96,7 +99,13 @@ impl Keeper {
             day: None,
             torn,
             working: Some(working),
+            here: None,
         }
+    }
+
+    /// Keeps the state alone, at once, on this disk.
+    pub(super) fn without_log(disk: Arc<dyn Disk>, state: PathBuf) -> Keeper {
+        Keeper { here: Some((disk, state)), ..Keeper::default() }
     }
 
     /// Before a step: where its row is the first of a file, or rows before it are lost, the row tells where the axes
@@ -153,13 +162,18 @@ impl Keeper {
         profile: &Profile,
         outputs: &[OutputState],
     ) {
-        if self.queue.is_none() {
+        if self.queue.is_none() && self.here.is_none() {
             return;
         }
         let verified = profile.outputs.iter().zip(outputs).filter(|(output, _)| output.writes.is_cz());
         let verified =
             verified.filter_map(|(output, state)| Some((output.name.clone(), state.cz?.get()))).collect();
-        self.hand_over(Job::State(Box::new(Memory::new(profile, now, compensation.remembered(), verified))));
+        let memory = Memory::new(profile, now, compensation.remembered(), verified);
+        match &self.here {
+            // The next one comes soon.
+            Some((disk, state)) => drop(memory.save(&**disk, state)),
+            None => self.hand_over(Job::State(Box::new(memory))),
+        }
     }
 
     /// Waits until everything queued is on disk; not for ever, where the disk hangs.
@@ -216,8 +230,7 @@ impl Desk {
                     self.report(at, "the log", done);
                 }
                 Job::State(memory) => {
-                    let done =
-                        std::fs::create_dir_all(&self.directory).and_then(|()| memory.save(&self.state));
+                    let done = memory.save(&Files, &self.state);
                     self.report(memory.at, "the state", done);
                 }
             }

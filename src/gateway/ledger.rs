@@ -8,6 +8,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
+use super::disk::Disk;
 use super::saver::{Kept, Saver};
 use crate::clock::Clock;
 use crate::observe::events::{Event, Journal};
@@ -54,10 +55,10 @@ impl Ledger {
     pub(super) fn open(
         profile: &Profile,
         directory: Option<&Path>,
+        (disk, has_thread): (Arc<dyn Disk>, bool),
         (dry_run, had_state): (bool, bool),
         remembers: impl Fn(&str) -> bool,
-        journal: Arc<Journal>,
-        clock: &Clock,
+        (journal, clock): (Arc<Journal>, &Clock),
     ) -> Ledger {
         let not_kept = |why| journal.tell(clock.now(), &Event::NotKept { what: WHAT.to_owned(), why });
         let Some(directory) = directory else {
@@ -66,7 +67,7 @@ impl Ledger {
             }
             return Ledger { saver: None, found: Entries::new(), is_first: true, is_unmarked: true };
         };
-        let (mut file, read) = LedgerFile::open(directory, profile);
+        let (mut file, read) = LedgerFile::open(disk, directory, profile);
         let is_first = matches!(&read, Ok(None)) && !had_state;
         let (mut before, is_readable) = match read {
             Ok(entries) => (entries.unwrap_or_default(), true),
@@ -85,7 +86,7 @@ impl Ledger {
         let is_saved = is_readable && file.save(&entries).is_ok();
         let is_unmarked = is_saved || !is_readable || file.is_marked_begun();
         let save = move |entries: &Entries| file.save(entries);
-        let saver = Saver::start((WHAT, OTHERWISE), entries, save, journal, clock);
+        let saver = Saver::start((WHAT, OTHERWISE), entries, save, (journal, clock), has_thread);
         Ledger { saver: Some(saver), found, is_first: is_first && is_saved, is_unmarked }
     }
 

@@ -5,11 +5,11 @@
 //! overwritten, and the gateway starts as if it had none.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use super::disk::Disk;
 use crate::compensation::Remembered;
 use crate::profile::Profile;
 use crate::quantity::Moment;
@@ -60,16 +60,15 @@ impl Memory {
     }
 
     /// Replaces the file as a whole, or leaves the old one.
-    pub(super) fn save(&self, path: &Path) -> std::io::Result<()> {
-        let mut file = atomic_write_file::AtomicWriteFile::open(path)?;
-        serde_json::to_writer_pretty(&mut file, self).map_err(std::io::Error::other)?;
-        file.write_all(b"\n")?;
-        file.commit()
+    pub(super) fn save(&self, disk: &dyn Disk, path: &Path) -> std::io::Result<()> {
+        let mut text = serde_json::to_vec_pretty(self).map_err(std::io::Error::other)?;
+        text.push(b'\n');
+        disk.replace(path, &text)
     }
 
     /// Reads the file; a missing one is a machine that remembers nothing.
-    pub(super) fn recall(path: &Path, profile: &Profile) -> Recalled {
-        let text = match std::fs::read_to_string(path) {
+    pub(super) fn recall(disk: &dyn Disk, path: &Path, profile: &Profile) -> Recalled {
+        let text = match disk.read(path) {
             Ok(text) => text,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Recalled::default(),
             Err(error) => {
@@ -87,17 +86,19 @@ impl Memory {
                 let verified = memory.verified_um.into_keys().collect();
                 Recalled { remembered, verified, trouble: None }
             }
-            Ok(memory) => {
-                set_aside(path, &format!("it has version {}, this program writes {VERSION}", memory.version))
-            }
-            Err(error) => set_aside(path, &error.to_string()),
+            Ok(memory) => set_aside(
+                disk,
+                path,
+                &format!("it has version {}, this program writes {VERSION}", memory.version),
+            ),
+            Err(error) => set_aside(disk, path, &error.to_string()),
         }
     }
 }
 
-fn set_aside(path: &Path, why: &str) -> Recalled {
+fn set_aside(disk: &dyn Disk, path: &Path, why: &str) -> Recalled {
     let aside = path.with_extension("json.bad");
-    let moved = match std::fs::rename(path, &aside) {
+    let moved = match disk.rename(path, &aside) {
         Ok(()) => format!("it is kept as {}", aside.display()),
         Err(error) => format!("and it could not be set aside ({error})"),
     };

@@ -1,7 +1,8 @@
 //! Keeps the newest version of a document on disk, by a thread of its own: a slow disk never holds a line up.
 //!
 //! It always writes the newest document, and says which version of it is on disk. Whoever depends on a version waits for
-//! that, for a short while, and looks again in its next turn.
+//! that, for a short while, and looks again in its next turn. Where nothing may happen at a time of its own (a simulation),
+//! whoever changes the document puts it there at once.
 
 use std::fmt;
 use std::io;
@@ -27,10 +28,18 @@ pub(super) enum Kept {
 
 /// A document of which the newest version is kept on disk.
 pub(super) struct Saver<T> {
-    shelf: Arc<Shelf<T>>,
+    hand: Hand<T>,
     done: watch::Receiver<Done>,
     /// The disk did not answer in time when it was last waited for: nobody waits for it again before it has.
     is_slow: AtomicBool,
+}
+
+/// Who puts it there.
+enum Hand<T> {
+    /// A thread, when it comes to it.
+    Thread(Arc<Shelf<T>>),
+    /// Whoever changes it, at once.
+    Here(Mutex<(Newest<T>, Clerk<T>)>),
 }
 
 /// The newest version that was put on disk, and the newest that could not be.
@@ -53,34 +62,61 @@ struct Newest<T> {
     closed: bool,
 }
 
+/// Puts versions on disk, and tells what became of them.
+struct Clerk<T> {
+    what: &'static str,
+    otherwise: &'static str,
+    save: Box<dyn FnMut(&T) -> io::Result<()> + Send>,
+    tell: watch::Sender<Done>,
+    journal: Arc<Journal>,
+    clock: Clock,
+    is_failing: bool,
+}
+
 impl<T: Clone + Default + Send + 'static> Saver<T> {
     /// Begins with what is on disk. `save` returns when the document is there. Events say what it is, and what
-    /// follows where it cannot be kept.
+    /// follows where it cannot be kept. `has_thread`: a slow disk holds nobody up.
     pub(super) fn start(
         (what, otherwise): (&'static str, &'static str),
         document: T,
         save: impl FnMut(&T) -> io::Result<()> + Send + 'static,
-        journal: Arc<Journal>,
-        clock: &Clock,
+        (journal, clock): (Arc<Journal>, &Clock),
+        has_thread: bool,
     ) -> Saver<T> {
-        let shelf = Arc::new(Shelf::default());
         let (tell, done) = watch::channel(Done::default());
-        let saver = Saver { shelf: Arc::clone(&shelf), done, is_slow: AtomicBool::new(false) };
-        shelf.newest().document = document;
-        let clock = clock.clone();
-        let work = move || shelf.work((what, otherwise), save, &tell, &journal, &clock);
-        // Without a thread nothing is kept, which is what everybody is then told.
-        let _ = std::thread::Builder::new().name(what.replace(' ', "-")).spawn(work);
-        saver
+        let (save, clock) = (Box::new(save), clock.clone());
+        let mut clerk = Clerk { what, otherwise, save, tell, journal, clock, is_failing: false };
+        let newest = Newest { document, version: 0, closed: false };
+        let hand = if has_thread {
+            let shelf = Arc::new(Shelf { newest: Mutex::new(newest), turned: Condvar::new() });
+            let work = {
+                let shelf = Arc::clone(&shelf);
+                move || shelf.work(&mut clerk)
+            };
+            // Without a thread nothing is kept, which is what everybody is then told.
+            let _ = std::thread::Builder::new().name(what.replace(' ', "-")).spawn(work);
+            Hand::Thread(shelf)
+        } else {
+            Hand::Here(Mutex::new((newest, clerk)))
+        };
+        Saver { hand, done, is_slow: AtomicBool::new(false) }
     }
 
     /// Changes the document and has it put on disk; the number asks for what became of that.
     pub(super) fn keep(&self, change: impl FnOnce(&mut T)) -> u64 {
-        let mut newest = self.shelf.newest();
-        change(&mut newest.document);
-        newest.version += 1;
-        self.shelf.turned.notify_one();
-        newest.version
+        match &self.hand {
+            Hand::Thread(shelf) => {
+                let version = shelf.newest().change(change);
+                shelf.turned.notify_one();
+                version
+            }
+            Hand::Here(desk) => {
+                let (newest, clerk) = &mut *desk.lock().unwrap_or_else(PoisonError::into_inner);
+                let version = newest.change(change);
+                clerk.put(version, &newest.document);
+                version
+            }
+        }
     }
 
     /// What became of that, waiting for it no longer than `span` of the wall's time, and for a disk that did not answer
@@ -102,7 +138,8 @@ impl<T: Clone + Default + Send + 'static> Saver<T> {
 
     /// Waits for what is still to be put on disk.
     pub(super) async fn finish(&self, span: Duration) {
-        let version = self.shelf.newest().version;
+        let Hand::Thread(shelf) = &self.hand else { return };
+        let version = shelf.newest().version;
         self.is_slow.store(false, Ordering::Relaxed);
         if version > 0 {
             let _ = self.kept(version, span).await;
@@ -112,14 +149,24 @@ impl<T: Clone + Default + Send + 'static> Saver<T> {
 
 impl<T> Drop for Saver<T> {
     fn drop(&mut self) {
-        self.shelf.newest().closed = true;
-        self.shelf.turned.notify_one();
+        if let Hand::Thread(shelf) = &self.hand {
+            shelf.newest().closed = true;
+            shelf.turned.notify_one();
+        }
     }
 }
 
 impl<T> fmt::Debug for Saver<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Saver").field("done", &*self.done.borrow()).finish_non_exhaustive()
+    }
+}
+
+impl<T> Newest<T> {
+    fn change(&mut self, change: impl FnOnce(&mut T)) -> u64 {
+        change(&mut self.document);
+        self.version += 1;
+        self.version
     }
 }
 
@@ -130,15 +177,8 @@ impl<T> Shelf<T> {
 }
 
 impl<T: Clone> Shelf<T> {
-    fn work(
-        &self,
-        (what, otherwise): (&str, &str),
-        mut save: impl FnMut(&T) -> io::Result<()>,
-        tell: &watch::Sender<Done>,
-        journal: &Journal,
-        clock: &Clock,
-    ) {
-        let (mut last, mut failing) = (0, false);
+    fn work(&self, clerk: &mut Clerk<T>) {
+        let mut last = 0;
         loop {
             let mut newest = self.newest();
             while newest.version == last && !newest.closed {
@@ -150,23 +190,30 @@ impl<T: Clone> Shelf<T> {
             last = newest.version;
             let document = newest.document.clone();
             drop(newest);
-            let saved = save(&document);
-            match &saved {
-                Ok(()) if std::mem::take(&mut failing) => {
-                    journal.tell(clock.now(), &Event::KeptAgain { what: what.to_owned() });
-                }
-                Ok(()) => {}
-                Err(error) => {
-                    if !std::mem::replace(&mut failing, true) {
-                        let why = format!("{error}; {otherwise}");
-                        journal.tell(clock.now(), &Event::NotKept { what: what.to_owned(), why });
-                    }
+            clerk.put(last, &document);
+        }
+    }
+}
+
+impl<T> Clerk<T> {
+    fn put(&mut self, version: u64, document: &T) {
+        let saved = (self.save)(document);
+        let what = || self.what.to_owned();
+        match &saved {
+            Ok(()) if std::mem::take(&mut self.is_failing) => {
+                self.journal.tell(self.clock.now(), &Event::KeptAgain { what: what() });
+            }
+            Ok(()) => {}
+            Err(error) => {
+                if !std::mem::replace(&mut self.is_failing, true) {
+                    let why = format!("{error}; {}", self.otherwise);
+                    self.journal.tell(self.clock.now(), &Event::NotKept { what: what(), why });
                 }
             }
-            tell.send_modify(|done| match saved {
-                Ok(()) => done.kept = last,
-                Err(_) => done.failed = last,
-            });
         }
+        self.tell.send_modify(|done| match saved {
+            Ok(()) => done.kept = version,
+            Err(_) => done.failed = version,
+        });
     }
 }

@@ -4,11 +4,13 @@
 //! believed to be anybody's part.
 
 use std::collections::BTreeMap;
-use std::io::{ErrorKind, Write};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use crate::gateway::disk::Disk;
 use crate::output::Kept;
 use crate::profile::{Output, Profile};
 
@@ -52,6 +54,7 @@ pub(super) struct Entry {
 /// Where it is kept.
 #[derive(Debug)]
 pub(super) struct LedgerFile {
+    disk: Arc<dyn Disk>,
     path: PathBuf,
     /// Of the last writing.
     number: u64,
@@ -62,11 +65,15 @@ pub(super) struct LedgerFile {
 impl LedgerFile {
     /// The file of a machine in a state directory, and what it says; `None` where there is none, a sentence where it
     /// cannot be used.
-    pub(super) fn open(directory: &Path, profile: &Profile) -> (LedgerFile, Result<Option<Entries>, String>) {
+    pub(super) fn open(
+        disk: Arc<dyn Disk>,
+        directory: &Path,
+        profile: &Profile,
+    ) -> (LedgerFile, Result<Option<Entries>, String>) {
         let path = directory.join(format!("{}.ledger.json", profile.name));
-        let mut read = read(&path);
+        let mut read = read(&*disk, &path);
         if let Ok(None) = read {
-            read = begun(&path);
+            read = begun(&*disk, &path);
         }
         let (number, read) = match read {
             Ok(found) => {
@@ -74,23 +81,20 @@ impl LedgerFile {
             }
             Err(why) => (0, Err(format!("{} cannot be used: {why}", path.display()))),
         };
-        (LedgerFile { path, number, is_spoilt: read.is_err() }, read)
+        (LedgerFile { disk, path, number, is_spoilt: read.is_err() }, read)
     }
 
     /// The file says no more that a run ended in order, although nothing can be written: it has another name now, under
     /// which it is still found.
     pub(super) fn is_marked_begun(&self) -> bool {
-        std::fs::rename(&self.path, self.path.with_extension(BEGUN)).is_ok() || !self.path.exists()
+        self.disk.rename(&self.path, &self.path.with_extension(BEGUN)).is_ok() || !self.disk.has(&self.path)
     }
 
     /// Puts the entries on disk: they are there when this returns.
     pub(super) fn save(&mut self, entries: &Entries) -> std::io::Result<()> {
-        if let Some(directory) = self.path.parent() {
-            std::fs::create_dir_all(directory)?;
-        }
         if self.is_spoilt {
             // A copy: between two renames there would be no file at all, which means that nothing is ours.
-            match std::fs::copy(&self.path, self.path.with_extension("json.bad")) {
+            match self.disk.copy(&self.path, &self.path.with_extension("json.bad")) {
                 Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
                 _ => self.is_spoilt = false,
             }
@@ -98,12 +102,11 @@ impl LedgerFile {
         let number = self.number + 1;
         let seal = Seal { number, checksum: checksum(number, entries)? };
         let document = Document { version: VERSION, seal, outputs: entries.clone() };
-        let mut file = atomic_write_file::AtomicWriteFile::open(&self.path)?;
-        serde_json::to_writer_pretty(&mut file, &document).map_err(std::io::Error::other)?;
-        file.write_all(b"\n")?;
-        file.commit()?;
+        let mut text = serde_json::to_vec_pretty(&document).map_err(std::io::Error::other)?;
+        text.push(b'\n');
+        self.disk.replace(&self.path, &text)?;
         self.number = number;
-        let _ = std::fs::remove_file(self.path.with_extension(BEGUN));
+        self.disk.forget(&self.path.with_extension(BEGUN));
         Ok(())
     }
 }
@@ -129,16 +132,16 @@ fn checksum(number: u64, entries: &Entries) -> std::io::Result<String> {
 }
 
 /// What a run left that could write nothing when it began.
-fn begun(path: &Path) -> Result<Option<(u64, Entries)>, String> {
-    let found = read(&path.with_extension(BEGUN))?;
+fn begun(disk: &dyn Disk, path: &Path) -> Result<Option<(u64, Entries)>, String> {
+    let found = read(disk, &path.with_extension(BEGUN))?;
     Ok(found.map(|(number, mut entries)| {
         entries.values_mut().for_each(|entry| entry.kept.in_order = false);
         (number, entries)
     }))
 }
 
-fn read(path: &Path) -> Result<Option<(u64, Entries)>, String> {
-    let text = match std::fs::read_to_string(path) {
+fn read(disk: &dyn Disk, path: &Path) -> Result<Option<(u64, Entries)>, String> {
+    let text = match disk.read(path) {
         Ok(text) => text,
         Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
             return Ok(None);

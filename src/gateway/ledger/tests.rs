@@ -1,4 +1,5 @@
 use super::*;
+use crate::gateway::disk::Files;
 use crate::output::{Account, Promise, Slots};
 use crate::quantity::Moment;
 
@@ -11,7 +12,7 @@ fn profile() -> Profile {
 }
 
 fn found(directory: &Path, profile: &Profile) -> (Entries, Option<String>) {
-    let (_, read) = LedgerFile::open(directory, profile);
+    let (_, read) = LedgerFile::open(Arc::new(Files), directory, profile);
     let (mut before, trouble) = match read {
         Ok(entries) => (entries.unwrap_or_default(), None),
         Err(why) => (Entries::new(), Some(why)),
@@ -31,7 +32,7 @@ fn entries(profile: &Profile) -> Entries {
 
 fn kept(directory: &Path, profile: &Profile) -> Entries {
     let entries = entries(profile);
-    LedgerFile::open(directory, profile).0.save(&entries).unwrap();
+    LedgerFile::open(Arc::new(Files), directory, profile).0.save(&entries).unwrap();
     entries
 }
 
@@ -57,7 +58,7 @@ fn each_writing_has_a_number_of_its_own_over_restarts_too() {
     let entries = entries(&profile);
     let path = directory.path().join(format!("{}.ledger.json", profile.name));
     for number in [1, 3, 5] {
-        let mut file = LedgerFile::open(directory.path(), &profile).0;
+        let mut file = LedgerFile::open(Arc::new(Files), directory.path(), &profile).0;
         file.save(&entries).unwrap();
         let json: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
         assert_eq!(json["seal"]["number"], number);
@@ -85,7 +86,7 @@ fn a_file_that_cannot_be_used_puts_every_share_in_question_and_is_kept_aside_bef
             assert!(accounts.clone().all(|one| one.doubt == Some(Doubt::Unreadable) && one.share == 0));
         }
         let (entries, _) = found(directory.path(), &profile);
-        LedgerFile::open(directory.path(), &profile).0.save(&entries).unwrap();
+        LedgerFile::open(Arc::new(Files), directory.path(), &profile).0.save(&entries).unwrap();
         let aside = directory.path().join(&name).with_extension("json.bad");
         assert_eq!(std::fs::read_to_string(aside).unwrap(), spoilt);
         assert_eq!(found(directory.path(), &profile), (entries, None), "the question outlives the file");
@@ -138,7 +139,7 @@ fn where_nothing_can_be_written_the_mark_is_gone_and_what_is_known_is_found_all_
     let profile = profile();
     let mut in_order = entries(&profile);
     in_order.values_mut().for_each(|entry| entry.kept.in_order = true);
-    let mut file = LedgerFile::open(directory.path(), &profile).0;
+    let mut file = LedgerFile::open(Arc::new(Files), directory.path(), &profile).0;
     file.save(&in_order).unwrap();
     assert!(file.is_marked_begun());
     assert_eq!(found(directory.path(), &profile), (entries(&profile), None), "and no run ended in order");

@@ -3,6 +3,7 @@ use std::time::Duration;
 use super::*;
 use crate::compensation::model::{Kind, Reference};
 use crate::compensation::{Compensation, Control, Permit, Snapshot};
+use crate::gateway::disk::Files;
 use crate::gateway::log::sample;
 use crate::quantity::Micron;
 use crate::reading::Reading;
@@ -53,8 +54,8 @@ fn an_hour_off_differs_from_an_uninterrupted_run_by_no_more_than_a_count() {
     let mut before = gateway(&profile, Remembered::default());
     let last = *run(&mut before, 0..1810, Some(Micron::ZERO)).last().unwrap();
     let stopped = Moment::from_nanos(1_800_000_000_000);
-    Memory::new(&profile, stopped, before.remembered(), BTreeMap::new()).save(&path).unwrap();
-    let recalled = Memory::recall(&path, &profile);
+    Memory::new(&profile, stopped, before.remembered(), BTreeMap::new()).save(&Files, &path).unwrap();
+    let recalled = Memory::recall(&Files, &path, &profile);
     assert_eq!((&recalled.remembered, recalled.trouble.as_ref()), (&before.remembered(), None));
 
     let mut after = gateway(&profile, recalled.remembered);
@@ -76,7 +77,7 @@ fn a_lag_is_found_again_by_its_signals_name_when_the_list_has_changed() {
     let mut before = gateway(&profile, Remembered::default());
     run(&mut before, 0..1810, None);
     let stopped = Moment::from_nanos(1_800_000_000_000);
-    Memory::new(&profile, stopped, before.remembered(), BTreeMap::new()).save(&path).unwrap();
+    Memory::new(&profile, stopped, before.remembered(), BTreeMap::new()).save(&Files, &path).unwrap();
     let mut changed = profile.clone();
     changed.signals.swap(0, 1);
     for axis in &mut changed.axes {
@@ -85,7 +86,7 @@ fn a_lag_is_found_again_by_its_signals_name_when_the_list_has_changed() {
             linear.terms.iter_mut().for_each(|term| term.signal.0 = 1 - term.signal.0);
         }
     }
-    let recalled = Memory::recall(&path, &changed).remembered;
+    let recalled = Memory::recall(&Files, &path, &changed).remembered;
     assert_eq!(gateway(&changed, recalled.clone()).remembered().axes.len(), 1);
     assert_eq!(gateway(&changed, recalled.clone()).remembered(), recalled, "nothing was forgotten");
 }
@@ -98,13 +99,13 @@ fn a_file_of_the_first_layout_is_still_read_and_one_of_a_later_is_set_aside() {
     let first = r#"{"version":1,"at":5,"signals":["bed"],"machine":{"on_since":3,"was_on":null,"was_zeroed":null,
         "start":[{"value":20.5,"gathering":null}],"zero":[{"value":21.5,"gathering":null}]},"verified_um":{}}"#;
     std::fs::write(&path, first).unwrap();
-    let recalled = Memory::recall(&path, &profile);
+    let recalled = Memory::recall(&Files, &path, &profile);
     assert_eq!(recalled.trouble, None);
     let captured = recalled.remembered.machine.captured(Reference::Zero, crate::reading::SignalId(0));
     assert_eq!(captured.map(|captured| captured.value), Some(21.5));
 
     std::fs::write(&path, first.replace("\"version\":1", "\"version\":9")).unwrap();
-    let recalled = Memory::recall(&path, &profile);
+    let recalled = Memory::recall(&Files, &path, &profile);
     assert!(recalled.trouble.unwrap().contains("it has version 9, this program writes 3"));
     assert_eq!(recalled.remembered, Remembered::default());
     assert!(!path.exists());
@@ -115,10 +116,10 @@ fn a_file_that_cannot_be_read_as_a_state_is_set_aside_and_kept() {
     let profile = sample::profile();
     let directory = tempfile::tempdir().unwrap();
     let path = Memory::path(directory.path(), &profile);
-    assert_eq!(Memory::recall(&path, &profile).trouble, None, "a missing file is no trouble");
+    assert_eq!(Memory::recall(&Files, &path, &profile).trouble, None, "a missing file is no trouble");
     let content = "{ half a fi";
     std::fs::write(&path, content).unwrap();
-    let recalled = Memory::recall(&path, &profile);
+    let recalled = Memory::recall(&Files, &path, &profile);
     assert_eq!(recalled.remembered, Remembered::default());
     let trouble = recalled.trouble.unwrap();
     assert!(trouble.contains("it is kept as") && trouble.contains("begin anew"), "{trouble}");

@@ -39,18 +39,22 @@ impl Core {
         for (axis, arming) in self.arming.iter_mut().enumerate() {
             if let Some(decision) = self.compensation.decision(axis).filter(|decision| decision.at == now) {
                 (arming.take_over, arming.take_over_slope) = (None, None);
+                let live_until = |model: usize| {
+                    let inputs = &shared.inputs[axis][model];
+                    let until = inputs.iter().map(|id| self.board.usable_until(profile, *id));
+                    until.min().unwrap_or(Moment::END)
+                };
+                let soon = now.after(profile.axes[axis].settings.every);
                 self.not_after[axis] = match (decision.model, decision.state) {
-                    (Some(model), state) if state.is_following() => {
-                        let inputs = &shared.inputs[axis][model];
-                        let until = inputs.iter().map(|id| self.board.usable_until(profile, *id));
-                        until.min().unwrap_or(Moment::END)
-                    }
+                    (Some(model), state) if state.is_following() => live_until(model),
                     // It holds because its readings have died: what it decided may go out as long as it might have then.
-                    (_, AxisState::Holding(_)) if !self.compensation.has_usable_model(axis, &snapshot) => {
-                        self.not_after[axis]
+                    // One whose output is in trouble holds on good ones, as long as they are that.
+                    (_, AxisState::Holding(_)) => {
+                        let usable = self.compensation.model_value(axis, &snapshot);
+                        usable.map_or(self.not_after[axis], |(model, _)| soon.min(live_until(model)))
                     }
-                    // A fault action rests on no reading; what an axis holds whose output is in trouble rests on good ones.
-                    _ => now.after(profile.axes[axis].settings.every),
+                    // A fault action rests on no reading.
+                    _ => soon,
                 };
             }
         }

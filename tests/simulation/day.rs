@@ -1,0 +1,334 @@
+//! One machine by one seed: its gateway, which is killed, stopped, suspended and started again, and its people.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use isotherm::clock::Clock;
+use isotherm::fieldbus::wire::Dial;
+use isotherm::gateway::{Gateway, Options};
+use isotherm::observe::status::Source;
+use isotherm::profile::{Profile, parse};
+use isotherm::quantity::Moment;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg32;
+use tokio::sync::Notify;
+
+use crate::disk::MemoryDisk;
+use crate::laws::Laws;
+use crate::link::{Counts, Note, World};
+use crate::machine::{CNC, LINES, Machine, X, Y};
+use crate::people::People;
+use crate::script::{self, Happening};
+use crate::stream::{Shared, SimulatedDial};
+use crate::time::Passage;
+
+const SECOND: Duration = Duration::from_secs(1);
+/// How often somebody looks at the page.
+const VISIT: Duration = Duration::from_secs(20);
+/// The date on the computer's clock, where that is right.
+const BEGIN: Moment = Moment::from_nanos(1_767_225_600_000_000_000);
+
+/// What came of it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Outcome {
+    pub(crate) ran: Duration,
+    pub(crate) counts: Counts,
+    pub(crate) changes: u64,
+    pub(crate) taken: u64,
+    /// Two runs of one seed have the same.
+    pub(crate) fingerprint: u64,
+    /// The first breach, with what happened before.
+    pub(crate) breach: Option<String>,
+}
+
+pub(crate) fn profile() -> Profile {
+    let text = include_str!("profile.toml");
+    let parsed = parse(Path::new("simulation.toml"), text, &[], &[]);
+    parsed.unwrap_or_else(|errors| panic!("{errors}")).profile
+}
+
+/// Runs the machine of this seed for so long.
+pub(crate) fn run(profile: &Profile, seed: u64, span: Duration, is_credulous: bool) -> Outcome {
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build();
+    let runtime = runtime.unwrap_or_else(|error| panic!("no runtime: {error}"));
+    runtime.block_on(async { Day::begin(profile, seed, is_credulous).run(span).await })
+}
+
+struct Day<'a> {
+    profile: &'a Profile,
+    random: Pcg32,
+    passage: Passage,
+    shared: Shared,
+    disk: MemoryDisk,
+    disk_full_until: Duration,
+    is_credulous: bool,
+    next: (Duration, Happening),
+    visits_at: Duration,
+    people: People,
+    /// An edit waits for a moment at which an operator may type.
+    edit: Option<(usize, u16, i64)>,
+}
+
+/// Why a run of the gateway ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum End {
+    Killed,
+    Stopped,
+    Over,
+}
+
+impl<'a> Day<'a> {
+    fn begin(profile: &'a Profile, seed: u64, is_credulous: bool) -> Day<'a> {
+        let mut random = Pcg32::seed_from_u64(seed);
+        let passage = Passage::begin();
+        let his = random.random_range(-90..90);
+        let phases = [(); 4].map(|()| random.random_range(0.0..1.0));
+        let machine = Machine::new(phases, Laws::new(his));
+        let world = World::new(machine, Pcg32::seed_from_u64(seed ^ 0x5eed), passage.clone());
+        let next = script::next(&mut random, Duration::ZERO);
+        Day {
+            profile,
+            random,
+            shared: Shared(Arc::new(Mutex::new(world))),
+            passage,
+            disk: MemoryDisk::default(),
+            disk_full_until: Duration::ZERO,
+            is_credulous,
+            next,
+            visits_at: VISIT,
+            people: People::default(),
+            edit: None,
+        }
+    }
+
+    async fn run(mut self, span: Duration) -> Outcome {
+        loop {
+            match self.run_gateway(span).await {
+                End::Over => break,
+                End::Killed | End::Stopped => {
+                    let pause = Duration::from_millis(self.random.random_range(50..40_000));
+                    let until = self.passage.now() + pause;
+                    self.absent(until).await;
+                }
+            }
+        }
+        let world = self.shared.world();
+        let laws = &world.machine.laws;
+        let breach = laws.broken.clone().map(|why| story(&world, &why));
+        Outcome {
+            ran: world.passage.now(),
+            counts: world.counts,
+            changes: laws.changes,
+            taken: laws.taken_count,
+            fingerprint: world.fingerprint,
+            breach,
+        }
+    }
+
+    /// No gateway runs until then; the machine does.
+    async fn absent(&mut self, until: Duration) {
+        while self.passage.now() < until {
+            let at = until.min(self.next.0);
+            self.passage.timer(at).await;
+            if self.passage.now() >= self.next.0 && self.happens(None).is_some() {
+                // Whoever is not there is neither killed nor stopped.
+            }
+        }
+    }
+
+    /// One run of the gateway, until something ends it.
+    async fn run_gateway(&mut self, span: Duration) -> End {
+        {
+            let mut world = self.shared.world();
+            world.bury();
+            world.counts.runs += 1;
+            world.machine.laws.corrected = None;
+        }
+        self.disk.is_dead.store(false, Ordering::Relaxed);
+        let wrong = match self.random.random_range(0..8) {
+            0 => Duration::from_secs(86_400 * 300),
+            1 => Duration::from_secs(3600 * self.random.random_range(1..48)),
+            _ => Duration::ZERO,
+        };
+        let clock = Clock::set_to(BEGIN.after(self.passage.now()).before(wrong), self.passage.passing());
+        let shared = self.shared.clone();
+        let dialer = move |bus: &isotherm::profile::Bus| {
+            let line = LINES.iter().position(|name| *name == bus.name)?;
+            Some(Box::new(SimulatedDial { shared: shared.clone(), line }) as Box<dyn Dial>)
+        };
+        let options = Options {
+            directory: Some(PathBuf::from("/state")),
+            disk: Arc::new(self.disk.clone()),
+            has_threads: false,
+            dialer: Arc::new(dialer),
+            is_credulous: self.is_credulous,
+            ..Options::default()
+        };
+        let gateway = Gateway::new(self.profile.clone(), &clock, options);
+        let source = gateway.source();
+        let stop = Notify::new();
+        let mut is_stopping = false;
+        let running = gateway.run(stop.notified(), std::future::pending());
+        let mut running = Box::pin(running);
+        loop {
+            let now = self.passage.now();
+            if now >= span || self.shared.world().machine.laws.broken.is_some() {
+                return End::Over;
+            }
+            let killed = self.shared.world().is_killed;
+            if killed {
+                return self.dies();
+            }
+            let at = self.next.0.min(self.visits_at).min(now + SECOND);
+            tokio::select! {
+                biased;
+                _ = &mut running => return End::Stopped,
+                () = self.passage.timer(at) => {}
+            }
+            let now = self.passage.now();
+            self.disk.is_full.store(now < self.disk_full_until, Ordering::Relaxed);
+            self.types(now);
+            if now >= self.next.0 {
+                match self.happens(Some(&source)) {
+                    Some(End::Killed) => return self.dies(),
+                    Some(_) if !is_stopping => {
+                        is_stopping = true;
+                        stop.notify_one();
+                    }
+                    _ => {}
+                }
+            }
+            if now >= self.visits_at {
+                self.visits_at = now + VISIT;
+                self.people.visit(&mut self.shared.world(), &source, now);
+            }
+        }
+    }
+
+    fn dies(&self) -> End {
+        let mut world = self.shared.world();
+        world.is_killed = true;
+        self.disk.is_dead.store(true, Ordering::Relaxed);
+        let now = self.passage.now();
+        world.note(now, Note::Did("killed", 0));
+        End::Killed
+    }
+
+    /// What is due happens. `Some` where that ends the gateway.
+    fn happens(&mut self, source: Option<&Arc<dyn Source>>) -> Option<End> {
+        let (_, what) = self.next;
+        let now = self.passage.now();
+        let mut end = None;
+        {
+            let mut world = self.shared.world();
+            let world = &mut *world;
+            world.pass(now);
+            world.counts.faults += u64::from(!matches!(what, Happening::Calm | Happening::Look));
+            match what {
+                Happening::Weather(line, weather, span) => {
+                    (world.lines[line].weather, world.lines[line].until) = (weather, now + span);
+                    world.note(now, Note::Weather(line, weather, span.as_secs()));
+                }
+                Happening::Next(line, fate) => world.lines[line].next = Some(fate),
+                Happening::OpenWire(channel, span) => {
+                    world.machine.open_until[channel] = now + span;
+                    world.note(
+                        now,
+                        Note::Did("a thermocouple breaks", channel.try_into().unwrap_or_default()),
+                    );
+                }
+                Happening::Restart(line, forgets) => {
+                    world.machine.restarts(line, forgets, now);
+                    world.lines[line].weather = crate::link::Weather::Unreachable;
+                    world.lines[line].until = now + 3 * SECOND;
+                    world.cut(line);
+                    world.note(
+                        now,
+                        Note::Did(
+                            if forgets { "a control restarts with nothing" } else { "a control restarts" },
+                            line.try_into().unwrap_or_default(),
+                        ),
+                    );
+                }
+                Happening::Deaf(span) => world.machine.deaf_until = now + span,
+                Happening::Edit(change) => self.edit = Some((CNC, Y, change)),
+                Happening::Foreign(value) => self.edit = Some((CNC, X, value)),
+                Happening::FullDisk(span) => {
+                    self.disk_full_until = now + span;
+                    world.note(
+                        now,
+                        Note::Did("the disk is full for s", span.as_secs().try_into().unwrap_or_default()),
+                    );
+                }
+                Happening::Sleep(span) => {
+                    world.note(
+                        now,
+                        Note::Did(
+                            "the computer sleeps for ms",
+                            span.as_millis().try_into().unwrap_or_default(),
+                        ),
+                    );
+                    world.passage.suspend(span);
+                }
+                Happening::Kill => end = Some(End::Killed),
+                Happening::Stop => {
+                    world.note(now, Note::Did("stopped", 0));
+                    end = Some(End::Stopped);
+                }
+                Happening::Calm => {
+                    world.lines.iter_mut().for_each(|line| (line.next, line.until) = (None, now));
+                    world.machine.deaf_until = now;
+                    world.machine.open_until = [now; 2];
+                    self.disk_full_until = now;
+                    self.edit = None;
+                    world.note(now, Note::Did("a calm begins", 0));
+                }
+                Happening::Look => {
+                    if let Some(source) = source {
+                        let why = self.people.what_is_wrong(world, source, now);
+                        if let Some(why) = why {
+                            world.machine.laws.broken.get_or_insert(why);
+                        }
+                    }
+                }
+            }
+        }
+        self.next = script::next(&mut self.random, now);
+        end
+    }
+
+    /// The operator types, or somebody else writes, at a moment at which nobody reads or writes there.
+    fn types(&mut self, now: Duration) {
+        let Some((line, at, value)) = self.edit else { return };
+        let mut world = self.shared.world();
+        world.pass(now);
+        let is_quiet = now.saturating_sub(world.lines[line].used_at) > Duration::from_millis(60);
+        let register = world.machine.laws.registers.iter().find(|one| one.line == line && one.at == at);
+        let Some(register) = register.filter(|_| is_quiet && !world.is_held(line)) else { return };
+        let to = if at == Y { register.value + value } else { value };
+        // Nobody types what is under way, what was sent lately, or zero; nor before it is known that the control restarted.
+        if to == 0 || register.was_sent(to, now) || !register.is_known() {
+            return;
+        }
+        let change = to - register.value;
+        self.edit = None;
+        world.note(now, Note::Did(if at == Y { "the operator types" } else { "somebody else writes" }, to));
+        world.machine.puts(line, at, to, now);
+        if at == Y {
+            world.machine.laws.registers[1].his += change;
+        }
+    }
+}
+
+/// What was broken, and what happened before.
+fn story(world: &World, why: &str) -> String {
+    let mut story = String::new();
+    for (at, note) in world.notes.iter().skip(world.notes.len().saturating_sub(90)) {
+        let _ = writeln!(story, "{:>14.3} s  {note:?}", at.as_secs_f64());
+    }
+    let _ = writeln!(story, "{:>14.3} s  {why}", world.passage.now().as_secs_f64());
+    story
+}

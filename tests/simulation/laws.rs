@@ -1,0 +1,270 @@
+//! The laws, held against what is on the wire and what is true. Nothing of the gateway is asked.
+
+use std::time::Duration;
+
+use crate::machine::{Asked, CNC, CORRECTED, PLC, READOUT, W, X, Y, Z, value};
+
+/// A reading is used for so long after its question; a position.
+const MAX_AGE: Duration = Duration::from_secs(3);
+const MAX_AGE_OF_POSITION: Duration = Duration::from_millis(500);
+/// A last look at the clock, in a runtime that counts milliseconds.
+const LOOK: Duration = Duration::from_millis(2);
+/// Counts of a step, in tenths of a micrometre.
+const STEP: i64 = 10;
+/// How long a value that was sent is no value for an operator.
+const REMEMBERED: Duration = Duration::from_secs(330);
+
+/// One register that is held to the laws.
+#[derive(Clone, Debug)]
+pub(crate) struct Register {
+    pub(crate) name: &'static str,
+    pub(crate) line: usize,
+    pub(crate) at: u16,
+    limit: i64,
+    /// What stands there.
+    pub(crate) value: i64,
+    /// The operator's part; nothing in a register that is ours alone.
+    pub(crate) his: i64,
+    /// When the gateway was last shown what stands there, and what that was.
+    shown: Option<(Duration, i64)>,
+    /// When somebody else than the gateway last changed it.
+    pub(crate) moved_at: Option<Duration>,
+    /// His part before a restart of the control that the gateway was not shown yet: a write brings it back.
+    lost: Option<i64>,
+    /// What arrives next rests on what somebody has changed since: nobody can promise where it takes the register.
+    is_excused: bool,
+    /// What was sent there lately.
+    sent: Vec<(Duration, i64)>,
+    /// The temperature that its axis follows.
+    channel: usize,
+}
+
+/// All that is known of the truth.
+#[derive(Clone, Debug)]
+pub(crate) struct Laws {
+    pub(crate) registers: [Register; 4],
+    /// When each sensor was last asked for what it then said.
+    read_at: [Option<Duration>; 2],
+    /// Positions that the gateway was shown, the newest last, µm.
+    positions: Vec<(Duration, i64)>,
+    /// What was last added to a position, in tenths of a micrometre.
+    pub(crate) corrected: Option<i64>,
+    /// What the PLC took last, if nothing has cleared it since.
+    taken: Option<[i64; 2]>,
+    pub(crate) taken_count: u64,
+    pub(crate) changes: u64,
+    /// The first breach.
+    pub(crate) broken: Option<String>,
+}
+
+/// What a write that is on its way rests on.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Rests {
+    /// When its register was last shown before it left.
+    shown_at: Option<Duration>,
+}
+
+impl Laws {
+    pub(crate) fn new(his: i64) -> Laws {
+        let register = |name, line, at, limit, his, channel| Register {
+            name,
+            line,
+            at,
+            limit,
+            value: his,
+            his,
+            shown: None,
+            moved_at: None,
+            lost: None,
+            is_excused: false,
+            sent: Vec::new(),
+            channel,
+        };
+        Laws {
+            registers: [
+                register("x", CNC, X, 80, 0, 0),
+                register("y", CNC, Y, 200, his, 1),
+                register("z", PLC, Z, 200, 0, 0),
+                register("w", PLC, W, 200, 0, 1),
+            ],
+            read_at: [None; 2],
+            positions: Vec::new(),
+            corrected: None,
+            taken: None,
+            taken_count: 0,
+            changes: 0,
+            broken: None,
+        }
+    }
+
+    /// What stands in the registers at the beginning.
+    pub(crate) fn standing(&self) -> Vec<(usize, u16, i64)> {
+        self.registers.iter().map(|register| (register.line, register.at, register.value)).collect()
+    }
+
+    fn breaks(&mut self, why: String) {
+        self.broken.get_or_insert(why);
+    }
+
+    /// A sensor was asked at this moment, and its answer was handed over in time.
+    pub(crate) fn read(&mut self, channel: usize, asked: Duration) {
+        self.read_at[channel] = self.read_at[channel].max(Some(asked));
+    }
+
+    pub(crate) fn saw_position(&mut self, asked: Duration, position: i64) {
+        self.positions.push((asked, position));
+        if self.positions.len() > 8 {
+            self.positions.remove(0);
+        }
+    }
+
+    /// The gateway was shown these registers, as they were when the device answered.
+    pub(crate) fn shows(&mut self, line: usize, from: u16, words: &[u8], at: Duration) {
+        for register in self.registers.iter_mut().filter(|register| register.line == line) {
+            let Some(place) = register.at.checked_sub(from).map(usize::from) else { continue };
+            if let Some(two) = words.get(2 * place..2 * place + 2) {
+                register.lost = None;
+                register.shown = Some((at, value(u16::from_be_bytes([two[0], two[1]]))));
+            }
+        }
+    }
+
+    /// A write leaves the gateway.
+    pub(crate) fn leaves(&mut self, line: usize, asked: Asked, now: Duration) -> Rests {
+        let Asked::Write { function, at, count, words } = asked else { return Rests::default() };
+        let mut rests = Rests::default();
+        if function == 5 {
+            return rests;
+        }
+        let mut broken = None;
+        let read_at = self.read_at;
+        for register in self.registers.iter_mut().filter(|register| register.line == line) {
+            let place = register.at.checked_sub(at).filter(|place| *place < count);
+            let Some(sent) = place.map(|place| value(words[usize::from(place)])) else { continue };
+            rests.shown_at = register.shown.map(|(at, _)| at);
+            let is_change = register.shown.is_none_or(|(_, shown)| shown != sent);
+            register.sent.retain(|(at, _)| now.saturating_sub(*at) < REMEMBERED);
+            register.sent.push((now, sent));
+            if register.shown.is_none() {
+                broken = Some(format!("{}: {sent} is sent before the register was ever read", register.name));
+            }
+            if is_change {
+                self.changes += 1;
+                let age = read_at[register.channel].map(|read_at| now.saturating_sub(read_at));
+                if age.is_none_or(|age| age > MAX_AGE + LOOK) {
+                    broken =
+                        Some(format!("R3: {} is changed to {sent} on readings {age:?} old", register.name));
+                }
+            }
+        }
+        if line == READOUT && at == CORRECTED {
+            broken = broken.or_else(|| self.corrects(words, now));
+        }
+        if let Some(why) = broken {
+            self.breaks(why);
+        }
+        rests
+    }
+
+    /// A readout gets a position that was measured lately, and a Cz that is at most a step from the one before.
+    fn corrects(&mut self, words: [u16; 8], now: Duration) -> Option<String> {
+        let shown = i64::from(words[0]) << 16 | i64::from(words[1]);
+        let recent = |asked: &Duration| now.saturating_sub(*asked) <= MAX_AGE_OF_POSITION + LOOK;
+        let mut recent = self.positions.iter().rev().filter(|(asked, _)| recent(asked)).peekable();
+        if recent.peek().is_none() {
+            return Some(format!("R3: {shown} is shown without a position"));
+        }
+        // A tenth of a micrometre for what is rounded.
+        let fits =
+            |cz: &i64| self.corrected.is_none_or(|last| (cz - last).abs() <= STEP + 1) && cz.abs() <= 201;
+        let found = recent.map(|(_, position)| shown - 10 * position).find(fits);
+        if found.is_none() {
+            return Some(format!(
+                "the readout's Cz jumps from {:?}: {shown} after {:?}",
+                self.corrected, self.positions
+            ));
+        }
+        self.corrected = found;
+        None
+    }
+
+    /// What arrives next on this line rests on this.
+    pub(crate) fn rests_on(&mut self, line: usize, rests: Rests) {
+        for register in self.registers.iter_mut().filter(|register| register.line == line) {
+            register.is_excused =
+                register.moved_at.is_some_and(|moved| rests.shown_at.is_none_or(|shown| shown < moved));
+        }
+    }
+
+    /// A value of ours comes to stand in a register.
+    pub(crate) fn arrives(&mut self, line: usize, at: u16, value: i64) {
+        let mut broken = None;
+        for register in
+            self.registers.iter_mut().filter(|register| register.line == line && register.at == at)
+        {
+            let before = std::mem::replace(&mut register.value, value);
+            let jump = (value - before).abs();
+            register.his = register.lost.take().unwrap_or(register.his);
+            if register.is_excused {
+                continue;
+            }
+            if jump > STEP {
+                broken = Some(format!("R1: {} jumps from {before} to {value}", register.name));
+            }
+            let distance = |sum: i64| (sum - register.his).abs();
+            if distance(value) > register.limit && distance(value) > distance(before) {
+                let (name, his) = (register.name, register.his);
+                broken = Some(format!("R6: {name} holds {value}, of which {his} are the operator's"));
+            }
+        }
+        if let Some(why) = broken {
+            self.breaks(why);
+        }
+    }
+
+    /// The PLC takes what stands in its block.
+    pub(crate) fn takes(&mut self, set: [i64; 2]) {
+        self.taken_count += 1;
+        let before = self.taken.replace(set).unwrap_or(set);
+        let jump = before.iter().zip(set).map(|(before, now)| (now - before).abs()).max().unwrap_or_default();
+        if jump > STEP {
+            self.breaks(format!("R1: the PLC takes {set:?} after {before:?}"));
+        }
+    }
+
+    /// The control on this line has nothing in its registers any more.
+    pub(crate) fn cleared(&mut self, line: usize, now: Duration) {
+        for register in self.registers.iter_mut().filter(|register| register.line == line) {
+            register.lost = register.lost.or((register.his != 0).then_some(register.his));
+            (register.value, register.his, register.moved_at) = (0, 0, Some(now));
+        }
+        if line == PLC {
+            self.taken = None;
+        }
+    }
+
+    /// Somebody else puts this there.
+    pub(crate) fn moved(&mut self, line: usize, at: u16, value: i64, now: Duration) {
+        for register in
+            self.registers.iter_mut().filter(|register| register.line == line && register.at == at)
+        {
+            (register.value, register.moved_at) = (value, Some(now));
+        }
+        if line == PLC {
+            self.taken = None;
+        }
+    }
+}
+
+impl Register {
+    /// The gateway was shown what somebody else did last.
+    pub(crate) fn is_known(&self) -> bool {
+        self.moved_at.is_none_or(|moved| self.shown.is_some_and(|(at, _)| at > moved))
+    }
+
+    /// Nobody types what was sent there lately, or is very near to it.
+    pub(crate) fn was_sent(&self, value: i64, now: Duration) -> bool {
+        let lately = self.sent.iter().filter(|(at, _)| now.saturating_sub(*at) < REMEMBERED);
+        lately.map(|(_, sent)| *sent).any(|sent| sent == value)
+    }
+}

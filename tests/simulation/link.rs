@@ -1,0 +1,440 @@
+//! The lines: what becomes of each question on its way, and of its answer.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use rand::RngExt;
+use rand_pcg::Pcg32;
+
+use crate::laws::Rests;
+use crate::machine::{Asked, LINES, Machine, SCALE, SENSORS, value};
+use crate::time::Passage;
+
+/// How long anything is on its way at most; the gateway is told 30 s.
+pub(crate) const LATE: Duration = Duration::from_millis(29_500);
+const MILLI: Duration = Duration::from_millis(1);
+const HEADER: usize = 7;
+
+/// What becomes of one question.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Fate {
+    /// It is done and answered.
+    Done,
+    /// It is done, and the answer takes this long.
+    Slow(Duration),
+    /// It never arrives.
+    Lost,
+    /// It is done, and the answer is lost.
+    AnswerLost,
+    /// It is done and answered after so long.
+    Held(Duration),
+    /// It is done, and the device says this exception.
+    DoneAndDenied(u8),
+    /// It is not done, and the device says so.
+    Refused(u8),
+    /// It is done, and this byte of the answer is another.
+    Corrupted(u8),
+    /// It is done, and five bytes come that are nothing.
+    Garbled,
+    /// The connection ends before it is done.
+    CutBefore,
+    /// The connection ends after it was done.
+    CutAfter,
+    /// It is done, and the computer sleeps for so long before it looks at the answer.
+    Asleep(Duration),
+    /// The gateway is killed before it is done.
+    KilledBefore,
+    /// The gateway is killed after it was done.
+    KilledAfter,
+}
+
+/// What a line does with everything.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Weather {
+    Fair,
+    Silent,
+    /// Of a hundred, so many are lost, or their answers.
+    Lossy(u32),
+    /// All of them are done when it is over.
+    Jammed,
+    Slow(Duration),
+    /// Of a hundred, so many are done and denied.
+    Denying(u32, u8),
+    Garbling(u32),
+    Refusing(u8),
+    Closing(u32),
+    Unreachable,
+}
+
+/// A question that somebody on the way keeps.
+#[derive(Clone, Copy, Debug)]
+struct Flight {
+    due: Duration,
+    asked_at: Duration,
+    connection: u64,
+    transaction: [u8; 2],
+    asked: Asked,
+    rests: Rests,
+}
+
+/// An answer on its way to the gateway.
+#[derive(Clone, Debug)]
+struct Coming {
+    at: Duration,
+    bytes: Vec<u8>,
+    asked_at: Duration,
+    asked: Asked,
+    /// When the device saw the question.
+    seen_at: Duration,
+}
+
+pub(crate) struct Line {
+    pub(crate) weather: Weather,
+    pub(crate) until: Duration,
+    /// What becomes of the next write, or of the next question to what measures.
+    pub(crate) next: Option<Fate>,
+    timeout: Duration,
+    flights: Vec<Flight>,
+    connection: u64,
+    is_open: bool,
+    coming: VecDeque<Coming>,
+    /// When it was last used.
+    pub(crate) used_at: Duration,
+}
+
+/// Something that happened, small enough to be noted each time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Note {
+    Asked(usize, Asked2, Fate),
+    Arrived(usize, Asked2),
+    Dialled(usize, bool),
+    Weather(usize, Weather, u64),
+    Did(&'static str, i64),
+}
+
+/// A question, short.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) struct Asked2 {
+    function: u8,
+    at: u16,
+    words: [u16; 5],
+}
+
+/// How often each thing happened.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Counts {
+    pub(crate) exchanges: u64,
+    pub(crate) writes: u64,
+    pub(crate) faults: u64,
+    pub(crate) runs: u64,
+    pub(crate) arrived_late: u64,
+}
+
+/// Everything outside of the gateway.
+pub(crate) struct World {
+    pub(crate) machine: Machine,
+    pub(crate) lines: [Line; LINES.len()],
+    pub(crate) random: Pcg32,
+    pub(crate) passage: Passage,
+    pub(crate) counts: Counts,
+    /// Connections of the gateway that lives; those of one that was killed carry nothing.
+    oldest_alive: u64,
+    newest: u64,
+    /// The gateway was killed at a question.
+    pub(crate) is_killed: bool,
+    pub(crate) notes: VecDeque<(Duration, Note)>,
+    pub(crate) fingerprint: u64,
+    /// Everything is printed as it happens.
+    is_traced: bool,
+}
+
+impl World {
+    pub(crate) fn new(machine: Machine, random: Pcg32, passage: Passage) -> World {
+        let line = |timeout| Line {
+            weather: Weather::Fair,
+            until: Duration::ZERO,
+            next: None,
+            timeout,
+            flights: Vec::new(),
+            connection: 0,
+            is_open: false,
+            coming: VecDeque::new(),
+            used_at: Duration::ZERO,
+        };
+        World {
+            machine,
+            lines: [200, 200, 200, 80, 80].map(|timeout| line(timeout * MILLI)),
+            random,
+            passage,
+            counts: Counts::default(),
+            oldest_alive: 1,
+            newest: 0,
+            is_killed: false,
+            notes: VecDeque::with_capacity(256),
+            fingerprint: 14_695_981_039_346_656_037,
+            is_traced: std::env::var_os("SIMULATION_TRACE").is_some(),
+        }
+    }
+
+    pub(crate) fn note(&mut self, now: Duration, note: Note) {
+        use std::hash::{DefaultHasher, Hash, Hasher};
+        let mut hasher = DefaultHasher::new();
+        (self.fingerprint, now, note).hash(&mut hasher);
+        self.fingerprint = hasher.finish();
+        if self.is_traced {
+            println!("{:>14.3} s  {note:?}", now.as_secs_f64());
+        }
+        if self.notes.len() == 200 {
+            self.notes.pop_front();
+        }
+        self.notes.push_back((now, note));
+    }
+
+    /// Whether anything is on its way on a line.
+    pub(crate) fn is_held(&self, line: usize) -> bool {
+        !self.lines[line].flights.is_empty()
+    }
+
+    /// What was kept on the way arrives when it is due.
+    pub(crate) fn pass(&mut self, now: Duration) {
+        for place in 0..self.lines.len() {
+            while let Some(first) =
+                self.earliest(place).filter(|first| self.lines[place].flights[*first].due <= now)
+            {
+                let flight = self.lines[place].flights.remove(first);
+                self.counts.arrived_late += u64::from(flight.asked.is_write());
+                self.note(flight.due, Note::Arrived(place, short(flight.asked)));
+                if flight.asked.is_write() {
+                    self.machine.laws.rests_on(place, flight.rests);
+                }
+                let answer = self.machine.answer(place, flight.asked, flight.due);
+                let line = &mut self.lines[place];
+                if line.connection == flight.connection && line.is_open {
+                    let bytes =
+                        framed(flight.transaction, &answer.unwrap_or_else(|| denied(flight.asked, 2)));
+                    let coming = Coming {
+                        at: flight.due,
+                        bytes,
+                        asked_at: flight.asked_at,
+                        asked: flight.asked,
+                        seen_at: flight.due,
+                    };
+                    line.coming.push_back(coming);
+                }
+            }
+        }
+    }
+
+    fn earliest(&self, line: usize) -> Option<usize> {
+        let flights = self.lines[line].flights.iter().enumerate();
+        flights.min_by_key(|(_, flight)| flight.due).map(|(place, _)| place)
+    }
+
+    /// Everything of the gateway that was killed is gone, but for what somebody on the way keeps.
+    pub(crate) fn bury(&mut self) {
+        self.is_killed = false;
+        self.oldest_alive = self.newest + 1;
+        self.lines.iter_mut().for_each(|line| line.is_open = false);
+    }
+
+    /// The connection on this line ends.
+    pub(crate) fn cut(&mut self, line: usize) {
+        self.lines[line].is_open = false;
+    }
+
+    /// A new connection; `None` where there is nobody.
+    pub(crate) fn dial(&mut self, line: usize) -> Option<u64> {
+        let now = self.passage.now();
+        self.pass(now);
+        let is_there = self.weather(line, now) != Weather::Unreachable && !self.is_killed;
+        self.note(now, Note::Dialled(line, is_there));
+        if !is_there {
+            return None;
+        }
+        self.newest += 1;
+        let line = &mut self.lines[line];
+        (line.connection, line.is_open) = (self.newest, true);
+        line.coming.clear();
+        Some(self.newest)
+    }
+
+    fn weather(&mut self, line: usize, now: Duration) -> Weather {
+        let line = &mut self.lines[line];
+        if now >= line.until {
+            line.weather = Weather::Fair;
+        }
+        line.weather
+    }
+
+    fn fate(&mut self, line: usize, asked: Asked, now: Duration) -> Fate {
+        let weather = self.weather(line, now);
+        if (asked.is_write() || [SENSORS, SCALE].contains(&line))
+            && let Some(fate) = self.lines[line].next.take()
+        {
+            return fate;
+        }
+        let left = self.lines[line].until.saturating_sub(now);
+        let percent = self.random.random_range(0..100u32);
+        match weather {
+            Weather::Fair | Weather::Unreachable if percent < 2 => {
+                Fate::Slow(MILLI * self.random.random_range(1..20))
+            }
+            Weather::Fair | Weather::Unreachable => Fate::Done,
+            Weather::Silent => Fate::Lost,
+            Weather::Lossy(share) if percent < share && percent % 2 == 0 => Fate::AnswerLost,
+            Weather::Lossy(share) if percent < share => Fate::Lost,
+            Weather::Jammed => Fate::Held(left),
+            Weather::Slow(most) => Fate::Slow(most * percent / 100),
+            Weather::Denying(share, code) if percent < share => Fate::DoneAndDenied(code),
+            Weather::Garbling(share) if percent < share && percent % 3 == 0 => Fate::Garbled,
+            Weather::Garbling(share) if percent < share => Fate::Corrupted(self.random.random_range(0..12)),
+            Weather::Refusing(code) if asked.is_write() => Fate::Refused(code),
+            Weather::Closing(share) if percent < share && percent % 2 == 0 => Fate::CutBefore,
+            Weather::Closing(share) if percent < share => Fate::CutAfter,
+            _ => Fate::Done,
+        }
+    }
+
+    /// A question leaves the gateway on this connection.
+    pub(crate) fn asks(&mut self, line: usize, connection: u64, frame: &[u8]) {
+        if connection < self.oldest_alive || self.is_killed {
+            return;
+        }
+        let now = self.passage.now();
+        self.pass(now);
+        self.lines[line].used_at = now;
+        let asked = frame.get(HEADER..).map_or(Asked::Nonsense, Asked::of);
+        let transaction = [frame[0], frame[1]];
+        let fate = self.fate(line, asked, now);
+        self.counts.exchanges += 1;
+        self.counts.writes += u64::from(asked.is_write());
+        self.note(now, Note::Asked(line, short(asked), fate));
+        let rests = self.machine.laws.leaves(line, asked, now);
+        if let Fate::Held(span) = fate {
+            let due = now + span.min(LATE);
+            let flight = Flight { due, asked_at: now, connection, transaction, asked, rests };
+            self.lines[line].flights.push(flight);
+            return;
+        }
+        let is_done = !matches!(fate, Fate::Lost | Fate::Refused(_) | Fate::CutBefore | Fate::KilledBefore);
+        let mut answer = denied(asked, 2);
+        if is_done {
+            if asked.is_write() {
+                self.machine.laws.rests_on(line, rests);
+            }
+            answer = self.machine.answer(line, asked, now).unwrap_or(answer);
+        }
+        let mut at = now;
+        match fate {
+            Fate::Slow(span) => at = now + span,
+            Fate::DoneAndDenied(code) | Fate::Refused(code) => answer = denied(asked, code),
+            Fate::Asleep(span) => self.passage.suspend(span),
+            Fate::KilledBefore | Fate::KilledAfter => self.is_killed = true,
+            _ => {}
+        }
+        let mut bytes = framed(transaction, &answer);
+        match fate {
+            Fate::Lost | Fate::AnswerLost | Fate::KilledBefore | Fate::KilledAfter => return,
+            Fate::CutBefore | Fate::CutAfter => {
+                self.lines[line].is_open = false;
+                return;
+            }
+            Fate::Corrupted(place) => {
+                let place = usize::from(place).min(8).min(bytes.len() - 1);
+                bytes[place] ^= 0x55;
+            }
+            Fate::Garbled => bytes = vec![0x15, 0, 0, 0, 0],
+            _ => {}
+        }
+        if self.lines[line].connection == connection {
+            self.lines[line].coming.push_back(Coming { at, bytes, asked_at: now, asked, seen_at: now });
+        }
+    }
+
+    /// What the gateway reads on this connection: bytes, the end, or when there may be something.
+    pub(crate) fn hears(&mut self, line: usize, connection: u64) -> Heard {
+        let now = self.passage.now();
+        self.pass(now);
+        let place = line;
+        let line = &mut self.lines[line];
+        if connection < self.oldest_alive || self.is_killed {
+            return Heard::Nothing(None);
+        }
+        if connection != line.connection || !line.is_open {
+            return Heard::End;
+        }
+        match line.coming.front() {
+            Some(first) if first.at <= now => {
+                let Some(coming) = line.coming.pop_front() else { return Heard::End };
+                let is_in_time = now.saturating_sub(coming.asked_at) <= line.timeout + 2 * MILLI;
+                self.tell_laws(place, &coming, is_in_time);
+                Heard::Bytes(coming.bytes)
+            }
+            first => {
+                let due = line
+                    .flights
+                    .iter()
+                    .filter(|flight| flight.connection == connection)
+                    .map(|flight| flight.due);
+                Heard::Nothing(first.map(|first| first.at).into_iter().chain(due).min())
+            }
+        }
+    }
+
+    fn tell_laws(&mut self, line: usize, coming: &Coming, is_in_time: bool) {
+        let message = &coming.bytes[HEADER.min(coming.bytes.len())..];
+        let Asked::Read { function, at, .. } = coming.asked else { return };
+        if message.first() != Some(&function) || message.len() < 4 {
+            return;
+        }
+        let data = &message[2..];
+        let laws = &mut self.machine.laws;
+        match line {
+            SENSORS if is_in_time => {
+                for channel in 0..2 {
+                    let raw = value(u16::from_be_bytes([data[2 * channel], data[2 * channel + 1]]));
+                    if raw != i64::from(i16::MIN) {
+                        laws.read(channel, coming.asked_at);
+                    }
+                }
+            }
+            SCALE if is_in_time => {
+                let position = data.iter().take(4).fold(0, |sum, byte| sum << 8 | i64::from(*byte));
+                laws.saw_position(coming.asked_at, position);
+            }
+            _ if function == 3 => laws.shows(line, at, data, coming.seen_at),
+            _ => {}
+        }
+    }
+}
+
+/// What is read on a connection.
+pub(crate) enum Heard {
+    Bytes(Vec<u8>),
+    End,
+    /// Nothing yet; there may be something then.
+    Nothing(Option<Duration>),
+}
+
+fn short(asked: Asked) -> Asked2 {
+    match asked {
+        Asked::Read { function, at, count } => Asked2 { function, at, words: [count, 0, 0, 0, 0] },
+        Asked::Write { function, at, words: [a, b, c, d, e, ..], .. } => {
+            Asked2 { function, at, words: [a, b, c, d, e] }
+        }
+        Asked::Nonsense => Asked2 { function: 0, at: 0, words: [0; 5] },
+    }
+}
+
+fn denied(asked: Asked, code: u8) -> Vec<u8> {
+    let function = match asked {
+        Asked::Read { function, .. } | Asked::Write { function, .. } => function,
+        Asked::Nonsense => 0,
+    };
+    vec![function | 0x80, code]
+}
+
+fn framed(transaction: [u8; 2], message: &[u8]) -> Vec<u8> {
+    let length = u16::try_from(message.len() + 1).unwrap_or_default().to_be_bytes();
+    [&transaction[..], &[0, 0], &length, &[1], message].concat()
+}

@@ -1,0 +1,209 @@
+//! The machine: what really is warm, where the axes really are, and what really stands in the registers.
+
+use std::f64::consts::TAU;
+use std::time::Duration;
+
+use crate::laws::Laws;
+
+/// The lines; each has one device.
+pub(crate) const SENSORS: usize = 0;
+pub(crate) const CNC: usize = 1;
+pub(crate) const PLC: usize = 2;
+pub(crate) const SCALE: usize = 3;
+pub(crate) const READOUT: usize = 4;
+pub(crate) const LINES: [&str; 5] = ["sensors", "cnc", "plc", "scale", "readout"];
+
+/// What a module says of an open thermocouple.
+const OPEN: i16 = i16::MIN;
+
+/// Registers of the profile.
+pub(crate) const X: u16 = 10;
+pub(crate) const Y: u16 = 20;
+pub(crate) const SEQUENCE: u16 = 30;
+pub(crate) const Z: u16 = 31;
+pub(crate) const W: u16 = 32;
+pub(crate) const COMPLEMENT: u16 = 34;
+pub(crate) const CORRECTED: u16 = 40;
+pub(crate) const BEAT: u16 = 50;
+
+/// Five devices and what they measure.
+pub(crate) struct Machine {
+    /// By line.
+    holding: [[u16; 64]; LINES.len()],
+    /// What a thermocouple's wire is broken until.
+    pub(crate) open_until: [Duration; 2],
+    strobe: bool,
+    acknowledge: bool,
+    /// The PLC does not look at its strobe until then.
+    pub(crate) deaf_until: Duration,
+    taken_sequence: u16,
+    phases: [f64; 4],
+    pub(crate) laws: Laws,
+}
+
+/// A question, as the device understands it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Asked {
+    Read { function: u8, at: u16, count: u16 },
+    Write { function: u8, at: u16, count: u16, words: [u16; 8] },
+    Nonsense,
+}
+
+impl Asked {
+    pub(crate) fn of(message: &[u8]) -> Asked {
+        let word = |at: usize| message.get(at..at + 2).map(|two| u16::from_be_bytes([two[0], two[1]]));
+        let (Some(&function), Some(at), Some(second)) = (message.first(), word(1), word(3)) else {
+            return Asked::Nonsense;
+        };
+        let mut words = [0; 8];
+        match function {
+            1..=4 => Asked::Read { function, at, count: second },
+            5 | 6 => {
+                words[0] = second;
+                Asked::Write { function, at, count: 1, words }
+            }
+            16 => {
+                for (place, slot) in words.iter_mut().enumerate().take(usize::from(second)) {
+                    *slot = word(6 + 2 * place).unwrap_or_default();
+                }
+                Asked::Write { function, at, count: second.min(8), words }
+            }
+            _ => Asked::Nonsense,
+        }
+    }
+
+    pub(crate) fn is_write(self) -> bool {
+        matches!(self, Asked::Write { .. })
+    }
+}
+
+impl Machine {
+    pub(crate) fn new(phases: [f64; 4], laws: Laws) -> Machine {
+        let mut machine = Machine {
+            holding: [[0; 64]; LINES.len()],
+            open_until: [Duration::ZERO; 2],
+            strobe: false,
+            acknowledge: false,
+            deaf_until: Duration::ZERO,
+            taken_sequence: 0,
+            phases,
+            laws,
+        };
+        for (line, at, value) in machine.laws.standing() {
+            machine.holding[line][usize::from(at)] = word(value);
+        }
+        machine
+    }
+
+    /// Degrees: a slow day with a quick unrest on it.
+    pub(crate) fn temperature(&self, channel: usize, now: Duration) -> f64 {
+        let turn = |period: f64, phase: f64| (TAU * (now.as_secs_f64() / period + phase)).sin();
+        let (slow, quick) = (self.phases[2 * channel], self.phases[2 * channel + 1]);
+        20.0 + 4.0 * turn(9000.0 + 3000.0 * slow, slow) + 0.6 * turn(420.0, quick)
+    }
+
+    /// Micrometres.
+    fn position(&self, now: Duration) -> i32 {
+        let turn = (TAU * (now.as_secs_f64() / 40.0 + self.phases[0])).sin();
+        #[allow(clippy::cast_possible_truncation, reason = "a metre at most")]
+        let position = (200_000.0 + 20_000.0 * turn).round() as i32;
+        position
+    }
+
+    /// Does what a question asks for, and says what the device answers; `None` for what it does not know.
+    pub(crate) fn answer(&mut self, line: usize, asked: Asked, now: Duration) -> Option<Vec<u8>> {
+        match asked {
+            Asked::Read { function: 3, at, count } => {
+                let words = self.holding[line].get(usize::from(at)..usize::from(at) + usize::from(count))?;
+                Some(registers(3, words))
+            }
+            Asked::Read { function: 4, .. } if line == SENSORS => {
+                let words = [0, 1].map(|channel| self.raw(channel, now));
+                Some(registers(4, &words))
+            }
+            Asked::Read { function: 4, .. } if line == SCALE => {
+                let [a, b, c, d] = self.position(now).to_be_bytes();
+                Some(vec![4, 4, a, b, c, d])
+            }
+            Asked::Read { function: 2, .. } if line == PLC => {
+                self.look_at_strobe(now);
+                Some(vec![2, 1, u8::from(self.acknowledge)])
+            }
+            Asked::Write { function: 5, words, at, .. } if line == PLC => {
+                self.look_at_strobe(now);
+                self.strobe = words[0] != 0;
+                self.look_at_strobe(now);
+                Some([&[5][..], &at.to_be_bytes(), &words[0].to_be_bytes()].concat())
+            }
+            Asked::Write { function, at, count, words } => {
+                let words = &words[..usize::from(count)];
+                for (at, word) in (at..).zip(words) {
+                    *self.holding[line].get_mut(usize::from(at))? = *word;
+                    self.laws.arrives(line, at, value(*word));
+                }
+                let second = if function == 6 { words[0] } else { count };
+                Some([&[function][..], &at.to_be_bytes(), &second.to_be_bytes()].concat())
+            }
+            _ => None,
+        }
+    }
+
+    fn raw(&self, channel: usize, now: Duration) -> u16 {
+        if now < self.open_until[channel] {
+            return word(i64::from(OPEN));
+        }
+        #[allow(clippy::cast_possible_truncation, reason = "hundredths of a degree")]
+        let raw = (100.0 * self.temperature(channel, now)).round() as i64;
+        word(raw)
+    }
+
+    /// The PLC takes a set when its strobe is up, its check word fits and its number is another than the last.
+    fn look_at_strobe(&mut self, now: Duration) {
+        if now < self.deaf_until {
+            return;
+        }
+        let block = &self.holding[PLC][usize::from(SEQUENCE)..=usize::from(COMPLEMENT)];
+        let sum = block[..4].iter().fold(0u16, |sum, word| sum.wrapping_add(*word));
+        if self.strobe && !self.acknowledge && block[4] == !sum && block[0] != self.taken_sequence {
+            self.taken_sequence = block[0];
+            self.laws.takes([value(block[1]), value(block[2])]);
+        }
+        self.acknowledge = self.strobe;
+    }
+
+    /// The control on this line comes up again: with nothing in its registers, or with what it remembers.
+    pub(crate) fn restarts(&mut self, line: usize, forgets: bool, now: Duration) {
+        if line == PLC {
+            (self.strobe, self.acknowledge, self.taken_sequence) = (false, false, 0);
+        }
+        if forgets {
+            self.holding[line] = [0; 64];
+            self.laws.cleared(line, now);
+        }
+    }
+
+    /// Somebody else than the gateway puts this there.
+    pub(crate) fn puts(&mut self, line: usize, at: u16, value: i64, now: Duration) {
+        self.holding[line][usize::from(at)] = word(value);
+        self.laws.moved(line, at, value, now);
+    }
+
+    pub(crate) fn stands(&self, line: usize, at: u16) -> i64 {
+        value(self.holding[line][usize::from(at)])
+    }
+}
+
+fn registers(function: u8, words: &[u16]) -> Vec<u8> {
+    let mut message = Vec::with_capacity(2 + 2 * words.len());
+    message.extend([function, u8::try_from(2 * words.len()).unwrap_or_default()]);
+    words.iter().for_each(|word| message.extend(word.to_be_bytes()));
+    message
+}
+
+pub(crate) fn value(word: u16) -> i64 {
+    i64::from(i16::from_be_bytes(word.to_be_bytes()))
+}
+
+pub(crate) fn word(value: i64) -> u16 {
+    u16::from_be_bytes(i16::try_from(value).unwrap_or_default().to_be_bytes())
+}

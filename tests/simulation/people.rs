@@ -1,0 +1,128 @@
+//! People: they look at the page, make right what only they can, arm again; and in a calm they expect everything right.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use isotherm::observe::status::{Command, Source, Status};
+
+use crate::link::{Note, World};
+use crate::machine::{BEAT, CNC, X, Y};
+
+/// Micrometres by which a register may be off: the deadband, a step's wait, what the drift makes of a second.
+const TOLERANCE: f64 = 0.6;
+
+/// A heartbeat of one a second has counted in so long.
+const BEATS_WITHIN: Duration = Duration::from_secs(3);
+
+#[derive(Clone, Debug, Default)]
+pub(crate) struct People {
+    /// The heartbeat, and when it was looked at.
+    beat: Option<(Duration, i64)>,
+}
+
+impl People {
+    /// Somebody comes by. Whoever arms has seen what stands there.
+    pub(crate) fn visit(&mut self, world: &mut World, source: &Arc<dyn Source>, now: Duration) {
+        world.pass(now);
+        let status = source.status();
+        self.beat = Some((now, world.machine.stands(CNC, BEAT)));
+        if status.axes.iter().all(|axis| axis.armed) {
+            return;
+        }
+        // Nobody types while something is on its way, or where the page does not show the newest.
+        if (0..world.lines.len()).any(|line| world.is_held(line)) {
+            return;
+        }
+        let x = world.machine.stands(CNC, X);
+        if !armed(&status, "x") && x.abs() > 80 {
+            world.note(now, Note::Did("a person clears x", x));
+            world.machine.puts(CNC, X, 0, now);
+            return;
+        }
+        if !armed(&status, "y") {
+            let output = status.outputs.iter().find(|output| output.name == "cnc_y");
+            let axis = status.axes.iter().find(|axis| axis.name == "y");
+            // What stands there, and what of it is taken to be ours.
+            let shown = output.and_then(|output| output.value).zip(axis.and_then(|axis| axis.verified_um));
+            let Some((shown, share)) = shown.map(|(shown, share)| (tenths(shown), tenths(share))) else {
+                return;
+            };
+            let mut his = world.machine.laws.registers[1].his;
+            if share != 0 && his + share == 0 {
+                his += 11;
+            }
+            world.machine.laws.registers[1].his = his;
+            let right = his + share;
+            if world.machine.stands(CNC, Y) != right {
+                world.note(now, Note::Did("a person makes y right", right));
+                world.machine.puts(CNC, Y, right, now);
+                return;
+            }
+            if shown != right {
+                return;
+            }
+        }
+        world.note(now, Note::Did("a person arms", 0));
+        let _ = source.command(Command::Arm);
+    }
+
+    /// At the end of a calm: what is not as it should be.
+    pub(crate) fn what_is_wrong(
+        &self,
+        world: &mut World,
+        source: &Arc<dyn Source>,
+        now: Duration,
+    ) -> Option<String> {
+        world.pass(now);
+        let status = source.status();
+        let wrong = |what: String| Some(format!("at the end of a calm {what}; {}", told(&status)));
+        for (axis, register) in ["x", "y", "z", "w"].into_iter().zip(&world.machine.laws.registers) {
+            if !armed(&status, axis) {
+                return wrong(format!("{axis} is off"));
+            }
+            let wanted = wanted(world, axis, now);
+            let ours = (register.value - register.his) as f64 / 10.0;
+            if (ours - wanted).abs() > TOLERANCE {
+                let (value, his) = (register.value, register.his);
+                return wrong(format!(
+                    "{axis} holds {ours} µm ({value} counts, {his} the operator's), not {wanted}"
+                ));
+            }
+        }
+        let cz = world.machine.laws.corrected.map(|cz| cz as f64 / 10.0);
+        let wanted_u = wanted(world, "u", now);
+        if cz.is_none_or(|cz| (cz - wanted_u).abs() > TOLERANCE) {
+            return wrong(format!("u is corrected by {cz:?}, not {wanted_u}"));
+        }
+        let beat = world.machine.stands(CNC, BEAT);
+        if self.beat.is_some_and(|(at, last)| last == beat && now.saturating_sub(at) > BEATS_WITHIN) {
+            return wrong(format!("the heartbeat stands at {beat}"));
+        }
+        None
+    }
+}
+
+fn armed(status: &Status, axis: &str) -> bool {
+    status.axes.iter().any(|known| known.name == axis && known.armed)
+}
+
+fn told(status: &Status) -> String {
+    let lines = status.events.iter().rev().take(25).rev();
+    lines.map(|event| format!("\n    {} {}: {}", event.at, event.kind, event.text)).collect()
+}
+
+fn wanted(world: &World, axis: &str, now: Duration) -> f64 {
+    let (bed, column) = (world.machine.temperature(0, now) - 20.0, world.machine.temperature(1, now) - 20.0);
+    match axis {
+        "x" => (2.0 * bed).clamp(-8.0, 8.0),
+        "y" => -2.0 * column,
+        "z" => 1.5 * bed,
+        "w" => 1.5 * column,
+        _ => 2.0 * column,
+    }
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "tenths of a micrometre")]
+fn tenths(micrometres: f64) -> i64 {
+    (10.0 * micrometres).round() as i64
+}

@@ -1,0 +1,125 @@
+//! What happens to a machine, drawn by seed: a fault a minute for twenty-four minutes, then six in which nothing fails.
+
+use std::time::Duration;
+
+use rand::RngExt;
+use rand_pcg::Pcg32;
+
+use crate::link::{Fate, LATE, Weather};
+use crate::machine::{CNC, LINES, PLC, SCALE, SENSORS};
+
+const SECOND: Duration = Duration::from_secs(1);
+const MILLI: Duration = Duration::from_millis(1);
+/// A storm and a calm.
+pub(crate) const ROUND: Duration = Duration::from_secs(1800);
+const STORM: Duration = Duration::from_secs(1440);
+/// A calm begins so long after the last fault has begun at least.
+pub(crate) const LOOKED_AT: Duration = Duration::from_secs(1795);
+
+/// One thing that happens.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Happening {
+    Weather(usize, Weather, Duration),
+    /// To the next write on a line.
+    Next(usize, Fate),
+    OpenWire(usize, Duration),
+    Restart(usize, bool),
+    Deaf(Duration),
+    /// The operator adds so many counts to what stands in his register.
+    Edit(i64),
+    /// Somebody else writes to a register that is ours.
+    Foreign(i64),
+    FullDisk(Duration),
+    /// The computer is suspended.
+    Sleep(Duration),
+    Kill,
+    Stop,
+    Calm,
+    Look,
+}
+
+/// The next happening after this moment, and what it is.
+pub(crate) fn next(random: &mut Pcg32, now: Duration) -> (Duration, Happening) {
+    let round = ROUND * u32::try_from(now.as_secs() / ROUND.as_secs()).unwrap_or_default();
+    let gap = exponential(random, 60.0);
+    let at = now + gap;
+    if now < round + STORM {
+        if at < round + STORM {
+            return (at, draw(random, round + STORM - at));
+        }
+        return (round + STORM, Happening::Calm);
+    }
+    if now < round + LOOKED_AT {
+        return (round + LOOKED_AT, Happening::Look);
+    }
+    (round + ROUND + gap, draw(random, STORM))
+}
+
+fn exponential(random: &mut Pcg32, mean: f64) -> Duration {
+    let share: f64 = random.random_range(1e-9..1.0);
+    Duration::from_secs_f64(-mean * share.ln()).max(MILLI)
+}
+
+/// `left`: of the storm.
+fn draw(random: &mut Pcg32, left: Duration) -> Happening {
+    let line = random.random_range(0..LINES.len());
+    let control = [CNC, PLC][random.random_range(0..2)];
+    let seconds = |random: &mut Pcg32, most: u32| SECOND * random.random_range(1..=most);
+    match random.random_range(0..100u32) {
+        0..=44 => {
+            let weather = match random.random_range(0..9) {
+                0 => Weather::Silent,
+                1 => Weather::Lossy(random.random_range(3..60)),
+                2 => Weather::Jammed,
+                3 => Weather::Slow(MILLI * random.random_range(10..900)),
+                4 => Weather::Denying(
+                    random.random_range(10..100),
+                    [4, 5, 6, 11, 200][random.random_range(0..5)],
+                ),
+                5 => Weather::Garbling(random.random_range(10..80)),
+                6 => Weather::Refusing(random.random_range(1..4)),
+                7 => Weather::Closing(random.random_range(10..80)),
+                _ => Weather::Unreachable,
+            };
+            let most = if weather == Weather::Jammed { 29 } else { 90 };
+            Happening::Weather(line, weather, seconds(random, most).min(left))
+        }
+        45..=64 => {
+            let fate = match random.random_range(0..12) {
+                0..=3 => Fate::Held(LATE * random.random_range(1..=100u32) / 100),
+                4 => Fate::AnswerLost,
+                5 => Fate::DoneAndDenied([4, 5, 6, 11, 200][random.random_range(0..5)]),
+                6 => Fate::CutAfter,
+                7 => Fate::Asleep(MILLI * random.random_range(100..90_000)),
+                8 => Fate::KilledBefore,
+                9 => Fate::KilledAfter,
+                10 => Fate::Garbled,
+                _ => Fate::Lost,
+            };
+            Happening::Next(control, fate)
+        }
+        65..=69 => Happening::OpenWire(random.random_range(0..2), seconds(random, 60).min(left)),
+        70..=74 => Happening::Restart(control, random.random_range(0..2) == 0),
+        75..=76 => Happening::Deaf(seconds(random, 20).min(left)),
+        77..=81 => {
+            Happening::Edit(random.random_range(11..60) * if random.random_range(0..2) == 0 { 1 } else { -1 })
+        }
+        82..=83 => Happening::Foreign(random.random_range(-70..70)),
+        84..=87 => Happening::FullDisk(seconds(random, 90).min(left)),
+        88..=92 => {
+            let span = MILLI * [300, 2_000, 5_000, 31_000, 60_000, 600_000][random.random_range(0..6)];
+            match random.random_range(0..4) {
+                0 => Happening::Next(SENSORS, Fate::Asleep(span.min(left))),
+                1 => Happening::Next(SCALE, Fate::Asleep(span.min(left))),
+                _ => Happening::Sleep(span.min(left)),
+            }
+        }
+        93..=95 => Happening::Kill,
+        96..=97 => Happening::Stop,
+        _ => Happening::Weather(
+            [SENSORS, SCALE][random.random_range(0..2)],
+            Weather::Slow(MILLI * 190),
+            seconds(random, 90).min(left),
+        ),
+    }
+}
