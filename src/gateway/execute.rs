@@ -16,6 +16,7 @@ mod interlock;
 mod order;
 mod position;
 mod register;
+mod requests;
 mod report;
 mod set;
 mod single;

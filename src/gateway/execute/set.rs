@@ -9,12 +9,10 @@
 //! them; so until the control has taken what stands there, nothing else is sent than just that. The next run begins with
 //! it, if this one does not end in order.
 
-use crate::codec::{Register as Place, Table};
+use crate::codec::Register as Place;
 use crate::compensation::AxisState;
-use crate::fieldbus::departure::Leave;
-use crate::fieldbus::error::{Fault, Outcome};
+use crate::fieldbus::error::Outcome;
 use crate::fieldbus::line::DeviceLine;
-use crate::fieldbus::wire::{Answer, Request};
 use crate::gateway::output::Wait;
 use crate::gateway::shared::Shared;
 use crate::output::{Action, Fact};
@@ -25,6 +23,7 @@ use super::applied::AppliedOffset;
 use super::cells::{self, Cells, Own};
 use super::order::Order;
 use super::register::Register;
+use super::requests;
 use super::strobe::{Stands, Strobe, Waited};
 use super::{Asked, RETRY, Words};
 
@@ -326,43 +325,24 @@ impl Set {
     async fn read(&mut self, line: &mut DeviceLine, shared: &Shared) -> Option<Vec<Words>> {
         let set = shared.profile.set(self.id);
         let mut cells = Cells::new();
-        let mut asked = Moment::END;
-        let mut fault = None;
-        for stretch in cells::stretches(&shared.profile, set) {
-            let from = Place { table: Table::Holding, offset: stretch.from };
-            let request = Request::Read { from, count: stretch.count };
-            match line.request(set.device, request, Leave::Whenever).await {
-                Ok(answered) => {
-                    asked = asked.min(answered.asked);
-                    if let Answer::Words(words) = answered.answer {
-                        cells.extend((stretch.from..).zip(words));
-                    }
-                }
-                Err(error) => {
-                    fault = Some(error);
-                    break;
-                }
-            }
-        }
+        let read = requests::read(line, &shared.profile, set, &mut cells).await;
         let values: Vec<Words> = set.members(&shared.profile).map(|output| held(output, &cells)).collect();
         for ((register, output), words) in
             self.registers.iter_mut().zip(members(&shared.profile, self.id)).zip(&values)
         {
-            match fault {
-                Some(fault) if register.action == Action::Read => {
+            match read {
+                Err(fault) if register.action == Action::Read => {
                     register.fail(shared, output, fault, Asked::Read);
                     register.comes_of(line, shared, output, Fact::NoAnswer);
                 }
-                None if register.may_hear_a_read() => {
+                Ok(asked) if register.may_hear_a_read() => {
                     let found = register.units.found(&output.encoding, words.words());
                     register.comes_of(line, shared, output, Fact::Read { found, asked });
                 }
                 _ => {}
             }
         }
-        if fault.is_some() {
-            return None;
-        }
+        read.ok()?;
         let word = |at: Option<Place>| at.and_then(|at| cells.get(&at.offset)).copied();
         self.sequence = word(set.sequence).unwrap_or(self.sequence);
         self.beat = word(set.heartbeat).unwrap_or(self.beat);
@@ -401,22 +381,7 @@ impl Set {
         let control = self.control(shared);
         let own = Own { sequence, heartbeat, control };
         let cells = cells::cells(&shared.profile, set, &values, own);
-        let single = shared.profile.device(set.device).functions.write_single;
-        let mut fault: Option<(Fault, Outcome)> = None;
-        for (place, stretch) in cells::stretches(&shared.profile, set).iter().enumerate() {
-            let words = cells::words(&cells, stretch);
-            let request = match words.as_slice() {
-                [word] if single => Request::WriteSingle { at: stretch.from, word: *word },
-                words => Request::WriteMultiple { at: stretch.from, words },
-            };
-            // The first request decides; what belongs to it follows, however late, and some of it has arrived then.
-            let leave = if place == 0 { Leave::Here(not_after) } else { Leave::Whenever };
-            if let Err(error) = line.request(set.device, request, leave).await {
-                let outcome = if place == 0 { error.outcome() } else { Outcome::Unknown };
-                fault = Some((error, outcome));
-                break;
-            }
-        }
+        let fault = requests::write(line, &shared.profile, set, &cells, not_after).await.err();
         let left = line.looked();
         let profile = &shared.profile;
         for (place, ((register, output), order)) in
