@@ -14,6 +14,8 @@
 
 use std::time::Duration;
 
+use serde::{Deserialize, Serialize};
+
 use super::slots::Slots;
 use crate::quantity::Moment;
 
@@ -23,7 +25,7 @@ pub const MOST_UNDER_WAY: usize = 8;
 pub const MOST_REMEMBERED: usize = 24;
 
 /// One copy of a value on its way to the register.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Sent {
     /// As the register will hold it.
     pub value: i64,
@@ -40,7 +42,7 @@ pub struct Sent {
 }
 
 /// A value whose answer never came, and which should not arrive any more.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct LatelySent {
     /// As the register would hold it.
     pub value: i64,
@@ -51,7 +53,7 @@ pub struct LatelySent {
 }
 
 /// Everything of ours that may still appear in one register.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Copies {
     /// Two more than are ever sent: a promise and what stood there, found on disk at a start.
     under_way: Slots<Sent, { MOST_UNDER_WAY + 2 }>,

@@ -2,8 +2,10 @@
 
 use std::time::Duration;
 
+use serde::{Deserialize, Serialize};
+
 /// One output. Counts are those of the register; whoever calls converts from µm.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Settings {
     /// The largest change of the register by one write: at least 1, of a shared register at least 2.
     pub step: i64,
@@ -26,6 +28,7 @@ pub struct Settings {
     /// How a write is known to stand there.
     pub verify: Verify,
     /// All of them, outside of the search that shows what each is for.
+    #[serde(skip)]
     pub rules: Rules,
 }
 
@@ -54,7 +57,8 @@ impl Settings {
 }
 
 /// How a write is known to stand there.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Verify {
     /// The register is read.
     Reading,

@@ -1,10 +1,12 @@
 //! What is known, asked for and shown of one output.
 
+use serde::{Deserialize, Serialize};
+
 use super::kept::Account;
 use crate::quantity::Moment;
 
 /// A value, and when the question was sent that it answers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Seen {
     /// What stands there.
     pub value: i64,
@@ -13,7 +15,8 @@ pub struct Seen {
 }
 
 /// What was asked of the caller and not answered yet.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub(super) enum Doing {
     Nothing,
     Reading,
@@ -28,7 +31,8 @@ pub(super) enum Doing {
 }
 
 /// How a write failed that was answered.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub(super) enum Untaken {
     /// Nobody says that it was done, or nobody knows: whatever is answered as done shows that there is somebody again.
     Refused,
@@ -37,14 +41,15 @@ pub(super) enum Untaken {
 }
 
 /// What is wanted: counts from the bias, or our share.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Order {
     pub(super) offset: i64,
     pub(super) not_after: Moment,
 }
 
 /// Whether it may be written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Standing {
     /// Nobody has armed it, or somebody switched it off.
     Off,

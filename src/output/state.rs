@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+use serde::{Deserialize, Serialize};
+
 use super::copies::{Copies, Look, Sent};
 use super::event::{Doubt, Event};
 use super::judge::{self, Meaning};
@@ -16,8 +18,8 @@ use crate::quantity::Moment;
 /// What failed is tried again after this long at the earliest; and what is not certain is looked at again.
 pub(super) const RETRY: Duration = Duration::from_secs(1);
 
-/// One output.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+/// One output. As a text it is what a step behaves by, without what only people are told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct State {
     pub(super) doing: Doing,
     pub(super) copies: Copies,
@@ -65,6 +67,7 @@ pub struct State {
     pub(super) written_at: Moment,
     /// How the last write failed, if none has stood there since.
     pub(super) untaken: Option<Untaken>,
+    #[serde(skip)]
     pub(super) reports: Reports,
 }
 
