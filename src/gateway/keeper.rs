@@ -1,9 +1,6 @@
-//! Keeps the log and the state on disk, by a thread of its own: a full or slow disk changes nothing on the bus.
+//! Keeps the logs and the state on disk, by a thread of its own: a full or slow disk changes nothing on the bus.
 
-use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions};
-use std::io::{Read, Seek, SeekFrom, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
@@ -14,45 +11,40 @@ use super::log::Recorder;
 use super::memory::Memory;
 use super::output::OutputState;
 use crate::compensation::{Compensation, Control, Snapshot};
-use crate::observe::events::{Event, Journal};
+use crate::observe::events::Journal;
 use crate::profile::Profile;
 use crate::quantity::Moment;
 
+mod desk;
+mod outputs;
+
+use desk::Desk;
+use outputs::OutputsLog;
+pub(super) use outputs::{Steady, Stepped};
+
 /// The state is written at most this often, and once at the end.
 const REMEMBER_EVERY: Duration = Duration::from_secs(10);
-/// The log begins a new file at midnight, UTC; in nanoseconds.
+/// The logs begin new files at midnight, UTC; in nanoseconds.
 const A_DAY: u64 = 86_400_000_000_000;
 /// How long the end of a run waits for the disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
-/// Rows that may wait for a slow disk; more are dropped, and that is told.
+/// Rows of decisions that may wait for a slow disk; more are dropped, and that is told.
 const QUEUE: usize = 4096;
-
-/// Whether a log has this header and ends with a whole row: one that a power cut left half-written would swallow the
-/// next.
-fn continues(path: &Path, header: &[u8]) -> std::io::Result<bool> {
-    let mut file = File::open(path)?;
-    let mut begins = vec![0; header.len()];
-    if file.metadata()?.len() < u64::try_from(header.len()).unwrap_or(u64::MAX) {
-        return Ok(false);
-    }
-    file.read_exact(&mut begins)?;
-    let mut last = [0];
-    file.seek(SeekFrom::End(-1))?;
-    file.read_exact(&mut last)?;
-    Ok(begins == header && last == *b"\n")
-}
+/// The same of outputs, which take no room from the decisions.
+const OUTPUT_QUEUE: usize = 4096;
 
 /// The loop's end of the queue. Without a directory it keeps nothing.
 #[derive(Debug, Default)]
 pub(super) struct Keeper {
     queue: Option<SyncSender<Job>>,
     recorder: Option<Recorder>,
+    outputs: Option<OutputsLog>,
     /// Rows and states that found the queue full.
     dropped: u64,
     remembered: Option<Moment>,
-    /// The day of the file in which the rows stand.
+    /// The day of the file in which the rows of decisions stand.
     day: Option<u64>,
-    /// Rows are missing on disk: what follows them can be replayed only from where the axes stand then.
+    /// Rows of decisions are missing on disk: what follows them can be replayed only from where the axes stand then.
     torn: Arc<AtomicBool>,
     /// Ends with the thread.
     working: Option<Receiver<()>>,
@@ -63,26 +55,23 @@ pub(super) struct Keeper {
 #[derive(Debug)]
 enum Job {
     Row(Moment, Vec<u8>),
+    OutputRow {
+        at: Moment,
+        row: Vec<u8>,
+        /// How often rows of outputs had been lost before it was made.
+        tear: u64,
+    },
     State(Box<Memory>),
 }
 
 impl Keeper {
-    /// Keeps the log and the state of this machine in this directory.
+    /// Keeps the logs and the state of this machine in this directory.
     pub(super) fn start(profile: &Profile, directory: &Path, dry_run: bool, journal: Arc<Journal>) -> Keeper {
-        let (queue, jobs) = sync_channel(QUEUE);
+        let (queue, jobs) = sync_channel(QUEUE + OUTPUT_QUEUE);
         let torn = Arc::new(AtomicBool::new(false));
-        let mut desk = Desk {
-            torn: Arc::clone(&torn),
-            directory: directory.to_owned(),
-            machine: profile.name.clone(),
-            header: if dry_run { Recorder::dry_header(profile) } else { Recorder::header(profile) },
-            state: Memory::path(directory, profile),
-            keep: profile.history.keep,
-            day: String::new(),
-            file: None,
-            failing: BTreeMap::new(),
-            journal,
-        };
+        let outputs = OutputsLog::new(profile);
+        let header = if dry_run { Recorder::dry_header(profile) } else { Recorder::header(profile) };
+        let mut desk = Desk::new(profile, directory, header, (Arc::clone(&torn), outputs.tears()), journal);
         let (ends_with_the_thread, working) = sync_channel(0);
         let work = move || {
             desk.work(&jobs);
@@ -94,6 +83,7 @@ impl Keeper {
         Keeper {
             queue: Some(queue),
             recorder,
+            outputs: Some(outputs),
             dropped: 0,
             remembered: None,
             day: None,
@@ -184,7 +174,7 @@ impl Keeper {
         }
     }
 
-    /// Rows of the log and states that a slow disk has cost since the start.
+    /// Rows of the logs and states that a slow disk has cost since the start.
     pub(super) fn dropped(&self) -> u64 {
         self.dropped
     }
@@ -199,102 +189,6 @@ impl Keeper {
                 self.torn.store(true, Ordering::Relaxed);
             }
             Err(TrySendError::Disconnected(_)) => self.queue = None,
-        }
-    }
-}
-
-/// The disk's end of the queue.
-struct Desk {
-    directory: PathBuf,
-    machine: String,
-    header: String,
-    state: PathBuf,
-    keep: Duration,
-    day: String,
-    file: Option<File>,
-    failing: BTreeMap<&'static str, ()>,
-    torn: Arc<AtomicBool>,
-    journal: Arc<Journal>,
-}
-
-impl Desk {
-    fn work(&mut self, jobs: &Receiver<Job>) {
-        while let Ok(job) = jobs.recv() {
-            match job {
-                Job::Row(at, row) => {
-                    let done = self.write_row(at, &row);
-                    if done.is_err() {
-                        self.file = None;
-                        self.torn.store(true, Ordering::Relaxed);
-                    }
-                    self.report(at, "the log", done);
-                }
-                Job::State(memory) => {
-                    let done = memory.save(&Files, &self.state);
-                    self.report(memory.at, "the state", done);
-                }
-            }
-        }
-    }
-
-    fn write_row(&mut self, at: Moment, row: &[u8]) -> std::io::Result<()> {
-        let day = at.to_string().chars().take(10).collect::<String>();
-        if self.file.is_none() || day != self.day {
-            self.file = Some(self.open(&day)?);
-            self.day = day;
-            self.discard_old(at);
-        }
-        let Some(file) = &mut self.file else { return Ok(()) };
-        file.write_all(row)
-    }
-
-    /// The day's file. One that was begun with other columns is left as it is and a new one is begun beside it.
-    fn open(&self, day: &str) -> std::io::Result<File> {
-        std::fs::create_dir_all(&self.directory)?;
-        for part in 1.. {
-            let suffix = if part == 1 { String::new() } else { format!(".{part}") };
-            let path = self.directory.join(format!("{}-{day}{suffix}.csv", self.machine));
-            let mut file = OpenOptions::new().create(true).append(true).open(&path)?;
-            if file.metadata()?.len() == 0 {
-                file.write_all(self.header.as_bytes())?;
-                return Ok(file);
-            }
-            if continues(&path, self.header.as_bytes())? {
-                return Ok(file);
-            }
-        }
-        Err(std::io::Error::other("no free name for the log"))
-    }
-
-    fn discard_old(&self, now: Moment) {
-        let oldest = Moment::from_nanos(
-            now.as_nanos().saturating_sub(u64::try_from(self.keep.as_nanos()).unwrap_or(u64::MAX)),
-        );
-        let oldest = oldest.to_string().chars().take(10).collect::<String>();
-        let Ok(entries) = std::fs::read_dir(&self.directory) else { return };
-        for entry in entries.flatten() {
-            let name = entry.file_name();
-            let day = name.to_str().and_then(|name| name.strip_prefix(&format!("{}-", self.machine)));
-            let day = day.filter(|rest| rest.ends_with(".csv")).and_then(|rest| rest.get(..10));
-            if day.is_some_and(|day| day.as_bytes()[4] == b'-' && day < oldest.as_str()) {
-                let _ = std::fs::remove_file(entry.path());
-            }
-        }
-    }
-
-    fn report(&mut self, at: Moment, what: &'static str, done: std::io::Result<()>) {
-        match done {
-            Ok(()) => {
-                if self.failing.remove(what).is_some() {
-                    self.journal.tell(at, &Event::KeptAgain { what: what.to_owned() });
-                }
-            }
-            Err(error) => {
-                if self.failing.insert(what, ()).is_none() {
-                    let why = format!("{}: {error}", self.directory.display());
-                    self.journal.tell(at, &Event::NotKept { what: what.to_owned(), why });
-                }
-            }
         }
     }
 }

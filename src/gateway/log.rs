@@ -18,8 +18,12 @@
 //! - `machine_zero`: the moment of a command to zero that was given since the row before.
 //! - `machine_dry_run`: 1, and only in the log of a dry run: no Cz in it ever acted.
 //!
+//! What the outputs make of the decisions stands in [a log of its own](outputs) beside this one, so that this one stays
+//! rectangular.
+//!
 //! A log from elsewhere needs `time` and at least one signal; `z_error_um` is the measured error of axis z.
 
+pub mod outputs;
 mod reader;
 mod recorder;
 #[cfg(test)]

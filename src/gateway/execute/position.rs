@@ -4,6 +4,7 @@
 //! arrive, because the next one is under way already. Only the Cz inside moves by one step at each decision; after a write
 //! whose end nobody knows it stays what was sent until one was answered.
 
+use std::fmt::Display;
 use std::time::Duration;
 
 use super::cells::{self, Cells};
@@ -16,6 +17,7 @@ use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{CallerFault, Fault, Outcome};
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, Request};
+use crate::gateway::keeper::Steady;
 use crate::gateway::output::Standing;
 use crate::gateway::shared::Shared;
 use crate::gateway::words::{cz_factor, words_in_text};
@@ -125,6 +127,7 @@ impl Position {
         state.cz = Some(cz);
         state.value = output.encoding.decode(target.words()).ok();
         state.verified_at = Some(asked);
+        core.keeper.wrote(Steady::Position(self.id), Some(cz), asked);
         drop(core);
         if self.trouble.take() == Some(Trouble::Untaken) {
             shared.tell(&Event::Verified { output: output.name.clone(), failures });
@@ -191,7 +194,7 @@ impl Position {
             let wrote = words_in_text(output, &wrote);
             shared.tell(&Event::VerifyFailed { output: output.name.clone(), wrote, found });
         }
-        self.is_unverified(shared);
+        self.is_unverified(shared, &"something else is read back than was written");
     }
 
     /// A device that is lost has been told; one that refuses has not.
@@ -204,11 +207,13 @@ impl Position {
         }
         let trouble = if fault.spoils_connection() { Trouble::Link } else { Trouble::Untaken };
         self.trouble = self.trouble.filter(|known| *known == Trouble::Untaken).or(Some(trouble));
-        self.is_unverified(shared);
+        self.is_unverified(shared, &fault);
     }
 
-    fn is_unverified(&self, shared: &Shared) {
+    fn is_unverified(&self, shared: &Shared, why: &dyn Display) {
+        let now = shared.clock.now();
         let mut core = shared.core();
+        core.keeper.not_written(Steady::Position(self.id), why, now);
         let state = &mut core.outputs[self.id.0];
         state.failures += 1;
         state.doubt();

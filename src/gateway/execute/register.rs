@@ -9,6 +9,7 @@ use super::units::Units;
 use super::{Asked, DISK_PATIENCE, REMEMBERED, Trouble};
 use crate::fieldbus::error::{CallerFault, Fault, Outcome};
 use crate::fieldbus::line::DeviceLine;
+use crate::gateway::keeper::Stepped;
 use crate::gateway::ledger::Keeping;
 use crate::gateway::saver::Kept;
 use crate::gateway::shared::Shared;
@@ -240,16 +241,27 @@ impl Register {
     }
 
     /// Takes a fact in: what is to be done next, unless something is to be done already. What is known afterwards outlives
-    /// this task.
+    /// this task, and what was taken and asked for is logged.
     pub(super) fn step(&mut self, shared: &Shared, fact: Fact, now: Moment) {
-        let was_open = self.is_open();
+        let (was_open, before) = (self.is_open(), self.state);
         let action = step(&mut self.state, &self.settings, fact, now);
         self.opens |= self.is_open() && !was_open;
         if matches!(self.action, Action::Nothing { .. }) {
             self.action = action;
         }
         self.report(shared);
-        shared.core().registers[self.id.0] = Some(self.state);
+        let mut core = shared.core();
+        let known = core.registers[self.id.0].replace(self.state);
+        let stepped = Stepped {
+            id: self.id,
+            settings: &self.settings,
+            before: &before,
+            goes_on: known == Some(before),
+            fact,
+            action,
+            after: &self.state,
+        };
+        core.keeper.stepped(&stepped, now);
     }
 
     /// Whose part of a shared register is what is known and believed.

@@ -13,6 +13,7 @@ use crate::codec::Register as Place;
 use crate::compensation::AxisState;
 use crate::fieldbus::error::Outcome;
 use crate::fieldbus::line::DeviceLine;
+use crate::gateway::keeper::Steady;
 use crate::gateway::output::Wait;
 use crate::gateway::shared::Shared;
 use crate::output::{Action, Fact};
@@ -408,6 +409,7 @@ impl Set {
             self.may_say_enabled = says_enabled || (self.may_say_enabled && fault.is_some());
             self.sent = Some(values);
         }
+        self.log_own_words(shared, fault.map(|(fault, _)| fault), left);
         if fault.is_some() {
             self.tries_from = left.after(RETRY);
             let is_bound = !is_taken_at_once(profile, self.id);
@@ -415,6 +417,19 @@ impl Set {
             return Went::NoFurther;
         }
         Went::Well
+    }
+
+    /// A heartbeat and a control word are only counted.
+    fn log_own_words(&self, shared: &Shared, fault: Option<Fault>, now: Moment) {
+        let set = shared.profile.set(self.id);
+        if set.heartbeat.is_none() && set.control.is_none() {
+            return;
+        }
+        let keeper = &mut shared.core().keeper;
+        match fault {
+            None => keeper.wrote(Steady::Set(self.id), None, now),
+            Some(fault) => keeper.not_written(Steady::Set(self.id), &fault, now),
+        }
     }
 
     /// What every member shall hold, and the last moment for that; `None` where one of them may not even go along now, or

@@ -1,18 +1,8 @@
+use super::desk::DayFile;
 use super::*;
 
-fn desk(directory: &Path, header: &str) -> Desk {
-    Desk {
-        directory: directory.to_owned(),
-        machine: "m".to_owned(),
-        header: header.to_owned(),
-        state: directory.join("m.state.json"),
-        keep: Duration::from_secs(2 * 86400),
-        day: String::new(),
-        file: None,
-        failing: BTreeMap::new(),
-        torn: Arc::default(),
-        journal: Arc::new(Journal::default()),
-    }
+fn file(directory: &Path, header: &str) -> DayFile {
+    DayFile::new(directory, "m", ".csv", header.to_owned(), Duration::from_secs(2 * 86400))
 }
 
 const DAY: Duration = Duration::from_secs(86400);
@@ -34,9 +24,9 @@ fn each_day_has_its_own_file_and_old_ones_go() {
     let directory = tempfile::tempdir().unwrap();
     let other = directory.path().join("other-2001-01-01.csv");
     std::fs::write(&other, "not ours").unwrap();
-    let mut desk = desk(directory.path(), "time,a\n");
+    let mut log = file(directory.path(), "time,a\n");
     for day in 0..5 {
-        desk.write_row(noon().after(DAY * day), b"row\n").unwrap();
+        log.write(noon().after(DAY * day), b"row\n").unwrap();
     }
     let names = names(directory.path());
     assert_eq!(names.len(), 4, "three days and what is not ours: {names:?}");
@@ -48,9 +38,9 @@ fn each_day_has_its_own_file_and_old_ones_go() {
 #[test]
 fn a_log_with_other_columns_is_left_as_it_is_and_a_new_one_begins_beside_it() {
     let directory = tempfile::tempdir().unwrap();
-    desk(directory.path(), "time,a\n").write_row(noon(), b"old\n").unwrap();
-    desk(directory.path(), "time,a,b\n").write_row(noon(), b"new\n").unwrap();
-    desk(directory.path(), "time,a,b\n").write_row(noon(), b"more\n").unwrap();
+    file(directory.path(), "time,a\n").write(noon(), b"old\n").unwrap();
+    file(directory.path(), "time,a,b\n").write(noon(), b"new\n").unwrap();
+    file(directory.path(), "time,a,b\n").write(noon(), b"more\n").unwrap();
     let names = names(directory.path());
     let read = |name: &String| std::fs::read_to_string(directory.path().join(name)).unwrap();
     let texts: Vec<String> = names.iter().map(read).collect();
@@ -63,10 +53,10 @@ fn a_log_with_other_columns_is_left_as_it_is_and_a_new_one_begins_beside_it() {
 #[test]
 fn a_row_that_a_power_cut_left_half_written_does_not_swallow_the_next() {
     let directory = tempfile::tempdir().unwrap();
-    let mut first = desk(directory.path(), "time,a\n");
-    first.write_row(noon(), b"row\n").unwrap();
-    first.write_row(noon(), b"hal").unwrap();
-    desk(directory.path(), "time,a\n").write_row(noon(), b"row\n").unwrap();
+    let mut first = file(directory.path(), "time,a\n");
+    first.write(noon(), b"row\n").unwrap();
+    first.write(noon(), b"hal").unwrap();
+    file(directory.path(), "time,a\n").write(noon(), b"row\n").unwrap();
     assert_eq!(names(directory.path()).len(), 2);
 }
 
@@ -80,4 +70,239 @@ fn what_a_full_queue_costs_is_counted() {
     assert_eq!(keeper.dropped(), 3);
     assert!(keeper.torn.load(Ordering::Relaxed), "the next row tells where the axes stand");
     drop(jobs);
+}
+
+mod outputs {
+    use super::*;
+    use crate::gateway::log::outputs::{Entry, HEADER, OutputLogReader, OutputReplay, Replayed};
+    use crate::gateway::log::sample;
+    use crate::output::{Action, Fact, Rules, Settings, State, Verify, Who, step};
+    use crate::profile::OutputId;
+
+    /// The day of noon.
+    const DAY_ZERO: &str = "2024-10-04";
+    const SECOND: Duration = Duration::from_secs(1);
+
+    /// A gateway with one output, whose disk works when it is told to.
+    struct Bench {
+        keeper: Keeper,
+        jobs: Receiver<Job>,
+        desk: Desk,
+        settings: Settings,
+        state: State,
+        known: Option<State>,
+        now: Moment,
+        action: Action,
+        register: i64,
+    }
+
+    fn bench(directory: &Path) -> Bench {
+        let mut profile = sample::profile();
+        profile.history.keep = 2 * DAY;
+        let log = OutputsLog::of(["cnc_z", "heartbeat"].map(str::to_owned), (1, 0));
+        let (queue, jobs) = sync_channel(QUEUE + OUTPUT_QUEUE);
+        let header = Recorder::header(&profile);
+        let journal = Arc::new(Journal::default());
+        let desk = Desk::new(&profile, directory, header, (Arc::default(), log.tears()), journal);
+        let keeper = Keeper { queue: Some(queue), outputs: Some(log), ..Keeper::default() };
+        let settings = Settings {
+            step: 2,
+            limit: 400,
+            bias: 0,
+            range: (-32768, 32767),
+            late: SECOND,
+            remembered: 10 * SECOND,
+            every: SECOND,
+            refresh: None,
+            is_shared: false,
+            verify: Verify::Reading,
+            rules: Rules::default(),
+        };
+        let state = State::new(&settings, None, noon());
+        Bench {
+            keeper,
+            jobs,
+            desk,
+            settings,
+            state,
+            known: None,
+            now: noon(),
+            action: Action::Nothing { until: noon() },
+            register: 0,
+        }
+    }
+
+    impl Bench {
+        fn give(&mut self, fact: Fact) {
+            let before = self.state;
+            self.action = step(&mut self.state, &self.settings, fact, self.now);
+            let _ = self.state.take_events();
+            let stepped = Stepped {
+                id: OutputId(0),
+                settings: &self.settings,
+                before: &before,
+                goes_on: self.known.replace(self.state) == Some(before),
+                fact,
+                action: self.action,
+                after: &self.state,
+            };
+            self.keeper.stepped(&stepped, self.now);
+        }
+
+        /// Seconds in which the register is armed, and goes to and fro.
+        fn seconds(&mut self, count: u32) {
+            for _ in 0..count {
+                self.now = self.now.after(SECOND);
+                self.give(Fact::Look);
+                self.obey();
+                self.give(Fact::Armed { by: Who::Person });
+                self.obey();
+                let offset = if self.register == 0 { 2 } else { 0 };
+                self.give(Fact::Decided { offset, not_after: self.now.after(SECOND) });
+                self.obey();
+            }
+        }
+
+        fn obey(&mut self) {
+            loop {
+                let fact = match self.action {
+                    Action::Nothing { .. } => return,
+                    Action::Read => Fact::Read { found: self.register, asked: self.now },
+                    Action::Keep => Fact::Kept,
+                    Action::Write { value, .. } => {
+                        self.register = value;
+                        Fact::Done { left: self.now }
+                    }
+                };
+                self.give(fact);
+            }
+        }
+
+        /// The disk takes what waits for it.
+        fn keep(&mut self) {
+            while let Ok(job) = self.jobs.try_recv() {
+                self.desk.take(job);
+            }
+        }
+    }
+
+    /// Every file by its name: how many rows begin, and how many actions came out again. Each is replayed by itself.
+    fn files(directory: &Path) -> Vec<(String, usize, usize)> {
+        let of = |name: String| {
+            let file = std::fs::File::open(directory.join(&name)).unwrap();
+            let mut reader = OutputLogReader::open(file, &name).unwrap();
+            let (mut replay, mut begun, mut same) = (OutputReplay::default(), 0, 0);
+            while let Some(row) = reader.next_row().unwrap() {
+                begun += usize::from(matches!(row.entry, Entry::Begins(_)));
+                match replay.row(&row) {
+                    Replayed::Nothing => {}
+                    Replayed::Same => same += 1,
+                    other => panic!("{name}, line {}: {other:?}", row.line),
+                }
+            }
+            (name, begun, same)
+        };
+        names(directory).into_iter().filter(|name| name.ends_with(".outputs.csv")).map(of).collect()
+    }
+
+    #[test]
+    fn an_output_begins_once_in_a_file_and_again_in_that_of_the_next_day_and_old_files_go() {
+        let directory = tempfile::tempdir().unwrap();
+        let mut bench = bench(directory.path());
+        for _ in 0..5 {
+            bench.seconds(10);
+            bench.now = bench.now.after(DAY);
+        }
+        bench.keep();
+        let files = files(directory.path());
+        assert_eq!(files.len(), 3, "the rest is older than it is kept: {files:?}");
+        assert!(files.iter().all(|(_, begun, same)| *begun == 1 && *same >= 20), "{files:?}");
+    }
+
+    #[test]
+    fn a_look_that_shows_nothing_and_asks_for_nothing_leaves_no_row() {
+        let directory = tempfile::tempdir().unwrap();
+        let mut bench = bench(directory.path());
+        bench.seconds(1);
+        bench.keep();
+        let before = files(directory.path());
+        (0..100).for_each(|_| bench.give(Fact::Look));
+        bench.keep();
+        assert_eq!(files(directory.path()), before);
+    }
+
+    #[test]
+    fn behind_rows_that_found_the_queue_full_the_output_begins_anew() {
+        let directory = tempfile::tempdir().unwrap();
+        let mut bench = bench(directory.path());
+        bench.seconds(3000);
+        assert!(bench.keeper.dropped() > 0);
+        bench.keep();
+        bench.seconds(10);
+        bench.keep();
+        let files = files(directory.path());
+        assert_eq!(files[0].1, 2, "{files:?}");
+    }
+
+    #[test]
+    fn the_decisions_have_room_in_a_queue_that_is_full_of_rows_of_outputs() {
+        let directory = tempfile::tempdir().unwrap();
+        let mut bench = bench(directory.path());
+        bench.seconds(3000);
+        let dropped = bench.keeper.dropped();
+        (0..QUEUE).for_each(|_| bench.keeper.hand_over(Job::Row(noon(), Vec::new())));
+        assert_eq!(bench.keeper.dropped(), dropped);
+    }
+
+    #[test]
+    fn what_waits_behind_a_row_that_the_disk_did_not_take_is_left_out_until_the_output_begins_anew() {
+        let directory = tempfile::tempdir().unwrap();
+        let mut bench = bench(directory.path());
+        bench.seconds(10);
+        bench.keep();
+        bench.now = bench.now.after(DAY);
+        let day: String = bench.now.to_string().chars().take(10).collect();
+        // Nobody can write to a directory.
+        let blocked = directory.path().join(names(directory.path()).remove(0).replace(DAY_ZERO, &day));
+        std::fs::create_dir(&blocked).unwrap();
+        bench.seconds(10);
+        bench.keep();
+        std::fs::remove_dir(&blocked).unwrap();
+        bench.seconds(10);
+        bench.keep();
+        let files = files(directory.path());
+        assert_eq!(files.len(), 2, "{files:?}");
+        assert!(files[1].1 == 1 && files[1].2 >= 10, "{files:?}");
+    }
+
+    #[test]
+    fn what_is_written_again_and_again_is_counted_each_minute() {
+        let directory = tempfile::tempdir().unwrap();
+        let mut bench = bench(directory.path());
+        for second in 0..130u32 {
+            let at = noon().after(SECOND * second);
+            bench.keeper.wrote(Steady::Heartbeat, None, at);
+            if second == 70 || second == 71 {
+                bench.keeper.not_written(Steady::Heartbeat, &"no answer within 100ms", at);
+            }
+        }
+        bench.keeper.count_for_the_last_time(noon().after(SECOND * 130));
+        bench.keep();
+        let name = names(directory.path()).remove(0);
+        let text = std::fs::read_to_string(directory.path().join(name)).unwrap();
+        let rows: Vec<_> = text.strip_prefix(HEADER).unwrap().lines().collect();
+        let told: Vec<String> =
+            rows.iter().map(|row| row.split(',').skip(1).take(3).collect::<Vec<_>>().join(" ")).collect();
+        assert_eq!(
+            told,
+            [
+                "heartbeat writes 60",
+                "heartbeat fault ",
+                "heartbeat fault ",
+                "heartbeat writes 60",
+                "heartbeat failures 2",
+                "heartbeat writes 10"
+            ]
+        );
+    }
 }

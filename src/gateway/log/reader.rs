@@ -184,15 +184,8 @@ impl<R: Read> LogReader<R> {
     }
 
     fn read_record(&mut self) -> Result<bool, LogError> {
-        self.csv.read_record(&mut self.record).map_err(|cause| LogError {
-            file: self.file.clone(),
-            line: cause.position().map_or(self.csv.position().line(), csv::Position::line),
-            column: None,
-            message: match cause.kind() {
-                csv::ErrorKind::Utf8 { .. } => "this is not text in UTF-8".to_owned(),
-                _ => cause.to_string(),
-            },
-        })
+        let read = self.csv.read_record(&mut self.record);
+        read.map_err(|cause| unreadable(&self.file, self.csv.position().line(), &cause))
     }
 
     fn line(&self) -> u64 {
@@ -303,6 +296,16 @@ impl<R: Read> LogReader<R> {
         let column = self.names.get(place).cloned();
         LogError { file: self.file.clone(), line, column, message: message.to_string() }
     }
+}
+
+/// A record that is none; `line`: where the reader stands, if the cause does not say where.
+pub(super) fn unreadable(file: &str, line: u64, cause: &csv::Error) -> LogError {
+    let message = match cause.kind() {
+        csv::ErrorKind::Utf8 { .. } => "this is not text in UTF-8".to_owned(),
+        _ => cause.to_string(),
+    };
+    let line = cause.position().map_or(line, csv::Position::line);
+    LogError { file: file.to_owned(), line, column: None, message }
 }
 
 impl Columns {

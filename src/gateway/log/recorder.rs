@@ -154,9 +154,13 @@ pub fn number(line: &mut Vec<u8>, value: f64) {
 }
 
 /// Quoted where CSV wants it.
-fn cell(text: &str) -> String {
-    if text.contains(['"', ',', '\n', '\r']) {
+pub(super) fn cell(text: &str) -> String {
+    if has_to_be_quoted(text) {
         return format!("\"{}\"", text.replace('"', "\"\""));
     }
     text.to_owned()
+}
+
+pub(super) fn has_to_be_quoted(text: &str) -> bool {
+    text.contains(['"', ',', '\n', '\r'])
 }

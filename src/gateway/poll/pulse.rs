@@ -5,6 +5,7 @@ use std::time::Duration;
 use super::LineTask;
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::wire::Request;
+use crate::gateway::keeper::Steady;
 use crate::profile::{BusId, DeviceId, Profile};
 use crate::quantity::Moment;
 
@@ -49,6 +50,11 @@ impl LineTask {
             Request::WriteMultiple { at, words: &word }
         };
         // A failure is counted and told where every request fails; the next beat is the repetition, and none is made up for.
-        let _ = self.line.request(device, request, Leave::By(next)).await;
+        let sent = self.line.request(device, request, Leave::By(next)).await;
+        let keeper = &mut self.shared.core().keeper;
+        match sent {
+            Ok(_) => keeper.wrote(Steady::Heartbeat, None, now),
+            Err(fault) => keeper.not_written(Steady::Heartbeat, &fault, now),
+        }
     }
 }

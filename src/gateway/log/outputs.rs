@@ -1,0 +1,156 @@
+//! The log of what stands between decisions and registers: CSV, one row per fact that an output took, from which
+//! [`OutputReplay`] gives the same actions again.
+//!
+//! ```text
+//! time, output, fact, value, moment, action, action_value, action_until, detail
+//! ```
+//!
+//! - `time`: when the output took the fact; RFC 3339 in UTC with every nanosecond, like every moment here.
+//! - `output`: its name in the profile.
+//! - `fact`: what had happened ([`Fact`]), with `value` and `moment` as far as it has them. Values are counts of the
+//!   register. A moment that is empty never comes.
+//! - `action`: what was to be done next ([`Action`]): nothing, until `action_until`; read; keep; write `action_value`,
+//!   whose first byte may leave until `action_until`; repeat, the same of what stands there already.
+//!
+//! | fact | value | moment |
+//! |---|---|---|
+//! | `look`, `goes-along`, `no-answer`, `refused`, `not-sent`, `kept`, `not-kept`, `restarted`, `interlocked`, `released`, `armed-by-person`, `armed-by-policy`, `off`, `paused` | | |
+//! | `decided` | the offset | a change may be sent until then |
+//! | `read` | what stands there | when that was asked |
+//! | `done`, `unknown` | | when the write had left |
+//! | `went-along`, `went-along-unknown` | what went along | when it had left |
+//!
+//! `begin` is no fact: from here on the output goes on from `detail`, its settings and its state (JSON). It is the first
+//! row of each output in a file and in a run, and the first after rows that a disk did not take: so each file is replayed
+//! by itself. A fact that changed nothing and asked for nothing is left out.
+//!
+//! Positions, heartbeats and control words are written again and again, whatever came of the last time. Of these there are
+//! the rows `cz` (in `value`, µm, where it has changed), `fault` (in `detail`, once until a write is answered),
+//! and `writes` and `failures` (how many since `moment`, a minute or more). A replay passes over them.
+
+use serde::{Deserialize, Serialize};
+
+use crate::output::{Action, Fact, Settings, State, Who};
+use crate::quantity::Moment;
+
+mod reader;
+mod recorder;
+mod replay;
+#[cfg(test)]
+mod tests;
+
+pub use reader::{Entry, OutputLogReader, OutputRow};
+pub use recorder::OutputRecorder;
+pub use replay::{OutputReplay, Replayed};
+
+/// The first line of such a log, with its line break.
+pub const HEADER: &str = "time,output,fact,value,moment,action,action_value,action_until,detail\n";
+/// What the name of such a log ends with.
+pub const ENDING: &str = ".outputs.csv";
+
+const BEGIN: &str = "begin";
+const CZ: &str = "cz";
+const FAULT: &str = "fault";
+const WRITES: &str = "writes";
+const FAILURES: &str = "failures";
+
+/// From what an output goes on.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Beginning {
+    /// What it is.
+    pub settings: Settings,
+    /// What is known of it.
+    pub state: State,
+}
+
+/// How a fact or an action stands in a row.
+#[derive(Clone, Copy, Debug)]
+struct Told {
+    name: &'static str,
+    value: Option<i64>,
+    moment: Moment,
+}
+
+fn told_fact(fact: Fact) -> Told {
+    let told = |name, value, moment| Told { name, value, moment };
+    let bare = |name| told(name, None, Moment::END);
+    match fact {
+        Fact::Look => bare("look"),
+        Fact::Decided { offset, not_after } => told("decided", Some(offset), not_after),
+        Fact::GoesAlong => bare("goes-along"),
+        Fact::WentAlong { value, left, is_done: true } => told("went-along", Some(value), left),
+        Fact::WentAlong { value, left, is_done: false } => told("went-along-unknown", Some(value), left),
+        Fact::Read { found, asked } => told("read", Some(found), asked),
+        Fact::NoAnswer => bare("no-answer"),
+        Fact::Done { left } => told("done", None, left),
+        Fact::Unknown { left } => told("unknown", None, left),
+        Fact::Refused => bare("refused"),
+        Fact::NotSent => bare("not-sent"),
+        Fact::Kept => bare("kept"),
+        Fact::NotKept => bare("not-kept"),
+        Fact::Restarted => bare("restarted"),
+        Fact::Interlocked => bare("interlocked"),
+        Fact::Released => bare("released"),
+        Fact::Armed { by: Who::Person } => bare("armed-by-person"),
+        Fact::Armed { by: Who::Policy } => bare("armed-by-policy"),
+        Fact::Off => bare("off"),
+        Fact::Paused => bare("paused"),
+    }
+}
+
+/// The fact of this name; `None` where there is none, or it lacks its value.
+fn fact(name: &str, value: Option<i64>, moment: Moment) -> Option<Fact> {
+    Some(match name {
+        "look" => Fact::Look,
+        "decided" => Fact::Decided { offset: value?, not_after: moment },
+        "goes-along" => Fact::GoesAlong,
+        "went-along" => Fact::WentAlong { value: value?, left: moment, is_done: true },
+        "went-along-unknown" => Fact::WentAlong { value: value?, left: moment, is_done: false },
+        "read" => Fact::Read { found: value?, asked: moment },
+        "no-answer" => Fact::NoAnswer,
+        "done" => Fact::Done { left: moment },
+        "unknown" => Fact::Unknown { left: moment },
+        "refused" => Fact::Refused,
+        "not-sent" => Fact::NotSent,
+        "kept" => Fact::Kept,
+        "not-kept" => Fact::NotKept,
+        "restarted" => Fact::Restarted,
+        "interlocked" => Fact::Interlocked,
+        "released" => Fact::Released,
+        "armed-by-person" => Fact::Armed { by: Who::Person },
+        "armed-by-policy" => Fact::Armed { by: Who::Policy },
+        "off" => Fact::Off,
+        "paused" => Fact::Paused,
+        _ => return None,
+    })
+}
+
+fn told_action(action: Action) -> Told {
+    let told = |name, value, moment| Told { name, value, moment };
+    match action {
+        Action::Nothing { until } => told("nothing", None, until),
+        Action::Read => told("read", None, Moment::END),
+        Action::Keep => told("keep", None, Moment::END),
+        Action::Write { value, not_after, is_repeat: false } => told("write", Some(value), not_after),
+        Action::Write { value, not_after, is_repeat: true } => told("repeat", Some(value), not_after),
+    }
+}
+
+fn action(name: &str, value: Option<i64>, moment: Moment) -> Option<Action> {
+    Some(match name {
+        "nothing" => Action::Nothing { until: moment },
+        "read" => Action::Read,
+        "keep" => Action::Keep,
+        "write" => Action::Write { value: value?, not_after: moment, is_repeat: false },
+        "repeat" => Action::Write { value: value?, not_after: moment, is_repeat: true },
+        _ => return None,
+    })
+}
+
+/// An action as a message says it: `write 120 until 2026-01-31T12:00:00Z`.
+fn in_words(action: Action) -> String {
+    let Told { name, value, moment } = told_action(action);
+    let value = value.map_or(String::new(), |value| format!(" {value}"));
+    let until = if moment == Moment::END { String::new() } else { format!(" until {moment}") };
+    format!("{name}{value}{until}")
+}

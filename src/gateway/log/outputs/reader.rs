@@ -1,0 +1,179 @@
+//! Reads what the recorder wrote.
+
+use std::fmt::Display;
+use std::io::Read;
+
+use csv::StringRecord;
+
+use super::{BEGIN, Beginning, CZ, FAILURES, FAULT, HEADER, WRITES, action, fact};
+use crate::gateway::log::LogError;
+use crate::gateway::log::reader::unreadable;
+use crate::output::{Action, Fact};
+use crate::quantity::{Moment, time};
+
+/// One row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OutputRow {
+    /// Its line in the file.
+    pub line: u64,
+    /// When the output took the fact.
+    pub now: Moment,
+    /// The output's name.
+    pub output: String,
+    /// What the row tells.
+    pub entry: Entry,
+}
+
+/// What a row tells.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Entry {
+    /// The output goes on from this.
+    Begins(Box<Beginning>),
+    /// It took a fact, and asked for something.
+    Step {
+        /// What had happened.
+        fact: Fact,
+        /// What was to be done next.
+        action: Action,
+    },
+    /// Something for people alone.
+    Noted,
+}
+
+/// Gives the rows of a log of outputs, one after the other.
+#[derive(Debug)]
+pub struct OutputLogReader<R> {
+    csv: csv::Reader<R>,
+    file: String,
+    record: StringRecord,
+    warnings: Vec<String>,
+}
+
+const COLUMNS: usize = 9;
+const TIME: usize = 0;
+const OUTPUT: usize = 1;
+const FACT: usize = 2;
+const VALUE: usize = 3;
+const MOMENT: usize = 4;
+const ACTION: usize = 5;
+const ACTION_VALUE: usize = 6;
+const ACTION_UNTIL: usize = 7;
+const DETAIL: usize = 8;
+
+impl<R: Read> OutputLogReader<R> {
+    /// Reads the header. `file` is the log's name in messages.
+    ///
+    /// # Errors
+    /// A header of something else.
+    pub fn open(input: R, file: &str) -> Result<OutputLogReader<R>, LogError> {
+        let mut csv = csv::ReaderBuilder::new().flexible(true).from_reader(input);
+        let header = csv.headers().map_err(|cause| unreadable(file, 1, &cause))?;
+        if !header.iter().eq(names()) {
+            let message = format!("this is no log of outputs, whose first line is {}", HEADER.trim_end());
+            return Err(LogError { file: file.to_owned(), line: 1, column: None, message });
+        }
+        Ok(OutputLogReader { csv, file: file.to_owned(), record: StringRecord::new(), warnings: Vec::new() })
+    }
+
+    /// What is odd about the log, but did not keep it from being read.
+    pub fn warnings(&self) -> &[String] {
+        &self.warnings
+    }
+
+    /// The next row; `None` at the end.
+    ///
+    /// # Errors
+    /// The place of what cannot be read.
+    pub fn next_row(&mut self) -> Result<Option<OutputRow>, LogError> {
+        if !self.read_record()? {
+            return Ok(None);
+        }
+        let line = self.record.position().map_or(0, csv::Position::line);
+        let error = match self.row(line) {
+            Ok(row) => return Ok(Some(row)),
+            Err(error) => error,
+        };
+        // A power cut leaves half of the last row at most: too few cells, or half of its last one.
+        let may_be_cut = self.record.len() < COLUMNS || error.column.as_deref() == name(DETAIL);
+        if may_be_cut && !self.read_record()? {
+            self.warnings.push(format!("{}, line {line}: the last row is cut off, left out", self.file));
+            return Ok(None);
+        }
+        Err(error)
+    }
+
+    fn read_record(&mut self) -> Result<bool, LogError> {
+        let read = self.csv.read_record(&mut self.record);
+        read.map_err(|cause| unreadable(&self.file, self.csv.position().line(), &cause))
+    }
+
+    fn row(&self, line: u64) -> Result<OutputRow, LogError> {
+        if self.record.len() != COLUMNS {
+            let message = format!("{} cells under {COLUMNS} column names", self.record.len());
+            return Err(LogError { file: self.file.clone(), line, column: None, message });
+        }
+        let now = time::parse(self.cell(TIME)).map_err(|why| self.error(line, TIME, why))?;
+        let entry = match self.cell(FACT) {
+            BEGIN => {
+                let wrong = |why| {
+                    let why = format!(
+                        "{why}; another version of the program has written it: replay it with that one"
+                    );
+                    self.error(line, DETAIL, why)
+                };
+                Entry::Begins(serde_json::from_str(self.cell(DETAIL)).map_err(wrong)?)
+            }
+            CZ | FAULT | WRITES | FAILURES => Entry::Noted,
+            _ => Entry::Step {
+                fact: self.told(line, (FACT, VALUE, MOMENT), fact)?,
+                action: self.told(line, (ACTION, ACTION_VALUE, ACTION_UNTIL), action)?,
+            },
+        };
+        Ok(OutputRow { line, now, output: self.cell(OUTPUT).to_owned(), entry })
+    }
+
+    /// A fact or an action, from where its name, its value and its moment stand.
+    fn told<T>(
+        &self,
+        line: u64,
+        (what, value, moment): (usize, usize, usize),
+        of: fn(&str, Option<i64>, Moment) -> Option<T>,
+    ) -> Result<T, LogError> {
+        let count = match self.cell(value) {
+            "" => None,
+            text => {
+                let count = text.parse();
+                let wrong = |_| self.error(line, value, format!("`{text}` is no count of a register"));
+                Some(count.map_err(wrong)?)
+            }
+        };
+        let at = match self.cell(moment) {
+            "" => Moment::END,
+            text => time::parse(text).map_err(|why| self.error(line, moment, why))?,
+        };
+        let wrong = || match of(self.cell(what), Some(0), at) {
+            Some(_) => {
+                self.error(line, value, format!("`{}` has a value, and none is here", self.cell(what)))
+            }
+            None => self.error(line, what, format!("`{}` is nothing that is known here", self.cell(what))),
+        };
+        of(self.cell(what), count, at).ok_or_else(wrong)
+    }
+
+    fn cell(&self, place: usize) -> &str {
+        self.record.get(place).unwrap_or_default()
+    }
+
+    fn error(&self, line: u64, place: usize, message: impl Display) -> LogError {
+        let column = name(place).map(str::to_owned);
+        LogError { file: self.file.clone(), line, column, message: message.to_string() }
+    }
+}
+
+fn names() -> impl Iterator<Item = &'static str> {
+    HEADER.trim_end().split(',')
+}
+
+fn name(place: usize) -> Option<&'static str> {
+    names().nth(place)
+}

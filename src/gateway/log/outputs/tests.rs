@@ -1,0 +1,259 @@
+use std::time::Duration;
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::output::{Rules, Verify, step};
+use crate::quantity::Micron;
+
+const NOON: Moment = Moment::from_nanos(1_767_614_400_000_000_000);
+const MOMENTS: [Moment; 4] =
+    [NOON, Moment::from_nanos(1), Moment::from_nanos(1_767_614_400_123_456_789), Moment::END];
+const VALUES: [i64; 5] = [0, -1, 120, i64::MIN, i64::MAX];
+
+fn settings(is_shared: bool) -> Settings {
+    Settings {
+        step: 2,
+        limit: 40,
+        bias: 0,
+        range: (-32768, 32767),
+        late: Duration::from_millis(4001),
+        remembered: Duration::from_secs(40),
+        every: Duration::from_secs(1),
+        refresh: (!is_shared).then_some(Duration::from_secs(10)),
+        is_shared,
+        verify: Verify::Reading,
+        rules: Rules::default(),
+    }
+}
+
+fn facts() -> Vec<Fact> {
+    let bare = [
+        Fact::Look,
+        Fact::GoesAlong,
+        Fact::NoAnswer,
+        Fact::Refused,
+        Fact::NotSent,
+        Fact::Kept,
+        Fact::NotKept,
+        Fact::Restarted,
+        Fact::Interlocked,
+        Fact::Released,
+        Fact::Armed { by: Who::Person },
+        Fact::Armed { by: Who::Policy },
+        Fact::Off,
+        Fact::Paused,
+    ];
+    let told = MOMENTS.into_iter().flat_map(|at| {
+        let valued = VALUES.into_iter().flat_map(move |value| {
+            [
+                Fact::Decided { offset: value, not_after: at },
+                Fact::Read { found: value, asked: at },
+                Fact::WentAlong { value, left: at, is_done: true },
+                Fact::WentAlong { value, left: at, is_done: false },
+            ]
+        });
+        valued.chain([Fact::Done { left: at }, Fact::Unknown { left: at }])
+    });
+    bare.into_iter().chain(told).collect()
+}
+
+fn actions() -> Vec<Action> {
+    let told = MOMENTS.into_iter().flat_map(|at| {
+        let writes = VALUES.into_iter().flat_map(move |value| {
+            [false, true].map(|is_repeat| Action::Write { value, not_after: at, is_repeat })
+        });
+        writes.chain([Action::Nothing { until: at }])
+    });
+    [Action::Read, Action::Keep].into_iter().chain(told).collect()
+}
+
+fn rows(log: &str) -> Result<Vec<OutputRow>, String> {
+    let mut reader = OutputLogReader::open(log.as_bytes(), "day").map_err(|error| error.to_string())?;
+    let mut rows = Vec::new();
+    while let Some(row) = reader.next_row().map_err(|error| error.to_string())? {
+        rows.push(row);
+    }
+    Ok(rows)
+}
+
+fn replayed(log: &str) -> Vec<(u64, Replayed)> {
+    let mut replay = OutputReplay::default();
+    rows(log).unwrap().iter().map(|row| (row.line, replay.row(row))).collect()
+}
+
+/// Two outputs that are given what chance gives them, and do as they are told most of the time.
+fn log_of(chances: &[u8]) -> (String, [State; 2]) {
+    let settings = [settings(false), settings(true)];
+    let mut states = settings.map(|settings| State::new(&settings, None, NOON));
+    let mut known = [None; 2];
+    let mut asked = [Action::Nothing { until: NOON }; 2];
+    let mut recorder = OutputRecorder::default();
+    let mut log = HEADER.as_bytes().to_vec();
+    let any = facts();
+    for (place, chance) in chances.iter().enumerate() {
+        let which = place % 2;
+        let now = NOON.after(Duration::from_millis(37 * u64::try_from(place).unwrap()));
+        let before = states[which];
+        let found = before.kept().stood.unwrap_or_default() + i64::from(*chance == 7);
+        let fact = match (asked[which], chance % 8) {
+            (_, 0) => any[usize::from(*chance) % any.len()],
+            (Action::Read, _) => Fact::Read { found, asked: now },
+            (Action::Keep, _) => Fact::Kept,
+            (Action::Write { .. }, 1) => Fact::Unknown { left: now },
+            (Action::Write { .. }, _) => Fact::Done { left: now },
+            (Action::Nothing { .. }, 1) => Fact::Armed { by: Who::Person },
+            (Action::Nothing { .. }, 2) => {
+                Fact::Decided { offset: i64::from(*chance) / 8, not_after: now.after(Duration::from_secs(1)) }
+            }
+            (Action::Nothing { .. }, _) => Fact::Look,
+        };
+        let action = step(&mut states[which], &settings[which], fact, now);
+        let _ = states[which].take_events();
+        asked[which] = action;
+        if matches!(action, Action::Nothing { .. }) && before == states[which] {
+            continue;
+        }
+        let name = ["cnc_z", "the plc's, \"z\""][which];
+        if known[which] != Some(before) && (known[which].is_none() || *chance == 9) {
+            let beginning = Beginning { settings: settings[which], state: before };
+            log.extend_from_slice(recorder.begin(now, name, &beginning));
+        }
+        known[which] = Some(states[which]);
+        log.extend_from_slice(recorder.step(now, name, fact, action));
+    }
+    (String::from_utf8(log).unwrap(), states)
+}
+
+#[test]
+fn every_fact_and_every_action_is_read_as_it_was_written() {
+    let mut recorder = OutputRecorder::default();
+    let mut log = HEADER.to_owned();
+    let (facts, actions) = (facts(), actions());
+    let pairs: Vec<_> =
+        facts.iter().zip(actions.iter().cycle()).chain(facts.iter().cycle().zip(&actions)).collect();
+    for (place, (fact, action)) in pairs.iter().enumerate() {
+        let row = recorder.step(MOMENTS[place % 3], "cnc_z", **fact, **action);
+        log += std::str::from_utf8(row).unwrap();
+    }
+    let rows = rows(&log).unwrap();
+    assert_eq!(rows.len(), pairs.len());
+    for (place, (row, (fact, action))) in rows.iter().zip(pairs).enumerate() {
+        assert_eq!(row.entry, Entry::Step { fact: *fact, action: *action }, "line {}", row.line);
+        assert_eq!((row.now, row.output.as_str()), (MOMENTS[place % 3], "cnc_z"));
+    }
+}
+
+#[test]
+fn a_row_looks_like_this() {
+    let mut recorder = OutputRecorder::default();
+    let at = NOON.after(Duration::from_micros(1500));
+    let fact = Fact::Read { found: 120, asked: NOON };
+    let action = Action::Write { value: 121, not_after: at, is_repeat: false };
+    assert_eq!(
+        std::str::from_utf8(recorder.step(at, "cnc_z", fact, action)).unwrap(),
+        "2026-01-05T12:00:00.001500000Z,cnc_z,read,120,2026-01-05T12:00:00.000000000Z,write,121,\
+         2026-01-05T12:00:00.001500000Z,\n"
+    );
+    let row = recorder.cz(at, "readout_z", Micron::new(-1.5).unwrap()).to_vec();
+    assert_eq!(std::str::from_utf8(&row).unwrap(), "2026-01-05T12:00:00.001500000Z,readout_z,cz,-1.5,,,,,\n");
+}
+
+#[test]
+fn what_is_only_counted_is_passed_over() {
+    let mut recorder = OutputRecorder::default();
+    let mut log = HEADER.as_bytes().to_vec();
+    log.extend_from_slice(recorder.cz(NOON, "readout_z", Micron::ZERO));
+    log.extend_from_slice(recorder.fault(NOON, "readout_z", "no answer, \"late\""));
+    log.extend_from_slice(recorder.writes(NOON, "heartbeat", 60, NOON));
+    log.extend_from_slice(recorder.failures(NOON, "set block", 1, NOON));
+    let log = String::from_utf8(log).unwrap();
+    assert_eq!(replayed(&log), [2, 3, 4, 5].map(|line| (line, Replayed::Nothing)));
+}
+
+proptest! {
+    #[test]
+    fn whatever_an_output_was_given_its_log_gives_its_actions_again(
+        chances in prop::collection::vec(any::<u8>(), 1..400)
+    ) {
+        let (log, states) = log_of(&chances);
+        let mut replay = OutputReplay::default();
+        for row in rows(&log).unwrap() {
+            let came = replay.row(&row);
+            prop_assert!(matches!(came, Replayed::Same | Replayed::Nothing), "line {}: {came:?}\n{log}", row.line);
+        }
+        for state in states {
+            let text = serde_json::to_string(&state).unwrap();
+            let again: State = serde_json::from_str(&text).unwrap();
+            prop_assert_eq!(again.moved(|at| at), state.moved(|at| at));
+        }
+    }
+}
+
+/// One in which both are armed, and go where they are wanted.
+fn some_log() -> String {
+    let chances = [1, 10, 18, 26, 3, 3, 34, 5, 4, 9, 42, 6, 7, 3];
+    log_of(&chances.into_iter().cycle().flat_map(|chance| [chance; 2]).take(800).collect::<Vec<_>>()).0
+}
+
+#[test]
+fn an_action_that_was_changed_is_told_with_its_line_and_both_actions() {
+    let log = some_log();
+    let line = log.lines().position(|line| line.contains(",write,")).unwrap();
+    let tampered: Vec<String> = (log.lines().enumerate())
+        .map(
+            |(place, text)| if place == line { text.replace(",write,", ",repeat,") } else { text.to_owned() },
+        )
+        .collect();
+    let came = replayed(&(tampered.join("\n") + "\n"));
+    let different: Vec<_> =
+        came.iter().filter(|(_, came)| matches!(came, Replayed::Different { .. })).collect();
+    let [(told, Replayed::Different { recorded, replayed })] = different.as_slice() else {
+        panic!("{different:?}")
+    };
+    assert_eq!(*told, u64::try_from(line).unwrap() + 1);
+    assert!(recorded.starts_with("repeat ") && replayed.starts_with("write "), "{recorded} {replayed}");
+    assert_eq!(recorded.trim_start_matches("repeat "), replayed.trim_start_matches("write "));
+}
+
+#[test]
+fn what_cannot_be_read_is_told_with_its_line_and_its_column() {
+    let row = "2026-01-05T12:00:00Z,cnc_z,read,120,2026-01-05T12:00:00Z,nothing,,,\n";
+    let wrong = |from: &str, to: &str| rows(&format!("{HEADER}{row}{}{row}", row.replace(from, to)));
+    for (from, to, told) in [
+        (",120,", ",12O,", "day, line 3, column value: `12O` is no count of a register"),
+        (",120,", ",,", "day, line 3, column value: `read` has a value, and none is here"),
+        (",read,", ",reed,", "day, line 3, column fact: `reed` is nothing that is known here"),
+        (",nothing,", ",rest,", "day, line 3, column action: `rest` is nothing that is known here"),
+        ("2026-01-05T12:00:00Z,cnc", "noon,cnc", "day, line 3, column time: `noon` is no time"),
+        (",nothing,,,", ",nothing", "day, line 3: 6 cells under 9 column names"),
+        (",read,", ",begin,", "day, line 3, column detail: "),
+    ] {
+        let error = wrong(from, to).unwrap_err();
+        assert!(error.starts_with(told), "{error}");
+    }
+    assert!(rows("time,bed\n1,2\n").unwrap_err().starts_with("day, line 1: this is no log of outputs"));
+}
+
+#[test]
+fn a_last_row_that_a_power_cut_left_half_written_is_left_out() {
+    let log = some_log();
+    let whole = rows(&log).unwrap().len();
+    let begin = log.match_indices(",begin,").last().unwrap().0;
+    let last = log.trim_end().rfind('\n').unwrap();
+    for cut in [begin + 200, last + 3, last + 40] {
+        let mut reader = OutputLogReader::open(&log.as_bytes()[..cut], "day").unwrap();
+        let mut count = 0;
+        while reader.next_row().unwrap().is_some() {
+            count += 1;
+        }
+        assert!(count < whole && reader.warnings()[0].contains("the last row is cut off"), "{cut}");
+    }
+}
+
+#[test]
+fn nobody_knows_from_where_an_output_goes_on_that_has_not_begun() {
+    let log = some_log();
+    let without = log.lines().filter(|line| !line.contains(",begin,")).collect::<Vec<_>>().join("\n") + "\n";
+    assert!(replayed(&without).iter().all(|(_, came)| *came == Replayed::Unknown));
+}
