@@ -276,8 +276,10 @@ fn a_stopped_gateway_is_at_rest_remembers_and_its_log_replays_bit_for_bit() {
     assert!(home.path().join("interop.state.json").exists());
 
     let files = std::fs::read_dir(home.path()).unwrap().map(|entry| entry.unwrap().path());
-    let logs: Vec<_> = files.filter(|path| path.extension().is_some_and(|end| end == "csv")).collect();
-    assert!(!logs.is_empty());
+    let logs = files.filter(|path| path.extension().is_some_and(|end| end == "csv"));
+    let (of_outputs, logs): (Vec<_>, Vec<_>) =
+        logs.partition(|path| path.to_str().is_some_and(|path| path.ends_with(".outputs.csv")));
+    assert!(!logs.is_empty() && logs.len() == of_outputs.len(), "{of_outputs:?}");
     for log in logs {
         let replay = ended(isotherm(home.path()).arg("replay").arg(&profile).arg(&log).arg("--json"));
         assert_eq!(replay.code, Some(0), "{}", replay.said);
@@ -288,7 +290,23 @@ fn a_stopped_gateway_is_at_rest_remembers_and_its_log_replays_bit_for_bit() {
         let replay =
             ended(isotherm(home.path()).arg("replay").arg(&profile).arg(&log).arg("--out").arg(&out));
         assert!(replay.out.contains("bit for bit"), "{}", replay.out);
-        let table = std::fs::read_to_string(out).unwrap();
+        let of_outputs = log.with_extension("outputs.csv");
+        let alone = ended(isotherm(home.path()).arg("replay").arg(&profile).arg(&of_outputs));
+        assert_eq!(alone.code, Some(0), "{}", alone.said);
+        assert!(
+            alone.out.contains("output cnc_z: the ") && alone.out.contains("came out again"),
+            "{}",
+            alone.out
+        );
+        assert!(replay.out.ends_with(&alone.out), "it is replayed with the log beside it: {}", replay.out);
+        assert_eq!(document["outputs"]["outputs"]["cnc_z"]["differing"], 0);
+        let staged =
+            ended(isotherm(home.path()).arg("replay").arg(&profile).arg(&of_outputs).arg("--out").arg(&out));
+        assert!(staged.code == Some(1) && staged.said.contains("leave --out away"), "{}", staged.said);
+        std::fs::remove_file(&of_outputs).unwrap();
+        let without = ended(isotherm(home.path()).arg("replay").arg(&profile).arg(&log));
+        assert_eq!(without.out + &alone.out, replay.out, "a log of before has none beside it");
+        let table = std::fs::read_to_string(&out).unwrap();
         assert_eq!(table.lines().next(), Some("time,z_raw_um,z_cz_um,z_model,z_state,z_acted"));
     }
 }
@@ -331,7 +349,8 @@ fn nobody_reading_what_it_says_does_not_hold_it_up() {
     // Its last rows are there only if the loop goes on and the axis has been told about.
     process::until("it does not go on", || {
         let mut files = std::fs::read_dir(home.path()).unwrap().map(|entry| entry.unwrap().path());
-        let log = files.find(|path| path.extension().is_some_and(|end| end == "csv"));
+        let is_log = |path: &str| path.ends_with(".csv") && !path.ends_with(".outputs.csv");
+        let log = files.find(|path| path.to_str().is_some_and(is_log));
         let text = log.map_or(String::new(), |path| std::fs::read_to_string(path).unwrap());
         let active = text.matches(",active,").count();
         if active > 5 { Ok(()) } else { Err(format!("{active} updates")) }

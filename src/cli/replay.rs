@@ -2,6 +2,9 @@
 //!
 //! A log that the gateway wrote gives its decisions again, bit for bit; the summary says whether it did.
 //!
+//! So does the log of the outputs (`NAME-DATE.outputs.csv`) its actions: alone, or with the log of the decisions that it
+//! stands beside.
+//!
 //! A log from elsewhere is shown to the same step, row by row, armed and with its registers at zero:
 //! - an axis updates at a row only where its period has passed since its last update. Where rows come faster, `z_cz_um`,
 //!   `z_state` and `z_acted` stand until the next update; where they come slower, there is one update per row, so that
@@ -9,7 +12,7 @@
 //! - `z_raw_um` and `z_model` are the model's at every row, whether or not the axis updates there.
 //! - `range` is applied to its values; `max_rate`, `max_age` and `fault_when` are not: a row is fresh by definition.
 
-use std::io::{Read, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 
 use std::fs::File;
 use std::path::PathBuf;
@@ -22,17 +25,20 @@ use crate::gateway::log::{LogReader, LogRow, number};
 use crate::profile::Profile;
 use crate::quantity::Micron;
 
+mod outputs;
 mod summary;
 #[cfg(test)]
 mod tests;
 
+pub use outputs::{OutputsSummary, replay_outputs};
 use summary::Tally;
 pub use summary::{AxisSummary, Difference, ErrorSummary, Range, Reproduced, Summary};
 
 /// The gateway's own step over a recorded log: every stage of Cz, and the error before and after where the log has one.
 ///
 /// A log is CSV: first column `time` (seconds, or RFC 3339), one column per signal in its unit, `<axis>_error_um` where
-/// the error was measured. Missing values are empty.
+/// the error was measured. Missing values are empty. What the outputs of a gateway did (`NAME-DATE.outputs.csv`) is
+/// replayed with the log that it stands beside, or alone.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Example:\n  isotherm replay my-machine.toml monday.csv --out replayed.csv")]
 pub(super) struct Arguments {
@@ -53,12 +59,33 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let profile = load_modelled(&arguments.profile, arguments.json)?;
     let name = arguments.recording.display().to_string();
     let log = File::open(&arguments.recording).with_context(|| format!("the log {name} cannot be read"))?;
+    let mut log = BufReader::new(log);
+    let first = log.fill_buf().with_context(|| format!("the log {name} cannot be read"))?;
+    if outputs::is_of_outputs(first) {
+        return run_outputs(arguments, log, &name);
+    }
     let mut out = match &arguments.out {
         Some(path) => Some(File::create(path).with_context(|| format!("cannot write {}", path.display()))?),
         None => None,
     };
     let out = out.as_mut().map(|file| file as &mut dyn Write);
-    let summary = replay(&profile, std::io::BufReader::new(log), &name, out)?;
+    let mut summary = replay(&profile, log, &name, out)?;
+    summary.outputs = outputs::beside(&arguments.recording)?;
+    if arguments.json {
+        return print_json(&summary);
+    }
+    print!("{summary}");
+    Ok(())
+}
+
+fn run_outputs(arguments: &Arguments, log: impl Read, name: &str) -> Result<(), Failure> {
+    if arguments.out.is_some() {
+        let why = format!(
+            "{name} is a log of outputs, which has no stages of Cz: leave --out away, or name the log of the decisions"
+        );
+        return Err(anyhow::anyhow!(why).into());
+    }
+    let summary = replay_outputs(log, name)?;
     if arguments.json {
         return print_json(&summary);
     }

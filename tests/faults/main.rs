@@ -12,6 +12,7 @@ mod keeping;
 mod law;
 mod ledger;
 mod load;
+mod logged;
 mod outputs;
 mod probing;
 mod restarts;

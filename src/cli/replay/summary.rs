@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use super::Outcome;
+use super::{Outcome, OutputsSummary};
 use crate::compensation::AxisState;
 use crate::gateway::log::{Decided, LogRow};
 use crate::profile::Profile;
@@ -25,6 +25,9 @@ pub struct Summary {
     pub warnings: Vec<String>,
     /// By name.
     pub axes: BTreeMap<String, AxisSummary>,
+    /// What the outputs did with the decisions, where a log of it stands beside this one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub outputs: Option<OutputsSummary>,
 }
 
 /// One axis in numbers.
@@ -66,18 +69,18 @@ pub struct ErrorSummary {
     pub rms_after_um: f64,
 }
 
-/// Whether the decisions of the day came out again, every bit of them.
+/// Whether the decisions of the day, or the actions of an output, came out again, every bit of them.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Reproduced {
-    /// Rows with a decision in the log.
+    /// Rows with a decision or an action in the log.
     pub rows: u64,
-    /// Rows whose decision came out different.
+    /// Rows for which another one came out.
     pub differing: u64,
     /// The first of them.
     pub first: Option<Difference>,
 }
 
-/// A decision that came out different.
+/// A decision or an action that came out different.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Difference {
     /// Line in the log.
@@ -199,7 +202,8 @@ impl Tally {
         }
         let span = self.span.map_or(Duration::ZERO, |(first, latest)| latest.since(first));
         let axes = self.axes.into_iter().map(|axis| (axis.name.clone(), axis.summary(self.rows))).collect();
-        Summary { log: log.to_owned(), rows: self.rows, span_s: span.as_secs_f64(), warnings, axes }
+        let log = log.to_owned();
+        Summary { log, rows: self.rows, span_s: span.as_secs_f64(), warnings, axes, outputs: None }
     }
 }
 
@@ -276,6 +280,9 @@ impl fmt::Display for Summary {
             if let Some(reproduced) = &axis.reproduced {
                 reproduced.fmt(f)?;
             }
+        }
+        if let Some(outputs) = &self.outputs {
+            outputs.fmt(f)?;
         }
         Ok(())
     }

@@ -1,0 +1,112 @@
+//! The log of the outputs: the same facts again, and whether the same was to be done.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::fs::File;
+use std::io::{BufReader, Read};
+use std::path::Path;
+use std::time::Duration;
+
+use anyhow::Context;
+use serde::Serialize;
+
+use super::{Difference, Reproduced};
+use crate::gateway::log::outputs::{ENDING, Entry, HEADER, OutputLogReader, OutputReplay, Replayed};
+use crate::quantity::Moment;
+
+/// A replayed log of outputs in numbers.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct OutputsSummary {
+    /// The log's name.
+    pub log: String,
+    /// Rows read.
+    pub rows: u64,
+    /// From the earliest to the latest moment, s.
+    pub span_s: f64,
+    /// What is odd about the log.
+    pub warnings: Vec<String>,
+    /// By name: every output that is written as decided. What is only counted is not replayed.
+    pub outputs: BTreeMap<String, Reproduced>,
+}
+
+/// A log begins with the columns of outputs: the first bytes of it are enough.
+pub(super) fn is_of_outputs(first: &[u8]) -> bool {
+    first.starts_with(HEADER.trim_end().as_bytes())
+}
+
+/// Replays what the outputs did with the decisions of this log, where that stands beside it.
+pub(super) fn beside(log: &Path) -> anyhow::Result<Option<OutputsSummary>> {
+    let Some(stem) = log.to_str().and_then(|name| name.strip_suffix(".csv")) else { return Ok(None) };
+    let name = format!("{stem}{ENDING}");
+    match File::open(&name) {
+        Ok(file) => {
+            let replayed = replay_outputs(BufReader::new(file), &name);
+            let why = "the log of the outputs beside it; move it away to replay the decisions alone";
+            replayed.map(Some).context(why)
+        }
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(error).with_context(|| format!("the log {name} cannot be read")),
+    }
+}
+
+/// Replays a log of outputs and sums up. `name` is the log's name in messages.
+///
+/// # Errors
+/// A log that cannot be read, with the place.
+pub fn replay_outputs(log: impl Read, name: &str) -> anyhow::Result<OutputsSummary> {
+    let mut reader = OutputLogReader::open(log, name)?;
+    let mut replay = OutputReplay::default();
+    let mut outputs: BTreeMap<String, Reproduced> = BTreeMap::new();
+    let mut unknown: BTreeMap<String, (u64, u64)> = BTreeMap::new();
+    let (mut rows, mut span) = (0, None);
+    while let Some(row) = reader.next_row()? {
+        rows += 1;
+        let (first, latest): (Moment, Moment) = span.unwrap_or((row.now, row.now));
+        span = Some((first.min(row.now), latest.max(row.now)));
+        let replayed = replay.row(&row);
+        if replayed == Replayed::Unknown {
+            unknown.entry(row.output).or_insert((row.line, 0)).1 += 1;
+            continue;
+        }
+        if row.entry == Entry::Noted {
+            continue;
+        }
+        let told = outputs.entry(row.output).or_default();
+        told.rows += u64::from(replayed != Replayed::Nothing);
+        if let Replayed::Different { recorded, replayed } = replayed {
+            told.differing += 1;
+            let column = "action".to_owned();
+            told.first.get_or_insert(Difference { line: row.line, column, recorded, replayed });
+        }
+    }
+    let left_out = unknown.into_iter().map(|(output, (line, rows))| {
+        format!(
+            "{name}, line {line}: nothing tells from what {output} goes on; {rows} of its rows are left out"
+        )
+    });
+    let warnings = reader.warnings().iter().cloned().chain(left_out).collect();
+    let span_s = span.map_or(0.0, |(first, latest)| latest.since(first).as_secs_f64());
+    Ok(OutputsSummary { log: name.to_owned(), rows, span_s, warnings, outputs })
+}
+
+impl fmt::Display for OutputsSummary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let span = Duration::try_from_secs_f64(self.span_s.round()).unwrap_or_default();
+        writeln!(f, "{}: {} rows over {}", self.log, self.rows, humantime::format_duration(span))?;
+        for (name, output) in &self.outputs {
+            let Some(first) = &output.first else {
+                writeln!(f, "output {name}: the {} actions in the log came out again", output.rows)?;
+                continue;
+            };
+            writeln!(
+                f,
+                "output {name}: {} of {} actions came out different; first in {}, line {}: it is `{}` in the log, `{}` here",
+                output.differing, output.rows, self.log, first.line, first.recorded, first.replayed
+            )?;
+        }
+        for warning in &self.warnings {
+            writeln!(f, "warning: {warning}")?;
+        }
+        Ok(())
+    }
+}
