@@ -246,6 +246,7 @@ impl Gateway {
         let mut core = self.shared.core();
         let mut keeper = std::mem::take(&mut core.keeper);
         let now = self.shared.clock.now();
+        keeper.count_for_the_last_time(now);
         keeper.remember_now(now, &core.compensation, &self.shared.profile, &core.outputs);
         let failed = core.failed;
         drop(core);
