@@ -1,12 +1,12 @@
 //! Keeps the logs and the state on disk, by a thread of its own: a full or slow disk changes nothing on the bus.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::time::Duration;
 
-use super::disk::{Disk, Files};
+use super::disk::Disk;
 use super::log::Recorder;
 use super::memory::Memory;
 use super::output::OutputState;

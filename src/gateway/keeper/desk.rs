@@ -11,6 +11,7 @@ use std::time::Duration;
 
 use super::outputs::Tears;
 use super::{A_DAY, Job};
+use crate::gateway::disk::Files;
 use crate::gateway::log::outputs::{ENDING, HEADER};
 use crate::gateway::memory::Memory;
 use crate::observe::events::{Event, Journal};
@@ -88,7 +89,7 @@ impl Desk {
                 self.write_output(at, &row, tear);
             }
             Job::State(memory) => {
-                let done = std::fs::create_dir_all(&self.directory).and_then(|()| memory.save(&self.state));
+                let done = memory.save(&Files, &self.state);
                 self.report(memory.at, "the state", done);
             }
         }
