@@ -2,16 +2,19 @@
 //! over a real socket, with a device that keeps what is written in the order in which it came.
 #![allow(clippy::unwrap_used, reason = "a test may stop where it stands")]
 
-use std::io::{Read, Write};
-use std::net::{SocketAddr, TcpListener, TcpStream};
-use std::path::Path;
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::net::{SocketAddr, TcpStream};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use isotherm::clock::Clock;
-use isotherm::gateway::{Gateway, Options, Pace};
-use isotherm::observe::status::{Source, Status};
-use isotherm::profile;
+use isotherm::gateway::{Options, Pace};
+use isotherm::observe::status::{Command, Source};
+
+mod device;
+
+use device::gateway::{self, wait_until};
+use device::server::{self, Question};
 
 const PROFILE: &str = r#"
 [machine]
@@ -83,53 +86,46 @@ struct Bank {
     lives: Vec<usize>,
     /// Registers that were written on a connection on which nobody had read them.
     unseen: Vec<u16>,
+    connections: BTreeMap<usize, Life>,
+}
+
+/// A connection.
+#[derive(Default)]
+struct Life {
+    /// How many answers it still brings.
+    left: usize,
+    seen: Vec<u16>,
+}
+
+impl Bank {
+    fn answer(&mut self, question: &Question) -> (Vec<u8>, bool) {
+        let lives = &mut self.lives;
+        let begins = || Life { left: lives.pop().unwrap_or(usize::MAX), seen: Vec::new() };
+        let life = self.connections.entry(question.connection).or_insert_with(begins);
+        life.left -= 1;
+        let is_last = life.left == 0;
+        let from = question.from();
+        if question.is_read() {
+            life.seen.extend(from..from + question.count());
+            return (question.read(&self.words), is_last);
+        }
+        let word = question.words()[0];
+        self.words[usize::from(from)] = word;
+        self.written.push((from, word));
+        if !life.seen.contains(&from) {
+            self.unseen.push(from);
+        }
+        (question.done(), is_last)
+    }
 }
 
 fn serve(bank: &Arc<Mutex<Bank>>) -> SocketAddr {
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = listener.local_addr().unwrap();
     let bank = bank.clone();
-    std::thread::spawn(move || {
-        for stream in listener.incoming() {
-            let bank = bank.clone();
-            std::thread::spawn(move || answer(stream.unwrap(), &bank));
-        }
-    });
-    address
-}
-
-fn answer(mut stream: TcpStream, bank: &Mutex<Bank>) {
-    let mut request = [0u8; 12];
-    let mut seen = Vec::new();
-    let lives = bank.lock().unwrap().lives.pop().unwrap_or(usize::MAX);
-    for _ in 0..lives {
-        if stream.read_exact(&mut request).is_err() {
-            return;
-        }
-        let word = |at: usize| u16::from_be_bytes([request[at], request[at + 1]]);
-        let (from, second) = (word(8), word(10));
-        let mut reply = request[..8].to_vec();
-        let mut bank = bank.lock().unwrap();
-        if request[7] == 3 {
-            reply.push(u8::try_from(2 * second).unwrap());
-            seen.extend(from..from + second);
-            let (from, count) = (usize::from(from), usize::from(second));
-            reply.extend(bank.words[from..from + count].iter().flat_map(|word| word.to_be_bytes()));
-        } else {
-            bank.words[usize::from(from)] = second;
-            bank.written.push((from, second));
-            if !seen.contains(&from) {
-                bank.unseen.push(from);
-            }
-            reply.extend_from_slice(&request[8..12]);
-        }
-        let length = u16::try_from(reply.len() - 6).unwrap();
-        reply[4..6].copy_from_slice(&length.to_be_bytes());
-        drop(bank);
-        if stream.write_all(&reply).is_err() {
-            return;
-        }
-    }
+    server::serve(move |question: &Question, stream: &mut TcpStream| {
+        let (answer, is_last) = bank.lock().unwrap().answer(question);
+        stream.write_all(&question.answer(&answer))?;
+        if is_last { server::hang_up() } else { Ok(()) }
+    })
 }
 
 /// Runs the gateway beside what `script` does with its state; the script's end stops it.
@@ -145,33 +141,7 @@ fn with(
     script: impl FnOnce(&dyn Source) + Send + 'static,
 ) {
     let text = text.replace("ADDRESS", &serve(bank).to_string());
-    let loaded = profile::parse(Path::new("line.toml"), &text, &[], &[]);
-    let profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
-    runtime.block_on(async {
-        let gateway = Gateway::new(profile, &Clock::wall(), Options { pace, ..Options::default() });
-        let source = gateway.source();
-        let done = tokio::task::spawn_blocking(move || script(source.as_ref()));
-        let (tell, told) = tokio::sync::oneshot::channel();
-        let stop = async move { drop(tell.send(done.await)) };
-        gateway.run(stop, std::future::pending()).await;
-        told.await.unwrap().unwrap();
-    });
-}
-
-#[track_caller]
-fn wait_until(source: &dyn Source, what: &str, found: impl Fn(&Status) -> bool) {
-    let clock = Clock::wall();
-    let begun = clock.now();
-    loop {
-        let status = source.status();
-        if found(&status) {
-            return;
-        }
-        let events: Vec<&str> = status.events.iter().map(|event| event.text.as_str()).collect();
-        assert!(clock.now().since(begun) < Duration::from_secs(60), "{what}: {:?} {events:#?}", status.axes);
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    gateway::beside(&text, Options { pace, ..Options::default() }, script);
 }
 
 fn signed(word: u16) -> i16 {
@@ -209,7 +179,6 @@ fn the_reference_position_comes_first_and_both_parts_walk_to_their_values() {
 
 #[test]
 fn beyond_the_error_level_the_axis_goes_to_zero_and_stays_off_until_it_is_armed() {
-    use isotherm::observe::status::Command;
     let bank = Arc::new(Mutex::new(Bank::default()));
     bank.lock().unwrap().words[0] = 250;
     let seen = bank.clone();

@@ -6,13 +6,20 @@
 #![allow(dead_code, reason = "each of the tests uses its part")]
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
-use std::io::{Read, Write};
+use std::io::{Result, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::time::Duration;
 
 use isotherm::clock::Clock;
 use isotherm::quantity::Moment;
+
+pub(crate) mod gate;
+pub(crate) mod gateway;
+pub(crate) mod server;
+
+use gate::{At, Gate, Of, Place};
+use server::Question;
 
 /// Counts of one step of the axis.
 pub(crate) const STEP: i16 = 10;
@@ -109,6 +116,7 @@ struct Inner {
     delay: Duration,
     state: Mutex<State>,
     changed: Condvar,
+    gate: Gate,
 }
 
 #[derive(Default)]
@@ -116,7 +124,7 @@ pub(crate) struct State {
     temperature: i16,
     offset: i16,
     pub(crate) seen: Vec<Seen>,
-    connections: usize,
+    hangs_up: bool,
     /// Temperatures are not answered for now.
     holds: bool,
     /// How many wait for that.
@@ -137,16 +145,17 @@ impl Device {
             delay,
             state: Mutex::default(),
             changed: Condvar::new(),
+            gate: Gate::default(),
         }));
-        let accepting = device.clone();
-        std::thread::spawn(move || {
-            for stream in listener.incoming() {
-                let device = accepting.clone();
-                let connection = device.state().connections;
-                device.state().connections += 1;
-                std::thread::spawn(move || device.answer(stream.unwrap(), connection));
-            }
-        });
+        let (accepting, answering) = (device.clone(), device.clone());
+        server::listen(
+            listener,
+            move |_| {
+                accepting.0.gate.passes(Place(Of::Connection, At::Come));
+                Ok(())
+            },
+            move |question: &Question, stream: &mut TcpStream| answering.answer(question, stream),
+        );
         device
     }
 
@@ -200,22 +209,38 @@ impl Device {
         }
     }
 
-    fn answer(&self, mut stream: TcpStream, connection: usize) {
-        stream.set_nodelay(true).unwrap();
-        let mut header = [0; 7];
-        while stream.read_exact(&mut header).is_ok() {
-            let mut pdu = vec![0; usize::from(u16::from_be_bytes([header[4], header[5]])) - 1];
-            if stream.read_exact(&mut pdu).is_err() {
-                return;
-            }
-            let at = self.now();
-            let reply = self.carry_out(&pdu, at, connection);
-            let length = u16::try_from(reply.len() + 1).unwrap();
-            header[4..6].copy_from_slice(&length.to_be_bytes());
-            if stream.write_all(&[&header[..], &reply[..]].concat()).is_err() {
-                return;
-            }
+    /// Whoever asks next finds the connection closed.
+    pub(crate) fn hangs_up(&self) {
+        self.state().hangs_up = true;
+    }
+
+    /// Where it can be made to wait in the middle of an exchange.
+    pub(crate) fn gate(&self) -> &Gate {
+        &self.0.gate
+    }
+
+    fn answer(&self, question: &Question, stream: &mut TcpStream) -> Result<()> {
+        let at = self.now();
+        if std::mem::take(&mut self.state().hangs_up) {
+            return server::hang_up();
         }
+        let has_written = matches!(self.state().seen.last(), Some(Seen { what: What::Wrote { .. }, .. }));
+        let of = match (question.is_read(), question.from()) {
+            (true, TEMPERATURE) => Of::Temperature,
+            (true, _) if has_written => Of::ReadBack,
+            (true, _) => Of::Look,
+            (false, _) => Of::Write,
+        };
+        let gate = &self.0.gate;
+        gate.passes(Place(of, At::Come));
+        let answer = question.answer(&self.carry_out(&question.pdu, at, question.connection));
+        gate.passes(Place(of, At::CarriedOut));
+        let half = if gate.is_closed_at(Place(of, At::Half)) { answer.len() / 2 } else { 0 };
+        stream.write_all(&answer[..half])?;
+        gate.passes(Place(of, At::Half));
+        stream.write_all(&answer[half..])?;
+        gate.passes(Place(of, At::Answered));
+        Ok(())
     }
 
     fn carry_out(&self, pdu: &[u8], at: Moment, connection: usize) -> Vec<u8> {

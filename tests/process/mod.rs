@@ -69,6 +69,12 @@ impl Running {
         }
     }
 
+    /// What it has said so far.
+    pub(crate) fn so_far(&mut self) -> &[String] {
+        self.said.extend(self.lines.try_iter());
+        &self.said
+    }
+
     /// What it is told.
     pub(crate) fn stdin(&mut self) -> &mut ChildStdin {
         self.child.stdin.as_mut().unwrap()

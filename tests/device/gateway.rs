@@ -1,0 +1,57 @@
+//! The gateway in this process, beside a script that looks at it.
+
+use std::path::Path;
+use std::time::Duration;
+
+use isotherm::clock::Clock;
+use isotherm::gateway::{Gateway, Options};
+use isotherm::observe::status::{Source, Status};
+use isotherm::profile;
+
+/// Runs it beside what `script` does with its state; the script's end stops it. What it told.
+pub(crate) fn beside(
+    text: &str,
+    options: Options,
+    script: impl FnOnce(&dyn Source) + Send + 'static,
+) -> Status {
+    let loaded = profile::parse(Path::new("machine.toml"), text, &[], &[]);
+    let profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let gateway = Gateway::new(profile, &Clock::wall(), options);
+        let source = gateway.source();
+        let seen = source.clone();
+        let done = tokio::task::spawn_blocking(move || script(seen.as_ref()));
+        let (tell, told) = tokio::sync::oneshot::channel();
+        let stop = async move { drop(tell.send(done.await)) };
+        gateway.run(stop, std::future::pending()).await;
+        told.await.unwrap().unwrap();
+        source.status()
+    })
+}
+
+/// Looks again and again until this is found.
+#[track_caller]
+pub(crate) fn wait_until(source: &dyn Source, what: &str, found: impl Fn(&Status) -> bool) {
+    let clock = Clock::wall();
+    let begun = clock.now();
+    loop {
+        let status = source.status();
+        if found(&status) {
+            return;
+        }
+        let waited = clock.now().since(begun);
+        assert!(waited < Duration::from_secs(60), "{what}: {:?} {:#?}", status.axes, events(&status));
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// What it has told.
+pub(crate) fn events(status: &Status) -> Vec<&str> {
+    status.events.iter().map(|event| event.text.as_str()).collect()
+}
+
+/// How often it has told this.
+pub(crate) fn told(status: &Status, kind: &str) -> u64 {
+    status.event_counts.get(kind).copied().unwrap_or_default()
+}

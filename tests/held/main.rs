@@ -1,0 +1,15 @@
+//! Writes that something on the way holds, denies or loses: the gateway over real sockets against a control of our own,
+//! which keeps every value that really came to stand in its register.
+#![allow(clippy::unwrap_used, reason = "a test may stop where it stands")]
+
+#[path = "../device/mod.rs"]
+mod device;
+#[path = "../process/mod.rs"]
+mod process;
+
+mod applied;
+mod arriving;
+mod control;
+mod denied;
+mod rig;
+mod shared;
