@@ -10,6 +10,7 @@ mod process;
 mod applied;
 mod arriving;
 mod control;
+mod corrected;
 mod denied;
 mod rig;
 mod shared;
