@@ -14,3 +14,4 @@ mod corrected;
 mod denied;
 mod rig;
 mod shared;
+mod stopped;
