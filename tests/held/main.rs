@@ -9,6 +9,7 @@ mod process;
 
 mod applied;
 mod arriving;
+mod buffered;
 mod control;
 mod corrected;
 mod denied;
