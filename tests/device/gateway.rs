@@ -41,7 +41,7 @@ pub(crate) fn wait_until(source: &dyn Source, what: &str, found: impl Fn(&Status
             return;
         }
         let waited = clock.now().since(begun);
-        assert!(waited < Duration::from_secs(60), "{what}: {:?} {:#?}", status.axes, events(&status));
+        assert!(waited < Duration::from_secs(120), "{what}: {:?} {:#?}", status.axes, events(&status));
         std::thread::sleep(Duration::from_millis(5));
     }
 }
