@@ -62,11 +62,14 @@ struct Newest<T> {
     closed: bool,
 }
 
+/// Returns when the document is on disk.
+type Save<T> = Box<dyn FnMut(&T) -> io::Result<()> + Send>;
+
 /// Puts versions on disk, and tells what became of them.
 struct Clerk<T> {
     what: &'static str,
     otherwise: &'static str,
-    save: Box<dyn FnMut(&T) -> io::Result<()> + Send>,
+    save: Save<T>,
     tell: watch::Sender<Done>,
     journal: Arc<Journal>,
     clock: Clock,

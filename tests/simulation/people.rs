@@ -11,11 +11,16 @@ use crate::machine::{BEAT, CNC, X, Y};
 /// Micrometres by which a register may be off: the deadband, a step's wait, what the drift makes of a second.
 const TOLERANCE: f64 = 0.6;
 
+/// What somebody does to a register is found by the gateway that is there then, or by the next one; a line is away for two
+/// minutes at most.
+const TOUCHED_WITHIN: Duration = Duration::from_secs(200);
 /// A heartbeat of one a second has counted in so long.
 const BEATS_WITHIN: Duration = Duration::from_secs(3);
 
 #[derive(Clone, Debug, Default)]
 pub(crate) struct People {
+    /// How often somebody was said to have changed a register.
+    blames: u64,
     /// The heartbeat, and when it was looked at.
     beat: Option<(Duration, i64)>,
 }
@@ -26,6 +31,9 @@ impl People {
         world.pass(now);
         let status = source.status();
         self.beat = Some((now, world.machine.stands(CNC, BEAT)));
+        if let Some(why) = self.is_blamed(world, &status, now) {
+            world.machine.laws.broken.get_or_insert(why);
+        }
         if status.axes.iter().all(|axis| axis.armed) {
             return;
         }
@@ -64,6 +72,18 @@ impl People {
         }
         world.note(now, Note::Did("a person arms", 0));
         let _ = source.command(Command::Arm);
+    }
+
+    /// Who is said to have changed a register has done so, or a control has restarted, not long ago.
+    fn is_blamed(&mut self, world: &World, status: &Status, now: Duration) -> Option<String> {
+        let count = |kind: &str| status.event_counts.get(kind).copied().unwrap_or_default();
+        let blames = count("foreign-change") + count("operator-change");
+        // A gateway that was started anew counts from nothing.
+        let more = blames > std::mem::replace(&mut self.blames, blames) && blames > 0;
+        let touched = world.machine.laws.registers.iter().filter_map(|register| register.moved_at).max();
+        let is_long_ago = touched.is_none_or(|touched| now.saturating_sub(touched) > TOUCHED_WITHIN);
+        (more && is_long_ago)
+            .then(|| format!("R2: somebody is blamed, and nobody has touched anything; {}", told(status)))
     }
 
     /// At the end of a calm: what is not as it should be.

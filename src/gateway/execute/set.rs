@@ -11,7 +11,7 @@
 
 use crate::codec::Register as Place;
 use crate::compensation::AxisState;
-use crate::fieldbus::error::Outcome;
+use crate::fieldbus::error::{Fault, Outcome};
 use crate::fieldbus::line::DeviceLine;
 use crate::gateway::keeper::Steady;
 use crate::gateway::output::Wait;
