@@ -87,14 +87,16 @@ impl<'a> Day<'a> {
         let his = random.random_range(-90..90);
         let phases = [(); 4].map(|()| random.random_range(0.0..1.0));
         let machine = Machine::new(phases, Laws::new(his));
-        let world = World::new(machine, Pcg32::seed_from_u64(seed ^ 0x5eed), passage.clone());
+        let disk = MemoryDisk::default();
+        let random_of_lines = Pcg32::seed_from_u64(seed ^ 0x5eed);
+        let world = World::new(machine, random_of_lines, passage.clone(), disk.is_dead.clone());
         let next = script::next(&mut random, Duration::ZERO);
         Day {
             profile,
             random,
             shared: Shared(Arc::new(Mutex::new(world))),
             passage,
-            disk: MemoryDisk::default(),
+            disk,
             disk_full_until: Duration::ZERO,
             is_credulous,
             next,
@@ -133,8 +135,9 @@ impl<'a> Day<'a> {
         while self.passage.now() < until {
             let at = until.min(self.next.0);
             self.passage.timer(at).await;
-            if self.passage.now() >= self.next.0 && self.happens(None).is_some() {
+            if self.passage.now() >= self.next.0 {
                 // Whoever is not there is neither killed nor stopped.
+                let _ = self.happens(None);
             }
         }
     }
@@ -145,9 +148,8 @@ impl<'a> Day<'a> {
             let mut world = self.shared.world();
             world.bury();
             world.counts.runs += 1;
-            world.machine.laws.corrected = None;
+            world.machine.laws.begins();
         }
-        self.disk.is_dead.store(false, Ordering::Relaxed);
         let wrong = match self.random.random_range(0..8) {
             0 => Duration::from_secs(86_400 * 300),
             1 => Duration::from_secs(3600 * self.random.random_range(1..48)),
@@ -210,10 +212,9 @@ impl<'a> Day<'a> {
 
     fn dies(&self) -> End {
         let mut world = self.shared.world();
-        world.is_killed = true;
-        self.disk.is_dead.store(true, Ordering::Relaxed);
+        world.kill();
         let now = self.passage.now();
-        world.note(now, Note::Did("killed", 0));
+        world.did(now, "killed", 0);
         End::Killed
     }
 
@@ -222,80 +223,34 @@ impl<'a> Day<'a> {
         let (_, what) = self.next;
         let now = self.passage.now();
         let mut end = None;
-        {
-            let mut world = self.shared.world();
-            let world = &mut *world;
-            world.pass(now);
-            world.counts.faults += u64::from(!matches!(what, Happening::Calm | Happening::Look));
-            match what {
-                Happening::Weather(line, weather, span) => {
-                    (world.lines[line].weather, world.lines[line].until) = (weather, now + span);
-                    world.note(now, Note::Weather(line, weather, span.as_secs()));
-                }
-                Happening::Next(line, fate) => world.lines[line].next = Some(fate),
-                Happening::OpenWire(channel, span) => {
-                    world.machine.open_until[channel] = now + span;
-                    world.note(
-                        now,
-                        Note::Did("a thermocouple breaks", channel.try_into().unwrap_or_default()),
-                    );
-                }
-                Happening::Restart(line, forgets) => {
-                    world.machine.restarts(line, forgets, now);
-                    world.lines[line].weather = crate::link::Weather::Unreachable;
-                    world.lines[line].until = now + 3 * SECOND;
-                    world.cut(line);
-                    world.note(
-                        now,
-                        Note::Did(
-                            if forgets { "a control restarts with nothing" } else { "a control restarts" },
-                            line.try_into().unwrap_or_default(),
-                        ),
-                    );
-                }
-                Happening::Deaf(span) => world.machine.deaf_until = now + span,
-                Happening::Edit(change) => self.edit = Some((CNC, Y, change)),
-                Happening::Foreign(value) => self.edit = Some((CNC, X, value)),
-                Happening::FullDisk(span) => {
-                    self.disk_full_until = now + span;
-                    world.note(
-                        now,
-                        Note::Did("the disk is full for s", span.as_secs().try_into().unwrap_or_default()),
-                    );
-                }
-                Happening::Sleep(span) => {
-                    world.note(
-                        now,
-                        Note::Did(
-                            "the computer sleeps for ms",
-                            span.as_millis().try_into().unwrap_or_default(),
-                        ),
-                    );
-                    world.passage.suspend(span);
-                }
-                Happening::Kill => end = Some(End::Killed),
-                Happening::Stop => {
-                    world.note(now, Note::Did("stopped", 0));
-                    end = Some(End::Stopped);
-                }
-                Happening::Calm => {
-                    world.lines.iter_mut().for_each(|line| (line.next, line.until) = (None, now));
-                    world.machine.deaf_until = now;
-                    world.machine.open_until = [now; 2];
-                    self.disk_full_until = now;
-                    self.edit = None;
-                    world.note(now, Note::Did("a calm begins", 0));
-                }
-                Happening::Look => {
-                    if let Some(source) = source {
-                        let why = self.people.what_is_wrong(world, source, now);
-                        if let Some(why) = why {
-                            world.machine.laws.broken.get_or_insert(why);
-                        }
-                    }
+        let mut world = self.shared.world();
+        world.pass(now);
+        world.counts.faults += u64::from(!matches!(what, Happening::Calm | Happening::Look));
+        match what {
+            Happening::Edit(change) => self.edit = Some((CNC, Y, change)),
+            Happening::Foreign(value) => self.edit = Some((CNC, X, value)),
+            Happening::FullDisk(span) => {
+                self.disk_full_until = now + span;
+                world.did(now, "the disk is full for s", span.as_secs());
+            }
+            Happening::Kill => end = Some(End::Killed),
+            Happening::Stop => {
+                world.did(now, "stopped", 0);
+                end = Some(End::Stopped);
+            }
+            Happening::Look => {
+                let why = source.and_then(|source| self.people.what_is_wrong(&mut world, source, now));
+                if let Some(why) = why {
+                    world.machine.laws.broken.get_or_insert(why);
                 }
             }
+            Happening::Calm => {
+                (self.disk_full_until, self.edit) = (now, None);
+                script::befalls(&mut world, what, now);
+            }
+            _ => script::befalls(&mut world, what, now),
         }
+        drop(world);
         self.next = script::next(&mut self.random, now);
         end
     }

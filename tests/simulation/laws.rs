@@ -31,6 +31,8 @@ pub(crate) struct Register {
     pub(crate) moved_at: Option<Duration>,
     /// His part before a restart of the control that the gateway was not shown yet: a write brings it back.
     lost: Option<i64>,
+    /// Somebody has changed it, or another gateway has begun, since a gateway was last shown it.
+    is_news: bool,
     /// What arrives next rests on what somebody has changed since: nobody can promise where it takes the register.
     is_excused: bool,
     /// What was sent there lately.
@@ -49,6 +51,8 @@ pub(crate) struct Laws {
     positions: Vec<(Duration, i64)>,
     /// What was last added to a position, in tenths of a micrometre.
     pub(crate) corrected: Option<i64>,
+    /// When this gateway was last shown something that it has not done, without the time that the computer slept.
+    pub(crate) news_at: Duration,
     /// What the PLC took last, if nothing has cleared it since.
     taken: Option<[i64; 2]>,
     pub(crate) taken_count: u64,
@@ -76,6 +80,7 @@ impl Laws {
             shown: None,
             moved_at: None,
             lost: None,
+            is_news: true,
             is_excused: false,
             sent: Vec::new(),
             channel,
@@ -90,6 +95,7 @@ impl Laws {
             read_at: [None; 2],
             positions: Vec::new(),
             corrected: None,
+            news_at: Duration::ZERO,
             taken: None,
             taken_count: 0,
             changes: 0,
@@ -119,14 +125,25 @@ impl Laws {
     }
 
     /// The gateway was shown these registers, as they were when the device answered.
-    pub(crate) fn shows(&mut self, line: usize, from: u16, words: &[u8], at: Duration) {
+    pub(crate) fn shows(&mut self, line: usize, from: u16, words: &[u8], at: Duration, awake: Duration) {
+        let mut is_news = false;
         for register in self.registers.iter_mut().filter(|register| register.line == line) {
             let Some(place) = register.at.checked_sub(from).map(usize::from) else { continue };
             if let Some(two) = words.get(2 * place..2 * place + 2) {
                 register.lost = None;
+                is_news |= std::mem::take(&mut register.is_news);
                 register.shown = Some((at, value(u16::from_be_bytes([two[0], two[1]]))));
             }
         }
+        if is_news {
+            self.news_at = awake;
+        }
+    }
+
+    /// Another gateway begins: it knows nothing of the readout, and finds what the one before it may have been told.
+    pub(crate) fn begins(&mut self) {
+        self.corrected = None;
+        self.registers.iter_mut().for_each(|register| register.is_news = true);
     }
 
     /// A write leaves the gateway.
@@ -237,6 +254,7 @@ impl Laws {
         for register in self.registers.iter_mut().filter(|register| register.line == line) {
             register.lost = register.lost.or((register.his != 0).then_some(register.his));
             (register.value, register.his, register.moved_at) = (0, 0, Some(now));
+            register.is_news = true;
         }
         if line == PLC {
             self.taken = None;
@@ -248,7 +266,7 @@ impl Laws {
         for register in
             self.registers.iter_mut().filter(|register| register.line == line && register.at == at)
         {
-            (register.value, register.moved_at) = (value, Some(now));
+            (register.value, register.moved_at, register.is_news) = (value, Some(now), true);
         }
         if line == PLC {
             self.taken = None;

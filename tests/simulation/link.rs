@@ -1,6 +1,8 @@
 //! The lines: what becomes of each question on its way, and of its answer.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use rand::RngExt;
@@ -105,16 +107,16 @@ pub(crate) struct Line {
 /// Something that happened, small enough to be noted each time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Note {
-    Asked(usize, Asked2, Fate),
-    Arrived(usize, Asked2),
+    Asked(usize, Brief, Fate),
+    Arrived(usize, Brief),
     Dialled(usize, bool),
     Weather(usize, Weather, u64),
     Did(&'static str, i64),
 }
 
-/// A question, short.
+/// A question, as far as it is noted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(crate) struct Asked2 {
+pub(crate) struct Brief {
     function: u8,
     at: u16,
     words: [u16; 5],
@@ -140,8 +142,9 @@ pub(crate) struct World {
     /// Connections of the gateway that lives; those of one that was killed carry nothing.
     oldest_alive: u64,
     newest: u64,
-    /// The gateway was killed at a question.
+    /// The gateway was killed: nothing that it still does has an effect.
     pub(crate) is_killed: bool,
+    disk_is_dead: Arc<AtomicBool>,
     pub(crate) notes: VecDeque<(Duration, Note)>,
     pub(crate) fingerprint: u64,
     /// Everything is printed as it happens.
@@ -149,7 +152,12 @@ pub(crate) struct World {
 }
 
 impl World {
-    pub(crate) fn new(machine: Machine, random: Pcg32, passage: Passage) -> World {
+    pub(crate) fn new(
+        machine: Machine,
+        random: Pcg32,
+        passage: Passage,
+        disk_is_dead: Arc<AtomicBool>,
+    ) -> World {
         let line = |timeout| Line {
             weather: Weather::Fair,
             until: Duration::ZERO,
@@ -170,6 +178,7 @@ impl World {
             oldest_alive: 1,
             newest: 0,
             is_killed: false,
+            disk_is_dead,
             notes: VecDeque::with_capacity(256),
             fingerprint: 14_695_981_039_346_656_037,
             is_traced: std::env::var_os("SIMULATION_TRACE").is_some(),
@@ -190,6 +199,17 @@ impl World {
         self.notes.push_back((now, note));
     }
 
+    /// Something else than a question happened, with a number that says more.
+    pub(crate) fn did(&mut self, now: Duration, what: &'static str, number: u64) {
+        self.note(now, Note::Did(what, i64::try_from(number).unwrap_or(i64::MAX)));
+    }
+
+    /// From now on, for so long, a line does this with everything.
+    pub(crate) fn turns(&mut self, line: usize, weather: Weather, now: Duration, span: Duration) {
+        (self.lines[line].weather, self.lines[line].until) = (weather, now + span);
+        self.note(now, Note::Weather(line, weather, span.as_secs()));
+    }
+
     /// Whether anything is on its way on a line.
     pub(crate) fn is_held(&self, line: usize) -> bool {
         !self.lines[line].flights.is_empty()
@@ -203,7 +223,7 @@ impl World {
             {
                 let flight = self.lines[place].flights.remove(first);
                 self.counts.arrived_late += u64::from(flight.asked.is_write());
-                self.note(flight.due, Note::Arrived(place, short(flight.asked)));
+                self.note(flight.due, Note::Arrived(place, brief(flight.asked)));
                 if flight.asked.is_write() {
                     self.machine.laws.rests_on(place, flight.rests);
                 }
@@ -230,9 +250,16 @@ impl World {
         flights.min_by_key(|(_, flight)| flight.due).map(|(place, _)| place)
     }
 
+    /// Whatever the gateway still does has no effect from now on.
+    pub(crate) fn kill(&mut self) {
+        self.is_killed = true;
+        self.disk_is_dead.store(true, Ordering::Relaxed);
+    }
+
     /// Everything of the gateway that was killed is gone, but for what somebody on the way keeps.
     pub(crate) fn bury(&mut self) {
         self.is_killed = false;
+        self.disk_is_dead.store(false, Ordering::Relaxed);
         self.oldest_alive = self.newest + 1;
         self.lines.iter_mut().for_each(|line| line.is_open = false);
     }
@@ -308,7 +335,7 @@ impl World {
         let fate = self.fate(line, asked, now);
         self.counts.exchanges += 1;
         self.counts.writes += u64::from(asked.is_write());
-        self.note(now, Note::Asked(line, short(asked), fate));
+        self.note(now, Note::Asked(line, brief(asked), fate));
         let rests = self.machine.laws.leaves(line, asked, now);
         if let Fate::Held(span) = fate {
             let due = now + span.min(LATE);
@@ -329,7 +356,7 @@ impl World {
             Fate::Slow(span) => at = now + span,
             Fate::DoneAndDenied(code) | Fate::Refused(code) => answer = denied(asked, code),
             Fate::Asleep(span) => self.passage.suspend(span),
-            Fate::KilledBefore | Fate::KilledAfter => self.is_killed = true,
+            Fate::KilledBefore | Fate::KilledAfter => self.kill(),
             _ => {}
         }
         let mut bytes = framed(transaction, &answer);
@@ -402,7 +429,7 @@ impl World {
                 let position = data.iter().take(4).fold(0, |sum, byte| sum << 8 | i64::from(*byte));
                 laws.saw_position(coming.asked_at, position);
             }
-            _ if function == 3 => laws.shows(line, at, data, coming.seen_at),
+            _ if function == 3 => laws.shows(line, at, data, coming.seen_at, self.passage.awake()),
             _ => {}
         }
     }
@@ -416,13 +443,13 @@ pub(crate) enum Heard {
     Nothing(Option<Duration>),
 }
 
-fn short(asked: Asked) -> Asked2 {
+fn brief(asked: Asked) -> Brief {
     match asked {
-        Asked::Read { function, at, count } => Asked2 { function, at, words: [count, 0, 0, 0, 0] },
+        Asked::Read { function, at, count } => Brief { function, at, words: [count, 0, 0, 0, 0] },
         Asked::Write { function, at, words: [a, b, c, d, e, ..], .. } => {
-            Asked2 { function, at, words: [a, b, c, d, e] }
+            Brief { function, at, words: [a, b, c, d, e] }
         }
-        Asked::Nonsense => Asked2 { function: 0, at: 0, words: [0; 5] },
+        Asked::Nonsense => Brief { function: 0, at: 0, words: [0; 5] },
     }
 }
 

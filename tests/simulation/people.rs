@@ -11,9 +11,8 @@ use crate::machine::{BEAT, CNC, X, Y};
 /// Micrometres by which a register may be off: the deadband, a step's wait, what the drift makes of a second.
 const TOLERANCE: f64 = 0.6;
 
-/// What somebody does to a register is found by the gateway that is there then, or by the next one; a line is away for two
-/// minutes at most.
-const TOUCHED_WITHIN: Duration = Duration::from_secs(200);
+/// What somebody did to a register is told so soon after the gateway was first shown it.
+const TOLD_WITHIN: Duration = Duration::from_secs(60);
 /// A heartbeat of one a second has counted in so long.
 const BEATS_WITHIN: Duration = Duration::from_secs(3);
 
@@ -31,7 +30,7 @@ impl People {
         world.pass(now);
         let status = source.status();
         self.beat = Some((now, world.machine.stands(CNC, BEAT)));
-        if let Some(why) = self.is_blamed(world, &status, now) {
+        if let Some(why) = self.is_blamed(world, &status) {
             world.machine.laws.broken.get_or_insert(why);
         }
         if status.axes.iter().all(|axis| axis.armed) {
@@ -75,13 +74,12 @@ impl People {
     }
 
     /// Who is said to have changed a register has done so, or a control has restarted, not long ago.
-    fn is_blamed(&mut self, world: &World, status: &Status, now: Duration) -> Option<String> {
+    fn is_blamed(&mut self, world: &World, status: &Status) -> Option<String> {
         let count = |kind: &str| status.event_counts.get(kind).copied().unwrap_or_default();
         let blames = count("foreign-change") + count("operator-change");
         // A gateway that was started anew counts from nothing.
         let more = blames > std::mem::replace(&mut self.blames, blames) && blames > 0;
-        let touched = world.machine.laws.registers.iter().filter_map(|register| register.moved_at).max();
-        let is_long_ago = touched.is_none_or(|touched| now.saturating_sub(touched) > TOUCHED_WITHIN);
+        let is_long_ago = world.passage.awake().saturating_sub(world.machine.laws.news_at) > TOLD_WITHIN;
         (more && is_long_ago)
             .then(|| format!("R2: somebody is blamed, and nobody has touched anything; {}", told(status)))
     }

@@ -5,7 +5,7 @@ use std::time::Duration;
 use rand::RngExt;
 use rand_pcg::Pcg32;
 
-use crate::link::{Fate, LATE, Weather};
+use crate::link::{Fate, LATE, Weather, World};
 use crate::machine::{CNC, LINES, PLC, SCALE, SENSORS};
 
 const SECOND: Duration = Duration::from_secs(1);
@@ -121,5 +121,35 @@ fn draw(random: &mut Pcg32, left: Duration) -> Happening {
             Weather::Slow(MILLI * 190),
             seconds(random, 90).min(left),
         ),
+    }
+}
+
+/// What happens to lines, devices and the computer.
+pub(crate) fn befalls(world: &mut World, what: Happening, now: Duration) {
+    match what {
+        Happening::Weather(line, weather, span) => world.turns(line, weather, now, span),
+        Happening::Next(line, fate) => world.lines[line].next = Some(fate),
+        Happening::OpenWire(channel, span) => {
+            world.machine.open_until[channel] = now + span;
+            world.did(now, "a thermocouple breaks for s", span.as_secs());
+        }
+        Happening::Restart(line, forgets) => {
+            world.machine.restarts(line, forgets, now);
+            world.cut(line);
+            world.turns(line, Weather::Unreachable, now, 3 * SECOND);
+            world.did(now, "a control restarts, and forgets everything: 1", u64::from(forgets));
+        }
+        Happening::Deaf(span) => world.machine.deaf_until = now + span,
+        Happening::Sleep(span) => {
+            world.did(now, "the computer sleeps for s", span.as_secs());
+            world.passage.suspend(span);
+        }
+        Happening::Calm => {
+            world.lines.iter_mut().for_each(|line| (line.next, line.until) = (None, now));
+            world.machine.deaf_until = now;
+            world.machine.open_until = [now; 2];
+            world.did(now, "a calm begins", 0);
+        }
+        _ => {}
     }
 }

@@ -26,6 +26,11 @@ impl Passage {
         self.begun.elapsed() + Duration::from_nanos(self.slept.load(Ordering::Relaxed))
     }
 
+    /// The same without what the computer slept.
+    pub(crate) fn awake(&self) -> Duration {
+        self.begun.elapsed()
+    }
+
     /// The computer is suspended for so long: no timer of it runs meanwhile.
     pub(crate) fn suspend(&self, span: Duration) {
         let span = u64::try_from(span.as_nanos()).unwrap_or(u64::MAX);

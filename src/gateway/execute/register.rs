@@ -256,7 +256,7 @@ impl Register {
             id: self.id,
             settings: &self.settings,
             before: &before,
-            goes_on: known == Some(before),
+            known: known.as_ref(),
             fact,
             action,
             after: &self.state,

@@ -21,8 +21,8 @@ pub(in crate::gateway) struct Stepped<'a> {
     pub(in crate::gateway) id: OutputId,
     pub(in crate::gateway) settings: &'a Settings,
     pub(in crate::gateway) before: &'a State,
-    /// What was known before is what was known after the last fact that was told.
-    pub(in crate::gateway) goes_on: bool,
+    /// What was known after the last fact that was told.
+    pub(in crate::gateway) known: Option<&'a State>,
     pub(in crate::gateway) fact: Fact,
     pub(in crate::gateway) action: Action,
     pub(in crate::gateway) after: &'a State,
@@ -134,7 +134,8 @@ impl Keeper {
         let Some(log) = &mut self.outputs else { return };
         let stretch = log.stretch(now);
         let Some(line) = log.lines.get_mut(stepped.id.0) else { return };
-        line.begun = line.begun.filter(|begun| stepped.goes_on && *begun == stretch);
+        let goes_on = stepped.known == Some(stepped.before);
+        line.begun = line.begun.filter(|begun| goes_on && *begun == stretch);
         if matches!(stepped.action, Action::Nothing { .. }) && stepped.before == stepped.after {
             return;
         }

@@ -134,14 +134,15 @@ mod outputs {
 
     impl Bench {
         fn give(&mut self, fact: Fact) {
-            let before = self.state;
+            let (before, known) = (self.state, self.known);
             self.action = step(&mut self.state, &self.settings, fact, self.now);
             let _ = self.state.take_events();
+            self.known = Some(self.state);
             let stepped = Stepped {
                 id: OutputId(0),
                 settings: &self.settings,
                 before: &before,
-                goes_on: self.known.replace(self.state) == Some(before),
+                known: known.as_ref(),
                 fact,
                 action: self.action,
                 after: &self.state,
