@@ -31,6 +31,10 @@ pub(super) fn act(state: &mut State, settings: &Settings, fresh: Option<Moment>,
     let is_long_ago = now.since(state.waited_at) > settings.every * 2;
     state.is_waiting &= !is_long_ago || state.waits_until(settings).is_some();
     let aim = change(state, settings, now);
+    if settings.is_shared && aim == Some(Aim::There) && fresh.is_some() {
+        // It is not written again to find out: what is wanted stands there.
+        state.untaken = None;
+    }
     if aim.is_some() {
         note_waiting(state, settings, aim, now);
     }

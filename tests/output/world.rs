@@ -325,6 +325,11 @@ impl World {
         if rested == longest {
             return Err(format!("it never comes to rest: {} stands there, {world:?}", world.register));
         }
+        if world.gateway.is_some_and(|gateway| gateway.shown(settings).is_untaken) {
+            return Err(
+                "what is wanted stands there, and it is said that the register does not take it".to_owned()
+            );
+        }
         if account.is_some_and(|account| account.base != world.his) {
             return Err(format!("the operator's part is {}, the ledger says {account:?}", world.his));
         }

@@ -1,4 +1,5 @@
-//! Whole gateways on simulated machines, by seed. What happens to one: `script.rs`; what it is held to: `laws.rs`.
+//! Whole gateways on simulated machines, by seed. What happens to one: `script.rs`; what it is held to: `laws.rs` and
+//! `people.rs`.
 //!
 //! `cargo run --release --example simulate -- --seeds 1..1000 --for 8h` does the same for longer.
 
@@ -25,7 +26,9 @@ const DAY: Duration = Duration::from_secs(8 * 3600);
 
 /// Seeds that once showed a defect:
 /// - 22: a change that a control had refused went out again while its axis held, on a reading that was just too old.
-const ONCE_BROKEN: [u64; 1] = [22];
+/// - 621073451707: what a control refused was wanted no more, and the register of an operator was never said to take
+///   anything again.
+const ONCE_BROKEN: [u64; 2] = [22, 621_073_451_707];
 
 /// For how long seeds that nobody has seen before are drawn, on each of two threads.
 const FRESH_FOR: Duration = Duration::from_secs(60);
