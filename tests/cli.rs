@@ -263,8 +263,14 @@ fn a_stopped_gateway_is_at_rest_remembers_and_its_log_replays_bit_for_bit() {
             isotherm(home.path()).arg("measured").arg(&profile).args(["--state", &state]).args(more).output();
         String::from_utf8(verb.unwrap().stdout).unwrap()
     };
-    let learned = measured(&["--axis", "z", "--error", "-0.5", "--json"]);
-    assert!(learned.contains("z: -0.5 µm with a Cz of"), "{learned}");
+    // While the register is being written, it is not certain which Cz acted: whoever probes then is told to do so again.
+    let learns = || {
+        let learned = measured(&["--axis", "z", "--error", "-0.5", "--json"]);
+        let is_certain = learned.contains("z: -0.5 µm with a Cz of");
+        std::thread::sleep(Duration::from_millis(if is_certain { 0 } else { 100 }));
+        is_certain
+    };
+    assert!((0..100).any(|_| learns()), "{}", gateway.said.join("\n"));
     gateway.hears("axis z: probed -0.5 µm");
     assert!(measured(&["--axis", "z", "--clear"]).contains("is taken back"));
     gateway.hears("what probings have taught is taken back");

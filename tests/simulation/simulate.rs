@@ -38,7 +38,10 @@ fn seeds(text: &str) -> Result<(u64, u64), String> {
     let number =
         |text: &str| text.trim().parse::<u64>().map_err(|_| format!("`{text}` is no seed; as in 1..1000"));
     match text.split_once("..") {
-        Some((first, last)) => Ok((number(first)?, number(last)?)),
+        Some((first, last)) => match (number(first)?, number(last)?) {
+            (first, last) if first > last => Err(format!("{first} comes after {last}; as in 1..1000")),
+            both => Ok(both),
+        },
         None => number(text).map(|only| (only, only)),
     }
 }
