@@ -16,7 +16,6 @@ mod script;
 mod stream;
 mod time;
 
-use std::hash::{BuildHasher, Hasher, RandomState};
 use std::time::Duration;
 
 use many::Many;
@@ -30,9 +29,6 @@ const DAY: Duration = Duration::from_secs(8 * 3600);
 ///   anything again.
 const ONCE_BROKEN: [u64; 2] = [22, 621_073_451_707];
 
-/// For how long seeds that nobody has seen before are drawn, on each of two threads.
-const FRESH_FOR: Duration = Duration::from_secs(60);
-
 #[test]
 fn a_seed_repeats_its_day_bit_for_bit() {
     let profile = day::profile();
@@ -42,23 +38,22 @@ fn a_seed_repeats_its_day_bit_for_bit() {
 
 #[test]
 fn every_seed_that_ever_failed_holds_the_laws() {
-    let many = Many::run(&ONCE_BROKEN, DAY, 2, None, false);
+    let many = Many::run(&ONCE_BROKEN, DAY, 2, false);
     assert_eq!(many.broken, [], "{many}");
 }
 
 #[test]
-fn seeds_that_nobody_has_seen_hold_the_laws() {
-    let from = RandomState::new().build_hasher().finish() >> 24;
-    let seeds: Vec<u64> = (from..from + 100_000).collect();
-    let many = Many::run(&seeds, DAY, 2, Some(FRESH_FOR), false);
+fn the_first_fifty_seeds_hold_the_laws() {
+    let seeds: Vec<u64> = (1..=50).collect();
+    let many = Many::run(&seeds, DAY, 2, false);
     assert_eq!(many.broken, [], "{many}");
-    assert!(many.counts.faults > 100 && many.changes > 1000, "{many}");
+    assert!(many.counts.faults > 10_000 && many.changes > 100_000, "{many}");
 }
 
 /// An answer as old as itself, and none too late: changes go out on readings that are too old.
 #[test]
 fn without_the_age_that_begins_with_the_question_the_simulation_finds_old_readings() {
     let seeds: Vec<u64> = (1..=40).collect();
-    let many = Many::run(&seeds, DAY, 2, None, true);
+    let many = Many::run(&seeds, DAY, 2, true);
     assert!(many.broken.iter().any(|(_, story)| story.contains("R3")), "{many}");
 }

@@ -24,14 +24,8 @@ pub(crate) struct Many {
 }
 
 impl Many {
-    /// Runs these seeds, each for `span`, as long as there is time. Without a rule it ends with the first that breaks a law.
-    pub(crate) fn run(
-        seeds: &[u64],
-        span: Duration,
-        threads: usize,
-        time: Option<Duration>,
-        is_credulous: bool,
-    ) -> Many {
+    /// Runs these seeds, each for `span`. Without a rule it ends with the first that breaks a law.
+    pub(crate) fn run(seeds: &[u64], span: Duration, threads: usize, is_credulous: bool) -> Many {
         let (next, is_over) = (AtomicUsize::new(0), AtomicBool::new(false));
         let sum = Mutex::new(Many::default());
         let watch = Stopwatch::begin();
@@ -40,7 +34,7 @@ impl Many {
             for _ in 0..threads {
                 scope.spawn(|| {
                     while let Some(seed) = seeds.get(next.fetch_add(1, Ordering::Relaxed)) {
-                        if is_over.load(Ordering::Relaxed) || time.is_some_and(|time| watch.passed() > time) {
+                        if is_over.load(Ordering::Relaxed) {
                             break;
                         }
                         let outcome = day::run(&profile, *seed, span, is_credulous);

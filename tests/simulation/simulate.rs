@@ -49,7 +49,7 @@ fn seeds(text: &str) -> Result<(u64, u64), String> {
 fn main() -> ExitCode {
     let Arguments { seeds: (first, last), span, threads } = Arguments::parse();
     let seeds: Vec<u64> = (first..=last).collect();
-    let many = Many::run(&seeds, span, threads, None, false);
+    let many = Many::run(&seeds, span, threads, false);
     println!("{many}");
     if many.broken.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
