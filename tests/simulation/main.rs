@@ -23,11 +23,11 @@ use many::Many;
 const HOUR: Duration = Duration::from_secs(3600);
 const DAY: Duration = Duration::from_secs(8 * 3600);
 
-/// Seeds that once showed a defect:
+/// Seeds that once showed a defect which is mended:
 /// - 22: a change that a control had refused went out again while its axis held, on a reading that was just too old.
 /// - 621073451707: what a control refused was wanted no more, and the register of an operator was never said to take
 ///   anything again.
-const ONCE_BROKEN: [u64; 2] = [22, 621_073_451_707];
+const MENDED: [u64; 2] = [22, 621_073_451_707];
 
 #[test]
 fn a_seed_repeats_its_day_bit_for_bit() {
@@ -37,8 +37,8 @@ fn a_seed_repeats_its_day_bit_for_bit() {
 }
 
 #[test]
-fn every_seed_that_ever_failed_holds_the_laws() {
-    let many = Many::run(&ONCE_BROKEN, DAY, 2, false);
+fn every_seed_whose_defect_is_mended_holds_the_laws() {
+    let many = Many::run(&MENDED, DAY, 2, false);
     assert_eq!(many.broken, [], "{many}");
 }
 
