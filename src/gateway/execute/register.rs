@@ -26,6 +26,8 @@ pub(super) struct Register {
     pub(super) units: Units,
     pub(super) settings: Settings,
     pub(super) state: State,
+    /// What it takes and asks for is logged.
+    is_logged: bool,
     /// What is to be done next.
     pub(super) action: Action,
     pub(super) heard: Heard,
@@ -96,6 +98,7 @@ impl Register {
             units,
             settings,
             state,
+            is_logged: shared.core().keeper.logs_outputs(),
             action: Action::Nothing { until: now },
             heard,
             interlock,
@@ -243,7 +246,8 @@ impl Register {
     /// Takes a fact in: what is to be done next, unless something is to be done already. What is known afterwards outlives
     /// this task, and what was taken and asked for is logged.
     pub(super) fn step(&mut self, shared: &Shared, fact: Fact, now: Moment) {
-        let (was_open, before) = (self.is_open(), self.state);
+        let was_open = self.is_open();
+        let before = self.is_logged.then_some(self.state);
         let action = step(&mut self.state, &self.settings, fact, now);
         self.opens |= self.is_open() && !was_open;
         if matches!(self.action, Action::Nothing { .. }) {
@@ -251,16 +255,12 @@ impl Register {
         }
         self.report(shared);
         let mut core = shared.core();
-        let known = core.registers[self.id.0].replace(self.state);
-        let stepped = Stepped {
-            id: self.id,
-            settings: &self.settings,
-            before: &before,
-            known: known.as_ref(),
-            fact,
-            action,
-            after: &self.state,
-        };
+        let known = &mut core.registers[self.id.0];
+        let goes_on = before.is_some() && *known == before;
+        *known = Some(self.state);
+        let Some(before) = before else { return };
+        let (settings, after) = (&self.settings, &self.state);
+        let stepped = Stepped { id: self.id, settings, before: &before, goes_on, fact, action, after };
         core.keeper.stepped(&stepped, now);
     }
 

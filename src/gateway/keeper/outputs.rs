@@ -21,8 +21,8 @@ pub(in crate::gateway) struct Stepped<'a> {
     pub(in crate::gateway) id: OutputId,
     pub(in crate::gateway) settings: &'a Settings,
     pub(in crate::gateway) before: &'a State,
-    /// What was known after the last fact that was told.
-    pub(in crate::gateway) known: Option<&'a State>,
+    /// That is what was known after the last fact that was told.
+    pub(in crate::gateway) goes_on: bool,
     pub(in crate::gateway) fact: Fact,
     pub(in crate::gateway) action: Action,
     pub(in crate::gateway) after: &'a State,
@@ -128,14 +128,18 @@ impl OutputsLog {
 }
 
 impl Keeper {
+    /// What outputs take and ask for is told to a log.
+    pub(in crate::gateway) fn logs_outputs(&self) -> bool {
+        self.outputs.is_some()
+    }
+
     /// Queues what an output took and asked for; where rows before it are in another file or lost, after what it goes on
     /// from.
     pub(in crate::gateway) fn stepped(&mut self, stepped: &Stepped<'_>, now: Moment) {
         let Some(log) = &mut self.outputs else { return };
         let stretch = log.stretch(now);
         let Some(line) = log.lines.get_mut(stepped.id.0) else { return };
-        let goes_on = stepped.known == Some(stepped.before);
-        line.begun = line.begun.filter(|begun| goes_on && *begun == stretch);
+        line.begun = line.begun.filter(|begun| stepped.goes_on && *begun == stretch);
         if matches!(stepped.action, Action::Nothing { .. }) && stepped.before == stepped.after {
             return;
         }

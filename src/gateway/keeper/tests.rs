@@ -142,7 +142,7 @@ mod outputs {
                 id: OutputId(0),
                 settings: &self.settings,
                 before: &before,
-                known: known.as_ref(),
+                goes_on: known == Some(before),
                 fact,
                 action: self.action,
                 after: &self.state,
