@@ -304,6 +304,7 @@ impl Hardware {
                 let fits = bank.write(address, &words);
                 debug_assert!(fits.is_some(), "room was made for it");
                 self.note_corrections(place, address, count);
+                self.controls_look(place, now);
             }
             Incident::Restart { device } => self.restart(self.unit_of[device.0], now),
         }

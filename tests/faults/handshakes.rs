@@ -157,6 +157,16 @@ fn an_acknowledge_that_does_not_drop_is_told_and_nothing_is_written_while_it_is_
     assert!(trace.states_between(55, 120).contains(&"holding"), "{}", trace.lines());
 }
 
+/// Somebody on the way kept the strobe until its gateway had given it up and dropped it.
+#[test]
+fn a_strobe_that_rises_late_is_dropped_and_the_axis_follows_again() {
+    let late = "[[fault]]\ndevice = \"cnc\"\nkind = \"register\"\nat = \"61s\"\n\
+                register = \"coil:20\"\nwords = [1]\n";
+    let trace = cut(late);
+    assert_eq!(texts(&trace, "acknowledge-early").len(), 1, "{}", trace.lines());
+    assert_eq!(trace.states_between(90, 180), ["active"], "{}", trace.lines());
+}
+
 #[test]
 fn a_slow_acknowledge_inside_the_timeout_is_waited_for_and_one_beyond_is_not() {
     let late = |delay: &str| cnc("late-acknowledge", 30, 60) + &format!("delay = \"{delay}\"\n");

@@ -131,6 +131,10 @@ impl Strobe {
             self.waits = Some((wait, until, now.after(ASK_EVERY).min(until)));
             return Waited::Still;
         }
+        if wait == Wait::Clear {
+            // What answers may be a strobe that was given up, and was raised late.
+            self.stands = Stands::Up;
+        }
         let within = handshake.timeout;
         let fault = match wait {
             Wait::Clear => HandshakeFault::AcknowledgeEarly { within, register },
