@@ -1,5 +1,6 @@
-//! The control's side of sets and handshakes: it acknowledges a strobe a little later, and takes the values then; without
-//! a handshake it takes them when the sequence changes, or, without either, as they come.
+//! The control's side of sets and handshakes: it acknowledges a strobe a little later, and takes the values then, where
+//! there is a sequence only with another number than the last; without a handshake it takes them when the sequence
+//! changes, or, without either, as they come.
 
 use std::time::Duration;
 
@@ -83,11 +84,15 @@ impl Control {
             }
             return None;
         }
-        if let Some(sequence) = self.sequence.and_then(|at| word(bank, at)) {
-            let same = std::mem::replace(&mut self.last_sequence, sequence) == sequence;
-            return if same { None } else { Some(self.take(bank, now)) };
-        }
-        (self.read(bank) != self.taken).then(|| self.take(bank, now))
+        let is_new =
+            if self.sequence.is_some() { self.is_another(bank) } else { self.read(bank) != self.taken };
+        is_new.then(|| self.take(bank, now))
+    }
+
+    /// Whether a sequence, where there is one, says another number than the last time.
+    fn is_another(&mut self, bank: &Bank) -> bool {
+        let sequence = self.sequence.and_then(|at| word(bank, at));
+        sequence.is_none_or(|sequence| std::mem::replace(&mut self.last_sequence, sequence) != sequence)
     }
 
     /// Lets time pass; what it takes now, having acknowledged it.
@@ -112,7 +117,7 @@ impl Control {
         }
         self.acknowledges = self.strobe_up;
         set_flag(bank, handshake.acknowledge, self.acknowledges);
-        if self.acknowledges { Some(self.take(bank, now)) } else { None }
+        (self.acknowledges && self.is_another(bank)).then(|| self.take(bank, now))
     }
 
     /// It was switched off and on: it knows nothing any more, and takes what its registers hold.

@@ -68,6 +68,26 @@ fn a_set_side_by_side_is_one_request_with_its_sequence_and_its_complement() {
     assert!(last > 15 && trace.outcome.rested, "{last} {:?}", trace.outcome);
 }
 
+/// A late set puts the number back; a control that takes only another number would pass over one that comes twice.
+#[test]
+fn whatever_number_stands_there_the_next_set_bears_one_that_was_never_sent() {
+    for text in [BLOCK.to_owned(), shaken(BLOCK), apart(), shaken(&apart())] {
+        let at = if text.contains("holding:140") { 140 } else { 103 };
+        let back = |second: u32, number: u32| {
+            plc(&format!(
+                "kind = \"register\"\nat = \"{second}s\"\nregister = \"holding:{at}\"\nwords = [{number}]"
+            ))
+        };
+        let faults: String = (4..40).map(|second| back(3 * second, second / 4)).collect();
+        let trace = run(&text, &faults, 3 * MINUTE);
+        law::holds(&trace);
+        law::nothing_taken_jumps(&trace);
+        let sent = writes(&trace).filter(|seen| seen.address.register().unwrap().offset == at);
+        let sent: Vec<u16> = sent.map(|seen| seen.wanted[0]).collect();
+        assert!(sent.len() > 20 && sent.windows(2).all(|two| two[1] == two[0] + 1), "{sent:?}");
+    }
+}
+
 #[test]
 fn a_set_that_lies_apart_has_its_sequence_written_last_and_is_never_taken_by_half() {
     let trace = run(&apart(), "", 2 * MINUTE);

@@ -41,8 +41,10 @@ pub(in crate::gateway) struct Set {
     taken: Option<Vec<Words>>,
     /// The last run ended in order: what stands there first was taken.
     was_in_order: bool,
-    /// The number of the last set, as it stands in the register.
-    sequence: u16,
+    /// The number of the last set that was sent, or that stands in the register at first.
+    sequence: Option<u16>,
+    /// What is sent next may bear the number that the control took last: a run before this one may have sent it.
+    may_bear_an_old_number: bool,
     /// The count of its writes, as it stands in the register.
     beat: u16,
     /// The control word that was sent last.
@@ -85,7 +87,8 @@ impl Set {
             strobe: Strobe::new(id, stands),
             sent: None,
             taken: None,
-            sequence: 0,
+            sequence: None,
+            may_bear_an_old_number: is_bound && shared.profile.set(id).sequence.is_some(),
             beat: 0,
             told_control: None,
             may_say_enabled: false,
@@ -345,7 +348,8 @@ impl Set {
         }
         read.ok()?;
         let word = |at: Option<Place>| at.and_then(|at| cells.get(&at.offset)).copied();
-        self.sequence = word(set.sequence).unwrap_or(self.sequence);
+        // Once something was sent, what stands there may have come late: a number would come twice.
+        self.sequence = self.sequence.or_else(|| word(set.sequence));
         self.beat = word(set.heartbeat).unwrap_or(self.beat);
         self.bind(shared, &values);
         Some(values)
@@ -377,7 +381,7 @@ impl Set {
             }
             return Went::NoFurther;
         };
-        let sequence = set.sequence.map(|_| cells::next(self.sequence));
+        let sequence = set.sequence.map(|_| cells::next(self.sequence.unwrap_or_default()));
         let heartbeat = if shared.head_lives(now) { cells::next_beat(self.beat) } else { self.beat };
         let control = self.control(shared);
         let own = Own { sequence, heartbeat, control };
@@ -403,7 +407,7 @@ impl Set {
             register.comes_of(line, shared, output, fact);
         }
         if fault.is_none_or(|(_, outcome)| outcome != Outcome::NotDone) {
-            (self.beat, self.written_at) = (heartbeat, left);
+            (self.sequence, self.beat, self.written_at) = (sequence, heartbeat, left);
             self.told_control = fault.is_none().then_some(control);
             let says_enabled = control & Control::ENABLE != 0;
             self.may_say_enabled = says_enabled || (self.may_say_enabled && fault.is_some());
@@ -479,9 +483,12 @@ impl Set {
         is_whole.then_some((values, last))
     }
 
-    /// The control has taken what stands there.
+    /// The control has taken what stands there, but for a number that it may know: then the same is sent with the next.
     fn is_taken(&mut self, shared: &Shared) {
         self.strobe.succeeded(shared);
+        if std::mem::take(&mut self.may_bear_an_old_number) {
+            return;
+        }
         self.taken = self.sent.take();
         for (register, output) in self.registers.iter_mut().zip(members(&shared.profile, self.id)) {
             register.is_bound = false;
