@@ -10,6 +10,7 @@ use rand_pcg::Pcg32;
 
 use crate::laws::Rests;
 use crate::machine::{Asked, LINES, Machine, SCALE, SENSORS, value};
+use crate::script::left_of_storm;
 use crate::time::Passage;
 
 /// How long anything is on its way at most; the gateway is told 30 s.
@@ -88,6 +89,8 @@ struct Coming {
     asked: Asked,
     /// When the device saw the question.
     seen_at: Duration,
+    /// Nothing has changed it on its way.
+    is_sound: bool,
 }
 
 pub(crate) struct Line {
@@ -238,6 +241,7 @@ impl World {
                         asked_at: flight.asked_at,
                         asked: flight.asked,
                         seen_at: flight.due,
+                        is_sound: true,
                     };
                     line.coming.push_back(coming);
                 }
@@ -336,7 +340,12 @@ impl World {
         self.counts.exchanges += 1;
         self.counts.writes += u64::from(asked.is_write());
         self.note(now, Note::Asked(line, brief(asked), fate));
+        let corrected = self.machine.laws.corrected;
         let rests = self.machine.laws.leaves(line, asked, now);
+        if matches!(fate, Fate::Refused(_)) {
+            // The readout shows what it showed before.
+            self.machine.laws.corrected = corrected;
+        }
         if let Fate::Held(span) = fate {
             let due = now + span.min(LATE);
             let flight = Flight { due, asked_at: now, connection, transaction, asked, rests };
@@ -355,7 +364,7 @@ impl World {
         match fate {
             Fate::Slow(span) => at = now + span,
             Fate::DoneAndDenied(code) | Fate::Refused(code) => answer = denied(asked, code),
-            Fate::Asleep(span) => self.passage.suspend(span),
+            Fate::Asleep(span) => self.passage.suspend(span.min(left_of_storm(now))),
             Fate::KilledBefore | Fate::KilledAfter => self.kill(),
             _ => {}
         }
@@ -374,7 +383,9 @@ impl World {
             _ => {}
         }
         if self.lines[line].connection == connection {
-            self.lines[line].coming.push_back(Coming { at, bytes, asked_at: now, asked, seen_at: now });
+            let is_sound = !matches!(fate, Fate::Corrupted(_));
+            let coming = Coming { at, bytes, asked_at: now, asked, seen_at: now, is_sound };
+            self.lines[line].coming.push_back(coming);
         }
     }
 
@@ -393,8 +404,9 @@ impl World {
         match line.coming.front() {
             Some(first) if first.at <= now => {
                 let Some(coming) = line.coming.pop_front() else { return Heard::End };
-                let is_in_time = now.saturating_sub(coming.asked_at) <= line.timeout + 2 * MILLI;
-                self.tell_laws(place, &coming, is_in_time);
+                if coming.is_sound && now.saturating_sub(coming.asked_at) <= line.timeout + 2 * MILLI {
+                    self.tell_laws(place, &coming);
+                }
                 Heard::Bytes(coming.bytes)
             }
             first => {
@@ -408,7 +420,8 @@ impl World {
         }
     }
 
-    fn tell_laws(&mut self, line: usize, coming: &Coming, is_in_time: bool) {
+    /// The gateway was answered, in time and in order.
+    fn tell_laws(&mut self, line: usize, coming: &Coming) {
         let message = &coming.bytes[HEADER.min(coming.bytes.len())..];
         let Asked::Read { function, at, .. } = coming.asked else { return };
         if message.first() != Some(&function) || message.len() < 4 {
@@ -417,7 +430,7 @@ impl World {
         let data = &message[2..];
         let laws = &mut self.machine.laws;
         match line {
-            SENSORS if is_in_time => {
+            SENSORS => {
                 for channel in 0..2 {
                     let raw = value(u16::from_be_bytes([data[2 * channel], data[2 * channel + 1]]));
                     if raw != i64::from(i16::MIN) {
@@ -425,7 +438,7 @@ impl World {
                     }
                 }
             }
-            SCALE if is_in_time => {
+            SCALE => {
                 let position = data.iter().take(4).fold(0, |sum, byte| sum << 8 | i64::from(*byte));
                 laws.saw_position(coming.asked_at, position);
             }

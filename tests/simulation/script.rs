@@ -55,6 +55,12 @@ pub(crate) fn next(random: &mut Pcg32, now: Duration) -> (Duration, Happening) {
     (round + ROUND + gap, draw(random, STORM))
 }
 
+/// Nothing that was drawn in a storm happens in its calm.
+pub(crate) fn left_of_storm(now: Duration) -> Duration {
+    let round = ROUND * u32::try_from(now.as_secs() / ROUND.as_secs()).unwrap_or_default();
+    (round + STORM).saturating_sub(now)
+}
+
 fn exponential(random: &mut Pcg32, mean: f64) -> Duration {
     let share: f64 = random.random_range(1e-9..1.0);
     Duration::from_secs_f64(-mean * share.ln()).max(MILLI)
@@ -109,9 +115,9 @@ fn draw(random: &mut Pcg32, left: Duration) -> Happening {
         88..=92 => {
             let span = MILLI * [300, 2_000, 5_000, 31_000, 60_000, 600_000][random.random_range(0..6)];
             match random.random_range(0..4) {
-                0 => Happening::Next(SENSORS, Fate::Asleep(span.min(left))),
-                1 => Happening::Next(SCALE, Fate::Asleep(span.min(left))),
-                _ => Happening::Sleep(span.min(left)),
+                0 => Happening::Next(SENSORS, Fate::Asleep(span)),
+                1 => Happening::Next(SCALE, Fate::Asleep(span)),
+                _ => Happening::Sleep(span),
             }
         }
         93..=95 => Happening::Kill,
@@ -141,6 +147,7 @@ pub(crate) fn befalls(world: &mut World, what: Happening, now: Duration) {
         }
         Happening::Deaf(span) => world.machine.deaf_until = now + span,
         Happening::Sleep(span) => {
+            let span = span.min(left_of_storm(now));
             world.did(now, "the computer sleeps for s", span.as_secs());
             world.passage.suspend(span);
         }
