@@ -27,7 +27,9 @@ const DAY: Duration = Duration::from_secs(8 * 3600);
 /// - 22: a change that a control had refused went out again while its axis held, on a reading that was just too old.
 /// - 621073451707: what a control refused was wanted no more, and the register of an operator was never said to take
 ///   anything again.
-const MENDED: [u64; 2] = [22, 621_073_451_707];
+/// - 754: a strobe that was kept on the way rose after it had been given up, and its acknowledge stood for ever.
+/// - 914: a late set put the number back, and the control passed over the next set, which bore a number that it knew.
+const MENDED: [u64; 4] = [22, 754, 914, 621_073_451_707];
 
 #[test]
 fn a_seed_repeats_its_day_bit_for_bit() {

@@ -41,7 +41,7 @@ pub(in crate::gateway) struct Set {
     taken: Option<Vec<Words>>,
     /// The last run ended in order: what stands there first was taken.
     was_in_order: bool,
-    /// The number of the last set that was sent, or that stands in the register at first.
+    /// The newest number that was seen in the register.
     sequence: Option<u16>,
     /// What is sent next may bear the number that the control took last: a run before this one may have sent it.
     may_bear_an_old_number: bool,
@@ -348,8 +348,9 @@ impl Set {
         }
         read.ok()?;
         let word = |at: Option<Place>| at.and_then(|at| cells.get(&at.offset)).copied();
-        // Once something was sent, what stands there may have come late: a number would come twice.
-        self.sequence = self.sequence.or_else(|| word(set.sequence));
+        if let Some(number) = word(set.sequence) {
+            self.sequence = Some(cells::newer(self.sequence.unwrap_or_default(), number));
+        }
         self.beat = word(set.heartbeat).unwrap_or(self.beat);
         self.bind(shared, &values);
         Some(values)
@@ -407,7 +408,7 @@ impl Set {
             register.comes_of(line, shared, output, fact);
         }
         if fault.is_none_or(|(_, outcome)| outcome != Outcome::NotDone) {
-            (self.sequence, self.beat, self.written_at) = (sequence, heartbeat, left);
+            (self.beat, self.written_at) = (heartbeat, left);
             self.told_control = fault.is_none().then_some(control);
             let says_enabled = control & Control::ENABLE != 0;
             self.may_say_enabled = says_enabled || (self.may_say_enabled && fault.is_some());
