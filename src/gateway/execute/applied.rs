@@ -28,6 +28,17 @@ pub(super) struct AppliedOffset {
     read_at: Option<Moment>,
 }
 
+/// When it is looked at.
+#[derive(Clone, Copy, Debug)]
+struct Times {
+    /// The control must have settled.
+    over: Moment,
+    /// The axis's own.
+    every: Duration,
+    /// Until then: a control that is quick is not waited for longer than it takes.
+    soon: Duration,
+}
+
 impl AppliedOffset {
     /// Reads it where that is due, and says what comes of it. When it wants to be called again.
     pub(super) async fn look(
@@ -45,15 +56,16 @@ impl AppliedOffset {
         }
         let over = self.stands.map_or(now, |(_, since)| since.after(applied.settle));
         let every = shared.profile.axis(output.axis).settings.every;
-        if now < self.due(over, every) {
+        let times = Times { over, every, soon: (applied.settle / 8).min(every / 2) };
+        if now < self.due(times) {
             register.is_unapplied = !self.is_seen && register.is_driven();
-            return self.due(over, every);
+            return self.due(times);
         }
         self.read_at = Some(now);
         let request = Request::Read { from: applied.address, count: applied.encoding.data_type.registers() };
         match line.request(output.device, request, Leave::Whenever).await {
             Ok(answered) => {
-                let Answer::Words(words) = answered.answer else { return self.due(over, every) };
+                let Answer::Words(words) = answered.answer else { return self.due(times) };
                 let stands = register.units.value(&output.encoding, value);
                 let found = applied.encoding.decode(&words).ok();
                 // The arithmetic of floats must not decide.
@@ -68,15 +80,16 @@ impl AppliedOffset {
         if self.is_seen {
             register.recover(shared, output);
         }
-        self.due(over, every)
+        self.due(times)
     }
 
-    /// At once after a change, when the control must have settled, each second while it has not, else with the axis.
-    fn due(&self, over: Moment, every: Duration) -> Moment {
+    /// At once after a change, soon again until the control must have settled, each second while it has not, else with the
+    /// axis.
+    fn due(&self, times: Times) -> Moment {
         match self.read_at {
             None => Moment::default(),
-            Some(read) if self.is_seen => read.after(every),
-            Some(read) if read < over => over,
+            Some(read) if self.is_seen => read.after(times.every),
+            Some(read) if read < times.over => times.over.min(read.after(times.soon)),
             Some(read) => read.after(RETRY),
         }
     }
