@@ -30,7 +30,7 @@ use tokio::sync::{mpsc, watch};
 use tokio::task::JoinSet;
 
 use crate::clock::Clock;
-use crate::profile::{BusId, DeviceId, Profile, Transport};
+use crate::profile::{AxisId, BusId, DeviceId, Profile, Transport};
 use crate::quantity::Moment;
 
 pub mod can;
@@ -174,6 +174,11 @@ impl Window {
     /// What controls took of their sets, in its order; nothing unless [`Setup::journal`] asks for it.
     pub fn taken(&self) -> Vec<Taken> {
         self.0.hardware().taken.clone()
+    }
+
+    /// A real control moves this axis, instead of the virtual one: from now on by this, µm.
+    pub fn applies_elsewhere(&self, axis: AxisId, cz_um: f64) {
+        self.0.hardware().applies_elsewhere(axis, cz_um);
     }
 
     /// The truth at the last tick; `None` before the first, and without a plant.

@@ -129,6 +129,20 @@ fn a_seed_is_the_same_day_again_at_any_speed() {
     assert_ne!(day, demo("surface-grinder", "2h", 8));
 }
 
+/// Beside it: `tests/linuxcnc/run -- demo`.
+#[test]
+fn a_machine_under_linuxcnc_says_how_to_install_it_where_it_is_missing() {
+    let home = tempfile::tempdir().unwrap();
+    let output =
+        isotherm(home.path()).env("PATH", home.path()).args(["demo", "linuxcnc-mill"]).output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(
+        said.contains("apt-get install --no-install-recommends linuxcnc-uspace python3-pymodbus"),
+        "{said}"
+    );
+}
+
 /// On a CAN interface: `tests/vcan/run can -- demo`.
 #[test]
 fn a_machine_on_can_says_what_it_lacks_where_there_is_no_interface() {

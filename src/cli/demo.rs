@@ -17,25 +17,28 @@ use crate::profile::{Profile, Web};
 use crate::survey::can;
 use crate::virtual_machine::{PlantSpec, Published, Setup, Summary, VirtualMachine, Window};
 
+mod linuxcnc;
 mod table;
 
+use linuxcnc::Mill;
 use table::Table;
 
 /// The main job with no hardware: starts the virtual machine's devices on real loopback sockets, runs the gateway
 /// against them, serves the page, and ends with what the compensation was worth.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Examples:\n  isotherm demo\n  isotherm demo sinker-edm --for 12h\n  \
-                  isotherm demo --speed 3600 --for 8h --seed 7 --json")]
+                  isotherm demo --speed 3600 --for 8h --seed 7 --json\n  isotherm demo linuxcnc-mill --for 1h")]
 pub(super) struct Arguments {
-    /// A shipped machine: surface-grinder, sinker-edm, xc100-lathe, xc100-lathe-can, ram-mc, parts-vmc, spindle-hmc, jcs018a-vmc, screw-axis, column-hmc
+    /// A shipped machine: surface-grinder, sinker-edm, xc100-lathe, xc100-lathe-can, ram-mc, parts-vmc, spindle-hmc, jcs018a-vmc, screw-axis, column-hmc, linuxcnc-mill
     #[arg(default_value = "surface-grinder")]
     machine: String,
     /// Overrides one key of its profile, as often as needed: `--set bus.field.interface=vcan1`
     #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value)]
     set: Vec<(String, String)>,
-    /// How many times faster than the wall the machine's time runs, at most
-    #[arg(long, default_value_t = 600.0, value_name = "FACTOR", value_parser = positive)]
-    speed: f64,
+    /// How many times faster than the wall the machine's time runs, at most. Default 600; 60 beside LinuxCNC, which moves
+    /// in the wall's time
+    #[arg(long, value_name = "FACTOR", value_parser = positive)]
+    speed: Option<f64>,
     /// How much machine time is shown
     #[arg(long = "for", default_value = "8h", value_name = "SPAN", value_parser = humantime::parse_duration)]
     span: Duration,
@@ -79,10 +82,11 @@ impl Arguments {
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let (profile, plant) = machines::with_plant(&arguments.machine, &arguments.set)?;
     usable(&profile)?;
+    let mill = Mill::of(&arguments.machine)?;
     let mut sockets = Sockets::default();
     let page = open_page(&mut sockets, arguments.listen.as_deref(), profile.web.as_ref())?;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let shown = runtime.block_on(show(arguments, profile, plant, sockets, page))?;
+    let shown = runtime.block_on(show(arguments, profile, (plant, mill), sockets, page))?;
     report(arguments, &shown)?;
     if shown.outcome.failed {
         return Err(anyhow::anyhow!("something failed inside; run it again with --log info").into());
@@ -101,19 +105,21 @@ struct Shown {
 async fn show(
     arguments: &Arguments,
     profile: Profile,
-    plant: PlantSpec,
+    (plant, mill): (PlantSpec, Option<Mill>),
     sockets: Sockets,
     page: SocketAddr,
 ) -> anyhow::Result<Shown> {
-    let clock = Clock::simulated(plant.start(), Some(arguments.speed));
+    let speed = arguments.speed.unwrap_or(if mill.is_some() { 60.0 } else { 600.0 });
+    let clock = Clock::simulated(plant.start(), Some(speed));
     let begun = clock.now();
     let published = plant.published().cloned();
     // Nobody may run ahead before everybody sits at the table.
     let hold = clock.hold();
     let mut machine =
         VirtualMachine::start(&profile, Setup::on_free_ports(plant, arguments.seed), &clock).await?;
-    let profile = machine.serving(profile);
+    let mut profile = machine.serving(profile);
     let window = machine.window();
+    let mill = mill.map(|mill| mill.takes_the_place_of_the_control(&mut profile, &window)).transpose()?;
     let mut signals = Signals::listen()?;
     let mut last = clock.join();
     let gateway = Gateway::new(profile, &clock, Options::default());
@@ -136,6 +142,7 @@ async fn show(
         never = draw(arguments, &source, &window, page) => match never {},
     };
     let (summary, span) = seen.unwrap_or_else(|| (window.summary(), clock.now().since(begun)));
+    drop(mill);
     Ok(Shown { summary, span, outcome, published })
 }
 
@@ -210,6 +217,9 @@ fn report(arguments: &Arguments, shown: &Shown) -> Result<(), Failure> {
             axis.uncompensated.range_um(),
             axis.compensated.range_um()
         );
+    }
+    if arguments.machine == linuxcnc::MACHINE {
+        println!("Z was moved by LinuxCNC, which cut a part meanwhile; its offset is what is counted here.");
     }
     println!(
         "The virtual machine is ours; its day was not the one on which the coefficients were identified."

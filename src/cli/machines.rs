@@ -7,7 +7,7 @@ use crate::profile::{self, Profile};
 use crate::virtual_machine::PlantSpec;
 
 /// Name and text of each, the default first.
-const SHIPPED: [(&str, &str); 10] = [
+const SHIPPED: [(&str, &str); 11] = [
     ("surface-grinder", include_str!("../../profiles/surface-grinder.toml")),
     ("sinker-edm", include_str!("../../profiles/sinker-edm.toml")),
     ("xc100-lathe", include_str!("../../profiles/xc100-lathe.toml")),
@@ -18,6 +18,7 @@ const SHIPPED: [(&str, &str); 10] = [
     ("jcs018a-vmc", include_str!("../../profiles/jcs018a-vmc.toml")),
     ("screw-axis", include_str!("../../profiles/screw-axis.toml")),
     ("column-hmc", include_str!("../../profiles/column-hmc.toml")),
+    ("linuxcnc-mill", include_str!("../../profiles/linuxcnc-mill.toml")),
 ];
 
 /// The matrices, networks and envelopes that the shipped profiles name, by those names.
@@ -57,7 +58,7 @@ mod tests {
     fn model(name: &str) -> Vec<&'static str> {
         let (_, text) = text(name).unwrap();
         text.lines()
-            .skip_while(|line| !line.starts_with("[[axis.x.model]]"))
+            .skip_while(|line| !line.starts_with("[[axis."))
             .take_while(|line| *line != "]")
             .skip(1)
             .collect()
@@ -69,6 +70,12 @@ mod tests {
         assert_eq!(model("xc100-lathe").len(), 7);
         let plant = |name| format!("{:?}", with_plant(name, &[]).unwrap().1);
         assert_eq!(plant("xc100-lathe-can"), plant("xc100-lathe"));
+    }
+
+    #[test]
+    fn the_mill_under_linuxcnc_has_the_gains_of_the_spindle() {
+        assert_eq!(model("linuxcnc-mill"), model("spindle-hmc"));
+        assert_eq!(model("spindle-hmc").len(), 5);
     }
 
     #[test]

@@ -36,6 +36,8 @@ pub(super) struct Hardware {
     well: Vec<Option<f64>>,
     /// What corrected outputs add to their positions, µm; by output.
     corrections: Vec<f64>,
+    /// What a control that is none of these units applies, µm; by axis.
+    elsewhere: Vec<Option<f64>>,
     /// Axes the plant knows, with their place in the profile.
     axes: Vec<(AxisId, String)>,
     /// The control behind each set.
@@ -90,6 +92,7 @@ impl Hardware {
             begin,
             units,
             unit_of,
+            elsewhere: vec![None; profile.axes.len()],
             axes,
             cycles,
             faults,
@@ -140,8 +143,17 @@ impl Hardware {
         self.observer.sample(row);
     }
 
-    /// The Cz that stands in the machine: in the axis's offset register; where it has none, in its corrected position.
+    /// From now on a control that is none of these units applies this for an axis.
+    pub(super) fn applies_elsewhere(&mut self, axis: AxisId, cz_um: f64) {
+        self.elsewhere[axis.0] = Some(cz_um);
+    }
+
+    /// The Cz that stands in the machine: in the axis's offset register; where it has none, in its corrected position; or
+    /// in the control that moves it instead of ours.
     pub(super) fn applied_um(&self, axis: AxisId) -> f64 {
+        if let Some(cz_um) = self.elsewhere[axis.0] {
+            return cz_um;
+        }
         let outputs = || self.profile.outputs.iter().enumerate().filter(|(_, output)| output.axis == axis);
         let stands = |(place, output): (usize, &Output)| {
             let mut controls = self.controls.iter();

@@ -6,7 +6,7 @@ macro_rules! shipped {
     };
 }
 
-const SHIPPED: [(&str, &str); 31] = shipped![
+const SHIPPED: [(&str, &str); 32] = shipped![
     "advantech-adam-6018",
     "advantech-adam-60xx-counter",
     "aspar-sdm-8i8o",
@@ -27,6 +27,7 @@ const SHIPPED: [(&str, &str); 31] = shipped![
     "isma-sfar-s-6ti",
     "lika-em58",
     "linuxcnc-classicladder",
+    "linuxcnc-eoffset",
     "moxa-iologik-e1200-counter",
     "moxa-iologik-e1262",
     "omega-iserver-2",

@@ -220,7 +220,8 @@ impl PlantSpec {
             "xc100-lathe" | "xc100-lathe-can" => include_str!("../../../profiles/xc100-lathe.plant.toml"),
             "ram-mc" => include_str!("../../../profiles/ram-mc.plant.toml"),
             "parts-vmc" => include_str!("../../../profiles/parts-vmc.plant.toml"),
-            "spindle-hmc" => include_str!("../../../profiles/spindle-hmc.plant.toml"),
+            // The same machine under another control.
+            "spindle-hmc" | "linuxcnc-mill" => include_str!("../../../profiles/spindle-hmc.plant.toml"),
             "jcs018a-vmc" => include_str!("../../../profiles/jcs018a-vmc.plant.toml"),
             "screw-axis" => include_str!("../../../profiles/screw-axis.plant.toml"),
             "sinker-edm" => include_str!("../../../profiles/sinker-edm.plant.toml"),

@@ -1,0 +1,1 @@
+"""The parts of isotherm-eoffset: the registers and their rules, the pins of HAL, Modbus."""

@@ -1,0 +1,154 @@
+//! A real CNC in the demo: LinuxCNC without a screen, from the files of `profiles/linuxcnc`, cuts a part over and over.
+
+use std::io::{BufRead, BufReader, Write};
+use std::net::TcpListener;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::time::Duration;
+
+use anyhow::Context;
+
+use crate::profile::{AxisId, Profile};
+use crate::virtual_machine::Window;
+
+/// The machine whose control it is.
+pub(super) const MACHINE: &str = "linuxcnc-mill";
+
+/// The bus of its profile at which the component listens.
+const BUS: &str = "control";
+
+/// How often the virtual plant is told what LinuxCNC applies.
+const LOOKS: Duration = Duration::from_millis(10);
+
+macro_rules! files {
+    ($($name:literal),* $(,)?) => {
+        [$(($name, include_str!(concat!("../../../profiles/linuxcnc/", $name)))),*]
+    };
+}
+
+/// What it is started from, the two programs first.
+const FILES: [(&str, &str); 15] = files![
+    "headless",
+    "isotherm-eoffset",
+    "isotherm.hal",
+    "isotherm_eoffset/__init__.py",
+    "isotherm_eoffset/control.py",
+    "isotherm_eoffset/gate.py",
+    "isotherm_eoffset/modbus.py",
+    "sim/commands.py",
+    "sim/mill.hal",
+    "sim/mill.ini",
+    "sim/mill.nml",
+    "sim/mill.tbl",
+    "sim/mill.var",
+    "sim/part.ngc",
+    "sim/simulation.py",
+];
+
+/// How many of them are programs.
+const PROGRAMS: usize = 2;
+
+/// LinuxCNC with our component in it. It ends when this is dropped.
+#[derive(Debug)]
+pub(super) struct Mill {
+    child: Child,
+    directory: PathBuf,
+    port: u16,
+    talk: Option<(ChildStdin, BufReader<ChildStdout>)>,
+}
+
+impl Mill {
+    /// Starts it, where the machine has this control.
+    pub(super) fn of(machine: &str) -> anyhow::Result<Option<Mill>> {
+        if machine != MACHINE {
+            return Ok(None);
+        }
+        let is_there = std::env::var_os("PATH")
+            .is_some_and(|path| std::env::split_paths(&path).any(|folder| folder.join("linuxcnc").exists()));
+        anyhow::ensure!(
+            is_there,
+            "{MACHINE} needs LinuxCNC, which is not installed here. On Debian, as root: apt-get install \
+             --no-install-recommends linuxcnc-uspace python3-pymodbus. Every other machine runs without"
+        );
+        Mill::start().map(Some)
+    }
+
+    fn start() -> anyhow::Result<Mill> {
+        let directory = std::env::temp_dir().join(format!("isotherm-linuxcnc-{}", std::process::id()));
+        write_files(&directory).with_context(|| format!("{} cannot be written", directory.display()))?;
+        // Nobody else takes it in the moment until the component does.
+        let port = TcpListener::bind("127.0.0.1:0")?.local_addr()?.port();
+        let mut command = Command::new(directory.join("headless"));
+        command.args(["--home", "--port", &port.to_string(), "--run"]).arg(directory.join("sim/part.ngc"));
+        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
+        let mut child = command.spawn().with_context(|| format!("{command:?} cannot be started"))?;
+        let talk = child.stdin.take().zip(child.stdout.take().map(BufReader::new));
+        let mut mill = Mill { child, directory, port, talk };
+        let (_, says) = mill.talk.as_mut().context("LinuxCNC has no output")?;
+        let mut line = String::new();
+        while line.trim() != "ready" {
+            line.clear();
+            anyhow::ensure!(
+                says.read_line(&mut line)? > 0,
+                "LinuxCNC did not start. One of them runs at a time on a computer: is there another?"
+            );
+        }
+        Ok(mill)
+    }
+
+    /// From now on the gateway writes to LinuxCNC, and the virtual plant is moved by what LinuxCNC applies.
+    pub(super) fn takes_the_place_of_the_control(
+        mut self,
+        profile: &mut Profile,
+        window: &Window,
+    ) -> anyhow::Result<Mill> {
+        for bus in profile.buses.iter_mut().filter(|bus| bus.name == BUS) {
+            bus.address = format!("127.0.0.1:{}", self.port);
+        }
+        let (mut asks, mut says) = self.talk.take().context("LinuxCNC has no output")?;
+        let axes: Vec<String> = profile.axes.iter().map(|axis| axis.settings.name.clone()).collect();
+        let window = window.clone();
+        std::thread::Builder::new().name("linuxcnc".to_owned()).spawn(move || {
+            loop {
+                for (place, axis) in axes.iter().enumerate() {
+                    let Some(mm) = offset_mm(&mut asks, &mut says, axis) else { return };
+                    window.applies_elsewhere(AxisId(place), 1000.0 * mm);
+                }
+                std::thread::sleep(LOOKS);
+            }
+        })?;
+        Ok(self)
+    }
+}
+
+/// What is applied for an axis; `None` when there is nobody any more.
+fn offset_mm(asks: &mut ChildStdin, says: &mut BufReader<ChildStdout>, axis: &str) -> Option<f64> {
+    writeln!(asks, "get axis.{axis}.eoffset").ok()?;
+    let mut line = String::new();
+    says.read_line(&mut line).ok().filter(|count| *count > 0)?;
+    line.trim().strip_prefix("ok")?.trim().parse().ok()
+}
+
+fn write_files(directory: &Path) -> std::io::Result<()> {
+    for (place, (name, text)) in FILES.into_iter().enumerate() {
+        let path = directory.join(name);
+        std::fs::create_dir_all(path.parent().unwrap_or(directory))?;
+        std::fs::write(&path, text)?;
+        if place < PROGRAMS {
+            std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755))?;
+        }
+    }
+    Ok(())
+}
+
+impl Drop for Mill {
+    fn drop(&mut self) {
+        // The end of its input, which the thread holds that asks it, would do as well.
+        let asked = Command::new("kill").arg(self.child.id().to_string()).status();
+        if asked.is_ok_and(|status| status.success()) || self.child.kill().is_ok() {
+            let _ = self.child.wait();
+        }
+        let _ = std::fs::remove_dir_all(&self.directory);
+    }
+}
