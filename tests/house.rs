@@ -63,7 +63,7 @@ const ARROWS: [(&str, &[&str]); 17] = [
     ),
 ];
 
-const TOP: [&str; 11] = [
+const TOP: [&str; 12] = [
     "Cargo.toml",
     "Cargo.lock",
     "README.md",
@@ -74,6 +74,7 @@ const TOP: [&str; 11] = [
     "tests",
     "benches",
     "docker",
+    "docs",
     "packaging",
 ];
 

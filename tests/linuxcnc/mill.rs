@@ -28,12 +28,15 @@ impl Mill {
     /// On, homed, in teleop mode, at X0 Y0 Z0.
     pub(crate) fn start() -> Mill {
         let port = free_port();
-        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("profiles/linuxcnc");
-        let mut command = Command::new(folder.join("headless"));
-        command.args(["--home", "--port", &port.to_string()]);
-        let mut running = Running::start(&mut command);
-        running.hears("ready");
-        Mill { running, port, directory: tempfile::tempdir().unwrap(), recordings: 0 }
+        Mill { running: runs(port), port, directory: tempfile::tempdir().unwrap(), recordings: 0 }
+    }
+
+    /// LinuxCNC is ended and started again.
+    #[track_caller]
+    pub(crate) fn restarts(&mut self) {
+        self.running.signal("TERM");
+        self.running.ends_within(PATIENCE);
+        self.running = runs(self.port);
     }
 
     /// Tells it something; what it answers.
@@ -81,6 +84,14 @@ impl Mill {
         let text = std::fs::read_to_string(self.recording()).unwrap();
         Samples::parse(&text, &COLUMNS)
     }
+}
+
+fn runs(port: u16) -> Running {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("profiles/linuxcnc");
+    let mut command = Command::new(folder.join("headless"));
+    let mut running = Running::start(command.args(["--home", "--port", &port.to_string()]));
+    running.hears("ready");
+    running
 }
 
 impl Drop for Mill {

@@ -4,9 +4,10 @@ use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::time::Duration;
 
-/// The heartbeat, the first word of the block.
+/// Words of the block.
+pub(crate) const HEARTBEAT: usize = 0;
 pub(crate) const CONTROL: usize = 1;
-pub(crate) const SEQUENCE: usize = 3;
+const SEQUENCE: usize = 3;
 const Z: usize = 8;
 const COMPLEMENT: usize = 10;
 

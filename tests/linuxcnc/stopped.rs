@@ -52,6 +52,22 @@ fn a_machine_that_is_not_homed_waits() {
 }
 
 #[test]
+fn after_a_restart_of_the_control_the_offset_walks_in_from_zero() {
+    let mut bench = Bench::start();
+    bench.wants(12.0);
+    bench.arrives_at(12.0);
+    bench.mill.restarts();
+    bench.mill.records();
+    bench.arrives_at(12.0);
+    let samples = bench.mill.recorded();
+    samples.never_jump();
+    samples.joint_never_jumps();
+    bench.follows("it follows again");
+    let said = bench.said();
+    assert!(!said.iter().any(|line| line.contains("somebody else wrote")), "{said:#?}");
+}
+
+#[test]
 fn a_gateway_that_is_killed_in_a_walk_goes_on_from_where_the_joint_stands() {
     let mut bench = Bench::start();
     bench.mill.records();

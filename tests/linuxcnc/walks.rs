@@ -45,6 +45,11 @@ fn what_somebody_else_writes_switches_the_axis_off_and_the_control_word_says_so(
         one => Err(one.to_string()),
     });
     assert_eq!(modbus::z(&modbus::block(port)), 75, "what he wrote is left alone");
+    let beat = modbus::block(port)[modbus::HEARTBEAT];
+    crate::process::until("the heartbeat goes on", || match modbus::block(port)[modbus::HEARTBEAT] {
+        same if same == beat => Err(same.to_string()),
+        _ => Ok(()),
+    });
     let said = bench.said();
     assert!(said.iter().any(|line| line.contains("somebody else wrote 7.5 µm")), "{said:#?}");
 }
