@@ -119,7 +119,7 @@ async fn show(
         VirtualMachine::start(&profile, Setup::on_free_ports(plant, arguments.seed), &clock).await?;
     let mut profile = machine.serving(profile);
     let window = machine.window();
-    let mill = mill.map(|mill| mill.takes_the_place_of_the_control(&mut profile, &window)).transpose()?;
+    let mut mill = mill.map(|mill| mill.takes_the_place_of_the_control(&mut profile, &window)).transpose()?;
     let mut signals = Signals::listen()?;
     let mut last = clock.join();
     let gateway = Gateway::new(profile, &clock, Options::default());
@@ -142,7 +142,9 @@ async fn show(
         never = draw(arguments, &source, &window, page) => match never {},
     };
     let (summary, span) = seen.unwrap_or_else(|| (window.summary(), clock.now().since(begun)));
-    drop(mill);
+    if let Some(mill) = &mut mill {
+        mill.has_run_through()?;
+    }
     Ok(Shown { summary, span, outcome, published })
 }
 

@@ -18,6 +18,7 @@ mod position;
 mod register;
 mod report;
 mod requests;
+mod sequence;
 mod set;
 mod single;
 mod strobe;

@@ -187,6 +187,17 @@ fn an_absolute_encoder_is_not_believed_while_it_says_so_itself() {
     assert!(check.mismatch(&[0, 4096]).unwrap().contains("reads 4096 instead of 8192"));
 }
 
+/// What is written to it is tested beside LinuxCNC.
+#[test]
+fn what_linuxcnc_applies_is_read_in_tenths_of_a_micrometre() {
+    let device = "template = \"linuxcnc-eoffset\"";
+    reads(&signal(device, "\"applied_z\"", ""), "input:6", &[(&[0xffff, 0xff38], -20.0), (&[0, 123], 12.3)]);
+    reads(&signal(device, "\"machine_z\"", ""), "input:18", &[(&[0xfffe, 0x7960], -10.0)]);
+    reads(&signal(device, "\"spindle\"", ""), "input:26", &[(&[0xfda8], -600.0)]);
+    let taking = signal(device, "\"taking\"", "");
+    assert_eq!(taking.signals[0].address.register().unwrap().to_string(), "discrete:2");
+}
+
 #[test]
 fn what_a_control_tells_back_is_read_by_bits_and_by_values() {
     for name in ["plc-block", "fanuc-modbus-server"] {

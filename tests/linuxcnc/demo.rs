@@ -6,6 +6,7 @@ use crate::process::isotherm;
 fn the_demo_holds_the_machine_with_a_real_control_in_the_loop() {
     let home = tempfile::tempdir().unwrap();
     let mut demo = isotherm(home.path());
+    demo.env("TMPDIR", home.path());
     let output =
         demo.args(["demo", "linuxcnc-mill", "--for", "12min", "--speed", "80", "--json"]).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
@@ -15,8 +16,8 @@ fn the_demo_holds_the_machine_with_a_real_control_in_the_loop() {
     let (without, with) = (range("uncompensated_range_um"), range("compensated_range_um"));
     println!("{without} µm uncompensated, {with} µm compensated");
     assert!(without > 3.0 && with < 2.0, "{report}");
-    let left: Vec<_> = std::fs::read_dir(std::env::temp_dir()).unwrap().flatten().collect();
-    let left =
-        left.iter().filter(|entry| entry.file_name().to_string_lossy().starts_with("isotherm-linuxcnc-"));
+    let left: Vec<_> =
+        std::fs::read_dir(home.path()).unwrap().flatten().map(|entry| entry.file_name()).collect();
+    let left = left.iter().filter(|name| name.to_string_lossy().starts_with("isotherm-"));
     assert_eq!(left.count(), 0, "it tidies up");
 }

@@ -48,7 +48,28 @@ fn after_an_emergency_stop_the_offset_walks_in_again() {
 /// Homing is a new beginning: the place at which the mill stands is zero from then on.
 #[test]
 fn a_machine_that_is_not_homed_waits() {
-    comes_back(&["off"], &["on", "unhome", "home"]);
+    let mut bench = Bench::start();
+    bench.wants(8.0);
+    bench.arrives_at(8.0);
+    bench.mill.told("unhome");
+    bench.wants(14.0);
+    // What was on its way when it was told.
+    std::thread::sleep(Duration::from_millis(300));
+    bench.mill.records();
+    std::thread::sleep(Duration::from_millis(1500));
+    let samples = bench.mill.recorded();
+    let first = samples.0[0];
+    assert!(
+        samples.0.iter().all(|one| (one.request - first.request).abs() < 1e-9),
+        "it moves unhomed: {first:?}"
+    );
+    assert!(first.request < 0.0135, "{first:?}");
+    bench.mill.told("home");
+    bench.mill.records();
+    bench.arrives_at(14.0);
+    bench.mill.recorded().never_jump();
+    bench.follows("it follows again");
+    bench.blames_nobody();
 }
 
 #[test]

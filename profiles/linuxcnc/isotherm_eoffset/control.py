@@ -179,7 +179,11 @@ def free_name():
 
 
 def is_alive(process):
+    """Its number may be another's by now."""
     try:
+        with open(f"/proc/{process}/cmdline", "rb") as file:
+            if b"isotherm-eoffset" not in file.read():
+                return False
         with open(f"/proc/{process}/stat", encoding="utf-8", errors="replace") as file:
             return file.read().rsplit(")", 1)[1].split()[0] not in "ZX"
     except OSError:

@@ -1,8 +1,10 @@
 //! A real CNC in the demo: LinuxCNC without a screen, from the files of `profiles/linuxcnc`, cuts a part over and over.
 
+use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io::{BufRead, BufReader, Write};
 use std::net::TcpListener;
-use std::os::unix::fs::PermissionsExt;
+use std::os::unix::fs::{DirBuilderExt, PermissionsExt};
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::Duration;
@@ -46,6 +48,9 @@ const FILES: [(&str, &str); 15] = files![
     "sim/simulation.py",
 ];
 
+/// What it says of what goes wrong.
+const LOG: &str = "linuxcnc.log";
+
 /// How many of them are programs.
 const PROGRAMS: usize = 2;
 
@@ -75,13 +80,17 @@ impl Mill {
     }
 
     fn start() -> anyhow::Result<Mill> {
-        let directory = std::env::temp_dir().join(format!("isotherm-linuxcnc-{}", std::process::id()));
+        let number = RandomState::new().build_hasher().finish();
+        let directory = std::env::temp_dir().join(format!("isotherm-linuxcnc-{number:016x}"));
         write_files(&directory).with_context(|| format!("{} cannot be written", directory.display()))?;
         // Nobody else takes it in the moment until the component does.
         let port = TcpListener::bind("127.0.0.1:0")?.local_addr()?.port();
         let mut command = Command::new(directory.join("headless"));
         command.args(["--home", "--port", &port.to_string(), "--run"]).arg(directory.join("sim/part.ngc"));
-        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
+        let log = std::fs::File::create(directory.join(LOG))?;
+        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(log);
+        // Ctrl-C ends the demo; LinuxCNC is needed until the offset is out.
+        command.process_group(0);
         let mut child = command.spawn().with_context(|| format!("{command:?} cannot be started"))?;
         let talk = child.stdin.take().zip(child.stdout.take().map(BufReader::new));
         let mut mill = Mill { child, directory, port, talk };
@@ -89,12 +98,26 @@ impl Mill {
         let mut line = String::new();
         while line.trim() != "ready" {
             line.clear();
-            anyhow::ensure!(
-                says.read_line(&mut line)? > 0,
-                "LinuxCNC did not start. One of them runs at a time on a computer: is there another?"
-            );
+            if says.read_line(&mut line)? == 0 {
+                anyhow::bail!("LinuxCNC did not start: {}", mill.complaint());
+            }
         }
         Ok(mill)
+    }
+
+    /// What it said last of what is wrong.
+    fn complaint(&self) -> String {
+        let log = std::fs::read_to_string(self.directory.join(LOG)).unwrap_or_default();
+        let last = log.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it does not say why");
+        format!("{last}. One of them runs at a time on a computer; it needs python3-pymodbus")
+    }
+
+    /// It has cut and moved until now.
+    pub(super) fn has_run_through(&mut self) -> anyhow::Result<()> {
+        match self.child.try_wait()? {
+            None => Ok(()),
+            Some(_) => Err(anyhow::anyhow!("LinuxCNC has ended by itself: {}", self.complaint())),
+        }
     }
 
     /// From now on the gateway writes to LinuxCNC, and the virtual plant is moved by what LinuxCNC applies.
@@ -131,6 +154,7 @@ fn offset_mm(asks: &mut ChildStdin, says: &mut BufReader<ChildStdout>, axis: &st
 }
 
 fn write_files(directory: &Path) -> std::io::Result<()> {
+    std::fs::DirBuilder::new().mode(0o700).create(directory)?;
     for (place, (name, text)) in FILES.into_iter().enumerate() {
         let path = directory.join(name);
         std::fs::create_dir_all(path.parent().unwrap_or(directory))?;

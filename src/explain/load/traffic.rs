@@ -147,10 +147,11 @@ impl Traffic<'_> {
         }
     }
 
-    /// What the control says it applies, after each change and as often as the axis decides.
+    /// What the control says it applies, at once after each change and once more when it does.
     fn applied(&mut self, output: &Output, per_second: f64) {
         if let Some(applied) = &output.applied {
-            self.ask(output.device, per_second, true, registers_read(applied.encoding.data_type.registers()));
+            let registers = applied.encoding.data_type.registers();
+            self.ask(output.device, 2.0 * per_second, true, registers_read(registers));
         }
     }
 

@@ -31,6 +31,8 @@ pub(super) struct AppliedOffset {
 /// When it is looked at.
 #[derive(Clone, Copy, Debug)]
 struct Times {
+    /// The last change.
+    since: Moment,
     /// The control must have settled.
     over: Moment,
     /// The axis's own.
@@ -56,7 +58,8 @@ impl AppliedOffset {
         }
         let over = self.stands.map_or(now, |(_, since)| since.after(applied.settle));
         let every = shared.profile.axis(output.axis).settings.every;
-        let times = Times { over, every, soon: (applied.settle / 8).min(every / 2) };
+        let since = self.stands.map_or(now, |(_, since)| since);
+        let times = Times { since, over, every, soon: applied.settle / 8 };
         if now < self.due(times) {
             register.is_unapplied = !self.is_seen && register.is_driven();
             return self.due(times);
@@ -83,13 +86,16 @@ impl AppliedOffset {
         self.due(times)
     }
 
-    /// At once after a change, soon again until the control must have settled, each second while it has not, else with the
-    /// axis.
+    /// At once after a change, soon, and each time after twice as long, until the control must have settled; each second
+    /// while it has not, else with the axis.
     fn due(&self, times: Times) -> Moment {
         match self.read_at {
             None => Moment::default(),
             Some(read) if self.is_seen => read.after(times.every),
-            Some(read) if read < times.over => times.over.min(read.after(times.soon)),
+            Some(read) if read < times.over => {
+                let soon = times.soon.max(2 * read.since(times.since));
+                times.over.min(times.since.after(soon))
+            }
             Some(read) => read.after(RETRY),
         }
     }

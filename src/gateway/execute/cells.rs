@@ -8,21 +8,6 @@ use crate::profile::{OutputSet, Profile, Stretch};
 /// The words of a set by their registers.
 pub(super) type Cells = BTreeMap<u16, u16>;
 
-/// So many sets at most are sent while one of them is on its way: ten a second, a minute and more.
-const LATELY: u16 = 1024;
-
-/// The number of the next set. Zero is left to a control that has just been started.
-pub(super) fn next(sequence: u16) -> u16 {
-    sequence.checked_add(1).unwrap_or(1)
-}
-
-/// The number that the next set follows: what stands there, unless that is an older one of ours, which came late. So no
-/// number is taken twice, and a control that takes nothing but the next one gets it, also after a set was lost.
-pub(super) fn newer(newest: u16, stands: u16) -> u16 {
-    let is_older = (1..=LATELY).contains(&newest.wrapping_sub(stands)) && stands != 0;
-    if is_older { newest } else { stands }
-}
-
 /// The words of a set that are nobody's value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Own {
@@ -88,28 +73,6 @@ pub(super) fn value(cells: &Cells, from: u16, count: u16) -> Encoded {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_sequence_counts_from_one_and_never_comes_back_to_zero() {
-        assert_eq!((next(0), next(7), next(65535)), (1, 8, 1));
-    }
-
-    #[test]
-    fn the_next_set_follows_what_stands_there_but_for_an_older_one_that_came_late() {
-        let cases = [
-            ("at a start", (0, 40), 40),
-            ("it arrived", (40, 41), 41),
-            ("it was lost", (41, 41), 41),
-            ("an older one came late", (41, 17), 41),
-            ("an older one came late, from before the round was over", (3, 65530), 3),
-            ("the round is over", (65535, 1), 1),
-            ("the control was restarted", (41, 0), 0),
-            ("a control that remembers another day", (5000, 300), 300),
-        ];
-        for (case, (newest, stands), follows) in cases {
-            assert_eq!(newer(newest, stands), follows, "{case}");
-        }
-    }
 
     #[test]
     fn the_heartbeat_of_a_set_goes_round_below_the_sign() {

@@ -25,6 +25,7 @@ use super::cells::{self, Cells, Own};
 use super::order::Order;
 use super::register::Register;
 use super::requests;
+use super::sequence::Sequence;
 use super::strobe::{Stands, Strobe, Waited};
 use super::{Asked, RETRY, Words};
 
@@ -41,8 +42,9 @@ pub(in crate::gateway) struct Set {
     taken: Option<Vec<Words>>,
     /// The last run ended in order: what stands there first was taken.
     was_in_order: bool,
-    /// The newest number that was seen in the register.
-    sequence: Option<u16>,
+    sequence: Sequence,
+    /// How often its control was restarted, as far as it has heard.
+    restarts: u64,
     /// What is sent next may bear the number that the control took last: a run before this one may have sent it.
     may_bear_an_old_number: bool,
     /// The count of its writes, as it stands in the register.
@@ -77,7 +79,8 @@ impl Set {
         let mut registers: Vec<_> =
             outputs.iter().map(|id| Register::new(shared, *id, now).in_a_set()).collect();
         let was_in_order = !is_second && registers.iter().all(|one| one.state.is_settled());
-        let is_bound = !was_in_order && !is_taken_at_once(&shared.profile, id);
+        let has_numbers = shared.profile.set(id).sequence.is_some();
+        let is_bound = !was_in_order && (has_numbers || !is_taken_at_once(&shared.profile, id));
         registers.iter_mut().for_each(|register| register.is_bound = is_bound);
         Set {
             id,
@@ -87,8 +90,9 @@ impl Set {
             strobe: Strobe::new(id, stands),
             sent: None,
             taken: None,
-            sequence: None,
-            may_bear_an_old_number: is_bound && shared.profile.set(id).sequence.is_some(),
+            sequence: Sequence::default(),
+            restarts: 0,
+            may_bear_an_old_number: is_bound && has_numbers,
             beat: 0,
             told_control: None,
             may_say_enabled: false,
@@ -117,7 +121,7 @@ impl Set {
     pub(in crate::gateway) async fn turn(&mut self, line: &mut DeviceLine, shared: &Shared, now: Moment) {
         let orders = self.orders(shared, now);
         if shared.core().leaving {
-            self.strobe.waits = None;
+            self.strobe.leaves();
         }
         let went = self.go_on(line, shared, now).await;
         if went == Went::Well {
@@ -186,6 +190,10 @@ impl Set {
 
     async fn begin(&mut self, line: &mut DeviceLine, shared: &Shared, orders: &[Order], now: Moment) {
         let profile = &shared.profile;
+        let restarts = orders.iter().map(|order| order.restarts).max().unwrap_or_default();
+        if std::mem::replace(&mut self.restarts, restarts) != restarts {
+            self.sequence.forget();
+        }
         for ((register, output), order) in
             self.registers.iter_mut().zip(members(profile, self.id)).zip(orders)
         {
@@ -348,21 +356,28 @@ impl Set {
         }
         read.ok()?;
         let word = |at: Option<Place>| at.and_then(|at| cells.get(&at.offset)).copied();
-        if let Some(number) = word(set.sequence) {
-            self.sequence = Some(cells::newer(self.sequence.unwrap_or_default(), number));
-        }
+        let late = self.registers.iter().map(|register| register.settings.late).max().unwrap_or_default();
+        let number = word(set.sequence);
+        let has_come_late =
+            number.is_some_and(|number| self.sequence.stands(number, &values, line.looked(), late));
         self.beat = word(set.heartbeat).unwrap_or(self.beat);
-        self.bind(shared, &values);
+        self.bind(shared, &values, has_come_late);
         Some(values)
     }
 
     /// What stands there and was not taken is to be taken before anything else is sent.
-    fn bind(&mut self, shared: &Shared, values: &[Words]) {
+    fn bind(&mut self, shared: &Shared, values: &[Words], has_come_late: bool) {
         if std::mem::take(&mut self.was_in_order) {
             self.taken = Some(values.to_vec());
         }
-        let is_bound = !is_taken_at_once(&shared.profile, self.id) && self.taken.as_deref() != Some(values);
-        self.registers.iter_mut().for_each(|register| register.is_bound = is_bound);
+        let is_at_once = is_taken_at_once(&shared.profile, self.id);
+        if has_come_late && is_at_once {
+            self.sent = None;
+        }
+        let is_untaken = self.taken.as_deref() != Some(values);
+        for register in &mut self.registers {
+            register.is_bound = if is_at_once { register.is_bound || has_come_late } else { is_untaken };
+        }
     }
 
     /// Writes the values, and where all of them have arrived, the sequence. Whether all of it was answered as done.
@@ -382,7 +397,7 @@ impl Set {
             }
             return Went::NoFurther;
         };
-        let sequence = set.sequence.map(|_| cells::next(self.sequence.unwrap_or_default()));
+        let sequence = set.sequence.map(|_| self.sequence.next());
         let heartbeat = if shared.head_lives(now) { cells::next_beat(self.beat) } else { self.beat };
         let control = self.control(shared);
         let own = Own { sequence, heartbeat, control };

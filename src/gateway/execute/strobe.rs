@@ -33,6 +33,8 @@ pub(super) struct Strobe {
     pub(super) stands: Stands,
     /// What is waited for, until when, and when the acknowledge is asked for again.
     pub(super) waits: Option<(Wait, Moment, Moment)>,
+    /// It was raised in a write that nobody answered, and may rise late.
+    may_rise: bool,
     /// The failure that has been told; the next success ends it.
     told: Option<&'static str>,
 }
@@ -60,7 +62,7 @@ pub(super) enum Waited {
 
 impl Strobe {
     pub(super) fn new(set: SetId, stands: Stands) -> Strobe {
-        Strobe { set, stands, waits: None, told: None }
+        Strobe { set, stands, waits: None, may_rise: false, told: None }
     }
 
     /// Raises the strobe and begins to wait for the acknowledge.
@@ -73,6 +75,8 @@ impl Strobe {
             if fault.outcome() == Outcome::NotDone {
                 // It never went up.
                 self.stands = Stands::Down;
+            } else {
+                self.may_rise = true;
             }
             let (register, fault) = (handshake.strobe.to_string(), fault.to_string());
             self.failed(line, shared, HandshakeFault::StrobeNotWritten { register, fault }).await;
@@ -95,6 +99,14 @@ impl Strobe {
         self.stands = Stands::Down;
         self.tell(shared);
         true
+    }
+
+    /// The gateway is about to end: nothing is waited for, and what may have risen meanwhile is dropped.
+    pub(super) fn leaves(&mut self) {
+        self.waits = None;
+        if std::mem::take(&mut self.may_rise) {
+            self.stands = Stands::Up;
+        }
     }
 
     pub(super) fn wait_for(&mut self, shared: &Shared, wait: Wait, timeout: Duration) {

@@ -1,0 +1,125 @@
+//! The number that each set bears, and what it tells of what the control has taken. Pure.
+//!
+//! A control takes a set when its number is another than the last, or nothing but the next one. So no number may come
+//! twice with something new, and none may be left out: a set follows the newest number that stood in the register. A set
+//! that comes late puts an older number back, or other values under the same; then what stands there was perhaps not taken.
+
+use std::time::Duration;
+
+use super::Words;
+use crate::quantity::Moment;
+
+/// So many sets at most are sent while one of them is on its way: ten a second, a minute and more.
+const LATELY: u16 = 1024;
+
+/// What is known of the numbers of one set.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Sequence {
+    /// The newest that stood in the register, and what stood beside it then.
+    newest: Option<(u16, Vec<Words>)>,
+    /// Since when an older one has stood there.
+    older_since: Option<Moment>,
+}
+
+impl Sequence {
+    /// The number of the next set.
+    pub(super) fn next(&self) -> u16 {
+        next(self.newest.as_ref().map_or(0, |(newest, _)| *newest))
+    }
+
+    /// This number and these values stand there. Whether the control has perhaps taken something else: a set came late.
+    pub(super) fn stands(&mut self, number: u16, values: &[Words], now: Moment, late: Duration) -> bool {
+        let Some((newest, beside)) = self.newest.as_ref().filter(|(newest, _)| !is_older(*newest, number))
+        else {
+            // What no set of ours can be any more is the control's own: it remembers another day.
+            let since = *self.older_since.get_or_insert(now);
+            if self.newest.is_none() || now.since(since) > late {
+                (self.newest, self.older_since) = (Some((number, values.to_vec())), None);
+                return false;
+            }
+            return true;
+        };
+        self.older_since = None;
+        let is_late = *newest == number && beside != values;
+        if *newest != number {
+            self.newest = Some((number, values.to_vec()));
+        }
+        is_late
+    }
+
+    /// The control was restarted: whatever number it has then is the one to follow.
+    pub(super) fn forget(&mut self) {
+        *self = Sequence::default();
+    }
+}
+
+/// Zero is left to a control that has just been started.
+fn next(number: u16) -> u16 {
+    number.checked_add(1).unwrap_or(1)
+}
+
+fn is_older(newest: u16, number: u16) -> bool {
+    newest != 0 && number != 0 && (1..=LATELY).contains(&newest.wrapping_sub(number))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LATE: Duration = Duration::from_secs(30);
+
+    fn second(second: u64) -> Moment {
+        Moment::from_nanos(1_000_000_000 * second)
+    }
+
+    #[test]
+    fn the_sequence_counts_from_one_and_never_comes_back_to_zero() {
+        assert_eq!((next(0), next(7), next(65535)), (1, 8, 1));
+    }
+
+    #[test]
+    fn the_next_set_follows_what_stands_there_but_for_an_older_one_that_came_late() {
+        let cases = [
+            ("at a start", &[40][..], 41),
+            ("at a start, high up", &[65000], 65001),
+            ("it arrived", &[40, 41], 42),
+            ("it was lost", &[41, 41], 42),
+            ("an older one came late", &[41, 17], 42),
+            ("an older one came late, from before the round was over", &[3, 65530], 4),
+            ("the round is over", &[65535, 1], 2),
+            ("the control was restarted", &[41, 0], 1),
+            ("the control was restarted, and remembers then", &[41, 0, 65000], 65001),
+            ("a control that remembers another day", &[5000, 300], 301),
+        ];
+        for (case, stands, follows) in cases {
+            let mut sequence = Sequence::default();
+            for number in stands {
+                sequence.stands(*number, &[], second(0), LATE);
+            }
+            assert_eq!(sequence.next(), follows, "{case}");
+        }
+    }
+
+    #[test]
+    fn an_older_number_that_stays_longer_than_a_set_can_be_late_is_the_controls_own() {
+        let mut sequence = Sequence::default();
+        sequence.stands(300, &[], second(0), LATE);
+        assert!(sequence.stands(298, &[], second(1), LATE));
+        assert!(sequence.stands(298, &[], second(31), LATE));
+        assert_eq!(sequence.next(), 301);
+        assert!(!sequence.stands(298, &[], second(32), LATE));
+        assert_eq!(sequence.next(), 299);
+    }
+
+    #[test]
+    fn other_values_under_the_same_number_or_an_older_one_were_perhaps_not_taken() {
+        let [one, two] = [1, 2].map(|word| Words::of(&[word]));
+        let mut sequence = Sequence::default();
+        assert!(!sequence.stands(41, &[one], second(0), LATE));
+        assert!(!sequence.stands(42, &[two], second(1), LATE));
+        assert!(!sequence.stands(42, &[two], second(2), LATE));
+        assert!(sequence.stands(42, &[one], second(3), LATE), "the same number was sent twice");
+        assert!(sequence.stands(41, &[two], second(4), LATE), "an older one came late");
+        assert!(!sequence.stands(43, &[one], second(5), LATE));
+    }
+}
