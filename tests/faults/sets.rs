@@ -70,7 +70,7 @@ fn a_set_side_by_side_is_one_request_with_its_sequence_and_its_complement() {
 
 /// A late set puts the number back; a control that takes only another number would pass over one that comes twice.
 #[test]
-fn whatever_number_stands_there_the_next_set_bears_one_that_was_never_sent() {
+fn an_older_number_that_is_put_back_makes_none_come_twice() {
     for text in [BLOCK.to_owned(), shaken(BLOCK), apart(), shaken(&apart())] {
         let at = if text.contains("holding:140") { 140 } else { 103 };
         let back = |second: u32, number: u32| {

@@ -48,11 +48,11 @@ const FILES: [(&str, &str); 15] = files![
     "sim/simulation.py",
 ];
 
-/// What it says of what goes wrong.
-const LOG: &str = "linuxcnc.log";
-
 /// How many of them are programs.
 const PROGRAMS: usize = 2;
+
+/// Where it says what goes wrong.
+const LOG: &str = "linuxcnc.log";
 
 /// LinuxCNC with our component in it. It ends when this is dropped.
 #[derive(Debug)]
@@ -83,7 +83,7 @@ impl Mill {
         let number = RandomState::new().build_hasher().finish();
         let directory = std::env::temp_dir().join(format!("isotherm-linuxcnc-{number:016x}"));
         write_files(&directory).with_context(|| format!("{} cannot be written", directory.display()))?;
-        // Nobody else takes it in the moment until the component does.
+        // One that is free now: the component does not say which it took.
         let port = TcpListener::bind("127.0.0.1:0")?.local_addr()?.port();
         let mut command = Command::new(directory.join("headless"));
         command.args(["--home", "--port", &port.to_string(), "--run"]).arg(directory.join("sim/part.ngc"));

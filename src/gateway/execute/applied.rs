@@ -33,12 +33,10 @@ pub(super) struct AppliedOffset {
 struct Times {
     /// The last change.
     since: Moment,
-    /// The control must have settled.
-    over: Moment,
+    /// How long the control has to apply it; a quick one is not waited for longer than it takes.
+    settle: Duration,
     /// The axis's own.
     every: Duration,
-    /// Until then: a control that is quick is not waited for longer than it takes.
-    soon: Duration,
 }
 
 impl AppliedOffset {
@@ -56,10 +54,9 @@ impl AppliedOffset {
         if self.stands.is_none_or(|(stands, _)| stands != value) {
             (self.stands, self.is_seen, self.read_at) = (Some((value, now)), false, None);
         }
-        let over = self.stands.map_or(now, |(_, since)| since.after(applied.settle));
-        let every = shared.profile.axis(output.axis).settings.every;
         let since = self.stands.map_or(now, |(_, since)| since);
-        let times = Times { since, over, every, soon: applied.settle / 8 };
+        let every = shared.profile.axis(output.axis).settings.every;
+        let times = Times { since, settle: applied.settle, every };
         if now < self.due(times) {
             register.is_unapplied = !self.is_seen && register.is_driven();
             return self.due(times);
@@ -75,7 +72,7 @@ impl AppliedOffset {
                 let within = applied.tolerance * (1.0 + 1e-9);
                 self.is_seen = found.is_some_and(|found| (found - stands).abs() <= within);
                 shared.core().outputs[register.id.0].applied = found.map(|found| (found, answered.asked));
-                self.judge(shared, output, register, (stands, found), now >= over);
+                self.judge(shared, output, register, (stands, found), now >= since.after(applied.settle));
             }
             Err(fault) => register.fail(shared, output, fault, Asked::Read),
         }
@@ -89,12 +86,13 @@ impl AppliedOffset {
     /// At once after a change, soon, and each time after twice as long, until the control must have settled; each second
     /// while it has not, else with the axis.
     fn due(&self, times: Times) -> Moment {
+        let over = times.since.after(times.settle);
         match self.read_at {
             None => Moment::default(),
             Some(read) if self.is_seen => read.after(times.every),
-            Some(read) if read < times.over => {
-                let soon = times.soon.max(2 * read.since(times.since));
-                times.over.min(times.since.after(soon))
+            Some(read) if read < over => {
+                let soon = (times.settle / 8).max(2 * read.since(times.since));
+                over.min(times.since.after(soon))
             }
             Some(read) => read.after(RETRY),
         }
