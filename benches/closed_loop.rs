@@ -16,7 +16,6 @@ use std::time::Duration;
 use criterion::{Criterion, Throughput};
 use isotherm::clock::Clock;
 use isotherm::gateway::{Gateway, Options, Pace};
-use isotherm::profile;
 
 /// The gateway's loops per loop of the blocking socket, at least.
 const LIMIT: f64 = 0.80;
@@ -167,7 +166,7 @@ struct Running {
 impl Running {
     fn start(server: &Server, axis_every: Duration) -> Running {
         let text = PROFILE.replace("ADDRESS", &server.address.to_string());
-        let loaded = profile::parse(Path::new("bench.toml"), &text, &[], &[]);
+        let loaded = isotherm_profile::parse(Path::new("bench.toml"), &text, &[], &[]);
         let profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;
         // Without a pause, and each loop with a step.
         let pace = Some(Pace { polls: Duration::from_micros(1), axes: axis_every });

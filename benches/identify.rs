@@ -9,12 +9,12 @@ use std::path::Path;
 use std::time::Duration;
 
 use isotherm::clock::Clock;
-use isotherm::identify::dataset::{Column, Dataset, Kind, Run};
-use isotherm::identify::identify;
-use isotherm::identify::method::{Method, Settings};
-use isotherm::identify::setup::{Choice, ready};
-use isotherm::profile::{self, Profile};
-use isotherm::quantity::Moment;
+use isotherm_core::quantity::Moment;
+use isotherm_identify::dataset::{Column, Dataset, Kind, Run};
+use isotherm_identify::identify;
+use isotherm_identify::method::{Method, Settings};
+use isotherm_identify::setup::{Choice, ready};
+use isotherm_profile::Profile;
 use rand::{RngExt, SeedableRng};
 
 const RUNS: u64 = 43;
@@ -81,7 +81,7 @@ fn machine() -> Profile {
              terms = [{{ signal = \"t0\", gain = 1.0, reference = \"start\" }}]\n"
         );
     }
-    profile::parse(Path::new("bench.toml"), &text, &[], &[])
+    isotherm_profile::parse(Path::new("bench.toml"), &text, &[], &[])
         .unwrap_or_else(|errors| panic!("{errors}"))
         .profile
 }

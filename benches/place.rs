@@ -8,19 +8,19 @@
 use std::path::Path;
 
 use isotherm::clock::Clock;
-use isotherm::placement::blocks::{Reach, parts};
-use isotherm::placement::body::SILENT;
-use isotherm::placement::ccx::Ccx;
-use isotherm::placement::column::{Column, Warming};
-use isotherm::placement::deck::{self, Deck};
-use isotherm::placement::found::{Asked, Study, place, rows};
-use isotherm::placement::heat::temperatures;
-use isotherm::placement::mesh::Kind;
-use isotherm::placement::methods::Method;
-use isotherm::placement::problem::Load;
-use isotherm::placement::structure::Structure;
-use isotherm::placement::views::outside;
-use isotherm::placement::write;
+use isotherm_placement::blocks::{Reach, parts};
+use isotherm_placement::body::SILENT;
+use isotherm_placement::ccx::Ccx;
+use isotherm_placement::column::{Column, Warming};
+use isotherm_placement::deck::{self, Deck};
+use isotherm_placement::found::{Asked, Study, place, rows};
+use isotherm_placement::heat::temperatures;
+use isotherm_placement::mesh::Kind;
+use isotherm_placement::methods::Method;
+use isotherm_placement::problem::Load;
+use isotherm_placement::structure::Structure;
+use isotherm_placement::views::outside;
+use isotherm_placement::write;
 
 /// Cells in mm, and the seconds from the decks to the sensors.
 const COLUMNS: [(f64, f64); 2] = [(80.0, 2.0), (45.0, 10.0)];

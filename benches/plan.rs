@@ -7,9 +7,9 @@ use std::hint::black_box;
 use std::path::Path;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use isotherm::fieldbus::plan::plan;
-use isotherm::profile::{self, Profile};
-use isotherm::reading::SignalId;
+use isotherm_core::reading::SignalId;
+use isotherm_profile::Profile;
+use isotherm_profile::plan::plan;
 
 /// A device with many signals, one axis that uses one of them.
 fn profile() -> Profile {
@@ -50,7 +50,7 @@ terms = [ { signal = "input0", gain = 1.0 } ]
             }
         }
     }
-    profile::parse(Path::new("bench.toml"), &text, &[], &[])
+    isotherm_profile::parse(Path::new("bench.toml"), &text, &[], &[])
         .unwrap_or_else(|errors| panic!("{errors}"))
         .profile
 }

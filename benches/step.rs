@@ -10,17 +10,17 @@ use std::time::Duration;
 
 use criterion::Criterion;
 use isotherm::clock::Clock;
-use isotherm::codec::{DataType, Encoding, WordOrder};
-use isotherm::compensation::model::network::{Activation, Layer, Layers, Net, Network, Scaling};
-use isotherm::compensation::model::{
+use isotherm_core::codec::{DataType, Encoding, WordOrder};
+use isotherm_core::compensation::model::network::{Activation, Layer, Layers, Net, Network, Scaling};
+use isotherm_core::compensation::model::{
     Expression, Formula, Input, Kind, Linear, Matrix, Model, Reference, Slope, Symbol, Term,
 };
-use isotherm::compensation::settings::{
+use isotherm_core::compensation::settings::{
     AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault,
 };
-use isotherm::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
-use isotherm::quantity::{Micron, Moment};
-use isotherm::reading::{Reading, SignalId};
+use isotherm_core::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
+use isotherm_core::quantity::{Micron, Moment};
+use isotherm_core::reading::{Reading, SignalId};
 
 #[cfg(feature = "onnx")]
 #[path = "../tests/onnx/encode.rs"]
@@ -31,7 +31,7 @@ fn decode(criterion: &mut Criterion) {
         data_type: DataType::I16,
         word_order: WordOrder::MswFirst,
         byte_swap: false,
-        scale: isotherm::codec::Scale::of(0.1),
+        scale: isotherm_core::codec::Scale::of(0.1),
         offset: 0.0,
         bias: 0,
         bad: vec![(-32768).into(), 32767.into()],
@@ -196,7 +196,7 @@ fn files(criterion: &mut Criterion) {
     }
     #[cfg(feature = "onnx")]
     {
-        use isotherm::compensation::model::network::Onnx;
+        use isotherm_core::compensation::model::network::Onnx;
         let layers: [onnx::Dense<'_>; 2] = [(&hidden, &bias, "Tanh"), (&last, &[0.0], "")];
         let file = onnx::network(&mean, &scale, &layers, Some(30));
         let net = Onnx::new(file, 30).map(Net::Onnx);

@@ -7,22 +7,28 @@ use std::process::ExitCode;
 use clap::{Args, CommandFactory, Parser, Subcommand};
 use tracing_appender::non_blocking::{NonBlockingBuilder, WorkerGuard};
 
-use crate::profile::{self, Profile};
+use isotherm_profile::Profile;
+
+use crate::fieldbus::tls;
 
 mod check;
 mod command;
 mod demo;
 mod gauge;
+#[cfg(feature = "identify")]
 mod identify;
 mod machines;
 mod measured;
+#[cfg(feature = "place")]
 mod place;
 mod read;
 mod record;
 pub mod replay;
+#[cfg(feature = "identify")]
 mod report;
 mod run;
 mod scan;
+#[cfg(feature = "identify")]
 mod select;
 mod services;
 mod signals;
@@ -68,12 +74,16 @@ enum Verb {
     /// The gateway's own step over a recorded log
     Replay(replay::Arguments),
     /// The model of an axis from logs with its measured error, judged on runs it never saw
+    #[cfg(feature = "identify")]
     Identify(Box<identify::Arguments>),
     /// Which temperature points to keep, from logs with a measured error
+    #[cfg(feature = "identify")]
     Select(select::Arguments),
     /// Where the temperature sensors of a structure belong, from finite-element decks of its load cases
+    #[cfg(feature = "place")]
     Place(Box<place::Arguments>),
     /// What logs say about drift, in the terms of ISO 230-3
+    #[cfg(feature = "identify")]
     Report(report::Arguments),
     /// Let the running gateway write
     #[command(after_help = "Example:\n  isotherm arm my-machine.toml")]
@@ -166,15 +176,19 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Virtual(arguments) => simulate::run(&arguments),
         Verb::Record(arguments) => record::run(&arguments),
         Verb::Replay(arguments) => replay::run(&arguments),
+        #[cfg(feature = "identify")]
         Verb::Identify(arguments) => identify::run(&arguments),
+        #[cfg(feature = "identify")]
         Verb::Select(arguments) => select::run(&arguments),
+        #[cfg(feature = "place")]
         Verb::Place(arguments) => place::run(&arguments),
+        #[cfg(feature = "identify")]
         Verb::Report(arguments) => report::run(&arguments),
         Verb::Arm(arguments) => command::run(&arguments, crate::observe::status::Command::Arm),
         Verb::Disarm(arguments) => command::run(&arguments, crate::observe::status::Command::Disarm),
         Verb::Zero(arguments) => command::run(&arguments, crate::observe::status::Command::Zero),
         Verb::Measured(arguments) => measured::run(&arguments),
-        Verb::Schema => print_json(&profile::schema()),
+        Verb::Schema => print_json(&isotherm_profile::schema()),
         Verb::Completions { shell } => {
             clap_complete::generate(shell, &mut Arguments::command(), "isotherm", &mut std::io::stdout());
             Ok(())
@@ -240,7 +254,7 @@ fn load_with(path: &Path, set: &[(String, String)], json: bool) -> Result<Profil
 }
 
 /// The profile, after its warnings have been told.
-fn warned(loaded: profile::Loaded) -> Profile {
+fn warned(loaded: isotherm_profile::Loaded) -> Profile {
     for warning in &loaded.warnings {
         eprintln!("warning: {warning}");
     }
@@ -266,14 +280,19 @@ fn load_modelled(arguments: &ProfileArguments, json: bool) -> Result<Profile, Fa
 }
 
 /// A profile, its warnings left to the caller.
-fn load_quietly(path: &Path, set: &[(String, String)], json: bool) -> Result<profile::Loaded, Failure> {
-    let environment = profile::environment();
+fn load_quietly(
+    path: &Path,
+    set: &[(String, String)],
+    json: bool,
+) -> Result<isotherm_profile::Loaded, Failure> {
+    let environment = isotherm_profile::environment();
     // A shipped machine may be named without having its file.
     let shipped = path.to_str().filter(|_| !path.exists()).and_then(machines::text);
     let loaded = match shipped {
-        Some((path, text)) => profile::parse_with(&path, text, &machines::FILES, set, &environment),
-        None => profile::load(path, set, &environment),
+        Some((path, text)) => isotherm_profile::parse_with(&path, text, &machines::FILES, set, &environment),
+        None => isotherm_profile::load(path, set, &environment),
     };
+    let loaded = loaded.and_then(|loaded| tls::check(&loaded.profile).map(|()| loaded));
     match loaded {
         Ok(loaded) => Ok(loaded),
         Err(errors) => {

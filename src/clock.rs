@@ -12,7 +12,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
 
 mod inlet;
 mod looks;

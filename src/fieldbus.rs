@@ -1,6 +1,5 @@
 //! The fieldbus: one owner per physical line, reads and writes in one order, every fault by its blame.
 //!
-//! - [`plan`] — pure: the signals of a device become the fewest read requests.
 //! - [`wire`] — the border behind which a transport lives.
 //! - [`modbus`] — frames of Modbus TCP; [`rtu`] — frames of a serial line, on a port ([`serial`]) or through TCP; what both
 //!   carry is made and compared in one place, by the Modbus library.
@@ -19,7 +18,6 @@ pub mod error;
 pub mod line;
 pub mod modbus;
 mod pdu;
-pub mod plan;
 pub mod port;
 pub mod rtu;
 pub mod serial;
@@ -27,7 +25,7 @@ pub mod tls;
 pub mod trace;
 pub mod wire;
 
-use crate::profile::{Bus, Transport};
+use isotherm_profile::{Bus, Transport};
 
 /// What opens the connections of a Modbus line, by what it is made of. `None` for a CAN interface: it is listened to
 /// before anything is asked there, and who listens opens it.

@@ -19,8 +19,8 @@ use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::Dial;
 use crate::observe::events::{Event, Journal};
 use crate::observe::status::Source;
-use crate::profile::{Bus, BusId, DeviceId, Profile};
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{Bus, BusId, DeviceId, Profile};
 
 mod arming;
 mod board;

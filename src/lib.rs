@@ -1,39 +1,32 @@
 //! isotherm holds a machine tool to its cold geometry.
 //!
-//! # Layout
-//! An arrow points from who knows to who is known, and only to the left; `tests/house.rs` holds the table and fails
-//! where a `crate::` path runs the other way.
+//! # The map
+//! What decides lives in crates of its own, so that Cargo holds the arrows: `isotherm-core` knows nobody,
+//! `isotherm-profile` knows core, and neither knows tokio, rustls or clap. `isotherm-identify` and `isotherm-placement`
+//! work offline, on logs and meshes, and draw with `isotherm-html`. The rooms of this crate, from the wire up:
+//!
+//! - [`clock`] — the only one who knows what time it is: the wall's, or a virtual one that tests and the demo turn.
+//! - [`fieldbus`] — one task owns a line; one way to ask a device, over Modbus or CAN.
+//! - [`gateway`] — polls, hands readings to the pure steps, carries out what they want, keeps state and logs.
+//! - [`observe`] — events, status, metrics and the page: what people and programs see of a running gateway.
+//! - [`survey`] — a line without a profile: which units answer, and what stands in a register.
+//! - [`virtual_machine`] — the hardware that is not there: devices, plants and faults by script.
+//! - [`cli`] — the verbs, one small file each.
+//!
+//! Further left knows nothing of further right; `tests/house.rs` holds what Cargo cannot:
 //!
 //! ```text
-//! quantity ← reading ← { codec, compensation } ← profile ← fieldbus ← gateway ← cli
-//! quantity ← clock ← { fieldbus, gateway, virtual_machine, cli }
-//! quantity ← output                                             nobody knows it yet: gateway is to
-//! quantity, the states of compensation ← observe ← cli           observe's events and status ← gateway
-//! { codec, profile, clock } ← virtual_machine ← cli              nobody else knows virtual_machine
-//! { codec, profile, fieldbus } ← survey ← cli                    nobody else knows survey
-//! { compensation, profile, sheet } ← identify ← cli            nobody else knows identify
-//! sheet ← placement ← cli                                      nobody else knows placement
-//! quantity ← sheet: pages for people
-//! { profile, the read plan of fieldbus } ← explain ← cli         nobody else knows explain
+//! clock ← fieldbus ← gateway ← cli        clock ← virtual_machine ← cli
+//! observe ← cli                           observe's events and status ← gateway
+//! fieldbus ← survey ← cli
 //! ```
 //!
-//! fieldbus and compensation never know each other. compensation and output have no tokio, no input or output and no
-//! clock: time is an argument of their steps. Only clock knows what time it is.
+//! Begin reading in `isotherm_core::compensation`, then `isotherm_core::output`, then [`gateway`].
 
 pub mod cli;
 pub mod clock;
-pub mod codec;
-pub mod compensation;
-pub mod explain;
 pub mod fieldbus;
 pub mod gateway;
-pub mod identify;
 pub mod observe;
-pub mod output;
-pub mod placement;
-pub mod profile;
-pub mod quantity;
-pub mod reading;
-pub mod sheet;
 pub mod survey;
 pub mod virtual_machine;

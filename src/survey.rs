@@ -15,6 +15,6 @@ pub mod scan;
 pub mod values;
 pub mod walk;
 
-pub use crate::codec::{DataType, Register, Table, WordOrder};
 pub use crate::fieldbus::error::Fault;
 pub use crate::fieldbus::wire::Answer;
+pub use isotherm_core::codec::{DataType, Register, Table, WordOrder};

@@ -30,8 +30,8 @@ use tokio::sync::{mpsc, watch};
 use tokio::task::JoinSet;
 
 use crate::clock::Clock;
-use crate::profile::{AxisId, BusId, DeviceId, Profile, Transport};
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{AxisId, BusId, DeviceId, Profile, Transport};
 
 pub mod can;
 pub mod fault;
@@ -217,7 +217,7 @@ impl VirtualMachine {
         let mut machine = VirtualMachine { addresses: Vec::new(), shared, stop, tasks: JoinSet::new() };
         let mut gates = Vec::new();
         for (index, bus) in profile.buses.iter().enumerate() {
-            let is_same = |other: &crate::profile::Bus| other.address == bus.address;
+            let is_same = |other: &isotherm_profile::Bus| other.address == bus.address;
             let first = profile.buses.iter().position(is_same).unwrap_or(index);
             if let Some((_, address)) = machine.addresses.iter().find(|(id, _)| id.0 == first) {
                 let address = address.clone();
@@ -340,7 +340,7 @@ fn on_line(profile: &Profile, bus: usize) -> impl Iterator<Item = (u8, DeviceId)
     same.map(|(index, device)| (device.unit, DeviceId(index)))
 }
 
-async fn listen(bus: &crate::profile::Bus, ports: Ports) -> Result<TcpListener, VirtualMachineError> {
+async fn listen(bus: &isotherm_profile::Bus, ports: Ports) -> Result<TcpListener, VirtualMachineError> {
     let address = match ports {
         Ports::AsInProfile => bus.address.as_str(),
         Ports::Free => "127.0.0.1:0",
@@ -349,7 +349,7 @@ async fn listen(bus: &crate::profile::Bus, ports: Ports) -> Result<TcpListener, 
 }
 
 /// The name of a serial port: the profile's, where it is free to be taken; else one of its own.
-fn name(bus: &crate::profile::Bus, ports: Ports) -> std::io::Result<port::Name> {
+fn name(bus: &isotherm_profile::Bus, ports: Ports) -> std::io::Result<port::Name> {
     let wanted = match ports {
         Ports::AsInProfile => port::Name::wanted(Path::new(&bus.address)),
         Ports::Free => None,
@@ -357,6 +357,6 @@ fn name(bus: &crate::profile::Bus, ports: Ports) -> std::io::Result<port::Name> 
     wanted.map_or_else(|| port::Name::free(&bus.name), Ok)
 }
 
-fn refused(bus: &crate::profile::Bus, source: std::io::Error) -> VirtualMachineError {
+fn refused(bus: &isotherm_profile::Bus, source: std::io::Error) -> VirtualMachineError {
     VirtualMachineError::Listen { bus: bus.name.clone(), address: bus.address.clone(), source }
 }

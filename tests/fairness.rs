@@ -9,8 +9,7 @@ use std::time::Duration;
 
 use isotherm::clock::Clock;
 use isotherm::gateway::{Gateway, Options};
-use isotherm::profile;
-use isotherm::quantity::Moment;
+use isotherm_core::quantity::Moment;
 
 /// What the slow device takes for an answer.
 const SLOW: Duration = Duration::from_millis(100);
@@ -112,8 +111,8 @@ async fn a_readout_and_a_heartbeat_wait_for_one_request_of_a_slow_device_and_not
         )
     });
     let text = MACHINE.replace("ADDRESS", &address.to_string()) + &slow.collect::<String>();
-    let loaded =
-        profile::parse(Path::new("fair.toml"), &text, &[], &[]).unwrap_or_else(|errors| panic!("{errors}"));
+    let loaded = isotherm_profile::parse(Path::new("fair.toml"), &text, &[], &[])
+        .unwrap_or_else(|errors| panic!("{errors}"));
     let gateway = Gateway::new(loaded.profile, &clock, Options::default());
     let source = gateway.source();
     let run_for = tokio::time::sleep(Duration::from_secs(6));

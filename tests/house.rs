@@ -5,70 +5,33 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use isotherm::profile;
-
 #[path = "house/source.rs"]
 mod source;
 
-/// Which rooms each room may import. A name behind `::` narrows it to that part of the room.
-///
-/// The picture of the same is in `src/lib.rs`.
-const ARROWS: [(&str, &[&str]); 17] = [
-    ("quantity", &[]),
-    ("reading", &["quantity"]),
-    ("clock", &["quantity"]),
-    ("codec", &["quantity", "reading"]),
-    ("compensation", &["quantity", "reading"]),
-    ("output", &["quantity"]),
-    ("profile", &["quantity", "reading", "codec", "compensation"]),
-    ("fieldbus", &["quantity", "reading", "codec", "profile", "clock"]),
-    ("observe", &["quantity", "compensation::AxisState", "compensation::Stages"]),
-    (
-        "gateway",
-        &[
-            "quantity",
-            "reading",
-            "codec",
-            "compensation",
-            "output",
-            "profile",
-            "fieldbus",
-            "clock",
-            "observe::events",
-            "observe::status",
-        ],
-    ),
-    ("survey", &["quantity", "codec", "profile", "clock", "fieldbus"]),
-    ("sheet", &["quantity"]),
-    ("identify", &["quantity", "reading", "compensation", "profile", "sheet"]),
-    ("placement", &["quantity", "sheet"]),
-    ("virtual_machine", &["quantity", "reading", "codec", "profile", "clock"]),
-    ("explain", &["quantity", "reading", "codec", "compensation", "profile", "fieldbus::plan"]),
-    (
-        "cli",
-        &[
-            "quantity",
-            "reading",
-            "compensation",
-            "profile",
-            "clock",
-            "gateway",
-            "observe",
-            "virtual_machine",
-            "explain",
-            "survey",
-            "identify",
-            "placement",
-        ],
-    ),
+/// Which rooms of its crate each room may import, where Cargo cannot hold it. A name behind `::` narrows it to that part
+/// of the room. `src/lib.rs` and `crates/core/src/lib.rs` draw the same.
+const ARROWS: [(&str, &str, &[&str]); 12] = [
+    ("crates/core", "quantity", &[]),
+    ("crates/core", "reading", &["quantity"]),
+    ("crates/core", "codec", &["quantity", "reading"]),
+    ("crates/core", "compensation", &["quantity", "reading"]),
+    ("crates/core", "output", &["quantity"]),
+    ("", "clock", &[]),
+    ("", "fieldbus", &["clock"]),
+    ("", "observe", &[]),
+    ("", "gateway", &["fieldbus", "clock", "observe::events", "observe::status"]),
+    ("", "survey", &["clock", "fieldbus"]),
+    ("", "virtual_machine", &["clock"]),
+    ("", "cli", &["clock", "fieldbus::tls", "gateway", "observe", "virtual_machine", "survey"]),
 ];
 
-const TOP: [&str; 12] = [
+const TOP: [&str; 13] = [
     "Cargo.toml",
     "Cargo.lock",
     "README.md",
     "LICENSE",
     "CHANGELOG.md",
+    "crates",
     "src",
     "profiles",
     "tests",
@@ -116,13 +79,11 @@ fn gather(directory: &Path, found: &mut Vec<PathBuf>) {
 fn every_arrow_points_left() {
     let mut wrong = Vec::new();
     for source in source::all(root()) {
-        if ["lib", "main"].contains(&source.room()) {
+        let Some((_, _, may)) =
+            ARROWS.iter().find(|(home, room, _)| *home == source.home() && *room == source.room())
+        else {
             continue;
-        }
-        let (_, may) = ARROWS
-            .iter()
-            .find(|(room, _)| *room == source.room())
-            .unwrap_or_else(|| panic!("the room of {} is not in the table ARROWS", source.path));
+        };
         for path in source.crate_paths() {
             let inside = path.first().is_some_and(|room| room == source.room());
             let path = path.join("::");
@@ -140,26 +101,46 @@ fn every_arrow_points_left() {
 #[test]
 fn the_table_of_arrows_has_no_circle() {
     // Each room may only know rooms that can be put before it.
-    let mut placed: Vec<&str> = Vec::new();
+    let mut placed: Vec<(&str, &str)> = Vec::new();
     while placed.len() < ARROWS.len() {
-        let next = ARROWS.iter().find(|(room, may)| {
-            let known = |other: &&str| placed.contains(&other.split("::").next().unwrap());
-            !placed.contains(room) && may.iter().all(known)
+        let next = ARROWS.iter().find(|(home, room, may)| {
+            let known = |other: &&str| placed.contains(&(*home, other.split("::").next().unwrap()));
+            !placed.contains(&(*home, *room)) && may.iter().all(known)
         });
-        let (room, _) = next.unwrap_or_else(|| panic!("a circle among the rooms that are not in {placed:?}"));
-        placed.push(room);
+        let (home, room, _) =
+            next.unwrap_or_else(|| panic!("a circle among the rooms that are not in {placed:?}"));
+        placed.push((*home, *room));
     }
 }
 
 #[test]
-fn every_room_of_the_library_is_in_the_table() {
-    let library = std::fs::read_to_string(root().join("src/lib.rs")).unwrap();
-    let rooms = library.lines().filter_map(|line| line.strip_prefix("pub mod ")?.strip_suffix(';'));
-    for room in rooms.clone() {
-        assert!(ARROWS.iter().any(|(known, _)| *known == room), "{room} is not in the table ARROWS");
-        assert!(library.matches(room).count() > 1, "{room} is not in the picture of src/lib.rs");
+fn every_room_of_the_program_and_of_core_is_in_the_table_and_on_the_map() {
+    for home in ["", "crates/core"] {
+        let library = std::fs::read_to_string(root().join(home).join("src/lib.rs")).unwrap();
+        let rooms = library.lines().filter_map(|line| line.strip_prefix("pub mod ")?.strip_suffix(';'));
+        for room in rooms.clone() {
+            let is_there = ARROWS.iter().any(|(known, name, _)| (*known, *name) == (home, room));
+            assert!(is_there, "{room} is not in the table ARROWS");
+            assert!(
+                library.contains(&format!("//! - [`{room}`]")),
+                "{room} is not on the map of {home}/src/lib.rs"
+            );
+        }
+        assert_eq!(rooms.count(), ARROWS.iter().filter(|(known, ..)| *known == home).count());
     }
-    assert_eq!(rooms.count(), ARROWS.len());
+}
+
+/// What decides, and what a profile means, is the same wherever it runs.
+#[test]
+fn nothing_in_crates_knows_a_runtime_a_connection_or_a_command_line() {
+    for entry in std::fs::read_dir(root().join("crates")).unwrap() {
+        let manifest = entry.unwrap().path().join("Cargo.toml");
+        let text = std::fs::read_to_string(&manifest).unwrap();
+        for name in ["tokio", "rustls", "clap", "tracing"] {
+            let is_named = text.lines().any(|line| line.starts_with(name));
+            assert!(!is_named, "{} names {name}", manifest.display());
+        }
+    }
 }
 
 #[test]
@@ -167,7 +148,7 @@ fn only_the_clock_knows_what_time_it_is() {
     let words = ["Instant", "SystemTime"];
     let wrong: Vec<String> = source::all(root())
         .iter()
-        .filter(|source| source.room() != "clock")
+        .filter(|source| (source.home(), source.room()) != ("", "clock"))
         .filter(|source| words.iter().any(|word| source.code.contains(word)))
         .map(|source| source.path.clone())
         .collect();
@@ -243,7 +224,7 @@ fn every_shipped_profile_is_taken_without_a_word() {
         if !name.ends_with(".toml") || name.ends_with(".plant.toml") {
             continue;
         }
-        let loaded = profile::load(&path, &[], &[]).unwrap_or_else(|errors| panic!("{errors}"));
+        let loaded = isotherm_profile::load(&path, &[], &[]).unwrap_or_else(|errors| panic!("{errors}"));
         assert_eq!(loaded.warnings, [], "{name}");
         count += 1;
     }
@@ -262,7 +243,7 @@ fn shown() -> Vec<String> {
 fn the_profile_in_the_readme_is_taken_without_a_word() {
     let profiles: Vec<String> = shown().into_iter().filter(|text| text.contains("[machine]")).collect();
     assert_eq!(profiles.len(), 1, "README has one whole profile");
-    match profile::parse(Path::new("README.md"), &profiles[0], &[], &[]) {
+    match isotherm_profile::parse(Path::new("README.md"), &profiles[0], &[], &[]) {
         Ok(loaded) => assert_eq!(loaded.warnings, []),
         Err(errors) => panic!("{errors}"),
     }
@@ -274,10 +255,10 @@ fn the_serial_lines_in_the_readme_are_taken_and_explained_as_it_shows() {
     let lines = shown().into_iter().find(|text| text.contains("modbus-rtu")).unwrap();
     let whole = shown().into_iter().find(|text| text.contains("[machine]")).unwrap();
     let text = whole.replace("bus   = \"cell\"", "bus   = \"rs485\"") + &lines;
-    let profile = profile::parse(Path::new("README.md"), &text, &[], &[])
+    let profile = isotherm_profile::parse(Path::new("README.md"), &text, &[], &[])
         .unwrap_or_else(|errors| panic!("{errors}"))
         .profile;
-    let told = isotherm::explain::Explanation::of(&profile).to_string();
+    let told = isotherm_profile::preview::Preview::of(&profile).to_string();
     let readme = std::fs::read_to_string(root().join("README.md")).unwrap();
     let shown = readme.split("```text\n").find(|text| text.starts_with("bus rs485")).unwrap();
     let shown = shown.split("```").next().unwrap();

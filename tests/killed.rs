@@ -15,7 +15,6 @@ use std::sync::mpsc::channel;
 use std::time::Duration;
 
 use isotherm::clock::Clock;
-use isotherm::profile;
 use isotherm::virtual_machine::{Ports, Setup, VirtualMachine, Window};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg32;
@@ -295,7 +294,7 @@ fn lane(seed: u64) -> Count {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         runtime.block_on(async {
             let text = PROFILE.replace("ADDRESS", "127.0.0.1:1502").replace("OFFSET", "0.0");
-            let profile = profile::parse(Path::new("joint.toml"), &text, &[], &[]).unwrap().profile;
+            let profile = isotherm_profile::parse(Path::new("joint.toml"), &text, &[], &[]).unwrap().profile;
             let setup = Setup { ports: Ports::Free, journal: true, ..Setup::default() };
             let machine = VirtualMachine::start(&profile, setup, &Clock::wall()).await.unwrap();
             tell.send((machine.window(), machine.addresses()[0].1.parse().unwrap())).unwrap();

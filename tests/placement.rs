@@ -1,11 +1,11 @@
 //! The own finite elements against CalculiX, which somebody else wrote: the same decks, the same numbers.
 
-use isotherm::placement::body::{LoadCase, SILENT};
-use isotherm::placement::ccx::{Ccx, CcxError};
-use isotherm::placement::column::{Column, Warming};
-use isotherm::placement::heat::temperatures;
-use isotherm::placement::mesh::Kind;
-use isotherm::placement::structure::Structure;
+use isotherm_placement::body::{LoadCase, SILENT};
+use isotherm_placement::ccx::{Ccx, CcxError};
+use isotherm_placement::column::{Column, Warming};
+use isotherm_placement::heat::temperatures;
+use isotherm_placement::mesh::Kind;
+use isotherm_placement::structure::Structure;
 
 /// CalculiX prints seven digits.
 const AGREED: f64 = 1e-6;
@@ -79,7 +79,7 @@ fn other_loads(column: &Column) -> LoadCase {
     let mut load = column.load(Warming::SpindleHour);
     load.held = column.mesh.node_sets["BASE"].iter().map(|node| (*node, 23.0)).collect();
     load.nodal = column.mesh.node_sets["GUIDE"].iter().map(|node| (*node, 900.0)).collect();
-    let volume = |element| isotherm::placement::body::Flux::Volume(element, 1e-3);
+    let volume = |element| isotherm_placement::body::Flux::Volume(element, 1e-3);
     load.fluxes.extend((0..40).map(volume));
     load
 }

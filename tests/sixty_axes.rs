@@ -16,7 +16,6 @@ use std::time::{Duration, Instant};
 use isotherm::clock::Clock;
 use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::status::{Source, Status};
-use isotherm::profile;
 
 const ANSWER_AFTER: Duration = Duration::from_millis(30);
 const MAX_AGE: Duration = Duration::from_secs(4);
@@ -145,7 +144,7 @@ fn speak(mut stream: TcpStream, machine: &Mutex<Machine>) {
     }
 }
 
-fn profile(address: SocketAddr, axes: u16, every: &str) -> profile::Profile {
+fn profile(address: SocketAddr, axes: u16, every: &str) -> isotherm_profile::Profile {
     let mut text = format!(
         "[machine]\nname = \"sixty\"\narm = \"auto\"\n\
          [bus.cell]\ntype = \"modbus-tcp\"\naddress = \"{address}\"\ntimeout = \"500ms\"\n\
@@ -176,7 +175,7 @@ fn profile(address: SocketAddr, axes: u16, every: &str) -> profile::Profile {
         )
         .unwrap();
     }
-    let loaded = profile::parse(Path::new("sixty.toml"), &text, &[], &[]);
+    let loaded = isotherm_profile::parse(Path::new("sixty.toml"), &text, &[], &[]);
     loaded.unwrap_or_else(|errors| panic!("{errors}")).profile
 }
 
@@ -190,7 +189,7 @@ struct Seen {
 }
 
 /// Runs the gateway for this long after every axis is armed.
-fn run(profile: profile::Profile, span: Duration) -> Seen {
+fn run(profile: isotherm_profile::Profile, span: Duration) -> Seen {
     let directory = tempfile::tempdir().unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {

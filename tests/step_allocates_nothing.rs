@@ -3,20 +3,20 @@
 
 use std::time::Duration;
 
-use isotherm::compensation::model::envelope::Identified;
-use isotherm::compensation::model::network::{
+use isotherm_core::compensation::model::envelope::Identified;
+use isotherm_core::compensation::model::network::{
     Activation, Layer, Layers, Net, Network, Node, Radial, Scaling,
 };
-use isotherm::compensation::model::{
+use isotherm_core::compensation::model::{
     Envelope, Expression, Formula, Input, Kind, Linear, Matrix, Model, Outside, Reference, Slope, Symbol,
     Term,
 };
-use isotherm::compensation::settings::{
+use isotherm_core::compensation::settings::{
     AxisSettings, Datum, GainSettings, GuardSettings, Levels, MachineSettings, OnFault, ProbeSettings,
 };
-use isotherm::compensation::{Compensation, Control, Measured, Permit, Remembered, Snapshot};
-use isotherm::quantity::{Micron, Moment};
-use isotherm::reading::{Reading, Reason, SignalId};
+use isotherm_core::compensation::{Compensation, Control, Measured, Permit, Remembered, Snapshot};
+use isotherm_core::quantity::{Micron, Moment};
+use isotherm_core::reading::{Reading, Reason, SignalId};
 
 fn um(value: f64) -> Micron {
     Micron::new(value).expect("finite")

@@ -15,7 +15,7 @@ use std::time::Duration;
 use isotherm::clock::Clock;
 use isotherm::gateway::{Gateway, Options, Outcome};
 use isotherm::observe::status::{Source, Status};
-use isotherm::profile::parse;
+use isotherm_profile::parse;
 
 const PROFILE: &str = r#"
 [machine]

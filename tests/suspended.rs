@@ -11,7 +11,6 @@ use std::time::Duration;
 use isotherm::clock::{Clock, Passing};
 use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::status::Source;
-use isotherm::profile;
 
 mod device;
 
@@ -42,7 +41,7 @@ impl Computer {
         }));
         let device = Device::by(clock.clone(), TcpListener::bind("127.0.0.1:0").unwrap(), Duration::ZERO);
         let text = device::profile(device.address(), TIMES);
-        let loaded = profile::parse(Path::new("walker.toml"), &text, &[], &[]);
+        let loaded = isotherm_profile::parse(Path::new("walker.toml"), &text, &[], &[]);
         let profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         runtime.block_on(async {

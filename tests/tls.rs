@@ -7,15 +7,15 @@ use std::path::Path;
 use std::sync::Arc;
 
 use isotherm::clock::Clock;
-use isotherm::codec::{Register, Table};
-use isotherm::explain::Explanation;
 use isotherm::fieldbus::departure::Leave;
 use isotherm::fieldbus::dial;
 use isotherm::fieldbus::error::{Fault, LinkFault, TlsFault};
 use isotherm::fieldbus::line::DeviceLine;
 use isotherm::fieldbus::wire::{Answer, Request};
-use isotherm::profile::{self, BusId, DeviceId, Errors, Profile, ProfileError};
 use isotherm::virtual_machine::{Ports, Setup, VirtualMachine};
+use isotherm_core::codec::{Register, Table};
+use isotherm_profile::preview::Preview;
+use isotherm_profile::{BusId, DeviceId, Errors, Profile, ProfileError};
 use tokio::net::{TcpListener, TcpStream};
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::rustls::crypto::ring::default_provider;
@@ -39,7 +39,7 @@ fn secured(address: &str, more: &str, ca: &str, ours: &Signed) -> Result<Profile
     let text = PROFILE.replacen("address = \"127.0.0.1:1\"", &format!("address = \"{address}\"\n{tls}"), 1);
     let files =
         [("ca.pem", ca.as_bytes()), ("gw.pem", ours.cert.as_bytes()), ("gw.key", ours.key.as_bytes())];
-    Ok(profile::parse_with(Path::new("machine.toml"), &text, &files, &[], &[])?.profile)
+    Ok(isotherm_profile::parse_with(Path::new("machine.toml"), &text, &files, &[], &[])?.profile)
 }
 
 #[track_caller]
@@ -56,7 +56,7 @@ async fn serve(
     trusts: &Authority,
     versions: &[&'static SupportedProtocolVersion],
 ) -> (SocketAddr, VirtualMachine) {
-    let plain = profile::parse(Path::new("machine.toml"), PROFILE, &[], &[]).unwrap().profile;
+    let plain = isotherm_profile::parse(Path::new("machine.toml"), PROFILE, &[], &[]).unwrap().profile;
     let setup = Setup { ports: Ports::Free, ..Setup::default() };
     let machine = VirtualMachine::start(&plain, setup, &Clock::wall()).await.unwrap();
     let behind = machine.address(BusId(0)).unwrap();
@@ -177,7 +177,7 @@ async fn a_device_that_does_not_take_our_certificate_is_told_as_such() {
 async fn a_plain_server_is_no_secured_one() {
     let authority = Authority::new();
     let ours = authority.signs("gateway", NOW);
-    let plain = profile::parse(Path::new("machine.toml"), PROFILE, &[], &[]).unwrap().profile;
+    let plain = isotherm_profile::parse(Path::new("machine.toml"), PROFILE, &[], &[]).unwrap().profile;
     let setup = Setup { ports: Ports::Free, ..Setup::default() };
     let machine = VirtualMachine::start(&plain, setup, &Clock::wall()).await.unwrap();
     let address = machine.address(BusId(0)).unwrap().to_string();
@@ -193,7 +193,7 @@ fn the_port_of_a_secured_line_is_802_where_none_is_written() {
     let ours = authority.signs("gateway", NOW);
     let profile = secured("plc.local", "", &authority.cert, &ours).unwrap();
     assert_eq!(profile.buses[0].address, "plc.local:802");
-    let told = Explanation::of(&profile).to_string();
+    let told = Preview::of(&profile).to_string();
     for words in
         ["Modbus TCP inside TLS (Modbus/TCP Security) at plc.local:802", "for plc.local", "ca.pem", "gw.pem"]
     {
@@ -229,7 +229,8 @@ fn files_of_no_use_are_told_at_their_keys_all_at_once() {
         "address = \"plc\"\ntls = { ca = \"ca.pem\", cert = \"gw.pem\", key = \"gw.key\" }",
         1,
     );
-    let Err(Errors(found)) = profile::parse_with(Path::new("machine.toml"), &text, &[], &[], &[]) else {
+    let Err(Errors(found)) = isotherm_profile::parse_with(Path::new("machine.toml"), &text, &[], &[], &[])
+    else {
         panic!("taken without its files");
     };
     assert_eq!(found.len(), 3, "{}", Errors(found.clone()));

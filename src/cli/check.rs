@@ -2,8 +2,8 @@
 
 use super::gauge::{self, Gauge};
 use super::{Failure, ProfileArguments, load, print_json};
-use crate::explain::Explanation;
 use crate::survey::can;
+use isotherm_profile::preview::Preview;
 
 /// Every error of the profile with its place; then what would happen: the read plan, each register in both notations,
 /// the write list, the signs in words.
@@ -25,7 +25,7 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let profile = load(&arguments.profile, arguments.json)?;
-    let explanation = Explanation::of(&profile);
+    let explanation = Preview::of(&profile);
     for warning in explanation.warnings(&profile) {
         eprintln!("warning: {warning}");
     }

@@ -13,9 +13,9 @@ use super::{Failure, key_and_value, machines, print_json};
 use crate::clock::Clock;
 use crate::gateway::{Gateway, Options, Outcome};
 use crate::observe::status::Source;
-use crate::profile::{Profile, Web};
 use crate::survey::can;
 use crate::virtual_machine::{PlantSpec, Published, Setup, Summary, VirtualMachine, Window};
+use isotherm_profile::{Profile, Web};
 
 mod linuxcnc;
 mod table;

@@ -8,7 +8,7 @@ use super::Failure;
 use crate::clock::Clock;
 use crate::gateway::{Gateway, Options};
 use crate::observe::status::{Source, Status};
-use crate::profile::Profile;
+use isotherm_profile::Profile;
 
 /// The longest that a frame is waited for which comes by itself.
 const LONGEST_PERIOD: Duration = Duration::from_secs(10);

@@ -8,19 +8,22 @@ use anyhow::Context;
 
 use super::{Failure, load_quietly, print_json};
 use crate::clock::Clock;
-use crate::compensation::model::Outside;
-use crate::identify::applied::Applied;
-use crate::identify::dataset::{Dataset, Split};
-use crate::identify::facts::document;
-use crate::identify::method::{Method, Settings};
-use crate::identify::report::{self, Subject};
-use crate::identify::setup::{Choice, ready, without_cz};
-use crate::identify::written::written;
-use crate::identify::{Identified, identify};
-use crate::profile::Profile;
+use isotherm_core::compensation::model::Outside;
+use isotherm_identify::applied::Applied;
+use isotherm_identify::dataset::{Dataset, Split};
+use isotherm_identify::facts::document;
+use isotherm_identify::method::Settings;
+use isotherm_identify::report::{self, Subject};
+use isotherm_identify::setup::{Choice, ready, without_cz};
+use isotherm_identify::written::written;
+use isotherm_identify::{Identified, identify};
+use isotherm_profile::Profile;
 
 mod balls;
+mod method;
 mod told;
+
+use method::MethodWord;
 
 /// Finds the model of an axis from logs: coefficients with their uncertainty, and how it fares on days it never saw.
 ///
@@ -54,8 +57,8 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "COLUMN")]
     cz: Option<String>,
     /// How the model is found
-    #[arg(long, value_enum, default_value_t)]
-    method: Method,
+    #[arg(long, value_enum, default_value = "sparse-lag")]
+    method: MethodWord,
     /// The inputs, instead of every temperature of the profile
     #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
     inputs: Vec<String>,
@@ -186,7 +189,7 @@ fn find(
     without_cz(profile, &mut dataset, &choice, &applied).map_err(anyhow::Error::from)?;
     let ready = ready(profile, &dataset, &choice).map_err(anyhow::Error::from)?;
     let mut settings = Settings {
-        method: arguments.method,
+        method: arguments.method.0,
         terms: arguments.terms.map(usize::from),
         independent: arguments.independent,
         centres: arguments.centres,

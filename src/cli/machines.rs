@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use super::Failure;
-use crate::profile::{self, Profile};
 use crate::virtual_machine::PlantSpec;
+use isotherm_profile::Profile;
 
 /// Name and text of each, the default first.
 const SHIPPED: [(&str, &str); 11] = [
@@ -42,8 +42,8 @@ pub(super) fn with_plant(name: &str, set: &[(String, String)]) -> Result<(Profil
         let known: Vec<&str> = names().collect();
         return Err(anyhow::anyhow!("there is no machine `{name}`; shipped are: {}", known.join(", ")).into());
     };
-    let loaded =
-        profile::parse_with(&path, text, &FILES, set, &[]).map_err(|errors| anyhow::anyhow!("{errors}"))?;
+    let loaded = isotherm_profile::parse_with(&path, text, &FILES, set, &[])
+        .map_err(|errors| anyhow::anyhow!("{errors}"))?;
     let plant = PlantSpec::shipped(name)
         .ok_or_else(|| anyhow::anyhow!("the machine `{name}` has no plant"))?
         .map_err(anyhow::Error::from)?;

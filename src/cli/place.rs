@@ -8,11 +8,11 @@ use anyhow::Context;
 
 use super::{Failure, print_json};
 use crate::clock::Clock;
-use crate::placement::blocks::Cut;
-use crate::placement::found::{Asked, Found, Study, place};
-use crate::placement::methods::Method;
-use crate::placement::report::{Subject, remarks, report};
-use crate::placement::written::{Along, Rider, block, matrix};
+use isotherm_placement::blocks::Cut;
+use isotherm_placement::found::{Asked, Found, Study, place};
+use isotherm_placement::methods::Method;
+use isotherm_placement::report::{Subject, remarks, report};
+use isotherm_placement::written::{Along, Rider, block, matrix};
 
 mod plant;
 mod structure;

@@ -11,8 +11,8 @@ use super::signals::Signals;
 use super::{Failure, ProfileArguments, load, machines};
 use crate::clock::Clock;
 use crate::gateway::{Gateway, Options};
-use crate::profile::Profile;
 use crate::virtual_machine::{Setup, VirtualMachine, Window};
+use isotherm_profile::Profile;
 
 mod sheet;
 

@@ -20,10 +20,10 @@ use std::path::PathBuf;
 use anyhow::Context;
 
 use super::{Failure, ProfileArguments, load_modelled, print_json};
-use crate::compensation::{Compensation, Decision, Remembered, Snapshot};
 use crate::gateway::log::{LogReader, LogRow, number};
-use crate::profile::Profile;
-use crate::quantity::Micron;
+use isotherm_core::compensation::{Compensation, Decision, Remembered, Snapshot};
+use isotherm_core::quantity::Micron;
+use isotherm_profile::Profile;
 
 mod outputs;
 mod summary;

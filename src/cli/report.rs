@@ -8,10 +8,10 @@ use anyhow::Context;
 
 use super::{Failure, load_with, print_json};
 use crate::clock::Clock;
-use crate::identify::applied::{Applied, beside};
-use crate::identify::dataset::{Dataset, Split};
-use crate::identify::drift::{Test, drift};
-use crate::identify::report;
+use isotherm_identify::applied::{Applied, beside};
+use isotherm_identify::dataset::{Dataset, Split};
+use isotherm_identify::drift::{Test, drift};
+use isotherm_identify::report;
 
 mod told;
 
@@ -30,7 +30,7 @@ pub(super) struct Arguments {
     logs: Vec<PathBuf>,
     /// What the logs are taken for, instead of what their columns say
     #[arg(long, value_enum)]
-    test: Option<Test>,
+    test: Option<TestWord>,
     /// The displacements, µm, instead of every column that ends with _um
     #[arg(long, value_name = "COLUMN", value_delimiter = ',')]
     displacement: Vec<String>,
@@ -55,6 +55,30 @@ pub(super) struct Arguments {
     json: bool,
 }
 
+/// The tests of ISO 230-3, as the command line names them.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+enum TestWord {
+    /// Environmental temperature variation error: nothing turns or moves
+    Etve,
+    /// Thermal distortion by a rotating spindle
+    Spindle,
+    /// Thermal distortion by moving linear axes
+    Axis,
+    /// Thermal distortion by rotary motion
+    Rotary,
+}
+
+impl TestWord {
+    fn test(self) -> Test {
+        match self {
+            TestWord::Etve => Test::Etve,
+            TestWord::Spindle => Test::Spindle,
+            TestWord::Axis => Test::Axis,
+            TestWord::Rotary => Test::Rotary,
+        }
+    }
+}
+
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let profile = match &arguments.profile {
         Some(path) => Some(load_with(path, &[], arguments.json)?),
@@ -69,7 +93,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let applied = arguments.cz.as_deref().map(Applied::named).unwrap_or_default();
     let mut displacements = arguments.displacement.clone();
     beside(&mut dataset, profile.as_ref(), &mut displacements, &applied).map_err(anyhow::Error::from)?;
-    let drifts = drift(&dataset, &displacements, arguments.test, &unit).map_err(anyhow::Error::from)?;
+    let drifts = drift(&dataset, &displacements, arguments.test.map(TestWord::test), &unit)
+        .map_err(anyhow::Error::from)?;
     if let Some(path) = &arguments.report {
         let machine = profile.as_ref().map(|profile| (profile.name.as_str(), profile.description.as_str()));
         let page = report::drifted(&dataset, &drifts, machine, Clock::wall().now());

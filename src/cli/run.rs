@@ -10,9 +10,9 @@ use super::services::Sockets;
 use super::signals::Signals;
 use super::{Failure, ProfileArguments, load_modelled};
 use crate::clock::Clock;
-use crate::explain::Explanation;
 use crate::gateway::{Gateway, Options};
-use crate::profile::{Profile, Web};
+use isotherm_profile::preview::Preview;
+use isotherm_profile::{Profile, Web};
 
 /// What the log still has to say when the program gives up.
 const LAST_WORDS: Duration = Duration::from_millis(200);
@@ -48,7 +48,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         println!("page http://{address}");
     }
     sockets.open_control(&directory, &profile.name)?;
-    for device in &Explanation::of(&profile).devices {
+    for device in &Preview::of(&profile).devices {
         tracing::info!("device {}: {}", device.name, device.summary);
         for request in &device.requests {
             tracing::info!("device {}: {}: {}", device.name, request.read, request.signals.join(", "));

@@ -7,13 +7,13 @@ use super::signals::Signals;
 use super::target::{self, Target};
 use super::{Failure, print_json};
 use crate::clock::Clock;
-use crate::quantity::Moment;
 use crate::survey::Register;
 use crate::survey::ask::Asker;
 use crate::survey::bus::{Parity, Place, Transport, baud};
 use crate::survey::remedy::{Asked, remedy};
 use crate::survey::scan::{Found, How, Scan, Stopped, Told};
 use crate::survey::walk::{Walked, walk};
+use isotherm_core::quantity::Moment;
 
 mod told;
 

@@ -9,10 +9,10 @@ use anyhow::Context;
 use super::identify::progress;
 use super::{Failure, print_json};
 use crate::clock::Clock;
-use crate::identify::applied::{Applied, bare};
-use crate::identify::dataset::{Dataset, Split};
-use crate::identify::report;
-use crate::identify::select::{Choice, Selected, Settings, points, select};
+use isotherm_identify::applied::{Applied, bare};
+use isotherm_identify::dataset::{Dataset, Split};
+use isotherm_identify::report;
+use isotherm_identify::select::{Choice, Selected, Settings, points, select};
 
 mod told;
 

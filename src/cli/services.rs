@@ -11,7 +11,7 @@ use tokio::sync::watch;
 use crate::gateway::{WireLog, control};
 use crate::observe::http;
 use crate::observe::status::Source;
-use crate::profile::Web;
+use isotherm_profile::Web;
 
 /// Sockets that are open and not yet served: whatever is wrong with them is known before the loop starts.
 #[derive(Debug, Default)]

@@ -8,8 +8,8 @@ use anyhow::Context;
 use super::signals::Signals;
 use super::{Failure, ProfileArguments, load};
 use crate::clock::Clock;
-use crate::profile::{Device, Profile, Transport};
 use crate::virtual_machine::{FaultScript, PlantSpec, Setup, VirtualMachine};
+use isotherm_profile::{Device, Profile, Transport};
 
 /// The devices of a profile as virtual hardware: Modbus servers at the addresses and serial ports of the profile, nodes
 /// on its CAN interfaces.

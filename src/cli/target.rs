@@ -4,9 +4,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::{Failure, key_and_value, load_with};
-use crate::profile::{BusId, Profile, Quirks};
 use crate::survey::Register;
 use crate::survey::bus::Place;
+use isotherm_profile::{BusId, Profile, Quirks};
 
 /// How long an answer is waited for where nothing is said.
 const TIMEOUT: Duration = Duration::from_millis(500);
@@ -32,7 +32,7 @@ pub(super) struct Target {
 /// A line that has been found.
 pub(super) struct Found {
     pub(super) place: Place,
-    pub(super) bus: crate::profile::Bus,
+    pub(super) bus: isotherm_profile::Bus,
     pub(super) quirks: Quirks,
     /// The bus of the profile, and its name there.
     pub(super) known: Option<(Profile, BusId)>,

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
 
 /// No gap that is shorter than this is worth a word, however little was asked for.
 const SHORTEST: Duration = Duration::from_secs(1);

@@ -11,7 +11,7 @@ use std::task::{Context, Poll, Waker};
 use std::time::{Duration, Instant};
 
 use super::inlet::has_come;
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
 
 #[derive(Debug)]
 pub(super) struct Simulated {

@@ -5,7 +5,7 @@
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use super::Passing;
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
 
 #[derive(Debug)]
 pub(super) struct Wall {

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
 
 /// No pause is longer.
 const LONGEST: Duration = Duration::from_secs(30);

@@ -9,7 +9,7 @@
 
 use std::fmt;
 
-use crate::codec::{CanId, Frame};
+use isotherm_core::codec::{CanId, Frame};
 
 pub mod abort;
 pub mod emergency;

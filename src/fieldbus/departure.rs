@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::error::{CallerFault, Fault};
 use super::wire::Request;
 use crate::clock::{Clock, Looks};
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
 
 /// Until when a question may leave, and where.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use super::canopen::abort::AbortCode;
-use crate::reading::Reason;
+use isotherm_core::reading::Reason;
 
 /// Why a request has no answer. Small, so that a test is one comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -93,6 +93,8 @@ pub enum TlsFault {
     TurnedAway,
     /// It ended the handshake for another reason.
     Refused,
+    /// What the profile names for the gateway's own end is of no use.
+    OurFiles,
 }
 
 /// What is wrong with a CAN interface.
@@ -301,6 +303,7 @@ impl TlsFault {
                 "closed before the first answer: does the device take the certificate in `tls.cert`, and does it let in \
                  another client?"
             }
+            TlsFault::OurFiles => "the files in `tls` are of no use: `isotherm check` says why",
             TlsFault::Refused => "the device ended the TLS handshake",
         }
     }

@@ -28,8 +28,8 @@ use super::error::{CallerFault, Fault, LinkFault, PeerFault};
 use super::trace::Tap;
 use super::wire::{Answer, Connection, Dial, Request};
 use crate::clock::{Clock, Patience, Silence};
-use crate::profile::{Bus, Device, DeviceId, Functions, Quirks};
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{Bus, Device, DeviceId, Functions, Quirks};
 
 /// How many timeouts a late answer is given, beyond the first, before its unit is asked again.
 pub const GRACE: u32 = 3;
@@ -452,24 +452,6 @@ impl DeviceLine {
                 self.refused = fault;
                 Err(fault)
             }
-        }
-    }
-}
-
-impl Functions {
-    /// Whether this function code may be sent; 0 is none, which CAN has none of.
-    pub const fn allow(&self, function: u8) -> bool {
-        match function {
-            0 => true,
-            1 => self.read_coils,
-            2 => self.read_discrete,
-            3 => self.read_holding,
-            4 => self.read_input,
-            5 => self.write_coil,
-            6 => self.write_single,
-            15 => self.write_coils,
-            16 => self.write_multiple,
-            _ => false,
         }
     }
 }

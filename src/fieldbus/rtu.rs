@@ -23,7 +23,7 @@ use super::port::Port;
 use super::trace::{Tap, Teed};
 use super::wire::{Answer, Boxed, Connection, Dial, Request, Wire};
 use crate::clock::{Patience, Silence};
-use crate::profile::Serial;
+use isotherm_profile::Serial;
 
 mod frame;
 

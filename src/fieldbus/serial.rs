@@ -19,7 +19,7 @@ use super::port::Port;
 use super::rtu::Rtu;
 use super::trace::{Tap, Teed};
 use super::wire::{Boxed, Connection, Dial};
-use crate::profile::{Parity, Serial};
+use isotherm_profile::{Parity, Serial};
 
 /// Opens one serial port.
 #[derive(Clone, Debug)]

@@ -14,7 +14,12 @@ use super::modbus::{ModbusTcp, connected};
 use super::port::Any;
 use super::trace::{Tap, Teed};
 use super::wire::{Boxed, Connection, Dial};
-use crate::profile::Tls;
+use isotherm_profile::Tls;
+
+mod client;
+
+use client::Client;
+pub use client::check;
 
 /// Controllers without a processor for it take a second or two for the two signatures of a handshake.
 const HANDSHAKE: Duration = Duration::from_secs(5);
@@ -24,23 +29,27 @@ const HANDSHAKE: Duration = Duration::from_secs(5);
 pub struct TlsDial {
     address: String,
     timeout: Duration,
-    tls: Tls,
+    /// `None`: its files are of no use, as [`check`] says.
+    client: Option<Client>,
     tap: Tap,
 }
 
 impl TlsDial {
     /// To `host:port`; what the other end has not confirmed within the timeout breaks the connection.
     pub fn new(address: &str, timeout: Duration, tls: &Tls) -> TlsDial {
-        TlsDial { address: address.to_owned(), timeout, tls: tls.clone(), tap: Tap::default() }
+        TlsDial { address: address.to_owned(), timeout, client: Client::new(tls).ok(), tap: Tap::default() }
     }
 }
 
 impl Dial for TlsDial {
     fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
         Box::pin(async {
+            let Some(client) = &self.client else {
+                return Err(Fault::Link(LinkFault::Tls(TlsFault::OurFiles)));
+            };
             let stream: TcpStream = connected(&self.address, self.timeout).await?;
-            let connector = TlsConnector::from(self.tls.client.clone());
-            let secured = connector.connect(self.tls.name.clone(), Eager::new(stream)).await;
+            let connector = TlsConnector::from(client.config.clone());
+            let secured = connector.connect(client.name.clone(), Eager::new(stream)).await;
             let secured = secured.map_err(|error| {
                 tracing::debug!(address = self.address, %error, "no TLS connection");
                 handshake_fault(&error)

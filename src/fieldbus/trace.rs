@@ -21,14 +21,13 @@ use super::error::{Fault, LinkFault};
 use super::port::Port;
 use super::wire::{Answer, Request};
 use crate::clock::Clock;
-use crate::codec::Frame;
-use crate::profile::DeviceId;
-use crate::quantity::Moment;
+use isotherm_core::codec::Frame;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::DeviceId;
 
 mod exchange;
 
 pub use exchange::Exchange;
-pub(super) use exchange::asked;
 
 /// Exchanges that wait for a slow listener; more are left out.
 const UNHEARD: usize = 1024;

@@ -11,8 +11,10 @@ use super::departure::Departure;
 use super::error::{Fault, LinkFault};
 use super::modbus::ModbusTcp;
 use super::trace::Tap;
-use crate::codec::{Address, BitField, CanId, DataType, Field, Object, Register, Table};
-use crate::profile::Functions;
+use isotherm_core::codec::{Address, BitField, CanId, DataType, Encoding, Field, Object, Register};
+use isotherm_core::reading::Reason;
+use isotherm_profile::Functions;
+use isotherm_profile::plan::{self, Asked};
 
 /// A future that a trait object can return.
 pub type Boxed<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
@@ -187,14 +189,34 @@ impl Connection {
     }
 }
 
+impl From<Asked> for Request<'static> {
+    fn from(asked: Asked) -> Request<'static> {
+        match asked {
+            Asked::Registers { from, count } => Request::Read { from, count },
+            Asked::Object(object) => Request::Can(CanRequest::Read { object }),
+        }
+    }
+}
+
+impl Answer {
+    /// The value of a signal, whose part of the answer this is.
+    ///
+    /// # Errors
+    /// Why there is none.
+    pub fn decode(&self, field: &plan::Field, encoding: &Encoding) -> Result<f64, Reason> {
+        let (from, to) = (usize::from(field.at), usize::from(field.at) + usize::from(field.len));
+        match self {
+            Answer::Words(words) => encoding.decode(words.get(from..to).ok_or(Reason::BadReply)?),
+            Answer::Bits(bits) => encoding.decode_bit(*bits.get(from).ok_or(Reason::BadReply)?),
+            Answer::Done => Err(Reason::BadReply),
+        }
+    }
+}
+
 impl<'a> Request<'a> {
     /// What reads a value of this type there; `None` where nobody can be asked for it.
     pub fn read(at: &Address, data_type: DataType) -> Option<Request<'static>> {
-        match at {
-            Address::Modbus(from) => Some(Request::Read { from: *from, count: data_type.registers() }),
-            Address::Object(object) => Some(Request::Can(CanRequest::Read { object: *object })),
-            Address::Frame(_) => None,
-        }
+        Asked::of(at, data_type).map(Request::from)
     }
 
     /// What writes these words there, by the functions that the device may be sent.
@@ -219,12 +241,7 @@ impl<'a> Request<'a> {
     /// The Modbus function code it needs; 0 for what is no register.
     pub const fn function(self) -> u8 {
         match self {
-            Request::Read { from, .. } => match from.table {
-                Table::Coil => 1,
-                Table::Discrete => 2,
-                Table::Holding => 3,
-                Table::Input => 4,
-            },
+            Request::Read { from, .. } => from.table.read_function(),
             Request::WriteCoil { .. } => 5,
             Request::WriteSingle { .. } => 6,
             Request::WriteMultiple { .. } => 16,

@@ -1,8 +1,8 @@
 //! When an axis may decide: arming, what it takes over, and what its outputs allow.
 
-use crate::compensation::Permit;
-use crate::profile::{Arm, Output, Profile, Share, Writes};
-use crate::quantity::Micron;
+use isotherm_core::compensation::Permit;
+use isotherm_core::quantity::Micron;
+use isotherm_profile::{Arm, Output, Profile, Share, Writes};
 
 use super::output::{OutputState, Standing};
 use super::words::is_beyond_limit;

@@ -1,9 +1,9 @@
 //! The latest readings of the machine, filtered: what was read, whether it may be believed, and since when not.
 
-use crate::codec::{Motion, Tracked};
-use crate::profile::Profile;
-use crate::quantity::Moment;
-use crate::reading::{Quality, Reading, Reason, SignalId};
+use isotherm_core::codec::{Motion, Tracked};
+use isotherm_core::quantity::Moment;
+use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
+use isotherm_profile::Profile;
 
 /// One place per signal of the profile.
 #[derive(Debug)]

@@ -15,12 +15,12 @@ use std::time::Duration;
 
 use super::shared::Shared;
 use crate::clock::{Bell, Inlet, Looks, Sleeper};
-use crate::codec::Frame;
 use crate::fieldbus::can::{CanDial, Heard, Link, Socket};
 use crate::fieldbus::error::{CanFault, Fault, LinkFault};
 use crate::fieldbus::trace::Tap;
-use crate::profile::{Bus, BusId, DeviceId};
-use crate::quantity::Moment;
+use isotherm_core::codec::Frame;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{Bus, BusId, DeviceId};
 
 mod health;
 mod interface;

@@ -9,16 +9,16 @@ use std::time::Duration;
 
 use super::can::Can;
 use super::shared::Shared;
-use crate::codec::Encoded;
-use crate::compensation::model::Evaluate;
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{CallerFault, Fault};
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, Request};
 use crate::observe::events::Event;
-use crate::profile::{AxisId, Device, DeviceId, Profile};
-use crate::quantity::Moment;
-use crate::reading::SignalId;
+use isotherm_core::codec::Encoded;
+use isotherm_core::compensation::model::Evaluate;
+use isotherm_core::quantity::Moment;
+use isotherm_core::reading::SignalId;
+use isotherm_profile::{AxisId, Device, DeviceId, Profile};
 
 mod setup;
 

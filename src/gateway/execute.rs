@@ -1,4 +1,4 @@
-//! Carries out what [`output::step`](crate::output::step) asks for, and tells it what came of that.
+//! Carries out what [`output::step`](isotherm_core::output::step) asks for, and tells it what came of that.
 //!
 //! One [`Single`] for each output that is written by itself, one [`Set`] for outputs that land together, and one
 //! [`Position`] for each corrected position, owned by the task of their line. The first two have a
@@ -8,7 +8,7 @@
 
 use std::time::Duration;
 
-use crate::codec::Encoded;
+use isotherm_core::codec::Encoded;
 
 mod applied;
 mod cells;

@@ -1,10 +1,10 @@
 //! "Extrapolating" in words and numbers, with the names of the profile.
 
-use crate::compensation::model::Outside;
-use crate::compensation::{CLEARLY_INSIDE, Decision, Extrapolation};
 use crate::observe::events::Event;
 use crate::observe::status::ExtrapolationStatus;
-use crate::profile::Profile;
+use isotherm_core::compensation::model::Outside;
+use isotherm_core::compensation::{CLEARLY_INSIDE, Decision, Extrapolation};
+use isotherm_profile::Profile;
 
 /// By how much, in which input, and what the axis does.
 pub(super) fn words(profile: &Profile, found: &Extrapolation) -> String {
@@ -71,12 +71,12 @@ mod tests {
     use super::*;
     use std::time::Duration;
 
-    use crate::compensation::model::envelope::Identified;
-    use crate::compensation::model::{Beyond, Envelope, Input, Reference};
-    use crate::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
     use crate::gateway::log::sample;
-    use crate::quantity::Moment;
-    use crate::reading::{Reading, SignalId};
+    use isotherm_core::compensation::model::envelope::Identified;
+    use isotherm_core::compensation::model::{Beyond, Envelope, Input, Reference};
+    use isotherm_core::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
+    use isotherm_core::quantity::Moment;
+    use isotherm_core::reading::{Reading, SignalId};
 
     /// A decision of a rig whose model was identified on a bed of 18 to 28 °C.
     fn at_the_edge(beds: &[f64]) -> Vec<&'static str> {

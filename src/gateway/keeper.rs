@@ -10,10 +10,10 @@ use super::disk::Disk;
 use super::log::Recorder;
 use super::memory::Memory;
 use super::output::OutputState;
-use crate::compensation::{Compensation, Control, Snapshot};
 use crate::observe::events::Journal;
-use crate::profile::Profile;
-use crate::quantity::Moment;
+use isotherm_core::compensation::{Compensation, Control, Snapshot};
+use isotherm_core::quantity::Moment;
+use isotherm_profile::Profile;
 
 mod desk;
 mod outputs;

@@ -1,5 +1,5 @@
 //! What of the outputs must outlive the process: whose part of a shared register is what, what may still appear in a
-//! register, and whether the last run ended in order. How that is used: [`crate::output`].
+//! register, and whether the last run ended in order. How that is used: [`isotherm_core::output`].
 //!
 //! One JSON file in the state directory (`file.rs`). A thread of its own puts it on disk; whoever depends on that asks
 //! what became of it.
@@ -12,8 +12,8 @@ use super::disk::Disk;
 use super::saver::{Kept, Saver};
 use crate::clock::Clock;
 use crate::observe::events::{Event, Journal};
-use crate::output::{self, Doubt};
-use crate::profile::{Output, Profile, Share};
+use isotherm_core::output::{self, Doubt};
+use isotherm_profile::{Output, Profile, Share};
 
 mod file;
 

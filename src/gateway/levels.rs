@@ -1,9 +1,9 @@
 //! The levels of an axis: told once when Cz passes one, and what becomes of an axis beyond the error level.
 
-use crate::compensation::settings::{AxisSettings, OnFault};
-use crate::compensation::{AxisState, Decision, Stages};
 use crate::observe::events::Event;
-use crate::profile::AxisId;
+use isotherm_core::compensation::settings::{AxisSettings, OnFault};
+use isotherm_core::compensation::{AxisState, Decision, Stages};
+use isotherm_profile::AxisId;
 
 use super::arming::Arming;
 use super::shared::{Core, Shared};

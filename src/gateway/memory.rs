@@ -10,9 +10,9 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::disk::Disk;
-use crate::compensation::Remembered;
-use crate::profile::Profile;
-use crate::quantity::Moment;
+use isotherm_core::compensation::Remembered;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::Profile;
 
 /// The layout of the file. One of a later layout is set aside; the first had no lags and no datums, the
 /// second no corrections by probing.

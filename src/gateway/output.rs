@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use crate::fieldbus::error::Fault;
-use crate::profile::Handshake;
-use crate::quantity::{Micron, Moment};
+use isotherm_core::quantity::{Micron, Moment};
+use isotherm_profile::Handshake;
 
 /// Where an output stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]

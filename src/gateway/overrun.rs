@@ -4,8 +4,8 @@ use std::time::Duration;
 
 use super::shared::{BusCount, Shared};
 use crate::observe::events::Event;
-use crate::profile::{BusId, OutputId};
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{BusId, OutputId};
 
 /// What has been quick enough for so long, and is late again, is told again.
 const TOLD_AGAIN: Duration = Duration::from_secs(600);

@@ -3,7 +3,7 @@
 
 use super::shared::Shared;
 use crate::observe::events::Event;
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
 
 /// How often the computer stood still, and until when.
 #[derive(Clone, Copy, Debug, Default)]

@@ -22,11 +22,11 @@ use super::can::{Can, Ear};
 use super::commissioning::Inspector;
 use super::shared::{JITTER_MS, Shared};
 use crate::clock::Sleeper;
-use crate::compensation::model::Evaluate;
 use crate::fieldbus::line::DeviceLine;
-use crate::profile::{BusId, DeviceId, Profile, Writes};
-use crate::quantity::Moment;
-use crate::reading::SignalId;
+use isotherm_core::compensation::model::Evaluate;
+use isotherm_core::quantity::Moment;
+use isotherm_core::reading::SignalId;
+use isotherm_profile::{BusId, DeviceId, Profile, Writes};
 
 mod captures;
 mod outputs;
@@ -264,7 +264,7 @@ fn devices_of(profile: &Profile, bus: BusId) -> impl Iterator<Item = DeviceId> {
 fn signals_of(
     profile: &Profile,
     device: DeviceId,
-) -> impl Iterator<Item = (SignalId, &crate::profile::Signal)> {
+) -> impl Iterator<Item = (SignalId, &isotherm_profile::Signal)> {
     let signals = profile.signals.iter().enumerate().map(|(place, signal)| (SignalId(place), signal));
     signals.filter(move |(_, signal)| signal.device == device)
 }

@@ -8,9 +8,9 @@
 //! The first look at a trigger, and the first after it could not be read, only tells where it stands: a probing whose
 //! moment is not known cannot be held against the Cz that acted then.
 
-use crate::compensation::Measured;
-use crate::profile::{ProbeInput, Profile};
-use crate::quantity::{Micron, Moment};
+use isotherm_core::compensation::Measured;
+use isotherm_core::quantity::{Micron, Moment};
+use isotherm_profile::{ProbeInput, Profile};
 
 use super::arming::{Arming, of_axis};
 use super::board::Board;

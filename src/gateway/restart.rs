@@ -4,9 +4,9 @@
 //! register anew, and the axis, armed as before, goes on from what stands there.
 
 use crate::observe::events::Event;
-use crate::profile::{DeviceId, OutputId, Profile};
-use crate::quantity::Moment;
-use crate::reading::SignalId;
+use isotherm_core::quantity::Moment;
+use isotherm_core::reading::SignalId;
+use isotherm_profile::{DeviceId, OutputId, Profile};
 
 use super::shared::{Core, Shared};
 

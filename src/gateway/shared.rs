@@ -15,13 +15,13 @@ use super::pause::Pauses;
 use super::probing::Probing;
 use super::restart::Restarts;
 use crate::clock::{Bell, Clock};
-use crate::compensation::model::Evaluate;
-use crate::compensation::{AxisState, Compensation, Control, Remembered};
 use crate::observe::events::{Event, Journal};
 use crate::observe::status::Command;
-use crate::profile::{Arm, Axis, AxisId, BusId, Profile};
-use crate::quantity::Moment;
-use crate::reading::SignalId;
+use isotherm_core::compensation::model::Evaluate;
+use isotherm_core::compensation::{AxisState, Compensation, Control, Remembered};
+use isotherm_core::quantity::Moment;
+use isotherm_core::reading::SignalId;
+use isotherm_profile::{Arm, Axis, AxisId, BusId, Profile};
 
 mod probing;
 mod step;
@@ -57,7 +57,7 @@ pub(super) struct Core {
     pub(super) probing: Vec<Probing>,
     pub(super) outputs: Vec<OutputState>,
     /// By output: what is known of its register, where one task alone carries it out.
-    pub(super) registers: Vec<Option<crate::output::State>>,
+    pub(super) registers: Vec<Option<isotherm_core::output::State>>,
     pub(super) devices: Vec<DeviceCount>,
     pub(super) commissioning: Commissioning,
     pub(super) buses: Vec<BusCount>,

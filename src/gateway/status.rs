@@ -5,13 +5,13 @@ use std::time::Duration;
 use super::arming::of_axis;
 use super::extrapolation;
 use super::shared::{Core, JITTER_MS, Shared, refused_in_words};
-use crate::compensation::Stages;
 use crate::observe::status::{
     AxisStatus, BusStatus, Command, DeviceStatus, GainStatus, OutputStatus, ProbeStatus, ProbedStatus,
     SharesStatus, SignalStatus, Source, Status,
 };
-use crate::quantity::{Micron, Moment};
-use crate::reading::{Quality, Reason, SignalId};
+use isotherm_core::compensation::Stages;
+use isotherm_core::quantity::{Micron, Moment};
+use isotherm_core::reading::{Quality, Reason, SignalId};
 
 impl Source for Shared {
     fn status(&self) -> Status {

@@ -8,7 +8,7 @@ use std::time::Duration;
 use super::shared::Shared;
 use crate::clock::Looks;
 use crate::observe::events::Event;
-use crate::profile::{BusId, Profile};
+use isotherm_profile::{BusId, Profile};
 
 /// How often the watch looks.
 const LOOK_EVERY: Duration = Duration::from_millis(500);

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::fieldbus::trace::{Listening, Tap};
-use crate::profile::{BusId, DeviceId, Profile};
+use isotherm_profile::{BusId, DeviceId, Profile};
 
 /// Where the frames of a gateway's devices can be listened to, from any thread.
 #[derive(Clone, Debug)]

@@ -7,7 +7,7 @@ use crate::fieldbus::line::Witness;
 use crate::fieldbus::wire::{CanRequest, Request};
 use crate::gateway::shared::{Core, Shared};
 use crate::observe::events::Event;
-use crate::profile::DeviceId;
+use isotherm_profile::DeviceId;
 
 /// Consecutive failures after which people are told: a single lost answer is only counted.
 const TOLD_AFTER: u64 = 2;

@@ -1,9 +1,9 @@
 //! What an output's registers mean in the axis's terms.
 
-use crate::codec::{Encoded, Encoding};
-use crate::compensation::Decision;
-use crate::profile::{Output, Profile, Writes};
-use crate::quantity::Micron;
+use isotherm_core::codec::{Encoded, Encoding};
+use isotherm_core::compensation::Decision;
+use isotherm_core::quantity::Micron;
+use isotherm_profile::{Output, Profile, Writes};
 
 use super::shared::Shared;
 

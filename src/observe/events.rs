@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use crate::quantity::{Micron, Moment};
+use isotherm_core::quantity::{Micron, Moment};
 
 mod can;
 mod handshake;

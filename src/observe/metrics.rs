@@ -6,7 +6,7 @@ use metrics::{Label, counter, describe_counter, describe_gauge, gauge, with_loca
 use metrics_exporter_prometheus::PrometheusBuilder;
 
 use super::status::{AxisStatus, BusStatus, DeviceStatus, OutputStatus, SignalStatus, Status};
-use crate::compensation::{AxisState, Stages};
+use isotherm_core::compensation::{AxisState, Stages};
 
 /// The whole exposition.
 pub(super) fn exposition(status: &Status) -> String {

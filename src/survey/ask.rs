@@ -3,15 +3,15 @@
 use std::time::Duration;
 
 use crate::clock::Clock;
-use crate::codec::Register;
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::dial;
 use crate::fieldbus::error::{CallerFault, Fault};
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::trace::{Exchange, Listening, Tap};
 use crate::fieldbus::wire::{Answer, Request};
-use crate::profile::{Bus, BusId, Device, DeviceId, Functions, Quirks};
 use crate::survey::bus::Place;
+use isotherm_core::codec::Register;
+use isotherm_profile::{Bus, BusId, Device, DeviceId, Functions, Quirks};
 
 /// Attempts to connect before a line is given up, with a pause between two.
 const DIALS: u32 = 3;

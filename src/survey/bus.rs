@@ -5,9 +5,9 @@ use std::fmt;
 use std::str::FromStr;
 use std::time::Duration;
 
-use crate::profile::{Bus, Quirks};
+use isotherm_profile::{Bus, Quirks};
 
-pub use crate::profile::{Parity, Serial, Transport};
+pub use isotherm_profile::{Parity, Serial, Transport};
 
 /// The port of Modbus TCP.
 const PORT: u16 = 502;

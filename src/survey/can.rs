@@ -2,10 +2,10 @@
 
 use serde::Serialize;
 
-use crate::codec::{Address, Frame};
 use crate::fieldbus::can::Interface;
 use crate::fieldbus::error::{CanFault, Fault, LinkFault};
-use crate::profile::{Bus, Profile, Signal};
+use isotherm_core::codec::{Address, Frame};
+use isotherm_profile::{Bus, Profile, Signal};
 
 /// What was found of an interface.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]

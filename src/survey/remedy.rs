@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use crate::codec::{Register, Table};
 use crate::fieldbus::error::{Fault, LinkFault, PeerFault};
 use crate::survey::bus::{Place, Transport};
+use isotherm_core::codec::{Register, Table};
 
 /// What was asked when the fault came.
 #[derive(Clone, Copy, Debug)]

@@ -5,13 +5,13 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use crate::codec::Register;
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::trace::Exchange;
 use crate::fieldbus::wire::Answer;
-use crate::profile::{Bus, Quirks};
 use crate::survey::ask::Asker;
 use crate::survey::bus::{Place, Transport};
+use isotherm_core::codec::Register;
+use isotherm_profile::{Bus, Quirks};
 
 /// Bytes of an RTU frame that asks for one register, and of the one that answers.
 const REQUEST: usize = 8;

@@ -2,8 +2,8 @@
 
 use serde::Serialize;
 
-use crate::codec::{DataType, Encoding, Register, Scale, WordOrder};
 use crate::fieldbus::wire::Answer;
+use isotherm_core::codec::{DataType, Encoding, Register, Scale, WordOrder};
 
 /// How registers are to be understood.
 #[derive(Clone, Debug, PartialEq)]

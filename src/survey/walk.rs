@@ -2,11 +2,11 @@
 
 use serde::Serialize;
 
-use crate::codec::Register;
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::trace::Exchange;
 use crate::fieldbus::wire::Answer;
 use crate::survey::ask::Asker;
+use isotherm_core::codec::Register;
 
 /// Steps without any answer after which a walk gives up: the unit is gone.
 const SILENCES: u32 = 3;

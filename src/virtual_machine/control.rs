@@ -6,9 +6,9 @@ use std::time::Duration;
 
 use super::fault::AcknowledgeFault;
 use super::registers::Bank;
-use crate::codec::{Address, Register};
-use crate::profile::{Flag, Handshake, OutputId, OutputSet, Profile, SetId};
-use crate::quantity::Moment;
+use isotherm_core::codec::{Address, Register};
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{Flag, Handshake, OutputId, OutputSet, Profile, SetId};
 
 /// How long a control takes to see its strobe.
 const REACTS_AFTER: Duration = Duration::from_millis(30);

@@ -53,10 +53,10 @@
 
 use std::time::Duration;
 
-use crate::codec::Register;
-use crate::profile::DeviceId;
-use crate::quantity::Moment;
-use crate::reading::SignalId;
+use isotherm_core::codec::Register;
+use isotherm_core::quantity::Moment;
+use isotherm_core::reading::SignalId;
+use isotherm_profile::DeviceId;
 
 pub(super) mod can;
 mod script;

@@ -5,8 +5,8 @@ use tokio::sync::{mpsc, oneshot, watch};
 use super::TICK;
 use super::server::{Door, Shared};
 use crate::clock::Sleeper;
-use crate::profile::DeviceId;
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::DeviceId;
 
 /// A listener as the plant's task sees it: its devices, and the way to close and open it.
 pub(super) struct Gate {

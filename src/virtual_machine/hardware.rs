@@ -3,9 +3,9 @@
 //! Registers are filled at the moment of a request from the plant at that moment, so the plant's own tick decides
 //! nothing that a client could see.
 
-use crate::codec::{Address, Encoding, Scale};
-use crate::profile::{AxisId, Capture, DeviceId, Output, OutputId, Profile, SetId, Signal, Writes};
-use crate::quantity::Moment;
+use isotherm_core::codec::{Address, Encoding, Scale};
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{AxisId, Capture, DeviceId, Output, OutputId, Profile, SetId, Signal, Writes};
 
 use super::control::{Control, Taken};
 use super::fault::{Faults, Incident, Reads, ReplyFault};
@@ -386,8 +386,8 @@ fn not_a_number(encoding: &Encoding) -> Vec<u16> {
     let highest = if encoding.byte_swap { 0x7fff_u16.swap_bytes() } else { 0x7fff };
     let mut words = vec![0xffff; width];
     let at = match encoding.word_order {
-        crate::codec::WordOrder::MswFirst => 0,
-        crate::codec::WordOrder::LswFirst => width.saturating_sub(1),
+        isotherm_core::codec::WordOrder::MswFirst => 0,
+        isotherm_core::codec::WordOrder::LswFirst => width.saturating_sub(1),
     };
     if let Some(word) = words.get_mut(at) {
         *word = highest;

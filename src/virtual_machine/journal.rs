@@ -1,8 +1,8 @@
 //! What really came over the wire, request by request: what a test holds a client to.
 
-use crate::codec::Address;
-use crate::profile::DeviceId;
-use crate::quantity::Moment;
+use isotherm_core::codec::Address;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::DeviceId;
 
 /// One request as it reached a device.
 #[derive(Clone, Debug, PartialEq, Eq)]

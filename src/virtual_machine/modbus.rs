@@ -1,8 +1,8 @@
 //! The server's side of Modbus TCP: frames, requests and answers as bytes. Pure, and nothing it is sent makes it panic.
 
 use super::registers::Bank;
-use crate::codec::{Register, Table};
-use crate::profile::Functions;
+use isotherm_core::codec::{Register, Table};
+use isotherm_profile::Functions;
 
 /// Bytes before the protocol data unit: transaction, protocol, length, unit.
 pub(super) const HEADER: usize = 7;

@@ -14,7 +14,7 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg32;
 
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
 
 mod drive;
 mod spec;

@@ -18,7 +18,7 @@ use tokio::sync::{mpsc, watch};
 
 use super::rtu::converse;
 use super::server::{Door, Line};
-use crate::profile::Serial;
+use isotherm_profile::Serial;
 
 /// How often it is looked whether somebody has opened the port again.
 const LOOK: Duration = Duration::from_millis(5);

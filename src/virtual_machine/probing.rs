@@ -4,10 +4,10 @@
 
 use std::time::Duration;
 
-use crate::codec::DataType;
-use crate::profile::{ProbeInput, Profile, Signal};
-use crate::quantity::Moment;
-use crate::reading::SignalId;
+use isotherm_core::codec::DataType;
+use isotherm_core::quantity::Moment;
+use isotherm_core::reading::SignalId;
+use isotherm_profile::{ProbeInput, Profile, Signal};
 
 /// How long a flag stands after a probing.
 const FLAG: Duration = Duration::from_secs(30);

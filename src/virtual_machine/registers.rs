@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use crate::codec::{Address, DataType, Encoding, Register, Table};
+use isotherm_core::codec::{Address, DataType, Encoding, Register, Table};
 
 /// Registers and bits of a Modbus device: every address up to the last one in use exists. The values of a CAN device are
 /// kept as registers too, each under its own address.
@@ -81,7 +81,7 @@ impl Bank {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::codec::Object;
+    use isotherm_core::codec::Object;
 
     #[test]
     fn a_write_beyond_the_last_register_changes_nothing() {

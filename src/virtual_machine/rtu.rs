@@ -10,8 +10,8 @@ use tokio::task::JoinSet;
 use super::fault::ReplyFault;
 use super::modbus::Header;
 use super::server::{Framing, Line, Mouth, Say};
-use crate::codec::checksum;
-use crate::profile::Serial;
+use isotherm_core::codec::checksum;
+use isotherm_profile::Serial;
 
 /// Bytes that have not become a request after this silence never will.
 const GAP: Duration = Duration::from_millis(20);

@@ -17,7 +17,7 @@ use super::hardware::{Hardware, Reply};
 use super::modbus::{HEADER, Header, NO_SUCH_UNIT, exception, frame};
 use super::plant::stream;
 use crate::clock::Clock;
-use crate::profile::DeviceId;
+use isotherm_profile::DeviceId;
 
 /// What every connection shares.
 #[derive(Clone, Debug)]

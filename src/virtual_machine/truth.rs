@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
 
 /// Samples begin this long after the run: the warm-up with its transient belongs to them, the setting up does not.
 pub const FIRST_SAMPLE: Duration = Duration::from_secs(60);

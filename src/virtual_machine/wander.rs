@@ -6,7 +6,7 @@ use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::plant::stream;
-use crate::profile::Signal;
+use isotherm_profile::Signal;
 
 /// The value of a signal this many seconds after the run began.
 pub(super) fn wander(signal: &Signal, seed: u64, seconds: f64) -> f64 {

@@ -1,6 +1,6 @@
 //! A question as the device got it, and what can be made of it.
 
-use isotherm::codec::checksum;
+use isotherm_core::codec::checksum;
 
 /// What the device's temperature is, in tenths of a degree, and what it never is.
 pub(crate) const TRUTH: i32 = 215;

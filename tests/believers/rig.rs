@@ -12,7 +12,6 @@ use std::time::{Duration, Instant};
 use isotherm::clock::Clock;
 use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::status::{Source, Status};
-use isotherm::profile;
 use tokio::net::TcpListener;
 
 use crate::peer::{Peer, Plug};
@@ -226,7 +225,7 @@ impl Case {
         Verdict { name: self.name, kind: self.kind, tried, believed, wrong }
     }
 
-    fn profile(&self, addresses: &[String]) -> profile::Profile {
+    fn profile(&self, addresses: &[String]) -> isotherm_profile::Profile {
         let mut text = "[machine]\nname = \"believers\"\narm = \"auto\"\n".to_owned();
         for (number, address) in addresses.iter().enumerate() {
             let line = match self.kind {
@@ -253,7 +252,7 @@ impl Case {
             )
             .unwrap();
         }
-        let loaded = profile::parse(Path::new("believers.toml"), &text, &[], &[]);
+        let loaded = isotherm_profile::parse(Path::new("believers.toml"), &text, &[], &[]);
         loaded.unwrap_or_else(|errors| panic!("{errors}")).profile
     }
 }
@@ -314,7 +313,7 @@ async fn settle(lane: Arc<Lane>, life: Life) -> String {
 
 /// Runs the gateway until every device has been tried, and then until every device is believed again.
 fn beside(
-    profile: profile::Profile,
+    profile: isotherm_profile::Profile,
     lanes: &[Arc<Lane>],
     stands_still: Option<Duration>,
     wrong: &Arc<Mutex<Vec<String>>>,

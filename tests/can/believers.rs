@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use isotherm::clock::Clock;
 use isotherm::observe::status::{Source, Status};
-use isotherm::quantity::Moment;
+use isotherm_core::quantity::Moment;
 use socketcan::{CanFrame, CanSocket, EmbeddedFrame, ExtendedId, Frame, Socket};
 
 use crate::node::frame;
@@ -239,7 +239,7 @@ fn lie(status: &Status, node: u32) -> Option<f64> {
     signal.value.filter(|value| (value - 21.5).abs() > 0.01)
 }
 
-fn profile(interface: &Interface, case: &Case) -> isotherm::profile::Profile {
+fn profile(interface: &Interface, case: &Case) -> isotherm_profile::Profile {
     let mut text = format!(
         "[machine]\nname = \"believers\"\n[bus.can]\ntype = \"can\"\ninterface = \"INTERFACE\"\ntimeout = \"{}ms\"\n",
         TIMEOUT.as_millis()

@@ -6,13 +6,13 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use isotherm::clock::Clock;
-use isotherm::codec::{CanId, CanMatch, Frame};
 use isotherm::fieldbus::can::trouble::Gravity;
 use isotherm::fieldbus::can::{Heard, Socket};
 use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::status::Status;
-use isotherm::profile::Profile;
 use isotherm::virtual_machine::{FaultScript, PlantSpec, Seen, Setup, Summary, VirtualMachine};
+use isotherm_core::codec::{CanId, CanMatch, Frame};
+use isotherm_profile::Profile;
 
 use crate::rig::{Interface, count, events, load};
 

@@ -6,7 +6,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use isotherm::clock::Clock;
-use isotherm::quantity::Moment;
+use isotherm_core::quantity::Moment;
 use socketcan::{CanFrame, CanSocket, EmbeddedFrame, ExtendedId, Frame, Id, Socket, StandardId};
 
 /// A node on an interface, until it is dropped.

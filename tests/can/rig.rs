@@ -8,7 +8,6 @@ use std::time::Duration;
 use isotherm::clock::Clock;
 use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::status::{SignalStatus, Source, Status};
-use isotherm::profile;
 
 /// How long anything may take before a test gives up: a kernel in a kernel on a busy computer takes its time.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -74,15 +73,15 @@ pub(crate) fn shell(command: &str) {
 }
 
 /// The profile in this text, with its interface.
-pub(crate) fn load(text: &str, interface: &Interface) -> profile::Profile {
+pub(crate) fn load(text: &str, interface: &Interface) -> isotherm_profile::Profile {
     let text = text.replace("INTERFACE", interface.name());
-    let loaded = profile::parse(Path::new("can.toml"), &text, &[], &[]);
+    let loaded = isotherm_profile::parse(Path::new("can.toml"), &text, &[], &[]);
     loaded.unwrap_or_else(|errors| panic!("{errors}")).profile
 }
 
 /// Runs a gateway beside a script; the script's end stops it.
 pub(crate) fn beside(
-    profile: profile::Profile,
+    profile: isotherm_profile::Profile,
     dry_run: bool,
     script: impl FnOnce(&dyn Source) + Send + 'static,
 ) {
@@ -91,7 +90,7 @@ pub(crate) fn beside(
 
 /// The same for a script whose devices look at the gateway, too.
 pub(crate) fn with_source(
-    profile: profile::Profile,
+    profile: isotherm_profile::Profile,
     dry_run: bool,
     script: impl FnOnce(Arc<dyn Source>) + Send + 'static,
 ) {

@@ -5,9 +5,9 @@ use std::process::{Child, ChildStdout, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use isotherm::codec::{BitField, BitKind, ByteOrder, CanId, CanMatch, Frame};
 use isotherm::fieldbus::can::{Heard, Socket};
-use isotherm::reading::Reason;
+use isotherm_core::codec::{BitField, BitKind, ByteOrder, CanId, CanMatch, Frame};
+use isotherm_core::reading::Reason;
 
 use crate::interface;
 use crate::rig::{Interface, beside, load, signal, wait_until};

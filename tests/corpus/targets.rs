@@ -9,15 +9,15 @@ use std::sync::LazyLock;
 use std::task::{Context, Poll};
 
 use isotherm::clock::Clock;
-use isotherm::codec::{Address, DataType, Encoding, Register, Scale, Table, WordOrder, checksum};
 use isotherm::fieldbus::departure::Departure;
 use isotherm::fieldbus::modbus::attach;
-use isotherm::fieldbus::plan::plan;
 use isotherm::fieldbus::port::Port;
 use isotherm::fieldbus::rtu::Rtu;
 use isotherm::fieldbus::wire::{Answer, Request, Wire};
-use isotherm::profile::{self, Device, Profile, Quirks, Signal};
-use isotherm::reading::SignalId;
+use isotherm_core::codec::{Address, DataType, Encoding, Register, Scale, Table, WordOrder, checksum};
+use isotherm_core::reading::SignalId;
+use isotherm_profile::plan::plan;
+use isotherm_profile::{Device, Profile, Quirks, Signal};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 
 /// A target and its name, which is that of its directory.
@@ -124,7 +124,7 @@ pub(crate) fn planner(data: &[u8]) {
     let requests = plan(&device, signals.iter().enumerate().map(|(place, signal)| (SignalId(place), signal)));
     let mut read = vec![0; signals.len()];
     for request in &requests {
-        assert!(request.request().fits(), "{request:?}");
+        assert!(Request::from(request.asks).fits(), "{request:?}");
         let answer = bytes.answer();
         for field in &request.fields {
             read[field.signal.0] += 1;
@@ -132,7 +132,7 @@ pub(crate) fn planner(data: &[u8]) {
             let (from, count) = request.span().unwrap();
             assert_eq!(Some(from.offset + field.at), signal.address.register().map(|own| own.offset));
             assert!(field.at + field.len <= count);
-            if let Ok(value) = field.decode(&signal.encoding, &answer) {
+            if let Ok(value) = answer.decode(field, &signal.encoding) {
                 assert!(value.is_finite(), "{value} of {answer:?} by {:?}", signal.encoding);
             }
         }
@@ -156,13 +156,13 @@ fn signal(bytes: &mut Bytes<'_>, usual: &Signal) -> Option<Signal> {
 pub(crate) fn profile_text(data: &[u8]) {
     let Ok(text) = std::str::from_utf8(data) else { return };
     let path = Path::new("fuzz.toml");
-    if let Err(errors) = profile::parse(path, text, &[], &[]) {
+    if let Err(errors) = isotherm_profile::parse(path, text, &[], &[]) {
         assert!(!errors.to_string().is_empty());
     }
     let within = format!("{PROFILE}\n{text}\n");
-    if let Ok(loaded) = profile::parse(path, &within, &[], &[]) {
+    if let Ok(loaded) = isotherm_profile::parse(path, &within, &[], &[]) {
         // What is taken can be explained.
-        let _ = isotherm::explain::Explanation::of(&loaded.profile).to_string();
+        let _ = isotherm_profile::preview::Preview::of(&loaded.profile).to_string();
     }
 }
 
@@ -182,7 +182,9 @@ pub(crate) fn files(data: &[u8]) {
         }
     };
     let text = format!("{PROFILE}\n[[axis.z.model]]\nname = \"fuzzed\"\n{model}\n");
-    if let Err(errors) = profile::parse_with(Path::new("fuzz.toml"), &text, &[(kind, bytes)], &[], &[]) {
+    if let Err(errors) =
+        isotherm_profile::parse_with(Path::new("fuzz.toml"), &text, &[(kind, bytes)], &[], &[])
+    {
         assert!(!errors.to_string().is_empty());
     }
 }
@@ -192,7 +194,7 @@ pub(crate) fn dbc(data: &[u8]) {
     let text = "[machine]\nname = \"fuzzed\"\n[bus.can]\ntype = \"can\"\ninterface = \"vcan0\"\n\
                 [device.d]\nbus = \"can\"\ndbc = \"f.dbc\"\n\
                 [signal.a]\ndevice = \"d\"\ndbc = \"Top.TL_Temp\"\n[signal.b]\ndevice = \"d\"\ndbc = \"Muxed.Deep\"\n";
-    match profile::parse_with(Path::new("fuzz.toml"), text, &[("f.dbc", data)], &[], &[]) {
+    match isotherm_profile::parse_with(Path::new("fuzz.toml"), text, &[("f.dbc", data)], &[], &[]) {
         Err(errors) => assert!(!errors.to_string().is_empty()),
         Ok(loaded) => {
             for signal in &loaded.profile.signals {
@@ -210,7 +212,7 @@ pub(crate) fn dbc(data: &[u8]) {
 }
 
 static USUAL: LazyLock<Profile> = LazyLock::new(|| {
-    profile::parse(Path::new("fuzz.toml"), PROFILE, &[], &[]).expect("it is a good one").profile
+    isotherm_profile::parse(Path::new("fuzz.toml"), PROFILE, &[], &[]).expect("it is a good one").profile
 });
 
 const PROFILE: &str = r#"

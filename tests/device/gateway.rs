@@ -6,7 +6,6 @@ use std::time::Duration;
 use isotherm::clock::Clock;
 use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::status::{Source, Status};
-use isotherm::profile;
 
 /// Runs it beside what `script` does with its state; the script's end stops it. What it told.
 pub(crate) fn beside(
@@ -14,7 +13,7 @@ pub(crate) fn beside(
     options: Options,
     script: impl FnOnce(&dyn Source) + Send + 'static,
 ) -> Status {
-    let loaded = profile::parse(Path::new("machine.toml"), text, &[], &[]);
+    let loaded = isotherm_profile::parse(Path::new("machine.toml"), text, &[], &[]);
     let profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {

@@ -12,7 +12,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard};
 use std::time::Duration;
 
 use isotherm::clock::Clock;
-use isotherm::quantity::Moment;
+use isotherm_core::quantity::Moment;
 
 pub(crate) mod gate;
 pub(crate) mod gateway;

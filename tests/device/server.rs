@@ -3,7 +3,7 @@
 use std::io::{Error, ErrorKind, Read, Result};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 
-use isotherm::codec::checksum;
+use isotherm_core::codec::checksum;
 
 /// What was asked, and on which connection: they are numbered as they were accepted.
 #[derive(Clone, Debug)]

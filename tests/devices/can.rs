@@ -2,10 +2,10 @@
 
 use std::path::Path;
 
-use isotherm::codec::{Address, CanId, Frame};
-use isotherm::explain::Explanation;
-use isotherm::profile::{DeviceId, Errors, Loaded, Profile, Verify, parse};
-use isotherm::reading::Reason;
+use isotherm_core::codec::{Address, CanId, Frame};
+use isotherm_core::reading::Reason;
+use isotherm_profile::preview::Preview;
+use isotherm_profile::{DeviceId, Errors, Loaded, Profile, Verify, parse};
 
 /// Templates of devices on CAN, with the key that a CANopen node needs.
 pub(crate) const CAN: [(&str, &str); 6] = [
@@ -54,7 +54,7 @@ fn read(profile: &Profile, name: &str, id: u32, bytes: &[u8]) -> Result<f64, Rea
 
 /// Whether the first signal is condemned where the others have these values.
 fn condemned(profile: &Profile, values: &[(&str, f64)]) -> Option<bool> {
-    let value = |id: isotherm::reading::SignalId| {
+    let value = |id: isotherm_core::reading::SignalId| {
         values.iter().find(|(name, _)| *name == profile.signal(id).name).map(|(_, value)| *value)
     };
     profile.signals[0].fault_when.as_ref().unwrap().holds(&value)
@@ -232,7 +232,7 @@ fn a_siko_indicator_is_written_with_its_control_word_and_condemned_by_its_status
     let Address::Frame(field) = &output.address else { panic!("{}", output.address) };
     field.bits.insert(frame.data_mut(), words.bits()).unwrap();
     assert_eq!(frame.to_string(), "20C#2EFBFFFF00000000");
-    let told = Explanation::of(&machine).to_string();
+    let told = Preview::of(&machine).to_string();
     assert!(told.contains("not verified: the control word in bytes 6 and 7 of RPDO1"), "{told}");
     let marked = rest.to_owned() + "\npdo = { fill = \"00 00 00 00 00 00 04 00\" }";
     let machine = on_can("node = 12\ntemplate = \"siko-ap10\"", &marked)

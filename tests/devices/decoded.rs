@@ -1,7 +1,7 @@
 //! Raw registers as the devices send them, against what they mean: values, negatives, what stands for a broken sensor.
 
-use isotherm::profile::Profile;
-use isotherm::reading::Reason;
+use isotherm_core::reading::Reason;
+use isotherm_profile::Profile;
 
 use super::{profile, signal};
 

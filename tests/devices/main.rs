@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use isotherm::profile::{Errors, Loaded, Profile, parse};
+use isotherm_profile::{Errors, Loaded, Profile, parse};
 
 mod can;
 mod decoded;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use isotherm::profile::template;
+use isotherm_profile::template;
 
 use super::can::{CAN, on_can};
 use super::taken;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use isotherm::codec::{Address, Register, Table};
+use isotherm_core::codec::{Address, Register, Table};
 
 use crate::law;
 use crate::rig::{BENCH, Trace, run};

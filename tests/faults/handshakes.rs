@@ -3,14 +3,14 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use isotherm::codec::{Register, Table};
 use isotherm::fieldbus::departure::Departure;
 use isotherm::fieldbus::error::Fault;
 use isotherm::fieldbus::wire::{Answer, Boxed, Connection, Dial, Request, Wire};
 use isotherm::gateway::Dialer;
 use isotherm::observe::status::Command;
-use isotherm::profile::Bus;
 use isotherm::virtual_machine::Seen;
+use isotherm_core::codec::{Register, Table};
+use isotherm_profile::Bus;
 
 use crate::law;
 use crate::rig::{BENCH, Trace, World, block_on, run};

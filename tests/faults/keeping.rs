@@ -7,8 +7,8 @@ use std::time::Duration;
 use isotherm::cli::replay::replay;
 use isotherm::clock::Clock;
 use isotherm::gateway::Options;
-use isotherm::quantity::Moment;
 use isotherm::virtual_machine::FaultScript;
+use isotherm_core::quantity::Moment;
 
 use crate::law;
 use crate::rig::{Trace, World, block_on, patient, profile};

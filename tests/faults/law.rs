@@ -3,11 +3,11 @@
 use std::collections::HashMap;
 use std::time::Duration;
 
-use isotherm::codec::{Register, Table};
-use isotherm::compensation::model::Evaluate;
-use isotherm::profile::{Output, Profile, Share, Signal, Writes};
-use isotherm::quantity::Moment;
 use isotherm::virtual_machine::Seen;
+use isotherm_core::codec::{Register, Table};
+use isotherm_core::compensation::model::Evaluate;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{Output, Profile, Share, Signal, Writes};
 
 use crate::rig::Trace;
 

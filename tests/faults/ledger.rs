@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use isotherm::observe::status::Command;
-use isotherm::quantity::Moment;
+use isotherm_core::quantity::Moment;
 
 use crate::law;
 use crate::rig::{BENCH, Trace, World, block_on};

@@ -7,8 +7,8 @@ use std::time::Duration;
 use isotherm::cli::replay::{OutputsSummary, replay, replay_outputs};
 use isotherm::clock::Clock;
 use isotherm::observe::status::Command;
-use isotherm::quantity::Moment;
 use isotherm::virtual_machine::FaultScript;
+use isotherm_core::quantity::Moment;
 
 use crate::law;
 use crate::rig::{BENCH, Trace, World, block_on, patient, profile};

@@ -9,11 +9,11 @@ use isotherm::clock::{Clock, Hold};
 use isotherm::gateway::{Gateway, Options, Outcome};
 use isotherm::observe::events::Entry;
 use isotherm::observe::status::{Command, Source, Status};
-use isotherm::profile::{Parity, Profile, Serial, Transport, parse};
-use isotherm::quantity::Moment;
 use isotherm::virtual_machine::{
     FaultScript, PlantSpec, Ports, Seen, Setup, Taken, UnknownUnit, VirtualMachine,
 };
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{Parity, Profile, Serial, Transport, parse};
 
 use crate::law;
 

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use isotherm::profile::{Profile, Transport};
+use isotherm_profile::{Profile, Transport};
 
 use crate::answers::{one_line_each_way, others_went_on, was_never_believed};
 use crate::rig::{BENCH, PORT, Trace, World, block_on, profile};

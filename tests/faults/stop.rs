@@ -9,8 +9,8 @@ use isotherm::fieldbus::departure::Departure;
 use isotherm::fieldbus::error::Fault;
 use isotherm::fieldbus::wire::{Answer, Boxed, Connection, Dial, Request, Wire};
 use isotherm::gateway::Dialer;
-use isotherm::profile::Bus;
 use isotherm::virtual_machine::{FaultScript, PlantSpec};
+use isotherm_profile::Bus;
 
 use crate::law;
 use crate::rig::{BENCH, GRINDER, Sample, Trace, World, bench, block_on, profile, run};

@@ -3,8 +3,8 @@
 use std::time::Duration;
 
 use isotherm::observe::status::Command;
-use isotherm::profile::Control;
 use isotherm::virtual_machine::Seen;
+use isotherm_profile::Control;
 
 use crate::law;
 use crate::rig::{Trace, World, block_on, run};
@@ -264,7 +264,7 @@ fn a_heidenhain_control_is_given_whole_micrometres_one_at_a_time_and_one_a_secon
     law::holds(&trace);
     let words: Vec<_> = written(&trace);
     assert!(words.len() > 5, "{}", words.len());
-    let mut before: Option<(i16, isotherm::quantity::Moment)> = None;
+    let mut before: Option<(i16, isotherm_core::quantity::Moment)> = None;
     for seen in words {
         assert_eq!((seen.address.register().unwrap().offset, seen.count), (578, 1), "W580: {seen:?}");
         let micron = i16::from_be_bytes(seen.wanted[0].to_be_bytes());

@@ -10,7 +10,7 @@ use std::time::Duration;
 use isotherm::clock::Clock;
 use isotherm::gateway::{Options, Pace};
 use isotherm::observe::status::Status;
-use isotherm::quantity::Moment;
+use isotherm_core::quantity::Moment;
 
 use crate::control::{Control, Shared};
 use crate::device::gateway::{self, wait_until};

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use isotherm::clock::Clock;
-use isotherm::quantity::Moment;
+use isotherm_core::quantity::Moment;
 
 use crate::device::server::{self, Question};
 

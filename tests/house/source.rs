@@ -13,21 +13,24 @@ pub(super) struct Source {
 }
 
 impl Source {
+    /// The crate it belongs to, by its directory: `crates/core`; empty for the program.
+    pub(super) fn home(&self) -> &str {
+        self.path.split_once("src/").map_or("", |(home, _)| home.trim_end_matches('/'))
+    }
+
     /// The module directly under the crate: `gateway`.
     pub(super) fn room(&self) -> &str {
-        let rest = self.path.strip_prefix("src/").unwrap_or(&self.path);
+        let rest = self.path.split_once("src/").map_or(self.path.as_str(), |(_, rest)| rest);
         rest.split('/').next().unwrap_or(rest).trim_end_matches(".rs")
     }
 
     /// Every path that begins at the crate, as its segments, the trees of `use` spread out.
     pub(super) fn crate_paths(&self) -> Vec<Vec<String>> {
         let mut found = Vec::new();
-        for begin in ["crate::", "isotherm::"] {
-            for (at, _) in self.code.match_indices(begin) {
-                let before = self.code[..at].chars().next_back();
-                if !before.is_some_and(|c| c.is_alphanumeric() || c == '_' || c == ':') {
-                    tree(&self.code[at + begin.len()..], &[], &mut found);
-                }
+        for (at, begin) in self.code.match_indices("crate::") {
+            let before = self.code[..at].chars().next_back();
+            if !before.is_some_and(|c| c.is_alphanumeric() || c == '_' || c == ':') {
+                tree(&self.code[at + begin.len()..], &[], &mut found);
             }
         }
         found
@@ -35,7 +38,7 @@ impl Source {
 
     /// `super::` chains that leave the room, which would hide an arrow from this test.
     pub(super) fn escapes(&self) -> Vec<String> {
-        let depth = self.path.trim_start_matches("src/").split('/').count();
+        let depth = self.path.split_once("src/").map_or("", |(_, rest)| rest).split('/').count();
         let chains = self.code.match_indices("super::").filter(|(at, _)| !self.code[..*at].ends_with("::"));
         let length = |at: usize| self.code[at..].split("::").take_while(|part| *part == "super").count();
         chains.filter(|(at, _)| length(*at) >= depth).map(|(at, _)| line_of(&self.code, at)).collect()
@@ -79,10 +82,13 @@ fn tree<'a>(text: &'a str, before: &[String], found: &mut Vec<Vec<String>>) -> &
     }
 }
 
-/// Every source file of the crate, but for the modules that only tests see.
+/// Every source file of every crate, but for the modules that only tests see.
 pub(super) fn all(root: &Path) -> Vec<Source> {
     let mut files = Vec::new();
     walk(&root.join("src"), &mut files);
+    for entry in std::fs::read_dir(root.join("crates")).unwrap() {
+        walk(&entry.unwrap().path().join("src"), &mut files);
+    }
     files.sort();
     let mut sources = Vec::new();
     let mut tests: Vec<String> = Vec::new();

@@ -1,8 +1,8 @@
 //! A ball array whose machine's drift is known gives that drift back.
 
-use isotherm::identify::balls::{Terms, log, terms};
-use isotherm::identify::dataset::{BadLog, Dataset, Split};
-use isotherm::identify::method::{Method, Settings};
+use isotherm_identify::balls::{Terms, log, terms};
+use isotherm_identify::dataset::{BadLog, Dataset, Split};
+use isotherm_identify::method::{Method, Settings};
 use proptest::prelude::*;
 
 /// What the coordinates of the balls move by, µm and µm/mm.

@@ -1,7 +1,7 @@
 //! What `isotherm report` says of logs whose drift is known.
 
-use isotherm::identify::dataset::{Dataset, Split};
-use isotherm::identify::drift::{Drift, Test, drift};
+use isotherm_identify::dataset::{Dataset, Split};
+use isotherm_identify::drift::{Drift, Test, drift};
 
 /// A log of minute rows.
 fn log(columns: &str, minutes: usize, row: impl Fn(f64) -> String) -> String {

@@ -1,9 +1,9 @@
-use isotherm::identify::faults::Repaired;
-use isotherm::identify::learn::Learned;
-use isotherm::identify::method::Settings;
+use isotherm_identify::faults::Repaired;
+use isotherm_identify::learn::Learned;
+use isotherm_identify::method::Settings;
 
 use super::rig::{Day, Machine, Part, dataset, found, profile};
-use isotherm::identify::setup::ready;
+use isotherm_identify::setup::ready;
 
 fn machine() -> Machine {
     let parts =

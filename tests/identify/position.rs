@@ -4,14 +4,14 @@ use std::path::Path;
 use std::time::Duration;
 
 use isotherm::cli::replay::replay;
-use isotherm::compensation::model::Outside;
-use isotherm::identify::Identified;
-use isotherm::identify::identified::TermFound;
-use isotherm::identify::identify;
-use isotherm::identify::method::{Method, Settings};
-use isotherm::identify::setup::{Choice, ready};
-use isotherm::identify::written::written;
-use isotherm::profile::Profile;
+use isotherm_core::compensation::model::Outside;
+use isotherm_identify::Identified;
+use isotherm_identify::identified::TermFound;
+use isotherm_identify::identify;
+use isotherm_identify::method::{Method, Settings};
+use isotherm_identify::setup::{Choice, ready};
+use isotherm_identify::written::written;
+use isotherm_profile::Profile;
 
 use super::rig::{self, Machine, NO_MODEL, Part, dataset, profile_with};
 
@@ -148,7 +148,7 @@ fn the_block_with_its_slope_replayed_over_a_day_it_never_saw_leaves_what_cross_v
     }
     let pasted = directory.path().join("pasted.toml");
     std::fs::write(&pasted, with_scale(&block.block)).unwrap();
-    let pasted = isotherm::profile::load(&pasted, &[], &[]).unwrap_or_else(|errors| panic!("{errors}"));
+    let pasted = isotherm_profile::load(&pasted, &[], &[]).unwrap_or_else(|errors| panic!("{errors}"));
     let mut out = Vec::new();
     replay(&pasted.profile, days[4].as_bytes(), "day4.csv", Some(&mut out)).unwrap();
     let mut table = csv::Reader::from_reader(out.as_slice());

@@ -1,6 +1,6 @@
 use std::time::Duration;
 
-use isotherm::identify::method::{Method, Settings};
+use isotherm_identify::method::{Method, Settings};
 
 use super::rig::{Machine, Part, found};
 

@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use isotherm::identify::dataset::{BadLog, Dataset, Split};
-use isotherm::identify::method::Settings;
-use isotherm::identify::setup::{Choice, Ready, ready};
-use isotherm::identify::{Identified, identify};
-use isotherm::profile::{self, Profile};
+use isotherm_identify::dataset::{BadLog, Dataset, Split};
+use isotherm_identify::method::Settings;
+use isotherm_identify::setup::{Choice, Ready, ready};
+use isotherm_identify::{Identified, identify};
+use isotherm_profile::Profile;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
@@ -126,7 +126,7 @@ pub(crate) fn profile(sensors: usize) -> Profile {
 }
 
 pub(crate) fn parsed(path: &Path, text: &str) -> Profile {
-    profile::parse(path, text, &[], &[]).unwrap_or_else(|errors| panic!("{errors}")).profile
+    isotherm_profile::parse(path, text, &[], &[]).unwrap_or_else(|errors| panic!("{errors}")).profile
 }
 
 /// The logs of these days in a directory, in order.

@@ -1,11 +1,11 @@
 //! What is found is what runs.
 
 use isotherm::cli::replay::replay;
-use isotherm::compensation::model::Outside;
-use isotherm::identify::identify;
-use isotherm::identify::method::{Method, Settings};
-use isotherm::identify::setup::{Choice, ready};
-use isotherm::identify::written::written;
+use isotherm_core::compensation::model::Outside;
+use isotherm_identify::identify;
+use isotherm_identify::method::{Method, Settings};
+use isotherm_identify::setup::{Choice, ready};
+use isotherm_identify::written::written;
 
 use super::rig::{self, Machine, Part, dataset, profile_with};
 
@@ -41,7 +41,7 @@ fn apart(machine: &Machine, count: u64, method: Method, resample: u64) -> (f64, 
     }
     let pasted = directory.path().join("pasted.toml");
     std::fs::write(&pasted, profile_with(3, &block.block)).unwrap();
-    let pasted = isotherm::profile::load(&pasted, &[], &[])
+    let pasted = isotherm_profile::load(&pasted, &[], &[])
         .unwrap_or_else(|errors| panic!("{errors}\n{}", block.block));
     assert_eq!(pasted.profile.axes[0].settings.models.len(), 1 + found.fallbacks.len());
     let mut out = Vec::new();

@@ -1,6 +1,6 @@
 //! What is stated about a gain is true on 200 campaigns whose truth is known.
 
-use isotherm::identify::method::{Method, Settings};
+use isotherm_identify::method::{Method, Settings};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 

@@ -1,10 +1,9 @@
 //! Networks and radial basis functions on a machine whose truth is no straight line; a difference with one sensor lost.
 
-use isotherm::compensation::model::Outside;
-use isotherm::identify::Identified;
-use isotherm::identify::method::{Method, Settings};
-use isotherm::identify::written::written;
-use isotherm::profile;
+use isotherm_core::compensation::model::Outside;
+use isotherm_identify::Identified;
+use isotherm_identify::method::{Method, Settings};
+use isotherm_identify::written::written;
 
 use super::rig::{Day, Machine, found, profile_with};
 
@@ -118,7 +117,7 @@ fn m2_each_sensor_of_a_difference_stands_in_for_the_other_with_machine_on_time()
     }
     let pasted = directory.path().join("pasted.toml");
     std::fs::write(&pasted, profile_with(2, &written.block)).unwrap();
-    let pasted =
-        profile::load(&pasted, &[], &[]).unwrap_or_else(|errors| panic!("{errors}\n{}", written.block));
+    let pasted = isotherm_profile::load(&pasted, &[], &[])
+        .unwrap_or_else(|errors| panic!("{errors}\n{}", written.block));
     assert_eq!(pasted.profile.axes[0].settings.models.len(), 3, "{}", written.block);
 }

@@ -1,6 +1,6 @@
 //! Wrong input gets a sentence that says what to do.
 
-use isotherm::identify::setup::Choice;
+use isotherm_identify::setup::Choice;
 
 use super::rig::{Machine, Part, choice, refused};
 
@@ -133,11 +133,11 @@ fn fewer_rows_than_terms_are_told_with_what_to_do() {
     let every: Vec<String> = (0..12).map(|place| format!("s{place}")).collect();
     let profile = super::rig::profile(12);
     let ready =
-        isotherm::identify::setup::ready(&profile, &dataset, &Choice { keep: every, ..choice() }).unwrap();
-    let settings = isotherm::identify::method::Settings {
-        method: isotherm::identify::method::Method::Ols,
+        isotherm_identify::setup::ready(&profile, &dataset, &Choice { keep: every, ..choice() }).unwrap();
+    let settings = isotherm_identify::method::Settings {
+        method: isotherm_identify::method::Method::Ols,
         ..Default::default()
     };
-    let told = isotherm::identify::identify(&ready, &settings, None, false, &|_, _| {}).unwrap_err();
+    let told = isotherm_identify::identify(&ready, &settings, None, false, &|_, _| {}).unwrap_err();
     says(&told, &["12 terms cannot be learnt from 5 rows", "--inputs", "--method sparse-lag"]);
 }

@@ -10,7 +10,6 @@ use std::time::Duration;
 
 use isotherm::clock::Clock;
 use isotherm::gateway::{Dialer, Gateway, Options};
-use isotherm::profile;
 
 #[path = "../device/mod.rs"]
 mod device;
@@ -96,7 +95,7 @@ impl Lane {
     /// Runs the gateway beside what `script` does; the script's end stops it.
     fn beside<T: Send + 'static>(self, dialer: Dialer, script: impl FnOnce(Lane) -> T + Send + 'static) -> T {
         let text = device::profile(self.device.address(), TIMES);
-        let loaded = profile::parse(Path::new("walker.toml"), &text, &[], &[]);
+        let loaded = isotherm_profile::parse(Path::new("walker.toml"), &text, &[], &[]);
         let profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         runtime.block_on(async {

@@ -1,7 +1,7 @@
 //! A step asks no allocator for anything, whatever it is told.
 
 use allocation_counter::measure;
-use isotherm::output::{Action, Fact, State, Who, step};
+use isotherm_core::output::{Action, Fact, State, Who, step};
 
 use super::world::{NOW, settings};
 

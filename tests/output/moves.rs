@@ -1,6 +1,6 @@
 //! Everything that can happen next in a world.
 
-use isotherm::output::{Action, Fact, Kept, Settings, Standing, Verify};
+use isotherm_core::output::{Action, Fact, Kept, Settings, Standing, Verify};
 
 use super::world::{Broken, NOW, World};
 

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use isotherm::output::{Action, Event, Fact, Kept, Settings, State, Who, step};
-use isotherm::quantity::Moment;
+use isotherm_core::output::{Action, Event, Fact, Kept, Settings, State, Who, step};
+use isotherm_core::quantity::Moment;
 
 pub(crate) struct Rig {
     pub(crate) settings: Settings,

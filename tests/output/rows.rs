@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use isotherm::output::{Account, Action, Doubt, Event, Fact, Kept, Settings, Standing, Verify, Who};
+use isotherm_core::output::{Account, Action, Doubt, Event, Fact, Kept, Settings, Standing, Verify, Who};
 
 use super::rig::Rig;
 use super::world::settings;
@@ -131,7 +131,7 @@ fn zero_is_doubt_where_a_write_of_ours_would_make_it_and_something_is_his() {
     assert_eq!(rig.parts(), (0, 0), "nothing of ours would make it zero: it was cleared");
     let kept = Kept {
         account: Some(Account { base: 2, share: 1, doubt: None }),
-        promises: vec![isotherm::output::Promise { value: 0, at: rig.now, is_under_way: true }]
+        promises: vec![isotherm_core::output::Promise { value: 0, at: rig.now, is_under_way: true }]
             .try_into()
             .unwrap(),
         ..Kept::default()
@@ -271,7 +271,7 @@ fn whatever_interrupts_a_decision_ends_it() {
         let mut rig = whole(0);
         assert_eq!(rig.want(1), Some(1));
         rig.give(fact);
-        if rig.action == (Action::Nothing { until: isotherm::quantity::Moment::END }) {
+        if rig.action == (Action::Nothing { until: isotherm_core::quantity::Moment::END }) {
             rig.give(Fact::NotSent);
         }
         assert_eq!(rig.settle(), None, "{fact:?}");

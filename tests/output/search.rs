@@ -3,7 +3,7 @@
 use std::collections::{HashSet, VecDeque};
 use std::hash::{BuildHasher, BuildHasherDefault, DefaultHasher};
 
-use isotherm::output::Settings;
+use isotherm_core::output::Settings;
 
 use super::moves::{self, Name};
 use super::world::{Budget, World};

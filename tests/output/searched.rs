@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use isotherm::output::{Rules, Settings, Verify};
+use isotherm_core::output::{Rules, Settings, Verify};
 
 use super::search::{Searched, search, walk};
 use super::world::{Budget, settings};

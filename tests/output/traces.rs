@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use isotherm::output::{Account, Action, Event, Fact, Kept, Settings, Verify};
+use isotherm_core::output::{Account, Action, Event, Fact, Kept, Settings, Verify};
 
 use super::rig::Rig;
 use super::world::settings;

@@ -2,10 +2,10 @@
 
 use std::time::Duration;
 
-use isotherm::output::{
+use isotherm_core::output::{
     Account, Action, Event, Fact, Kept, Promise, Settings, Slots, Standing, State, Verify, Who, step,
 };
-use isotherm::quantity::Moment;
+use isotherm_core::quantity::Moment;
 
 /// It is always this moment: what passes moves everything else into the past.
 pub(crate) const NOW: Moment = Moment::from_nanos(1_000_000_000_000);
@@ -439,6 +439,6 @@ pub(crate) fn settings(is_shared: bool, limit: i64, late: u64) -> Settings {
         refresh: None,
         is_shared,
         verify: Verify::Reading,
-        rules: isotherm::output::Rules::default(),
+        rules: isotherm_core::output::Rules::default(),
     }
 }

@@ -3,9 +3,9 @@
 use std::path::Path;
 use std::sync::OnceLock;
 
-use isotherm::placement::column::{Column, Warming};
-use isotherm::placement::mesh::Kind;
-use isotherm::placement::write;
+use isotherm_placement::column::{Column, Warming};
+use isotherm_placement::mesh::Kind;
+use isotherm_placement::write;
 
 use crate::process::{file, isotherm};
 

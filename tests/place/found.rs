@@ -1,6 +1,6 @@
 //! What it finds, and what it writes.
 
-use isotherm::placement::column::Warming;
+use isotherm_placement::column::Warming;
 use serde_json::Value;
 
 use crate::column::{changed, decks, guide, place};

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use isotherm::placement::column::Warming;
+use isotherm_placement::column::Warming;
 
 use crate::column::{changed, decks, place};
 use crate::process::file;

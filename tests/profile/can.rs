@@ -2,9 +2,9 @@
 
 use super::*;
 
-use isotherm::codec::{Address, CanId, DataType, Field, Object};
-use isotherm::profile::{Device, DeviceId, Profile, Transport, Verify, parse_with};
-use isotherm::reading::Reason;
+use isotherm_core::codec::{Address, CanId, DataType, Field, Object};
+use isotherm_core::reading::Reason;
+use isotherm_profile::{Device, DeviceId, Profile, Transport, Verify, parse_with};
 
 pub(crate) const LATHE: &str = include_str!("can.toml");
 pub(crate) const DBC: &str = include_str!("module.dbc");
@@ -325,7 +325,7 @@ fn everything_wrong_on_a_can_line_is_told_at_once() {
 #[test]
 fn a_can_line_is_explained_in_words_and_figures() {
     let machine = lathe(LATHE).unwrap().profile;
-    let explanation = isotherm::explain::Explanation::of(&machine);
+    let explanation = isotherm_profile::preview::Preview::of(&machine);
     let told = explanation.to_string();
     for words in [
         "bus field: CAN at vcan0, timeout 500ms",

@@ -1,6 +1,6 @@
 //! What cannot be on one CAN line together, and what is written there.
 
-use isotherm::profile::Verify;
+use isotherm_profile::Verify;
 
 use super::can::{LATHE, changed, device, lathe, wrong};
 use super::*;

@@ -1,7 +1,7 @@
 //! Models in files: what fits becomes a model, what does not is refused at the key that names the file.
 
-use isotherm::compensation::model::{Kind, Outside};
-use isotherm::explain::Explanation;
+use isotherm_core::compensation::model::{Kind, Outside};
+use isotherm_profile::preview::Preview;
 
 use super::*;
 
@@ -30,7 +30,7 @@ const ENVELOPE: &str = r#"{ "format": "isotherm-envelope", "version": 1, "covari
 
 /// The grinder whose first model has these keys instead of its own.
 fn machine(keys: &str, files: &[File<'_>]) -> Result<Loaded, Errors> {
-    profile::parse_with(Path::new("machine.toml"), &grinder(keys), files, &[], &[])
+    isotherm_profile::parse_with(Path::new("machine.toml"), &grinder(keys), files, &[], &[])
 }
 
 fn grinder(keys: &str) -> String {
@@ -51,7 +51,7 @@ fn refused_at(keys: &str, files: &[File<'_>], key: &str, words: &[&str]) {
 }
 
 fn told(loaded: &Loaded) -> String {
-    Explanation::of(&loaded.profile).to_string()
+    Preview::of(&loaded.profile).to_string()
 }
 
 #[test]
@@ -129,7 +129,7 @@ fn a_datum_taken_at_zero_wants_no_input_taken_at_zero() {
         (NETWORK_KEYS.replace("\"wheelhead\"", zeroed), true),
     ] {
         let text = grinder(&keys).replacen("rate = 0.5", "rate = 0.5\ndatum = \"zero\"", 1);
-        let found = profile::parse_with(Path::new("machine.toml"), &text, &files, &[], &[]);
+        let found = isotherm_profile::parse_with(Path::new("machine.toml"), &text, &files, &[], &[]);
         if twice {
             let found = errors(found);
             assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
@@ -222,7 +222,7 @@ fn an_onnx_file_is_found_beside_its_profile_and_must_fit_it() {
     let path = directory.path().join("machine.toml");
     let load = |keys: &str| {
         std::fs::write(&path, grinder(keys)).unwrap();
-        profile::load(&path, &[], &[])
+        isotherm_profile::load(&path, &[], &[])
     };
     let missing = errors(load(&keys)).remove(0).to_string();
     assert!(missing.contains("n.onnx cannot be read: No such file"), "{missing}");

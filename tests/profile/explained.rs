@@ -4,7 +4,7 @@ use super::*;
 
 #[test]
 fn the_schema_describes_every_key_and_forbids_the_others() {
-    let schema = profile::schema();
+    let schema = isotherm_profile::schema();
     assert_eq!(schema["$schema"], "https://json-schema.org/draft/2020-12/schema");
     assert_eq!(schema["required"], serde_json::json!(["machine"]));
     let mut tables = 0;
@@ -35,7 +35,7 @@ fn an_error_is_a_document_for_programs_too() {
 #[test]
 fn a_good_profile_is_explained_in_words_and_figures() {
     let machine = parse(GRINDER).unwrap().profile;
-    let explanation = isotherm::explain::Explanation::of(&machine);
+    let explanation = isotherm_profile::preview::Preview::of(&machine);
     let told = explanation.to_string();
     for words in [
         "read input:0..1 (30001..30002), 2 registers, function 04: bed, wheelhead",
@@ -61,7 +61,7 @@ fn a_good_profile_is_explained_in_words_and_figures() {
 #[test]
 fn an_operators_register_is_explained_as_his() {
     let machine = with("share = \"whole\"", "share = \"ledger\"").unwrap().profile;
-    let told = isotherm::explain::Explanation::of(&machine).to_string();
+    let told = isotherm_profile::preview::Preview::of(&machine).to_string();
     for words in [
         "what an operator writes there stays; our share is added to it",
         "counts -400 to 400, and the operator's part",
@@ -75,7 +75,7 @@ fn of_several_lags_of_one_signal_the_sum_is_told_because_one_may_point_the_other
     let term = "{ signal = \"bed\", gain = 2.4 },";
     let slow = "{ signal = \"bed\", gain = 3.5 }, { signal = \"bed\", gain = -1.1, reference = 20.0, lag = \"1h\" },";
     let machine = with(term, slow).unwrap().profile;
-    let told = isotherm::explain::Explanation::of(&machine).to_string();
+    let told = isotherm_profile::preview::Preview::of(&machine).to_string();
     for words in [
         "when bed rises by 1 °C, Cz changes by +3.5 µm",
         "when bed rises by 1 °C (63 % of it 1h after bed has risen), Cz changes by −1.1 µm",

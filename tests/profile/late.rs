@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::*;
 use crate::can::{LATHE, lathe};
-use isotherm::profile::Transport;
+use isotherm_profile::Transport;
 
 const TCP: &str = "type = \"modbus-tcp\"\naddress = \"127.0.0.1:1502\"";
 const PORT: &str =
@@ -74,11 +74,11 @@ fn what_no_late_write_can_be_is_refused_with_what_to_write() {
 #[test]
 fn how_long_a_late_write_is_expected_is_explained_and_in_the_schema() {
     let machine = parse(&on(PORT, TIMEOUT)).unwrap().profile;
-    let explanation = isotherm::explain::Explanation::of(&machine);
+    let explanation = isotherm_profile::preview::Preview::of(&machine);
     let told = explanation.to_string();
     assert!(told.contains("  a write that is not answered may still arrive for 600ms\n"), "{told}");
     assert_eq!(serde_json::to_value(&explanation).unwrap()["buses"][0]["late"], "600ms");
-    let schema = profile::schema();
+    let schema = isotherm_profile::schema();
     let described = schema["$defs"]["Bus"]["properties"]["late"]["description"].as_str().unwrap();
     assert!(described.contains("30s") && described.contains("10min"), "{described}");
 }

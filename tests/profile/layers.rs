@@ -7,7 +7,7 @@ fn pairs(list: &[(&str, &str)]) -> Vec<(String, String)> {
 }
 
 fn layered(environment: &[(&str, &str)], settings: &[(&str, &str)]) -> Result<Loaded, Errors> {
-    profile::parse(Path::new("machine.toml"), GRINDER, &pairs(settings), &pairs(environment))
+    isotherm_profile::parse(Path::new("machine.toml"), GRINDER, &pairs(settings), &pairs(environment))
 }
 
 #[test]
@@ -17,7 +17,7 @@ fn later_layers_win_file_local_environment_flag() {
     std::fs::write(&path, GRINDER).unwrap();
     let local = "[bus.cell]\naddress = \"10.0.0.1:502\"\n\n[signal.wheelhead]\nbad = [7]\nmax_age = \"9s\"\n";
     std::fs::write(folder.path().join("machine.local.toml"), local).unwrap();
-    let loaded = profile::load(&path, &[], &[]).unwrap().profile;
+    let loaded = isotherm_profile::load(&path, &[], &[]).unwrap().profile;
     assert_eq!(loaded.buses[0].address, "10.0.0.1:502");
     assert_eq!(loaded.buses[0].timeout.as_millis(), 300);
     assert_eq!(
@@ -25,10 +25,13 @@ fn later_layers_win_file_local_environment_flag() {
         ("wheelhead", [7.into()].as_slice())
     );
     let environment = pairs(&[("ISOTHERM__BUS__CELL__ADDRESS", "10.0.0.2:502"), ("ISOTHERM_LOG", "debug")]);
-    assert_eq!(profile::load(&path, &[], &environment).unwrap().profile.buses[0].address, "10.0.0.2:502");
+    assert_eq!(
+        isotherm_profile::load(&path, &[], &environment).unwrap().profile.buses[0].address,
+        "10.0.0.2:502"
+    );
     let settings = pairs(&[("bus.cell.address", "10.0.0.3:502")]);
     assert_eq!(
-        profile::load(&path, &settings, &environment).unwrap().profile.buses[0].address,
+        isotherm_profile::load(&path, &settings, &environment).unwrap().profile.buses[0].address,
         "10.0.0.3:502"
     );
 }
@@ -40,7 +43,7 @@ fn an_error_in_the_local_file_is_told_there() {
     std::fs::write(&path, GRINDER).unwrap();
     std::fs::write(folder.path().join("machine.local.toml"), "[bus.cell]\nadress = \"10.0.0.1:502\"\n")
         .unwrap();
-    let found = errors(profile::load(&path, &[], &[]));
+    let found = errors(isotherm_profile::load(&path, &[], &[]));
     assert!(found[0].file.ends_with("machine.local.toml"), "{}", found[0]);
     assert_eq!(
         (found[0].line, found[0].column, found[0].key.as_str()),
@@ -50,7 +53,7 @@ fn an_error_in_the_local_file_is_told_there() {
 
 #[test]
 fn a_profile_that_cannot_be_read_is_told_as_such() {
-    let found = errors(profile::load(Path::new("/nowhere/machine.toml"), &[], &[]));
+    let found = errors(isotherm_profile::load(Path::new("/nowhere/machine.toml"), &[], &[]));
     assert_eq!(found.len(), 1);
     assert!(
         found[0].to_string().starts_with("/nowhere/machine.toml: the profile cannot be read"),

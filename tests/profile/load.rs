@@ -4,7 +4,7 @@
 
 use super::*;
 use crate::can::{LATHE, lathe};
-use isotherm::explain::{Explanation, LoadExplained, Verdict};
+use isotherm_profile::preview::{LoadExplained, Preview, Verdict};
 
 const TCP: &str = "type = \"modbus-tcp\"\naddress = \"127.0.0.1:1502\"";
 const THROUGH_SERVER: &str = "type = \"modbus-rtu-over-tcp\"\naddress = \"127.0.0.1:1502\"";
@@ -31,8 +31,8 @@ fn machine(line: &str, axes: u16, every: &str, output: &str, more: &str) -> Stri
     text + more
 }
 
-fn explained(text: &str) -> Explanation {
-    Explanation::of(&parse(text).unwrap_or_else(|errors| panic!("{errors}\n{text}")).profile)
+fn explained(text: &str) -> Preview {
+    Preview::of(&parse(text).unwrap_or_else(|errors| panic!("{errors}\n{text}")).profile)
 }
 
 fn load(text: &str) -> LoadExplained {
@@ -138,7 +138,7 @@ fn sixty_axes_with_a_ledger_each_beside_their_sensors_are_too_much_each_second_a
     ];
     for (every, percent, verdict, full_at, words) in cases {
         let machine = parse(&ledger(every)).unwrap().profile;
-        let explanation = Explanation::of(&machine);
+        let explanation = Preview::of(&machine);
         let found = explanation.buses[0].load.as_ref().unwrap();
         is_near(found.percent, percent, every);
         is_near(found.full_at_answer_ms.unwrap(), full_at, every);
@@ -164,7 +164,7 @@ fn sixty_axes_with_a_ledger_each_beside_their_sensors_are_too_much_each_second_a
 fn a_serial_line_that_cannot_keep_up_says_so_and_one_that_polls_too_much_says_that() {
     let text = machine(SERIAL, 0, "10s", "", "").replacen("unit = 1\n", "unit = 1\nevery = \"20ms\"\n", 1);
     let machine = parse(&text.replacen(SERIAL, &format!("{SERIAL}\ntimeout = \"15ms\""), 1)).unwrap().profile;
-    let explanation = Explanation::of(&machine);
+    let explanation = Preview::of(&machine);
     let load = explanation.buses[0].load.as_ref().unwrap();
     is_near(load.percent, 109.115, "fifty polls of 21.8 ms");
     is_near(load.full_at_answer_ms.unwrap(), 8.177, "what the bytes leave");
@@ -176,7 +176,7 @@ fn a_serial_line_that_cannot_keep_up_says_so_and_one_that_polls_too_much_says_th
 #[test]
 fn a_can_line_is_as_full_as_its_objects_make_it_and_its_frames_cost_nothing() {
     let machine = lathe(LATHE).unwrap().profile;
-    let explanation = Explanation::of(&machine);
+    let explanation = Preview::of(&machine);
     let load = |name: &str| {
         explanation.buses.iter().find(|bus| bus.name == name).and_then(|bus| bus.load.clone()).unwrap()
     };
@@ -189,7 +189,7 @@ fn a_can_line_is_as_full_as_its_objects_make_it_and_its_frames_cost_nothing() {
             "[signal.column_status]\ndevice = \"axtc\"\nsdo    = \"6150:01\"\ntype   = \"u8\"\n",
             "",
         ));
-    let explanation = Explanation::of(&frames_only.unwrap().profile);
+    let explanation = Preview::of(&frames_only.unwrap().profile);
     assert_eq!(explanation.buses.iter().find(|bus| bus.name == "field").unwrap().load, None);
 }
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use isotherm::profile::{self, Errors, Loaded, ProfileError};
+use isotherm_profile::{Errors, Loaded, ProfileError};
 
 mod can;
 mod can_line;
@@ -25,7 +25,7 @@ mod together;
 const GRINDER: &str = include_str!("grinder.toml");
 
 fn parse(text: &str) -> Result<Loaded, Errors> {
-    profile::parse(Path::new("machine.toml"), text, &[], &[])
+    isotherm_profile::parse(Path::new("machine.toml"), text, &[], &[])
 }
 
 /// The grinder with one piece of text replaced.
@@ -74,8 +74,8 @@ fn a_good_profile_is_taken_without_a_word() {
 
 #[test]
 fn what_is_read_becomes_final_types_in_the_order_of_the_file() {
-    use isotherm::compensation::model::{Kind, Reference};
-    use isotherm::profile::{Arm, Verify, Writes};
+    use isotherm_core::compensation::model::{Kind, Reference};
+    use isotherm_profile::{Arm, Verify, Writes};
     let machine = parse(GRINDER).unwrap().profile;
     let names: Vec<&str> = machine.signals.iter().map(|signal| signal.name.as_str()).collect();
     let order = ["wheelhead", "bed", "wheelhead_open", "hydraulics", "zero_button", "cnc_on", "scale_z"];

@@ -1,7 +1,7 @@
 //! Lags, slopes, levels and datums: taken where they make sense, refused with a remedy where they do not.
 
-use isotherm::compensation::model::{Kind, Reference};
-use isotherm::compensation::settings::Datum;
+use isotherm_core::compensation::model::{Kind, Reference};
+use isotherm_core::compensation::settings::Datum;
 
 use super::*;
 
@@ -26,7 +26,7 @@ fn a_lag_a_slope_levels_and_a_datum_are_taken() {
     assert_eq!((slope.position.0, slope.terms[0].lag.map(|lag| lag.as_secs())), (6, Some(7200)));
     assert!((slope.reference - -50.0).abs() < 1e-12);
 
-    let told = isotherm::explain::Explanation::of(&loaded.profile).to_string();
+    let told = isotherm_profile::preview::Preview::of(&loaded.profile).to_string();
     for words in [
         "Cz = 2.4·(bed − 20) lagged by 30m + 3.45·(wheelhead − its value at machine start) + 0 µm \
          + (0.007·(bed − 20) lagged by 2h) µm/mm·(scale_z − -50 mm)",
@@ -136,7 +136,7 @@ fn a_control_that_applies_the_line_itself_is_given_its_parts() {
     let apart = loaded.profile.axes[0].settings.apart.unwrap();
     assert!((apart.reach - 300.0).abs() < 1e-12 && (apart.reference - -50.0).abs() < 1e-12);
     assert!((apart.count.unwrap().get() - 0.03).abs() < 1e-12);
-    let told = isotherm::explain::Explanation::of(&loaded.profile).to_string();
+    let told = isotherm_profile::preview::Preview::of(&loaded.profile).to_string();
     for words in [
         "K0, Cz at the reference position: +1 µm is +10 counts",
         "tanβ, which the control multiplies by the distance from the reference position: +0.001 µm/mm is +10 counts",
@@ -179,7 +179,7 @@ fn an_axis_without_a_model_yet_is_taken_with_one_word_about_it() {
     let told: Vec<String> = loaded.warnings.iter().map(ToString::to_string).collect();
     assert_eq!(told.len(), 1, "{told:?}");
     assert!(told[0].contains("`z` has no model yet") && told[0].contains("isotherm identify"), "{told:?}");
-    let explained = isotherm::explain::Explanation::of(&loaded.profile).to_string();
+    let explained = isotherm_profile::preview::Preview::of(&loaded.profile).to_string();
     assert!(explained.contains("no model yet"), "{explained}");
-    assert!(!profile::schema()["$defs"]["Axis"]["required"].to_string().contains("model"));
+    assert!(!isotherm_profile::schema()["$defs"]["Axis"]["required"].to_string().contains("model"));
 }

@@ -44,7 +44,7 @@ fn a_probe_becomes_final_types_and_is_explained_in_words() {
     assert_eq!(settings.warn.map(|warn| warn.get()), Some(5.0));
     assert_eq!(settings.gains.map(|gains| (gains.forgetting, gains.limit)), Some((0.98, 0.2)));
     assert_eq!((input.signal.0, input.trigger.map(|id| id.0), input.micron), (7, Some(8), 1000.0));
-    let told = isotherm::explain::Explanation::of(&machine).to_string();
+    let told = isotherm_profile::preview::Preview::of(&machine).to_string();
     for words in [
         "probe: measured errors (actual minus commanded, with Cz acting) come from probe_z, each time probed changes",
         "a positive one lowers the model's Cz by 0.5 of it, in all by at most 10 µm",
@@ -59,11 +59,11 @@ fn errors_may_come_by_command_only_and_a_diameter_is_halved() {
     let by_command = format!("{GRINDER}\n[axis.z.probe]\nlimit = 10.0\nfilter = 1.0\nmax_error = 25.0\n");
     let machine = parse(&by_command).unwrap_or_else(|errors| panic!("{errors}")).profile;
     assert_eq!(machine.axes[0].probe_input, None);
-    assert!(isotherm::explain::Explanation::of(&machine).to_string().contains("come from commands"));
+    assert!(isotherm_profile::preview::Preview::of(&machine).to_string().contains("come from commands"));
     let text = probed(WHOLE).replacen("limit = 40.0", "limit = 40.0\ndiameter = true", 1);
     let machine = parse(&text).unwrap_or_else(|errors| panic!("{errors}")).profile;
     assert!((machine.axes[0].probe_input.unwrap().micron - 500.0).abs() < 1e-9);
-    let told = isotherm::explain::Explanation::of(&machine).to_string();
+    let told = isotherm_profile::preview::Preview::of(&machine).to_string();
     assert!(told.contains("actual minus commanded, on the diameter"), "{told}");
 }
 

@@ -1,7 +1,7 @@
 //! Lines that speak RTU: settings, ports, units, and whether what is polled fits into their time.
 
 use super::*;
-use isotherm::profile::{Parity, Serial, Transport};
+use isotherm_profile::{Parity, Serial, Transport};
 
 const TCP: &str = "type = \"modbus-tcp\"\naddress = \"127.0.0.1:1502\"";
 const PORT: &str = "port = \"/dev/serial/by-id/usb-FTDI_FT232R-if00-port0\"";
@@ -107,7 +107,7 @@ fn what_is_polled_and_does_not_fit_into_the_line_s_time_is_refused_and_what_hard
 #[test]
 fn a_serial_line_is_explained_with_its_settings_and_the_time_that_its_polls_take() {
     let machine = parse(&on(&format!("{PORT}\nbaud = 9600"))).unwrap().profile;
-    let explanation = isotherm::explain::Explanation::of(&machine);
+    let explanation = isotherm_profile::preview::Preview::of(&machine);
     let told = explanation.to_string();
     for words in [
         "bus cell: Modbus RTU at /dev/serial/by-id/usb-FTDI_FT232R-if00-port0, timeout 300ms",

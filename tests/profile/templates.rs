@@ -74,14 +74,14 @@ fn what_the_profile_spells_out_wins_over_the_template() {
         ("input:5 (30006)", [7.into()].as_slice())
     );
     assert!((signal.encoding.scale.get() - 0.01).abs() < 1e-12);
-    let told = isotherm::explain::Explanation::of(&machine).to_string();
+    let told = isotherm_profile::preview::Preview::of(&machine).to_string();
     let words = "channel 0 of icp-das-m7019r; the profile itself says bad, register, scale";
     assert!(told.contains(words), "{told}");
 }
 
 #[test]
 fn what_a_template_fills_in_leaves_unverified_and_checks_is_explained() {
-    let told = isotherm::explain::Explanation::of(&parse(MACHINE).unwrap().profile).to_string();
+    let told = isotherm_profile::preview::Preview::of(&parse(MACHINE).unwrap().profile).to_string();
     for words in [
         "template icp-das-m7019r: ICP DAS I-7019R and M-7019R, 8 thermocouples; after ICP DAS",
         "not verified: the scale of 0.1 °C per count of the channels",
@@ -229,12 +229,12 @@ fn a_template_of_ones_own_beside_the_profile_wins_and_is_checked_like_a_profile(
     let text = "title = \"ours\"\nsource = \"measured by ourselves\"\n[channel.t]\nname = \"{n}\"\ncount = 2\n\
                 register = \"input:40\"\ntype = \"i16\"\nscale = 0.5\n";
     std::fs::write(&own, text).unwrap();
-    let machine = profile::load(&path, &[], &[]).unwrap_or_else(|errors| panic!("{errors}")).profile;
+    let machine = isotherm_profile::load(&path, &[], &[]).unwrap_or_else(|errors| panic!("{errors}")).profile;
     assert_eq!(machine.signals[0].address.to_string(), "input:40 (30041)");
-    let told = isotherm::explain::Explanation::of(&machine).to_string();
+    let told = isotherm_profile::preview::Preview::of(&machine).to_string();
     assert!(told.contains("icp-das-m7019r.toml, not from the shipped ones"), "{told}");
     std::fs::write(&own, text.replace("scale =", "scal =")).unwrap();
-    let found = errors(profile::load(&path, &[], &[]));
+    let found = errors(isotherm_profile::load(&path, &[], &[]));
     assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
     assert!(found[0].file.ends_with("icp-das-m7019r.toml"), "{}", found[0]);
     assert_eq!((found[0].line, found[0].key.as_str()), (Some(8), "channel.t.scal"), "{}", found[0]);
@@ -246,7 +246,7 @@ fn registers_of_a_device_without_a_template_are_checked_before_arming_as_well() 
     let verify =
         "unit = 4\nverify = [ { register = \"holding:90\", equals = 17, what = \"version of the ladder\" } ]";
     let machine = with("unit = 4", verify).unwrap().profile;
-    let told = isotherm::explain::Explanation::of(&machine).to_string();
+    let told = isotherm_profile::preview::Preview::of(&machine).to_string();
     assert!(told.contains("before arming holding:90 (40091) must read 17: version of the ladder"), "{told}");
     let few = "unit = 4\nfunctions = [\"read-holding\", \"read-discrete\", \"read-coils\", \"write-multiple\", \"write-single\"]\n\
                verify = [ { register = \"input:1\", equals = 1 } ]";

@@ -161,7 +161,7 @@ fn a_boot_counter_is_one_register_that_can_be_read() {
 fn what_lands_together_and_how_it_is_taken_is_explained() {
     let explained = |text: &str| {
         let machine = parse(text).unwrap().profile;
-        isotherm::explain::Explanation::of(&machine)
+        isotherm_profile::preview::Preview::of(&machine)
     };
     let restart = format!("{SHARE}\nrestart = {{ boot_counter = \"holding:98\" }}");
     let cnc = explained(&shaken().replacen(SHARE, &restart, 1)).to_string();

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use isotherm::fieldbus::error::Fault;
 use isotherm::fieldbus::wire::Answer;
-use isotherm::profile::DeviceId;
+use isotherm_profile::DeviceId;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
 use tokio::sync::watch;

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use isotherm::fieldbus::error::{Fault, LinkFault};
 use isotherm::fieldbus::line::GRACE;
 use isotherm::fieldbus::wire::Answer;
-use isotherm::profile::{DeviceId, Transport};
+use isotherm_profile::{DeviceId, Transport};
 use tokio::io::AsyncWriteExt;
 use tokio::net::TcpListener;
 

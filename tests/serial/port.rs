@@ -8,13 +8,13 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use isotherm::clock::Clock;
-use isotherm::codec::{Register, Table, checksum};
 use isotherm::fieldbus::departure::Leave;
 use isotherm::fieldbus::dial;
 use isotherm::fieldbus::error::Fault;
 use isotherm::fieldbus::line::DeviceLine;
 use isotherm::fieldbus::wire::{Answer, Request};
-use isotherm::profile::{Bus, BusId, Device, DeviceId, Functions, Parity, Quirks, Serial, Transport};
+use isotherm_core::codec::{Register, Table, checksum};
+use isotherm_profile::{Bus, BusId, Device, DeviceId, Functions, Parity, Quirks, Serial, Transport};
 use rustix::fs::OFlags;
 use rustix::io::Errno;
 use rustix::pty::OpenptFlags;

@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use isotherm::clock::Clock;
 use isotherm::gateway::{Gateway, Options};
-use isotherm::profile::{Profile, parse};
 use isotherm::virtual_machine::{FaultScript, Ports, Setup, VirtualMachine};
+use isotherm_profile::{Profile, parse};
 
 const DEAD: [usize; 3] = [5, 17, 30];
 const SPAN: Duration = Duration::from_secs(12);

@@ -10,8 +10,8 @@ use isotherm::clock::Clock;
 use isotherm::fieldbus::wire::Dial;
 use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::status::Source;
-use isotherm::profile::{Profile, parse};
-use isotherm::quantity::Moment;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{Profile, parse};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
 use tokio::sync::Notify;
@@ -157,7 +157,7 @@ impl<'a> Day<'a> {
         };
         let clock = Clock::set_to(BEGIN.after(self.passage.now()).before(wrong), self.passage.passing());
         let shared = self.shared.clone();
-        let dialer = move |bus: &isotherm::profile::Bus| {
+        let dialer = move |bus: &isotherm_profile::Bus| {
             let line = LINES.iter().position(|name| *name == bus.name)?;
             Some(Box::new(SimulatedDial { shared: shared.clone(), line }) as Box<dyn Dial>)
         };

@@ -11,8 +11,8 @@ use std::time::Duration;
 
 use anyhow::Context;
 
-use crate::profile::{AxisId, Profile};
 use crate::virtual_machine::Window;
+use isotherm_profile::{AxisId, Profile};
 
 /// The machine whose control it is.
 pub(super) const MACHINE: &str = "linuxcnc-mill";

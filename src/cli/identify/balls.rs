@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use anyhow::Context;
 
 use super::super::{Failure, print_json};
-use crate::identify::balls::{DIRECTIONS, Terms, log, terms};
-use crate::identify::dataset::{Dataset, Split};
+use isotherm_identify::balls::{DIRECTIONS, Terms, log, terms};
+use isotherm_identify::dataset::{Dataset, Split};
 
 #[derive(clap::Args, Debug)]
 pub(super) struct Touches {

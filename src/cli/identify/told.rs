@@ -3,7 +3,7 @@
 use std::fmt::Write;
 use std::time::Duration;
 
-use crate::identify::Identified;
+use isotherm_identify::Identified;
 
 /// Most terms that are printed; all of them stand in the block and in the JSON.
 const MOST_TERMS: usize = 40;

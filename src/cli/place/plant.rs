@@ -6,13 +6,13 @@ use anyhow::Context;
 
 use super::structure::{Known, differs};
 use super::{Engine, Failure};
-use crate::placement::body::Progress;
-use crate::placement::deck::{self, Deck};
-use crate::placement::example;
-use crate::placement::found::{Found, Sensor};
-use crate::placement::mesh::NodeId;
-use crate::placement::reduced::{Modes, Outputs, file};
-use crate::placement::written::{Along, signals};
+use isotherm_placement::body::Progress;
+use isotherm_placement::deck::{self, Deck};
+use isotherm_placement::example;
+use isotherm_placement::found::{Found, Sensor};
+use isotherm_placement::mesh::NodeId;
+use isotherm_placement::reduced::{Modes, Outputs, file};
+use isotherm_placement::written::{Along, signals};
 
 /// The plant's deck, read before the long work begins.
 pub(super) fn deck(path: &Path, engine: Engine) -> Result<Deck, Failure> {

@@ -3,16 +3,16 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::{Arguments, Engine, Failure};
-use crate::placement::blocks::{Part, Reach, parts};
-use crate::placement::body::Progress;
-use crate::placement::ccx::Ccx;
-use crate::placement::deck::{self, Deck};
-use crate::placement::found::rows;
-use crate::placement::heat::temperatures;
-use crate::placement::mesh::Mesh;
-use crate::placement::problem::Load;
-use crate::placement::structure::{Adjoint, Structure};
-use crate::placement::views::outside;
+use isotherm_placement::blocks::{Part, Reach, parts};
+use isotherm_placement::body::Progress;
+use isotherm_placement::ccx::Ccx;
+use isotherm_placement::deck::{self, Deck};
+use isotherm_placement::found::rows;
+use isotherm_placement::heat::temperatures;
+use isotherm_placement::mesh::Mesh;
+use isotherm_placement::problem::Load;
+use isotherm_placement::structure::{Adjoint, Structure};
+use isotherm_placement::views::outside;
 
 /// What is known of a structure.
 pub(super) struct Known {

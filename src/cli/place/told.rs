@@ -2,9 +2,9 @@
 
 use std::fmt::{self, Write};
 
-use crate::placement::blocks::Part;
-use crate::placement::found::{CaseFound, Found};
-use crate::placement::report::remarks;
+use isotherm_placement::blocks::Part;
+use isotherm_placement::found::{CaseFound, Found};
+use isotherm_placement::report::remarks;
 
 /// Everything, as text.
 pub(super) fn told(found: &Found, parts: &[Part]) -> String {

@@ -10,9 +10,9 @@ use anyhow::Context;
 
 use crate::gateway::log::number;
 use crate::observe::status::Status;
-use crate::profile::Profile;
-use crate::quantity::Moment;
 use crate::virtual_machine::{AxisSummary, TruthRow};
+use isotherm_core::quantity::Moment;
+use isotherm_profile::Profile;
 
 /// The file that is being written, and the sums over all of them.
 pub(super) struct Sheet {

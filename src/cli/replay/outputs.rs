@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use super::{Difference, Reproduced};
 use crate::gateway::log::outputs::{ENDING, Entry, HEADER, OutputLogReader, OutputReplay, Replayed};
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
 
 /// A replayed log of outputs in numbers.
 #[derive(Clone, Debug, PartialEq, Serialize)]

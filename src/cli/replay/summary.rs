@@ -7,10 +7,10 @@ use std::time::Duration;
 use serde::Serialize;
 
 use super::{Outcome, OutputsSummary};
-use crate::compensation::AxisState;
 use crate::gateway::log::{Decided, LogRow};
-use crate::profile::Profile;
-use crate::quantity::Moment;
+use isotherm_core::compensation::AxisState;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::Profile;
 
 /// A replayed log in numbers.
 #[derive(Clone, Debug, PartialEq, Serialize)]

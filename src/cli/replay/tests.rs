@@ -3,12 +3,12 @@ use std::time::Duration;
 use proptest::prelude::*;
 
 use super::*;
-use crate::compensation::{Control, Measured, Permit, Remembered};
 use crate::gateway::log::{Recorder, sample};
-use crate::quantity::Moment;
-use crate::reading::{Reading, Reason};
+use isotherm_core::compensation::{Control, Measured, Permit, Remembered};
+use isotherm_core::quantity::Moment;
+use isotherm_core::reading::{Reading, Reason};
 
-use crate::compensation::settings::{Datum, GainSettings, ProbeSettings};
+use isotherm_core::compensation::settings::{Datum, GainSettings, ProbeSettings};
 
 mod lags;
 mod models;

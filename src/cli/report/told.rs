@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use crate::identify::drift::Drift;
+use isotherm_identify::drift::Drift;
 
 pub(super) fn told(drift: &Drift) -> String {
     let mut text = String::new();

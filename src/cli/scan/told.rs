@@ -3,10 +3,10 @@
 use std::fmt::Write;
 use std::time::Duration;
 
-use crate::profile::{BusId, Profile};
 use crate::survey::bus::{Place, Transport};
 use crate::survey::scan::{Found, How, Scan, heeds_no_number};
 use crate::survey::walk::Stretch;
+use isotherm_profile::{BusId, Profile};
 
 /// What is about to be asked, and how long that can take.
 pub(super) fn plan(scan: &Scan) -> String {

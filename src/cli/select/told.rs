@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use crate::identify::select::{Selected, Step};
+use isotherm_identify::select::{Selected, Step};
 
 pub(super) fn told(found: &Selected) -> String {
     let mut text = String::new();

@@ -1,7 +1,7 @@
 //! The frames that are written: several values may share one, and it is sent whole.
 
-use crate::codec::{BitField, CanId, Encoded, Frame, Object};
 use crate::fieldbus::error::{CallerFault, Fault};
+use isotherm_core::codec::{BitField, CanId, Encoded, Frame, Object};
 
 /// The frames of one interface, as they are sent next.
 #[derive(Clone, Debug, Default)]
@@ -72,7 +72,7 @@ impl Image {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::codec::{BitKind, ByteOrder, DataType};
+    use isotherm_core::codec::{BitKind, ByteOrder, DataType};
 
     fn bits(start: u16) -> BitField {
         BitField::new(start, 16, ByteOrder::Intel, BitKind::Signed).unwrap()

@@ -11,10 +11,10 @@ use tokio::sync::mpsc;
 use super::image::Images;
 use super::interface::Interface;
 use super::socket::Socket;
-use crate::codec::{CanMatch, Frame};
 use crate::fieldbus::canopen::NodeId;
 use crate::fieldbus::canopen::sdo::Client;
 use crate::fieldbus::error::{CanFault, Fault, LinkFault};
+use isotherm_core::codec::{CanMatch, Frame};
 
 /// Answers that wait; a node has one under way.
 const UNREAD: usize = 64;

@@ -23,8 +23,8 @@ use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
 
 use super::trouble::Trouble;
-use crate::codec::{CanId, CanMatch, Frame};
 use crate::fieldbus::error::{CanFault, Fault, LinkFault};
+use isotherm_core::codec::{CanId, CanMatch, Frame};
 
 /// Bytes of the receive buffer: 10 923 frames, two thirds of a second of the fullest bus.
 const BUFFER: libc::c_int = 4 << 20;

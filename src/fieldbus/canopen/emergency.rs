@@ -3,7 +3,7 @@
 use std::fmt;
 
 use super::NodeId;
-use crate::codec::Frame;
+use isotherm_core::codec::Frame;
 
 /// The identifiers on which emergencies come: this and the node's number.
 pub const SERVICE: u16 = 0x080;

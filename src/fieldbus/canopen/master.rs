@@ -13,9 +13,9 @@ use std::time::Duration;
 use super::NodeId;
 use super::emergency::{self, Emergency};
 use super::node::{Command, HEARTBEAT, NodeState};
-use crate::codec::{CanId, Frame};
-use crate::profile::Sync;
-use crate::quantity::Moment;
+use isotherm_core::codec::{CanId, Frame};
+use isotherm_core::quantity::Moment;
+use isotherm_profile::Sync;
 
 /// How a node is led.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

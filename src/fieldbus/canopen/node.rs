@@ -3,7 +3,7 @@
 use std::fmt;
 
 use super::NodeId;
-use crate::codec::{CanId, Frame};
+use isotherm_core::codec::{CanId, Frame};
 
 /// The identifiers of boot-up and heartbeat: this and the node's number.
 pub const HEARTBEAT: u16 = 0x700;

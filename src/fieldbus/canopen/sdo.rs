@@ -15,7 +15,7 @@
 
 use super::NodeId;
 use super::abort::AbortCode;
-use crate::codec::{CanId, Entry, Frame};
+use isotherm_core::codec::{CanId, Entry, Frame};
 
 /// The identifiers of requests: this and the node's number.
 pub const REQUEST: u16 = 0x600;

@@ -3,10 +3,10 @@ use std::sync::{Arc, Mutex};
 
 use super::*;
 use crate::clock::Passing;
-use crate::codec::{Register, Table};
 use crate::fieldbus::wire::Boxed;
 use crate::fieldbus::wire::Wire;
-use crate::profile::{BusId, Quirks};
+use isotherm_core::codec::{Register, Table};
+use isotherm_profile::{BusId, Quirks};
 
 /// What happens to one request or one attempt to connect.
 #[derive(Clone, Debug)]
@@ -142,7 +142,7 @@ fn line(change: impl Fn(&mut Device)) -> (Rig, Shared) {
 fn line_of(timeout: Duration, change: impl Fn(&mut Device)) -> (Rig, Shared) {
     let bus = Bus {
         name: "cell".to_owned(),
-        transport: crate::profile::Transport::Tcp,
+        transport: isotherm_profile::Transport::Tcp,
         address: String::new(),
         tls: None,
         timeout,

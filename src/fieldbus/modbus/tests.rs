@@ -4,7 +4,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream, duplex};
 
 use super::*;
 use crate::clock::Clock;
-use crate::codec::{Register, Table};
+use isotherm_core::codec::{Register, Table};
 
 const READ: Request<'static> =
     Request::Read { from: Register { table: Table::Holding, offset: 4 }, count: 2 };

@@ -3,9 +3,9 @@
 //! Frames are told apart by length and checksum, not by gaps: adapters on USB and on the network tear frames apart and
 //! put them together as they like.
 
-use crate::codec::{Table, checksum};
 use crate::fieldbus::pdu;
 use crate::fieldbus::wire::Request;
+use isotherm_core::codec::{Table, checksum};
 
 /// The longest frame: unit, 253 bytes, checksum.
 pub(super) const LONGEST: usize = 256;
@@ -84,7 +84,7 @@ fn whole(bytes: &[u8]) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::codec::Register;
+    use isotherm_core::codec::Register;
     use proptest::prelude::*;
 
     fn read(table: Table, offset: u16, count: u16) -> Request<'static> {

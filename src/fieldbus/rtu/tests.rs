@@ -7,8 +7,8 @@ use tokio::io::{AsyncRead, AsyncWrite, DuplexStream, ReadBuf, duplex};
 
 use super::*;
 use crate::clock::{Clock, Patience};
-use crate::codec::{Register, Table, checksum};
-use crate::profile::Parity;
+use isotherm_core::codec::{Register, Table, checksum};
+use isotherm_profile::Parity;
 
 const READ: Request<'static> =
     Request::Read { from: Register { table: Table::Holding, offset: 4 }, count: 2 };

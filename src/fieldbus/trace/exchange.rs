@@ -5,10 +5,10 @@ use std::time::Duration;
 
 use serde::{Serialize, Serializer};
 
-use crate::codec::{Frame, Register, Table};
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::wire::{Answer, CanRequest, Request};
-use crate::quantity::Moment;
+use isotherm_core::codec::{Frame, Register, Table};
+use isotherm_core::quantity::Moment;
 
 /// One question and what came of it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -55,7 +55,7 @@ impl Exchange {
 }
 
 /// `read input:0..7`, `write holding:104 = 1 65535`.
-pub(in crate::fieldbus) fn asked(request: Request<'_>) -> String {
+pub(super) fn asked(request: Request<'_>) -> String {
     let at = |table, offset| Register { table, offset };
     match request {
         Request::Read { from, count: 1 } => format!("read {from}"),

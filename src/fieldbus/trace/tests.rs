@@ -3,10 +3,10 @@ use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
 
 use super::*;
-use crate::codec::{Register, Table};
 use crate::fieldbus::departure::Departure;
 use crate::fieldbus::error::PeerFault;
 use crate::fieldbus::modbus::attach;
+use isotherm_core::codec::{Register, Table};
 
 const READ: Request<'static> = Request::Read { from: Register { table: Table::Input, offset: 0 }, count: 2 };
 const DEVICE: DeviceId = DeviceId(0);

@@ -45,7 +45,7 @@ const BED: SignalId = SignalId(0);
 const OPEN: SignalId = SignalId(1);
 
 fn profile() -> Profile {
-    let parsed = crate::profile::parse(std::path::Path::new("m.toml"), PROFILE, &[], &[]);
+    let parsed = isotherm_profile::parse(std::path::Path::new("m.toml"), PROFILE, &[], &[]);
     parsed.unwrap_or_else(|errors| panic!("{errors}")).profile
 }
 

@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use crate::fieldbus::can::{Gravity, Trouble};
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
 
 /// Quiet for this long is over.
 const OVER_AFTER: Duration = Duration::from_secs(10);

@@ -5,8 +5,8 @@ use super::{Can, Ear};
 use crate::fieldbus::can::Interface;
 use crate::fieldbus::error::Fault;
 use crate::observe::events::{CanEvent, Event};
-use crate::profile::DeviceId;
-use crate::reading::Reason;
+use isotherm_core::reading::Reason;
+use isotherm_profile::DeviceId;
 
 impl Can {
     /// These need not rest any longer: a device, or the whole line.

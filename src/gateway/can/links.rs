@@ -5,11 +5,11 @@ use std::sync::{Arc, Mutex};
 
 use super::{Can, Ear, Handed, Health, Nodes, Routes};
 use crate::clock::Looks;
-use crate::codec::{Address, CanId};
 use crate::fieldbus::can::{Images, Link, Value};
 use crate::fieldbus::trace::Tap;
 use crate::gateway::shared::Shared;
-use crate::profile::{BusId, Device, DeviceId, Output, Profile, Verify};
+use isotherm_core::codec::{Address, CanId};
+use isotherm_profile::{BusId, Device, DeviceId, Output, Profile, Verify};
 
 impl Ear {
     /// The listener of a line and what it shares with it; `None` for a line that is not CAN. Opens the interface, if it

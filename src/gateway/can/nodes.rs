@@ -4,14 +4,14 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use crate::codec::{Address, CanId, CanMatch, Frame};
 use crate::fieldbus::canopen::NodeId;
 use crate::fieldbus::canopen::emergency::{Emergency, SERVICE};
 use crate::fieldbus::canopen::master::{Care, Master, NodeEvent, Output, Start};
 use crate::fieldbus::canopen::node::HEARTBEAT;
 use crate::fieldbus::canopen::sdo::ANSWER;
-use crate::profile::{BusId, CanDevice, DeviceId, Profile, Sync};
-use crate::quantity::Moment;
+use isotherm_core::codec::{Address, CanId, CanMatch, Frame};
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{BusId, CanDevice, DeviceId, Profile, Sync};
 
 /// Codes of one device that are told apart at a time.
 const MOST_CODES: usize = 16;

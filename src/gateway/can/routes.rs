@@ -3,10 +3,10 @@
 use std::collections::HashMap;
 
 use super::Ear;
-use crate::codec::{Address, CanId, CanMatch, Field, Frame};
-use crate::profile::{BusId, DeviceId, Profile, Writes};
-use crate::quantity::Moment;
-use crate::reading::{Reason, SignalId};
+use isotherm_core::codec::{Address, CanId, CanMatch, Field, Frame};
+use isotherm_core::quantity::Moment;
+use isotherm_core::reading::{Reason, SignalId};
+use isotherm_profile::{BusId, DeviceId, Profile, Writes};
 
 /// By identifier; those that several identifiers match, in a list.
 #[derive(Debug, Default)]

@@ -5,8 +5,8 @@ use super::nodes::Do;
 use crate::fieldbus::canopen::master::NodeEvent;
 use crate::gateway::shared::{Core, Shared};
 use crate::observe::events::{CanEvent, Event};
-use crate::profile::DeviceId;
-use crate::reading::Reason;
+use isotherm_core::reading::Reason;
+use isotherm_profile::DeviceId;
 
 impl Ear {
     /// A frame of a device came that is not of a value.

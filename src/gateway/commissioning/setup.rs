@@ -6,7 +6,7 @@ use crate::fieldbus::error::{Fault, PeerFault};
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, CanRequest, Request};
 use crate::gateway::shared::Shared;
-use crate::profile::{DeviceId, Setup};
+use isotherm_profile::{DeviceId, Setup};
 
 /// What is wrong with it afterwards, in words; nothing, where it is set up.
 ///

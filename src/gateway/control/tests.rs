@@ -29,7 +29,7 @@ impl Source for Fake {
 
 fn wire_log() -> WireLog {
     let text = include_str!("../../../profiles/surface-grinder.toml");
-    let loaded = crate::profile::parse(Path::new("grinder.toml"), text, &[], &[]);
+    let loaded = isotherm_profile::parse(Path::new("grinder.toml"), text, &[], &[]);
     WireLog::new(&loaded.unwrap_or_else(|errors| panic!("{errors}")).profile)
 }
 

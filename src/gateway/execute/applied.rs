@@ -12,8 +12,8 @@ use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, Request};
 use crate::gateway::shared::Shared;
 use crate::observe::events::Event;
-use crate::profile::Output;
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::Output;
 
 /// What is known of it.
 #[derive(Debug, Default)]

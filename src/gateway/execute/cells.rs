@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use crate::codec::Encoded;
-use crate::profile::{OutputSet, Profile, Stretch};
+use isotherm_core::codec::Encoded;
+use isotherm_profile::{OutputSet, Profile, Stretch};
 
 /// The words of a set by their registers.
 pub(super) type Cells = BTreeMap<u16, u16>;

@@ -2,7 +2,7 @@
 
 use crate::gateway::shared::Shared;
 use crate::observe::events::Event;
-use crate::profile::Output;
+use isotherm_profile::Output;
 
 /// What was taken note of.
 #[derive(Debug, Default)]

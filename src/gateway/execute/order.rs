@@ -1,11 +1,11 @@
 //! What is to be done about an output now, as the shared state says.
 
-use crate::compensation::AxisState;
 use crate::gateway::shared::{Core, Shared};
 use crate::gateway::words::part;
-use crate::profile::{OutputId, Writes};
-use crate::quantity::{Micron, Moment};
-use crate::reading::SignalId;
+use isotherm_core::compensation::AxisState;
+use isotherm_core::quantity::{Micron, Moment};
+use isotherm_core::reading::SignalId;
+use isotherm_profile::{OutputId, Writes};
 
 /// What is to be done now.
 pub(in crate::gateway) struct Order {

@@ -11,8 +11,6 @@ use super::cells::{self, Cells};
 use super::interlock::Interlock;
 use super::order::Order;
 use super::{Trouble, Words};
-use crate::codec::Encoded;
-use crate::compensation::AxisState;
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{CallerFault, Fault, Outcome};
 use crate::fieldbus::line::DeviceLine;
@@ -22,9 +20,11 @@ use crate::gateway::output::Standing;
 use crate::gateway::shared::Shared;
 use crate::gateway::words::{cz_factor, words_in_text};
 use crate::observe::events::Event;
-use crate::profile::{Arm, Output, OutputId, Shown, Stretch};
-use crate::quantity::{Micron, Moment};
-use crate::reading::SignalId;
+use isotherm_core::codec::Encoded;
+use isotherm_core::compensation::AxisState;
+use isotherm_core::quantity::{Micron, Moment};
+use isotherm_core::reading::SignalId;
+use isotherm_profile::{Arm, Output, OutputId, Shown, Stretch};
 
 /// How often dashes are written again.
 const DASHES_AGAIN: Duration = Duration::from_secs(10);

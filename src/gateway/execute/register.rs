@@ -15,9 +15,9 @@ use crate::gateway::saver::Kept;
 use crate::gateway::shared::Shared;
 use crate::gateway::words::can_be_read;
 use crate::observe::events::Event;
-use crate::output::{Action, Copies, Fact, Rules, Settings, Standing, State, Verify, Who, step};
-use crate::profile::{Output, OutputId, Share, Writes};
-use crate::quantity::Moment;
+use isotherm_core::output::{Action, Copies, Fact, Rules, Settings, Standing, State, Verify, Who, step};
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{Output, OutputId, Share, Writes};
 
 /// The register of one output.
 #[derive(Debug)]

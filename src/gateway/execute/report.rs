@@ -7,8 +7,8 @@ use crate::fieldbus::error::{Fault, Outcome};
 use crate::gateway::output::Standing;
 use crate::gateway::shared::Shared;
 use crate::observe::events::Event;
-use crate::output::{self, Account, Fact, Verify};
-use crate::profile::Output;
+use isotherm_core::output::{self, Account, Fact, Verify};
+use isotherm_profile::Output;
 
 impl Register {
     /// Tells what the step has found out; what switches off does that here.

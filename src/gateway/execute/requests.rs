@@ -1,13 +1,13 @@
 //! The requests that carry a set: as few as its registers allow, in their order.
 
 use super::cells::{Cells, stretches, words};
-use crate::codec::{Register as Place, Table};
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{Fault, Outcome};
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, Request};
-use crate::profile::{OutputSet, Profile};
-use crate::quantity::Moment;
+use isotherm_core::codec::{Register as Place, Table};
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{OutputSet, Profile};
 
 /// Reads every register of the set into these cells. When the first question left.
 pub(super) async fn read(

@@ -7,7 +7,7 @@
 use std::time::Duration;
 
 use super::Words;
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
 
 /// So many sets at most are sent while one of them is on its way: ten a second, a minute and more.
 const LATELY: u16 = 1024;

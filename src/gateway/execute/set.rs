@@ -9,16 +9,16 @@
 //! them; so until the control has taken what stands there, nothing else is sent than just that. The next run begins with
 //! it, if this one does not end in order.
 
-use crate::codec::Register as Place;
-use crate::compensation::AxisState;
 use crate::fieldbus::error::{Fault, Outcome};
 use crate::fieldbus::line::DeviceLine;
 use crate::gateway::keeper::Steady;
 use crate::gateway::output::Wait;
 use crate::gateway::shared::Shared;
-use crate::output::{Action, Fact};
-use crate::profile::{Control, Output, Profile, SetId};
-use crate::quantity::Moment;
+use isotherm_core::codec::Register as Place;
+use isotherm_core::compensation::AxisState;
+use isotherm_core::output::{Action, Fact};
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{Control, Output, Profile, SetId};
 
 use super::applied::AppliedOffset;
 use super::cells::{self, Cells, Own};

@@ -9,9 +9,9 @@ use crate::fieldbus::error::{CallerFault, Fault};
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, Request};
 use crate::gateway::shared::Shared;
-use crate::output::{Action, Fact, Verify};
-use crate::profile::{Output, OutputId};
-use crate::quantity::Moment;
+use isotherm_core::output::{Action, Fact, Verify};
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{Output, OutputId};
 
 /// Owns one output.
 #[derive(Debug)]

@@ -20,8 +20,8 @@ use crate::fieldbus::wire::{Answer, Request};
 use crate::gateway::output::Wait;
 use crate::gateway::shared::Shared;
 use crate::observe::events::{Event, HandshakeFault};
-use crate::profile::{Flag, OutputSet, SetId};
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{Flag, OutputSet, SetId};
 
 /// How often the acknowledge is asked for at most.
 const ASK_EVERY: Duration = Duration::from_millis(20);

@@ -1,10 +1,10 @@
 //! The counts of a register, and what they are worth.
 
-use crate::codec::{Encoded, Encoding};
 use crate::gateway::words::{counts_in_text, cz_factor, one_step};
-use crate::output::State;
-use crate::profile::{Output, Profile, Writes};
-use crate::quantity::Micron;
+use isotherm_core::codec::{Encoded, Encoding};
+use isotherm_core::output::State;
+use isotherm_core::quantity::Micron;
+use isotherm_profile::{Output, Profile, Writes};
 
 /// A register of a floating-point type has so many counts in a step: few enough that the 24 bits of a float tell the
 /// counts of eight thousand steps apart.

@@ -15,8 +15,8 @@ use crate::gateway::disk::Files;
 use crate::gateway::log::outputs::{ENDING, HEADER};
 use crate::gateway::memory::Memory;
 use crate::observe::events::{Event, Journal};
-use crate::profile::Profile;
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::Profile;
 
 /// Whether a log has this header and ends with a whole row: one that a power cut left half-written would swallow the
 /// next.

@@ -8,9 +8,9 @@ use std::time::Duration;
 
 use super::{A_DAY, Job, Keeper, OUTPUT_QUEUE};
 use crate::gateway::log::outputs::{Beginning, OutputRecorder};
-use crate::output::{Action, Fact, Settings, State};
-use crate::profile::{OutputId, Profile, SetId};
-use crate::quantity::{Micron, Moment};
+use isotherm_core::output::{Action, Fact, Settings, State};
+use isotherm_core::quantity::{Micron, Moment};
+use isotherm_profile::{OutputId, Profile, SetId};
 
 /// What is written again and again is counted for so long.
 const COUNTED_FOR: Duration = Duration::from_secs(60);

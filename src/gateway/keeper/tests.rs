@@ -76,8 +76,8 @@ mod outputs {
     use super::*;
     use crate::gateway::log::outputs::{Entry, HEADER, OutputLogReader, OutputReplay, Replayed};
     use crate::gateway::log::sample;
-    use crate::output::{Action, Fact, Rules, Settings, State, Verify, Who, step};
-    use crate::profile::OutputId;
+    use isotherm_core::output::{Action, Fact, Rules, Settings, State, Verify, Who, step};
+    use isotherm_profile::OutputId;
 
     /// The day of noon.
     const DAY_ZERO: &str = "2024-10-04";

@@ -11,8 +11,8 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use crate::gateway::disk::Disk;
-use crate::output::Kept;
-use crate::profile::{Output, Profile};
+use isotherm_core::output::Kept;
+use isotherm_profile::{Output, Profile};
 
 mod first_layout;
 

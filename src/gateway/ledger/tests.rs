@@ -1,12 +1,12 @@
 use super::*;
 use crate::gateway::disk::Files;
-use crate::output::{Account, Promise, Slots};
-use crate::quantity::Moment;
+use isotherm_core::output::{Account, Promise, Slots};
+use isotherm_core::quantity::Moment;
 
 const GRINDER: &str = include_str!("../../../profiles/surface-grinder.toml");
 
 fn profile() -> Profile {
-    let mut profile = crate::profile::parse(Path::new("grinder.toml"), GRINDER, &[], &[]).unwrap().profile;
+    let mut profile = isotherm_profile::parse(Path::new("grinder.toml"), GRINDER, &[], &[]).unwrap().profile;
     profile.outputs.iter_mut().for_each(|output| output.share = Share::Ledger);
     profile
 }
@@ -183,7 +183,7 @@ fn what_is_known_goes_with_the_register_not_with_the_name() {
     profile.outputs[0].name = "renamed".to_owned();
     assert_eq!(found(directory.path(), &profile).0["renamed"], entries[&former]);
     let scale = &mut profile.outputs[0].encoding.scale;
-    *scale = crate::codec::Scale::of(2.0 * scale.get());
+    *scale = isotherm_core::codec::Scale::of(2.0 * scale.get());
     profile.outputs[0].name.clone_from(&former);
     let elsewhere = found(directory.path(), &profile).0[&former].kept.account.unwrap();
     assert_eq!((elsewhere.doubt, elsewhere.share), (Some(Doubt::Elsewhere), 0));

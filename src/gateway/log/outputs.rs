@@ -30,8 +30,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::output::{Action, Fact, Settings, State, Who};
-use crate::quantity::Moment;
+use isotherm_core::output::{Action, Fact, Settings, State, Who};
+use isotherm_core::quantity::Moment;
 
 mod reader;
 mod recorder;

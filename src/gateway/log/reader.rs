@@ -7,10 +7,10 @@ use std::io::Read;
 use csv::StringRecord;
 
 use super::{ACTING, DECIDED, ERROR, FORGET, FROM, MEASURED, MEMORY, PERMIT, SLOPE_FROM, TIME, ZERO};
-use crate::compensation::{Control, Measured, Permit, Remembered};
-use crate::profile::Profile;
-use crate::quantity::{Micron, Moment, time};
-use crate::reading::{Reading, Reason};
+use isotherm_core::compensation::{Control, Measured, Permit, Remembered};
+use isotherm_core::quantity::{Micron, Moment, time};
+use isotherm_core::reading::{Reading, Reason};
+use isotherm_profile::Profile;
 
 /// A log that cannot be read, with the place.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

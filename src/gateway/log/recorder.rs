@@ -6,9 +6,9 @@ use super::{
     ACTING, CORRECTION, DECIDED, DRY_RUN, FORGET, FROM, MEASURED, MEMORY, PERMIT, SLOPE, SLOPE_FROM, TIME,
     ZERO,
 };
-use crate::compensation::{Control, Decision, Remembered, Snapshot};
-use crate::profile::{Axis, Profile};
-use crate::quantity::{Moment, time};
+use isotherm_core::compensation::{Control, Decision, Remembered, Snapshot};
+use isotherm_core::quantity::{Moment, time};
+use isotherm_profile::{Axis, Profile};
 
 /// Turns steps into rows.
 #[derive(Clone, Debug)]

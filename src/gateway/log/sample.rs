@@ -2,12 +2,14 @@
 
 use std::time::Duration;
 
-use crate::codec::{Address, DataType, Encoding, Register, Scale, Table, WordOrder};
-use crate::compensation::model::{Expression, Formula, Kind, Linear, Model, Reference, Symbol, Term};
-use crate::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault};
-use crate::profile::{Arm, Axis, DeviceId, History, Profile, Signal, Unit};
-use crate::quantity::Micron;
-use crate::reading::SignalId;
+use isotherm_core::codec::{Address, DataType, Encoding, Register, Scale, Table, WordOrder};
+use isotherm_core::compensation::model::{Expression, Formula, Kind, Linear, Model, Reference, Symbol, Term};
+use isotherm_core::compensation::settings::{
+    AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault,
+};
+use isotherm_core::quantity::Micron;
+use isotherm_core::reading::SignalId;
+use isotherm_profile::{Arm, Axis, DeviceId, History, Profile, Signal, Unit};
 
 fn um(value: f64) -> Micron {
     Micron::new(value).unwrap()

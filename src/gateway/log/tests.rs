@@ -1,9 +1,9 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
-use crate::quantity::{Micron, Moment, time};
-use crate::reading::{Quality, Reading, Reason};
+use isotherm_core::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
+use isotherm_core::quantity::{Micron, Moment, time};
+use isotherm_core::reading::{Quality, Reading, Reason};
 
 fn rows(log: &str) -> Result<(Vec<LogRow>, Vec<String>), LogError> {
     let mut reader = LogReader::open(&sample::profile(), log.as_bytes(), "day.csv")?;

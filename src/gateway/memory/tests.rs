@@ -1,12 +1,12 @@
 use std::time::Duration;
 
 use super::*;
-use crate::compensation::model::{Kind, Reference};
-use crate::compensation::{Compensation, Control, Permit, Snapshot};
 use crate::gateway::disk::Files;
 use crate::gateway::log::sample;
-use crate::quantity::Micron;
-use crate::reading::Reading;
+use isotherm_core::compensation::model::{Kind, Reference};
+use isotherm_core::compensation::{Compensation, Control, Permit, Snapshot};
+use isotherm_core::quantity::Micron;
+use isotherm_core::reading::Reading;
 
 /// Both terms of axis z's first model follow their temperature by half an hour.
 fn lagging() -> Profile {
@@ -101,7 +101,7 @@ fn a_file_of_the_first_layout_is_still_read_and_one_of_a_later_is_set_aside() {
     std::fs::write(&path, first).unwrap();
     let recalled = Memory::recall(&Files, &path, &profile);
     assert_eq!(recalled.trouble, None);
-    let captured = recalled.remembered.machine.captured(Reference::Zero, crate::reading::SignalId(0));
+    let captured = recalled.remembered.machine.captured(Reference::Zero, isotherm_core::reading::SignalId(0));
     assert_eq!(captured.map(|captured| captured.value), Some(21.5));
 
     std::fs::write(&path, first.replace("\"version\":1", "\"version\":9")).unwrap();

@@ -1,13 +1,13 @@
 //! Counters that copy their count into their registers only when they are told to.
 
-use crate::codec::Table;
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::Request;
 use crate::gateway::shared::Shared;
-use crate::profile::{Capture, DeviceId};
-use crate::quantity::Moment;
+use isotherm_core::codec::Table;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{Capture, DeviceId};
 
 /// The commands of one device, each once, and when the last one left, or why it failed.
 ///

@@ -5,8 +5,8 @@ use std::time::Duration;
 use super::LineTask;
 use crate::gateway::execute::{Position, Set, Single};
 use crate::gateway::shared::Shared;
-use crate::profile::{BusId, DeviceId, OutputId, SetId};
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{BusId, DeviceId, OutputId, SetId};
 
 /// An output whose device rests must not make the line spin.
 const SOON: Duration = Duration::from_millis(100);

@@ -6,8 +6,8 @@ use super::LineTask;
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::wire::Request;
 use crate::gateway::keeper::Steady;
-use crate::profile::{BusId, DeviceId, Profile};
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{BusId, DeviceId, Profile};
 
 /// The heartbeat.
 pub(super) struct Pulse {

@@ -4,10 +4,10 @@ use std::time::Duration;
 
 use super::{Captures, LineTask, devices_of, signals_of};
 use crate::fieldbus::departure::Leave;
-use crate::fieldbus::plan::{ReadRequest, plan};
-use crate::profile::{BusId, DeviceId, Profile};
-use crate::quantity::Moment;
-use crate::reading::Reason;
+use isotherm_core::quantity::Moment;
+use isotherm_core::reading::Reason;
+use isotherm_profile::plan::{ReadRequest, plan};
+use isotherm_profile::{BusId, DeviceId, Profile};
 
 /// One device's reads.
 pub(super) struct Poll {
@@ -111,14 +111,14 @@ impl LineTask {
     async fn ask(&mut self, place: usize, request: usize) {
         let poll = &self.polls[place];
         let read = &poll.requests[request];
-        let answer = self.line.request(poll.device, read.request(), Leave::Whenever).await;
+        let answer = self.line.request(poll.device, read.asks.into(), Leave::Whenever).await;
         let mut core = self.shared.core();
         let is_fit = core.commissioning.is_fit(poll.device);
         for field in &read.fields {
             let signal = self.shared.profile.signal(field.signal);
             match (poll.captures.captured(signal.capture), &answer) {
                 (Ok(captured), Ok(answered)) => {
-                    let value = field.decode(&signal.encoding, &answered.answer);
+                    let value = answered.answer.decode(field, &signal.encoding);
                     let value = value.and_then(|value| is_fit.then_some(value).ok_or(Reason::NotAsExpected));
                     let asked = captured.map_or(answered.asked, |captured| captured.min(answered.asked));
                     core.board.store(&self.shared.profile, field.signal, value, asked);

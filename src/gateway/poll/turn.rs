@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::LineTask;
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
 
 /// On a line that is quicker than this nothing waits long enough to go before its turn.
 const SLOW: Duration = Duration::from_millis(20);

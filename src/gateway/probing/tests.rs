@@ -2,8 +2,8 @@ use std::time::Duration;
 
 use super::*;
 use crate::gateway::log::sample;
-use crate::profile::Output;
-use crate::reading::{Reason, SignalId};
+use isotherm_core::reading::{Reason, SignalId};
+use isotherm_profile::Output;
 
 const RESULT: SignalId = SignalId(0);
 const TRIGGER: SignalId = SignalId(1);
@@ -127,7 +127,7 @@ fn only_a_value_that_is_certain_is_held_against_an_error() {
     let mut profile = sample::profile();
     let off = Arming::default();
     assert_eq!(acting(&profile, 0, &[], &off), Some(Micron::ZERO), "nothing is written, so nothing acts");
-    profile.outputs = vec![output(crate::profile::Writes::Offset)];
+    profile.outputs = vec![output(isotherm_profile::Writes::Offset)];
     for (standing, wanted) in [
         (Standing::Unknown, None),
         (Standing::Unverified, None),
@@ -138,16 +138,16 @@ fn only_a_value_that_is_certain_is_held_against_an_error() {
         let state = OutputState { standing, cz: Micron::new(7.0), ..OutputState::default() };
         assert_eq!(acting(&profile, 0, &[state], &off), wanted, "{standing:?}");
     }
-    profile.outputs = vec![output(crate::profile::Writes::Corrected { position: RESULT })];
+    profile.outputs = vec![output(isotherm_profile::Writes::Corrected { position: RESULT })];
     let state = OutputState { standing: Standing::Verified, cz: Micron::new(7.0), ..OutputState::default() };
     assert_eq!(acting(&profile, 0, &[state], &off), None, "nobody corrects the position");
     let armed = Arming { armed: true, ..Arming::default() };
     assert_eq!(acting(&profile, 0, &[state], &armed), Micron::new(7.0));
 }
 
-fn output(writes: crate::profile::Writes) -> Output {
-    use crate::codec::{Address, Register, Table};
-    use crate::profile::{AxisId, DeviceId, Share, Verify};
+fn output(writes: isotherm_profile::Writes) -> Output {
+    use isotherm_core::codec::{Address, Register, Table};
+    use isotherm_profile::{AxisId, DeviceId, Share, Verify};
     let encoding = sample::profile().signals[0].encoding.clone();
     Output {
         name: "o".to_owned(),
@@ -163,6 +163,6 @@ fn output(writes: crate::profile::Writes) -> Output {
         boot_counter: None,
         share: Share::Whole,
         applied: None,
-        display: crate::profile::Display::default(),
+        display: isotherm_profile::Display::default(),
     }
 }

@@ -1,11 +1,11 @@
 //! Measured errors on their way to the axes: from a probing cycle, or from a person.
 
 use super::{Core, Shared};
-use crate::compensation::{Measured, Probed, Refused, Snapshot};
 use crate::gateway::probing::{Missed, acting};
 use crate::observe::events::Event;
-use crate::profile::Profile;
-use crate::quantity::{Micron, Moment};
+use isotherm_core::compensation::{Measured, Probed, Refused, Snapshot};
+use isotherm_core::quantity::{Micron, Moment};
+use isotherm_profile::Profile;
 
 impl Core {
     /// Looks for new results of the probing cycles.

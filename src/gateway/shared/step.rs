@@ -1,15 +1,15 @@
 //! One step of the axes with everything around it: arming, controls, the log, what is told.
 
 use super::{Core, Shared};
-use crate::compensation::{AxisState, Control, Snapshot};
 use crate::gateway::arming::{Arming, Attempt, of_axis};
 use crate::gateway::commissioning::Fit;
 use crate::gateway::output::{OutputState, Standing};
 use crate::gateway::probing::Probing;
 use crate::gateway::words::part;
 use crate::observe::events::Event;
-use crate::profile::{AxisId, Output, OutputId, Profile, Writes};
-use crate::quantity::{Micron, Moment};
+use isotherm_core::compensation::{AxisState, Control, Snapshot};
+use isotherm_core::quantity::{Micron, Moment};
+use isotherm_profile::{AxisId, Output, OutputId, Profile, Writes};
 
 impl Core {
     pub(super) fn advance(&mut self, shared: &Shared, now: Moment) -> bool {

@@ -3,11 +3,11 @@
 use std::time::Duration;
 
 use super::{Core, Shared};
-use crate::compensation::AxisState;
-use crate::compensation::settings::OnFault;
 use crate::gateway::execute::Units;
 use crate::gateway::output::Standing;
-use crate::profile::Share;
+use isotherm_core::compensation::AxisState;
+use isotherm_core::compensation::settings::OnFault;
+use isotherm_profile::Share;
 
 impl Shared {
     /// A request to stop: the axes take their fault actions. How long that takes at most.

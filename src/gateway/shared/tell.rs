@@ -1,15 +1,15 @@
 //! What changed in a step, as events; and why an axis does what it does, in words.
 
 use super::{Core, Shared};
-use crate::compensation::{Permit, Unusable};
 use crate::gateway::arming::{has_its_reference, of_axis};
 use crate::gateway::board::Change;
 use crate::gateway::extrapolation;
 use crate::gateway::output::Standing;
 use crate::observe::events::Event;
-use crate::profile::Arm;
-use crate::quantity::Moment;
-use crate::reading::{Reason, SignalId};
+use isotherm_core::compensation::{Permit, Unusable};
+use isotherm_core::quantity::Moment;
+use isotherm_core::reading::{Reason, SignalId};
+use isotherm_profile::Arm;
 
 impl Core {
     pub(super) fn tell_signals(&mut self, shared: &Shared, now: Moment) {

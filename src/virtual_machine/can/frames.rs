@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use crate::codec::{Address, BitField, CanId, CanMatch, Encoded, Field, Frame, Selector};
-use crate::profile::{DeviceId, Profile, Verify};
 use crate::virtual_machine::registers::Bank;
+use isotherm_core::codec::{Address, BitField, CanId, CanMatch, Encoded, Field, Frame, Selector};
+use isotherm_profile::{DeviceId, Profile, Verify};
 
 /// One kind of frame that a device sends. Where its content is multiplexed there is one for each selection.
 #[derive(Clone, Debug, PartialEq)]

@@ -14,12 +14,12 @@ use tokio::sync::watch;
 use tokio::task::JoinSet;
 
 use crate::clock::{Clock, Inlet, Sleeper};
-use crate::codec::{CanId, Frame};
-use crate::profile::DeviceId;
-use crate::quantity::Moment;
 use crate::virtual_machine::TICK;
 use crate::virtual_machine::hardware::can::Sent;
 use crate::virtual_machine::server::Shared;
+use isotherm_core::codec::{CanId, Frame};
+use isotherm_core::quantity::Moment;
+use isotherm_profile::DeviceId;
 
 const EVERYTHING: Interest = Interest::READABLE.add(Interest::ERROR);
 /// Between two attempts to put a frame into a full queue, and how many there are: a quarter of a second.

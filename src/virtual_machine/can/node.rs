@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use crate::codec::{CanId, Frame};
-use crate::quantity::Moment;
+use isotherm_core::codec::{CanId, Frame};
+use isotherm_core::quantity::Moment;
 
 use super::dictionary::{At, Dictionary, Served, Server};
 

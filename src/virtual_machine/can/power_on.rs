@@ -8,9 +8,9 @@ use std::time::Duration;
 use super::dictionary::{At, Dictionary};
 use super::frames;
 use super::node::{CYCLE, ERROR_REGISTER, HEARTBEAT_TIME, Node, Pdo, communication};
-use crate::codec::{Address, CanId, Object};
-use crate::profile::{CanDevice, DeviceId, Expected, Output, Profile};
 use crate::virtual_machine::registers::Bank;
+use isotherm_core::codec::{Address, CanId, Object};
+use isotherm_profile::{CanDevice, DeviceId, Expected, Output, Profile};
 
 /// Sent by the clock or on a change of the maker's own choosing; the first of the two types that mean it.
 const BY_CLOCK: u8 = 254;
@@ -119,7 +119,7 @@ pub(in crate::virtual_machine) const fn named(address: &Address) -> Option<At> {
 /// Which of a node's PDOs comes with this identifier: by the usual set, or because the setup list gives it that one.
 fn number_of(id: CanId, node: u8, can: &CanDevice) -> Option<u16> {
     let is_set_up = |pdo: &u16| {
-        let is_its = |setup: &&crate::profile::Setup| at(&setup.object) == communication(*pdo)[0];
+        let is_its = |setup: &&isotherm_profile::Setup| at(&setup.object) == communication(*pdo)[0];
         can.setup.iter().find(is_its).is_some_and(|setup| setup.value & 0x1fff_ffff == i64::from(id.raw()))
     };
     (0..512).find(is_set_up).or_else(|| (0..4).find(|pdo| usual(*pdo, node) == id))

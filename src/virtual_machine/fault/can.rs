@@ -3,9 +3,9 @@
 use std::time::Duration;
 
 use super::{Faults, Kind, Lasts, ReplyFault, Running};
-use crate::codec::CanId;
-use crate::profile::DeviceId;
-use crate::quantity::Moment;
+use isotherm_core::codec::CanId;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::DeviceId;
 
 /// What can be wrong with a device on a CAN line beside what can be wrong with any.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

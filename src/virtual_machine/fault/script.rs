@@ -6,9 +6,9 @@ use serde::{Deserialize, Deserializer, de::Error as _};
 
 use super::can::{BusError, CanFault};
 use super::{AcknowledgeFault, Fault, FaultScript, Kind, Lasts, Reads, ReplyFault};
-use crate::codec::{CanId, DataType, Register};
-use crate::profile::{DeviceId, Profile, Transport};
-use crate::reading::SignalId;
+use isotherm_core::codec::{CanId, DataType, Register};
+use isotherm_core::reading::SignalId;
+use isotherm_profile::{DeviceId, Profile, Transport};
 
 /// A fault script that cannot be used, in words; where TOML itself is wrong, with line and column.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

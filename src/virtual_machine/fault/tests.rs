@@ -1,6 +1,6 @@
 use super::*;
-use crate::profile::Profile;
 use crate::virtual_machine::tests::support::profile;
+use isotherm_profile::Profile;
 
 fn complaint(text: &str) -> String {
     FaultScript::parse(text, &profile()).unwrap_err().to_string()

@@ -5,9 +5,6 @@ use std::time::Duration;
 use rand::RngExt;
 
 use super::{Hardware, Unit};
-use crate::codec::{Address, CanId, Encoded, Frame, Object};
-use crate::profile::{DeviceId, Profile};
-use crate::quantity::Moment;
 use crate::virtual_machine::can::dictionary::{Server, refusal};
 use crate::virtual_machine::can::frames::{self, Delivery, Image, Taken};
 use crate::virtual_machine::can::node::{Act, Node, is_own};
@@ -15,6 +12,9 @@ use crate::virtual_machine::can::power_on;
 use crate::virtual_machine::fault::can::{BusError, SdoFault, Spoilt, Utterance};
 use crate::virtual_machine::journal::Seen;
 use crate::virtual_machine::plant::stream;
+use isotherm_core::codec::{Address, CanId, Encoded, Frame, Object};
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{DeviceId, Profile};
 
 /// A unit's part on a CAN line.
 #[derive(Debug)]

@@ -1,11 +1,11 @@
 //! The units of a machine, their registers as they are when the power comes on, and what each measures.
 
-use crate::codec::{Address, Register};
-use crate::profile::{DeviceId, Output, Profile, Verify};
-use crate::reading::SignalId;
 use crate::virtual_machine::can::{node, power_on};
 use crate::virtual_machine::control::Control;
 use crate::virtual_machine::registers::Bank;
+use isotherm_core::codec::{Address, Register};
+use isotherm_core::reading::SignalId;
+use isotherm_profile::{DeviceId, Output, Profile, Verify};
 
 use super::can::CanUnit;
 

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::structure::Structure;
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
 
 mod published;
 mod raw;

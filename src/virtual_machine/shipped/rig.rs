@@ -4,12 +4,12 @@ use std::path::Path;
 use std::time::Duration;
 
 use super::fit::{Fit, least_squares, left, rms};
-use crate::compensation::model::{Kind, Linear, Model, Term};
-use crate::compensation::settings::AxisSettings;
-use crate::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
-use crate::profile::{self, Profile};
-use crate::reading::Reading;
 use crate::virtual_machine::{Plant, PlantSpec};
+use isotherm_core::compensation::model::{Kind, Linear, Model, Term};
+use isotherm_core::compensation::settings::AxisSettings;
+use isotherm_core::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
+use isotherm_core::reading::Reading;
+use isotherm_profile::Profile;
 
 /// What the truth of the first minute is worth: setting up.
 const FIRST: u64 = 60;
@@ -50,7 +50,7 @@ impl Extents {
 
 impl Rig {
     pub(super) fn new(name: &str, text: &str, plant: &str, files: &[(&str, &[u8])]) -> Rig {
-        let loaded = profile::parse_with(Path::new("rig.toml"), text, files, &[], &[]);
+        let loaded = isotherm_profile::parse_with(Path::new("rig.toml"), text, files, &[], &[]);
         let profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;
         assert_eq!(profile.name, name);
         let plant = PlantSpec::parse(plant).unwrap_or_else(|error| panic!("{error}"));

@@ -1,11 +1,11 @@
 //! The devices of a CAN line, without a socket: frames as candump writes them, moments in milliseconds.
 
 use super::*;
-use crate::codec::{Address, CanId, Frame};
-use crate::quantity::Moment;
 use crate::virtual_machine::fault::can::BusError;
 use crate::virtual_machine::hardware::Hardware;
 use crate::virtual_machine::hardware::can::Sent;
+use isotherm_core::codec::{Address, CanId, Frame};
+use isotherm_core::quantity::Moment;
 
 mod faults;
 mod frames;

@@ -1,9 +1,9 @@
 use super::client::Answer;
 use super::support::start_with;
 use super::*;
-use crate::codec::{Address, DataType, Encoding, Scale};
-use crate::profile::{Handshake, OutputId, OutputSet, SetId, Signal};
-use crate::reading::SignalId;
+use isotherm_core::codec::{Address, DataType, Encoding, Scale};
+use isotherm_core::reading::SignalId;
+use isotherm_profile::{Handshake, OutputId, OutputSet, SetId, Signal};
 
 fn joined(words: &[u16]) -> i32 {
     i32::from_be_bytes([words[0].to_be_bytes(), words[1].to_be_bytes()].concat().try_into().unwrap())
@@ -179,7 +179,7 @@ async fn it_also_runs_by_the_wall() {
 }
 
 /// The small machine, whose CNC takes its offset by a handshake and counts its boots.
-fn shaken() -> crate::profile::Profile {
+fn shaken() -> isotherm_profile::Profile {
     let mut profile = profile();
     let flag = |text: &str| text.parse().unwrap();
     let timeout = Duration::from_millis(500);

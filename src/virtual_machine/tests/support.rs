@@ -2,14 +2,16 @@
 
 use super::*;
 use crate::clock::Sleeper;
-use crate::codec::{Address, DataType, Encoding, Scale, WordOrder};
-use crate::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault};
-use crate::profile::{
+use isotherm_core::codec::{Address, DataType, Encoding, Scale, WordOrder};
+use isotherm_core::compensation::settings::{
+    AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault,
+};
+use isotherm_core::quantity::Micron;
+use isotherm_core::reading::SignalId;
+use isotherm_profile::{
     Arm, Axis, AxisId, Bus, Device, Functions, Heartbeat, History, Output, Quirks, Share, Signal, Transport,
     Unit, Verify, Writes,
 };
-use crate::quantity::Micron;
-use crate::reading::SignalId;
 
 pub(in crate::virtual_machine) const THERMOCOUPLES: u8 = 1;
 pub(in crate::virtual_machine) const CNC: u8 = 1;
@@ -205,6 +207,6 @@ pub(super) fn output(name: &str, device: usize, register: &str, scale: f64, writ
         boot_counter: None,
         share: Share::Whole,
         applied: None,
-        display: crate::profile::Display::default(),
+        display: isotherm_profile::Display::default(),
     }
 }

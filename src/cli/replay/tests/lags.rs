@@ -1,11 +1,11 @@
 use super::*;
-use crate::compensation::model::envelope::Identified;
-use crate::compensation::model::network::{Activation, Layer, Layers, Net, Scaling};
-use crate::compensation::model::{
+use isotherm_core::compensation::model::envelope::Identified;
+use isotherm_core::compensation::model::network::{Activation, Layer, Layers, Net, Scaling};
+use isotherm_core::compensation::model::{
     Envelope, Input, Kind, Linear, Matrix, Model, Network, Outside, Reference, Term,
 };
-use crate::compensation::settings::Datum;
-use crate::reading::SignalId;
+use isotherm_core::compensation::settings::Datum;
+use isotherm_core::reading::SignalId;
 
 /// Janeczko's example on axis z: K = 11.5e-6 1/K, L = 300 mm, C = 1800 s, measured from 20 °C.
 fn lagging() -> Profile {

@@ -2,13 +2,13 @@
 //! M8 and M12 are about finding models and places for sensors, not about following them.
 
 use super::*;
-use crate::compensation::model::network::{Activation, Layer, Layers, Net, Node, Radial, Scaling};
-use crate::compensation::model::{
+use isotherm_core::compensation::model::network::{Activation, Layer, Layers, Net, Node, Radial, Scaling};
+use isotherm_core::compensation::model::{
     Expression, Formula, Input, Kind, Linear, Matrix, Model, Network, Reference, Slope, Symbol, Term,
 };
-use crate::compensation::settings::Apart;
-use crate::profile::Axis;
-use crate::reading::SignalId;
+use isotherm_core::compensation::settings::Apart;
+use isotherm_core::reading::SignalId;
+use isotherm_profile::Axis;
 
 const ABSOLUTE: Reference = Reference::Fixed(0.0);
 

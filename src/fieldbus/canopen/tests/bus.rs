@@ -6,8 +6,8 @@ use proptest::prelude::*;
 
 use super::super::sdo::{Client, Progress, SdoError};
 use super::*;
-use crate::codec::Entry;
 use crate::virtual_machine::can::dictionary::{Dictionary, Server};
+use isotherm_core::codec::Entry;
 
 /// What the bus does with one frame.
 #[derive(Clone, Copy, Debug)]

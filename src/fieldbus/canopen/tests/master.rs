@@ -1,7 +1,7 @@
 use super::super::master::{Care, Master, NodeEvent, Output, Start};
 use super::*;
-use crate::profile::Sync;
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::Sync;
 
 const SECOND: Duration = Duration::from_secs(1);
 

@@ -1,6 +1,6 @@
 use super::super::sdo::{Client, Data, Progress, SdoError};
 use super::*;
-use crate::codec::Entry;
+use isotherm_core::codec::Entry;
 
 const SPEED: Entry = Entry::new(0x7130, 1);
 

@@ -1,7 +1,7 @@
 use std::path::Path;
 
 use super::*;
-use crate::profile::{self, BusId};
+use isotherm_profile::BusId;
 
 const PROFILE: &str = r#"
 [machine]
@@ -46,7 +46,7 @@ fn at(seconds: u64) -> Moment {
 }
 
 fn nodes() -> Nodes {
-    let loaded = profile::parse(Path::new("nodes.toml"), PROFILE, &[], &[]);
+    let loaded = isotherm_profile::parse(Path::new("nodes.toml"), PROFILE, &[], &[]);
     let profile = loaded.unwrap_or_else(|errors| panic!("{errors}")).profile;
     Nodes::new(&profile, BusId(0), at(0))
 }

@@ -6,8 +6,8 @@ use std::collections::BTreeMap;
 use serde::Deserialize;
 
 use super::{Entries, Entry};
-use crate::output::{Account, Doubt, Kept, MOST_UNDER_WAY, Promise, Slots};
-use crate::quantity::Moment;
+use isotherm_core::output::{Account, Doubt, Kept, MOST_UNDER_WAY, Promise, Slots};
+use isotherm_core::quantity::Moment;
 
 #[derive(Deserialize)]
 struct Version {

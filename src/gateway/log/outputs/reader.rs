@@ -8,8 +8,8 @@ use csv::StringRecord;
 use super::{BEGIN, Beginning, CZ, FAILURES, FAULT, HEADER, WRITES, action, fact};
 use crate::gateway::log::LogError;
 use crate::gateway::log::reader::unreadable;
-use crate::output::{Action, Fact};
-use crate::quantity::{Moment, time};
+use isotherm_core::output::{Action, Fact};
+use isotherm_core::quantity::{Moment, time};
 
 /// One row.
 #[derive(Clone, Debug, PartialEq)]

@@ -5,8 +5,8 @@ use std::io::Write;
 
 use super::{BEGIN, Beginning, CZ, FAILURES, FAULT, Told, WRITES, told_action, told_fact};
 use crate::gateway::log::recorder::{cell, has_to_be_quoted, number};
-use crate::output::{Action, Fact};
-use crate::quantity::{Micron, Moment, time};
+use isotherm_core::output::{Action, Fact};
+use isotherm_core::quantity::{Micron, Moment, time};
 
 /// Turns what happens to outputs into rows, each with its line break.
 #[derive(Clone, Debug, Default)]

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::{Beginning, Entry, OutputRow, in_words};
-use crate::output::step;
+use isotherm_core::output::step;
 
 /// The outputs of a log as they go on.
 #[derive(Clone, Debug, Default)]

@@ -3,8 +3,8 @@ use std::time::Duration;
 use proptest::prelude::*;
 
 use super::*;
-use crate::output::{Rules, Verify, step};
-use crate::quantity::Micron;
+use isotherm_core::output::{Rules, Verify, step};
+use isotherm_core::quantity::Micron;
 
 const NOON: Moment = Moment::from_nanos(1_767_614_400_000_000_000);
 const MOMENTS: [Moment; 4] =

@@ -6,7 +6,7 @@ use std::time::Duration;
 use serde::{Deserialize, Deserializer, de::Error as _};
 
 use super::{Published, Span};
-use crate::quantity::Moment;
+use isotherm_core::quantity::Moment;
 
 mod displacement;
 mod resolve;

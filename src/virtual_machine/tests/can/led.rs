@@ -1,10 +1,10 @@
 //! The gateway's master and SDO client against these nodes.
 
 use super::*;
-use crate::codec::Entry;
 use crate::fieldbus::canopen::NodeId;
 use crate::fieldbus::canopen::master::{Care, Master, NodeEvent, Output, Start};
 use crate::fieldbus::canopen::sdo::{Client, Progress};
+use isotherm_core::codec::Entry;
 
 const AXTC: u8 = 5;
 

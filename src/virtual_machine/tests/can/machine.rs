@@ -2,11 +2,11 @@
 
 use super::super::support::{bus, device, output, plain, profile};
 use super::*;
-use crate::codec::{
+use isotherm_core::codec::{
     Address, BitField, BitKind, ByteOrder, CanMatch, DataType, Encoding, Field, Object, Scale, Selector,
 };
-use crate::profile::{CanDevice, Device, Expected, Output, Signal, Sync, Transport, Unit, Verify, Writes};
-use crate::reading::SignalId;
+use isotherm_core::reading::SignalId;
+use isotherm_profile::{CanDevice, Device, Expected, Output, Signal, Sync, Transport, Unit, Verify, Writes};
 
 pub(super) const AXTC: usize = 0;
 pub(super) const DISPLAY: usize = 3;
@@ -22,8 +22,8 @@ fn field(id: u32, start: u16, length: u16, kind: BitKind) -> Field {
     Field { frames, is_fd: false, bits: bits(start, length, kind), multiplex: Vec::new() }
 }
 
-fn set_up(index: u16, sub: u8, data_type: DataType, value: i64) -> crate::profile::Setup {
-    crate::profile::Setup { object: Object::new(index, sub, data_type), value, what: String::new() }
+fn set_up(index: u16, sub: u8, data_type: DataType, value: i64) -> isotherm_profile::Setup {
+    isotherm_profile::Setup { object: Object::new(index, sub, data_type), value, what: String::new() }
 }
 
 fn node(node: Option<u8>) -> CanDevice {

@@ -1,6 +1,6 @@
 use super::machine::{DISPLAY, DRIVE, offset, shown};
 use super::*;
-use crate::codec::{DataType, Object};
+use isotherm_core::codec::{DataType, Object};
 use proptest::prelude::*;
 
 #[test]
@@ -129,7 +129,7 @@ fn process_data_is_taken_only_while_operational_and_sdo_before_too() {
     assert_eq!(rig.cell(DISPLAY, &shown(), 2), [0, 0]);
     assert_eq!(rig.give(1, "614#230020016AFFFFFF"), ["594#6000200100000000"]);
     assert_eq!(rig.cell(DRIVE, &offset(), 2), [0xffff, 0xff6a]);
-    let applied = rig.hardware.applied_um(crate::profile::AxisId(0));
+    let applied = rig.hardware.applied_um(isotherm_profile::AxisId(0));
     assert!((applied + 0.15).abs() < 1e-9, "{applied}");
 }
 

@@ -1,0 +1,105 @@
+//! ONNX files are written by hand here, and compared with the same network computed in double precision.
+
+use proptest::prelude::*;
+
+use super::*;
+
+#[path = "../../../../../../../tests/onnx/encode.rs"]
+mod encode;
+
+fn file(columns: Option<u64>) -> Vec<u8> {
+    let [hidden, last] = weights();
+    let layers: [encode::Dense<'_>; 2] = [(&hidden.0, &hidden.1, "Tanh"), (&last.0, &last.1, "")];
+    encode::network(&[20.0, 100.0], &[4.0, 50.0], &layers, columns)
+}
+
+#[test]
+fn an_onnx_network_is_its_layers_by_hand() {
+    for columns in [Some(2), None] {
+        let onnx = Onnx::new(file(columns), 2).unwrap();
+        assert_eq!(onnx.takes(), 2);
+        for (a, b) in [(20.0, 100.0), (26.0, 80.0), (12.0, 250.0)] {
+            close(onnx.output(&[a, b]), by_hand((a - 20.0) / 4.0, (b - 100.0) / 50.0, f64::tanh));
+        }
+    }
+}
+
+#[test]
+fn the_same_inputs_give_the_same_bits() {
+    let onnx = Onnx::new(file(None), 2).unwrap();
+    let first = onnx.output(&[23.4, 77.7]).to_bits();
+    assert!((0..100).all(|_| onnx.output(&[23.4, 77.7]).to_bits() == first));
+    assert_eq!(onnx, Onnx::new(file(None), 2).unwrap());
+    assert_ne!(onnx, Onnx::new(file(Some(2)), 2).unwrap());
+}
+
+#[test]
+fn the_width_of_the_file_counts_not_that_of_the_model() {
+    assert_eq!(Onnx::new(file(Some(2)), 7).unwrap().takes(), 2);
+    // Left open by the header, settled by the weights.
+    let why = Onnx::new(file(None), 7).unwrap_err();
+    assert!(why.contains("cannot be computed"), "{why}");
+}
+
+#[test]
+fn too_large_for_single_precision_is_no_number() {
+    let onnx = Onnx::new(file(None), 2).unwrap();
+    let relu = {
+        let [hidden, last] = weights();
+        let layers: [encode::Dense<'_>; 2] = [(&hidden.0, &hidden.1, "Relu"), (&last.0, &last.1, "")];
+        Onnx::new(encode::network(&[20.0, 100.0], &[4.0, 50.0], &layers, None), 2).unwrap()
+    };
+    assert!(onnx.output(&[1e300, 0.0]).is_finite(), "tanh has an end");
+    assert!(!relu.output(&[1e300, 0.0]).is_finite());
+}
+
+#[test]
+fn what_is_no_network_of_one_number_is_refused() {
+    let two = vec![vec![1.0, 0.0], vec![0.0, 1.0]];
+    let layers: [encode::Dense<'_>; 1] = [(&two, &[0.0, 0.0], "")];
+    let pair = encode::network(&[0.0, 0.0], &[1.0, 1.0], &layers, Some(2));
+    let sine: [encode::Dense<'_>; 1] = [(&two[..1], &[0.0], "Sin")];
+    let sine = encode::network(&[0.0, 0.0], &[1.0, 1.0], &sine, Some(2));
+    for (bytes, words) in [
+        (pair, "it gives 2 numbers: Cz is one"),
+        (sine, "Sin"),
+        (Vec::new(), "not the whole of one"),
+        (b"no network".to_vec(), "it is no ONNX file"),
+    ] {
+        let why = Onnx::new(bytes, 2).unwrap_err();
+        assert!(why.contains(words), "{why}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_file_cut_short_is_refused_without_a_panic(share in 0.0..1.0_f64) {
+        let mut bytes = file(Some(2));
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+        bytes.truncate((share * bytes.len() as f64) as usize);
+        let result = Onnx::new(bytes, 2);
+        prop_assert!(result.is_err());
+    }
+
+    #[test]
+    fn random_bytes_are_refused_without_a_panic(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
+        prop_assert!(Onnx::new(bytes, 2).is_err());
+    }
+
+    #[test]
+    fn a_file_with_wrong_bytes_gives_a_network_or_a_sentence(
+        wrong in prop::collection::vec((0.0..1.0_f64, any::<u8>()), 1..4),
+    ) {
+        let mut bytes = file(Some(2));
+        for (share, byte) in wrong {
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
+            let at = (share * bytes.len() as f64) as usize;
+            bytes[at] = byte;
+        }
+        if let Ok(onnx) = Onnx::new(bytes, 2) {
+            onnx.output(&[23.0, 90.0][..onnx.takes().min(2)]);
+        }
+    }
+}

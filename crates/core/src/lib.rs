@@ -1,0 +1,19 @@
+//! What isotherm decides, and the units and codes it decides in. Nothing here reads a clock, a file or a socket: time is
+//! an argument, so what ran at a machine runs again from its log, bit for bit.
+//!
+//! ```text
+//! quantity ← reading ← { codec, compensation }      units, values with their age and quality
+//! quantity ← output                                 from a decision to the next action on a register
+//! ```
+//!
+//! - [`quantity`] — µm and moments, as types.
+//! - [`reading`] — a value, when it was measured, and whether it may be believed.
+//! - [`codec`] — registers and the bits of CAN frames become values, and values become registers.
+//! - [`compensation`] — the first pure step: from a snapshot of readings to a decision per axis.
+//! - [`output`] — the second: from a decision, and what the register said, to what is sent next.
+
+pub mod codec;
+pub mod compensation;
+pub mod output;
+pub mod quantity;
+pub mod reading;

@@ -1,0 +1,123 @@
+//! Pictures as inline SVG: black, grey and two tones that differ in grey as well.
+//!
+//! Each is drawn at the size at which a phone shows it, so that its letters stay legible there.
+
+use maud::{Markup, PreEscaped, html};
+use plotters::coord::Shift;
+use plotters::coord::types::RangedCoordf64;
+use plotters::prelude::*;
+use plotters::style::TextStyle;
+
+mod along;
+mod bars;
+mod lines;
+mod map;
+
+pub use along::along;
+pub use bars::{Bar, bars};
+pub use lines::{Line, Look, curve, lines, scatter};
+pub use map::map;
+
+type Paper<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
+
+const INK: RGBColor = RGBColor(0x14, 0x19, 0x1c);
+const QUIET: RGBColor = RGBColor(0x4d, 0x5a, 0x61);
+const RULE: RGBColor = RGBColor(0xd5, 0xdc, 0xe0);
+const WARM: RGBColor = RGBColor(0xb8, 0x50, 0x10);
+const COOL: RGBColor = RGBColor(0x8f, 0xb8, 0xcd);
+
+/// Draws on a sheet of this many pixels; `says` is read out where the picture cannot be seen.
+fn sheet(width: u32, height: u32, says: &str, draw: impl FnOnce(&Paper<'_>) -> Drawn) -> Markup {
+    let mut text = String::new();
+    let drawn = {
+        let paper = SVGBackend::with_string(&mut text, (width, height)).into_drawing_area();
+        draw(&paper).and_then(|()| paper.present())
+    };
+    if let Err(error) = drawn {
+        return html! { p { "This picture could not be drawn: " (error.to_string()) } };
+    }
+    // The root element is written anew: without a fixed size the page decides how wide it is.
+    let inside = text.split_once('>').map_or("", |(_, inside)| inside).replace(" opacity=\"1\"", "");
+    let inside = inside.trim_end().trim_end_matches("</svg>");
+    html! {
+        svg viewBox={ "0 0 " (width) " " (height) } role="img" aria-label=(says) { (PreEscaped(inside)) }
+    }
+}
+
+type Plot<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+
+/// Numbers along both axes: `unit` stands over the one, `across` under the other where there is anything to say.
+fn plot<'a, 'b>(
+    paper: &'a Paper<'b>,
+    (left, right): (f64, f64),
+    (low, high): (f64, f64),
+    across: &str,
+    unit: &str,
+) -> Result<Plot<'a, 'b>, DrawingAreaErrorKind<std::io::Error>> {
+    let mut chart = ChartBuilder::on(paper)
+        .margin_top(26)
+        .margin_right(20)
+        .x_label_area_size(if across.is_empty() { 28 } else { 46 })
+        .y_label_area_size(50)
+        .build_cartesian_2d(left..right, low..high)?;
+    chart
+        .configure_mesh()
+        .x_labels(6)
+        .y_labels(6)
+        .max_light_lines(0)
+        .bold_line_style(RULE)
+        .axis_style(QUIET)
+        .label_style(letters(16.0, QUIET))
+        .x_desc(across)
+        .axis_desc_style(letters(16.0, QUIET))
+        .x_label_formatter(&|value| tick(*value))
+        .y_label_formatter(&|value| tick(*value))
+        .draw()?;
+    paper.draw(&Text::new(unit.to_owned(), (2, 2), letters(16.0, QUIET)))?;
+    Ok(chart)
+}
+
+/// Letters of this many pixels.
+fn letters(size: f64, color: RGBColor) -> TextStyle<'static> {
+    // The backend writes letters smaller than asked.
+    ("sans-serif", size * 1.24).into_font().color(&color)
+}
+
+/// A number on an axis: no more digits than it needs.
+pub fn tick(value: f64) -> String {
+    let text = format!("{value:.3}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    if text == "-0" { "0".to_owned() } else { text.replace('-', "−") }
+}
+
+/// Hours on an axis.
+fn hours(value: &f64) -> String {
+    format!("{} h", tick(*value))
+}
+
+/// Whole pixels.
+fn pixels(value: f64) -> i32 {
+    #[allow(clippy::cast_possible_truncation, reason = "a place on a sheet")]
+    let pixels = value.round() as i32;
+    pixels
+}
+
+/// Where these values are, with a little room; never empty. With `zero` it takes zero in.
+fn span(values: impl Iterator<Item = f64>, zero: bool) -> (f64, f64) {
+    let begin = if zero { (0.0, 0.0) } else { (f64::MAX, f64::MIN) };
+    let finite = values.filter(|value| value.is_finite());
+    let (low, high) = finite.fold(begin, |(low, high), value| (low.min(value), high.max(value)));
+    if low > high {
+        return (0.0, 1.0);
+    }
+    let room = if high - low > 1e-9 { 0.05 * (high - low) } else { 0.5 };
+    (low - room, high + room)
+}
+
+/// A number of things to compute with.
+fn count(things: usize) -> f64 {
+    #[allow(clippy::cast_precision_loss, reason = "things on a sheet")]
+    let count = things as f64;
+    count
+}

@@ -1,0 +1,90 @@
+//! Bars that lie, each with its name before it and its figure behind it.
+
+use maud::Markup;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+
+use super::{COOL, INK, QUIET, letters, pixels, sheet, span};
+
+/// A bar.
+#[derive(Clone, Debug)]
+pub struct Bar {
+    /// Before it.
+    pub name: String,
+    /// How long; below zero it points left.
+    pub value: f64,
+    /// Half the width of the whisker at its end; 0: none.
+    pub doubt: f64,
+    /// A second one, hollow, around it.
+    pub outline: Option<f64>,
+    /// At the right edge.
+    pub figure: String,
+}
+
+const WIDTH: f64 = 480.0;
+const ROW: f64 = 28.0;
+/// Pixels of one letter, about.
+const LETTER: f64 = 9.6;
+
+/// The bars below each other, over one scale that takes zero in.
+pub fn bars(says: &str, all: &[Bar]) -> Markup {
+    let ends = all
+        .iter()
+        .flat_map(|bar| [bar.value - bar.doubt, bar.value + bar.doubt, bar.outline.unwrap_or(bar.value)]);
+    let (low, high) = span(ends, true);
+    let widest = |text: fn(&Bar) -> &str| {
+        let letters = all.iter().map(|bar| text(bar).chars().count()).max().unwrap_or(0);
+        super::count(letters) * LETTER + 8.0
+    };
+    let (before, behind) = (widest(|bar| &bar.name).min(210.0), widest(|bar| &bar.figure).min(160.0));
+    let place = |value: f64| before + (value - low) / (high - low) * (WIDTH - before - behind);
+    let height = super::count(all.len()) * ROW + 8.0;
+    let most = letters_in(before);
+    sheet(480, pixels(height).unsigned_abs(), says, |paper| {
+        let right = letters(16.0, INK).pos(Pos::new(HPos::Right, VPos::Center));
+        let stroke = |x: f64, from: f64, to: f64, color: RGBColor| {
+            let x = pixels(x);
+            PathElement::new([(x, pixels(from)), (x, pixels(to))], color.stroke_width(2))
+        };
+        for (row, bar) in all.iter().enumerate() {
+            let middle = (super::count(row) + 0.5) * ROW + 4.0;
+            let (top, bottom) = (pixels(middle - 8.0), pixels(middle + 8.0));
+            let across = |from: f64, to: f64| {
+                [(pixels(place(from.min(to))), top), (pixels(place(from.max(to))), bottom)]
+            };
+            let name = shortened(&bar.name, most);
+            paper.draw(&Text::new(name, (pixels(before - 8.0), pixels(middle)), right.clone()))?;
+            paper.draw(&Rectangle::new(across(0.0, bar.value), COOL.filled()))?;
+            if let Some(outline) = bar.outline {
+                paper.draw(&Rectangle::new(across(0.0, outline), INK.stroke_width(1)))?;
+            }
+            if bar.doubt > 0.0 {
+                let (from, to) = (place(bar.value - bar.doubt), place(bar.value + bar.doubt));
+                let whisker = [(pixels(from), pixels(middle)), (pixels(to), pixels(middle))];
+                paper.draw(&PathElement::new(whisker, INK.stroke_width(2)))?;
+                paper.draw(&stroke(from, middle - 5.0, middle + 5.0, INK))?;
+                paper.draw(&stroke(to, middle - 5.0, middle + 5.0, INK))?;
+            }
+            paper.draw(&Text::new(
+                bar.figure.clone(),
+                (pixels(WIDTH - 2.0), pixels(middle)),
+                right.clone(),
+            ))?;
+        }
+        paper.draw(&stroke(place(0.0), 2.0, height - 2.0, QUIET))?;
+        Ok(())
+    })
+}
+
+fn letters_in(pixels: f64) -> usize {
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "some tens of letters")]
+    let letters = ((pixels - 8.0) / LETTER).max(4.0) as usize;
+    letters
+}
+
+fn shortened(name: &str, most: usize) -> String {
+    if name.chars().count() <= most {
+        return name.to_owned();
+    }
+    name.chars().take(most - 1).chain(['…']).collect()
+}

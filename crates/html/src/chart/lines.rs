@@ -1,0 +1,192 @@
+//! Lines over hours, a curve over a count, and one quantity against another.
+
+use maud::Markup;
+use plotters::prelude::*;
+
+use super::{COOL, INK, QUIET, RULE, WARM, hours, letters, plot, sheet, span, tick};
+
+/// How a line looks: told apart without colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Look {
+    /// Black.
+    Solid,
+    /// Broken.
+    Dashed,
+    /// Filled down to zero.
+    Filled,
+    /// Thin and grey: one of many.
+    Faint,
+}
+
+/// A line over hours.
+#[derive(Clone, Debug)]
+pub struct Line {
+    /// How it looks.
+    pub look: Look,
+    /// Hours and values.
+    pub points: Vec<(f64, f64)>,
+}
+
+/// Most points of a line: more than a printer shows at this width.
+const MOST_POINTS: usize = 200;
+/// Of one among many.
+const MOST_POINTS_FAINT: usize = 80;
+
+impl Line {
+    /// Thinned out: of each stretch the two ends of what it spans, so that no spike is lost.
+    pub fn new(look: Look, points: impl Iterator<Item = (f64, f64)>) -> Line {
+        let all: Vec<(f64, f64)> = points.filter(|(_, value)| value.is_finite()).collect();
+        let most = if look == Look::Faint { MOST_POINTS_FAINT } else { MOST_POINTS };
+        let stretch = all.len().div_ceil(most / 2);
+        if stretch <= 2 {
+            return Line { look, points: all };
+        }
+        let ends = |stretch: &[(f64, f64)]| {
+            let by = |one: &&(f64, f64), other: &&(f64, f64)| one.1.total_cmp(&other.1);
+            let (low, high) = (stretch.iter().min_by(by).copied(), stretch.iter().max_by(by).copied());
+            let mut ends: Vec<(f64, f64)> = low.into_iter().chain(high).collect();
+            ends.sort_by(|one, other| one.0.total_cmp(&other.0));
+            ends
+        };
+        Line { look, points: all.chunks(stretch).flat_map(ends).collect() }
+    }
+}
+
+/// Lines over hours, at a width of `width` pixels. `within` is the span of values where pictures share one.
+pub fn lines(
+    width: u32,
+    height: u32,
+    unit: &str,
+    says: &str,
+    all: &[Line],
+    within: Option<(f64, f64)>,
+) -> Markup {
+    let points = || all.iter().flat_map(|line| line.points.iter().copied());
+    let (low, high) = within.unwrap_or_else(|| span(points().map(|(_, value)| value), false));
+    let last = points().map(|(hour, _)| hour).fold(0.1, f64::max);
+    let small = width < 300;
+    sheet(width, height, says, |paper| {
+        let mut chart = ChartBuilder::on(paper)
+            .margin_top(26)
+            .margin_right(if small { 12 } else { 16 })
+            .x_label_area_size(28)
+            .y_label_area_size(50)
+            .build_cartesian_2d(0.0..last, low..high)?;
+        chart
+            .configure_mesh()
+            .x_labels(if small { 3 } else { 6 })
+            .y_labels(if small { 3 } else { 6 })
+            .max_light_lines(0)
+            .bold_line_style(RULE)
+            .axis_style(QUIET)
+            .label_style(letters(16.0, QUIET))
+            .x_label_formatter(&hours)
+            .y_label_formatter(&|value| tick(*value))
+            .draw()?;
+        paper.draw(&Text::new(unit.to_owned(), (2, 2), letters(16.0, QUIET)))?;
+        if low < 0.0 && high > 0.0 {
+            chart.draw_series(LineSeries::new([(0.0, 0.0), (last, 0.0)], QUIET))?;
+        }
+        // What is filled lies below what is drawn.
+        for line in all.iter().filter(|line| line.look == Look::Filled) {
+            let area = AreaSeries::new(line.points.iter().copied(), 0.0, COOL.mix(0.75));
+            chart.draw_series(area.border_style(QUIET))?;
+        }
+        for line in all {
+            let points = line.points.iter().copied();
+            match line.look {
+                Look::Filled => {}
+                Look::Faint => {
+                    chart.draw_series(LineSeries::new(points, QUIET.mix(0.6)))?;
+                }
+                Look::Solid => {
+                    chart.draw_series(LineSeries::new(points, INK.stroke_width(2)))?;
+                }
+                Look::Dashed => {
+                    chart.draw_series(DashedLineSeries::new(points, 7, 4, WARM.stroke_width(2)))?;
+                }
+            }
+        }
+        Ok(())
+    })
+}
+
+/// Values by a count from 0 on, the one at `marked` with a ring; `level` is a broken line across.
+pub fn curve(unit: &str, says: &str, values: &[f64], marked: usize, level: f64) -> Markup {
+    let (_, high) = span(values.iter().copied().chain([level]), true);
+    let places = || values.iter().enumerate().map(|(place, value)| (number(place), *value));
+    sheet(480, 280, says, |paper| {
+        let last = number(values.len().saturating_sub(1));
+        let mut chart = ChartBuilder::on(paper)
+            .margin_top(26)
+            .margin_right(16)
+            .x_label_area_size(28)
+            .y_label_area_size(50)
+            .build_cartesian_2d(-0.3..last + 0.3, 0.0..high)?;
+        chart
+            .configure_mesh()
+            .x_labels(values.len())
+            .y_labels(6)
+            .max_light_lines(0)
+            .bold_line_style(RULE)
+            .axis_style(QUIET)
+            .label_style(letters(16.0, QUIET))
+            .x_label_formatter(&|value| if value.fract().abs() < 1e-6 { tick(*value) } else { String::new() })
+            .y_label_formatter(&|value| tick(*value))
+            .draw()?;
+        paper.draw(&Text::new(unit.to_owned(), (2, 2), letters(16.0, QUIET)))?;
+        let across = [(-0.3, level), (last + 0.3, level)];
+        chart.draw_series(DashedLineSeries::new(across, 7, 4, WARM.stroke_width(2)))?;
+        chart.draw_series(LineSeries::new(places(), INK.stroke_width(2)))?;
+        chart.draw_series(places().map(|place| Circle::new(place, 4, INK.filled())))?;
+        chart.draw_series(
+            places().skip(marked).take(1).map(|place| Circle::new(place, 10, INK.stroke_width(2))),
+        )?;
+        Ok(())
+    })
+}
+
+/// The second of each pair over the first, with the line on which both are equal.
+pub fn scatter(unit: &str, says: &str, pairs: &[(f64, f64)]) -> Markup {
+    let (low, high) = span(pairs.iter().flat_map(|(one, other)| [*one, *other]), true);
+    sheet(480, 440, says, |paper| {
+        let mut chart = plot(paper, (low, high), (low, high), "", unit)?;
+        chart.draw_series(pairs.iter().map(|pair| Circle::new(*pair, 2, INK.mix(0.35).filled())))?;
+        chart.draw_series(LineSeries::new([(low, low), (high, high)], WARM.stroke_width(2)))?;
+        Ok(())
+    })
+}
+
+fn number(place: usize) -> f64 {
+    super::count(place)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_is_thinned_out_and_keeps_its_spike_and_its_order() {
+        let value = |minute: u32| if minute == 777 { 9.0 } else { f64::from(minute) * 1e-3 };
+        let line = Line::new(Look::Solid, (0..5000).map(|minute| (f64::from(minute) / 60.0, value(minute))));
+        assert!(line.points.len() <= MOST_POINTS, "{}", line.points.len());
+        assert!(line.points.iter().any(|(_, value)| *value > 8.0));
+        assert!(line.points.windows(2).all(|pair| pair[0].0 <= pair[1].0));
+    }
+
+    #[test]
+    fn missing_values_are_no_points() {
+        let line = Line::new(Look::Faint, [(0.0, 1.0), (1.0, f64::NAN), (2.0, 3.0)].into_iter());
+        assert_eq!(line.points, [(0.0, 1.0), (2.0, 3.0)]);
+    }
+
+    #[test]
+    fn a_picture_without_points_is_a_picture_all_the_same() {
+        for line in [Vec::new(), vec![Line { look: Look::Solid, points: vec![(0.0, 2.0), (1.0, 2.0)] }]] {
+            let picture = lines(480, 280, "µm", "an \"empty\" one", &line, None).into_string();
+            assert!(picture.starts_with("<svg viewBox=\"0 0 480 280\" role=\"img\""), "{picture}");
+            assert!(picture.contains("an &quot;empty&quot; one") && picture.ends_with("</svg>"), "{picture}");
+            assert!(!picture.contains("NaN") && !picture.contains("http"), "{picture}");
+        }
+    }
+}

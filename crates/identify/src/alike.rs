@@ -1,0 +1,105 @@
+//! Which columns say the same: correlations over all runs, and groups of what is correlated.
+
+use crate::bank::Bank;
+use crate::gram::count;
+use crate::learn::plain;
+
+/// Correlations of the rises of these inputs with each other, and last with the error e; over the rows of all runs.
+pub fn correlations(bank: &Bank, inputs: &[usize]) -> Vec<Vec<f64>> {
+    let columns: Vec<usize> = inputs.iter().filter_map(|input| plain(bank, *input)).collect();
+    let rows = |column: usize| {
+        bank.runs.iter().flat_map(move |run| run.rises.column(column).iter().copied().collect::<Vec<f64>>())
+    };
+    let mut series: Vec<Vec<f64>> = columns.iter().map(|column| rows(*column).collect()).collect();
+    series.push(bank.runs.iter().flat_map(|run| run.wanted.iter().map(|wanted| -wanted)).collect());
+    let series: Vec<Vec<f64>> = series.iter().map(|values| centred(values)).collect();
+    let product =
+        |one: &[f64], other: &[f64]| one.iter().zip(other).map(|(one, other)| one * other).sum::<f64>();
+    series
+        .iter()
+        .map(|one| series.iter().map(|other| product(one, other).clamp(-1.0, 1.0)).collect())
+        .collect()
+}
+
+/// Less its mean, of length 1; zeros where it never moves.
+fn centred(values: &[f64]) -> Vec<f64> {
+    let mean = values.iter().sum::<f64>() / count(values.len()).max(1.0);
+    let length = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>().sqrt();
+    let scale = if length > 1e-12 { 1.0 / length } else { 0.0 };
+    values.iter().map(|value| (value - mean) * scale).collect()
+}
+
+/// Groups in which every two are correlated at least so, up or down (complete linkage: the two groups whose most distant
+/// pair is closest are joined first). The members in their order; the groups by their first member.
+pub fn groups(correlations: &[Vec<f64>], members: usize, least: f64) -> Vec<Vec<usize>> {
+    let mut groups: Vec<Vec<usize>> = (0..members).map(|member| vec![member]).collect();
+    let weakest = |one: &[usize], other: &[usize]| {
+        let pairs = one.iter().flat_map(|a| other.iter().map(|b| correlations[*a][*b].abs()));
+        pairs.fold(1.0_f64, f64::min)
+    };
+    loop {
+        let mut best: Option<(f64, usize, usize)> = None;
+        for one in 0..groups.len() {
+            for other in one + 1..groups.len() {
+                let alike = weakest(&groups[one], &groups[other]);
+                if alike >= least && best.is_none_or(|(most, ..)| alike > most) {
+                    best = Some((alike, one, other));
+                }
+            }
+        }
+        let Some((_, one, other)) = best else { break };
+        let joined = groups.remove(other);
+        groups[one].extend(joined);
+        groups[one].sort_unstable();
+    }
+    groups
+}
+
+/// An order in which what is alike stands together: groups within looser groups.
+pub fn order(correlations: &[Vec<f64>], members: usize) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..members).collect();
+    let levels: Vec<Vec<Vec<usize>>> =
+        [0.3, 0.5, 0.7, 0.9].iter().map(|least| groups(correlations, members, *least)).collect();
+    let place = |member: usize| -> Vec<usize> {
+        levels
+            .iter()
+            .map(|groups| groups.iter().position(|group| group.contains(&member)).unwrap_or(0))
+            .collect()
+    };
+    order.sort_by_key(|member| (place(*member), *member));
+    order
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 0 and 1 nearly alike, 2 against them, 3 alone.
+    fn four() -> Vec<Vec<f64>> {
+        vec![
+            vec![1.0, 0.95, -0.92, 0.1],
+            vec![0.95, 1.0, -0.8, 0.2],
+            vec![-0.92, -0.8, 1.0, 0.0],
+            vec![0.1, 0.2, 0.0, 1.0],
+        ]
+    }
+
+    #[test]
+    fn every_two_of_a_group_are_correlated_at_least_so() {
+        assert_eq!(groups(&four(), 4, 0.9), [vec![0, 1], vec![2], vec![3]]);
+        assert_eq!(groups(&four(), 4, 0.7), [vec![0, 1, 2], vec![3]]);
+        assert_eq!(groups(&four(), 4, 0.0), [vec![0, 1, 2, 3]]);
+    }
+
+    #[test]
+    fn the_order_keeps_groups_together() {
+        let mut apart = four();
+        // 3 and 0 become twins.
+        for (one, other) in [(0, 3), (3, 0)] {
+            apart[one][other] = 0.99;
+        }
+        let order = order(&apart, 4);
+        let place = |member| order.iter().position(|other| *other == member).unwrap();
+        assert_eq!(place(3).abs_diff(place(0)), 1, "{order:?}");
+    }
+}

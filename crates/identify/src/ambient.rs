@@ -1,0 +1,221 @@
+//! Sensors that behave like the air around the machine, whatever they are called.
+//!
+//! Such a sensor does not warm where the load does: not at its starts, and not through any lag of it. It swings slowly.
+//! What it tells of the error goes with the clock rather than with the machine. Only what all of these say is told; a hall
+//! that warms while the machine does cannot be told apart from it.
+
+use serde::Serialize;
+
+use crate::dataset::{Column, Dataset, Kind, Run};
+use crate::faults::median;
+use crate::gram::count;
+
+/// A sensor like the air, and why.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct AmbientLike {
+    /// The column.
+    pub signal: String,
+    /// In words, with figures.
+    pub reason: String,
+}
+
+const MINUTE: f64 = 60.0;
+/// How long after a start a machine's own heat shows at its sensors.
+const AFTER_START: usize = 20;
+/// Fewer starts tell nothing.
+const STARTS: usize = 3;
+/// Time constants of what the load may warm, min.
+const LAGS_MIN: [f64; 4] = [6.0, 25.0, 75.0, 200.0];
+/// Of what goes with the time alone, at most, that goes with the load: in few runs whatever is slow seems to go a little with
+/// a slow lag.
+const UNRELATED: f64 = 0.5;
+/// Of what the liveliest sensor does, at most: after a start, and within 20 min at any time.
+const COLD_AT_STARTS: f64 = 0.15;
+const SLOW: f64 = 1.0 / 3.0;
+/// °C within 20 min that no hall reaches with its gates shut.
+const NO_AIR: f64 = 1.0;
+/// A sensor that moves less, °C, says nothing.
+const MOVES: f64 = 0.2;
+
+/// One run, minute by minute: empty minutes have the value before.
+struct Minutes {
+    load: Vec<f64>,
+    error: Vec<f64>,
+    sensors: Vec<Vec<f64>>,
+}
+
+/// What is looked at of one sensor.
+#[derive(Clone, Copy, Debug)]
+struct Figures {
+    /// Mean rise after a start, beyond that of the time before it, °C.
+    start: f64,
+    /// The largest change in 20 min, °C.
+    fastest: f64,
+    /// The largest share of variance that goes with a lag of the load.
+    load: f64,
+    /// The share that a parabola over each run's time has.
+    time: f64,
+    /// Correlation with the error.
+    error: f64,
+    /// The largest range in a run, °C.
+    range: f64,
+}
+
+/// Those of these columns that behave like the air; none where no speed ever starts.
+pub fn find(dataset: &Dataset, columns: &[usize], error: usize) -> Vec<AmbientLike> {
+    let Some(load) = load(dataset) else { return Vec::new() };
+    let runs: Vec<Minutes> = dataset.runs.iter().map(|run| minutes(run, load, error, columns)).collect();
+    let starts: usize = runs.iter().map(|run| starts(run).len()).sum();
+    if starts < STARTS {
+        return Vec::new();
+    }
+    let all: Vec<Figures> = (0..columns.len()).map(|sensor| figures(&runs, sensor)).collect();
+    let most = |of: fn(&Figures) -> f64| all.iter().map(of).fold(0.0, f64::max);
+    let (start, fastest) = (most(|of| of.start), most(|of| of.fastest));
+    let is_air = |of: &Figures| {
+        of.range > MOVES
+            && of.start < COLD_AT_STARTS * start
+            && of.fastest < NO_AIR.min(SLOW * fastest)
+            && of.load < UNRELATED * of.time
+            && of.time > of.error * of.error
+    };
+    let like = |(column, of): (&usize, &Figures)| AmbientLike {
+        signal: dataset.columns[*column].name.clone(),
+        reason: format!(
+            "behaves like the air around the machine: after the {starts} starts of {} it warms by {:+.2} °C in \
+             {AFTER_START} min (the liveliest sensor by {start:+.1} °C); {:.0} % of its variance goes with that speed \
+             through any lag; it never changes faster than {:.1} °C in 20 min; and it goes with the time (a smooth curve has \
+             {:.0} % of it) rather than with the error (r = {:+.2})",
+            dataset.columns[load].name,
+            of.start,
+            100.0 * of.load,
+            of.fastest,
+            100.0 * of.time,
+            of.error
+        ),
+    };
+    columns.iter().zip(&all).filter(|(_, of)| is_air(of)).map(like).collect()
+}
+
+/// The speed that turns most often.
+fn load(dataset: &Dataset) -> Option<usize> {
+    let turns = |column: usize| {
+        let values = dataset.runs.iter().flat_map(|run| &run.values[column]);
+        values.filter(|value| value.abs() > 1.0).count()
+    };
+    let is_speed = |(place, column): (usize, &Column)| (column.kind == Kind::Speed).then_some(place);
+    let speeds = dataset.columns.iter().enumerate().filter_map(is_speed);
+    speeds.filter(|column| turns(*column) > 0).max_by_key(|column| turns(*column))
+}
+
+fn minutes(run: &Run, load: usize, error: usize, columns: &[usize]) -> Minutes {
+    let series = |column: usize| by_minute(run, column);
+    Minutes {
+        load: series(load).into_iter().map(f64::abs).collect(),
+        error: series(error),
+        sensors: columns.iter().map(|column| series(*column)).collect(),
+    }
+}
+
+fn by_minute(run: &Run, column: usize) -> Vec<f64> {
+    let lasts = run.lasts().as_secs_f64() / MINUTE;
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a run's length in minutes")]
+    let whole = lasts.clamp(0.0, 1e6) as usize + 1;
+    let mut sums = vec![(0.0, 0.0); whole];
+    for (second, value) in run.seconds().zip(&run.values[column]).filter(|(_, value)| value.is_finite()) {
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a minute of the run")]
+        let minute = ((second / MINUTE) as usize).min(whole - 1);
+        sums[minute] = (sums[minute].0 + value, sums[minute].1 + 1.0);
+    }
+    let mut last = sums.iter().find(|(_, rows)| *rows > 0.0).map_or(0.0, |(sum, rows)| sum / rows);
+    let mut fill = |(sum, rows): &(f64, f64)| {
+        if *rows > 0.0 {
+            last = sum / rows;
+        }
+        last
+    };
+    sums.iter().map(&mut fill).collect()
+}
+
+/// Where the load comes from rest, with as much time before and after.
+fn starts(run: &Minutes) -> Vec<usize> {
+    let fastest = run.load.iter().copied().fold(0.0, f64::max);
+    let turns = |minute: usize| run.load[minute] > 0.1 * fastest && run.load[minute] > 1.0;
+    let begins = |minute: &usize| {
+        turns(*minute) && (minute.saturating_sub(AFTER_START)..*minute).all(|before| !turns(before))
+    };
+    (AFTER_START..run.load.len().saturating_sub(AFTER_START)).filter(begins).collect()
+}
+
+fn figures(runs: &[Minutes], sensor: usize) -> Figures {
+    let mut kicks = Vec::new();
+    let (mut fastest, mut widest) = (0.0_f64, 0.0_f64);
+    for run in runs {
+        let own = &run.sensors[sensor];
+        for start in starts(run) {
+            let (before, at, after) = (own[start - AFTER_START], own[start], own[start + AFTER_START]);
+            kicks.push((after - at) - (at - before));
+        }
+        let ahead = own.iter().zip(own.iter().skip(AFTER_START));
+        fastest = ahead.map(|(now, then)| (then - now).abs()).fold(fastest, f64::max);
+        widest = widest.max(super::validate::range(own));
+    }
+    let rises: Vec<Vec<f64>> = runs.iter().map(|run| centred(&run.sensors[sensor])).collect();
+    let errors: Vec<Vec<f64>> = runs.iter().map(|run| centred(&run.error)).collect();
+    let by_lag = |minutes: &f64| {
+        let follow = |run: &Minutes| centred(&lagged(&run.load, *minutes));
+        correlation(&rises, &runs.iter().map(follow).collect::<Vec<_>>()).powi(2)
+    };
+    Figures {
+        start: median(kicks),
+        fastest,
+        load: LAGS_MIN.iter().map(by_lag).fold(0.0, f64::max),
+        time: parabolic(&rises),
+        error: correlation(&rises, &errors),
+        range: widest,
+    }
+}
+
+/// A first-order lag from rest.
+fn lagged(load: &[f64], minutes: f64) -> Vec<f64> {
+    let gone = 1.0 - (-1.0 / minutes).exp();
+    let mut state = 0.0;
+    let mut follow = |now: &f64| {
+        state += gone * (now - state);
+        state
+    };
+    load.iter().map(&mut follow).collect()
+}
+
+fn centred(values: &[f64]) -> Vec<f64> {
+    let mean = values.iter().sum::<f64>() / count(values.len()).max(1.0);
+    values.iter().map(|value| value - mean).collect()
+}
+
+fn product(one: &[Vec<f64>], other: &[Vec<f64>]) -> f64 {
+    one.iter().flatten().zip(other.iter().flatten()).map(|(one, other)| one * other).sum()
+}
+
+/// Of what is centred in each run.
+fn correlation(one: &[Vec<f64>], other: &[Vec<f64>]) -> f64 {
+    let size = (product(one, one) * product(other, other)).sqrt();
+    if size > 0.0 { product(one, other) / size } else { 0.0 }
+}
+
+/// The share of the variance that a parabola over each run's time takes: by the first two Legendre polynomials.
+fn parabolic(rises: &[Vec<f64>]) -> f64 {
+    let taken = |values: &Vec<f64>| {
+        let last = count(values.len().max(2) - 1);
+        let places = || (0..values.len()).map(|place| 2.0 * count(place) / last - 1.0);
+        let line: Vec<f64> = centred(&places().collect::<Vec<f64>>());
+        let bow: Vec<f64> = centred(&places().map(|place| 1.5 * place * place - 0.5).collect::<Vec<f64>>());
+        let along = |shape: &[f64]| {
+            let own: f64 = shape.iter().map(|value| value * value).sum();
+            let with: f64 = shape.iter().zip(values).map(|(shape, value)| shape * value).sum();
+            if own > 0.0 { with * with / own } else { 0.0 }
+        };
+        along(&line) + along(&bow)
+    };
+    let all = product(rises, rises);
+    if all > 0.0 { rises.iter().map(taken).sum::<f64>() / all } else { 0.0 }
+}

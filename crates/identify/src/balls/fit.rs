@@ -1,0 +1,104 @@
+//! The terms of a round against the cold one: least squares over its touches.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::touches::{Round, Touch};
+use super::{DIRECTIONS, Found};
+use crate::gram::count;
+
+/// µm. What moves farther is another ball, or in another unit.
+const NO_DRIFT: f64 = 1000.0;
+/// mm: places, and lengths of stylus, that are nearer than this are one.
+const APART: f64 = 1.0;
+
+/// One touch: where along the array, with how long a stylus, and how far from cold, µm.
+struct Moved {
+    place: f64,
+    stylus: f64,
+    by: [f64; 3],
+}
+
+pub(super) fn fit(cold: &Round, round: &Round, along: usize, origin: f64) -> Result<Found, String> {
+    let mut moved = Vec::new();
+    for touch in &round.touches {
+        moved.extend(since_cold(cold, touch, along)?);
+    }
+    let spread = |of: fn(&Moved) -> f64| crate::validate::range(&moved.iter().map(of).collect::<Vec<f64>>());
+    if spread(|touch| touch.place) < APART {
+        return Err("fewer than two of its balls were touched in the first round".to_owned());
+    }
+    let shortest = moved.iter().map(|touch| touch.stylus).fold(f64::MAX, f64::min);
+    let with_stylus =
+        moved.iter().all(|touch| touch.stylus.is_finite()) && spread(|touch| touch.stylus) >= APART;
+    let columns = |touch: &Moved, column: usize| match column {
+        0 => 1.0,
+        1 => touch.place - origin,
+        _ => touch.stylus - shortest,
+    };
+    let narrow = DMatrix::from_fn(moved.len(), 2, |row, column| columns(&moved[row], column));
+    let wide = DMatrix::from_fn(moved.len(), 3, |row, column| columns(&moved[row], column));
+    // Where the long stylus touched some balls and the short one the others, the two tilts are one column.
+    let with_stylus = with_stylus && least_squares(&wide, &DVector::zeros(moved.len())).is_some();
+    let (mut drift_um, mut slope_um_per_mm, mut spindle) = ([0.0; 3], [0.0; 3], [0.0; 3]);
+    let mut left = 0.0;
+    for direction in 0..3 {
+        let matrix = if with_stylus && direction != along { &wide } else { &narrow };
+        let wanted = DVector::from_fn(moved.len(), |row, _| moved[row].by[direction]);
+        let Some(terms) = least_squares(matrix, &wanted) else {
+            return Err("its balls are too near to each other".to_owned());
+        };
+        drift_um[direction] = terms[0];
+        slope_um_per_mm[direction] = terms[1];
+        spindle[direction] = terms.get(2).copied().unwrap_or(0.0);
+        left += (wanted - matrix * terms).norm_squared();
+    }
+    let time = round.time();
+    Ok(Found {
+        time,
+        hours: time.since(cold.time()).as_secs_f64() / 3600.0,
+        touches: moved.len(),
+        drift_um,
+        slope_um_per_mm,
+        spindle_um_per_mm: with_stylus.then_some(spindle),
+        rms_um: (left / (3.0 * count(moved.len()))).sqrt(),
+    })
+}
+
+/// How far a touch is from the same ball in the cold round, with the same stylus; the mean where that touched it twice.
+fn since_cold(cold: &Round, touch: &Touch, along: usize) -> Result<Option<Moved>, String> {
+    let same: Vec<&Touch> = cold.touches.iter().filter(|other| other.is_like(touch)).collect();
+    if same.is_empty() {
+        return Ok(None);
+    }
+    let mean =
+        |direction: usize| same.iter().map(|other| other.at_mm[direction]).sum::<f64>() / count(same.len());
+    let by = [0, 1, 2].map(|direction| 1000.0 * (touch.at_mm[direction] - mean(direction)));
+    if let Some(far) = (0..3).find(|direction| by[*direction].abs() > NO_DRIFT) {
+        return Err(format!(
+            "ball {} is {:.3} mm from its cold place along {}, which is no drift: are the balls numbered as in the first \
+             round, and the coordinates in mm?",
+            touch.ball,
+            by[far] / 1000.0,
+            DIRECTIONS[far]
+        ));
+    }
+    Ok(Some(Moved { place: mean(along), stylus: touch.stylus_mm, by }))
+}
+
+/// `None` where two columns say the same.
+fn least_squares(matrix: &DMatrix<f64>, wanted: &DVector<f64>) -> Option<DVector<f64>> {
+    let mut scaled = matrix.clone();
+    let scales: Vec<f64> = scaled.column_iter().map(|column| column.norm().max(1e-300)).collect();
+    for (mut column, scale) in scaled.column_iter_mut().zip(&scales) {
+        column /= *scale;
+    }
+    if matrix.nrows() < matrix.ncols() {
+        return None;
+    }
+    let parts = scaled.svd(true, true);
+    if parts.singular_values.min() < 1e-6 {
+        return None;
+    }
+    let terms = parts.solve(wanted, 0.0).ok()?;
+    Some(DVector::from_fn(terms.len(), |place, _| terms[place] / scales[place]))
+}

@@ -1,0 +1,252 @@
+//! The runs of a dataset as the gateway would see them: through a profile's signals, with one measured error.
+
+use std::borrow::Cow;
+use std::collections::HashMap;
+use std::time::Duration;
+
+use crate::dataset::{Dataset, Run};
+use crate::faults::mend::Mending;
+use isotherm_core::compensation::settings::{
+    AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault,
+};
+use isotherm_core::quantity::{Micron, Moment};
+use isotherm_core::reading::{Reading, Reason, SignalId};
+use isotherm_profile::Profile;
+
+/// What a reference is the mean over where the profile does not say.
+pub const USUAL_SETTLE: Duration = Duration::from_secs(180);
+
+/// Runs, inputs and the error that is to be compensated.
+#[derive(Clone, Debug)]
+pub struct Campaign<'a> {
+    /// The logs, faults mended.
+    pub dataset: Cow<'a, Dataset>,
+    /// What a model may be made of.
+    pub inputs: Vec<Input>,
+    /// The column with the measured error e, µm.
+    pub error: usize,
+    /// The profile's machine; its `settle` is [`USUAL_SETTLE`] where the profile has none.
+    pub machine: MachineSettings,
+    /// Rows are averaged over this long; zero leaves them as they are.
+    pub resample: Duration,
+    /// Where the axis was, for errors measured at several positions.
+    pub position: Option<Position>,
+    pub(super) axes: Vec<AxisSettings>,
+    /// By signal of the profile: its column and its range.
+    columns: Vec<Option<Channel>>,
+    mending: Option<Mending<'a>>,
+}
+
+/// One input of a model.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Input {
+    /// The signal's name, in the profile and in the logs.
+    pub name: String,
+    /// In the profile.
+    pub signal: SignalId,
+    /// In the dataset.
+    pub column: usize,
+}
+
+/// A signal that says where the axis is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Position {
+    /// Its name.
+    pub name: String,
+    /// In the profile.
+    pub signal: SignalId,
+    /// In the dataset.
+    pub column: usize,
+    /// Where the slope adds nothing, mm.
+    pub reference: f64,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Channel {
+    column: usize,
+    range: Option<(f64, f64)>,
+}
+
+impl<'a> Campaign<'a> {
+    /// The runs through the profile's signals. Inputs are chosen with [`Campaign::with_inputs`].
+    pub fn new(profile: &Profile, dataset: &'a Dataset, error: usize, resample: Duration) -> Campaign<'a> {
+        let mut machine = profile.machine.clone();
+        if machine.settle.is_zero() {
+            machine.settle = USUAL_SETTLE;
+        }
+        let bare =
+            |axis: &isotherm_profile::Axis| AxisSettings { models: Vec::new(), ..axis.settings.clone() };
+        let channel = |signal: &isotherm_profile::Signal| {
+            let column = dataset.column(&signal.name)?;
+            Some(Channel { column, range: signal.range })
+        };
+        Campaign {
+            dataset: Cow::Borrowed(dataset),
+            inputs: Vec::new(),
+            error,
+            machine,
+            resample,
+            position: None,
+            mending: None,
+            axes: profile.axes.iter().map(bare).collect(),
+            columns: profile.signals.iter().map(channel).collect(),
+        }
+    }
+
+    /// The runs without a profile: every column is a signal of its own, in its place.
+    pub fn of_columns(dataset: &'a Dataset, error: usize, resample: Duration) -> Campaign<'a> {
+        let columns: Vec<Option<Channel>> =
+            (0..dataset.columns.len()).map(|column| Some(Channel { column, range: None })).collect();
+        let machine =
+            MachineSettings { settle: USUAL_SETTLE, signals: columns.len(), ..MachineSettings::default() };
+        Campaign {
+            dataset: Cow::Borrowed(dataset),
+            inputs: Vec::new(),
+            error,
+            machine,
+            resample,
+            position: None,
+            mending: None,
+            axes: vec![onlooker()],
+            columns,
+        }
+    }
+
+    /// The same with these inputs.
+    #[must_use]
+    pub fn with_inputs(self, inputs: Vec<Input>) -> Campaign<'a> {
+        Campaign { inputs, ..self }
+    }
+
+    /// The same with what was faulty mended.
+    #[must_use]
+    pub(super) fn with_mending(self, mending: Option<Mending<'a>>) -> Campaign<'a> {
+        match &mending {
+            Some(own) => Campaign { dataset: Cow::Owned(own.mended()), mending, ..self },
+            None => self,
+        }
+    }
+
+    /// The same as if this run had not been recorded yet when the other runs were mended; `None`: it is no other.
+    pub(super) fn never_saw(&self, run: usize) -> Option<Campaign<'a>> {
+        let dataset = self.mending.as_ref()?.never_saw(run)?;
+        Some(Campaign { dataset: Cow::Owned(dataset), ..self.clone() })
+    }
+
+    /// How long one row stands for after averaging: the averaging window, or the log's own step where that is longer.
+    pub(super) fn row_seconds(&self) -> f64 {
+        let steps = self.dataset.runs.iter().flat_map(|run| run.times.windows(2));
+        let mut steps: Vec<f64> = steps.map(|pair| pair[1].since(pair[0]).as_secs_f64()).collect();
+        steps.sort_by(f64::total_cmp);
+        let usual = steps.get(steps.len() / 2).copied().unwrap_or(60.0);
+        usual.max(self.resample.as_secs_f64()).max(1e-3)
+    }
+
+    /// The readings of one row, as the gateway would believe them.
+    pub(super) fn readings(&self, run: &Run, row: usize, now: Moment, readings: &mut Vec<Reading>) {
+        readings.clear();
+        readings.extend(self.columns.iter().map(|channel| {
+            let Some(Channel { column, range }) = channel else { return Reading::bad(now, Reason::NotInLog) };
+            let value = run.values[*column][row];
+            match range {
+                _ if value.is_nan() => Reading::bad(now, Reason::NotInLog),
+                Some((low, high)) if !(*low..=*high).contains(&value) => {
+                    Reading::bad(now, Reason::OutOfRange)
+                }
+                _ => Reading::good(value, now),
+            }
+        }));
+    }
+
+    /// When the machine of this run starts: at the rising edge of its signal, else at the first good reading.
+    pub(super) fn start(&self, run: &Run) -> Option<Moment> {
+        let mut readings = Vec::new();
+        run.times.iter().enumerate().find_map(|(row, now)| {
+            self.readings(run, row, *now, &mut readings);
+            let runs = match self.machine.on {
+                Some(on) => readings.get(on.0).and_then(Reading::usable).is_some_and(|level| level >= 0.5),
+                None => readings.iter().any(|reading| reading.usable().is_some()),
+            };
+            runs.then_some(*now)
+        })
+    }
+
+    /// The compensation that is wanted at each row: Cz = −(e − its mean while the references settle), µm. With a position,
+    /// each place has a mean of its own: a scale's cold error is no drift. A place first visited later is measured from
+    /// its first visit.
+    pub(super) fn wanted(&self, run: &Run) -> Vec<Wanted> {
+        let errors = &run.values[self.error];
+        let Some(start) = self.start(run) else { return vec![Wanted::NOTHING; errors.len()] };
+        let places: Vec<i64> = match &self.position {
+            Some(position) => run.values[position.column].iter().map(|place| whole(*place)).collect(),
+            None => vec![0; errors.len()],
+        };
+        let mut cold: HashMap<i64, Cold> = HashMap::new();
+        // The same rows as the references of the temperatures: those before their time is over, and at least the first.
+        let settled = start.after(self.machine.settle);
+        let rows = || run.times.iter().zip(errors).zip(&places).enumerate();
+        for (row, ((time, error), place)) in rows().filter(|(_, ((time, _), _))| **time >= start) {
+            let settles = *time < settled || *time == start;
+            if error.is_finite() && (settles || !cold.contains_key(place)) {
+                let since = (!settles).then_some(row);
+                let cold = cold.entry(*place).or_insert(Cold { sum: 0.0, count: 0.0, since });
+                cold.sum += error;
+                cold.count += 1.0;
+            }
+        }
+        let of = |(_, ((time, error), place)): (usize, ((&Moment, &f64), &i64))| match cold.get(place) {
+            Some(cold) if *time >= start => Wanted { cz: cold.sum / cold.count - error, since: cold.since },
+            _ => Wanted::NOTHING,
+        };
+        rows().map(of).collect()
+    }
+}
+
+/// What a model should compensate at one row.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Wanted {
+    /// µm; NaN where the error is missing, and before the machine starts.
+    pub(super) cz: f64,
+    /// The row that it is measured from, where that is the first visit of a place after the references had settled. The
+    /// machine was warm by then: a model's rises count from that row, too.
+    pub(super) since: Option<usize>,
+}
+
+impl Wanted {
+    const NOTHING: Wanted = Wanted { cz: f64::NAN, since: None };
+}
+
+/// The error of a place before anything moved there.
+struct Cold {
+    sum: f64,
+    count: f64,
+    since: Option<usize>,
+}
+
+/// An axis that moves nothing: references are captured for the axes that are due, so there must be one at every row.
+fn onlooker() -> AxisSettings {
+    AxisSettings {
+        name: "onlooker".to_owned(),
+        models: Vec::new(),
+        guard: GuardSettings {
+            limit: Micron::ZERO,
+            step: Micron::ZERO,
+            rate: 1.0,
+            deadband: Micron::ZERO,
+            count: None,
+        },
+        every: Duration::from_nanos(1),
+        on_fault: OnFault::Hold,
+        levels: Levels::default(),
+        datum: Datum::default(),
+        apart: None,
+        probe: None,
+    }
+}
+
+/// Positions are the same where they differ by less than a millimetre.
+fn whole(place: f64) -> i64 {
+    #[allow(clippy::cast_possible_truncation, reason = "a travel in mm; beyond it the cast saturates")]
+    let whole = place.round() as i64;
+    whole
+}

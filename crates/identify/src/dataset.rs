@@ -1,0 +1,180 @@
+//! Logs as runs: what each column is, and one run per warm-up.
+//!
+//! ```text
+//! file ── table (cells by column) ── split ── runs        kinds guessed from names, units and values
+//! ```
+//! CSV or Parquet. The first column named `time` (seconds or RFC 3339), `time_s` or `time_min` orders the rows; every
+//! other column is a number per row (NaN where it is missing) or text.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use isotherm_core::quantity::Moment;
+
+mod acted;
+mod csv;
+mod files;
+mod kind;
+#[cfg(feature = "parquet")]
+mod parquet;
+mod split;
+mod table;
+#[cfg(test)]
+mod tests;
+
+pub use kind::Kind;
+use table::Table;
+
+/// Several runs over the same columns.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Dataset {
+    /// What stands in each column, in the order of the first file; the time is not among them.
+    pub columns: Vec<Column>,
+    /// One warm-up each, in the order of the files and of time.
+    pub runs: Vec<Run>,
+    /// What is odd, but kept nothing from being read.
+    pub remarks: Vec<String>,
+}
+
+/// A column of numbers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Column {
+    /// As the header has it.
+    pub name: String,
+    /// What it seems to be.
+    pub kind: Kind,
+}
+
+/// One warm-up: the rows between a cold machine and its end.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Run {
+    /// The file's name without its ending, with a number or the splitting column's value behind it where it was split.
+    pub name: String,
+    /// Where it came from.
+    pub file: PathBuf,
+    /// When each row was taken, ascending.
+    pub times: Vec<Moment>,
+    /// By column, by row; NaN where it is missing.
+    pub values: Vec<Vec<f64>>,
+}
+
+/// How files become runs.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Split {
+    /// A new run begins where this column has a new value.
+    pub column: Option<String>,
+    /// A new run begins after so long without a row.
+    pub gap: Option<Duration>,
+}
+
+/// Everything that is wrong with the logs, each with its place.
+#[derive(Clone, Debug, Default, PartialEq, Eq, thiserror::Error)]
+#[error("{}", .0.join("\n"))]
+pub struct BadLog(pub Vec<String>);
+
+impl Dataset {
+    /// Reads the logs, or those in a directory, and splits them into runs. `units` gives the unit of a column where a profile knows it.
+    ///
+    /// # Errors
+    /// Everything that cannot be read, with file, line and column.
+    pub fn read(
+        files: &[PathBuf],
+        split: &Split,
+        units: &dyn Fn(&str) -> Option<&'static str>,
+    ) -> Result<Dataset, BadLog> {
+        let mut wrong = Vec::new();
+        let mut tables = Vec::new();
+        for file in files::logs(files, &mut wrong) {
+            match read_table(&file).and_then(finished) {
+                Ok(table) => tables.push(table),
+                Err(BadLog(found)) => wrong.extend(found),
+            }
+        }
+        if !wrong.is_empty() {
+            return Err(BadLog(wrong));
+        }
+        Dataset::from_tables(&tables, split, units)
+    }
+
+    fn from_tables(
+        tables: &[Table],
+        split: &Split,
+        units: &dyn Fn(&str) -> Option<&'static str>,
+    ) -> Result<Dataset, BadLog> {
+        let names = shared_names(tables);
+        let mut remarks = Vec::new();
+        for table in tables {
+            let lacking = |name: &&str| table.numbers(name).is_none();
+            let lacks: Vec<&str> = names.iter().copied().filter(lacking).collect();
+            if !lacks.is_empty() {
+                remarks.push(format!("{} has no column {}", table.file.display(), lacks.join(", ")));
+            }
+            remarks.extend(table.remarks.iter().cloned());
+        }
+        let runs = split::runs(tables, &names, split)?;
+        let column = |(place, name): (usize, &&str)| {
+            let values = runs.iter().map(|run| run.values[place].as_slice());
+            let has_acted = |table: &Table| table.acted.iter().any(|known| known == name);
+            let kind = match tables.iter().any(has_acted) {
+                true => Kind::Compensation,
+                false => Kind::guess(name, units(name), values),
+            };
+            Column { name: (*name).to_owned(), kind }
+        };
+        let columns = names.iter().enumerate().map(column).collect();
+        Ok(Dataset { columns, runs, remarks })
+    }
+
+    /// The place of the column with this name.
+    pub fn column(&self, name: &str) -> Option<usize> {
+        self.columns.iter().position(|column| column.name == name)
+    }
+}
+
+impl Run {
+    /// Seconds since the run's first row.
+    pub fn seconds(&self) -> impl Iterator<Item = f64> + '_ {
+        let first = self.times.first().copied().unwrap_or_default();
+        self.times.iter().map(move |time| time.since(first).as_secs_f64())
+    }
+
+    /// From the first row to the last.
+    pub fn lasts(&self) -> Duration {
+        match (self.times.first(), self.times.last()) {
+            (Some(first), Some(last)) => last.since(*first),
+            _ => Duration::ZERO,
+        }
+    }
+}
+
+/// Every name that has numbers in some file, in the order in which they are met.
+fn shared_names(tables: &[Table]) -> Vec<&str> {
+    let mut names: Vec<&str> = Vec::new();
+    for name in tables.iter().flat_map(Table::names_of_numbers) {
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    names
+}
+
+/// A table as it is learnt from.
+fn finished(mut table: Table) -> Result<Table, BadLog> {
+    let mut wrong = table::Wrong::in_file(table.file.clone());
+    acted::keep_what_acted(&mut table, &mut wrong);
+    wrong.or(table)
+}
+
+fn read_table(file: &Path) -> Result<Table, BadLog> {
+    let ending = file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
+    if !ending.eq_ignore_ascii_case("parquet") {
+        return csv::read(file);
+    }
+    #[cfg(feature = "parquet")]
+    return parquet::read(file);
+    #[cfg(not(feature = "parquet"))]
+    return Err(BadLog(vec![format!(
+        "{}: this program was built without Parquet; write CSV, or build it with --features parquet",
+        file.display()
+    )]));
+}

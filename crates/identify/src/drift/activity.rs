@@ -1,0 +1,159 @@
+//! What turned or moved during a run, and which test of ISO 230-3 that makes it.
+
+use serde::Serialize;
+
+use super::Test;
+use super::minutes::{Minutes, range_of};
+use crate::dataset::{Column, Dataset, Kind, Run};
+
+/// 1/min, mm or degrees: what moves less stands still.
+const STILL: f64 = 1.0;
+/// Speeds within this share of the fastest are one.
+const ONE_SPEED: f64 = 0.02;
+/// Shorter ones are the way from one speed to the next, s.
+const SHORTEST_STAGE: f64 = 150.0;
+
+/// A stretch at one speed, or of moving, or of standing still.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Stage {
+    /// The column that says so.
+    pub column: String,
+    /// Its first minute, h since the run's first row.
+    pub from_h: f64,
+    /// Its last minute, h.
+    pub to_h: f64,
+    /// The mean speed in the column's unit; none where the column is a position.
+    pub speed: Option<f64>,
+    /// Something turned or moved.
+    pub moves: bool,
+}
+
+/// A column whose movement warms the machine.
+#[derive(Clone, Debug)]
+pub(super) struct Mover {
+    pub(super) column: usize,
+    name: String,
+    test: Test,
+    /// It is a speed; else a position.
+    is_speed: bool,
+}
+
+/// The columns that could move.
+pub(super) fn movers(dataset: &Dataset, units: &dyn Fn(&str) -> Option<&'static str>) -> Vec<Mover> {
+    let of = |(column, Column { name, kind }): (usize, &Column)| {
+        let lower = name.to_ascii_lowercase();
+        let ends = |endings: &[&str]| endings.iter().any(|ending| lower.ends_with(ending));
+        let unit = units(name).unwrap_or_default();
+        let is_feed =
+            ["mm/min", "m/min", "m/s"].contains(&unit) || ends(&["mm_min", "mm/min", "_m_s", "feed"]);
+        let (test, is_speed) = match kind {
+            _ if unit == "deg" || ends(&["_deg"]) => (Test::Rotary, false),
+            _ if is_feed => (Test::Axis, true),
+            Kind::Speed => (Test::Spindle, true),
+            Kind::Position => (Test::Axis, false),
+            _ => return None,
+        };
+        Some(Mover { column, name: name.clone(), test, is_speed })
+    };
+    dataset.columns.iter().enumerate().filter_map(of).collect()
+}
+
+/// The test, the column that makes it one, and why.
+pub(super) fn likeness<'a>(
+    asked: Option<Test>,
+    active: &[&'a Mover],
+    remarks: &mut Vec<String>,
+) -> (Test, Option<&'a Mover>, String) {
+    let of = |test: Test| active.iter().copied().find(|mover| mover.test == test);
+    let found = [Test::Spindle, Test::Rotary, Test::Axis].into_iter().find_map(of);
+    let test = asked.unwrap_or_else(|| found.map_or(Test::Etve, |mover| mover.test));
+    // Asked for: a speed may be that of a table as well as that of a spindle.
+    let mover = match test {
+        Test::Etve => None,
+        _ => of(test).or(found.filter(|_| asked.is_some())),
+    };
+    let others: Vec<&str> = active
+        .iter()
+        .filter(|other| mover.is_none_or(|mover| mover.column != other.column))
+        .map(|other| other.name.as_str())
+        .collect();
+    if !others.is_empty() {
+        let others = others.join(", ");
+        remarks.push(match test {
+            Test::Etve => format!("{others} moved: what that warmed is in these figures"),
+            _ => format!("{others} moved as well: what each of them warmed cannot be told apart"),
+        });
+    }
+    let because = match (asked, mover) {
+        (None, Some(mover)) if mover.is_speed => format!("{} is not always zero", mover.name),
+        (None, Some(mover)) => format!("{} moves", mover.name),
+        (None, None) => "no column of a speed or a position moves".to_owned(),
+        (Some(_), _) => "that was asked for".to_owned(),
+    };
+    if mover.is_none() && test != Test::Etve {
+        remarks.push("no column says what turned or moved: the stages are not known".to_owned());
+    }
+    (test, mover, because)
+}
+
+impl Mover {
+    pub(super) fn moves(&self, run: &Run) -> bool {
+        let values: Vec<f64> =
+            run.values[self.column].iter().copied().filter(|value| value.is_finite()).collect();
+        match self.is_speed {
+            true => values.iter().any(|value| value.abs() > STILL),
+            false => range_of(&values) > STILL,
+        }
+    }
+
+    /// Minute by minute what it does, gathered.
+    pub(super) fn stages(&self, run: &Run) -> Vec<Stage> {
+        let minutes = if self.is_speed { Minutes::of(run, self.column) } else { self.paths(run) };
+        let fastest = minutes.values.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+        let same = (ONE_SPEED * fastest).max(STILL);
+        let mut stages: Vec<(f64, f64, Vec<f64>)> = Vec::new();
+        for (second, value) in minutes.seconds.iter().zip(&minutes.values) {
+            let value = if self.is_speed { *value } else { f64::from(u8::from(*value > STILL)) * 2.0 * same };
+            match stages.last_mut() {
+                Some((_, to, values)) if (value - values[values.len() / 2]).abs() <= same => {
+                    *to = *second;
+                    values.push(value);
+                }
+                _ => stages.push((*second, *second, vec![value])),
+            }
+        }
+        stages.retain(|(from, to, _)| to - from >= SHORTEST_STAGE);
+        let stage = |(from, to, values): (f64, f64, Vec<f64>)| {
+            let speed = crate::faults::median(values);
+            Stage {
+                column: self.name.clone(),
+                from_h: from / 3600.0,
+                to_h: to / 3600.0,
+                speed: self.is_speed.then_some(speed),
+                moves: speed.abs() > STILL,
+            }
+        };
+        stages.into_iter().map(stage).collect()
+    }
+
+    /// How far a position went within each minute, and on the way to it.
+    fn paths(&self, run: &Run) -> Minutes {
+        let mut paths = Minutes::default();
+        let values = run.seconds().zip(run.values[self.column].iter().copied());
+        let mut before: Option<f64> = None;
+        for (second, value) in values.filter(|(_, value)| value.is_finite()) {
+            let path = before.map_or(0.0, |before| (value - before).abs());
+            before = Some(value);
+            match paths.seconds.last() {
+                Some(last) if (last / 60.0).floor() >= (second / 60.0).floor() => {
+                    paths.values.last_mut().into_iter().for_each(|sum| *sum += path);
+                }
+                _ => {
+                    paths.seconds.push(second);
+                    paths.values.push(path);
+                }
+            }
+        }
+        paths
+    }
+}

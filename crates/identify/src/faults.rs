@@ -1,0 +1,285 @@
+//! Sensors that must not be learnt from as they are, found in the logs and told in words with times.
+//!
+//! One faulty sensor left in makes the worst run several times worse than no compensation. What counts as a fault:
+//! - **jump**: more than 3 °C within a minute, and it stays. No casting does that; it is a new sensor, or a broken one.
+//! - **spike**: more than 2 °C up or down, and back within five minutes: a bad contact.
+//! - **stuck**: the same number for an hour or more while its neighbours move.
+//! - **constant**: it tells nothing.
+//! - **missing**: more than a fifth of a run.
+//!
+//! The first three spoil one run, not the sensor in every other: what they spoilt is rebuilt where the good runs show
+//! that it can be, and the sensor is left out of everything only where not.
+
+use std::time::Duration;
+
+use serde::Serialize;
+
+use crate::dataset::{Dataset, Run};
+use crate::gram::count;
+use crate::validate::range;
+
+pub(super) mod mend;
+mod rebuild;
+mod rows;
+
+/// °C per minute that no casting reaches.
+const JUMP: f64 = 3.0;
+/// °C up or down, and back soon after.
+const SPIKE: f64 = 2.0;
+const SPIKE_LASTS: Duration = Duration::from_secs(300);
+const STUCK: Duration = Duration::from_secs(3600);
+/// What a stuck sensor would have moved, at least, °C; and in steps of its own resolution.
+const MOVED: f64 = 0.1;
+const MOVED_STEPS: f64 = 5.0;
+const MISSING: f64 = 0.2;
+/// A sensor that moves less, °C, in any run is constant.
+const STANDS_STILL: f64 = 1e-6;
+
+/// A sensor that is left out.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Excluded {
+    /// The signal.
+    pub signal: String,
+    /// Why, with run and time.
+    pub reason: String,
+}
+
+/// A sensor that was faulty in one run, and stays in: what its readings of that run were replaced by.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Repaired {
+    /// The signal.
+    pub signal: String,
+    /// The run.
+    pub run: String,
+    /// What was found, with its time.
+    pub fault: String,
+    /// What was done about it.
+    pub done: String,
+}
+
+impl Repaired {
+    /// As it stands beside the sensors that were left out.
+    pub(super) fn as_found(&self) -> Excluded {
+        let reason = format!("{} ({}) in {}", self.fault, self.done, self.run);
+        Excluded { signal: self.signal.clone(), reason }
+    }
+}
+
+/// A fault of one column.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Fault {
+    pub(super) column: usize,
+    /// `None`: of every run.
+    pub(super) run: Option<usize>,
+    /// What was found, with its time.
+    pub(super) words: String,
+    pub(super) damage: Damage,
+}
+
+/// Which rows of the run a fault spoils.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Damage {
+    /// These.
+    Spikes(Vec<usize>),
+    /// All from this one on, by a step.
+    Jump(usize),
+    /// All from the first to before the second.
+    Stuck(usize, usize),
+    /// No telling.
+    Whole,
+}
+
+/// A sensor's minutes over one run.
+#[derive(Clone, Debug)]
+struct Minutes {
+    seconds: Vec<f64>,
+    values: Vec<f64>,
+}
+
+/// Every fault of these columns of temperatures, as reasons to leave them out.
+pub fn find(dataset: &Dataset, columns: &[usize]) -> Vec<Excluded> {
+    faults(dataset, columns).iter().map(|fault| fault.excluded(dataset)).collect()
+}
+
+impl Fault {
+    pub(super) fn excluded(&self, dataset: &Dataset) -> Excluded {
+        let run = self.run.map(|run| format!(" in {}", dataset.runs[run].name)).unwrap_or_default();
+        Excluded { signal: dataset.columns[self.column].name.clone(), reason: format!("{}{run}", self.words) }
+    }
+}
+
+/// Every fault of these columns of temperatures, column by column, run by run.
+pub(super) fn faults(dataset: &Dataset, columns: &[usize]) -> Vec<Fault> {
+    let series: Vec<Vec<Minutes>> =
+        dataset.runs.iter().map(|run| columns.iter().map(|column| minutes(run, *column)).collect()).collect();
+    let each = columns.iter().enumerate();
+    each.flat_map(|(place, column)| of_column(dataset, &series, place, *column)).collect()
+}
+
+fn of_column(dataset: &Dataset, series: &[Vec<Minutes>], place: usize, column: usize) -> Vec<Fault> {
+    let fault = |run, words, damage| Fault { column, run, words, damage };
+    let resolution = resolution(dataset, column);
+    let spans: Vec<f64> = series.iter().map(|run| range(&run[place].values)).collect();
+    let least = (2.0 * resolution).clamp(STANDS_STILL, 0.05);
+    if spans.iter().all(|span| *span < least) {
+        return vec![fault(None, "constant: it tells nothing".to_owned(), Damage::Whole)];
+    }
+    let lively = liveliness(series, place);
+    let mut found = Vec::new();
+    for (number, (run, sensors)) in dataset.runs.iter().zip(series).enumerate() {
+        let own = &sensors[place];
+        let mut add = |words: String, damage: Damage| found.push(fault(Some(number), words, damage));
+        let gone = run.values[column].iter().filter(|value| !value.is_finite()).count();
+        let share = count(gone) / count(run.times.len()).max(1.0);
+        if share > MISSING {
+            add(format!("missing in {:.0} % of the rows", 100.0 * share), Damage::Whole);
+        }
+        let spikes = spikes(own);
+        if let Some((first, _)) = spikes.first() {
+            let step = own.values[*first] - own.values[*first - 1];
+            let more = if spikes.len() > 1 { format!(", {} times", spikes.len()) } else { String::new() };
+            let at = clock(own.seconds[*first]);
+            let words = format!("spikes of {step:+.1} °C, first at {at}{more}: a bad contact");
+            add(words, Damage::Spikes(rows::spoilt(run, own, &spikes)));
+        }
+        let stuck = stuck(sensors, place, resolution, lively);
+        for (step, place) in jumps(own, &spikes, &stuck) {
+            let at = clock(own.seconds[place]);
+            let words = format!("jumps by {step:+.1} °C at {at} and stays: no casting does that");
+            add(words, Damage::Jump(rows::of_step(run, column, own.seconds[place])));
+        }
+        for (from, to, expected) in stuck {
+            let (begin, end) = (clock(from), clock(to));
+            let words = format!(
+                "stuck at one number from {begin} to {end} while its neighbours moved as for {expected:.1} °C"
+            );
+            let (from, to) = rows::of_span(run, from, to);
+            add(words, Damage::Stuck(from, to));
+        }
+    }
+    found
+}
+
+/// Means of each minute in which there is a value.
+fn minutes(run: &Run, column: usize) -> Minutes {
+    let mut made = Minutes { seconds: Vec::new(), values: Vec::new() };
+    let mut window = (f64::NEG_INFINITY, 0.0, 0.0, 0.0);
+    let mut close = |(_, seconds, sum, rows): (f64, f64, f64, f64)| {
+        if rows > 0.0 {
+            made.seconds.push(seconds / rows);
+            made.values.push(sum / rows);
+        }
+    };
+    for (second, value) in run.seconds().zip(&run.values[column]).filter(|(_, value)| value.is_finite()) {
+        let minute = (second / 60.0).floor();
+        if minute > window.0 {
+            close(window);
+            window = (minute, 0.0, 0.0, 0.0);
+        }
+        window = (minute, window.1 + second, window.2 + value, window.3 + 1.0);
+    }
+    close(window);
+    made
+}
+
+/// Where spikes begin, and where the first good minute after each is.
+fn spikes(own: &Minutes) -> Vec<(usize, usize)> {
+    let mut found = Vec::new();
+    let mut place = 1;
+    while place < own.values.len() {
+        let before = own.values[place - 1];
+        let step = own.values[place] - before;
+        let soon = (place + 1..own.values.len())
+            .take_while(|next| own.seconds[*next] - own.seconds[place] <= SPIKE_LASTS.as_secs_f64());
+        let back = soon.into_iter().find(|next| (own.values[*next] - before).abs() < 0.5 * step.abs());
+        match back.filter(|_| step.abs() > SPIKE) {
+            Some(back) => {
+                found.push((place, back));
+                place = back + 1;
+            }
+            None => place += 1,
+        }
+    }
+    found
+}
+
+/// Jumps that stay, with the minute after each. A sensor that thaws jumps, too: that belongs to its being stuck.
+fn jumps(own: &Minutes, spikes: &[(usize, usize)], stuck: &[(f64, f64, f64)]) -> Vec<(f64, usize)> {
+    let is_spike = |place: &usize| spikes.iter().any(|(from, to)| (from..to).contains(&place));
+    let good: Vec<usize> = (0..own.values.len()).filter(|place| !is_spike(place)).collect();
+    let thaws = |before: usize| stuck.iter().any(|(_, to, _)| (own.seconds[before] - to).abs() < 1.0);
+    let step = |pair: &[usize]| {
+        let (before, after) = (pair[0], pair[1]);
+        let step = own.values[after] - own.values[before];
+        let passed = (own.seconds[after] - own.seconds[before]).max(60.0);
+        (step.abs() * 60.0 / passed > JUMP && !thaws(before)).then_some((step, after))
+    };
+    good.windows(2).filter_map(step).collect()
+}
+
+/// The stretches at one number where the neighbours say that it should have moved: from, to, and by how many °C.
+fn stuck(sensors: &[Minutes], place: usize, resolution: f64, lively: f64) -> Vec<(f64, f64, f64)> {
+    let own = &sensors[place];
+    let mut begin = 0;
+    let mut found = Vec::new();
+    for end in 1..=own.values.len() {
+        let goes_on = end < own.values.len()
+            && (own.values[end] - own.values[begin]).abs() < 1e-9 * own.values[begin].abs().max(1.0);
+        if goes_on {
+            continue;
+        }
+        let (from, to) = (own.seconds[begin], own.seconds[end - 1]);
+        if to - from >= STUCK.as_secs_f64() {
+            let expected = lively * neighbours(sensors, place, from, to);
+            if expected > MOVED.max(MOVED_STEPS * resolution) {
+                found.push((from, to, expected));
+            }
+        }
+        begin = end;
+    }
+    found
+}
+
+/// How far the other sensors moved in this time: the median of their ranges.
+fn neighbours(sensors: &[Minutes], place: usize, from: f64, to: f64) -> f64 {
+    let moved = |sensor: &Minutes| {
+        let inside =
+            sensor.seconds.iter().zip(&sensor.values).filter(|(second, _)| (from..=to).contains(*second));
+        range(&inside.map(|(_, value)| *value).collect::<Vec<f64>>())
+    };
+    let others = sensors.iter().enumerate().filter(|(other, _)| *other != place);
+    median(others.map(|(_, sensor)| moved(sensor)).collect())
+}
+
+/// How far this sensor moves where its neighbours move by one degree: the median over the runs.
+fn liveliness(series: &[Vec<Minutes>], place: usize) -> f64 {
+    let of_run = |run: &Vec<Minutes>| {
+        let others = neighbours(run, place, f64::NEG_INFINITY, f64::INFINITY);
+        (others > 0.0).then(|| range(&run[place].values) / others)
+    };
+    median(series.iter().filter_map(of_run).collect())
+}
+
+/// The smallest step between two values of a column.
+pub(super) fn resolution(dataset: &Dataset, column: usize) -> f64 {
+    let pairs = dataset.runs.iter().flat_map(|run| run.values[column].windows(2));
+    let steps = pairs.map(|pair| (pair[1] - pair[0]).abs()).filter(|step| *step > 1e-9);
+    let smallest = steps.fold(f64::MAX, f64::min);
+    if smallest < f64::MAX { smallest } else { 0.0 }
+}
+
+pub(super) fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    match values.len() {
+        0 => 0.0,
+        count if count % 2 == 1 => values[count / 2],
+        count => 0.5 * (values[count / 2 - 1] + values[count / 2]),
+    }
+}
+
+/// `3:05 h` into the run.
+fn clock(seconds: f64) -> String {
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a run's length")]
+    let minutes = (seconds / 60.0).max(0.0) as u64;
+    format!("{}:{:02} h", minutes / 60, minutes % 60)
+}

@@ -1,0 +1,299 @@
+//! What a sensor would have read, from its neighbours.
+//!
+//! Its reading is a sum of theirs, at once and through lags, learnt by ridge regression on the runs in which it was good
+//! (the donors) and on the good rows of its own run. How far such a sum may be believed is measured, not assumed: the same
+//! hours are hidden in each donor in turn and rebuilt from the rest, and what that leaves chooses the lags and the ridge.
+//! The rebuilt stretch is tied to the good readings at both of its ends.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::{median, rows};
+use crate::dataset::{Dataset, Run};
+use crate::gram::{Gram, count};
+use crate::solve::ridge;
+
+/// Neighbours act at once and through these time constants, s.
+const LAGS: [f64; 4] = [180.0, 720.0, 3000.0, 12_000.0];
+const RIDGES: [f64; 4] = [1e-2, 1e-3, 1e-4, 1e-5];
+/// The ridge behind a step: its window is short, so that little hangs on it.
+const STEP_RIDGE: f64 = 1e-3;
+/// An end of a stretch is tied to the mean over this long, s.
+const TIE: f64 = 300.0;
+/// Means before and after a step are taken over so many minutes.
+const WINDOWS: [usize; 4] = [1, 3, 10, 30];
+/// Good runs are looked at once in this long, s.
+const THIN: f64 = 60.0;
+/// Steps that are none are measured every so many minutes of the good runs, so far from their ends.
+const EVERY: usize = 7;
+const FROM_ENDS: usize = 10;
+
+/// One sensor, its neighbours, and the runs in which all of them were good.
+pub(super) struct Likeness<'a> {
+    pub(super) dataset: &'a Dataset,
+    pub(super) column: usize,
+    pub(super) neighbours: &'a [usize],
+    pub(super) donors: &'a [usize],
+}
+
+/// Readings instead of those that a fault spoilt.
+pub(super) struct Rebuilt {
+    /// °C, row by row of the stretch.
+    pub(super) values: Vec<f64>,
+    /// What is left where the same hours of good runs are rebuilt: root mean square, °C.
+    pub(super) error: f64,
+    /// The columns that say most.
+    pub(super) from: Vec<usize>,
+}
+
+/// A step that a sensor made, and its neighbours did not.
+pub(super) struct Step {
+    /// °C.
+    pub(super) size: f64,
+    /// Root mean square of what is measured where there is no step, °C.
+    pub(super) error: f64,
+}
+
+/// Rows of a run: what the neighbours say, and what the sensor read.
+struct Table {
+    seconds: Vec<f64>,
+    features: DMatrix<f64>,
+    values: Vec<f64>,
+}
+
+impl Likeness<'_> {
+    /// The rows `from..to` of this run.
+    pub(super) fn rebuilt(&self, run: usize, (from, to): (usize, usize)) -> Option<Rebuilt> {
+        let tables: Vec<Table> = self.donors.iter().map(|donor| self.table(*donor, THIN)).collect();
+        let own = self.table(run, 0.0);
+        let until = own.seconds.get(to).copied().unwrap_or(f64::INFINITY);
+        let hidden = (*own.seconds.get(from)?, until);
+        let usual = || ((0..self.neighbours.len()).collect(), RIDGES[0], f64::NAN);
+        let (columns, ridge_of, error) = self.choose(&tables, hidden).unwrap_or_else(usual);
+        let outside = |second: f64| second < hidden.0 || second >= hidden.1;
+        let grams: Vec<Gram> =
+            tables.iter().map(|table| table.gram(&|_| true)).chain([own.gram(&outside)]).collect();
+        let all: Vec<usize> = (0..grams.len()).collect();
+        let sum = Gram::sum(&grams, &all);
+        let gains = ridge(&sum, &columns, ridge_of);
+        let scales = sum.scales();
+        let mut says: Vec<(f64, usize)> =
+            self.neighbours.iter().map(|neighbour| (0.0_f64, *neighbour)).collect();
+        for (column, gain) in columns.iter().zip(gains.iter()) {
+            says[column % self.neighbours.len()].0 += (gain * scales[*column]).abs();
+        }
+        says.sort_by(|one, other| other.0.total_cmp(&one.0));
+        Some(Rebuilt {
+            values: own.filled(&columns, &gains, hidden),
+            error,
+            from: says.iter().take(2).map(|(_, neighbour)| *neighbour).collect(),
+        })
+    }
+
+    /// The columns and the ridge that leave least where each donor's same hours are hidden; and what they leave.
+    fn choose(&self, tables: &[Table], hidden: (f64, f64)) -> Option<(Vec<usize>, f64, f64)> {
+        let plain = self.neighbours.len();
+        let widths: [Vec<usize>; 2] = [(0..plain).collect(), (0..plain * (1 + LAGS.len())).collect()];
+        let outside = |second: f64| second < hidden.0 || second >= hidden.1;
+        let whole: Vec<Gram> = tables.iter().map(|table| table.gram(&|_| true)).collect();
+        let folds: Vec<Gram> = (0..tables.len())
+            .map(|out| {
+                let mut grams = whole.clone();
+                grams[out] = tables[out].gram(&outside);
+                Gram::sum(&grams, &(0..grams.len()).collect::<Vec<usize>>())
+            })
+            .collect();
+        let mut best: Option<(Vec<usize>, f64, f64)> = None;
+        for columns in widths {
+            for penalty in RIDGES {
+                let (mut square, mut rows) = (0.0, 0.0);
+                for (table, fold) in tables.iter().zip(&folds) {
+                    if fold.rows < 1.0 {
+                        continue;
+                    }
+                    let filled = table.filled(&columns, &ridge(fold, &columns, penalty), hidden);
+                    let truth = table.inside(hidden).map(|row| table.values[row]);
+                    let off = truth.zip(&filled).map(|(truth, filled)| (truth - filled).powi(2));
+                    square += off.filter(|off| off.is_finite()).sum::<f64>();
+                    rows += count(filled.len());
+                }
+                let error = (square / rows).sqrt();
+                // No donor lasts into these hours: 0/0.
+                if error.is_finite() && best.as_ref().is_none_or(|(.., least)| error < *least) {
+                    best = Some((columns.clone(), penalty, error));
+                }
+            }
+        }
+        best
+    }
+
+    /// The step of this run at this row: as the estimate says that errs least on the good runs.
+    pub(super) fn step(&self, run: usize, row: usize) -> Option<Step> {
+        let tables: Vec<Table> = self.donors.iter().map(|donor| self.table(*donor, THIN)).collect();
+        let columns: Vec<usize> = (0..self.neighbours.len() * (1 + LAGS.len())).collect();
+        let grams: Vec<Gram> = tables.iter().map(|table| table.gram(&|_| true)).collect();
+        let sum = Gram::sum(&grams, &(0..grams.len()).collect::<Vec<usize>>());
+        let gains = ridge(&sum, &columns, STEP_RIDGE);
+        let own = self.table(run, THIN);
+        let second = self.dataset.runs[run].seconds().nth(row)?;
+        let at = own.seconds.partition_point(|other| *other < second);
+        let own = (own.left(&columns, &gains), own.values);
+        let tables: Vec<(Vec<f64>, Vec<f64>)> =
+            tables.into_iter().map(|table| (table.left(&columns, &gains), table.values)).collect();
+        let tried = [None].into_iter().chain(WINDOWS.map(Some)).filter_map(|window| {
+            let none = tables.iter().flat_map(|table| {
+                let last = table.1.len().saturating_sub(FROM_ENDS);
+                (FROM_ENDS..last).step_by(EVERY).filter_map(move |at| step_at(table, at, window))
+            });
+            let none: Vec<f64> = none.collect();
+            let error = (none.iter().map(|step| step * step).sum::<f64>() / count(none.len())).sqrt();
+            Some(Step { size: step_at(&own, at, window)?, error }).filter(|step| step.error.is_finite())
+        });
+        tried.min_by(|one, other| one.error.total_cmp(&other.error))
+    }
+
+    /// How far the sensor moves: root mean square about the mean of each good run, °C.
+    pub(super) fn moves(&self) -> f64 {
+        let grams = self.donors.iter().map(|donor| self.table(*donor, THIN).gram(&|_| true));
+        let (square, rows) = grams.fold((0.0, 0.0), |sum, gram| (sum.0 + gram.power, sum.1 + gram.rows));
+        (square / f64::max(rows, 1.0)).sqrt()
+    }
+
+    /// The rows of a run, no closer than this, s.
+    fn table(&self, run: usize, apart: f64) -> Table {
+        let run = &self.dataset.runs[run];
+        let seconds: Vec<f64> = run.seconds().collect();
+        let mut features: Vec<Vec<f64>> = self
+            .neighbours
+            .iter()
+            .map(|neighbour| rows::bridged(&seconds, &run.values[*neighbour]))
+            .collect();
+        for constant in LAGS {
+            for place in 0..self.neighbours.len() {
+                features.push(lagged(&seconds, &features[place], constant));
+            }
+        }
+        let mut last = f64::NEG_INFINITY;
+        let is_next = |row: &usize| {
+            let next = seconds[*row] - last >= apart;
+            if next {
+                last = seconds[*row];
+            }
+            next
+        };
+        let kept: Vec<usize> = (0..seconds.len()).filter(is_next).collect();
+        Table::new(run, &seconds, &kept, self.column, &features)
+    }
+}
+
+impl Table {
+    fn new(run: &Run, seconds: &[f64], kept: &[usize], column: usize, features: &[Vec<f64>]) -> Table {
+        Table {
+            seconds: kept.iter().map(|row| seconds[*row]).collect(),
+            features: DMatrix::from_fn(kept.len(), features.len(), |row, column| features[column][kept[row]]),
+            values: kept.iter().map(|row| run.values[column][*row]).collect(),
+        }
+    }
+
+    /// Products about the means of the rows that may be used.
+    fn gram(&self, may: &dyn Fn(f64) -> bool) -> Gram {
+        let good: Vec<usize> = (0..self.values.len())
+            .filter(|row| self.values[*row].is_finite() && may(self.seconds[*row]))
+            .collect();
+        let rows = count(good.len());
+        let mut features = self.features.select_rows(&good);
+        for mut column in features.column_iter_mut() {
+            let mean = column.sum() / rows.max(1.0);
+            column.add_scalar_mut(-mean);
+        }
+        let mut values = DVector::from_iterator(good.len(), good.iter().map(|row| self.values[*row]));
+        let mean = values.sum() / rows.max(1.0);
+        values.add_scalar_mut(-mean);
+        Gram {
+            square: features.tr_mul(&features),
+            cross: features.tr_mul(&values),
+            power: values.norm_squared(),
+            rows,
+        }
+    }
+
+    fn inside(&self, (from, to): (f64, f64)) -> std::ops::Range<usize> {
+        let before = |time: f64| self.seconds.partition_point(|second| *second < time);
+        before(from)..before(to)
+    }
+
+    /// What the neighbours leave of each reading.
+    fn left(&self, columns: &[usize], gains: &DVector<f64>) -> Vec<f64> {
+        let mut left = DVector::from_column_slice(&self.values);
+        for (column, gain) in columns.iter().zip(gains.iter()) {
+            left.axpy(-gain, &self.features.column(*column), 1.0);
+        }
+        left.iter().copied().collect()
+    }
+
+    /// The hidden rows as the neighbours say, tied to the readings at both ends.
+    fn filled(&self, columns: &[usize], gains: &DVector<f64>, hidden: (f64, f64)) -> Vec<f64> {
+        let rows = self.inside(hidden);
+        let left = self.left(columns, gains);
+        let end = |rows: &mut dyn Iterator<Item = usize>, end: f64| {
+            let (mut sum, mut near) = (0.0, 0.0);
+            for row in rows.filter(|row| left[*row].is_finite()) {
+                if near > 0.0 && (self.seconds[row] - end).abs() > TIE {
+                    break;
+                }
+                sum += left[row];
+                near += 1.0;
+            }
+            (near > 0.0).then(|| sum / near)
+        };
+        let before = end(&mut (0..rows.start).rev(), hidden.0);
+        let after = end(&mut (rows.end..left.len()), hidden.1);
+        // Stuck from end to end: it held a true reading when it began.
+        let only = before.or(after).or_else(|| left.get(rows.start).copied()).unwrap_or(0.0);
+        let (before, after) = (before.unwrap_or(only), after.unwrap_or(only));
+        let lasts = (hidden.1.min(self.seconds.last().copied().unwrap_or(0.0)) - hidden.0).max(1.0);
+        rows.map(|row| {
+            let share = ((self.seconds[row] - hidden.0) / lasts).clamp(0.0, 1.0);
+            self.values[row] - left[row] + before + share * (after - before)
+        })
+        .collect()
+    }
+}
+
+/// From what is left and what was read: the step at this row, without a window as the readings alone have it, beside the
+/// slope around it.
+fn step_at((left, values): &(Vec<f64>, Vec<f64>), at: usize, window: Option<usize>) -> Option<f64> {
+    let mean = |rows: &[f64]| {
+        let finite = rows.iter().filter(|value| value.is_finite());
+        let (sum, rows) = finite.fold((0.0, 0.0), |sum, value| (sum.0 + value, sum.1 + 1.0));
+        (rows > 0.0).then(|| sum / rows)
+    };
+    match window {
+        Some(window) => {
+            let before = left.get(at.saturating_sub(window)..at)?;
+            let after = left.get(at..(at + window).min(left.len()))?;
+            Some(mean(after)? - mean(before)?)
+        }
+        None => {
+            let around = |range: std::ops::Range<usize>| {
+                let pairs = values.get(range).unwrap_or_default().windows(2);
+                pairs.map(|pair| pair[1] - pair[0]).collect::<Vec<f64>>()
+            };
+            let mut slopes = around(at.saturating_sub(4)..at);
+            slopes.extend(around(at..(at + 4).min(values.len())));
+            let step = values.get(at)? - values.get(at.checked_sub(1)?)?;
+            Some(step - median(slopes)).filter(|step| step.is_finite())
+        }
+    }
+}
+
+/// What follows this with a time constant, from its first value on.
+fn lagged(seconds: &[f64], values: &[f64], constant: f64) -> Vec<f64> {
+    let mut follower = values.first().copied().unwrap_or(0.0);
+    let mut last = seconds.first().copied().unwrap_or(0.0);
+    let mut follow = |(second, value): (&f64, &f64)| {
+        follower -= (-(second - last) / constant).exp_m1() * (value - follower);
+        last = *second;
+        follower
+    };
+    seconds.iter().zip(values).map(&mut follow).collect()
+}

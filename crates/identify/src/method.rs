@@ -1,0 +1,229 @@
+//! The methods: each learns a [`Learned`] from some runs of a campaign.
+
+use std::fmt;
+use std::time::Duration;
+
+use crate::bank::{Bank, Candidate, usual_lags};
+use crate::campaign::Campaign;
+use crate::gram::Gram;
+use crate::learn::{Learned, Learner};
+
+mod difference;
+mod forward;
+mod lag;
+mod least_squares;
+mod position;
+mod ridge;
+mod sparse;
+pub(super) mod stepwise;
+mod trained;
+mod two_source;
+
+pub(super) use difference::alone;
+
+/// How a model is found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Method {
+    /// Some of (sensor, lag), chosen on runs that were left out; with --terms N at most so many.
+    #[default]
+    SparseLag,
+    /// Ridge regression on every sensor through every lag.
+    RidgeLag,
+    /// Stepwise over (sensor, lag) by partial F tests, in and out.
+    Stepwise,
+    /// Least squares on the rises of all sensors, without lags.
+    Ols,
+    /// One time constant for each of a few sensors, fitted (Janeczko 1989).
+    Lag,
+    /// Terms of Cz and of its slope over --position, chosen on runs that were left out (Li et al. 1998).
+    Position,
+    /// --first sensors from the --waiting runs, --second sensors from what is left on the others (Tachiya et al. 2013).
+    TwoSource,
+    /// One gain for the difference of two sensors, and each of them alone with machine-on time (JP H07-61598 B2).
+    Difference,
+    /// Radial basis functions about --centres that k-means finds.
+    Rbf,
+    /// A network of --neurons in one layer, by back-propagation that stops where days left out say so.
+    Network,
+    /// No model: the bare machine, or a probe alone.
+    None,
+}
+
+/// What a method may be told.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// How.
+    pub method: Method,
+    /// Time constants that are tried; empty: the method's own.
+    pub lags: Vec<Option<Duration>>,
+    /// Most terms of a chosen model; `None`: the method's own limit.
+    pub terms: Option<usize>,
+    /// two-source: the runs in which only the first source is at work.
+    pub waiting: Vec<String>,
+    /// two-source: inputs of the first source.
+    pub first: Vec<String>,
+    /// two-source: inputs of the second.
+    pub second: Vec<String>,
+    /// Rows closer than this are no independent samples: partial F tests count one sample per so long.
+    pub independent: Duration,
+    /// rbf: how many radial basis functions.
+    pub centres: usize,
+    /// network: how many neurons.
+    pub neurons: usize,
+    /// rbf, network: what chance begins with; the same seed gives the same model.
+    pub seed: u64,
+}
+
+impl Default for Settings {
+    fn default() -> Settings {
+        Settings {
+            method: Method::default(),
+            lags: Vec::new(),
+            terms: None,
+            waiting: Vec::new(),
+            first: Vec::new(),
+            second: Vec::new(),
+            independent: Duration::from_secs(1800),
+            centres: 20,
+            neurons: 8,
+            seed: 1,
+        }
+    }
+}
+
+impl Method {
+    /// The word for it on the command line and in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Method::SparseLag => "sparse-lag",
+            Method::RidgeLag => "ridge-lag",
+            Method::Stepwise => "stepwise",
+            Method::Ols => "ols",
+            Method::Lag => "lag",
+            Method::Position => "position",
+            Method::TwoSource => "two-source",
+            Method::Difference => "difference",
+            Method::Rbf => "rbf",
+            Method::Network => "network",
+            Method::None => "none",
+        }
+    }
+
+    /// Its gains are held small or chosen: how far they may be off shows in their spread, not in a normal equation.
+    pub(super) fn is_penalized(self) -> bool {
+        matches!(self, Method::SparseLag | Method::RidgeLag | Method::Position)
+    }
+
+    /// What stands in where a sensor is lost: this method without that sensor, but a linear one for a network, which knows
+    /// least of the days that it has not seen.
+    pub(super) fn stand_in(self) -> Method {
+        match self {
+            Method::Rbf | Method::Network => Method::SparseLag,
+            own => own,
+        }
+    }
+
+    /// The method with its data.
+    ///
+    /// # Errors
+    /// A sentence: what the method lacks.
+    pub fn prepare<'a>(
+        self,
+        campaign: &'a Campaign<'a>,
+        settings: &Settings,
+    ) -> Result<Box<dyn Learner + 'a>, String> {
+        let stepwise = stepwise::Stepwise {
+            rows_per_sample: (settings.independent.as_secs_f64() / campaign.row_seconds()).max(1.0),
+            terms: settings.terms.unwrap_or(usize::MAX),
+        };
+        let lags = if settings.lags.is_empty() { usual_lags() } else { settings.lags.clone() };
+        let rule: Box<dyn Rule> = match self {
+            Method::SparseLag => Box::new(sparse::Sparse { terms: settings.terms }),
+            Method::RidgeLag => Box::new(ridge::Ridge),
+            Method::Stepwise => Box::new(stepwise),
+            Method::Position => Box::new(position::Position { terms: settings.terms }),
+            Method::Ols => Box::new(least_squares::LeastSquares),
+            Method::None => Box::new(Nothing),
+            Method::Difference => Box::new(difference::Difference),
+            Method::TwoSource => Box::new(two_source::TwoSource::new(campaign, settings)?),
+            Method::Rbf | Method::Network => {
+                let shape = match self {
+                    Method::Rbf => trained::Shape::Radial(settings.centres),
+                    _ => trained::Shape::Neurons(settings.neurons),
+                };
+                return Ok(Box::new(trained::Trained::new(campaign, settings, shape)?));
+            }
+            Method::Lag => {
+                let bank = Bank::of(campaign, &lags);
+                return Ok(Box::new(lag::Lagging::new(campaign, bank, settings.terms)));
+            }
+        };
+        let plain: &[Option<Duration>] = &[None];
+        let bank = match self {
+            Method::SparseLag | Method::RidgeLag | Method::Stepwise => Bank::of(campaign, &lags),
+            Method::Position => position::bank(campaign, &lags)?,
+            _ => Bank::of(campaign, plain),
+        };
+        let grams = Gram::each(&bank);
+        Ok(Box::new(OnBank { bank, grams, rule }))
+    }
+}
+
+impl fmt::Display for Method {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// A linear method that needs no more than the products of each run.
+trait Rule: Sync {
+    /// Columns of the bank with their gains; `columns` are those that may be used.
+    fn fit(&self, grams: &[Gram], runs: &[usize], columns: &[usize]) -> Result<Vec<(usize, f64)>, String>;
+}
+
+struct OnBank {
+    bank: Bank,
+    grams: Vec<Gram>,
+    rule: Box<dyn Rule>,
+}
+
+impl Learner for OnBank {
+    fn bank(&self) -> &Bank {
+        &self.bank
+    }
+
+    fn learn(&self, runs: &[usize], without: &[usize]) -> Result<Learned, String> {
+        let may = |(_, candidate): &(usize, &Candidate)| !without.contains(&candidate.input);
+        let columns: Vec<usize> =
+            self.bank.candidates.iter().enumerate().filter(may).map(|(place, _)| place).collect();
+        let gains = self.rule.fit(&self.grams, runs, &columns)?;
+        let gains = gains.into_iter().map(|(column, gain)| (self.bank.candidates[column], gain));
+        Ok(Learned::Sum(gains.collect()))
+    }
+}
+
+struct Nothing;
+
+impl Rule for Nothing {
+    fn fit(&self, _: &[Gram], _: &[usize], _: &[usize]) -> Result<Vec<(usize, f64)>, String> {
+        Ok(Vec::new())
+    }
+}
+
+/// The runs that are left for training beside each inner fold, with the fold. One run alone has no inner validation.
+pub(super) fn inner(grams: &[Gram], runs: &[usize]) -> Vec<(Gram, Vec<usize>)> {
+    if runs.len() < 2 {
+        return Vec::new();
+    }
+    let fold = |fold: Vec<usize>| {
+        let others: Vec<usize> = runs.iter().copied().filter(|run| !fold.contains(run)).collect();
+        (Gram::sum(grams, &others), fold)
+    };
+    super::validate::folds(runs).into_iter().map(fold).collect()
+}
+
+/// The place of the smallest cost; the first of equals.
+pub(super) fn smallest(costs: &[f64]) -> usize {
+    let place = |best: usize, place: usize| if costs[place] < costs[best] { place } else { best };
+    (1..costs.len()).fold(0, place)
+}

@@ -1,0 +1,143 @@
+//! `lag`: `E = Σ K·L·ΔT·(1 − e^(−t/C))`, Janeczko 1989: one gain and one time constant for each of a few sensors.
+//!
+//! A forward search over the bank, one term per sensor, gives the sensors and where to begin; then each time constant in
+//! turn goes where least is left over (golden section), the gains following by least squares at every step.
+
+use std::time::Duration;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::forward::forward_once_each;
+use super::inner;
+use crate::bank::{Bank, Candidate, LAGS_MIN, trace};
+use crate::campaign::Campaign;
+use crate::gram::{Gram, count};
+use crate::learn::{Learned, Learner};
+use crate::solve::ridge;
+
+pub(super) struct Lagging<'a> {
+    campaign: &'a Campaign<'a>,
+    bank: Bank,
+    grams: Vec<Gram>,
+    terms: usize,
+}
+
+/// Most sensors, where nothing else is said: Janeczko has one to three per axis.
+const MOST_TERMS: usize = 4;
+const PENALTY: f64 = 1e-3;
+/// Rounds over the time constants, and how far around the present one each looks: the bank's own step.
+const ROUNDS: usize = 4;
+const AROUND: f64 = 2.2;
+/// Faster than this is at once, for rows of a minute.
+const FASTEST: f64 = 20.0;
+const SLOWEST: f64 = 5.0 * 86_400.0;
+
+impl<'a> Lagging<'a> {
+    pub(super) fn new(campaign: &'a Campaign<'a>, bank: Bank, terms: Option<usize>) -> Lagging<'a> {
+        let grams = Gram::each(&bank);
+        Lagging { campaign, bank, grams, terms: terms.unwrap_or(MOST_TERMS) }
+    }
+
+    fn begin(&self, runs: &[usize], without: &[usize]) -> Vec<Candidate> {
+        let all = Gram::sum(&self.grams, runs);
+        let folds: Vec<(Gram, Gram)> = match inner(&self.grams, runs) {
+            folds if folds.is_empty() => vec![(all.clone(), all)],
+            folds => folds.into_iter().map(|(rest, fold)| (rest, Gram::sum(&self.grams, &fold))).collect(),
+        };
+        let group: Vec<Option<usize>> = self
+            .bank
+            .candidates
+            .iter()
+            .map(|candidate| Some(candidate.input))
+            .map(|input| input.filter(|input| !without.contains(input)))
+            .collect();
+        let (chosen, _) = forward_once_each(&folds, PENALTY, self.terms, &group);
+        chosen.into_iter().map(|column| self.bank.candidates[column]).collect()
+    }
+
+    /// The rows of these runs, one column per candidate.
+    fn columns(&self, runs: &[usize], candidates: &[Candidate]) -> Vec<DMatrix<f64>> {
+        runs.iter().map(|run| trace(self.campaign, *run, candidates).rises).collect()
+    }
+
+    /// What is left with these columns, per run; and the gains.
+    fn fit(&self, runs: &[usize], columns: &[DMatrix<f64>]) -> (f64, DVector<f64>) {
+        let grams: Vec<Gram> = (columns.iter().zip(runs))
+            .map(|(rises, run)| {
+                let wanted = DVector::from_column_slice(&self.bank.runs[*run].wanted);
+                Gram {
+                    square: rises.tr_mul(rises),
+                    cross: rises.tr_mul(&wanted),
+                    power: wanted.norm_squared(),
+                    rows: count(wanted.len()),
+                }
+            })
+            .collect();
+        let all: Vec<usize> = (0..grams.len()).collect();
+        let sum = Gram::sum(&grams, &all);
+        let every: Vec<usize> = (0..sum.cross.len()).collect();
+        let gains = ridge(&sum, &every, 0.0);
+        (sum.left(&gains), gains)
+    }
+}
+
+fn lag(seconds: f64) -> Option<Duration> {
+    // Whole seconds: what is written is what was fitted.
+    (seconds > FASTEST).then(|| Duration::from_secs_f64(seconds.min(SLOWEST).round()))
+}
+
+impl Learner for Lagging<'_> {
+    fn bank(&self) -> &Bank {
+        &self.bank
+    }
+
+    fn learn(&self, runs: &[usize], without: &[usize]) -> Result<Learned, String> {
+        let mut candidates = self.begin(runs, without);
+        if candidates.is_empty() {
+            return Ok(Learned::Sum(Vec::new()));
+        }
+        let mut columns = self.columns(runs, &candidates);
+        for round in 0..ROUNDS {
+            let around = AROUND.powf(1.0 / count(round + 1));
+            for (place, candidate) in candidates.iter_mut().enumerate() {
+                let now = candidate.lag.map_or(60.0, |lag| lag.as_secs_f64());
+                let mut cost = |log: f64| {
+                    let tried = Candidate { lag: lag(log.exp()), ..*candidate };
+                    for (columns, new) in columns.iter_mut().zip(self.columns(runs, &[tried])) {
+                        columns.set_column(place, &new.column(0));
+                    }
+                    self.fit(runs, &columns).0
+                };
+                // There may be several valleys: the best of the bank's lags says which.
+                let starts = LAGS_MIN.iter().skip(1).map(|minutes| f64::from(*minutes) * 60.0).chain([now]);
+                let logs = starts.map(|start| (cost(start.ln()), start.ln()));
+                let start =
+                    logs.min_by(|one, other| one.0.total_cmp(&other.0)).map_or(now.ln(), |best| best.1);
+                let log = golden(start - around.ln(), start + around.ln(), &mut cost);
+                cost(log);
+                candidate.lag = lag(log.exp());
+            }
+        }
+        let gains = self.fit(runs, &columns).1;
+        Ok(Learned::Sum(candidates.into_iter().zip(gains.iter().copied()).collect()))
+    }
+}
+
+/// Where a function with one valley is least, to a thousandth of what a logarithm counts.
+fn golden(mut low: f64, mut high: f64, cost: &mut dyn FnMut(f64) -> f64) -> f64 {
+    const SHARE: f64 = 0.618_033_988_75;
+    let (mut left, mut right) = (high - SHARE * (high - low), low + SHARE * (high - low));
+    let (mut at_left, mut at_right) = (cost(left), cost(right));
+    while high - low > 1e-3 {
+        if at_left <= at_right {
+            (high, right, at_right) = (right, left, at_left);
+            left = high - SHARE * (high - low);
+            at_left = cost(left);
+        } else {
+            (low, left, at_left) = (left, right, at_right);
+            right = low + SHARE * (high - low);
+            at_right = cost(right);
+        }
+    }
+    0.5 * (low + high)
+}

@@ -1,0 +1,68 @@
+//! `position`: Δz(z) = Δz(z0) + k·(z − z0), Li, Yang, Zhang, Zhang 1998. Both parts are sums over (sensor, lag); their terms
+//! are chosen together, by the forward search of `sparse-lag` on runs that were left out.
+//!
+//! What a place and its mirror on the travel say is apart by construction, so that a slight ridge holds the gains.
+
+use std::time::Duration;
+
+use super::sparse::{MOST_TERMS, by_forward, in_columns};
+use super::{Gram, Rule};
+use crate::bank::{Bank, Candidate};
+use crate::campaign::Campaign;
+
+pub(super) struct Position {
+    /// Most terms.
+    pub(super) terms: Option<usize>,
+}
+
+/// Of the forward search, on columns of root mean square 1.
+const HELD: [f64; 1] = [1e-3];
+
+impl Rule for Position {
+    fn fit(&self, grams: &[Gram], runs: &[usize], columns: &[usize]) -> Result<Vec<(usize, f64)>, String> {
+        let few: Vec<Gram> = grams.iter().map(|gram| gram.of_columns(columns)).collect();
+        let gains = by_forward(&few, runs, self.terms.unwrap_or(MOST_TERMS), &HELD, false);
+        Ok(in_columns(&gains, columns))
+    }
+}
+
+/// Every input through every lag, and each of these times the distance from the reference position.
+pub(super) fn bank(campaign: &Campaign<'_>, lags: &[Option<Duration>]) -> Result<Bank, String> {
+    let Some(position) = &campaign.position else {
+        return Err("position wants the signal that says where the axis was: --position scale_z".to_owned());
+    };
+    let values = || campaign.dataset.runs.iter().flat_map(|run| &run.values[position.column]);
+    let (low, high) = values()
+        .filter(|v| v.is_finite())
+        .fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(*v), high.max(*v)));
+    if high - low < 1.0 || low > high {
+        return Err(format!(
+            "{} stays at one place: a slope wants errors measured at several positions of the axis",
+            position.name
+        ));
+    }
+    returns(campaign, &position.name)?;
+    let each = |along| {
+        let of = move |input| lags.iter().map(move |lag| Candidate { input, lag: *lag, along });
+        (0..campaign.inputs.len()).flat_map(of)
+    };
+    Ok(Bank::new(campaign, each(false).chain(each(true)).collect()))
+}
+
+/// A place that is visited once says nothing: its error is measured from that visit.
+fn returns(campaign: &Campaign<'_>, name: &str) -> Result<(), String> {
+    let (mut once, mut rows) = (0_usize, 0_usize);
+    for run in &campaign.dataset.runs {
+        for (row, wanted) in campaign.wanted(run).into_iter().enumerate().filter(|(_, w)| w.cz.is_finite()) {
+            once += usize::from(wanted.since == Some(row));
+            rows += 1;
+        }
+    }
+    if 2 * once <= rows {
+        return Ok(());
+    }
+    Err(format!(
+        "{name} hardly ever returns to a place ({once} of {rows} rows are first visits): an error counts from its place's \
+         first visit, to a millimetre; measure at the same few positions again and again, from the cold machine on"
+    ))
+}

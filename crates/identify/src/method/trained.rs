@@ -1,0 +1,190 @@
+//! `rbf` and `network`: what both have in common. M10, after Ren et al., Chen and Wang.
+//!
+//! Both take each input at once and through a few lags, as the gateway computes them; both pass through the origin, as
+//! the linear methods do: no rise, no compensation. How smooth they are is chosen on runs that were left out of the
+//! training runs, never on the run that they are judged on, by what is left there about its own mean: the range of a
+//! run is what is judged first.
+//!
+//! Where rows are averaged, they learn from means of rises; a gateway that computes more often than that takes the
+//! network at each rise. A curved network tells the two apart, by far less than the noise of a probe.
+
+use std::time::Duration;
+
+use nalgebra::{DMatrix, DVector};
+use serde_json::{Value, json};
+
+use super::Settings;
+use crate::bank::{Bank, Candidate};
+use crate::campaign::Campaign;
+use crate::gram::count;
+use crate::learn::{Learned, Learner};
+use crate::validate::folds;
+use isotherm_core::compensation::model::network::WIDEST;
+use isotherm_profile::network;
+
+mod neurons;
+mod radial;
+#[cfg(test)]
+mod tests;
+
+/// Time constants where none are named, minutes; beside them each input at once.
+const LAGS_MIN: [u64; 2] = [12, 50];
+/// Neighbouring rows say the same: one row in so many seconds is learnt from. All are judged.
+const APART: f64 = 600.0;
+
+/// What is trained.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Shape {
+    /// This many radial basis functions.
+    Radial(usize),
+    /// This many neurons in one layer, as back-propagation trains them; several such networks are averaged.
+    Neurons(usize),
+}
+
+/// A network with its data.
+pub(super) struct Trained {
+    bank: Bank,
+    /// Columns of the bank that it may use.
+    columns: Vec<usize>,
+    /// By input.
+    names: Vec<String>,
+    every: usize,
+    shape: Shape,
+    seed: u64,
+}
+
+/// Rows of one run or several: scaled rises and the scaled compensation that is wanted.
+#[derive(Clone, Debug)]
+struct Samples {
+    rises: DMatrix<f64>,
+    wanted: DVector<f64>,
+}
+
+impl Samples {
+    fn stacked<'a>(parts: impl Iterator<Item = &'a Samples>) -> Samples {
+        let parts: Vec<&Samples> = parts.collect();
+        let rows: Vec<_> = parts.iter().flat_map(|part| part.rises.row_iter()).collect();
+        let width = parts.first().map_or(0, |part| part.rises.ncols());
+        let rises = DMatrix::from_fn(rows.len(), width, |row, column| rows[row][column]);
+        let wanted = parts.iter().flat_map(|part| part.wanted.iter().copied());
+        Samples { rises, wanted: DVector::from_iterator(rows.len(), wanted) }
+    }
+}
+
+/// Inner validation: what is trained on, and the runs that are left out of it, each by itself.
+#[derive(Debug)]
+struct Fold<'a> {
+    training: Samples,
+    held: Vec<&'a Samples>,
+}
+
+impl Fold<'_> {
+    /// What `output` leaves on the held runs about the mean of each, squared and added up.
+    fn left(&self, output: impl Fn(&DMatrix<f64>) -> DVector<f64>) -> f64 {
+        self.held.iter().map(|run| about_mean(&(output(&run.rises) - &run.wanted))).sum()
+    }
+}
+
+fn about_mean(left: &DVector<f64>) -> f64 {
+    left.norm_squared() - left.mean().powi(2) * count(left.len())
+}
+
+impl Trained {
+    pub(super) fn new(campaign: &Campaign<'_>, settings: &Settings, shape: Shape) -> Result<Trained, String> {
+        let lags = match settings.lags.as_slice() {
+            [] => LAGS_MIN.iter().map(|minutes| Some(Duration::from_secs(minutes * 60))).collect(),
+            named => named.to_vec(),
+        };
+        let takes_plain = settings.lags.is_empty() || lags.contains(&None);
+        let lagged = lags.into_iter().filter(Option::is_some);
+        // The rises themselves are always in the bank: the envelope is about them.
+        let lags: Vec<Option<Duration>> = [None].into_iter().chain(lagged).collect();
+        let bank = Bank::of(campaign, &lags);
+        let may = |(_, candidate): &(usize, &Candidate)| takes_plain || candidate.lag.is_some();
+        let columns: Vec<usize> =
+            bank.candidates.iter().enumerate().filter(may).map(|(place, _)| place).collect();
+        if columns.len() > WIDEST {
+            return Err(format!(
+                "{} inputs through {} lags are {} numbers, and a network takes {WIDEST}: name fewer sensors with --inputs, or \
+                 fewer --lags",
+                campaign.inputs.len(),
+                lags.len(),
+                columns.len()
+            ));
+        }
+        let (nodes, most, option) = match shape {
+            Shape::Radial(centres) => (centres, WIDEST, "--centres"),
+            Shape::Neurons(neurons) => (neurons, WIDEST / neurons::MEMBERS, "--neurons"),
+        };
+        if nodes == 0 || nodes > most {
+            return Err(format!("{option} {nodes}: 1 to {most} are possible"));
+        }
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 600 rows")]
+        let every = (APART / campaign.row_seconds()).round().clamp(1.0, APART) as usize;
+        let names = campaign.inputs.iter().map(|input| input.name.clone()).collect();
+        Ok(Trained { bank, columns, names, every, shape, seed: settings.seed })
+    }
+
+    fn samples(&self, run: usize, columns: &[usize]) -> Samples {
+        let traced = &self.bank.runs[run];
+        let rows: Vec<usize> = (0..traced.wanted.len()).step_by(self.every).collect();
+        Samples {
+            rises: traced.rises.select_columns(columns).select_rows(&rows),
+            wanted: DVector::from_iterator(rows.len(), rows.iter().map(|row| traced.wanted[*row])),
+        }
+    }
+}
+
+impl Learner for Trained {
+    fn bank(&self) -> &Bank {
+        &self.bank
+    }
+
+    fn learn(&self, runs: &[usize], without: &[usize]) -> Result<Learned, String> {
+        let may = |column: &&usize| !without.contains(&self.bank.candidates[**column].input);
+        let columns: Vec<usize> = self.columns.iter().filter(may).copied().collect();
+        let mut each: Vec<Samples> = runs.iter().map(|run| self.samples(*run, &columns)).collect();
+        let all = Samples::stacked(each.iter());
+        let scales: Vec<f64> = all.rises.column_iter().map(|column| scale(column.as_slice())).collect();
+        let output = scale(all.wanted.as_slice());
+        for samples in &mut each {
+            for (mut column, scale) in samples.rises.column_iter_mut().zip(&scales) {
+                column /= *scale;
+            }
+            samples.wanted /= output;
+        }
+        let all = Samples::stacked(each.iter());
+        let places: Vec<usize> = (0..each.len()).collect();
+        let folds = if each.len() < 2 { Vec::new() } else { folds(&places) };
+        let fold = |held: &Vec<usize>| {
+            let (out, rest): (Vec<usize>, Vec<usize>) = places.iter().partition(|place| held.contains(place));
+            let training = Samples::stacked(rest.iter().map(|place| &each[*place]));
+            Fold { training, held: out.iter().map(|place| &each[*place]).collect() }
+        };
+        let folds: Vec<Fold<'_>> = folds.iter().map(fold).collect();
+        let mut file = match self.shape {
+            Shape::Radial(centres) => radial::file(&radial::fit(&all, &folds, centres, self.seed)),
+            Shape::Neurons(neurons) => neurons::file(&neurons::fit(&all, &folds, neurons, self.seed)),
+        };
+        let inputs: Vec<Candidate> = columns.iter().map(|column| self.bank.candidates[*column]).collect();
+        let names: Vec<&String> = inputs.iter().map(|candidate| &self.names[candidate.input]).collect();
+        file["format"] = json!("isotherm-network");
+        file["version"] = json!(1);
+        file["inputs"] = json!({ "names": names, "mean": vec![0.0; columns.len()], "scale": scales });
+        file["output"] = json!({ "mean": 0.0, "scale": output });
+        // Read back from the file: what was judged is what runs.
+        let (net, _) = network::parse(file.to_string().as_bytes())?;
+        Ok(Learned::Net { inputs, net: Box::new(net), file: Box::new(file) })
+    }
+}
+
+/// Root mean square; 1 for what never moves.
+fn scale(values: &[f64]) -> f64 {
+    let scale = (values.iter().map(|value| value * value).sum::<f64>() / count(values.len()).max(1.0)).sqrt();
+    if scale > 1e-9 { scale } else { 1.0 }
+}
+
+fn rows(matrix: &DMatrix<f64>) -> Value {
+    let rows: Vec<Vec<f64>> = matrix.row_iter().map(|row| row.iter().copied().collect()).collect();
+    json!(rows)
+}

@@ -1,0 +1,193 @@
+//! `network`: one layer of tanh neurons, trained by back-propagation with Adam (Kingma and Ba 2015) on all rows at once.
+//!
+//! Weights begin small, so that a short training gives a nearly linear network of the directions in which the sensors
+//! move most; the longer it goes on, the finer what it follows. How long is chosen on runs that were left out: early
+//! stopping by run. Then networks that begin elsewhere learn from all runs for that long, and their mean is one wider
+//! network.
+
+use nalgebra::{DMatrix, DVector};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use serde_json::{Value, json};
+
+use super::{Fold, Samples, rows};
+use crate::gram::count;
+use crate::method::smallest;
+use crate::parallel;
+
+/// Networks that are averaged.
+pub(super) const MEMBERS: usize = 5;
+/// Networks that are averaged where lengths are compared.
+const COMPARED: u64 = 2;
+/// Rounds of training after which a network may stop.
+pub(super) const LENGTHS: [usize; 11] = [30, 60, 100, 150, 200, 300, 400, 600, 800, 1000, 1500];
+/// Where one run gives no validation.
+const UNVALIDATED: usize = 100;
+/// How much of a weight is taken off its slope.
+const DECAY: f64 = 1e-3;
+const RATE: f64 = 0.01;
+/// Spread of the first weights: of a neuron's sum, of its bias, of what it adds.
+const BEGIN: (f64, f64, f64) = (0.2, 0.2, 0.5);
+
+/// y = Σ w·(tanh(W·x + b) − tanh b): zero where there is no rise.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Neurons {
+    first: DMatrix<f64>,
+    bias: DVector<f64>,
+    second: DVector<f64>,
+}
+
+impl Neurons {
+    fn begin(inputs: usize, neurons: usize, chance: &mut Pcg64Mcg) -> Neurons {
+        // Four uniforms have nearly a normal law.
+        let mut drawn = |spread: f64| {
+            let sum: f64 = (0..4).map(|_| chance.random_range(-1.0..1.0)).sum();
+            spread * sum * (3.0_f64 / 4.0).sqrt()
+        };
+        let (sum, bias, adds) = BEGIN;
+        let (sum, adds) = (sum / count(inputs).sqrt(), adds / count(neurons).sqrt());
+        Neurons {
+            first: DMatrix::from_fn(neurons, inputs, |_, _| drawn(sum)),
+            bias: DVector::from_fn(neurons, |_, _| drawn(bias)),
+            second: DVector::from_fn(neurons, |_, _| drawn(adds)),
+        }
+    }
+
+    /// What each neuron says at each row.
+    fn layer(&self, rises: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut layer = rises * self.first.transpose();
+        for (mut column, bias) in layer.column_iter_mut().zip(self.bias.iter()) {
+            column.apply(|sum| *sum = (*sum + bias).tanh());
+        }
+        layer
+    }
+
+    fn at_rest(&self) -> DVector<f64> {
+        self.bias.map(f64::tanh)
+    }
+
+    pub(super) fn output(&self, rises: &DMatrix<f64>) -> DVector<f64> {
+        (self.layer(rises) * &self.second).add_scalar(-self.at_rest().dot(&self.second))
+    }
+
+    /// Slopes of half the mean squared error, with the decay: of W, b and w.
+    fn slopes(&self, samples: &Samples) -> (DMatrix<f64>, DVector<f64>, DVector<f64>) {
+        let mut layer = self.layer(&samples.rises);
+        let rest = self.at_rest();
+        let left = (&layer * &self.second).add_scalar(-rest.dot(&self.second)) - &samples.wanted;
+        let (each, sum) = (1.0 / count(left.len()).max(1.0), left.sum());
+        let second = (layer.tr_mul(&left) - &rest * sum) * each + &self.second * DECAY;
+        for (mut column, weight) in layer.column_iter_mut().zip(self.second.iter()) {
+            column.zip_apply(&left, |said, left| *said = left * weight * (1.0 - *said * *said));
+        }
+        let bias = DVector::from_fn(rest.len(), |place, _| {
+            let at_rest = sum * self.second[place] * (1.0 - rest[place] * rest[place]);
+            (layer.column(place).sum() - at_rest) * each
+        });
+        (layer.tr_mul(&samples.rises) * each + &self.first * DECAY, bias, second)
+    }
+}
+
+/// Adam's two running means of the slopes of some weights.
+struct Adam {
+    mean: Vec<f64>,
+    square: Vec<f64>,
+}
+
+impl Adam {
+    fn of(weights: usize) -> Adam {
+        Adam { mean: vec![0.0; weights], square: vec![0.0; weights] }
+    }
+
+    /// `begun`: what share of their final weight both means have by now.
+    fn step(&mut self, weights: &mut [f64], slopes: &[f64], begun: (f64, f64)) {
+        let means = self.mean.iter_mut().zip(&mut self.square);
+        for ((weight, slope), (mean, square)) in weights.iter_mut().zip(slopes).zip(means) {
+            *mean = KEPT.0 * *mean + (1.0 - KEPT.0) * slope;
+            *square = KEPT.1 * *square + (1.0 - KEPT.1) * slope * slope;
+            *weight -= RATE * (*mean / begun.0) / ((*square / begun.1).sqrt() + 1e-8);
+        }
+    }
+}
+
+const KEPT: (f64, f64) = (0.9, 0.999);
+
+/// A network as it was after each of these lengths, which ascend.
+pub(super) fn train(samples: &Samples, neurons: usize, seed: u64, lengths: &[usize]) -> Vec<Neurons> {
+    let mut chance = Pcg64Mcg::seed_from_u64(seed);
+    let mut network = Neurons::begin(samples.rises.ncols(), neurons, &mut chance);
+    let (mut first, mut bias, mut second) =
+        (Adam::of(network.first.len()), Adam::of(neurons), Adam::of(neurons));
+    let mut kept = Vec::new();
+    let mut share = (1.0, 1.0);
+    for round in 1..=lengths.last().copied().unwrap_or(0) {
+        share = (share.0 * KEPT.0, share.1 * KEPT.1);
+        let begun = (1.0 - share.0, 1.0 - share.1);
+        let slopes = network.slopes(samples);
+        first.step(network.first.as_mut_slice(), slopes.0.as_slice(), begun);
+        bias.step(network.bias.as_mut_slice(), slopes.1.as_slice(), begun);
+        second.step(network.second.as_mut_slice(), slopes.2.as_slice(), begun);
+        if lengths.contains(&round) {
+            kept.push(network.clone());
+        }
+    }
+    kept
+}
+
+/// How long to train: after which length the networks of the inner folds leave least.
+pub(super) fn length(folds: &[Fold<'_>], neurons: usize, seed: u64) -> usize {
+    if folds.is_empty() {
+        return UNVALIDATED;
+    }
+    let numbered: Vec<(u64, &Fold<'_>)> = (0..).zip(folds).collect();
+    let costs = parallel::map(&numbered, |(number, fold)| {
+        let seed = |member| seed.wrapping_mul(1000).wrapping_add(100 * member + number);
+        let members: Vec<Vec<Neurons>> =
+            (0..COMPARED).map(|member| train(&fold.training, neurons, seed(member), &LENGTHS)).collect();
+        let cost = |place: usize| {
+            let at = members.iter().filter_map(|member| member.get(place)).collect::<Vec<_>>();
+            fold.left(|rises| mean(&at, rises))
+        };
+        (0..LENGTHS.len()).map(cost).collect::<Vec<f64>>()
+    });
+    let sums: Vec<f64> = (0..LENGTHS.len()).map(|place| costs.iter().map(|cost| cost[place]).sum()).collect();
+    LENGTHS[smallest(&sums)]
+}
+
+fn mean(members: &[&Neurons], rises: &DMatrix<f64>) -> DVector<f64> {
+    let zero = DVector::zeros(rises.nrows());
+    members.iter().fold(zero, |sum, member| sum + member.output(rises)) / count(members.len())
+}
+
+/// The networks that are averaged.
+pub(super) fn fit(all: &Samples, folds: &[Fold<'_>], neurons: usize, seed: u64) -> Vec<Neurons> {
+    let length = length(folds, neurons, seed);
+    let members: Vec<u64> = (500..).take(MEMBERS).collect();
+    let trained = parallel::map(&members, |member| {
+        train(all, neurons, seed.wrapping_mul(1000).wrapping_add(*member), &[length])
+    });
+    trained.into_iter().flatten().collect()
+}
+
+/// Their mean as one network of the project's own format.
+pub(super) fn file(members: &[Neurons]) -> Value {
+    let share = 1.0 / count(members.len());
+    let weights: Vec<Value> = members
+        .iter()
+        .flat_map(|member| match rows(&member.first) {
+            Value::Array(rows) => rows,
+            _ => Vec::new(),
+        })
+        .collect();
+    let bias: Vec<f64> = members.iter().flat_map(|member| member.bias.iter().copied()).collect();
+    let second: Vec<f64> =
+        members.iter().flat_map(|member| member.second.iter().map(|weight| weight * share)).collect();
+    let rest: f64 = bias.iter().zip(&second).map(|(bias, weight)| bias.tanh() * weight).sum();
+    json!({
+        "type": "bp",
+        "layers": [
+            { "weights": weights, "bias": bias, "activation": "tanh" },
+            { "weights": [second], "bias": [-rest], "activation": "linear" },
+        ],
+    })
+}

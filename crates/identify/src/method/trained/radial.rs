@@ -1,0 +1,194 @@
+//! `rbf`: Gaussian bumps of one width about centres that k-means finds among the rows; what each adds by least squares
+//! with a penalty. Width and penalty are chosen on runs that were left out. Wide bumps with large weights of both signs
+//! make a smooth surface, narrow ones follow each place by itself.
+
+use nalgebra::{DMatrix, DVector};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use serde_json::{Value, json};
+
+use super::{Fold, Samples};
+use crate::gram::count;
+use crate::method::smallest;
+use crate::parallel;
+
+/// Widths that are tried, in root mean squares of all inputs together.
+const WIDTHS: [f64; 5] = [0.5, 1.0, 2.0, 4.0, 8.0];
+/// Penalties that are tried, in mean squares of what a bump says: 1e-10 to 0.1.
+const PENALTIES: i32 = 10;
+/// Where one run gives no validation: places among the two.
+const UNVALIDATED: (usize, usize) = (3, 6);
+const ROUNDS: usize = 50;
+/// k-means ends where no centre moves further than this.
+const STILL: f64 = 1e-6;
+
+/// So many are found, each from centres of its own, and averaged: where k-means ends hangs on chance.
+const MEMBERS: u8 = 5;
+
+/// The mean of several.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Bumps(Vec<Member>);
+
+/// y = Σ w·(φ(x) − φ(0)): zero where there is no rise.
+#[derive(Clone, Debug, PartialEq)]
+struct Member {
+    centres: DMatrix<f64>,
+    width: f64,
+    weights: DVector<f64>,
+}
+
+#[cfg(test)]
+impl Bumps {
+    pub(super) fn output(&self, rises: &DMatrix<f64>) -> DVector<f64> {
+        let sum = DVector::zeros(rises.nrows());
+        self.0.iter().map(|member| member.output(rises)).fold(sum, |sum, said| sum + said)
+            / count(self.0.len())
+    }
+}
+
+impl Member {
+    fn output(&self, rises: &DMatrix<f64>) -> DVector<f64> {
+        said(rises, &self.centres, self.width) * &self.weights
+    }
+}
+
+fn penalty(place: usize) -> f64 {
+    10f64.powi(i32::try_from(place).unwrap_or(PENALTIES) - PENALTIES)
+}
+
+/// The place of the width and of the penalty that leave least on the inner folds.
+fn chosen(folds: &[Fold<'_>], centres: usize, seed: u64) -> (usize, usize) {
+    if folds.is_empty() {
+        return UNVALIDATED;
+    }
+    let tried: Vec<(usize, usize)> = (0..WIDTHS.len())
+        .flat_map(|width| (0..usize::try_from(PENALTIES).unwrap_or(0)).map(move |penalty| (width, penalty)))
+        .collect();
+    let numbered: Vec<(u64, &Fold<'_>)> = (0..).zip(folds).collect();
+    let costs = parallel::map(&numbered, |(number, fold)| {
+        let centres = k_means(&fold.training.rises, centres, seed.wrapping_mul(100).wrapping_add(*number));
+        let cost = |(width, place): &(usize, usize)| {
+            let width = unit(&centres) * WIDTHS[*width];
+            let weights = weights(&fold.training, &centres, width, penalty(*place));
+            let member = Member { centres: centres.clone(), width, weights };
+            fold.left(|rises| member.output(rises))
+        };
+        tried.iter().map(cost).collect::<Vec<f64>>()
+    });
+    let sums: Vec<f64> = (0..tried.len()).map(|place| costs.iter().map(|cost| cost[place]).sum()).collect();
+    tried[smallest(&sums)]
+}
+
+pub(super) fn fit(all: &Samples, folds: &[Fold<'_>], centres: usize, seed: u64) -> Bumps {
+    let own = |member: u8| seed.wrapping_mul(u64::from(MEMBERS)).wrapping_add(u64::from(member));
+    Bumps((0..MEMBERS).map(|member| member_of(all, folds, centres, own(member))).collect())
+}
+
+fn member_of(all: &Samples, folds: &[Fold<'_>], centres: usize, seed: u64) -> Member {
+    let (width, place) = chosen(folds, centres, seed);
+    let centres = k_means(&all.rises, centres, seed.wrapping_mul(100).wrapping_add(99));
+    let width = unit(&centres) * WIDTHS[width];
+    let weights = weights(all, &centres, width, penalty(place));
+    Member { centres, width, weights }
+}
+
+/// As a network of the project's own format.
+pub(super) fn file(bumps: &Bumps) -> Value {
+    let share = 1.0 / count(bumps.0.len());
+    let mut bias = 0.0;
+    let (mut centres, mut widths, mut weights) = (Vec::new(), Vec::new(), Vec::new());
+    for member in &bumps.0 {
+        bias -= at_rest(&member.centres, member.width).dot(&member.weights) * share;
+        centres.extend(member.centres.row_iter().map(|row| row.iter().copied().collect::<Vec<f64>>()));
+        widths.extend(member.weights.iter().map(|_| member.width));
+        weights.extend(member.weights.iter().map(|weight| weight * share));
+    }
+    json!({ "type": "rbf", "centres": centres, "widths": widths, "weights": weights, "bias": bias })
+}
+
+/// The root mean square distance of a row from the origin: inputs are scaled one by one.
+fn unit(centres: &DMatrix<f64>) -> f64 {
+    count(centres.ncols()).sqrt()
+}
+
+fn bump(squared: f64, width: f64) -> f64 {
+    (-0.5 * squared / (width * width)).exp()
+}
+
+fn at_rest(centres: &DMatrix<f64>, width: f64) -> DVector<f64> {
+    DVector::from_iterator(
+        centres.nrows(),
+        centres.row_iter().map(|centre| bump(centre.norm_squared(), width)),
+    )
+}
+
+/// What each bump says at each row, less what it says without a rise.
+fn said(rises: &DMatrix<f64>, centres: &DMatrix<f64>, width: f64) -> DMatrix<f64> {
+    let rest = at_rest(centres, width);
+    let apart = |row: usize, place: usize| apart(rises, row, centres, place);
+    DMatrix::from_fn(rises.nrows(), centres.nrows(), |row, place| {
+        bump(apart(row, place), width) - rest[place]
+    })
+}
+
+/// The squared distance of a row from a centre.
+fn apart(rises: &DMatrix<f64>, row: usize, centres: &DMatrix<f64>, place: usize) -> f64 {
+    (0..rises.ncols()).map(|column| (rises[(row, column)] - centres[(place, column)]).powi(2)).sum()
+}
+
+fn weights(samples: &Samples, centres: &DMatrix<f64>, width: f64, penalty: f64) -> DVector<f64> {
+    let said = said(&samples.rises, centres, width);
+    let mut square = said.tr_mul(&said);
+    let cross = said.tr_mul(&samples.wanted);
+    let usual = (square.trace() / count(centres.nrows())).max(f64::MIN_POSITIVE);
+    let mut penalty = penalty * usual;
+    // Twin centres: a larger penalty until there is an answer.
+    loop {
+        for place in 0..square.nrows() {
+            square[(place, place)] += penalty;
+        }
+        if let Some(factors) = square.clone().cholesky() {
+            return factors.solve(&cross);
+        }
+        penalty *= 10.0;
+    }
+}
+
+/// Centres of groups of rows, at most one per row: k-means from rows drawn far apart (k-means++, Arthur and
+/// Vassilvitskii 2007).
+fn k_means(rises: &DMatrix<f64>, centres: usize, seed: u64) -> DMatrix<f64> {
+    let mut chance = Pcg64Mcg::seed_from_u64(seed);
+    let count = rises.nrows();
+    let mut drawn = vec![chance.random_range(0..count.max(1))];
+    let mut far = vec![f64::MAX; count];
+    while drawn.len() < centres.min(count) {
+        for (row, far) in far.iter_mut().enumerate() {
+            *far = far.min(apart(rises, row, rises, drawn[drawn.len() - 1]));
+        }
+        let mut left = chance.random_range(0.0..1.0) * far.iter().sum::<f64>();
+        let next = far.iter().position(|far| {
+            left -= far;
+            left < 0.0
+        });
+        drawn.push(next.unwrap_or(count - 1));
+    }
+    let mut centres = rises.select_rows(&drawn);
+    for _ in 0..ROUNDS {
+        let mut groups = vec![Vec::new(); centres.nrows()];
+        for row in 0..count {
+            let costs: Vec<f64> =
+                (0..centres.nrows()).map(|place| apart(rises, row, &centres, place)).collect();
+            groups[smallest(&costs)].push(row);
+        }
+        let mut moved: f64 = 0.0;
+        for (place, group) in groups.iter().enumerate().filter(|(_, group)| !group.is_empty()) {
+            let mean = rises.select_rows(group).row_mean();
+            moved = moved.max((&mean - centres.row(place)).norm());
+            centres.set_row(place, &mean);
+        }
+        if moved < STILL {
+            break;
+        }
+    }
+    centres
+}

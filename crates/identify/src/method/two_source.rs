@@ -1,0 +1,73 @@
+//! `two-source`: C = Cw + Ch, Tachiya et al. 2013. In runs in which only the first source is at work (the spindle waits)
+//! its sensors give Cw; what Cw leaves of the other runs is Ch, from the second source's sensors.
+
+use super::{Rule, Settings};
+use crate::campaign::Campaign;
+use crate::gram::Gram;
+use crate::solve::ridge;
+
+pub(super) struct TwoSource {
+    waiting: Vec<usize>,
+    first: Vec<usize>,
+    second: Vec<usize>,
+}
+
+impl TwoSource {
+    /// On a bank without lags, in which an input's place is its column.
+    pub(super) fn new(campaign: &Campaign<'_>, settings: &Settings) -> Result<TwoSource, String> {
+        let runs: Vec<&str> = campaign.dataset.runs.iter().map(|run| run.name.as_str()).collect();
+        let inputs: Vec<&str> = campaign.inputs.iter().map(|input| input.name.as_str()).collect();
+        let waiting = places("--waiting", "run", &settings.waiting, &runs)?;
+        if waiting.len() < 2 || waiting.len() == runs.len() {
+            return Err(format!(
+                "two-source wants at least two runs in which the spindle waits, and others: --waiting RUN,RUN of {}",
+                runs.join(", ")
+            ));
+        }
+        Ok(TwoSource {
+            waiting,
+            first: places("--first", "input", &settings.first, &inputs)?,
+            second: places("--second", "input", &settings.second, &inputs)?,
+        })
+    }
+}
+
+fn places(option: &str, what: &str, names: &[String], known: &[&str]) -> Result<Vec<usize>, String> {
+    if names.is_empty() {
+        return Err(format!("two-source wants {option}: one {what} or more of {}", known.join(", ")));
+    }
+    let place = |name: &String| {
+        let found = known.iter().position(|other| other == name);
+        found.ok_or_else(|| format!("{option}: there is no {what} `{name}`; there are {}", known.join(", ")))
+    };
+    names.iter().map(place).collect()
+}
+
+impl Rule for TwoSource {
+    fn fit(&self, grams: &[Gram], runs: &[usize], columns: &[usize]) -> Result<Vec<(usize, f64)>, String> {
+        let may = |list: &[usize]| -> Vec<usize> {
+            list.iter().copied().filter(|column| columns.contains(column)).collect()
+        };
+        let (first, second) = (may(&self.first), may(&self.second));
+        let (waiting, working): (Vec<usize>, Vec<usize>) =
+            runs.iter().copied().partition(|run| self.waiting.contains(run));
+        if waiting.is_empty() || working.is_empty() {
+            return Err("two-source needs another run of each kind, with and without the spindle".to_owned());
+        }
+        let by_first = ridge(&Gram::sum(grams, &waiting), &first, 0.0);
+        let mut rest = Gram::sum(grams, &working);
+        let mut gains: Vec<(usize, f64)> = first.iter().copied().zip(by_first.iter().copied()).collect();
+        for (column, gain) in &gains {
+            let taken = rest.square.column(*column).into_owned();
+            rest.cross.axpy(-gain, &taken, 1.0);
+        }
+        for (column, gain) in second.iter().zip(ridge(&rest, &second, 0.0).iter()) {
+            match gains.iter_mut().find(|(known, _)| known == column) {
+                // A sensor of both sources: one term in the sum.
+                Some((_, sum)) => *sum += gain,
+                None => gains.push((*column, *gain)),
+            }
+        }
+        Ok(gains)
+    }
+}

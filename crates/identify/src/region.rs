@@ -1,0 +1,87 @@
+//! The envelope: where the inputs of a model were while it was identified.
+
+use nalgebra::{DMatrix, DVector};
+use serde::{Serialize, Serializer};
+use serde_json::{Value, json};
+
+use crate::bank::Bank;
+use crate::campaign::Campaign;
+use crate::gram::count;
+use crate::learn::plain;
+use isotherm_core::compensation::model::envelope::MOST;
+
+/// The rises of some inputs over every run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Region {
+    /// By input: its name, mean, smallest and largest rise.
+    pub inputs: Vec<(String, f64, f64, f64)>,
+    covariance: DMatrix<f64>,
+    /// The largest Mahalanobis distance that occurred.
+    reach: f64,
+}
+
+impl Serialize for Region {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        self.file().serialize(serializer)
+    }
+}
+
+/// Twin sensors: a share of each variance is added, so that the covariance has an inverse.
+const LOOSENED: f64 = 1e-6;
+
+impl Region {
+    /// Of these inputs. `None` where they are too many for an envelope, or one never moves.
+    pub fn of(campaign: &Campaign<'_>, bank: &Bank, inputs: &[usize]) -> Option<Region> {
+        if inputs.is_empty() || inputs.len() > MOST {
+            return None;
+        }
+        let columns: Vec<usize> =
+            inputs.iter().map(|input| plain(bank, *input)).collect::<Option<Vec<usize>>>()?;
+        let rows: Vec<DVector<f64>> = bank
+            .runs
+            .iter()
+            .flat_map(|run| {
+                let columns = &columns;
+                (0..run.rises.nrows()).map(move |row| {
+                    DVector::from_fn(columns.len(), |place, _| run.rises[(row, columns[place])])
+                })
+            })
+            .collect();
+        let total = count(rows.len());
+        let mean = rows.iter().fold(DVector::zeros(inputs.len()), |sum, row| sum + row) / total.max(1.0);
+        let mut covariance = rows.iter().fold(DMatrix::zeros(inputs.len(), inputs.len()), |sum, row| {
+            let apart = row - &mean;
+            sum + &apart * apart.transpose()
+        }) / total.max(1.0);
+        for place in 0..inputs.len() {
+            covariance[(place, place)] *= 1.0 + LOOSENED;
+        }
+        let factors = covariance.clone().cholesky()?;
+        let distance = |row: &DVector<f64>| {
+            let apart = row - &mean;
+            apart.dot(&factors.solve(&apart)).max(0.0).sqrt()
+        };
+        let reach = rows.iter().map(distance).fold(0.0, f64::max);
+        let named = inputs.iter().enumerate().map(|(place, input)| {
+            let values = rows.iter().map(|row| row[place]);
+            let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)));
+            (campaign.inputs[*input].name.clone(), mean[place], low, high)
+        });
+        let inputs: Vec<_> = named.collect();
+        inputs.iter().all(|(_, _, low, high)| low < high).then_some(Region { inputs, covariance, reach })
+    }
+
+    /// As its file.
+    pub fn file(&self) -> Value {
+        let inputs: Vec<Value> = (self.inputs.iter())
+            .map(|(signal, mean, min, max)| {
+                json!({ "signal": signal, "reference": "start", "mean": mean, "min": min, "max": max })
+            })
+            .collect();
+        let rows: Vec<Vec<f64>> =
+            self.covariance.row_iter().map(|row| row.iter().copied().collect()).collect();
+        // A hair more than the farthest row: it was identified there.
+        let reach = self.reach * (1.0 + 1e-9);
+        json!({ "format": "isotherm-envelope", "version": 1, "reach": reach, "inputs": inputs, "covariance": rows })
+    }
+}

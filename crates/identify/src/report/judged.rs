@@ -1,0 +1,156 @@
+//! How the model fared on runs that it never saw.
+
+use maud::{Markup, html};
+
+use super::chart::{self, Bar, Line, Look};
+use super::{decimals, figure, number, table};
+use crate::gram::count;
+use crate::identified::{Identified, Means};
+use crate::validate::{HeldOut, RunScore};
+
+/// The headline: what is left of the error.
+pub(super) fn headline(means: &Means, bare: &Means) -> Markup {
+    html! {
+        dl .figures {
+            div { dt { "mean range of a run" } dd { (number(means.mean_range_um)) " µm" small { "without compensation " (number(bare.mean_range_um)) " µm" } } }
+            div { dt { "worst run" } dd { (number(means.worst_range_um)) " µm" small { "without compensation " (number(bare.worst_range_um)) " µm" } } }
+            div { dt { "mean RMS" } dd { (number(means.mean_rmse_um)) " µm" small { "without compensation " (number(bare.mean_rmse_um)) " µm" } } }
+            div { dt { "range cut by" } dd { (cut(means.mean_range_um, bare.mean_range_um)) small { "each run held out in turn" } } }
+        }
+    }
+}
+
+/// How much of the range is gone, in percent; below zero where it grew.
+fn cut(range: f64, bare: f64) -> String {
+    if bare > 0.0 { format!("{} %", decimals(100.0 * (1.0 - range / bare), 0)) } else { "–".to_owned() }
+}
+
+/// Bars and a table: every run held out.
+pub(super) fn cross_validation(runs: &[RunScore], means: &Means, bare: &Means) -> Markup {
+    let worst = runs.iter().map(|run| run.range_um).fold(0.0, f64::max);
+    let bar = |run: &RunScore| Bar {
+        name: run.name.clone(),
+        value: run.range_um,
+        doubt: 0.0,
+        outline: Some(run.uncompensated_range_um),
+        figure: format!("{} of {}", decimals(run.range_um, 1), decimals(run.uncompensated_range_um, 1)),
+    };
+    let all: Vec<Bar> = runs.iter().map(bar).collect();
+    let rows = html! {
+        @for run in runs {
+            tr .worst[run.range_um >= worst && runs.len() > 1] {
+                th scope="row" { (run.name) }
+                td { (number(run.range_um)) } td { (number(run.uncompensated_range_um)) }
+                td { (cut(run.range_um, run.uncompensated_range_um)) }
+                td { (number(run.rmse_um)) } td { (number(run.uncompensated_rmse_um)) }
+                td { (number(run.p95_um)) }
+            }
+        }
+        tr .sum {
+            th scope="row" { "mean" }
+            td { (number(means.mean_range_um)) } td { (number(bare.mean_range_um)) }
+            td { (cut(means.mean_range_um, bare.mean_range_um)) }
+            td { (number(means.mean_rmse_um)) } td { (number(bare.mean_rmse_um)) }
+            td {}
+        }
+    };
+    html! {
+        h2 { "Cross-validation" }
+        p {
+            "Each run was held out in turn: the model was found from all the others, and judged on the one that it never saw. \
+             The range is the largest minus the smallest error of a run."
+        }
+        ul .keys { li .filled { "range left, µm" } li .hollow { "without compensation, µm" } }
+        (chart::bars("range of each run, held out and without compensation", &all))
+        (table(&["run", "range, µm", "without", "cut by", "RMS, µm", "without", "95 % within ±, µm"], &rows))
+    }
+}
+
+/// Measured, predicted and residual of each run, over one scale.
+pub(super) fn pictures(found: &Identified) -> Markup {
+    let values = |held: &HeldOut| -> Vec<f64> {
+        held.error
+            .iter()
+            .copied()
+            .chain(held.cz.iter().map(|cz| -cz))
+            .chain(held.residual(found.probe_s))
+            .collect()
+    };
+    let (low, high) = found
+        .held_out
+        .iter()
+        .flat_map(values)
+        .filter(|value| value.is_finite())
+        .fold((0.0_f64, 0.0_f64), |(low, high), value| (low.min(value), high.max(value)));
+    let room = (0.05 * (high - low)).max(0.1);
+    html! {
+        h2 { "Measured, predicted, left over" }
+        ul .keys {
+            li { "measured error" }
+            li .dashed { "predicted by the model from the other runs" }
+            li .filled { "left over" @if found.probe_s.is_some() { " after probing" } }
+        }
+        div .gallery {
+            @for held in &found.held_out { (of_run(held, found.probe_s, (low - room, high + room))) }
+        }
+        (against(found))
+    }
+}
+
+fn of_run(held: &HeldOut, probe: Option<f64>, within: (f64, f64)) -> Markup {
+    let hours = || held.seconds.iter().map(|second| second / 3600.0);
+    let lines = [
+        Line::new(Look::Filled, hours().zip(held.residual(probe))),
+        Line::new(Look::Solid, hours().zip(held.error.iter().copied())),
+        Line::new(Look::Dashed, hours().zip(held.cz.iter().map(|cz| -cz))),
+    ];
+    let score = &held.score;
+    let says = format!("measured, predicted and left over in {}", score.name);
+    let caption = format!(
+        "range {} µm, without compensation {} µm",
+        number(score.range_um),
+        number(score.uncompensated_range_um)
+    );
+    figure(&score.name, &chart::lines(480, 280, "µm", &says, &lines, Some(within)), &caption)
+}
+
+/// Predicted over measured, all runs; what is left over, over what was predicted.
+fn against(found: &Identified) -> Markup {
+    const MOST: usize = 1200;
+    let all: usize = found.held_out.iter().map(|held| held.error.len()).sum();
+    let every = all.div_ceil(MOST).max(1);
+    let pairs: Vec<(f64, f64)> = (found.held_out.iter())
+        .flat_map(|held| held.error.iter().copied().zip(held.cz.iter().map(|cz| -cz)))
+        .step_by(every)
+        .collect();
+    let left = found.held_out.iter().flat_map(|held| held.residual(found.probe_s));
+    let histogram = spread(&left.collect::<Vec<f64>>());
+    html! {
+        div .gallery style="margin-top: 1.2rem" {
+            (figure("Predicted against measured", &chart::scatter("µm predicted, over µm measured", "predicted against measured error", &pairs),
+                "Every run held out; on the line both are equal."))
+            (figure("How much is left over, how often", &chart::bars("share of the rows by what is left over", &histogram),
+                "Share of the rows of all runs, by what is left over in µm."))
+        }
+    }
+}
+
+/// Shares of the rows in nine equal steps, symmetric about zero.
+fn spread(left: &[f64]) -> Vec<Bar> {
+    let largest = left.iter().fold(0.0_f64, |largest, value| largest.max(value.abs())).max(1e-3);
+    let step = 2.0 * largest / 9.0;
+    let share = |number: u32| {
+        let (from, to) = (-largest + step * f64::from(number), -largest + step * f64::from(number + 1));
+        let is_last = number == 8;
+        let inside = left.iter().filter(|value| **value >= from && (**value < to || is_last)).count();
+        let share = 100.0 * count(inside) / count(left.len()).max(1.0);
+        Bar {
+            name: format!("{} … {}", decimals(from, 1), decimals(to, 1)),
+            value: share,
+            doubt: 0.0,
+            outline: None,
+            figure: format!("{} %", decimals(share, 1)),
+        }
+    };
+    (0..9).map(share).collect()
+}

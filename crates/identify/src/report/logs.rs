@@ -1,0 +1,188 @@
+//! What the logs hold: runs, sensors over time, and which sensors say the same.
+
+use maud::{Markup, html};
+
+use super::chart::{self, Line, Look};
+use super::{date, decimals, duration, figure, plain, table, three_digits};
+use crate::alike::{correlations, order};
+use crate::ambient::AmbientLike;
+use crate::bank::Bank;
+use crate::campaign::Campaign;
+use crate::dataset::{Column, Dataset, Kind, Run};
+use crate::faults::{self, Excluded};
+use crate::gram::count;
+use crate::validate::range;
+
+/// Most inputs of a correlation map.
+const MOST_MAPPED: usize = 32;
+
+/// Date, duration, rows, speeds and ambient of each run.
+pub(super) fn runs(dataset: &Dataset, like: &[AmbientLike]) -> Markup {
+    let of_kind =
+        |kind: Kind| dataset.columns.iter().enumerate().filter(move |(_, column)| column.kind == kind);
+    let speeds: Vec<(usize, &str)> =
+        of_kind(Kind::Speed).map(|(place, column)| (place, column.name.as_str())).collect();
+    let behaves = |column: &Column| like.iter().any(|like| like.signal == column.name);
+    let ambient = of_kind(Kind::Temperature)
+        .find(|(_, column)| is_ambient(&column.name))
+        .or_else(|| of_kind(Kind::Temperature).find(|(_, column)| behaves(column)));
+    let mut heads = vec!["run", "begins", "duration", "rows"];
+    let names: Vec<String> = speeds.iter().map(|(_, name)| (*name).to_owned()).collect();
+    heads.extend(names.iter().map(String::as_str));
+    let ambient_head = ambient.map(|(_, column)| format!("ambient ({}), °C", column.name));
+    heads.extend(ambient_head.as_deref());
+    let rows = html! {
+        @for run in &dataset.runs {
+            tr {
+                th scope="row" { (run.name) }
+                td { (date(run.times.first().copied().unwrap_or_default())) }
+                td { (duration(run.lasts().as_secs_f64())) }
+                td { (run.times.len()) }
+                @for (column, _) in &speeds { td { (stages(&run.values[*column])) } }
+                @if let Some((column, _)) = ambient { td { (spanned(&run.values[column], 1)) } }
+            }
+        }
+    };
+    html! {
+        h2 { "Runs" }
+        (table(&heads, &rows))
+        @if ambient.is_none() {
+            p .quiet { "No column is named for the air around the machine (ambient, air, room, hall, shop), and none behaves like it." }
+        }
+    }
+}
+
+/// By its name.
+pub(crate) fn is_ambient(name: &str) -> bool {
+    let name = name.to_lowercase();
+    let mut words = name.split(|letter: char| !letter.is_alphabetic());
+    words.any(|word| ["ambient", "air", "room", "hall", "shop", "environment"].contains(&word))
+}
+
+/// `20.1 … 23.4`.
+fn spanned(values: &[f64], places: usize) -> String {
+    let finite = || values.iter().copied().filter(|value| value.is_finite());
+    if finite().next().is_none() {
+        return "–".to_owned();
+    }
+    let (low, high) =
+        finite().fold((f64::MAX, f64::MIN), |(low, high), value| (low.min(value), high.max(value)));
+    format!("{} … {}", decimals(low, places), decimals(high, places))
+}
+
+/// The speeds that were held for a twentieth of the run or longer, where they are few; else the span.
+fn stages(values: &[f64]) -> String {
+    const FEW: usize = 6;
+    let mut held: Vec<f64> =
+        values.iter().copied().filter(|value| value.is_finite()).map(f64::round).collect();
+    held.sort_by(f64::total_cmp);
+    let all = held.len();
+    let long: Vec<String> = held
+        .chunk_by(|one, other| (one - other).abs() < 0.5)
+        .filter(|same| same.len() * 20 >= all)
+        .map(|same| decimals(same[0], 0))
+        .collect();
+    if (1..=FEW).contains(&long.len()) { long.join(", ") } else { spanned(values, 0) }
+}
+
+/// Kind, resolution and span of each sensor, what it is used as, and what was found about it.
+pub(super) fn sensors(
+    dataset: &Dataset,
+    used: &dyn Fn(&str) -> &'static str,
+    excluded: &[Excluded],
+    like: &[AmbientLike],
+) -> Markup {
+    let rows = html! {
+        @for (place, column) in dataset.columns.iter().enumerate() {
+            tr {
+                th scope="row" { (column.name) }
+                td .words style="min-width: 7rem" { (column.kind) }
+                td { (plain(faults::resolution(dataset, place))) }
+                td { (spanned(&dataset.runs.iter().flat_map(|run| run.values[place].iter().copied()).collect::<Vec<f64>>(), 2)) }
+                td .words style="min-width: 6rem" { (used(&column.name)) }
+                td .words { (remarks(column, excluded, like)) }
+            }
+        }
+    };
+    html! {
+        h2 { "Sensors" }
+        (table(&["column", "kind:", "resolution", "from … to", "used as:", "what was found:"], &rows))
+    }
+}
+
+fn remarks(column: &Column, excluded: &[Excluded], like: &[AmbientLike]) -> String {
+    let own =
+        excluded.iter().filter(|faulty| faulty.signal == column.name).map(|faulty| faulty.reason.as_str());
+    let air = like.iter().filter(|like| like.signal == column.name).map(|like| like.reason.as_str());
+    let own: Vec<&str> = own.chain(air).collect();
+    match column.kind {
+        _ if !own.is_empty() => own.join("; "),
+        Kind::Temperature => "nothing odd".to_owned(),
+        _ => "–".to_owned(),
+    }
+}
+
+/// One small picture for each temperature: every run over the other.
+pub(super) fn over_time(dataset: &Dataset, excluded: &[Excluded]) -> Markup {
+    let temperatures =
+        dataset.columns.iter().enumerate().filter(|(_, column)| column.kind == Kind::Temperature);
+    html! {
+        h2 { "Sensors over time" }
+        ul .keys { li .faint { "every run, °C" } li { "a run in which the sensor was found faulty" } }
+        div .small {
+            @for (place, column) in temperatures {
+                (sensor(dataset, place, &column.name, excluded))
+            }
+        }
+    }
+}
+
+fn sensor(dataset: &Dataset, place: usize, name: &str, excluded: &[Excluded]) -> Markup {
+    let is_faulty = |run: &Run| {
+        excluded
+            .iter()
+            .any(|faulty| faulty.signal == name && faulty.reason.ends_with(&format!(" {}", run.name)))
+    };
+    let line = |run: &Run| {
+        let look = if is_faulty(run) { Look::Solid } else { Look::Faint };
+        Line::new(look, run.seconds().map(|second| second / 3600.0).zip(run.values[place].iter().copied()))
+    };
+    let lines: Vec<Line> = dataset.runs.iter().map(line).collect();
+    let widest = dataset.runs.iter().map(|run| {
+        range(&run.values[place].iter().copied().filter(|value| value.is_finite()).collect::<Vec<f64>>())
+    });
+    let caption = format!("up to {} °C in a run", three_digits(widest.fold(0.0, f64::max)));
+    let picture = chart::lines(240, 150, "°C", &format!("{name} over every run"), &lines, None);
+    figure(name, &picture, &caption)
+}
+
+/// Which inputs say the same, and how they go with the error.
+pub(super) fn alike(campaign: &Campaign<'_>) -> Markup {
+    let bank = Bank::of(campaign, &[None]);
+    let inputs: Vec<usize> = (0..campaign.inputs.len()).collect();
+    let between = correlations(&bank, &inputs);
+    let error = inputs.len();
+    let mut order = order(&between, error);
+    if order.len() > MOST_MAPPED {
+        order.sort_by(|one, other| between[*other][error].abs().total_cmp(&between[*one][error].abs()));
+        order.truncate(MOST_MAPPED);
+    }
+    order.insert(0, error);
+    let name = |place: &usize| campaign.inputs.get(*place).map_or("error", |input| input.name.as_str());
+    let names: Vec<&str> = order.iter().map(name).collect();
+    let values: Vec<Vec<f64>> =
+        order.iter().map(|one| order.iter().map(|other| between[*one][*other]).collect()).collect();
+    html! {
+        h2 { "Which sensors say the same" }
+        p {
+            "Correlations in hundredths: of the rises of the sensors since the start of a run, with each other and with the \
+             measured error, over the rows of all runs. The darker, the stronger; below zero one falls as the other rises."
+        }
+        div .scroll tabindex="0" { (sized(&chart::map("correlations of the sensors and the error", &names, &values), names.len())) }
+    }
+}
+
+/// A map has a size of its own: its figures must not shrink.
+fn sized(map: &Markup, names: usize) -> Markup {
+    html! { div style={ "width: max(100%, " (decimals(count(names) * 1.9 + 7.0, 1)) "rem); max-width: " (decimals(count(names) * 1.9 + 7.0, 1)) "rem" } { (map) } }
+}

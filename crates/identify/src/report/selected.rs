@@ -1,0 +1,171 @@
+//! The report of `select`.
+
+use maud::{Markup, html};
+
+use super::chart::{self, Bar};
+use super::{date, decimals, duration, judged, logs, number, page, table, three_digits};
+use crate::identified::Means;
+use crate::select::{Counted, Pointed, Selected, Step};
+use isotherm_core::quantity::Moment;
+
+/// One HTML file.
+pub fn selected(pointed: &Pointed<'_>, found: &Selected, made: Moment) -> String {
+    let dataset = pointed.campaign.dataset.as_ref();
+    let hours: f64 = dataset.runs.iter().map(|run| run.lasts().as_secs_f64()).sum();
+    let used = |name: &str| {
+        if name == found.error {
+            "error"
+        } else if found.recommended.points.iter().any(|point| point == name) {
+            "point, recommended"
+        } else if found.points.iter().any(|point| point.name == name) {
+            "point"
+        } else if found.excluded.iter().any(|faulty| faulty.signal == name) {
+            "left out: faulty"
+        } else {
+            "not used"
+        }
+    };
+    let kept = &found.by_count[found.recommended.k];
+    let (means, bare) = (means(kept), means(&found.by_count[0]));
+    let content = html! {
+        dl .facts {
+            dt { "measured error" } dd { (found.error) }
+            dt { "date" } dd { (date(made)) }
+            dt { "runs" } dd { (dataset.runs.len()) ", " (duration(hours)) " together" }
+            dt { "points" } dd { (found.points.len()) }
+        }
+        h2 { "Recommended" }
+        @if found.recommended.points.is_empty() { p { strong { "No point." } } }
+        @else { p { strong { (found.recommended.points.join(", ")) } } }
+        p { (found.recommended.why) "." }
+        (judged::headline(&means, &bare))
+        (recommended(found))
+        (by_count(found))
+        (judged::cross_validation(&found.runs, &means, &bare))
+        (points(found))
+        (groups(found))
+        (stepwise(found))
+        (logs::alike(&pointed.campaign))
+        (logs::runs(dataset, &found.ambient))
+        (logs::sensors(dataset, &used, &found.excluded, &found.ambient))
+        (logs::over_time(dataset, &found.excluded))
+        @if !found.remarks.is_empty() { h2 { "Remarks" } ul { @for remark in &found.remarks { li { (remark) } } } }
+    };
+    page(&format!("Temperature points for {}", found.error), made, &content)
+}
+
+fn means(row: &Counted) -> Means {
+    Means {
+        mean_range_um: row.mean_range_um,
+        worst_range_um: row.worst_range_um,
+        mean_rmse_um: row.mean_rmse_um,
+    }
+}
+
+fn recommended(found: &Selected) -> Markup {
+    let kept = &found.recommended;
+    if kept.points.is_empty() {
+        return html! {};
+    }
+    let rows = html! {
+        @for point in &kept.points {
+            tr {
+                th scope="row" { (point) }
+                td { (kept.chosen_in.get(point).copied().unwrap_or(0)) " of " (found.runs.len()) }
+                td .words { (kept.alike.get(point).filter(|alike| !alike.is_empty()).map_or("–".to_owned(), |alike| alike.join(", "))) }
+            }
+        }
+    };
+    table(&["point", "chosen in held-out fits", "much the same:"], &rows)
+}
+
+fn by_count(found: &Selected) -> Markup {
+    let of = |figure: fn(&Counted) -> f64| {
+        let values: Vec<f64> = found.by_count.iter().map(figure).collect();
+        let says = "held-out error by the number of points";
+        chart::curve("µm", says, &values, found.recommended.k, figure(&found.all_points))
+    };
+    let row = |row: &Counted, name: String, added: &str| {
+        html! {
+            tr .kept[row.k == found.recommended.k && added != "all"] {
+                th scope="row" { (name) }
+                td { (number(row.mean_rmse_um)) } td { (number(row.mean_range_um)) } td { (number(row.worst_range_um)) }
+                td .words { (added) }
+            }
+        }
+    };
+    let rows = html! {
+        @for counted in &found.by_count {
+            (row(counted, counted.k.to_string(), counted.points.last().map_or("–", String::as_str)))
+        }
+        (row(&found.all_points, found.all_points.k.to_string(), "all"))
+    };
+    html! {
+        h2 { "How many points" }
+        p { "For each run the points were chosen from all the others, and judged on that run: how much is left, by how many are kept." }
+        ul .keys { li { "held out, over the number of points; a ring: recommended" } li .dashed { "with every point" } }
+        div .gallery {
+            (super::figure("Mean range of a run", &of(|row| row.mean_range_um), ""))
+            (super::figure("Mean RMS of a run", &of(|row| row.mean_rmse_um), ""))
+        }
+        (table(&["points", "mean RMS, µm", "mean range, µm", "worst run, µm", "comes in (on all runs):"], &rows))
+    }
+}
+
+fn points(found: &Selected) -> Markup {
+    let bar = |name: &str, value: f64, places: usize| Bar {
+        name: name.to_owned(),
+        value,
+        doubt: 0.0,
+        outline: None,
+        figure: decimals(value, places),
+    };
+    let correlation: Vec<Bar> =
+        found.points.iter().map(|point| bar(&point.name, point.correlation, 3)).collect();
+    let grey: Vec<Bar> = found.points.iter().map(|point| bar(&point.name, point.grey_grade, 3)).collect();
+    html! {
+        h2 { "Each point alone" }
+        div .gallery {
+            (super::figure("Correlation with the error", &chart::bars("correlation of each point with the error", &correlation),
+                "Over the rows of all runs, rises since the start of a run; below zero it falls as the error rises."))
+            (super::figure("Grey relational grade", &chart::bars("grey relational grade of each point", &grey),
+                "After Deng, ζ = 0.5: 1 where the course of a point is that of the error."))
+        }
+    }
+}
+
+fn groups(found: &Selected) -> Markup {
+    html! {
+        h2 { "Points that say the same" }
+        p { "Every two points of a group are correlated at least so. The first of each is most correlated with the error: it can stand for the others." }
+        @for grouped in &found.groups {
+            h3 { "by " (chart::tick(grouped.correlation)) " or more" }
+            ol { @for group in &grouped.groups { li { (group.join(", ")) } } }
+        }
+    }
+}
+
+fn stepwise(found: &Selected) -> Markup {
+    let row = |step: &Step, way: &str| {
+        html! {
+            tr {
+                th scope="row" { (step.point) }
+                td .words style="min-width: 6rem" { (way) }
+                td { (three_digits(step.f)) }
+                td { @if step.chance < 1e-4 { "< 0.0001" } @else { (decimals(step.chance, 4)) } }
+            }
+        }
+    };
+    let rows = html! {
+        @for step in &found.stepwise.steps { (row(step, if step.comes_in { "comes in" } else { "leaves" })) }
+        @if let Some(next) = &found.stepwise.next { (row(next, "not significant")) }
+    };
+    html! {
+        h2 { "Stepwise, by partial F tests" }
+        p {
+            "In the order in which points come in, on rises without lags, counting " (decimals(found.stepwise.samples, 0))
+            " independent samples. The chance is that of such an F where the point has nothing to do with the error."
+        }
+        (table(&["point", "step:", "partial F", "chance"], &rows))
+    }
+}

@@ -1,0 +1,196 @@
+//! The model itself: its terms, what stands in for a lost sensor, where it was identified, and what bounds it.
+
+use std::time::Duration;
+
+use maud::{Markup, html};
+
+use super::chart::{self, Bar};
+use super::{decimals, number, table, three_digits};
+use crate::identified::{Fallback, Identified, Means, TermFound};
+use crate::learn::Learned;
+use crate::region::Region;
+use isotherm_core::compensation::settings::{AxisSettings, OnFault};
+
+/// Most bars; all terms stand in the table.
+const MOST_BARS: usize = 30;
+
+/// Bars with their standard errors, then the figures.
+pub(super) fn terms(found: &Identified) -> Markup {
+    let Learned::Sum(gains) = &found.learned else {
+        return html! {
+            h2 { "The model" }
+            p {
+                "A " (found.network.as_deref().unwrap_or("network")) ": its weights lie in a file beside the profile. It has "
+                "no terms to be listed."
+            }
+        };
+    };
+    if gains.is_empty() {
+        return html! { h2 { "The model" } p { "No term: the machine is left as it is." } };
+    }
+    let mut order: Vec<usize> = (0..found.terms.len()).collect();
+    order.sort_by(|one, other| found.terms[*other].gain.abs().total_cmp(&found.terms[*one].gain.abs()));
+    let bar = |term: &TermFound| Bar {
+        name: format!("{}, {}", term.signal, lag(term)),
+        value: term.gain,
+        doubt: term.se,
+        outline: None,
+        figure: format!("{} ± {}", three_digits(term.gain), three_digits(term.se)),
+    };
+    let of_kind = |slope: bool| -> Vec<Bar> {
+        let terms = order.iter().map(|place| &found.terms[*place]).filter(|term| term.slope == slope);
+        terms.take(MOST_BARS).map(bar).collect()
+    };
+    let (plain, slopes) = (of_kind(false), of_kind(true));
+    let rows = html! {
+        @for place in &order {
+            tr {
+                th scope="row" { (found.terms[*place].signal) }
+                td { (lag(&found.terms[*place])) }
+                td { (three_digits(found.terms[*place].gain)) }
+                td { (three_digits(found.terms[*place].se)) }
+                td { @if found.terms[*place].slope { "µm/mm" } @else { "µm" } }
+                td { (found.terms[*place].inflation.map_or("–".to_owned(), inflation)) }
+            }
+        }
+    };
+    html! {
+        h2 { "The model" }
+        p {
+            "Cz = −e is the sum of these: each the rise of a sensor since the start of the run, in °C, through a lag with this \
+             time constant, times its gain. The whisker is one standard error to either side."
+        }
+        div .gallery {
+            (super::figure("Terms", &chart::bars("gains with their standard errors", &plain), "µm per °C ± standard error"))
+            @if !slopes.is_empty() {
+                (super::figure("Terms of the slope", &chart::bars("gains of the slope with their standard errors", &slopes), "µm/mm per °C ± standard error"))
+            }
+            (at_rest(&found.terms))
+        }
+        @if order.len() > MOST_BARS { p .quiet { "The " (MOST_BARS) " largest of " (order.len()) " terms." } }
+        details open[order.len() <= MOST_BARS] {
+            summary { "All " (order.len()) " terms in figures" }
+            (table(&["sensor", "time constant τ", "gain per °C", "standard error", "of", "variance inflation"], &rows))
+        }
+        @if let Some(condition) = found.condition {
+            p {
+                "Condition number " (three_digits(condition)) ": "
+                @if condition < 30.0 { "the terms can be told apart." }
+                @else { "terms resemble each other, so single gains mean little; only their sum does." }
+            }
+        }
+    }
+}
+
+/// Beyond a thousand it only says that the term cannot be told from the others.
+fn inflation(value: f64) -> String {
+    if value > 1000.0 { "> 1000".to_owned() } else { three_digits(value) }
+}
+
+/// What a sensor does once all its lags have come to rest: the sum of its gains.
+fn at_rest(terms: &[TermFound]) -> Markup {
+    let mut sums: Vec<(&str, f64)> = Vec::new();
+    for term in terms.iter().filter(|term| !term.slope) {
+        match sums.iter_mut().find(|(signal, _)| *signal == term.signal) {
+            Some((_, sum)) => *sum += term.gain,
+            None => sums.push((&term.signal, term.gain)),
+        }
+    }
+    let plain = terms.iter().filter(|term| !term.slope).count();
+    if sums.len() == plain {
+        return html! {};
+    }
+    sums.sort_by(|one, other| other.1.abs().total_cmp(&one.1.abs()));
+    let bar = |(signal, sum): &(&str, f64)| Bar {
+        name: (*signal).to_owned(),
+        value: *sum,
+        doubt: 0.0,
+        outline: None,
+        figure: format!("{} µm/°C", three_digits(*sum)),
+    };
+    let bars: Vec<Bar> = sums.iter().map(bar).collect();
+    super::figure(
+        "Each sensor at rest",
+        &chart::bars("sum of the gains of each sensor", &bars),
+        "The sum of a sensor's gains: what one degree does in the end, all its lags over.",
+    )
+}
+
+fn lag(term: &TermFound) -> String {
+    match term.lag_s {
+        lag if lag > 0.0 => super::duration(lag),
+        _ => "at once".to_owned(),
+    }
+}
+
+/// What is left where a sensor is lost.
+pub(super) fn stand_ins(fallbacks: &[Fallback], means: &Means) -> Markup {
+    if fallbacks.is_empty() {
+        return html! {};
+    }
+    let mut worst_first: Vec<&Fallback> = fallbacks.iter().collect();
+    worst_first.sort_by(|one, other| other.means.mean_range_um.total_cmp(&one.means.mean_range_um));
+    let rows = html! {
+        @for fallback in worst_first {
+            tr {
+                th scope="row" { (fallback.without) }
+                td { (number(fallback.means.mean_range_um)) }
+                td { (number(fallback.means.worst_range_um)) }
+                td { (number(fallback.means.mean_rmse_um)) }
+                td { (fallback.kind()) } td { (fallback.terms.len()) }
+            }
+        }
+        tr .sum {
+            th scope="row" { "none" }
+            td { (number(means.mean_range_um)) } td { (number(means.worst_range_um)) } td { (number(means.mean_rmse_um)) } td {} td {}
+        }
+    };
+    html! {
+        h2 { "Without one of its sensors" }
+        p { "Where a sensor breaks, a model that does without it stands in. Held out in the same way:" }
+        (table(&["lost", "mean range, µm", "worst run, µm", "mean RMS, µm", "method", "terms"], &rows))
+    }
+}
+
+/// The rises between which the model was identified.
+pub(super) fn envelope(region: Option<&Region>) -> Markup {
+    let Some(region) = region else {
+        return html! {
+            h2 { "Envelope" }
+            p { "None is written: the model has too many inputs for one, or one that never moved." }
+        };
+    };
+    let rows = html! {
+        @for (name, mean, low, high) in &region.inputs {
+            tr { th scope="row" { (name) } td { (number(*low)) } td { (number(*mean)) } td { (number(*high)) } }
+        }
+    };
+    html! {
+        h2 { "Envelope" }
+        p { "The model was identified on these rises since the start of a run. Outside them it is asked for what nobody measured, and the axis says so." }
+        (table(&["sensor", "least, °C", "mean, °C", "most, °C"], &rows))
+    }
+}
+
+/// What bounds the axis, whatever the model asks for.
+pub(super) fn limits(axis: &AxisSettings) -> Markup {
+    let micron = |value: f64| format!("{} µm", chart::tick(value));
+    let time = |time: Duration| super::duration(time.as_secs_f64());
+    let fault = match axis.on_fault {
+        OnFault::Hold => "Cz stays as it is".to_owned(),
+        OnFault::Ramp { after } => format!("Cz stays for {}, then goes to zero at the rate", time(after)),
+        OnFault::Zero => "Cz goes to zero in steps".to_owned(),
+    };
+    html! {
+        h2 { "Limits in force" }
+        dl .facts {
+            dt { "largest Cz" } dd { "± " (micron(axis.guard.limit.get())) }
+            dt { "largest step" } dd { (micron(axis.guard.step.get())) " in " (time(axis.every)) }
+            dt { "largest rate" } dd { (chart::tick(axis.guard.rate)) " µm/s, " (decimals(axis.guard.rate * 60.0, 1)) " µm/min" }
+            dt { "deadband" } dd { (micron(axis.guard.deadband.get())) }
+            @if let Some(warn) = axis.levels.warn { dt { "warns beyond" } dd { (micron(warn.get())) } }
+            @if let Some(error) = axis.levels.error { dt { "goes off beyond" } dd { (micron(error.get())) } }
+            dt { "on a fault" } dd { (fault) }
+        }
+    }
+}

@@ -1,0 +1,68 @@
+//! Grey relational grades (Deng 1982): how closely the course of a point follows that of the error.
+//!
+//! Each series is divided by its largest size over all runs, and turned over where it falls as the error rises. With
+//! Δi(k) = |error(k) − pointi(k)| at row k, Δmin and Δmax over all points and rows, and ζ = 0.5:
+//! ξi(k) = (Δmin + ζ·Δmax) / (Δi(k) + ζ·Δmax); the grade is the mean of ξi over the rows.
+
+use crate::bank::Bank;
+use crate::gram::count;
+use crate::learn::plain;
+
+/// ζ: how much the largest distance weighs.
+const DISTINGUISHING: f64 = 0.5;
+
+/// One grade for each point; `correlations` has the error last.
+pub(super) fn grades(bank: &Bank, points: &[usize], correlations: &[Vec<f64>]) -> Vec<f64> {
+    let error: Vec<f64> = bank.runs.iter().flat_map(|run| run.wanted.iter().map(|wanted| -wanted)).collect();
+    let error = scaled(error, 1.0);
+    let distances: Vec<Vec<f64>> = points
+        .iter()
+        .map(|point| {
+            let column = plain(bank, *point).unwrap_or(0);
+            let rises = bank
+                .runs
+                .iter()
+                .flat_map(|run| run.rises.column(column).iter().copied().collect::<Vec<f64>>());
+            let sign = if correlations[*point][points.len()] < 0.0 { -1.0 } else { 1.0 };
+            let series = scaled(rises.collect(), sign);
+            error.iter().zip(&series).map(|(error, point)| (error - point).abs()).collect()
+        })
+        .collect();
+    grades_of(&distances)
+}
+
+fn grades_of(distances: &[Vec<f64>]) -> Vec<f64> {
+    let all = || distances.iter().flatten().copied();
+    let (least, most) = (all().fold(f64::MAX, f64::min), all().fold(0.0, f64::max));
+    if most <= 0.0 {
+        return vec![1.0; distances.len()];
+    }
+    let near = |distance: &f64| (least + DISTINGUISHING * most) / (distance + DISTINGUISHING * most);
+    distances.iter().map(|own| own.iter().map(near).sum::<f64>() / count(own.len()).max(1.0)).collect()
+}
+
+fn scaled(values: Vec<f64>, sign: f64) -> Vec<f64> {
+    let largest = values.iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
+    let scale = if largest > 1e-12 { sign / largest } else { 0.0 };
+    values.into_iter().map(|value| value * scale).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_grade_is_dengs_by_hand() {
+        // Δmin 0, Δmax 1, ζ 0.5: ξ = 0.5 / (Δ + 0.5).
+        let grades = grades_of(&[vec![0.0, 0.5], vec![1.0, 0.5]]);
+        assert!((grades[0] - f64::midpoint(1.0, 0.5)).abs() < 1e-12, "{grades:?}");
+        assert!((grades[1] - f64::midpoint(1.0 / 3.0, 0.5)).abs() < 1e-12, "{grades:?}");
+    }
+
+    #[test]
+    fn a_point_that_is_the_error_itself_has_the_grade_one() {
+        assert_eq!(grades_of(&[vec![0.0, 0.0]]), [1.0]);
+        let grades = grades_of(&[vec![0.0, 0.0], vec![0.2, 0.4]]);
+        assert!((grades[0] - 1.0).abs() < 1e-12 && grades[1] < 1.0, "{grades:?}");
+    }
+}

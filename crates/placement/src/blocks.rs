@@ -1,0 +1,298 @@
+//! The blocks of a structure, from node sets or cutting planes, and where each may carry its sensor.
+
+use std::collections::{BTreeMap, HashMap};
+use std::str::FromStr;
+
+use crate::mesh::{Kind, Mesh};
+use crate::problem::Block;
+
+/// A plane across a direction.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cut {
+    /// The direction: 0 x, 1 y, 2 z.
+    pub axis: usize,
+    /// Where, mm.
+    pub at: f64,
+    /// The block it divides, and those that came from it; none: every block it goes through.
+    pub of: Option<String>,
+}
+
+/// Names of the directions.
+pub const AXES: [&str; 3] = ["x", "y", "z"];
+
+impl FromStr for Cut {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Cut, String> {
+        let wrong = || format!("`{text}` is no cut; write z=450, or x=0:BLK3 for one block only");
+        let (axis, rest) = text.split_once('=').ok_or_else(wrong)?;
+        let (at, of) = match rest.split_once(':') {
+            Some((at, of)) => (at, Some(of.trim().to_owned()).filter(|of| !of.is_empty())),
+            None => (rest, None),
+        };
+        let axis = axis.trim().to_lowercase();
+        let axis = AXES.iter().position(|known| *known == axis).ok_or_else(wrong)?;
+        let at = at.trim().parse::<f64>().ok().filter(|at| at.is_finite()).ok_or_else(wrong)?;
+        Ok(Cut { axis, at, of })
+    }
+}
+
+impl std::fmt::Display for Cut {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}={}", AXES[self.axis], self.at)?;
+        self.of.iter().try_for_each(|of| write!(f, ":{of}"))
+    }
+}
+
+/// One block's nodes, before it is known where a sensor may sit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Part {
+    /// Its name.
+    pub name: String,
+    /// Places of its nodes, ascending.
+    pub nodes: Vec<usize>,
+}
+
+/// Name of the one block of a structure that has no sets.
+const WHOLE: &str = "BLK";
+
+/// The parts: node sets whose names begin with `prefix` (a structure without any is one part), then cut.
+///
+/// # Errors
+/// Every node must lie in exactly one; what does not is told with the nodes' numbers.
+pub fn parts(mesh: &Mesh, prefix: &str, cuts: &[Cut]) -> Result<Vec<Part>, Vec<String>> {
+    let prefix = prefix.to_uppercase();
+    let named: Vec<(&String, &Vec<usize>)> =
+        mesh.node_sets.iter().filter(|(name, _)| name.starts_with(&prefix)).collect();
+    let used = used(mesh);
+    let mut parts = match (named.is_empty(), cuts.is_empty()) {
+        (true, true) => {
+            let sets: Vec<&str> = mesh.node_sets.keys().map(String::as_str).collect();
+            return Err(vec![format!(
+                "there are no blocks: no node set begins with {prefix} (there are: {}); name them with --blocks, or divide \
+                 the structure by planes, e.g. --cut z=450 --cut z=900",
+                if sets.is_empty() { "none".to_owned() } else { sets.join(", ") }
+            )]);
+        }
+        (true, false) => {
+            vec![Part { name: WHOLE.to_owned(), nodes: (0..used.len()).filter(|node| used[*node]).collect() }]
+        }
+        (false, _) => disjoint(mesh, &named, &used)?,
+    };
+    let mut wrong = Vec::new();
+    for cut in cuts {
+        match divided(mesh, &parts, cut) {
+            Ok(cut) => parts = cut,
+            Err(why) => wrong.push(why),
+        }
+    }
+    if wrong.is_empty() { Ok(parts) } else { Err(wrong) }
+}
+
+/// Which nodes belong to an element.
+fn used(mesh: &Mesh) -> Vec<bool> {
+    let mut used = vec![false; mesh.nodes.len()];
+    for node in mesh.elements.iter().flat_map(|element| &element.nodes) {
+        used[*node] = true;
+    }
+    used
+}
+
+/// The sets as parts, if each node lies in exactly one.
+fn disjoint(mesh: &Mesh, sets: &[(&String, &Vec<usize>)], used: &[bool]) -> Result<Vec<Part>, Vec<String>> {
+    let mut owner: Vec<Option<usize>> = vec![None; mesh.nodes.len()];
+    let mut twice: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
+    for (place, (_, nodes)) in sets.iter().enumerate() {
+        for node in *nodes {
+            match owner[*node] {
+                Some(other) if other != place => twice.entry((other, place)).or_default().push(*node),
+                _ => owner[*node] = Some(place),
+            }
+        }
+    }
+    let mut wrong: Vec<String> = twice
+        .iter()
+        .map(|((one, other), nodes)| {
+            format!(
+                "{} and {} have {} in common; every node must lie in exactly one block: take them out of one of the two \
+                 sets (sets made from volumes share the nodes of their common face: divide by planes instead, e.g. --cut z=450)",
+                sets[*one].0,
+                sets[*other].0,
+                listed(mesh, nodes)
+            )
+        })
+        .collect();
+    let bare: Vec<usize> = (0..used.len()).filter(|node| used[*node] && owner[*node].is_none()).collect();
+    if !bare.is_empty() {
+        let names: Vec<&str> = sets.iter().map(|(name, _)| name.as_str()).collect();
+        wrong.push(format!(
+            "{} lie in no block ({}); every node must lie in exactly one: put them into the block they belong to",
+            listed(mesh, &bare),
+            names.join(", ")
+        ));
+    }
+    let part = |(name, nodes): &(&String, &Vec<usize>)| {
+        let mut nodes: Vec<usize> = nodes.iter().copied().filter(|node| used[*node]).collect();
+        nodes.sort_unstable();
+        Part { name: (*name).clone(), nodes }
+    };
+    let parts: Vec<Part> = sets.iter().map(part).collect();
+    wrong.extend(
+        parts
+            .iter()
+            .filter(|part| part.nodes.is_empty())
+            .map(|part| format!("block {} has no node of the mesh", part.name)),
+    );
+    if wrong.is_empty() { Ok(parts) } else { Err(wrong) }
+}
+
+/// `12 nodes (3, 4, 7, …)`.
+fn listed(mesh: &Mesh, nodes: &[usize]) -> String {
+    let shown: Vec<String> = nodes.iter().take(8).map(|node| mesh.nodes[*node].to_string()).collect();
+    let more = if nodes.len() > shown.len() { ", …" } else { "" };
+    let word = if nodes.len() == 1 { "node" } else { "nodes" };
+    format!("{} {word} ({}{more})", nodes.len(), shown.join(", "))
+}
+
+/// The parts after a cut: those it goes through become two, with an `a` below it and a `b` from it on.
+///
+/// # Errors
+/// It goes through nothing, or names a block that is not there.
+pub fn divided(mesh: &Mesh, parts: &[Part], cut: &Cut) -> Result<Vec<Part>, String> {
+    let came_from = |name: &str, of: &str| {
+        let (name, of) = (name.to_uppercase(), of.to_uppercase());
+        name.strip_prefix(&of).is_some_and(|halves| halves.chars().all(|half| "AB".contains(half)))
+    };
+    let meant = |part: &Part| cut.of.as_ref().is_none_or(|of| came_from(&part.name, of));
+    if !parts.iter().any(meant) {
+        let names: Vec<&str> = parts.iter().map(|part| part.name.as_str()).collect();
+        return Err(format!("--cut {cut}: there is no such block; there are {}", names.join(", ")));
+    }
+    let mut done = Vec::new();
+    for part in parts {
+        let (below, above): (Vec<usize>, Vec<usize>) =
+            part.nodes.iter().partition(|node| mesh.xyz[**node][cut.axis] < cut.at);
+        if !meant(part) || below.is_empty() || above.is_empty() {
+            done.push(part.clone());
+        } else {
+            done.push(Part { name: format!("{}a", part.name), nodes: below });
+            done.push(Part { name: format!("{}b", part.name), nodes: above });
+        }
+    }
+    if done.len() == parts.len() {
+        let places = || parts.iter().filter(|part| meant(part)).flat_map(|part| &part.nodes);
+        let along = || places().map(|node| mesh.xyz[*node][cut.axis]);
+        return Err(format!(
+            "--cut {cut} goes through nothing: along {} {} reaches from {} to {} mm",
+            AXES[cut.axis],
+            cut.of.as_deref().unwrap_or("the structure"),
+            along().fold(f64::INFINITY, f64::min),
+            along().fold(f64::NEG_INFINITY, f64::max)
+        ));
+    }
+    Ok(done)
+}
+
+/// Where sensors may sit.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reach {
+    /// At least so far from the nodes of other blocks, mm.
+    pub margin: f64,
+    /// May carry a sensor, one per node of the mesh: on the skin, in the named set, not on guideway or foundation.
+    pub allowed: Vec<bool>,
+}
+
+/// The blocks: the parts, with the centre of their volume and the nodes that may carry the sensor.
+///
+/// # Errors
+/// A block that has no such node is told with what would help.
+pub fn blocks(mesh: &Mesh, parts: &[Part], reach: &Reach) -> Result<Vec<Block>, Vec<String>> {
+    let volumes = volumes(mesh);
+    let near = near_others(mesh, parts, reach.margin);
+    let mut wrong = Vec::new();
+    let mut blocks = Vec::new();
+    for part in parts {
+        let allowed: Vec<usize> = part.nodes.iter().copied().filter(|node| reach.allowed[*node]).collect();
+        let candidates: Vec<usize> = allowed.iter().copied().filter(|node| !near[*node]).collect();
+        if candidates.is_empty() {
+            let margin = reach.margin;
+            wrong.push(if allowed.is_empty() {
+                format!(
+                    "no node of block {} may carry a sensor: none lies on the outer skin and in the set of --candidates (the \
+                     guideway and the foundation carry none); add nodes of it to that set, or join it to another block",
+                    part.name
+                )
+            } else {
+                format!(
+                    "no node of block {} that may carry a sensor lies {margin} mm away from every other block: a smaller \
+                     --margin, a finer mesh, or a larger block",
+                    part.name
+                )
+            });
+        }
+        let volume: f64 = part.nodes.iter().map(|node| volumes[*node]).sum();
+        let centre = std::array::from_fn(|axis| {
+            part.nodes.iter().map(|node| volumes[*node] * mesh.xyz[*node][axis]).sum::<f64>() / volume
+        });
+        blocks.push(Block { name: part.name.clone(), nodes: part.nodes.clone(), candidates, centre });
+    }
+    if wrong.is_empty() { Ok(blocks) } else { Err(wrong) }
+}
+
+/// How much of the volume each node stands for, mm³: of a linear tetrahedron each corner a quarter; of a quadratic one
+/// each corner 1/32 and each middle 7/48, which is its lumped mass (Hinton, Rock and Zienkiewicz 1976).
+fn volumes(mesh: &Mesh) -> Vec<f64> {
+    let mut volumes = vec![0.0; mesh.nodes.len()];
+    for element in &mesh.elements {
+        let at = |corner: usize| mesh.xyz[element.nodes[corner]];
+        let edge = |corner: usize| -> [f64; 3] { std::array::from_fn(|axis| at(corner)[axis] - at(0)[axis]) };
+        let (a, b, c) = (edge(1), edge(2), edge(3));
+        let cross = [b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]];
+        let volume = (a[0] * cross[0] + a[1] * cross[1] + a[2] * cross[2]).abs() / 6.0;
+        for (place, node) in element.nodes.iter().enumerate() {
+            let share = match (element.kind, place) {
+                (Kind::Tet4, _) => 0.25,
+                (Kind::Tet10, 0..4) => 1.0 / 32.0,
+                (Kind::Tet10, _) => 7.0 / 48.0,
+            };
+            volumes[*node] += share * volume;
+        }
+    }
+    volumes
+}
+
+/// Which nodes lie nearer than the margin to a node of another part.
+fn near_others(mesh: &Mesh, parts: &[Part], margin: f64) -> Vec<bool> {
+    let mut near = vec![false; mesh.nodes.len()];
+    if margin <= 0.0 {
+        return near;
+    }
+    let cell = |node: usize| -> [i64; 3] {
+        #[allow(clippy::cast_possible_truncation, reason = "cells of a structure")]
+        std::array::from_fn(|axis| (mesh.xyz[node][axis] / margin).floor() as i64)
+    };
+    let mut cells: HashMap<[i64; 3], Vec<(usize, usize)>> = HashMap::new();
+    for (place, part) in parts.iter().enumerate() {
+        for node in &part.nodes {
+            cells.entry(cell(*node)).or_default().push((*node, place));
+        }
+    }
+    let apart = |one: usize, other: usize| {
+        (0..3).map(|axis| (mesh.xyz[one][axis] - mesh.xyz[other][axis]).powi(2)).sum::<f64>().sqrt()
+    };
+    for (place, part) in parts.iter().enumerate() {
+        for node in &part.nodes {
+            let home = cell(*node);
+            near[*node] = (0..27).any(|step| {
+                let neighbour = [home[0] + step % 3 - 1, home[1] + step / 3 % 3 - 1, home[2] + step / 9 - 1];
+                cells.get(&neighbour).is_some_and(|there| {
+                    there.iter().any(|(other, owner)| *owner != place && apart(*node, *other) < margin)
+                })
+            });
+        }
+    }
+    near
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,193 @@
+//! CalculiX as a second engine: the same questions, asked of a program that somebody else wrote.
+//!
+//! Writes decks into a directory of its own, runs `ccx`, reads the printed results back. Seven digits are printed: that is
+//! how far both engines can be compared.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use crate::body::{LoadCase, Materials};
+use crate::mesh::Mesh;
+use crate::write;
+
+/// Why CalculiX gave nothing.
+#[derive(Debug, thiserror::Error)]
+pub enum CcxError {
+    /// The program cannot be started.
+    #[error(
+        "cannot start {program}: {error}; install CalculiX (Debian and Ubuntu: calculix-ccx) or leave out --engine ccx"
+    )]
+    Start {
+        /// What was to be started.
+        program: String,
+        /// What the system said.
+        error: std::io::Error,
+    },
+    /// Its files cannot be written or read.
+    #[error("{}: {error}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        error: std::io::Error,
+    },
+    /// It gave up.
+    #[error("CalculiX did not finish: {0}")]
+    Unfinished(String),
+    /// It finished without what was asked.
+    #[error("CalculiX finished, but its results lack {0}")]
+    Lacks(String),
+}
+
+/// The program `ccx`.
+#[derive(Debug, Clone)]
+pub struct Ccx {
+    program: String,
+}
+
+/// Names that no deck of a user has.
+const ALL: &str = "ISOTHERMALL";
+const GUIDE: &str = "ISOTHERMGUIDE";
+
+impl Default for Ccx {
+    fn default() -> Self {
+        Self { program: "ccx".to_owned() }
+    }
+}
+
+impl Ccx {
+    /// One that is not called `ccx`, or not on the path.
+    #[must_use]
+    pub fn named(program: &str) -> Self {
+        Self { program: program.to_owned() }
+    }
+
+    /// The rise of every node over its initial temperature at the end of the case, K.
+    ///
+    /// # Errors
+    /// Where CalculiX is not there or gives up.
+    pub fn temperatures(
+        &self,
+        mesh: &Mesh,
+        materials: &Materials,
+        load: &LoadCase,
+    ) -> Result<Vec<f64>, CcxError> {
+        let mut deck = write::mesh(mesh);
+        write::nodes(&mut deck, ALL, mesh, 0..mesh.nodes.len());
+        deck.push_str(&write::materials(mesh, materials));
+        let print = format!("*NODE PRINT, NSET={ALL}, FREQUENCY=1000000\nNT\n");
+        deck.push_str(&write::load(mesh, load, &print));
+        let blocks = self.run(&deck, mesh, 1)?;
+        let last = blocks.last().ok_or_else(|| CcxError::Lacks("the temperatures".to_owned()))?;
+        let rises: Option<Vec<f64>> =
+            last.iter().zip(&load.initial).map(|(values, initial)| Some(values.first()? - initial)).collect();
+        rises.ok_or_else(|| CcxError::Lacks("the temperature of a node".to_owned()))
+    }
+
+    /// Displacements in mm of guideway nodes, x, y, z of each in their order, one list for each field of rises in K of
+    /// every node. With the rises of a block alone: the columns of P.
+    ///
+    /// # Errors
+    /// Where CalculiX is not there or gives up.
+    pub fn displacements(
+        &self,
+        mesh: &Mesh,
+        materials: &Materials,
+        fixed: &[usize],
+        guide: &[usize],
+        rises: &[&[f64]],
+    ) -> Result<Vec<Vec<f64>>, CcxError> {
+        let mut deck = write::mesh(mesh);
+        write::nodes(&mut deck, GUIDE, mesh, guide.iter().copied());
+        deck.push_str(&write::materials(mesh, materials));
+        deck.push_str("*INITIAL CONDITIONS, TYPE=TEMPERATURE\n");
+        mesh.nodes.iter().for_each(|node| deck.push_str(&format!("{node}, 0\n")));
+        deck.push_str("*BOUNDARY\n");
+        fixed.iter().for_each(|node| deck.push_str(&format!("{}, 1, 3\n", mesh.nodes[*node])));
+        for rises in rises {
+            deck.push_str("*STEP\n*STATIC\n*TEMPERATURE\n");
+            for (node, rise) in mesh.nodes.iter().zip(*rises) {
+                deck.push_str(&format!("{node}, {}\n", write::number(*rise)));
+            }
+            deck.push_str(&format!("*NODE PRINT, NSET={GUIDE}\nU\n*END STEP\n"));
+        }
+        let blocks = self.run(&deck, mesh, 3)?;
+        if blocks.len() != rises.len() {
+            return Err(CcxError::Lacks(format!("{} of {} cases", rises.len() - blocks.len(), rises.len())));
+        }
+        let lacks = || CcxError::Lacks("the displacement of a guideway node".to_owned());
+        let column = |block: &Vec<Vec<f64>>| {
+            let each = guide.iter().map(|node| (block[*node].len() == 3).then_some(&block[*node][..]));
+            each.collect::<Option<Vec<&[f64]>>>().map(|each| each.concat())
+        };
+        blocks.iter().map(|block| column(block).ok_or_else(lacks)).collect()
+    }
+
+    /// Runs a deck: for each printed block the values of every node, as many as `width`, none where none are printed.
+    fn run(&self, deck: &str, mesh: &Mesh, width: usize) -> Result<Vec<Vec<Vec<f64>>>, CcxError> {
+        let room = Room::new()?;
+        let path = room.0.join("case.inp");
+        std::fs::write(&path, deck).map_err(|error| CcxError::File { path, error })?;
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        let done = Command::new(&self.program)
+            .args(["-i", "case"])
+            .current_dir(&room.0)
+            .env("OMP_NUM_THREADS", threads.to_string())
+            .stdin(Stdio::null())
+            .output()
+            .map_err(|error| CcxError::Start { program: self.program.clone(), error })?;
+        let said = String::from_utf8_lossy(&done.stdout);
+        let wrong = said.lines().position(|line| line.contains("*ERROR"));
+        if wrong.is_some() || !done.status.success() || !said.contains("Job finished") {
+            let lines: Vec<&str> = match wrong {
+                Some(at) => said.lines().skip(at).take(3).collect(),
+                None => said.lines().filter(|line| !line.trim().is_empty()).collect(),
+            };
+            let last: Vec<&str> = lines.iter().rev().take(3).rev().map(|line| line.trim()).collect();
+            return Err(CcxError::Unfinished(last.join(" ")));
+        }
+        let path = room.0.join("case.dat");
+        let printed = std::fs::read_to_string(&path).map_err(|error| CcxError::File { path, error })?;
+        Ok(blocks(&printed, mesh, width))
+    }
+}
+
+/// Blocks begin with a heading; each of their lines is a node and its values.
+fn blocks(printed: &str, mesh: &Mesh, width: usize) -> Vec<Vec<Vec<f64>>> {
+    let mut blocks: Vec<Vec<Vec<f64>>> = Vec::new();
+    for line in printed.lines().filter(|line| !line.trim().is_empty()) {
+        let mut words = line.split_whitespace();
+        let node = words.next().and_then(|word| word.parse::<u32>().ok());
+        let Some(node) = node else {
+            blocks.push(vec![Vec::new(); mesh.nodes.len()]);
+            continue;
+        };
+        let values: Vec<f64> = words.filter_map(|word| word.parse().ok()).collect();
+        let place = mesh.place(super::mesh::NodeId(node));
+        if let (Some(block), Some(place)) = (blocks.last_mut(), place.filter(|_| values.len() == width)) {
+            block[place] = values;
+        }
+    }
+    blocks
+}
+
+/// A directory that goes when it is no longer needed.
+struct Room(PathBuf);
+
+static ROOMS: AtomicUsize = AtomicUsize::new(0);
+
+impl Room {
+    fn new() -> Result<Self, CcxError> {
+        let number = ROOMS.fetch_add(1, Ordering::Relaxed);
+        let path = std::env::temp_dir().join(format!("isotherm-place-{}-{number}", std::process::id()));
+        std::fs::create_dir(&path).map_err(|error| CcxError::File { path: path.clone(), error })?;
+        Ok(Self(path))
+    }
+}
+
+impl Drop for Room {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all::<&Path>(&self.0);
+    }
+}

@@ -1,0 +1,129 @@
+//! The deck: a mesh, its materials and one heat-transfer load case, in the subset of Abaqus and CalculiX input that Gmsh
+//! and PrePoMax write.
+//!
+//! ```text
+//! card ──── what stands in the files: cards, parameters, lines, with their places
+//! raw ───── the same in numbers and names, card by card
+//! resolve ─ names looked up, the whole checked: the Deck
+//! ```
+//! A Gmsh mesh names surfaces by flat elements (`CPS3`, `CPS6`): the nodes of such a set can be used as a node set, and
+//! its faces in `*FILM` and `*DFLUX` with the side `F` or `S` without a number.
+//!
+//! Nothing is skipped: what is not understood is an error. A solver that passes over a card computes another structure
+//! than the one that was meant, and its numbers look just as good.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use crate::body::{LoadCase, Materials};
+use crate::mesh::Mesh;
+
+mod card;
+mod fields;
+mod load;
+mod model;
+mod raw;
+mod refused;
+mod resolve;
+mod solid;
+
+#[cfg(test)]
+mod tests;
+
+/// A mesh, what it is made of, and one load case.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Deck {
+    /// The name of the file without its ending: the name of the load case.
+    pub name: String,
+    /// The mesh with its sets.
+    pub mesh: Mesh,
+    /// What the elements are made of.
+    pub materials: Materials,
+    /// What warms the body.
+    pub load: LoadCase,
+    /// What the deck calls the places of films and fluxes.
+    pub places: Places,
+    /// Nodes that `*BOUNDARY` holds in x, y and z, ascending; often empty, since conduction does not ask for it.
+    pub supports: Vec<usize>,
+}
+
+/// Names of places, in small letters: those of the surfaces or sets; a single element is called by its number.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Places {
+    /// One for each film of the load case.
+    pub films: Vec<String>,
+    /// One for each flux of the load case.
+    pub fluxes: Vec<String>,
+}
+
+/// One thing that is wrong in a deck, and where.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Fault {
+    /// The file.
+    pub file: PathBuf,
+    /// Its line, from 1; none where it is about the deck as a whole.
+    pub line: Option<usize>,
+    /// The card, with its asterisk; empty where none is meant.
+    pub card: String,
+    /// What is wrong, and what to do.
+    pub message: String,
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.file.display())?;
+        if let Some(line) = self.line {
+            write!(f, ":{line}")?;
+        }
+        if !self.card.is_empty() {
+            write!(f, ": {}", self.card)?;
+        }
+        write!(f, ": {}", self.message)
+    }
+}
+
+/// Everything that is wrong in a deck.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Faults(pub Vec<Fault>);
+
+/// More than these nobody reads at once.
+const SHOWN: usize = 20;
+
+impl fmt::Display for Faults {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // The same mistake in line after line is told once.
+        let alike = |a: &Fault, b: &Fault| (&a.file, &a.card, &a.message) == (&b.file, &b.card, &b.message);
+        let told: Vec<&[Fault]> = self.0.chunk_by(alike).collect();
+        for (number, faults) in told.iter().take(SHOWN).enumerate() {
+            write!(f, "{}{}", if number == 0 { "" } else { "\n" }, faults[0])?;
+            if faults.len() > 1 {
+                write!(f, " (and so in {} more lines)", faults.len() - 1)?;
+            }
+        }
+        if told.len() > SHOWN {
+            write!(f, "\n… and {} more", told.len() - SHOWN)?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for Faults {}
+
+/// Reads a deck and everything it includes.
+///
+/// # Errors
+/// Everything that is wrong in it, with file, line and card.
+pub fn read(path: &Path) -> Result<Deck, Faults> {
+    let mut faults = Vec::new();
+    let cards = card::read(path, &mut faults);
+    if cards.is_empty() && faults.is_empty() {
+        let message = "the deck is empty".to_owned();
+        faults.push(Fault { file: path.to_path_buf(), line: None, card: String::new(), message });
+    }
+    let raw = raw::Raw::of(&cards, &mut faults);
+    let deck = resolve::deck(path, &raw, &mut faults);
+    match deck {
+        Some(deck) if faults.is_empty() => Ok(deck),
+        _ => Err(Faults(faults)),
+    }
+}

@@ -1,0 +1,311 @@
+use std::path::PathBuf;
+
+use super::*;
+use crate::body::{Case, Film, Flux};
+use crate::mesh::{Face, Kind};
+use crate::samples::{block, calm, iron};
+use crate::write;
+
+/// One tetrahedron, with everything a deck needs.
+const DECK: &str = "\
+*HEADING
+one tetrahedron
+*NODE, NSET=ALL
+1, 0, 0, 0
+2, 100, 0, 0
+3, 0, 100, 0
+4, 0, 0, 100
+*ELEMENT, TYPE=C3D4, ELSET=BODY
+1, 1, 2, 3, 4
+*NSET, NSET=BASE, GENERATE
+1, 3
+*MATERIAL, NAME=IRON
+*ELASTIC
+110000, 0.26
+*EXPANSION, ZERO=20
+1.1e-5
+*CONDUCTIVITY
+50
+*SPECIFIC HEAT
+5e8
+*DENSITY
+7.25E-9
+*SOLID SECTION, ELSET=BODY, MATERIAL=IRON
+*INITIAL CONDITIONS, TYPE=TEMPERATURE
+ALL, 20
+*STEP, INC=100
+*HEAT TRANSFER, STEADY STATE
+*FILM
+1, F1, 25, 0.008
+*DFLUX
+BODY, S2, 0.5
+BODY, BF, 1d-3
+*CFLUX
+4, 11, 100
+*BOUNDARY
+2, 11, 11, 21.5
+*NODE PRINT, NSET=ALL
+NT
+*END STEP
+";
+
+fn place(name: &str) -> (tempfile::TempDir, PathBuf) {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join(name);
+    (directory, path)
+}
+
+fn read_text(text: &str) -> Result<Deck, Faults> {
+    let (_directory, path) = place("case.inp");
+    std::fs::write(&path, text).unwrap();
+    read(&path)
+}
+
+/// What is said about a deck, without the directory.
+fn said(text: &str) -> String {
+    let told = read_text(text).expect_err("this deck must be refused").to_string();
+    let lines = told.lines().map(|line| match line.find("case.inp") {
+        Some(at) => &line[at..],
+        None => line,
+    });
+    lines.collect::<Vec<_>>().join("\n")
+}
+
+/// What is said where `from` stands as `to`.
+fn with(from: &str, to: &str) -> String {
+    assert!(DECK.contains(from), "{from}");
+    said(&DECK.replacen(from, to, 1))
+}
+
+#[test]
+fn a_node_set_keeps_the_order_of_its_deck_and_has_every_node_once() {
+    let text =
+        DECK.replacen("*MATERIAL", "*NSET, NSET=RAIL\n3, 1, 3\n*NSET, NSET=BOTH\n4, RAIL\n*MATERIAL", 1);
+    let deck = read_text(&text).unwrap_or_else(|faults| panic!("{faults}"));
+    assert_eq!(deck.mesh.node_sets["RAIL"], [2, 0]);
+    assert_eq!(deck.mesh.node_sets["BOTH"], [3, 2, 0]);
+}
+
+#[test]
+fn a_deck_becomes_a_mesh_materials_and_a_load_case() {
+    let deck = read_text(DECK).unwrap_or_else(|faults| panic!("{faults}"));
+    assert_eq!(deck.name, "case");
+    assert_eq!(deck.mesh.xyz[3].map(f64::to_bits), [0.0_f64, 0.0, 100.0].map(f64::to_bits));
+    assert_eq!(deck.mesh.node_sets["BASE"], [0, 1, 2]);
+    assert_eq!(deck.mesh.elements[0].kind, Kind::Tet4);
+    assert_eq!(deck.materials.of(0).capacity, Some(5e8 * 7.25e-9));
+    assert_eq!(deck.load.case, Case::Steady);
+    assert_eq!(deck.load.initial, [20.0; 4]);
+    let face = |side| Face { element: 0, side };
+    assert_eq!(deck.load.films, [Film { face: face(0), sink: 25.0, coefficient: 0.008 }]);
+    assert_eq!(deck.load.fluxes, [Flux::Face(face(1), 0.5), Flux::Volume(0, 1e-3)]);
+    assert_eq!(deck.load.nodal, [(3, 100.0)]);
+    assert_eq!(deck.load.held, [(1, 21.5)]);
+    assert!(deck.supports.is_empty());
+}
+
+#[test]
+fn a_deck_that_is_written_is_read_as_it_was() {
+    for kind in [Kind::Tet4, Kind::Tet10] {
+        let mut mesh = block(kind);
+        mesh.node_sets.insert("BASE".to_owned(), vec![0, 3, 4, 7, 8, 9, 10, 11, 12, 13, 14, 15]);
+        let mut load = calm(&mesh, Case::Transient { step: 0.1, period: 12.3 });
+        let face = mesh.outer_faces()[3];
+        load.films = vec![Film { face, sink: 25.5, coefficient: 0.008 }];
+        load.fluxes = vec![Flux::Face(face, -0.1), Flux::Volume(3, 1e-7)];
+        load.nodal = vec![(5, 12.5)];
+        load.held = vec![(6, 33.0)];
+        let materials = iron(&mesh);
+        let parts = [write::mesh(&mesh), write::materials(&mesh, &materials), write::load(&mesh, &load, "")];
+        let deck = read_text(&parts.concat()).unwrap_or_else(|faults| panic!("{faults}"));
+        assert_eq!(deck.mesh.elements, mesh.elements);
+        assert_eq!(deck.mesh.node_sets, mesh.node_sets);
+        assert_eq!(deck.load, load);
+        assert!((deck.materials.list[0].young - materials.list[0].young).abs() < 1e-9);
+        for (read, made) in deck.mesh.xyz.iter().zip(&mesh.xyz) {
+            assert!((0..3).all(|axis| (read[axis] - made[axis]).abs() < 1e-9), "{read:?}, not {made:?}");
+        }
+    }
+}
+
+#[test]
+fn small_letters_blanks_continued_lines_and_comments_change_nothing() {
+    let wanted = read_text(DECK).unwrap();
+    let loose = DECK.to_lowercase().replace("*film", "*Film,\nop = new").replace(", ", " ,  ");
+    let loose = loose.replace("1 ,  1 ,  2 ,  3 ,  4\n", "** nodes\n1, 1, 2,\n\n3, 4,\r\n");
+    assert_eq!(read_text(&loose).unwrap_or_else(|faults| panic!("{faults}")), wanted);
+}
+
+#[test]
+fn a_decimal_comma_is_told_as_one() {
+    for (from, to) in [
+        ("2, 100, 0, 0", "2, 100,5, 0, 0"),
+        ("110000, 0.26", "110000, 0,26"),
+        ("1.1e-5", "1,1e-5"),
+        ("7.25E-9", "7,25E-9"),
+        ("1, F1, 25, 0.008", "1, F1, 25, 0,008"),
+        ("BODY, S2, 0.5", "BODY, S2, 0,5"),
+        ("ALL, 20\n", "ALL, 20,5\n"),
+        ("2, 11, 11, 21.5", "2, 11, 11, 21,5"),
+    ] {
+        let said = with(from, to);
+        assert!(said.contains("1.5, not 1,5"), "{to}: {said}");
+        assert_eq!(said.lines().count(), 1, "{said}");
+    }
+}
+
+/// Decks that CalculiX computes in silence, stops at, or crashes on; each ends here with where and what.
+#[test]
+fn what_is_wrong_is_said_with_line_card_and_remedy() {
+    let transient = "*HEAT TRANSFER\n10, 100";
+    let steady = "*HEAT TRANSFER, STEADY STATE";
+    for (from, to, wanted) in [
+        ("*EXPANSION,", "*EXPANSON,", "case.inp:15: *EXPANSON: no such card; did you mean *EXPANSION?"),
+        ("*EXPANSION, ZERO=20\n1.1e-5\n", "", "case.inp:12: *MATERIAL: IRON has no *EXPANSION"),
+        ("*ELASTIC\n110000, 0.26\n", "", "*MATERIAL: IRON has no *ELASTIC"),
+        ("*CONDUCTIVITY\n50\n", "", "*MATERIAL: IRON has no *CONDUCTIVITY"),
+        (
+            "110000,",
+            "1.1e11,",
+            "case.inp:14: *ELASTIC: the Young's modulus is 1.1e11, which cannot be in MPa",
+        ),
+        ("*SOLID SECTION, ELSET=BODY, MATERIAL=IRON\n", "", "1 elements have no material, the first is 1"),
+        ("MATERIAL=IRON", "MATERIAL=STEEL", "*SOLID SECTION: material STEEL is not defined"),
+        ("ALL, 20", "BLKX, 20", "*INITIAL CONDITIONS: node set BLKX is not defined (there are ALL, BASE)"),
+        ("*INITIAL CONDITIONS, TYPE=TEMPERATURE\nALL, 20\n", "", "node 1 has no initial temperature"),
+        ("*NODE PRINT, NSET=ALL", "*NODE PRINT, NSET=NOPE", "*NODE PRINT: node set NOPE is not defined"),
+        ("1, 1, 2, 3, 4\n", "1, 1, 2, 3, 9\n", "*ELEMENT: element 1 names node 9, which is not defined"),
+        ("1, 1, 2, 3, 4\n", "1, 1, 2, 3\n", "*ELEMENT: 3 of the 4 nodes of a C3D4"),
+        ("1, 1, 2, 3, 4\n", "1, 1, 2, 3, 4, 2\n", "*ELEMENT: 5 nodes where a C3D4 has 4"),
+        ("1, 1, 2, 3, 4\n", "1, 1, 3, 2, 4\n", "element 1 is numbered inside out or folded"),
+        ("TYPE=C3D4", "TYPE=C3D8", "*ELEMENT: C3D8 is not read: mesh the structure with tetrahedra"),
+        ("4, 0, 0, 100\n", "4, 0, 0, 100\n7, 1, 1, 1\n", "*NODE: node 7 belongs to no element"),
+        ("4, 0, 0, 100\n", "4, 0, 0, 100\n4, 1, 1, 1\n", "*NODE: node 4 is defined already in line 7"),
+        ("*MATERIAL", "*NSET, NSET=BASE\n4\n*MATERIAL", "*NSET: node set BASE is defined already"),
+        ("*MATERIAL", "*NSET, NSET=EMPTY\n*MATERIAL", "*NSET: node set EMPTY is empty"),
+        ("GENERATE\n1, 3", "GENERATE\n1, 9", "*NSET: node 5 is not defined"),
+        ("*END STEP\n", "", "case.inp:26: *STEP: the step is not ended: *END STEP is missing"),
+        ("*STEP, INC=100", "*STEP, NLGEOM", "*STEP: the parameter NLGEOM is not understood"),
+        (
+            "*STEP, INC=100",
+            "*STEP\n*INITIAL CONDITIONS, TYPE=TEMPERATURE\n",
+            "*INITIAL CONDITIONS: belongs before *STEP",
+        ),
+        ("*END STEP\n", "*END STEP\n*STEP\n*END STEP\n", "*STEP: a second step: a deck is one load case"),
+        (steady, "*STATIC", "*STATIC: is not read: only heat-transfer steps are read"),
+        ("*CFLUX", "*TEMPERATURE\nALL, 21\n*CFLUX", "*TEMPERATURE: is not read: temperatures are computed"),
+        ("*CFLUX", "*RADIATE\n1, R1, 20, 0.9\n*CFLUX", "*RADIATE: is not read: radiation is not linear"),
+        ("*CFLUX", "*AMPLITUDE, NAME=A\n0, 0, 1, 1\n*CFLUX", "*AMPLITUDE: is not read: loads are constant"),
+        (
+            "*FILM\n",
+            "*FILM, AMPLITUDE=A\n",
+            "*FILM: the parameter AMPLITUDE is not understood (known here: OP)",
+        ),
+        ("1, F1, 25", "1, F5, 25", "*FILM: `F5` is not a side of a tetrahedron: F1, F2, F3 or F4"),
+        (
+            "*DFLUX",
+            "1, F1, 26, 0.1\n*DFLUX",
+            "side F1 of element 1 has a film already (line 29); which one counts?",
+        ),
+        ("BODY, S2", "TOP, S, 1\nBODY, S2", "*DFLUX: surface set TOP is not defined (there is none)"),
+        ("4, 11, 100", "4, 1, 100", "*CFLUX: `1`: heat enters at a node in direction 11"),
+        ("2, 11, 11, 21.5", "2, 1, 2", "*BOUNDARY: node 2 is held in some directions only"),
+        (
+            steady,
+            "*HEAT TRANSFER",
+            "a transient step needs one line: step in s, period in s (or say STEADY STATE)",
+        ),
+        (steady, "*HEAT TRANSFER\n1e-9, 3600", "*HEAT TRANSFER: more than 100000 steps"),
+        (
+            steady,
+            "*HEAT TRANSFER, STEADY STATE, SOLVER=PARDISO",
+            "SOLVER=PARDISO: which solver is taken is not for the deck",
+        ),
+        (steady, "", "*FILM: belongs after *HEAT TRANSFER"),
+        ("*HEADING", "*INCLUDE, INPUT=nomesh.inc\n*HEADING", "case.inp:1: *INCLUDE: cannot read"),
+        ("*HEADING", "*INCLUDE, INPUT=case.inp\n*HEADING", "*INCLUDE: more than 8 files include each other"),
+        ("*HEADING", "1, 2\n*HEADING", "case.inp:1: this line stands before any card"),
+    ] {
+        let said = with(from, to);
+        assert!(said.contains(wanted), "{to}: wanted: {wanted}\nsaid: {said}");
+    }
+    let no_heat = DECK.replace("*SPECIFIC HEAT\n5e8\n", "").replace(steady, transient);
+    assert!(said(&no_heat).contains("IRON has no *SPECIFIC HEAT and *DENSITY"), "{}", said(&no_heat));
+    let no_step = &DECK[..DECK.find("*STEP").unwrap()];
+    assert!(said(no_step).contains("the deck ends without a step"), "{}", said(no_step));
+    let long = DECK.replace("BASE", &"A".repeat(81));
+    assert!(said(&long).contains("longer than 80 characters"), "{}", said(&long));
+    assert!(said("").contains("the deck is empty"));
+    assert!(
+        read(&PathBuf::from("no_such_deck.inp"))
+            .unwrap_err()
+            .to_string()
+            .contains("cannot read no_such_deck.inp")
+    );
+}
+
+#[test]
+fn everything_that_is_wrong_is_said_at_once_and_the_same_only_once() {
+    let deck = DECK
+        .replace("1, 0, 0, 0\n2, 100, 0, 0", "1, 0,0, 0, 0\n2, 100,0, 0, 0")
+        .replace("*EXPANSION", "*EXPANSON");
+    let said = said(&deck);
+    assert!(said.contains("case.inp:4: *NODE: 5 values where 4 belong"), "{said}");
+    assert!(said.contains("(and so in 1 more lines)"), "{said}");
+    assert!(said.contains("*EXPANSON: no such card"), "{said}");
+    assert_eq!(said.lines().count(), 2, "{said}");
+}
+
+#[test]
+fn a_film_inside_the_structure_is_refused() {
+    let two = DECK
+        .replace("4, 0, 0, 100\n", "4, 0, 0, 100\n5, 100, 100, 100\n")
+        .replace("1, 1, 2, 3, 4\n", "1, 1, 2, 3, 4\n2, 2, 5, 3, 4\n")
+        .replace("1, F1, 25", "1, F3, 25");
+    let said = said(&two);
+    assert!(
+        said.contains("*FILM: side F3 of element 1 lies inside the structure, between two elements"),
+        "{said}"
+    );
+}
+
+#[test]
+fn a_surface_that_gmsh_names_by_flat_elements_has_nodes_and_takes_films() {
+    let flat = DECK
+        .replace(
+            "*NSET, NSET=BASE",
+            "*ELEMENT, type=CPS3, ELSET=Surface1\n7, 1, 3, 2\n*ELSET, ELSET=FOOT\n7,\n*NSET, NSET=BASE",
+        )
+        .replace("1, F1, 25, 0.008", "FOOT, F, 25, 0.008");
+    let deck = read_text(&flat).unwrap_or_else(|faults| panic!("{faults}"));
+    assert_eq!(deck.load, read_text(DECK).unwrap().load);
+    assert_eq!(deck.mesh.node_sets["FOOT"], [0, 1, 2]);
+    assert_eq!(deck.mesh.elements.len(), 1);
+    let named = DECK
+        .replace("*NSET, NSET=BASE", "*SURFACE, NAME=FOOT, TYPE=ELEMENT\nBODY, S1\n*NSET, NSET=BASE")
+        .replace("1, F1, 25, 0.008", "FOOT, F, 25, 0.008");
+    assert_eq!(read_text(&named).unwrap_or_else(|faults| panic!("{faults}")).load, deck.load);
+}
+
+mod any_text {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        /// A deck with a line lost, doubled or cut short is a deck or a sentence, and nothing else.
+        #[test]
+        fn a_damaged_deck_never_panics(line in 0_usize..40, cut in 0_usize..12, doubled: bool) {
+            let mut lines: Vec<&str> = DECK.lines().collect();
+            let line = line % lines.len();
+            let short = lines[line];
+            lines[line] = &short[..cut.min(short.len())];
+            if doubled {
+                lines.insert(line, short);
+            }
+            if let Err(faults) = read_text(&lines.join("\n")) {
+                prop_assert!(!faults.to_string().is_empty());
+            }
+        }
+    }
+}

@@ -1,0 +1,349 @@
+//! The column of a horizontal machining centre as decks: a worked example, and what `column-hmc` is made from.
+//!
+//! In the machine's axes: x to the right, y up from the foot, z away from the work. The spindle head rides up and down
+//! two rails on the front, which is at negative z. Cast iron: 700 mm wide, 1600 high, 560 deep, walls of 40, a floor
+//! at half height with a hole, an opening in the back wall.
+
+use std::collections::BTreeSet;
+use std::fmt::Write as _;
+
+use crate::column::Grid;
+use crate::mesh::{Face, Kind, Mesh};
+use crate::write::{number, set};
+
+/// Where cells begin and end, mm.
+const LINES: [&[f64]; 3] = [
+    &[-350.0, -310.0, -260.0, -200.0, -100.0, 0.0, 100.0, 200.0, 260.0, 310.0, 350.0],
+    &[
+        0.0, 40.0, 160.0, 280.0, 400.0, 520.0, 640.0, 760.0, 800.0, 920.0, 1040.0, 1160.0, 1280.0, 1400.0,
+        1560.0, 1600.0,
+    ],
+    &[-320.0, -280.0, -240.0, -120.0, 0.0, 120.0, 240.0, 280.0],
+];
+
+/// Planes between the blocks over the height, mm; in the depth they part at 0.
+const STOREYS: [f64; 3] = [400.0, 800.0, 1200.0];
+
+/// Heights between the patches of the rails that ports heat, mm.
+const PATCHES: [f64; 6] = [160.0, 400.0, 640.0, 920.0, 1160.0, 1400.0];
+
+/// A load case.
+struct Story {
+    name: &'static str,
+    /// For people.
+    what: &'static str,
+    /// The line of the step.
+    step: &'static str,
+    air: Air,
+    /// Surfaces, and the heat through them, mW/mm².
+    heat: &'static [(&'static str, f64)],
+}
+
+const CASES: [Story; 11] = [
+    Story {
+        name: "head_hour",
+        what: "The head has worked in the middle of its travel for an hour",
+        step: HOUR,
+        air: STILL,
+        heat: &MIDDLE,
+    },
+    Story {
+        name: "head_low",
+        what: "It has worked in the lower half for four hours",
+        step: FOUR,
+        air: STILL,
+        heat: &LOW,
+    },
+    Story {
+        name: "head_high",
+        what: "It has worked in the upper half for four hours",
+        step: FOUR,
+        air: STILL,
+        heat: &HIGH,
+    },
+    Story {
+        name: "head_day",
+        what: "It works up and down until nothing changes any more",
+        step: STEADY,
+        air: Air { covers: 22.0, ..STILL },
+        heat: &ALL,
+    },
+    Story {
+        name: "motor",
+        what: "The motor on the top is warm",
+        step: STEADY,
+        air: Air { high: 20.5, ..STILL },
+        heat: &[("MOTOR_FOOT", 0.8)],
+    },
+    Story {
+        name: "cabinet",
+        what: "The control cabinet hangs on the back and is warm",
+        step: STEADY,
+        air: STILL,
+        heat: &[("CABINET_WALL", 0.15)],
+    },
+    Story {
+        name: "room",
+        what: "The room has been three kelvin warmer for three hours",
+        step: THREE,
+        air: ROOM,
+        heat: &[],
+    },
+    Story {
+        name: "layers",
+        what: "The air is warmer at the top than at the foot",
+        step: STEADY,
+        air: LAYERS,
+        heat: &[],
+    },
+    Story {
+        name: "covers",
+        what: "The air behind the covers has been warm for two hours",
+        step: TWO,
+        air: Air { covers: 25.0, ..STILL },
+        heat: &[],
+    },
+    Story {
+        name: "bed",
+        what: "The bed is two kelvin warmer",
+        step: STEADY,
+        air: Air { foot: 22.0, ..STILL },
+        heat: &[],
+    },
+    Story {
+        name: "shift",
+        what: "All of it together for three hours",
+        step: THREE,
+        air: SHIFT,
+        heat: &SHIFTS,
+    },
+];
+
+const HOUR: &str = ", DIRECT\n300, 3600";
+const TWO: &str = ", DIRECT\n600, 7200";
+const THREE: &str = ", DIRECT\n600, 10800";
+const FOUR: &str = ", DIRECT\n600, 14400";
+const STEADY: &str = ", STEADY STATE";
+
+const MIDDLE: [(&str, f64); 3] = [("RAILS_2", 0.9), ("RAILS_3", 1.2), ("RAILS_4", 0.9)];
+const LOW: [(&str, f64); 3] = [("RAILS_1", 0.6), ("RAILS_2", 1.2), ("RAILS_3", 0.6)];
+const HIGH: [(&str, f64); 3] = [("RAILS_3", 0.6), ("RAILS_4", 1.2), ("RAILS_5", 0.6)];
+const ALL: [(&str, f64); 5] =
+    [("RAILS_1", 0.2), ("RAILS_2", 0.6), ("RAILS_3", 0.8), ("RAILS_4", 0.6), ("RAILS_5", 0.2)];
+const SHIFTS: [(&str, f64); 7] = [
+    ("RAILS_1", 0.3),
+    ("RAILS_2", 0.8),
+    ("RAILS_3", 1.1),
+    ("RAILS_4", 0.8),
+    ("RAILS_5", 0.3),
+    ("MOTOR_FOOT", 0.8),
+    ("CABINET_WALL", 0.15),
+];
+
+/// Temperatures of what flows past, °C.
+#[derive(Clone, Copy)]
+struct Air {
+    low: f64,
+    high: f64,
+    covers: f64,
+    inside: f64,
+    foot: f64,
+}
+
+const STILL: Air = Air { low: 20.0, high: 20.0, covers: 20.0, inside: 20.0, foot: 20.0 };
+const ROOM: Air = Air { low: 23.0, high: 23.0, covers: 23.0, inside: 21.0, foot: 20.5 };
+const LAYERS: Air = Air { low: 20.0, high: 23.0, covers: 21.0, inside: 21.0, foot: 20.0 };
+const SHIFT: Air = Air { low: 21.0, high: 22.0, covers: 23.0, inside: 21.0, foot: 20.5 };
+
+/// Film coefficients as the decks take them: outside, behind the covers, inside, and of the joint with the bed.
+const FILMS: [f64; 5] = [0.008, 0.008, 0.004, 0.003, 0.1];
+/// What they are on the machine. Nobody who places sensors knows them.
+const REAL: [f64; 5] = [0.009, 0.007, 0.005, 0.002, 0.07];
+
+/// The files, name and text: `mesh.inp`, what all decks include (`column.inp`), a deck for each load case, and
+/// `plant.inp`, which says where heat comes in and goes out while the machine runs.
+#[must_use]
+pub fn files() -> Vec<(String, String)> {
+    let mut files =
+        vec![("mesh.inp".to_owned(), mesh_file(&mesh())), ("column.inp".to_owned(), COMMON.to_owned())];
+    for Story { name, what, step, air, heat } in CASES {
+        files.push((format!("{name}.inp"), deck(what, step, air, FILMS, heat)));
+    }
+    let ports: Vec<(String, f64)> = (1..PATCHES.len()).map(|patch| (format!("RAILS_{patch}"), 1.0)).collect();
+    let ports = ports
+        .iter()
+        .map(|(name, heat)| (name.as_str(), *heat))
+        .chain([("MOTOR_FOOT", 1.0), ("CABINET_WALL", 1.0)]);
+    let what = "No load case: where heat comes in and goes out while the machine runs";
+    files.push(("plant.inp".to_owned(), deck(what, HOUR, STILL, REAL, &ports.collect::<Vec<_>>())));
+    files
+}
+
+/// The names of the decks that are load cases.
+pub fn cases() -> impl Iterator<Item = &'static str> {
+    CASES.iter().map(|case| case.name)
+}
+
+const COMMON: &str = "** Cast iron, and the cold machine: what every deck includes.
+*INCLUDE, INPUT=mesh.inp
+*MATERIAL, NAME=CASTIRON
+*ELASTIC
+110000, 0.26
+*EXPANSION, ZERO=20
+1.1e-05
+*CONDUCTIVITY
+50
+*DENSITY
+7.25e-09
+*SPECIFIC HEAT
+5e+08
+*SOLID SECTION, ELSET=COLUMN, MATERIAL=CASTIRON
+*INITIAL CONDITIONS, TYPE=TEMPERATURE
+COLUMN, 20
+";
+
+fn deck(what: &str, step: &str, air: Air, films: [f64; 5], fluxes: &[(&str, f64)]) -> String {
+    let mut text = format!("** {what}.\n*INCLUDE, INPUT=column.inp\n*STEP\n*HEAT TRANSFER{step}\n*FILM\n");
+    let names = ["AIR_LOW", "AIR_HIGH", "COVERS", "INSIDE", "FOOT"];
+    let sinks = [air.low, air.high, air.covers, air.inside, air.foot];
+    for ((name, sink), film) in names.into_iter().zip(sinks).zip(films) {
+        let _ = writeln!(text, "{name}, F, {sink}, {film}");
+    }
+    text.push_str(if fluxes.is_empty() { "" } else { "*DFLUX\n" });
+    for (name, heat) in fluxes {
+        let _ = writeln!(text, "{name}, S, {heat}");
+    }
+    text + "*END STEP\n"
+}
+
+fn mesh() -> Mesh {
+    let cells = LINES.map(|lines| lines.len() - 1);
+    // Cells are counted, then put where they belong.
+    let grid = Grid { cells, size: cells.map(super::problem::count), origin: [0.0; 3] };
+    grid.mesh(
+        Kind::Tet10,
+        |cell| iron([0, 1, 2].map(|axis| along(axis, cell[axis]))),
+        |corner| [0, 1, 2].map(|axis| along(axis, corner[axis])),
+    )
+}
+
+/// The place of a counted one, mm; halves lie in the middle.
+fn along(axis: usize, counted: f64) -> f64 {
+    let lines = LINES[axis];
+    let at = |share: f64| {
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "cells along an edge")]
+        let line = share as usize;
+        lines[line.min(lines.len() - 1)]
+    };
+    f64::midpoint(at(counted.floor()), at(counted.ceil()))
+}
+
+fn iron([x, y, z]: [f64; 3]) -> bool {
+    if z < -280.0 {
+        return on_rail(x) && (160.0..1560.0).contains(&y);
+    }
+    let shell = x.abs() > 310.0 || z.abs() > 240.0 || !(40.0..1560.0).contains(&y);
+    let floor = (760.0..800.0).contains(&y) && (x.abs() > 100.0 || z.abs() > 120.0);
+    let opening = z > 240.0 && x.abs() < 100.0 && (160.0..400.0).contains(&y);
+    (shell || floor) && !opening
+}
+
+fn on_rail(x: f64) -> bool {
+    (200.0..=260.0).contains(&x.abs())
+}
+
+/// Nodes, elements, the skin as flat elements, and the sets: blocks, guideway, foot, surfaces.
+fn mesh_file(mesh: &Mesh) -> String {
+    let mut text =
+        String::from("** The column's mesh: quadratic tetrahedra, its skin as flat elements; mm.\n*NODE\n");
+    for (id, [x, y, z]) in mesh.nodes.iter().zip(&mesh.xyz) {
+        let _ = writeln!(text, "{id}, {}, {}, {}", number(*x), number(*y), number(*z));
+    }
+    let mut elements = |card: &str, begin: u32, each: &mut dyn Iterator<Item = Vec<usize>>| {
+        let _ = writeln!(text, "*ELEMENT, {card}");
+        for (id, nodes) in (begin..).zip(each) {
+            let nodes: Vec<String> = nodes.iter().map(|node| mesh.nodes[*node].to_string()).collect();
+            let _ = writeln!(text, "{id}, {}", nodes.join(", "));
+        }
+    };
+    elements("TYPE=C3D10, ELSET=COLUMN", 1, &mut mesh.elements.iter().map(|element| element.nodes.clone()));
+    let first = u32::try_from(mesh.elements.len() + 1).unwrap_or(u32::MAX);
+    let skin: Vec<Vec<usize>> = mesh.outer_faces().iter().map(|face| nodes_of(mesh, *face)).collect();
+    elements("TYPE=CPS6, ELSET=SKIN", first, &mut skin.iter().cloned());
+    let middle = |nodes: &Vec<usize>| {
+        [0, 1, 2].map(|axis| nodes[..3].iter().map(|node| mesh.xyz[*node][axis]).sum::<f64>() / 3.0)
+    };
+    let names = (skin.iter().map(middle).map(surfaces)).collect::<Vec<_>>();
+    let mut all: Vec<&String> = names.iter().flatten().collect();
+    all.sort_unstable();
+    all.dedup();
+    for name in all {
+        let on = (first..).zip(&names).filter(|(_, names)| names.contains(name)).map(|(id, _)| id);
+        set(&mut text, &format!("*ELSET, ELSET={name}"), on);
+    }
+    let each = |kept: &dyn Fn([f64; 3]) -> bool| {
+        let kept = mesh.nodes.iter().zip(&mesh.xyz).filter(|(_, xyz)| kept(**xyz));
+        kept.map(|(id, _)| id.0).collect::<Vec<_>>().into_iter()
+    };
+    let _ = writeln!(text, "*NSET, NSET=COLUMN, GENERATE\n1, {}, 1", mesh.nodes.len());
+    set(&mut text, "*NSET, NSET=BASE", each(&|[_, y, _]| y < 1.0));
+    let touched = |free: bool| {
+        let faces = skin.iter().zip(&names);
+        let mine = faces.filter(move |(_, names)| free != names.iter().any(|name| is_covered(name)));
+        mine.flat_map(|(nodes, _)| nodes.iter().copied()).collect::<BTreeSet<usize>>()
+    };
+    let reached: BTreeSet<usize> = touched(true).difference(&touched(false)).copied().collect();
+    set(&mut text, "*NSET, NSET=REACHED", reached.into_iter().map(|node| mesh.nodes[node].0));
+    set(
+        &mut text,
+        "*NSET, NSET=GUIDE",
+        each(&|[x, y, z]| {
+            let corner = LINES[1].iter().any(|line| (y - line).abs() < 1.0);
+            z < -319.0 && (x.abs() - 200.0).abs() < 1.0 && corner && (280.0..=1400.0).contains(&y)
+        }),
+    );
+    for (side, front) in [("FRONT", true), ("BACK", false)] {
+        for storey in 0..=STOREYS.len() {
+            let own = |[_, y, z]: [f64; 3]| {
+                (z < 0.0) == front && STOREYS.iter().filter(|plane| y >= **plane).count() == storey
+            };
+            set(&mut text, &format!("*NSET, NSET=COLUMN_{side}_{}", storey + 1), each(&own));
+        }
+    }
+    text
+}
+
+/// Nothing can be fixed there: it is inside, or something stands or slides on it.
+fn is_covered(surface: &str) -> bool {
+    ["FOOT", "INSIDE", "MOTOR_FOOT", "CABINET_WALL"].contains(&surface) || surface.starts_with("RAILS_")
+}
+
+fn nodes_of(mesh: &Mesh, face: Face) -> Vec<usize> {
+    let element = &mesh.elements[face.element];
+    element.kind.face(face.side).iter().map(|place| element.nodes[*place]).collect()
+}
+
+/// The surfaces that a face with this middle belongs to.
+fn surfaces([x, y, z]: [f64; 3]) -> Vec<String> {
+    let flows = if y < 1.0 {
+        "FOOT"
+    } else if z < -279.0 {
+        "COVERS"
+    } else if x.abs() > 349.0 || z > 279.0 || y > 1599.0 {
+        if y < STOREYS[1] { "AIR_LOW" } else { "AIR_HIGH" }
+    } else {
+        "INSIDE"
+    };
+    let mut names = vec![flows.to_owned()];
+    if z < -319.0 {
+        let patch = PATCHES.windows(2).position(|edges| (edges[0]..edges[1]).contains(&y));
+        names.extend(patch.map(|patch| format!("RAILS_{}", patch + 1)));
+    }
+    if y > 1599.0 && x.abs() < 100.0 && z.abs() < 120.0 {
+        names.push("MOTOR_FOOT".to_owned());
+    }
+    if z > 279.0 && x.abs() < 200.0 && (520.0..1040.0).contains(&y) {
+        names.push("CABINET_WALL".to_owned());
+    }
+    names
+}

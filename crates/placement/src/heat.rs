@@ -1,0 +1,282 @@
+//! Linear heat conduction: the temperature of every node under one load case.
+
+use faer::{ColMut, Mat};
+
+use crate::body::{Case, Film, Flux, LoadCase, Materials, Progress};
+use crate::element::{dot, face_points};
+use crate::graph::Graph;
+use crate::mesh::{Face, Mesh, NodeId};
+use crate::structure::{for_each_element, for_each_point};
+use crate::system::{Factor, System};
+
+/// Why there are no temperatures.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum HeatError {
+    /// Steady, and heat has no way out.
+    #[error(
+        "nothing holds the temperature of the part with node {0}: a steady case needs a film or a held temperature on \
+         every part of the mesh"
+    )]
+    Adrift(NodeId),
+    /// Transient without heat capacity.
+    #[error("material {0} has no density or no specific heat: a transient case needs both")]
+    NoCapacity(String),
+    /// The conduction has no inverse.
+    #[error("the conduction cannot be factored: a conductivity or a film coefficient is not positive")]
+    Singular,
+}
+
+/// The rise of every node over its initial temperature at the end of the case, K.
+///
+/// # Errors
+/// Where the case has no solution.
+pub fn temperatures(
+    mesh: &Mesh,
+    materials: &Materials,
+    load: &LoadCase,
+    progress: Progress<'_>,
+) -> Result<Vec<f64>, HeatError> {
+    let heat = Heat::assembled(mesh, materials, load)?;
+    let reached = match load.case {
+        Case::Steady => heat.steady()?,
+        Case::Transient { step, period } => heat.transient(load, step, period, progress)?,
+    };
+    Ok(reached.iter().zip(&load.initial).map(|(reached, initial)| reached - initial).collect())
+}
+
+/// Couplings of a free node (by its number) with a held one (by its place).
+type Coupling = Vec<(usize, usize, f64)>;
+
+/// Conduction and capacity of a body, and what warms it.
+pub(super) struct Heat {
+    /// Conduction and films, mW/K.
+    pub(super) conduction: System<1>,
+    /// Heat capacity, mJ/K; empty in a steady case.
+    pub(super) capacity: Option<System<1>>,
+    to_held: Coupling,
+    /// Heat that enters at each free node, mW.
+    enters: Vec<f64>,
+    /// Temperature of each held node.
+    held: Vec<Option<f64>>,
+}
+
+impl Heat {
+    pub(super) fn assembled(mesh: &Mesh, materials: &Materials, load: &LoadCase) -> Result<Self, HeatError> {
+        let mut held = vec![None; mesh.nodes.len()];
+        load.held.iter().for_each(|(node, temperature)| held[*node] = Some(*temperature));
+        let graph = Graph::of(mesh);
+        if load.case == Case::Steady {
+            anchored(mesh, &graph, load)?;
+        }
+        let is_held: Vec<bool> = held.iter().map(Option::is_some).collect();
+        let mut conduction = System::<1>::new(&graph, &mesh.xyz, &is_held);
+        let mut capacity = None;
+        if load.case != Case::Steady {
+            let mut system = System::<1>::new(&graph, &mesh.xyz, &is_held);
+            add_capacity(mesh, materials, &mut system)?;
+            capacity = Some(system);
+        }
+        let mut to_held = Coupling::new();
+        for_each_element(mesh, |element, points| {
+            let conductivity = materials.of(element).conductivity;
+            let nodes = &mesh.elements[element].nodes;
+            for (a, node) in nodes.iter().enumerate() {
+                for (b, other) in nodes.iter().enumerate() {
+                    let flows = points.iter().map(|at| at.volume * dot(at.gradient[a], at.gradient[b]));
+                    add(&mut conduction, &mut to_held, *node, *other, conductivity * flows.sum::<f64>());
+                }
+            }
+        });
+        let mut enters = vec![0.0; conduction.size()];
+        for film in &load.films {
+            for_each_face_point(mesh, film.face, |nodes, value, area| {
+                for (a, node) in nodes.iter().enumerate() {
+                    let weight = film.coefficient * area * value[a];
+                    enter(&conduction, &mut enters, *node, weight * film.sink);
+                    for (b, other) in nodes.iter().enumerate() {
+                        add(&mut conduction, &mut to_held, *node, *other, weight * value[b]);
+                    }
+                }
+            });
+        }
+        add_fluxes(mesh, load, &conduction, &mut enters);
+        Ok(Self { conduction, capacity, to_held, enters, held })
+    }
+
+    fn steady(self) -> Result<Vec<f64>, HeatError> {
+        let mut side = Mat::<f64>::zeros(self.enters.len(), 1);
+        let mut column = side.col_mut(0);
+        for (row, enters) in self.enters.iter().enumerate() {
+            column[row] = *enters;
+        }
+        for (row, node, value) in &self.to_held {
+            column[*row] -= value * self.held[*node].unwrap_or_default();
+        }
+        let factor = self.conduction.factor().ok_or(HeatError::Singular)?;
+        factor.solve(side.as_mut());
+        Ok(spread(&factor, &self.held, side.col(0).iter()))
+    }
+
+    fn transient(
+        self,
+        load: &LoadCase,
+        step: f64,
+        period: f64,
+        progress: Progress<'_>,
+    ) -> Result<Vec<f64>, HeatError> {
+        let Some(capacity) = &self.capacity else { return Err(HeatError::Singular) };
+        let mut reached = load.initial.clone();
+        let mut steps = vec![step; whole(period / step)];
+        let rest = period - step * float(steps.len());
+        if rest > 1e-9 * period {
+            steps.push(rest);
+        }
+        let mut factored: Option<(f64, Factor<1>)> = None;
+        for (done, length) in steps.iter().enumerate() {
+            progress("heating", done, steps.len());
+            if factored.as_ref().is_none_or(|(of, _)| of.to_bits() != length.to_bits()) {
+                let system = self.conduction.plus(1.0 / length, capacity);
+                factored = Some((*length, system.factor().ok_or(HeatError::Singular)?));
+            }
+            let Some((_, factor)) = &factored else { return Err(HeatError::Singular) };
+            let mut side = Mat::<f64>::zeros(self.enters.len(), 1);
+            self.side(side.col_mut(0), &reached, *length, capacity);
+            factor.solve(side.as_mut());
+            reached = spread(factor, &self.held, side.col(0).iter());
+        }
+        progress("heating", steps.len(), steps.len());
+        Ok(reached)
+    }
+
+    /// What enters, what the capacity brings from the step before, what the held nodes conduct. Those are held from the
+    /// very beginning: they bring no heat of their own from the initial temperature.
+    fn side(&self, mut side: ColMut<'_, f64>, before: &[f64], length: f64, capacity: &System<1>) {
+        let brought = capacity.times(before);
+        for row in 0..self.enters.len() {
+            side[row] = self.enters[row] + brought[row] / length;
+        }
+        for (row, node, value) in &self.to_held {
+            side[*row] -= value * self.held[*node].unwrap_or_default();
+        }
+    }
+}
+
+/// Temperatures of all nodes from those of the free ones.
+fn spread<'a>(factor: &Factor<1>, held: &[Option<f64>], solution: impl Iterator<Item = &'a f64>) -> Vec<f64> {
+    let solution: Vec<f64> = solution.copied().collect();
+    let each = factor.free.iter().zip(held);
+    each.map(|(free, held)| free.map_or(held.unwrap_or_default(), |number| solution[number])).collect()
+}
+
+fn add(system: &mut System<1>, to_held: &mut Coupling, row: usize, column: usize, value: f64) {
+    match (system.free[row], system.free[column]) {
+        (Some(row), Some(column)) => system.add(row, column, &[[value]]),
+        (Some(row), None) => to_held.push((row, column, value)),
+        (None, _) => {}
+    }
+}
+
+fn enter(system: &System<1>, enters: &mut [f64], node: usize, heat: f64) {
+    if let Some(number) = system.free[node] {
+        enters[number] += heat;
+    }
+}
+
+/// Adds the heat that fluxes and single nodes bring to each free node, mW.
+pub(super) fn add_fluxes(mesh: &Mesh, load: &LoadCase, system: &System<1>, enters: &mut [f64]) {
+    for (node, heat) in &load.nodal {
+        enter(system, enters, *node, *heat);
+    }
+    let mut in_volume = vec![0.0; mesh.elements.len()];
+    for flux in &load.fluxes {
+        match flux {
+            Flux::Volume(element, heat) => in_volume[*element] += heat,
+            Flux::Face(face, heat) => for_each_face_point(mesh, *face, |nodes, value, area| {
+                for (place, node) in nodes.iter().enumerate() {
+                    enter(system, enters, *node, heat * area * value[place]);
+                }
+            }),
+        }
+    }
+    if in_volume.iter().all(|heat| heat.abs() <= 0.0) {
+        return;
+    }
+    for_each_point(mesh, |element, point, count| {
+        for (place, node) in mesh.elements[element].nodes.iter().enumerate().take(count) {
+            enter(system, enters, *node, in_volume[element] * point.volume * point.value[place]);
+        }
+    });
+}
+
+fn add_capacity(mesh: &Mesh, materials: &Materials, system: &mut System<1>) -> Result<(), HeatError> {
+    if let Some(without) =
+        materials.of_element.iter().map(|at| &materials.list[*at]).find(|it| it.capacity.is_none())
+    {
+        return Err(HeatError::NoCapacity(without.name.clone()));
+    }
+    for_each_element(mesh, |place, points| {
+        let capacity = materials.of(place).capacity.unwrap_or_default();
+        let element = &mesh.elements[place];
+        for (a, node) in element.nodes.iter().enumerate() {
+            for (b, other) in element.nodes.iter().enumerate() {
+                let stored = points.iter().map(|at| at.volume * at.value[a] * at.value[b]);
+                if let (Some(row), Some(column)) = (system.free[*node], system.free[*other]) {
+                    system.add(row, column, &[[capacity * stored.sum::<f64>()]]);
+                }
+            }
+        }
+    });
+    Ok(())
+}
+
+/// Tells of each node of a film what a kelvin of its sink brings there, mW.
+pub(super) fn film_heat(mesh: &Mesh, film: &Film, mut tell: impl FnMut(usize, f64)) {
+    for_each_face_point(mesh, film.face, |nodes, value, area| {
+        for (node, value) in nodes.iter().zip(value) {
+            tell(*node, film.coefficient * area * value);
+        }
+    });
+}
+
+fn for_each_face_point(mesh: &Mesh, face: Face, mut visit: impl FnMut(&[usize], &[f64; 6], f64)) {
+    let element = &mesh.elements[face.element];
+    let nodes: Vec<usize> = element.kind.face(face.side).iter().map(|place| element.nodes[*place]).collect();
+    let xyz: Vec<[f64; 3]> = nodes.iter().map(|node| mesh.xyz[*node]).collect();
+    for (value, area) in face_points(element.kind, &xyz) {
+        visit(&nodes, &value, area);
+    }
+}
+
+/// Refuses a steady case in which a part of the mesh has neither a film nor a held temperature.
+fn anchored(mesh: &Mesh, graph: &Graph, load: &LoadCase) -> Result<(), HeatError> {
+    let part = graph.parts();
+    let mut anchored = vec![false; mesh.nodes.len()];
+    for film in load.films.iter().filter(|film| film.coefficient > 0.0) {
+        anchored[part[mesh.elements[film.face.element].nodes[0]]] = true;
+    }
+    load.held.iter().for_each(|(node, _)| anchored[part[*node]] = true);
+    match part.iter().position(|part| !anchored[*part]) {
+        Some(node) => Err(HeatError::Adrift(mesh.nodes[node])),
+        None => Ok(()),
+    }
+}
+
+fn whole(count: f64) -> usize {
+    // Ten million steps are refused when the deck is read; a step that divides the period up to rounding divides it.
+    let floor = (count * (1.0 + 1e-9)).floor();
+    #[allow(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a count within the reader's bounds"
+    )]
+    let whole = floor as usize;
+    whole
+}
+
+#[allow(clippy::cast_precision_loss, reason = "a count within the reader's bounds")]
+fn float(count: usize) -> f64 {
+    count as f64
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,179 @@
+//! What a division into blocks can tell at best, for many divisions: which cut helps most, which two blocks can be one.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::blocks::{AXES, Cut, Part, divided};
+use crate::mesh::Mesh;
+use crate::methods::bounded::least_squares;
+use crate::problem::{Load, count, in_directions};
+use crate::structure::Adjoint;
+
+/// The floor of any division: the structure in some directions under all load cases.
+#[derive(Debug)]
+pub struct Floors<'a> {
+    mesh: &'a Mesh,
+    /// How each guideway node follows every node, mm/K.
+    rows: Vec<&'a [f64]>,
+    loads: &'a [Load],
+    /// True displacement of each case, µm.
+    moved: Vec<DVector<f64>>,
+}
+
+/// A part as floors see it.
+#[derive(Clone, Debug)]
+struct Piece {
+    /// Its column of P, µm/K.
+    column: Vec<f64>,
+    /// Its coldest and its warmest rise in each case, K.
+    bounds: Vec<(f64, f64)>,
+}
+
+/// A division that is better or cheaper.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Changed {
+    /// The cut; none where two parts became one.
+    pub cut: Option<Cut>,
+    /// The parts afterwards.
+    pub parts: Vec<Part>,
+    /// What they can tell at best, µm RMS over guideway and cases.
+    pub floor_um: f64,
+}
+
+const UM_PER_MM: f64 = 1000.0;
+/// Planes that are tried along a direction.
+const PLANES: usize = 9;
+
+impl<'a> Floors<'a> {
+    /// In these directions (0 x, 1 y, 2 z).
+    #[must_use]
+    pub fn new(mesh: &'a Mesh, adjoint: &'a Adjoint, loads: &'a [Load], components: &[usize]) -> Floors<'a> {
+        let rows: Vec<usize> = (0..adjoint.rows).collect();
+        let rows = in_directions(&rows, components).into_iter().map(|row| adjoint.row(*row));
+        let moved = |load: &Load| {
+            let moved: Vec<f64> = in_directions(&load.moved_mm, components).into_iter().copied().collect();
+            DVector::from_vec(moved) * UM_PER_MM
+        };
+        Floors { mesh, rows: rows.collect(), loads, moved: loads.iter().map(moved).collect() }
+    }
+
+    fn piece(&self, nodes: &[usize]) -> Piece {
+        let sum = |row: &&[f64]| nodes.iter().map(|node| row[*node]).sum::<f64>() * UM_PER_MM;
+        let bounds = |load: &Load| {
+            let rises = nodes.iter().map(|node| load.rise[*node]);
+            rises
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), rise| (low.min(rise), high.max(rise)))
+        };
+        Piece { column: self.rows.iter().map(sum).collect(), bounds: self.loads.iter().map(bounds).collect() }
+    }
+
+    fn floor(&self, pieces: &[&Piece]) -> f64 {
+        let matrix = DMatrix::from_fn(self.rows.len(), pieces.len(), |row, piece| pieces[piece].column[row]);
+        let square = matrix.tr_mul(&matrix);
+        let left: f64 = (self.moved.iter().enumerate())
+            .map(|(case, moved)| {
+                let bounds: Vec<(f64, f64)> = pieces.iter().map(|piece| piece.bounds[case]).collect();
+                let theta = least_squares(&square, &matrix.tr_mul(moved), &bounds);
+                (moved - &matrix * DVector::from_vec(theta)).norm_squared()
+            })
+            .sum();
+        (left / count((self.rows.len() * self.moved.len()).max(1))).sqrt()
+    }
+
+    /// What these parts can tell at best, µm RMS over guideway and cases.
+    #[must_use]
+    pub fn of(&self, parts: &[Part]) -> f64 {
+        let pieces: Vec<Piece> = parts.iter().map(|part| self.piece(&part.nodes)).collect();
+        self.floor(&pieces.iter().collect::<Vec<_>>())
+    }
+
+    /// The one more cut after which least is left; `may` says which divisions can be used at all. None where no cut is
+    /// possible.
+    #[must_use]
+    pub fn best_cut(&self, parts: &[Part], may: &dyn Fn(&[Part]) -> bool) -> Option<Changed> {
+        let pieces: Vec<Piece> = parts.iter().map(|part| self.piece(&part.nodes)).collect();
+        let tried: Vec<(usize, Cut)> =
+            (0..parts.len()).flat_map(|place| self.cuts(place, &parts[place])).collect();
+        let floors = super::parallel::map(&tried, |(place, cut)| {
+            let halves = divided(self.mesh, parts, cut).ok()?;
+            let made: Vec<Piece> =
+                halves[*place..*place + 2].iter().map(|half| self.piece(&half.nodes)).collect();
+            let kept = pieces.iter().enumerate().filter(|(other, _)| other != place).map(|(_, piece)| piece);
+            let floor = self.floor(&kept.chain(&made).collect::<Vec<_>>());
+            Some((floor, cut, halves))
+        });
+        let mut found: Vec<_> = floors.into_iter().flatten().collect();
+        found.sort_by(|(one, ..), (other, ..)| one.total_cmp(other));
+        let (floor_um, cut, parts) = found.into_iter().find(|(_, _, parts)| may(parts))?;
+        Some(Changed { cut: Some(cut.clone()), parts, floor_um })
+    }
+
+    /// Planes through a part, in whole millimetres where it is large enough.
+    fn cuts(&self, place: usize, part: &Part) -> Vec<(usize, Cut)> {
+        let along = |axis: usize| part.nodes.iter().map(move |node| self.mesh.xyz[*node][axis]);
+        let mut cuts = Vec::new();
+        for axis in 0..AXES.len() {
+            let low = along(axis).fold(f64::INFINITY, f64::min);
+            let high = along(axis).fold(f64::NEG_INFINITY, f64::max);
+            for plane in 1..PLANES {
+                let at = low + (high - low) * count(plane) / count(PLANES);
+                let at = if high - low > 50.0 { at.round() } else { at };
+                cuts.push((place, Cut { axis, at, of: Some(part.name.clone()) }));
+            }
+        }
+        cuts
+    }
+
+    /// The two neighbours that can be one block with the least loss; none where there is one part only.
+    #[must_use]
+    pub fn best_join(&self, parts: &[Part], may: &dyn Fn(&[Part]) -> bool) -> Option<Changed> {
+        let pieces: Vec<Piece> = parts.iter().map(|part| self.piece(&part.nodes)).collect();
+        let mut found = Vec::new();
+        for (one, other) in neighbours(self.mesh, parts) {
+            let joined = pieces[one].joined(&pieces[other]);
+            let kept = pieces.iter().enumerate().filter(|(place, _)| *place != one && *place != other);
+            let floor = self.floor(&kept.map(|(_, piece)| piece).chain([&joined]).collect::<Vec<_>>());
+            found.push((floor, one, other));
+        }
+        found.sort_by(|(one, ..), (other, ..)| one.total_cmp(other));
+        found.into_iter().find_map(|(floor_um, one, other)| {
+            let mut parts = parts.to_vec();
+            let gone = parts.remove(other);
+            parts[one].name = format!("{}+{}", parts[one].name, gone.name);
+            parts[one].nodes.extend(gone.nodes);
+            parts[one].nodes.sort_unstable();
+            may(&parts).then_some(Changed { cut: None, parts, floor_um })
+        })
+    }
+}
+
+impl Piece {
+    fn joined(&self, other: &Piece) -> Piece {
+        let both = |((low, high), (other_low, other_high)): (&(f64, f64), &(f64, f64))| {
+            (low.min(*other_low), high.max(*other_high))
+        };
+        Piece {
+            column: self.column.iter().zip(&other.column).map(|(one, other)| one + other).collect(),
+            bounds: self.bounds.iter().zip(&other.bounds).map(both).collect(),
+        }
+    }
+}
+
+/// Pairs of parts that share an element, the lower place first.
+fn neighbours(mesh: &Mesh, parts: &[Part]) -> Vec<(usize, usize)> {
+    let mut owner = vec![None; mesh.nodes.len()];
+    for (place, part) in parts.iter().enumerate() {
+        for node in &part.nodes {
+            owner[*node] = Some(place);
+        }
+    }
+    let mut pairs = std::collections::BTreeSet::new();
+    for element in &mesh.elements {
+        let mut owners: Vec<usize> = element.nodes.iter().filter_map(|node| owner[*node]).collect();
+        owners.sort_unstable();
+        owners.dedup();
+        for (place, one) in owners.iter().enumerate() {
+            pairs.extend(owners[place + 1..].iter().map(|other| (*one, *other)));
+        }
+    }
+    pairs.into_iter().collect()
+}

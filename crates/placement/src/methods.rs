@@ -1,0 +1,58 @@
+//! The methods: where the sensor of each block belongs.
+
+pub mod bounded;
+pub mod multi_case;
+pub mod patent;
+pub mod patterns;
+
+use crate::problem::{Aim, Problem};
+
+/// How the sensors' nodes are chosen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// The iteration of JP 6507619 B2 on one load case.
+    Patent,
+    /// Bounded least squares on one load case.
+    Bounded,
+    /// All load cases together.
+    #[default]
+    MultiCase,
+}
+
+impl Method {
+    /// Its name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Method::Patent => "patent",
+            Method::Bounded => "bounded",
+            Method::MultiCase => "multi-case",
+        }
+    }
+}
+
+/// For each block the candidate whose temperature is nearest to the wanted one: places in the lists of candidates.
+#[must_use]
+pub fn nearest(aim: &Aim, theta: &[f64]) -> Vec<usize> {
+    let place = |(offered, theta): (&Vec<f64>, &f64)| {
+        let far = |place: &usize| (offered[*place] - theta).abs();
+        (0..offered.len()).min_by(|one, other| far(one).total_cmp(&far(other))).unwrap_or(0)
+    };
+    aim.offered.iter().zip(theta).map(place).collect()
+}
+
+/// For each block the node nearest to the centre of its volume, whether it can be reached or not: the block's
+/// temperature as one would take it without computing.
+#[must_use]
+pub fn central(problem: &Problem, xyz: &[[f64; 3]]) -> Vec<usize> {
+    let central = |block: &super::problem::Block| {
+        let far =
+            |node: &usize| (0..3).map(|axis| (xyz[*node][axis] - block.centre[axis]).powi(2)).sum::<f64>();
+        block.nodes.iter().copied().min_by(|one, other| far(one).total_cmp(&far(other))).unwrap_or(0)
+    };
+    problem.blocks.iter().map(central).collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,163 @@
+//! The best that blocks can tell of one load case: least squares over the blocks' temperatures, each within what its
+//! candidates offer.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::problem::{Aim, Problem};
+
+/// Where a block's temperature stands among its bounds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Held {
+    Free,
+    Low,
+    High,
+}
+
+/// The block temperatures θg (rises, K) that leave least of a case.
+#[must_use]
+pub fn bounded(problem: &Problem, aim: &Aim) -> Vec<f64> {
+    least_squares(problem.square(), aim.cross(), &aim.bounds)
+}
+
+/// Minimises θ'Aθ − 2·θ'b with each θ within its bounds: active sets, one variable freed or held at a time, as in the
+/// bounded-variable algorithm of Stark and Parker (Computational Statistics 10, 1995).
+pub(crate) fn least_squares(square: &DMatrix<f64>, cross: &DVector<f64>, bounds: &[(f64, f64)]) -> Vec<f64> {
+    let width = bounds.len();
+    let mut theta: DVector<f64> = DVector::from_iterator(width, bounds.iter().map(|(low, _)| *low));
+    let mut held = vec![Held::Low; width];
+    // Far more than it takes: each round frees one.
+    for _ in 0..50 * width.max(1) {
+        let downhill = cross - square * &theta;
+        let scale = downhill.amax().max(cross.amax()).max(f64::MIN_POSITIVE);
+        let wants = |place: &usize| match held[*place] {
+            Held::Free => 0.0,
+            Held::Low => downhill[*place],
+            Held::High => -downhill[*place],
+        };
+        let best = (0..width)
+            .filter(|place| bounds[*place].0 < bounds[*place].1)
+            .max_by(|one, other| wants(one).total_cmp(&wants(other)));
+        let Some(best) = best.filter(|place| wants(place) > 1e-11 * scale) else { break };
+        held[best] = Held::Free;
+        if !settle(square, cross, bounds, &mut theta, &mut held, best) {
+            break;
+        }
+    }
+    theta.as_slice().to_vec()
+}
+
+/// Solves for the free ones, holding at its bound each that would leave it first; `false` where nothing moves any more.
+fn settle(
+    square: &DMatrix<f64>,
+    cross: &DVector<f64>,
+    bounds: &[(f64, f64)],
+    theta: &mut DVector<f64>,
+    held: &mut [Held],
+    freed: usize,
+) -> bool {
+    let before = theta.clone();
+    loop {
+        let free: Vec<usize> = (0..held.len()).filter(|place| held[*place] == Held::Free).collect();
+        if free.is_empty() {
+            break;
+        }
+        let Some(wanted) = solved(square, cross, theta, &free) else {
+            held[freed] = Held::Low;
+            return false;
+        };
+        // How far towards the wanted point before one leaves its bounds.
+        let mut step = 1.0;
+        let mut first = None;
+        for (place, wanted) in free.iter().zip(wanted.iter()) {
+            let (low, high) = bounds[*place];
+            let edge = if *wanted < low {
+                low
+            } else if *wanted > high {
+                high
+            } else {
+                continue;
+            };
+            let way = wanted - theta[*place];
+            let share = if way.abs() > 0.0 { ((edge - theta[*place]) / way).clamp(0.0, 1.0) } else { 0.0 };
+            if share <= step {
+                step = share;
+                first = Some((*place, if *wanted < low { Held::Low } else { Held::High }));
+            }
+        }
+        for (place, wanted) in free.iter().zip(wanted.iter()) {
+            let (low, high) = bounds[*place];
+            theta[*place] = (theta[*place] + step * (wanted - theta[*place])).clamp(low, high);
+        }
+        let Some((place, side)) = first else { break };
+        held[place] = side;
+        theta[place] = if side == Held::Low { bounds[place].0 } else { bounds[place].1 };
+    }
+    (&*theta - before).amax() > 0.0
+}
+
+/// The free ones where the others stay.
+fn solved(
+    square: &DMatrix<f64>,
+    cross: &DVector<f64>,
+    theta: &DVector<f64>,
+    free: &[usize],
+) -> Option<DVector<f64>> {
+    let largest = free.iter().map(|place| square[(*place, *place)]).fold(0.0, f64::max);
+    let inner = DMatrix::from_fn(free.len(), free.len(), |i, j| {
+        // What keeps two blocks that do the same from having no answer.
+        let ridge = if i == j { 1e-13 * largest } else { 0.0 };
+        square[(free[i], free[j])] + ridge
+    });
+    let right = DVector::from_fn(free.len(), |i, _| {
+        let others = (0..theta.len()).filter(|place| !free.contains(place));
+        cross[free[i]] - others.map(|place| square[(free[i], place)] * theta[place]).sum::<f64>()
+    });
+    inner.cholesky().map(|factor| factor.solve(&right))
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn inside_its_bounds_it_is_plain_least_squares_and_outside_it_stays_at_the_edge() {
+        let square = DMatrix::from_row_slice(2, 2, &[2.0, 1.0, 1.0, 2.0]);
+        let cross = DVector::from_row_slice(&[3.0, 3.0]);
+        let free = least_squares(&square, &cross, &[(-9.0, 9.0), (-9.0, 9.0)]);
+        assert!((free[0] - 1.0).abs() < 1e-9 && (free[1] - 1.0).abs() < 1e-9, "{free:?}");
+        let at_the_edge = least_squares(&square, &cross, &[(-9.0, 0.5), (-9.0, 9.0)]);
+        assert!((at_the_edge[0] - 0.5).abs() < 1e-12 && (at_the_edge[1] - 1.25).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_block_that_offers_one_temperature_only_has_that_one() {
+        let square = DMatrix::from_row_slice(2, 2, &[2.0, 0.0, 0.0, 2.0]);
+        let found = least_squares(&square, &DVector::from_row_slice(&[2.0, 2.0]), &[(0.3, 0.3), (0.0, 5.0)]);
+        assert!((found[0] - 0.3).abs() < 1e-12 && (found[1] - 1.0).abs() < 1e-9, "{found:?}");
+    }
+
+    proptest! {
+        /// At the minimum nothing free pulls, and what is held pulls outwards.
+        #[test]
+        fn nothing_within_the_bounds_is_better(
+            entries in prop::collection::vec(-1.0..1.0_f64, 40),
+            wanted in prop::collection::vec(-5.0..5.0_f64, 8),
+            edges in prop::collection::vec((-2.0..2.0_f64, 0.0..2.0_f64), 5),
+        ) {
+            let matrix = DMatrix::from_row_slice(8, 5, &entries);
+            let (square, cross) = (matrix.tr_mul(&matrix), matrix.tr_mul(&DVector::from_vec(wanted)));
+            let bounds: Vec<(f64, f64)> = edges.iter().map(|(low, width)| (*low, low + width)).collect();
+            let theta = DVector::from_vec(least_squares(&square, &cross, &bounds));
+            let downhill = &cross - &square * &theta;
+            for (place, (low, high)) in bounds.iter().enumerate() {
+                prop_assert!(theta[place] >= *low && theta[place] <= *high);
+                let pull = downhill[place];
+                let at_low = theta[place] - low < 1e-9;
+                let at_high = high - theta[place] < 1e-9;
+                prop_assert!(pull.abs() < 1e-6 || (pull < 0.0 && at_low) || (pull > 0.0 && at_high), "{pull}");
+            }
+        }
+    }
+}

@@ -1,0 +1,243 @@
+//! One node per block that serves all load cases together.
+//!
+//! What a case can have at best is its floor (the best block temperatures there are) and what the sensors' own noise
+//! does; what is good enough is what the patent leaves of it that knows no other case. Every case's error is measured
+//! against the larger of the two, and the sum of the sixth powers of these ratios is made small: the worst case counts
+//! most, and a case that cannot be better draws nothing. Nodes are changed one at a time under a falling threshold
+//! (threshold accepting; Dueck and Scheuer, Journal of Computational Physics 90, 1990), from several starts, and at the
+//! end every block in turn until no single node helps. What serves one case alone is a start, too: given that case
+//! alone, no more of it is left than by the patent or by bounded least squares. The same input gives the same result.
+
+use nalgebra::DMatrix;
+use rand_pcg::Pcg64Mcg;
+use rand_pcg::rand_core::{Rng, SeedableRng};
+
+use super::bounded::bounded;
+use super::nearest;
+use super::patent::patent;
+use crate::problem::{Aim, Problem, count};
+
+/// How hard it looks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Effort {
+    /// Starts from elsewhere; the best is kept.
+    pub starts: u64,
+    /// Changes tried from each.
+    pub changes: u32,
+}
+
+impl Effort {
+    /// For the sensors themselves.
+    pub const FULL: Effort = Effort { starts: 4, changes: 1_000_000 };
+    /// For a comparison: one case left out, another number of blocks.
+    pub const SHORT: Effort = Effort { starts: 2, changes: 150_000 };
+}
+
+/// The part of a sensor's noise that a minute's mean leaves: it is what counts beside the floor.
+const LEFT_OF_NOISE: f64 = 0.3;
+
+/// What is as good as nothing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tolerated {
+    /// A sensor's noise, K.
+    pub noise: f64,
+    /// The patent's iteration ends below this, µm RMS.
+    pub enough: f64,
+}
+
+/// For each block the place of its sensor among its candidates, chosen on the cases at `cases`.
+#[must_use]
+pub fn multi_case(problem: &Problem, cases: &[usize], tolerated: Tolerated, effort: Effort) -> Vec<usize> {
+    let alone: Vec<Alone> = cases.iter().map(|case| Alone::new(problem, *case, tolerated)).collect();
+    let search = Search::new(problem, &alone);
+    let starts: Vec<u64> = (0..effort.starts).collect();
+    let found = crate::parallel::map(&starts, |seed| search.from(*seed, effort.changes));
+    let known = alone.into_iter().flat_map(|alone| alone.placements);
+    let found = found.into_iter().chain(known.map(|places| search.settle(search.stand(places))));
+    let best = found.min_by(|(one, _), (other, _)| one.total_cmp(other));
+    best.map(|(_, places)| places).unwrap_or_default()
+}
+
+/// What the noise of every sensor does to the guideway, µm RMS.
+#[must_use]
+pub fn noise_um(problem: &Problem, noise: f64) -> f64 {
+    noise * (problem.matrix.norm_squared() / problem.rows().max(1.0)).sqrt()
+}
+
+/// What serves one case alone.
+struct Alone<'a> {
+    aim: &'a Aim,
+    /// By the patent, and by bounded least squares.
+    placements: [Vec<usize>; 2],
+    /// The squared error that its error is measured against, µm² over the guideway.
+    measure: f64,
+}
+
+impl<'a> Alone<'a> {
+    fn new(problem: &'a Problem, case: usize, Tolerated { noise, enough }: Tolerated) -> Alone<'a> {
+        let aim = &problem.aims[case];
+        let floor = bounded(problem, aim);
+        let by_patent = nearest(aim, &patent(problem, aim, enough).theta);
+        let unavoidable = problem.rms(aim, &floor).hypot(noise_um(problem, LEFT_OF_NOISE * noise));
+        // µm: what is less is nothing.
+        let measure = unavoidable.max(problem.rms_of(aim, &by_patent)).max(1e-3);
+        let placements = [by_patent, nearest(aim, &floor)];
+        Alone { aim, placements, measure: measure.powi(2) * problem.rows() }
+    }
+}
+
+struct Search {
+    /// For each block, candidate after candidate, the rise in each case.
+    offered: Vec<Vec<f64>>,
+    square: DMatrix<f64>,
+    /// For each block, P'δ1 of each case.
+    cross: Vec<Vec<f64>>,
+    power: Vec<f64>,
+    /// For each case 1 over the squared error that it is measured against.
+    weight: Vec<f64>,
+    cases: usize,
+}
+
+/// Where a search stands.
+struct Standing {
+    places: Vec<usize>,
+    /// Squared error of each case, µm².
+    error: Vec<f64>,
+    /// For each block, half the slope of each case's error over its temperature.
+    slope: Vec<Vec<f64>>,
+    cost: f64,
+}
+
+/// The first threshold, as a share of the cost, and the last.
+const THRESHOLD: (f64, f64) = (2.0, 1e-4);
+/// Changes between two thresholds.
+const STRETCH: u32 = 256;
+
+impl Search {
+    fn new(problem: &Problem, alone: &[Alone<'_>]) -> Search {
+        let aims: Vec<_> = alone.iter().map(|alone| alone.aim).collect();
+        let blocks = 0..problem.blocks.len();
+        let offered = |block: usize| {
+            let candidates = 0..problem.blocks[block].candidates.len();
+            candidates.flat_map(|place| aims.iter().map(move |aim| aim.offered[block][place])).collect()
+        };
+        Search {
+            offered: blocks.clone().map(offered).collect(),
+            square: problem.square().clone(),
+            cross: blocks.map(|block| aims.iter().map(|aim| aim.cross()[block]).collect()).collect(),
+            power: aims.iter().map(|aim| aim.power()).collect(),
+            weight: alone.iter().map(|alone| 1.0 / alone.measure).collect(),
+            cases: aims.len(),
+        }
+    }
+
+    fn blocks(&self) -> usize {
+        self.offered.len()
+    }
+
+    fn candidates(&self, block: usize) -> usize {
+        self.offered[block].len() / self.cases.max(1)
+    }
+
+    fn rises(&self, block: usize, place: usize) -> &[f64] {
+        &self.offered[block][place * self.cases..(place + 1) * self.cases]
+    }
+
+    fn cost(&self, error: impl Iterator<Item = f64>) -> f64 {
+        error.zip(&self.weight).map(|(error, weight)| (error.max(0.0) * weight).powi(3)).sum()
+    }
+
+    fn stand(&self, places: Vec<usize>) -> Standing {
+        let rise = |block: usize, case: usize| self.rises(block, places[block])[case];
+        let slope = |block: usize, case: usize| {
+            let told: f64 =
+                (0..self.blocks()).map(|other| self.square[(block, other)] * rise(other, case)).sum();
+            told - self.cross[block][case]
+        };
+        let slope: Vec<Vec<f64>> = (0..self.blocks())
+            .map(|block| (0..self.cases).map(|case| slope(block, case)).collect())
+            .collect();
+        let error: Vec<f64> = (0..self.cases)
+            .map(|case| {
+                let blocks = 0..self.blocks();
+                let sum: f64 = blocks
+                    .map(|block| rise(block, case) * (slope[block][case] - self.cross[block][case]))
+                    .sum();
+                self.power[case] + sum
+            })
+            .collect();
+        let cost = self.cost(error.iter().copied());
+        Standing { places, error, slope, cost }
+    }
+
+    /// What it costs to have the block's sensor there.
+    fn cost_of(&self, at: &Standing, block: usize, place: usize) -> f64 {
+        let own = self.square[(block, block)];
+        let (now, then) = (self.rises(block, at.places[block]), self.rises(block, place));
+        let slope = &at.slope[block];
+        self.cost((0..self.cases).map(|case| {
+            let change = then[case] - now[case];
+            at.error[case] + change * (2.0 * slope[case] + own * change)
+        }))
+    }
+
+    fn change(&self, at: &mut Standing, block: usize, place: usize, cost: f64) {
+        let own = self.square[(block, block)];
+        for case in 0..self.cases {
+            let change = self.rises(block, place)[case] - self.rises(block, at.places[block])[case];
+            at.error[case] += change * (2.0 * at.slope[block][case] + own * change);
+            for other in 0..self.blocks() {
+                at.slope[other][case] += self.square[(other, block)] * change;
+            }
+        }
+        at.places[block] = place;
+        at.cost = cost;
+    }
+
+    fn from(&self, seed: u64, changes: u32) -> (f64, Vec<usize>) {
+        let mut random = Pcg64Mcg::seed_from_u64(seed);
+        let mut below = |end: usize| {
+            let wide = u128::from(random.next_u64()) * (end as u128);
+            usize::try_from(wide >> 64).unwrap_or(0)
+        };
+        let mut at = self.stand((0..self.blocks()).map(|block| below(self.candidates(block))).collect());
+        let mut best = (at.cost, at.places.clone());
+        let falls =
+            (THRESHOLD.1 / THRESHOLD.0).powf(count(STRETCH as usize) / f64::from(changes.max(STRETCH)));
+        let mut threshold = THRESHOLD.0;
+        for tried in 0..changes {
+            if tried % STRETCH == STRETCH - 1 {
+                threshold *= falls;
+            }
+            let block = below(self.blocks());
+            let place = below(self.candidates(block));
+            let cost = self.cost_of(&at, block, place);
+            // A part of the threshold, so that small steps up are likelier than large ones.
+            let part = count(below(1 << 16)) / 65536.0;
+            if cost < at.cost * (1.0 + threshold * part) {
+                self.change(&mut at, block, place, cost);
+                if cost < best.0 {
+                    best = (cost, at.places.clone());
+                }
+            }
+        }
+        self.settle(self.stand(best.1))
+    }
+
+    /// Every block in turn to its best node, until none moves.
+    fn settle(&self, mut at: Standing) -> (f64, Vec<usize>) {
+        loop {
+            let before = at.cost;
+            for block in 0..self.blocks() {
+                let costs = (0..self.candidates(block)).map(|place| (self.cost_of(&at, block, place), place));
+                let best = costs.min_by(|(one, _), (other, _)| one.total_cmp(other));
+                if let Some((cost, place)) = best.filter(|(cost, _)| *cost < at.cost * (1.0 - 1e-9)) {
+                    self.change(&mut at, block, place, cost);
+                }
+            }
+            if at.cost >= before {
+                return (at.cost, at.places);
+            }
+        }
+    }
+}

@@ -1,0 +1,77 @@
+//! Tendency patterns (θ3 of JP 6507619 B2): which blocks are warmed together.
+//!
+//! The patent shows some for a column of eight blocks: the whole, the foot, the back, half way up. Here they follow from
+//! where the blocks lie, for any structure: the whole; along each direction the low, the middle and the high blocks;
+//! of two directions together the corners; each block alone.
+
+use crate::problem::Block;
+
+/// A pattern: its name, and which blocks are one kelvin warmer.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pattern {
+    /// What it warms.
+    pub name: String,
+    /// One per block.
+    pub warmed: Vec<bool>,
+}
+
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// All patterns of a layout, each set of blocks once.
+#[must_use]
+pub fn patterns(blocks: &[Block]) -> Vec<Pattern> {
+    let mut found: Vec<Pattern> = Vec::new();
+    let mut add = |name: String, warmed: Vec<bool>| {
+        let some = warmed.iter().any(|warm| *warm);
+        if some && !found.iter().any(|pattern| pattern.warmed == warmed) {
+            found.push(Pattern { name, warmed });
+        }
+    };
+    add("whole".to_owned(), vec![true; blocks.len()]);
+    let sides: Vec<(String, Vec<bool>, usize)> = (0..3).flat_map(|axis| along(blocks, axis)).collect();
+    for (name, warmed, _) in &sides {
+        add(name.clone(), warmed.clone());
+    }
+    for (place, (name, warmed, axis)) in sides.iter().enumerate() {
+        for (other_name, other, _) in sides[place..].iter().filter(|(_, _, other)| other != axis) {
+            let both = warmed.iter().zip(other).map(|(one, other)| *one && *other).collect();
+            add(format!("{name}, {other_name}"), both);
+        }
+    }
+    for (place, block) in blocks.iter().enumerate() {
+        add(block.name.clone(), (0..blocks.len()).map(|other| other == place).collect());
+    }
+    found
+}
+
+/// Low, middle and high blocks along a direction; none where the blocks do not differ in it.
+fn along(blocks: &[Block], axis: usize) -> Vec<(String, Vec<bool>, usize)> {
+    let places: Vec<f64> = blocks.iter().map(|block| block.centre[axis]).collect();
+    let low = places.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = places.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let length = extent(blocks);
+    if high - low < 0.1 * length {
+        return Vec::new();
+    }
+    let share: Vec<f64> = places.iter().map(|place| (place - low) / (high - low)).collect();
+    let of = |word: &str, chosen: fn(f64) -> bool| {
+        let warmed = share.iter().map(|share| chosen(*share)).collect();
+        (format!("{word} {}", AXES[axis]), warmed, axis)
+    };
+    vec![
+        of("low", |share| share < 0.5),
+        of("high", |share| share >= 0.5),
+        of("lowest", |share| share < 0.2),
+        of("highest", |share| share > 0.8),
+        of("middle", |share| (0.2..=0.8).contains(&share)),
+    ]
+}
+
+/// How far the centres of the blocks lie apart at most, along any direction.
+fn extent(blocks: &[Block]) -> f64 {
+    let along = |axis: usize| {
+        let places = || blocks.iter().map(|block| block.centre[axis]);
+        places().fold(f64::NEG_INFINITY, f64::max) - places().fold(f64::INFINITY, f64::min)
+    };
+    (0..3).map(along).fold(0.0, f64::max)
+}

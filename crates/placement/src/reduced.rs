@@ -1,0 +1,213 @@
+//! A structure reduced to modes: what a plant needs of its finite elements, and nothing that nobody heats or reads.
+//!
+//! Heat comes in through *ports* (a patch of the surface: watts, spread as its fluxes are; its temperature is the mean
+//! with the same weights) and through films from *sinks*, which have a temperature of their own. With the conduction K
+//! (films included), the capacity C and the inputs F, the basis holds the uniform field and (K + s·C)⁻¹·F for some s: what
+//! the structure is like long after a change and soon after it (rational Krylov; Grimme, Krylov projection methods for
+//! model reduction, 1997). Projected on it, K is as symmetric as before, so that heat flows as easily one way as the
+//! other, and a uniform rise of all sinks stays a uniform rise.
+
+use std::collections::BTreeMap;
+
+use faer::Mat;
+use nalgebra::{DMatrix, SymmetricEigen};
+
+use crate::body::{Case, Flux, LoadCase, Progress};
+use crate::deck::Deck;
+use crate::heat::{Heat, HeatError, add_fluxes, film_heat};
+use crate::system::System;
+
+mod file;
+#[cfg(test)]
+mod tests;
+
+pub use file::{Outputs, file};
+
+/// Where the basis is exact: never again changing, then periods of these, s.
+const PERIODS: [f64; 5] = [14_400.0, 3_600.0, 900.0, 180.0, 40.0];
+
+/// What is left of a vector of the basis beside those before it, under which it says nothing new.
+const NEW: f64 = 1e-7;
+
+/// Why there are no modes.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ReducedError {
+    /// Temperatures that are held, or heat at single nodes.
+    #[error(
+        "{0}: the plant's heat comes in through fluxes and films on named surfaces, and through nothing else"
+    )]
+    OtherHeat(&'static str),
+    /// The same name for both.
+    #[error("`{0}` is both a film and a flux: give one of them a surface of another name")]
+    Twice(String),
+    /// Fluxes that are nothing, or take away what they bring.
+    #[error(
+        "`{0}`: its fluxes come to no heat: give each *DFLUX any number above 0, only how they share counts"
+    )]
+    NoHeat(String),
+    /// The conduction.
+    #[error(transparent)]
+    Heat(#[from] HeatError),
+}
+
+/// The modes. A unit of a mode is √(J·K): its energy is half its square, over 1 K.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Modes {
+    /// How fast each decays, 1/s, ascending.
+    pub rates: Vec<f64>,
+    /// What each has where everything is 1 K warmer.
+    pub uniform: Vec<f64>,
+    /// For each port its temperature, K per unit of each mode; a watt in it drives the modes with the same numbers.
+    pub ports: BTreeMap<String, Vec<f64>>,
+    /// For each sink what a kelvin of it drives, W/K per unit of each mode: with `uniform` film times area.
+    pub sinks: BTreeMap<String, Vec<f64>>,
+    /// For each mode the temperature of every node, K per unit.
+    pub shapes: Vec<Vec<f64>>,
+}
+
+impl Modes {
+    /// Of the structure of a deck, whose films are sinks and whose fluxes are ports, by the names of their surfaces.
+    ///
+    /// # Errors
+    /// Where heat comes in by other ways, or has no way out.
+    pub fn of(deck: &Deck, progress: Progress<'_>) -> Result<Modes, ReducedError> {
+        let load = &deck.load;
+        for (there, what) in [(!load.held.is_empty(), "*BOUNDARY"), (!load.nodal.is_empty(), "*CFLUX")] {
+            if there {
+                return Err(ReducedError::OtherHeat(what));
+            }
+        }
+        // Any transient case: capacity is needed, the steps are not.
+        let load = LoadCase { case: Case::Transient { step: 1.0, period: 1.0 }, ..load.clone() };
+        let heat = Heat::assembled(&deck.mesh, &deck.materials, &load)?;
+        let capacity = heat.capacity.as_ref().ok_or(HeatError::Singular)?;
+        let inputs = Inputs::of(deck, &heat.conduction)?;
+        let uniform = vec![1.0; deck.mesh.nodes.len()];
+        let mut basis = Basis { capacity, vectors: Vec::new() };
+        basis.add(uniform.clone());
+        let all = PERIODS.len() + 1;
+        for (done, shift) in std::iter::once(0.0).chain(PERIODS.map(|period| 1.0 / period)).enumerate() {
+            progress("modes", done, all);
+            for vector in inputs.answers(&heat.conduction, capacity, shift)? {
+                basis.add(vector);
+            }
+        }
+        progress("modes", all, all);
+        Ok(basis.modes(&heat.conduction, &uniform, inputs))
+    }
+}
+
+/// Right-hand sides, mW (ports) and mW/K (sinks).
+struct Inputs {
+    ports: BTreeMap<String, Vec<f64>>,
+    sinks: BTreeMap<String, Vec<f64>>,
+}
+
+impl Inputs {
+    fn of(deck: &Deck, system: &System<1>) -> Result<Inputs, ReducedError> {
+        let (mesh, load) = (&deck.mesh, &deck.load);
+        let mut sinks: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+        for (film, name) in load.films.iter().zip(&deck.places.films) {
+            let sink = sinks.entry(name.clone()).or_insert_with(|| vec![0.0; mesh.nodes.len()]);
+            film_heat(mesh, film, |node, heat| sink[node] += heat);
+        }
+        let mut fluxes: BTreeMap<String, Vec<Flux>> = BTreeMap::new();
+        for (flux, name) in load.fluxes.iter().zip(&deck.places.fluxes) {
+            fluxes.entry(name.clone()).or_default().push(*flux);
+        }
+        if let Some(name) = fluxes.keys().find(|name| sinks.contains_key(*name)) {
+            return Err(ReducedError::Twice(name.clone()));
+        }
+        let port = |(name, fluxes): (String, Vec<Flux>)| {
+            let load = LoadCase { films: vec![], fluxes, ..load.clone() };
+            let mut heat = vec![0.0; mesh.nodes.len()];
+            add_fluxes(mesh, &load, system, &mut heat);
+            let all: f64 = heat.iter().sum();
+            let passing: f64 = heat.iter().map(|heat| heat.abs()).sum();
+            if all.abs() <= NEW * passing {
+                return Err(ReducedError::NoHeat(name));
+            }
+            // Weights: a thousand milliwatts are the watt that comes in.
+            Ok((name, heat.iter().map(|heat| 1000.0 * heat / all).collect()))
+        };
+        Ok(Inputs { ports: fluxes.into_iter().map(port).collect::<Result<_, _>>()?, sinks })
+    }
+
+    /// (K + shift·C)⁻¹·F.
+    fn answers(
+        &self,
+        conduction: &System<1>,
+        capacity: &System<1>,
+        shift: f64,
+    ) -> Result<Vec<Vec<f64>>, HeatError> {
+        let factor = conduction.plus(shift, capacity).factor().ok_or(HeatError::Singular)?;
+        let inputs: Vec<&Vec<f64>> = self.ports.values().chain(self.sinks.values()).collect();
+        let mut sides = Mat::from_fn(factor.rows(), inputs.len(), |row, input| inputs[input][row]);
+        factor.solve(sides.as_mut());
+        Ok((0..inputs.len()).map(|input| sides.col(input).iter().copied().collect()).collect())
+    }
+}
+
+/// Fields that are orthonormal in C, mJ/K.
+struct Basis<'a> {
+    capacity: &'a System<1>,
+    vectors: Vec<Vec<f64>>,
+}
+
+/// J in mJ: the modes' energy is counted in J.
+const MILLI: f64 = 1e-3;
+
+impl Basis<'_> {
+    /// Adds what is new in a field.
+    fn add(&mut self, mut field: Vec<f64>) {
+        let norm = |field: &[f64]| (MILLI * dot(field, &self.capacity.times(field))).max(0.0).sqrt();
+        let before = norm(&field);
+        // Twice is enough.
+        for _ in 0..2 {
+            let stored = self.capacity.times(&field);
+            let shares: Vec<f64> = self.vectors.iter().map(|vector| MILLI * dot(vector, &stored)).collect();
+            for (vector, share) in self.vectors.iter().zip(shares) {
+                field.iter_mut().zip(vector).for_each(|(field, value)| *field -= share * value);
+            }
+        }
+        let left = norm(&field);
+        if left > NEW * before {
+            field.iter_mut().for_each(|value| *value /= left);
+            self.vectors.push(field);
+        }
+    }
+
+    fn modes(self, conduction: &System<1>, uniform: &[f64], inputs: Inputs) -> Modes {
+        let count = self.vectors.len();
+        let conducted: Vec<Vec<f64>> = self.vectors.iter().map(|vector| conduction.times(vector)).collect();
+        let product = |a: usize, b: usize| MILLI * dot(&self.vectors[a], &conducted[b]);
+        let projected = DMatrix::from_fn(count, count, |a, b| 0.5 * (product(a, b) + product(b, a)));
+        let eigen = SymmetricEigen::new(projected);
+        let mut order: Vec<usize> = (0..count).collect();
+        order.sort_by(|one, other| eigen.eigenvalues[*one].total_cmp(&eigen.eigenvalues[*other]));
+        let shape = |place: &usize| {
+            let mut shape = vec![0.0; uniform.len()];
+            for (vector, share) in self.vectors.iter().zip(eigen.eigenvectors.column(*place).iter()) {
+                shape.iter_mut().zip(vector).for_each(|(shape, value)| *shape += share * value);
+            }
+            // One of the two signs, the same on every computer.
+            let most = inputs.ports.values().map(|port| dot(port, &shape));
+            let most = most.fold(0.0, |most: f64, at| if at.abs() > most.abs() { at } else { most });
+            if most < 0.0 { shape.iter().map(|value| -value).collect() } else { shape }
+        };
+        let shapes: Vec<Vec<f64>> = order.iter().map(shape).collect();
+        let along =
+            |field: &[f64]| shapes.iter().map(|shape| MILLI * dot(shape, field)).collect::<Vec<f64>>();
+        Modes {
+            rates: order.iter().map(|place| eigen.eigenvalues[*place]).collect(),
+            uniform: along(&self.capacity.times(uniform)),
+            ports: inputs.ports.iter().map(|(name, field)| (name.clone(), along(field))).collect(),
+            sinks: inputs.sinks.iter().map(|(name, field)| (name.clone(), along(field))).collect(),
+            shapes,
+        }
+    }
+}
+
+fn dot(one: &[f64], other: &[f64]) -> f64 {
+    one.iter().zip(other).map(|(one, other)| one * other).sum()
+}

@@ -1,0 +1,179 @@
+use nalgebra::DMatrix;
+
+use super::*;
+use crate::body::SILENT;
+use crate::mesh::{Element, NodeId};
+use crate::samples::{SIZE, at, block, iron};
+
+/// Three supports that hold six directions: the body is free to expand and to bend.
+fn on_three_points(mesh: &Mesh) -> Vec<[bool; 3]> {
+    let mut held = vec![[false; 3]; mesh.nodes.len()];
+    held[at(mesh, [0.0; 3])] = [true; 3];
+    held[at(mesh, [SIZE[0], 0.0, 0.0])] = [false, true, true];
+    held[at(mesh, [0.0, SIZE[1], 0.0])] = [false, false, true];
+    held
+}
+
+/// The largest stress at any integration point, MPa.
+fn worst_stress(mesh: &Mesh, materials: &Materials, moved: &[[f64; 3]], rises: &[f64]) -> f64 {
+    let mut worst: f64 = 0.0;
+    for_each_point(mesh, |element, point, count| {
+        let material = materials.of(element);
+        let nodes = &mesh.elements[element].nodes;
+        let rise: f64 = (0..count).map(|node| point.value[node] * rises[nodes[node]]).sum();
+        let slope = |along: usize, of: usize| -> f64 {
+            (0..count).map(|node| point.gradient[node][along] * moved[nodes[node]][of]).sum()
+        };
+        let shear = material.young / (2.0 * (1.0 + material.poisson));
+        let bulk = 2.0 * shear * material.poisson / (1.0 - 2.0 * material.poisson);
+        let spread = slope(0, 0) + slope(1, 1) + slope(2, 2) - 3.0 * material.expansion * rise;
+        for a in 0..3 {
+            let own = slope(a, a) - material.expansion * rise;
+            worst = worst.max((2.0 * shear * own + bulk * spread).abs());
+            worst = worst.max((shear * (slope(a, (a + 1) % 3) + slope((a + 1) % 3, a))).abs());
+        }
+    });
+    worst
+}
+
+#[test]
+fn a_free_body_that_is_warmer_everywhere_expands_exactly_and_without_stress() {
+    for kind in [Kind::Tet4, Kind::Tet10] {
+        let mesh = block(kind);
+        let materials = iron(&mesh);
+        let structure = Structure::supported(&mesh, &materials, &on_three_points(&mesh), SILENT).unwrap();
+        let rises = vec![10.0; mesh.nodes.len()];
+        let moved = &structure.displacements(&[&rises])[0];
+        for (moved, xyz) in moved.iter().zip(&mesh.xyz) {
+            for axis in 0..3 {
+                assert!((moved[axis] - 1.1e-4 * xyz[axis]).abs() < 1e-12, "{moved:?} at {xyz:?}");
+            }
+        }
+        assert!(worst_stress(&mesh, &materials, moved, &rises) < 1e-8);
+    }
+}
+
+/// A free body with a linear field of temperature has no stress and bends to a quadratic field.
+#[test]
+fn quadratic_elements_reproduce_a_quadratic_field_of_displacements() {
+    let mesh = block(Kind::Tet10);
+    let materials = iron(&mesh);
+    let structure = Structure::supported(&mesh, &materials, &on_three_points(&mesh), SILENT).unwrap();
+    let slope = 0.2;
+    let rises: Vec<f64> = mesh.xyz.iter().map(|[x, _, _]| slope * x).collect();
+    let moved = &structure.displacements(&[&rises])[0];
+    let bend = 1.1e-5 * slope;
+    for (moved, [x, y, z]) in moved.iter().zip(&mesh.xyz) {
+        let wanted = [bend * (x * x - y * y - z * z) / 2.0, bend * x * y, bend * x * z];
+        for axis in 0..3 {
+            assert!((moved[axis] - wanted[axis]).abs() < 1e-12, "{moved:?}, not {wanted:?}");
+        }
+    }
+    assert!(worst_stress(&mesh, &materials, moved, &rises) < 1e-8);
+}
+
+#[test]
+fn adjoints_say_the_same_as_displacements() {
+    for kind in [Kind::Tet4, Kind::Tet10] {
+        let mesh = block(kind);
+        let materials = iron(&mesh);
+        let fixed: Vec<usize> = (0..mesh.nodes.len()).filter(|node| mesh.xyz[*node][1] < 1e-9).collect();
+        let structure = Structure::new(&mesh, &materials, &fixed, SILENT).unwrap();
+        let guide = [at(&mesh, SIZE), at(&mesh, [0.0, SIZE[1], 0.0]), fixed[0]];
+        let adjoint = structure.guideway(&guide, SILENT);
+        assert_eq!((adjoint.rows, adjoint.columns), (9, mesh.nodes.len()));
+        let rises: Vec<f64> = mesh.xyz.iter().map(|[x, y, z]| 3.0 + (x * 0.1).sin() + y * z * 1e-3).collect();
+        let moved = &structure.displacements(&[&rises])[0];
+        let seen = adjoint.displacements(&rises);
+        let size = seen.iter().fold(0.0, |most: f64, moved| most.max(moved.abs()));
+        assert!(size > 1e-4, "something moves");
+        for (place, node) in guide.iter().enumerate() {
+            for axis in 0..3 {
+                assert!((seen[3 * place + axis] - moved[*node][axis]).abs() < 1e-12 * size.max(1.0));
+            }
+        }
+        // Any division into blocks adds up to all nodes together.
+        let (low, high): (Vec<usize>, Vec<usize>) =
+            (0..mesh.nodes.len()).partition(|node| mesh.xyz[*node][0] < 30.0);
+        let all: Vec<usize> = (0..mesh.nodes.len()).collect();
+        let (low, high, all) = (adjoint.block(&low), adjoint.block(&high), adjoint.block(&all));
+        (0..9).for_each(|row| assert!((low[row] + high[row] - all[row]).abs() < 1e-15));
+    }
+}
+
+#[test]
+fn the_stiffness_is_symmetric_and_leaves_six_rigid_body_modes() {
+    for kind in [Kind::Tet4, Kind::Tet10] {
+        let mesh = block(kind);
+        let size = 3 * mesh.nodes.len();
+        let mut stiffness = DMatrix::<f64>::zeros(size, size);
+        for_each_point(&mesh, |element, point, count| {
+            let nodes = &mesh.elements[element].nodes;
+            for a in 0..count {
+                for b in 0..count {
+                    let mut part = [[0.0; 3]; 3];
+                    elastic(
+                        &mut part,
+                        &point.gradient[a],
+                        &point.gradient[b],
+                        47_000.0,
+                        43_000.0,
+                        point.volume,
+                    );
+                    for (row, column) in (0..3).flat_map(|row| (0..3).map(move |column| (row, column))) {
+                        stiffness[(3 * nodes[a] + row, 3 * nodes[b] + column)] += part[row][column];
+                    }
+                }
+            }
+        });
+        let most = stiffness.amax();
+        let skew = (&stiffness - stiffness.transpose()).amax();
+        assert!(skew < 1e-13 * most, "{skew} of {most}");
+        let mut modes = stiffness.symmetric_eigenvalues().as_slice().to_vec();
+        modes.sort_by(f64::total_cmp);
+        assert!(modes[5].abs() < 1e-10 * most && modes[6] > 1e-6 * most, "{:?}", &modes[..8]);
+    }
+}
+
+/// What is said where a structure is not held.
+fn refusal(mesh: &Mesh, fixed: &[usize]) -> String {
+    let materials = iron(mesh);
+    Structure::new(mesh, &materials, fixed, SILENT).err().unwrap().to_string()
+}
+
+#[test]
+fn a_structure_that_can_still_move_is_refused_with_how_it_moves() {
+    let mesh = block(Kind::Tet10);
+    assert!(refusal(&mesh, &[]).contains("no node is fixed"));
+    let corner = at(&mesh, [0.0; 3]);
+    assert!(refusal(&mesh, &[corner]).contains("it can still turn about a line along"));
+    let edge = at(&mesh, [SIZE[0], 0.0, 0.0]);
+    assert!(refusal(&mesh, &[corner, edge]).contains("it can still turn about a line along x"));
+    let materials = iron(&mesh);
+    let mut held = vec![[false; 3]; mesh.nodes.len()];
+    for place in [[0.0; 3], [SIZE[0], 0.0, 0.0], [0.0, SIZE[1], 0.0], [0.0, 0.0, SIZE[2]]] {
+        held[at(&mesh, place)] = [true, true, false];
+    }
+    let why = Structure::supported(&mesh, &materials, &held, SILENT).err().unwrap().to_string();
+    assert!(why.contains("it can still move along z"), "{why}");
+}
+
+#[test]
+fn a_part_that_hangs_on_the_rest_by_an_edge_only_is_refused() {
+    let element = |id, nodes: [usize; 4]| Element { id, kind: Kind::Tet4, nodes: nodes.to_vec() };
+    let mesh = Mesh {
+        nodes: (1..=6).map(NodeId).collect(),
+        xyz: vec![
+            [0.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.0, 0.0, 1.0],
+            [0.0, -1.0, 0.0],
+            [0.0, 0.0, -1.0],
+        ],
+        elements: vec![element(7, [0, 1, 2, 3]), element(8, [0, 1, 4, 5])],
+        ..Mesh::default()
+    };
+    let why = refusal(&mesh, &[0, 1, 2]);
+    assert!(why.contains("the part with node 1 (4 nodes): it can still turn about a line along x"), "{why}");
+}

@@ -1,0 +1,213 @@
+//! A symmetric positive definite system over the free nodes of a mesh: assembled, factored once, solved for many
+//! right-hand sides.
+
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::llt::factor::LltRegularization;
+use faer::perm::PermRef;
+use faer::sparse::linalg::SupernodalThreshold;
+use faer::sparse::linalg::cholesky::{
+    CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
+};
+use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
+use faer::{Conj, MatMut, Par, Side};
+
+use crate::graph::Graph;
+
+/// Rows up to which threads cost more than they save.
+const SMALL: usize = 30_000;
+
+/// The lower half of a symmetric matrix, `WIDTH` rows and columns for each free node.
+pub(super) struct System<const WIDTH: usize> {
+    /// Of each node of the mesh its number among the free ones.
+    pub(super) free: Vec<Option<usize>>,
+    order: Vec<usize>,
+    /// Free nodes that touch a free node and come after it, ascending.
+    later: Vec<Vec<u32>>,
+    start: Vec<usize>,
+    rows: Vec<usize>,
+    values: Vec<f64>,
+}
+
+impl<const WIDTH: usize> System<WIDTH> {
+    /// The pattern, with zeros, over the nodes that are not `held`.
+    pub(super) fn new(graph: &Graph, xyz: &[[f64; 3]], held: &[bool]) -> Self {
+        let nodes: Vec<usize> = (0..xyz.len()).filter(|node| !held[*node]).collect();
+        let mut free = vec![None; xyz.len()];
+        for (number, node) in nodes.iter().enumerate() {
+            free[*node] = Some(number);
+        }
+        let mut later = Vec::with_capacity(nodes.len());
+        let (mut start, mut rows) = (vec![0], Vec::new());
+        for (number, node) in nodes.iter().enumerate() {
+            let after: Vec<usize> = graph.neighbours(*node).iter().filter_map(|node| free[*node]).collect();
+            let after = &after[after.partition_point(|other| *other < number)..];
+            for column in 0..WIDTH {
+                rows.extend((column..WIDTH).map(|row| WIDTH * number + row));
+                rows.extend(after.iter().flat_map(|other| (0..WIDTH).map(move |row| WIDTH * other + row)));
+                start.push(rows.len());
+            }
+            later.push(after.iter().map(|other| u32::try_from(*other).unwrap_or(u32::MAX)).collect());
+        }
+        let order = graph.order(xyz, nodes).into_iter().filter_map(|node| free[node]).collect();
+        let values = vec![0.0; rows.len()];
+        Self { free, order, later, start, rows, values }
+    }
+
+    /// Adds the block that couples two free nodes (by their numbers among the free): `block[row][column]` with the rows
+    /// of `row` and the columns of `column`. Of the two blocks of a pair only the one with `row ≥ column` is kept.
+    pub(super) fn add(&mut self, row: usize, column: usize, block: &[[f64; WIDTH]; WIDTH]) {
+        if row < column {
+            return;
+        }
+        if row == column {
+            for (under, values) in block.iter().enumerate() {
+                for (at, value) in values.iter().enumerate().take(under + 1) {
+                    self.values[self.start[WIDTH * column + at] + under - at] += value;
+                }
+            }
+            return;
+        }
+        let Ok(row) = u32::try_from(row) else { return };
+        let Ok(place) = self.later[column].binary_search(&row) else { return };
+        for (under, values) in block.iter().enumerate() {
+            for (at, value) in values.iter().enumerate() {
+                let first = self.start[WIDTH * column + at] + (WIDTH - at) + WIDTH * place;
+                self.values[first + under] += value;
+            }
+        }
+    }
+
+    /// Makes the unknowns of these rows nothing, whatever the right-hand side of the others.
+    pub(super) fn pin(&mut self, rows: &[usize]) {
+        if rows.is_empty() {
+            return;
+        }
+        let mut pinned = vec![false; self.size()];
+        rows.iter().for_each(|row| pinned[*row] = true);
+        for column in 0..self.size() {
+            for entry in self.start[column]..self.start[column + 1] {
+                let row = self.rows[entry];
+                if row != column && (pinned[row] || pinned[column]) {
+                    self.values[entry] = 0.0;
+                }
+            }
+        }
+    }
+
+    /// Rows of a right-hand side.
+    pub(super) fn size(&self) -> usize {
+        WIDTH * self.order.len()
+    }
+
+    /// This matrix plus a multiple of another one over the same nodes.
+    pub(super) fn plus(&self, factor: f64, other: &Self) -> Self {
+        let sum = self.values.iter().zip(&other.values).map(|(own, other)| own + factor * other).collect();
+        Self {
+            free: self.free.clone(),
+            order: self.order.clone(),
+            later: self.later.clone(),
+            start: self.start.clone(),
+            rows: self.rows.clone(),
+            values: sum,
+        }
+    }
+
+    /// Factors the matrix; none where it is not positive definite.
+    pub(super) fn factor(self) -> Option<Factor<WIDTH>> {
+        let size = WIDTH * self.order.len();
+        let forward: Vec<usize> =
+            self.order.iter().flat_map(|node| (0..WIDTH).map(move |row| WIDTH * node + row)).collect();
+        let mut inverse = vec![0; size];
+        for (to, from) in forward.iter().enumerate() {
+            inverse[*from] = to;
+        }
+        let pattern = SymbolicSparseColMatRef::new_checked(size, size, &self.start, None, &self.rows);
+        let parameters = CholeskySymbolicParams {
+            supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
+            ..CholeskySymbolicParams::default()
+        };
+        let order = SymmetricOrdering::Custom(PermRef::new_checked(&forward, &inverse, size));
+        let symbolic = factorize_symbolic_cholesky(pattern, Side::Lower, order, parameters).ok()?;
+        let mut values = vec![0.0; symbolic.len_val()];
+        let parallel = if size > SMALL { Par::rayon(0) } else { Par::Seq };
+        let mut memory =
+            MemBuffer::new(symbolic.factorize_numeric_llt_scratch::<f64>(parallel, Default::default()));
+        symbolic
+            .factorize_numeric_llt(
+                &mut values,
+                SparseColMatRef::new(pattern, &self.values),
+                Side::Lower,
+                LltRegularization::default(),
+                parallel,
+                MemStack::new(&mut memory),
+                Default::default(),
+            )
+            .ok()?;
+        Some(Factor { free: self.free, symbolic, values })
+    }
+}
+
+impl System<1> {
+    /// The product with the values of all nodes of the mesh; held nodes are left out.
+    pub(super) fn times(&self, values: &[f64]) -> Vec<f64> {
+        let own: Vec<f64> =
+            self.free.iter().zip(values).filter_map(|(free, value)| free.map(|_| *value)).collect();
+        let mut product = vec![0.0; own.len()];
+        for (column, range) in self.start.windows(2).enumerate() {
+            for entry in range[0]..range[1] {
+                let row = self.rows[entry];
+                product[row] += self.values[entry] * own[column];
+                if row != column {
+                    product[column] += self.values[entry] * own[row];
+                }
+            }
+        }
+        product
+    }
+}
+
+/// A factored system.
+pub(super) struct Factor<const WIDTH: usize> {
+    /// Of each node of the mesh its number among the free ones.
+    pub(super) free: Vec<Option<usize>>,
+    symbolic: SymbolicCholesky<usize>,
+    values: Vec<f64>,
+}
+
+impl<const WIDTH: usize> Factor<WIDTH> {
+    /// Rows of a right-hand side: `WIDTH` for each free node.
+    pub(super) fn rows(&self) -> usize {
+        self.symbolic.nrows()
+    }
+
+    /// Numbers the factor keeps.
+    pub(super) fn stored(&self) -> usize {
+        self.values.len()
+    }
+
+    /// Puts the solutions in the place of the right-hand sides, one in each column.
+    pub(super) fn solve(&self, mut sides: MatMut<'_, f64>) {
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        let each = sides.ncols().div_ceil(threads).max(1);
+        // Columns are independent: each thread goes through the factor once, for its own.
+        std::thread::scope(|scope| {
+            while sides.ncols() > 0 {
+                let some = each.min(sides.ncols());
+                let (some, rest) = sides.split_at_col_mut(some);
+                sides = rest;
+                scope.spawn(|| self.solve_some(some));
+            }
+        });
+    }
+
+    fn solve_some(&self, sides: MatMut<'_, f64>) {
+        let scratch = self.symbolic.solve_in_place_scratch::<f64>(sides.ncols(), Par::Seq);
+        let mut memory = MemBuffer::new(scratch);
+        LltRef::new(&self.symbolic, &self.values).solve_in_place_with_conj(
+            Conj::No,
+            sides,
+            Par::Seq,
+            MemStack::new(&mut memory),
+        );
+    }
+}

@@ -1,0 +1,186 @@
+//! The structure seen from the six directions of its axes: what can be seen can be reached, and can be drawn.
+
+use crate::mesh::Mesh;
+use crate::problem::count;
+
+/// Pixels along the longest side of the structure.
+const FINE: usize = 400;
+
+/// Looking along one axis, nearest surface first.
+#[derive(Clone, Debug)]
+pub struct View {
+    /// The axis that is looked along: 0 x, 1 y, 2 z.
+    pub axis: usize,
+    /// Whether it is seen from the axis's positive end.
+    pub from_above: bool,
+    /// The axis to the right and the axis upwards.
+    pub plane: [usize; 2],
+    /// Pixels to the right and upwards.
+    pub size: [usize; 2],
+    low: [f64; 2],
+    /// Side of a pixel, mm.
+    pub pixel: f64,
+    seen: Vec<Option<Seen>>,
+}
+
+/// What is seen in a pixel.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen {
+    /// How near, along the axis towards the eye, mm.
+    depth: f64,
+    /// Corners of the triangle.
+    pub corners: [usize; 3],
+    /// Their shares, together 1.
+    pub shares: [f64; 3],
+}
+
+impl Seen {
+    /// A quantity of the nodes, where it is seen.
+    #[must_use]
+    pub fn of(&self, values: &[f64]) -> f64 {
+        self.corners.iter().zip(&self.shares).map(|(corner, share)| share * values[*corner]).sum()
+    }
+
+    /// The nearest corner.
+    #[must_use]
+    pub fn nearest(&self) -> usize {
+        let nearest = (0..3).max_by(|one, other| self.shares[*one].total_cmp(&self.shares[*other]));
+        self.corners[nearest.unwrap_or(0)]
+    }
+}
+
+impl View {
+    /// Of a mesh, along `axis`, from its positive end or from the other.
+    #[must_use]
+    pub fn new(mesh: &Mesh, axis: usize, from_above: bool) -> View {
+        let plane = match axis {
+            0 => [2, 1],
+            1 => [0, 2],
+            _ => [0, 1],
+        };
+        let (low, high) = extent(mesh);
+        let pixel = ((0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max) / count(FINE)).max(1e-9);
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "pixels, at most FINE")]
+        let size = plane.map(|axis| ((high[axis] - low[axis]) / pixel) as usize + 1);
+        let seen = vec![None; size[0] * size[1]];
+        let mut view = View { axis, from_above, plane, size, low: plane.map(|axis| low[axis]), pixel, seen };
+        for face in mesh.outer_faces() {
+            let element = &mesh.elements[face.element];
+            let corners = element.kind.face(face.side);
+            view.draw(mesh, [0, 1, 2].map(|corner| element.nodes[corners[corner]]));
+        }
+        view
+    }
+
+    /// Right and up of a point, in pixels.
+    #[must_use]
+    pub fn place(&self, xyz: &[f64; 3]) -> [f64; 2] {
+        [0, 1].map(|way| (xyz[self.plane[way]] - self.low[way]) / self.pixel)
+    }
+
+    /// Whether right and left must be changed, for what is drawn to be what is seen.
+    #[must_use]
+    pub fn mirrored(&self) -> bool {
+        // x, y and z turn to the right about the axis that points to the eye, or to the left.
+        (self.axis == 2) != self.from_above
+    }
+
+    /// What is seen in a pixel.
+    #[must_use]
+    pub fn at(&self, right: usize, up: usize) -> Option<&Seen> {
+        if right >= self.size[0] || up >= self.size[1] {
+            return None;
+        }
+        self.seen[up * self.size[0] + right].as_ref()
+    }
+
+    fn depth(&self, xyz: &[f64; 3]) -> f64 {
+        if self.from_above { xyz[self.axis] } else { -xyz[self.axis] }
+    }
+
+    /// Whether nothing lies before this point, with a tolerance of two pixels.
+    #[must_use]
+    pub fn sees(&self, xyz: &[f64; 3]) -> bool {
+        let [right, up] = self.place(xyz);
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "pixels of the sheet")]
+        let (right, up) = (right.round().max(0.0) as usize, up.round().max(0.0) as usize);
+        let around = [(0, 0), (1, 0), (0, 1), (1, 1)];
+        around.iter().any(|(dx, dy)| {
+            let seen = self.at(right.saturating_sub(*dx), up.saturating_sub(*dy));
+            seen.is_some_and(|seen| self.depth(xyz) > seen.depth - 2.0 * self.pixel)
+        })
+    }
+
+    fn draw(&mut self, mesh: &Mesh, corners: [usize; 3]) {
+        let at = corners.map(|corner| self.place(&mesh.xyz[corner]));
+        let depth = corners.map(|corner| self.depth(&mesh.xyz[corner]));
+        let double =
+            (at[1][0] - at[0][0]) * (at[2][1] - at[0][1]) - (at[2][0] - at[0][0]) * (at[1][1] - at[0][1]);
+        if double.abs() < 1e-9 {
+            return;
+        }
+        let ends = |way: usize| {
+            let places = at.map(|at| at[way]);
+            let low = places.iter().copied().fold(f64::INFINITY, f64::min).floor().max(0.0);
+            let high = places.iter().copied().fold(0.0, f64::max).ceil();
+            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "pixels of the sheet")]
+            let ends = (low as usize, (high as usize).min(self.size[way] - 1));
+            ends
+        };
+        let ((left, right), (bottom, top)) = (ends(0), ends(1));
+        for y in bottom..=top {
+            for x in left..=right {
+                let point = [count(x) + 0.5, count(y) + 0.5];
+                let share = |one: usize, other: usize| {
+                    ((at[other][0] - at[one][0]) * (point[1] - at[one][1])
+                        - (point[0] - at[one][0]) * (at[other][1] - at[one][1]))
+                        / double
+                };
+                let shares = [share(1, 2), share(2, 0), share(0, 1)];
+                if shares.iter().any(|share| *share < -1e-9) {
+                    continue;
+                }
+                let near: f64 = shares.iter().zip(&depth).map(|(share, depth)| share * depth).sum();
+                let seen = &mut self.seen[y * self.size[0] + x];
+                if seen.is_none_or(|seen| near > seen.depth) {
+                    *seen = Some(Seen { depth: near, corners, shares });
+                }
+            }
+        }
+    }
+}
+
+/// The lowest and the highest coordinates of the nodes that belong to elements, mm.
+#[must_use]
+pub fn extent(mesh: &Mesh) -> ([f64; 3], [f64; 3]) {
+    let nodes = || mesh.elements.iter().flat_map(|element| &element.nodes).map(|node| mesh.xyz[*node]);
+    let low = nodes().fold([f64::INFINITY; 3], |low, xyz| [0, 1, 2].map(|axis| xyz[axis].min(low[axis])));
+    let high =
+        nodes().fold([f64::NEG_INFINITY; 3], |high, xyz| [0, 1, 2].map(|axis| xyz[axis].max(high[axis])));
+    (low, high)
+}
+
+/// Nodes of the skin that can be seen from outside along an axis, except from the side where the structure is fixed: a
+/// column that is open at its foot stands on its bed.
+#[must_use]
+pub fn outside(mesh: &Mesh, fixed: &[usize]) -> Vec<bool> {
+    let (low, high) = extent(mesh);
+    let hidden = |axis: usize, from_above: bool| {
+        let end = if from_above { high[axis] } else { low[axis] };
+        let near = 0.02 * (high[axis] - low[axis]);
+        !fixed.is_empty() && fixed.iter().all(|node| (mesh.xyz[*node][axis] - end).abs() <= near)
+    };
+    let sides = (0..3).flat_map(|axis| [(axis, false), (axis, true)]);
+    let views: Vec<View> = sides
+        .filter(|(axis, from_above)| !hidden(*axis, *from_above))
+        .map(|(axis, from_above)| View::new(mesh, axis, from_above))
+        .collect();
+    let mut outside = vec![false; mesh.nodes.len()];
+    for node in mesh.skin() {
+        outside[node] = views.iter().any(|view| view.sees(&mesh.xyz[node]));
+    }
+    outside
+}
+
+#[cfg(test)]
+mod tests;

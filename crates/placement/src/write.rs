@@ -1,0 +1,132 @@
+//! Decks as CalculiX reads them.
+
+use std::fmt::Write as _;
+
+use crate::body::{Case, Flux, LoadCase, Materials};
+use crate::mesh::{Kind, Mesh};
+
+/// Numbers in one line of a set.
+const IN_LINE: usize = 10;
+
+/// Nodes, elements and sets: what decks include.
+#[must_use]
+pub fn mesh(mesh: &Mesh) -> String {
+    let mut text = String::from("*NODE\n");
+    for (id, [x, y, z]) in mesh.nodes.iter().zip(&mesh.xyz) {
+        let _ = writeln!(text, "{id}, {}, {}, {}", number(*x), number(*y), number(*z));
+    }
+    for kind in [Kind::Tet4, Kind::Tet10] {
+        let mut elements = mesh.elements.iter().filter(|element| element.kind == kind).peekable();
+        if elements.peek().is_some() {
+            let _ = writeln!(text, "*ELEMENT, TYPE={}", kind.name());
+        }
+        for element in elements {
+            let nodes: Vec<String> = element.nodes.iter().map(|node| mesh.nodes[*node].to_string()).collect();
+            let _ = writeln!(text, "{}, {}", element.id, nodes.join(", "));
+        }
+    }
+    for (name, nodes) in &mesh.node_sets {
+        set(&mut text, &format!("*NSET, NSET={name}"), nodes.iter().map(|node| mesh.nodes[*node].0));
+    }
+    for (name, elements) in &mesh.element_sets {
+        set(&mut text, &format!("*ELSET, ELSET={name}"), elements.iter().map(|at| mesh.elements[*at].id));
+    }
+    text
+}
+
+/// A set of nodes.
+pub fn nodes(text: &mut String, name: &str, mesh: &Mesh, nodes: impl Iterator<Item = usize>) {
+    set(text, &format!("*NSET, NSET={name}"), nodes.map(|node| mesh.nodes[node].0));
+}
+
+/// A number as CalculiX can take it: it reads twenty characters of a field and forgets the rest, exponent and all.
+#[must_use]
+pub fn number(value: f64) -> String {
+    let whole = value.to_string();
+    if whole.len() <= 20 { whole } else { format!("{value:.12e}") }
+}
+
+pub(super) fn set(text: &mut String, card: &str, ids: impl Iterator<Item = u32>) {
+    let ids: Vec<String> = ids.map(|id| id.to_string()).collect();
+    let _ = writeln!(text, "{card}");
+    for line in ids.chunks(IN_LINE) {
+        let _ = writeln!(text, "{},", line.join(", "));
+    }
+}
+
+/// Materials, and one section for each.
+#[must_use]
+pub fn materials(mesh: &Mesh, materials: &Materials) -> String {
+    let mut text = String::new();
+    for (place, material) in materials.list.iter().enumerate() {
+        let _ = writeln!(text, "*MATERIAL, NAME={}", material.name);
+        let _ = writeln!(text, "*ELASTIC\n{}, {}", number(material.young), number(material.poisson));
+        let _ = writeln!(text, "*EXPANSION\n{}", number(material.expansion));
+        let _ = writeln!(text, "*CONDUCTIVITY\n{}", number(material.conductivity));
+        if let Some(capacity) = material.capacity {
+            // Only the product counts; this density lies in the middle of what a reader takes for one.
+            let density = 7e-9;
+            let _ = writeln!(text, "*DENSITY\n{density:e}\n*SPECIFIC HEAT\n{}", number(capacity / density));
+        }
+        let mine = (materials.of_element.iter().enumerate()).filter(|(_, of)| **of == place);
+        let mine: Vec<u32> = mine.map(|(at, _)| mesh.elements[at].id).collect();
+        if mine.is_empty() {
+            continue;
+        }
+        let name = format!("MADEOF{}", place + 1);
+        set(&mut text, &format!("*ELSET, ELSET={name}"), mine.into_iter());
+        let _ = writeln!(text, "*SOLID SECTION, ELSET={name}, MATERIAL={}", material.name);
+    }
+    text
+}
+
+/// Initial temperatures and the step of a load case; `print` are cards of the step that say what is to be printed.
+#[must_use]
+pub fn load(mesh: &Mesh, load: &LoadCase, print: &str) -> String {
+    let mut text = String::from("*INITIAL CONDITIONS, TYPE=TEMPERATURE\n");
+    for (node, temperature) in mesh.nodes.iter().zip(&load.initial) {
+        let _ = writeln!(text, "{node}, {}", number(*temperature));
+    }
+    text.push_str("*STEP, INC=1000000\n");
+    match load.case {
+        Case::Steady => text.push_str("*HEAT TRANSFER, STEADY STATE\n"),
+        Case::Transient { step, period } => {
+            let _ = writeln!(text, "*HEAT TRANSFER, DIRECT\n{}, {}", number(step), number(period));
+        }
+    }
+    let id = |element: usize| mesh.elements[element].id;
+    if !load.held.is_empty() {
+        text.push_str("*BOUNDARY\n");
+    }
+    for (node, temperature) in &load.held {
+        let _ = writeln!(text, "{}, 11, 11, {}", mesh.nodes[*node], number(*temperature));
+    }
+    if !load.films.is_empty() {
+        text.push_str("*FILM\n");
+    }
+    for film in &load.films {
+        let (id, side) = (id(film.face.element), film.face.side + 1);
+        let _ = writeln!(text, "{id}, F{side}, {}, {}", number(film.sink), number(film.coefficient));
+    }
+    if !load.fluxes.is_empty() {
+        text.push_str("*DFLUX\n");
+    }
+    for flux in &load.fluxes {
+        let _ = match flux {
+            Flux::Face(face, heat) => {
+                let heat = number(*heat);
+                writeln!(text, "{}, S{}, {heat}", id(face.element), face.side + 1)
+            }
+            Flux::Volume(element, heat) => writeln!(text, "{}, BF, {}", id(*element), number(*heat)),
+        };
+    }
+    if !load.nodal.is_empty() {
+        text.push_str("*CFLUX\n");
+    }
+    for (node, heat) in &load.nodal {
+        let _ = writeln!(text, "{}, 11, {}", mesh.nodes[*node], number(*heat));
+    }
+    text.push_str(print);
+    text.push_str("*END STEP\n");
+    text
+}

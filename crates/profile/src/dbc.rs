@@ -1,0 +1,267 @@
+//! DBC files: from the name of a signal to the bits it has in which frames.
+
+use can_dbc::{
+    AttributeDefinition, AttributeValue, AttributeValueType, ByteOrder as DbcOrder, Dbc, Message, MessageId,
+    MultiplexIndicator, Signal, SignalExtendedValueType, ValueType,
+};
+
+use crate::Unit;
+use crate::error::allowed;
+use isotherm_core::codec::{BitField, BitKind, ByteOrder, CanId, CanMatch, Field, Selector};
+
+/// Multiplexers behind each other, at most.
+const DEEPEST: usize = 8;
+
+/// A DBC file that was read.
+#[derive(Clone, Debug)]
+pub(crate) struct DbcFile {
+    dbc: Dbc,
+    text: String,
+}
+
+/// What a DBC file says of one signal.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Described {
+    /// The frames it is in, and where in there.
+    pub(crate) field: Field,
+    pub(crate) scale: f64,
+    pub(crate) offset: f64,
+    /// Its unit, where a profile has one of that meaning.
+    pub(crate) unit: Option<Unit>,
+}
+
+/// What is wrong with a DBC file, and where; a place of its own only where the file is to blame.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Wrong {
+    /// Line and column, from 1.
+    pub(crate) at: Option<(usize, usize)>,
+    pub(crate) message: String,
+    pub(crate) help: String,
+}
+
+impl DbcFile {
+    /// Reads the bytes of a file: UTF-8, or the Western European code page that most editors write.
+    ///
+    /// # Errors
+    /// It is no DBC file from this line on.
+    pub(crate) fn read(bytes: Vec<u8>) -> Result<DbcFile, Wrong> {
+        let text = match String::from_utf8(bytes) {
+            Ok(text) => text,
+            Err(other) => other.as_bytes().iter().map(|byte| char::from(*byte)).collect(),
+        };
+        let text = text.trim_start_matches('\u{feff}').to_owned();
+        let unreadable = |why: can_dbc::DbcError| {
+            let why = why.to_string();
+            Wrong {
+                at: place(&why),
+                message: "this is no entry of a DBC file".to_owned(),
+                help: expected(&why),
+            }
+        };
+        let dbc = Dbc::try_from(text.as_str()).map_err(unreadable)?;
+        Ok(DbcFile { dbc, text })
+    }
+
+    /// The line of a place in it.
+    pub(crate) fn line(&self, line: usize) -> Option<&str> {
+        self.text.lines().nth(line.checked_sub(1)?)
+    }
+
+    /// The signal with this name, "Message.Signal". With a J1939 source address its message is a parameter group of that
+    /// sender; else it is one, of any sender, where the file says so.
+    ///
+    /// # Errors
+    /// There is none, or it lies nowhere.
+    pub(crate) fn signal(&self, name: &str, source: Option<u8>) -> Result<Described, Wrong> {
+        let about = |message: String, help: String| Wrong { at: None, message, help };
+        let Some((message_name, signal_name)) = name.split_once('.') else {
+            let help = format!("write \"Message.Signal\"; messages: {}", names(&self.dbc.messages));
+            return Err(about(format!("`{name}` names no message and signal"), help));
+        };
+        let Some(message) = self.dbc.messages.iter().find(|message| message.name == message_name) else {
+            let known = self.dbc.messages.iter().map(|message| message.name.as_str());
+            let help = allowed(message_name, known);
+            return Err(about(format!("the DBC file has no message `{message_name}`"), help));
+        };
+        let Some(signal) = message.signals.iter().find(|signal| signal.name == signal_name) else {
+            let help = allowed(signal_name, message.signals.iter().map(|signal| signal.name.as_str()));
+            let what = format!("message `{message_name}` of the DBC file has no signal `{signal_name}`");
+            return Err(about(what, help));
+        };
+        let frames = self.frames(message, source)?;
+        let size = usize::try_from(message.size).unwrap_or(usize::MAX);
+        let field = Field {
+            frames,
+            is_fd: size > 8 || self.format(message.id).is_some_and(|format| format.ends_with("_FD")),
+            bits: self.bits(message, signal)?,
+            multiplex: self.selectors(message, signal, DEEPEST)?,
+        };
+        if field.bits.bytes() > size {
+            let message = format!("`{signal_name}` ends beyond the {size} bytes of its message");
+            return Err(self.at(&format!("SG_ {signal_name} "), Some(&message_name), message));
+        }
+        Ok(Described { field, scale: signal.factor, offset: signal.offset, unit: unit(&signal.unit) })
+    }
+
+    fn frames(&self, message: &Message, source: Option<u8>) -> Result<CanMatch, Wrong> {
+        let is_group = source.is_some() || self.format(message.id) == Some("J1939PG");
+        let id = match message.id {
+            MessageId::Extended(raw) => CanId::extended(raw),
+            // The crate cuts a number without the flag of 29 bits to 16.
+            MessageId::Standard(raw) => match self.written_id(&message.name) {
+                Some(written) if written != u64::from(raw) => None,
+                _ => CanId::standard(u32::from(raw)),
+            },
+        };
+        let Some(id) = id else {
+            let what = format!("the identifier of `{}` does not fit 11 bits", message.name);
+            let mut wrong = self.at(&format!(" {}:", message.name), None, what);
+            wrong.help = "a message with 29 bits is written with 2147483648 (bit 31) added to its identifier"
+                .to_owned();
+            return Err(wrong);
+        };
+        match (is_group, id.is_extended()) {
+            (false, _) => Ok(CanMatch::exactly(id)),
+            (true, true) => CanMatch::parameter_group(id.raw(), source).ok_or_else(|| Wrong {
+                at: None,
+                message: format!("{id} is no parameter group"),
+                help: "correct the DBC file".to_owned(),
+            }),
+            (true, false) => {
+                let message = format!("`{}` has 11 bits, and a J1939 parameter group has 29", message.name);
+                let help = "remove `source_address` of the device, or correct the DBC file".to_owned();
+                Err(Wrong { at: None, message, help })
+            }
+        }
+    }
+
+    /// The message's frame format, by the attribute that editors keep it in.
+    fn format(&self, id: MessageId) -> Option<&str> {
+        const NAME: &str = "VFrameFormat";
+        let words = self.dbc.attribute_definitions.iter().find_map(|definition| match definition {
+            AttributeDefinition::Message(name, AttributeValueType::Enum(words)) if name == NAME => {
+                Some(words)
+            }
+            _ => None,
+        });
+        let nth = |place: u64| words?.get(usize::try_from(place).ok()?).map(String::as_str);
+        match self.dbc.resolved_message_attribute(id, NAME)? {
+            AttributeValue::String(word) => Some(word),
+            AttributeValue::Uint(place) => nth(*place),
+            AttributeValue::Int(place) => nth(u64::try_from(*place).ok()?),
+            AttributeValue::Double(_) => None,
+        }
+    }
+
+    fn bits(&self, message: &Message, signal: &Signal) -> Result<BitField, Wrong> {
+        let kind =
+            match (self.dbc.extended_value_type_for_signal(message.id, &signal.name), signal.value_type) {
+                (
+                    Some(SignalExtendedValueType::IEEEfloat32Bit | SignalExtendedValueType::IEEEdouble64bit),
+                    _,
+                ) => BitKind::Float,
+                (_, ValueType::Signed) => BitKind::Signed,
+                (_, ValueType::Unsigned) => BitKind::Unsigned,
+            };
+        let order = match signal.byte_order {
+            DbcOrder::LittleEndian => ByteOrder::Intel,
+            DbcOrder::BigEndian => ByteOrder::Motorola,
+        };
+        let (start, length) = (u16::try_from(signal.start_bit).ok(), u16::try_from(signal.size).ok());
+        let bits = start.zip(length).and_then(|(start, length)| BitField::new(start, length, order, kind));
+        bits.ok_or_else(|| {
+            let what = format!("`{}` has bits that no frame has", signal.name);
+            self.at(&format!("SG_ {} ", signal.name), Some(&message.name.as_str()), what)
+        })
+    }
+
+    /// The multiplexers that say whether a frame holds the signal.
+    fn selectors(&self, message: &Message, signal: &Signal, deep: usize) -> Result<Vec<Selector>, Wrong> {
+        let extended: Vec<_> = (self.dbc.extended_multiplex.iter())
+            .filter(|known| known.message_id == message.id && known.signal_name == signal.name)
+            .collect();
+        let by = |name: &str| message.signals.iter().find(|signal| signal.name == name);
+        let (multiplexer, values) = match (extended.first(), signal.multiplexer_indicator) {
+            (Some(first), _) => {
+                let values =
+                    first.mappings.iter().map(|mapping| (mapping.min_value, mapping.max_value)).collect();
+                (by(&first.multiplexor_signal_name), values)
+            }
+            (
+                None,
+                MultiplexIndicator::MultiplexedSignal(value)
+                | MultiplexIndicator::MultiplexorAndMultiplexedSignal(value),
+            ) => {
+                let is_root =
+                    |signal: &&Signal| signal.multiplexer_indicator == MultiplexIndicator::Multiplexor;
+                (message.signals.iter().find(is_root), vec![(value, value)])
+            }
+            (None, MultiplexIndicator::Multiplexor | MultiplexIndicator::Plain) => return Ok(Vec::new()),
+        };
+        let (Some(multiplexer), Some(deep)) = (multiplexer, deep.checked_sub(1)) else {
+            let what = format!("nothing in its message says when a frame holds `{}`", signal.name);
+            return Err(self.at(&format!("SG_ {} ", signal.name), Some(&message.name.as_str()), what));
+        };
+        let mut selectors = self.selectors(message, multiplexer, deep)?;
+        selectors.push(Selector { bits: self.bits(message, multiplexer)?, values });
+        Ok(selectors)
+    }
+
+    /// The identifier as the file writes it.
+    fn written_id(&self, name: &str) -> Option<u64> {
+        self.text.lines().find_map(|line| {
+            let mut words = line.trim_start().strip_prefix("BO_ ")?.split_whitespace();
+            let id = words.next()?.parse().ok()?;
+            (words.next()?.trim_end_matches(':') == name).then_some(id)
+        })
+    }
+
+    /// At the line with this text, in the block of a message where one is named.
+    fn at(&self, text: &str, message: Option<&&str>, what: String) -> Wrong {
+        let mut lines = self.text.lines().enumerate();
+        if let Some(message) = message {
+            let block = format!(" {message}");
+            lines.find(|(_, line)| line.starts_with("BO_ ") && line.contains(&block));
+        }
+        let at = lines.find_map(|(place, line)| Some((place + 1, line.find(text)? + 1)));
+        Wrong { at, message: what, help: "correct the DBC file".to_owned() }
+    }
+}
+
+fn names(messages: &[Message]) -> String {
+    let names: Vec<&str> = messages.iter().map(|message| message.name.as_str()).collect();
+    names.join(", ")
+}
+
+/// Line and column of ` --> 10:16`.
+fn place(why: &str) -> Option<(usize, usize)> {
+    let (line, column) = why.split_once("--> ")?.1.lines().next()?.split_once(':')?;
+    Some((line.trim().parse().ok()?, column.trim().parse().ok()?))
+}
+
+/// What could stand there, where that is a short list; else what the crate says.
+fn expected(why: &str) -> String {
+    let wanted = why.split_once("= expected ").map(|(_, wanted)| wanted.trim());
+    match wanted {
+        Some(wanted) if wanted.split_whitespace().count() <= 5 => {
+            format!("{} is expected here", wanted.replace('_', " "))
+        }
+        Some(_) => "an entry such as `BO_ 256 Message: 8 Node` or ` SG_ Signal : 0|16@1- (0.1,0) [0|0] \"degC\" Node` is expected".to_owned(),
+        None => why.to_owned(),
+    }
+}
+
+/// The units that DBC files write in many ways.
+fn unit(text: &str) -> Option<Unit> {
+    let name = match text.trim() {
+        "°C" | "degC" | "deg C" | "DegC" | "C" | "℃" | "Celsius" | "celsius" => "degC",
+        "µm" | "μm" | "um" => "um",
+        "1/min" | "RPM" | "rpm" | "min-1" => "rpm",
+        "%" => "percent",
+        other => other,
+    };
+    Unit::named(name).filter(|unit| unit.0 != "1")
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,301 @@
+//! From layers of text to a [`Profile`], or to every error at once.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::{Map, Value};
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use crate::error::{Errors, ProfileError, allowed};
+use crate::files::Files;
+use crate::place::{Origin, Places, child};
+use crate::raw::{RawProfile, schema};
+use crate::walk::{Walk, missing, resolved, types};
+use crate::{Profile, check, merge, template};
+
+/// Variables that begin with this are a layer of the profile.
+const PREFIX: &str = "ISOTHERM__";
+
+/// A good profile, and what is worth a second look.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Loaded {
+    /// Ready to be used.
+    pub profile: Profile,
+    /// Nothing that keeps it from running.
+    pub warnings: Vec<ProfileError>,
+}
+
+/// Reads a profile with all its layers: the file, `<stem>.local.toml` beside it, `environment`, `settings` (`--set`).
+///
+/// # Errors
+/// Everything that is wrong with it, each with its place.
+pub fn load(
+    path: &Path,
+    settings: &[(String, String)],
+    environment: &[(String, String)],
+) -> Result<Loaded, Errors> {
+    let name = path.display().to_string();
+    let text = std::fs::read_to_string(path).map_err(|why| Errors(vec![unreadable(&name, &why)]))?;
+    let mut files = vec![(path.to_owned(), text)];
+    let local = local_beside(path);
+    match std::fs::read_to_string(&local) {
+        Ok(text) => files.push((local, text)),
+        Err(why) if why.kind() == std::io::ErrorKind::NotFound => {}
+        Err(why) => return Err(Errors(vec![unreadable(&local.display().to_string(), &why)])),
+    }
+    let beside = Files::Beside(path.parent().unwrap_or(Path::new("")));
+    layered(&files, &beside, settings, environment)
+}
+
+/// Reads a profile from a text that is already here, as one that is part of the program. It cannot name files.
+///
+/// # Errors
+/// Everything that is wrong with it, each with its place.
+pub fn parse(
+    name: &Path,
+    text: &str,
+    settings: &[(String, String)],
+    environment: &[(String, String)],
+) -> Result<Loaded, Errors> {
+    parse_with(name, text, &[], settings, environment)
+}
+
+/// The same for a text whose matrices, networks and envelopes are here as well: `files`, by the names it gives them.
+///
+/// # Errors
+/// Everything that is wrong with it, each with its place.
+pub fn parse_with(
+    name: &Path,
+    text: &str,
+    files: &[(&str, &[u8])],
+    settings: &[(String, String)],
+    environment: &[(String, String)],
+) -> Result<Loaded, Errors> {
+    layered(&[(name.to_owned(), text.to_owned())], &Files::Inside(files), settings, environment)
+}
+
+/// The variables of this process that are a layer of the profile.
+pub fn environment() -> Vec<(String, String)> {
+    let text = |os: std::ffi::OsString| os.to_string_lossy().into_owned();
+    let mut variables: Vec<_> = std::env::vars_os()
+        .map(|(name, value)| (text(name), text(value)))
+        .filter(|(name, _)| is_ours(name))
+        .collect();
+    variables.sort();
+    variables
+}
+
+fn is_ours(name: &str) -> bool {
+    name.starts_with(PREFIX)
+}
+
+fn unreadable(name: &str, why: &std::io::Error) -> ProfileError {
+    let help = match why.kind() {
+        std::io::ErrorKind::NotFound => "give the path of a profile, as `profiles/surface-grinder.toml`",
+        std::io::ErrorKind::InvalidData => "a profile is a TOML file in UTF-8",
+        _ => "is it a file, and may this user read it?",
+    };
+    ProfileError::about(name, format!("the profile cannot be read: {why}"), Some(help.to_owned()))
+}
+
+fn local_beside(path: &Path) -> PathBuf {
+    path.with_extension("local.toml")
+}
+
+fn layered(
+    layers: &[(PathBuf, String)],
+    files: &Files<'_>,
+    settings: &[(String, String)],
+    environment: &[(String, String)],
+) -> Result<Loaded, Errors> {
+    let schema = schema();
+    let mut loader = Loader {
+        schema: &schema,
+        places: Places::default(),
+        errors: Vec::new(),
+        layers: Vec::new(),
+        broken: false,
+    };
+    for (path, text) in layers {
+        loader.file(path, text);
+    }
+    let ours = || environment.iter().filter(|(name, _)| is_ours(name));
+    // What a variable or a flag may name.
+    let below = if settings.is_empty() && ours().next().is_none() {
+        Value::Null
+    } else {
+        merged(loader.layers.clone(), &mut loader.errors)
+    };
+    for (name, value) in ours() {
+        let path = name.trim_start_matches(PREFIX).to_lowercase();
+        let parts: Vec<&str> = path.split("__").collect();
+        loader.setting(&format!("environment {name}"), &parts, value, &below, true);
+    }
+    for (key, value) in settings {
+        let parts: Vec<&str> = key.split('.').collect();
+        loader.setting(&format!("--set {key}"), &parts, value, &below, false);
+    }
+    let path = layers.first().map(|(path, _)| path.clone()).unwrap_or_default();
+    loader.finish(path, files)
+}
+
+struct Loader<'a> {
+    schema: &'a Value,
+    places: Places,
+    errors: Vec<ProfileError>,
+    layers: Vec<Value>,
+    /// A file is no TOML: what it would have said is unknown, so nothing is said to be missing.
+    broken: bool,
+}
+
+impl Loader<'_> {
+    fn file(&mut self, path: &Path, text: &str) {
+        let origin = Origin { name: path.display().to_string(), text: Some(text.to_owned()) };
+        let origin = self.places.add_origin(origin);
+        let (table, problems) = DeTable::parse_recoverable(text);
+        for problem in &problems {
+            let at = problem.span().map_or(0, |span| span.start);
+            self.errors.push(self.places.at_byte(origin, at, "", problem.message(), None));
+        }
+        if problems.is_empty() {
+            self.table(origin, table.get_ref());
+        } else {
+            self.broken = true;
+        }
+    }
+
+    fn table(&mut self, origin: usize, table: &DeTable<'_>) {
+        let (places, errors) = (&mut self.places, &mut self.errors);
+        let layer = Walk { schema: self.schema, origin, places, errors }.table(self.schema, "", table);
+        self.layers.push(layer);
+    }
+
+    /// One value from the environment or the command line.
+    fn setting(&mut self, origin: &str, parts: &[&str], text: &str, below: &Value, any_case: bool) {
+        let id = self.places.add_origin(Origin { name: origin.to_owned(), text: None });
+        let (keys, schema) = match find(self.schema, below, parts, any_case) {
+            Ok(found) => found,
+            // A file that is no TOML does not tell which names there are.
+            Err(_) if self.broken => return,
+            Err((message, help)) => {
+                let mut error = ProfileError::about(origin, message, Some(help));
+                error.key = parts.join(".");
+                self.errors.push(error);
+                return;
+            }
+        };
+        let path = keys.iter().fold(String::new(), |path, key| child(&path, key));
+        self.places.record(id, &path, 0..0, 0..0);
+        let value = scalar(&types(self.schema, schema), text);
+        let (places, errors) = (&mut self.places, &mut self.errors);
+        let walked = Walk { schema: self.schema, origin: id, places, errors }.value(schema, &path, &value);
+        if let Some(value) = walked {
+            let nest = |inner, key: &String| Value::Object(Map::from_iter([(key.clone(), inner)]));
+            self.layers.push(keys.iter().rev().fold(value, nest));
+        }
+    }
+
+    fn finish(mut self, path: PathBuf, files: &Files<'_>) -> Result<Loaded, Errors> {
+        let mut merged = merged(std::mem::take(&mut self.layers), &mut self.errors);
+        let mut checked = None;
+        if !self.broken {
+            let templates = template::fill(&mut merged, files, &mut self.places, &mut self.errors);
+            missing(self.schema, self.schema, "", &merged, &self.places, &mut self.errors);
+            match serde_json::from_value::<RawProfile>(merged) {
+                Ok(raw) => checked = Some(check::check(&raw, &self.places, path, files, &templates)),
+                Err(why) => self.errors.push(ProfileError::about("the layers", why.to_string(), None)),
+            }
+        }
+        let (profile, warnings) = match checked {
+            Some(mut checked) => {
+                self.errors.append(&mut checked.errors);
+                (checked.profile, checked.warnings)
+            }
+            None => (None, Vec::new()),
+        };
+        match profile {
+            Some(profile) if self.errors.is_empty() => {
+                let mut warnings = warnings;
+                self.places.sort(&mut warnings);
+                Ok(Loaded { profile, warnings })
+            }
+            _ => {
+                if self.errors.is_empty() {
+                    let message = "the profile cannot be resolved, and no key can be blamed for it";
+                    self.errors.push(ProfileError::about("the layers", message, None));
+                }
+                self.places.sort(&mut self.errors);
+                self.errors.dedup();
+                Err(Errors(self.errors))
+            }
+        }
+    }
+}
+
+/// The layers in one. A single one is what it is: a copy of a large machine would be a large part of the memory.
+fn merged(mut layers: Vec<Value>, errors: &mut Vec<ProfileError>) -> Value {
+    if layers.len() == 1 {
+        return layers.remove(0);
+    }
+    merge::merged(&layers).unwrap_or_else(|why| {
+        errors.push(ProfileError::about("the layers", why.to_string(), None));
+        Value::Null
+    })
+}
+
+/// Where a path leads in the schema, with the keys as the profile spells them. Names of things must exist in the files.
+fn find<'a>(
+    root: &'a Value,
+    below: &Value,
+    parts: &[&str],
+    any_case: bool,
+) -> Result<(Vec<String>, &'a Value), (String, String)> {
+    let mut schema = root;
+    let mut here = Some(below);
+    let mut keys: Vec<String> = Vec::new();
+    for part in parts {
+        let inner = resolved(root, schema);
+        let names: Vec<&str> =
+            here.and_then(Value::as_object).into_iter().flat_map(Map::keys).map(String::as_str).collect();
+        let known = inner.get("properties").and_then(Value::as_object);
+        let free = inner.get("additionalProperties").filter(|free| free.is_object());
+        let (key, next) = if let Some(known) = known {
+            let next = known.get(*part).ok_or_else(|| {
+                let place =
+                    if keys.is_empty() { "the profile".to_owned() } else { format!("`{}`", keys.join(".")) };
+                (format!("unknown key `{part}` in {place}"), allowed(part, known.keys().map(String::as_str)))
+            })?;
+            ((*part).to_owned(), next)
+        } else if let Some(free) = free {
+            let name = names.iter().find(|name| *name == part || (any_case && same_name(name, part)));
+            let name = name.ok_or_else(|| {
+                (
+                    format!("there is no {} named `{part}`", keys.join(".")),
+                    allowed(part, names.iter().copied()),
+                )
+            })?;
+            ((*name).to_owned(), free)
+        } else {
+            let remedy = "a list is replaced as a whole: give all of it, as [1.0, 2.0], or put it into the .local.toml";
+            return Err((format!("`{}` has no keys of its own", keys.join(".")), remedy.to_owned()));
+        };
+        here = here.and_then(|here| here.get(&key));
+        keys.push(key);
+        schema = next;
+    }
+    Ok((keys, schema))
+}
+
+/// A variable's name has no lower case and no hyphen.
+fn same_name(name: &str, part: &str) -> bool {
+    name.to_lowercase().replace('-', "_") == part.replace('-', "_")
+}
+
+/// The text itself where a text is wanted; else what TOML makes of it, if it makes anything of it.
+fn scalar<'t>(types: &[&str], text: &'t str) -> Spanned<DeValue<'t>> {
+    let literal = || Spanned::new(0..0, DeValue::String(text.into()));
+    if types == ["string"] {
+        return literal();
+    }
+    DeValue::parse(text.trim()).unwrap_or_else(|_| literal())
+}

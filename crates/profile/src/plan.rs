@@ -1,0 +1,166 @@
+//! Which requests read a device: pure, from its signals to the fewest read requests.
+//!
+//! Neighbours in one table share a request, also across a few registers that nobody asked for: a request costs a
+//! round trip, a register two bytes. A device that refuses registers it does not have wants `max_gap = 0`; one that
+//! serves a register wrongly among others has signals with `merge = false`. A CANopen object is a request of its own, and
+//! what comes in CAN frames is not asked for.
+
+use std::fmt;
+
+use crate::{Device, Quirks, Signal};
+use isotherm_core::codec::{Address, DataType, Object, Register};
+use isotherm_core::reading::SignalId;
+
+/// Most coils or discrete inputs that one request may ask for, by the protocol.
+const MAX_BITS: u16 = 2000;
+
+/// One read request, and which of its registers belong to whom.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ReadRequest {
+    /// What is asked for.
+    pub asks: Asked,
+    /// What the answer holds. Never empty.
+    pub fields: Vec<Field>,
+}
+
+/// What one read request asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Asked {
+    /// Neighbours of one table.
+    Registers {
+        /// First register or bit.
+        from: Register,
+        /// How many.
+        count: u16,
+    },
+    /// One object of a CANopen node.
+    Object(Object),
+}
+
+/// The part of an answer that is one signal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Field {
+    /// Whose.
+    pub signal: SignalId,
+    /// Its first register or bit, counted from the beginning of the answer.
+    pub at: u16,
+    /// How many registers or bits.
+    pub len: u16,
+}
+
+/// The fewest requests that read these signals of one device, by table and address.
+///
+/// A value of several registers is never torn apart, even where it is longer than the device's limit.
+pub fn plan<'a>(
+    device: &Device,
+    signals: impl IntoIterator<Item = (SignalId, &'a Signal)>,
+) -> Vec<ReadRequest> {
+    let quirks = &device.quirks;
+    let mut requests: Vec<ReadRequest> = Vec::new();
+    let mut together: Vec<ReadRequest> = Vec::new();
+    for (id, signal) in signals {
+        let data_type = signal.encoding.data_type;
+        let Some(asks) = Asked::of(&signal.address, data_type) else { continue };
+        let fields = vec![Field { signal: id, at: 0, len: data_type.registers() }];
+        let shares = signal.merge && !quirks.one_request_per_field && signal.address.register().is_some();
+        if shares { &mut together } else { &mut requests }.push(ReadRequest { asks, fields });
+    }
+    together.sort_by_key(ReadRequest::rank);
+    let mut merged: Vec<ReadRequest> = Vec::new();
+    for next in together {
+        let is_taken = merged.last_mut().is_some_and(|last| last.takes(&next, quirks));
+        if !is_taken {
+            merged.push(next);
+        }
+    }
+    requests.extend(merged);
+    requests.sort_by_key(ReadRequest::rank);
+    requests
+}
+
+impl Asked {
+    /// What reads a value of this type there; `None` where nobody can be asked for it.
+    pub const fn of(at: &Address, data_type: DataType) -> Option<Asked> {
+        match at {
+            Address::Modbus(from) => Some(Asked::Registers { from: *from, count: data_type.registers() }),
+            Address::Object(object) => Some(Asked::Object(*object)),
+            Address::Frame(_) => None,
+        }
+    }
+}
+
+impl ReadRequest {
+    /// The first register or bit, and how many; `None` for an object.
+    pub const fn span(&self) -> Option<(Register, u16)> {
+        if let Asked::Registers { from, count } = self.asks { Some((from, count)) } else { None }
+    }
+
+    fn rank(&self) -> (Option<(Register, u16)>, SignalId) {
+        (self.span(), self.fields[0].signal)
+    }
+
+    /// Takes in the one that follows it by address, so that only its end can move; `false` where that is too far away or
+    /// would make it too long.
+    fn takes(&mut self, next: &ReadRequest, quirks: &Quirks) -> bool {
+        let (Asked::Registers { from, count }, Some((start, len))) = (&mut self.asks, next.span()) else {
+            return false;
+        };
+        let limit = if from.table.is_bits() { MAX_BITS } else { quirks.max_registers_per_request };
+        let at = start.offset.saturating_sub(from.offset);
+        let is_near = u32::from(at) <= u32::from(*count) + u32::from(quirks.max_gap);
+        let whole = (*count).max(at.saturating_add(len));
+        let fits = from.table == start.table && is_near && whole <= limit;
+        if fits {
+            *count = whole;
+            self.fields.extend(next.fields.iter().map(|field| Field { at, ..*field }));
+        }
+        fits
+    }
+}
+
+/// `read input:0..7 (30001..30008), 8 registers`.
+impl fmt::Display for ReadRequest {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (first, count) = match self.asks {
+            Asked::Registers { from, count } => (from, count),
+            Asked::Object(object) => return write!(f, "read {object}"),
+        };
+        let last = Register { offset: first.offset.saturating_add(count - 1), ..first };
+        let plural = if count == 1 { "" } else { "s" };
+        let cells = if first.table.is_bits() { "bit" } else { "register" };
+        if first == last {
+            write!(f, "read {first} ({})", first.modicon())?;
+        } else {
+            write!(f, "read {first}..{} ({}..{})", last.offset, first.modicon(), last.modicon())?;
+        }
+        write!(f, ", {count} {cells}{plural}")
+    }
+}
+
+/// `3 requests touching 17 registers for 9 signals`.
+pub fn summary(requests: &[ReadRequest]) -> String {
+    if requests.is_empty() {
+        return "nothing is read".to_owned();
+    }
+    let counted = |count: usize, what: &str| format!("{count} {what}{}", if count == 1 { "" } else { "s" });
+    let touched = |bits: bool| {
+        let spans = requests.iter().filter_map(ReadRequest::span);
+        spans.filter(|(from, _)| from.table.is_bits() == bits).map(|(_, count)| usize::from(count)).sum()
+    };
+    let (registers, bits): (usize, usize) = (touched(false), touched(true));
+    let cells: Vec<String> = [(registers, "register"), (bits, "bit")]
+        .into_iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, what)| counted(count, what))
+        .collect();
+    let signals = requests.iter().map(|request| request.fields.len()).sum();
+    format!(
+        "{} touching {} for {}",
+        counted(requests.len(), "request"),
+        cells.join(" and "),
+        counted(signals, "signal")
+    )
+}
+
+#[cfg(test)]
+mod tests;

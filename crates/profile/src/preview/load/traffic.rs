@@ -1,0 +1,260 @@
+//! What is asked on a line, and how often: polls, heartbeat, outputs, sets. Pure.
+
+use std::time::Duration;
+
+use crate::plan::{ReadRequest, plan};
+use crate::{
+    BusId, Capture, Device, DeviceId, Output, OutputSet, Profile, Share, Stretch, WriteFunction, Writes,
+};
+use isotherm_core::codec::{Address, Register, Table};
+use isotherm_core::reading::SignalId;
+
+/// How often a handshake asks for its acknowledge: that it is down; that it rises, at once and after the control's cycle;
+/// that it drops, at once and after the control's cycle.
+const ASKS: u8 = 5;
+
+/// One question that comes again and again.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Asked {
+    pub(super) device: DeviceId,
+    pub(super) per_second: f64,
+    /// Bytes of the frames on a serial line, with unit and checksum.
+    pub(super) question: usize,
+    pub(super) answer: usize,
+    /// It belongs to an output or the heartbeat.
+    pub(super) writes: bool,
+}
+
+/// Everything that is asked on this line while every axis moves at each of its updates.
+pub(super) fn traffic(profile: &Profile, bus: BusId) -> Vec<Asked> {
+    let mut traffic = Traffic { profile, bus, asked: Vec::new() };
+    traffic.polls();
+    traffic.heartbeat();
+    for output in profile.outputs.iter().filter(|output| output.set.is_none()) {
+        traffic.output(output);
+    }
+    profile.sets.iter().for_each(|set| traffic.set(set));
+    traffic.asked
+}
+
+struct Traffic<'a> {
+    profile: &'a Profile,
+    bus: BusId,
+    asked: Vec<Asked>,
+}
+
+impl Traffic<'_> {
+    fn here(&self, device: DeviceId) -> bool {
+        self.profile.device(device).bus == self.bus
+    }
+
+    fn ask(&mut self, device: DeviceId, per_second: f64, writes: bool, (question, answer): (usize, usize)) {
+        if per_second > 0.0 && self.here(device) {
+            self.asked.push(Asked { device, per_second, question, answer, writes });
+        }
+    }
+
+    fn polls(&mut self) {
+        for (place, device) in self.profile.devices.iter().enumerate() {
+            let id = DeviceId(place);
+            let signals = self.profile.signals.iter().enumerate().filter(|(_, signal)| signal.device == id);
+            let per_second = per(device.every);
+            let mut captures: Vec<Capture> = Vec::new();
+            for capture in signals.clone().filter_map(|(_, signal)| signal.capture) {
+                if !captures.contains(&capture) {
+                    captures.push(capture);
+                }
+            }
+            for capture in captures {
+                self.ask(id, per_second, false, write_frames(device, capture.address, 1));
+            }
+            for request in plan(device, signals.map(|(place, signal)| (SignalId(place), signal))) {
+                for _ in 0..transfers_of(&request) {
+                    self.ask(id, per_second, false, read_frames(&request));
+                }
+            }
+        }
+    }
+
+    fn heartbeat(&mut self) {
+        if let Some(heartbeat) = &self.profile.heartbeat {
+            let frames = write_frames(self.profile.device(heartbeat.device), heartbeat.address, 1);
+            self.ask(heartbeat.device, per(heartbeat.every), true, frames);
+        }
+    }
+
+    fn output(&mut self, output: &Output) {
+        let every = self.profile.axis(output.axis).settings.every;
+        self.applied(output, per(every));
+        let again = refreshes(every, output.refresh);
+        match (output.writes, output.share) {
+            (Writes::Corrected { position }, _) => {
+                let often = self.position(position);
+                self.write(output, often);
+                self.read_back(output, often, 1.0);
+            }
+            // Promised on disk between the reads, so that what an operator writes meanwhile is seen.
+            (_, Share::Ledger) => {
+                self.write(output, per(every));
+                self.read_back(output, per(every), 3.0);
+            }
+            // A constant, written when it does not stand there.
+            (Writes::Reference, Share::Whole) => {
+                let often = output.refresh.map_or(0.0, per);
+                self.write(output, often);
+                self.read_back(output, often, 2.0);
+            }
+            (Writes::Offset | Writes::Intercept | Writes::Slope, Share::Whole) => {
+                let often = per(every) + again;
+                self.write(output, often);
+                self.read_back(output, often, 2.0);
+            }
+        }
+    }
+
+    /// How often a position is read, and so corrected.
+    fn position(&self, position: SignalId) -> f64 {
+        let signal = self.profile.signal(position);
+        let device = self.profile.device(signal.device);
+        let sync = self.profile.bus(device.bus).sync.filter(|_| !is_asked_for(&signal.address));
+        per(sync.map_or(device.every, |sync| sync.every))
+    }
+
+    /// The value of an output, with what a display is given beside it.
+    fn write(&mut self, output: &Output, per_second: f64) {
+        if !is_asked_for(&output.address) {
+            return;
+        }
+        let device = self.profile.device(output.device);
+        let registers = output.encoding.data_type.registers();
+        if output.display.beside.is_empty() {
+            let at = output.address.register().unwrap_or(holding(0));
+            for _ in 0..transfers(&output.address, registers) {
+                self.ask(output.device, per_second, true, write_frames(device, at, registers));
+            }
+            return;
+        }
+        let value = output.cells(&[0; 4][..usize::from(registers).min(4)]).map(|(register, _)| register);
+        let beside = output.display.beside.iter().map(|beside| beside.register);
+        let cells = value.chain(beside).map(|register| (register, 1)).collect();
+        for stretch in Stretch::joined(cells, device.longest_request()) {
+            self.ask(
+                output.device,
+                per_second,
+                true,
+                write_frames(device, holding(stretch.from), stretch.count),
+            );
+        }
+    }
+
+    /// What the control says it applies, at once after each change and once more when it does.
+    fn applied(&mut self, output: &Output, per_second: f64) {
+        if let Some(applied) = &output.applied {
+            let registers = applied.encoding.data_type.registers();
+            self.ask(output.device, 2.0 * per_second, true, registers_read(registers));
+        }
+    }
+
+    /// What is read around a write of an output that is read back: this many times.
+    fn read_back(&mut self, output: &Output, per_second: f64, times: f64) {
+        let from = output.reads_at();
+        if !output.verify.reads() || !is_asked_for(&from) {
+            return;
+        }
+        let registers = output.encoding.data_type.registers();
+        for _ in 0..transfers(&from, registers) {
+            self.ask(output.device, times * per_second, true, registers_read(registers));
+        }
+    }
+
+    /// All its registers are read, written and read again, with the handshake in between.
+    fn set(&mut self, set: &OutputSet) {
+        let device = self.profile.device(set.device);
+        let moving = set.members(self.profile).filter(|output| output.writes != Writes::Reference);
+        let mut periods: Vec<Duration> =
+            moving.map(|output| self.profile.axis(output.axis).settings.every).collect();
+        periods.sort_unstable();
+        let refresh = set.members(self.profile).filter_map(|output| output.refresh).min();
+        let often = match periods.first() {
+            Some(shortest) => together(&periods) + refreshes(*shortest, refresh),
+            None => refresh.map_or(0.0, per),
+        };
+        for stretch in set.stretches(set.members(self.profile), device.longest_request()) {
+            let at = holding(stretch.from);
+            self.ask(set.device, 2.0 * often, true, registers_read(stretch.count));
+            self.ask(set.device, often, true, write_frames(device, at, stretch.count));
+        }
+        if let Some(handshake) = set.handshake {
+            let asked = cells_read(handshake.acknowledge.address.table, 1);
+            self.ask(set.device, f64::from(ASKS) * often, true, asked);
+            let strobe = write_frames(device, handshake.strobe.address, 1);
+            self.ask(set.device, 2.0 * often, true, strobe);
+        }
+    }
+}
+
+/// Values in CAN frames come and go without a question.
+fn is_asked_for(address: &Address) -> bool {
+    !address.is_in_frames()
+}
+
+const fn holding(offset: u16) -> Register {
+    Register { table: Table::Holding, offset }
+}
+
+/// Exchanges that one value takes: an object of more than four bytes comes in segments of seven.
+fn transfers(address: &Address, registers: u16) -> usize {
+    if matches!(address, Address::Object(_)) { segments(registers) } else { 1 }
+}
+
+/// The same for what one read asks for: what has no span of registers is an object.
+fn transfers_of(request: &ReadRequest) -> usize {
+    let registers = request.fields.iter().map(|field| field.len).sum();
+    if request.span().is_none() { segments(registers) } else { 1 }
+}
+
+fn segments(registers: u16) -> usize {
+    let bytes = 2 * usize::from(registers);
+    if bytes > 4 { 1 + bytes.div_ceil(7) } else { 1 }
+}
+
+fn per(every: Duration) -> f64 {
+    1.0 / every.as_secs_f64()
+}
+
+/// Refreshes in a second between the changes of a value: each change begins the time anew.
+fn refreshes(every: Duration, refresh: Option<Duration>) -> f64 {
+    refresh.map_or(0.0, |refresh| {
+        let spans = (every.as_secs_f64() / refresh.as_secs_f64()).ceil();
+        (spans - 1.0).max(0.0) * per(every)
+    })
+}
+
+/// Updates in a second of axes with these periods, the shortest first: those at the same moment count once.
+fn together(periods: &[Duration]) -> f64 {
+    let own = periods.iter().enumerate().filter(|(place, period)| {
+        periods[..*place].iter().all(|shorter| !period.as_nanos().is_multiple_of(shorter.as_nanos()))
+    });
+    own.map(|(_, period)| per(*period)).sum()
+}
+
+/// Bytes of a read request's frame and of its answer's, with unit and checksum.
+pub(in crate::preview) fn read_frames(request: &ReadRequest) -> (usize, usize) {
+    request.span().map_or((0, 0), |(from, count)| cells_read(from.table, count))
+}
+
+fn registers_read(count: u16) -> (usize, usize) {
+    cells_read(Table::Holding, count)
+}
+
+fn cells_read(table: Table, count: u16) -> (usize, usize) {
+    let count = usize::from(count);
+    (8, 5 + if table.is_bits() { count.div_ceil(8) } else { 2 * count })
+}
+
+fn write_frames(device: &Device, at: Register, registers: u16) -> (usize, usize) {
+    match device.functions.writes(registers) {
+        Some(WriteFunction::Multiple) if !at.table.is_bits() => (9 + 2 * usize::from(registers), 8),
+        _ => (8, 8),
+    }
+}

@@ -1,0 +1,196 @@
+//! Groups into channels: `count` alike, `{n}` their number, their registers one behind the other. Pure.
+
+use serde_json::{Map, Value};
+
+use super::{Group, text, texts};
+use crate::Flag;
+use crate::raw::TypeWord;
+use isotherm_core::codec::DataType;
+
+/// The keys of a group that say how its channels follow each other.
+pub(super) const OF_GROUP: [&str; 6] = ["name", "count", "from", "stride", "unverified", "ask"];
+
+/// One channel, check or target.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Channel {
+    /// As a profile names it: "0", "cjc".
+    pub(super) name: String,
+    /// The group it belongs to.
+    pub(super) group: String,
+    /// Its place in the group, from 0.
+    pub(super) place: u16,
+    /// Keys that the profile must give.
+    pub(super) asks: Vec<String>,
+    /// What it brings to a signal or an output.
+    pub(super) keys: Map<String, Value>,
+}
+
+/// The channels of a group, their registers moved by `base`.
+///
+/// # Errors
+/// A sentence: a register that is none, or lies beyond the last one.
+pub(super) fn of_group(name: &str, group: &Group, base: u16) -> Result<Vec<Channel>, String> {
+    let number = |key: &str, default: u16| {
+        let value = group.get(key).and_then(Value::as_u64);
+        value.and_then(|value| u16::try_from(value).ok()).unwrap_or(default)
+    };
+    let (count, from) = (number("count", 1), number("from", 0));
+    let stride = number("stride", width(group));
+    (0..count)
+        .map(|place| {
+            let label = from.saturating_add(place).to_string();
+            let mut keys = Map::new();
+            for (key, value) in group.iter().filter(|(key, _)| !OF_GROUP.contains(&key.as_str())) {
+                let value = numbered(value, &label);
+                let value = match key.as_str() {
+                    "pdo" | "frame" => farther(value, u64::from(place) * u64::from(stride)),
+                    "sdo" => Value::from(of_member(value.as_str().unwrap_or_default(), place, stride)?),
+                    _ => moved(value, key, place, stride, base)?,
+                };
+                keys.insert(key.clone(), value);
+            }
+            let channel = text(group, "name").unwrap_or(name).replace("{n}", &label);
+            Ok(Channel { name: channel, group: name.to_owned(), place, asks: texts(group, "ask"), keys })
+        })
+        .collect()
+}
+
+/// How many registers, bits of a frame or subindexes one channel takes.
+fn width(group: &Group) -> u16 {
+    for place in ["pdo", "frame"] {
+        let length = group.get(place).and_then(|place| place.get("length")).and_then(Value::as_u64);
+        if let Some(length) = length.and_then(|length| u16::try_from(length).ok()) {
+            return length;
+        }
+    }
+    if group.contains_key("sdo") {
+        return 1;
+    }
+    let kind: Option<TypeWord> = group.get("type").and_then(|kind| serde_json::from_value(kind.clone()).ok());
+    kind.map_or(1, |kind| DataType::from(kind).registers())
+}
+
+/// The bits of a frame so far behind the first channel's.
+fn farther(mut frame: Value, bits: u64) -> Value {
+    if let Some(start) = frame.get("start").and_then(Value::as_u64)
+        && let Some(frame) = frame.as_object_mut()
+    {
+        frame.insert("start".to_owned(), Value::from(start + bits));
+    }
+    frame
+}
+
+/// The object of the channel at this place: the subindexes follow each other.
+pub(super) fn of_member(object: &str, place: u16, stride: u16) -> Result<String, String> {
+    let far = u32::from(place) * u32::from(stride);
+    let (index, sub) = object.split_once(':').ok_or_else(|| format!("`{object}` is no CANopen object"))?;
+    let sub = u32::from_str_radix(sub, 16).ok().map(|sub| sub + far).and_then(|sub| u8::try_from(sub).ok());
+    let sub = sub.ok_or_else(|| format!("{object} and {far} more is beyond the last subindex, FF"))?;
+    Ok(format!("{index}:{sub:02X}"))
+}
+
+fn numbered(value: &Value, label: &str) -> Value {
+    match value {
+        Value::String(text) => Value::from(text.replace("{n}", label)),
+        other => other.clone(),
+    }
+}
+
+/// Every `register` inside, also in tables and lists, as this channel has it.
+fn moved(value: Value, key: &str, place: u16, stride: u16, base: u16) -> Result<Value, String> {
+    let inner = |(key, value): (String, Value)| Ok((key.clone(), moved(value, &key, place, stride, base)?));
+    Ok(match value {
+        Value::String(text) if is_register(key) => Value::from(shifted(&text, place, stride, base)?),
+        Value::Object(table) => {
+            Value::Object(table.into_iter().map(inner).collect::<Result<Map<_, _>, String>>()?)
+        }
+        Value::Array(list) => {
+            let list = list.into_iter().map(|item| moved(item, "", place, stride, base));
+            Value::Array(list.collect::<Result<Vec<_>, String>>()?)
+        }
+        other => other,
+    })
+}
+
+/// The keys whose text is a register.
+fn is_register(key: &str) -> bool {
+    matches!(key, "register" | "sequence" | "complement" | "heartbeat" | "control" | "strobe" | "acknowledge")
+}
+
+/// The register of the channel at this place; of one bit of a register, the bit that follows.
+pub(super) fn shifted(register: &str, place: u16, stride: u16, base: u16) -> Result<String, String> {
+    let mut flag: Flag = register.parse()?;
+    let far = u32::from(place) * u32::from(stride);
+    let mut offset = u32::from(flag.address.offset) + u32::from(base);
+    match flag.bit {
+        Some(bit) => {
+            let bits = u32::from(bit) + far;
+            offset += bits / 16;
+            flag.bit = u8::try_from(bits % 16).ok();
+        }
+        None => offset += far,
+    }
+    flag.address.offset = u16::try_from(offset)
+        .map_err(|_| format!("{register} and {far} registers more is beyond the last register, 65535"))?;
+    Ok(flag.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn group(value: Value) -> Group {
+        value.as_object().unwrap().clone()
+    }
+
+    #[test]
+    fn the_channels_of_a_group_follow_each_other_by_the_width_of_their_type() {
+        let pairs = group(json!({
+            "name": "tc{n}", "from": 1, "count": 3, "register": "input:2048", "type": "i32", "fault_when": "s{n} != 0",
+        }));
+        let channels = of_group("temperature", &pairs, 10).unwrap();
+        let told: Vec<_> =
+            channels.iter().map(|c| (c.name.as_str(), c.keys["register"].as_str().unwrap())).collect();
+        assert_eq!(told, [("tc1", "input:2058"), ("tc2", "input:2060"), ("tc3", "input:2062")]);
+        assert_eq!(channels[2].keys["fault_when"], "s3 != 0");
+        assert!(!channels[0].keys.contains_key("count"));
+    }
+
+    #[test]
+    fn bits_of_a_register_follow_each_other_into_the_next_register() {
+        assert_eq!(shifted("input:50.0", 5, 1, 0).unwrap(), "input:50.5");
+        assert_eq!(shifted("input:50.14", 3, 1, 0).unwrap(), "input:51.1");
+        assert_eq!(shifted("discrete:128", 7, 1, 0).unwrap(), "discrete:135");
+        assert!(shifted("holding:65535", 1, 1, 0).unwrap_err().contains("beyond the last"));
+    }
+
+    #[test]
+    fn values_of_frames_follow_each_other_by_their_length_and_objects_by_their_subindex() {
+        let frames = group(
+            json!({ "name": "{n}", "from": 1, "count": 4, "pdo": { "number": 1, "start": 0, "length": 16 } }),
+        );
+        let starts: Vec<_> = of_group("t", &frames, 0)
+            .unwrap()
+            .iter()
+            .map(|c| c.keys["pdo"]["start"].as_u64().unwrap())
+            .collect();
+        assert_eq!(starts, [0, 16, 32, 48]);
+        let objects = group(json!({ "name": "s{n}", "count": 11, "sdo": "6150:01", "type": "u8" }));
+        let channels = of_group("s", &objects, 0).unwrap();
+        assert_eq!(
+            (&channels[3].keys["sdo"], &channels[10].keys["sdo"]),
+            (&json!("6150:04"), &json!("6150:0B"))
+        );
+        assert!(of_member("6150:F0", 16, 1).unwrap_err().contains("beyond the last subindex"));
+    }
+
+    #[test]
+    fn registers_inside_tables_and_lists_move_with_their_block() {
+        let display =
+            group(json!({ "register": "holding:10", "beside": [{ "register": "holding:12", "value": 1 }] }));
+        let channels = of_group("value", &display, 100).unwrap();
+        assert_eq!(channels[0].keys["beside"][0]["register"], "holding:112");
+    }
+}

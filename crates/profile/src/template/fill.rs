@@ -1,0 +1,347 @@
+//! What a template brings is put into the profile where the profile says nothing, as if it had been written there.
+//! A key that is filled in stands, for errors, where the profile named the template or the channel.
+
+use std::collections::BTreeMap;
+
+use serde_json::{Map, Value, json};
+
+use super::channels::Channel;
+use super::find::{Definition, find};
+use super::{Template, Templates, Use, in_order, text};
+use crate::error::{ProfileError, allowed};
+use crate::files::Files;
+use crate::place::{Places, child, element};
+
+pub(super) struct Filling<'a> {
+    pub(super) profile: &'a mut Map<String, Value>,
+    files: &'a Files<'a>,
+    pub(super) places: &'a mut Places,
+    pub(super) errors: &'a mut Vec<ProfileError>,
+    pub(super) known: BTreeMap<String, Definition>,
+    pub(super) templates: Templates,
+    /// Devices whose template could not be used, which has been told.
+    broken: Vec<String>,
+}
+
+impl<'a> Filling<'a> {
+    pub(super) fn new(
+        profile: &'a mut Map<String, Value>,
+        files: &'a Files<'a>,
+        places: &'a mut Places,
+        errors: &'a mut Vec<ProfileError>,
+    ) -> Filling<'a> {
+        let (known, templates, broken) = (BTreeMap::new(), Templates::new(), Vec::new());
+        Filling { profile, files, places, errors, known, templates, broken }
+    }
+
+    pub(super) fn run(mut self) -> Templates {
+        for name in in_order(self.profile, "device", self.places) {
+            self.device(&name);
+        }
+        for (table, is_signal) in [("signal", true), ("output", false)] {
+            for name in in_order(self.profile, table, self.places) {
+                self.user(table, &name, is_signal);
+            }
+        }
+        self.heartbeat();
+        self.silent_heartbeats();
+        for name in self.known.keys().cloned().collect::<Vec<_>>() {
+            self.checks(&name);
+        }
+        self.templates
+    }
+
+    fn device(&mut self, name: &str) {
+        let path = child("device", name);
+        let Some(table) = self.table("device", name) else { return };
+        let Some(template) = text(table, "template").map(str::to_owned) else { return };
+        let variant = text(table, "variant").map(str::to_owned);
+        let base = table.get("base").and_then(Value::as_u64).and_then(|base| u16::try_from(base).ok());
+        let found = find(&template, self.files, self.errors);
+        let defined = match found {
+            Ok((own_file, Some(body))) => Definition::of(&template, body, variant.as_deref(), base)
+                .map(|definition| Some(Definition { own_file, ..definition })),
+            Ok((_, None)) => Ok(None),
+            Err(wrong) => Err(wrong),
+        };
+        let definition = match defined {
+            Ok(Some(definition)) => definition,
+            Ok(None) => return self.broken.push(name.to_owned()),
+            Err((key, message, help)) => {
+                self.broken.push(name.to_owned());
+                return self.wrong(&child(&path, key), message, help);
+            }
+        };
+        let note = format!("it comes from template `{template}`");
+        let at = child(&path, "template");
+        if let Some(functions) = definition.functions.clone() {
+            self.put("device", name, "functions", functions, &at, &note);
+        }
+        if let Some(dbc) = definition.dbc.clone() {
+            self.put("device", name, "dbc", Value::from(dbc), &at, &note);
+        }
+        self.node(name, &definition, &at, &note);
+        self.quirks(name, &definition, &at, &note);
+        self.templates.insert(
+            name.to_owned(),
+            Template {
+                name: template,
+                variant,
+                title: definition.title.clone(),
+                source: definition.source.clone(),
+                own_file: definition.own_file.clone(),
+                notes: definition.notes.clone(),
+                unverified: definition.unverified.clone(),
+                unchecked: Vec::new(),
+                uses: Vec::new(),
+            },
+        );
+        self.known.insert(name.to_owned(), definition);
+    }
+
+    /// What a CANopen node is given. Of its lists the profile's own entries come first, and win over those for the same
+    /// object or code.
+    fn node(&mut self, name: &str, definition: &Definition, at: &str, note: &str) {
+        for (key, value) in definition.node.iter().flatten() {
+            let Value::Array(below) = value else {
+                self.put("device", name, key, value.clone(), at, note);
+                continue;
+            };
+            let identity = if key == "setup" { "sdo" } else { "code" };
+            let own = self.table("device", name).and_then(|device| device.get(key)).and_then(Value::as_array);
+            let own = own.cloned().unwrap_or_default();
+            let is_own = |entry: &&Value| !own.iter().any(|known| known.get(identity) == entry.get(identity));
+            let more: Vec<Value> = below.iter().filter(is_own).cloned().collect();
+            for place in own.len()..own.len() + more.len() {
+                self.places.fill_in(&element(&child(&child("device", name), key), place), at, note);
+            }
+            let path = child(&child("device", name), key);
+            if !self.places.contains(&path) {
+                self.places.fill_in(&path, at, note);
+            }
+            if let Some(device) = self.table_mut("device", name) {
+                device.insert(key.clone(), Value::Array(own.into_iter().chain(more).collect()));
+            }
+        }
+    }
+
+    fn quirks(&mut self, name: &str, definition: &Definition, at: &str, note: &str) {
+        let Some(Value::Object(below)) = &definition.quirks else { return };
+        self.put("device", name, "quirks", json!({}), at, note);
+        let path = child(&child("device", name), "quirks");
+        for (key, value) in
+            below.iter().filter(|(key, _)| !self.places.contains(&child(&path, key))).collect::<Vec<_>>()
+        {
+            self.places.fill_in(&child(&path, key), at, note);
+            let own =
+                self.table_mut("device", name).and_then(|device| device.get_mut("quirks")?.as_object_mut());
+            if let Some(own) = own {
+                own.insert(key.clone(), value.clone());
+            }
+        }
+    }
+
+    /// A signal or an output that names a channel.
+    fn user(&mut self, table: &'static str, name: &str, is_signal: bool) {
+        let Some(user) = self.table(table, name) else { return };
+        let channel = match user.get("channel") {
+            Some(Value::String(name)) => name.clone(),
+            Some(Value::Number(number)) => number.to_string(),
+            _ => return,
+        };
+        let Some(device) = text(user, "device").map(str::to_owned) else { return };
+        let at = child(&child(table, name), "channel");
+        if self.broken.contains(&device) {
+            return self.nothing_missing(table, name, &at);
+        }
+        let Some(definition) = self.known.get(&device) else {
+            if self.table("device", &device).is_some() {
+                let help =
+                    format!("write template = \"…\" at device `{device}`, or `register` and `type` here");
+                self.wrong(&at, format!("device `{device}` has no template, and so no channels"), help);
+            }
+            return self.nothing_missing(table, name, &at);
+        };
+        let (list, other) = if is_signal {
+            (&definition.channels, &definition.targets)
+        } else {
+            (&definition.targets, &definition.channels)
+        };
+        let Some(found) = list.iter().find(|known| known.name == channel).cloned() else {
+            let template = &self.templates[&device].name;
+            let help = match (list.is_empty(), other.iter().any(|known| known.name == channel)) {
+                (_, true) if is_signal => "it is written, not read: name it at an output".to_owned(),
+                (_, true) => "it is read, not written: name it at a signal".to_owned(),
+                (true, _) => {
+                    format!("nothing of `{template}` can be {}", if is_signal { "read" } else { "written" })
+                }
+                _ => allowed(&channel, list.iter().map(|known| known.name.as_str())),
+            };
+            self.wrong(&at, format!("template `{template}` has no channel `{channel}`"), help);
+            return self.nothing_missing(table, name, &at);
+        };
+        self.ask(table, name, &device, &found);
+        let overridden = self.bring(table, name, &device, &found, &at);
+        let unverified = definition_text(&self.known[&device], &found.group);
+        if let Some(template) = self.templates.get_mut(&device) {
+            template.uses.push(Use { name: name.to_owned(), channel, overridden });
+            template.unverified.extend(unverified.filter(|text| !template.unverified.contains(text)));
+        }
+        if !is_signal {
+            self.set(name, &device, &at);
+        }
+    }
+
+    /// What a channel would have brought is not told to be missing: that it cannot has been told.
+    fn nothing_missing(&mut self, table: &str, name: &str, at: &str) {
+        let path = child(table, name);
+        for key in
+            ["register", "type", "writes", "scale", "word_order", "read_back"].map(|key| child(&path, key))
+        {
+            if !self.places.contains(&key) {
+                self.places.fill_in(&key, at, "");
+            }
+        }
+    }
+
+    /// What the template leaves to the profile, because a wrong guess would move an axis.
+    fn ask(&mut self, table: &str, name: &str, device: &str, channel: &Channel) {
+        let path = child(table, name);
+        for key in &channel.asks {
+            let at = child(&path, key);
+            if !self.places.contains(&at) {
+                let template = &self.templates[device].name;
+                let why = definition_text(&self.known[device], &channel.group).unwrap_or_default();
+                let message = format!("`{key}` is missing: template `{template}` leaves it to you");
+                let help = if why.is_empty() { "the device's manual says which".to_owned() } else { why };
+                self.errors.push(self.places.at_key(&at, message, Some(help)));
+                self.places.fill_in(&at, &child(&path, "channel"), "");
+            }
+        }
+    }
+
+    /// Puts a channel's keys where the profile has none; which ones it has.
+    pub(super) fn bring(
+        &mut self,
+        table: &'static str,
+        name: &str,
+        device: &str,
+        channel: &Channel,
+        at: &str,
+    ) -> Vec<String> {
+        let note = self.note(device, &channel.name);
+        let mut overridden = Vec::new();
+        for (key, value) in &channel.keys {
+            let own = self.table_mut(table, name).and_then(|user| user.get_mut(key));
+            if let (Some(Value::Object(own)), Value::Object(below)) = (own, value) {
+                for (inner, value) in below {
+                    own.entry(inner.clone()).or_insert_with(|| value.clone());
+                }
+                continue;
+            }
+            let is_there = self.table(table, name).is_some_and(|user| user.contains_key(key));
+            if is_there || self.places.contains(&child(&child(table, name), key)) {
+                overridden.push(key.clone());
+                continue;
+            }
+            let value = match (key.as_str(), value) {
+                ("fault_when" | "when", Value::String(condition)) => {
+                    Value::from(self.condition(condition, device, at))
+                }
+                _ => value.clone(),
+            };
+            self.put(table, name, key, value, at, &note);
+        }
+        overridden
+    }
+
+    pub(super) fn note(&self, device: &str, channel: &str) -> String {
+        let template = self.templates.get(device).map_or("", |template| template.name.as_str());
+        format!("it comes from channel `{channel}` of template `{template}`")
+    }
+
+    /// Targets that land together: a set of the device's name, unless the profile has put the output into one.
+    fn set(&mut self, output: &str, device: &str, at: &str) {
+        let Some(set) = self.known[device].set.clone() else { return };
+        let note = format!("it comes from template `{}`", self.templates[device].name);
+        self.put("output", output, "set", Value::from(device), at, &note);
+        if self.table("output", output).and_then(|output| text(output, "set")) != Some(device) {
+            return;
+        }
+        let path = child("set", device);
+        if !self.places.contains(&path) {
+            self.places.fill_in(&path, at, &note);
+        }
+        let sets = self.profile.entry("set").or_insert_with(|| json!({}));
+        if let Some(sets) = sets.as_object_mut() {
+            sets.entry(device.to_owned()).or_insert_with(|| json!({}));
+        }
+        for (key, value) in set.as_object().into_iter().flatten() {
+            if !self.places.contains(&child(&path, key)) {
+                self.put("set", device, key, value.clone(), at, &note);
+            }
+        }
+    }
+
+    fn heartbeat(&mut self) {
+        let beat = self.profile.get("heartbeat").and_then(Value::as_object);
+        let Some(device) = beat.and_then(|beat| text(beat, "device")).map(str::to_owned) else { return };
+        let Some(register) = self.known.get(&device).and_then(|known| known.heartbeat.clone()) else {
+            return;
+        };
+        let note = format!("it comes from template `{}`", self.templates[&device].name);
+        if self.places.contains("heartbeat.register") {
+            return;
+        }
+        self.places.fill_in("heartbeat.register", "heartbeat.device", &note);
+        if let Some(beat) = self.profile.get_mut("heartbeat").and_then(Value::as_object_mut) {
+            beat.insert("register".to_owned(), register);
+        }
+    }
+
+    /// The control of a template looks for a heartbeat, and the profile writes to it but sends none.
+    fn silent_heartbeats(&mut self) {
+        let of_heartbeat = self.profile.get("heartbeat").and_then(|beat| text(beat.as_object()?, "device"));
+        let outputs = self.profile.get("output").and_then(Value::as_object);
+        let written = outputs.into_iter().flat_map(Map::values).filter_map(Value::as_object);
+        let written: Vec<&str> = written.filter_map(|output| text(output, "device")).collect();
+        let is_silent = |name: &str| written.contains(&name) && of_heartbeat != Some(name);
+        let known = self.known.iter().filter(|(name, _)| is_silent(name));
+        let silent = known
+            .filter_map(|(name, known)| Some((name.clone(), known.heartbeat.as_ref()?.as_str()?.to_owned())));
+        for (name, register) in silent.collect::<Vec<_>>() {
+            let template = &self.templates[&name].name;
+            let message = format!(
+                "`{template}` looks for a heartbeat in {register}, and nothing sends it one: `{name}` would take the gateway for dead"
+            );
+            let help = format!("add [heartbeat] with device = \"{name}\" and every = \"500ms\"");
+            self.wrong(&child(&child("device", &name), "template"), message, help);
+        }
+    }
+
+    pub(super) fn table(&self, table: &str, name: &str) -> Option<&Map<String, Value>> {
+        self.profile.get(table)?.get(name)?.as_object()
+    }
+
+    pub(super) fn table_mut(&mut self, table: &str, name: &str) -> Option<&mut Map<String, Value>> {
+        self.profile.get_mut(table)?.get_mut(name)?.as_object_mut()
+    }
+
+    /// Puts a value where there is none.
+    fn put(&mut self, table: &str, name: &str, key: &str, value: Value, at: &str, note: &str) {
+        let Some(into) = self.table_mut(table, name) else { return };
+        if into.contains_key(key) {
+            return;
+        }
+        into.insert(key.to_owned(), value);
+        self.places.fill_in(&child(&child(table, name), key), at, note);
+    }
+
+    pub(super) fn wrong(&mut self, path: &str, message: impl Into<String>, help: impl Into<String>) {
+        self.errors.push(self.places.at_value(path, message, Some(help.into())));
+    }
+}
+
+fn definition_text(definition: &Definition, group: &str) -> Option<String> {
+    definition.unverified_of.get(group).cloned()
+}

@@ -1,0 +1,223 @@
+//! From a template's name to its text, read strictly: the user's own before the shipped one.
+
+use std::collections::BTreeMap;
+
+use serde_json::{Map, Value, json};
+use toml::de::DeTable;
+
+use super::channels::{Channel, of_group};
+use super::{Group, schema, shipped, text, texts};
+use crate::error::{ProfileError, allowed};
+use crate::files::Files;
+use crate::place::{Origin, Places};
+use crate::walk::{Walk, missing};
+
+/// Where the user's own templates lie, beside the profile.
+const DIRECTORY: &str = "devices";
+
+/// A template as a device uses it: the variant chosen, the registers moved.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Definition {
+    pub(super) title: String,
+    pub(super) source: String,
+    pub(super) own_file: Option<String>,
+    pub(super) notes: Vec<String>,
+    pub(super) unverified: Vec<String>,
+    /// What is not verified of a group, by its name.
+    pub(super) unverified_of: BTreeMap<String, String>,
+    pub(super) functions: Option<Value>,
+    pub(super) quirks: Option<Value>,
+    pub(super) channels: Vec<Channel>,
+    pub(super) targets: Vec<Channel>,
+    /// The groups of checks, as written.
+    pub(super) checks: Vec<(String, Group)>,
+    pub(super) set: Option<Value>,
+    pub(super) heartbeat: Option<Value>,
+    /// The DBC file, by the path that the profile would give it.
+    pub(super) dbc: Option<String>,
+    /// What a CANopen node is given.
+    pub(super) node: Option<Group>,
+}
+
+/// What is wrong with a choice: the device's key that is to blame, what, and the remedy.
+pub(super) type Wrong = (&'static str, String, String);
+
+/// The text of a template, strictly read. The last is `None` where something is wrong with it, which has been told.
+pub(super) fn find(
+    name: &str,
+    files: &Files<'_>,
+    errors: &mut Vec<ProfileError>,
+) -> Result<(Option<String>, Option<Group>), Wrong> {
+    let plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
+    let file = format!("{DIRECTORY}/{name}.toml");
+    let own = if name.bytes().all(plain) { files.text(&file) } else { Ok(None) };
+    let own = own.map_err(|why| ("template", why, "may this user read it?".to_owned()))?;
+    let own_file = own.is_some().then(|| files.path(&file));
+    let Some(written) = own.as_deref().or_else(|| shipped::text(name)) else {
+        let mut known: Vec<String> = shipped::names().map(str::to_owned).collect();
+        known.extend(files.names(DIRECTORY, ".toml"));
+        known.sort();
+        known.dedup();
+        let help = format!(
+            "{}; your own lies in {} beside the profile",
+            nearest_names(name, &known),
+            format_args!("{DIRECTORY}/NAME.toml")
+        );
+        return Err(("template", format!("there is no device template `{name}`"), help));
+    };
+    let shown = own_file.clone().unwrap_or_else(|| format!("profiles/{file}"));
+    Ok((own_file, read(&shown, written, errors)))
+}
+
+/// A model number is rarely written as its maker does: what begins with the same letters and digits comes first, then
+/// the nearest word, then what has its number.
+fn nearest_names(name: &str, known: &[String]) -> String {
+    let bare = |text: &str| text.chars().filter(char::is_ascii_alphanumeric).collect::<String>();
+    let digits = |text: &str| text.chars().filter(char::is_ascii_digit).collect::<String>();
+    let wanted = bare(&name.to_lowercase());
+    let alike = |known: &&String| !wanted.is_empty() && bare(known).starts_with(&wanted);
+    let list = allowed(name, known.iter().map(String::as_str));
+    let number = digits(name);
+    let has_number = |known: &&String| number.len() > 2 && digits(known).contains(&number);
+    let near = known.iter().find(alike);
+    match near.or_else(|| known.iter().find(has_number).filter(|_| !list.starts_with("did"))) {
+        Some(near) => format!("did you mean `{near}`? allowed: {}", known.join(", ")),
+        None => list,
+    }
+}
+
+fn read(shown: &str, written: &str, errors: &mut Vec<ProfileError>) -> Option<Group> {
+    let schema = schema::schema();
+    let mut places = Places::default();
+    let origin = places.add_origin(Origin { name: shown.to_owned(), text: Some(written.to_owned()) });
+    let before = errors.len();
+    let (table, problems) = DeTable::parse_recoverable(written);
+    for problem in &problems {
+        let at = problem.span().map_or(0, |span| span.start);
+        errors.push(places.at_byte(origin, at, "", problem.message(), None));
+    }
+    let mut walk = Walk { schema: &schema, origin, places: &mut places, errors };
+    let value = walk.table(&schema, "", table.get_ref());
+    // What a group leaves out, the profile may say.
+    let shallow = json!({ "required": schema.get("required") });
+    missing(&shallow, &shallow, "", &value, &places, errors);
+    match value {
+        Value::Object(group) if errors.len() == before => Some(group),
+        _ => None,
+    }
+}
+
+impl Definition {
+    /// The template as a device of this variant has it, its registers moved by `base`.
+    ///
+    /// # Errors
+    /// The variant or the base does not fit the template.
+    pub(super) fn of(
+        name: &str,
+        mut body: Group,
+        variant: Option<&str>,
+        base: Option<u16>,
+    ) -> Result<Definition, Wrong> {
+        let variants = match body.remove("variant") {
+            Some(Value::Object(variants)) => variants,
+            _ => Map::new(),
+        };
+        match (variant, variants.is_empty()) {
+            (None, true) => {}
+            (None, false) => {
+                let message = format!("template `{name}` has variants: which one is it?");
+                return Err(("template", message, format!("write variant = \"…\": {}", titles(&variants))));
+            }
+            (Some(_), true) => {
+                let message = format!("template `{name}` has no variants");
+                return Err(("variant", message, "remove `variant`".to_owned()));
+            }
+            (Some(word), false) => match variants.get(word) {
+                Some(over) => lay(&mut body, over),
+                None => {
+                    let known = variants.keys().map(String::as_str);
+                    let message = format!("template `{name}` has no variant `{word}`");
+                    return Err(("variant", message, allowed(word, known)));
+                }
+            },
+        }
+        let movable = body.get("movable").and_then(Value::as_bool).unwrap_or(false);
+        if base.is_some() && !movable {
+            let message = format!("the registers of template `{name}` are where its maker put them");
+            return Err(("base", message, "remove `base`".to_owned()));
+        }
+        let members = |table: &str| expanded(&body, table, base.unwrap_or(0));
+        let one = |key: &str| {
+            let only = Group::from_iter([("register".to_owned(), body.get(key)?.clone())]);
+            of_group(key, &only, base.unwrap_or(0)).ok()?.pop()?.keys.remove("register")
+        };
+        let broken =
+            |why: String| ("template", format!("template `{name}`: {why}"), "correct its file".to_owned());
+        let set = match body.get("set").and_then(Value::as_object) {
+            Some(set) => {
+                let set = of_group("set", set, base.unwrap_or(0)).map_err(broken)?.pop();
+                set.map(|set| Value::Object(set.keys))
+            }
+            None => None,
+        };
+        let groups = |table: &str| -> Vec<(String, Group)> {
+            groups(&body, table).map(|(name, group)| (name.clone(), group.clone())).collect()
+        };
+        Ok(Definition {
+            title: text(&body, "title").unwrap_or_default().to_owned(),
+            source: text(&body, "source").unwrap_or_default().to_owned(),
+            own_file: None,
+            notes: texts(&body, "notes"),
+            unverified: texts(&body, "unverified"),
+            unverified_of: ["channel", "target"]
+                .into_iter()
+                .flat_map(groups)
+                .filter_map(|(name, group)| Some((name, text(&group, "unverified")?.to_owned())))
+                .collect(),
+            functions: body.get("functions").cloned(),
+            quirks: body.get("quirks").cloned(),
+            channels: members("channel").map_err(broken)?,
+            targets: members("target").map_err(broken)?,
+            checks: groups("check"),
+            heartbeat: one("heartbeat"),
+            dbc: text(&body, "dbc").map(|file| format!("{DIRECTORY}/{file}")),
+            node: body.get("node").and_then(Value::as_object).cloned(),
+            set,
+        })
+    }
+}
+
+/// Lays a variant over its template, table by table.
+fn lay(below: &mut Group, over: &Value) {
+    for (key, value) in over.as_object().into_iter().flatten() {
+        match (below.get_mut(key), value) {
+            (Some(Value::Object(below)), Value::Object(_)) => lay(below, value),
+            // The variant's own title does not replace the device's.
+            (Some(_), Value::String(_)) if key == "title" => {}
+            _ => {
+                below.insert(key.clone(), value.clone());
+            }
+        }
+    }
+}
+
+fn titles(variants: &Map<String, Value>) -> String {
+    let one = |(name, variant): (&String, &Value)| match variant.get("title").and_then(Value::as_str) {
+        Some(title) => format!("{name} ({title})"),
+        None => name.clone(),
+    };
+    variants.iter().map(one).collect::<Vec<_>>().join(", ")
+}
+
+fn groups<'g>(body: &'g Group, table: &str) -> impl Iterator<Item = (&'g String, &'g Group)> {
+    let groups = body.get(table).and_then(Value::as_object).into_iter().flatten();
+    groups.filter_map(|(name, group)| Some((name, group.as_object()?)))
+}
+
+fn expanded(body: &Group, table: &str, base: u16) -> Result<Vec<Channel>, String> {
+    let mut channels = Vec::new();
+    for (name, group) in groups(body, table) {
+        channels.extend(of_group(name, group, base).map_err(|why| format!("{table}.{name}: {why}"))?);
+    }
+    Ok(channels)
+}

@@ -1,0 +1,174 @@
+//! Whom a secured line trusts, and how the gateway shows who it is: made from the files that the profile names.
+
+use std::sync::Arc;
+
+use tokio_rustls::rustls::client::WebPkiServerVerifier;
+use tokio_rustls::rustls::client::danger::{HandshakeSignatureValid, ServerCertVerified, ServerCertVerifier};
+use tokio_rustls::rustls::crypto::ring::default_provider;
+use tokio_rustls::rustls::pki_types::pem::PemObject;
+use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer, ServerName, UnixTime};
+use tokio_rustls::rustls::{
+    CertificateError, ClientConfig, DigitallySignedStruct, Error, InconsistentKeys, RootCertStore,
+    SignatureScheme,
+};
+
+use isotherm_profile::{Errors, Profile, ProfileError, Tls};
+
+/// What opens a secured connection: versions, ciphers, trust and key, and whom it is for.
+#[derive(Clone, Debug)]
+pub(super) struct Client {
+    pub(super) name: ServerName<'static>,
+    pub(super) config: Arc<ClientConfig>,
+}
+
+/// What is wrong with the TLS files of a profile, at the keys that name them.
+///
+/// # Errors
+/// All of it, in the order of the lines.
+pub fn check(profile: &Profile) -> Result<(), Errors> {
+    let secured = profile.buses.iter().filter_map(|bus| bus.tls.as_ref());
+    let wrong: Vec<ProfileError> = secured.filter_map(|tls| Client::new(tls).err()).flatten().collect();
+    if wrong.is_empty() { Ok(()) } else { Err(Errors(wrong)) }
+}
+
+impl Client {
+    /// TLS 1.2 or 1.3 that trusts `ca` and shows `cert`.
+    ///
+    /// # Errors
+    /// What is wrong with the name and with each file.
+    pub(super) fn new(tls: &Tls) -> Result<Client, Vec<ProfileError>> {
+        let name = ServerName::try_from(tls.name.clone()).map_err(|_| tls.wrong_name());
+        let trust =
+            certificates(&tls.ca.bytes).and_then(|ca| Trust::new(&ca)).map_err(|why| tls.ca.wrong(&why));
+        let chain = certificates(&tls.cert.bytes).map_err(|why| tls.cert.wrong(&why));
+        let key = private_key(&tls.key.bytes).map_err(|why| tls.key.wrong(&why));
+        match (name, trust, chain, key) {
+            (name, Ok(trust), Ok(chain), Ok(key)) => match (name, config(tls, trust, chain, key)) {
+                (Ok(name), Ok(config)) => Ok(Client { name, config: Arc::new(config) }),
+                (name, config) => Err([name.err(), config.err()].into_iter().flatten().collect()),
+            },
+            (name, trust, chain, key) => {
+                Err([name.err(), trust.err(), chain.err(), key.err()].into_iter().flatten().collect())
+            }
+        }
+    }
+}
+
+fn config(
+    tls: &Tls,
+    trust: Trust,
+    chain: Vec<CertificateDer<'static>>,
+    key: PrivateKeyDer<'static>,
+) -> Result<ClientConfig, ProfileError> {
+    let config = ClientConfig::builder_with_provider(Arc::new(default_provider()))
+        .with_safe_default_protocol_versions()
+        .map_err(|error| tls.ca.wrong(&error.to_string()))?
+        .dangerous()
+        .with_custom_certificate_verifier(Arc::new(trust))
+        .with_client_auth_cert(chain, key);
+    config.map_err(|error| match error {
+        Error::InconsistentKeys(InconsistentKeys::KeyMismatch) => {
+            tls.key.wrong("this key does not belong to the certificate in `cert`")
+        }
+        Error::InvalidCertificate(_) => tls.cert.wrong(&format!("the certificate is of no use: {error}")),
+        _ => tls.key.wrong(&format!("the key is of no use: {error}")),
+    })
+}
+
+fn certificates(text: &[u8]) -> Result<Vec<CertificateDer<'static>>, String> {
+    let found: Result<Vec<_>, _> = CertificateDer::pem_slice_iter(text).collect();
+    match found {
+        Ok(found) if found.is_empty() => {
+            Err("there is no certificate in it in PEM form (-----BEGIN CERTIFICATE-----)".to_owned())
+        }
+        Ok(found) => Ok(found),
+        Err(error) => Err(format!("it is not in PEM form: {error}")),
+    }
+}
+
+fn private_key(text: &[u8]) -> Result<PrivateKeyDer<'static>, String> {
+    if text.windows(ENCRYPTED.len()).any(|window| window == ENCRYPTED) {
+        return Err(
+            "the key is encrypted, and nobody is there to type its password when the gateway starts; \
+                    write it in clear with `openssl pkey`, readable for the gateway's user only"
+                .to_owned(),
+        );
+    }
+    PrivateKeyDer::from_pem_slice(text)
+        .map_err(|_| "there is no private key in it in PEM form (-----BEGIN PRIVATE KEY-----)".to_owned())
+}
+
+const ENCRYPTED: &[u8] = b"ENCRYPTED";
+
+/// Trusts what the authorities in a file have signed, and the very certificates in it.
+///
+/// Many devices come with a certificate that they have signed themselves, for a name that is not theirs in this plant.
+/// One that was put into the file, byte for byte, is known better than by its name; only its dates are still asked.
+#[derive(Debug)]
+struct Trust {
+    authorities: Arc<WebPkiServerVerifier>,
+    known: Vec<CertificateDer<'static>>,
+}
+
+impl Trust {
+    fn new(known: &[CertificateDer<'static>]) -> Result<Trust, String> {
+        let mut roots = RootCertStore::empty();
+        for (place, certificate) in known.iter().enumerate() {
+            let unreadable = |error| format!("certificate {} in it cannot be read: {error}", place + 1);
+            roots.add(certificate.clone()).map_err(unreadable)?;
+        }
+        let authorities =
+            WebPkiServerVerifier::builder_with_provider(Arc::new(roots), Arc::new(default_provider()))
+                .build()
+                .map_err(|error| error.to_string())?;
+        Ok(Trust { authorities, known: known.to_vec() })
+    }
+}
+
+impl ServerCertVerifier for Trust {
+    fn verify_server_cert(
+        &self,
+        end_entity: &CertificateDer<'_>,
+        intermediates: &[CertificateDer<'_>],
+        server_name: &ServerName<'_>,
+        ocsp_response: &[u8],
+        now: UnixTime,
+    ) -> Result<ServerCertVerified, Error> {
+        let verified =
+            self.authorities.verify_server_cert(end_entity, intermediates, server_name, ocsp_response, now);
+        match verified {
+            // The dates are looked at before any of these.
+            Err(Error::InvalidCertificate(
+                CertificateError::NotValidForName
+                | CertificateError::NotValidForNameContext { .. }
+                | CertificateError::UnknownIssuer
+                | CertificateError::InvalidPurpose
+                | CertificateError::InvalidPurposeContext { .. }
+                | CertificateError::Other(_),
+            )) if self.known.iter().any(|known| known == end_entity) => Ok(ServerCertVerified::assertion()),
+            verified => verified,
+        }
+    }
+
+    fn verify_tls12_signature(
+        &self,
+        message: &[u8],
+        cert: &CertificateDer<'_>,
+        dss: &DigitallySignedStruct,
+    ) -> Result<HandshakeSignatureValid, Error> {
+        self.authorities.verify_tls12_signature(message, cert, dss)
+    }
+
+    fn verify_tls13_signature(
+        &self,
+        message: &[u8],
+        cert: &CertificateDer<'_>,
+        dss: &DigitallySignedStruct,
+    ) -> Result<HandshakeSignatureValid, Error> {
+        self.authorities.verify_tls13_signature(message, cert, dss)
+    }
+
+    fn supported_verify_schemes(&self) -> Vec<SignatureScheme> {
+        self.authorities.supported_verify_schemes()
+    }
+}
