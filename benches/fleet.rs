@@ -161,6 +161,7 @@ async fn answer(mut stream: TcpStream, counts: Arc<(AtomicU64, AtomicU64)>, begu
     let clock = Clock::wall();
     stream.set_nodelay(true).unwrap();
     let mut request = [0u8; 12];
+    let mut stands = [0, 0];
     while stream.read_exact(&mut request).await.is_ok() {
         tokio::time::sleep(DELAY).await;
         let mut reply = request.to_vec();
@@ -173,7 +174,12 @@ async fn answer(mut stream: TcpStream, counts: Arc<(AtomicU64, AtomicU64)>, begu
             let tenths = u16::try_from(phase.min(80_000 - phase) / 100).unwrap();
             reply[9..11].copy_from_slice(&(75 + tenths).to_be_bytes());
             counts.0.fetch_add(1, Ordering::Relaxed);
+        } else if request[7] == 3 {
+            reply.truncate(8);
+            reply[5] = 5;
+            reply.extend_from_slice(&[2, stands[0], stands[1]]);
         } else {
+            stands.copy_from_slice(&request[10..]);
             counts.1.fetch_add(1, Ordering::Relaxed);
         }
         if stream.write_all(&reply).await.is_err() {

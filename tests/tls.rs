@@ -39,7 +39,9 @@ fn secured(address: &str, more: &str, ca: &str, ours: &Signed) -> Result<Profile
     let text = PROFILE.replacen("address = \"127.0.0.1:1\"", &format!("address = \"{address}\"\n{tls}"), 1);
     let files =
         [("ca.pem", ca.as_bytes()), ("gw.pem", ours.cert.as_bytes()), ("gw.key", ours.key.as_bytes())];
-    Ok(isotherm_profile::parse_with(Path::new("machine.toml"), &text, &files, &[], &[])?.profile)
+    let profile = isotherm_profile::parse_with(Path::new("machine.toml"), &text, &files, &[], &[])?.profile;
+    isotherm::fieldbus::tls::check(&profile)?;
+    Ok(profile)
 }
 
 #[track_caller]

@@ -4,7 +4,7 @@ use isotherm_core::compensation::Permit;
 use isotherm_core::quantity::Micron;
 use isotherm_profile::{Arm, Output, Profile, Share, Writes};
 
-use super::output::{OutputState, Standing};
+use super::output::{OutputState, Outputs, Standing};
 use super::words::is_beyond_limit;
 
 /// Whether one axis is armed, and why not.
@@ -54,7 +54,7 @@ impl Arming {
         &self,
         profile: &Profile,
         axis: usize,
-        outputs: &[OutputState],
+        outputs: &Outputs,
         ready: bool,
         beyond_error: Option<Micron>,
     ) -> Attempt {
@@ -68,7 +68,7 @@ impl Arming {
             ));
         }
         let (mut from, mut from_slope) = (None, None);
-        for (output, state) in of_axis(profile, axis, outputs) {
+        for (output, state) in outputs.of_axis(profile, axis) {
             if !output.writes.is_scheduled() {
                 continue;
             }
@@ -109,7 +109,7 @@ impl Arming {
         if from_slope.is_some_and(|slope| slope != Micron::ZERO) {
             let displaced =
                 |(output, state): &(&Output, &OutputState)| !has_its_reference(profile, output, state);
-            if let Some((output, _)) = of_axis(profile, axis, outputs).find(displaced) {
+            if let Some((output, _)) = outputs.of_axis(profile, axis).find(displaced) {
                 return Attempt::Refused(format!(
                     "a slope is in effect about another reference position than output {} writes; set the slope to \
                      zero at the CNC",
@@ -125,7 +125,7 @@ impl Arming {
         &self,
         profile: &Profile,
         axis: usize,
-        outputs: &[OutputState],
+        outputs: &Outputs,
         stopping: bool,
         dry_run: bool,
     ) -> Permit {
@@ -136,7 +136,7 @@ impl Arming {
             return Permit::Stopping;
         }
         let mut permit = Permit::Armed;
-        for (output, state) in of_axis(profile, axis, outputs) {
+        for (output, state) in outputs.of_axis(profile, axis) {
             match state.standing {
                 Standing::Unverified => return Permit::Unverified,
                 Standing::Unknown if output.writes.is_scheduled() => return Permit::Unverified,
@@ -156,13 +156,4 @@ pub(super) fn has_its_reference(profile: &Profile, output: &Output, state: &Outp
     let (Writes::Reference, Some(apart)) = (output.writes, apart) else { return true };
     let near = output.encoding.scale.get().abs() * 0.501;
     state.value.is_some_and(|value| (value - apart.reference).abs() <= near)
-}
-
-/// The outputs of an axis with their state.
-pub(super) fn of_axis<'a>(
-    profile: &'a Profile,
-    axis: usize,
-    outputs: &'a [OutputState],
-) -> impl Iterator<Item = (&'a Output, &'a OutputState)> {
-    profile.outputs.iter().zip(outputs).filter(move |(output, _)| output.axis.0 == axis)
 }

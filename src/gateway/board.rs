@@ -130,6 +130,11 @@ impl Board {
         &self.seen
     }
 
+    /// Whether any reading may be used at `now`.
+    pub(super) fn has_usable(&self, profile: &Profile, now: Moment) -> bool {
+        (0..self.readings.len()).any(|place| self.value(profile, SignalId(place), now).is_some())
+    }
+
     /// A signal's value at `now`, if it may be used.
     pub(super) fn value(&self, profile: &Profile, id: SignalId, now: Moment) -> Option<f64> {
         self.judge(profile, id, now).usable()

@@ -58,10 +58,12 @@ impl Core {
                 AxisState::Holding(_) => axis.settings.on_fault == OnFault::Hold,
                 _ => false,
             };
-            let arming = &mut self.arming[place];
-            arming.tripped = arming.armed && decision.tripped;
-            let asked = arming.asked;
-            let over = arming.tripped && ended && !self.stopping;
+            let (is_tripped, asked) =
+                (self.arming[place].armed && decision.tripped, self.arming[place].asked);
+            if self.arming[place].tripped != is_tripped {
+                self.arming[place].tripped = is_tripped;
+            }
+            let over = is_tripped && ended && !self.stopping;
             if over && self.has_arrived(&shared.profile, place, shared.dry_run) {
                 let why =
                     "its model asked for more than the error level; arm it again when the cause is found";

@@ -1,10 +1,12 @@
 //! What the gateway knows of one output: whether what it wrote is what stands there.
 
+use std::ops::{Index, IndexMut};
 use std::time::Duration;
 
+use super::noted::Noted;
 use crate::fieldbus::error::Fault;
 use isotherm_core::quantity::{Micron, Moment};
-use isotherm_profile::Handshake;
+use isotherm_profile::{Handshake, Output, OutputId, Profile};
 
 /// Where an output stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -51,6 +53,14 @@ pub(super) struct OutputState {
     pub(super) handshake: Stand,
 }
 
+/// Every output of the profile.
+#[derive(Debug)]
+pub(super) struct Outputs {
+    states: Noted<OutputState>,
+    /// By axis, in the profile's order.
+    of_axis: Vec<Vec<OutputId>>,
+}
+
 /// Where an output's handshake stands.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Stand {
@@ -75,6 +85,53 @@ pub(super) enum Wait {
     Acknowledge,
     /// The acknowledge to drop, after the strobe has.
     Release,
+}
+
+impl Outputs {
+    pub(super) fn new(profile: &Profile) -> Outputs {
+        let mut of_axis = vec![Vec::new(); profile.axes.len()];
+        for (place, output) in profile.outputs.iter().enumerate() {
+            of_axis[output.axis.0].push(OutputId(place));
+        }
+        Outputs { states: Noted::new(vec![OutputState::default(); profile.outputs.len()]), of_axis }
+    }
+
+    /// Those of an axis, each with its place in the profile.
+    pub(super) fn ids(&self, axis: usize) -> &[OutputId] {
+        &self.of_axis[axis]
+    }
+
+    /// Those of an axis with their state.
+    pub(super) fn of_axis<'a>(
+        &'a self,
+        profile: &'a Profile,
+        axis: usize,
+    ) -> impl Iterator<Item = (&'a Output, &'a OutputState)> {
+        self.of_axis[axis].iter().map(|id| (profile.output(*id), &self.states[id.0]))
+    }
+
+    pub(super) fn states(&self) -> &[OutputState] {
+        self.states.as_slice()
+    }
+
+    /// One whose state may have changed since it was last asked for.
+    pub(super) fn next_changed(&mut self) -> Option<OutputId> {
+        self.states.next_changed().map(OutputId)
+    }
+}
+
+impl Index<usize> for Outputs {
+    type Output = OutputState;
+
+    fn index(&self, place: usize) -> &OutputState {
+        &self.states[place]
+    }
+}
+
+impl IndexMut<usize> for Outputs {
+    fn index_mut(&mut self, place: usize) -> &mut OutputState {
+        &mut self.states[place]
+    }
 }
 
 impl Stand {

@@ -212,7 +212,8 @@ impl LineTask {
     /// Steps the axes that are due, and looks at the outputs again: each of them may have something to do.
     fn step(&mut self, now: Moment) {
         self.has_news = false;
-        self.shared.look_for_restarts(now);
+        self.shared.look_for_restarts(self.bus, now);
+        self.shared.hear_probings(self.bus, now);
         if self.steps_axes {
             self.step_due = self.shared.advance(self.bus, now);
         }

@@ -12,9 +12,9 @@ use isotherm_core::compensation::Measured;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{ProbeInput, Profile};
 
-use super::arming::{Arming, of_axis};
+use super::arming::Arming;
 use super::board::Board;
-use super::output::{OutputState, Standing};
+use super::output::{Outputs, Standing};
 
 /// The probing of one axis, and what waits to be handed to its step.
 #[derive(Clone, Debug, Default)]
@@ -86,13 +86,9 @@ impl Probing {
 }
 
 /// The Cz that stands in the machine: what its first output holds, as verified. Nothing acts where no output writes it.
-pub(super) fn acting(
-    profile: &Profile,
-    axis: usize,
-    outputs: &[OutputState],
-    arming: &Arming,
-) -> Option<Micron> {
-    let written = of_axis(profile, axis, outputs)
+pub(super) fn acting(profile: &Profile, axis: usize, outputs: &Outputs, arming: &Arming) -> Option<Micron> {
+    let written = outputs
+        .of_axis(profile, axis)
         .find(|(output, _)| output.writes.is_cz() || !output.writes.is_scheduled());
     let Some((output, state)) = written else { return Some(Micron::ZERO) };
     match state.standing {

@@ -6,32 +6,31 @@
 use crate::observe::events::Event;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
-use isotherm_profile::{DeviceId, OutputId, Profile};
+use isotherm_profile::{BusId, DeviceId, OutputId, Profile};
 
 use super::shared::{Core, Shared};
 
-/// By output.
+/// Those that each output has seen, and what tells them.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Restarts {
+    /// By output.
     counts: Vec<u64>,
-    /// The last good reading of each boot counter.
-    counters: Vec<(SignalId, Option<f64>)>,
+    /// By line: the last good reading of each boot counter that is read there.
+    counters: Vec<Vec<(SignalId, Option<f64>)>>,
     /// The last good reading of the machine's `on` signal.
     was_on: Option<bool>,
 }
 
 impl Restarts {
     pub(super) fn new(profile: &Profile) -> Restarts {
-        let mut counters: Vec<_> =
-            profile.outputs.iter().filter_map(|output| Some((output.boot_counter?, None))).collect();
-        counters.sort_unstable_by_key(|(id, _)| *id);
-        counters.dedup_by_key(|(id, _)| *id);
+        let mut counters: Vec<Vec<(SignalId, Option<f64>)>> = vec![Vec::new(); profile.buses.len()];
+        for id in profile.outputs.iter().filter_map(|output| output.boot_counter) {
+            let on_line = &mut counters[profile.device(profile.signal(id).device).bus.0];
+            if !on_line.iter().any(|(known, _)| *known == id) {
+                on_line.push((id, None));
+            }
+        }
         Restarts { counts: vec![0; profile.outputs.len()], counters, was_on: None }
-    }
-
-    /// Whether any signal of the profile can tell one.
-    pub(super) fn are_told(profile: &Profile) -> bool {
-        profile.machine.on.is_some() || profile.outputs.iter().any(|output| output.boot_counter.is_some())
     }
 
     /// How many concern this output so far.
@@ -58,11 +57,11 @@ impl Restarts {
     /// cannot be believed is no reading.
     fn counted(
         &mut self,
-        place: usize,
+        (line, place): (BusId, usize),
         value: Option<f64>,
         profile: &Profile,
     ) -> Option<(SignalId, f64, f64)> {
-        let (id, last) = self.counters.get_mut(place)?;
+        let (id, last) = self.counters.get_mut(line.0)?.get_mut(place)?;
         let (id, value) = (*id, value?);
         let from = last.replace(value).filter(|last| (last - value).abs() > 0.0)?;
         for (output, count) in profile.outputs.iter().zip(&mut self.counts) {
@@ -73,15 +72,16 @@ impl Restarts {
 }
 
 impl Shared {
-    /// Looks at what has just been read, before anything is written. Every line is woken where a control was restarted.
-    pub(super) fn look_for_restarts(&self, now: Moment) {
-        if !self.tells_restarts {
+    /// Looks at what has just been read on this line, before anything is written. Every line is woken where a control was
+    /// restarted.
+    pub(super) fn look_for_restarts(&self, line: BusId, now: Moment) {
+        if !self.dependents.tells_restarts[line.0] {
             return;
         }
         let mut core = self.core();
         let is_on = self.profile.machine.on.and_then(|id| core.board.value(&self.profile, id, now));
         let switched_on = core.restarts.switched_on(is_on.map(|level| level >= 0.5));
-        let events = core.look_for_restarts(&self.profile, now);
+        let events = core.look_for_restarts(&self.profile, line, now);
         drop(core);
         events.iter().for_each(|event| self.tell(event));
         if switched_on || !events.is_empty() {
@@ -91,11 +91,11 @@ impl Shared {
 }
 
 impl Core {
-    fn look_for_restarts(&mut self, profile: &Profile, now: Moment) -> Vec<Event> {
+    fn look_for_restarts(&mut self, profile: &Profile, line: BusId, now: Moment) -> Vec<Event> {
         let mut events = Vec::new();
-        for place in 0..self.restarts.counters.len() {
-            let value = self.board.value(profile, self.restarts.counters[place].0, now);
-            if let Some((id, from, to)) = self.restarts.counted(place, value, profile) {
+        for place in 0..self.restarts.counters[line.0].len() {
+            let value = self.board.value(profile, self.restarts.counters[line.0][place].0, now);
+            if let Some((id, from, to)) = self.restarts.counted((line, place), value, profile) {
                 let device = profile.device(profile.signal(id).device).name.clone();
                 events.push(Event::CncBooted { device, from, to });
             }

@@ -1,27 +1,28 @@
 //! What the lines, the page and the commands share: one lock, held for microseconds, never across a wait.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 
 use super::arming::Arming;
 use super::board::Board;
 use super::commissioning::Commissioning;
+use super::dependents::Dependents;
 use super::keeper::Keeper;
 use super::ledger::Ledger;
 use super::levels::LevelsTold;
-use super::output::OutputState;
+use super::noted::Noted;
+use super::output::Outputs;
 use super::pause::Pauses;
 use super::probing::Probing;
 use super::restart::Restarts;
 use crate::clock::{Bell, Clock};
 use crate::observe::events::{Event, Journal};
 use crate::observe::status::Command;
-use isotherm_core::compensation::model::Evaluate;
 use isotherm_core::compensation::{AxisState, Compensation, Control, Remembered};
 use isotherm_core::quantity::Moment;
-use isotherm_core::reading::SignalId;
-use isotherm_profile::{Arm, Axis, AxisId, BusId, Profile};
+use isotherm_profile::{Arm, AxisId, BusId, Profile};
 
 mod probing;
 mod step;
@@ -38,10 +39,7 @@ pub(crate) struct Shared {
     pub(crate) dry_run: bool,
     pub(crate) started: Moment,
     pub(super) ledger: Ledger,
-    /// Something that is read tells that a control was restarted.
-    pub(super) tells_restarts: bool,
-    /// By axis and model: the signals that it rests on.
-    pub(super) inputs: Vec<Vec<Vec<SignalId>>>,
+    pub(super) dependents: Dependents,
     bells: Mutex<Vec<Bell>>,
     /// By bus: how often there was something new for it, and the turns that it took.
     news: Vec<AtomicU64>,
@@ -53,9 +51,9 @@ pub(crate) struct Shared {
 pub(super) struct Core {
     pub(super) board: Board,
     pub(super) compensation: Compensation,
-    pub(super) arming: Vec<Arming>,
-    pub(super) probing: Vec<Probing>,
-    pub(super) outputs: Vec<OutputState>,
+    pub(super) arming: Noted<Arming>,
+    pub(super) probing: Noted<Probing>,
+    pub(super) outputs: Outputs,
     /// By output: what is known of its register, where one task alone carries it out.
     pub(super) registers: Vec<Option<isotherm_core::output::State>>,
     pub(super) devices: Vec<DeviceCount>,
@@ -75,6 +73,8 @@ pub(super) struct Core {
     pub(super) has_read: bool,
     /// When the axes were stepped last.
     pub(super) stepped_at: Moment,
+    /// When the next one is due.
+    next_due: Option<Moment>,
     /// Something failed inside: the process ends with an error after the fault actions.
     pub(super) failed: bool,
     controls: Vec<Control>,
@@ -133,12 +133,14 @@ impl Shared {
         bells: Vec<Bell>,
     ) -> Shared {
         let axes = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
+        let compensation = Compensation::new(profile.machine.clone(), axes, remembered);
         let core = Core {
             board: Board::new(&profile),
-            compensation: Compensation::new(profile.machine.clone(), axes, remembered),
-            arming: vec![Arming::default(); profile.axes.len()],
-            probing: vec![Probing::default(); profile.axes.len()],
-            outputs: vec![OutputState::default(); profile.outputs.len()],
+            next_due: compensation.next_due(),
+            compensation,
+            arming: Noted::new(vec![Arming::default(); profile.axes.len()]),
+            probing: Noted::new(vec![Probing::default(); profile.axes.len()]),
+            outputs: Outputs::new(&profile),
             registers: vec![None; profile.outputs.len()],
             devices: vec![DeviceCount::default(); profile.devices.len()],
             commissioning: Commissioning::new(&profile),
@@ -159,27 +161,12 @@ impl Shared {
             levels: vec![LevelsTold::default(); profile.axes.len()],
             extrapolating: vec![false; profile.axes.len()],
         };
-        let tells_restarts = Restarts::are_told(&profile);
+        let dependents = Dependents::new(&profile);
         let started = clock.now();
-        let inputs = |axis: &Axis| axis.settings.models.iter().map(Evaluate::inputs).collect();
-        let inputs = profile.axes.iter().map(inputs).collect();
         let counts = || profile.buses.iter().map(|_| AtomicU64::default()).collect();
         let (news, turns) = (counts(), counts());
         let (bells, core) = (Mutex::new(bells), Mutex::new(core));
-        Shared {
-            profile,
-            clock,
-            journal,
-            dry_run,
-            started,
-            ledger,
-            tells_restarts,
-            inputs,
-            bells,
-            news,
-            turns,
-            core,
-        }
+        Shared { profile, clock, journal, dry_run, started, ledger, dependents, bells, news, turns, core }
     }
 
     /// A task that panicked while it held the lock has already stopped the gateway; what it left is still needed for
@@ -227,15 +214,20 @@ impl Shared {
 
     /// Wakes this line.
     pub(super) fn ring_line(&self, bus: BusId) {
-        self.ring_where(|place| place == bus.0);
+        self.ring_at(bus.0..bus.0 + 1, |_| true);
     }
 
     fn ring_where(&self, chosen: impl Fn(usize) -> bool) {
+        self.ring_at(0..self.news.len(), chosen);
+    }
+
+    fn ring_at(&self, places: Range<usize>, chosen: impl Fn(usize) -> bool) {
         let bells = self.bells.lock().unwrap_or_else(PoisonError::into_inner);
-        for (_, (bell, news)) in bells.iter().zip(&self.news).enumerate().filter(|(place, _)| chosen(*place))
-        {
-            news.fetch_add(1, Ordering::Relaxed);
-            bell.ring();
+        for place in places.filter(|place| chosen(*place)) {
+            if let (Some(bell), Some(news)) = (bells.get(place), self.news.get(place)) {
+                news.fetch_add(1, Ordering::Relaxed);
+                bell.ring();
+            }
         }
     }
 
@@ -262,17 +254,17 @@ impl Shared {
         }
     }
 
-    /// Steps each axis that is due and wakes the other lines, which may have to write. Called by the line that has
-    /// just read its inputs. When the next axis is due.
+    /// Steps each axis that is due and wakes the other lines that may have to write what was decided. Called by the line
+    /// that has just read its inputs. When the next axis is due.
     pub(super) fn advance(&self, bus: BusId, now: Moment) -> Option<Moment> {
-        let (stepped, due, events) = {
+        let (lines, due, events) = {
             let mut core = self.core();
-            let stepped = core.advance(self, now);
-            (stepped, core.compensation.next_due(), std::mem::take(&mut core.untold))
+            let lines = if core.advance(self, now) { core.lines_of_decisions(self, now) } else { Vec::new() };
+            (lines, core.next_due, std::mem::take(&mut core.untold))
         };
         events.iter().for_each(|event| self.tell(event));
-        if stepped && self.profile.buses.len() > 1 {
-            self.ring_others(bus);
+        for line in lines.into_iter().filter(|line| *line != bus) {
+            self.ring_line(line);
         }
         due
     }
@@ -301,7 +293,8 @@ impl Shared {
         let answer = match command {
             Command::Arm if core.stopping => return Err("the gateway is stopping".to_owned()),
             Command::Arm => {
-                for arming in &mut core.arming {
+                for axis in 0..core.arming.len() {
+                    let arming = &mut core.arming[axis];
                     arming.asked = !arming.armed || arming.tripped;
                     arming.refusal = None;
                 }

@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-use super::arming::of_axis;
 use super::extrapolation;
 use super::shared::{Core, JITTER_MS, Shared, refused_in_words};
 use crate::observe::status::{
@@ -57,8 +56,7 @@ impl Source for Shared {
 
 /// Cz as last verified in the first register of an axis that holds it, and when that was asked.
 fn verified(shared: &Shared, core: &Core, axis: usize) -> Option<(Micron, Moment)> {
-    let mut outputs =
-        of_axis(&shared.profile, axis, &core.outputs).filter(|(output, _)| output.writes.is_cz());
+    let mut outputs = core.outputs.of_axis(&shared.profile, axis).filter(|(output, _)| output.writes.is_cz());
     outputs.find_map(|(_, state)| state.cz.zip(state.verified_at))
 }
 
@@ -195,7 +193,7 @@ fn devices(shared: &Shared, core: &Core) -> Vec<DeviceStatus> {
 }
 
 fn outputs(shared: &Shared, core: &Core, now: Moment) -> Vec<OutputStatus> {
-    let outputs = shared.profile.outputs.iter().zip(&core.outputs);
+    let outputs = shared.profile.outputs.iter().zip(core.outputs.states());
     outputs
         .map(|(output, state)| OutputStatus {
             name: output.name.clone(),

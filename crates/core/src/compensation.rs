@@ -54,6 +54,11 @@ impl Snapshot<'_> {
     pub fn value(&self, id: SignalId) -> Option<f64> {
         self.readings.get(id.0)?.usable()
     }
+
+    /// Whether any reading may be used.
+    pub fn has_usable(&self) -> bool {
+        self.readings.iter().any(|reading| reading.usable().is_some())
+    }
 }
 
 /// What the world outside tells an axis at a step.
@@ -184,7 +189,7 @@ impl Compensation {
     pub fn step(&mut self, snapshot: &Snapshot<'_>, controls: &[Control]) -> Stepped {
         let due = |axis: &Axis, control: &Control| axis.is_due(snapshot.now, control);
         if !self.axes.iter().zip(controls).any(|(axis, control)| due(axis, control))
-            && !self.machine.would_notice(&self.settings, snapshot)
+            && !self.would_notice(|id| snapshot.value(id), || snapshot.has_usable())
         {
             return Stepped::default();
         }
@@ -204,6 +209,21 @@ impl Compensation {
             }
         }
         Stepped { anything: true, noticed }
+    }
+
+    /// Whether this axis would be stepped now, under this control.
+    pub fn is_due(&self, axis: usize, now: Moment, control: &Control) -> bool {
+        self.axes.get(axis).is_some_and(|axis| axis.is_due(now, control))
+    }
+
+    /// Whether a step would take notice of the machine as a whole now, of what these signals say: that it began to run, or
+    /// a command to zero. `any_usable`: there is a reading that may be used.
+    pub fn would_notice(
+        &self,
+        value: impl Fn(SignalId) -> Option<f64>,
+        any_usable: impl FnOnce() -> bool,
+    ) -> bool {
+        self.machine.would_notice(&self.settings, value, any_usable)
     }
 
     /// The earliest moment at which an axis is due; `None` where there are no axes.

@@ -2,6 +2,7 @@ use std::time::Duration;
 
 use super::*;
 use crate::gateway::log::sample;
+use crate::gateway::output::OutputState;
 use isotherm_core::reading::{Reason, SignalId};
 use isotherm_profile::Output;
 
@@ -126,7 +127,8 @@ fn what_acted_is_what_stood_there_when_the_trigger_came() {
 fn only_a_value_that_is_certain_is_held_against_an_error() {
     let mut profile = sample::profile();
     let off = Arming::default();
-    assert_eq!(acting(&profile, 0, &[], &off), Some(Micron::ZERO), "nothing is written, so nothing acts");
+    let none = Outputs::new(&profile);
+    assert_eq!(acting(&profile, 0, &none, &off), Some(Micron::ZERO), "nothing is written, so nothing acts");
     profile.outputs = vec![output(isotherm_profile::Writes::Offset)];
     for (standing, wanted) in [
         (Standing::Unknown, None),
@@ -136,13 +138,19 @@ fn only_a_value_that_is_certain_is_held_against_an_error() {
         (Standing::Foreign, Micron::new(7.0)),
     ] {
         let state = OutputState { standing, cz: Micron::new(7.0), ..OutputState::default() };
-        assert_eq!(acting(&profile, 0, &[state], &off), wanted, "{standing:?}");
+        assert_eq!(acting(&profile, 0, &all(&profile, state), &off), wanted, "{standing:?}");
     }
     profile.outputs = vec![output(isotherm_profile::Writes::Corrected { position: RESULT })];
     let state = OutputState { standing: Standing::Verified, cz: Micron::new(7.0), ..OutputState::default() };
-    assert_eq!(acting(&profile, 0, &[state], &off), None, "nobody corrects the position");
+    assert_eq!(acting(&profile, 0, &all(&profile, state), &off), None, "nobody corrects the position");
     let armed = Arming { armed: true, ..Arming::default() };
-    assert_eq!(acting(&profile, 0, &[state], &armed), Micron::new(7.0));
+    assert_eq!(acting(&profile, 0, &all(&profile, state), &armed), Micron::new(7.0));
+}
+
+fn all(profile: &Profile, state: OutputState) -> Outputs {
+    let mut outputs = Outputs::new(profile);
+    outputs[0] = state;
+    outputs
 }
 
 fn output(writes: isotherm_profile::Writes) -> Output {

@@ -5,23 +5,22 @@ use crate::gateway::probing::{Missed, acting};
 use crate::observe::events::Event;
 use isotherm_core::compensation::{Measured, Probed, Refused, Snapshot};
 use isotherm_core::quantity::{Micron, Moment};
-use isotherm_profile::Profile;
+use isotherm_profile::{AxisId, BusId, Profile};
 
 impl Core {
-    /// Looks for new results of the probing cycles.
-    pub(super) fn hear_probings(&mut self, profile: &Profile, now: Moment) {
-        for (place, axis) in profile.axes.iter().enumerate() {
-            let Some(input) = &axis.probe_input else { continue };
-            let acting = acting(profile, place, &self.outputs, &self.arming[place]);
-            match self.probing[place].look(profile, input, &self.board, now, acting) {
-                Some(Ok(measured)) => self.probing[place].measured = Some(measured),
-                Some(Err(missed)) => self.untold.push(Event::ProbeRefused {
-                    axis: axis.settings.name.clone(),
-                    error: None,
-                    why: missed.words().to_owned(),
-                }),
-                None => {}
-            }
+    /// Looks for a new result of this axis's probing cycle.
+    fn hear_probing(&mut self, profile: &Profile, axis: AxisId, now: Moment) {
+        let (place, axis) = (axis.0, profile.axis(axis));
+        let Some(input) = &axis.probe_input else { return };
+        let acting = acting(profile, place, &self.outputs, &self.arming[place]);
+        match self.probing[place].look(profile, input, &self.board, now, acting) {
+            Some(Ok(measured)) => self.probing[place].measured = Some(measured),
+            Some(Err(missed)) => self.untold.push(Event::ProbeRefused {
+                axis: axis.settings.name.clone(),
+                error: None,
+                why: missed.words().to_owned(),
+            }),
+            None => {}
         }
     }
 
@@ -58,6 +57,16 @@ impl Core {
 }
 
 impl Shared {
+    /// Looks for new results of the probing cycles that are read on this line.
+    pub(in crate::gateway) fn hear_probings(&self, line: BusId, now: Moment) {
+        let axes = &self.dependents.probed_on[line.0];
+        if axes.is_empty() {
+            return;
+        }
+        let mut core = self.core();
+        axes.iter().for_each(|axis| core.hear_probing(&self.profile, *axis, now));
+    }
+
     /// A person's measured error in µm, of the diameter where the axis acts on one; `None` takes back what probings
     /// have taught.
     pub(crate) fn take_measured(&self, axis: &str, error: Option<f64>) -> Result<String, String> {

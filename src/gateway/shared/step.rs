@@ -1,7 +1,7 @@
 //! One step of the axes with everything around it: arming, controls, the log, what is told.
 
 use super::{Core, Shared};
-use crate::gateway::arming::{Arming, Attempt, of_axis};
+use crate::gateway::arming::{Arming, Attempt};
 use crate::gateway::commissioning::Fit;
 use crate::gateway::output::{OutputState, Standing};
 use crate::gateway::probing::Probing;
@@ -9,22 +9,23 @@ use crate::gateway::words::part;
 use crate::observe::events::Event;
 use isotherm_core::compensation::{AxisState, Control, Snapshot};
 use isotherm_core::quantity::{Micron, Moment};
-use isotherm_profile::{AxisId, Output, OutputId, Profile, Writes};
+use isotherm_profile::{AxisId, BusId, Output, OutputId, Profile, Writes};
 
 impl Core {
     pub(super) fn advance(&mut self, shared: &Shared, now: Moment) -> bool {
         let profile = &shared.profile;
-        self.board.look(profile, now);
-        let due = self.compensation.next_due().is_some_and(|due| now >= due);
+        // Where time went back, every axis is due.
+        let due = self.next_due.is_some_and(|due| now >= due) || now < self.stepped_at;
         if due {
+            self.board.look(profile, now);
             self.arm_where_possible(shared, now);
         }
-        self.hear_probings(profile, now);
-        for (axis, arming) in self.arming.iter_mut().enumerate() {
-            let permit = arming.permit(profile, axis, &self.outputs, self.stopping, shared.dry_run);
-            let Arming { take_over, take_over_slope, .. } = *arming;
-            let Probing { forget, measured, .. } = self.probing[axis];
-            self.controls[axis] = Control { permit, take_over, take_over_slope, forget, measured };
+        let is_urgent = self.refresh_controls(shared, now);
+        if !due && !is_urgent && !self.would_notice(profile, now) {
+            return false;
+        }
+        if !due {
+            self.board.look(profile, now);
         }
         self.keeper.prepare(now, &self.compensation);
         let snapshot = Snapshot { now, readings: self.board.seen() };
@@ -32,15 +33,17 @@ impl Core {
         if !stepped.anything {
             return false;
         }
-        self.stepped_at = now;
+        (self.stepped_at, self.next_due) = (now, self.compensation.next_due());
         let has_model = |axis| self.compensation.has_usable_model(axis, &snapshot);
         self.has_read = self.has_read || (0..profile.axes.len()).any(has_model);
         self.keeper.record(&snapshot, &self.controls, &self.compensation);
-        for (axis, arming) in self.arming.iter_mut().enumerate() {
+        for axis in 0..self.arming.len() {
             if let Some(decision) = self.compensation.decision(axis).filter(|decision| decision.at == now) {
-                (arming.take_over, arming.take_over_slope) = (None, None);
+                if self.controls[axis].takes_over() {
+                    (self.arming[axis].take_over, self.arming[axis].take_over_slope) = (None, None);
+                }
                 let live_until = |model: usize| {
-                    let inputs = &shared.inputs[axis][model];
+                    let inputs = &shared.dependents.inputs[axis][model];
                     let until = inputs.iter().map(|id| self.board.usable_until(profile, *id));
                     until.min().unwrap_or(Moment::END)
                 };
@@ -60,9 +63,9 @@ impl Core {
         }
         self.disarm_tripped(shared);
         if self.tell_probings(profile, now) {
-            self.keeper.remember_now(now, &self.compensation, profile, &self.outputs);
+            self.keeper.remember_now(now, &self.compensation, profile, self.outputs.states());
         }
-        self.keeper.remember(now, &self.compensation, profile, &self.outputs);
+        self.keeper.remember(now, &self.compensation, profile, self.outputs.states());
         if stepped.noticed.started {
             self.untold.push(Event::MachineStarted);
         }
@@ -72,6 +75,39 @@ impl Core {
         self.tell_signals(shared, now);
         self.tell_axes(shared);
         true
+    }
+
+    /// The lines on which something of what was decided at this moment is written, each once.
+    pub(super) fn lines_of_decisions(&self, shared: &Shared, now: Moment) -> Vec<BusId> {
+        let decided = self.compensation.decisions().zip(&shared.dependents.written_on);
+        let decided = decided.filter(|(decision, _)| decision.at == now);
+        let mut lines: Vec<BusId> = decided.flat_map(|(_, lines)| lines).copied().collect();
+        lines.sort_unstable();
+        lines.dedup();
+        lines
+    }
+
+    /// What the world outside tells each axis, worked out again where it may have changed; whether one of them is to be
+    /// stepped for that at once.
+    fn refresh_controls(&mut self, shared: &Shared, now: Moment) -> bool {
+        let mut is_urgent = false;
+        loop {
+            let output = self.outputs.next_changed().map(|id| shared.profile.output(id).axis.0);
+            let axis = output.or_else(|| self.arming.next_changed()).or_else(|| self.probing.next_changed());
+            let Some(axis) = axis else { return is_urgent };
+            let arming = &self.arming[axis];
+            let permit = arming.permit(&shared.profile, axis, &self.outputs, self.stopping, shared.dry_run);
+            let Arming { take_over, take_over_slope, .. } = *arming;
+            let Probing { forget, measured, .. } = self.probing[axis];
+            self.controls[axis] = Control { permit, take_over, take_over_slope, forget, measured };
+            is_urgent |= self.compensation.is_due(axis, now, &self.controls[axis]);
+        }
+    }
+
+    /// Whether something was read that concerns the machine as a whole: that it runs, or a command to zero.
+    fn would_notice(&self, profile: &Profile, now: Moment) -> bool {
+        let value = |id| self.board.value(profile, id, now);
+        self.compensation.would_notice(value, || self.board.has_usable(profile, now))
     }
 
     pub(super) fn arm_where_possible(&mut self, shared: &Shared, now: Moment) {
@@ -98,9 +134,10 @@ impl Core {
                     let by_person = self.arming[axis].asked;
                     self.arming[axis] =
                         Arming { armed: true, by_person, take_over, take_over_slope, ..Arming::default() };
-                    for (output, state) in shared.profile.outputs.iter().zip(&mut self.outputs) {
-                        if output.axis.0 == axis && state.standing == Standing::Foreign {
-                            state.standing = Standing::Verified;
+                    for place in 0..self.outputs.ids(axis).len() {
+                        let id = self.outputs.ids(axis)[place];
+                        if self.outputs[id.0].standing == Standing::Foreign {
+                            self.outputs[id.0].standing = Standing::Verified;
                         }
                     }
                     self.was_armed = true;
@@ -139,18 +176,18 @@ impl Core {
             let distance = (cz - part(decision, output.writes)).abs().get();
             output.writes == Writes::Reference || distance <= slack(state) * grain(output).get()
         };
-        let is_held = |output: &Output| {
-            let here = profile.outputs.iter().position(|other| std::ptr::eq(other, output));
-            let is_executed = here.is_some_and(|place| self.registers[place].is_some());
-            is_executed && matches!(decision.state, AxisState::Holding(_))
-        };
-        of_axis(profile, axis, &self.outputs).all(|(output, state)| match state.standing {
-            // While its axis holds, nothing changes it any more.
-            Standing::Verified if is_held(output) => true,
-            Standing::Verified => state.cz.is_some_and(|cz| is_there(output, state, cz)),
-            // It cannot be written, however long one waits; a position that is not read is not corrected.
-            Standing::Interlocked => true,
-            _ => !output.writes.is_scheduled(),
+        let is_held =
+            |id: &OutputId| self.registers[id.0].is_some() && matches!(decision.state, AxisState::Holding(_));
+        self.outputs.ids(axis).iter().all(|id| {
+            let (output, state) = (profile.output(*id), &self.outputs[id.0]);
+            match state.standing {
+                // While its axis holds, nothing changes it any more.
+                Standing::Verified if is_held(id) => true,
+                Standing::Verified => state.cz.is_some_and(|cz| is_there(output, state, cz)),
+                // It cannot be written, however long one waits; a position that is not read is not corrected.
+                Standing::Interlocked => true,
+                _ => !output.writes.is_scheduled(),
+            }
         })
     }
 
@@ -175,9 +212,8 @@ impl Core {
     pub(in crate::gateway) fn found(&mut self, profile: &Profile, id: OutputId, cz: Micron) {
         let axis = profile.output(id).axis.0;
         let writes = profile.output(id).writes;
-        let first =
-            profile.outputs.iter().position(|output| output.axis.0 == axis && output.writes == writes);
-        if !self.arming[axis].armed || first != Some(id.0) {
+        let first = self.outputs.ids(axis).iter().find(|id| profile.output(**id).writes == writes);
+        if !self.arming[axis].armed || first != Some(&id) {
             return;
         }
         if writes == Writes::Slope {

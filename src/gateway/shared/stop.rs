@@ -14,6 +14,7 @@ impl Shared {
     pub(in crate::gateway) fn begin_stop(&self) -> Duration {
         let mut core = self.core();
         core.stopping = true;
+        core.arming.note_all();
         let exchange = self.profile.sets.iter().filter_map(|set| Some(set.handshake?.timeout * 2)).max();
         let settle =
             self.profile.outputs.iter().filter_map(|output| Some(output.applied.as_ref()?.settle)).max();
@@ -29,7 +30,7 @@ impl Shared {
         });
         let longest = times.max();
         // What may still arrive can forbid the next step for so long, of a device that answers.
-        let answers = core.outputs.iter().filter(|output| output.standing == Standing::Verified);
+        let answers = core.outputs.states().iter().filter(|output| output.standing == Standing::Verified);
         let now = self.clock.now();
         let waits = answers.filter_map(|output| Some(output.waits_until?.since(now))).max();
         drop(core);
@@ -49,7 +50,7 @@ impl Shared {
         }
         let mut core = self.core();
         let Core { registers, outputs, .. } = &mut *core;
-        for ((output, state), told) in self.profile.outputs.iter().zip(registers).zip(outputs) {
+        for ((output, state), told) in self.profile.outputs.iter().zip(registers).zip(outputs.states()) {
             if let Some(state) = state {
                 let mut kept = state.end();
                 // What the control has not taken is sent again before anything else, by the next run too.
@@ -62,8 +63,11 @@ impl Shared {
     /// The lines drop what strobes are up, and what says that an axis is armed; whether there is one.
     pub(in crate::gateway) fn leave(&self) -> bool {
         let mut core = self.core();
-        let any =
-            core.outputs.iter().any(|output| output.handshake.strobe_up || output.handshake.says_enabled);
+        let any = core
+            .outputs
+            .states()
+            .iter()
+            .any(|output| output.handshake.strobe_up || output.handshake.says_enabled);
         core.leaving = true;
         drop(core);
         if any {
@@ -75,7 +79,7 @@ impl Shared {
     /// Every axis has done what its fault action asks for, and what it decided stands in the registers.
     pub(in crate::gateway) fn at_rest(&self) -> bool {
         let core = self.core();
-        let waits = core.outputs.iter().any(|output| output.handshake.waits.is_some());
+        let waits = core.outputs.states().iter().any(|output| output.handshake.waits.is_some());
         !waits
             && self.profile.axes.iter().enumerate().all(|(axis, settings)| {
                 let Some(decision) = core.compensation.decision(axis) else { return true };
@@ -92,7 +96,7 @@ impl Shared {
     pub(in crate::gateway) fn what_is_left(&self) -> String {
         let core = self.core();
         let now = self.clock.now();
-        let each = self.profile.outputs.iter().zip(core.outputs.iter().zip(&core.registers));
+        let each = self.profile.outputs.iter().zip(core.outputs.states().iter().zip(&core.registers));
         let left: Vec<String> = each
             .filter(|(output, _)| output.writes.is_cz())
             .map(|(output, (state, register))| {

@@ -1,7 +1,7 @@
 //! What changed in a step, as events; and why an axis does what it does, in words.
 
 use super::{Core, Shared};
-use crate::gateway::arming::{has_its_reference, of_axis};
+use crate::gateway::arming::has_its_reference;
 use crate::gateway::board::Change;
 use crate::gateway::extrapolation;
 use crate::gateway::output::Standing;
@@ -75,7 +75,9 @@ impl Core {
             Permit::Off => standing == Standing::Verified,
             _ => matches!(standing, Standing::Verified | Standing::Unknown),
         };
-        let troubled = of_axis(&shared.profile, axis, &self.outputs)
+        let troubled = self
+            .outputs
+            .of_axis(&shared.profile, axis)
             .find(|(output, state)| output.writes.is_scheduled() && !is_well(state.standing))
             .map(|(output, state)| {
                 let stands = format!("output {} is {}", output.name, state.standing.name());
@@ -86,7 +88,9 @@ impl Core {
                     (None, None) => stands,
                 }
             });
-        let displaced = of_axis(&shared.profile, axis, &self.outputs)
+        let displaced = self
+            .outputs
+            .of_axis(&shared.profile, axis)
             .find(|(output, state)| {
                 permit == Permit::Unverified && !has_its_reference(&shared.profile, output, state)
             })

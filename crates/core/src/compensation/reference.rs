@@ -89,15 +89,20 @@ impl Machine {
         Some(Captured { value: capture.value?, at: capture.at })
     }
 
-    /// Whether this snapshot holds an edge, or the first good reading, that [`Machine::observe`] would act upon.
-    pub fn would_notice(&self, settings: &MachineSettings, snapshot: &Snapshot<'_>) -> bool {
+    /// Whether these values hold an edge, or the first good reading, that [`Machine::observe`] would act upon.
+    pub fn would_notice(
+        &self,
+        settings: &MachineSettings,
+        value: impl Fn(SignalId) -> Option<f64>,
+        any_usable: impl FnOnce() -> bool,
+    ) -> bool {
         let differs = |signal: Option<SignalId>, last: Option<bool>| {
-            let level = signal.and_then(|id| level(snapshot, id));
+            let level = signal.and_then(&value).map(is_high);
             level.is_some() && level != last
         };
         differs(settings.on, self.was_on)
             || differs(settings.zero, self.was_zeroed)
-            || self.first_good_reading(settings, snapshot)
+            || (self.waits_for_a_reading(settings) && any_usable())
     }
 
     /// Takes in a snapshot: edges, machine-on time, references being gathered.
@@ -143,14 +148,12 @@ impl Machine {
         if settings.on.is_some() {
             return rising(&mut self.was_on, settings.on, snapshot);
         }
-        self.first_good_reading(settings, snapshot)
+        self.waits_for_a_reading(settings) && snapshot.has_usable()
     }
 
-    /// What starts a machine that has no signal for it.
-    fn first_good_reading(&self, settings: &MachineSettings, snapshot: &Snapshot<'_>) -> bool {
-        settings.on.is_none()
-            && self.on_since.is_none()
-            && snapshot.readings.iter().any(|reading| reading.usable().is_some())
+    /// The first good reading starts a machine that has no signal for it.
+    fn waits_for_a_reading(&self, settings: &MachineSettings) -> bool {
+        settings.on.is_none() && self.on_since.is_none()
     }
 }
 
@@ -176,14 +179,14 @@ impl Capture {
     }
 }
 
-/// A signal as a yes or no; `None` while it cannot be read.
-fn level(snapshot: &Snapshot<'_>, id: SignalId) -> Option<bool> {
-    snapshot.value(id).map(|value| value >= 0.5)
+/// A signal as a yes or no.
+fn is_high(value: f64) -> bool {
+    value >= 0.5
 }
 
 /// A signal that is high now and was not: a first look at a high signal counts as its edge.
 fn rising(last: &mut Option<bool>, signal: Option<SignalId>, snapshot: &Snapshot<'_>) -> bool {
-    let Some(now) = signal.and_then(|id| level(snapshot, id)) else { return false };
+    let Some(now) = signal.and_then(|id| snapshot.value(id)).map(is_high) else { return false };
     let rose = now && *last != Some(true);
     *last = Some(now);
     rose

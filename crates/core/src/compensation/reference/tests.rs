@@ -32,7 +32,8 @@ impl Shown {
 
     fn would_notice(&self, seconds: u64, values: [f64; 3]) -> bool {
         let readings = values.map(|value| reading(value, seconds));
-        self.machine.would_notice(&self.settings, &Snapshot { now: at(seconds), readings: &readings })
+        let snapshot = Snapshot { now: at(seconds), readings: &readings };
+        self.machine.would_notice(&self.settings, |id| snapshot.value(id), || snapshot.has_usable())
     }
 }
 

@@ -1,0 +1,85 @@
+//! A list that notes which of its items may have changed, so that only what depends on those is worked out again.
+
+use std::ops::{Index, IndexMut};
+
+/// Whoever takes an item to change it has it noted.
+#[derive(Debug)]
+pub(super) struct Noted<T> {
+    items: Vec<T>,
+    places: Vec<usize>,
+    is_noted: Vec<bool>,
+}
+
+impl<T> Noted<T> {
+    /// All of them count as changed.
+    pub(super) fn new(items: Vec<T>) -> Noted<T> {
+        let (places, is_noted) = ((0..items.len()).collect(), vec![true; items.len()]);
+        Noted { items, places, is_noted }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.items.len()
+    }
+
+    pub(super) fn iter(&self) -> std::slice::Iter<'_, T> {
+        self.items.iter()
+    }
+
+    pub(super) fn as_slice(&self) -> &[T] {
+        &self.items
+    }
+
+    /// What all of them depend on has changed.
+    pub(super) fn note_all(&mut self) {
+        (0..self.items.len()).for_each(|place| self.note(place));
+    }
+
+    /// The place of one that was noted and has not been asked for since.
+    pub(super) fn next_changed(&mut self) -> Option<usize> {
+        let place = self.places.pop()?;
+        self.is_noted[place] = false;
+        Some(place)
+    }
+
+    fn note(&mut self, place: usize) {
+        if !std::mem::replace(&mut self.is_noted[place], true) {
+            self.places.push(place);
+        }
+    }
+}
+
+impl<T> Index<usize> for Noted<T> {
+    type Output = T;
+
+    fn index(&self, place: usize) -> &T {
+        &self.items[place]
+    }
+}
+
+impl<T> IndexMut<usize> for Noted<T> {
+    fn index_mut(&mut self, place: usize) -> &mut T {
+        self.note(place);
+        &mut self.items[place]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_change_is_told_once_and_looking_is_none() {
+        let mut list = Noted::new(vec![1, 2, 3]);
+        while list.next_changed().is_some() {}
+        assert_eq!((list[1], list.iter().sum::<i32>()), (2, 6));
+        assert_eq!(list.next_changed(), None);
+        list[2] += 1;
+        list[2] += 1;
+        list[0] += 1;
+        let mut changed: Vec<usize> = std::iter::from_fn(|| list.next_changed()).collect();
+        changed.sort_unstable();
+        assert_eq!((changed, list.as_slice()), (vec![0, 2], &[2, 2, 5][..]));
+        list.note_all();
+        assert_eq!(std::iter::from_fn(|| list.next_changed()).count(), list.len());
+    }
+}
