@@ -11,7 +11,6 @@ use isotherm::clock::Clock;
 use isotherm_placement::blocks::{Reach, parts};
 use isotherm_placement::body::SILENT;
 use isotherm_placement::ccx::Ccx;
-use isotherm_placement::column::{Column, Warming};
 use isotherm_placement::deck::{self, Deck};
 use isotherm_placement::found::{Asked, Study, place, rows};
 use isotherm_placement::heat::temperatures;
@@ -21,6 +20,11 @@ use isotherm_placement::problem::Load;
 use isotherm_placement::structure::Structure;
 use isotherm_placement::views::outside;
 use isotherm_placement::write;
+
+#[path = "../crates/placement/tests/column/mod.rs"]
+mod column;
+
+use column::{Column, Warming};
 
 /// Cells in mm, and the seconds from the decks to the sensors.
 const COLUMNS: [(f64, f64); 2] = [(80.0, 2.0), (45.0, 10.0)];

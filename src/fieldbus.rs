@@ -1,17 +1,18 @@
 //! The fieldbus: one owner per physical line, reads and writes in one order, every fault by its blame.
 //!
-//! - [`wire`] — the border behind which a transport lives.
+//! - [`wire`] — the border behind which a transport lives; [`connection`] — any of them, open, and what opens one.
 //! - [`modbus`] — frames of Modbus TCP; [`rtu`] — frames of a serial line, on a port ([`serial`]) or through TCP; what both
 //!   carry is made and compared in one place, by the Modbus library.
 //! - [`trace`] — the wire log: every frame, while somebody listens.
 //! - [`canopen`] — what a CANopen master needs, frames in and frames out.
 //! - [`can`] — one CAN interface: frames, error frames, its state, what is asked and written there.
-//! - [`tls`] — Modbus TCP inside TLS.
+//! - [`tcp`] — sockets that keep nothing back, and Modbus TCP on them; [`tls`] — the same inside TLS.
 //! - [`mod@line`] — the one way to ask a device: one request at a time, timeout, last moment, breaker, reconnection.
 
 pub mod backoff;
 pub mod can;
 pub mod canopen;
+pub mod connection;
 pub mod departure;
 mod eager;
 pub mod error;
@@ -19,8 +20,10 @@ pub mod line;
 pub mod modbus;
 mod pdu;
 pub mod port;
+mod request;
 pub mod rtu;
 pub mod serial;
+pub mod tcp;
 pub mod tls;
 pub mod trace;
 pub mod wire;
@@ -29,11 +32,11 @@ use isotherm_profile::{Bus, Transport};
 
 /// What opens the connections of a Modbus line, by what it is made of. `None` for a CAN interface: it is listened to
 /// before anything is asked there, and who listens opens it.
-pub fn dial(bus: &Bus) -> Option<Box<dyn wire::Dial>> {
+pub fn dial(bus: &Bus) -> Option<Box<dyn connection::Dial>> {
     Some(match bus.transport {
         Transport::Tcp => match &bus.tls {
             Some(tls) => Box::new(tls::TlsDial::new(&bus.address, bus.timeout, tls)),
-            None => Box::new(modbus::TcpDial::new(&bus.address, bus.timeout)),
+            None => Box::new(tcp::TcpDial::new(&bus.address, bus.timeout)),
         },
         Transport::RtuOverTcp => Box::new(rtu::RtuOverTcpDial::new(&bus.address, bus.timeout)),
         Transport::Serial(serial) => Box::new(serial::SerialDial::new(&bus.address, serial)),

@@ -14,9 +14,9 @@ use tokio::sync::Notify;
 use tokio::task::{Id, JoinError, JoinSet};
 
 use crate::clock::{Clock, Sleeper};
+use crate::fieldbus::connection::Dial;
 use crate::fieldbus::dial;
 use crate::fieldbus::line::DeviceLine;
-use crate::fieldbus::wire::Dial;
 use crate::observe::events::{Event, Journal};
 use crate::observe::status::Source;
 use isotherm_core::quantity::Moment;
@@ -25,36 +25,46 @@ use isotherm_profile::{Bus, BusId, DeviceId, Profile};
 mod arming;
 mod board;
 mod can;
+mod command_handle;
 mod commissioning;
+mod contact;
 pub mod control;
+mod core;
 mod dependents;
 mod disk;
+mod ending;
 mod execute;
 mod extrapolation;
+mod inspector;
 mod keeper;
 mod ledger;
-mod levels;
+mod line_handle;
+mod lock_times;
 pub mod log;
 mod memory;
 mod noted;
 mod output;
-mod overrun;
+mod page_handle;
 mod pause;
 mod poll;
 mod probing;
+mod reported;
 mod restart;
 mod saver;
 mod shared;
 mod status;
 mod watch;
+mod why;
 mod wire_log;
-mod witness;
 mod words;
 
 use can::{Can, Ear};
+use command_handle::CommandHandle;
 use keeper::Keeper;
 use ledger::Ledger;
+use line_handle::LineHandle;
 use memory::Memory;
+use page_handle::{PageHandle, Panel};
 use poll::LineTask;
 use shared::Shared;
 use watch::Watch;
@@ -198,7 +208,9 @@ impl Gateway {
 
     /// Who can tell its state and take commands, from any thread.
     pub fn source(&self) -> Arc<dyn Source> {
-        self.shared.clone()
+        let (page, commands) =
+            (PageHandle::new(self.shared.clone()), CommandHandle::new(self.shared.clone()));
+        Arc::new(Panel { page, commands })
     }
 
     /// Runs until `shutdown` is ready or something fails inside, then runs the fault actions, and returns when the axes
@@ -223,7 +235,7 @@ impl Gateway {
                 self.line_failed(ended.map(|(id, ())| id), &mut tasks, &mut lines);
             }
         }
-        let within = self.shared.begin_stop();
+        let within = ending::begin_stop(&self.shared);
         self.shared.tell(&Event::Stopping { within });
         let _ = sd_notify::notify(&[sd_notify::NotifyState::Stopping]);
         let rested = tokio::select! {
@@ -235,9 +247,9 @@ impl Gateway {
         // No time passes any more, however long the tasks and the disk take to come to their end.
         let _hold = self.shared.clock.hold();
         tasks.shutdown().await;
-        let left = self.shared.what_is_left();
+        let left = ending::what_is_left(&self.shared);
         self.shared.tell(&Event::Stopped { left: left.clone() });
-        self.shared.end_registers();
+        ending::end_registers(&self.shared);
         self.shared.ledger.finish(LAST_PATIENCE).await;
         let failed = self.keep_for_the_last_time();
         Outcome { failed, rested, left }
@@ -279,17 +291,18 @@ impl Gateway {
             .filter(|(_, device)| device.bus == bus)
             .collect();
         let settings = profile.bus(bus);
-        let ear = Ear::of(&self.shared, bus, self.wire_log.tap(bus));
+        let handle = LineHandle::new(self.shared.clone(), bus);
+        let ear = Ear::of(&handle, bus, self.wire_log.tap(bus));
         let dial: Box<dyn Dial> = match &ear {
             Some((can, _)) => Box::new(can.dial(settings)),
             None => (self.options.dialer)(settings)?,
         };
         let line = DeviceLine::new(settings, &devices, dial, &self.shared.clock)
             .tapped(self.wire_log.tap(bus))
-            .witnessed(self.shared.clone())
+            .witnessed(Arc::new(handle.clone()))
             .aged(profile.shortest_age());
         let line = if self.options.is_credulous { line.credulous() } else { line };
-        Some((LineTask::new(self.shared.clone(), bus, line, start), ear))
+        Some((LineTask::new(handle, bus, line, start), ear))
     }
 
     fn watch(&self, stop: &Arc<Notify>) -> Watch {
@@ -320,13 +333,13 @@ impl Gateway {
 
     /// Where a strobe is still up, the lines drop it before they end.
     async fn let_go(&self) {
-        if !self.shared.leave() {
+        if !ending::leave(&self.shared) {
             return;
         }
         let slowest = self.shared.profile.buses.iter().map(|bus| bus.timeout * 3).max();
         let mut sleeper = self.shared.clock.join();
         let deadline = sleeper.now().after(slowest.unwrap_or_default());
-        while self.shared.leave() && sleeper.now() < deadline {
+        while ending::leave(&self.shared) && sleeper.now() < deadline {
             sleeper.sleep(Duration::from_millis(20)).await;
         }
     }
@@ -335,7 +348,7 @@ impl Gateway {
     async fn rest(&self, within: Duration) -> bool {
         let mut sleeper = self.shared.clock.join();
         let deadline = sleeper.now().after(within);
-        while !self.shared.at_rest() {
+        while !ending::at_rest(&self.shared) {
             if sleeper.now() >= deadline {
                 return false;
             }

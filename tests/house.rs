@@ -5,6 +5,8 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+#[path = "house/circles.rs"]
+mod circles;
 #[path = "house/source.rs"]
 mod source;
 
@@ -25,9 +27,11 @@ const ARROWS: [(&str, &str, &[&str]); 12] = [
     ("", "cli", &["clock", "fieldbus::tls", "gateway", "observe", "virtual_machine", "survey"]),
 ];
 
-const TOP: [&str; 13] = [
+const TOP: [&str; 15] = [
     "Cargo.toml",
     "Cargo.lock",
+    "CONTRIBUTING.md",
+    "rust-toolchain.toml",
     "README.md",
     "LICENSE",
     "CHANGELOG.md",
@@ -128,6 +132,13 @@ fn every_room_of_the_program_and_of_core_is_in_the_table_and_on_the_map() {
         }
         assert_eq!(rooms.count(), ARROWS.iter().filter(|(known, ..)| *known == home).count());
     }
+}
+
+#[test]
+fn no_more_than_three_files_import_each_other() {
+    let circles = circles::larger_than(3, &source::all(root()));
+    let told: Vec<String> = circles.iter().map(|circle| circle.join("\n  ")).collect();
+    assert!(told.is_empty(), "circles of imports:\n  {}", told.join("\nand\n  "));
 }
 
 /// What decides, and what a profile means, is the same wherever it runs.

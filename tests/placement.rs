@@ -2,10 +2,14 @@
 
 use isotherm_placement::body::{LoadCase, SILENT};
 use isotherm_placement::ccx::{Ccx, CcxError};
-use isotherm_placement::column::{Column, Warming};
 use isotherm_placement::heat::temperatures;
 use isotherm_placement::mesh::Kind;
 use isotherm_placement::structure::Structure;
+
+#[path = "../crates/placement/tests/column/mod.rs"]
+mod column;
+
+use column::{Column, Warming};
 
 /// CalculiX prints seven digits.
 const AGREED: f64 = 1e-6;

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::error::{CallerFault, Fault};
-use super::wire::Request;
+use super::request::Request;
 use crate::clock::{Clock, Looks};
 use isotherm_core::quantity::Moment;
 

@@ -23,10 +23,11 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::backoff::Backoff;
+use super::connection::{Connection, Dial};
 use super::departure::{Departure, Leave};
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
 use super::trace::Tap;
-use super::wire::{Answer, Connection, Dial, Request};
+use super::wire::{Answer, Request};
 use crate::clock::{Clock, Patience, Silence};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Bus, Device, DeviceId, Functions, Quirks};

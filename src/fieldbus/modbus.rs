@@ -1,75 +1,27 @@
-//! Modbus TCP: frames with a transaction number, on sockets that keep nothing back.
+//! Modbus TCP: frames with a transaction number.
 //!
 //! - A transaction number begins anywhere, so that a device which numbers answers of its own from zero, as every
 //!   simple client does, meets none of ours.
 //! - Before a question there is nothing to be read: bytes that answer no open question close the connection, as does
 //!   whatever comes behind an answer.
-//! - What was given up never leaves this computer: a closed connection's bytes would else be sent by the system for
-//!   minutes, after newer ones on the next connection.
 
 use std::collections::hash_map::RandomState;
 use std::hash::{BuildHasher, Hasher};
 use std::io;
-use std::time::Duration;
 
-use socket2::SockRef;
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
-use tokio::net::TcpStream;
 
 use super::departure::Departure;
-use super::eager::Eager;
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
 use super::pdu;
 use super::port::{Any, Port};
-use super::tls;
-use super::trace::{Tap, Teed};
-use super::wire::{Answer, Boxed, Connection, Dial, Request, Wire};
+use super::tls::told;
+use super::wire::{Answer, Boxed, Request, Wire};
 
 /// Transaction, protocol and length, behind which the length counts; and the unit.
 const HEADER: usize = 6;
 /// Header, unit and the longest message.
 const LONGEST: usize = HEADER + 1 + pdu::LONGEST;
-
-/// Opens TCP connections to one address.
-#[derive(Clone, Debug)]
-pub struct TcpDial {
-    address: String,
-    timeout: Duration,
-    tap: Tap,
-}
-
-impl TcpDial {
-    /// To `host:port`; what the other end has not confirmed within the timeout breaks the connection.
-    pub fn new(address: &str, timeout: Duration) -> TcpDial {
-        TcpDial { address: address.to_owned(), timeout, tap: Tap::default() }
-    }
-}
-
-impl Dial for TcpDial {
-    fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
-        Box::pin(async {
-            let stream = connected(&self.address, self.timeout).await?;
-            Ok(Connection::Modbus(ModbusTcp::over(Teed::new(Eager::new(stream), self.tap.clone()))))
-        })
-    }
-
-    fn tap(&mut self, tap: &Tap) {
-        self.tap = tap.clone();
-    }
-}
-
-/// A TCP connection to `host:port`. Closing it throws away what has not been sent and what was not confirmed.
-pub(super) async fn connected(address: &str, timeout: Duration) -> Result<TcpStream, Fault> {
-    let stream = TcpStream::connect(address).await.map_err(|error| dial_fault(&error))?;
-    let socket = SockRef::from(&stream);
-    let set = socket
-        .set_linger(Some(Duration::ZERO))
-        .and_then(|()| socket.set_tcp_user_timeout(Some(timeout)))
-        // A small request must not wait for the answer to the last one.
-        .and_then(|()| stream.set_nodelay(true));
-    set.map_err(|_| BROKEN)?;
-    Ok(stream)
-}
 
 /// Modbus TCP over any stream. It cannot be seen whether something waits there that the runtime has not heard of.
 pub fn attach<T>(stream: T) -> ModbusTcp
@@ -105,7 +57,7 @@ impl ModbusTcp {
         let mut received = [0; 2 * LONGEST];
         match self.stream.take_waiting(&mut received) {
             Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted) => {}
-            Err(error) => return Err(tls::told(&error).unwrap_or(CLOSED)),
+            Err(error) => return Err(told(&error).unwrap_or(CLOSED)),
             Ok(0) => return Err(CLOSED),
             Ok(_) => return Err(Fault::Peer(PeerFault::Unasked)),
         }
@@ -169,15 +121,8 @@ impl Wire for ModbusTcp {
 const BROKEN: Fault = Fault::Link(LinkFault::Broken);
 const CLOSED: Fault = Fault::Link(LinkFault::Closed);
 
-fn dial_fault(error: &io::Error) -> Fault {
-    Fault::Link(match error.kind() {
-        io::ErrorKind::ConnectionRefused => LinkFault::Refused,
-        _ => LinkFault::Unreachable,
-    })
-}
-
 fn transport_fault(error: &io::Error) -> Fault {
-    tls::told(error).unwrap_or(BROKEN)
+    told(error).unwrap_or(BROKEN)
 }
 
 #[cfg(test)]

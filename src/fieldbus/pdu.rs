@@ -13,7 +13,7 @@ use tokio_modbus::Response;
 use tokio_modbus::bytes::Bytes;
 
 use super::error::{Fault, PeerFault};
-use super::wire::{Answer, Request};
+use super::request::{Answer, Request};
 
 /// The longest, by the protocol.
 pub(super) const LONGEST: usize = 253;

@@ -15,13 +15,14 @@ use std::time::Duration;
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
+use super::connection::{Connection, Dial};
 use super::departure::Departure;
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
-use super::modbus::connected;
 use super::pdu;
 use super::port::Port;
+use super::tcp::connected;
 use super::trace::{Tap, Teed};
-use super::wire::{Answer, Boxed, Connection, Dial, Request, Wire};
+use super::wire::{Answer, Boxed, Request, Wire};
 use crate::clock::{Patience, Silence};
 use isotherm_profile::Serial;
 

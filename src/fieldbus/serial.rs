@@ -14,11 +14,12 @@ use rustix::termios::{ControlModes, InputModes, OptionalActions, QueueSelector, 
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::unix::pipe::{Receiver, Sender};
 
+use super::connection::{Connection, Dial};
 use super::error::{Fault, LinkFault};
 use super::port::Port;
 use super::rtu::Rtu;
 use super::trace::{Tap, Teed};
-use super::wire::{Boxed, Connection, Dial};
+use super::wire::Boxed;
 use isotherm_profile::{Parity, Serial};
 
 /// Opens one serial port.

@@ -6,20 +6,23 @@ use std::time::Duration;
 
 use tokio::net::TcpStream;
 use tokio_rustls::TlsConnector;
-use tokio_rustls::rustls::{AlertDescription, CertificateError, Error};
 
+use super::connection::{Connection, Dial};
 use super::eager::Eager;
 use super::error::{Fault, LinkFault, TlsFault};
-use super::modbus::{ModbusTcp, connected};
+use super::modbus::ModbusTcp;
 use super::port::Any;
+use super::tcp::connected;
 use super::trace::{Tap, Teed};
-use super::wire::{Boxed, Connection, Dial};
+use super::wire::Boxed;
 use isotherm_profile::Tls;
 
 mod client;
+mod fault;
 
 use client::Client;
 pub use client::check;
+pub(super) use fault::told;
 
 /// Controllers without a processor for it take a second or two for the two signatures of a handshake.
 const HANDSHAKE: Duration = Duration::from_secs(5);
@@ -81,43 +84,4 @@ fn handshake_fault(error: &io::Error) -> Fault {
         }
         _ => Fault::Link(LinkFault::Broken),
     })
-}
-
-/// What TLS itself says of an error, if it has a word in it. With TLS 1.3 the device's judgement of the gateway's
-/// certificate comes only after the handshake, in place of the first answer.
-pub(super) fn told(error: &io::Error) -> Option<Fault> {
-    let fault = match error.get_ref()?.downcast_ref::<Error>()? {
-        Error::InvalidCertificate(why) => match why {
-            CertificateError::Expired | CertificateError::ExpiredContext { .. } => TlsFault::Expired,
-            CertificateError::NotValidYet | CertificateError::NotValidYetContext { .. } => {
-                TlsFault::NotYetValid
-            }
-            CertificateError::NotValidForName | CertificateError::NotValidForNameContext { .. } => {
-                TlsFault::OtherName
-            }
-            // Signed by somebody of the same name.
-            CertificateError::UnknownIssuer | CertificateError::BadSignature => TlsFault::UnknownAuthority,
-            _ => TlsFault::BadCertificate,
-        },
-        Error::AlertReceived(alert) => match alert {
-            AlertDescription::CertificateExpired => TlsFault::OursExpired,
-            AlertDescription::CertificateRequired
-            | AlertDescription::BadCertificate
-            | AlertDescription::UnsupportedCertificate
-            | AlertDescription::CertificateRevoked
-            | AlertDescription::CertificateUnknown
-            | AlertDescription::UnknownCA
-            | AlertDescription::DecryptError
-            | AlertDescription::AccessDenied => TlsFault::OursRefused,
-            AlertDescription::HandshakeFailure
-            | AlertDescription::ProtocolVersion
-            | AlertDescription::InsufficientSecurity => TlsFault::NothingInCommon,
-            AlertDescription::UnrecognisedName => TlsFault::OtherName,
-            _ => TlsFault::Refused,
-        },
-        Error::PeerIncompatible(_) => TlsFault::NothingInCommon,
-        Error::InvalidMessage(_) => TlsFault::NoTls,
-        _ => TlsFault::Refused,
-    };
-    Some(Fault::Link(LinkFault::Tls(fault)))
 }

@@ -19,7 +19,7 @@ use tokio::sync::mpsc;
 
 use super::error::{Fault, LinkFault};
 use super::port::Port;
-use super::wire::{Answer, Request};
+use super::request::{Answer, Request};
 use crate::clock::Clock;
 use isotherm_core::codec::Frame;
 use isotherm_core::quantity::Moment;

@@ -1,95 +1,19 @@
 //! The small border behind which a transport lives: a wire carries one request and brings one answer.
 //!
-//! Everything the gateway knows of a transport is in the files that implement [`Wire`] and [`Dial`]; another one, or a
-//! test's own device, replaces them in a day.
+//! Everything the gateway knows of a transport is in the files that implement [`Wire`] and
+//! [`Dial`](super::connection::Dial); another one, or a test's own device, replaces them in a day.
 
 use std::future::Future;
 use std::pin::Pin;
 use std::time::Duration;
 
 use super::departure::Departure;
-use super::error::{Fault, LinkFault};
-use super::modbus::ModbusTcp;
-use super::trace::Tap;
-use isotherm_core::codec::{Address, BitField, CanId, DataType, Encoding, Field, Object, Register};
-use isotherm_core::reading::Reason;
-use isotherm_profile::Functions;
-use isotherm_profile::plan::{self, Asked};
+use super::error::Fault;
+
+pub use super::request::{Answer, CanRequest, Request};
 
 /// A future that a trait object can return.
 pub type Boxed<'a, T> = Pin<Box<dyn Future<Output = T> + Send + 'a>>;
-
-/// One request to one unit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Request<'a> {
-    /// Functions 01 to 04, by table.
-    Read {
-        /// First register or bit.
-        from: Register,
-        /// How many.
-        count: u16,
-    },
-    /// Function 05.
-    WriteCoil {
-        /// Zero-based coil.
-        at: u16,
-        /// On or off.
-        value: bool,
-    },
-    /// Function 06.
-    WriteSingle {
-        /// Zero-based holding register.
-        at: u16,
-        /// Its new value.
-        word: u16,
-    },
-    /// Function 16.
-    WriteMultiple {
-        /// Zero-based holding register.
-        at: u16,
-        /// The new values, lowest address first.
-        words: &'a [u16],
-    },
-    /// Of a CAN line, where nothing is a register.
-    Can(CanRequest<'a>),
-}
-
-/// One request to one device on a CAN line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CanRequest<'a> {
-    /// An object of a node is read, by SDO.
-    Read {
-        /// Which.
-        object: Object,
-    },
-    /// An object of a node is written, by SDO.
-    Write {
-        /// Which.
-        object: Object,
-        /// Its new value, the most significant register first.
-        words: &'a [u16],
-    },
-    /// A value in a frame is sent, with what else is in there.
-    Send {
-        /// The frame.
-        id: CanId,
-        /// Where in there.
-        bits: BitField,
-        /// Its new value, the most significant register first.
-        words: &'a [u16],
-    },
-}
-
-/// What a checked answer brings.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Answer {
-    /// Exactly as many registers as were asked for.
-    Words(Vec<u16>),
-    /// Exactly as many bits as were asked for.
-    Bits(Vec<bool>),
-    /// A write, repeated as it was sent.
-    Done,
-}
 
 /// An open connection.
 pub trait Wire: Send {
@@ -124,146 +48,5 @@ pub trait Wire: Send {
     /// It does not become quiet, or the connection is at its end.
     fn listen(&mut self, _unit: u8, _span: Duration, _quiet: Duration) -> Boxed<'_, Result<(), Fault>> {
         Box::pin(std::future::ready(Ok(())))
-    }
-}
-
-/// What opens connections.
-pub trait Dial: Send {
-    /// Opens one, for as long as it takes.
-    fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>>;
-
-    /// From now on the bytes of its connections pass this tap. One that does not know how leaves the wire log without
-    /// bytes.
-    fn tap(&mut self, _tap: &Tap) {}
-
-    /// What it means that the other end closes a connection before its first answer.
-    fn turned_away(&self) -> Fault {
-        Fault::Link(LinkFault::TurnedAway)
-    }
-
-    /// How long that may take beyond the line's timeout.
-    fn takes(&self) -> Duration {
-        Duration::ZERO
-    }
-}
-
-/// An open connection of any kind.
-pub enum Connection {
-    /// The kind that most have, spoken to without a detour: a loop that runs freely would feel it.
-    Modbus(ModbusTcp),
-    /// Any other.
-    Other(Box<dyn Wire>),
-}
-
-impl Connection {
-    /// As [`Wire::exchange`].
-    ///
-    /// # Errors
-    /// Whatever makes the answer unusable.
-    pub async fn exchange(
-        &mut self,
-        unit: u8,
-        request: Request<'_>,
-        departure: &mut Departure,
-    ) -> Result<Answer, Fault> {
-        match self {
-            Connection::Modbus(wire) => wire.exchange(unit, request, departure).await,
-            Connection::Other(wire) => wire.exchange(unit, request, departure).await,
-        }
-    }
-
-    /// As [`Wire::time_under_way`].
-    pub fn time_under_way(&self, request: Request<'_>) -> Duration {
-        match self {
-            Connection::Modbus(wire) => wire.time_under_way(request),
-            Connection::Other(wire) => wire.time_under_way(request),
-        }
-    }
-
-    /// It as any kind of wire.
-    pub fn wire(&mut self) -> &mut dyn Wire {
-        match self {
-            Connection::Modbus(wire) => wire,
-            Connection::Other(wire) => wire.as_mut(),
-        }
-    }
-}
-
-impl From<Asked> for Request<'static> {
-    fn from(asked: Asked) -> Request<'static> {
-        match asked {
-            Asked::Registers { from, count } => Request::Read { from, count },
-            Asked::Object(object) => Request::Can(CanRequest::Read { object }),
-        }
-    }
-}
-
-impl Answer {
-    /// The value of a signal, whose part of the answer this is.
-    ///
-    /// # Errors
-    /// Why there is none.
-    pub fn decode(&self, field: &plan::Field, encoding: &Encoding) -> Result<f64, Reason> {
-        let (from, to) = (usize::from(field.at), usize::from(field.at) + usize::from(field.len));
-        match self {
-            Answer::Words(words) => encoding.decode(words.get(from..to).ok_or(Reason::BadReply)?),
-            Answer::Bits(bits) => encoding.decode_bit(*bits.get(from).ok_or(Reason::BadReply)?),
-            Answer::Done => Err(Reason::BadReply),
-        }
-    }
-}
-
-impl<'a> Request<'a> {
-    /// What reads a value of this type there; `None` where nobody can be asked for it.
-    pub fn read(at: &Address, data_type: DataType) -> Option<Request<'static>> {
-        Asked::of(at, data_type).map(Request::from)
-    }
-
-    /// What writes these words there, by the functions that the device may be sent.
-    pub fn write(at: &Address, words: &'a [u16], functions: Functions) -> Request<'a> {
-        match at {
-            Address::Modbus(Register { offset, .. }) => Request::write_holding(*offset, words, functions),
-            Address::Object(object) => Request::Can(CanRequest::Write { object: *object, words }),
-            Address::Frame(Field { frames, bits, .. }) => {
-                Request::Can(CanRequest::Send { id: frames.id, bits: *bits, words })
-            }
-        }
-    }
-
-    /// What writes holding registers from this one on.
-    pub const fn write_holding(at: u16, words: &'a [u16], functions: Functions) -> Request<'a> {
-        match words {
-            [word] if functions.write_single => Request::WriteSingle { at, word: *word },
-            words => Request::WriteMultiple { at, words },
-        }
-    }
-
-    /// The Modbus function code it needs; 0 for what is no register.
-    pub const fn function(self) -> u8 {
-        match self {
-            Request::Read { from, .. } => from.table.read_function(),
-            Request::WriteCoil { .. } => 5,
-            Request::WriteSingle { .. } => 6,
-            Request::WriteMultiple { .. } => 16,
-            Request::Can(_) => 0,
-        }
-    }
-
-    /// It changes nothing.
-    pub const fn is_read(self) -> bool {
-        matches!(self, Request::Read { .. } | Request::Can(CanRequest::Read { .. }))
-    }
-
-    /// Whether one request can carry it.
-    pub fn fits(self) -> bool {
-        let (at, count, most) = match self {
-            Request::Read { from, count } => {
-                (from.offset, count, if from.table.is_bits() { 2000 } else { 125 })
-            }
-            Request::WriteCoil { at, .. } | Request::WriteSingle { at, .. } => (at, 1, 1),
-            Request::WriteMultiple { at, words } => (at, u16::try_from(words.len()).unwrap_or(u16::MAX), 123),
-            Request::Can(_) => return true,
-        };
-        (1..=most).contains(&count) && u32::from(at) + u32::from(count) <= 65536
     }
 }

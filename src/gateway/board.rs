@@ -8,10 +8,7 @@ use isotherm_profile::Profile;
 /// One place per signal of the profile.
 #[derive(Debug)]
 pub(super) struct Board {
-    /// As the lines bring them.
-    readings: Vec<Reading>,
-    /// Why the last attempts to read it failed; its last value serves until it is stale.
-    failing: Vec<Option<Reason>>,
+    latest: Latest,
     /// What the rate of change is measured from.
     believed: Vec<Option<(f64, Moment)>>,
     /// Where the counters are, with their rollovers.
@@ -22,6 +19,15 @@ pub(super) struct Board {
     seen: Vec<Reading>,
     /// The quality last told to people, and since when it has been bad.
     told: Vec<Option<(Reason, Moment)>>,
+}
+
+/// What was read last, and what can be said of it at any moment.
+#[derive(Clone, Debug)]
+pub(super) struct Latest {
+    /// As the lines bring them.
+    readings: Vec<Reading>,
+    /// Why the last attempts to read it failed; its last value serves until it is stale.
+    failing: Vec<Option<Reason>>,
 }
 
 /// A signal whose quality changed in a way that people should hear of.
@@ -39,8 +45,7 @@ impl Board {
     pub(super) fn new(profile: &Profile) -> Board {
         let signals = profile.signals.len();
         Board {
-            readings: vec![Reading::NEVER; signals],
-            failing: vec![None; signals],
+            latest: Latest { readings: vec![Reading::NEVER; signals], failing: vec![None; signals] },
             believed: vec![None; signals],
             tracked: vec![Tracked::default(); signals],
             rereferenced: vec![None; signals],
@@ -53,7 +58,7 @@ impl Board {
     /// allows since the last value that was believed.
     pub(super) fn store(&mut self, profile: &Profile, id: SignalId, value: Result<f64, Reason>, at: Moment) {
         let signal = profile.signal(id);
-        self.failing[id.0] = None;
+        self.latest.failing[id.0] = None;
         let believed = self.believed[id.0];
         let position = value.and_then(|value| self.position(profile, id, value, at));
         let judged = position.and_then(|value| {
@@ -69,7 +74,7 @@ impl Board {
             }
             Ok(value)
         });
-        self.readings[id.0] = match judged {
+        self.latest.readings[id.0] = match judged {
             Ok(value) => {
                 self.believed[id.0] = Some((value, at));
                 Reading::good(value, at)
@@ -95,12 +100,12 @@ impl Board {
 
     /// An attempt to read it failed. One lost answer is no fault of the machine: the last value serves until it is stale.
     pub(super) fn fail(&mut self, id: SignalId, reason: Reason) {
-        self.failing[id.0] = Some(reason);
+        self.latest.failing[id.0] = Some(reason);
     }
 
     /// What was read so far belongs to a time that is over. What is counted and what is told goes on.
     pub(super) fn forget(&mut self) {
-        for reading in &mut self.readings {
+        for reading in &mut self.latest.readings {
             if reading.quality == Quality::Good {
                 *reading = Reading::bad(reading.at, Reason::Stale);
             }
@@ -109,18 +114,23 @@ impl Board {
 
     /// When it was last read.
     pub(super) fn taken(&self, id: SignalId) -> Moment {
-        self.readings[id.0].at
+        self.latest.taken(id)
+    }
+
+    /// What was read last.
+    pub(super) fn latest(&self) -> &Latest {
+        &self.latest
     }
 
     /// Until when its last reading may be used.
     pub(super) fn usable_until(&self, profile: &Profile, id: SignalId) -> Moment {
-        self.readings[id.0].at.after(profile.signal(id).max_age)
+        self.taken(id).after(profile.signal(id).max_age)
     }
 
     /// The machine at `now`: every reading aged, and condemned where its `fault_when` holds or cannot be known.
     pub(super) fn look(&mut self, profile: &Profile, now: Moment) -> &[Reading] {
         for place in 0..self.seen.len() {
-            self.seen[place] = self.judge(profile, SignalId(place), now);
+            self.seen[place] = self.latest.judge(profile, SignalId(place), now);
         }
         &self.seen
     }
@@ -132,28 +142,12 @@ impl Board {
 
     /// Whether any reading may be used at `now`.
     pub(super) fn has_usable(&self, profile: &Profile, now: Moment) -> bool {
-        (0..self.readings.len()).any(|place| self.value(profile, SignalId(place), now).is_some())
+        (0..self.seen.len()).any(|place| self.value(profile, SignalId(place), now).is_some())
     }
 
     /// A signal's value at `now`, if it may be used.
     pub(super) fn value(&self, profile: &Profile, id: SignalId, now: Moment) -> Option<f64> {
-        self.judge(profile, id, now).usable()
-    }
-
-    fn judge(&self, profile: &Profile, id: SignalId, now: Moment) -> Reading {
-        let plain = |id: SignalId| self.readings[id.0].aged(now, profile.signal(id).max_age);
-        let reading = plain(id);
-        match (reading.quality, self.failing[id.0], &profile.signal(id).fault_when) {
-            (Quality::Bad(Reason::Stale | Reason::NeverRead), Some(reason), _) => {
-                Reading { quality: Quality::Bad(reason), ..reading }
-            }
-            (Quality::Good, _, Some(condition))
-                if condition.holds(&|id| plain(id).usable()) != Some(false) =>
-            {
-                Reading::bad(reading.at, Reason::FaultBit)
-            }
-            _ => reading,
-        }
+        self.latest.judge(profile, id, now).usable()
     }
 
     /// What changed in the view since it was last asked for.
@@ -176,6 +170,34 @@ impl Board {
             }
         }
         changes
+    }
+}
+
+impl Latest {
+    /// When it was last read.
+    pub(super) fn taken(&self, id: SignalId) -> Moment {
+        self.readings[id.0].at
+    }
+
+    /// Every reading at `now`: aged, and condemned where its `fault_when` holds or cannot be known.
+    pub(super) fn at(&self, profile: &Profile, now: Moment) -> Vec<Reading> {
+        (0..self.readings.len()).map(|place| self.judge(profile, SignalId(place), now)).collect()
+    }
+
+    fn judge(&self, profile: &Profile, id: SignalId, now: Moment) -> Reading {
+        let plain = |id: SignalId| self.readings[id.0].aged(now, profile.signal(id).max_age);
+        let reading = plain(id);
+        match (reading.quality, self.failing[id.0], &profile.signal(id).fault_when) {
+            (Quality::Bad(Reason::Stale | Reason::NeverRead), Some(reason), _) => {
+                Reading { quality: Quality::Bad(reason), ..reading }
+            }
+            (Quality::Good, _, Some(condition))
+                if condition.holds(&|id| plain(id).usable()) != Some(false) =>
+            {
+                Reading::bad(reading.at, Reason::FaultBit)
+            }
+            _ => reading,
+        }
     }
 }
 

@@ -13,7 +13,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use super::shared::Shared;
+use super::line_handle::LineHandle;
 use crate::clock::{Bell, Inlet, Looks, Sleeper};
 use crate::fieldbus::can::{CanDial, Heard, Link, Socket};
 use crate::fieldbus::error::{CanFault, Fault, LinkFault};
@@ -63,7 +63,7 @@ struct Handed {
 
 /// The task that listens.
 pub(super) struct Ear {
-    shared: Arc<Shared>,
+    shared: LineHandle,
     bus: BusId,
     can: Arc<Can>,
     sleeper: Sleeper,

@@ -1,35 +1,13 @@
 //! Whether the devices are set as the profile expects them: read before anything is armed, again after a device was
 //! lost, and again and again where something was wrong, until somebody has put it right. A CANopen node that has a setup
-//! list is set up first ([`setup`]).
+//! list is set up first.
 //!
 //! A module that sends hexadecimal counts of its range instead of tenths of a degree sends plausible temperatures.
 //! So nothing is believed of a device whose checks have not all been read and found right.
 
-use std::time::Duration;
-
-use super::can::Can;
-use super::shared::Shared;
-use crate::fieldbus::departure::Leave;
-use crate::fieldbus::error::{CallerFault, Fault};
-use crate::fieldbus::line::DeviceLine;
-use crate::fieldbus::wire::{Answer, Request};
-use crate::observe::events::Event;
-use isotherm_core::codec::Encoded;
 use isotherm_core::compensation::model::Evaluate;
-use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{AxisId, Device, DeviceId, Profile};
-
-mod setup;
-
-/// How soon a device that could not be asked is asked again; the line's own pauses come on top.
-const ASK_AGAIN: Duration = Duration::from_secs(1);
-
-/// How soon a device that is set wrongly is looked at again.
-const LOOK_AGAIN: Duration = Duration::from_secs(5);
-
-/// After so many attempts that the device did not answer, while it answered its polls, the register is not there.
-const BELIEVED_SILENT: u32 = 3;
 
 /// What has been found of each device, and which devices an axis depends on.
 #[derive(Debug)]
@@ -41,7 +19,7 @@ pub(super) struct Commissioning {
 }
 
 #[derive(Clone, Debug, PartialEq)]
-enum Finding {
+pub(super) enum Finding {
     /// Nothing is to be checked, or everything was found right.
     Fit,
     /// Not all has been read yet.
@@ -98,11 +76,21 @@ impl Commissioning {
     }
 
     /// The device was lost or restarted: it is set up, and everything is checked, anew.
-    pub(super) fn forget(&mut self, shared: &Shared, device: DeviceId) {
+    pub(super) fn forget(&mut self, profile: &Profile, device: DeviceId) {
         self.rounds[device.0] += 1;
         if self.is_fit(device) {
-            self.devices[device.0] = Finding::begin(shared.profile.device(device));
+            self.devices[device.0] = Finding::begin(profile.device(device));
         }
+    }
+
+    /// How often everything about a device had to begin anew.
+    pub(super) fn round(&self, device: DeviceId) -> u64 {
+        self.rounds[device.0]
+    }
+
+    /// A device was looked at; what had been found before.
+    pub(super) fn note(&mut self, device: DeviceId, found: Finding) -> Finding {
+        std::mem::replace(&mut self.devices[device.0], found)
     }
 }
 
@@ -113,7 +101,7 @@ impl Finding {
 }
 
 /// There is something to check, or to set up first.
-fn is_looked_at(device: &Device) -> bool {
+pub(super) fn is_looked_at(device: &Device) -> bool {
     !device.verify.is_empty() || device.can.as_ref().is_some_and(|can| !can.setup.is_empty())
 }
 
@@ -126,154 +114,4 @@ fn devices_of(profile: &Profile, axis: AxisId) -> Vec<DeviceId> {
     devices.sort_unstable();
     devices.dedup();
     devices
-}
-
-/// Reads the checks of the devices on one line.
-#[derive(Debug)]
-pub(super) struct Inspector(Vec<Inspection>);
-
-#[derive(Debug)]
-struct Inspection {
-    device: DeviceId,
-    due: Moment,
-    /// Attempts in a row that were not answered.
-    missed: u32,
-    /// The round for which it was set up.
-    set_up: Option<u64>,
-}
-
-impl Inspector {
-    pub(super) fn new(
-        profile: &Profile,
-        devices: impl Iterator<Item = DeviceId>,
-        start: Moment,
-    ) -> Inspector {
-        let checked = devices.filter(|id| is_looked_at(profile.device(*id)));
-        let inspection = |device| Inspection { device, due: start, missed: 0, set_up: None };
-        Inspector(checked.map(inspection).collect())
-    }
-
-    /// None of the devices is ever looked at.
-    pub(super) fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
-
-    /// Looks at the devices that are not known to be fit, where it is time.
-    pub(super) async fn inspect(&mut self, line: &mut DeviceLine, shared: &Shared, can: Option<&Can>) {
-        for inspection in &mut self.0 {
-            let (id, now) = (inspection.device, shared.clock.now());
-            let round = shared.core().commissioning.rounds[id.0];
-            let is_due = now >= inspection.due || inspection.set_up.is_some_and(|known| known != round);
-            if !is_due || inspection.is_needless(shared) || line.is_resting(id, now) {
-                continue;
-            }
-            let found = inspection.look(line, shared, can, round).await;
-            if shared.core().commissioning.rounds[id.0] != round {
-                // It was restarted meanwhile: that was another one.
-                continue;
-            }
-            let pause = match found {
-                Some(Finding::Wrong(_)) => LOOK_AGAIN,
-                Some(_) => Duration::ZERO,
-                None => ASK_AGAIN,
-            };
-            inspection.due = shared.clock.now().after(pause);
-            if let Some(found) = found {
-                shared.commissioned(id, found);
-            }
-        }
-    }
-}
-
-impl Inspection {
-    /// It is fit; or it did not answer, and its polls shall find out first whether it is there at all.
-    fn is_needless(&self, shared: &Shared) -> bool {
-        let core = shared.core();
-        let lost = core.devices[self.device.0].lost.as_ref();
-        core.commissioning.is_fit(self.device)
-            || (self.missed > 0 && lost.is_some_and(|lost| lost.answers_since.is_none()))
-    }
-
-    /// Sets it up and reads every check; `None` where the device does not answer, which is told elsewhere.
-    async fn look(
-        &mut self,
-        line: &mut DeviceLine,
-        shared: &Shared,
-        can: Option<&Can>,
-        round: u64,
-    ) -> Option<Finding> {
-        let mut wrong = Vec::new();
-        if can.is_some() && self.set_up != Some(round) {
-            match setup::set_up(line, shared, self.device).await {
-                Ok(found) if found.is_empty() => self.set_up = Some(round),
-                // Nothing can be set up, and still it is to be read.
-                Ok(found) if shared.dry_run => wrong = found,
-                Ok(found) => return Some(Finding::Wrong(found.join("; "))),
-                Err(_) => {
-                    self.missed += 1;
-                    return None;
-                }
-            }
-        }
-        for expected in &shared.profile.device(self.device).verify {
-            let request = Request::read(&expected.address, expected.encoding.data_type);
-            let Some(request) = request else {
-                wrong.push(expected.unreadable(Fault::Caller(CallerFault::Function)));
-                continue;
-            };
-            match line.request(self.device, request, Leave::Whenever).await {
-                Ok(found) => wrong.extend(expected.mismatch(words(&found.answer).words())),
-                Err(fault) if fault.is_refusal() => wrong.push(expected.unreadable(fault)),
-                Err(fault) => {
-                    self.missed += 1;
-                    // It answers its polls and never this: some devices are silent where they have no register.
-                    let is_silent = self.missed >= BELIEVED_SILENT;
-                    return is_silent.then(|| Finding::Wrong(expected.unreadable(fault)));
-                }
-            }
-        }
-        self.missed = 0;
-        if let Some(can) = can {
-            can.is_set_up(self.device);
-        }
-        Some(if wrong.is_empty() { Finding::Fit } else { Finding::Wrong(wrong.join("; ")) })
-    }
-}
-
-fn words(answer: &Answer) -> Encoded {
-    match answer {
-        Answer::Words(words) => Encoded::of(words),
-        Answer::Bits(bits) => {
-            Encoded::of(&bits.iter().take(1).map(|bit| u16::from(*bit)).collect::<Vec<_>>())
-        }
-        Answer::Done => Encoded::of(&[]),
-    }
-}
-
-impl Shared {
-    /// A device was looked at. What changed is told. An axis that reads from it takes its fault action; one that would
-    /// write to it is off.
-    fn commissioned(&self, id: DeviceId, found: Finding) {
-        let name = &self.profile.device(id).name;
-        let mut core = self.core();
-        let before = std::mem::replace(&mut core.commissioning.devices[id.0], found.clone());
-        let mut events = Vec::new();
-        match found {
-            _ if before == found => {}
-            Finding::Wrong(found) => {
-                events.push(Event::NotAsExpected { device: name.clone(), found: found.clone() });
-                for output in self.profile.outputs.iter().filter(|output| output.device == id) {
-                    let axis = &self.profile.axis(output.axis).settings.name;
-                    let why = format!("device {name}: {found}");
-                    events.extend(core.disarm_unless_off(output.axis, axis, &why));
-                }
-            }
-            Finding::Fit if matches!(before, Finding::Wrong(_)) => {
-                events.push(Event::AsExpected { device: name.clone() });
-            }
-            Finding::Fit | Finding::Unknown => {}
-        }
-        drop(core);
-        events.iter().for_each(|event| self.tell(event));
-    }
 }

@@ -3,7 +3,7 @@
 use std::ops::{Index, IndexMut};
 
 /// Whoever takes an item to change it has it noted.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Noted<T> {
     items: Vec<T>,
     places: Vec<usize>,

@@ -1,6 +1,7 @@
 //! What the gateway knows of one output: whether what it wrote is what stands there.
 
 use std::ops::{Index, IndexMut};
+use std::sync::Arc;
 use std::time::Duration;
 
 use super::noted::Noted;
@@ -54,11 +55,11 @@ pub(super) struct OutputState {
 }
 
 /// Every output of the profile.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Outputs {
     states: Noted<OutputState>,
     /// By axis, in the profile's order.
-    of_axis: Vec<Vec<OutputId>>,
+    of_axis: Arc<Vec<Vec<OutputId>>>,
 }
 
 /// Where an output's handshake stands.
@@ -93,7 +94,10 @@ impl Outputs {
         for (place, output) in profile.outputs.iter().enumerate() {
             of_axis[output.axis.0].push(OutputId(place));
         }
-        Outputs { states: Noted::new(vec![OutputState::default(); profile.outputs.len()]), of_axis }
+        Outputs {
+            states: Noted::new(vec![OutputState::default(); profile.outputs.len()]),
+            of_axis: Arc::new(of_axis),
+        }
     }
 
     /// Those of an axis, each with its place in the profile.

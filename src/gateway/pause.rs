@@ -1,8 +1,6 @@
 //! Times in which the computer stood still. What was read and decided before is not used after, and what stands in the
 //! registers is looked at again.
 
-use super::shared::Shared;
-use crate::observe::events::Event;
 use isotherm_core::quantity::Moment;
 
 /// How often the computer stood still, and until when.
@@ -17,26 +15,13 @@ impl Pauses {
     pub(super) fn count(self) -> u64 {
         self.count
     }
-}
 
-impl Shared {
-    /// How often the computer has stood still.
-    pub(super) fn pauses(&self) -> u64 {
-        self.core().pauses.count
-    }
-
-    /// Somebody has not been able to look at the clock since then. Each notices by himself; the first one tells.
-    pub(super) fn stood_still(&self, since: Moment) {
-        let now = self.clock.now();
-        let mut core = self.core();
-        if since < core.pauses.ended {
-            return;
+    /// Somebody has not been able to look at the clock since then, until now; `false` where that was noticed already.
+    pub(super) fn begins(&mut self, since: Moment, now: Moment) -> bool {
+        let is_new = since >= self.ended;
+        if is_new {
+            *self = Pauses { count: self.count + 1, ended: now };
         }
-        core.pauses = Pauses { count: core.pauses.count + 1, ended: now };
-        core.board.forget();
-        core.not_after.fill(Moment::default());
-        drop(core);
-        self.tell(&Event::StoodStill { span: now.since(since) });
-        self.ring();
+        is_new
     }
 }

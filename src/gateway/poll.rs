@@ -19,8 +19,9 @@ use self::captures::Captures;
 use self::outputs::Job;
 use self::read::Poll;
 use super::can::{Can, Ear};
-use super::commissioning::Inspector;
-use super::shared::{JITTER_MS, Shared};
+use super::contact::JITTER_MS;
+use super::inspector::Inspector;
+use super::line_handle::LineHandle;
 use crate::clock::Sleeper;
 use crate::fieldbus::line::DeviceLine;
 use isotherm_core::compensation::model::Evaluate;
@@ -42,7 +43,7 @@ const IDLE: Duration = Duration::from_secs(1);
 
 /// Owns one line and everything that is read and written on it.
 pub(super) struct LineTask {
-    shared: Arc<Shared>,
+    shared: LineHandle,
     bus: BusId,
     line: DeviceLine,
     can: Option<Arc<Can>>,
@@ -88,7 +89,7 @@ impl Overruns {
 }
 
 impl LineTask {
-    pub(super) fn new(shared: Arc<Shared>, bus: BusId, line: DeviceLine, start: Moment) -> LineTask {
+    pub(super) fn new(shared: LineHandle, bus: BusId, line: DeviceLine, start: Moment) -> LineTask {
         let profile = &shared.profile;
         let here = |device: DeviceId| profile.device(device).bus == bus;
         let positions: Vec<(SignalId, DeviceId)> = profile
@@ -212,10 +213,10 @@ impl LineTask {
     /// Steps the axes that are due, and looks at the outputs again: each of them may have something to do.
     fn step(&mut self, now: Moment) {
         self.has_news = false;
-        self.shared.look_for_restarts(self.bus, now);
-        self.shared.hear_probings(self.bus, now);
+        self.shared.look_for_restarts(now);
+        self.shared.hear_probings(now);
         if self.steps_axes {
-            self.step_due = self.shared.advance(self.bus, now);
+            self.step_due = self.shared.advance(now);
         }
         if std::mem::take(&mut self.rings_others) {
             self.shared.ring_others(self.bus);
@@ -232,7 +233,7 @@ impl LineTask {
         };
         let now = self.line.looked();
         let mut core = self.shared.core();
-        let count = &mut core.buses[self.bus.0];
+        let count = &mut core.contact.buses[self.bus.0];
         count.cycles += 1;
         count.connected = is_connected;
         let late_ms = late.as_secs_f64() * 1000.0;

@@ -8,7 +8,7 @@
 //! The first look at a trigger, and the first after it could not be read, only tells where it stands: a probing whose
 //! moment is not known cannot be held against the Cz that acted then.
 
-use isotherm_core::compensation::Measured;
+use isotherm_core::compensation::{Measured, Probed, Refused};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{ProbeInput, Profile};
 
@@ -96,6 +96,24 @@ pub(super) fn acting(profile: &Profile, axis: usize, outputs: &Outputs, arming: 
         _ if !output.writes.is_scheduled() && !arming.armed => None,
         Standing::Verified | Standing::Interlocked | Standing::Foreign => state.cz,
         Standing::Unknown | Standing::Unverified => None,
+    }
+}
+
+/// Why nothing was learned.
+pub(super) fn refused_in_words(profile: &Profile, axis: usize, refused: Refused, probed: &Probed) -> String {
+    match refused {
+        Refused::NoModel => "no model of the axis can be used now".to_owned(),
+        Refused::Tripped => "its model asked for more than the error level and is not believed".to_owned(),
+        Refused::Outside => "the inputs lie outside what its model was identified on".to_owned(),
+        Refused::Implausible => {
+            let settings = &profile.axes[axis].settings;
+            let most = settings.probe.map_or(Micron::ZERO, |probe| probe.max_error);
+            format!(
+                "the model would be wrong by {}, more than the {most} of axis.{}.probe.max_error; measure again",
+                probed.residual.unwrap_or_default().abs(),
+                settings.name
+            )
+        }
     }
 }
 

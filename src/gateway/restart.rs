@@ -8,7 +8,7 @@ use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{BusId, DeviceId, OutputId, Profile};
 
-use super::shared::{Core, Shared};
+use super::board::Board;
 
 /// Those that each output has seen, and what tells them.
 #[derive(Clone, Debug, Default)]
@@ -69,37 +69,27 @@ impl Restarts {
         }
         Some((id, from, value))
     }
-}
 
-impl Shared {
-    /// Looks at what has just been read on this line, before anything is written. Every line is woken where a control was
+    /// Looks at what has just been read on this line: what is to be reported, and whether a control may have been
     /// restarted.
-    pub(super) fn look_for_restarts(&self, line: BusId, now: Moment) {
-        if !self.dependents.tells_restarts[line.0] {
-            return;
-        }
-        let mut core = self.core();
-        let is_on = self.profile.machine.on.and_then(|id| core.board.value(&self.profile, id, now));
-        let switched_on = core.restarts.switched_on(is_on.map(|level| level >= 0.5));
-        let events = core.look_for_restarts(&self.profile, line, now);
-        drop(core);
-        events.iter().for_each(|event| self.tell(event));
-        if switched_on || !events.is_empty() {
-            self.ring();
-        }
-    }
-}
-
-impl Core {
-    fn look_for_restarts(&mut self, profile: &Profile, line: BusId, now: Moment) -> Vec<Event> {
+    pub(super) fn look(
+        &mut self,
+        profile: &Profile,
+        board: &Board,
+        line: BusId,
+        now: Moment,
+    ) -> (Vec<Event>, bool) {
+        let is_on = profile.machine.on.and_then(|id| board.value(profile, id, now));
+        let switched_on = self.switched_on(is_on.map(|level| level >= 0.5));
         let mut events = Vec::new();
-        for place in 0..self.restarts.counters[line.0].len() {
-            let value = self.board.value(profile, self.restarts.counters[line.0][place].0, now);
-            if let Some((id, from, to)) = self.restarts.counted((line, place), value, profile) {
+        for place in 0..self.counters[line.0].len() {
+            let value = board.value(profile, self.counters[line.0][place].0, now);
+            if let Some((id, from, to)) = self.counted((line, place), value, profile) {
                 let device = profile.device(profile.signal(id).device).name.clone();
                 events.push(Event::CncBooted { device, from, to });
             }
         }
-        events
+        let any = switched_on || !events.is_empty();
+        (events, any)
     }
 }

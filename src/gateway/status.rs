@@ -1,79 +1,137 @@
-//! The state of the gateway as people and programs see it.
+//! The state of the gateway as people and programs see it, worked out from a copy: the lock is held only while that is
+//! made.
 
 use std::time::Duration;
 
+use super::arming::Arming;
+use super::board::Latest;
+use super::contact::{Contact, JITTER_MS};
 use super::extrapolation;
-use super::shared::{Core, JITTER_MS, Shared, refused_in_words};
+use super::output::Outputs;
+use super::probing::refused_in_words;
+use super::reported::Reported;
+use super::shared::Shared;
+use super::why::Reasons;
 use crate::observe::status::{
-    AxisStatus, BusStatus, Command, DeviceStatus, GainStatus, OutputStatus, ProbeStatus, ProbedStatus,
-    SharesStatus, SignalStatus, Source, Status,
+    AxisStatus, BusStatus, DeviceStatus, GainStatus, OutputStatus, ProbeStatus, ProbedStatus, SharesStatus,
+    SignalStatus, Status,
 };
-use isotherm_core::compensation::Stages;
+use isotherm_core::compensation::{Decision, Probe, Stages};
 use isotherm_core::quantity::{Micron, Moment};
-use isotherm_core::reading::{Quality, Reason, SignalId};
+use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
 
-impl Source for Shared {
-    fn status(&self) -> Status {
-        let now = self.clock.now();
-        let (events, event_counts) = self.journal.read();
-        let mut core = self.core();
-        core.board.look(&self.profile, now);
-        let machine_on = core.compensation.machine().on_time(now);
-        let (axes, devices) = (axes(self, &core, now), devices(self, &core));
-        Status {
-            machine: self.profile.name.clone(),
-            description: self.profile.description.clone(),
-            version: env!("CARGO_PKG_VERSION"),
-            now: now.to_string(),
-            uptime_s: now.since(self.started).as_secs_f64(),
-            machine_on_s: machine_on.map(|span| span.as_secs_f64()),
-            dry_run: self.dry_run,
-            ready: core.devices.iter().all(|device| device.answered)
-                && core.compensation.decisions().all(|decision| decision.at > Moment::default()),
-            axes,
-            signals: signals(self, &core, now),
-            buses: buses(self, &core),
-            devices,
-            outputs: outputs(self, &core, now),
-            events,
+/// A copy of what stands behind the lock.
+struct Picture {
+    now: Moment,
+    /// How long the machine has been running.
+    machine_on: Option<Duration>,
+    stopping: bool,
+    decisions: Vec<Decision>,
+    arming: Vec<Arming>,
+    is_warned: Vec<bool>,
+    probes: Vec<Option<Probe>>,
+    outputs: Outputs,
+    latest: Latest,
+    /// The readings as they look at this moment.
+    seen: Vec<Reading>,
+    contact: Contact,
+    /// By device: what is wrong with how it is set.
+    wrong: Vec<Option<String>>,
+    log_dropped: u64,
+}
+
+impl Picture {
+    fn of(shared: &Shared) -> Picture {
+        let now = shared.clock.now();
+        let core = shared.core();
+        let mut picture = Picture {
+            now,
+            machine_on: core.compensation.machine().on_time(now),
+            stopping: core.stopping,
+            decisions: core.compensation.decisions().copied().collect(),
+            arming: core.arming.as_slice().to_vec(),
+            is_warned: core.reported.iter().map(Reported::is_warned).collect(),
+            probes: (0..shared.profile.axes.len())
+                .map(|axis| core.compensation.probe(axis).cloned())
+                .collect(),
+            outputs: core.outputs.clone(),
+            latest: core.board.latest().clone(),
+            seen: Vec::new(),
+            contact: core.contact.clone(),
+            wrong: (0..shared.profile.devices.len())
+                .map(|device| core.commissioning.wrong(device).map(str::to_owned))
+                .collect(),
             log_dropped: core.keeper.dropped(),
-            event_counts,
-        }
+        };
+        drop(core);
+        picture.seen = picture.latest.at(&shared.profile, now);
+        picture
     }
 
-    fn command(&self, command: Command) -> Result<String, String> {
-        self.obey(command)
+    /// Why an axis does what it does.
+    fn why(&self, shared: &Shared, axis: usize) -> String {
+        let reasons = Reasons {
+            profile: &shared.profile,
+            axis,
+            arming: &self.arming[axis],
+            decision: &self.decisions[axis],
+            outputs: &self.outputs,
+            seen: &self.seen,
+            has_run: self.machine_on.is_some(),
+            stopping: self.stopping,
+            dry_run: shared.dry_run,
+        };
+        reasons.words()
     }
+}
 
-    fn arming(&self) -> Option<Result<String, String>> {
-        Shared::arming(self)
-    }
-
-    fn measured(&self, axis: &str, error_um: Option<f64>) -> Result<String, String> {
-        self.take_measured(axis, error_um)
+/// The state now.
+pub(super) fn status(shared: &Shared) -> Status {
+    let (events, event_counts) = shared.journal.read();
+    let picture = Picture::of(shared);
+    Status {
+        machine: shared.profile.name.clone(),
+        description: shared.profile.description.clone(),
+        version: env!("CARGO_PKG_VERSION"),
+        now: picture.now.to_string(),
+        uptime_s: picture.now.since(shared.started).as_secs_f64(),
+        machine_on_s: picture.machine_on.map(|span| span.as_secs_f64()),
+        dry_run: shared.dry_run,
+        ready: picture.contact.devices.iter().all(|device| device.answered)
+            && picture.decisions.iter().all(|decision| decision.at > Moment::default()),
+        axes: axes(shared, &picture),
+        signals: signals(shared, &picture),
+        buses: buses(shared, &picture),
+        devices: devices(shared, &picture),
+        outputs: outputs(shared, &picture),
+        events,
+        log_dropped: picture.log_dropped,
+        event_counts,
+        lock_held: shared.lock_times.read(),
     }
 }
 
 /// Cz as last verified in the first register of an axis that holds it, and when that was asked.
-fn verified(shared: &Shared, core: &Core, axis: usize) -> Option<(Micron, Moment)> {
-    let mut outputs = core.outputs.of_axis(&shared.profile, axis).filter(|(output, _)| output.writes.is_cz());
+fn verified(shared: &Shared, picture: &Picture, axis: usize) -> Option<(Micron, Moment)> {
+    let mut outputs =
+        picture.outputs.of_axis(&shared.profile, axis).filter(|(output, _)| output.writes.is_cz());
     outputs.find_map(|(_, state)| state.cz.zip(state.verified_at))
 }
 
-fn axes(shared: &Shared, core: &Core, now: Moment) -> Vec<AxisStatus> {
-    let axes = shared.profile.axes.iter().zip(core.compensation.decisions()).enumerate();
+fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
+    let axes = shared.profile.axes.iter().zip(&picture.decisions).enumerate();
     axes.map(|(place, (axis, decision))| AxisStatus {
         name: axis.settings.name.clone(),
         state: decision.state.name(),
-        why: core.why(shared, place),
+        why: picture.why(shared, place),
         model: decision
             .model
             .and_then(|model| axis.settings.models.get(model))
             .map(|model| model.name.clone()),
         raw_um: decision.raw.map(Micron::get),
         cz_um: decision.cz.get(),
-        verified_um: verified(shared, core, place).map(|(cz, _)| cz.get()),
-        verified_age_s: verified(shared, core, place).map(|(_, at)| now.since(at).as_secs_f64()),
+        verified_um: verified(shared, picture, place).map(|(cz, _)| cz.get()),
+        verified_age_s: verified(shared, picture, place).map(|(_, at)| picture.now.since(at).as_secs_f64()),
         acted: Stages::ALL
             .iter()
             .filter(|(stage, _)| decision.acted.contains(*stage))
@@ -81,11 +139,11 @@ fn axes(shared: &Shared, core: &Core, now: Moment) -> Vec<AxisStatus> {
             .collect(),
         limit_um: axis.settings.guard.limit.get(),
         warn_um: axis.settings.levels.warn.map(Micron::get),
-        warned: core.levels[place].is_warned(),
+        warned: picture.is_warned[place],
         error_um: axis.settings.levels.error.map(Micron::get),
         tripped: decision.tripped,
-        armed: core.arming[place].armed,
-        probe: probe(shared, core, place),
+        armed: picture.arming[place].armed,
+        probe: probe(shared, picture, place),
         extrapolating: decision
             .extrapolating
             .as_ref()
@@ -95,12 +153,12 @@ fn axes(shared: &Shared, core: &Core, now: Moment) -> Vec<AxisStatus> {
     .collect()
 }
 
-fn probe(shared: &Shared, core: &Core, place: usize) -> Option<ProbeStatus> {
+fn probe(shared: &Shared, picture: &Picture, place: usize) -> Option<ProbeStatus> {
     let settings = &shared.profile.axes[place].settings;
-    let (bounds, probe) = settings.probe.zip(core.compensation.probe(place))?;
-    let decision = core.compensation.decision(place);
+    let (bounds, probe) = settings.probe.zip(picture.probes[place].as_ref())?;
+    let decision = &picture.decisions[place];
     Some(ProbeStatus {
-        correction_um: decision.map_or(0.0, |decision| decision.correction.get()),
+        correction_um: decision.correction.get(),
         limit_um: bounds.limit.get(),
         warn_um: bounds.warn.map(Micron::get),
         max_error_um: bounds.max_error.get(),
@@ -124,12 +182,11 @@ fn probe(shared: &Shared, core: &Core, place: usize) -> Option<ProbeStatus> {
     })
 }
 
-fn signals(shared: &Shared, core: &Core, now: Moment) -> Vec<SignalStatus> {
-    let seen = core.board.seen();
-    let signals = shared.profile.signals.iter().enumerate().zip(seen);
+fn signals(shared: &Shared, picture: &Picture) -> Vec<SignalStatus> {
+    let signals = shared.profile.signals.iter().enumerate().zip(&picture.seen);
     signals
         .map(|((place, signal), reading)| {
-            let taken = core.board.taken(SignalId(place));
+            let taken = picture.latest.taken(SignalId(place));
             SignalStatus {
                 name: signal.name.clone(),
                 device: shared.profile.device(signal.device).name.clone(),
@@ -144,15 +201,15 @@ fn signals(shared: &Shared, core: &Core, now: Moment) -> Vec<SignalStatus> {
                     Quality::Bad(reason) => reason.to_string(),
                 },
                 age_s: (taken > Moment::default() && reading.quality != Quality::Bad(Reason::NeverRead))
-                    .then(|| now.since(taken).as_secs_f64()),
+                    .then(|| picture.now.since(taken).as_secs_f64()),
             }
         })
         .collect()
 }
 
-fn buses(shared: &Shared, core: &Core) -> Vec<BusStatus> {
+fn buses(shared: &Shared, picture: &Picture) -> Vec<BusStatus> {
     let bounds = || JITTER_MS.iter().copied().chain([f64::INFINITY]);
-    let buses = shared.profile.buses.iter().zip(&core.buses);
+    let buses = shared.profile.buses.iter().zip(&picture.contact.buses);
     buses
         .map(|(bus, count)| BusStatus {
             name: bus.name.clone(),
@@ -165,8 +222,8 @@ fn buses(shared: &Shared, core: &Core) -> Vec<BusStatus> {
         .collect()
 }
 
-fn devices(shared: &Shared, core: &Core) -> Vec<DeviceStatus> {
-    let devices = shared.profile.devices.iter().zip(&core.devices).enumerate();
+fn devices(shared: &Shared, picture: &Picture) -> Vec<DeviceStatus> {
+    let devices = shared.profile.devices.iter().zip(&picture.contact.devices).enumerate();
     devices
         .map(|(place, (device, count))| DeviceStatus {
             name: device.name.clone(),
@@ -176,7 +233,7 @@ fn devices(shared: &Shared, core: &Core) -> Vec<DeviceStatus> {
             state: match (&count.lost, count.answered) {
                 (Some(lost), _) if lost.answers_since.is_none() => "lost",
                 (_, false) => "never-answered",
-                (_, true) if core.commissioning.wrong(place).is_some() => "not-as-expected",
+                (_, true) if picture.wrong[place].is_some() => "not-as-expected",
                 (_, true) => "ok",
             },
             fault: count
@@ -184,7 +241,7 @@ fn devices(shared: &Shared, core: &Core) -> Vec<DeviceStatus> {
                 .as_ref()
                 .filter(|lost| lost.answers_since.is_none())
                 .map(|lost| lost.fault.clone())
-                .or_else(|| core.commissioning.wrong(place).map(str::to_owned))
+                .or_else(|| picture.wrong[place].clone())
                 .unwrap_or_default(),
             requests: count.requests,
             failures: count.failures.clone(),
@@ -192,8 +249,8 @@ fn devices(shared: &Shared, core: &Core) -> Vec<DeviceStatus> {
         .collect()
 }
 
-fn outputs(shared: &Shared, core: &Core, now: Moment) -> Vec<OutputStatus> {
-    let outputs = shared.profile.outputs.iter().zip(core.outputs.states());
+fn outputs(shared: &Shared, picture: &Picture) -> Vec<OutputStatus> {
+    let outputs = shared.profile.outputs.iter().zip(picture.outputs.states());
     outputs
         .map(|(output, state)| OutputStatus {
             name: output.name.clone(),
@@ -201,15 +258,15 @@ fn outputs(shared: &Shared, core: &Core, now: Moment) -> Vec<OutputStatus> {
             device: shared.profile.device(output.device).name.clone(),
             register: output.address.to_string(),
             writes: output.writes.name(),
-            state: if core.arming[output.axis.0].armed { state.standing.name() } else { "off" },
+            state: if picture.arming[output.axis.0].armed { state.standing.name() } else { "off" },
             handshake: state.handshake.words(output.set.and_then(|id| shared.profile.set(id).handshake)),
             value: state.value,
             shares: state.shares.map(|(base, share)| SharesStatus { base, share }),
             applied: state.applied.map(|(value, _)| value),
-            note: state.note(now),
-            waits_s: state.waits(now).map(|span| span.as_secs_f64()),
+            note: state.note(picture.now),
+            waits_s: state.waits(picture.now).map(|span| span.as_secs_f64()),
             writes_done: state.writes,
-            age_s: state.verified_at.map(|at| now.since(at)).as_ref().map(Duration::as_secs_f64),
+            age_s: state.verified_at.map(|at| picture.now.since(at)).as_ref().map(Duration::as_secs_f64),
         })
         .collect()
 }

@@ -84,7 +84,7 @@ struct Seen {
 
 /// The name of a line that has not taken a turn for too long; also one that keeps the lock.
 fn late_line(shared: &Shared, lines: &mut [Seen], stuck: &mut Duration) -> Option<String> {
-    if shared.try_core().is_none() {
+    if !shared.is_free() {
         *stuck += LOOK_EVERY;
         return (*stuck > Duration::from_secs(5)).then(|| "(state locked)".to_owned());
     }

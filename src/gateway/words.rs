@@ -5,8 +5,6 @@ use isotherm_core::compensation::Decision;
 use isotherm_core::quantity::Micron;
 use isotherm_profile::{Output, Profile, Writes};
 
-use super::shared::Shared;
-
 /// The largest change of one write, in the output's unit: whole counts, so that rounding cannot add to it.
 pub(super) fn one_step(profile: &Profile, output: &Output) -> f64 {
     let most = profile.axis(output.axis).settings.guard.step.get() * cz_factor(profile, output);
@@ -67,6 +65,6 @@ fn tidy(value: f64, encoding: &Encoding) -> String {
     format!("{value:.*}", usize::try_from(digits).unwrap_or(6))
 }
 
-pub(super) fn can_be_read(shared: &Shared, output: &Output) -> bool {
-    shared.profile.device(output.device).functions.reads_at(&output.reads_at())
+pub(super) fn can_be_read(profile: &Profile, output: &Output) -> bool {
+    profile.device(output.device).functions.reads_at(&output.reads_at())
 }

@@ -17,6 +17,7 @@ pub(super) fn exposition(status: &Status) -> String {
     });
     let mut text = recorder.handle().render();
     write_jitter(&mut text, status);
+    write_lock(&mut text, status);
     text
 }
 
@@ -176,21 +177,40 @@ fn write_jitter(text: &mut String, status: &Status) {
     if status.buses.is_empty() {
         return;
     }
-    let mut lines = vec![format!("# HELP {NAME} How late cycles began."), format!("# TYPE {NAME} histogram")];
+    head(text, NAME, "How late cycles began.");
     for bus in &status.buses {
         let named = format!("machine=\"{}\",bus=\"{}\"", escaped(&status.machine), escaped(&bus.name));
-        let mut total = 0_u64;
-        for (bound_ms, count) in &bus.jitter_ms {
-            total = total.saturating_add(*count);
-            if bound_ms.is_finite() {
-                lines.push(format!("{NAME}_bucket{{{named},le=\"{}\"}} {total}", bound_ms / 1000.0));
-            }
-        }
-        lines.push(format!("{NAME}_bucket{{{named},le=\"+Inf\"}} {total}"));
-        lines.push(format!("{NAME}_count{{{named}}} {total}"));
+        let buckets = bus.jitter_ms.iter().map(|(bound_ms, count)| (bound_ms / 1000.0, *count));
+        write_buckets(text, NAME, &named, buckets);
     }
-    lines.push(String::new());
-    text.push_str(&lines.join("\n"));
+}
+
+fn write_lock(text: &mut String, status: &Status) {
+    const NAME: &str = "isotherm_lock_held_seconds";
+    if status.lock_held.is_empty() {
+        return;
+    }
+    head(text, NAME, "How long the state that the lines share was locked.");
+    let named = format!("machine=\"{}\"", escaped(&status.machine));
+    write_buckets(text, NAME, &named, status.lock_held.iter().copied());
+}
+
+fn head(text: &mut String, name: &str, help: &str) {
+    text.push_str(&format!("# HELP {name} {help}\n# TYPE {name} histogram\n"));
+}
+
+/// Each bucket's upper bound in seconds, and how often it was met and none before.
+fn write_buckets(text: &mut String, name: &str, named: &str, buckets: impl Iterator<Item = (f64, u64)>) {
+    let mut total = 0_u64;
+    for (bound, count) in buckets {
+        total = total.saturating_add(count);
+        if bound.is_finite() {
+            text.push_str(&format!("{name}_bucket{{{named},le=\"{bound}\"}} {total}\n"));
+        }
+    }
+    text.push_str(&format!(
+        "{name}_bucket{{{named},le=\"+Inf\"}} {total}\n{name}_count{{{named}}} {total}\n"
+    ));
 }
 
 fn escaped(value: &str) -> String {

@@ -76,6 +76,9 @@ pub struct Status {
     pub events: Vec<Entry>,
     /// How often each kind of event happened.
     pub event_counts: BTreeMap<&'static str, u64>,
+    /// Upper bounds in seconds, and how often the lock of the shared state was held for so long.
+    #[serde(skip)]
+    pub lock_held: Vec<(f64, u64)>,
 }
 
 impl Status {

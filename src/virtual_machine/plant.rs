@@ -17,6 +17,7 @@ use rand_pcg::Pcg32;
 use isotherm_core::quantity::Moment;
 
 mod drive;
+mod point;
 mod spec;
 mod structure;
 #[cfg(test)]
@@ -25,7 +26,8 @@ mod tests;
 pub use spec::{PlantError, PlantSpec, Published, PublishedAxis};
 
 use drive::{Ambient, Duty};
-use spec::{Point, SensorSpec};
+use point::Point;
+use spec::SensorSpec;
 use structure::{Structure, dot};
 
 /// The plant's own step. A machine's time constants are minutes and hours.

@@ -3,9 +3,10 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use isotherm::fieldbus::connection::{Connection, Dial};
 use isotherm::fieldbus::departure::Departure;
 use isotherm::fieldbus::error::Fault;
-use isotherm::fieldbus::wire::{Answer, Boxed, Connection, Dial, Request, Wire};
+use isotherm::fieldbus::wire::{Answer, Boxed, Request, Wire};
 use isotherm::gateway::Dialer;
 use isotherm::observe::status::Command;
 use isotherm::virtual_machine::Seen;

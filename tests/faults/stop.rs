@@ -5,9 +5,10 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
 use isotherm::clock::Clock;
+use isotherm::fieldbus::connection::{Connection, Dial};
 use isotherm::fieldbus::departure::Departure;
 use isotherm::fieldbus::error::Fault;
-use isotherm::fieldbus::wire::{Answer, Boxed, Connection, Dial, Request, Wire};
+use isotherm::fieldbus::wire::{Answer, Boxed, Request, Wire};
 use isotherm::gateway::Dialer;
 use isotherm::virtual_machine::{FaultScript, PlantSpec};
 use isotherm_profile::Bus;

@@ -36,6 +36,47 @@ impl Source {
         found
     }
 
+    /// Every path in the code, imports spread out: those that begin at the crate, at this module or above it, and those that
+    /// may begin at a module inside it.
+    pub(super) fn paths(&self) -> Vec<Vec<String>> {
+        let mut found = self.imports("use ");
+        for begin in ["crate::", "super::", "self::"] {
+            for (at, _) in self.code.match_indices(begin) {
+                if is_a_beginning(&self.code, at) {
+                    tree(&self.code[at..], &[], &mut found);
+                }
+            }
+        }
+        for line in self.code.lines().filter_map(|line| line.trim_start().split_once("mod ")) {
+            let name = line.1.trim_end_matches(';');
+            for (at, _) in self.code.match_indices(&format!("{name}::")) {
+                if is_a_beginning(&self.code, at) {
+                    tree(&self.code[at..], &[], &mut found);
+                }
+            }
+        }
+        found
+    }
+
+    /// The paths of what it hands on from elsewhere.
+    pub(super) fn hands_on(&self) -> Vec<Vec<String>> {
+        ["pub use ", "pub(crate) use ", "pub(super) use "]
+            .iter()
+            .flat_map(|begin| self.imports(begin))
+            .collect()
+    }
+
+    fn imports(&self, begin: &str) -> Vec<Vec<String>> {
+        let mut found = Vec::new();
+        for (at, _) in self.code.match_indices(begin) {
+            let before = self.code[..at].chars().next_back();
+            if before.is_none_or(|c| c.is_whitespace()) {
+                tree(&self.code[at + begin.len()..], &[], &mut found);
+            }
+        }
+        found
+    }
+
     /// `super::` chains that leave the room, which would hide an arrow from this test.
     pub(super) fn escapes(&self) -> Vec<String> {
         let depth = self.path.split_once("src/").map_or("", |(_, rest)| rest).split('/').count();
@@ -43,6 +84,10 @@ impl Source {
         let length = |at: usize| self.code[at..].split("::").take_while(|part| *part == "super").count();
         chains.filter(|(at, _)| length(*at) >= depth).map(|(at, _)| line_of(&self.code, at)).collect()
     }
+}
+
+fn is_a_beginning(code: &str, at: usize) -> bool {
+    !code[..at].chars().next_back().is_some_and(|c| c.is_alphanumeric() || c == '_' || c == ':')
 }
 
 fn line_of(code: &str, at: usize) -> String {

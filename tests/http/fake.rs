@@ -171,6 +171,7 @@ pub(crate) fn status() -> Status {
         }],
         log_dropped: 3,
         event_counts: BTreeMap::from([("signal-bad", 4)]),
+        lock_held: Vec::new(),
     }
 }
 

@@ -2,9 +2,10 @@
 
 use std::sync::Arc;
 
+use isotherm::fieldbus::connection::{Connection, Dial};
 use isotherm::fieldbus::error::{Fault, LinkFault};
 use isotherm::fieldbus::modbus::attach;
-use isotherm::fieldbus::wire::{Boxed, Connection, Dial};
+use isotherm::fieldbus::wire::Boxed;
 use isotherm::gateway::Dialer;
 use tokio::net::TcpStream;
 

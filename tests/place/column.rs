@@ -3,11 +3,16 @@
 use std::path::Path;
 use std::sync::OnceLock;
 
-use isotherm_placement::column::{Column, Warming};
 use isotherm_placement::mesh::Kind;
 use isotherm_placement::write;
 
 use crate::process::{file, isotherm};
+
+#[path = "../../crates/placement/tests/column/mod.rs"]
+mod shape;
+
+use shape::Column;
+pub(crate) use shape::Warming;
 
 /// What the verb answered.
 pub(crate) struct Answer {

@@ -1,9 +1,8 @@
 //! What it finds, and what it writes.
 
-use isotherm_placement::column::Warming;
 use serde_json::Value;
 
-use crate::column::{changed, decks, guide, place};
+use crate::column::{Warming, changed, decks, guide, place};
 use crate::process::{file, isotherm};
 
 const CASES: [Warming; 3] = [Warming::Air, Warming::Spindle, Warming::Motor];

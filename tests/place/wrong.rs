@@ -2,9 +2,7 @@
 
 use std::path::Path;
 
-use isotherm_placement::column::Warming;
-
-use crate::column::{changed, decks, place};
+use crate::column::{Warming, changed, decks, place};
 use crate::process::file;
 
 fn home() -> tempfile::TempDir {

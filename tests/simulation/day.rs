@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use isotherm::clock::Clock;
-use isotherm::fieldbus::wire::Dial;
+use isotherm::fieldbus::connection::Dial;
 use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::status::Source;
 use isotherm_core::quantity::Moment;

@@ -6,9 +6,10 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll};
 use std::time::Duration;
 
+use isotherm::fieldbus::connection::{Connection, Dial};
 use isotherm::fieldbus::error::{Fault, LinkFault};
 use isotherm::fieldbus::modbus::attach;
-use isotherm::fieldbus::wire::{Boxed, Connection, Dial};
+use isotherm::fieldbus::wire::Boxed;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::Sleep;
 

@@ -1,8 +1,8 @@
 //! Which columns say the same: correlations over all runs, and groups of what is correlated.
 
 use crate::bank::Bank;
-use crate::gram::count;
 use crate::learn::plain;
+use crate::statistics::count;
 
 /// Correlations of the rises of these inputs with each other, and last with the error e; over the rows of all runs.
 pub fn correlations(bank: &Bank, inputs: &[usize]) -> Vec<Vec<f64>> {

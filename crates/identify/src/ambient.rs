@@ -7,8 +7,7 @@
 use serde::Serialize;
 
 use crate::dataset::{Column, Dataset, Kind, Run};
-use crate::faults::median;
-use crate::gram::count;
+use crate::statistics::{count, median, range};
 
 /// A sensor like the air, and why.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -59,6 +58,13 @@ struct Figures {
     error: f64,
     /// The largest range in a run, °C.
     range: f64,
+}
+
+/// Whether a column is named for the air around the machine.
+pub(crate) fn is_ambient(name: &str) -> bool {
+    let name = name.to_lowercase();
+    let mut words = name.split(|letter: char| !letter.is_alphabetic());
+    words.any(|word| ["ambient", "air", "room", "hall", "shop", "environment"].contains(&word))
 }
 
 /// Those of these columns that behave like the air; none where no speed ever starts.
@@ -158,7 +164,7 @@ fn figures(runs: &[Minutes], sensor: usize) -> Figures {
         }
         let ahead = own.iter().zip(own.iter().skip(AFTER_START));
         fastest = ahead.map(|(now, then)| (then - now).abs()).fold(fastest, f64::max);
-        widest = widest.max(super::validate::range(own));
+        widest = widest.max(range(own));
     }
     let rises: Vec<Vec<f64>> = runs.iter().map(|run| centred(&run.sensors[sensor])).collect();
     let errors: Vec<Vec<f64>> = runs.iter().map(|run| centred(&run.error)).collect();

@@ -1,7 +1,7 @@
 //! Errors that were measured while a compensation acted have its Cz in them: e + Cz. A model is learnt from e alone.
 
 use crate::dataset::{BadLog, Column, Dataset, Kind, Run};
-use crate::validate::range;
+use crate::statistics::range;
 use isotherm_profile::{Profile, Writes};
 
 /// Where the Cz stands that acted on the measured error.

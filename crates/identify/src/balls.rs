@@ -16,6 +16,7 @@
 use serde::Serialize;
 
 use crate::dataset::{BadLog, Dataset};
+use crate::statistics::range;
 use isotherm_core::quantity::Moment;
 use touches::{Round, rounds};
 
@@ -107,7 +108,7 @@ pub fn terms(dataset: &Dataset, origin: Option<f64>) -> Result<Terms, BadLog> {
 fn direction(cold: &Round) -> Result<(usize, f64), BadLog> {
     let extent = |direction: usize| {
         let places: Vec<f64> = cold.touches.iter().map(|touch| touch.at_mm[direction]).collect();
-        super::validate::range(&places)
+        range(&places)
     };
     let extents = [0, 1, 2].map(extent);
     let along = (0..3).fold(0, |best, next| if extents[next] > extents[best] { next } else { best });

@@ -7,12 +7,14 @@
 //! While the references settle the axis waits, and a rise is zero. Where an error is measured from the first visit of its
 //! place, so are the rises.
 
+use rayon::prelude::*;
 use std::collections::HashMap;
 use std::time::Duration;
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use crate::campaign::{Campaign, Wanted};
+use crate::gram::Gram;
 use isotherm_core::compensation::model::{Known, Lag, Reference, Term};
 use isotherm_core::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
 
@@ -71,13 +73,25 @@ impl Bank {
     /// These candidates.
     pub fn new(campaign: &Campaign<'_>, candidates: Vec<Candidate>) -> Bank {
         let places: Vec<usize> = (0..campaign.dataset.runs.len()).collect();
-        let runs = super::parallel::map(&places, |place| trace(campaign, *place, &candidates));
+        let runs = places.par_iter().map(|place| trace(campaign, *place, &candidates)).collect();
         Bank { candidates, runs }
     }
 
     /// How many columns.
     pub fn width(&self) -> usize {
         self.candidates.len()
+    }
+
+    /// The products of each run.
+    pub fn grams(&self) -> Vec<Gram> {
+        self.runs.par_iter().map(Traced::gram).collect()
+    }
+}
+
+impl Traced {
+    /// The products of the run.
+    pub fn gram(&self) -> Gram {
+        Gram::of(&self.rises, &DVector::from_column_slice(&self.wanted))
     }
 }
 

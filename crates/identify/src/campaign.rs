@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 use std::time::Duration;
 
-use crate::dataset::{Dataset, Run};
+use crate::dataset::{Dataset, Kind, Run};
 use crate::faults::mend::Mending;
 use isotherm_core::compensation::settings::{
     AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault,
@@ -249,4 +249,10 @@ fn whole(place: f64) -> i64 {
     #[allow(clippy::cast_possible_truncation, reason = "a travel in mm; beyond it the cast saturates")]
     let whole = place.round() as i64;
     whole
+}
+
+/// The columns of these inputs that are temperatures.
+pub(super) fn temperatures_of(dataset: &Dataset, inputs: &[Input]) -> Vec<usize> {
+    let columns = inputs.iter().map(|input| input.column);
+    columns.filter(|column| dataset.columns[*column].kind == Kind::Temperature).collect()
 }

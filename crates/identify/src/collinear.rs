@@ -29,11 +29,11 @@ pub fn collinearity(
     let sum = |grams: &[Gram]| Gram::sum(grams, &(0..grams.len()).collect::<Vec<usize>>());
     let place = |(term, _): &(Candidate, f64)| bank.candidates.iter().position(|known| known == term);
     match terms.iter().map(place).collect::<Option<Vec<usize>>>() {
-        Some(columns) => of_gram(&sum(&Gram::each(bank)).of_columns(&columns)),
+        Some(columns) => of_gram(&sum(&bank.grams()).of_columns(&columns)),
         // Fitted time constants are in no bank.
         None => {
             let own = Bank::new(campaign, terms.iter().map(|(term, _)| *term).collect());
-            of_gram(&sum(&Gram::each(&own)))
+            of_gram(&sum(&own.grams()))
         }
     }
 }

@@ -3,10 +3,11 @@
 
 use serde::Serialize;
 
+use crate::checks;
 use crate::dataset::{Dataset, Kind, Run};
-use crate::setup;
+use crate::statistics::range;
 use activity::Mover;
-use minutes::{Minutes, range_of};
+use minutes::Minutes;
 
 mod activity;
 mod minutes;
@@ -150,18 +151,17 @@ pub fn drift(
 fn of_run(dataset: &Dataset, run: &Run, columns: &[usize], asked: Option<Test>, movers: &[Mover]) -> Drift {
     let active: Vec<&Mover> = movers.iter().filter(|mover| mover.moves(run)).collect();
     let mut remarks = dataset.remarks.clone();
-    remarks.extend(setup::odd_length(run));
+    remarks.extend(checks::odd_length(run));
     let is_temperature = |column: &usize| {
         dataset.columns[*column].kind == Kind::Temperature
             && !columns.contains(column)
             && !movers.iter().any(|mover| mover.column == *column)
     };
     let temperatures: Vec<usize> = (0..dataset.columns.len()).filter(is_temperature).collect();
-    remarks.extend(setup::fahrenheit(dataset, &temperatures));
+    remarks.extend(checks::fahrenheit(dataset, &temperatures));
     let still = |column: &&usize| {
-        range_of(
-            &run.values[**column].iter().copied().filter(|value| value.is_finite()).collect::<Vec<f64>>(),
-        ) < STILL
+        range(&run.values[**column].iter().copied().filter(|value| value.is_finite()).collect::<Vec<f64>>())
+            < STILL
     };
     for column in columns.iter().filter(still) {
         let name = &dataset.columns[*column].name;
@@ -197,7 +197,7 @@ fn displacement(name: String, minutes: &Minutes, stages: &[Stage]) -> Displaceme
     let drift_um = end.1 - begin.1;
     Displacement {
         name,
-        range_um: range_of(&minutes.values),
+        range_um: range(&minutes.values),
         first_hour_um: minutes.first_hour(),
         last_hour_um: minutes.last_hour(),
         largest_60min_um: largest.map(|(_, range)| range),
@@ -217,7 +217,7 @@ fn temperature(name: String, minutes: &Minutes) -> Option<Temperature> {
         name,
         begin_c: minutes.begin().1,
         end_c: minutes.end().1,
-        range_k: range_of(&minutes.values),
+        range_k: range(&minutes.values),
         largest_60min_k,
     })
 }

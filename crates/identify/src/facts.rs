@@ -3,13 +3,15 @@
 
 use serde::Serialize;
 
+use crate::ambient::is_ambient;
 use crate::campaign::Campaign;
 use crate::dataset::{Dataset, Kind, Run};
 use crate::drift::{Drift, drift};
 use crate::identified::Identified;
-use crate::report::{is_ambient, rfc3339};
+use crate::statistics::least_and_most;
 use isotherm_core::compensation::settings::{AxisSettings, OnFault};
 use isotherm_core::quantity::Moment;
+use isotherm_html::rfc3339;
 use isotherm_profile::Profile;
 
 /// What was identified, with the machine and the logs that it comes from: the JSON of `identify`.
@@ -137,14 +139,6 @@ fn log(dataset: &Dataset, run: &Run, found: &Identified) -> LogFacts {
         speeds: of_kind(Kind::Speed).filter_map(span).collect(),
         ambient: ambient.and_then(span),
     }
-}
-
-/// Of what is finite.
-pub(super) fn least_and_most(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
-    let (low, high) = values
-        .filter(|value| value.is_finite())
-        .fold((f64::MAX, f64::MIN), |(low, high), value| (low.min(value), high.max(value)));
-    (low <= high).then_some((low, high))
 }
 
 fn limits(axis: &AxisSettings) -> Limits {

@@ -15,8 +15,7 @@ use std::time::Duration;
 use serde::Serialize;
 
 use crate::dataset::{Dataset, Run};
-use crate::gram::count;
-use crate::validate::range;
+use crate::statistics::{count, median, range};
 
 pub(super) mod mend;
 mod rebuild;
@@ -266,15 +265,6 @@ pub(super) fn resolution(dataset: &Dataset, column: usize) -> f64 {
     let steps = pairs.map(|pair| (pair[1] - pair[0]).abs()).filter(|step| *step > 1e-9);
     let smallest = steps.fold(f64::MAX, f64::min);
     if smallest < f64::MAX { smallest } else { 0.0 }
-}
-
-pub(super) fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    match values.len() {
-        0 => 0.0,
-        count if count % 2 == 1 => values[count / 2],
-        count => 0.5 * (values[count / 2 - 1] + values[count / 2]),
-    }
 }
 
 /// `3:05 h` into the run.

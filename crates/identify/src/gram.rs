@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::bank::{Bank, Traced};
+use crate::statistics::count;
 
 /// The products of a run, or of several added up.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,20 +18,14 @@ pub struct Gram {
 }
 
 impl Gram {
-    /// Of one run.
-    pub fn of(run: &Traced) -> Gram {
-        let wanted = DVector::from_column_slice(&run.wanted);
+    /// Of these columns X, row by row with what they should give, y.
+    pub fn of(columns: &DMatrix<f64>, wanted: &DVector<f64>) -> Gram {
         Gram {
-            square: run.rises.tr_mul(&run.rises),
-            cross: run.rises.tr_mul(&wanted),
+            square: columns.tr_mul(columns),
+            cross: columns.tr_mul(wanted),
             power: wanted.norm_squared(),
-            rows: count(run.wanted.len()),
+            rows: count(wanted.len()),
         }
-    }
-
-    /// Of each run of a bank.
-    pub fn each(bank: &Bank) -> Vec<Gram> {
-        super::parallel::map(&bank.runs, Gram::of)
     }
 
     /// Of these runs together.
@@ -93,11 +87,4 @@ impl Gram {
         }
         (scaled, scales)
     }
-}
-
-/// Rows as a number to compute with.
-pub(super) fn count(rows: usize) -> f64 {
-    #[allow(clippy::cast_precision_loss, reason = "rows of a log")]
-    let count = rows as f64;
-    count
 }

@@ -7,16 +7,19 @@ use crate::bank::Candidate;
 use crate::campaign::Campaign;
 use crate::collinear::collinearity;
 use crate::dataset::{Column, Kind};
-use crate::facts::least_and_most;
 use crate::faults::{Excluded, Repaired, resolution};
-use crate::gram::count;
 use crate::learn::{Learned, Learner};
-use crate::method::alone::{Alone, alone};
 use crate::method::{Method, Settings};
 use crate::region::Region;
 use crate::setup::Ready;
+use crate::statistics::{count, least_and_most};
 use crate::uncertainty::standard_errors;
 use crate::validate::{HeldOut, RunScore, leave_one_run_out};
+use alone::alone;
+
+mod alone;
+
+pub use alone::Alone;
 
 /// A model with its cross-validation. Serialized, it is the JSON of `identify`.
 #[derive(Clone, Debug, Serialize)]
@@ -314,7 +317,7 @@ fn stand_ins(
     found
 }
 
-pub(super) fn means(scores: impl Iterator<Item = (f64, f64)>) -> Means {
+fn means(scores: impl Iterator<Item = (f64, f64)>) -> Means {
     let (mut ranges, mut squares, mut worst, mut runs) = (0.0, 0.0, 0.0_f64, 0_usize);
     for (range, rms) in scores {
         ranges += range;

@@ -32,10 +32,12 @@ pub mod region;
 pub mod report;
 pub mod select;
 pub mod setup;
+pub mod statistics;
 pub mod validate;
 pub mod written;
 
-mod parallel;
+mod checks;
+mod folds;
 mod solve;
 mod uncertainty;
 

@@ -19,8 +19,6 @@ pub(super) mod stepwise;
 mod trained;
 mod two_source;
 
-pub(super) use difference::alone;
-
 /// How a model is found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
@@ -164,7 +162,7 @@ impl Method {
             Method::Position => position::bank(campaign, &lags)?,
             _ => Bank::of(campaign, plain),
         };
-        let grams = Gram::each(&bank);
+        let grams = bank.grams();
         Ok(Box::new(OnBank { bank, grams, rule }))
     }
 }
@@ -208,22 +206,4 @@ impl Rule for Nothing {
     fn fit(&self, _: &[Gram], _: &[usize], _: &[usize]) -> Result<Vec<(usize, f64)>, String> {
         Ok(Vec::new())
     }
-}
-
-/// The runs that are left for training beside each inner fold, with the fold. One run alone has no inner validation.
-pub(super) fn inner(grams: &[Gram], runs: &[usize]) -> Vec<(Gram, Vec<usize>)> {
-    if runs.len() < 2 {
-        return Vec::new();
-    }
-    let fold = |fold: Vec<usize>| {
-        let others: Vec<usize> = runs.iter().copied().filter(|run| !fold.contains(run)).collect();
-        (Gram::sum(grams, &others), fold)
-    };
-    super::validate::folds(runs).into_iter().map(fold).collect()
-}
-
-/// The place of the smallest cost; the first of equals.
-pub(super) fn smallest(costs: &[f64]) -> usize {
-    let place = |best: usize, place: usize| if costs[place] < costs[best] { place } else { best };
-    (1..costs.len()).fold(0, place)
 }

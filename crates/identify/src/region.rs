@@ -6,8 +6,8 @@ use serde_json::{Value, json};
 
 use crate::bank::Bank;
 use crate::campaign::Campaign;
-use crate::gram::count;
 use crate::learn::plain;
+use crate::statistics::count;
 use isotherm_core::compensation::model::envelope::MOST;
 
 /// The rises of some inputs over every run.

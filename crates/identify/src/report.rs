@@ -18,9 +18,6 @@ mod logs;
 mod selected;
 mod terms;
 
-pub(super) use isotherm_html::rfc3339;
-pub(super) use logs::is_ambient;
-
 pub use drifted::drifted;
 pub use identified::{Subject, identified};
 pub use selected::selected;

@@ -14,8 +14,9 @@ use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use crate::bank::{Bank, Candidate};
-use crate::gram::{Gram, count};
+use crate::gram::Gram;
 use crate::learn::Learned;
+use crate::statistics::count;
 
 /// One standard error per gain, in its unit.
 pub(super) fn standard_errors(
@@ -74,7 +75,7 @@ fn by_runs(bank: &Bank, gains: &[(Candidate, f64)]) -> Option<Vec<f64>> {
     if columns.is_empty() {
         return None;
     }
-    let grams: Vec<Gram> = bank.runs.iter().map(|run| Gram::of(run).of_columns(&columns)).collect();
+    let grams: Vec<Gram> = bank.runs.iter().map(|run| run.gram().of_columns(&columns)).collect();
     let all: Vec<usize> = (0..grams.len()).collect();
     let scales = Gram::sum(&grams, &all).scales();
     let gain = DVector::from_fn(columns.len(), |place, _| gains[place].1 * scales[place]);

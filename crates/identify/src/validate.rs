@@ -1,10 +1,10 @@
 //! Leave one run out, never rows: neighbouring minutes are not independent.
 
 use crate::campaign::Campaign;
-use crate::gram::count;
 use crate::learn::{Learned, Learner};
 use crate::method::Settings;
-use crate::parallel;
+use crate::statistics::{percentile_95, range, rms};
+use rayon::prelude::*;
 
 /// How a run fared that the model never saw.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -79,7 +79,9 @@ pub fn leave_one_run_out(
         progress(done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, runs.len());
         Ok(judged)
     };
-    parallel::map(&runs, held).into_iter().collect()
+    // In their order, so that what is wrong with the first of them is what is said.
+    let judged: Vec<_> = runs.par_iter().map(held).collect();
+    judged.into_iter().collect()
 }
 
 /// A model over one run.
@@ -142,33 +144,4 @@ fn since_probing(seconds: &[f64], left: &[f64], interval: f64) -> Vec<f64> {
         left - last.1
     };
     seconds.iter().zip(left).map(&mut at).collect()
-}
-
-/// Largest minus smallest.
-pub fn range(values: &[f64]) -> f64 {
-    let (low, high) =
-        values.iter().fold((f64::MAX, f64::MIN), |(low, high), value| (low.min(*value), high.max(*value)));
-    if values.is_empty() { 0.0 } else { high - low }
-}
-
-/// Root mean square.
-pub fn rms(values: &[f64]) -> f64 {
-    (values.iter().map(|value| value * value).sum::<f64>() / count(values.len()).max(1.0)).sqrt()
-}
-
-fn percentile_95(values: &[f64]) -> f64 {
-    let mut sizes: Vec<f64> = values.iter().map(|value| value.abs()).collect();
-    sizes.sort_by(f64::total_cmp);
-    sizes.get((sizes.len() * 95).div_ceil(100).saturating_sub(1)).copied().unwrap_or(0.0)
-}
-
-/// Inner folds of training runs: one out where they are few, else seven by place.
-pub(super) fn folds(runs: &[usize]) -> Vec<Vec<usize>> {
-    const FEW: usize = 8;
-    const FOLDS: usize = 7;
-    if runs.len() <= FEW {
-        return runs.iter().map(|run| vec![*run]).collect();
-    }
-    let fold = |fold| runs.iter().copied().enumerate().filter(move |(place, _)| place % FOLDS == fold);
-    (0..FOLDS).map(|number| fold(number).map(|(_, run)| run).collect()).collect()
 }

@@ -3,9 +3,8 @@
 use std::fmt::Write;
 
 use crate::bank::Candidate;
-use crate::identified::{Identified, TermFound};
+use crate::identified::{Alone, Identified, TermFound};
 use crate::learn::Learned;
-use crate::method::alone::Alone;
 use crate::region::Region;
 use isotherm_core::compensation::model::Outside;
 

@@ -3,7 +3,8 @@
 //!
 //! ```text
 //! card ──── what stands in the files: cards, parameters, lines, with their places
-//! raw ───── the same in numbers and names, card by card
+//! order ─── each card to those who read it: model, load, solid
+//! raw ───── the same in numbers and names
 //! resolve ─ names looked up, the whole checked: the Deck
 //! ```
 //! A Gmsh mesh names surfaces by flat elements (`CPS3`, `CPS6`): the nodes of such a set can be used as a node set, and
@@ -22,6 +23,7 @@ mod card;
 mod fields;
 mod load;
 mod model;
+mod order;
 mod raw;
 mod refused;
 mod resolve;
@@ -120,7 +122,7 @@ pub fn read(path: &Path) -> Result<Deck, Faults> {
         let message = "the deck is empty".to_owned();
         faults.push(Fault { file: path.to_path_buf(), line: None, card: String::new(), message });
     }
-    let raw = raw::Raw::of(&cards, &mut faults);
+    let raw = order::raw(&cards, &mut faults);
     let deck = resolve::deck(path, &raw, &mut faults);
     match deck {
         Some(deck) if faults.is_empty() => Ok(deck),

@@ -7,7 +7,7 @@
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
-use crate::column::Grid;
+use crate::grid::Grid;
 use crate::mesh::{Face, Kind, Mesh};
 use crate::write::{number, set};
 

@@ -1,6 +1,7 @@
 //! What a division into blocks can tell at best, for many divisions: which cut helps most, which two blocks can be one.
 
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 use crate::blocks::{AXES, Cut, Part, divided};
 use crate::mesh::Mesh;
@@ -93,7 +94,7 @@ impl<'a> Floors<'a> {
         let pieces: Vec<Piece> = parts.iter().map(|part| self.piece(&part.nodes)).collect();
         let tried: Vec<(usize, Cut)> =
             (0..parts.len()).flat_map(|place| self.cuts(place, &parts[place])).collect();
-        let floors = super::parallel::map(&tried, |(place, cut)| {
+        let floors = tried.par_iter().filter_map(|(place, cut)| {
             let halves = divided(self.mesh, parts, cut).ok()?;
             let made: Vec<Piece> =
                 halves[*place..*place + 2].iter().map(|half| self.piece(&half.nodes)).collect();
@@ -101,7 +102,7 @@ impl<'a> Floors<'a> {
             let floor = self.floor(&kept.chain(&made).collect::<Vec<_>>());
             Some((floor, cut, halves))
         });
-        let mut found: Vec<_> = floors.into_iter().flatten().collect();
+        let mut found: Vec<_> = floors.collect();
         found.sort_by(|(one, ..), (other, ..)| one.total_cmp(other));
         let (floor_um, cut, parts) = found.into_iter().find(|(_, _, parts)| may(parts))?;
         Some(Changed { cut: Some(cut.clone()), parts, floor_um })

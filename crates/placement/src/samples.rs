@@ -1,7 +1,7 @@
 //! Small bodies for tests.
 
 use crate::body::{Case, LoadCase, Material, Materials};
-use crate::column::Grid;
+use crate::grid::Grid;
 use crate::mesh::{Kind, Mesh};
 
 /// Edges of the block, mm.

@@ -9,10 +9,11 @@ use super::link::Link;
 use super::socket::Socket;
 use crate::fieldbus::canopen::NodeId;
 use crate::fieldbus::canopen::sdo::{Client, Data, Progress, SdoError};
+use crate::fieldbus::connection::{Connection, Dial};
 use crate::fieldbus::departure::Departure;
 use crate::fieldbus::error::{CallerFault, CanFault, Fault, LinkFault, PeerFault};
 use crate::fieldbus::trace::Tap;
-use crate::fieldbus::wire::{Answer, Boxed, CanRequest, Connection, Dial, Request, Wire};
+use crate::fieldbus::wire::{Answer, Boxed, CanRequest, Request, Wire};
 use isotherm_core::codec::Frame;
 
 /// Opens the line of an interface that somebody listens to.

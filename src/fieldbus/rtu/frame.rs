@@ -4,7 +4,7 @@
 //! put them together as they like.
 
 use crate::fieldbus::pdu;
-use crate::fieldbus::wire::Request;
+use crate::fieldbus::request::Request;
 use isotherm_core::codec::{Table, checksum};
 
 /// The longest frame: unit, 253 bytes, checksum.

@@ -6,7 +6,7 @@ use std::time::Duration;
 use serde::{Serialize, Serializer};
 
 use crate::fieldbus::error::Fault;
-use crate::fieldbus::wire::{Answer, CanRequest, Request};
+use crate::fieldbus::request::{Answer, CanRequest, Request};
 use isotherm_core::codec::{Frame, Register, Table};
 use isotherm_core::quantity::Moment;
 

@@ -33,11 +33,11 @@ impl Ear {
         let bus = self.shared.profile.bus(self.bus);
         let up = {
             let mut core = self.shared.core();
-            core.buses[self.bus.0].connected = true;
+            core.contact.buses[self.bus.0].connected = true;
             for device in self.nodes.devices() {
-                core.commissioning.forget(&self.shared, device);
+                core.commissioning.forget(&self.shared.profile, device);
             }
-            core.buses[self.bus.0].down.take().map(|attempts| Event::LinkUp {
+            core.contact.buses[self.bus.0].down.take().map(|attempts| Event::LinkUp {
                 bus: bus.name.clone(),
                 address: bus.address.clone(),
                 attempts,
@@ -66,12 +66,12 @@ impl Ear {
         }
         let bus = self.shared.profile.bus(self.bus);
         let mut core = self.shared.core();
-        let count = &mut core.buses[self.bus.0];
+        let count = &mut core.contact.buses[self.bus.0];
         count.connected = false;
         let is_told = count.down.is_some();
         *count.down.get_or_insert(0) += 1;
         for device in self.nodes.devices() {
-            let lost = core.devices[device.0].lost.get_or_insert_default();
+            let lost = core.contact.devices[device.0].lost.get_or_insert_default();
             lost.fault = fault.to_string();
             lost.answers_since = None;
         }

@@ -7,14 +7,14 @@ use super::{Can, Ear, Handed, Health, Nodes, Routes};
 use crate::clock::Looks;
 use crate::fieldbus::can::{Images, Link, Value};
 use crate::fieldbus::trace::Tap;
-use crate::gateway::shared::Shared;
+use crate::gateway::line_handle::LineHandle;
 use isotherm_core::codec::{Address, CanId};
 use isotherm_profile::{BusId, Device, DeviceId, Output, Profile, Verify};
 
 impl Ear {
     /// The listener of a line and what it shares with it; `None` for a line that is not CAN. Opens the interface, if it
     /// is there.
-    pub(in crate::gateway) fn of(shared: &Arc<Shared>, bus: BusId, tap: &Tap) -> Option<(Arc<Can>, Ear)> {
+    pub(in crate::gateway) fn of(shared: &LineHandle, bus: BusId, tap: &Tap) -> Option<(Arc<Can>, Ear)> {
         let profile = &shared.profile;
         let settings = profile.bus(bus);
         if !settings.transport.is_can() {

@@ -110,7 +110,7 @@ impl Ear {
             if !core.commissioning.is_unknown(route.device) {
                 core.board.store(&self.shared.profile, route.signal, value, now);
             }
-            let told = core.can_heard(&self.shared, route.device);
+            let told = core.contact.heard(&self.shared.profile, route.device, self.shared.clock.now());
             if told.iter().any(Option::is_some) {
                 events = told;
             }

@@ -3,7 +3,6 @@
 use super::Ear;
 use super::nodes::Do;
 use crate::fieldbus::canopen::master::NodeEvent;
-use crate::gateway::shared::{Core, Shared};
 use crate::observe::events::{CanEvent, Event};
 use isotherm_core::reading::Reason;
 use isotherm_profile::DeviceId;
@@ -11,7 +10,7 @@ use isotherm_profile::DeviceId;
 impl Ear {
     /// A frame of a device came that is not of a value.
     pub(super) fn is_spoken_to_by(&self, device: DeviceId) {
-        let events = self.shared.core().can_heard(&self.shared, device);
+        let events = self.shared.core().contact.heard(&self.shared.profile, device, self.shared.clock.now());
         events.into_iter().flatten().for_each(|event| self.shared.tell(&event));
     }
 
@@ -59,7 +58,14 @@ impl Ear {
             NodeEvent::Lost { .. } => self.lost(device, what),
             NodeEvent::Back { .. } => {
                 self.can.revive(Some(device));
-                events.extend(self.shared.core().can_heard(&self.shared, device).into_iter().flatten());
+                events.extend(
+                    self.shared
+                        .core()
+                        .contact
+                        .heard(&self.shared.profile, device, self.shared.clock.now())
+                        .into_iter()
+                        .flatten(),
+                );
                 self.shared.ring_line(self.bus);
             }
             // Sifted before.
@@ -70,7 +76,12 @@ impl Ear {
 
     fn lost(&self, device: DeviceId, what: String) {
         self.condemn(device, Reason::Timeout);
-        let event = self.shared.core().can_lost(&self.shared, device, what);
+        let mut core = self.shared.core();
+        let event = core.contact.is_silent(&self.shared.profile, device, what);
+        if event.is_some() {
+            core.commissioning.forget(&self.shared.profile, device);
+        }
+        drop(core);
         event.iter().for_each(|event| self.shared.tell(event));
     }
 
@@ -81,7 +92,7 @@ impl Ear {
             self.condemn(device, Reason::NotAsExpected);
         }
         let mut core = self.shared.core();
-        core.commissioning.forget(&self.shared, device);
+        core.commissioning.forget(&self.shared.profile, device);
         if was_there {
             core.restarts.device_restarted(&self.shared.profile, device);
         }
@@ -97,28 +108,5 @@ impl Ear {
             core.board.store(&self.shared.profile, signal, Err(reason), now);
             core.board.fail(signal, reason);
         }
-    }
-}
-
-impl Core {
-    /// A frame of a device came.
-    pub(super) fn can_heard(&mut self, shared: &Shared, id: DeviceId) -> [Option<Event>; 2] {
-        let count = &self.devices[id.0];
-        if count.answered && count.lost.is_none() { [None, None] } else { self.device_answers(shared, id) }
-    }
-
-    /// Nothing comes of a device any more; told once, but for a bus that is down, which has been.
-    fn can_lost(&mut self, shared: &Shared, id: DeviceId, fault: String) -> Option<Event> {
-        let device = shared.profile.device(id);
-        let is_down = self.buses[device.bus.0].down.is_some();
-        let lost = self.devices[id.0].lost.get_or_insert_default();
-        lost.missed += 1;
-        lost.answers_since = None;
-        lost.fault = fault.clone();
-        if is_down || std::mem::replace(&mut lost.told, true) {
-            return None;
-        }
-        self.commissioning.forget(shared, id);
-        Some(Event::DeviceLost { device: device.name.clone(), at: device.at(), fault })
     }
 }

@@ -10,7 +10,7 @@ use super::{Asked, RETRY, Trouble};
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, Request};
-use crate::gateway::shared::Shared;
+use crate::gateway::line_handle::LineHandle;
 use crate::observe::events::Event;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::Output;
@@ -44,7 +44,7 @@ impl AppliedOffset {
     pub(super) async fn look(
         &mut self,
         line: &mut DeviceLine,
-        shared: &Shared,
+        shared: &LineHandle,
         output: &Output,
         register: &mut Register,
     ) -> Moment {
@@ -100,7 +100,7 @@ impl AppliedOffset {
 
     fn judge(
         &mut self,
-        shared: &Shared,
+        shared: &LineHandle,
         output: &Output,
         register: &mut Register,
         (stands, found): (f64, Option<f64>),

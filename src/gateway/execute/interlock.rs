@@ -1,6 +1,6 @@
 //! The interlock of an output: `when = "cnc_on == 1"`.
 
-use crate::gateway::shared::Shared;
+use crate::gateway::line_handle::LineHandle;
 use crate::observe::events::Event;
 use isotherm_profile::Output;
 
@@ -23,7 +23,7 @@ impl Interlock {
     /// that is a fault, which the lost signal has told.
     pub(super) fn hear(
         &mut self,
-        shared: &Shared,
+        shared: &LineHandle,
         output: &Output,
         is_armed: bool,
         allowed: Option<bool>,

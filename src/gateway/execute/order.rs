@@ -1,6 +1,7 @@
 //! What is to be done about an output now, as the shared state says.
 
-use crate::gateway::shared::{Core, Shared};
+use crate::gateway::core::Core;
+use crate::gateway::line_handle::LineHandle;
 use crate::gateway::words::part;
 use isotherm_core::compensation::AxisState;
 use isotherm_core::quantity::{Micron, Moment};
@@ -36,7 +37,7 @@ pub(in crate::gateway) struct Order {
 
 impl Order {
     /// What is to be done about this output.
-    pub(in crate::gateway) fn of(shared: &Shared, core: &Core, id: OutputId, now: Moment) -> Order {
+    pub(in crate::gateway) fn of(shared: &LineHandle, core: &Core, id: OutputId, now: Moment) -> Order {
         let output = shared.profile.output(id);
         let decision = core.compensation.decision(output.axis.0);
         let state = decision.map(|decision| decision.state);

@@ -16,8 +16,8 @@ use crate::fieldbus::error::{CallerFault, Fault, Outcome};
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, Request};
 use crate::gateway::keeper::Steady;
+use crate::gateway::line_handle::LineHandle;
 use crate::gateway::output::Standing;
-use crate::gateway::shared::Shared;
 use crate::gateway::words::{cz_factor, words_in_text};
 use crate::observe::events::Event;
 use isotherm_core::codec::Encoded;
@@ -63,7 +63,7 @@ impl Position {
     }
 
     /// Writes position + Cz as soon as a new position has been read.
-    pub(in crate::gateway) async fn turn(&mut self, line: &mut DeviceLine, shared: &Shared, now: Moment) {
+    pub(in crate::gateway) async fn turn(&mut self, line: &mut DeviceLine, shared: &LineHandle, now: Moment) {
         let output = shared.profile.output(self.id);
         let has_dashes = output.display.stale.is_some();
         let (taken, order) = {
@@ -98,7 +98,7 @@ impl Position {
         }
     }
 
-    async fn correct(&mut self, line: &mut DeviceLine, shared: &Shared, position: f64, order: &Order) {
+    async fn correct(&mut self, line: &mut DeviceLine, shared: &LineHandle, position: f64, order: &Order) {
         let output = shared.profile.output(self.id);
         let cz = self.share(shared, output, order);
         let factor = cz_factor(&shared.profile, output);
@@ -136,7 +136,7 @@ impl Position {
 
     /// Cz as it goes into a position: one step nearer to the axis's at each of its decisions. The axis's own may jump,
     /// where it takes over what a restarted CNC holds.
-    fn share(&self, shared: &Shared, output: &Output, order: &Order) -> Micron {
+    fn share(&self, shared: &LineHandle, output: &Output, order: &Order) -> Micron {
         if let Some(sent) = self.sent {
             return sent;
         }
@@ -145,7 +145,7 @@ impl Position {
         if decided == order.decided { last } else { last + (order.cz - last).clamp_to(step) }
     }
 
-    fn encode(&mut self, shared: &Shared, output: &Output, value: f64) -> Words {
+    fn encode(&mut self, shared: &LineHandle, output: &Output, value: f64) -> Words {
         let encoded = output.encoding.encode(value);
         if encoded.saturated && !self.is_saturated {
             shared.tell(&Event::Saturated { output: output.name.clone(), wanted: value });
@@ -158,7 +158,7 @@ impl Position {
     async fn write(
         &mut self,
         line: &mut DeviceLine,
-        shared: &Shared,
+        shared: &LineHandle,
         output: &Output,
         target: Words,
         not_after: Moment,
@@ -188,7 +188,7 @@ impl Position {
     }
 
     /// Something else is read back than was written: told once, and tried again with the next position.
-    fn is_not_shown(&mut self, shared: &Shared, output: &Output, wrote: Words, found: Option<Words>) {
+    fn is_not_shown(&mut self, shared: &LineHandle, output: &Output, wrote: Words, found: Option<Words>) {
         if self.trouble.replace(Trouble::Untaken) != Some(Trouble::Untaken) {
             let found = found.map_or(String::new(), |found| words_in_text(output, &found));
             let wrote = words_in_text(output, &wrote);
@@ -198,7 +198,7 @@ impl Position {
     }
 
     /// A device that is lost has been told; one that refuses has not.
-    fn fail(&mut self, shared: &Shared, output: &Output, fault: Fault) {
+    fn fail(&mut self, shared: &LineHandle, output: &Output, fault: Fault) {
         if fault.has_lapsed() {
             return;
         }
@@ -210,7 +210,7 @@ impl Position {
         self.is_unverified(shared, &fault);
     }
 
-    fn is_unverified(&self, shared: &Shared, why: &dyn Display) {
+    fn is_unverified(&self, shared: &LineHandle, why: &dyn Display) {
         let now = shared.clock.now();
         let mut core = shared.core();
         core.keeper.not_written(Steady::Position(self.id), why, now);
@@ -221,7 +221,7 @@ impl Position {
 
     /// Dashes instead of a number that nobody corrects any more: when that begins, and again after each pause, because a
     /// display that was switched off and on shows something else.
-    async fn show_nothing(&mut self, line: &mut DeviceLine, shared: &Shared, now: Moment) {
+    async fn show_nothing(&mut self, line: &mut DeviceLine, shared: &LineHandle, now: Moment) {
         let output = shared.profile.output(self.id);
         let Some(stale) = &output.display.stale else { return };
         let is_fresh = self.dashes_at.is_some_and(|at| now < at.after(DASHES_AGAIN));
@@ -240,12 +240,12 @@ impl Position {
 }
 
 /// Whether the display is ours by now: where a person arms, nothing is written before that.
-fn has_shown(shared: &Shared) -> bool {
+fn has_shown(shared: &LineHandle) -> bool {
     shared.profile.arm == Arm::Auto || shared.core().was_armed
 }
 
 /// How the axis does, for a display.
-fn shown(shared: &Shared, output: &Output) -> Shown {
+fn shown(shared: &LineHandle, output: &Output) -> Shown {
     let state = shared.core().compensation.decision(output.axis.0).map(|decision| decision.state);
     match state {
         Some(AxisState::Active) => Shown::Good,
@@ -258,7 +258,7 @@ fn shown(shared: &Shared, output: &Output) -> Shown {
 /// where that fails the first has arrived all the same.
 async fn send_cells(
     line: &mut DeviceLine,
-    shared: &Shared,
+    shared: &LineHandle,
     output: &Output,
     wanted: Cells,
     leave: Leave,

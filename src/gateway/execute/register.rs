@@ -11,8 +11,8 @@ use crate::fieldbus::error::{CallerFault, Fault, Outcome};
 use crate::fieldbus::line::DeviceLine;
 use crate::gateway::keeper::Stepped;
 use crate::gateway::ledger::Keeping;
+use crate::gateway::line_handle::LineHandle;
 use crate::gateway::saver::Kept;
-use crate::gateway::shared::Shared;
 use crate::gateway::words::can_be_read;
 use crate::observe::events::Event;
 use isotherm_core::output::{Action, Copies, Fact, Rules, Settings, Standing, State, Verify, Who, step};
@@ -78,7 +78,7 @@ pub(super) struct Heard {
 }
 
 impl Register {
-    pub(super) fn new(shared: &Shared, id: OutputId, now: Moment) -> Register {
+    pub(super) fn new(shared: &LineHandle, id: OutputId, now: Moment) -> Register {
         let profile = &shared.profile;
         let output = profile.output(id);
         let units = Units::of(profile, output);
@@ -124,7 +124,7 @@ impl Register {
     }
 
     /// What has happened elsewhere since the last turn.
-    pub(super) fn hear(&mut self, shared: &Shared, output: &Output, order: &Order, now: Moment) {
+    pub(super) fn hear(&mut self, shared: &LineHandle, output: &Output, order: &Order, now: Moment) {
         if std::mem::replace(&mut self.heard.pauses, order.pauses) != order.pauses {
             self.step(shared, Fact::Paused, now);
         }
@@ -156,7 +156,7 @@ impl Register {
     }
 
     /// Another decision. An axis that holds decides nothing: it goes on from what stands there.
-    fn decide(&mut self, shared: &Shared, output: &Output, order: &Order, now: Moment) {
+    fn decide(&mut self, shared: &LineHandle, output: &Output, order: &Order, now: Moment) {
         self.is_late = false;
         let offset = self.offset(shared, output, order);
         self.tell_saturated(shared, output, offset);
@@ -184,7 +184,7 @@ impl Register {
     }
 
     /// What is wanted, in counts from the bias. A reference position is a constant.
-    fn offset(&self, shared: &Shared, output: &Output, order: &Order) -> i64 {
+    fn offset(&self, shared: &LineHandle, output: &Output, order: &Order) -> i64 {
         match (output.writes, shared.profile.axis(output.axis).settings.apart) {
             (Writes::Reference, Some(apart)) => self.units.counts(&output.encoding, apart.reference),
             _ => self.units.offset(&output.encoding, order.cz),
@@ -202,7 +202,7 @@ impl Register {
     }
 
     /// What was sent before is wanted once more, where it does not stand there.
-    pub(super) fn wants_again(&mut self, shared: &Shared, value: i64, order: &Order, now: Moment) {
+    pub(super) fn wants_again(&mut self, shared: &LineHandle, value: i64, order: &Order, now: Moment) {
         if !self.is_driven() || value == self.stands() {
             return;
         }
@@ -211,7 +211,7 @@ impl Register {
     }
 
     /// The register holds less than is wanted.
-    fn tell_saturated(&mut self, shared: &Shared, output: &Output, offset: i64) {
+    fn tell_saturated(&mut self, shared: &LineHandle, output: &Output, offset: i64) {
         let account = self.state.shown(&self.settings).account;
         let value = account.map_or(self.settings.bias, |account| account.base).saturating_add(offset);
         let (lowest, highest) = self.settings.range;
@@ -225,7 +225,7 @@ impl Register {
 
     /// Its turn has come too late: what was decided rests on readings that are too old now. The next decision is carried
     /// out, and people are told that the line is too slow.
-    pub(super) fn lapsed(&mut self, shared: &Shared, order: &Order) {
+    pub(super) fn lapsed(&mut self, shared: &LineHandle, order: &Order) {
         self.is_late = order.follows;
         if order.follows {
             shared.order_lapsed(self.id, order.not_after);
@@ -235,7 +235,7 @@ impl Register {
     }
 
     /// Whatever happened while its interlock was open, the axis goes on from what stands there then.
-    fn hear_interlock(&mut self, shared: &Shared, output: &Output, order: &Order, now: Moment) {
+    fn hear_interlock(&mut self, shared: &LineHandle, output: &Output, order: &Order, now: Moment) {
         if self.interlock.hear(shared, output, self.heard.is_armed, order.allowed) {
             let is_held = self.interlock.is_held;
             self.step(shared, if is_held { Fact::Interlocked } else { Fact::Released }, now);
@@ -245,7 +245,7 @@ impl Register {
 
     /// Takes a fact in: what is to be done next, unless something is to be done already. What is known afterwards outlives
     /// this task, and what was taken and asked for is logged.
-    pub(super) fn step(&mut self, shared: &Shared, fact: Fact, now: Moment) {
+    pub(super) fn step(&mut self, shared: &LineHandle, fact: Fact, now: Moment) {
         let was_open = self.is_open();
         let before = self.is_logged.then_some(self.state);
         let action = step(&mut self.state, &self.settings, fact, now);
@@ -316,7 +316,13 @@ impl Register {
     }
 
     /// An exchange has come to its end with this.
-    pub(super) fn comes_of(&mut self, line: &mut DeviceLine, shared: &Shared, output: &Output, fact: Fact) {
+    pub(super) fn comes_of(
+        &mut self,
+        line: &mut DeviceLine,
+        shared: &LineHandle,
+        output: &Output,
+        fact: Fact,
+    ) {
         let now = line.looked();
         if line.has_stood_still() {
             self.step(shared, Fact::Paused, now);
@@ -329,7 +335,7 @@ impl Register {
     /// What a write that was not answered as done has come to.
     pub(super) fn failed(
         &mut self,
-        shared: &Shared,
+        shared: &LineHandle,
         output: &Output,
         order: &Order,
         (fault, outcome): (Fault, Outcome),
@@ -354,7 +360,7 @@ impl Register {
     pub(super) fn ends_turn(
         &mut self,
         line: &mut DeviceLine,
-        shared: &Shared,
+        shared: &LineHandle,
         output: &Output,
         order: &Order,
     ) {
@@ -379,7 +385,7 @@ impl Register {
     pub(super) async fn keep(
         &mut self,
         line: &mut DeviceLine,
-        shared: &Shared,
+        shared: &LineHandle,
         output: &Output,
         now: Moment,
     ) -> Option<Fact> {
@@ -427,7 +433,7 @@ impl Register {
     }
 }
 
-fn settings(shared: &Shared, output: &Output, units: Units) -> Settings {
+fn settings(shared: &LineHandle, output: &Output, units: Units) -> Settings {
     let profile = &shared.profile;
     // A constant may arrive whenever it likes.
     let is_constant = output.writes == Writes::Reference;
@@ -444,7 +450,7 @@ fn settings(shared: &Shared, output: &Output, units: Units) -> Settings {
         every: profile.axis(output.axis).settings.every,
         refresh: output.refresh,
         is_shared: output.share == Share::Ledger,
-        verify: if can_be_read(shared, output) { Verify::Reading } else { Verify::Echo },
+        verify: if can_be_read(&shared.profile, output) { Verify::Reading } else { Verify::Echo },
         rules: Rules::default(),
     }
 }
@@ -460,6 +466,6 @@ fn taken_up(mut state: State, settings: &Settings, now: Moment) -> State {
 }
 
 /// Who has armed its axis.
-fn who(shared: &Shared, output: &Output) -> Who {
+fn who(shared: &LineHandle, output: &Output) -> Who {
     if shared.core().arming[output.axis.0].by_person { Who::Person } else { Who::Policy }
 }

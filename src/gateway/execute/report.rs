@@ -4,15 +4,15 @@ use super::order::Order;
 use super::register::Register;
 use super::{Asked, DEAF, Trouble};
 use crate::fieldbus::error::{Fault, Outcome};
+use crate::gateway::line_handle::LineHandle;
 use crate::gateway::output::Standing;
-use crate::gateway::shared::Shared;
 use crate::observe::events::Event;
 use isotherm_core::output::{self, Account, Fact, Verify};
 use isotherm_profile::Output;
 
 impl Register {
     /// Tells what the step has found out; what switches off does that here.
-    pub(super) fn report(&mut self, shared: &Shared) {
+    pub(super) fn report(&mut self, shared: &LineHandle) {
         let output = shared.profile.output(self.id);
         let name = || output.name.clone();
         let in_text = |counts| self.units.in_text(output, counts);
@@ -89,7 +89,7 @@ impl Register {
     }
 
     /// Tells whose part is what, now that it is on disk.
-    pub(super) fn tell_opened(&mut self, shared: &Shared, output: &Output) {
+    pub(super) fn tell_opened(&mut self, shared: &LineHandle, output: &Output) {
         let Some(account) = self.state.shown(&self.settings).account else { return };
         if std::mem::take(&mut self.opens) {
             shared.tell(&Event::LedgerOpened {
@@ -101,7 +101,7 @@ impl Register {
     }
 
     /// Only a person can say what of the register is whose: the axis is off until one arms it, and the register stays.
-    fn ask(&mut self, shared: &Shared, output: &Output) {
+    fn ask(&mut self, shared: &LineHandle, output: &Output) {
         let shown = self.state.shown(&self.settings);
         let is_asked = self.settings.is_shared && shown.standing == output::Standing::Barred;
         let Some(verified) = shown.verified.filter(|_| is_asked && !shared.dry_run) else { return };
@@ -133,14 +133,14 @@ impl Register {
         self.disarm(shared, output, "what of its register is ours is in question");
     }
 
-    fn disarm(&self, shared: &Shared, output: &Output, why: &str) {
+    fn disarm(&self, shared: &LineHandle, output: &Output, why: &str) {
         let axis = &shared.profile.axis(output.axis).settings.name;
         let told = shared.core().disarm(output.axis, axis, why);
         told.iter().for_each(|event| shared.tell(event));
     }
 
     /// A request has failed. A device that is lost has been told; one that refuses has not.
-    pub(super) fn fail(&mut self, shared: &Shared, output: &Output, fault: Fault, asked: Asked) {
+    pub(super) fn fail(&mut self, shared: &LineHandle, output: &Output, fault: Fault, asked: Asked) {
         if asked == Asked::Write && !self.heard.is_armed {
             // It only went along.
             return;
@@ -170,7 +170,7 @@ impl Register {
     }
 
     /// What an exchange that has come to its end says of the trouble before it.
-    pub(super) fn look_back(&mut self, shared: &Shared, output: &Output, fact: Fact) {
+    pub(super) fn look_back(&mut self, shared: &LineHandle, output: &Output, fact: Fact) {
         let shown = self.state.shown(&self.settings);
         match fact {
             Fact::Done { .. } => self.failed_writes = 0,
@@ -209,7 +209,7 @@ impl Register {
     }
 
     /// The control did not take what it holds.
-    pub(super) fn is_not_taken(&mut self, shared: &Shared) {
+    pub(super) fn is_not_taken(&mut self, shared: &LineHandle) {
         if self.is_driven() {
             self.trouble = Some(Trouble::Untaken);
             shared.core().outputs[self.id.0].failures += 1;
@@ -217,7 +217,7 @@ impl Register {
     }
 
     /// It holds what it should, and can be written again.
-    pub(super) fn recover(&mut self, shared: &Shared, output: &Output) {
+    pub(super) fn recover(&mut self, shared: &LineHandle, output: &Output) {
         let is_over = match self.trouble {
             Some(Trouble::Untaken | Trouble::Unanswered | Trouble::Link) => true,
             None | Some(Trouble::Disk) => false,
@@ -233,7 +233,7 @@ impl Register {
     }
 
     /// What is known of the register now.
-    pub(super) fn publish(&mut self, shared: &Shared, output: &Output, order: &Order) {
+    pub(super) fn publish(&mut self, shared: &LineHandle, output: &Output, order: &Order) {
         self.ask(shared, output);
         let shown = self.state.shown(&self.settings);
         let copies = *self.state.copies();

@@ -12,8 +12,8 @@
 use crate::fieldbus::error::{Fault, Outcome};
 use crate::fieldbus::line::DeviceLine;
 use crate::gateway::keeper::Steady;
+use crate::gateway::line_handle::LineHandle;
 use crate::gateway::output::Wait;
-use crate::gateway::shared::Shared;
 use isotherm_core::codec::Register as Place;
 use isotherm_core::compensation::AxisState;
 use isotherm_core::output::{Action, Fact};
@@ -70,7 +70,7 @@ enum Went {
 }
 
 impl Set {
-    pub(in crate::gateway) fn new(shared: &Shared, id: SetId, now: Moment) -> Set {
+    pub(in crate::gateway) fn new(shared: &LineHandle, id: SetId, now: Moment) -> Set {
         let outputs = &shared.profile.set(id).outputs;
         // The task before this one ended in the middle of an exchange.
         let was_up = outputs.iter().any(|id| shared.core().outputs[id.0].handshake.strobe_up);
@@ -118,7 +118,7 @@ impl Set {
     }
 
     /// Goes on with an exchange, or begins one where there is something to do. Never waits for the control.
-    pub(in crate::gateway) async fn turn(&mut self, line: &mut DeviceLine, shared: &Shared, now: Moment) {
+    pub(in crate::gateway) async fn turn(&mut self, line: &mut DeviceLine, shared: &LineHandle, now: Moment) {
         let orders = self.orders(shared, now);
         if shared.core().leaving {
             self.strobe.leaves();
@@ -149,13 +149,13 @@ impl Set {
         self.due = self.next_turn(shared, line.looked()).min(looks_again);
     }
 
-    fn orders(&self, shared: &Shared, now: Moment) -> Vec<Order> {
+    fn orders(&self, shared: &LineHandle, now: Moment) -> Vec<Order> {
         let core = shared.core();
         self.registers.iter().map(|register| Order::of(shared, &core, register.id, now)).collect()
     }
 
     /// Goes on with a handshake; one that failed, or that a gateway before this one left, has its strobe dropped.
-    async fn go_on(&mut self, line: &mut DeviceLine, shared: &Shared, now: Moment) -> Went {
+    async fn go_on(&mut self, line: &mut DeviceLine, shared: &LineHandle, now: Moment) -> Went {
         while let Some((wait, ..)) = self.strobe.waits {
             match (self.strobe.wait(line, shared).await, wait) {
                 (Waited::Still, _) => return Went::NoFurther,
@@ -188,7 +188,7 @@ impl Set {
         Went::Well
     }
 
-    async fn begin(&mut self, line: &mut DeviceLine, shared: &Shared, orders: &[Order], now: Moment) {
+    async fn begin(&mut self, line: &mut DeviceLine, shared: &LineHandle, orders: &[Order], now: Moment) {
         let profile = &shared.profile;
         let restarts = orders.iter().map(|order| order.restarts).max().unwrap_or_default();
         if std::mem::replace(&mut self.restarts, restarts) != restarts {
@@ -265,7 +265,7 @@ impl Set {
 
     /// No half of what was sent is taken. So the rest of it is wanted once more; but not after something else has happened to
     /// it, and not on readings that have died.
-    fn want_again_what_was_sent(&mut self, shared: &Shared, orders: &[Order], now: Moment) {
+    fn want_again_what_was_sent(&mut self, shared: &LineHandle, orders: &[Order], now: Moment) {
         let Some(values) = self.half_sent(&shared.profile) else { return };
         let each = || self.registers.iter().zip(&values).zip(orders);
         if !each().all(|((register, value), order)| register.can_hold_again(*value, order, now)) {
@@ -279,7 +279,7 @@ impl Set {
 
     /// It is to be sent, whether or not one of its members is to be written: because it is refreshed, because its control
     /// word says something else now, or because the control has not taken what stands there.
-    fn sends_anyway(&self, shared: &Shared, now: Moment) -> bool {
+    fn sends_anyway(&self, shared: &LineHandle, now: Moment) -> bool {
         if now < self.tries_from {
             return false;
         }
@@ -294,7 +294,7 @@ impl Set {
     }
 
     /// What lands together moves together: where a late write forbids one of them its next step, all wait.
-    fn wait_for_each_other(&mut self, line: &mut DeviceLine, shared: &Shared) {
+    fn wait_for_each_other(&mut self, line: &mut DeviceLine, shared: &LineHandle) {
         let waits = |register: &Register| register.heard.is_armed && register.is_waiting_for_late();
         if !self.registers.iter().any(waits) {
             return;
@@ -313,7 +313,7 @@ impl Set {
     }
 
     /// The acknowledge is down, so that the next one answers the next strobe.
-    async fn is_clear(&mut self, line: &mut DeviceLine, shared: &Shared) -> Went {
+    async fn is_clear(&mut self, line: &mut DeviceLine, shared: &LineHandle) -> Went {
         let Some(handshake) = shared.profile.set(self.id).handshake else { return Went::Well };
         if shared.core().leaving {
             return Went::Well;
@@ -334,7 +334,7 @@ impl Set {
 
     /// Every register of the set as it stands now. Each member learns what it holds; one behind an interlock does not: what
     /// is there may be off, or starting.
-    async fn read(&mut self, line: &mut DeviceLine, shared: &Shared) -> Option<Vec<Words>> {
+    async fn read(&mut self, line: &mut DeviceLine, shared: &LineHandle) -> Option<Vec<Words>> {
         let set = shared.profile.set(self.id);
         let mut cells = Cells::new();
         let read = requests::read(line, &shared.profile, set, &mut cells).await;
@@ -366,7 +366,7 @@ impl Set {
     }
 
     /// What stands there and was not taken is to be taken before anything else is sent.
-    fn bind(&mut self, shared: &Shared, values: &[Words], has_come_late: bool) {
+    fn bind(&mut self, shared: &LineHandle, values: &[Words], has_come_late: bool) {
         if std::mem::take(&mut self.was_in_order) {
             self.taken = Some(values.to_vec());
         }
@@ -384,7 +384,7 @@ impl Set {
     async fn send(
         &mut self,
         line: &mut DeviceLine,
-        shared: &Shared,
+        shared: &LineHandle,
         orders: &[Order],
         found: &[Words],
     ) -> Went {
@@ -440,7 +440,7 @@ impl Set {
     }
 
     /// A heartbeat and a control word are only counted.
-    fn log_own_words(&self, shared: &Shared, fault: Option<Fault>, now: Moment) {
+    fn log_own_words(&self, shared: &LineHandle, fault: Option<Fault>, now: Moment) {
         let set = shared.profile.set(self.id);
         if set.heartbeat.is_none() && set.control.is_none() {
             return;
@@ -457,7 +457,7 @@ impl Set {
     async fn values(
         &mut self,
         line: &mut DeviceLine,
-        shared: &Shared,
+        shared: &LineHandle,
         found: &[Words],
         now: Moment,
     ) -> Option<(Vec<Words>, Moment)> {
@@ -500,7 +500,7 @@ impl Set {
     }
 
     /// The control has taken what stands there, but for a number that it may know: then the same is sent with the next.
-    fn is_taken(&mut self, shared: &Shared) {
+    fn is_taken(&mut self, shared: &LineHandle) {
         self.strobe.succeeded(shared);
         if std::mem::take(&mut self.may_bear_an_old_number) {
             return;
@@ -513,7 +513,7 @@ impl Set {
     }
 
     /// The control has not taken what was sent, or nobody knows.
-    fn doubt(&mut self, shared: &Shared) {
+    fn doubt(&mut self, shared: &LineHandle) {
         self.tries_from = shared.clock.now().after(RETRY);
         self.taken = None;
         for register in &mut self.registers {
@@ -523,7 +523,7 @@ impl Set {
     }
 
     /// What the gateway does with the axes of this set, in bits.
-    fn control(&self, shared: &Shared) -> u16 {
+    fn control(&self, shared: &LineHandle) -> u16 {
         let core = shared.core();
         let mut control = if core.leaving { 0 } else { Control::ENABLE };
         for register in &self.registers {
@@ -542,7 +542,7 @@ impl Set {
         control
     }
 
-    async fn keep(&mut self, line: &mut DeviceLine, shared: &Shared, now: Moment) {
+    async fn keep(&mut self, line: &mut DeviceLine, shared: &LineHandle, now: Moment) {
         for register in &mut self.registers {
             let output = shared.profile.output(register.id);
             if register.action == Action::Keep
@@ -553,7 +553,7 @@ impl Set {
         }
     }
 
-    fn next_turn(&self, shared: &Shared, now: Moment) -> Moment {
+    fn next_turn(&self, shared: &LineHandle, now: Moment) -> Moment {
         let wants = self.registers.iter().map(|register| match register.action {
             Action::Nothing { until } => until,
             _ => now,

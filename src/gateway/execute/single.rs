@@ -8,7 +8,7 @@ use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{CallerFault, Fault};
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, Request};
-use crate::gateway::shared::Shared;
+use crate::gateway::line_handle::LineHandle;
 use isotherm_core::output::{Action, Fact, Verify};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Output, OutputId};
@@ -24,7 +24,7 @@ pub(in crate::gateway) struct Single {
 }
 
 impl Single {
-    pub(in crate::gateway) fn new(shared: &Shared, id: OutputId, now: Moment) -> Single {
+    pub(in crate::gateway) fn new(shared: &LineHandle, id: OutputId, now: Moment) -> Single {
         Single { id, register: Register::new(shared, id, now), applied: AppliedOffset::default(), due: now }
     }
 
@@ -39,7 +39,7 @@ impl Single {
     }
 
     /// Does what there is to do.
-    pub(in crate::gateway) async fn turn(&mut self, line: &mut DeviceLine, shared: &Shared, now: Moment) {
+    pub(in crate::gateway) async fn turn(&mut self, line: &mut DeviceLine, shared: &LineHandle, now: Moment) {
         let output = shared.profile.output(self.id);
         let order = Order::of(shared, &shared.core(), self.id, now);
         self.register.hear(shared, output, &order, now);
@@ -69,7 +69,7 @@ impl Single {
         self.register.ends_turn(line, shared, output, &order);
     }
 
-    async fn read(&mut self, line: &mut DeviceLine, shared: &Shared, output: &Output) -> Fact {
+    async fn read(&mut self, line: &mut DeviceLine, shared: &LineHandle, output: &Output) -> Fact {
         let request = Request::read(&output.reads_at(), output.encoding.data_type);
         let read = match request {
             Some(request) => line.request(output.device, request, Leave::Whenever).await,
@@ -93,7 +93,7 @@ impl Single {
     async fn write(
         &mut self,
         line: &mut DeviceLine,
-        shared: &Shared,
+        shared: &LineHandle,
         output: &Output,
         value: i64,
         not_after: Moment,

@@ -17,8 +17,8 @@ use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{Fault, Outcome};
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, Request};
+use crate::gateway::line_handle::LineHandle;
 use crate::gateway::output::Wait;
-use crate::gateway::shared::Shared;
 use crate::observe::events::{Event, HandshakeFault};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Flag, OutputSet, SetId};
@@ -66,7 +66,7 @@ impl Strobe {
     }
 
     /// Raises the strobe and begins to wait for the acknowledge.
-    pub(super) async fn raise(&mut self, line: &mut DeviceLine, shared: &Shared) -> bool {
+    pub(super) async fn raise(&mut self, line: &mut DeviceLine, shared: &LineHandle) -> bool {
         let set = shared.profile.set(self.set);
         let Some(handshake) = set.handshake else { return false };
         self.stands = Stands::Up;
@@ -87,7 +87,7 @@ impl Strobe {
     }
 
     /// Drops the strobe. Where that fails it is told, and tried again.
-    pub(super) async fn lower(&mut self, line: &mut DeviceLine, shared: &Shared) -> bool {
+    pub(super) async fn lower(&mut self, line: &mut DeviceLine, shared: &LineHandle) -> bool {
         let set = shared.profile.set(self.set);
         let Some(handshake) = set.handshake else { return true };
         let done = write_strobe(line, shared, set, handshake.strobe, false).await;
@@ -109,14 +109,14 @@ impl Strobe {
         }
     }
 
-    pub(super) fn wait_for(&mut self, shared: &Shared, wait: Wait, timeout: Duration) {
+    pub(super) fn wait_for(&mut self, shared: &LineHandle, wait: Wait, timeout: Duration) {
         let now = shared.clock.now();
         self.waits = Some((wait, now.after(timeout), now));
         self.tell(shared);
     }
 
     /// Asks for the acknowledge, once.
-    pub(super) async fn wait(&mut self, line: &mut DeviceLine, shared: &Shared) -> Waited {
+    pub(super) async fn wait(&mut self, line: &mut DeviceLine, shared: &LineHandle) -> Waited {
         let set = shared.profile.set(self.set);
         let (Some((wait, until, ask)), Some(handshake)) = (self.waits, set.handshake) else {
             return Waited::Over;
@@ -158,7 +158,7 @@ impl Strobe {
     }
 
     /// First of all the strobe goes down; then it is told.
-    async fn failed(&mut self, line: &mut DeviceLine, shared: &Shared, fault: HandshakeFault) {
+    async fn failed(&mut self, line: &mut DeviceLine, shared: &LineHandle, fault: HandshakeFault) {
         self.waits = None;
         let lowered = self.stands != Stands::Up || self.lower(line, shared).await;
         // Where it cannot even be dropped, that is what is wrong, and it has been told.
@@ -167,7 +167,7 @@ impl Strobe {
         }
     }
 
-    fn tell_failed(&mut self, shared: &Shared, fault: HandshakeFault) {
+    fn tell_failed(&mut self, shared: &LineHandle, fault: HandshakeFault) {
         if self.told != Some(fault.kind()) {
             self.told = Some(fault.kind());
             self.stand(shared, |stand| stand.failed = Some(fault.words()));
@@ -178,24 +178,24 @@ impl Strobe {
     }
 
     /// A handshake came to its end.
-    pub(super) fn succeeded(&mut self, shared: &Shared) {
+    pub(super) fn succeeded(&mut self, shared: &LineHandle) {
         self.told = None;
         self.stand(shared, |stand| stand.failed = None);
     }
 
     /// What people see of it.
-    fn tell(&self, shared: &Shared) {
+    fn tell(&self, shared: &LineHandle) {
         let (waits, strobe_up) = (self.waits.map(|(wait, ..)| wait), self.stands == Stands::Up);
         self.stand(shared, |stand| (stand.waits, stand.strobe_up) = (waits, strobe_up));
     }
 
     /// The same at the end of a turn; `says_enabled`: the control word of the set may say that every axis is armed.
-    pub(super) fn show(&self, shared: &Shared, says_enabled: bool, is_untaken: bool) {
+    pub(super) fn show(&self, shared: &LineHandle, says_enabled: bool, is_untaken: bool) {
         self.tell(shared);
         self.stand(shared, |stand| (stand.says_enabled, stand.is_untaken) = (says_enabled, is_untaken));
     }
 
-    fn stand(&self, shared: &Shared, change: impl Fn(&mut crate::gateway::output::Stand)) {
+    fn stand(&self, shared: &LineHandle, change: impl Fn(&mut crate::gateway::output::Stand)) {
         let mut core = shared.core();
         for id in &shared.profile.set(self.set).outputs {
             change(&mut core.outputs[id.0].handshake);
@@ -205,7 +205,7 @@ impl Strobe {
 
 async fn write_strobe(
     line: &mut DeviceLine,
-    shared: &Shared,
+    shared: &LineHandle,
     set: &OutputSet,
     strobe: Flag,
     up: bool,

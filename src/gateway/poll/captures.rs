@@ -4,7 +4,7 @@ use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::Request;
-use crate::gateway::shared::Shared;
+use crate::gateway::line_handle::LineHandle;
 use isotherm_core::codec::Table;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Capture, DeviceId};
@@ -27,7 +27,7 @@ impl Captures {
     }
 
     /// Sends them.
-    pub(super) async fn send(&mut self, line: &mut DeviceLine, shared: &Shared, device: DeviceId) {
+    pub(super) async fn send(&mut self, line: &mut DeviceLine, shared: &LineHandle, device: DeviceId) {
         for (capture, sent) in &mut self.0 {
             let (at, word) = (capture.address.offset, [capture.value]);
             let request = match capture.address.table {

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::LineTask;
 use crate::gateway::execute::{Position, Set, Single};
-use crate::gateway::shared::Shared;
+use crate::gateway::line_handle::LineHandle;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, DeviceId, OutputId, SetId};
 
@@ -28,7 +28,7 @@ enum Work {
     Set(Box<Set>),
 }
 
-pub(super) fn jobs(shared: &Shared, bus: BusId, start: Moment) -> Vec<Job> {
+pub(super) fn jobs(shared: &LineHandle, bus: BusId, start: Moment) -> Vec<Job> {
     let profile = &shared.profile;
     let here = |device: DeviceId| profile.device(device).bus == bus;
     let ones = (0..profile.outputs.len())
@@ -72,7 +72,7 @@ impl LineTask {
 
     /// Lets an output do what there is to do: at most one verified write.
     pub(super) async fn write(&mut self, place: usize, now: Moment) {
-        let (line, shared) = (&mut self.line, &*self.shared);
+        let (line, shared) = (&mut self.line, &self.shared);
         let job = &mut self.jobs[place];
         let (wants, asks, is_late) = match &mut job.work {
             Work::Single(single) => {

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use super::point::Point;
 use super::structure::Structure;
 use isotherm_core::quantity::Moment;
 
@@ -80,17 +81,6 @@ pub(super) struct Node {
     pub(super) capacity: f64,
     /// °C before the soak.
     pub(super) initial: f64,
-}
-
-/// Something that has a temperature.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Point {
-    Node(usize),
-    Ambient,
-    /// A patch of the structure through which heat comes in.
-    Port(usize),
-    /// A place of the structure that is only looked at.
-    Spot(usize),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]

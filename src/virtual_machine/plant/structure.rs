@@ -4,7 +4,7 @@
 //! sinks behind its films. Where these stand still over a step, the step is exact, whatever the rates.
 
 use super::STEP;
-use super::spec::Point;
+use super::point::Point;
 
 /// A reduced structure in its machine.
 #[derive(Clone, Debug, PartialEq)]

@@ -11,14 +11,17 @@ mod lag;
 mod linear;
 mod matrix;
 mod taught;
+mod term;
 
+pub use super::reference::Reference;
 pub use envelope::{Beyond, CLEARLY_INSIDE, Envelope, Extrapolation, Outside, Place};
 pub use formula::{Condition, Expression, ExpressionError, Formula, Symbol};
 pub use input::Input;
 pub use lag::{Lag, Lagged};
-pub use linear::{Linear, Reference, Slope, Term};
+pub use linear::{Linear, Slope};
 pub use matrix::Matrix;
 pub use network::Network;
+pub use term::Term;
 
 use serde::{Deserialize, Serialize};
 

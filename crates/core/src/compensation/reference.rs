@@ -9,10 +9,20 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::Snapshot;
-use super::model::Reference;
 use super::settings::MachineSettings;
 use crate::quantity::Moment;
 use crate::reading::SignalId;
+
+/// What ΔT is measured from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Reference {
+    /// A number; 0 means the temperature itself.
+    Fixed(f64),
+    /// The value at machine start.
+    Start,
+    /// The value at the last zero.
+    Zero,
+}
 
 /// Machine-on time and the captured references of every signal.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

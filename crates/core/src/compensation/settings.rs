@@ -1,23 +1,13 @@
-//! What an axis is told once, by the profile.
+//! What the machine and its axes are told once, by the profile.
 
 use std::time::Duration;
 
 use super::model::Model;
 use crate::quantity::Micron;
-use crate::reading::SignalId;
 
-/// What concerns every axis of the machine: machine-on time and captured references.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct MachineSettings {
-    /// The signal whose rising edge starts machine-on time; without one, the first good reading does.
-    pub on: Option<SignalId>,
-    /// The signal whose rising edge captures the references given as "zero".
-    pub zero: Option<SignalId>,
-    /// A captured reference is the mean over this long; zero takes the first good reading.
-    pub settle: Duration,
-    /// How many signals the machine has: the length of every snapshot.
-    pub signals: usize,
-}
+mod machine;
+
+pub use machine::MachineSettings;
 
 /// One axis: its models in order of preference, and the guard that stands before the register.
 #[derive(Clone, Debug, PartialEq)]

@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::touches::{Round, Touch};
 use super::{DIRECTIONS, Found};
-use crate::gram::count;
+use crate::statistics::{count, range};
 
 /// µm. What moves farther is another ball, or in another unit.
 const NO_DRIFT: f64 = 1000.0;
@@ -23,7 +23,7 @@ pub(super) fn fit(cold: &Round, round: &Round, along: usize, origin: f64) -> Res
     for touch in &round.touches {
         moved.extend(since_cold(cold, touch, along)?);
     }
-    let spread = |of: fn(&Moved) -> f64| crate::validate::range(&moved.iter().map(of).collect::<Vec<f64>>());
+    let spread = |of: fn(&Moved) -> f64| range(&moved.iter().map(of).collect::<Vec<f64>>());
     if spread(|touch| touch.place) < APART {
         return Err("fewer than two of its balls were touched in the first round".to_owned());
     }

@@ -3,8 +3,9 @@
 use serde::Serialize;
 
 use super::Test;
-use super::minutes::{Minutes, range_of};
+use super::minutes::Minutes;
 use crate::dataset::{Column, Dataset, Kind, Run};
+use crate::statistics::{median, range};
 
 /// 1/min, mm or degrees: what moves less stands still.
 const STILL: f64 = 1.0;
@@ -102,7 +103,7 @@ impl Mover {
             run.values[self.column].iter().copied().filter(|value| value.is_finite()).collect();
         match self.is_speed {
             true => values.iter().any(|value| value.abs() > STILL),
-            false => range_of(&values) > STILL,
+            false => range(&values) > STILL,
         }
     }
 
@@ -124,7 +125,7 @@ impl Mover {
         }
         stages.retain(|(from, to, _)| to - from >= SHORTEST_STAGE);
         let stage = |(from, to, values): (f64, f64, Vec<f64>)| {
-            let speed = crate::faults::median(values);
+            let speed = median(values);
             Stage {
                 column: self.name.clone(),
                 from_h: from / 3600.0,

@@ -1,7 +1,7 @@
 //! One column over a run, as means of each minute: a probe's noise is no drift.
 
 use crate::dataset::Run;
-use crate::gram::count;
+use crate::statistics::{count, range};
 
 const HOUR: f64 = 3600.0;
 /// A log of an hour in minute rows ends one row before the hour does.
@@ -72,7 +72,7 @@ impl Minutes {
     fn range_within(&self, from: f64, to: f64) -> f64 {
         let inside =
             self.seconds.iter().zip(&self.values).filter(|(second, _)| (from..=to).contains(*second));
-        range_of(&inside.map(|(_, value)| *value).collect::<Vec<f64>>())
+        range(&inside.map(|(_, value)| *value).collect::<Vec<f64>>())
     }
 
     pub(super) fn first_hour(&self) -> Option<f64> {
@@ -90,7 +90,7 @@ impl Minutes {
         let mut largest: Option<(f64, f64)> = None;
         for (place, from) in self.seconds.iter().enumerate().filter(|_| self.lasts_an_hour()) {
             let after = self.seconds[place..].partition_point(|second| second - from <= HOUR);
-            let range = range_of(&self.values[place..place + after]);
+            let range = range(&self.values[place..place + after]);
             if largest.is_none_or(|(_, most)| range > most) {
                 largest = Some((*from, range));
             }
@@ -105,9 +105,4 @@ impl Minutes {
         let end = self.seconds.partition_point(|second| *second <= to + 1e-6);
         (end > begin).then(|| self.values[end - 1] - self.values[begin])
     }
-}
-
-/// Largest minus smallest.
-pub(super) fn range_of(values: &[f64]) -> f64 {
-    crate::validate::range(values)
 }

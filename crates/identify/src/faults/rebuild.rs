@@ -7,10 +7,11 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::{median, rows};
+use super::rows;
 use crate::dataset::{Dataset, Run};
-use crate::gram::{Gram, count};
+use crate::gram::Gram;
 use crate::solve::ridge;
+use crate::statistics::{count, median};
 
 /// Neighbours act at once and through these time constants, s.
 const LAGS: [f64; 4] = [180.0, 720.0, 3000.0, 12_000.0];
@@ -208,12 +209,7 @@ impl Table {
         let mut values = DVector::from_iterator(good.len(), good.iter().map(|row| self.values[*row]));
         let mean = values.sum() / rows.max(1.0);
         values.add_scalar_mut(-mean);
-        Gram {
-            square: features.tr_mul(&features),
-            cross: features.tr_mul(&values),
-            power: values.norm_squared(),
-            rows,
-        }
+        Gram::of(&features, &values)
     }
 
     fn inside(&self, (from, to): (f64, f64)) -> std::ops::Range<usize> {

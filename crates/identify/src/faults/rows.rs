@@ -2,6 +2,7 @@
 
 use super::Minutes;
 use crate::dataset::Run;
+use crate::statistics::median;
 
 /// The rows of these minutes, each from its first to before its second. A minute that is a mean of several rows has
 /// rows of the fault in the minutes beside it, too.
@@ -37,7 +38,7 @@ pub(super) fn of_span(run: &Run, from: f64, to: f64) -> (usize, usize) {
 /// The usual time between two rows, s.
 pub(super) fn step(run: &Run) -> f64 {
     let seconds: Vec<f64> = run.seconds().collect();
-    super::median(seconds.windows(2).map(|pair| pair[1] - pair[0]).collect())
+    median(seconds.windows(2).map(|pair| pair[1] - pair[0]).collect())
 }
 
 /// Straight lines over what is missing; what is missing at an end has the value next to it.

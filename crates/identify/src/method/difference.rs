@@ -1,7 +1,5 @@
 //! `difference`: Cz = Kz·(A − B), JP H07-61598 B2. A and B are the two inputs, or the pair that fits best.
-//! Each of the two [alone] stands in for the other.
-
-pub(crate) mod alone;
+//! Each of the two alone stands in for the other: `identified/alone.rs`.
 
 use super::Rule;
 use crate::gram::Gram;

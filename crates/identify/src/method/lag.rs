@@ -8,12 +8,13 @@ use std::time::Duration;
 use nalgebra::{DMatrix, DVector};
 
 use super::forward::forward_once_each;
-use super::inner;
 use crate::bank::{Bank, Candidate, LAGS_MIN, trace};
 use crate::campaign::Campaign;
-use crate::gram::{Gram, count};
+use crate::folds::inner;
+use crate::gram::Gram;
 use crate::learn::{Learned, Learner};
 use crate::solve::ridge;
+use crate::statistics::count;
 
 pub(super) struct Lagging<'a> {
     campaign: &'a Campaign<'a>,
@@ -34,7 +35,7 @@ const SLOWEST: f64 = 5.0 * 86_400.0;
 
 impl<'a> Lagging<'a> {
     pub(super) fn new(campaign: &'a Campaign<'a>, bank: Bank, terms: Option<usize>) -> Lagging<'a> {
-        let grams = Gram::each(&bank);
+        let grams = bank.grams();
         Lagging { campaign, bank, grams, terms: terms.unwrap_or(MOST_TERMS) }
     }
 
@@ -65,12 +66,7 @@ impl<'a> Lagging<'a> {
         let grams: Vec<Gram> = (columns.iter().zip(runs))
             .map(|(rises, run)| {
                 let wanted = DVector::from_column_slice(&self.bank.runs[*run].wanted);
-                Gram {
-                    square: rises.tr_mul(rises),
-                    cross: rises.tr_mul(&wanted),
-                    power: wanted.norm_squared(),
-                    rows: count(wanted.len()),
-                }
+                Gram::of(rises, &wanted)
             })
             .collect();
         let all: Vec<usize> = (0..grams.len()).collect();

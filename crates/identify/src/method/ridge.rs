@@ -2,9 +2,11 @@
 //!
 //! Best inside the envelope; a sparse model is safer outside it.
 
-use super::{Rule, inner, smallest};
+use super::Rule;
+use crate::folds::inner;
 use crate::gram::Gram;
 use crate::solve;
+use crate::statistics::smallest;
 
 pub(super) struct Ridge;
 

@@ -10,10 +10,12 @@
 
 use nalgebra::DVector;
 
+use super::Rule;
 use super::forward::forward;
-use super::{Rule, inner, smallest};
-use crate::gram::{Gram, count};
+use crate::folds::inner;
+use crate::gram::Gram;
 use crate::solve::{elastic_net, first_penalty, ridge};
+use crate::statistics::{count, smallest};
 
 pub(super) struct Sparse {
     /// Most terms.

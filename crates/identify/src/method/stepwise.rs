@@ -5,8 +5,9 @@
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
 use super::Rule;
-use crate::gram::{Gram, count};
+use crate::gram::Gram;
 use crate::solve;
+use crate::statistics::count;
 
 pub(super) struct Stepwise {
     /// How many rows make one independent sample.

@@ -16,9 +16,9 @@ use serde_json::{Value, json};
 use super::Settings;
 use crate::bank::{Bank, Candidate};
 use crate::campaign::Campaign;
-use crate::gram::count;
+use crate::folds::folds;
 use crate::learn::{Learned, Learner};
-use crate::validate::folds;
+use crate::statistics::count;
 use isotherm_core::compensation::model::network::WIDEST;
 use isotherm_profile::network;
 

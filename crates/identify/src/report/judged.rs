@@ -4,8 +4,8 @@ use maud::{Markup, html};
 
 use super::chart::{self, Bar, Line, Look};
 use super::{decimals, figure, number, table};
-use crate::gram::count;
 use crate::identified::{Identified, Means};
+use crate::statistics::count;
 use crate::validate::{HeldOut, RunScore};
 
 /// The headline: what is left of the error.

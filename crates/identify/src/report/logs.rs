@@ -5,13 +5,12 @@ use maud::{Markup, html};
 use super::chart::{self, Line, Look};
 use super::{date, decimals, duration, figure, plain, table, three_digits};
 use crate::alike::{correlations, order};
-use crate::ambient::AmbientLike;
+use crate::ambient::{AmbientLike, is_ambient};
 use crate::bank::Bank;
 use crate::campaign::Campaign;
 use crate::dataset::{Column, Dataset, Kind, Run};
 use crate::faults::{self, Excluded};
-use crate::gram::count;
-use crate::validate::range;
+use crate::statistics::{count, range};
 
 /// Most inputs of a correlation map.
 const MOST_MAPPED: usize = 32;
@@ -50,13 +49,6 @@ pub(super) fn runs(dataset: &Dataset, like: &[AmbientLike]) -> Markup {
             p .quiet { "No column is named for the air around the machine (ambient, air, room, hall, shop), and none behaves like it." }
         }
     }
-}
-
-/// By its name.
-pub(crate) fn is_ambient(name: &str) -> bool {
-    let name = name.to_lowercase();
-    let mut words = name.split(|letter: char| !letter.is_alphabetic());
-    words.any(|word| ["ambient", "air", "room", "hall", "shop", "environment"].contains(&word))
 }
 
 /// `20.1 … 23.4`.

@@ -4,15 +4,16 @@
 //! through every lag, make the error smallest on runs left out within those. So the curve has seen nothing of the run
 //! that it is judged on.
 
+use rayon::prelude::*;
 use serde::Serialize;
 
 use super::{Grouped, Recommended};
 use crate::bank::Bank;
 use crate::campaign::Campaign;
-use crate::gram::{Gram, count};
-use crate::method::{inner, smallest};
-use crate::parallel;
+use crate::folds::inner;
+use crate::gram::Gram;
 use crate::solve::ridge;
+use crate::statistics::{count, smallest};
 use crate::validate::{RunScore, scored};
 
 /// Held out, with so many points.
@@ -56,7 +57,7 @@ pub(super) fn counted(
     most: usize,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> Found {
-    let grams = Gram::each(bank);
+    let grams = bank.grams();
     let runs: Vec<usize> = (0..grams.len()).collect();
     let points = campaign.inputs.len();
     let most = most.min(points);
@@ -70,7 +71,7 @@ pub(super) fn counted(
         progress(done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, runs.len());
         (path, scores)
     };
-    let (paths, scores) = parallel::map(&runs, held).into_iter().unzip();
+    let (paths, scores) = runs.par_iter().map(held).unzip();
     Found { points, path: path(bank, &grams, &runs, points, most), paths, scores }
 }
 

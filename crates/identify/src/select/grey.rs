@@ -5,8 +5,8 @@
 //! ξi(k) = (Δmin + ζ·Δmax) / (Δi(k) + ζ·Δmax); the grade is the mean of ξi over the rows.
 
 use crate::bank::Bank;
-use crate::gram::count;
 use crate::learn::plain;
+use crate::statistics::count;
 
 /// ζ: how much the largest distance weighs.
 const DISTINGUISHING: f64 = 0.5;

@@ -4,12 +4,12 @@ use std::time::Duration;
 
 use crate::ambient::{self, AmbientLike};
 use crate::bank::Bank;
-use crate::campaign::{Campaign, Input};
+use crate::campaign::{Campaign, Input, temperatures_of};
+use crate::checks;
 use crate::dataset::{BadLog, Dataset, Kind};
 use crate::faults::{self, Excluded};
 use crate::learn::plain;
-use crate::setup;
-use crate::validate::range;
+use crate::statistics::range;
 use isotherm_core::reading::SignalId;
 
 /// Which columns are what.
@@ -46,12 +46,12 @@ pub struct Pointed<'a> {
 /// Everything that is wrong, in sentences.
 pub fn points<'a>(dataset: &'a Dataset, choice: &Choice) -> Result<Pointed<'a>, BadLog> {
     let mut wrong = Vec::new();
-    let error = setup::column_of(dataset, &choice.error, &mut wrong);
-    setup::check_runs(dataset, &mut wrong);
+    let error = checks::column_of(dataset, &choice.error, &mut wrong);
+    checks::check_runs(dataset, &mut wrong);
     let inputs = inputs(dataset, choice, &mut wrong);
-    setup::check_units(dataset, &inputs, &mut wrong);
+    checks::check_units(dataset, &inputs, &mut wrong);
     if let Some(error) = error {
-        setup::check_error(dataset, error, &mut wrong);
+        checks::check_error(dataset, error, &mut wrong);
     }
     let (Some(error), true) = (error, wrong.is_empty()) else { return Err(BadLog(wrong)) };
     let mut remarks = dataset.remarks.clone();
@@ -74,7 +74,7 @@ pub fn points<'a>(dataset: &'a Dataset, choice: &Choice) -> Result<Pointed<'a>, 
             good.len()
         )]));
     }
-    let ambient = ambient::find(dataset, &setup::temperatures_of(dataset, &good), error);
+    let ambient = ambient::find(dataset, &temperatures_of(dataset, &good), error);
     Ok(Pointed {
         campaign: Campaign::of_columns(dataset, error, choice.resample).with_inputs(good),
         excluded,
@@ -85,7 +85,7 @@ pub fn points<'a>(dataset: &'a Dataset, choice: &Choice) -> Result<Pointed<'a>, 
 
 fn inputs(dataset: &Dataset, choice: &Choice, wrong: &mut Vec<String>) -> Vec<Input> {
     for name in choice.inputs.iter().chain(&choice.without).chain(&choice.keep) {
-        setup::column_of(dataset, name, wrong);
+        checks::column_of(dataset, name, wrong);
     }
     let is_asked = |name: &String, kind: Kind| match choice.inputs.as_slice() {
         [] => kind == Kind::Temperature,

@@ -6,10 +6,11 @@
 use serde::Serialize;
 
 use crate::bank::Bank;
-use crate::gram::{Gram, count};
+use crate::gram::Gram;
 use crate::learn::plain;
 use crate::method::stepwise::{ENTERS, LEAVES, chance};
 use crate::solve;
+use crate::statistics::count;
 
 /// The order, and why it ended.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -37,7 +38,7 @@ pub struct Step {
 
 /// Over all runs.
 pub(super) fn steps(bank: &Bank, rows_per_sample: f64, name: &dyn Fn(&usize) -> String) -> Steps {
-    let grams = Gram::each(bank);
+    let grams = bank.grams();
     let gram = Gram::sum(&grams, &(0..grams.len()).collect::<Vec<usize>>());
     let points = bank.candidates.iter().map(|candidate| candidate.input + 1).max().unwrap_or(0);
     let columns: Vec<usize> = (0..points).filter_map(|point| plain(bank, point)).collect();

@@ -4,7 +4,7 @@ use super::Fault;
 use super::card::{Card, Place};
 use super::fields::Fields;
 use super::model::side_or_surface;
-use super::raw::{Raw, Target};
+use super::raw::{Boundary, Load, Raw, Target, Where};
 use crate::body::Case;
 
 pub(super) const KEYS: [&str; 12] = [
@@ -21,61 +21,6 @@ pub(super) const KEYS: [&str; 12] = [
     "OUTPUT",
     "CONTACTFILE",
 ];
-
-/// What the step holds.
-#[derive(Debug)]
-pub(super) struct Load {
-    pub(super) case: Case,
-    /// Where, sink °C, coefficient.
-    pub(super) films: Vec<(Where, f64, f64, Place)>,
-    /// Where, heat.
-    pub(super) fluxes: Vec<(Where, f64, Place)>,
-    /// Node or set, heat at each of its nodes.
-    pub(super) nodal: Vec<(Target, f64, Place)>,
-}
-
-/// Where heat passes.
-#[derive(Debug)]
-pub(super) enum Where {
-    /// Through a side, from 0, of an element or a set of them.
-    Side(Target, usize),
-    /// Through a named surface.
-    Surface(Target),
-    /// In the volume of an element or a set of them.
-    Volume(Target),
-}
-
-impl Where {
-    fn of(fields: &Fields<'_>, letter: &str) -> Result<Self, Fault> {
-        let target = Target::of(fields.text(0));
-        Ok(match side_or_surface(fields, 1, letter)? {
-            Some(side) => Self::Side(target, side),
-            None => Self::Surface(target),
-        })
-    }
-}
-
-impl Where {
-    /// What it is called: the set, or the number of the element.
-    pub(super) fn name(&self) -> String {
-        match self {
-            Self::Side(target, _) | Self::Surface(target) | Self::Volume(target) => match target {
-                Target::Set(name) => name.to_lowercase(),
-                Target::Id(id) => id.to_string(),
-            },
-        }
-    }
-}
-
-/// Node or set, first and last direction, value.
-#[derive(Debug)]
-pub(super) struct Boundary {
-    pub(super) target: Target,
-    pub(super) first: u32,
-    pub(super) last: u32,
-    pub(super) value: f64,
-    pub(super) place: Place,
-}
 
 pub(super) fn card(raw: &mut Raw, card: &Card, faults: &mut Vec<Fault>) {
     let done = match card.key.as_str() {
@@ -149,9 +94,18 @@ fn each(
     Ok(())
 }
 
+/// Through which faces heat passes: a side, or a named surface.
+fn faces(fields: &Fields<'_>, letter: &str) -> Result<Where, Fault> {
+    let target = Target::of(fields.text(0));
+    Ok(match side_or_surface(fields, 1, letter)? {
+        Some(side) => Where::Side(target, side),
+        None => Where::Surface(target),
+    })
+}
+
 fn film(load: &mut Load, fields: &Fields<'_>, place: Place) -> Result<(), Fault> {
     fields.exactly(&["element or set", "side", "sink temperature", "film coefficient"])?;
-    let at = Where::of(fields, "F")?;
+    let at = faces(fields, "F")?;
     let (sink, coefficient) = (fields.number(2, "sink temperature")?, fields.number(3, "film coefficient")?);
     if coefficient <= 0.0 {
         return Err(fields.fault(format!("the film coefficient is {coefficient}; it is more than nothing")));
@@ -163,7 +117,7 @@ fn film(load: &mut Load, fields: &Fields<'_>, place: Place) -> Result<(), Fault>
 fn flux(load: &mut Load, fields: &Fields<'_>, place: Place) -> Result<(), Fault> {
     fields.exactly(&["element or set", "side or BF", "heat"])?;
     let in_volume = fields.text(1).eq_ignore_ascii_case("BF");
-    let at = if in_volume { Where::Volume(Target::of(fields.text(0))) } else { Where::of(fields, "S")? };
+    let at = if in_volume { Where::Volume(Target::of(fields.text(0))) } else { faces(fields, "S")? };
     load.fluxes.push((at, fields.number(2, "heat")?, place));
     Ok(())
 }

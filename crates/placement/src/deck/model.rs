@@ -3,29 +3,13 @@
 use super::Fault;
 use super::card::{Card, Place};
 use super::fields::Fields;
-use super::raw::{Raw, Target};
+use super::raw::{Member, Members, Raw, Target};
 use crate::mesh::Kind;
 
 pub(super) const KEYS: [&str; 5] = ["NODE", "ELEMENT", "NSET", "ELSET", "SURFACE"];
 
 /// The longest name of a set, as CalculiX has it.
 const LONGEST: usize = 80;
-
-/// What a set is said to hold, in the order of the deck.
-#[derive(Debug)]
-pub(super) struct Members {
-    pub(super) name: String,
-    pub(super) members: Vec<Member>,
-    pub(super) place: Place,
-    /// Whether a card of its own says so: a second one is refused. Sets that `*NODE` and `*ELEMENT` name grow.
-    pub(super) own_card: bool,
-}
-
-#[derive(Debug)]
-pub(super) enum Member {
-    One(Target, Place),
-    Range { first: u32, last: u32, by: u32, place: Place },
-}
 
 pub(super) fn card(raw: &mut Raw, card: &Card, faults: &mut Vec<Fault>) {
     match card.key.as_str() {

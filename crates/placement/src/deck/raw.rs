@@ -1,11 +1,7 @@
-//! The deck in numbers and names, card by card, before any name is looked up.
+//! The deck in numbers and names, as its cards give them, before any name is looked up.
 
-use super::Fault;
-use super::card::{Card, INCLUDED, Place};
-use super::load::{self, Load};
-use super::model::{self, Members};
-use super::refused;
-use super::solid::{self, Solid};
+use super::card::Place;
+use crate::body::Case;
 use crate::mesh::Kind;
 
 /// One node, element or set, as it is named where it is used.
@@ -20,14 +16,6 @@ impl Target {
     pub(super) fn of(text: &str) -> Self {
         text.parse().map_or_else(|_| Self::Set(text.to_uppercase()), Self::Id)
     }
-}
-
-/// Whether one is inside a step.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Step {
-    Before,
-    Inside,
-    After,
 }
 
 #[derive(Debug, Default)]
@@ -47,82 +35,83 @@ pub(super) struct Raw {
     pub(super) sections: Vec<(String, String, Place)>,
     /// Node set or node, °C.
     pub(super) initial: Vec<(Target, f64, Place)>,
-    pub(super) boundaries: Vec<load::Boundary>,
+    pub(super) boundaries: Vec<Boundary>,
     pub(super) load: Option<Load>,
     /// Sets whose nodes or elements are to be printed.
     pub(super) printed: Vec<(String, bool, Place)>,
 }
 
-impl Raw {
-    pub(super) fn of(cards: &[Card], faults: &mut Vec<Fault>) -> Self {
-        let mut raw = Self::default();
-        let mut step = Step::Before;
-        let mut began: Option<&Place> = None;
-        for card in cards {
-            match card.key.as_str() {
-                "STEP" if step == Step::Before => {
-                    card.only(&["INC", "AMPLITUDE"], faults);
-                    (step, began) = (Step::Inside, Some(&card.place));
-                }
-                "STEP" => {
-                    let message = "a second step: a deck is one load case, write one deck for each";
-                    faults.push(card.place.fault(message));
-                    return raw;
-                }
-                "ENDSTEP" if step == Step::Inside => step = Step::After,
-                "ENDSTEP" => faults.push(card.place.fault("there is no step to end")),
-                _ => raw.card(card, step, faults),
-            }
-        }
-        match (step, began) {
-            (Step::Before, _) => faults.extend(cards.last().map(|card| {
-                card.place
-                    .fault("the deck ends without a step: write *STEP, *HEAT TRANSFER, loads, *END STEP")
-            })),
-            (Step::Inside, Some(place)) => {
-                faults.push(place.fault("the step is not ended: *END STEP is missing"))
-            }
-            _ => {}
-        }
-        raw
-    }
+/// What a set is said to hold, in the order of the deck.
+#[derive(Debug)]
+pub(super) struct Members {
+    pub(super) name: String,
+    pub(super) members: Vec<Member>,
+    pub(super) place: Place,
+    /// Whether a card of its own says so: a second one is refused. Sets that `*NODE` and `*ELEMENT` name grow.
+    pub(super) own_card: bool,
+}
 
-    fn card(&mut self, card: &Card, step: Step, faults: &mut Vec<Fault>) {
-        let before = |faults: &mut Vec<Fault>| {
-            if step != Step::Before {
-                faults.push(card.place.fault("belongs before *STEP"));
-            }
-        };
-        let inside = |faults: &mut Vec<Fault>| {
-            if step != Step::Inside {
-                faults.push(card.place.fault("belongs between *STEP and *END STEP"));
-            }
-        };
-        let known = match card.key.as_str() {
-            "HEADING" | INCLUDED => true,
-            key if model::KEYS.contains(&key) => {
-                before(faults);
-                model::card(self, card, faults);
-                true
-            }
-            key if solid::KEYS.contains(&key) => {
-                before(faults);
-                solid::card(self, card, faults);
-                true
-            }
-            "BOUNDARY" if step != Step::After => {
-                load::boundary(self, card, faults);
-                true
-            }
-            key if load::KEYS.contains(&key) => {
-                inside(faults);
-                load::card(self, card, faults);
-                true
-            }
-            _ => false,
-        };
-        if !known {
-            faults.push(card.place.fault(refused::why(card)));
+#[derive(Debug)]
+pub(super) enum Member {
+    One(Target, Place),
+    Range { first: u32, last: u32, by: u32, place: Place },
+}
+
+/// A material as far as the deck gives it.
+#[derive(Debug)]
+pub(super) struct Solid {
+    pub(super) name: String,
+    pub(super) place: Place,
+    pub(super) elastic: Option<(f64, f64)>,
+    pub(super) expansion: Option<f64>,
+    pub(super) conductivity: Option<f64>,
+    pub(super) specific_heat: Option<f64>,
+    pub(super) density: Option<f64>,
+    /// One of its cards is wrong: what it lacks is not said on top.
+    pub(super) spoiled: bool,
+}
+
+/// What the step holds.
+#[derive(Debug)]
+pub(super) struct Load {
+    pub(super) case: Case,
+    /// Where, sink °C, coefficient.
+    pub(super) films: Vec<(Where, f64, f64, Place)>,
+    /// Where, heat.
+    pub(super) fluxes: Vec<(Where, f64, Place)>,
+    /// Node or set, heat at each of its nodes.
+    pub(super) nodal: Vec<(Target, f64, Place)>,
+}
+
+/// Where heat passes.
+#[derive(Debug)]
+pub(super) enum Where {
+    /// Through a side, from 0, of an element or a set of them.
+    Side(Target, usize),
+    /// Through a named surface.
+    Surface(Target),
+    /// In the volume of an element or a set of them.
+    Volume(Target),
+}
+
+impl Where {
+    /// What it is called: the set, or the number of the element.
+    pub(super) fn name(&self) -> String {
+        match self {
+            Self::Side(target, _) | Self::Surface(target) | Self::Volume(target) => match target {
+                Target::Set(name) => name.to_lowercase(),
+                Target::Id(id) => id.to_string(),
+            },
         }
     }
+}
+
+/// Node or set, first and last direction, value.
+#[derive(Debug)]
+pub(super) struct Boundary {
+    pub(super) target: Target,
+    pub(super) first: u32,
+    pub(super) last: u32,
+    pub(super) value: f64,
+    pub(super) place: Place,
 }

@@ -3,8 +3,7 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::Path;
 
-use super::model::{Member, Members};
-use super::raw::{Raw, Target};
+use super::raw::{Member, Members, Raw, Target};
 use super::{Deck, Fault};
 use crate::element::worst_determinant;
 use crate::mesh::{Element, Mesh, NodeId};

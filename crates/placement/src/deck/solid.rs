@@ -1,9 +1,9 @@
 //! Materials, sections and initial temperatures.
 
 use super::Fault;
-use super::card::{Card, Place};
+use super::card::Card;
 use super::fields::Fields;
-use super::raw::{Raw, Target};
+use super::raw::{Raw, Solid, Target};
 
 pub(super) const KEYS: [&str; 9] = [
     "MATERIAL",
@@ -16,20 +16,6 @@ pub(super) const KEYS: [&str; 9] = [
     "INITIALCONDITIONS",
     "PHYSICALCONSTANTS",
 ];
-
-/// A material as far as the deck gives it.
-#[derive(Debug)]
-pub(super) struct Solid {
-    pub(super) name: String,
-    pub(super) place: Place,
-    pub(super) elastic: Option<(f64, f64)>,
-    pub(super) expansion: Option<f64>,
-    pub(super) conductivity: Option<f64>,
-    pub(super) specific_heat: Option<f64>,
-    pub(super) density: Option<f64>,
-    /// One of its cards is wrong: what it lacks is not said on top.
-    pub(super) spoiled: bool,
-}
 
 pub(super) fn card(raw: &mut Raw, card: &Card, faults: &mut Vec<Fault>) {
     let done = match card.key.as_str() {

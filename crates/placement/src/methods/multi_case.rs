@@ -11,6 +11,7 @@
 use nalgebra::DMatrix;
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::{Rng, SeedableRng};
+use rayon::prelude::*;
 
 use super::bounded::bounded;
 use super::nearest;
@@ -51,7 +52,7 @@ pub fn multi_case(problem: &Problem, cases: &[usize], tolerated: Tolerated, effo
     let alone: Vec<Alone> = cases.iter().map(|case| Alone::new(problem, *case, tolerated)).collect();
     let search = Search::new(problem, &alone);
     let starts: Vec<u64> = (0..effort.starts).collect();
-    let found = crate::parallel::map(&starts, |seed| search.from(*seed, effort.changes));
+    let found: Vec<_> = starts.par_iter().map(|seed| search.from(*seed, effort.changes)).collect();
     let known = alone.into_iter().flat_map(|alone| alone.placements);
     let found = found.into_iter().chain(known.map(|places| search.settle(search.stand(places))));
     let best = found.min_by(|(one, _), (other, _)| one.total_cmp(other));

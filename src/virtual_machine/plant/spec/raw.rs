@@ -8,6 +8,7 @@ use serde::{Deserialize, Deserializer, de::Error as _};
 use super::{Published, Span};
 use isotherm_core::quantity::Moment;
 
+mod check;
 mod displacement;
 mod resolve;
 mod structure;

@@ -2,7 +2,8 @@
 
 use std::time::Duration;
 
-use super::{Known, Lag, Reference, Term, Unusable};
+use super::{Known, Lag, Term, Unusable};
+use crate::compensation::reference::Reference;
 use crate::reading::SignalId;
 
 /// A signal less its reference, at once or behind a lag.

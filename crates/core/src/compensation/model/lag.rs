@@ -21,9 +21,9 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Known, Reference, Term};
+use super::{Known, Term, Unusable};
 use crate::compensation::Snapshot;
-use crate::compensation::reference::{Captured, Machine};
+use crate::compensation::reference::{Captured, Machine, Reference};
 use crate::quantity::Moment;
 
 /// The lag of one term: nothing before its first reading.
@@ -117,5 +117,21 @@ impl Lagged {
             Reference::Zero if anew => self.from = self.follower,
             Reference::Start | Reference::Zero => {}
         }
+    }
+}
+
+impl Term {
+    /// The rise now, in the signal's unit; behind its lag, where it has one.
+    ///
+    /// # Errors
+    /// The signal cannot be used, or its reference has not been captured.
+    pub(super) fn rise(&self, known: &Known<'_>, lag: &Lag) -> Result<f64, Unusable> {
+        let value = known.snapshot.value(self.signal).ok_or(Unusable::Signal(self.signal))?;
+        let reference =
+            known.machine.captured(self.reference, self.signal).ok_or(Unusable::Reference(self.signal))?;
+        Ok(match self.lag {
+            Some(_) => lag.rise(self, known, value, reference),
+            None => value - reference.value,
+        })
     }
 }

@@ -4,9 +4,7 @@
 //! The slope is a second sum, in µm/mm, that grows with the distance from a reference position: Li, Yang, Zhang, Zhang
 //! 1998, `Δz(z1) = Δz(z0) + k·(z1 − z0)`; in a SINUMERIK `ΔK = K0(T) + tanβ(T)·(P − P0)`.
 
-use std::time::Duration;
-
-use super::{Asked, Evaluate, Known, Lag, Unusable};
+use super::{Asked, Evaluate, Known, Lag, Term, Unusable};
 use crate::reading::SignalId;
 
 /// A constant plus a sum of terms, µm.
@@ -20,30 +18,6 @@ pub struct Linear {
     pub slope: Option<Slope>,
 }
 
-/// One gain times one rise.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Term {
-    /// The temperature.
-    pub signal: SignalId,
-    /// µm per unit of the signal; in a slope µm/mm per unit.
-    pub gain: f64,
-    /// What the rise is measured from.
-    pub reference: Reference,
-    /// Time constant C of the first-order lag, above zero; `None`: the rise acts at once.
-    pub lag: Option<Duration>,
-}
-
-/// What ΔT is measured from.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Reference {
-    /// A number; 0 means the temperature itself.
-    Fixed(f64),
-    /// The value at machine start.
-    Start,
-    /// The value at the last zero.
-    Zero,
-}
-
 /// A sum of terms, µm/mm, times the distance from a reference position.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Slope {
@@ -55,22 +29,6 @@ pub struct Slope {
     pub travel: Option<(f64, f64)>,
     /// Added up.
     pub terms: Vec<Term>,
-}
-
-impl Term {
-    /// The rise now, in the signal's unit; behind its lag, where it has one.
-    ///
-    /// # Errors
-    /// The signal cannot be used, or its reference has not been captured.
-    pub(super) fn rise(&self, known: &Known<'_>, lag: &Lag) -> Result<f64, Unusable> {
-        let value = known.snapshot.value(self.signal).ok_or(Unusable::Signal(self.signal))?;
-        let reference =
-            known.machine.captured(self.reference, self.signal).ok_or(Unusable::Reference(self.signal))?;
-        Ok(match self.lag {
-            Some(_) => lag.rise(self, known, value, reference),
-            None => value - reference.value,
-        })
-    }
 }
 
 impl Linear {

@@ -8,12 +8,11 @@
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use super::{Fold, Samples, rows};
-use crate::gram::count;
-use crate::method::smallest;
-use crate::parallel;
+use crate::statistics::{count, smallest};
 
 /// Networks that are averaged.
 pub(super) const MEMBERS: usize = 5;
@@ -140,7 +139,7 @@ pub(super) fn length(folds: &[Fold<'_>], neurons: usize, seed: u64) -> usize {
         return UNVALIDATED;
     }
     let numbered: Vec<(u64, &Fold<'_>)> = (0..).zip(folds).collect();
-    let costs = parallel::map(&numbered, |(number, fold)| {
+    let costs = numbered.par_iter().map(|(number, fold)| {
         let seed = |member| seed.wrapping_mul(1000).wrapping_add(100 * member + number);
         let members: Vec<Vec<Neurons>> =
             (0..COMPARED).map(|member| train(&fold.training, neurons, seed(member), &LENGTHS)).collect();
@@ -150,6 +149,7 @@ pub(super) fn length(folds: &[Fold<'_>], neurons: usize, seed: u64) -> usize {
         };
         (0..LENGTHS.len()).map(cost).collect::<Vec<f64>>()
     });
+    let costs: Vec<Vec<f64>> = costs.collect();
     let sums: Vec<f64> = (0..LENGTHS.len()).map(|place| costs.iter().map(|cost| cost[place]).sum()).collect();
     LENGTHS[smallest(&sums)]
 }
@@ -163,10 +163,10 @@ fn mean(members: &[&Neurons], rises: &DMatrix<f64>) -> DVector<f64> {
 pub(super) fn fit(all: &Samples, folds: &[Fold<'_>], neurons: usize, seed: u64) -> Vec<Neurons> {
     let length = length(folds, neurons, seed);
     let members: Vec<u64> = (500..).take(MEMBERS).collect();
-    let trained = parallel::map(&members, |member| {
-        train(all, neurons, seed.wrapping_mul(1000).wrapping_add(*member), &[length])
-    });
-    trained.into_iter().flatten().collect()
+    let trained = members
+        .par_iter()
+        .map(|member| train(all, neurons, seed.wrapping_mul(1000).wrapping_add(*member), &[length]));
+    trained.collect::<Vec<_>>().concat()
 }
 
 /// Their mean as one network of the project's own format.

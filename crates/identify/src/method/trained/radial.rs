@@ -5,12 +5,11 @@
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
 use serde_json::{Value, json};
 
 use super::{Fold, Samples};
-use crate::gram::count;
-use crate::method::smallest;
-use crate::parallel;
+use crate::statistics::{count, smallest};
 
 /// Widths that are tried, in root mean squares of all inputs together.
 const WIDTHS: [f64; 5] = [0.5, 1.0, 2.0, 4.0, 8.0];
@@ -65,7 +64,7 @@ fn chosen(folds: &[Fold<'_>], centres: usize, seed: u64) -> (usize, usize) {
         .flat_map(|width| (0..usize::try_from(PENALTIES).unwrap_or(0)).map(move |penalty| (width, penalty)))
         .collect();
     let numbered: Vec<(u64, &Fold<'_>)> = (0..).zip(folds).collect();
-    let costs = parallel::map(&numbered, |(number, fold)| {
+    let costs = numbered.par_iter().map(|(number, fold)| {
         let centres = k_means(&fold.training.rises, centres, seed.wrapping_mul(100).wrapping_add(*number));
         let cost = |(width, place): &(usize, usize)| {
             let width = unit(&centres) * WIDTHS[*width];
@@ -75,6 +74,7 @@ fn chosen(folds: &[Fold<'_>], centres: usize, seed: u64) -> (usize, usize) {
         };
         tried.iter().map(cost).collect::<Vec<f64>>()
     });
+    let costs: Vec<Vec<f64>> = costs.collect();
     let sums: Vec<f64> = (0..tried.len()).map(|place| costs.iter().map(|cost| cost[place]).sum()).collect();
     tried[smallest(&sums)]
 }

@@ -4,7 +4,7 @@ use rand_pcg::Pcg64Mcg;
 
 use super::neurons::{self, LENGTHS, length, train};
 use super::{Fold, Samples, about_mean, radial};
-use crate::gram::count;
+use crate::statistics::count;
 use isotherm_profile::network;
 
 /// Runs of forty rows of two rises; what is wanted is `truth` of them, scaled to about 1.

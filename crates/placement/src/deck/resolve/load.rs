@@ -4,8 +4,7 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::Path;
 
 use super::super::card::Place;
-use super::super::load::Where;
-use super::super::raw::Raw;
+use super::super::raw::{Raw, Where};
 use super::super::{Fault, Places};
 use super::names::Names;
 use super::whole;

@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
-use super::super::{Displacement, Point, Position, Stretch};
-use super::resolve::Check;
+use super::super::{Displacement, Position, Stretch};
+use super::check::Check;
+use crate::virtual_machine::plant::point::Point;
 
 /// A part that grows and takes the axis with it.
 #[derive(Deserialize)]

@@ -1,71 +1,15 @@
 //! From the plant file's names and numbers to a checked [`PlantSpec`], or to every complaint at once.
 
 use super::super::{
-    AmbientSpec, DutySpec, Link, Node, PlantSpec, Point, Position, SensorSpec, Source, Structure, Switch,
-    Varied, When,
+    AmbientSpec, DutySpec, Link, Node, PlantSpec, Position, SensorSpec, Source, Structure, Switch, Varied,
+    When,
 };
+use super::check::{AMBIENT, Check};
 use super::displacement::Displacements;
 use super::structure::ModesFile;
 use super::{AmbientFile, LinkFile, NodeFile, PlantFile, PositionFile, SensorFile, SourceFile, WhenFile};
 use crate::virtual_machine::plant::STEP;
-
-/// What a link, a sensor or a displacement calls the air.
-const AMBIENT: &str = "ambient";
-
-/// The names of what has a temperature, and every complaint so far.
-pub(super) struct Check {
-    names: Vec<(String, Point)>,
-    errors: Vec<String>,
-}
-
-impl Check {
-    pub(super) fn demand(&mut self, holds: bool, complaint: impl FnOnce() -> String) {
-        if !holds {
-            self.errors.push(complaint());
-        }
-    }
-
-    /// The point of this name; a wrong one is noted and taken for the air.
-    pub(super) fn point(&mut self, place: &str, name: &str) -> Point {
-        if name == AMBIENT {
-            return Point::Ambient;
-        }
-        if let Some((_, point)) = self.names.iter().find(|(known, _)| known == name) {
-            return *point;
-        }
-        let known: Vec<&str> = self.names.iter().map(|(name, _)| name.as_str()).collect();
-        let known = known.join(", ");
-        self.errors.push(format!("{place}: there is no node `{name}`; allowed: {known}, {AMBIENT}"));
-        Point::Ambient
-    }
-
-    /// As [`Check::point`], for places where only a node will do.
-    fn node(&mut self, place: &str, name: &str) -> usize {
-        let before = self.errors.len();
-        match self.point(place, name) {
-            Point::Node(index) => index,
-            _ => {
-                self.demand(self.errors.len() > before, || {
-                    format!("{place}: `{name}` has no heat capacity of its own; name a node")
-                });
-                0
-            }
-        }
-    }
-
-    /// As [`Check::point`], for what surrounds a structure.
-    pub(super) fn surroundings(&mut self, place: &str, name: &str) -> Point {
-        match self.point(place, name) {
-            point @ (Point::Node(_) | Point::Ambient) => point,
-            _ => {
-                self.demand(false, || {
-                    format!("{place}: `{name}` is of the structure itself; name a node, or {AMBIENT}")
-                });
-                Point::Ambient
-            }
-        }
-    }
-}
+use crate::virtual_machine::plant::point::Point;
 
 impl PlantFile {
     /// `read` gives the text of a file that the plant names.

@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
-use super::super::{Point, Position};
-use super::resolve::Check;
+use super::super::Position;
+use super::check::Check;
+use crate::virtual_machine::plant::point::Point;
 use crate::virtual_machine::plant::structure::{Sink, Structure, dot};
 
 /// How the structure stands in its machine.

@@ -1,13 +1,15 @@
 //! A machine column of our own: walls, ribs, two guide rails, as tetrahedra of any fineness.
 //!
 //! 700 mm wide (x), 1500 mm high (y), 480 mm deep (z), hollow, cast iron; the front is at positive z and carries the
-//! rails. What a demo, a bench and a test need without a file from somebody else's drawing office.
+//! rails. What benches and tests need without a file from somebody else's drawing office.
 
-use std::collections::{BTreeMap, HashMap};
+#![allow(dead_code, reason = "each of the tests uses its part")]
 
-use crate::body::{Case, Film, Flux, LoadCase, Material, Materials};
-use crate::element::EDGES;
-use crate::mesh::{Element, Face, Kind, Mesh, NodeId};
+use std::collections::BTreeMap;
+
+use isotherm_placement::body::{Case, Film, Flux, LoadCase, Material, Materials};
+use isotherm_placement::grid::Grid;
+use isotherm_placement::mesh::{Face, Kind, Mesh};
 
 const WIDTH: f64 = 700.0;
 const HEIGHT: f64 = 1500.0;
@@ -20,16 +22,16 @@ const HALF_RAIL: f64 = 45.0;
 
 /// A column and its cast iron.
 #[derive(Debug, Clone)]
-pub struct Column {
+pub(crate) struct Column {
     /// Node sets `ALL`, `BASE` (the foot), `GUIDE` (the rails' front, left rail first, upwards) and `BLK1` to `BLK8`.
-    pub mesh: Mesh,
+    pub(crate) mesh: Mesh,
     /// Cast iron throughout.
-    pub materials: Materials,
+    pub(crate) materials: Materials,
 }
 
 /// What warms the column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Warming {
+pub(crate) enum Warming {
     /// The air gets warmer with height.
     Air,
     /// A spindle on the front, in the upper half.
@@ -46,12 +48,12 @@ pub enum Warming {
 
 impl Warming {
     /// All of them.
-    pub const EACH: [Self; 6] =
+    pub(crate) const EACH: [Self; 6] =
         [Self::Air, Self::Spindle, Self::SpindleHour, Self::Motor, Self::Coolant, Self::All];
 
     /// The name of the load case.
     #[must_use]
-    pub const fn name(self) -> &'static str {
+    pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::Air => "air",
             Self::Spindle => "spindle",
@@ -68,7 +70,7 @@ impl Column {
     ///
     /// About 6,000 nodes at 80 mm and 26,000 at 40 mm for quadratic elements.
     #[must_use]
-    pub fn new(cell: f64, kind: Kind) -> Self {
+    pub(crate) fn new(cell: f64, kind: Kind) -> Self {
         let size = [WIDTH, HEIGHT, DEPTH];
         let cells = size.map(|length| count(length / cell));
         let grid = Grid { cells, size, origin: [-WIDTH / 2.0, 0.0, -DEPTH / 2.0] };
@@ -90,7 +92,7 @@ impl Column {
 
     /// A load case, from 20 °C.
     #[must_use]
-    pub fn load(&self, warming: Warming) -> LoadCase {
+    pub(crate) fn load(&self, warming: Warming) -> LoadCase {
         let is = |one| warming == one || warming == Warming::All;
         let hour = Case::Transient { step: 300.0, period: 3600.0 };
         let case = if warming == Warming::SpindleHour { hour } else { Case::Steady };
@@ -138,100 +140,6 @@ fn iron([x, y, z]: [f64; 3], wall: f64) -> bool {
     shell || floor || middle
 }
 
-/// A box of cells.
-pub(super) struct Grid {
-    pub(super) cells: [usize; 3],
-    pub(super) size: [f64; 3],
-    pub(super) origin: [f64; 3],
-}
-
-impl Grid {
-    /// The cells whose middles are `kept`, as tetrahedra; `moved` gives corners their place.
-    pub(super) fn mesh(
-        &self,
-        kind: Kind,
-        kept: impl Fn([f64; 3]) -> bool,
-        moved: impl Fn([f64; 3]) -> [f64; 3],
-    ) -> Mesh {
-        let mut elements = self.tetrahedra(kept);
-        let [nx, ny, nz] = self.cells;
-        let each = (0..=nz).flat_map(move |k| (0..=ny).flat_map(move |j| (0..=nx).map(move |i| [i, j, k])));
-        let mut xyz: Vec<[f64; 3]> = each.map(|at| moved(self.place(at.map(float)))).collect();
-        if kind == Kind::Tet10 {
-            add_middles(&mut elements, &mut xyz);
-        }
-        keep_used(&mut elements, &mut xyz);
-        let nodes = (1..=u32::try_from(xyz.len()).unwrap_or(u32::MAX)).map(NodeId).collect();
-        Mesh { nodes, xyz, elements, ..Mesh::default() }
-    }
-
-    fn corner(&self, [i, j, k]: [usize; 3]) -> usize {
-        (k * (self.cells[1] + 1) + j) * (self.cells[0] + 1) + i
-    }
-
-    fn place(&self, at: [f64; 3]) -> [f64; 3] {
-        [0, 1, 2].map(|axis| self.origin[axis] + at[axis] * self.size[axis] / float(self.cells[axis]))
-    }
-
-    fn tetrahedra(&self, kept: impl Fn([f64; 3]) -> bool) -> Vec<Element> {
-        // The six paths along three edges from one corner of a cell to the opposite one.
-        const PATHS: [[usize; 3]; 6] = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]];
-        let [nx, ny, nz] = self.cells;
-        let mut elements = Vec::new();
-        for cell in (0..nz).flat_map(|k| (0..ny).flat_map(move |j| (0..nx).map(move |i| [i, j, k]))) {
-            if !kept(self.place(cell.map(|at| float(at) + 0.5))) {
-                continue;
-            }
-            for (path, axes) in PATHS.into_iter().enumerate() {
-                let mut at = cell;
-                let mut nodes = vec![self.corner(at)];
-                for axis in axes {
-                    at[axis] += 1;
-                    nodes.push(self.corner(at));
-                }
-                // Odd permutations run the other way round.
-                if path >= 3 {
-                    nodes.swap(1, 2);
-                }
-                let id = u32::try_from(elements.len() + 1).unwrap_or(u32::MAX);
-                elements.push(Element { id, kind: Kind::Tet4, nodes });
-            }
-        }
-        elements
-    }
-}
-
-/// Makes linear elements quadratic.
-fn add_middles(elements: &mut [Element], xyz: &mut Vec<[f64; 3]>) {
-    let mut middles: HashMap<[usize; 2], usize> = HashMap::new();
-    for element in elements {
-        for edge in EDGES {
-            let mut ends = edge.map(|corner| element.nodes[corner]);
-            ends.sort_unstable();
-            let middle = *middles.entry(ends).or_insert_with(|| {
-                let [a, b] = ends.map(|end| xyz[end]);
-                xyz.push([0, 1, 2].map(|axis| f64::midpoint(a[axis], b[axis])));
-                xyz.len() - 1
-            });
-            element.nodes.push(middle);
-        }
-        element.kind = Kind::Tet10;
-    }
-}
-
-/// Leaves out the nodes that no element has.
-fn keep_used(elements: &mut [Element], xyz: &mut Vec<[f64; 3]>) {
-    let mut number = vec![usize::MAX; xyz.len()];
-    elements.iter().flat_map(|element| &element.nodes).for_each(|node| number[*node] = 0);
-    let mut kept = Vec::new();
-    for (node, number) in number.iter_mut().enumerate().filter(|(_, number)| **number == 0) {
-        *number = kept.len();
-        kept.push(xyz[node]);
-    }
-    elements.iter_mut().flat_map(|element| &mut element.nodes).for_each(|node| *node = number[*node]);
-    *xyz = kept;
-}
-
 fn node_sets(mesh: &Mesh) -> BTreeMap<String, Vec<usize>> {
     let mut sets: BTreeMap<String, Vec<usize>> = BTreeMap::new();
     for (node, [x, y, z]) in mesh.xyz.iter().enumerate() {
@@ -271,9 +179,4 @@ fn thin_guide(mesh: &Mesh, sets: &mut BTreeMap<String, Vec<usize>>) {
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "cells along an edge of a column")]
 fn count(cells: f64) -> usize {
     cells.round().clamp(1.0, 1000.0) as usize
-}
-
-#[allow(clippy::cast_precision_loss, reason = "cells along an edge of a column")]
-fn float(at: usize) -> f64 {
-    at as f64
 }

@@ -1,4 +1,4 @@
-//! One sensor of a difference and machine-on time t, JP H07-61598 B2: Cz = F(T, t).
+//! One sensor of a `difference` with machine-on time t stands in where the other is lost, JP H07-61598 B2: Cz = F(T, t).
 //!
 //! `Kz·A + f1(t)` with `f1(t) = −Kz·(b·t + c)`: after two or three hours B rises in nearly a straight line.
 //! `−Kz·B + f2(t)` with `f2(t) = Kz·(K·√t + c)`: A rises with the root of the time. Kz is that of the difference; b, c and
@@ -7,9 +7,9 @@
 use nalgebra::{Matrix2, Vector2};
 use serde::Serialize;
 
+use super::{Fallback, means};
 use crate::bank::{Bank, Candidate};
 use crate::campaign::{Campaign, Wanted};
-use crate::identified::{Fallback, means};
 use crate::learn::Learned;
 use crate::region::Region;
 use crate::validate::{HeldOut, scored};
@@ -39,7 +39,7 @@ enum There {
 type Rows = Vec<(f64, f64, f64)>;
 
 /// Stand-ins for the loss of either sensor; none where the model is no difference.
-pub(crate) fn alone(
+pub(super) fn alone(
     campaign: &Campaign<'_>,
     bank: &Bank,
     learned: &Learned,

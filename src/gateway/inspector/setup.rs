@@ -5,7 +5,7 @@ use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{Fault, PeerFault};
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, CanRequest, Request};
-use crate::gateway::shared::Shared;
+use crate::gateway::line_handle::LineHandle;
 use isotherm_profile::{DeviceId, Setup};
 
 /// What is wrong with it afterwards, in words; nothing, where it is set up.
@@ -14,7 +14,7 @@ use isotherm_profile::{DeviceId, Setup};
 /// The node does not answer.
 pub(super) async fn set_up(
     line: &mut DeviceLine,
-    shared: &Shared,
+    shared: &LineHandle,
     device: DeviceId,
 ) -> Result<Vec<String>, Fault> {
     let Some(can) = &shared.profile.device(device).can else { return Ok(Vec::new()) };

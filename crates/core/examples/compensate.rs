@@ -1,0 +1,94 @@
+//! One axis of a surface grinder warms up for half an hour, then its bed sensor breaks: what Cz is, minute by minute.
+//!
+//! ```sh
+//! cargo run -p isotherm-core --example compensate
+//! ```
+//!
+//! Nothing waits here. Time is an argument of the step, so half an hour takes no longer than its arithmetic.
+
+use std::error::Error;
+use std::time::Duration;
+
+use isotherm_core::compensation::model::{Kind, Linear, Model, Reference, Term};
+use isotherm_core::compensation::settings::{
+    AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault,
+};
+use isotherm_core::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
+use isotherm_core::quantity::{Micron, Moment};
+use isotherm_core::reading::{Reading, Reason, SignalId};
+
+const BED: SignalId = SignalId(0);
+const WHEELHEAD: SignalId = SignalId(1);
+
+const SECOND: Duration = Duration::from_secs(1);
+/// What the bed has gained after a very long time, °C, and how long it takes to 63 % of that, s.
+const WARMTH: f64 = 4.0;
+const LAG: f64 = 900.0;
+/// When the sensor breaks, and when the example ends.
+const BREAKS: u32 = 30 * 60;
+const ENDS: u32 = 38 * 60;
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let machine = MachineSettings { signals: 2, ..MachineSettings::default() };
+    let mut compensation = Compensation::new(machine, vec![axis()?], Remembered::default());
+    // The first control hands over what stands in the register when the axis is armed.
+    let mut control = Control { permit: Permit::Armed, take_over: Some(Micron::ZERO), ..Control::default() };
+
+    println!("  min  bed °C  model µm   Cz µm  state");
+    for second in 0..=ENDS {
+        let now = Moment::default().after(SECOND * second);
+        let readings = readings(second, now);
+        // A step in between two updates of the axis changes nothing.
+        let stepped = compensation.step(&Snapshot { now, readings: &readings }, &[control]);
+        control.take_over = None;
+        let Some(decision) = compensation.decision(0).filter(|_| stepped.anything && second % 120 == 0)
+        else {
+            continue;
+        };
+        let number = |value: Option<f64>| value.map_or("–".to_owned(), |value| format!("{value:.2}"));
+        println!(
+            "{:>5}  {:>6}  {:>8}  {:>6.1}  {}",
+            second / 60,
+            number(readings[BED.0].usable()),
+            number(decision.raw.map(Micron::get)),
+            decision.cz.get(),
+            decision.state,
+        );
+    }
+    Ok(())
+}
+
+/// `Cz = 2.4 · (bed − wheelhead)`, in steps of at most 1 µm every ten seconds.
+fn axis() -> Result<AxisSettings, Box<dyn Error>> {
+    let term = |signal, gain| Term { signal, gain, reference: Reference::Fixed(0.0), lag: None };
+    let terms = vec![term(BED, 2.4), term(WHEELHEAD, -2.4)];
+    let difference = Model {
+        name: "difference".to_owned(),
+        kind: Kind::Linear(Linear { offset: 0.0, terms, slope: None }),
+        envelope: None,
+    };
+    Ok(AxisSettings {
+        name: "z".to_owned(),
+        models: vec![difference],
+        guard: GuardSettings {
+            limit: Micron::try_from(40.0)?,
+            step: Micron::try_from(1.0)?,
+            rate: 0.05,
+            deadband: Micron::try_from(0.1)?,
+            count: Some(Micron::try_from(0.1)?),
+        },
+        every: 10 * SECOND,
+        on_fault: OnFault::Ramp { after: 60 * SECOND },
+        levels: Levels::default(),
+        datum: Datum::Model,
+        apart: None,
+        probe: None,
+    })
+}
+
+/// The bed warms, the wheelhead does not.
+fn readings(second: u32, now: Moment) -> [Reading; 2] {
+    let bed = 20.0 + WARMTH * (1.0 - (-f64::from(second) / LAG).exp());
+    let bed = if second < BREAKS { Reading::good(bed, now) } else { Reading::bad(now, Reason::OpenCircuit) };
+    [bed, Reading::good(20.0, now)]
+}

@@ -1,0 +1,120 @@
+//! The write side of one output, driven by hand: read, write, verify, and a write whose answer is lost.
+//!
+//! ```sh
+//! cargo run -p isotherm-core --example output
+//! ```
+//!
+//! The gateway does the same over a line: it gives a fact in, carries the action out, and gives in what came of that.
+//! Here the register is a number in this file.
+
+use std::time::Duration;
+
+use isotherm_core::output::{Action, Fact, Kept, Rules, Settings, State, Verify, Who, step};
+use isotherm_core::quantity::Moment;
+
+const START: Moment = Moment::from_nanos(1_000_000_000_000);
+const MILLI: Duration = Duration::from_millis(1);
+const SECOND: Duration = Duration::from_secs(1);
+
+fn main() {
+    let mut desk = Desk::new();
+    desk.give("the gateway starts", Fact::Look);
+    desk.give("the profile arms the axis", Fact::Armed { by: Who::Policy });
+    desk.decide("a decision: 25 counts are wanted, a step is 10", 25);
+    desk.answer_is_lost = true;
+    desk.decide("the next decision; the answer to its write is lost", 25);
+    desk.decide("the last one", 25);
+    desk.decide("nothing is left to be done", 25);
+}
+
+/// An output, and the register that it writes to.
+struct Desk {
+    settings: Settings,
+    state: State,
+    now: Moment,
+    register: i64,
+    /// The next write is carried out, and nobody hears of it.
+    answer_is_lost: bool,
+}
+
+impl Desk {
+    fn new() -> Desk {
+        let settings = Settings {
+            step: 10,
+            limit: 400,
+            bias: 0,
+            range: (-32_768, 32_767),
+            late: 30 * SECOND,
+            remembered: 300 * SECOND,
+            every: 10 * SECOND,
+            refresh: None,
+            is_shared: false,
+            verify: Verify::Reading,
+            rules: Rules::default(),
+        };
+        // The last run ended in order: nothing of it may still arrive.
+        let kept = Kept { in_order: true, ..Kept::default() };
+        let state = State::new(&settings, Some(&kept), START);
+        Desk { settings, state, now: START, register: 0, answer_is_lost: false }
+    }
+
+    /// Ten seconds later; a change to it may be sent for one second.
+    fn decide(&mut self, what: &str, offset: i64) {
+        self.now = self.now.after(10 * SECOND);
+        self.give(what, Fact::Decided { offset, not_after: self.now.after(SECOND) });
+    }
+
+    /// Gives a fact in, and carries out what is asked for until that is nothing.
+    fn give(&mut self, what: &str, fact: Fact) {
+        println!("\n{what}");
+        let mut fact = fact;
+        loop {
+            self.now = self.now.after(MILLI);
+            let action = step(&mut self.state, &self.settings, fact, self.now);
+            println!("{:>8.3} s  {:<22} → {}", self.seconds(self.now), self.fact(fact), self.action(action));
+            for event in self.state.take_events().iter() {
+                println!("            told: {event:?}");
+            }
+            // Looked at before the question leaves, and after the last byte of a write has left.
+            let moment = self.now.after(MILLI / 2);
+            fact = match action {
+                Action::Nothing { .. } => return,
+                Action::Read => Fact::Read { found: self.register, asked: moment },
+                // Here a disk would be waited for.
+                Action::Keep => Fact::Kept,
+                Action::Write { value, .. } => {
+                    self.register = value;
+                    match std::mem::take(&mut self.answer_is_lost) {
+                        true => Fact::Unknown { left: moment },
+                        false => Fact::Done { left: moment },
+                    }
+                }
+            };
+        }
+    }
+
+    fn fact(&self, fact: Fact) -> String {
+        match fact {
+            Fact::Decided { offset, not_after } => {
+                format!("decided {offset} until {:.1}", self.seconds(not_after))
+            }
+            Fact::Read { found, .. } => format!("read {found}"),
+            Fact::Done { .. } => "done".to_owned(),
+            Fact::Unknown { .. } => "unknown".to_owned(),
+            other => format!("{other:?}"),
+        }
+    }
+
+    fn action(&self, action: Action) -> String {
+        match action {
+            Action::Nothing { until } => format!("nothing until {:.3} s", self.seconds(until)),
+            Action::Read => "read".to_owned(),
+            Action::Keep => "put what is known on disk".to_owned(),
+            Action::Write { value, .. } => format!("write {value}"),
+        }
+    }
+
+    fn seconds(&self, moment: Moment) -> f64 {
+        moment.since(START).as_secs_f64()
+    }
+}

@@ -1,0 +1,157 @@
+//! What a device is asked, over whatever transport, and what its answer brings.
+
+use isotherm_core::codec::{Address, BitField, CanId, DataType, Encoding, Field, Object, Register};
+use isotherm_core::reading::Reason;
+use isotherm_profile::Functions;
+use isotherm_profile::plan::{self, Asked};
+
+/// One request to one unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Request<'a> {
+    /// Functions 01 to 04, by table.
+    Read {
+        /// First register or bit.
+        from: Register,
+        /// How many.
+        count: u16,
+    },
+    /// Function 05.
+    WriteCoil {
+        /// Zero-based coil.
+        at: u16,
+        /// On or off.
+        value: bool,
+    },
+    /// Function 06.
+    WriteSingle {
+        /// Zero-based holding register.
+        at: u16,
+        /// Its new value.
+        word: u16,
+    },
+    /// Function 16.
+    WriteMultiple {
+        /// Zero-based holding register.
+        at: u16,
+        /// The new values, lowest address first.
+        words: &'a [u16],
+    },
+    /// Of a CAN line, where nothing is a register.
+    Can(CanRequest<'a>),
+}
+
+/// One request to one device on a CAN line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CanRequest<'a> {
+    /// An object of a node is read, by SDO.
+    Read {
+        /// Which.
+        object: Object,
+    },
+    /// An object of a node is written, by SDO.
+    Write {
+        /// Which.
+        object: Object,
+        /// Its new value, the most significant register first.
+        words: &'a [u16],
+    },
+    /// A value in a frame is sent, with what else is in there.
+    Send {
+        /// The frame.
+        id: CanId,
+        /// Where in there.
+        bits: BitField,
+        /// Its new value, the most significant register first.
+        words: &'a [u16],
+    },
+}
+
+/// What a checked answer brings.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Answer {
+    /// Exactly as many registers as were asked for.
+    Words(Vec<u16>),
+    /// Exactly as many bits as were asked for.
+    Bits(Vec<bool>),
+    /// A write, repeated as it was sent.
+    Done,
+}
+
+impl From<Asked> for Request<'static> {
+    fn from(asked: Asked) -> Request<'static> {
+        match asked {
+            Asked::Registers { from, count } => Request::Read { from, count },
+            Asked::Object(object) => Request::Can(CanRequest::Read { object }),
+        }
+    }
+}
+
+impl Answer {
+    /// The value of a signal, whose part of the answer this is.
+    ///
+    /// # Errors
+    /// Why there is none.
+    pub fn decode(&self, field: &plan::Field, encoding: &Encoding) -> Result<f64, Reason> {
+        let (from, to) = (usize::from(field.at), usize::from(field.at) + usize::from(field.len));
+        match self {
+            Answer::Words(words) => encoding.decode(words.get(from..to).ok_or(Reason::BadReply)?),
+            Answer::Bits(bits) => encoding.decode_bit(*bits.get(from).ok_or(Reason::BadReply)?),
+            Answer::Done => Err(Reason::BadReply),
+        }
+    }
+}
+
+impl<'a> Request<'a> {
+    /// What reads a value of this type there; `None` where nobody can be asked for it.
+    pub fn read(at: &Address, data_type: DataType) -> Option<Request<'static>> {
+        Asked::of(at, data_type).map(Request::from)
+    }
+
+    /// What writes these words there, by the functions that the device may be sent.
+    pub fn write(at: &Address, words: &'a [u16], functions: Functions) -> Request<'a> {
+        match at {
+            Address::Modbus(Register { offset, .. }) => Request::write_holding(*offset, words, functions),
+            Address::Object(object) => Request::Can(CanRequest::Write { object: *object, words }),
+            Address::Frame(Field { frames, bits, .. }) => {
+                Request::Can(CanRequest::Send { id: frames.id, bits: *bits, words })
+            }
+        }
+    }
+
+    /// What writes holding registers from this one on.
+    pub const fn write_holding(at: u16, words: &'a [u16], functions: Functions) -> Request<'a> {
+        match words {
+            [word] if functions.write_single => Request::WriteSingle { at, word: *word },
+            words => Request::WriteMultiple { at, words },
+        }
+    }
+
+    /// The Modbus function code it needs; 0 for what is no register.
+    pub const fn function(self) -> u8 {
+        match self {
+            Request::Read { from, .. } => from.table.read_function(),
+            Request::WriteCoil { .. } => 5,
+            Request::WriteSingle { .. } => 6,
+            Request::WriteMultiple { .. } => 16,
+            Request::Can(_) => 0,
+        }
+    }
+
+    /// It changes nothing.
+    pub const fn is_read(self) -> bool {
+        matches!(self, Request::Read { .. } | Request::Can(CanRequest::Read { .. }))
+    }
+
+    /// Whether one request can carry it.
+    pub fn fits(self) -> bool {
+        let (at, count, most) = match self {
+            Request::Read { from, count } => {
+                (from.offset, count, if from.table.is_bits() { 2000 } else { 125 })
+            }
+            Request::WriteCoil { at, .. } | Request::WriteSingle { at, .. } => (at, 1, 1),
+            Request::WriteMultiple { at, words } => (at, u16::try_from(words.len()).unwrap_or(u16::MAX), 123),
+            Request::Can(_) => return true,
+        };
+        (1..=most).contains(&count) && u32::from(at) + u32::from(count) <= 65536
+    }
+}

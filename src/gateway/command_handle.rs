@@ -1,0 +1,125 @@
+//! What a command sees and touches of the gateway: a person arms, disarms, zeroes, or tells a measured error.
+
+use std::sync::Arc;
+
+use super::probing::{Missed, acting, refused_in_words};
+use super::shared::Shared;
+use crate::observe::events::Event;
+use crate::observe::status::Command;
+use isotherm_core::compensation::{Measured, Snapshot};
+use isotherm_core::quantity::Micron;
+use isotherm_profile::AxisId;
+
+/// A person's hold on what the lines share.
+pub(super) struct CommandHandle(Arc<Shared>);
+
+impl CommandHandle {
+    pub(super) fn new(shared: Arc<Shared>) -> CommandHandle {
+        CommandHandle(shared)
+    }
+
+    /// Does what a person asks for.
+    pub(super) fn execute(&self, command: Command) -> Result<String, String> {
+        let shared = &*self.0;
+        let mut core = shared.core();
+        let mut events = Vec::new();
+        let names: Vec<&str> = shared.profile.axes.iter().map(|axis| axis.settings.name.as_str()).collect();
+        let names = names.join(", ");
+        let answer = match command {
+            Command::Arm if core.stopping => return Err("the gateway is stopping".to_owned()),
+            Command::Arm => {
+                for axis in 0..core.arming.len() {
+                    let arming = &mut core.arming[axis];
+                    arming.asked = !arming.armed || arming.tripped;
+                    arming.refusal = None;
+                }
+                // At once where that can be: whoever asks hears whether he is refused.
+                let now = shared.clock.now();
+                core.board.look(&shared.profile, now);
+                core.arm_where_possible(now);
+                events.append(&mut core.events);
+                format!("{names}: will be armed as soon as devices and readings allow it")
+            }
+            Command::Disarm => {
+                for (place, axis) in shared.profile.axes.iter().enumerate() {
+                    let told = core.disarm(AxisId(place), &axis.settings.name, "switched off by a person");
+                    events.extend(told);
+                }
+                format!("{names}: off; what stands in the registers stays")
+            }
+            Command::Zero => {
+                let now = shared.clock.now();
+                core.compensation.zero(now);
+                core.keeper.zeroed(now);
+                events.push(Event::Zeroed);
+                "references are captured from now on".to_owned()
+            }
+        };
+        drop(core);
+        events.iter().for_each(|event| shared.tell(event));
+        shared.ring();
+        Ok(answer)
+    }
+
+    /// What has become of the last request to arm: `None` as long as an axis waits for something.
+    pub(super) fn arming(&self) -> Option<Result<String, String>> {
+        let core = self.0.core();
+        let names = self.0.profile.axes.iter().map(|axis| axis.settings.name.as_str());
+        let refused = core.arming.iter().zip(names.clone()).find_map(|(arming, name)| {
+            let why = arming.refusal.as_ref().filter(|_| arming.asked)?;
+            Some(format!("axis {name} is not armed: {why}"))
+        });
+        if let Some(refused) = refused {
+            return Some(Err(refused));
+        }
+        let all = core.arming.iter().all(|arming| arming.armed && !arming.asked);
+        all.then(|| Ok(format!("{}: armed", names.collect::<Vec<_>>().join(", "))))
+    }
+
+    /// A person's measured error in µm, of the diameter where the axis acts on one; `None` takes back what probings
+    /// have taught.
+    pub(super) fn take_measured(&self, axis: &str, error: Option<f64>) -> Result<String, String> {
+        let shared = &*self.0;
+        let axes = &shared.profile.axes;
+        let place = axes.iter().position(|known| known.settings.name == axis).ok_or_else(|| {
+            let names: Vec<&str> = axes.iter().map(|axis| axis.settings.name.as_str()).collect();
+            format!("there is no axis {axis}; there are {}", names.join(", "))
+        })?;
+        let settings = &axes[place];
+        if settings.settings.probe.is_none() {
+            return Err(format!(
+                "axis {axis} takes no measured errors: its profile has no [axis.{axis}.probe]"
+            ));
+        }
+        let mut core = shared.core();
+        let answer = match error {
+            None => {
+                core.probing[place].forget = true;
+                core.probing[place].measured = None;
+                format!("{axis}: what probings have taught is taken back; Cz goes there step by step")
+            }
+            Some(_) if core.stopping => return Err("the gateway is stopping".to_owned()),
+            Some(error) => {
+                let of_radius = if settings.diameter { 0.5 } else { 1.0 };
+                let error =
+                    Micron::new(error * of_radius).ok_or("a measured error is a finite number, in µm")?;
+                let acting = acting(&shared.profile, place, &core.outputs, &core.arming[place])
+                    .ok_or_else(|| format!("{axis}: {}; measure again when it is", Missed::Acting.words()))?;
+                let measured = Measured { error, acting: Some(acting) };
+                let now = shared.clock.now();
+                core.board.look(&shared.profile, now);
+                let snapshot = Snapshot { now, readings: core.board.seen() };
+                if let Err(probed) = core.compensation.would_learn(place, &snapshot, measured) {
+                    let why =
+                        probed.refused.map(|why| refused_in_words(&shared.profile, place, why, &probed));
+                    return Err(format!("{axis}: not learned from: {}", why.unwrap_or_default()));
+                }
+                core.probing[place].measured = Some(measured);
+                format!("{axis}: {error} with a Cz of {acting} acting; it is learned from at once")
+            }
+        };
+        drop(core);
+        shared.ring();
+        Ok(answer)
+    }
+}

@@ -1,0 +1,437 @@
+//! What stands behind the lock, and its step: one step of the axes with everything around it, from arming to the log.
+
+use std::sync::Arc;
+
+use super::arming::{Arming, Attempt};
+use super::board::{Board, Change};
+use super::commissioning::{Commissioning, Fit};
+use super::contact::Contact;
+use super::dependents::Dependents;
+use super::keeper::Keeper;
+use super::noted::Noted;
+use super::output::{OutputState, Outputs, Standing};
+use super::pause::Pauses;
+use super::probing::{Probing, acting, refused_in_words};
+use super::reported::Reported;
+use super::restart::Restarts;
+use super::why::Reasons;
+use super::words::part;
+use crate::observe::events::Event;
+use isotherm_core::compensation::settings::OnFault;
+use isotherm_core::compensation::{AxisState, Compensation, Control, Remembered, Snapshot};
+use isotherm_core::quantity::{Micron, Moment};
+use isotherm_core::reading::Reason;
+use isotherm_profile::{AxisId, BusId, Output, OutputId, Profile, Writes};
+
+/// What never changes while the gateway runs.
+#[derive(Clone)]
+pub(super) struct Given {
+    pub(super) profile: Arc<Profile>,
+    pub(super) dependents: Arc<Dependents>,
+    pub(super) dry_run: bool,
+}
+
+/// What stands behind the lock.
+pub(super) struct Core {
+    given: Given,
+    pub(super) board: Board,
+    pub(super) compensation: Compensation,
+    pub(super) arming: Noted<Arming>,
+    pub(super) probing: Noted<Probing>,
+    pub(super) outputs: Outputs,
+    /// By output: what is known of its register, where one task alone carries it out.
+    pub(super) registers: Vec<Option<isotherm_core::output::State>>,
+    pub(super) contact: Contact,
+    pub(super) commissioning: Commissioning,
+    pub(super) keeper: Keeper,
+    pub(super) restarts: Restarts,
+    /// By axis: when a change that it decided must have left at the latest.
+    pub(super) not_after: Vec<Moment>,
+    pub(super) pauses: Pauses,
+    pub(super) stopping: bool,
+    /// The lines end now: no strobe stays up.
+    pub(super) leaving: bool,
+    /// An axis has been armed since the start.
+    pub(super) was_armed: bool,
+    /// What an axis rests on has been read since the start.
+    pub(super) has_read: bool,
+    /// When the axes were stepped last.
+    pub(super) stepped_at: Moment,
+    /// When the next one is due.
+    pub(super) next_due: Option<Moment>,
+    /// Something failed inside: the process ends with an error after the fault actions.
+    pub(super) failed: bool,
+    controls: Vec<Control>,
+    /// Events of a step, reported when the lock is free again.
+    pub(super) events: Vec<Event>,
+    /// By axis.
+    pub(super) reported: Vec<Reported>,
+}
+
+impl Core {
+    /// A core with what was remembered from before, as it stands before the first reading.
+    pub(super) fn new(given: Given, remembered: Remembered, keeper: Keeper) -> Core {
+        let profile = &*given.profile;
+        let axes = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
+        let compensation = Compensation::new(profile.machine.clone(), axes, remembered);
+        Core {
+            board: Board::new(profile),
+            next_due: compensation.next_due(),
+            compensation,
+            arming: Noted::new(vec![Arming::default(); profile.axes.len()]),
+            probing: Noted::new(vec![Probing::default(); profile.axes.len()]),
+            outputs: Outputs::new(profile),
+            registers: vec![None; profile.outputs.len()],
+            contact: Contact::new(profile),
+            commissioning: Commissioning::new(profile),
+            keeper,
+            restarts: Restarts::new(profile),
+            not_after: vec![Moment::default(); profile.axes.len()],
+            pauses: Pauses::default(),
+            stopping: false,
+            leaving: false,
+            was_armed: false,
+            has_read: false,
+            stepped_at: Moment::default(),
+            failed: false,
+            events: Vec::new(),
+            controls: vec![Control::default(); profile.axes.len()],
+            reported: vec![Reported::default(); profile.axes.len()],
+            given,
+        }
+    }
+
+    /// Steps each axis that is due, or has something new to take in; `false` where there was none.
+    pub(super) fn advance(&mut self, now: Moment) -> bool {
+        let Given { profile, dependents, .. } = &self.given.clone();
+        // Where time went back, every axis is due.
+        let due = self.next_due.is_some_and(|due| now >= due) || now < self.stepped_at;
+        if due {
+            self.board.look(profile, now);
+            self.arm_where_possible(now);
+        }
+        let is_urgent = self.refresh_controls(now);
+        if !due && !is_urgent && !self.would_notice(profile, now) {
+            return false;
+        }
+        if !due {
+            self.board.look(profile, now);
+        }
+        self.keeper.prepare(now, &self.compensation);
+        let snapshot = Snapshot { now, readings: self.board.seen() };
+        let stepped = self.compensation.step(&snapshot, &self.controls);
+        if !stepped.anything {
+            return false;
+        }
+        (self.stepped_at, self.next_due) = (now, self.compensation.next_due());
+        let has_model = |axis| self.compensation.has_usable_model(axis, &snapshot);
+        self.has_read = self.has_read || (0..profile.axes.len()).any(has_model);
+        self.keeper.record(&snapshot, &self.controls, &self.compensation);
+        for axis in 0..self.arming.len() {
+            if let Some(decision) = self.compensation.decision(axis).filter(|decision| decision.at == now) {
+                if self.controls[axis].takes_over() {
+                    (self.arming[axis].take_over, self.arming[axis].take_over_slope) = (None, None);
+                }
+                let live_until = |model: usize| {
+                    let inputs = &dependents.inputs[axis][model];
+                    let until = inputs.iter().map(|id| self.board.usable_until(profile, *id));
+                    until.min().unwrap_or(Moment::END)
+                };
+                let soon = now.after(profile.axes[axis].settings.every);
+                self.not_after[axis] = match (decision.model, decision.state) {
+                    (Some(model), state) if state.is_following() => live_until(model),
+                    // It holds because its readings have died: what it decided may go out as long as it might have then.
+                    // One whose output is in trouble holds on good ones, as long as they are that.
+                    (_, AxisState::Holding(_)) => {
+                        let usable = self.compensation.model_value(axis, &snapshot);
+                        usable.map_or(self.not_after[axis], |(model, _)| soon.min(live_until(model)))
+                    }
+                    // A fault action rests on no reading.
+                    _ => soon,
+                };
+            }
+        }
+        self.disarm_tripped();
+        if self.report_probings(profile, now) {
+            self.keeper.remember_now(now, &self.compensation, profile, self.outputs.states());
+        }
+        self.keeper.remember(now, &self.compensation, profile, self.outputs.states());
+        if stepped.noticed.started {
+            self.events.push(Event::MachineStarted);
+        }
+        if stepped.noticed.zeroed {
+            self.events.push(Event::Zeroed);
+        }
+        self.report_signals(now);
+        self.report_axes(now);
+        true
+    }
+
+    /// The lines on which something of what was decided at this moment is written, each once.
+    pub(super) fn lines_of_decisions(&self, now: Moment) -> Vec<BusId> {
+        let decided = self.compensation.decisions().zip(&self.given.dependents.written_on);
+        let decided = decided.filter(|(decision, _)| decision.at == now);
+        let mut lines: Vec<BusId> = decided.flat_map(|(_, lines)| lines).copied().collect();
+        lines.sort_unstable();
+        lines.dedup();
+        lines
+    }
+
+    /// What the world outside tells each axis, worked out again where it may have changed; whether one of them is to be
+    /// stepped for that at once.
+    fn refresh_controls(&mut self, now: Moment) -> bool {
+        let Given { profile, dry_run, .. } = &self.given.clone();
+        let mut is_urgent = false;
+        loop {
+            let output = self.outputs.next_changed().map(|id| profile.output(id).axis.0);
+            let axis = output.or_else(|| self.arming.next_changed()).or_else(|| self.probing.next_changed());
+            let Some(axis) = axis else { return is_urgent };
+            let arming = &self.arming[axis];
+            let permit = arming.permit(profile, axis, &self.outputs, self.stopping, *dry_run);
+            let Arming { take_over, take_over_slope, .. } = *arming;
+            let Probing { forget, measured, .. } = self.probing[axis];
+            self.controls[axis] = Control { permit, take_over, take_over_slope, forget, measured };
+            is_urgent |= self.compensation.is_due(axis, now, &self.controls[axis]);
+        }
+    }
+
+    /// Whether something was read that concerns the machine as a whole: that it runs, or a command to zero.
+    fn would_notice(&self, profile: &Profile, now: Moment) -> bool {
+        let value = |id| self.board.value(profile, id, now);
+        self.compensation.would_notice(value, || self.board.has_usable(profile, now))
+    }
+
+    pub(super) fn arm_where_possible(&mut self, now: Moment) {
+        let profile = &*self.given.profile.clone();
+        if self.stopping {
+            return;
+        }
+        for axis in 0..self.arming.len() {
+            if self.arming[axis].armed {
+                continue;
+            }
+            let snapshot = Snapshot { now, readings: self.board.seen() };
+            let fit = self.commissioning.of_axis(axis);
+            let ready = fit == Fit::Yes && self.compensation.has_usable_model(axis, &snapshot);
+            let beyond = self.compensation.beyond_error(axis, &snapshot);
+            let name = &profile.axes[axis].settings.name;
+            let attempt = match fit {
+                Fit::No(why) if self.arming[axis].is_wanted(profile) => Attempt::Refused(why),
+                _ => self.arming[axis].attempt(profile, axis, &self.outputs, ready, beyond),
+            };
+            match attempt {
+                Attempt::NotYet => {}
+                Attempt::From(from, take_over_slope) => {
+                    let take_over = Some(from);
+                    let by_person = self.arming[axis].asked;
+                    self.arming[axis] =
+                        Arming { armed: true, by_person, take_over, take_over_slope, ..Arming::default() };
+                    for place in 0..self.outputs.ids(axis).len() {
+                        let id = self.outputs.ids(axis)[place];
+                        if self.outputs[id.0].standing == Standing::Foreign {
+                            self.outputs[id.0].standing = Standing::Verified;
+                        }
+                    }
+                    self.was_armed = true;
+                    self.events.push(Event::Armed { axis: name.clone(), from });
+                }
+                Attempt::Refused(why) => {
+                    if self.arming[axis].refusal.as_ref() != Some(&why) {
+                        self.events.push(Event::ArmRefused { axis: name.clone(), why: why.clone() });
+                        self.arming[axis].refusal = Some(why);
+                    }
+                }
+            }
+        }
+    }
+
+    /// What an axis decided last stands in its registers, or never will.
+    pub(super) fn has_arrived(&self, profile: &Profile, axis: usize, dry_run: bool) -> bool {
+        let Some(decision) = self.compensation.decision(axis) else { return true };
+        if decision.state == AxisState::Off || dry_run {
+            return true;
+        }
+        let settings = &profile.axes[axis].settings;
+        let grain = |output: &Output| match (output.writes, settings.apart) {
+            (Writes::Slope, Some(apart)) => apart.count.unwrap_or(Micron::ZERO),
+            // A floating-point register is written in thousandths of a step.
+            _ => settings
+                .guard
+                .count
+                .or_else(|| Micron::new(settings.guard.step.get() * 1e-3))
+                .unwrap_or_default(),
+        };
+        // What is nearest is at most half a count away; beside an operator's part, whose sum is never made zero, one.
+        let slack =
+            |state: &OutputState| if state.shares.is_some_and(|(base, _)| base != 0.0) { 1.1 } else { 0.6 };
+        let is_there = |output: &Output, state: &OutputState, cz: Micron| {
+            let distance = (cz - part(decision, output.writes)).abs().get();
+            output.writes == Writes::Reference || distance <= slack(state) * grain(output).get()
+        };
+        let is_held =
+            |id: &OutputId| self.registers[id.0].is_some() && matches!(decision.state, AxisState::Holding(_));
+        self.outputs.ids(axis).iter().all(|id| {
+            let (output, state) = (profile.output(*id), &self.outputs[id.0]);
+            match state.standing {
+                // While its axis holds, nothing changes it any more.
+                Standing::Verified if is_held(id) => true,
+                Standing::Verified => state.cz.is_some_and(|cz| is_there(output, state, cz)),
+                // It cannot be written, however long one waits; a position that is not read is not corrected.
+                Standing::Interlocked => true,
+                _ => !output.writes.is_scheduled(),
+            }
+        })
+    }
+
+    /// Switches an axis off until a person arms it again; what is to be told of that.
+    pub(super) fn disarm(&mut self, axis: AxisId, name: &str, why: &str) -> Option<Event> {
+        let latched = Arming { latched: true, why: why.to_owned(), ..Arming::default() };
+        let was = std::mem::replace(&mut self.arming[axis.0], latched);
+        was.armed.then(|| Event::Disarmed { axis: name.to_owned(), why: why.to_owned() })
+    }
+
+    /// The same for an axis that is armed; one that is off keeps waiting to be.
+    pub(super) fn disarm_unless_off(&mut self, axis: AxisId, name: &str, why: &str) -> Option<Event> {
+        if self.arming[axis.0].armed { self.disarm(axis, name, why) } else { None }
+    }
+
+    /// An output's register was found to hold this much Cz after it had not been known: the axis goes on from there.
+    pub(super) fn found(&mut self, profile: &Profile, id: OutputId, cz: Micron) {
+        let axis = profile.output(id).axis.0;
+        let writes = profile.output(id).writes;
+        let first = self.outputs.ids(axis).iter().find(|id| profile.output(**id).writes == writes);
+        if !self.arming[axis].armed || first != Some(&id) {
+            return;
+        }
+        if writes == Writes::Slope {
+            self.arming[axis].take_over_slope = Some(cz);
+        } else if writes.is_cz() {
+            self.arming[axis].take_over = Some(cz);
+        }
+    }
+
+    /// Looks for a new result of this axis's probing cycle.
+    pub(super) fn hear_probing(&mut self, profile: &Profile, axis: AxisId, now: Moment) {
+        let (place, axis) = (axis.0, profile.axis(axis));
+        let Some(input) = &axis.probe_input else { return };
+        let acting = acting(profile, place, &self.outputs, &self.arming[place]);
+        match self.probing[place].look(profile, input, &self.board, now, acting) {
+            Some(Ok(measured)) => self.probing[place].measured = Some(measured),
+            Some(Err(missed)) => self.events.push(Event::ProbeRefused {
+                axis: axis.settings.name.clone(),
+                error: None,
+                why: missed.words().to_owned(),
+            }),
+            None => {}
+        }
+    }
+
+    /// What came of what was handed to this step; whether anything was.
+    fn report_probings(&mut self, profile: &Profile, now: Moment) -> bool {
+        let mut any = false;
+        for (place, axis) in profile.axes.iter().enumerate() {
+            let control = self.controls[place];
+            let decision = self.compensation.decision(place).filter(|decision| decision.at == now);
+            let Some(decision) = decision.filter(|_| control.teaches()) else { continue };
+            any = true;
+            (self.probing[place].measured, self.probing[place].forget) = (None, false);
+            let name = || axis.settings.name.clone();
+            if control.forget {
+                self.events.push(Event::ProbeForgotten { axis: name() });
+            }
+            let last = self.compensation.probe(place).and_then(|probe| probe.last());
+            let Some(probed) = last.filter(|_| control.measured.is_some()) else { continue };
+            let residual = probed.residual.unwrap_or(probed.error);
+            if let Some(refused) = probed.refused {
+                let why = refused_in_words(profile, place, refused, probed);
+                self.events.push(Event::ProbeRefused { axis: name(), error: Some(probed.error), why });
+                continue;
+            }
+            let correction = decision.correction;
+            self.events.push(Event::Probed { axis: name(), error: probed.error, residual, correction });
+            let warn = axis.settings.probe.and_then(|probe| probe.warn);
+            if let Some(warn) = warn.filter(|warn| residual.abs() > *warn) {
+                self.events.push(Event::ModelAges { axis: name(), residual, warn });
+            }
+        }
+        any
+    }
+
+    /// An axis beyond its error level is off once its fault action has come to its end, and stays so until it is armed.
+    pub(super) fn disarm_tripped(&mut self) {
+        let Given { profile, dry_run, .. } = &self.given.clone();
+        for (place, axis) in profile.axes.iter().enumerate() {
+            let Some(decision) = self.compensation.decision(place) else { continue };
+            let ended = match decision.state {
+                AxisState::Zeroed => true,
+                AxisState::Holding(_) => axis.settings.on_fault == OnFault::Hold,
+                _ => false,
+            };
+            let (is_tripped, asked) =
+                (self.arming[place].armed && decision.tripped, self.arming[place].asked);
+            if self.arming[place].tripped != is_tripped {
+                self.arming[place].tripped = is_tripped;
+            }
+            let over = is_tripped && ended && !self.stopping;
+            if over && self.has_arrived(profile, place, *dry_run) {
+                let why =
+                    "its model asked for more than the error level; arm it again when the cause is found";
+                let told = self.disarm(AxisId(place), &axis.settings.name, why);
+                self.events.extend(told);
+                self.arming[place] = Arming { latched: true, asked, ..Arming::default() };
+            }
+        }
+    }
+
+    fn report_signals(&mut self, now: Moment) {
+        let profile = &*self.given.profile.clone();
+        for change in self.board.changes(now) {
+            match change {
+                // The device or the bus has been told already.
+                Change::Lost(_, reason) | Change::Back(_, reason, _)
+                    if matches!(reason, Reason::LinkDown | Reason::Timeout | Reason::BadReply) => {}
+                Change::Lost(id, reason) => {
+                    let signal = profile.signal(id).name.clone();
+                    self.events.push(Event::SignalBad { signal, reason: reason.to_string() });
+                }
+                Change::Rereferenced(id, from, to) => {
+                    let signal = profile.signal(id);
+                    let (signal, unit) = (signal.name.clone(), signal.unit.to_string());
+                    self.events.push(Event::Rereferenced { signal, unit, from, to });
+                }
+                Change::Back(id, _, since) => {
+                    let signal = profile.signal(id).name.clone();
+                    self.events.push(Event::SignalGood { signal, bad_for: now.since(since) });
+                }
+            }
+        }
+    }
+
+    fn report_axes(&mut self, now: Moment) {
+        let profile = &*self.given.profile.clone();
+        let mut events = std::mem::take(&mut self.events);
+        let mut reported = std::mem::take(&mut self.reported);
+        for (axis, reported) in reported.iter_mut().enumerate() {
+            let Some(decision) = self.compensation.decision(axis) else { continue };
+            let settings = &profile.axes[axis].settings;
+            let why = || self.reasons(axis, now).map_or(String::new(), |reasons| reasons.words());
+            reported.report(profile, settings, decision, why, &mut events);
+        }
+        (self.events, self.reported) = (events, reported);
+    }
+
+    /// Why an axis does what it does.
+    fn reasons(&self, axis: usize, now: Moment) -> Option<Reasons<'_>> {
+        Some(Reasons {
+            profile: &self.given.profile,
+            axis,
+            arming: &self.arming[axis],
+            decision: self.compensation.decision(axis)?,
+            outputs: &self.outputs,
+            seen: self.board.seen(),
+            has_run: self.compensation.machine().on_time(now).is_some(),
+            stopping: self.stopping,
+            dry_run: self.given.dry_run,
+        })
+    }
+}

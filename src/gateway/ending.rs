@@ -1,0 +1,122 @@
+//! The end of a run: the fault actions, how long they take, and what they leave.
+
+use std::time::Duration;
+
+use super::core::Core;
+use super::execute::Units;
+use super::output::Standing;
+use super::shared::Shared;
+use isotherm_core::compensation::AxisState;
+use isotherm_core::compensation::settings::OnFault;
+use isotherm_profile::Share;
+
+/// A request to stop: the axes take their fault actions. How long that takes at most.
+pub(super) fn begin_stop(shared: &Shared) -> Duration {
+    let mut core = shared.core();
+    core.stopping = true;
+    core.arming.note_all();
+    let exchange = shared.profile.sets.iter().filter_map(|set| Some(set.handshake?.timeout * 2)).max();
+    let settle =
+        shared.profile.outputs.iter().filter_map(|output| Some(output.applied.as_ref()?.settle)).max();
+    let exchange = exchange.unwrap_or_default() + settle.unwrap_or_default();
+    let axes = shared.profile.axes.iter().zip(core.compensation.decisions());
+    // A slope goes to zero beside Cz, in steps of the same size.
+    let times = axes.flat_map(|(axis, decision)| {
+        [decision.cz, decision.slope].map(|way| {
+            // Each step may have to wait for its acknowledge, and to be applied.
+            let steps = way.abs().get() / axis.settings.guard.step.get() + 2.0;
+            axis.settings.time_to_rest(way) + exchange.mul_f64(steps)
+        })
+    });
+    let longest = times.max();
+    // What may still arrive can forbid the next step for so long, of a device that answers.
+    let answers = core.outputs.states().iter().filter(|output| output.standing == Standing::Verified);
+    let now = shared.clock.now();
+    let waits = answers.filter_map(|output| Some(output.waits_until?.since(now))).max();
+    drop(core);
+    shared.ring();
+    // The last value is still to be written and read back, by a device that may be slow.
+    let slowest = shared.profile.buses.iter().map(|bus| bus.timeout * 6).max();
+    waits.unwrap_or_default()
+        + longest.unwrap_or_default()
+        + slowest.unwrap_or_default()
+        + Duration::from_secs(2)
+}
+
+/// The process ends: what may still arrive in the registers goes on disk, and whether it ended in order.
+pub(super) fn end_registers(shared: &Shared) {
+    if shared.dry_run {
+        return;
+    }
+    let mut core = shared.core();
+    let Core { registers, outputs, .. } = &mut *core;
+    for ((output, state), told) in shared.profile.outputs.iter().zip(registers).zip(outputs.states()) {
+        if let Some(state) = state {
+            let mut kept = state.end();
+            // What the control has not taken is sent again before anything else, by the next run too.
+            kept.in_order &= !told.handshake.is_untaken;
+            let _ = shared.ledger.keep(&shared.profile, output, kept, false);
+        }
+    }
+}
+
+/// The lines drop what strobes are up, and what says that an axis is armed; whether there is one.
+pub(super) fn leave(shared: &Shared) -> bool {
+    let mut core = shared.core();
+    let any = core
+        .outputs
+        .states()
+        .iter()
+        .any(|output| output.handshake.strobe_up || output.handshake.says_enabled);
+    core.leaving = true;
+    drop(core);
+    if any {
+        shared.ring();
+    }
+    any
+}
+
+/// Every axis has done what its fault action asks for, and what it decided stands in the registers.
+pub(super) fn at_rest(shared: &Shared) -> bool {
+    let core = shared.core();
+    let waits = core.outputs.states().iter().any(|output| output.handshake.waits.is_some());
+    !waits
+        && shared.profile.axes.iter().enumerate().all(|(axis, settings)| {
+            let Some(decision) = core.compensation.decision(axis) else { return true };
+            let rested = match decision.state {
+                AxisState::Off | AxisState::Zeroed => true,
+                AxisState::Holding(_) => settings.settings.on_fault == OnFault::Hold,
+                _ => false,
+            };
+            rested && core.has_arrived(&shared.profile, axis, shared.dry_run)
+        })
+}
+
+/// What stays in the registers, in words: as verified, with its age, and what may still arrive.
+pub(super) fn what_is_left(shared: &Shared) -> String {
+    let core = shared.core();
+    let now = shared.clock.now();
+    let each = shared.profile.outputs.iter().zip(core.outputs.states().iter().zip(&core.registers));
+    let left: Vec<String> = each
+        .filter(|(output, _)| output.writes.is_cz())
+        .map(|(output, (state, register))| {
+            let ago = state.verified_at.map_or(0, |at| now.since(at).as_secs());
+            let held = match (state.standing, state.cz) {
+                (Standing::Verified, Some(cz)) if output.share == Share::Ledger => {
+                    format!("{} holds {cz} of ours beside the operator's part", output.name)
+                }
+                (Standing::Verified, Some(cz)) => format!("{} holds {cz}", output.name),
+                (_, Some(cz)) => {
+                    format!("{} held {cz} when it was last verified, {ago} s ago", output.name)
+                }
+                (_, None) => format!("{} was never read", output.name),
+            };
+            let open = register.map(|state| Units::may_arrive(&shared.profile, output, &state));
+            match open.filter(|open| !open.is_empty()) {
+                Some(open) => format!("{held} ({} may still arrive)", open.join(" or ")),
+                None => held,
+            }
+        })
+        .collect();
+    if left.is_empty() { "no offset outputs".to_owned() } else { left.join(", ") }
+}

@@ -1,0 +1,147 @@
+//! What a line's task sees and touches of the gateway.
+
+use std::ops::Deref;
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::core::Core;
+use super::shared::Shared;
+use crate::fieldbus::error::Fault;
+use crate::fieldbus::line::Witness;
+use crate::fieldbus::wire::{CanRequest, Request};
+use crate::observe::events::Event;
+use isotherm_core::quantity::Moment;
+use isotherm_profile::{Arm, BusId, DeviceId, OutputId};
+
+/// One line's hold on what all of them share.
+#[derive(Clone)]
+pub(super) struct LineHandle {
+    shared: Arc<Shared>,
+    bus: BusId,
+}
+
+/// A line reads the profile and the clock, and takes the lock for what it has read and written.
+impl Deref for LineHandle {
+    type Target = Shared;
+
+    fn deref(&self) -> &Shared {
+        &self.shared
+    }
+}
+
+impl LineHandle {
+    pub(super) fn new(shared: Arc<Shared>, bus: BusId) -> LineHandle {
+        LineHandle { shared, bus }
+    }
+
+    /// Steps each axis that is due and wakes the other lines that may have to write what was decided. Called by the line
+    /// that has just read its inputs. When the next axis is due.
+    pub(super) fn advance(&self, now: Moment) -> Option<Moment> {
+        let (lines, due, events) = {
+            let mut core = self.core();
+            let lines = if core.advance(now) { core.lines_of_decisions(now) } else { Vec::new() };
+            (lines, core.next_due, std::mem::take(&mut core.events))
+        };
+        events.iter().for_each(|event| self.tell(event));
+        for line in lines.into_iter().filter(|line| *line != self.bus) {
+            self.ring_line(line);
+        }
+        due
+    }
+
+    /// Looks for new results of the probing cycles that are read on this line.
+    pub(super) fn hear_probings(&self, now: Moment) {
+        let axes = &self.dependents.probed_on[self.bus.0];
+        if axes.is_empty() {
+            return;
+        }
+        let mut core = self.core();
+        axes.iter().for_each(|axis| core.hear_probing(&self.profile, *axis, now));
+    }
+
+    /// Looks at what has just been read on this line, before anything is written. Every line is woken where a control was
+    /// restarted.
+    pub(super) fn look_for_restarts(&self, now: Moment) {
+        if !self.dependents.tells_restarts[self.bus.0] {
+            return;
+        }
+        let mut core = self.core();
+        let Core { restarts, board, .. } = &mut *core;
+        let (events, any) = restarts.look(&self.profile, board, self.bus, now);
+        drop(core);
+        events.iter().for_each(|event| self.tell(event));
+        if any {
+            self.ring();
+        }
+    }
+
+    /// The line of an output came to it so late that what was decided rests on readings which are too old by now.
+    pub(super) fn order_lapsed(&self, id: OutputId, not_after: Moment) {
+        // Nobody is late where nothing from before is to be used.
+        if not_after == Moment::default() {
+            return;
+        }
+        let output = self.profile.output(id);
+        let bus = self.profile.device(output.device).bus;
+        let now = self.clock.now();
+        if self.core().contact.buses[bus.0].overrun(1, now) {
+            self.tell_overrun(bus, format!("a change of output {}", output.name), now.since(not_after));
+        }
+    }
+
+    pub(super) fn tell_overrun(&self, bus: BusId, what: String, late: Duration) {
+        let bus = self.profile.bus(bus).name.clone();
+        self.tell(&Event::Overrun { bus, what, late });
+    }
+
+    /// Heartbeats and control words go on: from the first arming, or where the profile arms from the first good reading,
+    /// until the process ends.
+    pub(super) fn may_beat(&self) -> bool {
+        let core = self.core();
+        !self.dry_run && (core.was_armed || (self.profile.arm == Arm::Auto && core.has_read))
+    }
+
+    /// The axes were stepped as lately as they should be: a gateway whose lines live but whose head does not counts no beat.
+    pub(super) fn head_lives(&self, now: Moment) -> bool {
+        let every = self.profile.axes.iter().map(|axis| axis.settings.every).min();
+        every.is_none_or(|every| now.since(self.core().stepped_at) <= every * 2)
+    }
+}
+
+/// What becomes of each request: counted, and told when something begins and when it ends.
+impl Witness for LineHandle {
+    fn note(
+        &self,
+        device: DeviceId,
+        request: Request<'_>,
+        outcome: Result<(), Fault>,
+        refusals: (u32, Fault),
+    ) {
+        let mut core = self.core();
+        let count = &mut core.contact.devices[device.0];
+        count.requests += 1;
+        if let Err(fault) = outcome {
+            *count.failures.entry(fault.blame()).or_default() += 1;
+        }
+        let has_answered = outcome.map_or_else(Fault::is_refusal, |()| true);
+        // Nobody answers a frame: that it was sent says nothing of the device.
+        let is_a_frame = matches!(request, Request::Can(CanRequest::Send { .. })) && outcome.is_ok();
+        if is_a_frame || (has_answered && count.lost.is_none() && count.answered) {
+            return;
+        }
+        let events = match outcome {
+            Err(fault) if !has_answered => {
+                let (event, is_lost) = core.contact.fails(&self.profile, device, fault, refusals);
+                if is_lost {
+                    core.commissioning.forget(&self.profile, device);
+                }
+                [event, None]
+            }
+            _ => core.contact.answers(&self.profile, device, self.clock.now()),
+        };
+        drop(core);
+        for event in events.into_iter().flatten() {
+            self.tell(&event);
+        }
+    }
+}

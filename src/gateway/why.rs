@@ -1,0 +1,101 @@
+//! Why an axis does what it does, in words.
+
+use isotherm_core::compensation::{Decision, Permit, Unusable};
+use isotherm_core::reading::{Reading, SignalId};
+use isotherm_profile::{Arm, Profile};
+
+use super::arming::{Arming, has_its_reference};
+use super::extrapolation;
+use super::output::{Outputs, Standing};
+
+/// What it can be known from.
+#[derive(Clone, Copy)]
+pub(super) struct Reasons<'a> {
+    pub(super) profile: &'a Profile,
+    pub(super) axis: usize,
+    pub(super) arming: &'a Arming,
+    pub(super) decision: &'a Decision,
+    pub(super) outputs: &'a Outputs,
+    /// The readings as they were last looked at.
+    pub(super) seen: &'a [Reading],
+    /// The machine has been seen running.
+    pub(super) has_run: bool,
+    pub(super) stopping: bool,
+    pub(super) dry_run: bool,
+}
+
+impl Reasons<'_> {
+    /// Why an axis is not following its preferred model, in words; empty where it is.
+    pub(super) fn words(&self) -> String {
+        let Reasons { profile, axis, arming, decision, .. } = *self;
+        if let Some(refusal) = &arming.refusal {
+            return refusal.clone();
+        }
+        if arming.latched && !arming.asked {
+            return format!(
+                "{}; arm it again",
+                if arming.why.is_empty() { "switched off" } else { &arming.why }
+            );
+        }
+        let permit = arming.permit(profile, axis, self.outputs, self.stopping, self.dry_run);
+        if permit == Permit::Stopping {
+            return "the gateway is stopping".to_owned();
+        }
+        let is_well = |standing| match permit {
+            Permit::Off => standing == Standing::Verified,
+            _ => matches!(standing, Standing::Verified | Standing::Unknown),
+        };
+        let troubled = self
+            .outputs
+            .of_axis(profile, axis)
+            .find(|(output, state)| output.writes.is_scheduled() && !is_well(state.standing))
+            .map(|(output, state)| {
+                let stands = format!("output {} is {}", output.name, state.standing.name());
+                let cause = state.cause.filter(|_| state.failures > 0);
+                match (state.handshake.failed, cause) {
+                    (Some(failed), _) => format!("{stands}: {failed}"),
+                    (None, Some(fault)) => format!("{stands}: {fault}, {} times", state.failures),
+                    (None, None) => stands,
+                }
+            });
+        let displaced = self
+            .outputs
+            .of_axis(profile, axis)
+            .find(|(output, state)| {
+                permit == Permit::Unverified && !has_its_reference(profile, output, state)
+            })
+            .map(|(output, _)| format!("output {} does not hold the reference position yet", output.name));
+        let troubled = troubled.or(displaced);
+        if decision.tripped {
+            return "its model asked for more than the error level".to_owned();
+        }
+        match (permit, troubled, decision.lacks) {
+            (Permit::Unverified | Permit::Held | Permit::Off, Some(words), _) => words,
+            (_, _, Some(lacks)) => self.lacks(lacks),
+            (Permit::Off, None, None) if profile.arm == Arm::Manual => "waits to be armed".to_owned(),
+            _ => match &decision.extrapolating {
+                Some(found) if !decision.state.is_following() => extrapolation::words(profile, found),
+                _ => String::new(),
+            },
+        }
+    }
+
+    fn lacks(&self, lacks: Unusable) -> String {
+        let name = |id: SignalId| &self.profile.signal(id).name;
+        match lacks {
+            Unusable::Signal(id) => {
+                let seen = self.seen.get(id.0);
+                format!("{}: {}", name(id), seen.map_or(String::new(), |reading| reading.quality.to_string()))
+            }
+            Unusable::Reference(id) if !self.has_run => {
+                format!(
+                    "the machine has not been seen running yet, which is what {} is counted from",
+                    name(id)
+                )
+            }
+            Unusable::Reference(id) => format!("the reference of {} is not captured yet", name(id)),
+            Unusable::MachineOff => "the machine has not been seen running yet".to_owned(),
+            Unusable::NotANumber => "the model's result is not a number".to_owned(),
+        }
+    }
+}
