@@ -5,8 +5,8 @@
 //! sockets are waited for, protocol timeouts stay wall time, and one seed gives the same run at any speed.
 //! (tokio's paused clock cannot do this: it runs ahead while a real socket waits.)
 //!
-//! Whatever makes a sleeper's task act before its time goes through its [`Bell`]; a message that a sleeping task
-//! would have to notice by itself could be overtaken by the clock. Where nobody could ring it, because the message comes
+//! Whatever makes a sleeper's task act before its time goes through its [`Wakeup`]; a message that a sleeping task
+//! would have to notice by itself could be overtaken by the clock. Where nobody could, because the message comes
 //! through the kernel and nobody answers it, its reader keeps an [`Inlet`].
 
 use std::sync::Arc;
@@ -51,23 +51,23 @@ pub struct Sleeper {
 #[derive(Debug)]
 enum Place {
     Wall(Arc<tokio::sync::Notify>),
-    Simulated(simulated::Seat),
+    Simulated(simulated::Membership),
 }
 
 /// Wakes one sleeper before its time, from any thread.
 #[derive(Clone, Debug)]
-pub struct Bell(Rope);
+pub struct Wakeup(WakeupOf);
 
 #[derive(Clone, Debug)]
-enum Rope {
+enum WakeupOf {
     Wall(Arc<tokio::sync::Notify>),
-    Simulated(simulated::Rope),
+    Simulated(simulated::Wakeup),
 }
 
 /// Keeps a virtual clock from advancing while a run is being set up.
 #[derive(Debug)]
 pub struct Hold {
-    _seat: Option<simulated::Seat>,
+    _membership: Option<simulated::Membership>,
 }
 
 impl Clock {
@@ -118,8 +118,8 @@ impl Clock {
     /// Stops a virtual clock until the hold is dropped.
     pub fn hold(&self) -> Hold {
         match &self.0 {
-            Source::Wall(_) => Hold { _seat: None },
-            Source::Simulated(simulated) => Hold { _seat: Some(simulated.sit_down()) },
+            Source::Wall(_) => Hold { _membership: None },
+            Source::Simulated(simulated) => Hold { _membership: Some(simulated.sit_down()) },
         }
     }
 
@@ -143,14 +143,14 @@ impl Sleeper {
     }
 
     /// What wakes this sleeper before its time.
-    pub fn bell(&self) -> Bell {
-        Bell(match &self.place {
-            Place::Wall(notify) => Rope::Wall(notify.clone()),
-            Place::Simulated(seat) => Rope::Simulated(seat.rope()),
+    pub fn wakeup(&self) -> Wakeup {
+        Wakeup(match &self.place {
+            Place::Wall(notify) => WakeupOf::Wall(notify.clone()),
+            Place::Simulated(membership) => WakeupOf::Simulated(membership.wakeup()),
         })
     }
 
-    /// Returns at `deadline`, or as soon as the bell rings (also when it rang since the last sleep); and tells when
+    /// Returns at `deadline`, or as soon as it is woken (also when it was since the last sleep); and tells when
     /// that is.
     pub async fn sleep_until(&mut self, deadline: Moment) -> Moment {
         self.sleep_from(self.now(), deadline).await
@@ -165,24 +165,24 @@ impl Sleeper {
                 }
                 let _ = tokio::time::timeout(deadline.since(now), notify.notified()).await;
             }
-            Place::Simulated(seat) => seat.sleep_until(deadline).await,
+            Place::Simulated(membership) => membership.sleep_until(deadline).await,
         }
         self.clock.now()
     }
 
-    /// Returns after `span`, or as soon as the bell rings.
+    /// Returns after `span`, or as soon as it is woken.
     pub async fn sleep(&mut self, span: Duration) -> Moment {
         let now = self.now();
         self.sleep_from(now, now.after(span)).await
     }
 }
 
-impl Bell {
+impl Wakeup {
     /// Wakes the sleeper, or keeps it from its next sleep.
-    pub fn ring(&self) {
+    pub fn wake(&self) {
         match &self.0 {
-            Rope::Wall(notify) => notify.notify_one(),
-            Rope::Simulated(rope) => rope.pull(),
+            WakeupOf::Wall(notify) => notify.notify_one(),
+            WakeupOf::Simulated(wakeup) => wakeup.pull(),
         }
     }
 }

@@ -36,7 +36,6 @@ mod ending;
 mod execute;
 mod extrapolation;
 mod inspector;
-mod keeper;
 mod ledger;
 mod line_handle;
 mod lock_times;
@@ -53,20 +52,21 @@ mod restart;
 mod saver;
 mod shared;
 mod status;
+mod storage;
 mod watch;
 mod why;
 mod wire_log;
 mod words;
 
-use can::{Can, Ear};
+use can::{Can, CanListener};
 use command_handle::CommandHandle;
-use keeper::Keeper;
 use ledger::Ledger;
 use line_handle::LineHandle;
 use memory::Memory;
 use page_handle::{PageHandle, Panel};
 use poll::LineTask;
 use shared::Shared;
+use storage::Storage;
 use watch::Watch;
 
 pub use disk::{Disk, Files};
@@ -130,7 +130,7 @@ pub struct Pace {
 }
 
 /// What listens on a CAN line, and what the line shares with it.
-type Listener = (Arc<Can>, Ear);
+type Listener = (Arc<Can>, CanListener);
 
 /// A gateway that is about to run.
 pub struct Gateway {
@@ -161,15 +161,15 @@ impl Gateway {
         let profile = Arc::new(profile);
         let journal = Arc::new(Journal::default());
         let mut recalled = memory::Recalled::default();
-        let mut keeper = Keeper::default();
+        let mut storage = Storage::default();
         let mut had_state = false;
         if let Some(directory) = options.directory.as_deref() {
             let (state, disk) = (Memory::path(directory, &profile), &options.disk);
             had_state = disk.has(&state);
             recalled = Memory::recall(&**disk, &state, &profile);
-            keeper = match options.has_threads {
-                true => Keeper::start(&profile, directory, options.dry_run, journal.clone()),
-                false => Keeper::without_log(disk.clone(), state),
+            storage = match options.has_threads {
+                true => Storage::start(&profile, directory, options.dry_run, journal.clone()),
+                false => Storage::without_log(disk.clone(), state),
             };
         }
         let remembers = |output: &str| recalled.verified.contains(output);
@@ -183,7 +183,7 @@ impl Gateway {
             (journal.clone(), clock),
         );
         let sleepers: Vec<Sleeper> = profile.buses.iter().map(|_| clock.join()).collect();
-        let bells = sleepers.iter().map(Sleeper::bell).collect();
+        let wakeups = sleepers.iter().map(Sleeper::wakeup).collect();
         let (remembered, trouble) = (recalled.remembered, recalled.trouble);
         let shared = Arc::new(Shared::new(
             profile,
@@ -191,8 +191,8 @@ impl Gateway {
             journal,
             options.dry_run,
             remembered,
-            (keeper, ledger),
-            bells,
+            (storage, ledger),
+            wakeups,
         ));
         if let Some(why) = trouble {
             shared.tell(&Event::NotKept { what: "the saved state".to_owned(), why });
@@ -243,7 +243,7 @@ impl Gateway {
             rested = self.rest(within) => rested,
             () = hurry => false,
         };
-        self.let_go().await;
+        self.release_strobes().await;
         // No time passes any more, however long the tasks and the disk take to come to their end.
         let _hold = self.shared.clock.hold();
         tasks.shutdown().await;
@@ -258,13 +258,13 @@ impl Gateway {
     /// Puts the state on disk. Whether something failed inside.
     fn keep_for_the_last_time(&self) -> bool {
         let mut core = self.shared.core();
-        let mut keeper = std::mem::take(&mut core.keeper);
+        let mut storage = std::mem::take(&mut core.storage);
         let now = self.shared.clock.now();
-        keeper.count_for_the_last_time(now);
-        keeper.remember_now(now, &core.compensation, &self.shared.profile, core.outputs.states());
+        storage.count_for_the_last_time(now);
+        storage.remember_now(now, &core.compensation, &self.shared.profile, core.outputs.states());
         let failed = core.failed;
         drop(core);
-        keeper.finish();
+        storage.finish();
         failed
     }
 
@@ -273,9 +273,9 @@ impl Gateway {
         let sleepers = std::mem::take(&mut self.sleepers);
         let mut requests = 0;
         for (place, sleeper) in sleepers.into_iter().enumerate() {
-            let Some((task, ear)) = self.line_task(BusId(place), start) else { continue };
+            let Some((task, listener)) = self.line_task(BusId(place), start) else { continue };
             requests += task.requests();
-            lines.insert(tasks.spawn(task.run(sleeper, ear)).id(), BusId(place));
+            lines.insert(tasks.spawn(task.run(sleeper, listener)).id(), BusId(place));
         }
         requests
     }
@@ -292,8 +292,8 @@ impl Gateway {
             .collect();
         let settings = profile.bus(bus);
         let handle = LineHandle::new(self.shared.clone(), bus);
-        let ear = Ear::of(&handle, bus, self.wire_log.tap(bus));
-        let dial: Box<dyn Dial> = match &ear {
+        let listener = CanListener::of(&handle, bus, self.wire_log.tap(bus));
+        let dial: Box<dyn Dial> = match &listener {
             Some((can, _)) => Box::new(can.dial(settings)),
             None => (self.options.dialer)(settings)?,
         };
@@ -302,7 +302,7 @@ impl Gateway {
             .witnessed(Arc::new(handle.clone()))
             .aged(profile.shortest_age());
         let line = if self.options.is_credulous { line.credulous() } else { line };
-        Some((LineTask::new(handle, bus, line, start), ear))
+        Some((LineTask::new(handle, bus, line, start), listener))
     }
 
     fn watch(&self, stop: &Arc<Notify>) -> Watch {
@@ -326,13 +326,13 @@ impl Gateway {
         self.shared.tell(&Event::TaskFailed { task, why });
         self.shared.core().failed = true;
         let sleeper = self.shared.clock.join();
-        self.shared.hang_bell(bus, sleeper.bell());
-        let Some((again, ear)) = self.line_task(bus, self.shared.clock.now()) else { return };
-        lines.insert(tasks.spawn(again.run(sleeper, ear)).id(), bus);
+        self.shared.register_wakeup(bus, sleeper.wakeup());
+        let Some((again, listener)) = self.line_task(bus, self.shared.clock.now()) else { return };
+        lines.insert(tasks.spawn(again.run(sleeper, listener)).id(), bus);
     }
 
     /// Where a strobe is still up, the lines drop it before they end.
-    async fn let_go(&self) {
+    async fn release_strobes(&self) {
         if !ending::leave(&self.shared) {
             return;
         }

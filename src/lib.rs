@@ -9,7 +9,7 @@
 //! - [`fieldbus`] — one task owns a line; one way to ask a device, over Modbus or CAN.
 //! - [`gateway`] — polls, hands readings to the pure steps, carries out what they want, keeps state and logs.
 //! - [`observe`] — events, status, metrics and the page: what people and programs see of a running gateway.
-//! - [`survey`] — a line without a profile: which units answer, and what stands in a register.
+//! - [`discovery`] — a line without a profile: which units answer, and what stands in a register.
 //! - [`virtual_machine`] — the hardware that is not there: devices, plants and faults by script.
 //! - [`cli`] — the verbs, one small file each.
 //!
@@ -18,15 +18,15 @@
 //! ```text
 //! clock ← fieldbus ← gateway ← cli        clock ← virtual_machine ← cli
 //! observe ← cli                           observe's events and status ← gateway
-//! fieldbus ← survey ← cli
+//! fieldbus ← discovery ← cli
 //! ```
 //!
 //! Begin reading in `isotherm_core::compensation`, then `isotherm_core::output`, then [`gateway`].
 
 pub mod cli;
 pub mod clock;
+pub mod discovery;
 pub mod fieldbus;
 pub mod gateway;
 pub mod observe;
-pub mod survey;
 pub mod virtual_machine;

@@ -22,9 +22,9 @@ const ARROWS: [(&str, &str, &[&str]); 12] = [
     ("", "fieldbus", &["clock"]),
     ("", "observe", &[]),
     ("", "gateway", &["fieldbus", "clock", "observe::events", "observe::status"]),
-    ("", "survey", &["clock", "fieldbus"]),
+    ("", "discovery", &["clock", "fieldbus"]),
     ("", "virtual_machine", &["clock"]),
-    ("", "cli", &["clock", "fieldbus::tls", "gateway", "observe", "virtual_machine", "survey"]),
+    ("", "cli", &["clock", "fieldbus::tls", "gateway", "observe", "virtual_machine", "discovery"]),
 ];
 
 const TOP: [&str; 15] = [

@@ -2,7 +2,7 @@
 
 use super::gauge::{self, Gauge};
 use super::{Failure, ProfileArguments, load, print_json};
-use crate::survey::can;
+use crate::discovery::can;
 use isotherm_profile::preview::Preview;
 
 /// Every error of the profile with its place; then what would happen: the read plan, each register in both notations,

@@ -11,9 +11,9 @@ use super::services::Sockets;
 use super::signals::Signals;
 use super::{Failure, key_and_value, machines, print_json};
 use crate::clock::Clock;
+use crate::discovery::can;
 use crate::gateway::{Gateway, Options, Outcome};
 use crate::observe::status::Source;
-use crate::survey::can;
 use crate::virtual_machine::{PlantSpec, Published, Setup, Summary, VirtualMachine, Window};
 use isotherm_profile::{Profile, Web};
 

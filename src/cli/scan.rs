@@ -7,12 +7,12 @@ use super::signals::Signals;
 use super::target::{self, Target};
 use super::{Failure, print_json};
 use crate::clock::Clock;
-use crate::survey::Register;
-use crate::survey::ask::Asker;
-use crate::survey::bus::{Parity, Place, Transport, baud};
-use crate::survey::remedy::{Asked, remedy};
-use crate::survey::scan::{Found, How, Scan, Stopped, Told};
-use crate::survey::walk::{Walked, walk};
+use crate::discovery::Register;
+use crate::discovery::ask::Asker;
+use crate::discovery::bus::{Parity, Place, Transport, baud};
+use crate::discovery::remedy::{Asked, remedy};
+use crate::discovery::scan::{Found, How, Scan, Stopped, Told};
+use crate::discovery::walk::{Walked, walk};
 use isotherm_core::quantity::Moment;
 
 mod told;
@@ -157,7 +157,7 @@ async fn registers(scan: &Scan, (from, count): (Register, u16), seen: &mut Seen)
 #[derive(Default)]
 struct Seen {
     found: Vec<(Place, Found)>,
-    stretches: Vec<(u8, crate::survey::walk::Stretch)>,
+    stretches: Vec<(u8, crate::discovery::walk::Stretch)>,
     /// Questions put.
     last: usize,
     json: bool,

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::{Failure, key_and_value, load_with};
-use crate::survey::Register;
-use crate::survey::bus::Place;
+use crate::discovery::Register;
+use crate::discovery::bus::Place;
 use isotherm_profile::{BusId, Profile, Quirks};
 
 /// How long an answer is waited for where nothing is said.

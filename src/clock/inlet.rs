@@ -21,7 +21,7 @@ use super::{Clock, Source};
 pub struct Inlet(Option<(Arc<Simulated>, u64)>);
 
 /// The reader is at it: virtual time stands until this is dropped. To be held from before the first read of a message
-/// until all that follows from the last one has been done, bells included.
+/// until all that follows from the last one has been done, wakeups included.
 #[derive(Debug)]
 pub struct Taking<'a>(&'a Inlet);
 

@@ -40,7 +40,7 @@ struct Guest {
     /// `Some` while asleep.
     until: Option<Moment>,
     waker: Option<Waker>,
-    rung: bool,
+    is_woken: bool,
 }
 
 #[derive(Debug)]
@@ -52,13 +52,13 @@ struct Inflow {
 
 /// A sleeper's place; leaving it lets the others go on.
 #[derive(Debug)]
-pub(super) struct Seat {
+pub(super) struct Membership {
     clock: Arc<Simulated>,
     number: u64,
 }
 
 #[derive(Clone, Debug)]
-pub(super) struct Rope {
+pub(super) struct Wakeup {
     clock: Weak<Simulated>,
     number: u64,
 }
@@ -97,12 +97,12 @@ impl Simulated {
         table.now = table.now.after(span);
     }
 
-    pub(super) fn sit_down(self: &Arc<Simulated>) -> Seat {
+    pub(super) fn sit_down(self: &Arc<Simulated>) -> Membership {
         let mut table = self.table();
         let number = table.next_seat;
         table.next_seat += 1;
         table.seats.insert(number, Guest::default());
-        Seat { clock: self.clone(), number }
+        Membership { clock: self.clone(), number }
     }
 
     /// Gives the inflow a number.
@@ -211,17 +211,17 @@ fn pace(clock: &Weak<Simulated>) {
     }
 }
 
-impl Seat {
-    pub(super) fn rope(&self) -> Rope {
-        Rope { clock: Arc::downgrade(&self.clock), number: self.number }
+impl Membership {
+    pub(super) fn wakeup(&self) -> Wakeup {
+        Wakeup { clock: Arc::downgrade(&self.clock), number: self.number }
     }
 
     pub(super) fn sleep_until(&mut self, deadline: Moment) -> Nap<'_> {
-        Nap { seat: self, deadline, asleep: false }
+        Nap { membership: self, deadline, asleep: false }
     }
 }
 
-impl Drop for Seat {
+impl Drop for Membership {
     fn drop(&mut self) {
         let mut table = self.clock.table();
         table.seats.remove(&self.number);
@@ -229,7 +229,7 @@ impl Drop for Seat {
     }
 }
 
-impl Rope {
+impl Wakeup {
     pub(super) fn pull(&self) {
         let Some(clock) = self.clock.upgrade() else { return };
         let mut table = clock.table();
@@ -238,7 +238,7 @@ impl Rope {
             if guest.until.is_some() {
                 table.wake(self.number, now);
             } else {
-                guest.rung = true;
+                guest.is_woken = true;
             }
         }
     }
@@ -246,7 +246,7 @@ impl Rope {
 
 /// One sleep. Dropped early, its task is awake again.
 pub(super) struct Nap<'a> {
-    seat: &'a mut Seat,
+    membership: &'a mut Membership,
     deadline: Moment,
     asleep: bool,
 }
@@ -255,10 +255,10 @@ impl Future for Nap<'_> {
     type Output = ();
 
     fn poll(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<()> {
-        let clock = self.seat.clock.clone();
+        let clock = self.membership.clock.clone();
         let mut table = clock.table();
         let now = table.now;
-        let Some(guest) = table.seats.get_mut(&self.seat.number) else { return Poll::Ready(()) };
+        let Some(guest) = table.seats.get_mut(&self.membership.number) else { return Poll::Ready(()) };
         if self.asleep && guest.until.is_none() {
             self.asleep = false;
             return Poll::Ready(());
@@ -267,7 +267,7 @@ impl Future for Nap<'_> {
         if self.asleep {
             return Poll::Pending;
         }
-        if std::mem::take(&mut guest.rung) {
+        if std::mem::take(&mut guest.is_woken) {
             return Poll::Ready(());
         }
         guest.until = Some(self.deadline.max(now));
@@ -280,7 +280,7 @@ impl Future for Nap<'_> {
 impl Drop for Nap<'_> {
     fn drop(&mut self) {
         if self.asleep
-            && let Some(guest) = self.seat.clock.table().seats.get_mut(&self.seat.number)
+            && let Some(guest) = self.membership.clock.table().seats.get_mut(&self.membership.number)
         {
             guest.until = None;
             guest.waker = None;

@@ -64,13 +64,13 @@ async fn a_bell_wakes_a_sleeper_before_its_time_and_is_remembered_when_it_rang_e
     for clock in [Clock::wall(), Clock::simulated(noon(), None)] {
         let _busy = clock.hold();
         let mut sleeper = clock.join();
-        let bell = sleeper.bell();
-        bell.ring();
+        let wakeup = sleeper.wakeup();
+        wakeup.wake();
         let begun = clock.now();
         sleeper.sleep(SECOND * 3600).await;
         let task = tokio::spawn(async move { sleeper.sleep(SECOND * 3600).await });
         tokio::time::sleep(Duration::from_millis(5)).await;
-        bell.ring();
+        wakeup.wake();
         task.await.unwrap();
         assert!(clock.now().since(begun) < SECOND * 60);
     }
@@ -126,8 +126,8 @@ async fn patience_ends_also_with_a_future_that_is_ready_again_and_again() {
     assert!(Patience::new().within(Duration::from_millis(20), both).await.is_none());
 }
 
-/// Rings a bell for every message, on a thread of its own, until an empty one comes.
-async fn hear_and_ring(reader: tokio::net::UnixDatagram, inlet: Inlet, bell: Bell) {
+/// Wakes a sleeper for every message, on a thread of its own, until an empty one comes.
+async fn hear_and_ring(reader: tokio::net::UnixDatagram, inlet: Inlet, wakeup: Wakeup) {
     while reader.readable().await.is_ok() {
         let _taking = inlet.taking();
         let mut bytes = [0; 8];
@@ -135,7 +135,7 @@ async fn hear_and_ring(reader: tokio::net::UnixDatagram, inlet: Inlet, bell: Bel
             if length == 0 {
                 return;
             }
-            bell.ring();
+            wakeup.wake();
         }
     }
 }
@@ -145,7 +145,7 @@ async fn the_clock_does_not_overtake_a_message_that_lies_in_a_socket() {
     let clock = Clock::simulated(noon(), None);
     let hold = clock.hold();
     let (mut sends, mut hears) = (clock.join(), clock.join());
-    let bell = hears.bell();
+    let wakeup = hears.wakeup();
     let (sender, reader) = std::os::unix::net::UnixDatagram::pair().unwrap();
     reader.set_nonblocking(true).unwrap();
     let inlet = clock.inlet(&reader).unwrap();
@@ -153,7 +153,7 @@ async fn the_clock_does_not_overtake_a_message_that_lies_in_a_socket() {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build().unwrap();
         runtime.block_on(async {
             let reader = tokio::net::UnixDatagram::from_std(reader).unwrap();
-            hear_and_ring(reader, inlet, bell).await;
+            hear_and_ring(reader, inlet, wakeup).await;
         });
     });
     let sending = tokio::spawn(async move {

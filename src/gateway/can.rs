@@ -1,7 +1,7 @@
 //! The listening side of a CAN line: one task takes every frame as it comes, and puts what it brings onto the board.
 //!
 //! ```text
-//! frames ─► routes ─► board, and the bell of the line that corrects a position
+//! frames ─► routes ─► board, and the wakeup of the line that corrects a position
 //!        ├► nodes   heartbeats, boot-ups, emergencies, silence: told, started again, their readings condemned
 //!        ├► answers of SDO ─► the line, which asks and writes as on any other line
 //!        └► health  error frames, a full queue, lost frames: told when it begins and when it is over
@@ -14,7 +14,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use super::line_handle::LineHandle;
-use crate::clock::{Bell, Inlet, Looks, Sleeper};
+use crate::clock::{Inlet, Looks, Sleeper, Wakeup};
 use crate::fieldbus::can::{CanDial, Heard, Link, Socket};
 use crate::fieldbus::error::{CanFault, Fault, LinkFault};
 use crate::fieldbus::trace::Tap;
@@ -48,7 +48,7 @@ const LONG: Duration = Duration::from_secs(3600);
 pub(super) struct Can {
     pub(super) link: Arc<Link>,
     /// The listener's.
-    bell: Bell,
+    wakeup: Wakeup,
     handed: Mutex<Handed>,
 }
 
@@ -62,7 +62,7 @@ struct Handed {
 }
 
 /// The task that listens.
-pub(super) struct Ear {
+pub(super) struct CanListener {
     shared: LineHandle,
     bus: BusId,
     can: Arc<Can>,
@@ -89,7 +89,7 @@ impl Can {
     /// The setup list of a device has been written.
     pub(super) fn is_set_up(&self, device: DeviceId) {
         self.handed().set_up.push(device);
-        self.bell.ring();
+        self.wakeup.wake();
     }
 
     /// What need not rest any longer, since this was last asked for.
@@ -102,7 +102,7 @@ impl Can {
     }
 }
 
-impl Ear {
+impl CanListener {
     /// Listens for ever.
     pub(super) async fn listen(mut self) {
         let mut due = self.look();

@@ -50,14 +50,14 @@ impl CommandHandle {
             Command::Zero => {
                 let now = shared.clock.now();
                 core.compensation.zero(now);
-                core.keeper.zeroed(now);
+                core.storage.zeroed(now);
                 events.push(Event::Zeroed);
                 "references are captured from now on".to_owned()
             }
         };
         drop(core);
         events.iter().for_each(|event| shared.tell(event));
-        shared.ring();
+        shared.wake();
         Ok(answer)
     }
 
@@ -119,7 +119,7 @@ impl CommandHandle {
             }
         };
         drop(core);
-        shared.ring();
+        shared.wake();
         Ok(answer)
     }
 }

@@ -76,7 +76,7 @@ pub async fn serve(
                 let _ = trace::serve(wanted, &wire_log, reader, writer).await;
                 return;
             }
-            let mut done = obey(heard.trim(), source.as_ref());
+            let mut done = execute(heard.trim(), source.as_ref());
             if let (Some(Ok(_)), Some(Command::Arm)) = (&done, command(heard.trim()))
                 && let Some(became) = armed(source.as_ref()).await
             {
@@ -106,7 +106,7 @@ async fn armed(source: &dyn Source) -> Option<Result<String, String>> {
 }
 
 /// Does what a line asks for; `None` where it is not understood.
-fn obey(line: &str, source: &dyn Source) -> Option<Result<String, String>> {
+fn execute(line: &str, source: &dyn Source) -> Option<Result<String, String>> {
     let Some(measured) = line.strip_prefix("measured ") else { return Some(source.command(command(line)?)) };
     let (axis, error) = measured.rsplit_once(' ')?;
     let error = if error == "clear" { None } else { Some(error.parse().ok()?) };

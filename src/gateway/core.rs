@@ -7,13 +7,13 @@ use super::board::{Board, Change};
 use super::commissioning::{Commissioning, Fit};
 use super::contact::Contact;
 use super::dependents::Dependents;
-use super::keeper::Keeper;
 use super::noted::Noted;
 use super::output::{OutputState, Outputs, Standing};
 use super::pause::Pauses;
 use super::probing::{Probing, acting, refused_in_words};
 use super::reported::Reported;
 use super::restart::Restarts;
+use super::storage::Storage;
 use super::why::Reasons;
 use super::words::part;
 use crate::observe::events::Event;
@@ -43,7 +43,7 @@ pub(super) struct Core {
     pub(super) registers: Vec<Option<isotherm_core::output::State>>,
     pub(super) contact: Contact,
     pub(super) commissioning: Commissioning,
-    pub(super) keeper: Keeper,
+    pub(super) storage: Storage,
     pub(super) restarts: Restarts,
     /// By axis: when a change that it decided must have left at the latest.
     pub(super) not_after: Vec<Moment>,
@@ -70,7 +70,7 @@ pub(super) struct Core {
 
 impl Core {
     /// A core with what was remembered from before, as it stands before the first reading.
-    pub(super) fn new(given: Given, remembered: Remembered, keeper: Keeper) -> Core {
+    pub(super) fn new(given: Given, remembered: Remembered, storage: Storage) -> Core {
         let profile = &*given.profile;
         let axes = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
         let compensation = Compensation::new(profile.machine.clone(), axes, remembered);
@@ -84,7 +84,7 @@ impl Core {
             registers: vec![None; profile.outputs.len()],
             contact: Contact::new(profile),
             commissioning: Commissioning::new(profile),
-            keeper,
+            storage,
             restarts: Restarts::new(profile),
             not_after: vec![Moment::default(); profile.axes.len()],
             pauses: Pauses::default(),
@@ -117,7 +117,7 @@ impl Core {
         if !due {
             self.board.look(profile, now);
         }
-        self.keeper.prepare(now, &self.compensation);
+        self.storage.prepare(now, &self.compensation);
         let snapshot = Snapshot { now, readings: self.board.seen() };
         let stepped = self.compensation.step(&snapshot, &self.controls);
         if !stepped.anything {
@@ -126,7 +126,7 @@ impl Core {
         (self.stepped_at, self.next_due) = (now, self.compensation.next_due());
         let has_model = |axis| self.compensation.has_usable_model(axis, &snapshot);
         self.has_read = self.has_read || (0..profile.axes.len()).any(has_model);
-        self.keeper.record(&snapshot, &self.controls, &self.compensation);
+        self.storage.record(&snapshot, &self.controls, &self.compensation);
         for axis in 0..self.arming.len() {
             if let Some(decision) = self.compensation.decision(axis).filter(|decision| decision.at == now) {
                 if self.controls[axis].takes_over() {
@@ -153,9 +153,9 @@ impl Core {
         }
         self.disarm_tripped();
         if self.report_probings(profile, now) {
-            self.keeper.remember_now(now, &self.compensation, profile, self.outputs.states());
+            self.storage.remember_now(now, &self.compensation, profile, self.outputs.states());
         }
-        self.keeper.remember(now, &self.compensation, profile, self.outputs.states());
+        self.storage.remember(now, &self.compensation, profile, self.outputs.states());
         if stepped.noticed.started {
             self.events.push(Event::MachineStarted);
         }

@@ -34,7 +34,7 @@ pub(super) fn begin_stop(shared: &Shared) -> Duration {
     let now = shared.clock.now();
     let waits = answers.filter_map(|output| Some(output.waits_until?.since(now))).max();
     drop(core);
-    shared.ring();
+    shared.wake();
     // The last value is still to be written and read back, by a device that may be slow.
     let slowest = shared.profile.buses.iter().map(|bus| bus.timeout * 6).max();
     waits.unwrap_or_default()
@@ -71,7 +71,7 @@ pub(super) fn leave(shared: &Shared) -> bool {
     core.leaving = true;
     drop(core);
     if any {
-        shared.ring();
+        shared.wake();
     }
     any
 }

@@ -44,7 +44,7 @@ impl LineHandle {
         };
         events.iter().for_each(|event| self.tell(event));
         for line in lines.into_iter().filter(|line| *line != self.bus) {
-            self.ring_line(line);
+            self.wake_line(line);
         }
         due
     }
@@ -71,7 +71,7 @@ impl LineHandle {
         drop(core);
         events.iter().for_each(|event| self.tell(event));
         if any {
-            self.ring();
+            self.wake();
         }
     }
 

@@ -18,7 +18,7 @@ use std::time::Duration;
 use self::captures::Captures;
 use self::outputs::Job;
 use self::read::Poll;
-use super::can::{Can, Ear};
+use super::can::{Can, CanListener};
 use super::contact::JITTER_MS;
 use super::inspector::Inspector;
 use super::line_handle::LineHandle;
@@ -140,13 +140,13 @@ impl LineTask {
         self.polls.iter().map(Poll::requests).sum()
     }
 
-    /// Takes its turns until the gateway has stopped; with an ear, listens as well.
-    pub(super) async fn run(mut self, sleeper: Sleeper, ear: Option<(Arc<Can>, Ear)>) {
-        match ear {
+    /// Takes its turns until the gateway has stopped; with a listener, takes what comes by itself as well.
+    pub(super) async fn run(mut self, sleeper: Sleeper, listener: Option<(Arc<Can>, CanListener)>) {
+        match listener {
             None => self.turns(sleeper).await,
-            Some((can, ear)) => {
+            Some((can, listener)) => {
                 self.can = Some(can);
-                tokio::join!(ear.listen(), self.turns(sleeper));
+                tokio::join!(listener.listen(), self.turns(sleeper));
             }
         }
     }
@@ -158,7 +158,7 @@ impl LineTask {
             let turn = self.next(now);
             // After the axes, where it is their turn: what the others do then goes by what was just decided.
             if turn != Turn::Step && std::mem::take(&mut self.rings_others) {
-                self.shared.ring_others(self.bus);
+                self.shared.wake_others(self.bus);
             }
             match turn {
                 Turn::Sleep(due) => {
@@ -219,7 +219,7 @@ impl LineTask {
             self.step_due = self.shared.advance(now);
         }
         if std::mem::take(&mut self.rings_others) {
-            self.shared.ring_others(self.bus);
+            self.shared.wake_others(self.bus);
         }
         self.wake_outputs(now);
     }

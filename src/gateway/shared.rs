@@ -9,10 +9,10 @@ use std::sync::{Arc, Mutex, PoisonError, TryLockError};
 
 use super::core::{Core, Given};
 use super::dependents::Dependents;
-use super::keeper::Keeper;
 use super::ledger::Ledger;
 use super::lock_times::{Held, LockTimes};
-use crate::clock::{Bell, Clock};
+use super::storage::Storage;
+use crate::clock::{Clock, Wakeup};
 use crate::observe::events::{Event, Journal};
 use isotherm_core::compensation::Remembered;
 use isotherm_core::quantity::Moment;
@@ -27,7 +27,7 @@ pub(crate) struct Shared {
     pub(crate) started: Moment,
     pub(super) ledger: Ledger,
     pub(super) dependents: Arc<Dependents>,
-    bells: Mutex<Vec<Bell>>,
+    wakeups: Mutex<Vec<Wakeup>>,
     /// By bus: how often there was something new for it, and the turns that it took.
     news: Vec<AtomicU64>,
     turns: Vec<AtomicU64>,
@@ -43,8 +43,8 @@ impl Shared {
         journal: Arc<Journal>,
         dry_run: bool,
         remembered: Remembered,
-        (keeper, ledger): (Keeper, Ledger),
-        bells: Vec<Bell>,
+        (storage, ledger): (Storage, Ledger),
+        wakeups: Vec<Wakeup>,
     ) -> Shared {
         let dependents = Arc::new(Dependents::new(&profile));
         let given = Given { profile: profile.clone(), dependents: dependents.clone(), dry_run };
@@ -55,10 +55,10 @@ impl Shared {
             dry_run,
             ledger,
             dependents,
-            bells: Mutex::new(bells),
+            wakeups: Mutex::new(wakeups),
             news: counts(),
             turns: counts(),
-            core: Mutex::new(Core::new(given, remembered, keeper)),
+            core: Mutex::new(Core::new(given, remembered, storage)),
             lock_times: LockTimes::default(),
             clock,
             profile,
@@ -83,30 +83,30 @@ impl Shared {
     }
 
     /// Wakes every line.
-    pub(super) fn ring(&self) {
-        self.ring_where(|_| true);
+    pub(super) fn wake(&self) {
+        self.wake_where(|_| true);
     }
 
     /// Wakes every line but this one, which is awake.
-    pub(super) fn ring_others(&self, bus: BusId) {
-        self.ring_where(|place| place != bus.0);
+    pub(super) fn wake_others(&self, bus: BusId) {
+        self.wake_where(|place| place != bus.0);
     }
 
     /// Wakes this line.
-    pub(super) fn ring_line(&self, bus: BusId) {
-        self.ring_at(bus.0..bus.0 + 1, |_| true);
+    pub(super) fn wake_line(&self, bus: BusId) {
+        self.wake_at(bus.0..bus.0 + 1, |_| true);
     }
 
-    fn ring_where(&self, chosen: impl Fn(usize) -> bool) {
-        self.ring_at(0..self.news.len(), chosen);
+    fn wake_where(&self, chosen: impl Fn(usize) -> bool) {
+        self.wake_at(0..self.news.len(), chosen);
     }
 
-    fn ring_at(&self, places: Range<usize>, chosen: impl Fn(usize) -> bool) {
-        let bells = self.bells.lock().unwrap_or_else(PoisonError::into_inner);
+    fn wake_at(&self, places: Range<usize>, chosen: impl Fn(usize) -> bool) {
+        let wakeups = self.wakeups.lock().unwrap_or_else(PoisonError::into_inner);
         for place in places.filter(|place| chosen(*place)) {
-            if let (Some(bell), Some(news)) = (bells.get(place), self.news.get(place)) {
+            if let (Some(wakeup), Some(news)) = (wakeups.get(place), self.news.get(place)) {
                 news.fetch_add(1, Ordering::Relaxed);
-                bell.ring();
+                wakeup.wake();
             }
         }
     }
@@ -121,16 +121,16 @@ impl Shared {
         self.turns[bus.0].load(Ordering::Relaxed)
     }
 
-    /// How often there was something new for a line: what a line that never sleeps hears of a bell.
+    /// How often there was something new for a line: what a line that never sleeps learns of a wakeup.
     pub(super) fn news(&self, bus: BusId) -> u64 {
         self.news[bus.0].load(Ordering::Relaxed)
     }
 
     /// A line's task was started anew and sleeps elsewhere now.
-    pub(super) fn hang_bell(&self, bus: BusId, bell: Bell) {
-        let mut bells = self.bells.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(place) = bells.get_mut(bus.0) {
-            *place = bell;
+    pub(super) fn register_wakeup(&self, bus: BusId, wakeup: Wakeup) {
+        let mut wakeups = self.wakeups.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(place) = wakeups.get_mut(bus.0) {
+            *place = wakeup;
         }
     }
 
@@ -150,6 +150,6 @@ impl Shared {
         core.not_after.fill(Moment::default());
         drop(core);
         self.tell(&Event::StoodStill { span: now.since(since) });
-        self.ring();
+        self.wake();
     }
 }

@@ -61,7 +61,7 @@ impl Picture {
             wrong: (0..shared.profile.devices.len())
                 .map(|device| core.commissioning.wrong(device).map(str::to_owned))
                 .collect(),
-            log_dropped: core.keeper.dropped(),
+            log_dropped: core.storage.dropped(),
         };
         drop(core);
         picture.seen = picture.latest.at(&shared.profile, now);

@@ -6,7 +6,7 @@ use std::time::Duration;
 use isotherm::virtual_machine::Seen;
 use isotherm_core::codec::{Register, Table};
 use isotherm_core::compensation::model::Evaluate;
-use isotherm_core::quantity::Moment;
+use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::{Output, Profile, Share, Signal, Writes};
 
 use crate::rig::Trace;
@@ -216,10 +216,19 @@ fn grows_only_while_active(trace: &Trace) {
         let wanted = value(&seen.wanted);
         let factor = if trace.profile.axis(output.axis).diameter { 2.0 } else { 1.0 };
         let decided = trace.samples.iter().filter(|sample| near(sample.at));
+        // A decision that stood for less than a second is in no sample: two counts of the noise; one step, where the axis
+        // was stopped right after it.
+        let has_just_stopped = trace.events.iter().filter(|event| event.kind == "stopping").any(|event| {
+            let at = time::parse(&event.at).unwrap();
+            at <= seen.at && seen.at.since(at) < Duration::from_secs(1)
+        });
+        let unseen = match has_just_stopped {
+            true => trace.profile.axis(output.axis).settings.guard.step.get() * factor,
+            false => 2.0 * output.encoding.scale.get(),
+        };
         let follows = decided.into_iter().map(|sample| &sample.status.axes[output.axis.0]).any(|axis| {
             matches!(axis.state, "active" | "degraded" | "holding")
-                // A decision that stood for less than a second is in no sample: two counts of the noise.
-                && axis.cz_um.abs() * factor + 2.0 * output.encoding.scale.get() + EPSILON >= wanted
+                && axis.cz_um.abs() * factor + unseen + EPSILON >= wanted
         });
         assert!(
             follows,

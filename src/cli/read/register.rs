@@ -6,10 +6,10 @@ use std::time::Duration;
 use crate::cli::target::{self, Target};
 use crate::cli::{Failure, print_json, refuse};
 use crate::clock::Clock;
-use crate::survey::ask::Asker;
-use crate::survey::remedy::{Asked, remedy};
-use crate::survey::values::{Form, Shown};
-use crate::survey::{DataType, Fault, Register, WordOrder};
+use crate::discovery::ask::Asker;
+use crate::discovery::remedy::{Asked, remedy};
+use crate::discovery::values::{Form, Shown};
+use crate::discovery::{DataType, Fault, Register, WordOrder};
 
 /// Registers and bits that one request carries, by the protocol.
 const MOST_REGISTERS: u16 = 125;

@@ -3,9 +3,9 @@
 use std::fmt::Write;
 use std::time::Duration;
 
-use crate::survey::bus::{Place, Transport};
-use crate::survey::scan::{Found, How, Scan, heeds_no_number};
-use crate::survey::walk::Stretch;
+use crate::discovery::bus::{Place, Transport};
+use crate::discovery::scan::{Found, How, Scan, heeds_no_number};
+use crate::discovery::walk::Stretch;
 use isotherm_profile::{BusId, Profile};
 
 /// What is about to be asked, and how long that can take.

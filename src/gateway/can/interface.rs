@@ -1,7 +1,7 @@
 //! The interface comes and goes.
 
 use super::health::Change;
-use super::{Can, Ear};
+use super::{Can, CanListener};
 use crate::fieldbus::can::Interface;
 use crate::fieldbus::error::Fault;
 use crate::observe::events::{CanEvent, Event};
@@ -15,7 +15,7 @@ impl Can {
     }
 }
 
-impl Ear {
+impl CanListener {
     /// Opens the interface, or finds it up again. Whatever hangs on it begins anew.
     pub(super) fn try_interface(&mut self) {
         let socket = match self.can.link.open() {
@@ -45,7 +45,7 @@ impl Ear {
         };
         up.iter().for_each(|event| self.shared.tell(event));
         self.can.revive(None);
-        self.shared.ring_line(self.bus);
+        self.shared.wake_line(self.bus);
     }
 
     /// A call to the socket failed: the interface is down, or gone.

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
-use super::{Can, Ear, Handed, Health, Nodes, Routes};
+use super::{Can, CanListener, Handed, Health, Nodes, Routes};
 use crate::clock::Looks;
 use crate::fieldbus::can::{Images, Link, Value};
 use crate::fieldbus::trace::Tap;
@@ -11,10 +11,14 @@ use crate::gateway::line_handle::LineHandle;
 use isotherm_core::codec::{Address, CanId};
 use isotherm_profile::{BusId, Device, DeviceId, Output, Profile, Verify};
 
-impl Ear {
+impl CanListener {
     /// The listener of a line and what it shares with it; `None` for a line that is not CAN. Opens the interface, if it
     /// is there.
-    pub(in crate::gateway) fn of(shared: &LineHandle, bus: BusId, tap: &Tap) -> Option<(Arc<Can>, Ear)> {
+    pub(in crate::gateway) fn of(
+        shared: &LineHandle,
+        bus: BusId,
+        tap: &Tap,
+    ) -> Option<(Arc<Can>, CanListener)> {
         let profile = &shared.profile;
         let settings = profile.bus(bus);
         if !settings.transport.is_can() {
@@ -25,8 +29,8 @@ impl Ear {
         let wanted = routes.wanted().chain(nodes.wanted()).collect();
         let link = Arc::new(Link::new(&settings.address, wanted, images(profile, bus)));
         let sleeper = shared.clock.join();
-        let can = Arc::new(Can { link, bell: sleeper.bell(), handed: Mutex::new(Handed::default()) });
-        let mut ear = Ear {
+        let can = Arc::new(Can { link, wakeup: sleeper.wakeup(), handed: Mutex::new(Handed::default()) });
+        let mut listener = CanListener {
             shared: shared.clone(),
             bus,
             can: can.clone(),
@@ -41,8 +45,8 @@ impl Ear {
             measure_at: now,
             looks: Looks::begin(now, shared.profile.shortest_age()),
         };
-        ear.try_interface();
-        Some((can, ear))
+        listener.try_interface();
+        Some((can, listener))
     }
 }
 

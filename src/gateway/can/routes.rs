@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::Ear;
+use super::CanListener;
 use isotherm_core::codec::{Address, CanId, CanMatch, Field, Frame};
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::{Reason, SignalId};
@@ -84,7 +84,7 @@ fn wakes(profile: &Profile, id: SignalId) -> Vec<BusId> {
     wakes
 }
 
-impl Ear {
+impl CanListener {
     /// Puts what a frame brings onto the board. A node that is lost, or is not set as it should be, brings nothing.
     pub(super) fn route(&mut self, frame: &Frame, now: Moment) {
         let exact = self.routes.exact.get(&frame.id()).into_iter().flatten();
@@ -119,6 +119,6 @@ impl Ear {
         events.into_iter().flatten().for_each(|event| self.shared.tell(&event));
         let exact = self.routes.exact.get(&frame.id()).into_iter().flatten();
         let wide = self.routes.wide.iter().filter(|route| route.field.frames.takes(frame.id()));
-        exact.chain(wide).flat_map(|route| &route.wakes).for_each(|bus| self.shared.ring_line(*bus));
+        exact.chain(wide).flat_map(|route| &route.wakes).for_each(|bus| self.shared.wake_line(*bus));
     }
 }

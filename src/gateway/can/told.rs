@@ -1,13 +1,13 @@
 //! What happens to the devices of a CAN line: what is sent, what is told, what their readings are worth.
 
-use super::Ear;
+use super::CanListener;
 use super::nodes::Do;
 use crate::fieldbus::canopen::master::NodeEvent;
 use crate::observe::events::{CanEvent, Event};
 use isotherm_core::reading::Reason;
 use isotherm_profile::DeviceId;
 
-impl Ear {
+impl CanListener {
     /// A frame of a device came that is not of a value.
     pub(super) fn is_spoken_to_by(&self, device: DeviceId) {
         let events = self.shared.core().contact.heard(&self.shared.profile, device, self.shared.clock.now());
@@ -66,7 +66,7 @@ impl Ear {
                         .into_iter()
                         .flatten(),
                 );
-                self.shared.ring_line(self.bus);
+                self.shared.wake_line(self.bus);
             }
             // Sifted before.
             NodeEvent::Emergency(_) => {}
@@ -98,7 +98,7 @@ impl Ear {
         }
         drop(core);
         self.can.revive(Some(device));
-        self.shared.ring_line(self.bus);
+        self.shared.wake_line(self.bus);
     }
 
     fn condemn(&self, device: DeviceId, reason: Reason) {

@@ -78,7 +78,7 @@ async fn a_measured_error_arrives_with_every_digit() {
     let (answers, _) = beside(&path, move || said.map(|error| send_measured(&socket, "z", error))).await;
     assert_eq!(answers, said.map(|error| Ok(format!("z: {error:?}"))));
     for line in ["measured", "measured z", "measured z much", "measured  ", "measuredz 1"] {
-        assert_eq!(obey(line, &Fake::default()), None, "{line}");
+        assert_eq!(execute(line, &Fake::default()), None, "{line}");
     }
 }
 

@@ -15,9 +15,9 @@ use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{CallerFault, Fault, Outcome};
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, Request};
-use crate::gateway::keeper::Steady;
 use crate::gateway::line_handle::LineHandle;
 use crate::gateway::output::Standing;
+use crate::gateway::storage::Steady;
 use crate::gateway::words::{cz_factor, words_in_text};
 use crate::observe::events::Event;
 use isotherm_core::codec::Encoded;
@@ -127,7 +127,7 @@ impl Position {
         state.cz = Some(cz);
         state.value = output.encoding.decode(target.words()).ok();
         state.verified_at = Some(asked);
-        core.keeper.wrote(Steady::Position(self.id), Some(cz), asked);
+        core.storage.wrote(Steady::Position(self.id), Some(cz), asked);
         drop(core);
         if self.trouble.take() == Some(Trouble::Untaken) {
             shared.tell(&Event::Verified { output: output.name.clone(), failures });
@@ -213,7 +213,7 @@ impl Position {
     fn is_unverified(&self, shared: &LineHandle, why: &dyn Display) {
         let now = shared.clock.now();
         let mut core = shared.core();
-        core.keeper.not_written(Steady::Position(self.id), why, now);
+        core.storage.not_written(Steady::Position(self.id), why, now);
         let state = &mut core.outputs[self.id.0];
         state.failures += 1;
         state.doubt();

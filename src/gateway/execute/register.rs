@@ -9,10 +9,10 @@ use super::units::Units;
 use super::{Asked, DISK_PATIENCE, REMEMBERED, Trouble};
 use crate::fieldbus::error::{CallerFault, Fault, Outcome};
 use crate::fieldbus::line::DeviceLine;
-use crate::gateway::keeper::Stepped;
 use crate::gateway::ledger::Keeping;
 use crate::gateway::line_handle::LineHandle;
 use crate::gateway::saver::Kept;
+use crate::gateway::storage::Stepped;
 use crate::gateway::words::can_be_read;
 use crate::observe::events::Event;
 use isotherm_core::output::{Action, Copies, Fact, Rules, Settings, Standing, State, Verify, Who, step};
@@ -98,7 +98,7 @@ impl Register {
             units,
             settings,
             state,
-            is_logged: shared.core().keeper.logs_outputs(),
+            is_logged: shared.core().storage.logs_outputs(),
             action: Action::Nothing { until: now },
             heard,
             interlock,
@@ -261,7 +261,7 @@ impl Register {
         let Some(before) = before else { return };
         let (settings, after) = (&self.settings, &self.state);
         let stepped = Stepped { id: self.id, settings, before: &before, goes_on, fact, action, after };
-        core.keeper.stepped(&stepped, now);
+        core.storage.stepped(&stepped, now);
     }
 
     /// Whose part of a shared register is what is known and believed.

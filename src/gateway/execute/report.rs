@@ -277,7 +277,7 @@ impl Register {
         if goes_on && self.trouble.is_none() {
             core.found(&shared.profile, self.id, cz);
             drop(core);
-            shared.ring_others(shared.profile.device(output.device).bus);
+            shared.wake_others(shared.profile.device(output.device).bus);
         }
     }
 }

@@ -11,9 +11,9 @@
 
 use crate::fieldbus::error::{Fault, Outcome};
 use crate::fieldbus::line::DeviceLine;
-use crate::gateway::keeper::Steady;
 use crate::gateway::line_handle::LineHandle;
 use crate::gateway::output::Wait;
+use crate::gateway::storage::Steady;
 use isotherm_core::codec::Register as Place;
 use isotherm_core::compensation::AxisState;
 use isotherm_core::output::{Action, Fact};
@@ -445,10 +445,10 @@ impl Set {
         if set.heartbeat.is_none() && set.control.is_none() {
             return;
         }
-        let keeper = &mut shared.core().keeper;
+        let storage = &mut shared.core().storage;
         match fault {
-            None => keeper.wrote(Steady::Set(self.id), None, now),
-            Some(fault) => keeper.not_written(Steady::Set(self.id), &fault, now),
+            None => storage.wrote(Steady::Set(self.id), None, now),
+            Some(fault) => storage.not_written(Steady::Set(self.id), &fault, now),
         }
     }
 

@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::LineTask;
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::wire::Request;
-use crate::gateway::keeper::Steady;
+use crate::gateway::storage::Steady;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, DeviceId, Profile};
 
@@ -51,10 +51,10 @@ impl LineTask {
         };
         // A failure is counted and told where every request fails; the next beat is the repetition, and none is made up for.
         let sent = self.line.request(device, request, Leave::By(next)).await;
-        let keeper = &mut self.shared.core().keeper;
+        let storage = &mut self.shared.core().storage;
         match sent {
-            Ok(_) => keeper.wrote(Steady::Heartbeat, None, now),
-            Err(fault) => keeper.not_written(Steady::Heartbeat, &fault, now),
+            Ok(_) => storage.wrote(Steady::Heartbeat, None, now),
+            Err(fault) => storage.not_written(Steady::Heartbeat, &fault, now),
         }
     }
 }

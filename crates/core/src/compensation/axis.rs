@@ -8,7 +8,7 @@ use super::model::{CLEARLY_INSIDE, Known, Lag, Model, Outside, Place, Reference,
 use super::probe::Probe;
 use super::reference::Machine;
 use super::remembered::AxisRemembered;
-use super::settings::{Apart, AxisSettings, Datum, GuardSettings, MachineSettings, OnFault};
+use super::settings::{AxisSettings, Datum, GuardSettings, InterceptSlope, MachineSettings, OnFault};
 use super::{AxisRunning, AxisState, Control, Decision, Permit, Snapshot, Stages};
 use crate::quantity::{Micron, Moment};
 
@@ -294,7 +294,7 @@ impl Axis {
     /// The slope's effect at the reach has the same bounds as Cz, in counts of its own register.
     fn slope_settings(&self) -> GuardSettings {
         GuardSettings {
-            count: self.settings.apart.and_then(|Apart { count, .. }| count),
+            count: self.settings.apart.and_then(|InterceptSlope { count, .. }| count),
             ..self.settings.guard
         }
     }

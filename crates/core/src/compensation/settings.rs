@@ -27,7 +27,7 @@ pub struct AxisSettings {
     /// What Cz is measured from.
     pub datum: Datum,
     /// The control multiplies the slope by the distance itself and is given both parts; `None`: it is given Cz.
-    pub apart: Option<Apart>,
+    pub apart: Option<InterceptSlope>,
     /// Measured errors correct its models; `None`: it takes none.
     pub probe: Option<ProbeSettings>,
 }
@@ -78,7 +78,7 @@ pub enum Datum {
 
 /// The bounds of a slope that the control applies itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Apart {
+pub struct InterceptSlope {
     /// P0: where the slope adds nothing, mm.
     pub reference: f64,
     /// The farthest that the axis goes from the reference position, mm: tanβ times this obeys the axis's guard.

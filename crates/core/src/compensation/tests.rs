@@ -1,5 +1,5 @@
 use super::model::{Expression, Formula, Kind, Linear, Model, Reference, Slope, Symbol, Term};
-use super::settings::{Apart, Datum, GuardSettings, Levels, OnFault};
+use super::settings::{Datum, GuardSettings, InterceptSlope, Levels, OnFault};
 use super::*;
 use crate::reading::Reason;
 use std::time::Duration;

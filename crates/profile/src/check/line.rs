@@ -4,7 +4,7 @@ use super::Check;
 use crate::place::{child, element};
 use crate::{Axis, Output, Writes};
 use isotherm_core::compensation::model::{Kind, Slope};
-use isotherm_core::compensation::settings::Apart;
+use isotherm_core::compensation::settings::InterceptSlope;
 
 impl Check<'_> {
     /// Where an axis's outputs write the parts of a line, the axis is told how far its slope reaches.
@@ -19,7 +19,7 @@ impl Check<'_> {
         }
     }
 
-    fn line(&mut self, axis: &Axis, outputs: &[&Output]) -> Option<Apart> {
+    fn line(&mut self, axis: &Axis, outputs: &[&Output]) -> Option<InterceptSlope> {
         let name = &axis.settings.name;
         let path = child("axis", name);
         if axis.diameter {
@@ -45,8 +45,8 @@ impl Check<'_> {
     }
 
     /// The slopes of all models have one reference position, and a travel that bounds what they come to.
-    fn reach(&mut self, axis: &Axis, list: &str) -> Option<Apart> {
-        let mut apart: Option<Apart> = None;
+    fn reach(&mut self, axis: &Axis, list: &str) -> Option<InterceptSlope> {
+        let mut apart: Option<InterceptSlope> = None;
         for (place, model) in axis.settings.models.iter().enumerate() {
             let Kind::Linear(linear) = &model.kind else { continue };
             let Some(Slope { reference, travel, .. }) = linear.slope else { continue };
@@ -63,7 +63,7 @@ impl Check<'_> {
             };
             let reach = (from - reference).abs().max((to - reference).abs());
             match &mut apart {
-                None => apart = Some(Apart { reference, reach, count: None }),
+                None => apart = Some(InterceptSlope { reference, reach, count: None }),
                 Some(first) if (first.reference - reference).abs() > 0.0 => {
                     let message = format!("another model's slope is measured from {} mm", first.reference);
                     let help = "the control knows one reference position: give both slopes the same";

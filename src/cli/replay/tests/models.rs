@@ -6,7 +6,7 @@ use isotherm_core::compensation::model::network::{Activation, Layer, Layers, Net
 use isotherm_core::compensation::model::{
     Expression, Formula, Input, Kind, Linear, Matrix, Model, Network, Reference, Slope, Symbol, Term,
 };
-use isotherm_core::compensation::settings::Apart;
+use isotherm_core::compensation::settings::InterceptSlope;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::Axis;
 
@@ -171,7 +171,8 @@ fn m11_the_matrix_times_the_blocks_at_the_position() {
 
 fn apart() -> Profile {
     let mut profile = following(0.0, &[(1, 1.0, ABSOLUTE)], Some(inclined()));
-    profile.axes[0].settings.apart = Some(Apart { reference: 0.0, reach: 300.0, count: Micron::new(0.3) });
+    profile.axes[0].settings.apart =
+        Some(InterceptSlope { reference: 0.0, reach: 300.0, count: Micron::new(0.3) });
     profile
 }
 

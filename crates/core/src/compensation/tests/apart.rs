@@ -6,7 +6,7 @@ fn line(count: Option<f64>) -> Rig {
     let slope = Slope { position: ON, reference: 0.0, travel: Some((-300.0, 300.0)), terms };
     let terms = vec![term(WHEELHEAD, 1.0, Reference::Fixed(0.0))];
     let kind = Kind::Linear(Linear { offset: 0.0, terms, slope: Some(slope) });
-    let apart = Some(Apart { reference: 0.0, reach: 300.0, count: count.map(um) });
+    let apart = Some(InterceptSlope { reference: 0.0, reach: 300.0, count: count.map(um) });
     let model = Model { name: "line".to_owned(), kind, envelope: None };
     let mut rig = Rig::new(AxisSettings { apart, ..axis(vec![model]) });
     rig.values[ON.0] = f64::NAN;

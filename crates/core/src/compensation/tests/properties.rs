@@ -34,8 +34,9 @@ fn any_axis() -> impl Strategy<Value = AxisSettings> {
         (0u64..120).prop_map(|after| OnFault::Ramp { after: Duration::from_secs(after) })
     ];
     let lag = (1u64..20_000).prop_map(|lag| Some(Duration::from_secs(lag)));
-    let apart = prop::option::weighted(0.3, prop::option::of(0.01..3.0f64))
-        .prop_map(|apart| apart.map(|count| Apart { reference: 0.0, reach: 300.0, count: count.map(um) }));
+    let apart = prop::option::weighted(0.3, prop::option::of(0.01..3.0f64)).prop_map(|apart| {
+        apart.map(|count| InterceptSlope { reference: 0.0, reach: 300.0, count: count.map(um) })
+    });
     let inclined = (lag, apart, any::<bool>());
     ((0.1..100.0, 0.001..20.0, 1e-4..50.0, 0.0..1.0, count), on_fault, 1u64..600_000, inclined).prop_map(
         |((limit, step, rate, deadband, count), on_fault, every, (lag, apart, zero))| AxisSettings {

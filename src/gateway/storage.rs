@@ -15,12 +15,12 @@ use isotherm_core::compensation::{Compensation, Control, Snapshot};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::Profile;
 
-mod desk;
 mod outputs;
+mod thread;
 
-use desk::Desk;
 use outputs::OutputsLog;
 pub(super) use outputs::{Steady, Stepped};
+use thread::StorageThread;
 
 /// The state is written at most this often, and once at the end.
 const REMEMBER_EVERY: Duration = Duration::from_secs(10);
@@ -35,7 +35,7 @@ const OUTPUT_QUEUE: usize = 4096;
 
 /// The loop's end of the queue. Without a directory it keeps nothing.
 #[derive(Debug, Default)]
-pub(super) struct Keeper {
+pub(super) struct Storage {
     queue: Option<SyncSender<Job>>,
     recorder: Option<Recorder>,
     outputs: Option<OutputsLog>,
@@ -64,23 +64,29 @@ enum Job {
     State(Box<Memory>),
 }
 
-impl Keeper {
+impl Storage {
     /// Keeps the logs and the state of this machine in this directory.
-    pub(super) fn start(profile: &Profile, directory: &Path, dry_run: bool, journal: Arc<Journal>) -> Keeper {
+    pub(super) fn start(
+        profile: &Profile,
+        directory: &Path,
+        dry_run: bool,
+        journal: Arc<Journal>,
+    ) -> Storage {
         let (queue, jobs) = sync_channel(QUEUE + OUTPUT_QUEUE);
         let torn = Arc::new(AtomicBool::new(false));
         let outputs = OutputsLog::new(profile);
         let header = if dry_run { Recorder::dry_header(profile) } else { Recorder::header(profile) };
-        let mut desk = Desk::new(profile, directory, header, (Arc::clone(&torn), outputs.tears()), journal);
+        let mut thread =
+            StorageThread::new(profile, directory, header, (Arc::clone(&torn), outputs.tears()), journal);
         let (ends_with_the_thread, working) = sync_channel(0);
         let work = move || {
-            desk.work(&jobs);
+            thread.work(&jobs);
             drop(ends_with_the_thread);
         };
         // Without a thread nothing is kept: the queue finds nobody at its other end.
-        let _ = std::thread::Builder::new().name("keeper".to_owned()).spawn(work);
+        let _ = std::thread::Builder::new().name("storage".to_owned()).spawn(work);
         let recorder = Some(Recorder::new(profile).of_dry_run(dry_run));
-        Keeper {
+        Storage {
             queue: Some(queue),
             recorder,
             outputs: Some(outputs),
@@ -94,8 +100,8 @@ impl Keeper {
     }
 
     /// Keeps the state alone, at once, on this disk.
-    pub(super) fn without_log(disk: Arc<dyn Disk>, state: PathBuf) -> Keeper {
-        Keeper { here: Some((disk, state)), ..Keeper::default() }
+    pub(super) fn without_log(disk: Arc<dyn Disk>, state: PathBuf) -> Storage {
+        Storage { here: Some((disk, state)), ..Storage::default() }
     }
 
     /// Before a step: where its row is the first of a file, or rows before it are lost, the row tells where the axes

@@ -1,4 +1,4 @@
-use super::desk::DayFile;
+use super::thread::DayFile;
 use super::*;
 
 fn file(directory: &Path, header: &str) -> DayFile {
@@ -63,12 +63,12 @@ fn a_row_that_a_power_cut_left_half_written_does_not_swallow_the_next() {
 #[test]
 fn what_a_full_queue_costs_is_counted() {
     let (queue, jobs) = sync_channel(1);
-    let mut keeper = Keeper { queue: Some(queue), ..Keeper::default() };
+    let mut storage = Storage { queue: Some(queue), ..Storage::default() };
     for _ in 0..4 {
-        keeper.hand_over(Job::Row(noon(), Vec::new()));
+        storage.hand_over(Job::Row(noon(), Vec::new()));
     }
-    assert_eq!(keeper.dropped(), 3);
-    assert!(keeper.torn.load(Ordering::Relaxed), "the next row tells where the axes stand");
+    assert_eq!(storage.dropped(), 3);
+    assert!(storage.torn.load(Ordering::Relaxed), "the next row tells where the axes stand");
     drop(jobs);
 }
 
@@ -85,9 +85,9 @@ mod outputs {
 
     /// A gateway with one output, whose disk works when it is told to.
     struct Bench {
-        keeper: Keeper,
+        storage: Storage,
         jobs: Receiver<Job>,
-        desk: Desk,
+        thread: StorageThread,
         settings: Settings,
         state: State,
         known: Option<State>,
@@ -103,8 +103,8 @@ mod outputs {
         let (queue, jobs) = sync_channel(QUEUE + OUTPUT_QUEUE);
         let header = Recorder::header(&profile);
         let journal = Arc::new(Journal::default());
-        let desk = Desk::new(&profile, directory, header, (Arc::default(), log.tears()), journal);
-        let keeper = Keeper { queue: Some(queue), outputs: Some(log), ..Keeper::default() };
+        let thread = StorageThread::new(&profile, directory, header, (Arc::default(), log.tears()), journal);
+        let storage = Storage { queue: Some(queue), outputs: Some(log), ..Storage::default() };
         let settings = Settings {
             step: 2,
             limit: 400,
@@ -120,9 +120,9 @@ mod outputs {
         };
         let state = State::new(&settings, None, noon());
         Bench {
-            keeper,
+            storage,
             jobs,
-            desk,
+            thread,
             settings,
             state,
             known: None,
@@ -147,7 +147,7 @@ mod outputs {
                 action: self.action,
                 after: &self.state,
             };
-            self.keeper.stepped(&stepped, self.now);
+            self.storage.stepped(&stepped, self.now);
         }
 
         /// Seconds in which the register is armed, and goes to and fro.
@@ -182,7 +182,7 @@ mod outputs {
         /// The disk takes what waits for it.
         fn keep(&mut self) {
             while let Ok(job) = self.jobs.try_recv() {
-                self.desk.take(job);
+                self.thread.take(job);
             }
         }
     }
@@ -237,7 +237,7 @@ mod outputs {
         let directory = tempfile::tempdir().unwrap();
         let mut bench = bench(directory.path());
         bench.seconds(3000);
-        assert!(bench.keeper.dropped() > 0);
+        assert!(bench.storage.dropped() > 0);
         bench.keep();
         bench.seconds(10);
         bench.keep();
@@ -250,9 +250,9 @@ mod outputs {
         let directory = tempfile::tempdir().unwrap();
         let mut bench = bench(directory.path());
         bench.seconds(3000);
-        let dropped = bench.keeper.dropped();
-        (0..QUEUE).for_each(|_| bench.keeper.hand_over(Job::Row(noon(), Vec::new())));
-        assert_eq!(bench.keeper.dropped(), dropped);
+        let dropped = bench.storage.dropped();
+        (0..QUEUE).for_each(|_| bench.storage.hand_over(Job::Row(noon(), Vec::new())));
+        assert_eq!(bench.storage.dropped(), dropped);
     }
 
     #[test]
@@ -282,12 +282,12 @@ mod outputs {
         let mut bench = bench(directory.path());
         for second in 0..130u32 {
             let at = noon().after(SECOND * second);
-            bench.keeper.wrote(Steady::Heartbeat, None, at);
+            bench.storage.wrote(Steady::Heartbeat, None, at);
             if second == 70 || second == 71 {
-                bench.keeper.not_written(Steady::Heartbeat, &"no answer within 100ms", at);
+                bench.storage.not_written(Steady::Heartbeat, &"no answer within 100ms", at);
             }
         }
-        bench.keeper.count_for_the_last_time(noon().after(SECOND * 130));
+        bench.storage.count_for_the_last_time(noon().after(SECOND * 130));
         bench.keep();
         let name = names(directory.path()).remove(0);
         let text = std::fs::read_to_string(directory.path().join(name)).unwrap();

@@ -5,11 +5,11 @@ use std::time::Duration;
 
 use serde::Serialize;
 
+use crate::discovery::ask::Asker;
+use crate::discovery::bus::{Place, Transport};
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::trace::Exchange;
 use crate::fieldbus::wire::Answer;
-use crate::survey::ask::Asker;
-use crate::survey::bus::{Place, Transport};
 use isotherm_core::codec::Register;
 use isotherm_profile::{Bus, Quirks};
 

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::TrySendError;
 use std::time::Duration;
 
-use super::{A_DAY, Job, Keeper, OUTPUT_QUEUE};
+use super::{A_DAY, Job, OUTPUT_QUEUE, Storage};
 use crate::gateway::log::outputs::{Beginning, OutputRecorder};
 use isotherm_core::output::{Action, Fact, Settings, State};
 use isotherm_core::quantity::{Micron, Moment};
@@ -127,7 +127,7 @@ impl OutputsLog {
     }
 }
 
-impl Keeper {
+impl Storage {
     /// What outputs take and ask for is told to a log.
     pub(in crate::gateway) fn logs_outputs(&self) -> bool {
         self.outputs.is_some()

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
+use crate::discovery::bus::{Place, Transport};
 use crate::fieldbus::error::{Fault, LinkFault, PeerFault};
-use crate::survey::bus::{Place, Transport};
 use isotherm_core::codec::{Register, Table};
 
 /// What was asked when the fault came.

@@ -34,7 +34,7 @@ fn continues(path: &Path, header: &[u8]) -> std::io::Result<bool> {
 }
 
 /// Writes what comes out of the queue.
-pub(super) struct Desk {
+pub(super) struct StorageThread {
     directory: PathBuf,
     state: PathBuf,
     log: DayFile,
@@ -47,16 +47,16 @@ pub(super) struct Desk {
     journal: Arc<Journal>,
 }
 
-impl Desk {
+impl StorageThread {
     pub(super) fn new(
         profile: &Profile,
         directory: &Path,
         header: String,
         (torn, tears): (Arc<AtomicBool>, Arc<Tears>),
         journal: Arc<Journal>,
-    ) -> Desk {
+    ) -> StorageThread {
         let (machine, keep) = (profile.name.as_str(), profile.history.keep);
-        Desk {
+        StorageThread {
             directory: directory.to_owned(),
             state: Memory::path(directory, profile),
             log: DayFile::new(directory, machine, ".csv", header, keep),

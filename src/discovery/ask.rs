@@ -3,13 +3,13 @@
 use std::time::Duration;
 
 use crate::clock::Clock;
+use crate::discovery::bus::Place;
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::dial;
 use crate::fieldbus::error::{CallerFault, Fault};
 use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::trace::{Exchange, Listening, Tap};
 use crate::fieldbus::wire::{Answer, Request};
-use crate::survey::bus::Place;
 use isotherm_core::codec::Register;
 use isotherm_profile::{Bus, BusId, Device, DeviceId, Functions, Quirks};
 

@@ -2,10 +2,10 @@
 
 use serde::Serialize;
 
+use crate::discovery::ask::Asker;
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::trace::Exchange;
 use crate::fieldbus::wire::Answer;
-use crate::survey::ask::Asker;
 use isotherm_core::codec::Register;
 
 /// Steps without any answer after which a walk gives up: the unit is gone.

@@ -93,7 +93,7 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-    use crate::survey::bus::{Place, Transport};
+    use crate::discovery::bus::{Place, Transport};
 
     fn found(name: &str, wants_fd: bool, found: Result<Interface, CanFault>) -> Looked {
         let place = Place { transport: Transport::Can, address: name.to_owned() };
