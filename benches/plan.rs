@@ -1,4 +1,5 @@
-//! What it costs to plan the reads of a device: 120 signals in four tables, some neighbours, some far apart.
+//! What it costs to plan the reads of a device (120 signals in four tables, some neighbours, some far apart), and to check
+//! a profile of 20,000 signals: limit 2 s, and at most five times what a quarter of it takes.
 
 #![allow(clippy::unwrap_used, reason = "a bench may stop where it stands")]
 
@@ -7,9 +8,11 @@ use std::hint::black_box;
 use std::path::Path;
 
 use criterion::{Criterion, criterion_group, criterion_main};
+use isotherm::clock::Clock;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::Profile;
 use isotherm_profile::plan::plan;
+use isotherm_profile::preview::Preview;
 
 /// A device with many signals, one axis that uses one of them.
 fn profile() -> Profile {
@@ -64,5 +67,60 @@ fn plan_reads(criterion: &mut Criterion) {
     });
 }
 
-criterion_group!(benches, plan_reads);
+/// A device of forty signals on a line of its own, as often as it takes.
+fn large(signals: usize) -> String {
+    let mut text = String::from(
+        "[machine]\nname = \"large\"\n[axis.z]\nlimit = 40.0\nstep = 1.0\nrate = 0.5\nevery = \"1s\"\n\
+         on_fault = { action = \"hold\" }\n[[axis.z.model]]\nname = \"bed\"\nkind = \"linear\"\n\
+         terms = [ { signal = \"s0_0\", gain = 1.0, reference = 27.5 } ]\n",
+    );
+    for place in 0..signals {
+        let (device, place) = (place / 40, place % 40);
+        if place == 0 {
+            let address = format!("127.0.{}.{}:502", device / 250, device % 250 + 1);
+            write!(
+                text,
+                "[bus.b{device}]\ntype = \"modbus-tcp\"\naddress = \"{address}\"\n\
+                 [device.d{device}]\nbus = \"b{device}\"\nunit = 1\nevery = \"1s\"\n"
+            )
+            .unwrap();
+        }
+        write!(
+            text,
+            "[signal.s{device}_{place}]\ndevice = \"d{device}\"\nregister = \"input:{place}\"\ntype = \"i16\"\n\
+             scale = 0.1\nunit = \"degC\"\nmax_age = \"5s\"\n"
+        )
+        .unwrap();
+    }
+    text
+}
+
+/// What `isotherm check` does, printed text and warnings included.
+fn check(text: &str) -> usize {
+    let loaded = isotherm_profile::parse(Path::new("large.toml"), text, &[], &[])
+        .unwrap_or_else(|errors| panic!("{errors}"));
+    let warnings: usize = loaded.warnings.iter().map(|warning| warning.to_string().len()).sum();
+    warnings + Preview::of(&loaded.profile).to_string().len()
+}
+
+fn check_large(criterion: &mut Criterion) {
+    let clock = Clock::wall();
+    let took = [5_000, 20_000].map(|signals| {
+        let text = large(signals);
+        let begun = clock.now();
+        black_box(check(black_box(&text)));
+        clock.now().since(begun).as_secs_f64()
+    });
+    let growth = took[1] / took[0];
+    for (words, is_reached) in [
+        (format!("20,000 signals checked in {:.2} s, limit 2", took[1]), took[1] <= 2.0),
+        (format!("{growth:.1} times what 5,000 take, limit 5"), growth <= 5.0),
+    ] {
+        println!("{words}: {}", if is_reached { "reached" } else { "MISSED" });
+    }
+    let text = large(5_000);
+    criterion.bench_function("check a profile of 5,000 signals", |bencher| bencher.iter(|| check(&text)));
+}
+
+criterion_group!(benches, plan_reads, check_large);
 criterion_main!(benches);

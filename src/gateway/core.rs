@@ -21,7 +21,7 @@ use isotherm_core::compensation::settings::OnFault;
 use isotherm_core::compensation::{AxisState, Compensation, Control, Remembered, Snapshot};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::Reason;
-use isotherm_profile::{AxisId, BusId, Output, OutputId, Profile, Writes};
+use isotherm_profile::{AxisId, Output, OutputId, Profile, Writes};
 
 /// What never changes while the gateway runs.
 #[derive(Clone)]
@@ -109,6 +109,10 @@ impl Core {
         if due {
             self.board.look(profile, now);
             self.arm_where_possible(now);
+            // However quiet the line is on which they are read.
+            for axis in &dependents.probed {
+                self.hear_probing(*axis, now);
+            }
         }
         let is_urgent = self.refresh_controls(now);
         if !due && !is_urgent && !self.would_notice(profile, now) {
@@ -165,16 +169,6 @@ impl Core {
         self.report_signals(now);
         self.report_axes(now);
         true
-    }
-
-    /// The lines on which something of what was decided at this moment is written, each once.
-    pub(super) fn lines_of_decisions(&self, now: Moment) -> Vec<BusId> {
-        let decided = self.compensation.decisions().zip(&self.given.dependents.written_on);
-        let decided = decided.filter(|(decision, _)| decision.at == now);
-        let mut lines: Vec<BusId> = decided.flat_map(|(_, lines)| lines).copied().collect();
-        lines.sort_unstable();
-        lines.dedup();
-        lines
     }
 
     /// What the world outside tells each axis, worked out again where it may have changed; whether one of them is to be
@@ -310,20 +304,24 @@ impl Core {
         }
     }
 
-    /// Looks for a new result of this axis's probing cycle.
-    pub(super) fn hear_probing(&mut self, profile: &Profile, axis: AxisId, now: Moment) {
-        let (place, axis) = (axis.0, profile.axis(axis));
-        let Some(input) = &axis.probe_input else { return };
+    /// Looks for a new result of this axis's probing cycle; whether something came of it.
+    pub(super) fn hear_probing(&mut self, axis: AxisId, now: Moment) -> bool {
+        let (profile, place) = (&*self.given.profile, axis.0);
+        let axis = profile.axis(axis);
+        let Some(input) = &axis.probe_input else { return false };
         let acting = acting(profile, place, &self.outputs, &self.arming[place]);
-        match self.probing[place].look(profile, input, &self.board, now, acting) {
-            Some(Ok(measured)) => self.probing[place].measured = Some(measured),
-            Some(Err(missed)) => self.events.push(Event::ProbeRefused {
+        let Some(heard) = self.probing[place].look(profile, input, &self.board, now, acting) else {
+            return false;
+        };
+        match heard {
+            Ok(measured) => self.probing[place].measured = Some(measured),
+            Err(missed) => self.events.push(Event::ProbeRefused {
                 axis: axis.settings.name.clone(),
                 error: None,
                 why: missed.words().to_owned(),
             }),
-            None => {}
         }
+        true
     }
 
     /// What came of what was handed to this step; whether anything was.

@@ -1,33 +1,35 @@
 //! Who depends on whom: resolved once from the profile, so that what a line reads costs what depends on it, however
 //! many others there are.
 
+use std::time::Duration;
+
 use isotherm_core::compensation::model::Evaluate;
 use isotherm_core::reading::SignalId;
-use isotherm_profile::{Axis, AxisId, BusId, Profile};
+use isotherm_profile::{Axis, AxisId, Profile};
 
 /// Each list in ascending order, without a name twice.
 #[derive(Debug)]
 pub(super) struct Dependents {
     /// By axis and model: the signals that it rests on.
     pub(super) inputs: Vec<Vec<Vec<SignalId>>>,
-    /// By axis: the lines on which its outputs are written.
-    pub(super) written_on: Vec<Vec<BusId>>,
+    /// The axes whose error is measured by a cycle of the control.
+    pub(super) probed: Vec<AxisId>,
     /// By line: the axes whose measured error, or its trigger, is read there.
     pub(super) probed_on: Vec<Vec<AxisId>>,
     /// By line: it reads something that tells that a control was restarted.
     pub(super) tells_restarts: Vec<bool>,
+    /// Of the axis that is stepped most often.
+    pub(super) shortest_period: Option<Duration>,
 }
 
 impl Dependents {
     pub(super) fn new(profile: &Profile) -> Dependents {
         let line = |signal: SignalId| profile.device(profile.signal(signal).device).bus;
         let inputs = |axis: &Axis| axis.settings.models.iter().map(Evaluate::inputs).collect();
-        let mut written_on = vec![Vec::new(); profile.axes.len()];
-        for output in &profile.outputs {
-            add(&mut written_on[output.axis.0], profile.device(output.device).bus);
-        }
+        let mut probed = Vec::new();
         let mut probed_on = vec![Vec::new(); profile.buses.len()];
         for (place, axis) in profile.axes.iter().enumerate() {
+            probed.extend(axis.probe_input.map(|_| AxisId(place)));
             let read = axis.probe_input.map(|input| [Some(input.signal), input.trigger]);
             for signal in read.into_iter().flatten().flatten() {
                 add(&mut probed_on[line(signal).0], AxisId(place));
@@ -40,9 +42,10 @@ impl Dependents {
         }
         Dependents {
             inputs: profile.axes.iter().map(inputs).collect(),
-            written_on,
+            probed,
             probed_on,
             tells_restarts,
+            shortest_period: profile.axes.iter().map(|axis| axis.settings.every).min(),
         }
     }
 }

@@ -34,17 +34,17 @@ impl LineHandle {
         LineHandle { shared, bus }
     }
 
-    /// Steps each axis that is due and wakes the other lines that may have to write what was decided. Called by the line
-    /// that has just read its inputs. When the next axis is due.
+    /// Steps each axis that is due and wakes the other lines, which may have to write. Called by the line that has just
+    /// read its inputs. When the next axis is due.
     pub(super) fn advance(&self, now: Moment) -> Option<Moment> {
-        let (lines, due, events) = {
+        let (stepped, due, events) = {
             let mut core = self.core();
-            let lines = if core.advance(now) { core.lines_of_decisions(now) } else { Vec::new() };
-            (lines, core.next_due, std::mem::take(&mut core.events))
+            let stepped = core.advance(now);
+            (stepped, core.next_due, std::mem::take(&mut core.events))
         };
         events.iter().for_each(|event| self.tell(event));
-        for line in lines.into_iter().filter(|line| *line != self.bus) {
-            self.wake_line(line);
+        if stepped && self.profile.buses.len() > 1 {
+            self.wake_others(self.bus);
         }
         due
     }
@@ -56,7 +56,16 @@ impl LineHandle {
             return;
         }
         let mut core = self.core();
-        axes.iter().for_each(|axis| core.hear_probing(&self.profile, *axis, now));
+        let mut any = false;
+        for axis in axes {
+            any |= core.hear_probing(*axis, now);
+        }
+        let events = std::mem::take(&mut core.events);
+        drop(core);
+        events.iter().for_each(|event| self.tell(event));
+        if any {
+            self.wake_others(self.bus);
+        }
     }
 
     /// Looks at what has just been read on this line, before anything is written. Every line is woken where a control was
@@ -103,7 +112,7 @@ impl LineHandle {
 
     /// The axes were stepped as lately as they should be: a gateway whose lines live but whose head does not counts no beat.
     pub(super) fn head_lives(&self, now: Moment) -> bool {
-        let every = self.profile.axes.iter().map(|axis| axis.settings.every).min();
+        let every = self.dependents.shortest_period;
         every.is_none_or(|every| now.since(self.core().stepped_at) <= every * 2)
     }
 }

@@ -237,6 +237,31 @@ fn nothing_is_promised_that_an_operator_has_just_typed() {
 }
 
 #[test]
+fn a_promise_that_grew_old_before_it_was_sent_is_made_anew_for_what_is_wanted_then() {
+    let mut rig = shared(5, 0);
+    let late = rig.now.after(Duration::from_secs(1));
+    rig.give(Fact::Decided { offset: 1, not_after: late });
+    rig.give(Fact::Read { found: 5, asked: rig.now });
+    rig.give(Fact::Kept);
+    rig.now = late;
+    assert_eq!(rig.settle(), None, "its readings are too old");
+    rig.give(Fact::Decided { offset: 3, not_after: rig.now.after(Duration::from_secs(1)) });
+    assert_eq!((rig.settle(), rig.parts()), (Some(7), (5, 0)));
+    // One that is young enough is sent, so that a slow disk keeps nothing back for ever.
+    let mut rig = shared(5, 0);
+    rig.give(Fact::Decided { offset: 1, not_after: rig.now.after(Duration::from_secs(1)) });
+    rig.give(Fact::Read { found: 5, asked: rig.now });
+    let young = rig.now.after(Duration::from_millis(10));
+    rig.give(Fact::Decided { offset: 3, not_after: rig.now.after(Duration::from_secs(2)) });
+    rig.give(Fact::Kept);
+    rig.give(Fact::Read { found: 5, asked: rig.now });
+    assert!(rig.now < young);
+    assert!(
+        matches!(rig.action, Action::Write { value: 6, not_after, .. } if not_after < young.after(Duration::from_secs(1)))
+    );
+}
+
+#[test]
 fn an_edit_between_promise_and_write_is_seen() {
     let mut rig = shared(5, 0);
     rig.give(Fact::Decided { offset: 1, not_after: rig.now.after(Duration::from_secs(1)) });

@@ -3,6 +3,7 @@
 //! A thing that cannot be resolved leaves a gap in its list, so that the places of the others, and the checks on
 //! them, stay right; with a single error there is no profile.
 
+use std::collections::HashMap;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -48,6 +49,7 @@ pub(crate) struct Checked {
 pub(crate) struct Names {
     table: &'static str,
     names: Vec<String>,
+    places: HashMap<String, usize>,
 }
 
 pub(crate) struct Check<'a> {
@@ -111,11 +113,12 @@ impl Names {
     fn ordered(table: &'static str, keys: Vec<&String>, places: &Places) -> Names {
         let mut names: Vec<String> = keys.into_iter().cloned().collect();
         names.sort_by_key(|name| places.rank(&child(table, name)));
-        Names { table, names }
+        let places = names.iter().cloned().enumerate().map(|(place, name)| (name, place)).collect();
+        Names { table, names, places }
     }
 
     fn position(&self, name: &str) -> Option<usize> {
-        self.names.iter().position(|known| known == name)
+        self.places.get(name).copied()
     }
 
     /// Each with its index, its name and its path.
@@ -262,48 +265,39 @@ impl Check<'_> {
         self.errors.push(self.places.at_key(path, format!("not built yet: {what}"), help.map(str::to_owned)));
     }
 
-    fn reference(
-        &mut self,
-        path: &str,
-        kind: &str,
-        name: &str,
-        names: &[String],
-        found: Option<usize>,
-    ) -> Option<usize> {
+    /// The place of what a key names.
+    fn index(&mut self, path: &str, names: fn(&Self) -> &Names, name: &str) -> Option<usize> {
+        let known = names(self);
+        let (kind, found) = (known.table, known.position(name));
         // A thing that is there but wrong has been reported itself.
         if found.is_none() && !self.places.contains(&child(kind, name)) {
-            let help = allowed(name, names.iter().map(String::as_str));
+            let help = allowed(name, known.names.iter().map(String::as_str));
             self.wrong(path, format!("there is no {kind} named `{name}`"), help);
         }
         found
     }
 
     fn bus_index(&mut self, path: &str, name: &str) -> Option<usize> {
-        let (names, found) = (self.buses.names.clone(), self.buses.position(name));
-        self.reference(path, "bus", name, &names, found)
+        self.index(path, |check| &check.buses, name)
     }
 
     fn device_index(&mut self, path: &str, name: &str) -> Option<usize> {
-        let (names, found) = (self.devices.names.clone(), self.devices.position(name));
-        self.reference(path, "device", name, &names, found)
+        self.index(path, |check| &check.devices, name)
     }
 
     fn axis_index(&mut self, path: &str, name: &str) -> Option<usize> {
-        let (names, found) = (self.axes.names.clone(), self.axes.position(name));
-        self.reference(path, "axis", name, &names, found)
+        self.index(path, |check| &check.axes, name)
     }
 
     /// A signal that something uses.
     fn signal(&mut self, path: &str, name: &str) -> Option<SignalId> {
-        let (names, found) = (self.signals.names.clone(), self.signals.position(name));
-        let found = self.reference(path, "signal", name, &names, found)?;
+        let found = self.index(path, |check| &check.signals, name)?;
         self.used[found] = true;
         Some(SignalId(found))
     }
 
     fn set_index(&mut self, path: &str, name: &str) -> Option<usize> {
-        let (names, found) = (self.sets.names.clone(), self.sets.position(name));
-        self.reference(path, "set", name, &names, found)
+        self.index(path, |check| &check.sets, name)
     }
 
     fn span(&mut self, path: &str, raw: Option<&Span>, zero: Zero) -> Option<Duration> {

@@ -8,7 +8,7 @@ use toml::de::{DeTable, DeValue};
 
 use crate::error::{Errors, ProfileError, allowed};
 use crate::files::Files;
-use crate::place::{Origin, Places, child};
+use crate::place::{Origin, Places, Text, child};
 use crate::raw::{RawProfile, schema};
 use crate::walk::{Walk, missing, resolved, types};
 use crate::{Profile, check, merge, template};
@@ -150,7 +150,7 @@ struct Loader<'a> {
 
 impl Loader<'_> {
     fn file(&mut self, path: &Path, text: &str) {
-        let origin = Origin { name: path.display().to_string(), text: Some(text.to_owned()) };
+        let origin = Origin { name: path.display().to_string(), text: Some(Text::new(text)) };
         let origin = self.places.add_origin(origin);
         let (table, problems) = DeTable::parse_recoverable(text);
         for problem in &problems {

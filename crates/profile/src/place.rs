@@ -11,7 +11,32 @@ pub(crate) struct Origin {
     /// As errors name it.
     pub(crate) name: String,
     /// The text of a file.
-    pub(crate) text: Option<String>,
+    pub(crate) text: Option<Text>,
+}
+
+/// A text whose lines are found at once: a large profile may have a warning for every signal.
+#[derive(Clone, Debug)]
+pub(crate) struct Text {
+    text: String,
+    /// Where each line begins.
+    lines: Vec<usize>,
+}
+
+impl Text {
+    pub(crate) fn new(text: &str) -> Text {
+        let after_breaks = text.match_indices('\n').map(|(at, _)| at + 1);
+        Text { text: text.to_owned(), lines: std::iter::once(0).chain(after_breaks).collect() }
+    }
+
+    /// Line and column of a byte, counted from 1, and the line itself.
+    fn locate(&self, byte: usize) -> (usize, usize, &str) {
+        let byte = if self.text.is_char_boundary(byte) { byte } else { self.text.len() };
+        let line = self.lines.partition_point(|start| *start <= byte);
+        let start = self.lines[line - 1];
+        let end = self.lines.get(line).map_or(self.text.len(), |next| next - 1);
+        let shown = self.text[start..end.max(start)].trim_end_matches('\r');
+        (line, self.text[start..byte].chars().count() + 1, shown)
+    }
 }
 
 #[derive(Clone, Debug)]
@@ -109,7 +134,7 @@ impl Places {
         help: Option<String>,
     ) -> ProfileError {
         let Some(place) = self.by_path.get(path) else { return self.at_key(path, message, help) };
-        let written = self.text(place.origin).and_then(|all| all.get(place.value.clone()));
+        let written = self.text(place.origin).and_then(|all| all.text.get(place.value.clone()));
         // Where the text has escapes, its bytes are not those of the file.
         let verbatim = written.and_then(|written| written.find(text)).map(|quotes| quotes + offset);
         self.error(
@@ -137,7 +162,7 @@ impl Places {
         let Some(place) = self.enclosing(path) else { return path.to_owned() };
         let name = self.origins.get(place.origin).map_or("", |origin| origin.name.as_str());
         match self.text(place.origin) {
-            Some(text) => format!("{name}:{}", locate(text, place.key.start).0),
+            Some(text) => format!("{name}:{}", text.locate(place.key.start).0),
             None => name.to_owned(),
         }
     }
@@ -148,8 +173,8 @@ impl Places {
         errors.sort_by_key(|error| (layer(error), error.line, error.column));
     }
 
-    fn text(&self, origin: usize) -> Option<&str> {
-        self.origins.get(origin)?.text.as_deref()
+    fn text(&self, origin: usize) -> Option<&Text> {
+        self.origins.get(origin)?.text.as_ref()
     }
 
     fn enclosing(&self, path: &str) -> Option<&Place> {
@@ -171,7 +196,7 @@ impl Places {
     ) -> ProfileError {
         let (origin, byte) = place.unwrap_or_default();
         let file = self.origins.get(origin).map(|origin| origin.name.clone()).unwrap_or_default();
-        let located = self.text(origin).map(|text| locate(text, byte));
+        let located = self.text(origin).map(|text| text.locate(byte));
         let help = match (self.notes.get(path), help) {
             (Some(note), Some(help)) => Some(format!("{note}; {help}")),
             (Some(note), None) => Some(note.clone()),
@@ -187,12 +212,4 @@ impl Places {
             excerpt: located.map(|(.., line)| line.to_owned()),
         }
     }
-}
-
-/// Line and column of a byte, counted from 1, and the line itself.
-fn locate(text: &str, byte: usize) -> (usize, usize, &str) {
-    let before = text.get(..byte).unwrap_or(text);
-    let start = before.rfind('\n').map_or(0, |newline| newline + 1);
-    let line = text[start..].lines().next().unwrap_or_default();
-    (before.matches('\n').count() + 1, before[start..].chars().count() + 1, line)
 }

@@ -27,7 +27,8 @@ pub(super) struct Client {
 /// All of it, in the order of the lines.
 pub fn check(profile: &Profile) -> Result<(), Errors> {
     let secured = profile.buses.iter().filter_map(|bus| bus.tls.as_ref());
-    let wrong: Vec<ProfileError> = secured.filter_map(|tls| Client::new(tls).err()).flatten().collect();
+    let mut wrong: Vec<ProfileError> = secured.filter_map(|tls| Client::new(tls).err()).flatten().collect();
+    wrong.sort_by_key(|error| (error.line, error.column));
     if wrong.is_empty() { Ok(()) } else { Err(Errors(wrong)) }
 }
 

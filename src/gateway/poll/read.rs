@@ -131,6 +131,9 @@ impl LineTask {
     /// A device has been read to its end: its position is corrected next, here or on another line.
     fn has_read(&mut self, place: usize) {
         let now = self.line.looked();
+        // At once: a line that always has something to read may never come to the end of a round.
+        self.shared.look_for_restarts(now);
+        self.shared.hear_probings(now);
         let poll = &mut self.polls[place];
         poll.has_been_read = true;
         (self.has_news, self.inspects) = (true, true);

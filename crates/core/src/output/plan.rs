@@ -45,7 +45,7 @@ pub(super) fn act(state: &mut State, settings: &Settings, fresh: Option<Moment>,
     let has_to_begin = !state.has_begun_on_disk && state.standing == Standing::Armed;
     state.is_unsaved &= settings.promises() || has_to_begin;
     if aim == Some(Aim::There) && state.promised.take().is_some() {
-        state.is_unsaved = true;
+        (state.is_unsaved, state.promised_until) = (true, None);
     }
     let keeps = now >= state.keeps_from;
     if keeps && state.is_unsaved && !matches!(aim, Some(Aim::Send(_))) {
@@ -104,7 +104,7 @@ fn change(state: &State, settings: &Settings, now: Moment) -> Option<Aim> {
     if state.settles_at.is_some() && settings.rules.near_what_may_arrive {
         return Some(Aim::Blocked);
     }
-    Some(aim(state, settings, stands, order.offset))
+    Some(aim(state, settings, stands, order.offset, now))
 }
 
 /// Zero is what a restarted CNC shows: an operator's part is never hidden by it. The count beside it is near enough.
@@ -119,7 +119,7 @@ pub(super) fn is_there(state: &State, settings: &Settings, stands: i64, offset: 
     stands == target || (avoids(settings, centre, target) && stands.abs_diff(target) == 1)
 }
 
-fn aim(state: &State, settings: &Settings, stands: i64, offset: i64) -> Aim {
+fn aim(state: &State, settings: &Settings, stands: i64, offset: i64, now: Moment) -> Aim {
     if is_there(state, settings, stands, offset) {
         return Aim::There;
     }
@@ -136,7 +136,8 @@ fn aim(state: &State, settings: &Settings, stands: i64, offset: i64) -> Aim {
             && target.abs_diff(*value) < target.abs_diff(stands)
             && !avoids(settings, centre, *value)
     };
-    if let Some(promised) = state.promised.filter(may_be_sent) {
+    let is_young = state.promised_until.is_none_or(|until| now <= until) || !settings.rules.last_moment;
+    if let Some(promised) = state.promised.filter(|promised| is_young && may_be_sent(promised)) {
         return Aim::Send(promised);
     }
     let beside = |value: i64| [value, value.saturating_sub(1), value.saturating_add(1)];
@@ -177,16 +178,20 @@ fn note_waiting(state: &mut State, settings: &Settings, aim: Option<Aim>, now: M
 /// Directly after a read that showed nothing new: the promise, or the write that it was for.
 fn send(state: &mut State, settings: &Settings, value: i64, asked: Moment, now: Moment) -> Action {
     if settings.promises() && (state.promised != Some(value) || state.is_unsaved) {
+        if state.promised != Some(value) {
+            state.promised_until = state.order.map(|order| order.not_after);
+        }
         state.promised = Some(value);
         return keep(state);
     }
     if !state.has_begun_on_disk {
         return keep(state);
     }
-    state.promised = None;
+    let promised_until = state.promised.take().and(state.promised_until.take());
     let read = (settings.verify == Verify::Reading).then_some(asked);
     state.doing = Doing::Writing { value, begun: now, read };
     let not_after = state.order.map_or(now, |order| order.not_after);
+    let not_after = promised_until.map_or(not_after, |until| until.min(not_after));
     // One decision moves the register once: how fast it may go is the axis's to say.
     state.drop_order(settings);
     Action::Write { value, not_after, is_repeat: false }

@@ -35,6 +35,9 @@ pub struct State {
     pub(super) order: Option<Order>,
     /// The value on disk that is about to be sent.
     pub(super) promised: Option<i64>,
+    /// When it must have left, by the readings below it.
+    #[serde(default)]
+    pub(super) promised_until: Option<Moment>,
     /// The disk does not say what it must say before the next write.
     pub(super) is_unsaved: bool,
     /// The disk says that this run has begun: it does not end in order unless it says so itself.
@@ -92,6 +95,7 @@ impl State {
             is_interlocked: false,
             order: None,
             promised: None,
+            promised_until: None,
             is_unsaved: false,
             has_begun_on_disk: false,
             settles_at: (!was_in_order && !settings.promises()).then_some(late_over),
@@ -160,7 +164,7 @@ impl State {
     /// The end of the process: what goes on disk last. Nothing is begun any more. The stop is in order if nothing may
     /// still arrive.
     pub fn end(&mut self) -> Kept {
-        self.promised = None;
+        (self.promised, self.promised_until) = (None, None);
         let is_writing = matches!(self.doing, Doing::Writing { .. });
         let stands = self.verified.map(|verified| verified.value);
         // A repeat of what stands there that was answered as done has moved nothing.
@@ -480,6 +484,7 @@ impl State {
         self.standing = to;
         (self.order, self.untaken) = (None, None);
         self.is_waiting = false;
+        self.promised_until = None;
         if self.promised.take().is_some() {
             self.is_unsaved = true;
         }

@@ -127,12 +127,11 @@ impl Check<'_> {
         let bytes = self.data(&at, name)?;
         let file = self.taken(&at, name, EnvelopeFile::parse(&bytes))?;
         let reads = model?.inputs();
-        let names = self.signals.names.clone();
         let mut known = Vec::new();
         for input in &file.inputs {
-            let signal = reads.iter().copied().find(|id| names[id.0] == input.signal);
+            let signal = reads.iter().copied().find(|id| self.signals.names[id.0] == input.signal);
             let Some(signal) = signal else {
-                let help = allowed(&input.signal, reads.iter().map(|id| names[id.0].as_str()));
+                let help = allowed(&input.signal, reads.iter().map(|id| self.signals.names[id.0].as_str()));
                 self.wrong(&at, format!("{name}: the model does not read `{}`", input.signal), help);
                 return None;
             };

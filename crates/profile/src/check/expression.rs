@@ -15,13 +15,12 @@ const WORDS: [&str; 9] = ["and", "or", "not", "abs", "exp", "ln", "sqrt", "min",
 impl Check<'_> {
     /// A condition over signals; `of` is the signal that it condemns.
     pub(super) fn condition(&mut self, path: &str, text: &str, of: Option<&str>) -> Option<Condition> {
-        let names = self.signals.names.clone();
-        let find = |name: &str| names.iter().position(|known| known == name).map(SignalId);
-        match Condition::parse(text, &find) {
+        let parsed = Condition::parse(text, &|name: &str| self.signals.position(name).map(SignalId));
+        match parsed {
             Ok(condition) => {
                 for id in condition.signals() {
                     self.used[id.0] = true;
-                    if of.is_some_and(|of| names[id.0] == of) {
+                    if of.is_some_and(|of| self.signals.names[id.0] == of) {
                         let help = "name the status bit of the device; for the value itself there are `range` and `bad`";
                         self.wrong(path, "the signal would judge itself", help);
                     }
@@ -29,6 +28,7 @@ impl Check<'_> {
                 Some(condition)
             }
             Err(why) => {
+                let names = self.signals.names.clone();
                 self.in_text(path, text, &why, names.iter().map(String::as_str));
                 None
             }

@@ -1,5 +1,7 @@
 //! What leads nowhere: signals that nobody uses, axes without a model or an output, silent devices.
 
+use std::collections::HashSet;
+
 use super::Check;
 use crate::{Device, Output};
 
@@ -19,25 +21,26 @@ impl Check<'_> {
                 self.warnings.push(self.places.at_key(&path, message, None));
             }
         }
+        let complete = outputs.iter().all(Option::is_some);
+        let applied: HashSet<usize> = outputs.iter().flatten().map(|output| output.axis.0).collect();
         for (index, name, path) in self.axes.each() {
             if lacks_model(&name) {
                 let message = format!("`{name}` has no model yet: `isotherm run` refuses it");
                 let help = "record runs with `isotherm record`, find the model with `isotherm identify`, and put its block here";
                 self.warnings.push(self.places.at_key(&path, message, Some(help.to_owned())));
             }
-            let complete = outputs.iter().all(Option::is_some);
-            if complete && !outputs.iter().flatten().any(|output| output.axis.0 == index) {
+            if complete && !applied.contains(&index) {
                 let message =
                     format!("no output writes the Cz of `{name}`; it is computed and shown, never applied");
                 self.warnings.push(self.places.at_key(&path, message, None));
             }
         }
+        let of_signals = raw.signal.values().filter_map(|signal| signal.device.as_ref());
+        let of_outputs = raw.output.values().filter_map(|output| output.device.as_ref());
+        let of_heartbeat = raw.heartbeat.iter().filter_map(|heartbeat| heartbeat.device.as_ref());
+        let asked: HashSet<&String> = of_signals.chain(of_outputs).chain(of_heartbeat).collect();
         for (index, name, path) in self.devices.each() {
-            let of_signals = raw.signal.values().filter_map(|signal| signal.device.as_ref());
-            let of_outputs = raw.output.values().filter_map(|output| output.device.as_ref());
-            let of_heartbeat = raw.heartbeat.iter().filter_map(|heartbeat| heartbeat.device.as_ref());
-            let silent = !of_signals.chain(of_outputs).chain(of_heartbeat).any(|user| *user == name);
-            if silent && devices.get(index).is_some_and(Option::is_some) {
+            if !asked.contains(&name) && devices.get(index).is_some_and(Option::is_some) {
                 let message = format!("nothing is read from `{name}` and nothing is written to it");
                 self.warnings.push(self.places.at_key(&path, message, None));
             }

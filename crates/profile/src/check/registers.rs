@@ -1,8 +1,10 @@
 //! Which registers belong to whom: two things may not half share one.
 
+use std::collections::{BTreeSet, HashMap, HashSet};
+
 use super::{Check, Signals, get};
 use crate::place::child;
-use crate::{Bus, Device, DeviceId, Heartbeat, Output, OutputSet, Signal, Writes};
+use crate::{Bus, Device, DeviceId, Heartbeat, Output, OutputSet, Writes};
 use isotherm_core::codec::{Address, DataType, Register};
 
 /// A stretch of registers that something reads or writes.
@@ -20,6 +22,13 @@ struct Claim {
 impl Claim {
     fn last(&self) -> u32 {
         u32::from(self.address.offset) + u32::from(self.data_type.registers()) - 1
+    }
+
+    /// All of its registers that there are.
+    fn registers(&self) -> impl Iterator<Item = Register> {
+        let Register { table, offset } = self.address;
+        (offset..=u16::try_from(self.last()).unwrap_or(u16::MAX))
+            .map(move |offset| Register { table, offset })
     }
 
     fn overlaps(&self, other: &Claim) -> bool {
@@ -66,11 +75,17 @@ impl Check<'_> {
             Some(Claim { device: device(id)?, address, data_type, path, what, written })
         };
         let mut claims: Vec<Claim> = Vec::new();
+        let boot_counters: HashMap<usize, &Output> = outputs
+            .iter()
+            .flatten()
+            .rev()
+            .filter_map(|output| Some((output.boot_counter?.0, output)))
+            .collect();
+        let mut captured = HashSet::new();
         let register = |table, name: &str| child(&child(table, name), "register");
         for (place, signal) in signals.iter().enumerate() {
             let Some(signal) = signal else { continue };
-            let counts = |output: &&Output| output.boot_counter.is_some_and(|id| id.0 == place);
-            let (path, what) = match outputs.iter().flatten().find(counts) {
+            let (path, what) = match boot_counters.get(&place) {
                 Some(output) => {
                     let path = child(&child("output", &output.name), "restart");
                     (child(&path, "boot_counter"), "the boot counter".to_owned())
@@ -81,9 +96,8 @@ impl Check<'_> {
                 claims.extend(claim(signal.device, register, signal.encoding.data_type, path, what, false));
             }
             // Several counters of a device may be captured by one command.
-            let of = |signal: &Signal| (signal.device, signal.capture.map(|capture| capture.address));
-            let is_first = signals[..place].iter().flatten().all(|earlier| of(earlier) != of(signal));
-            if let Some(capture) = signal.capture.filter(|_| is_first) {
+            let mut is_first = |address| captured.insert((signal.device, address));
+            if let Some(capture) = signal.capture.filter(|capture| is_first(capture.address)) {
                 let path = child(&child(&child("signal", &signal.name), "counter"), "capture");
                 let what = format!("the capture command of `{}`", signal.name);
                 let kind = if capture.address.table.is_bits() { DataType::Bool } else { DataType::U16 };
@@ -123,9 +137,16 @@ impl Check<'_> {
         }
         // The later of two is the one to blame.
         claims.sort_by_key(|claim| self.places.rank(&claim.path));
+        let mut claimed: HashMap<(&str, u8, Register), Vec<usize>> = HashMap::new();
         for (index, later) in claims.iter().enumerate() {
-            for earlier in claims[..index].iter().filter(|earlier| later.overlaps(earlier)) {
-                self.collision(earlier, later);
+            let mut earlier = BTreeSet::new();
+            for register in later.registers() {
+                let there = claimed.entry((&later.device.0, later.device.1, register)).or_default();
+                earlier.extend(there.iter().copied());
+                there.push(index);
+            }
+            for earlier in earlier {
+                self.collision(&claims[earlier], later);
             }
         }
         self.runaway(signals, outputs, &claims);
@@ -149,12 +170,13 @@ impl Check<'_> {
 
     /// A corrected position that is read back as the position grows by Cz at every write.
     fn runaway(&mut self, signals: &Signals, outputs: &[Option<Output>], claims: &[Claim]) {
+        let by_path: HashMap<&str, &Claim> =
+            claims.iter().rev().map(|claim| (claim.path.as_str(), claim)).collect();
         for output in outputs.iter().flatten() {
             let Writes::Corrected { position } = output.writes else { continue };
             let Some(signal) = get(signals, position.0) else { continue };
-            let of = |table, name: &str| {
-                claims.iter().find(|claim| claim.path == child(&child(table, name), "register"))
-            };
+            let of =
+                |table, name: &str| by_path.get(child(&child(table, name), "register").as_str()).copied();
             let read = of("signal", &signal.name);
             let written = of("output", &output.name);
             if let (Some(read), Some(written)) = (read, written)

@@ -9,7 +9,7 @@ use super::channels::{Channel, of_group};
 use super::{Group, schema, shipped, text, texts};
 use crate::error::{ProfileError, allowed};
 use crate::files::Files;
-use crate::place::{Origin, Places};
+use crate::place::{Origin, Places, Text};
 use crate::walk::{Walk, missing};
 
 /// Where the user's own templates lie, beside the profile.
@@ -89,7 +89,7 @@ fn nearest_names(name: &str, known: &[String]) -> String {
 fn read(shown: &str, written: &str, errors: &mut Vec<ProfileError>) -> Option<Group> {
     let schema = schema::schema();
     let mut places = Places::default();
-    let origin = places.add_origin(Origin { name: shown.to_owned(), text: Some(written.to_owned()) });
+    let origin = places.add_origin(Origin { name: shown.to_owned(), text: Some(Text::new(written)) });
     let before = errors.len();
     let (table, problems) = DeTable::parse_recoverable(written);
     for problem in &problems {

@@ -55,9 +55,11 @@ impl Traffic<'_> {
     }
 
     fn polls(&mut self) {
-        for (place, device) in self.profile.devices.iter().enumerate() {
+        let (profile, bus) = (self.profile, self.bus);
+        let devices = profile.devices.iter().enumerate();
+        for (place, device) in devices.filter(|(_, device)| device.bus == bus) {
             let id = DeviceId(place);
-            let signals = self.profile.signals.iter().enumerate().filter(|(_, signal)| signal.device == id);
+            let signals = profile.signals.iter().enumerate().filter(|(_, signal)| signal.device == id);
             let per_second = per(device.every);
             let mut captures: Vec<Capture> = Vec::new();
             for capture in signals.clone().filter_map(|(_, signal)| signal.capture) {
