@@ -121,7 +121,6 @@ fn reach(from: usize, arrows: &[BTreeSet<usize>]) -> BTreeSet<usize> {
 }
 
 /// A source file of this path with this code.
-
 fn source(path: &str, code: &str) -> Source {
     Source { path: path.to_owned(), text: code.to_owned(), code: code.to_owned() }
 }

@@ -46,7 +46,9 @@ impl Client {
         match (name, trust, chain, key) {
             (name, Ok(trust), Ok(chain), Ok(key)) => match (name, config(tls, trust, chain, key)) {
                 (Ok(name), Ok(config)) => Ok(Client { name, config: Arc::new(config) }),
-                (name, config) => Err([name.err(), config.err()].into_iter().flatten().collect()),
+                (name, config) => {
+                    Err([name.err(), config.err().map(|error| *error)].into_iter().flatten().collect())
+                }
             },
             (name, trust, chain, key) => {
                 Err([name.err(), trust.err(), chain.err(), key.err()].into_iter().flatten().collect())
@@ -60,19 +62,21 @@ fn config(
     trust: Trust,
     chain: Vec<CertificateDer<'static>>,
     key: PrivateKeyDer<'static>,
-) -> Result<ClientConfig, ProfileError> {
+) -> Result<ClientConfig, Box<ProfileError>> {
     let config = ClientConfig::builder_with_provider(Arc::new(default_provider()))
         .with_safe_default_protocol_versions()
-        .map_err(|error| tls.ca.wrong(&error.to_string()))?
+        .map_err(|error| Box::new(tls.ca.wrong(&error.to_string())))?
         .dangerous()
         .with_custom_certificate_verifier(Arc::new(trust))
         .with_client_auth_cert(chain, key);
-    config.map_err(|error| match error {
-        Error::InconsistentKeys(InconsistentKeys::KeyMismatch) => {
-            tls.key.wrong("this key does not belong to the certificate in `cert`")
-        }
-        Error::InvalidCertificate(_) => tls.cert.wrong(&format!("the certificate is of no use: {error}")),
-        _ => tls.key.wrong(&format!("the key is of no use: {error}")),
+    config.map_err(|error| {
+        Box::new(match error {
+            Error::InconsistentKeys(InconsistentKeys::KeyMismatch) => {
+                tls.key.wrong("this key does not belong to the certificate in `cert`")
+            }
+            Error::InvalidCertificate(_) => tls.cert.wrong(&format!("the certificate is of no use: {error}")),
+            _ => tls.key.wrong(&format!("the key is of no use: {error}")),
+        })
     })
 }
 
