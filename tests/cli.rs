@@ -419,3 +419,14 @@ fn a_recording_on_a_plant_is_the_same_for_the_same_seed_and_turns_to_a_new_file_
         assert_eq!((header[0], *header.last().unwrap()), ("time", "z_error_um"));
     }
 }
+
+#[test]
+fn a_reader_who_leaves_early_as_head_does_is_no_failure() {
+    let home = tempfile::tempdir().unwrap();
+    let mut command = isotherm(home.path());
+    command.args(["check", "surface-grinder"]).stdout(std::process::Stdio::piped());
+    let mut child = command.stderr(std::process::Stdio::piped()).spawn().unwrap();
+    drop(child.stdout.take());
+    let Output { status, stderr, .. } = child.wait_with_output().unwrap();
+    assert!(status.success(), "{}", String::from_utf8_lossy(&stderr));
+}

@@ -1,5 +1,7 @@
 //! `isotherm check`: what a profile says, and what is wrong with it.
 
+use std::io::Write;
+
 use super::gauge::{self, Gauge};
 use super::{Failure, ProfileArguments, load, print_json};
 use crate::discovery::can;
@@ -25,23 +27,23 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let profile = load(&arguments.profile, arguments.json)?;
-    let explanation = Preview::of(&profile);
-    for warning in explanation.warnings(&profile) {
+    let preview = Preview::of(&profile);
+    for warning in preview.warnings(&profile) {
         eprintln!("warning: {warning}");
     }
     if !arguments.online {
         if arguments.json {
-            return print_json(&explanation);
+            return print_json(&preview);
         }
-        print!("{explanation}");
-        return Ok(());
+        // Whoever looks at its beginning only, as `head` does, has closed the pipe by the end.
+        return Ok(write!(std::io::stdout(), "{preview}")?);
     }
     let lines = can::look(&profile);
     let status = gauge::once(profile)?;
     if arguments.json {
-        print_json(&serde_json::json!({ "profile": explanation, "online": status, "can": lines }))?;
+        print_json(&serde_json::json!({ "profile": preview, "online": status, "can": lines }))?;
     } else {
-        print!("{explanation}");
+        print!("{preview}");
         println!("\nOnline");
         for line in &lines {
             println!("  bus {}: interface {}: {}", line.bus, line.interface, line.state);

@@ -60,7 +60,7 @@ pub(super) struct LineTask {
     /// A device has been read, or there was news, since the axes were last looked at.
     has_news: bool,
     /// A position has been read that is corrected on another line.
-    rings_others: bool,
+    wakes_others: bool,
     /// How the devices are set is to be looked at.
     inspects: bool,
     /// The news and the pauses that were taken note of.
@@ -125,7 +125,7 @@ impl LineTask {
             feeds_others,
             step_due: Some(start),
             has_news: true,
-            rings_others: false,
+            wakes_others: false,
             inspects: true,
             news: 0,
             pauses: shared.pauses(),
@@ -157,7 +157,7 @@ impl LineTask {
             self.take_note(now);
             let turn = self.next(now);
             // After the axes, where it is their turn: what the others do then goes by what was just decided.
-            if turn != Turn::Step && std::mem::take(&mut self.rings_others) {
+            if turn != Turn::Step && std::mem::take(&mut self.wakes_others) {
                 self.shared.wake_others(self.bus);
             }
             match turn {
@@ -213,12 +213,13 @@ impl LineTask {
     /// Steps the axes that are due, and looks at the outputs again: each of them may have something to do.
     fn step(&mut self, now: Moment) {
         self.has_news = false;
+        // What comes in CAN frames is in no device's reads.
         self.shared.look_for_restarts(now);
         self.shared.hear_probings(now);
         if self.steps_axes {
             self.step_due = self.shared.advance(now);
         }
-        if std::mem::take(&mut self.rings_others) {
+        if std::mem::take(&mut self.wakes_others) {
             self.shared.wake_others(self.bus);
         }
         self.wake_outputs(now);

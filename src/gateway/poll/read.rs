@@ -141,6 +141,6 @@ impl LineTask {
             let device = poll.device;
             self.wake_corrections(device, now);
         }
-        self.rings_others = self.feeds_others;
+        self.wakes_others = self.feeds_others;
     }
 }
