@@ -52,7 +52,7 @@ fn compensation(kind: &Kind, signals: usize, axes: usize) -> Compensation {
         guard: GuardSettings {
             limit: micron(40.0),
             step: micron(1.0),
-            rate: 0.5,
+            rate: of(0.5),
             deadband: micron(0.1),
             count: Some(micron(0.1)),
         },
@@ -60,7 +60,7 @@ fn compensation(kind: &Kind, signals: usize, axes: usize) -> Compensation {
         on_fault: OnFault::Ramp { after: Duration::from_secs(60) },
         levels: Levels::default(),
         datum: Datum::Model,
-        apart: None,
+        intercept_slope: None,
         probe: None,
     };
     let machine = MachineSettings { signals, ..MachineSettings::default() };
@@ -125,12 +125,10 @@ fn stepped<const SIGNALS: usize, const AXES: usize>(
 
 fn steps(criterion: &mut Criterion) {
     let terms = (0..16).map(|place| Term {
-        signal: SignalId(place),
-        gain: 2.4,
-        reference: if place % 2 == 0 { Reference::Start } else { Reference::Fixed(20.0) },
-        lag: None,
+        input: Input { signal: SignalId(place), reference: reference(place), lag: None },
+        gain: of(2.4),
     });
-    let linear = Kind::Linear(Linear { offset: 0.0, terms: terms.collect(), slope: None });
+    let linear = Kind::Linear(Linear { offset: of(0.0), terms: terms.collect(), slope: None });
     step(criterion, "step an axis of 16 linear terms", &linear, None);
 
     let resolve = |name: &str| match name {
@@ -149,17 +147,27 @@ fn steps(criterion: &mut Criterion) {
 /// Three axes of thirty terms over thirty signals, each term with its lag, ten of them in a slope.
 fn three_axes(criterion: &mut Criterion) {
     const SIGNALS: usize = 31;
-    let term = |place: usize| Term {
-        signal: SignalId(place),
-        gain: 0.1,
-        reference: if place.is_multiple_of(2) { Reference::Start } else { Reference::Fixed(20.0) },
-        lag: Some(Duration::from_secs(600 + 60 * u64::try_from(place).unwrap_or(0))),
+    let input = |place: usize| {
+        let lag = Some(Duration::from_secs(600 + 60 * u64::try_from(place).unwrap_or(0)));
+        Input { signal: SignalId(place), reference: reference(place), lag }
     };
     let position = SignalId(SIGNALS - 1);
-    let slope = Slope { position, reference: 0.0, travel: None, terms: (20..30).map(term).collect() };
-    let linear = Linear { offset: 0.0, terms: (0..20).map(term).collect(), slope: Some(slope) };
+    let terms = (20..30).map(|place| Term { input: input(place), gain: of(0.1) }).collect();
+    let slope = Slope { position, reference: of(0.0), travel: None, terms };
+    let terms = (0..20).map(|place| Term { input: input(place), gain: of(0.1) }).collect();
+    let linear = Linear { offset: of(0.0), terms, slope: Some(slope) };
     let name = "step three axes of 30 lagged terms with slopes";
     stepped::<SIGNALS, 3>(criterion, name, &Kind::Linear(linear), Some(5.0));
+}
+
+/// A number as the quantity that is asked for; nothing of it where it is no number.
+fn of<Quantity: TryFrom<f64> + Default>(value: f64) -> Quantity {
+    Quantity::try_from(value).unwrap_or_default()
+}
+
+/// Every other term is measured from the machine's start.
+fn reference(place: usize) -> Reference {
+    if place.is_multiple_of(2) { Reference::Start } else { Reference::Fixed(of(20.0)) }
 }
 
 /// Not all the same, and the same every time.
@@ -169,14 +177,14 @@ fn weight(place: usize) -> f64 {
 
 fn inputs(count: usize) -> Vec<Input> {
     (0..count)
-        .map(|place| Input { signal: SignalId(place), reference: Reference::Fixed(20.0), lag: None })
+        .map(|place| Input { signal: SignalId(place), reference: Reference::Fixed(of(20.0)), lag: None })
         .collect()
 }
 
 /// What is in files: 64 blocks and 8 points of a guideway, which is a matrix of 24 rows; networks of 30-16-1.
 fn files(criterion: &mut Criterion) {
-    let guide = (0..8u8).map(|point| f64::from(point) * 5.0).collect();
-    let gains = (0..8 * 64).map(weight).collect();
+    let guide = (0..8u8).map(|point| of(f64::from(point) * 5.0)).collect();
+    let gains = (0..8 * 64).map(|place| of(weight(place))).collect();
     if let Ok(matrix) = Matrix::new("column.json", inputs(64), SignalId(64), guide, gains) {
         step(criterion, "step an axis with a matrix of 24 x 64", &Kind::Matrix(matrix), Some(5.0));
     }

@@ -15,32 +15,35 @@ use isotherm_core::compensation::settings::{
     AxisSettings, Datum, GainSettings, GuardSettings, Levels, MachineSettings, OnFault, ProbeSettings,
 };
 use isotherm_core::compensation::{Compensation, Control, Measured, Permit, Remembered, Snapshot};
-use isotherm_core::quantity::{Micron, Moment};
+use isotherm_core::quantity::Moment;
 use isotherm_core::reading::{Reading, Reason, SignalId};
 
-fn um(value: f64) -> Micron {
-    Micron::new(value).expect("finite")
+/// A number as the quantity that is asked for.
+fn of<Quantity: TryFrom<f64, Error = &'static str>>(value: f64) -> Quantity {
+    Quantity::try_from(value).expect("finite")
 }
 
 fn compensation() -> Compensation {
-    let term = |place, reference, lag| Term { signal: SignalId(place), gain: 2.4, reference, lag };
+    let rise = |place, reference, lag| Input { signal: SignalId(place), reference, lag };
+    let term = |place, reference, lag| Term { input: rise(place, reference, lag), gain: of(2.4) };
     let half_an_hour = Some(Duration::from_secs(1800));
     let terms = vec![
         term(0, Reference::Start, None),
         term(1, Reference::Zero, half_an_hour),
-        term(2, Reference::Fixed(20.0), half_an_hour),
+        term(2, Reference::Fixed(of(20.0)), half_an_hour),
     ];
-    let inclined = vec![term(1, Reference::Start, half_an_hour)];
-    let slope = Some(Slope { position: SignalId(2), reference: 20.0, travel: None, terms: inclined });
+    let inclined = vec![Term { input: rise(1, Reference::Start, half_an_hour), gain: of(2.4) }];
+    let slope = Some(Slope { position: SignalId(2), reference: of(20.0), travel: None, terms: inclined });
     let resolve = |name: &str| match name {
         "A" => Some(Symbol::Signal(SignalId(0))),
         "t" => Some(Symbol::Time),
         _ => None,
     };
     let expression = Expression::parse("2.4 * max(A - (2e-5*t + 23.4), 0)", &resolve).expect("a formula");
-    let input = |place| Input { signal: SignalId(place), reference: Reference::Fixed(20.0), lag: None };
+    let input = |place| Input { signal: SignalId(place), reference: Reference::Fixed(of(20.0)), lag: None };
     let late = Input { lag: half_an_hour, ..input(0) };
-    let matrix = Matrix::new("m.json", vec![late, input(1)], SignalId(2), vec![0.0, 20.5], vec![0.5; 4]);
+    let matrix =
+        Matrix::new("m.json", vec![late, input(1)], SignalId(2), vec![of(0.0), of(20.5)], vec![of(0.5); 4]);
     let node = Node { centre: vec![1.0], width: 2.0, weight: 3.0 };
     let scaling = Scaling::new(&[20.0], &[4.0]).expect("scaling");
     let radial = Radial::new(scaling.clone(), vec![node], 0.0, (0.0, 1.0)).expect("nodes");
@@ -50,9 +53,9 @@ fn compensation() -> Compensation {
     let known = Identified { input: input(1), mean: 1.0, range: (0.0, 1.5) };
     let envelope = Envelope::new(vec![known], &[vec![1.0]], None, Outside::Hold).expect("a region");
     let probe = Some(ProbeSettings {
-        limit: um(10.0),
+        limit: of(10.0),
         filter: 0.5,
-        max_error: um(100.0),
+        max_error: of(100.0),
         warn: None,
         gains: Some(GainSettings { forgetting: 0.98, limit: 0.2 }),
     });
@@ -61,7 +64,7 @@ fn compensation() -> Compensation {
         models: vec![
             Model {
                 name: "rises".to_owned(),
-                kind: Kind::Linear(Linear { offset: 0.0, terms, slope }),
+                kind: Kind::Linear(Linear { offset: of(0.0), terms, slope }),
                 envelope: None,
             },
             Model {
@@ -71,17 +74,17 @@ fn compensation() -> Compensation {
             },
         ],
         guard: GuardSettings {
-            limit: um(40.0),
-            step: um(1.0),
-            rate: 0.5,
-            deadband: um(0.1),
-            count: Some(um(0.1)),
+            limit: of(40.0),
+            step: of(1.0),
+            rate: of(0.5),
+            deadband: of(0.1),
+            count: Some(of(0.1)),
         },
         every: Duration::from_secs(10),
         on_fault: OnFault::Ramp { after: Duration::from_secs(60) },
         levels: Levels::default(),
         datum: Datum::Zero,
-        apart: None,
+        intercept_slope: None,
         probe,
     };
     let machine = MachineSettings {
@@ -113,9 +116,9 @@ fn a_step_allocates_nothing() {
         let level = Reading::good(level, now);
         let readings = [bed, other, Reading::good(21.0, now), level, level];
         let permit = if at % 300 > 280 { Permit::Stopping } else { Permit::Armed };
-        let take_over = at.is_multiple_of(100).then(|| um(5.0));
-        let error = um(f64::from(at % 7) - 3.0);
-        let measured = at.is_multiple_of(6).then_some(Measured { error, acting: Some(um(5.0)) });
+        let take_over = at.is_multiple_of(100).then(|| of(5.0));
+        let error = of(f64::from(at % 7) - 3.0);
+        let measured = at.is_multiple_of(6).then_some(Measured { error, acting: Some(of(5.0)) });
         let forget = at.is_multiple_of(700);
         let control = Control { permit, take_over, measured, forget, ..Control::default() };
         compensation.step(&Snapshot { now, readings: &readings }, &[control; 5]);

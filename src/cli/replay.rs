@@ -137,7 +137,7 @@ pub fn replay(
         for axis in 0..profile.axes.len() {
             let Some(outcome) = outcome(profile, &compensation, axis, &snapshot, &row) else { continue };
             tally.axis(axis, &row, &outcome);
-            let apart = profile.axes.get(axis).is_some_and(|axis| axis.settings.apart.is_some());
+            let apart = profile.axes.get(axis).is_some_and(|axis| axis.settings.intercept_slope.is_some());
             outcome.write(&mut cells, apart, reader.has_error(axis));
         }
         if let Some(table) = &mut table {
@@ -159,7 +159,7 @@ fn header<R: Read>(profile: &Profile, reader: &LogReader<R>) -> Vec<String> {
     let mut names = vec!["time".to_owned()];
     for (place, axis) in profile.axes.iter().enumerate() {
         let residual = reader.has_error(place).then_some("residual_um");
-        let slope = axis.settings.apart.map(|_| "slope_um");
+        let slope = axis.settings.intercept_slope.map(|_| "slope_um");
         for column in ["raw_um", "cz_um", "model", "state", "acted"].into_iter().chain(slope).chain(residual)
         {
             names.push(format!("{}_{column}", axis.settings.name));

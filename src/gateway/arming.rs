@@ -152,8 +152,8 @@ impl Arming {
 
 /// An output that writes the reference position holds it, to half a count.
 pub(super) fn has_its_reference(profile: &Profile, output: &Output, state: &OutputState) -> bool {
-    let apart = profile.axis(output.axis).settings.apart;
+    let apart = profile.axis(output.axis).settings.intercept_slope;
     let (Writes::Reference, Some(apart)) = (output.writes, apart) else { return true };
     let near = output.encoding.scale.get().abs() * 0.501;
-    state.value.is_some_and(|value| (value - apart.reference).abs() <= near)
+    state.value.is_some_and(|value| (value - apart.reference.get()).abs() <= near)
 }

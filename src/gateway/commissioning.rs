@@ -107,7 +107,7 @@ pub(super) fn is_looked_at(device: &Device) -> bool {
 
 /// The devices that any model of the axis reads, and those that its outputs write to.
 fn devices_of(profile: &Profile, axis: AxisId) -> Vec<DeviceId> {
-    let inputs = profile.axis(axis).settings.models.iter().flat_map(Evaluate::inputs);
+    let inputs = profile.axis(axis).settings.models.iter().flat_map(Evaluate::signals);
     let device = |id: SignalId| profile.signal(id).device;
     let written = profile.outputs.iter().filter(|output| output.axis == axis).map(|output| output.device);
     let mut devices: Vec<DeviceId> = inputs.map(device).chain(written).collect();

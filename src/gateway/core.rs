@@ -246,7 +246,7 @@ impl Core {
             return true;
         }
         let settings = &profile.axes[axis].settings;
-        let grain = |output: &Output| match (output.writes, settings.apart) {
+        let grain = |output: &Output| match (output.writes, settings.intercept_slope) {
             (Writes::Slope, Some(apart)) => apart.count.unwrap_or(Micron::ZERO),
             // A floating-point register is written in thousandths of a step.
             _ => settings

@@ -75,13 +75,13 @@ mod tests {
     use isotherm_core::compensation::model::envelope::Identified;
     use isotherm_core::compensation::model::{Beyond, Envelope, Input, Reference};
     use isotherm_core::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
-    use isotherm_core::quantity::Moment;
+    use isotherm_core::quantity::{Celsius, Moment};
     use isotherm_core::reading::{Reading, SignalId};
 
     /// A decision of a rig whose model was identified on a bed of 18 to 28 °C.
     fn at_the_edge(beds: &[f64]) -> Vec<&'static str> {
         let mut profile = sample::profile();
-        let input = Input { signal: SignalId(0), reference: Reference::Fixed(0.0), lag: None };
+        let input = Input { signal: SignalId(0), reference: Reference::Fixed(Celsius::ZERO), lag: None };
         let known = Identified { input, mean: 23.0, range: (18.0, 28.0) };
         let settings = &mut profile.axes[0].settings;
         settings.models[0].envelope = Envelope::new(vec![known], &[vec![9.0]], None, Outside::Warn).ok();

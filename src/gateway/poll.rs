@@ -252,7 +252,7 @@ impl LineTask {
 /// The lines on which axes are stepped: where the first input of each is read, or its output is written.
 fn home_lines(profile: &Profile) -> Vec<BusId> {
     let homes = profile.axes.iter().enumerate().map(|(axis, settings)| {
-        let input = settings.settings.models.iter().flat_map(Evaluate::inputs).next();
+        let input = settings.settings.models.iter().flat_map(Evaluate::signals).next();
         let input = input.map(|signal| profile.signal(signal).device);
         let output = profile.outputs.iter().find(|output| output.axis.0 == axis).map(|output| output.device);
         input.or(output).map_or(BusId(0), |device| profile.device(device).bus)

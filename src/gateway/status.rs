@@ -174,7 +174,7 @@ fn probe(shared: &Shared, picture: &Picture, place: usize) -> Option<ProbeStatus
             .flat_map(|(place, model)| {
                 model.gained().zip(probe.gains(place)).map(|(term, change)| GainStatus {
                     model: model.name.clone(),
-                    signal: shared.profile.signal(term.signal).name.clone(),
+                    signal: shared.profile.signal(term.input.signal).name.clone(),
                     change: *change,
                 })
             })

@@ -27,8 +27,8 @@ pub(super) fn part(decision: &Decision, writes: Writes) -> Micron {
 /// axis's reach, divided by that.
 pub(super) fn cz_factor(profile: &Profile, output: &Output) -> f64 {
     let axis = profile.axis(output.axis);
-    match (output.writes, axis.settings.apart) {
-        (Writes::Slope, Some(apart)) => 1.0 / apart.reach,
+    match (output.writes, axis.settings.intercept_slope) {
+        (Writes::Slope, Some(line)) => 1.0 / line.reach.get(),
         _ if axis.diameter => 2.0,
         _ => 1.0,
     }

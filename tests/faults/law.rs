@@ -93,8 +93,8 @@ fn is_inside(
 ) {
     let axis = trace.profile.axis(output.axis);
     let guard = &axis.settings.guard;
-    let factor = match (output.writes, axis.settings.apart) {
-        (Writes::Slope, Some(apart)) => 1.0 / apart.reach,
+    let factor = match (output.writes, axis.settings.intercept_slope) {
+        (Writes::Slope, Some(line)) => 1.0 / line.reach.get(),
         _ if axis.diameter => 2.0,
         _ => 1.0,
     };
@@ -114,7 +114,7 @@ fn is_inside(
             );
         }
         Writes::Reference => {
-            let reference = axis.settings.apart.unwrap().reference;
+            let reference = axis.settings.intercept_slope.unwrap().reference.get();
             let count = output.encoding.scale.get().abs();
             // With a set that is off it goes along as it stands.
             let is_theirs = seen.wanted == seen.before;
@@ -194,7 +194,7 @@ fn grows_only_while_active(trace: &Trace) {
                 continue;
             };
             let fresh = Duration::from_secs(3) + axis.settings.every;
-            for id in model.inputs() {
+            for id in model.signals() {
                 let signal = &sample.status.signals[id.0];
                 let age = signal.age_s.unwrap_or(f64::INFINITY);
                 let max_age = (trace.profile.signal(id).max_age + fresh).as_secs_f64();
@@ -280,7 +280,7 @@ pub(crate) fn nothing_taken_jumps(trace: &Trace) {
         for taken in taken {
             let decoded = set.members(profile).zip(&taken.words).map(|(output, words)| {
                 let axis = &profile.axis(output.axis).settings;
-                let reach = axis.apart.map_or(1.0, |apart| apart.reach);
+                let reach = axis.intercept_slope.map_or(1.0, |line| line.reach.get());
                 let factor = if output.writes == Writes::Slope { reach } else { 1.0 };
                 output.encoding.decode(words).unwrap() * factor
             });

@@ -1,6 +1,7 @@
 //! Models in files: what fits becomes a model, what does not is refused at the key that names the file.
 
 use isotherm_core::compensation::model::{Kind, Outside};
+use isotherm_core::quantity::{MicronPerCelsius, Millimetre};
 use isotherm_profile::preview::Preview;
 
 use super::*;
@@ -58,7 +59,8 @@ fn told(loaded: &Loaded) -> String {
 fn a_matrix_becomes_gains_of_cz_along_the_guideway() {
     let loaded = machine(MATRIX_KEYS, &[("c.json", MATRIX.as_bytes())]).unwrap();
     let Kind::Matrix(matrix) = &loaded.profile.axes[0].settings.models[0].kind else { panic!("a matrix") };
-    let gains: Vec<f64> = matrix.gains_at(100.0).collect();
+    let at = Millimetre::new(100.0).unwrap();
+    let gains: Vec<f64> = matrix.gains_at(at).map(MicronPerCelsius::get).collect();
     for (gain, expected) in gains.iter().zip([-1.5, -2.5]) {
         assert!((gain - expected).abs() < 1e-9, "{gains:?}");
     }

@@ -88,8 +88,8 @@ fn what_is_read_becomes_final_types_in_the_order_of_the_file() {
     assert_eq!(machine.devices[2].quirks.pause_between_requests.as_millis(), 5);
     assert!(!machine.devices[1].functions.write_single);
     let Kind::Linear(linear) = &machine.axes[0].settings.models[0].kind else { panic!("linear") };
-    assert!((linear.terms[1].gain - 3.45).abs() < 1e-12);
-    assert_eq!(linear.terms[1].reference, Reference::Start);
+    assert!((linear.terms[1].gain.get() - 3.45).abs() < 1e-12);
+    assert_eq!(linear.terms[1].input.reference, Reference::Start);
     assert!(matches!(machine.outputs[0].writes, Writes::Corrected { position } if position.0 == 6));
     assert_eq!((machine.outputs[1].writes, machine.outputs[1].verify), (Writes::Offset, Verify::ReadBack));
     assert_eq!(

@@ -2,6 +2,7 @@
 
 use isotherm_core::compensation::model::{Kind, Reference};
 use isotherm_core::compensation::settings::Datum;
+use isotherm_core::quantity::Celsius;
 
 use super::*;
 
@@ -20,11 +21,11 @@ fn a_lag_a_slope_levels_and_a_datum_are_taken() {
     assert_eq!(axis.levels.warn.zip(axis.levels.error).map(|(w, e)| (w.get(), e.get())), Some((30.0, 60.0)));
     assert_eq!(axis.datum, Datum::Zero);
     let Kind::Linear(linear) = &axis.models[0].kind else { panic!("linear") };
-    assert_eq!(linear.terms[0].lag.map(|lag| lag.as_secs()), Some(1800));
-    assert_eq!(linear.terms[0].reference, Reference::Fixed(20.0));
+    assert_eq!(linear.terms[0].input.lag.map(|lag| lag.as_secs()), Some(1800));
+    assert_eq!(linear.terms[0].input.reference, Reference::Fixed(Celsius::new(20.0).unwrap()));
     let slope = linear.slope.as_ref().unwrap();
-    assert_eq!((slope.position.0, slope.terms[0].lag.map(|lag| lag.as_secs())), (6, Some(7200)));
-    assert!((slope.reference - -50.0).abs() < 1e-12);
+    assert_eq!((slope.position.0, slope.terms[0].input.lag.map(|lag| lag.as_secs())), (6, Some(7200)));
+    assert!((slope.reference.get() - -50.0).abs() < 1e-12);
 
     let told = isotherm_profile::preview::Preview::of(&loaded.profile).to_string();
     for words in [
@@ -133,9 +134,9 @@ fn line_of(from: &str, to: &str) -> String {
 #[test]
 fn a_control_that_applies_the_line_itself_is_given_its_parts() {
     let loaded = parse(&line_of("scale = 0.0001", "scale = 0.0001")).unwrap();
-    let apart = loaded.profile.axes[0].settings.apart.unwrap();
-    assert!((apart.reach - 300.0).abs() < 1e-12 && (apart.reference - -50.0).abs() < 1e-12);
-    assert!((apart.count.unwrap().get() - 0.03).abs() < 1e-12);
+    let line = loaded.profile.axes[0].settings.intercept_slope.unwrap();
+    assert!((line.reach.get() - 300.0).abs() < 1e-12 && (line.reference.get() - -50.0).abs() < 1e-12);
+    assert!((line.count.unwrap().get() - 0.03).abs() < 1e-12);
     let told = isotherm_profile::preview::Preview::of(&loaded.profile).to_string();
     for words in [
         "K0, Cz at the reference position: +1 µm is +10 counts",

@@ -9,12 +9,12 @@
 use std::error::Error;
 use std::time::Duration;
 
-use isotherm_core::compensation::model::{Kind, Linear, Model, Reference, Term};
+use isotherm_core::compensation::model::{Input, Kind, Linear, Model, Reference, Term};
 use isotherm_core::compensation::settings::{
     AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault,
 };
 use isotherm_core::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
-use isotherm_core::quantity::{Micron, Moment};
+use isotherm_core::quantity::{Celsius, Micron, MicronPerCelsius, MicronPerSecond, Moment};
 use isotherm_core::reading::{Reading, Reason, SignalId};
 
 const BED: SignalId = SignalId(0);
@@ -60,11 +60,15 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 /// `Cz = 2.4 · (bed − wheelhead)`, in steps of at most 1 µm every ten seconds.
 fn axis() -> Result<AxisSettings, Box<dyn Error>> {
-    let term = |signal, gain| Term { signal, gain, reference: Reference::Fixed(0.0), lag: None };
-    let terms = vec![term(BED, 2.4), term(WHEELHEAD, -2.4)];
+    let gain = MicronPerCelsius::try_from(2.4)?;
+    let term = |signal, gain| Term {
+        input: Input { signal, reference: Reference::Fixed(Celsius::ZERO), lag: None },
+        gain,
+    };
+    let terms = vec![term(BED, gain), term(WHEELHEAD, -gain)];
     let difference = Model {
         name: "difference".to_owned(),
-        kind: Kind::Linear(Linear { offset: 0.0, terms, slope: None }),
+        kind: Kind::Linear(Linear { offset: Micron::ZERO, terms, slope: None }),
         envelope: None,
     };
     Ok(AxisSettings {
@@ -73,7 +77,7 @@ fn axis() -> Result<AxisSettings, Box<dyn Error>> {
         guard: GuardSettings {
             limit: Micron::try_from(40.0)?,
             step: Micron::try_from(1.0)?,
-            rate: 0.05,
+            rate: MicronPerSecond::try_from(0.05)?,
             deadband: Micron::try_from(0.1)?,
             count: Some(Micron::try_from(0.1)?),
         },
@@ -81,7 +85,7 @@ fn axis() -> Result<AxisSettings, Box<dyn Error>> {
         on_fault: OnFault::Ramp { after: 60 * SECOND },
         levels: Levels::default(),
         datum: Datum::Model,
-        apart: None,
+        intercept_slope: None,
         probe: None,
     })
 }

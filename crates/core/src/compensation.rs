@@ -14,7 +14,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::quantity::{Micron, Moment};
+use crate::quantity::{Micron, Millimetre, Moment};
 use crate::reading::{Reading, SignalId};
 
 pub mod model;
@@ -53,6 +53,11 @@ impl Snapshot<'_> {
     /// The value of a signal, if it may be used.
     pub fn value(&self, id: SignalId) -> Option<f64> {
         self.readings.get(id.0)?.usable()
+    }
+
+    /// The value of a signal that is the position of an axis, if it may be used.
+    pub fn position(&self, id: SignalId) -> Option<Millimetre> {
+        Millimetre::new(self.value(id)?)
     }
 
     /// Whether any reading may be used.

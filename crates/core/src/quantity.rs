@@ -2,82 +2,181 @@
 //!
 //! Each constructor refuses NaN and infinity, so arithmetic behind it never meets them. Units are fixed
 //! everywhere: temperature °C, displacement µm, position mm, time s.
+//!
+//! A unit in the wrong place does not compile:
+//! ```compile_fail,E0308
+//! use isotherm_core::quantity::{Celsius, Micron};
+//! fn as_cz(rise: Celsius) -> Micron {
+//!     rise
+//! }
+//! ```
+//! ```compile_fail,E0277
+//! use isotherm_core::quantity::{Micron, MicronPerCelsius};
+//! fn twice_the_length(gain: MicronPerCelsius, cz: Micron) -> Option<Micron> {
+//!     Micron::new(gain * cz)
+//! }
+//! ```
+//! ```compile_fail,E0277
+//! use isotherm_core::quantity::{Micron, Millimetre};
+//! fn without_the_thousand(position: Millimetre, cz: Micron) -> Micron {
+//!     cz + position
+//! }
+//! ```
+//! ```compile_fail,E0277
+//! use isotherm_core::quantity::{Micron, Moment};
+//! fn a_moment_is_no_length(cz: Micron, now: Moment) -> Micron {
+//!     cz - now
+//! }
+//! ```
+//! Where they fit, they say so:
+//! ```
+//! use isotherm_core::quantity::{Celsius, Micron, MicronPerCelsius};
+//! # fn main() -> Result<(), &'static str> {
+//! let gain = MicronPerCelsius::try_from(-2.4)?;
+//! let rise = Celsius::try_from(25.0)? - Celsius::try_from(20.0)?;
+//! assert_eq!(Micron::new(gain * rise), Micron::new(-12.0));
+//! # Ok(())
+//! # }
+//! ```
 
 use std::fmt;
-use std::ops::{Add, Neg, Sub};
+use std::ops::{Add, Mul, Neg, Sub};
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
 pub mod time;
 
-/// A displacement or a compensation value in micrometres. Always finite.
-#[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd, Serialize, Deserialize)]
-#[serde(try_from = "f64", into = "f64")]
-pub struct Micron(f64);
+/// A finite number with its unit: constructor, arithmetic with its own kind, and how it prints.
+macro_rules! quantity {
+    ($(#[$doc:meta])* $name:ident, $unit:literal, $digits:literal, $refused:literal) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, PartialOrd, Serialize, Deserialize)]
+        #[serde(try_from = "f64", into = "f64")]
+        pub struct $name(f64);
+
+        impl $name {
+            /// Nothing of it.
+            pub const ZERO: $name = $name(0.0);
+
+            #[doc = concat!("A finite number of ", $unit, "; `None` for NaN or infinity.")]
+            pub fn new(value: f64) -> Option<$name> {
+                value.is_finite().then_some($name(value))
+            }
+
+            #[doc = concat!("The number, in ", $unit, ".")]
+            pub const fn get(self) -> f64 {
+                self.0
+            }
+
+            /// The distance from zero.
+            pub fn abs(self) -> $name {
+                $name(self.0.abs())
+            }
+        }
+
+        impl From<$name> for f64 {
+            fn from(quantity: $name) -> f64 {
+                quantity.0
+            }
+        }
+
+        impl TryFrom<f64> for $name {
+            type Error = &'static str;
+            fn try_from(value: f64) -> Result<$name, Self::Error> {
+                $name::new(value).ok_or($refused)
+            }
+        }
+
+        impl Add for $name {
+            type Output = $name;
+            fn add(self, other: $name) -> $name {
+                $name((self.0 + other.0).clamp(f64::MIN, f64::MAX))
+            }
+        }
+
+        impl Sub for $name {
+            type Output = $name;
+            fn sub(self, other: $name) -> $name {
+                $name((self.0 - other.0).clamp(f64::MIN, f64::MAX))
+            }
+        }
+
+        impl Neg for $name {
+            type Output = $name;
+            fn neg(self) -> $name {
+                $name(-self.0)
+            }
+        }
+
+        impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                write!(f, concat!("{:.", $digits, "} ", $unit), self.0)
+            }
+        }
+    };
+}
+
+quantity! {
+    /// A displacement or a compensation value in micrometres. Always finite.
+    Micron, "µm", "1", "a displacement is a finite number"
+}
+quantity! {
+    /// A temperature, or the difference of two, in °C. Always finite.
+    ///
+    /// Models take other inputs as well (a speed, a current): of those it is a number in the signal's own unit, and a
+    /// gain is µm per that unit.
+    Celsius, "°C", "2", "a temperature is a finite number"
+}
+quantity! {
+    /// A position on an axis, or a length, in millimetres. Always finite.
+    Millimetre, "mm", "3", "a position is a finite number"
+}
+quantity! {
+    /// A gain: what a rise of 1 °C adds to Cz, in µm/°C. Always finite.
+    MicronPerCelsius, "µm/°C", "3", "a gain is a finite number"
+}
+quantity! {
+    /// A slope: what a millimetre of the axis's way adds to Cz, in µm/mm. Always finite.
+    MicronPerMillimetre, "µm/mm", "4", "a slope is a finite number"
+}
+quantity! {
+    /// A speed of an offset, in µm/s. Always finite.
+    MicronPerSecond, "µm/s", "3", "a speed is a finite number"
+}
+quantity! {
+    /// The gain of a slope: what a rise of 1 °C adds to it, in µm/mm per °C. Always finite.
+    MicronPerMillimetreCelsius, "µm/mm/°C", "5", "a gain is a finite number"
+}
 
 impl Micron {
-    /// No displacement.
-    pub const ZERO: Micron = Micron(0.0);
-
-    /// A finite number of micrometres; `None` for NaN or infinity.
-    pub fn new(value: f64) -> Option<Micron> {
-        value.is_finite().then_some(Micron(value))
-    }
-
-    /// The number, in µm.
-    pub fn get(self) -> f64 {
-        self.0
-    }
-
-    /// The distance from zero.
-    pub fn abs(self) -> Micron {
-        Micron(self.0.abs())
-    }
-
     /// The value inside `±limit`.
     pub fn clamp_to(self, limit: Micron) -> Micron {
         Micron(self.0.clamp(-limit.0.abs(), limit.0.abs()))
     }
 }
 
-impl From<Micron> for f64 {
-    fn from(micron: Micron) -> f64 {
-        micron.0
+/// In µm. Beyond the largest number it is infinite: a sum of such products is checked once, at its end.
+impl Mul<Celsius> for MicronPerCelsius {
+    type Output = f64;
+    fn mul(self, rise: Celsius) -> f64 {
+        self.0 * rise.0
     }
 }
 
-impl TryFrom<f64> for Micron {
-    type Error = &'static str;
-    fn try_from(value: f64) -> Result<Micron, Self::Error> {
-        Micron::new(value).ok_or("a displacement is a finite number")
+/// In µm/mm; infinite beyond the largest number, as above.
+impl Mul<Celsius> for MicronPerMillimetreCelsius {
+    type Output = f64;
+    fn mul(self, rise: Celsius) -> f64 {
+        self.0 * rise.0
     }
 }
 
-impl Add for Micron {
-    type Output = Micron;
-    fn add(self, other: Micron) -> Micron {
-        Micron((self.0 + other.0).clamp(f64::MIN, f64::MAX))
-    }
-}
-
-impl Sub for Micron {
-    type Output = Micron;
-    fn sub(self, other: Micron) -> Micron {
-        Micron((self.0 - other.0).clamp(f64::MIN, f64::MAX))
-    }
-}
-
-impl Neg for Micron {
-    type Output = Micron;
-    fn neg(self) -> Micron {
-        Micron(-self.0)
-    }
-}
-
-impl fmt::Display for Micron {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:.1} µm", self.0)
+/// In µm; infinite beyond the largest number, as above.
+impl Mul<Millimetre> for MicronPerMillimetre {
+    type Output = f64;
+    fn mul(self, way: Millimetre) -> f64 {
+        self.0 * way.0
     }
 }
 
@@ -140,6 +239,12 @@ impl fmt::Display for Moment {
             Err(_) => write!(f, "{} ns", self.0),
         }
     }
+}
+
+/// For tests: a number as the quantity that is asked for.
+#[cfg(test)]
+pub(crate) fn of<Quantity: TryFrom<f64, Error = &'static str>>(value: f64) -> Quantity {
+    Quantity::try_from(value).unwrap()
 }
 
 #[cfg(test)]

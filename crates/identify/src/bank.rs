@@ -15,7 +15,7 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::campaign::{Campaign, Wanted};
 use crate::gram::Gram;
-use isotherm_core::compensation::model::{Known, Lag, Reference, Term};
+use isotherm_core::compensation::model::{Input, Inputs, Lag, Reference, Unusable};
 use isotherm_core::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
 
 /// Time constants that are tried: none, 3, 6, 12, 25, 50, 100 and 200 minutes.
@@ -109,26 +109,27 @@ struct Window {
 pub fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate]) -> Traced {
     let run = &campaign.dataset.runs[run];
     let wanted = campaign.wanted(run);
-    let terms: Vec<Term> = candidates.iter().map(|candidate| term(campaign, candidate)).collect();
-    let mut lags = vec![Lag::default(); terms.len()];
+    let inputs: Vec<Input> = candidates.iter().map(|candidate| input(campaign, candidate)).collect();
+    let mut lags = vec![Lag::default(); inputs.len()];
     let mut compensation =
         Compensation::new(campaign.machine.clone(), campaign.axes.clone(), Remembered::default());
     let controls = vec![Control { permit: Permit::Armed, ..Control::default() }; campaign.axes.len()];
     let first = run.times.first().copied().unwrap_or_default();
-    let (mut readings, mut rises, mut windows) = (Vec::new(), vec![0.0; terms.len()], Vec::<Window>::new());
+    let (mut readings, mut rises, mut windows) = (Vec::new(), vec![0.0; inputs.len()], Vec::<Window>::new());
     let mut visits: HashMap<usize, Vec<f64>> = HashMap::new();
     for (row, now) in run.times.iter().copied().enumerate() {
         campaign.readings(run, row, now, &mut readings);
         let snapshot = Snapshot { now, readings: &readings };
         compensation.step(&snapshot, &controls);
         let machine = compensation.machine();
-        let known = Known { snapshot: &snapshot, machine, lags: &[], apart: false };
+        let known = Inputs { snapshot: &snapshot, machine, lags: &[], splits_slope: false };
         let distance = campaign.position.as_ref().map(|position| {
             snapshot.value(position.signal).map_or(f64::NAN, |place| place - position.reference)
         });
-        for (((rise, lag), term), candidate) in rises.iter_mut().zip(&mut lags).zip(&terms).zip(candidates) {
-            lag.follow(term, &snapshot, machine);
-            *rise = rise_of(*lag, term, &known);
+        for (((rise, lag), input), candidate) in rises.iter_mut().zip(&mut lags).zip(&inputs).zip(candidates)
+        {
+            lag.follow(input, &snapshot, machine);
+            *rise = rise_of(*lag, input, &known);
             if candidate.along {
                 *rise *= distance.unwrap_or(f64::NAN);
             }
@@ -146,7 +147,7 @@ pub fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate]) -> T
         let window = match windows.last_mut() {
             Some(window) if window.index == index => window,
             _ => {
-                let rises = vec![0.0; terms.len()];
+                let rises = vec![0.0; inputs.len()];
                 windows.push(Window { index, rows: 0.0, seconds: 0.0, wanted: 0.0, rises });
                 let Some(window) = windows.last_mut() else { continue };
                 window
@@ -161,23 +162,22 @@ pub fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate]) -> T
         name: run.name.clone(),
         seconds: windows.iter().map(|window| window.seconds / window.rows).collect(),
         wanted: windows.iter().map(|window| window.wanted / window.rows).collect(),
-        rises: DMatrix::from_fn(windows.len(), terms.len(), |row, column| {
+        rises: DMatrix::from_fn(windows.len(), inputs.len(), |row, column| {
             windows[row].rises[column] / windows[row].rows
         }),
     }
 }
 
-fn term(campaign: &Campaign<'_>, candidate: &Candidate) -> Term {
+fn input(campaign: &Campaign<'_>, candidate: &Candidate) -> Input {
     let signal = campaign.inputs[candidate.input].signal;
-    Term { signal, gain: 1.0, reference: Reference::Start, lag: candidate.lag }
+    Input { signal, reference: Reference::Start, lag: candidate.lag }
 }
 
 /// NaN where the signal cannot be used; zero while its reference settles.
-fn rise_of(lag: Lag, term: &Term, known: &Known<'_>) -> f64 {
-    let Some(value) = known.snapshot.value(term.signal) else { return f64::NAN };
-    match known.machine.captured(term.reference, term.signal) {
-        None => 0.0,
-        Some(reference) if term.lag.is_none() => value - reference.value,
-        Some(reference) => lag.rise(term, known, value, reference),
+fn rise_of(lag: Lag, input: &Input, known: &Inputs<'_>) -> f64 {
+    match input.rise(known, &lag) {
+        Ok(rise) => rise.get(),
+        Err(Unusable::Reference(_)) => 0.0,
+        Err(_) => f64::NAN,
     }
 }

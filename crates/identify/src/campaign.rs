@@ -9,7 +9,7 @@ use crate::faults::mend::Mending;
 use isotherm_core::compensation::settings::{
     AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault,
 };
-use isotherm_core::quantity::{Micron, Moment};
+use isotherm_core::quantity::{Micron, MicronPerSecond, Moment};
 use isotherm_core::reading::{Reading, Reason, SignalId};
 use isotherm_profile::Profile;
 
@@ -231,7 +231,7 @@ fn onlooker() -> AxisSettings {
         guard: GuardSettings {
             limit: Micron::ZERO,
             step: Micron::ZERO,
-            rate: 1.0,
+            rate: MicronPerSecond::ZERO,
             deadband: Micron::ZERO,
             count: None,
         },
@@ -239,7 +239,7 @@ fn onlooker() -> AxisSettings {
         on_fault: OnFault::Hold,
         levels: Levels::default(),
         datum: Datum::default(),
-        apart: None,
+        intercept_slope: None,
         probe: None,
     }
 }

@@ -146,7 +146,7 @@ fn limits(axis: &AxisSettings) -> Limits {
         limit_um: axis.guard.limit.get(),
         step_um: axis.guard.step.get(),
         every_s: axis.every.as_secs_f64(),
-        rate_um_per_s: axis.guard.rate,
+        rate_um_per_s: axis.guard.rate.get(),
         deadband_um: axis.guard.deadband.get(),
         warn_um: axis.levels.warn.map(|level| level.get()),
         error_um: axis.levels.error.map(|level| level.get()),

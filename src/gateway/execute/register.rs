@@ -185,8 +185,8 @@ impl Register {
 
     /// What is wanted, in counts from the bias. A reference position is a constant.
     fn offset(&self, shared: &LineHandle, output: &Output, order: &Order) -> i64 {
-        match (output.writes, shared.profile.axis(output.axis).settings.apart) {
-            (Writes::Reference, Some(apart)) => self.units.counts(&output.encoding, apart.reference),
+        match (output.writes, shared.profile.axis(output.axis).settings.intercept_slope) {
+            (Writes::Reference, Some(line)) => self.units.counts(&output.encoding, line.reference.get()),
             _ => self.units.offset(&output.encoding, order.cz),
         }
     }

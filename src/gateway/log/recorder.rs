@@ -31,7 +31,7 @@ impl Recorder {
     pub fn new(profile: &Profile) -> Recorder {
         let names = |axis: &Axis| axis.settings.models.iter().map(|model| cell(&model.name)).collect();
         let models = profile.axes.iter().map(names).collect();
-        let apart = profile.axes.iter().map(|axis| axis.settings.apart.is_some()).collect();
+        let apart = profile.axes.iter().map(|axis| axis.settings.intercept_slope.is_some()).collect();
         let probed = profile.axes.iter().map(|axis| axis.settings.probe.is_some()).collect();
         Recorder {
             models,
@@ -58,7 +58,7 @@ impl Recorder {
             header += &cell(&signal.name);
         }
         for axis in &profile.axes {
-            let slope = axis.settings.apart.map(|_| [SLOPE_FROM, SLOPE]);
+            let slope = axis.settings.intercept_slope.map(|_| [SLOPE_FROM, SLOPE]);
             let probe = axis.settings.probe.map(|_| [MEASURED, ACTING, FORGET, CORRECTION]);
             let more = slope.into_iter().flatten().chain(probe.into_iter().flatten());
             for column in [PERMIT, FROM].into_iter().chain(DECIDED).chain(more) {

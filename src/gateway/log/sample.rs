@@ -3,16 +3,18 @@
 use std::time::Duration;
 
 use isotherm_core::codec::{Address, DataType, Encoding, Register, Scale, Table, WordOrder};
-use isotherm_core::compensation::model::{Expression, Formula, Kind, Linear, Model, Reference, Symbol, Term};
+use isotherm_core::compensation::model::{
+    Expression, Formula, Input, Kind, Linear, Model, Reference, Symbol, Term,
+};
 use isotherm_core::compensation::settings::{
     AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault,
 };
-use isotherm_core::quantity::Micron;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{Arm, Axis, DeviceId, History, Profile, Signal, Unit};
 
-fn um(value: f64) -> Micron {
-    Micron::new(value).unwrap()
+/// A number as the quantity that is asked for.
+pub(crate) fn of<Quantity: TryFrom<f64, Error = &'static str>>(value: f64) -> Quantity {
+    Quantity::try_from(value).unwrap()
 }
 
 fn signal(name: &str) -> Signal {
@@ -42,31 +44,38 @@ fn signal(name: &str) -> Signal {
 
 fn linear(name: &str, terms: &[(usize, f64, Reference)]) -> Model {
     let terms = terms.iter().map(|(place, gain, reference)| Term {
-        signal: SignalId(*place),
-        gain: *gain,
-        reference: *reference,
-        lag: None,
+        input: Input { signal: SignalId(*place), reference: *reference, lag: None },
+        gain: of(*gain),
     });
     Model {
         name: name.to_owned(),
-        kind: Kind::Linear(Linear { offset: 0.0, terms: terms.collect(), slope: None }),
+        kind: Kind::Linear(Linear { offset: of(0.0), terms: terms.collect(), slope: None }),
         envelope: None,
     }
 }
 
 fn axis(name: &str, every: u64, count: f64, on_fault: OnFault, models: Vec<Model>) -> Axis {
     let guard = GuardSettings {
-        limit: um(40.0),
-        step: um(1.0),
-        rate: 0.5,
-        deadband: um(0.1),
-        count: Some(um(count)),
+        limit: of(40.0),
+        step: of(1.0),
+        rate: of(0.5),
+        deadband: of(0.1),
+        count: Some(of(count)),
     };
     let every = Duration::from_secs(every);
     let name = name.to_owned();
     let (levels, datum) = (Levels::default(), Datum::Model);
-    let settings =
-        AxisSettings { name, models, guard, every, on_fault, levels, datum, apart: None, probe: None };
+    let settings = AxisSettings {
+        name,
+        models,
+        guard,
+        every,
+        on_fault,
+        levels,
+        datum,
+        intercept_slope: None,
+        probe: None,
+    };
     Axis { settings, diameter: false, probe_input: None }
 }
 
@@ -80,7 +89,7 @@ pub(crate) fn profile() -> Profile {
     let expression = Expression::parse("2.4 * (A - (2e-5*t + 23.4))", &resolve).unwrap();
     let bed_only =
         Model { name: "bed, only".to_owned(), kind: Kind::Formula(Formula { expression }), envelope: None };
-    let absolute = Reference::Fixed(0.0);
+    let absolute = Reference::Fixed(of(0.0));
     let difference = linear("difference", &[(0, 2.4, absolute), (1, -2.4, absolute)]);
     let rises = linear("the \"rises\"", &[(0, 1.7, Reference::Zero), (1, -0.3, Reference::Start)]);
     Profile {

@@ -14,7 +14,7 @@ fn lagging() -> Profile {
     profile.machine.on = None;
     let Kind::Linear(linear) = &mut profile.axes[0].settings.models[0].kind else { panic!("linear") };
     for term in &mut linear.terms {
-        (term.lag, term.reference) = (Some(Duration::from_secs(1800)), Reference::Start);
+        (term.input.lag, term.input.reference) = (Some(Duration::from_secs(1800)), Reference::Start);
     }
     profile
 }
@@ -83,7 +83,7 @@ fn a_lag_is_found_again_by_its_signals_name_when_the_list_has_changed() {
     for axis in &mut changed.axes {
         for model in &mut axis.settings.models {
             let Kind::Linear(linear) = &mut model.kind else { continue };
-            linear.terms.iter_mut().for_each(|term| term.signal.0 = 1 - term.signal.0);
+            linear.terms.iter_mut().for_each(|term| term.input.signal.0 = 1 - term.input.signal.0);
         }
     }
     let recalled = Memory::recall(&Files, &path, &changed).remembered;
@@ -102,7 +102,7 @@ fn a_file_of_the_first_layout_is_still_read_and_one_of_a_later_is_set_aside() {
     let recalled = Memory::recall(&Files, &path, &profile);
     assert_eq!(recalled.trouble, None);
     let captured = recalled.remembered.machine.captured(Reference::Zero, isotherm_core::reading::SignalId(0));
-    assert_eq!(captured.map(|captured| captured.value), Some(21.5));
+    assert_eq!(captured.map(|captured| captured.value.get()), Some(21.5));
 
     std::fs::write(&path, first.replace("\"version\":1", "\"version\":9")).unwrap();
     let recalled = Memory::recall(&Files, &path, &profile);

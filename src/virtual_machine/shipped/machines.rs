@@ -89,7 +89,7 @@ impl Held {
         let shipped = self.rig.lines();
         assert_eq!(shipped.len(), self.figures.len());
         assert!(
-            shipped.iter().all(|(_, line)| line.offset.abs() < 1e-12),
+            shipped.iter().all(|(_, line)| line.offset.get().abs() < 1e-12),
             "an offset has nothing to do here"
         );
         for Fitted { axis, fit, shipped_rms } in self.rig.fitted(&shipped, &RECORDED, self.hours) {

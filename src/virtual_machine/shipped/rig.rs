@@ -5,9 +5,10 @@ use std::time::Duration;
 
 use super::fit::{Fit, least_squares, left, rms};
 use crate::virtual_machine::{Plant, PlantSpec};
-use isotherm_core::compensation::model::{Kind, Linear, Model, Term};
+use isotherm_core::compensation::model::{Input, Kind, Linear, Model, Term};
 use isotherm_core::compensation::settings::AxisSettings;
 use isotherm_core::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
+use isotherm_core::quantity::{Micron, MicronPerCelsius};
 use isotherm_core::reading::Reading;
 use isotherm_profile::Profile;
 
@@ -87,22 +88,22 @@ impl Rig {
     /// Fits these sums, as they stand but for their gains, to the days of these seeds, one sample a minute.
     pub(super) fn fitted(&self, lines: &[(String, Linear)], seeds: &[u64], hours: u64) -> Vec<Fitted> {
         // An axis for each term, that asks for the rise alone.
-        let terms: Vec<Term> = lines.iter().flat_map(|(_, line)| line.all_terms()).copied().collect();
-        let controls = vec![Control::default(); terms.len()];
+        let inputs: Vec<Input> = lines.iter().flat_map(|(_, line)| line.rises()).copied().collect();
+        let controls = vec![Control::default(); inputs.len()];
         let mut rows = vec![Vec::new(); lines.len()];
         let mut targets = vec![Vec::new(); lines.len()];
         for seed in seeds {
-            let mut core = self.core(terms.iter().map(|term| self.alone(*term)).collect());
+            let mut core = self.core(inputs.iter().map(|input| self.alone(*input)).collect());
             self.day(*seed, hours, |second, plant, snapshot| {
                 core.step(snapshot, &controls);
                 let rise = |place| Some(core.model_value(place, snapshot)?.1.get());
-                let rises: Option<Vec<f64>> = (0..terms.len()).map(rise).collect();
+                let rises: Option<Vec<f64>> = (0..inputs.len()).map(rise).collect();
                 let Some(rises) = rises.filter(|_| second % 60 == 0) else { return };
                 let mut rises = rises.into_iter();
                 for (place, (axis, line)) in lines.iter().enumerate() {
-                    let mut row: Vec<f64> = rises.by_ref().take(line.all_terms().count()).collect();
+                    let mut row: Vec<f64> = rises.by_ref().take(line.rises().count()).collect();
                     if let Some(slope) = &line.slope {
-                        let distance = snapshot.value(slope.position).unwrap() - slope.reference;
+                        let distance = snapshot.value(slope.position).unwrap() - slope.reference.get();
                         row[line.terms.len()..].iter_mut().for_each(|value| *value *= distance);
                     }
                     rows[place].push(row);
@@ -111,15 +112,16 @@ impl Rig {
             });
         }
         let fitted = lines.iter().zip(rows.iter().zip(&targets)).map(|((axis, line), (rows, target))| {
-            let gains: Vec<f64> = line.all_terms().map(|term| term.gain).collect();
+            let gains: Vec<f64> = line.gains().collect();
             let shipped_rms = rms(&left(rows, &gains, target));
             Fitted { axis: axis.clone(), fit: least_squares(rows, target), shipped_rms }
         });
         fitted.collect()
     }
 
-    fn alone(&self, term: Term) -> AxisSettings {
-        let linear = Linear { offset: 0.0, terms: vec![Term { gain: 1.0, ..term }], slope: None };
+    fn alone(&self, input: Input) -> AxisSettings {
+        let gain = MicronPerCelsius::new(1.0).unwrap();
+        let linear = Linear { offset: Micron::ZERO, terms: vec![Term { input, gain }], slope: None };
         let model = Model { name: "alone".to_owned(), kind: Kind::Linear(linear), envelope: None };
         let every = Duration::from_secs(1);
         AxisSettings { models: vec![model], every, ..self.profile.axes[0].settings.clone() }

@@ -6,7 +6,7 @@ use isotherm_core::codec::{Address, DataType, Encoding, Scale, WordOrder};
 use isotherm_core::compensation::settings::{
     AxisSettings, Datum, GuardSettings, Levels, MachineSettings, OnFault,
 };
-use isotherm_core::quantity::Micron;
+use isotherm_core::quantity::{Micron, MicronPerSecond};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{
     Arm, Axis, AxisId, Bus, Device, Functions, Heartbeat, History, Output, Quirks, Share, Signal, Transport,
@@ -62,7 +62,7 @@ pub(in crate::virtual_machine) fn profile() -> Profile {
         guard: GuardSettings {
             limit: Micron::new(40.0).unwrap(),
             step: Micron::new(1.0).unwrap(),
-            rate: 0.5,
+            rate: MicronPerSecond::new(0.5).unwrap(),
             deadband: Micron::ZERO,
             count: None,
         },
@@ -70,7 +70,7 @@ pub(in crate::virtual_machine) fn profile() -> Profile {
         on_fault: OnFault::Hold,
         levels: Levels::default(),
         datum: Datum::Model,
-        apart: None,
+        intercept_slope: None,
         probe: None,
     };
     let signals = vec![

@@ -4,11 +4,11 @@ use std::time::Duration;
 
 use super::datum::Zeroing;
 use super::guard::{Guard, Pace};
-use super::model::{CLEARLY_INSIDE, Known, Lag, Model, Outside, Place, Reference, Unusable, Wanted};
+use super::model::{CLEARLY_INSIDE, Coverage, Evaluated, Inputs, Lag, Model, Outside, Reference, Unusable};
 use super::probe::Probe;
 use super::reference::Machine;
 use super::remembered::AxisRemembered;
-use super::settings::{AxisSettings, Datum, GuardSettings, InterceptSlope, MachineSettings, OnFault};
+use super::settings::{AxisSettings, Datum, GuardSettings, MachineSettings, OnFault};
 use super::{AxisRunning, AxisState, Control, Decision, Permit, Snapshot, Stages};
 use crate::quantity::{Micron, Moment};
 
@@ -46,7 +46,7 @@ pub(super) struct Chosen {
     /// What the slope comes to at the reach.
     slope: Micron,
     /// Where the machine is in or outside what the model was identified on.
-    place: Option<Place>,
+    coverage: Option<Coverage>,
 }
 
 impl Axis {
@@ -65,7 +65,7 @@ impl Axis {
             extrapolating: None,
             excess: None,
         };
-        let lags = settings.models.iter().map(|model| model.terms().map(|_| Lag::default()).collect());
+        let lags = settings.models.iter().map(|model| model.rises().map(|_| Lag::default()).collect());
         Axis {
             lags: lags.collect(),
             zeroing: Zeroing::new(settings.models.len()),
@@ -86,8 +86,8 @@ impl Axis {
     /// Takes up what it remembers; a term that is not the one remembered begins anew.
     pub(super) fn recall(&mut self, remembered: &AxisRemembered) {
         for (model, lags) in self.settings.models.iter().zip(&mut self.lags) {
-            for ((place, term), lag) in model.terms().enumerate().zip(lags) {
-                *lag = remembered.lag(&model.name, place, &term);
+            for ((place, input), lag) in model.rises().enumerate().zip(lags) {
+                *lag = remembered.lag(&model.name, place, input);
             }
         }
         if self.settings.datum == Datum::Zero {
@@ -130,8 +130,8 @@ impl Axis {
     /// The lags go on to this snapshot, those of an axis that is not due or not armed too: its structure does not wait.
     pub(super) fn follow(&mut self, snapshot: &Snapshot<'_>, machine: &Machine) {
         for (model, lags) in self.settings.models.iter().zip(&mut self.lags) {
-            for (term, lag) in model.terms().zip(lags) {
-                lag.follow(&term, snapshot, machine);
+            for (input, lag) in model.rises().zip(lags) {
+                lag.follow(input, snapshot, machine);
             }
         }
     }
@@ -155,9 +155,14 @@ impl Axis {
         now >= due || now < last || control.permit != self.permit || control.takes_over() || control.teaches()
     }
 
-    fn ask(&self, place: usize, snapshot: &Snapshot<'_>, machine: &Machine) -> Result<Wanted, Unusable> {
-        let (model, known) = self.model(place, snapshot, machine).ok_or(Unusable::NotANumber)?;
-        model.wants(&known)
+    fn evaluate(
+        &self,
+        place: usize,
+        snapshot: &Snapshot<'_>,
+        machine: &Machine,
+    ) -> Result<Evaluated, Unusable> {
+        let (model, inputs) = self.model(place, snapshot, machine).ok_or(Unusable::NotANumber)?;
+        model.wants(&inputs)
     }
 
     /// A model, and what it is evaluated from.
@@ -166,14 +171,15 @@ impl Axis {
         place: usize,
         snapshot: &'a Snapshot<'a>,
         machine: &'a Machine,
-    ) -> Option<(&'a Model, Known<'a>)> {
+    ) -> Option<(&'a Model, Inputs<'a>)> {
         let lags = self.lags.get(place).map(Vec::as_slice).unwrap_or_default();
-        let known = Known { snapshot, machine, lags, apart: self.settings.apart.is_some() };
-        Some((self.settings.models.get(place)?, known))
+        let inputs =
+            Inputs { snapshot, machine, lags, splits_slope: self.settings.intercept_slope.is_some() };
+        Some((self.settings.models.get(place)?, inputs))
     }
 
     /// The first model whose signals are all good, with its value, and what the preferred one lacks. One that only
-    /// waits for a reference or for the machine's start is waited for: lesser models stand in for broken sensors.
+    /// waits for a reference or for the machine's start is waited for: fallback models stand in for broken sensors.
     pub(super) fn choose(
         &self,
         snapshot: &Snapshot<'_>,
@@ -181,10 +187,10 @@ impl Axis {
     ) -> (Option<Chosen>, Option<Unusable>) {
         let mut lacks = None;
         for place in 0..self.settings.models.len() {
-            match self.ask(place, snapshot, machine) {
-                Ok(wanted) => {
+            match self.evaluate(place, snapshot, machine) {
+                Ok(evaluated) => {
                     let correction = self.correction(place, snapshot, machine);
-                    return (self.chosen(place, wanted, correction), lacks);
+                    return (self.chosen(place, evaluated, correction), lacks);
                 }
                 Err(reason @ (Unusable::Reference(_) | Unusable::MachineOff)) => {
                     return (None, lacks.or(Some(reason)));
@@ -197,17 +203,17 @@ impl Axis {
 
     /// Where its envelope shrinks, what is left of the datum and of the correction shrinks with it: far outside Cz goes
     /// to zero.
-    fn chosen(&self, model: usize, wanted: Wanted, correction: f64) -> Option<Chosen> {
-        let Wanted { asked, place } = wanted;
+    fn chosen(&self, model: usize, evaluated: Evaluated, correction: f64) -> Option<Chosen> {
+        let Evaluated { outputs, coverage } = evaluated;
         let datum = self.zeroing.of(model);
-        let gain = place.and_then(|place| place.extrapolating).map_or(1.0, |found| found.gain);
-        let reach = self.settings.apart.map_or(0.0, |apart| apart.reach);
+        let gain = coverage.and_then(|coverage| coverage.extrapolating).map_or(1.0, |found| found.gain);
+        let reach = self.settings.intercept_slope.map_or(0.0, |line| line.reach.get());
         Some(Chosen {
             model,
-            raw: Micron::new((asked.cz - datum.cz + correction) * gain)?,
+            raw: Micron::new((outputs.cz.get() - datum.cz.get() + correction) * gain)?,
             correction: Micron::new(correction * gain)?,
-            slope: Micron::new((asked.slope - datum.slope) * gain * reach)?,
-            place,
+            slope: Micron::new((outputs.slope.get() - datum.slope.get()) * gain * reach)?,
+            coverage,
         })
     }
 
@@ -216,7 +222,8 @@ impl Axis {
         let dt = self.stepped.map_or(self.settings.every, |last| now.since(last));
         if self.zeroing.is_open() {
             let mut zeroing = std::mem::take(&mut self.zeroing);
-            zeroing.gather(now, |place| self.ask(place, snapshot, machine).ok().map(|wanted| wanted.asked));
+            zeroing
+                .gather(now, |place| self.evaluate(place, snapshot, machine).ok().map(|found| found.outputs));
             self.zeroing = zeroing;
         }
         if self.settings.probe.is_some() {
@@ -227,7 +234,7 @@ impl Axis {
             self.guard.take_over(found, &self.settings.guard);
         }
         // An axis without a line of its own has no slope to go on from.
-        if let Some(found) = control.take_over_slope.filter(|_| self.settings.apart.is_some()) {
+        if let Some(found) = control.take_over_slope.filter(|_| self.settings.intercept_slope.is_some()) {
             self.slope_guard.take_over(found, &self.slope_settings());
         }
         self.note_error_level(chosen, control.permit);
@@ -251,8 +258,8 @@ impl Axis {
             acted,
             lacks,
             tripped: self.tripped,
-            extrapolating: chosen.and_then(|chosen| chosen.place?.extrapolating),
-            excess: chosen.and_then(|chosen| chosen.place).map(|place| place.excess),
+            extrapolating: chosen.and_then(|chosen| chosen.coverage?.extrapolating),
+            excess: chosen.and_then(|chosen| chosen.coverage).map(|coverage| coverage.excess),
         };
         self.due = Some(self.next_due(now));
         self.permit = control.permit;
@@ -284,7 +291,7 @@ impl Axis {
             return (self.guard.value(), self.slope_guard.value(), Stages::default());
         };
         let (cz, acted) = self.guard.advance(cz, dt, pace, &self.settings.guard);
-        if self.settings.apart.is_none() {
+        if self.settings.intercept_slope.is_none() {
             return (cz, Micron::ZERO, acted);
         }
         let (slope, also) = self.slope_guard.advance(slope, dt, pace, &self.slope_settings());
@@ -294,7 +301,7 @@ impl Axis {
     /// The slope's effect at the reach has the same bounds as Cz, in counts of its own register.
     fn slope_settings(&self) -> GuardSettings {
         GuardSettings {
-            count: self.settings.apart.and_then(|InterceptSlope { count, .. }| count),
+            count: self.settings.intercept_slope.and_then(|line| line.count),
             ..self.settings.guard
         }
     }
@@ -319,12 +326,13 @@ impl Axis {
     /// Outside the region the model was identified on, and not to be followed there until clearly inside again.
     fn keeps_outside(&self, chosen: &Chosen) -> bool {
         let envelope = self.settings.models.get(chosen.model).and_then(|model| model.envelope.as_ref());
-        let Some(place) = chosen.place.filter(|_| envelope.is_some_and(|e| e.outside() == Outside::Hold))
+        let Some(coverage) =
+            chosen.coverage.filter(|_| envelope.is_some_and(|e| e.outside() == Outside::Hold))
         else {
             return false;
         };
-        let begins = place.extrapolating.is_some_and(|found| found.outside == Outside::Hold);
-        begins || (self.kept_outside && place.extrapolating.is_none() && place.excess >= CLEARLY_INSIDE)
+        let begins = coverage.extrapolating.is_some_and(|found| found.outside == Outside::Hold);
+        begins || (self.kept_outside && coverage.extrapolating.is_none() && coverage.excess >= CLEARLY_INSIDE)
     }
 
     fn next_state(&self, now: Moment, followed: Option<usize>, permit: Permit, outside: bool) -> AxisState {

@@ -7,8 +7,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::model::Asked;
-use crate::quantity::Moment;
+use super::model::Outputs;
+use crate::quantity::{Micron, MicronPerMillimetre, Moment};
 
 /// The datum of one axis, model by model.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -21,8 +21,8 @@ pub(super) struct Zeroing {
 /// What is subtracted from one model, and the mean that will be.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Level {
-    cz: f64,
-    slope: f64,
+    cz: Micron,
+    slope: MicronPerMillimetre,
     sum: (f64, f64),
     count: u32,
 }
@@ -46,8 +46,10 @@ impl Zeroing {
     }
 
     /// What is to be subtracted from what a model asks for.
-    pub(super) fn of(&self, model: usize) -> Asked {
-        self.models.get(model).map_or(Asked::default(), |level| Asked { cz: level.cz, slope: level.slope })
+    pub(super) fn of(&self, model: usize) -> Outputs {
+        self.models
+            .get(model)
+            .map_or(Outputs::default(), |level| Outputs { cz: level.cz, slope: level.slope })
     }
 
     pub(super) fn begin(&mut self, until: Moment) {
@@ -58,18 +60,18 @@ impl Zeroing {
     }
 
     /// Takes in what the models ask for now; complete once the time is over and at least one had a value.
-    pub(super) fn gather(&mut self, now: Moment, ask: impl Fn(usize) -> Option<Asked>) {
+    pub(super) fn gather(&mut self, now: Moment, evaluate: impl Fn(usize) -> Option<Outputs>) {
         let Some(until) = self.until else { return };
         for (place, level) in self.models.iter_mut().enumerate() {
-            if let Some(asked) = ask(place) {
-                level.sum = (level.sum.0 + asked.cz, level.sum.1 + asked.slope);
+            if let Some(outputs) = evaluate(place) {
+                level.sum = (level.sum.0 + outputs.cz.get(), level.sum.1 + outputs.slope.get());
                 level.count += 1;
             }
         }
         let first = self.models.iter().find_map(Level::mean);
         if let Some(first) = first.filter(|_| now >= until) {
             for level in &mut self.models {
-                let Asked { cz, slope } = level.mean().unwrap_or(first);
+                let Outputs { cz, slope } = level.mean().unwrap_or(first);
                 *level = Level { cz, slope, ..Level::default() };
             }
             self.until = None;
@@ -78,9 +80,9 @@ impl Zeroing {
 }
 
 impl Level {
-    fn mean(&self) -> Option<Asked> {
+    /// `None` where nothing was counted, or the sum is no finite number.
+    fn mean(&self) -> Option<Outputs> {
         let count = f64::from(self.count);
-        let mean = Asked { cz: self.sum.0 / count, slope: self.sum.1 / count };
-        (self.count > 0 && mean.cz.is_finite() && mean.slope.is_finite()).then_some(mean)
+        Outputs::of(self.sum.0 / count, self.sum.1 / count).ok()
     }
 }

@@ -180,7 +180,7 @@ impl Grid<'_> {
 
 /// The largest change now, and the stage that sets it.
 fn allowance(dt: Duration, pace: Pace, settings: &GuardSettings) -> (Micron, Stages) {
-    let by_rate = Micron::new(settings.rate * dt.as_secs_f64()).unwrap_or(settings.step);
+    let by_rate = Micron::new(settings.rate.get() * dt.as_secs_f64()).unwrap_or(settings.step);
     if pace != Pace::Steps && by_rate < settings.step {
         (by_rate, Stages::RATE)
     } else {

@@ -14,7 +14,7 @@ mod taught;
 mod term;
 
 pub use super::reference::Reference;
-pub use envelope::{Beyond, CLEARLY_INSIDE, Envelope, Extrapolation, Outside, Place};
+pub use envelope::{Beyond, CLEARLY_INSIDE, Coverage, Envelope, Extrapolation, Outside};
 pub use formula::{Condition, Expression, ExpressionError, Formula, Symbol};
 pub use input::Input;
 pub use lag::{Lag, Lagged};
@@ -27,6 +27,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Snapshot;
 use super::reference::Machine;
+use crate::quantity::{Micron, MicronPerMillimetre};
 
 /// A model with the name the profile gives it.
 #[derive(Clone, Debug, PartialEq)]
@@ -44,7 +45,7 @@ pub struct Model {
 pub enum Kind {
     /// A sum of gains times temperature rises.
     Linear(Linear),
-    /// An expression over temperatures and machine-on time.
+    /// An expression over temperatures and the time since machine start.
     Formula(Formula),
     /// Displacements of a guideway from one temperature per block of the structure.
     Matrix(Matrix),
@@ -60,7 +61,7 @@ pub enum Unusable {
     Signal(SignalId),
     /// The reference of this signal has not been captured yet.
     Reference(SignalId),
-    /// Machine-on time has not begun: the machine has not been seen running.
+    /// The machine has not been seen running: there is no time since its start.
     MachineOff,
     /// The result is not a finite number (a division by zero, a root of a negative number).
     NotANumber,
@@ -68,33 +69,41 @@ pub enum Unusable {
 
 /// What a model is evaluated from.
 #[derive(Clone, Copy, Debug)]
-pub struct Known<'a> {
+pub struct Inputs<'a> {
     /// The readings.
     pub snapshot: &'a Snapshot<'a>,
-    /// Machine-on time and references.
+    /// The time since machine start, and references.
     pub machine: &'a Machine,
-    /// One for each of the model's terms, in their order.
+    /// One for each of [`Model::rises`], in their order.
     pub lags: &'a [Lag],
-    /// The control itself multiplies the slope by the distance: the two parts are wanted apart.
-    pub apart: bool,
+    /// The control itself multiplies the slope by the distance: it is given both parts.
+    pub splits_slope: bool,
 }
 
 /// What a model asks for.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Asked {
-    /// Cz at the present position, µm; where the parts are wanted apart, K0: Cz at the reference position.
-    pub cz: f64,
-    /// tanβ in µm/mm where the parts are wanted apart, else 0.
-    pub slope: f64,
+pub struct Outputs {
+    /// Cz at the present position; where the slope is split off, K0: Cz at the reference position.
+    pub cz: Micron,
+    /// tanβ where it is split off, else zero.
+    pub slope: MicronPerMillimetre,
 }
 
-/// What a model asks for, and whether it knows of what it speaks.
+impl Outputs {
+    /// Of µm and µm/mm as they were computed.
+    pub(super) fn of(cz: f64, slope: f64) -> Result<Outputs, Unusable> {
+        let outputs = Micron::new(cz).zip(MicronPerMillimetre::new(slope));
+        outputs.map(|(cz, slope)| Outputs { cz, slope }).ok_or(Unusable::NotANumber)
+    }
+}
+
+/// What a model asks for, and how far it can be trusted there.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Wanted {
-    /// As it comes from the model, finite: where the envelope shrinks it, before that.
-    pub asked: Asked,
+pub struct Evaluated {
+    /// As it comes from the model: where the envelope shrinks it, before that.
+    pub outputs: Outputs,
     /// Where the machine is in or outside what the model was identified on; `None` where that is not known.
-    pub place: Option<Place>,
+    pub coverage: Option<Coverage>,
 }
 
 /// What every kind of model can do.
@@ -102,72 +111,67 @@ pub trait Evaluate {
     /// The compensation value, from good readings only.
     ///
     /// # Errors
-    /// What is missing.
-    fn evaluate(&self, known: &Known<'_>) -> Result<Asked, Unusable>;
+    /// What is missing, or that the result is no finite number.
+    fn evaluate(&self, inputs: &Inputs<'_>) -> Result<Outputs, Unusable>;
 
     /// The signals it needs.
-    fn inputs(&self) -> Vec<SignalId>;
+    fn signals(&self) -> Vec<SignalId>;
 }
 
 impl Model {
-    /// What may lag, in order, one [`Lag`] for each: its terms, those of the slope last; the inputs of a matrix or a
-    /// network, as terms of gain 1.
-    pub fn terms(&self) -> impl Iterator<Item = Term> + '_ {
+    /// What may lag, in order, one [`Lag`] for each: the inputs of its terms, those of the slope last; of a matrix its
+    /// blocks, of a network what it reads.
+    pub fn rises(&self) -> impl Iterator<Item = &Input> {
         let (linear, inputs) = match &self.kind {
             Kind::Linear(linear) => (Some(linear), &[][..]),
             Kind::Formula(_) => (None, &[][..]),
             Kind::Matrix(matrix) => (None, matrix.blocks()),
             Kind::Network(network) => (None, network.reads()),
         };
-        linear.into_iter().flat_map(Linear::all_terms).copied().chain(inputs.iter().map(Input::term))
+        linear.into_iter().flat_map(Linear::rises).chain(inputs)
     }
 
     /// What it asks for now, and where its inputs lie.
     ///
     /// # Errors
     /// What is missing.
-    pub fn wants(&self, known: &Known<'_>) -> Result<Wanted, Unusable> {
-        let asked = self.evaluate(known)?;
-        let inputs = match &self.envelope {
-            Some(envelope) => Some(envelope.look(known)?),
-            None => None,
-        };
+    pub fn wants(&self, inputs: &Inputs<'_>) -> Result<Evaluated, Unusable> {
+        let outputs = self.evaluate(inputs)?;
+        let envelope = self.envelope.as_ref().map(|envelope| envelope.look(inputs)).transpose()?;
         let guideway = match &self.kind {
-            Kind::Matrix(matrix) => matrix.place(known.snapshot),
+            Kind::Matrix(matrix) => matrix.coverage(inputs.snapshot),
             _ => None,
         };
-        Ok(Wanted { asked, place: worse(inputs, guideway) })
+        Ok(Evaluated { outputs, coverage: worse(envelope, guideway) })
     }
 }
 
 /// An envelope comes before a guideway, whose ends count only where the axis is beyond them.
-fn worse(inputs: Option<Place>, guideway: Option<Place>) -> Option<Place> {
-    match (inputs, guideway) {
+fn worse(envelope: Option<Coverage>, guideway: Option<Coverage>) -> Option<Coverage> {
+    match (envelope, guideway) {
         (Some(inside), Some(beyond)) if inside.extrapolating.is_none() && beyond.extrapolating.is_some() => {
             guideway
         }
-        _ => inputs.or(guideway),
+        _ => envelope.or(guideway),
     }
 }
 
 impl Evaluate for Model {
-    fn evaluate(&self, known: &Known<'_>) -> Result<Asked, Unusable> {
-        let asked = match &self.kind {
-            Kind::Linear(linear) => linear.evaluate(known),
-            Kind::Formula(formula) => formula.evaluate(known),
-            Kind::Matrix(matrix) => matrix.evaluate(known),
-            Kind::Network(network) => network.evaluate(known),
-        }?;
-        let is_number = asked.cz.is_finite() && asked.slope.is_finite();
-        if is_number { Ok(asked) } else { Err(Unusable::NotANumber) }
+    fn evaluate(&self, inputs: &Inputs<'_>) -> Result<Outputs, Unusable> {
+        match &self.kind {
+            Kind::Linear(linear) => linear.evaluate(inputs),
+            Kind::Formula(formula) => formula.evaluate(inputs),
+            Kind::Matrix(matrix) => matrix.evaluate(inputs),
+            Kind::Network(network) => network.evaluate(inputs),
+        }
     }
 
-    fn inputs(&self) -> Vec<SignalId> {
+    fn signals(&self) -> Vec<SignalId> {
         match &self.kind {
-            Kind::Linear(linear) => linear.inputs(),
-            Kind::Formula(formula) => formula.inputs(),
-            Kind::Matrix(matrix) => matrix.inputs(),
-            Kind::Network(network) => network.inputs(),
+            Kind::Linear(linear) => linear.signals(),
+            Kind::Formula(formula) => formula.signals(),
+            Kind::Matrix(matrix) => matrix.signals(),
+            Kind::Network(network) => network.signals(),
         }
     }
 }

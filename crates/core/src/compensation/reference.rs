@@ -10,21 +10,21 @@ use serde::{Deserialize, Serialize};
 
 use super::Snapshot;
 use super::settings::MachineSettings;
-use crate::quantity::Moment;
+use crate::quantity::{Celsius, Moment};
 use crate::reading::SignalId;
 
 /// What ΔT is measured from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reference {
     /// A number; 0 means the temperature itself.
-    Fixed(f64),
+    Fixed(Celsius),
     /// The value at machine start.
     Start,
     /// The value at the last zero.
     Zero,
 }
 
-/// Machine-on time and the captured references of every signal.
+/// The time since machine start and the captured references of every signal.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Machine {
     on_since: Option<Moment>,
@@ -48,7 +48,7 @@ struct Capture {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Captured {
     /// In the signal's unit.
-    pub value: f64,
+    pub value: Celsius,
     /// When it was complete; the beginning of time for a fixed one.
     pub at: Moment,
 }
@@ -64,7 +64,7 @@ struct Gathering {
 /// What [`Machine::observe`] noticed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Noticed {
-    /// Machine-on time begins now.
+    /// The time since machine start begins to count now.
     pub started: bool,
     /// The references given as "zero" are captured from now on.
     pub zeroed: bool,
@@ -96,7 +96,7 @@ impl Machine {
             Reference::Start => self.start.get(signal.0)?,
             Reference::Zero => self.zero.get(signal.0)?,
         };
-        Some(Captured { value: capture.value?, at: capture.at })
+        Some(Captured { value: Celsius::new(capture.value?)?, at: capture.at })
     }
 
     /// Whether these values hold an edge, or the first good reading, that [`Machine::observe`] would act upon.
@@ -115,7 +115,7 @@ impl Machine {
             || (self.waits_for_a_reading(settings) && any_usable())
     }
 
-    /// Takes in a snapshot: edges, machine-on time, references being gathered.
+    /// Takes in a snapshot: edges, the machine start, references being gathered.
     pub fn observe(&mut self, settings: &MachineSettings, snapshot: &Snapshot<'_>) -> Noticed {
         let fresh = Capture { gathering: Some(Gathering::new(snapshot.now, settings)), ..Capture::default() };
         // A signal that the profile gained since the machine started is captured from now on.

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::AxisRunning;
 use super::datum::{Level, Zeroing};
-use super::model::{Lag, Lagged, Reference, Term};
+use super::model::{Input, Lag, Lagged, Reference};
 use super::probe::{Probe, ProbeRemembered};
 use super::reference::Machine;
 use super::settings::{AxisSettings, Datum};
@@ -19,7 +19,7 @@ use crate::quantity::Moment;
 /// The memory of a machine.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Remembered {
-    /// Machine-on time and references.
+    /// The time since machine start, and references.
     #[serde(flatten)]
     pub machine: Machine,
     /// Those that have lags, a datum or a probe.
@@ -108,14 +108,14 @@ impl AxisRemembered {
     ) -> Option<AxisRemembered> {
         let mut terms = Vec::new();
         for (model, lags) in settings.models.iter().zip(lags) {
-            for ((place, term), lag) in model.terms().enumerate().zip(lags) {
-                let Some((constant, lagged)) = term.lag.zip(lag.kept()) else { continue };
+            for ((place, input), lag) in model.rises().enumerate().zip(lags) {
+                let Some((constant, lagged)) = input.lag.zip(lag.kept()) else { continue };
                 terms.push(TermRemembered {
                     model: model.name.clone(),
                     term: place,
-                    signal: term.signal.0,
+                    signal: input.signal.0,
                     constant,
-                    reference: term.reference.into(),
+                    reference: input.reference.into(),
                     lagged,
                 });
             }
@@ -133,11 +133,11 @@ impl AxisRemembered {
         (!kept.lags.is_empty() || !kept.datum.is_empty() || kept.probe.is_some()).then_some(kept)
     }
 
-    pub(super) fn lag(&self, model: &str, place: usize, term: &Term) -> Lag {
+    pub(super) fn lag(&self, model: &str, place: usize, input: &Input) -> Lag {
         let same = |kept: &&TermRemembered| {
             kept.model == model
-                && (kept.term, kept.signal) == (place, term.signal.0)
-                && (Some(kept.constant), kept.reference) == (term.lag, term.reference.into())
+                && (kept.term, kept.signal) == (place, input.signal.0)
+                && (Some(kept.constant), kept.reference) == (input.lag, input.reference.into())
         };
         self.lags.iter().find(same).map_or(Lag::default(), |kept| Lag::recalled(kept.lagged))
     }

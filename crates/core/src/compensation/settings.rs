@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::model::Model;
-use crate::quantity::Micron;
+use crate::quantity::{Micron, MicronPerSecond, Millimetre};
 
 mod machine;
 
@@ -27,7 +27,7 @@ pub struct AxisSettings {
     /// What Cz is measured from.
     pub datum: Datum,
     /// The control multiplies the slope by the distance itself and is given both parts; `None`: it is given Cz.
-    pub apart: Option<InterceptSlope>,
+    pub intercept_slope: Option<InterceptSlope>,
     /// Measured errors correct its models; `None`: it takes none.
     pub probe: Option<ProbeSettings>,
 }
@@ -79,10 +79,10 @@ pub enum Datum {
 /// The bounds of a slope that the control applies itself.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct InterceptSlope {
-    /// P0: where the slope adds nothing, mm.
-    pub reference: f64,
-    /// The farthest that the axis goes from the reference position, mm: tanβ times this obeys the axis's guard.
-    pub reach: f64,
+    /// P0: where the slope adds nothing.
+    pub reference: Millimetre,
+    /// The farthest that the axis goes from the reference position: tanβ times this obeys the axis's guard.
+    pub reach: Millimetre,
     /// One count of the slope's register, as its effect at the reach in µm; `None` where it takes fractions.
     pub count: Option<Micron>,
 }
@@ -91,7 +91,7 @@ impl AxisSettings {
     /// How often an axis that goes to zero updates: as often as its rate needs it to, however slow its normal period,
     /// but no oftener than a fieldbus could follow.
     pub fn ramp_period(&self) -> Duration {
-        let one_step = self.guard.step.get() / self.guard.rate;
+        let one_step = self.guard.step.get() / self.guard.rate.get();
         let one_step = Duration::try_from_secs_f64(one_step).unwrap_or(Duration::MAX);
         self.every.min(one_step.max(SHORTEST_PERIOD))
     }
@@ -103,7 +103,7 @@ impl AxisSettings {
         let speed = match self.on_fault {
             OnFault::Hold => return Duration::ZERO,
             OnFault::Zero => a_step_each,
-            OnFault::Ramp { .. } => a_step_each.min(self.guard.rate),
+            OnFault::Ramp { .. } => a_step_each.min(self.guard.rate.get()),
         };
         let way = Duration::try_from_secs_f64(cz.abs().get() / speed).unwrap_or(Duration::MAX);
         way.saturating_add(period * 2)
@@ -120,8 +120,8 @@ pub struct GuardSettings {
     pub limit: Micron,
     /// Largest change of one update.
     pub step: Micron,
-    /// Largest speed, µm/s.
-    pub rate: f64,
+    /// Largest speed.
+    pub rate: MicronPerSecond,
     /// A change smaller than this is not made.
     pub deadband: Micron,
     /// One count of the register in µm of Cz; `None` where the register takes fractions.

@@ -1,6 +1,7 @@
-use super::model::{Expression, Formula, Kind, Linear, Model, Reference, Slope, Symbol, Term};
+use super::model::{Expression, Formula, Input, Kind, Linear, Model, Reference, Slope, Symbol, Term};
 use super::settings::{Datum, GuardSettings, InterceptSlope, Levels, OnFault};
 use super::*;
+use crate::quantity::of;
 use crate::reading::Reason;
 use std::time::Duration;
 
@@ -27,14 +28,27 @@ fn seconds(seconds: f64) -> Duration {
     Duration::from_secs_f64(seconds)
 }
 
-fn term(signal: SignalId, gain: f64, reference: Reference) -> Term {
-    Term { signal, gain, reference, lag: None }
+fn term<Gain: TryFrom<f64, Error = &'static str>>(
+    signal: SignalId,
+    gain: f64,
+    reference: Reference,
+) -> Term<Gain> {
+    lagged(signal, gain, reference, None)
+}
+
+fn lagged<Gain: TryFrom<f64, Error = &'static str>>(
+    signal: SignalId,
+    gain: f64,
+    reference: Reference,
+    lag: Option<Duration>,
+) -> Term<Gain> {
+    Term { input: Input { signal, reference, lag }, gain: of(gain) }
 }
 
 fn linear(name: &str, offset: f64, terms: &[Term]) -> Model {
     Model {
         name: name.to_owned(),
-        kind: Kind::Linear(Linear { offset, terms: terms.to_vec(), slope: None }),
+        kind: Kind::Linear(Linear { offset: um(offset), terms: terms.to_vec(), slope: None }),
         envelope: None,
     }
 }
@@ -54,7 +68,7 @@ fn formula(name: &str, text: &str) -> Model {
 
 /// M1: `Cz = Kz (A − B)`.
 fn difference() -> Model {
-    let absolute = Reference::Fixed(0.0);
+    let absolute = Reference::Fixed(of(0.0));
     linear("difference", 0.0, &[term(BED, 2.4, absolute), term(WHEELHEAD, -2.4, absolute)])
 }
 
@@ -70,7 +84,7 @@ fn axis(models: Vec<Model>) -> AxisSettings {
         guard: GuardSettings {
             limit: um(40.0),
             step: um(1.0),
-            rate: 0.5,
+            rate: of(0.5),
             deadband: um(0.1),
             count: Some(um(0.1)),
         },
@@ -78,7 +92,7 @@ fn axis(models: Vec<Model>) -> AxisSettings {
         on_fault: OnFault::Ramp { after: seconds(60.0) },
         levels: Levels::default(),
         datum: Datum::Model,
-        apart: None,
+        intercept_slope: None,
         probe: None,
     }
 }

@@ -186,7 +186,7 @@ pub(super) fn limits(axis: &AxisSettings) -> Markup {
         dl .facts {
             dt { "largest Cz" } dd { "± " (micron(axis.guard.limit.get())) }
             dt { "largest step" } dd { (micron(axis.guard.step.get())) " in " (time(axis.every)) }
-            dt { "largest rate" } dd { (chart::tick(axis.guard.rate)) " µm/s, " (decimals(axis.guard.rate * 60.0, 1)) " µm/min" }
+            dt { "largest rate" } dd { (chart::tick(axis.guard.rate.get())) " µm/s, " (decimals(axis.guard.rate.get() * 60.0, 1)) " µm/min" }
             dt { "deadband" } dd { (micron(axis.guard.deadband.get())) }
             @if let Some(warn) = axis.levels.warn { dt { "warns beyond" } dd { (micron(warn.get())) } }
             @if let Some(error) = axis.levels.error { dt { "goes off beyond" } dd { (micron(error.get())) } }

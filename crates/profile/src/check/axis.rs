@@ -9,7 +9,7 @@ use crate::raw::{
 };
 use isotherm_core::compensation::model::Model;
 use isotherm_core::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, OnFault};
-use isotherm_core::quantity::Micron;
+use isotherm_core::quantity::{Micron, MicronPerSecond};
 
 impl Check<'_> {
     pub(super) fn axes(&mut self, signals: &Signals) -> Vec<Option<Axis>> {
@@ -55,7 +55,7 @@ impl Check<'_> {
             on_fault: on_fault?,
             levels: levels?,
             datum,
-            apart: None,
+            intercept_slope: None,
             probe,
         };
         Some(Axis { settings, diameter: raw.diameter.unwrap_or(false), probe_input })
@@ -87,7 +87,7 @@ impl Check<'_> {
         Some(GuardSettings {
             limit: Micron::new(limit?)?,
             step: Micron::new(step?)?,
-            rate: rate?,
+            rate: MicronPerSecond::new(rate?)?,
             deadband: Micron::new(deadband)?,
             count: None,
         })

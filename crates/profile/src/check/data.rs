@@ -13,6 +13,7 @@ use isotherm_core::compensation::model::network::Net;
 use isotherm_core::compensation::model::{
     Envelope, Evaluate, Input, Matrix, Model, Network, Outside, Reference,
 };
+use isotherm_core::quantity::Celsius;
 
 /// 1 mm in µm.
 const MICRONS: f64 = 1000.0;
@@ -66,7 +67,10 @@ impl Check<'_> {
             Carries::Work => 1.0,
         };
         let gains = file.component(component, MICRONS * along * acts);
-        let matrix = Matrix::new(name, inputs, position?, file.guide_mm, gains);
+        let position = position?;
+        let matrix = quantities(file.guide_mm)
+            .and_then(|guide| Ok((guide, quantities(gains)?)))
+            .and_then(|(guide, gains)| Matrix::new(name, inputs, position, guide, gains));
         self.taken(&at, name, matrix)
     }
 
@@ -80,7 +84,7 @@ impl Check<'_> {
                 "write file = \"spindle.onnx\", or a .json of the project's own format, beside the profile";
             self.missing(path, "file", "`file` is missing: a network needs it", help);
         }
-        let inputs = self.data_inputs(path, raw, Some(Reference::Fixed(0.0)));
+        let inputs = self.data_inputs(path, raw, Some(Reference::Fixed(Celsius::ZERO)));
         let name = raw.file.as_deref()?;
         let at = child(path, "file");
         let bytes = self.data(&at, name)?;
@@ -126,7 +130,7 @@ impl Check<'_> {
         let at = child(path, "envelope");
         let bytes = self.data(&at, name)?;
         let file = self.taken(&at, name, EnvelopeFile::parse(&bytes))?;
-        let reads = model?.inputs();
+        let reads = model?.signals();
         let mut known = Vec::new();
         for input in &file.inputs {
             let signal = reads.iter().copied().find(|id| self.signals.names[id.0] == input.signal);
@@ -135,7 +139,7 @@ impl Check<'_> {
                 self.wrong(&at, format!("{name}: the model does not read `{}`", input.signal), help);
                 return None;
             };
-            let reference = input.reference.map_or(Reference::Fixed(0.0), reference);
+            let reference = input.reference.map_or(Some(Reference::Fixed(Celsius::ZERO)), reference)?;
             let input_of = Input { signal, reference, lag: None };
             known.push(Identified { input: input_of, mean: input.mean, range: (input.min, input.max) });
         }
@@ -168,7 +172,7 @@ impl Check<'_> {
             self.wrong(&list, "a model without inputs follows no temperature", "name at least one signal");
             return None;
         }
-        let of_model = raw.reference.map(reference).or(default);
+        let of_model = raw.reference.and_then(reference).or(default);
         let (mut found, mut names, mut bare) = (Vec::new(), Vec::new(), false);
         for (place, input) in inputs.iter().enumerate() {
             let at = element(&list, place);
@@ -184,7 +188,7 @@ impl Check<'_> {
             let Some(name) = name else { continue };
             names.push(name.as_str());
             let signal = self.signal(&at, name);
-            let reference = own.map(reference).or(of_model);
+            let reference = own.and_then(reference).or(of_model);
             bare |= reference.is_none();
             if lag == Some(None) {
                 continue;
@@ -236,4 +240,9 @@ fn net(name: &str, bytes: Vec<u8>, _: usize) -> Result<(Net, Option<Vec<String>>
 
 fn is_onnx(name: &str) -> bool {
     std::path::Path::new(name).extension().is_some_and(|extension| extension.eq_ignore_ascii_case("onnx"))
+}
+
+/// Numbers of a file with their unit.
+fn quantities<Q: TryFrom<f64, Error = &'static str>>(numbers: Vec<f64>) -> Result<Vec<Q>, String> {
+    numbers.into_iter().map(Q::try_from).collect::<Result<_, _>>().map_err(str::to_owned)
 }

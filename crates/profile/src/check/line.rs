@@ -5,6 +5,7 @@ use crate::place::{child, element};
 use crate::{Axis, Output, Writes};
 use isotherm_core::compensation::model::{Kind, Slope};
 use isotherm_core::compensation::settings::InterceptSlope;
+use isotherm_core::quantity::Millimetre;
 
 impl Check<'_> {
     /// Where an axis's outputs write the parts of a line, the axis is told how far its slope reaches.
@@ -14,7 +15,7 @@ impl Check<'_> {
             let of_axis: Vec<&Output> =
                 outputs.iter().flatten().filter(|output| output.axis.0 == place).collect();
             if of_axis.iter().any(|output| output.writes.is_apart()) {
-                axis.settings.apart = self.line(axis, &of_axis);
+                axis.settings.intercept_slope = self.line(axis, &of_axis);
             }
         }
     }
@@ -46,7 +47,7 @@ impl Check<'_> {
 
     /// The slopes of all models have one reference position, and a travel that bounds what they come to.
     fn reach(&mut self, axis: &Axis, list: &str) -> Option<InterceptSlope> {
-        let mut apart: Option<InterceptSlope> = None;
+        let mut line: Option<InterceptSlope> = None;
         for (place, model) in axis.settings.models.iter().enumerate() {
             let Kind::Linear(linear) = &model.kind else { continue };
             let Some(Slope { reference, travel, .. }) = linear.slope else { continue };
@@ -61,22 +62,27 @@ impl Check<'_> {
                 );
                 return None;
             };
-            let reach = (from - reference).abs().max((to - reference).abs());
-            match &mut apart {
-                None => apart = Some(InterceptSlope { reference, reach, count: None }),
-                Some(first) if (first.reference - reference).abs() > 0.0 => {
-                    let message = format!("another model's slope is measured from {} mm", first.reference);
+            let reach = longer((from - reference).abs(), (to - reference).abs());
+            match &mut line {
+                None => line = Some(InterceptSlope { reference, reach, count: None }),
+                Some(first) if first.reference != reference => {
+                    let message =
+                        format!("another model's slope is measured from {} mm", first.reference.get());
                     let help = "the control knows one reference position: give both slopes the same";
                     self.wrong(&child(&path, "reference"), message, help);
                 }
-                Some(first) => first.reach = first.reach.max(reach),
+                Some(first) => first.reach = longer(first.reach, reach),
             }
         }
-        if apart.is_none() && !axis.settings.models.is_empty() {
+        if line.is_none() && !axis.settings.models.is_empty() {
             let message = format!("no model of `{}` has a slope", axis.settings.name);
             let help = "write slope = { … } in a model, or writes = \"offset\" at the output";
             self.wrong(list, message, help);
         }
-        apart
+        line
     }
+}
+
+fn longer(one: Millimetre, other: Millimetre) -> Millimetre {
+    if other > one { other } else { one }
 }

@@ -6,7 +6,8 @@ use std::time::Duration;
 use super::{Check, Signals, Zero, get};
 use crate::place::{child, element};
 use crate::raw::{Inputs, ModelKind, RawModel, RawSlope, RawTerm, ReferenceValue, ReferenceWord, Span};
-use isotherm_core::compensation::model::{Formula, Kind, Linear, Model, Reference, Slope, Term};
+use isotherm_core::compensation::model::{Formula, Input, Kind, Linear, Model, Reference, Slope, Term};
+use isotherm_core::quantity::{Celsius, Micron, MicronPerCelsius, MicronPerMillimetreCelsius, Millimetre};
 
 /// 1 mm in µm.
 const MICRONS: f64 = 1000.0;
@@ -72,18 +73,27 @@ impl Check<'_> {
         if terms.is_empty() && raw.slope.is_none() {
             self.wrong(&list, "a model without terms follows no temperature", "write at least one term");
         }
-        let terms = self.terms(&list, terms, Sum::Offset);
+        let terms = self.terms(&list, terms, Sum::Offset, MicronPerCelsius::new);
         let slope = raw.slope.as_ref().map(|slope| self.slope(&child(path, "slope"), slope, signals));
         let slope = match slope {
             Some(slope) => Some(slope?),
             None => None,
         };
-        Some(Linear { offset: raw.offset.unwrap_or(0.0), terms: terms?, slope })
+        Some(Linear { offset: Micron::new(raw.offset.unwrap_or(0.0))?, terms: terms?, slope })
     }
 
-    fn terms(&mut self, list: &str, terms: &[RawTerm], sum: Sum) -> Option<Vec<Term>> {
-        let terms = terms.iter().enumerate();
-        super::complete(terms.map(|(index, term)| self.term(&element(list, index), term, sum)).collect())
+    fn terms<Gain>(
+        &mut self,
+        list: &str,
+        terms: &[RawTerm],
+        sum: Sum,
+        gain: impl Fn(f64) -> Option<Gain>,
+    ) -> Option<Vec<Term<Gain>>> {
+        let terms = terms.iter().enumerate().map(|(index, term)| {
+            let (input, number) = self.term(&element(list, index), term, sum)?;
+            Some(Term { input, gain: gain(number)? })
+        });
+        super::complete(terms.collect())
     }
 
     fn slope(&mut self, path: &str, raw: &RawSlope, signals: &Signals) -> Option<Slope> {
@@ -98,27 +108,36 @@ impl Check<'_> {
             let help = "write at least one term, or remove `slope`";
             self.wrong(&list, "a slope without terms follows no temperature", help);
         }
-        let terms = raw.terms.as_ref().and_then(|terms| self.terms(&list, terms, Sum::Slope));
+        let terms = raw
+            .terms
+            .as_ref()
+            .and_then(|terms| self.terms(&list, terms, Sum::Slope, MicronPerMillimetreCelsius::new));
         if let Some([from, to]) = raw.travel
             && from >= to
         {
             let message = format!("a travel from {from} to {to} mm has no length");
             self.wrong(&child(path, "travel"), message, "write the smaller end first, as [-300.0, 0.0]");
         }
-        let travel = raw.travel.map(|[from, to]| (from, to));
-        Some(Slope { position: position?, reference: raw.reference?, travel, terms: terms? })
+        let travel = raw.travel.and_then(|[from, to]| Millimetre::new(from).zip(Millimetre::new(to)));
+        Some(Slope {
+            position: position?,
+            reference: Millimetre::new(raw.reference?)?,
+            travel,
+            terms: terms?,
+        })
     }
 
-    fn term(&mut self, path: &str, raw: &RawTerm, sum: Sum) -> Option<Term> {
+    /// A term's input, and its gain in the unit of the sum.
+    fn term(&mut self, path: &str, raw: &RawTerm, sum: Sum) -> Option<(Input, f64)> {
         let signal = raw.signal.as_ref().and_then(|signal| self.signal(&child(path, "signal"), signal));
         let gain = self.gain(path, raw, sum);
         let lag = raw.lag.as_ref().map(|lag| self.lag(path, lag, raw.reference.is_some()));
-        let reference = raw.reference.map_or(Reference::Fixed(0.0), reference);
+        let reference = raw.reference.map_or(Some(Reference::Fixed(Celsius::ZERO)), reference);
         let lag = match lag {
             Some(lag) => Some(lag?),
             None => None,
         };
-        Some(Term { signal: signal?, gain: gain?, reference, lag })
+        Some((Input { signal: signal?, reference: reference?, lag }, gain?))
     }
 
     /// The lag of a term or an input, which must have a reference.
@@ -209,10 +228,10 @@ impl Check<'_> {
     }
 }
 
-pub(super) fn reference(raw: ReferenceValue) -> Reference {
-    match raw {
-        ReferenceValue::Number(number) => Reference::Fixed(number),
+pub(super) fn reference(raw: ReferenceValue) -> Option<Reference> {
+    Some(match raw {
+        ReferenceValue::Number(number) => Reference::Fixed(Celsius::new(number)?),
         ReferenceValue::Word(ReferenceWord::Start) => Reference::Start,
         ReferenceValue::Word(ReferenceWord::Zero) => Reference::Zero,
-    }
+    })
 }

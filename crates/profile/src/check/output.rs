@@ -255,8 +255,13 @@ impl Check<'_> {
         let limit = guard.limit.get() * factor;
         let reach = match output.writes {
             Writes::Offset | Writes::Intercept => Some((-limit, limit)),
-            Writes::Slope => axis.settings.apart.map(|apart| (-limit / apart.reach, limit / apart.reach)),
-            Writes::Reference => axis.settings.apart.map(|apart| (apart.reference, apart.reference)),
+            Writes::Slope => axis
+                .settings
+                .intercept_slope
+                .map(|line| (-limit / line.reach.get(), limit / line.reach.get())),
+            Writes::Reference => {
+                axis.settings.intercept_slope.map(|line| (line.reference.get(), line.reference.get()))
+            }
             Writes::Corrected { position } => get(signals, position.0)
                 .and_then(|signal| signal.range)
                 .map(|(from, to)| (from - limit / MICRONS, to + limit / MICRONS)),
@@ -280,9 +285,9 @@ impl Check<'_> {
         let count = encoding.scale.get().abs();
         let step = guard.step.get() * factor;
         let needed = output.share.counts_of_a_step();
-        let count = match (output.writes, axis.settings.apart) {
+        let count = match (output.writes, axis.settings.intercept_slope) {
             (Writes::Offset | Writes::Intercept, _) => count,
-            (Writes::Slope, Some(apart)) => count * apart.reach,
+            (Writes::Slope, Some(line)) => count * line.reach.get(),
             _ => return,
         };
         if step < f64::from(needed) * count * (1.0 - 1e-9) {
@@ -387,7 +392,7 @@ fn note_count(axis: &mut Axis, output: &Output) {
     if output.writes.is_cz() {
         let count = count * if axis.diameter { 0.5 } else { 1.0 };
         axis.settings.guard.count = coarser(axis.settings.guard.count, count);
-    } else if let (Writes::Slope, Some(apart)) = (output.writes, &mut axis.settings.apart) {
-        apart.count = coarser(apart.count, count * apart.reach);
+    } else if let (Writes::Slope, Some(line)) = (output.writes, &mut axis.settings.intercept_slope) {
+        line.count = coarser(line.count, count * line.reach.get());
     }
 }

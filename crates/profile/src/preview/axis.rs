@@ -6,8 +6,9 @@ use std::time::Duration;
 use serde::Serialize;
 
 use crate::{Axis, Profile};
-use isotherm_core::compensation::model::{Formula, Kind, Linear, Model, Reference, Term};
+use isotherm_core::compensation::model::{Formula, Input, Kind, Linear, Model, Reference, Term};
 use isotherm_core::compensation::settings::{AxisSettings, Datum, OnFault};
+use isotherm_core::quantity::Micron;
 use isotherm_core::reading::SignalId;
 
 mod data;
@@ -53,7 +54,7 @@ pub(super) fn explained(profile: &Profile, axis: &Axis) -> AxisExplained {
         "Cz stays within ±{} µm and changes by at most {} µm every {every} and {} µm/s",
         guard.limit.get(),
         guard.step.get(),
-        guard.rate
+        guard.rate.get()
     );
     if guard.deadband.get() > 0.0 {
         words.push_str(&format!("; a change of up to {} µm is not made", guard.deadband.get()));
@@ -76,7 +77,7 @@ pub(super) fn explained(profile: &Profile, axis: &Axis) -> AxisExplained {
         models: settings.models.iter().map(|model| model_explained(profile, model)).collect(),
         sign,
         guard: words,
-        on_fault: fault_action(settings.on_fault, guard.rate),
+        on_fault: fault_action(settings.on_fault, guard.rate.get()),
         probe: settings.probe.as_ref().map(|probe| probe::probe(profile, axis, probe)),
     }
 }
@@ -123,34 +124,34 @@ fn model_explained(profile: &Profile, model: &Model) -> ModelExplained {
 }
 
 fn linear_text(profile: &Profile, linear: &Linear) -> String {
-    let mut text = format!("Cz = {}", sum_text(profile, &linear.terms));
-    let sign = if linear.offset < 0.0 { "−" } else { "+" };
+    let mut text = format!("Cz = {}", sum_text(profile, &parts(&linear.terms)));
+    let sign = if linear.offset < Micron::ZERO { "−" } else { "+" };
     let zero = if linear.terms.is_empty() { "" } else { " " };
-    text.push_str(&format!("{zero}{sign} {} µm", figure(linear.offset.abs())));
+    text.push_str(&format!("{zero}{sign} {} µm", figure(linear.offset.get().abs())));
     if let Some(slope) = &linear.slope {
         let position = &profile.signal(slope.position).name;
         text.push_str(&format!(
             " + ({}) µm/mm·({position} − {} mm)",
-            sum_text(profile, &slope.terms),
-            figure(slope.reference)
+            sum_text(profile, &parts(&slope.terms)),
+            figure(slope.reference.get())
         ));
     }
     text
 }
 
-fn sum_text(profile: &Profile, terms: &[Term]) -> String {
+fn sum_text(profile: &Profile, parts: &[(Input, f64)]) -> String {
     let mut text = String::new();
-    for (place, term) in terms.iter().enumerate() {
-        let sign = match (place, term.gain < 0.0) {
+    for (place, (input, gain)) in parts.iter().enumerate() {
+        let sign = match (place, *gain < 0.0) {
             (0, false) => "",
             (0, true) => "−",
             (_, false) => " + ",
             (_, true) => " − ",
         };
-        let reference = reference(term.reference);
-        let name = &profile.signal(term.signal).name;
-        text.push_str(&format!("{sign}{}·({name} − {reference})", figure(term.gain.abs())));
-        if let Some(lag) = term.lag {
+        let reference = reference(input.reference);
+        let name = &profile.signal(input.signal).name;
+        text.push_str(&format!("{sign}{}·({name} − {reference})", figure(gain.abs())));
+        if let Some(lag) = input.lag {
             text.push_str(&format!(" lagged by {}", humantime::format_duration(lag)));
         }
     }
@@ -160,15 +161,15 @@ fn sum_text(profile: &Profile, terms: &[Term]) -> String {
 fn linear_effects(profile: &Profile, linear: &Linear) -> Vec<String> {
     let mut effects = gains(&linear.terms)
         .into_iter()
-        .map(|(term, gain)| effect(profile, term.signal, gain, &late(profile, term.signal, term.lag, "")))
+        .map(|(input, gain)| effect(profile, input.signal, gain, &late(profile, input.signal, input.lag, "")))
         .collect::<Vec<String>>();
     effects.extend(together(profile, &linear.terms, 1.0, ""));
     if let Some(slope) = &linear.slope {
         let position = &profile.signal(slope.position).name;
-        let beside = format!(" and {position} stands 100 mm above {} mm", figure(slope.reference));
-        for (term, gain) in gains(&slope.terms) {
-            let place = late(profile, term.signal, term.lag, &beside);
-            effects.push(effect(profile, term.signal, gain * 100.0, &place));
+        let beside = format!(" and {position} stands 100 mm above {} mm", figure(slope.reference.get()));
+        for (input, gain) in gains(&slope.terms) {
+            let place = late(profile, input.signal, input.lag, &beside);
+            effects.push(effect(profile, input.signal, gain * 100.0, &place));
         }
         effects.extend(together(profile, &slope.terms, 100.0, &beside));
     }
@@ -176,30 +177,40 @@ fn linear_effects(profile: &Profile, linear: &Linear) -> Vec<String> {
 }
 
 /// The way a signal moves Cz in the end, where several lags share it: one of them alone may point the other way.
-fn together(profile: &Profile, terms: &[Term], times: f64, beside: &str) -> Vec<String> {
+fn together<Gain: Copy + Into<f64>>(
+    profile: &Profile,
+    terms: &[Term<Gain>],
+    times: f64,
+    beside: &str,
+) -> Vec<String> {
     let gains = gains(terms);
     let mut signals: Vec<SignalId> = Vec::new();
-    for (term, _) in &gains {
-        if !signals.contains(&term.signal) {
-            signals.push(term.signal);
+    for (input, _) in &gains {
+        if !signals.contains(&input.signal) {
+            signals.push(input.signal);
         }
     }
     let sum = |signal: SignalId| {
         let own: Vec<f64> =
-            gains.iter().filter(|(term, _)| term.signal == signal).map(|(_, gain)| gain * times).collect();
+            gains.iter().filter(|(input, _)| input.signal == signal).map(|(_, gain)| gain * times).collect();
         let place = format!("{beside} for good (its {} terms added up)", own.len());
         (own.len() > 1).then(|| effect(profile, signal, own.iter().sum(), &place))
     };
     signals.into_iter().filter_map(sum).collect()
 }
 
+/// Each input with its gain, in the unit of the sum.
+fn parts<Gain: Copy + Into<f64>>(terms: &[Term<Gain>]) -> Vec<(Input, f64)> {
+    terms.iter().map(|term| (term.input, term.gain.into())).collect()
+}
+
 /// The gains of each signal and each lag added up.
-fn gains(terms: &[Term]) -> Vec<(Term, f64)> {
-    let mut gains: Vec<(Term, f64)> = Vec::new();
-    for term in terms {
-        match gains.iter_mut().find(|(known, _)| (known.signal, known.lag) == (term.signal, term.lag)) {
-            Some((_, gain)) => *gain += term.gain,
-            None => gains.push((*term, term.gain)),
+fn gains<Gain: Copy + Into<f64>>(terms: &[Term<Gain>]) -> Vec<(Input, f64)> {
+    let mut gains: Vec<(Input, f64)> = Vec::new();
+    for (input, own) in parts(terms) {
+        match gains.iter_mut().find(|(known, _)| (known.signal, known.lag) == (input.signal, input.lag)) {
+            Some((_, gain)) => *gain += own,
+            None => gains.push((input, own)),
         }
     }
     gains
@@ -240,7 +251,7 @@ fn formula_effects(profile: &Profile, formula: &Formula) -> Vec<String> {
 
 fn reference(reference: Reference) -> String {
     match reference {
-        Reference::Fixed(number) => figure(number),
+        Reference::Fixed(number) => figure(number.get()),
         Reference::Start => "its value at machine start".to_owned(),
         Reference::Zero => "its value at zero".to_owned(),
     }

@@ -91,7 +91,7 @@ pub(super) fn explained(profile: &Profile, output: &Output) -> WriteExplained {
             )
         }
         Writes::Slope => {
-            let reach = axis.settings.apart.map_or(f64::INFINITY, |apart| apart.reach);
+            let reach = axis.settings.intercept_slope.map_or(f64::INFINITY, |line| line.reach.get());
             let most = limit / reach;
             let meaning = format!(
                 "tanβ, which the control multiplies by the distance from the reference position: +0.001 µm/mm is {} \
@@ -102,7 +102,7 @@ pub(super) fn explained(profile: &Profile, output: &Output) -> WriteExplained {
             ("µm/mm", Some((-most, most)), meaning)
         }
         Writes::Reference => {
-            let reference = axis.settings.apart.map_or(0.0, |apart| apart.reference);
+            let reference = axis.settings.intercept_slope.map_or(0.0, |line| line.reference.get());
             ("mm", Some((reference, reference)), format!("P0, the reference position: always {reference} mm"))
         }
         Writes::Corrected { position } => {

@@ -6,20 +6,21 @@ use isotherm_core::compensation::model::{
 };
 use isotherm_core::compensation::settings::Datum;
 use isotherm_core::reading::SignalId;
+use sample::of;
 
 /// Janeczko's example on axis z: K = 11.5e-6 1/K, L = 300 mm, C = 1800 s, measured from 20 °C.
 fn lagging() -> Profile {
     let mut profile = sample::profile();
-    profile.axes[0].settings.models = vec![model(Reference::Fixed(20.0))];
+    profile.axes[0].settings.models = vec![model(Reference::Fixed(of(20.0)))];
     profile
 }
 
 fn model(reference: Reference) -> Model {
     let (gain, lag) = (11.5e-6 * 300.0 * 1000.0, Some(Duration::from_secs(1800)));
-    let terms = vec![Term { signal: SignalId(0), gain, reference, lag }];
+    let terms = vec![Term { input: Input { signal: SignalId(0), reference, lag }, gain: of(gain) }];
     Model {
         name: "bearing".to_owned(),
-        kind: Kind::Linear(Linear { offset: 0.0, terms, slope: None }),
+        kind: Kind::Linear(Linear { offset: of(0.0), terms, slope: None }),
         envelope: None,
     }
 }
@@ -74,11 +75,13 @@ fn m4_the_ramp_is_reproduced_whatever_the_logs_time_step() {
 fn lagging_files(reference: Reference) -> [Model; 2] {
     let gain = 11.5e-6 * 300.0 * 1000.0;
     let input = Input { signal: SignalId(0), reference, lag: Some(Duration::from_secs(1800)) };
-    let other = Input { signal: SignalId(1), reference: Reference::Fixed(0.0), lag: None };
+    let other = Input { signal: SignalId(1), reference: Reference::Fixed(of(0.0)), lag: None };
     let layer = Layer { weights: vec![vec![0.0, gain]], bias: vec![0.0], activation: Activation::Linear };
     let layers = Layers::new(Scaling::new(&[0.0; 2], &[1.0; 2]).unwrap(), vec![layer], (0.0, 1.0)).unwrap();
     let network = Network::new("n.json", Net::Layers(layers), vec![other, input]).unwrap();
-    let matrix = Matrix::new("m.json", vec![input], SignalId(3), vec![0.0, 1.0], vec![gain, gain]).unwrap();
+    let matrix =
+        Matrix::new("m.json", vec![input], SignalId(3), vec![of(0.0), of(1.0)], vec![of(gain), of(gain)])
+            .unwrap();
     // An axis that is kept outside goes by its last step, too: a wide region has a wide edge.
     let known = Identified { input: Input { lag: None, ..input }, mean: 0.0, range: (-100.0, 6.0) };
     let envelope = Envelope::new(vec![known], &[vec![900.0]], None, Outside::Hold).unwrap();
@@ -91,7 +94,7 @@ fn lagging_files(reference: Reference) -> [Model; 2] {
 
 #[test]
 fn m4_an_input_that_lags_is_reproduced_whatever_the_logs_time_step() {
-    for model in lagging_files(Reference::Fixed(20.0)) {
+    for model in lagging_files(Reference::Fixed(of(20.0))) {
         let mut profile = sample::profile();
         profile.axes[0].settings.models = vec![model];
         for step in [1, 10, 60] {

@@ -7,10 +7,12 @@ use isotherm_core::compensation::model::{
     Expression, Formula, Input, Kind, Linear, Matrix, Model, Network, Reference, Slope, Symbol, Term,
 };
 use isotherm_core::compensation::settings::InterceptSlope;
+use isotherm_core::quantity::Celsius;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::Axis;
+use sample::of;
 
-const ABSOLUTE: Reference = Reference::Fixed(0.0);
+const ABSOLUTE: Reference = Reference::Fixed(Celsius::ZERO);
 
 /// The sample machine whose axis z follows this sum; its four signals take what the log says.
 fn following(offset: f64, terms: &[(usize, f64, Reference)], slope: Option<Slope>) -> Profile {
@@ -19,20 +21,26 @@ fn following(offset: f64, terms: &[(usize, f64, Reference)], slope: Option<Slope
         signal.range = None;
     }
     let terms = terms.iter().map(|(place, gain, reference)| Term {
-        signal: SignalId(*place),
-        gain: *gain,
-        reference: *reference,
-        lag: None,
+        input: Input { signal: SignalId(*place), reference: *reference, lag: None },
+        gain: of(*gain),
     });
-    let kind = Kind::Linear(Linear { offset, terms: terms.collect(), slope });
+    let kind = Kind::Linear(Linear { offset: of(offset), terms: terms.collect(), slope });
     profile.axes[0].settings.models = vec![Model { name: "sum".to_owned(), kind, envelope: None }];
     profile
 }
 
 /// 0.007 µm/mm for each degree of the bed over 20 °C, about P0 = 0; the position is the last signal.
 fn inclined() -> Slope {
-    let term = Term { signal: SignalId(0), gain: 0.007, reference: Reference::Fixed(20.0), lag: None };
-    Slope { position: SignalId(3), reference: 0.0, travel: Some((-300.0, 0.0)), terms: vec![term] }
+    let term = Term {
+        input: Input { signal: SignalId(0), reference: Reference::Fixed(of(20.0)), lag: None },
+        gain: of(0.007),
+    };
+    Slope {
+        position: SignalId(3),
+        reference: of(0.0),
+        travel: Some((of(-300.0), of(0.0))),
+        terms: vec![term],
+    }
 }
 
 /// Time steps of a log, s.
@@ -68,8 +76,11 @@ fn one(kind: Kind) -> Profile {
 }
 
 fn rises(places: &[usize], reference: f64) -> Vec<Input> {
-    let input =
-        |place: &usize| Input { signal: SignalId(*place), reference: Reference::Fixed(reference), lag: None };
+    let input = |place: &usize| Input {
+        signal: SignalId(*place),
+        reference: Reference::Fixed(of(reference)),
+        lag: None,
+    };
     places.iter().map(input).collect()
 }
 
@@ -110,8 +121,11 @@ fn m2_one_sensor_and_machine_on_time() {
 
 #[test]
 fn m9_a_screw_by_its_nut_and_a_vector_of_three_axes_from_one_set_of_sensors() {
-    let term = Term { signal: SignalId(0), gain: -0.012, reference: Reference::Fixed(20.0), lag: None };
-    let slope = Slope { position: SignalId(3), reference: 0.0, travel: None, terms: vec![term] };
+    let term = Term {
+        input: Input { signal: SignalId(0), reference: Reference::Fixed(of(20.0)), lag: None },
+        gain: of(-0.012),
+    };
+    let slope = Slope { position: SignalId(3), reference: of(0.0), travel: None, terms: vec![term] };
     gives("screw", &following(0.0, &[], Some(slope)), "30,0,0,-1000", 200.0, 120.0);
 
     let mut ram = following(0.0, &[], None);
@@ -123,7 +137,7 @@ fn m9_a_screw_by_its_nut_and_a_vector_of_three_axes_from_one_set_of_sensors() {
             let terms: Vec<_> = gains
                 .into_iter()
                 .enumerate()
-                .map(|(place, gain)| (place, gain, Reference::Fixed(20.0)))
+                .map(|(place, gain)| (place, gain, Reference::Fixed(of(20.0))))
                 .collect();
             let mut axis = following(0.0, &terms, None).axes.swap_remove(0);
             axis.settings.name = name.to_owned();
@@ -160,8 +174,8 @@ fn m11_the_matrix_times_the_blocks_at_the_position() {
         "p.json",
         rises(&[0, 1], 20.0),
         SignalId(3),
-        vec![0.0, 400.0],
-        vec![-1.0, -2.0, -3.0, -4.0],
+        vec![of(0.0), of(400.0)],
+        [-1.0, -2.0, -3.0, -4.0].map(of).to_vec(),
     );
     let profile = one(Kind::Matrix(matrix.unwrap()));
     for (position, wanted) in [("100", -11.0), ("0", -8.0), ("400", -20.0), ("900", -20.0)] {
@@ -171,8 +185,8 @@ fn m11_the_matrix_times_the_blocks_at_the_position() {
 
 fn apart() -> Profile {
     let mut profile = following(0.0, &[(1, 1.0, ABSOLUTE)], Some(inclined()));
-    profile.axes[0].settings.apart =
-        Some(InterceptSlope { reference: 0.0, reach: 300.0, count: Micron::new(0.3) });
+    profile.axes[0].settings.intercept_slope =
+        Some(InterceptSlope { reference: of(0.0), reach: of(300.0), count: Micron::new(0.3) });
     profile
 }
 

@@ -1,7 +1,7 @@
 //! Probings of an axis: judged, learned from, taken back, and begun anew with a new datum.
 
 use super::Axis;
-use crate::compensation::model::{Evaluate, Outside, Place, Reference};
+use crate::compensation::model::{Coverage, Evaluate, Outside, Reference};
 use crate::compensation::probe::{Measured, Probed, Refused};
 use crate::compensation::reference::Machine;
 use crate::compensation::settings::{Datum, ProbeSettings};
@@ -14,8 +14,8 @@ impl Axis {
         let (Some(settings), Some(learned)) = (&self.settings.probe, self.probe.models.get(place)) else {
             return 0.0;
         };
-        let Some((model, known)) = self.model(place, snapshot, machine) else { return 0.0 };
-        learned.correction(model.parts(known), settings)
+        let Some((model, inputs)) = self.model(place, snapshot, machine) else { return 0.0 };
+        learned.correction(model.parts(inputs), settings)
     }
 
     /// What models are measured from is captured anew and complete at this moment.
@@ -50,9 +50,9 @@ impl Axis {
         }
         let mut models = std::mem::take(&mut self.probe.models);
         for (place, learned) in models.iter_mut().enumerate() {
-            let Some((model, known)) = self.model(place, snapshot, machine) else { continue };
-            if learned.renews(snapshot.now) && model.evaluate(&known).is_ok() {
-                learned.begin_here(model.parts(known), settings);
+            let Some((model, inputs)) = self.model(place, snapshot, machine) else { continue };
+            if learned.renews(snapshot.now) && model.evaluate(&inputs).is_ok() {
+                learned.begin_here(model.parts(inputs), settings);
             }
         }
         self.probe.models = models;
@@ -71,7 +71,7 @@ impl Axis {
         let max_error = self.settings.probe.map_or(Micron::ZERO, |settings| settings.max_error);
         let refused = match (chosen, residual) {
             (Some(_), _) if self.tripped => Some(Refused::Tripped),
-            (Some(chosen), _) if is_left(chosen.place) => Some(Refused::Outside),
+            (Some(chosen), _) if is_left(chosen.coverage) => Some(Refused::Outside),
             (Some(_), Some(residual)) if residual.abs() > max_error => Some(Refused::Implausible),
             (Some(_), Some(_)) => None,
             _ => Some(Refused::NoModel),
@@ -90,15 +90,15 @@ impl Axis {
         let cz = (probed.acting - probed.error).get();
         let mut models = std::mem::take(&mut self.probe.models);
         for (place, learned) in models.iter_mut().enumerate() {
-            let Some((model, known)) = self.model(place, snapshot, machine) else { continue };
-            let Ok(wanted) = model.wants(&known) else { continue };
-            if is_left(wanted.place) {
+            let Some((model, inputs)) = self.model(place, snapshot, machine) else { continue };
+            let Ok(evaluated) = model.wants(&inputs) else { continue };
+            if is_left(evaluated.coverage) {
                 continue;
             }
-            let missing = cz - (wanted.asked.cz - self.zeroing.of(place).cz);
-            let residual = missing - learned.correction(model.parts(known), settings);
+            let missing = cz - (evaluated.outputs.cz.get() - self.zeroing.of(place).cz.get());
+            let residual = missing - learned.correction(model.parts(inputs), settings);
             if residual.abs() <= settings.max_error.get() {
-                learned.learn(missing, model.parts(known), settings);
+                learned.learn(missing, model.parts(inputs), settings);
             }
         }
         self.probe.models = models;
@@ -106,7 +106,7 @@ impl Axis {
 }
 
 /// Outside the region that the model was identified on, and not followed there.
-fn is_left(place: Option<Place>) -> bool {
-    let found = place.and_then(|place| place.extrapolating);
+fn is_left(coverage: Option<Coverage>) -> bool {
+    let found = coverage.and_then(|coverage| coverage.extrapolating);
     found.is_some_and(|found| found.outside == Outside::Hold || found.gain < 1.0)
 }

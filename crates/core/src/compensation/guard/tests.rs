@@ -1,3 +1,4 @@
+use crate::quantity::of;
 use proptest::prelude::*;
 
 use super::*;
@@ -7,7 +8,7 @@ fn um(value: f64) -> Micron {
 }
 
 fn settings() -> GuardSettings {
-    GuardSettings { limit: um(40.0), step: um(1.0), rate: 0.5, deadband: um(0.1), count: Some(um(0.1)) }
+    GuardSettings { limit: um(40.0), step: um(1.0), rate: of(0.5), deadband: um(0.1), count: Some(um(0.1)) }
 }
 
 fn at(place: f64, settings: &GuardSettings) -> Guard {
@@ -78,7 +79,7 @@ fn changes_smaller_than_the_deadband_are_made_once_they_add_up() {
 
 #[test]
 fn a_rate_of_less_than_one_count_per_update_still_moves() {
-    let settings = GuardSettings { rate: 0.001, deadband: Micron::ZERO, ..settings() };
+    let settings = GuardSettings { rate: of(0.001), deadband: Micron::ZERO, ..settings() };
     let mut guard = at(0.0, &settings);
     for _ in 0..1000 {
         guard.advance(um(8.0), seconds(10.0), Pace::Follow, &settings);
@@ -88,7 +89,7 @@ fn a_rate_of_less_than_one_count_per_update_still_moves() {
 
 #[test]
 fn a_step_that_is_no_multiple_of_the_count_still_arrives() {
-    let settings = GuardSettings { step: um(0.15), rate: 100.0, ..settings() };
+    let settings = GuardSettings { step: um(0.15), rate: of(100.0), ..settings() };
     let mut guard = at(0.0, &settings);
     for _ in 0..100 {
         let last = guard.value();
@@ -118,7 +119,7 @@ fn a_limit_that_is_no_multiple_of_the_count_is_never_exceeded_by_rounding() {
 
 #[test]
 fn rounding_is_named_only_where_it_changed_the_value() {
-    let settings = GuardSettings { step: um(50.0), rate: 50.0, ..settings() };
+    let settings = GuardSettings { step: um(50.0), rate: of(50.0), ..settings() };
     for tenths in -400..=400 {
         let target = um(f64::from(tenths) / 10.0);
         let (_, stages) = at(0.0, &settings).advance(target, seconds(10.0), Pace::Ramp, &settings);
@@ -148,7 +149,13 @@ fn zero_has_no_sign() {
 fn any_settings() -> impl Strategy<Value = GuardSettings> {
     let count = prop_oneof![Just(None), (0.01..3.0).prop_map(Some), Just(Some(0.1))];
     (0.1..100.0, 0.001..20.0, 1e-4..50.0, 0.0..1.0, count).prop_map(|(limit, step, rate, deadband, count)| {
-        GuardSettings { limit: um(limit), step: um(step), rate, deadband: um(deadband), count: count.map(um) }
+        GuardSettings {
+            limit: um(limit),
+            step: um(step),
+            rate: of(rate),
+            deadband: um(deadband),
+            count: count.map(um),
+        }
     })
 }
 
@@ -186,7 +193,7 @@ proptest! {
         settings in any_settings().prop_filter("a step holds a count", |s| s.count.is_none_or(|c| c <= s.step)),
         target in -90.0..90.0,
     ) {
-        let settings = GuardSettings { rate: 50.0, ..settings };
+        let settings = GuardSettings { rate: of(50.0), ..settings };
         let mut guard = Guard::default();
         let target = um(target).clamp_to(settings.limit);
         for _ in 0..200_000 {

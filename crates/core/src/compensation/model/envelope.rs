@@ -8,7 +8,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Input, Known, Lag, Unusable};
+use super::{Input, Inputs, Lag, Unusable};
 use crate::reading::SignalId;
 
 /// Most inputs of an envelope: a step keeps its numbers in a place of fixed size.
@@ -83,7 +83,7 @@ pub struct Extrapolation {
 
 /// Where the inputs lie.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Place {
+pub struct Coverage {
     /// How far outside; negative: how far inside.
     pub excess: f64,
     /// What that means; `None` inside.
@@ -150,15 +150,15 @@ impl Envelope {
     ///
     /// # Errors
     /// A signal that cannot be used, a reference that has not been captured.
-    pub fn look(&self, known: &Known<'_>) -> Result<Place, Unusable> {
+    pub fn look(&self, inputs: &Inputs<'_>) -> Result<Coverage, Unusable> {
         let mut rises = [0.0; MOST];
         for (rise, identified) in rises.iter_mut().zip(&self.inputs) {
-            *rise = identified.input.rise(known, &Lag::NONE)?;
+            *rise = identified.input.rise(inputs, &Lag::NONE)?.get();
         }
         Ok(self.judge(&rises))
     }
 
-    fn judge(&self, rises: &[f64; MOST]) -> Place {
+    fn judge(&self, rises: &[f64; MOST]) -> Coverage {
         let mut share = f64::NEG_INFINITY;
         let mut farthest = None;
         for (known, rise) in self.inputs.iter().zip(rises) {
@@ -178,7 +178,7 @@ impl Envelope {
         };
         let distance = Some((distance, self.reach));
         let found = Extrapolation { distance, farthest, outside: self.outside, gain };
-        Place { excess, extrapolating: (excess > 0.0).then_some(found) }
+        Coverage { excess, extrapolating: (excess > 0.0).then_some(found) }
     }
 
     /// Mahalanobis: `|L⁻¹·(x − m)|`, by forward substitution. What is too large for a number is the largest there is.

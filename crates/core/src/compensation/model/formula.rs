@@ -4,7 +4,7 @@
 //! first: `or`, `and`, `not`, `== != < <= > >=`, `+ -`, `* /`, unary `-`, `^`. Functions: `abs exp ln sqrt min max`.
 //! M2 of JP H07-61598 B2 is the reference case.
 
-use super::{Asked, Evaluate, Known, Unusable};
+use super::{Evaluate, Inputs, Outputs, Unusable};
 use crate::reading::SignalId;
 
 mod parser;
@@ -192,13 +192,12 @@ pub struct Formula {
 }
 
 impl Evaluate for Formula {
-    fn evaluate(&self, known: &Known<'_>) -> Result<Asked, Unusable> {
-        let time = known.machine.on_time(known.snapshot.now).map(|span| span.as_secs_f64());
-        let cz = self.expression.evaluate(&|id| known.snapshot.value(id), time)?;
-        Ok(Asked { cz, slope: 0.0 })
+    fn evaluate(&self, inputs: &Inputs<'_>) -> Result<Outputs, Unusable> {
+        let time = inputs.machine.on_time(inputs.snapshot.now).map(|span| span.as_secs_f64());
+        Outputs::of(self.expression.evaluate(&|id| inputs.snapshot.value(id), time)?, 0.0)
     }
 
-    fn inputs(&self) -> Vec<SignalId> {
+    fn signals(&self) -> Vec<SignalId> {
         self.expression.signals()
     }
 }

@@ -1,33 +1,36 @@
-//! One input of a matrix, a network or an envelope: a signal, what its rise is measured from, and how late it acts.
+//! One input of a model or an envelope: a signal, what its rise is measured from, and how late it acts.
 
 use std::time::Duration;
 
-use super::{Known, Lag, Term, Unusable};
+use super::{Inputs, Lag, Unusable};
 use crate::compensation::reference::Reference;
+use crate::quantity::Celsius;
 use crate::reading::SignalId;
 
 /// A signal less its reference, at once or behind a lag.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Input {
-    /// A temperature, a position, a speed.
+    /// A temperature; of a matrix, a network or an envelope also a position or a speed.
     pub signal: SignalId,
-    /// What is taken off it; the number 0 leaves the value itself.
+    /// What the rise is measured from; the number 0 leaves the value itself.
     pub reference: Reference,
-    /// Time constant of a first-order lag, above zero; `None`: the rise acts at once. An envelope's inputs have none.
+    /// Time constant C of the first-order lag, above zero; `None`: the rise acts at once. An envelope's inputs have none.
     pub lag: Option<Duration>,
 }
 
 impl Input {
-    /// The rise itself as a term.
-    pub(super) fn term(&self) -> Term {
-        Term { signal: self.signal, gain: 1.0, reference: self.reference, lag: self.lag }
-    }
-
-    /// The rise now, in the signal's unit; behind its lag, where it has one.
+    /// The rise now; behind its lag, where it has one.
     ///
     /// # Errors
-    /// The signal cannot be used, or its reference has not been captured.
-    pub fn rise(&self, known: &Known<'_>, lag: &Lag) -> Result<f64, Unusable> {
-        self.term().rise(known, lag)
+    /// The signal cannot be used, its reference has not been captured, or the rise is no finite number.
+    pub fn rise(&self, inputs: &Inputs<'_>, lag: &Lag) -> Result<Celsius, Unusable> {
+        let value = inputs.snapshot.value(self.signal).ok_or(Unusable::Signal(self.signal))?;
+        let reference =
+            inputs.machine.captured(self.reference, self.signal).ok_or(Unusable::Reference(self.signal))?;
+        let rise = match self.lag {
+            Some(_) => lag.rise(self, inputs, value, reference),
+            None => Celsius::new(value - reference.value.get()),
+        };
+        rise.ok_or(Unusable::NotANumber)
     }
 }

@@ -21,10 +21,10 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Known, Term, Unusable};
+use super::{Input, Inputs};
 use crate::compensation::Snapshot;
 use crate::compensation::reference::{Captured, Machine, Reference};
-use crate::quantity::Moment;
+use crate::quantity::{Celsius, Moment};
 
 /// The lag of one term: nothing before its first reading.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -60,26 +60,32 @@ impl Lag {
     }
 
     /// Goes on to this snapshot. A reading that cannot be used is waited for: the gap is a straight line to the next.
-    pub fn follow(&mut self, term: &Term, snapshot: &Snapshot<'_>, machine: &Machine) {
-        let (Some(constant), Some(input)) = (term.lag, snapshot.value(term.signal)) else { return };
-        let Some(reference) = machine.captured(term.reference, term.signal) else { return };
-        let mut lagged = self.0.unwrap_or_else(|| Lagged::begin(input, reference, snapshot.now));
-        lagged.advance(input, snapshot.now, constant);
-        lagged.measure_from(term.reference, reference);
+    pub fn follow(&mut self, input: &Input, snapshot: &Snapshot<'_>, machine: &Machine) {
+        let (Some(constant), Some(value)) = (input.lag, snapshot.value(input.signal)) else { return };
+        let Some(reference) = machine.captured(input.reference, input.signal) else { return };
+        let mut lagged = self.0.unwrap_or_else(|| Lagged::begin(value, reference, snapshot.now));
+        lagged.advance(value, snapshot.now, constant);
+        lagged.measure_from(input.reference, reference);
         // A reading of 1e308 may be believed by a profile without ranges; it must not stay for ever.
         self.0 = lagged.follower.is_finite().then_some(lagged);
     }
 
-    /// The lagged rise at this snapshot, whose reading and reference are these; NaN where it is no number.
-    pub fn rise(&self, term: &Term, known: &Known<'_>, input: f64, reference: Captured) -> f64 {
-        let rise = |lagged: &Lagged| lagged.follower - lagged.from;
+    /// The lagged rise at this snapshot, whose reading and reference are these; `None` where it is no number.
+    pub fn rise(
+        &self,
+        input: &Input,
+        inputs: &Inputs<'_>,
+        value: f64,
+        reference: Captured,
+    ) -> Option<Celsius> {
+        let rise = |lagged: &Lagged| Celsius::new(lagged.follower - lagged.from);
         match &self.0 {
             // As every step has it: the lag has gone on to this snapshot already.
-            Some(lagged) if lagged.has_followed(known.snapshot.now, input, reference) => rise(lagged),
+            Some(lagged) if lagged.has_followed(inputs.snapshot.now, value, reference) => rise(lagged),
             _ => {
                 let mut lag = *self;
-                lag.follow(term, known.snapshot, known.machine);
-                lag.0.as_ref().map_or(f64::NAN, rise)
+                lag.follow(input, inputs.snapshot, inputs.machine);
+                lag.0.as_ref().and_then(rise)
             }
         }
     }
@@ -87,8 +93,8 @@ impl Lag {
 
 impl Lagged {
     fn begin(input: f64, reference: Captured, at: Moment) -> Lagged {
-        let Captured { value, at: captured } = reference;
-        Lagged { at, input, follower: value, from: value, captured }
+        let (from, captured) = (reference.value.get(), reference.at);
+        Lagged { at, input, follower: from, from, captured }
     }
 
     /// The exact solution. Where no time has passed, or it ran back, the follower stays where it is.
@@ -112,26 +118,12 @@ impl Lagged {
         let anew = reference.at != self.captured;
         self.captured = reference.at;
         match kind {
-            Reference::Fixed(value) => self.from = value,
-            Reference::Start if anew => (self.follower, self.from) = (reference.value, reference.value),
+            Reference::Fixed(value) => self.from = value.get(),
+            Reference::Start if anew => {
+                (self.follower, self.from) = (reference.value.get(), reference.value.get())
+            }
             Reference::Zero if anew => self.from = self.follower,
             Reference::Start | Reference::Zero => {}
         }
-    }
-}
-
-impl Term {
-    /// The rise now, in the signal's unit; behind its lag, where it has one.
-    ///
-    /// # Errors
-    /// The signal cannot be used, or its reference has not been captured.
-    pub(super) fn rise(&self, known: &Known<'_>, lag: &Lag) -> Result<f64, Unusable> {
-        let value = known.snapshot.value(self.signal).ok_or(Unusable::Signal(self.signal))?;
-        let reference =
-            known.machine.captured(self.reference, self.signal).ok_or(Unusable::Reference(self.signal))?;
-        Ok(match self.lag {
-            Some(_) => lag.rise(self, known, value, reference),
-            None => value - reference.value,
-        })
     }
 }

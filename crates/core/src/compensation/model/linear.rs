@@ -4,14 +4,17 @@
 //! The slope is a second sum, in µm/mm, that grows with the distance from a reference position: Li, Yang, Zhang, Zhang
 //! 1998, `Δz(z1) = Δz(z0) + k·(z1 − z0)`; in a SINUMERIK `ΔK = K0(T) + tanβ(T)·(P − P0)`.
 
-use super::{Asked, Evaluate, Known, Lag, Term, Unusable};
+use std::ops::Mul;
+
+use super::{Evaluate, Input, Inputs, Lag, Outputs, Term, Unusable};
+use crate::quantity::{Celsius, Micron, MicronPerMillimetreCelsius, Millimetre};
 use crate::reading::SignalId;
 
-/// A constant plus a sum of terms, µm.
+/// A constant plus a sum of terms.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Linear {
-    /// Cz where every rise is zero, µm.
-    pub offset: f64,
+    /// Cz where every rise is zero.
+    pub offset: Micron,
     /// Added up.
     pub terms: Vec<Term>,
     /// What grows with the position.
@@ -23,56 +26,56 @@ pub struct Linear {
 pub struct Slope {
     /// Where the axis is, mm.
     pub position: SignalId,
-    /// P0: where the slope adds nothing, mm.
-    pub reference: f64,
-    /// The ends of the axis's travel, mm, where they are known.
-    pub travel: Option<(f64, f64)>,
+    /// P0: where the slope adds nothing.
+    pub reference: Millimetre,
+    /// The ends of the axis's travel, where they are known.
+    pub travel: Option<(Millimetre, Millimetre)>,
     /// Added up.
-    pub terms: Vec<Term>,
+    pub terms: Vec<Term<MicronPerMillimetreCelsius>>,
 }
 
 impl Linear {
-    /// Every term, those of the slope last: one [`Lag`] belongs to each.
-    pub fn all_terms(&self) -> impl Iterator<Item = &Term> {
-        self.terms.iter().chain(self.slope.iter().flat_map(|slope| &slope.terms))
+    /// The inputs of its terms, those of the slope last: one [`Lag`] belongs to each.
+    pub fn rises(&self) -> impl Iterator<Item = &Input> {
+        let slope = self.slope.iter().flat_map(|slope| &slope.terms);
+        self.terms.iter().map(|term| &term.input).chain(slope.map(|term| &term.input))
+    }
+
+    /// The gains of its terms in µm/°C, those of the slope last, in µm/mm/°C.
+    pub fn gains(&self) -> impl Iterator<Item = f64> {
+        let slope = self.slope.iter().flat_map(|slope| &slope.terms);
+        self.terms.iter().map(|term| term.gain.get()).chain(slope.map(|term| term.gain.get()))
     }
 }
 
 impl Evaluate for Linear {
-    fn evaluate(&self, known: &Known<'_>) -> Result<Asked, Unusable> {
-        let mut lags = known.lags.iter();
-        let cz = sum(self.offset, &self.terms, &mut lags, known)?;
-        let Some(slope) = &self.slope else { return Ok(Asked { cz, slope: 0.0 }) };
-        let per_mm = sum(0.0, &slope.terms, &mut lags, known)?;
-        if known.apart {
-            return Ok(Asked { cz, slope: per_mm });
+    fn evaluate(&self, inputs: &Inputs<'_>) -> Result<Outputs, Unusable> {
+        let mut lags = inputs.lags.iter();
+        let cz = sum(self.offset.get(), &self.terms, &mut lags, inputs)?;
+        let Some(slope) = &self.slope else { return Outputs::of(cz, 0.0) };
+        let per_mm = sum(0.0, &slope.terms, &mut lags, inputs)?;
+        if inputs.splits_slope {
+            return Outputs::of(cz, per_mm);
         }
-        let position = known.snapshot.value(slope.position).ok_or(Unusable::Signal(slope.position))?;
-        Ok(Asked { cz: cz + per_mm * (position - slope.reference), slope: 0.0 })
+        let position = inputs.snapshot.position(slope.position).ok_or(Unusable::Signal(slope.position))?;
+        Outputs::of(cz + per_mm * (position.get() - slope.reference.get()), 0.0)
     }
 
-    fn inputs(&self) -> Vec<SignalId> {
+    fn signals(&self) -> Vec<SignalId> {
         let positions = self.slope.iter().map(|slope| slope.position);
-        self.all_terms().map(|term| term.signal).chain(positions).collect()
+        self.rises().map(|input| input.signal).chain(positions).collect()
     }
 }
 
-fn sum<'a>(
+fn sum<'a, Gain: Mul<Celsius, Output = f64> + Copy>(
     offset: f64,
-    terms: &[Term],
+    terms: &[Term<Gain>],
     lags: &mut impl Iterator<Item = &'a Lag>,
-    known: &Known<'_>,
+    inputs: &Inputs<'_>,
 ) -> Result<f64, Unusable> {
     let mut sum = offset;
     for term in terms {
-        sum += term.part(lags.next().unwrap_or(&Lag::NONE), known)?;
+        sum += term.part(lags.next().unwrap_or(&Lag::NONE), inputs)?;
     }
     Ok(sum)
-}
-
-impl Term {
-    /// What it adds to the sum now.
-    pub(super) fn part(&self, lag: &Lag, known: &Known<'_>) -> Result<f64, Unusable> {
-        Ok(self.gain * self.rise(known, lag)?)
-    }
 }

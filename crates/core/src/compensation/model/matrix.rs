@@ -3,10 +3,11 @@
 //!
 //! P comes from a finite-element model of the structure; what is kept here of it is the one component that acts on
 //! the axis, as gains of Cz. Between two points of the guideway Cz is interpolated linearly; beyond its ends it stays
-//! what it is at the end, and [`Matrix::place`] says so.
+//! what it is at the end, and [`Matrix::coverage`] says so.
 
-use super::{Asked, Beyond, Evaluate, Extrapolation, Input, Known, Lag, Outside, Place, Unusable};
+use super::{Beyond, Coverage, Evaluate, Extrapolation, Input, Inputs, Lag, Outputs, Outside, Unusable};
 use crate::compensation::Snapshot;
+use crate::quantity::{MicronPerCelsius, Millimetre};
 use crate::reading::SignalId;
 
 /// Gains along a guideway.
@@ -15,13 +16,13 @@ pub struct Matrix {
     source: String,
     inputs: Vec<Input>,
     position: SignalId,
-    guide: Vec<f64>,
-    gains: Vec<f64>,
+    guide: Vec<Millimetre>,
+    gains: Vec<MicronPerCelsius>,
 }
 
 impl Matrix {
-    /// From the signals of the blocks, the signal of the axis's position in mm, the points of the guideway in mm
-    /// (ascending), and the gains of Cz in µm/K: for each point one per block, point after point. `source` is the
+    /// From the signals of the blocks, the signal of the axis's position in mm, the points of the guideway
+    /// (ascending), and the gains of Cz: for each point one per block, point after point. `source` is the
     /// file's name, for people.
     ///
     /// # Errors
@@ -31,8 +32,8 @@ impl Matrix {
         source: impl Into<String>,
         inputs: Vec<Input>,
         position: SignalId,
-        guide: Vec<f64>,
-        gains: Vec<f64>,
+        guide: Vec<Millimetre>,
+        gains: Vec<MicronPerCelsius>,
     ) -> Result<Matrix, String> {
         if guide.is_empty() || inputs.is_empty() {
             return Err("a matrix needs at least one block and one point of the guideway".to_owned());
@@ -40,7 +41,8 @@ impl Matrix {
         if let Some(pair) = guide.windows(2).find(|pair| pair[0].partial_cmp(&pair[1]) != Some(ASCENDING)) {
             return Err(format!(
                 "the points of the guideway must ascend, and {} mm is followed by {} mm",
-                pair[0], pair[1]
+                pair[0].get(),
+                pair[1].get()
             ));
         }
         if gains.len() != guide.len() * inputs.len() {
@@ -50,9 +52,6 @@ impl Matrix {
                 guide.len(),
                 inputs.len()
             ));
-        }
-        if !guide.iter().chain(&gains).all(|number| number.is_finite()) {
-            return Err("every number must be finite".to_owned());
         }
         Ok(Matrix { source: source.into(), inputs, position, guide, gains })
     }
@@ -72,26 +71,29 @@ impl Matrix {
         self.position
     }
 
-    /// First and last point of the guideway, mm.
-    pub fn ends(&self) -> (f64, f64) {
+    /// First and last point of the guideway.
+    pub fn ends(&self) -> (Millimetre, Millimetre) {
         (self.guide.first().copied().unwrap_or_default(), self.guide.last().copied().unwrap_or_default())
     }
 
-    /// The gain of each block at a position in mm, µm/K.
-    pub fn gains_at(&self, position: f64) -> impl Iterator<Item = f64> + '_ {
+    /// The gain of each block at a position.
+    pub fn gains_at(&self, position: Millimetre) -> impl Iterator<Item = MicronPerCelsius> + '_ {
         let after = self.guide.partition_point(|point| *point <= position);
         let (low, high) = (after.saturating_sub(1), after.min(self.guide.len() - 1));
-        let span = self.guide[high] - self.guide[low];
-        let share = if span > 0.0 { (position - self.guide[low]) / span } else { 0.0 };
+        let span = (self.guide[high] - self.guide[low]).get();
+        let share = if span > 0.0 { (position - self.guide[low]).get() / span } else { 0.0 };
         let blocks = self.inputs.len();
         let row = |point: usize| &self.gains[point * blocks..(point + 1) * blocks];
-        row(low).iter().zip(row(high)).map(move |(low, high)| low + share * (high - low))
+        let between = move |(low, high): (&MicronPerCelsius, &MicronPerCelsius)| {
+            MicronPerCelsius::new(low.get() + share * (high.get() - low.get())).unwrap_or(*low)
+        };
+        row(low).iter().zip(row(high)).map(between)
     }
 
     /// Where the axis is on the guideway, or beyond an end of it; `None` where its position is not known.
-    pub fn place(&self, snapshot: &Snapshot<'_>) -> Option<Place> {
+    pub fn coverage(&self, snapshot: &Snapshot<'_>) -> Option<Coverage> {
         let position = snapshot.value(self.position)?;
-        let (first, last) = self.ends();
+        let (first, last) = (self.ends().0.get(), self.ends().1.get());
         let by = position - position.clamp(first, last);
         let found = Extrapolation {
             distance: None,
@@ -102,24 +104,24 @@ impl Matrix {
         // A guideway of a single point has no length to take a share of: it counts as 1 mm.
         let length = if last > first { last - first } else { 1.0 };
         let excess = ((first - position).max(position - last) / length).min(f64::MAX);
-        Some(Place { excess, extrapolating: (by.abs() > 0.0).then_some(found) })
+        Some(Coverage { excess, extrapolating: (by.abs() > 0.0).then_some(found) })
     }
 }
 
 const ASCENDING: std::cmp::Ordering = std::cmp::Ordering::Less;
 
 impl Evaluate for Matrix {
-    fn evaluate(&self, known: &Known<'_>) -> Result<Asked, Unusable> {
-        let position = known.snapshot.value(self.position).ok_or(Unusable::Signal(self.position))?;
+    fn evaluate(&self, inputs: &Inputs<'_>) -> Result<Outputs, Unusable> {
+        let position = inputs.snapshot.position(self.position).ok_or(Unusable::Signal(self.position))?;
         let mut cz = 0.0;
-        let mut lags = known.lags.iter();
+        let mut lags = inputs.lags.iter();
         for (input, gain) in self.inputs.iter().zip(self.gains_at(position)) {
-            cz += gain * input.rise(known, lags.next().unwrap_or(&Lag::NONE))?;
+            cz += gain * input.rise(inputs, lags.next().unwrap_or(&Lag::NONE))?;
         }
-        Ok(Asked { cz, slope: 0.0 })
+        Outputs::of(cz, 0.0)
     }
 
-    fn inputs(&self) -> Vec<SignalId> {
+    fn signals(&self) -> Vec<SignalId> {
         self.inputs.iter().map(|input| input.signal).chain([self.position]).collect()
     }
 }

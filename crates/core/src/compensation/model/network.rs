@@ -4,7 +4,7 @@
 //! Inputs are temperatures, positions, speeds, each less its reference, in the signal's unit; the result is Cz in µm.
 //! Scaling is the network's own: part of the weights, or of the ONNX graph.
 
-use super::{Asked, Evaluate, Input, Known, Lag, Unusable};
+use super::{Evaluate, Input, Inputs, Lag, Outputs, Unusable};
 use crate::reading::SignalId;
 
 mod layers;
@@ -103,16 +103,16 @@ impl Network {
 }
 
 impl Evaluate for Network {
-    fn evaluate(&self, known: &Known<'_>) -> Result<Asked, Unusable> {
+    fn evaluate(&self, inputs: &Inputs<'_>) -> Result<Outputs, Unusable> {
         let mut rises = [0.0; WIDEST];
-        let mut lags = known.lags.iter();
+        let mut lags = inputs.lags.iter();
         for (rise, input) in rises.iter_mut().zip(&self.inputs) {
-            *rise = input.rise(known, lags.next().unwrap_or(&Lag::NONE))?;
+            *rise = input.rise(inputs, lags.next().unwrap_or(&Lag::NONE))?.get();
         }
-        Ok(Asked { cz: self.net.output(&rises[..self.inputs.len()]), slope: 0.0 })
+        Outputs::of(self.net.output(&rises[..self.inputs.len()]), 0.0)
     }
 
-    fn inputs(&self) -> Vec<SignalId> {
+    fn signals(&self) -> Vec<SignalId> {
         self.inputs.iter().map(|input| input.signal).collect()
     }
 }

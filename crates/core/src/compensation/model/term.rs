@@ -1,19 +1,22 @@
-//! One term of a sum over temperature rises. What is not a sum (a matrix, a network) lags by such terms as well.
+//! One term of a sum over temperature rises.
 
-use std::time::Duration;
+use std::ops::Mul;
 
-use crate::compensation::reference::Reference;
-use crate::reading::SignalId;
+use super::{Input, Inputs, Lag, Unusable};
+use crate::quantity::{Celsius, MicronPerCelsius};
 
 /// One gain times one rise.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Term {
+pub struct Term<Gain = MicronPerCelsius> {
     /// The temperature.
-    pub signal: SignalId,
-    /// µm per unit of the signal; in a slope µm/mm per unit.
-    pub gain: f64,
-    /// What the rise is measured from.
-    pub reference: Reference,
-    /// Time constant C of the first-order lag, above zero; `None`: the rise acts at once.
-    pub lag: Option<Duration>,
+    pub input: Input,
+    /// What a rise of one degree adds to the sum.
+    pub gain: Gain,
+}
+
+impl<Gain: Mul<Celsius, Output = f64> + Copy> Term<Gain> {
+    /// What it adds to the sum now.
+    pub(super) fn part(&self, lag: &Lag, inputs: &Inputs<'_>) -> Result<f64, Unusable> {
+        Ok(self.gain * self.input.rise(inputs, lag)?)
+    }
 }

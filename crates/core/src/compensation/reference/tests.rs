@@ -46,7 +46,7 @@ fn reading(value: f64, seconds: u64) -> Reading {
 }
 
 fn captured(shown: &Shown, reference: Reference, signal: SignalId) -> Option<f64> {
-    shown.machine.captured(reference, signal).map(|captured| captured.value)
+    shown.machine.captured(reference, signal).map(|captured| captured.value.get())
 }
 
 #[test]

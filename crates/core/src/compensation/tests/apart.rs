@@ -1,14 +1,15 @@
 use super::*;
+use crate::quantity::of;
 
 /// M13: K0 is the wheelhead, tanβ 0.007 µm/mm for each degree of the bed over 20 °C, 300 mm to both sides of P0 = 0.
 fn line(count: Option<f64>) -> Rig {
-    let terms = vec![term(BED, 0.007, Reference::Fixed(20.0))];
-    let slope = Slope { position: ON, reference: 0.0, travel: Some((-300.0, 300.0)), terms };
-    let terms = vec![term(WHEELHEAD, 1.0, Reference::Fixed(0.0))];
-    let kind = Kind::Linear(Linear { offset: 0.0, terms, slope: Some(slope) });
-    let apart = Some(InterceptSlope { reference: 0.0, reach: 300.0, count: count.map(um) });
+    let terms = vec![term(BED, 0.007, Reference::Fixed(of(20.0)))];
+    let slope = Slope { position: ON, reference: of(0.0), travel: Some((of(-300.0), of(300.0))), terms };
+    let terms = vec![term(WHEELHEAD, 1.0, Reference::Fixed(of(0.0)))];
+    let kind = Kind::Linear(Linear { offset: of(0.0), terms, slope: Some(slope) });
+    let intercept_slope = Some(InterceptSlope { reference: of(0.0), reach: of(300.0), count: count.map(um) });
     let model = Model { name: "line".to_owned(), kind, envelope: None };
-    let mut rig = Rig::new(AxisSettings { apart, ..axis(vec![model]) });
+    let mut rig = Rig::new(AxisSettings { intercept_slope, ..axis(vec![model]) });
     rig.values[ON.0] = f64::NAN;
     rig
 }

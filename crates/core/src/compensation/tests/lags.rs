@@ -1,13 +1,14 @@
 use super::*;
 use crate::compensation::model::network::{Activation, Layer, Layers, Net, Scaling};
 use crate::compensation::model::{Input, Matrix, Network};
+use crate::quantity::of;
 
 /// Janeczko's example: K = 11.5e-6 1/K, L = 300 mm, C = 1800 s.
 const GAIN: f64 = 11.5e-6 * 300.0 * 1000.0;
 const CONSTANT: f64 = 1800.0;
 
 fn lagging(reference: Reference) -> Term {
-    Term { lag: Some(seconds(CONSTANT)), ..term(BED, GAIN, reference) }
+    lagged(BED, GAIN, reference, Some(seconds(CONSTANT)))
 }
 
 fn lagged_axis(reference: Reference) -> AxisSettings {
@@ -44,7 +45,7 @@ const IRREGULAR: [f64; 5] = [0.3, 9.7, 47.0, 1e-3, 120.0];
 #[test]
 fn m4_the_step_whatever_the_interval() {
     for spans in [&[1.0][..], &[10.0], &[60.0], &[3600.0], &IRREGULAR] {
-        let mut rig = Rig::new(lagged_axis(Reference::Fixed(20.0)));
+        let mut rig = Rig::new(lagged_axis(Reference::Fixed(of(20.0))));
         let found = follow(&mut rig, spans, |_| 25.0, &[600.0, 1800.0, 3600.0, 90_000.0]);
         for (found, wanted) in found.iter().zip([4.889835, 10.904080, 14.915466, 17.25]) {
             assert!((found - wanted).abs() < 1e-6, "{spans:?}: {found} {wanted}");
@@ -55,7 +56,7 @@ fn m4_the_step_whatever_the_interval() {
 #[test]
 fn m4_the_ramp_whatever_the_interval() {
     for spans in [&[1.0][..], &[10.0], &[60.0], &[3600.0], &IRREGULAR] {
-        for reference in [Reference::Fixed(20.0), Reference::Start] {
+        for reference in [Reference::Fixed(of(20.0)), Reference::Start] {
             let mut rig = Rig::new(lagged_axis(reference));
             let found = follow(&mut rig, spans, |time| 20.0 + 0.001 * time, &[600.0, 1800.0, 3600.0]);
             for (found, wanted) in found.iter().zip([0.309659, 2.284531, 7.050432]) {
@@ -71,7 +72,8 @@ fn lagging_files(reference: Reference) -> [Model; 2] {
     let layer = Layer { weights: vec![vec![GAIN]], bias: vec![0.0], activation: Activation::Linear };
     let layers = Layers::new(Scaling::new(&[0.0], &[1.0]).unwrap(), vec![layer], (0.0, 1.0)).unwrap();
     let network = Network::new("n.json", Net::Layers(layers), vec![input]).unwrap();
-    let matrix = Matrix::new("m.json", vec![input], BUTTON, vec![0.0, 9.0], vec![GAIN; 2]).unwrap();
+    let matrix =
+        Matrix::new("m.json", vec![input], BUTTON, vec![of(0.0), of(9.0)], vec![of(GAIN); 2]).unwrap();
     [Kind::Matrix(matrix), Kind::Network(network)].map(|kind| Model {
         name: "file".to_owned(),
         kind,
@@ -81,7 +83,7 @@ fn lagging_files(reference: Reference) -> [Model; 2] {
 
 #[test]
 fn m4_an_input_of_a_matrix_or_a_network_lags_as_a_term_does() {
-    for model in lagging_files(Reference::Fixed(20.0)) {
+    for model in lagging_files(Reference::Fixed(of(20.0))) {
         for spans in [&[1.0][..], &[60.0], &IRREGULAR] {
             let mut rig = Rig::new(axis(vec![model.clone()]));
             let found = follow(&mut rig, spans, |_| 25.0, &[600.0, 1800.0, 3600.0]);
@@ -153,7 +155,7 @@ fn an_hour_without_the_gateway_changes_less_than_rounding_does() {
 
 #[test]
 fn a_term_that_is_another_one_now_begins_anew() {
-    let mut rig = Rig::new(lagged_axis(Reference::Fixed(20.0)));
+    let mut rig = Rig::new(lagged_axis(Reference::Fixed(of(20.0))));
     follow(&mut rig, &[10.0], |_| 25.0, &[1800.0]);
     let remembered = rig.compensation.remembered();
     let begin = |model: Model| {
@@ -163,12 +165,12 @@ fn a_term_that_is_another_one_now_begins_anew() {
         other.now = rig.now;
         raw(other.show(25.0, 25.0).step())
     };
-    let same = lagging(Reference::Fixed(20.0));
+    let same = lagging(Reference::Fixed(of(20.0)));
     assert!((begin(linear("lag", 0.0, &[same])) - 10.904080).abs() < 1e-6);
     for other in [
         linear("other", 0.0, &[same]),
-        linear("lag", 0.0, &[Term { signal: WHEELHEAD, ..same }]),
-        linear("lag", 0.0, &[Term { lag: Some(seconds(900.0)), ..same }]),
+        linear("lag", 0.0, &[Term { input: Input { signal: WHEELHEAD, ..same.input }, ..same }]),
+        linear("lag", 0.0, &[Term { input: Input { lag: Some(seconds(900.0)), ..same.input }, ..same }]),
     ] {
         assert!(begin(other.clone()).abs() < 1e-12, "{other:?}");
     }
@@ -212,7 +214,7 @@ fn a_zero_lets_the_structure_make_up_its_rest() {
 
 #[test]
 fn time_that_stands_or_runs_back_moves_no_structure() {
-    let mut rig = Rig::new(lagged_axis(Reference::Fixed(20.0)));
+    let mut rig = Rig::new(lagged_axis(Reference::Fixed(of(20.0))));
     follow(&mut rig, &[10.0], |_| 25.0, &[1800.0]);
     let there = raw(*rig.compensation.decision(0).unwrap());
     rig.compensation.axes[0].due = None;
@@ -226,7 +228,7 @@ fn time_that_stands_or_runs_back_moves_no_structure() {
 
 #[test]
 fn a_lag_goes_on_while_its_axis_is_off() {
-    let mut rig = Rig::new(lagged_axis(Reference::Fixed(20.0)));
+    let mut rig = Rig::new(lagged_axis(Reference::Fixed(of(20.0))));
     rig.permit(Permit::Off).show(25.0, 0.0).step();
     let decisions = rig.run(1800.0);
     assert!((raw(*decisions.last().unwrap()) - 10.904080).abs() < 1e-6);
@@ -237,11 +239,11 @@ fn m5_a_slope_adds_its_share_by_the_distance() {
     let position = SignalId(3);
     let slope = Slope {
         position,
-        reference: 0.0,
+        reference: of(0.0),
         travel: None,
-        terms: vec![term(BED, 0.007, Reference::Fixed(20.0))],
+        terms: vec![term(BED, 0.007, Reference::Fixed(of(20.0)))],
     };
-    let linear = Linear { offset: 0.0, terms: Vec::new(), slope: Some(slope) };
+    let linear = Linear { offset: of(0.0), terms: Vec::new(), slope: Some(slope) };
     let model = |linear: &Linear| Model {
         name: "slope".to_owned(),
         kind: Kind::Linear(linear.clone()),
@@ -253,7 +255,7 @@ fn m5_a_slope_adds_its_share_by_the_distance() {
     rig.values[position.0] = f64::NAN;
     assert_eq!(rig.after(10.0).lacks, Some(Unusable::Signal(position)));
     // M13: K0 = 5 µm, tanβ = 0.035 µm/mm, P0 = 0, P = −300.
-    let terms = vec![term(WHEELHEAD, 1.0, Reference::Fixed(0.0))];
+    let terms = vec![term(WHEELHEAD, 1.0, Reference::Fixed(of(0.0)))];
     let mut rig = Rig::new(axis(vec![model(&Linear { terms, ..linear })]));
     rig.values[position.0] = -300.0;
     assert!((raw(rig.show(25.0, 5.0).step()) - -5.5).abs() < 1e-9);
@@ -261,7 +263,7 @@ fn m5_a_slope_adds_its_share_by_the_distance() {
 
 #[test]
 fn m7_a_wheel_and_a_headstock_added_up() {
-    let fixed = Reference::Fixed(0.0);
+    let fixed = Reference::Fixed(of(0.0));
     let terms: Vec<Term> = [(0, -0.632), (1, -1.772), (2, 3.066), (3, 1.20), (2, -0.99)]
         .map(|(place, gain)| term(SignalId(place), gain, fixed))
         .into();

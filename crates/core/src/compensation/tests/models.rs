@@ -1,4 +1,5 @@
 use super::*;
+use crate::quantity::of;
 
 fn raw(rig: &mut Rig) -> f64 {
     rig.step().raw.unwrap().get()
@@ -20,14 +21,14 @@ fn m2_one_sensor_and_machine_on_time() {
 
 #[test]
 fn m3_one_temperature_and_an_offset() {
-    let mut rig = Rig::new(axis(vec![linear("edm", 80.0, &[term(BED, -4.0, Reference::Fixed(0.0))])]));
+    let mut rig = Rig::new(axis(vec![linear("edm", 80.0, &[term(BED, -4.0, Reference::Fixed(of(0.0)))])]));
     rig.show(23.5, 0.0);
     assert!((raw(&mut rig) - -14.0).abs() < 1e-9);
 }
 
 #[test]
 fn a_fixed_reference_is_what_a_rise_is_measured_from() {
-    let mut rig = Rig::new(axis(vec![linear("rise", 1.0, &[term(BED, 2.0, Reference::Fixed(20.0))])]));
+    let mut rig = Rig::new(axis(vec![linear("rise", 1.0, &[term(BED, 2.0, Reference::Fixed(of(20.0)))])]));
     assert!((raw(&mut rig) - 16.0).abs() < 1e-9);
 }
 
@@ -51,7 +52,7 @@ fn a_result_that_is_no_number_leaves_the_next_model_to_serve() {
     let mut rig = Rig::new(axis(vec![formula("root", "sqrt(A - 30)"), difference()]));
     let decision = rig.step();
     assert_eq!((decision.model, decision.lacks), (Some(1), Some(Unusable::NotANumber)));
-    let enormous = linear("enormous", 0.0, &[term(BED, f64::MAX, Reference::Fixed(0.0))]);
+    let enormous = linear("enormous", 0.0, &[term(BED, f64::MAX, Reference::Fixed(of(0.0)))]);
     let mut rig = Rig::new(axis(vec![enormous, difference()]));
     assert_eq!(rig.step().lacks, Some(Unusable::NotANumber));
 }

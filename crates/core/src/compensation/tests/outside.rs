@@ -1,5 +1,6 @@
 //! Outside the envelope of its model an axis says so, and acts as the profile says.
 
+use crate::quantity::of;
 use proptest::prelude::*;
 
 use super::*;
@@ -8,8 +9,8 @@ use crate::compensation::model::{Envelope, Input, Outside};
 
 /// `Cz = 2·(bed − 20)`, identified on 18 to 28 °C.
 fn model(outside: Outside) -> Model {
-    let mut model = linear("rise", 0.0, &[term(BED, 2.0, Reference::Fixed(20.0))]);
-    let input = Input { signal: BED, reference: Reference::Fixed(0.0), lag: None };
+    let mut model = linear("rise", 0.0, &[term(BED, 2.0, Reference::Fixed(of(20.0)))]);
+    let input = Input { signal: BED, reference: Reference::Fixed(of(0.0)), lag: None };
     let known = Identified { input, mean: 23.0, range: (18.0, 28.0) };
     model.envelope = Some(Envelope::new(vec![known], &[vec![9.0]], None, outside).unwrap());
     model
@@ -17,8 +18,13 @@ fn model(outside: Outside) -> Model {
 
 fn rig(outside: Outside) -> Rig {
     let mut settings = axis(vec![model(outside), bed_only()]);
-    settings.guard =
-        GuardSettings { step: um(1.0), rate: 50.0, count: None, deadband: Micron::ZERO, ..settings.guard };
+    settings.guard = GuardSettings {
+        step: um(1.0),
+        rate: of(50.0),
+        count: None,
+        deadband: Micron::ZERO,
+        ..settings.guard
+    };
     Rig::new(settings)
 }
 

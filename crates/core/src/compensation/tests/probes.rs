@@ -1,3 +1,4 @@
+use crate::quantity::of;
 use proptest::prelude::*;
 
 use super::super::probe::{Measured, Refused};
@@ -153,7 +154,7 @@ fn outside_its_envelope_a_model_learns_only_where_it_is_followed_there() {
         (Outside::Hold, Some(Refused::Outside)),
         (Outside::Shrink, Some(Refused::Outside)),
     ] {
-        let input = Input { signal: BED, reference: Reference::Fixed(0.0), lag: None };
+        let input = Input { signal: BED, reference: Reference::Fixed(of(0.0)), lag: None };
         let known = Identified { input, mean: 25.0, range: (20.0, 26.0) };
         let envelope = Some(Envelope::new(vec![known], &[vec![1.0]], None, outside).unwrap());
         let models = vec![Model { envelope, ..difference() }];
@@ -193,7 +194,7 @@ fn a_correction_survives_a_restart_and_a_model_that_was_identified_anew_does_not
         let narrower = ProbeSettings { limit: um(1.0), ..gains };
         rig.restart(probed_axis(narrower));
         near(correction(rig.after(1.0)), -1.0);
-        let absolute = Reference::Fixed(0.0);
+        let absolute = Reference::Fixed(of(0.0));
         let anew = linear("difference", 0.0, &[term(BED, 2.5, absolute), term(WHEELHEAD, -2.4, absolute)]);
         rig.restart(AxisSettings { models: vec![anew], ..probed_axis(gains) });
         near(correction(rig.after(1.0)), 0.0);
@@ -224,7 +225,7 @@ fn with_a_new_datum_the_correction_begins_at_nothing() {
         ("start", AxisSettings { models: vec![rise(Reference::Start)], ..probed_axis(learning()) }, false),
         (
             "fixed",
-            AxisSettings { models: vec![rise(Reference::Fixed(24.0))], ..probed_axis(learning()) },
+            AxisSettings { models: vec![rise(Reference::Fixed(of(24.0)))], ..probed_axis(learning()) },
             false,
         ),
     ] {
@@ -243,7 +244,7 @@ fn with_a_new_datum_the_correction_begins_at_nothing() {
 
 #[test]
 fn a_wrong_gain_is_found_and_an_error_that_stands_still_is_not_blamed_on_it() {
-    let absolute = Reference::Fixed(24.0);
+    let absolute = Reference::Fixed(of(24.0));
     let model = || linear("rise", 0.0, &[term(BED, 2.4, absolute)]);
     for (truth, stands, gain) in [(2.7, 0.0, 0.125), (2.4, 4.0, 0.0), (2.2, -3.0, -1.0 / 12.0)] {
         let mut rig = Rig::new(AxisSettings { models: vec![model()], ..probed_axis(learning()) });

@@ -1,3 +1,4 @@
+use crate::quantity::of;
 use proptest::prelude::*;
 
 use super::*;
@@ -34,45 +35,47 @@ fn any_axis() -> impl Strategy<Value = AxisSettings> {
         (0u64..120).prop_map(|after| OnFault::Ramp { after: Duration::from_secs(after) })
     ];
     let lag = (1u64..20_000).prop_map(|lag| Some(Duration::from_secs(lag)));
-    let apart = prop::option::weighted(0.3, prop::option::of(0.01..3.0f64)).prop_map(|apart| {
-        apart.map(|count| InterceptSlope { reference: 0.0, reach: 300.0, count: count.map(um) })
+    let line = prop::option::weighted(0.3, prop::option::of(0.01..3.0f64)).prop_map(|line| {
+        line.map(|count| InterceptSlope { reference: of(0.0), reach: of(300.0), count: count.map(um) })
     });
-    let inclined = (lag, apart, any::<bool>());
+    let inclined = (lag, line, any::<bool>());
     ((0.1..100.0, 0.001..20.0, 1e-4..50.0, 0.0..1.0, count), on_fault, 1u64..600_000, inclined).prop_map(
-        |((limit, step, rate, deadband, count), on_fault, every, (lag, apart, zero))| AxisSettings {
-            levels: Levels { warn: None, error: zero.then(|| um(3.0 * limit)) },
-            datum: if zero { Datum::Zero } else { Datum::Model },
-            apart,
-            guard: GuardSettings {
-                limit: um(limit),
-                step: um(step),
-                rate,
-                deadband: um(deadband),
-                count: count.map(um),
-            },
-            every: Duration::from_millis(every),
-            on_fault,
-            ..axis(vec![
-                Model {
-                    envelope: None,
-                    name: "rise".to_owned(),
-                    kind: Kind::Linear(Linear {
-                        offset: 0.0,
-                        terms: vec![
-                            Term { lag, ..term(BED, 2.0, Reference::Start) },
-                            Term { lag, ..term(WHEELHEAD, -1.0, Reference::Zero) },
-                        ],
-                        slope: Some(Slope {
-                            position: ON,
-                            reference: 0.0,
-                            travel: None,
-                            terms: vec![Term { lag, ..term(BED, 0.01, Reference::Fixed(20.0)) }],
-                        }),
-                    }),
+        |((limit, step, rate, deadband, count), on_fault, every, (lag, intercept_slope, zero))| {
+            AxisSettings {
+                levels: Levels { warn: None, error: zero.then(|| um(3.0 * limit)) },
+                datum: if zero { Datum::Zero } else { Datum::Model },
+                intercept_slope,
+                guard: GuardSettings {
+                    limit: um(limit),
+                    step: um(step),
+                    rate: of(rate),
+                    deadband: um(deadband),
+                    count: count.map(um),
                 },
-                difference(),
-                bed_only(),
-            ])
+                every: Duration::from_millis(every),
+                on_fault,
+                ..axis(vec![
+                    Model {
+                        envelope: None,
+                        name: "rise".to_owned(),
+                        kind: Kind::Linear(Linear {
+                            offset: Micron::ZERO,
+                            terms: vec![
+                                lagged(BED, 2.0, Reference::Start, lag),
+                                lagged(WHEELHEAD, -1.0, Reference::Zero, lag),
+                            ],
+                            slope: Some(Slope {
+                                position: ON,
+                                reference: of(0.0),
+                                travel: None,
+                                terms: vec![lagged(BED, 0.01, Reference::Fixed(of(20.0)), lag)],
+                            }),
+                        }),
+                    },
+                    difference(),
+                    bed_only(),
+                ])
+            }
         },
     )
 }
@@ -103,7 +106,7 @@ proptest! {
             settle: Duration::from_secs(settle),
             signals: 4,
         };
-        let slope_count = axis.apart.and_then(|apart| apart.count);
+        let slope_count = axis.intercept_slope.and_then(|line| line.count);
         let mut rig = Rig::with(settings, axis);
         let (mut last, mut last_slope) = (Micron::ZERO, Micron::ZERO);
         let mut nanos = 1_700_000_000_000_000_000u64;
@@ -111,7 +114,7 @@ proptest! {
             nanos = nanos.saturating_add_signed(jump);
             rig.now = Moment::from_nanos(nanos);
             rig.values = values;
-            let found_slope = found.filter(|_| rig.compensation.axes[0].settings.apart.is_some());
+            let found_slope = found.filter(|_| rig.compensation.axes[0].settings.intercept_slope.is_some());
             let take_over_slope = found_slope.map(|found| um(found / 2.0));
             rig.control = Control { permit, take_over: found.map(um), take_over_slope, ..Control::default() };
             let before = rig.compensation.decision(0).unwrap().at;

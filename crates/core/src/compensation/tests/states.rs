@@ -1,4 +1,5 @@
 use super::*;
+use crate::quantity::of;
 
 const BAD: f64 = f64::NAN;
 
@@ -97,7 +98,7 @@ fn a_long_update_period_delays_neither_the_ramp_nor_its_end() {
 #[test]
 fn a_ramp_in_tiny_steps_does_not_busy_the_gateway() {
     let mut settings = axis(vec![difference()]);
-    settings.guard = GuardSettings { step: um(1e-6), rate: 1e6, count: None, ..settings.guard };
+    settings.guard = GuardSettings { step: um(1e-6), rate: of(1e6), count: None, ..settings.guard };
     let mut rig = Rig::new(settings);
     rig.found(5.0).step();
     let decisions = rig.permit(Permit::Stopping).run(1.0);

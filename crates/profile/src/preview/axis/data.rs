@@ -3,11 +3,12 @@
 use super::{effect, figure, late, middle, reference};
 use crate::Profile;
 use isotherm_core::compensation::model::{Envelope, Input, Matrix, Network, Outside, Reference};
+use isotherm_core::quantity::{Celsius, Millimetre};
 
 /// What it computes, and what one unit more of each block's temperature does in the middle of the guideway.
 pub(super) fn matrix(profile: &Profile, matrix: &Matrix) -> (String, Vec<String>) {
     let position = &profile.signal(matrix.position()).name;
-    let (first, last) = matrix.ends();
+    let (first, last) = (matrix.ends().0.get(), matrix.ends().1.get());
     let text = format!(
         "Cz = P·ΔT µm at {position}, P of {} from {first} to {last} mm (beyond them as at the end), over {}",
         matrix.source(),
@@ -15,10 +16,10 @@ pub(super) fn matrix(profile: &Profile, matrix: &Matrix) -> (String, Vec<String>
     );
     let at = f64::midpoint(first, last);
     let place = format!(" (at {position} = {} mm)", figure(at));
-    let blocks = matrix.blocks().iter().zip(matrix.gains_at(at));
+    let blocks = matrix.blocks().iter().zip(matrix.gains_at(Millimetre::new(at).unwrap_or_default()));
     let effects = blocks
         .map(|(block, gain)| {
-            effect(profile, block.signal, gain, &late(profile, block.signal, block.lag, &place))
+            effect(profile, block.signal, gain.get(), &late(profile, block.signal, block.lag, &place))
         })
         .collect();
     (text, effects)
@@ -31,7 +32,7 @@ pub(super) fn network(profile: &Profile, network: &Network) -> (String, Vec<Stri
     let text =
         format!("Cz = {} of {} µm, over {}", network.net().what(), network.source(), rises(profile, reads));
     let rise = |input: &Input| match input.reference {
-        Reference::Fixed(number) => middle(profile, input.signal) - number,
+        Reference::Fixed(number) => middle(profile, input.signal) - number.get(),
         Reference::Start | Reference::Zero => 0.0,
     };
     let at: Vec<f64> = reads.iter().map(rise).collect();
@@ -80,7 +81,7 @@ fn rises(profile: &Profile, inputs: &[Input]) -> String {
 fn rise(profile: &Profile, input: &Input) -> String {
     let name = &profile.signal(input.signal).name;
     let rise = match input.reference {
-        Reference::Fixed(0.0) => name.clone(),
+        Reference::Fixed(Celsius::ZERO) => name.clone(),
         other => format!("({name} − {})", reference(other)),
     };
     match input.lag {

@@ -1,10 +1,11 @@
+use crate::quantity::of;
 use proptest::prelude::*;
 
 use super::*;
 use crate::compensation::model::Reference;
 
 fn known(mean: f64, min: f64, max: f64) -> Identified {
-    let input = Input { signal: SignalId(0), reference: Reference::Fixed(0.0), lag: None };
+    let input = Input { signal: SignalId(0), reference: Reference::Fixed(of(0.0)), lag: None };
     Identified { input, mean, range: (min, max) }
 }
 

@@ -3,6 +3,7 @@ use crate::compensation::Snapshot;
 use crate::compensation::model::{Kind, Model, Reference};
 use crate::compensation::reference::Machine;
 use crate::quantity::Moment;
+use crate::quantity::of;
 use crate::reading::Reading;
 
 #[cfg(feature = "onnx")]
@@ -73,7 +74,7 @@ fn shapes_that_do_not_fit_each_other_are_refused() {
     assert!(radial(vec![]).contains("no nodes"));
     assert!(radial(vec![node(&[0.0], 1.0)]).contains("centre 1 has 1 numbers, and there are 2 inputs"));
     assert!(radial(vec![node(&[0.0, 0.0], 0.0)]).contains("width 1 is 0"));
-    let input = Input { signal: SignalId(0), reference: Reference::Fixed(0.0), lag: None };
+    let input = Input { signal: SignalId(0), reference: Reference::Fixed(of(0.0)), lag: None };
     let why = Network::new("n.json", super::tests::layers(Activation::Tanh), vec![input]).unwrap_err();
     assert_eq!(why, "it takes 2 inputs, the model names 1");
 }
@@ -81,7 +82,7 @@ fn shapes_that_do_not_fit_each_other_are_refused() {
 #[test]
 fn inputs_are_rises_and_a_result_that_is_no_number_is_none() {
     let input = |place, reference| Input { signal: SignalId(place), reference, lag: None };
-    let inputs = vec![input(0, Reference::Fixed(1.5)), input(1, Reference::Fixed(0.0))];
+    let inputs = vec![input(0, Reference::Fixed(of(1.5))), input(1, Reference::Fixed(of(0.0)))];
     let model = |net| Model {
         name: "net".to_owned(),
         kind: Kind::Network(Network::new("n.json", net, inputs.clone()).unwrap()),
@@ -91,8 +92,8 @@ fn inputs_are_rises_and_a_result_that_is_no_number_is_none() {
     let ask = |model: &Model, a, b| {
         let readings = [Reading::good(a, now), Reading::good(b, now)];
         let (snapshot, machine) = (Snapshot { now, readings: &readings }, Machine::default());
-        let known = Known { snapshot: &snapshot, machine: &machine, lags: &[], apart: false };
-        model.wants(&known).map(|wanted| wanted.asked.cz)
+        let known = Inputs { snapshot: &snapshot, machine: &machine, lags: &[], splits_slope: false };
+        model.wants(&known).map(|evaluated| evaluated.outputs.cz.get())
     };
     let tanh = layers(Activation::Tanh);
     close(ask(&model(tanh.clone()), 27.5, 80.0).unwrap(), tanh.output(&[26.0, 80.0]));
