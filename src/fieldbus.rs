@@ -28,18 +28,10 @@ pub mod tls;
 pub mod trace;
 pub mod wire;
 
-use isotherm_profile::{Bus, Transport};
+use isotherm_profile::Bus;
 
 /// What opens the connections of a Modbus line, by what it is made of. `None` for a CAN interface: it is listened to
 /// before anything is asked there, and who listens opens it.
 pub fn dial(bus: &Bus) -> Option<Box<dyn connection::Dial>> {
-    Some(match bus.transport {
-        Transport::Tcp => match &bus.tls {
-            Some(tls) => Box::new(tls::TlsDial::new(&bus.address, bus.timeout, tls)),
-            None => Box::new(tcp::TcpDial::new(&bus.address, bus.timeout)),
-        },
-        Transport::RtuOverTcp => Box::new(rtu::RtuOverTcpDial::new(&bus.address, bus.timeout)),
-        Transport::Serial(serial) => Box::new(serial::SerialDial::new(&bus.address, serial)),
-        Transport::Can => return None,
-    })
+    Some(Box::new(connection::ModbusDial::new(bus)?))
 }

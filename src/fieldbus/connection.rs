@@ -1,23 +1,26 @@
 //! An open connection of any kind, and what opens one.
 //!
-//! The border itself ([`super::wire`]) knows no transport. Here the one that most have is known by name.
+//! The border itself ([`super::wire`]) knows no transport. Here those of Modbus are known by name.
 
 use std::time::Duration;
 
 use super::departure::Departure;
-use super::error::{Fault, LinkFault};
+use super::eager::Eager;
+use super::error::{Fault, LinkFault, TlsFault};
 use super::modbus::ModbusTcp;
+use super::rtu::Rtu;
+use super::serial::SerialPort;
+use super::tcp::connected;
+use super::tls::{self, Client};
 use super::trace::Tap;
 use super::wire::{Answer, Boxed, Request, Wire};
+use isotherm_profile::{Bus, Serial, Transport};
 
 /// What opens connections.
 pub trait Dial: Send {
-    /// Opens one, for as long as it takes.
-    fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>>;
-
-    /// From now on the bytes of its connections pass this tap. One that does not know how leaves the wire log without
-    /// bytes.
-    fn tap(&mut self, _tap: &Tap) {}
+    /// Opens one, for as long as it takes. Its bytes pass the tap; a kind that does not know how leaves the wire log
+    /// without bytes.
+    fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>>;
 
     /// What it means that the other end closes a connection before its first answer.
     fn turned_away(&self) -> Fault {
@@ -27,6 +30,71 @@ pub trait Dial: Send {
     /// How long that may take beyond the line's timeout.
     fn takes(&self) -> Duration {
         Duration::ZERO
+    }
+}
+
+/// Opens the connections of one Modbus line.
+pub(super) struct ModbusDial {
+    address: String,
+    timeout: Duration,
+    over: Over,
+}
+
+/// What a Modbus line is made of.
+enum Over {
+    Tcp,
+    /// `None`: its files are of no use, as [`tls::check`] says.
+    Tls(Option<Client>),
+    RtuOverTcp,
+    Serial(Serial),
+}
+
+impl ModbusDial {
+    /// To the address of this bus; what the other end of a TCP connection has not confirmed within the bus's timeout
+    /// breaks it. `None` for CAN.
+    pub(super) fn new(bus: &Bus) -> Option<ModbusDial> {
+        let over = match (&bus.transport, &bus.tls) {
+            (Transport::Tcp, None) => Over::Tcp,
+            (Transport::Tcp, Some(tls)) => Over::Tls(Client::new(tls).ok()),
+            (Transport::RtuOverTcp, _) => Over::RtuOverTcp,
+            (Transport::Serial(serial), _) => Over::Serial(*serial),
+            (Transport::Can, _) => return None,
+        };
+        Some(ModbusDial { address: bus.address.clone(), timeout: bus.timeout, over })
+    }
+
+    async fn open(&self, tap: &Tap) -> Result<Connection, Fault> {
+        if let Over::Serial(serial) = self.over {
+            let port = SerialPort::open(&self.address, serial).map_err(Fault::Link)?;
+            return Ok(Connection::Other(Box::new(Rtu::new(port, Some(serial), tap))));
+        }
+        if matches!(self.over, Over::Tls(None)) {
+            return Err(Fault::Link(LinkFault::Tls(TlsFault::OurFiles)));
+        }
+        let stream = connected(&self.address, self.timeout).await?;
+        Ok(match &self.over {
+            Over::RtuOverTcp => Connection::Other(Box::new(Rtu::new(stream, None, tap))),
+            Over::Tls(Some(client)) => Connection::Modbus(ModbusTcp::new(client.secure(stream).await?, tap)),
+            _ => Connection::Modbus(ModbusTcp::new(Eager::new(stream), tap)),
+        })
+    }
+}
+
+impl Dial for ModbusDial {
+    fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
+        Box::pin(self.open(tap))
+    }
+
+    fn turned_away(&self) -> Fault {
+        Fault::Link(match self.over {
+            // With TLS 1.3 its judgement of our certificate comes after the handshake, and not every device says it.
+            Over::Tls(_) => LinkFault::Tls(TlsFault::TurnedAway),
+            _ => LinkFault::TurnedAway,
+        })
+    }
+
+    fn takes(&self) -> Duration {
+        if matches!(self.over, Over::Tls(_)) { tls::HANDSHAKE } else { Duration::ZERO }
     }
 }
 
@@ -52,14 +120,6 @@ impl Connection {
         match self {
             Connection::Modbus(wire) => wire.exchange(unit, request, departure).await,
             Connection::Other(wire) => wire.exchange(unit, request, departure).await,
-        }
-    }
-
-    /// As [`Wire::time_under_way`].
-    pub fn time_under_way(&self, request: Request<'_>) -> Duration {
-        match self {
-            Connection::Modbus(wire) => wire.time_under_way(request),
-            Connection::Other(wire) => wire.time_under_way(request),
         }
     }
 

@@ -147,7 +147,6 @@ impl DeviceLine {
 
     /// The same line, listened to at this tap.
     pub fn tapped(mut self, tap: &Tap) -> DeviceLine {
-        self.dial.tap(tap);
         self.tap = tap.clone();
         self
     }
@@ -266,7 +265,7 @@ impl DeviceLine {
             if answer.is_ok()
                 && let Some(connection) = &mut self.wire
             {
-                let span = self.timeout + connection.time_under_way(request);
+                let span = self.timeout + connection.wire().time_under_way(request);
                 self.departure.begins(span);
                 let exchanged = {
                     // Pinned here, it need not be moved.
@@ -431,7 +430,7 @@ impl DeviceLine {
         }
         let span = self.timeout + self.dial.takes();
         self.departure.away_for(span);
-        let dialled = self.patience.within(span, self.dial.dial()).await;
+        let dialled = self.patience.within(span, self.dial.dial(&self.tap)).await;
         self.departure.look();
         match dialled.unwrap_or(Err(Fault::Link(LinkFault::Unreachable))) {
             Ok(wire) => {

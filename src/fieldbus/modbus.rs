@@ -9,13 +9,12 @@ use std::collections::hash_map::RandomState;
 use std::hash::{BuildHasher, Hasher};
 use std::io;
 
-use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
-
 use super::departure::Departure;
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
 use super::pdu;
-use super::port::{Any, Port};
-use super::tls::told;
+use super::port::{Port, Tapped};
+use super::tls::tls_fault;
+use super::trace::Tap;
 use super::wire::{Answer, Boxed, Request, Wire};
 
 /// Transaction, protocol and length, behind which the length counts; and the unit.
@@ -23,26 +22,19 @@ const HEADER: usize = 6;
 /// Header, unit and the longest message.
 const LONGEST: usize = HEADER + 1 + pdu::LONGEST;
 
-/// Modbus TCP over any stream. It cannot be seen whether something waits there that the runtime has not heard of.
-pub fn attach<T>(stream: T) -> ModbusTcp
-where
-    T: AsyncRead + AsyncWrite + Send + Unpin + 'static,
-{
-    ModbusTcp::over(Any(stream))
-}
-
 /// An open Modbus TCP connection.
 pub struct ModbusTcp {
-    stream: Box<dyn Port>,
+    port: Tapped,
     transaction: u16,
     question: Vec<u8>,
 }
 
 impl ModbusTcp {
-    pub(super) fn over(stream: impl Port + 'static) -> ModbusTcp {
+    /// On this port, whose bytes pass the tap.
+    pub fn new(port: impl Port + 'static, tap: &Tap) -> ModbusTcp {
         let [low, high, ..] = RandomState::new().build_hasher().finish().to_le_bytes();
         let transaction = u16::from_le_bytes([low, high]);
-        ModbusTcp { stream: Box::new(stream), transaction, question: Vec::with_capacity(LONGEST) }
+        ModbusTcp { port: Tapped::new(port, tap), transaction, question: Vec::with_capacity(LONGEST) }
     }
 
     pub(super) async fn exchange(
@@ -55,21 +47,20 @@ impl ModbusTcp {
             return Err(Fault::Caller(CallerFault::Function));
         }
         let mut received = [0; 2 * LONGEST];
-        match self.stream.take_waiting(&mut received) {
+        match self.port.take_waiting(&mut received) {
             Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted) => {}
-            Err(error) => return Err(told(&error).unwrap_or(CLOSED)),
+            Err(error) => return Err(tls_fault(&error).unwrap_or(CLOSED)),
             Ok(0) => return Err(CLOSED),
             Ok(_) => return Err(Fault::Peer(PeerFault::Unasked)),
         }
         self.transaction = self.transaction.wrapping_add(1);
         self.frame(unit, request);
         departure.leave()?;
-        self.stream.write_all(&self.question).await.map_err(|error| transport_fault(&error))?;
-        self.stream.flush().await.map_err(|error| transport_fault(&error))?;
+        let broken = |error| tls_fault(&error).unwrap_or(BROKEN);
+        self.port.send(&self.question).await.map_err(broken)?;
         let mut filled = 0;
         loop {
-            let count = self.stream.read(&mut received[filled..]).await;
-            filled += match count.map_err(|error| transport_fault(&error))? {
+            filled += match self.port.receive(&mut received[filled..]).await.map_err(broken)? {
                 0 => return Err(BROKEN),
                 count => count,
             };
@@ -120,10 +111,6 @@ impl Wire for ModbusTcp {
 
 const BROKEN: Fault = Fault::Link(LinkFault::Broken);
 const CLOSED: Fault = Fault::Link(LinkFault::Closed);
-
-fn transport_fault(error: &io::Error) -> Fault {
-    told(error).unwrap_or(BROKEN)
-}
 
 #[cfg(test)]
 mod tests;

@@ -1,20 +1,31 @@
-//! A stream that can be asked for what has already come, past the runtime, which may not have heard of it yet.
+//! The streams that Modbus is spoken on. What has already come can be asked for past the runtime, which may not have heard
+//! of it yet, and whatever passes can be listened to.
 
 use std::io::{self, Read};
 use std::pin::Pin;
 use std::task::{Context, Poll, Waker};
 
 use socket2::SockRef;
-use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, DuplexStream, ReadBuf};
 use tokio::net::TcpStream;
+
+use super::trace::Tap;
 
 /// What a line is spoken on.
 pub trait Port: AsyncRead + AsyncWrite + Send + Unpin {
-    /// Takes what waits in the system's buffer.
+    /// Takes what waits in the system's buffer; by itself only as much of it as the runtime has heard of.
     ///
     /// # Errors
     /// [`io::ErrorKind::WouldBlock`] where nothing waits, and whatever is wrong with the stream.
-    fn take_waiting(&mut self, bytes: &mut [u8]) -> io::Result<usize>;
+    fn take_waiting(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        let mut buffer = ReadBuf::new(bytes);
+        // Whoever waits for the stream asks again himself.
+        let mut context = Context::from_waker(Waker::noop());
+        match Pin::new(self).poll_read(&mut context, &mut buffer) {
+            Poll::Ready(done) => done.map(|()| buffer.filled().len()),
+            Poll::Pending => Err(io::ErrorKind::WouldBlock.into()),
+        }
+    }
 
     /// Forgets what has been written and has not left this computer yet, where the system lets one.
     fn discard_unsent(&mut self) {}
@@ -26,56 +37,48 @@ impl Port for TcpStream {
     }
 }
 
-impl<T: Port + ?Sized> Port for Box<T> {
-    fn take_waiting(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
-        self.as_mut().take_waiting(bytes)
-    }
+impl Port for DuplexStream {}
 
-    fn discard_unsent(&mut self) {
-        self.as_mut().discard_unsent();
-    }
+/// A port whose bytes pass a tap.
+pub(super) struct Tapped {
+    port: Box<dyn Port>,
+    tap: Tap,
 }
 
-/// A stream of any kind: what the runtime has not heard of is not known of it.
-#[derive(Debug)]
-pub(super) struct Any<T>(pub(super) T);
+impl Tapped {
+    pub(super) fn new(port: impl Port + 'static, tap: &Tap) -> Tapped {
+        Tapped { port: Box::new(port), tap: tap.clone() }
+    }
 
-impl<T: AsyncRead + AsyncWrite + Send + Unpin> Port for Any<T> {
-    fn take_waiting(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
-        let mut buffer = ReadBuf::new(bytes);
-        // Whoever waits for the stream asks again himself.
-        let mut context = Context::from_waker(Waker::noop());
-        match Pin::new(&mut self.0).poll_read(&mut context, &mut buffer) {
-            Poll::Ready(done) => done.map(|()| buffer.filled().len()),
-            Poll::Pending => Err(io::ErrorKind::WouldBlock.into()),
+    /// Sends all of these bytes.
+    pub(super) async fn send(&mut self, mut bytes: &[u8]) -> io::Result<()> {
+        while !bytes.is_empty() {
+            let (sent, left) = match self.port.write(bytes).await? {
+                0 => return Err(io::ErrorKind::WriteZero.into()),
+                count => bytes.split_at(count),
+            };
+            self.tap.pass(sent, true);
+            bytes = left;
         }
-    }
-}
-
-impl<T: AsyncRead + Unpin> AsyncRead for Any<T> {
-    fn poll_read(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-        buffer: &mut ReadBuf<'_>,
-    ) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.0).poll_read(context, buffer)
-    }
-}
-
-impl<T: AsyncWrite + Unpin> AsyncWrite for Any<T> {
-    fn poll_write(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-        bytes: &[u8],
-    ) -> Poll<io::Result<usize>> {
-        Pin::new(&mut self.0).poll_write(context, bytes)
+        self.port.flush().await
     }
 
-    fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.0).poll_flush(context)
+    /// Waits for bytes; none: the stream is at its end.
+    pub(super) async fn receive(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        let count = self.port.read(bytes).await?;
+        self.tap.pass(&bytes[..count], false);
+        Ok(count)
     }
 
-    fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.0).poll_shutdown(context)
+    /// As [`Port::take_waiting`]. What is taken to be discarded passes the tap too: a late answer is worth seeing.
+    pub(super) fn take_waiting(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        let count = self.port.take_waiting(bytes)?;
+        self.tap.pass(&bytes[..count], false);
+        Ok(count)
+    }
+
+    /// As [`Port::discard_unsent`].
+    pub(super) fn discard_unsent(&mut self) {
+        self.port.discard_unsent();
     }
 }

@@ -13,15 +13,11 @@
 use std::io;
 use std::time::Duration;
 
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
-
-use super::connection::{Connection, Dial};
 use super::departure::Departure;
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
 use super::pdu;
-use super::port::Port;
-use super::tcp::connected;
-use super::trace::{Tap, Teed};
+use super::port::{Port, Tapped};
+use super::trace::Tap;
 use super::wire::{Answer, Boxed, Request, Wire};
 use crate::clock::{Patience, Silence};
 use isotherm_profile::Serial;
@@ -35,37 +31,9 @@ const MOST_KEPT: usize = 2 * frame::LONGEST;
 /// Silence before a request where the line behind the connection is not ours: the other end keeps its own.
 const SILENCE_OVER_TCP: Duration = Duration::ZERO;
 
-/// Opens connections to a device that passes RTU frames on.
-#[derive(Clone, Debug)]
-pub struct RtuOverTcpDial {
-    address: String,
-    timeout: Duration,
-    tap: Tap,
-}
-
-impl RtuOverTcpDial {
-    /// To `host:port`; what the other end has not confirmed within the timeout breaks the connection.
-    pub fn new(address: &str, timeout: Duration) -> RtuOverTcpDial {
-        RtuOverTcpDial { address: address.to_owned(), timeout, tap: Tap::default() }
-    }
-}
-
-impl Dial for RtuOverTcpDial {
-    fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
-        Box::pin(async {
-            let stream = connected(&self.address, self.timeout).await?;
-            Ok(Connection::Other(Box::new(Rtu::new(Teed::new(stream, self.tap.clone()), None))))
-        })
-    }
-
-    fn tap(&mut self, tap: &Tap) {
-        self.tap = tap.clone();
-    }
-}
-
-/// RTU over any stream.
-pub struct Rtu<T> {
-    stream: T,
+/// An open RTU line.
+pub struct Rtu {
+    port: Tapped,
     /// The settings of a serial port; `None` where there is none of ours.
     serial: Option<Serial>,
     silence: Silence,
@@ -79,11 +47,11 @@ pub struct Rtu<T> {
     discarded: Vec<u8>,
 }
 
-impl<T: Port> Rtu<T> {
-    /// RTU over this stream, which keeps the times of `serial`.
-    pub fn new(stream: T, serial: Option<Serial>) -> Rtu<T> {
+impl Rtu {
+    /// RTU on this port, which keeps the times of `serial`; its bytes pass the tap.
+    pub fn new(port: impl Port + 'static, serial: Option<Serial>, tap: &Tap) -> Rtu {
         Rtu {
-            stream,
+            port: Tapped::new(port, tap),
             serial,
             silence: Silence::begin(),
             patience: Patience::new(),
@@ -112,8 +80,7 @@ impl<T: Port> Rtu<T> {
         self.heard = None;
         let question = frame::request(unit, request);
         departure.leave()?;
-        self.stream.write_all(&question).await.map_err(|_| BROKEN)?;
-        self.stream.flush().await.map_err(|_| BROKEN)?;
+        self.port.send(&question).await.map_err(|_| BROKEN)?;
         // The port takes all bytes at once and sends them one after the other.
         let sending = self.serial.map_or(Duration::ZERO, |serial| serial.bytes(question.len()));
         self.silence = Silence::begin_after(sending);
@@ -165,7 +132,7 @@ impl<T: Port> Rtu<T> {
     /// Waits for bytes and keeps them.
     async fn receive(&mut self) -> Result<(), Fault> {
         let mut bytes = [0; frame::LONGEST];
-        match self.stream.read(&mut bytes).await {
+        match self.port.receive(&mut bytes).await {
             Ok(0) | Err(_) => Err(BROKEN),
             Ok(count) => {
                 self.silence = Silence::begin();
@@ -180,7 +147,7 @@ impl<T: Port> Rtu<T> {
         self.received.clear();
         let mut bytes = [0; frame::LONGEST];
         loop {
-            match self.stream.take_waiting(&mut bytes) {
+            match self.port.take_waiting(&mut bytes) {
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
                 Ok(0) | Err(_) => return Err(CLOSED),
@@ -195,7 +162,7 @@ impl<T: Port> Rtu<T> {
             if left.is_zero() {
                 return Ok(());
             }
-            match self.patience.within(left, self.stream.read(&mut bytes)).await {
+            match self.patience.within(left, self.port.receive(&mut bytes)).await {
                 None => {}
                 Some(Ok(0) | Err(_)) => return Err(CLOSED),
                 Some(Ok(count)) => self.disturbed(&bytes[..count]),
@@ -211,9 +178,18 @@ impl<T: Port> Rtu<T> {
         let surplus = self.discarded.len().saturating_sub(MOST_KEPT);
         self.discarded.drain(..surplus);
     }
+
+    /// Whether a whole frame of the unit is among what was discarded. It is forgotten with that.
+    fn has_spoken(&mut self, unit: u8) -> bool {
+        let has_spoken = matches!(frame::find(&self.discarded, unit), Found::Own { .. });
+        if has_spoken {
+            self.discarded.clear();
+        }
+        has_spoken
+    }
 }
 
-impl<T: Port> Wire for Rtu<T> {
+impl Wire for Rtu {
     fn exchange<'a>(
         &'a mut self,
         unit: u8,
@@ -233,7 +209,7 @@ impl<T: Port> Wire for Rtu<T> {
     }
 
     fn missed(&mut self) -> Fault {
-        self.stream.discard_unsent();
+        self.port.discard_unsent();
         self.heard.take().map_or(Fault::Timeout, Fault::Peer)
     }
 
@@ -253,7 +229,7 @@ impl<T: Port> Wire for Rtu<T> {
                     return Ok(());
                 }
                 let mut bytes = [0; frame::LONGEST];
-                match self.patience.within(left, self.stream.read(&mut bytes)).await {
+                match self.patience.within(left, self.port.receive(&mut bytes)).await {
                     None => {}
                     Some(Ok(0) | Err(_)) => return Err(CLOSED),
                     Some(Ok(count)) => {
@@ -269,17 +245,6 @@ impl<T: Port> Wire for Rtu<T> {
                 }
             }
         })
-    }
-}
-
-impl<T> Rtu<T> {
-    /// Whether a whole frame of the unit is among what was discarded. It is forgotten with that.
-    fn has_spoken(&mut self, unit: u8) -> bool {
-        let has_spoken = matches!(frame::find(&self.discarded, unit), Found::Own { .. });
-        if has_spoken {
-            self.discarded.clear();
-        }
-        has_spoken
     }
 }
 

@@ -14,42 +14,9 @@ use rustix::termios::{ControlModes, InputModes, OptionalActions, QueueSelector, 
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::net::unix::pipe::{Receiver, Sender};
 
-use super::connection::{Connection, Dial};
-use super::error::{Fault, LinkFault};
+use super::error::LinkFault;
 use super::port::Port;
-use super::rtu::Rtu;
-use super::trace::{Tap, Teed};
-use super::wire::Boxed;
 use isotherm_profile::{Parity, Serial};
-
-/// Opens one serial port.
-#[derive(Clone, Debug)]
-pub struct SerialDial {
-    path: String,
-    settings: Serial,
-    tap: Tap,
-}
-
-impl SerialDial {
-    /// The port at this path with these settings.
-    pub fn new(path: &str, settings: Serial) -> SerialDial {
-        SerialDial { path: path.to_owned(), settings, tap: Tap::default() }
-    }
-}
-
-impl Dial for SerialDial {
-    fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
-        Box::pin(async {
-            let port = SerialPort::open(&self.path, self.settings).map_err(Fault::Link)?;
-            let port = Teed::new(port, self.tap.clone());
-            Ok(Connection::Other(Box::new(Rtu::new(port, Some(self.settings)))))
-        })
-    }
-
-    fn tap(&mut self, tap: &Tap) {
-        self.tap = tap.clone();
-    }
-}
 
 /// An open serial port, eight data bits, nothing interpreted.
 #[derive(Debug)]

@@ -1,24 +1,18 @@
 //! The wire log: the frames of a line while somebody looks, and nothing at all while nobody does.
 //!
-//! The bytes are the real ones. The stream below the Modbus library is a [`Teed`] one, which keeps a copy of what passes;
-//! what it means comes from above, where the question and its checked answer are known ([`super::line`]). So an answer
-//! that is no Modbus is shown as it came, beside the fault it was taken for. Frames put together again from what the
-//! library says would show neither that nor a late answer.
+//! The bytes are the real ones, kept as they pass a [port](super::port); what they mean comes from above, where the question
+//! and its checked answer are known ([`super::line`]). So an answer that is no Modbus is shown as it came, beside the
+//! fault it was taken for.
 //!
-//! Without a listener a stream looks at one flag per read and write. With one, the line still waits for nobody: an
+//! Without a listener a port looks at one flag per read and write. With one, the line still waits for nobody: an
 //! exchange that finds its queue full is counted and left out. A listener that is dropped is gone at once.
 
-use std::io;
-use std::pin::Pin;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::task::{Context, Poll};
 
-use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::sync::mpsc;
 
 use super::error::{Fault, LinkFault};
-use super::port::Port;
 use super::request::{Answer, Request};
 use crate::clock::Clock;
 use isotherm_core::codec::Frame;
@@ -208,74 +202,6 @@ impl Drop for Listening {
         let mut listeners = locked(&self.tap.0.listeners);
         listeners.retain(|listener| !listener.to.is_closed());
         self.tap.0.is_on.store(!listeners.is_empty(), Ordering::Relaxed);
-    }
-}
-
-/// A stream whose bytes can be listened to.
-#[derive(Debug)]
-pub struct Teed<T> {
-    stream: T,
-    tap: Tap,
-}
-
-impl<T> Teed<T> {
-    /// This stream, through this tap.
-    pub fn new(stream: T, tap: Tap) -> Teed<T> {
-        Teed { stream, tap }
-    }
-
-    fn pass(&self, bytes: &[u8], is_sent: bool) {
-        self.tap.pass(bytes, is_sent);
-    }
-}
-
-impl<T: AsyncRead + Unpin> AsyncRead for Teed<T> {
-    fn poll_read(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-        buffer: &mut ReadBuf<'_>,
-    ) -> Poll<io::Result<()>> {
-        let before = buffer.filled().len();
-        let read = Pin::new(&mut self.stream).poll_read(context, buffer);
-        if read.is_ready() {
-            self.pass(&buffer.filled()[before..], false);
-        }
-        read
-    }
-}
-
-impl<T: AsyncWrite + Unpin> AsyncWrite for Teed<T> {
-    fn poll_write(
-        mut self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-        bytes: &[u8],
-    ) -> Poll<io::Result<usize>> {
-        let written = Pin::new(&mut self.stream).poll_write(context, bytes);
-        if let Poll::Ready(Ok(count)) = written {
-            self.pass(&bytes[..count], true);
-        }
-        written
-    }
-
-    fn poll_flush(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.stream).poll_flush(context)
-    }
-
-    fn poll_shutdown(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Pin::new(&mut self.stream).poll_shutdown(context)
-    }
-}
-
-/// What is taken to be discarded passes the tap too: a late answer is worth seeing.
-impl<T: Port> Port for Teed<T> {
-    fn take_waiting(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
-        let count = self.stream.take_waiting(bytes)?;
-        self.pass(&bytes[..count], false);
-        Ok(count)
-    }
-
-    fn discard_unsent(&mut self) {
-        self.stream.discard_unsent();
     }
 }
 

@@ -10,9 +10,10 @@ use std::task::{Context, Poll};
 
 use isotherm::clock::Clock;
 use isotherm::fieldbus::departure::Departure;
-use isotherm::fieldbus::modbus::attach;
+use isotherm::fieldbus::modbus::ModbusTcp;
 use isotherm::fieldbus::port::Port;
 use isotherm::fieldbus::rtu::Rtu;
+use isotherm::fieldbus::trace::Tap;
 use isotherm::fieldbus::wire::{Answer, Request, Wire};
 use isotherm_core::codec::{Address, DataType, Encoding, Register, Scale, Table, WordOrder, checksum};
 use isotherm_core::reading::SignalId;
@@ -271,10 +272,11 @@ pub(crate) fn client(data: &[u8]) {
     let peer = Peer { asked: Vec::new(), answer: bytes.0.to_vec(), at: 0, how, calls: 0 };
     let runtime = tokio::runtime::Builder::new_current_thread().build().expect("a runtime without drivers");
     let mut departure = Departure::whenever(&Clock::wall());
+    let tap = Tap::default();
     let answer = if how & RTU == 0 {
-        runtime.block_on(attach(peer).exchange(unit, request, &mut departure))
+        runtime.block_on(ModbusTcp::new(peer, &tap).exchange(unit, request, &mut departure))
     } else {
-        runtime.block_on(Rtu::new(peer, None).exchange(unit, request, &mut departure))
+        runtime.block_on(Rtu::new(peer, None, &tap).exchange(unit, request, &mut departure))
     };
     match (answer, request) {
         (Ok(Answer::Words(words)), Request::Read { from, count }) => {

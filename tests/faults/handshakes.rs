@@ -6,6 +6,7 @@ use std::time::Duration;
 use isotherm::fieldbus::connection::{Connection, Dial};
 use isotherm::fieldbus::departure::Departure;
 use isotherm::fieldbus::error::Fault;
+use isotherm::fieldbus::trace::Tap;
 use isotherm::fieldbus::wire::{Answer, Boxed, Request, Wire};
 use isotherm::gateway::Dialer;
 use isotherm::observe::status::Command;
@@ -216,9 +217,9 @@ struct RefusingWire {
 }
 
 impl Dial for Refusing {
-    fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
+    fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
         Box::pin(async {
-            let wire = isotherm::fieldbus::dial(&self.bus).unwrap().dial().await?;
+            let wire = isotherm::fieldbus::dial(&self.bus).unwrap().dial(tap).await?;
             Ok(Connection::Other(Box::new(RefusingWire { wire, by: self.clone() })))
         })
     }

@@ -8,6 +8,7 @@ use isotherm::clock::Clock;
 use isotherm::fieldbus::connection::{Connection, Dial};
 use isotherm::fieldbus::departure::Departure;
 use isotherm::fieldbus::error::Fault;
+use isotherm::fieldbus::trace::Tap;
 use isotherm::fieldbus::wire::{Answer, Boxed, Request, Wire};
 use isotherm::gateway::Dialer;
 use isotherm::virtual_machine::{FaultScript, PlantSpec};
@@ -263,9 +264,9 @@ struct BadWire {
 }
 
 impl Dial for BadDial {
-    fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
+    fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
         Box::pin(async {
-            let wire = self.dial.dial().await?;
+            let wire = self.dial.dial(tap).await?;
             let (calls, nth, mishap) = (self.calls.clone(), self.nth, self.mishap);
             Ok(Connection::Other(Box::new(BadWire { wire, calls, nth, mishap })))
         })

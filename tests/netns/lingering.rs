@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use isotherm::fieldbus::connection::{Connection, Dial};
 use isotherm::fieldbus::error::{Fault, LinkFault};
-use isotherm::fieldbus::modbus::attach;
+use isotherm::fieldbus::modbus::ModbusTcp;
+use isotherm::fieldbus::trace::Tap;
 use isotherm::fieldbus::wire::Boxed;
 use isotherm::gateway::Dialer;
 use tokio::net::TcpStream;
@@ -17,12 +18,12 @@ pub(crate) fn dialer() -> Dialer {
 struct Lingering(String);
 
 impl Dial for Lingering {
-    fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
+    fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
         Box::pin(async {
             let unreachable = |_| Fault::Link(LinkFault::Unreachable);
             let stream = TcpStream::connect(&self.0).await.map_err(unreachable)?;
             stream.set_nodelay(true).map_err(unreachable)?;
-            Ok(Connection::Modbus(attach(stream)))
+            Ok(Connection::Modbus(ModbusTcp::new(stream, tap)))
         })
     }
 }

@@ -8,7 +8,9 @@ use std::time::Duration;
 
 use isotherm::fieldbus::connection::{Connection, Dial};
 use isotherm::fieldbus::error::{Fault, LinkFault};
-use isotherm::fieldbus::modbus::attach;
+use isotherm::fieldbus::modbus::ModbusTcp;
+use isotherm::fieldbus::port::Port;
+use isotherm::fieldbus::trace::Tap;
 use isotherm::fieldbus::wire::Boxed;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::Sleep;
@@ -32,11 +34,11 @@ pub(crate) struct SimulatedDial {
 }
 
 impl Dial for SimulatedDial {
-    fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
+    fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
         let number = self.shared.world().dial(self.line);
         let stream =
             number.map(|number| Stream { shared: self.shared.clone(), line: self.line, number, timer: None });
-        let connection = stream.map(|stream| Connection::Modbus(attach(stream)));
+        let connection = stream.map(|stream| Connection::Modbus(ModbusTcp::new(stream, tap)));
         Box::pin(std::future::ready(connection.ok_or(Fault::Link(LinkFault::Refused))))
     }
 }
@@ -48,6 +50,8 @@ struct Stream {
     /// When there may be something to be read.
     timer: Option<(Duration, Pin<Box<Sleep>>)>,
 }
+
+impl Port for Stream {}
 
 impl AsyncRead for Stream {
     fn poll_read(

@@ -21,18 +21,17 @@ use isotherm_core::codec::Frame;
 pub struct CanDial {
     link: Arc<Link>,
     timeout: Duration,
-    tap: Tap,
 }
 
 impl CanDial {
     /// On this interface; a full queue is given half of the line's timeout.
     pub fn new(link: Arc<Link>, timeout: Duration) -> CanDial {
-        CanDial { link, timeout, tap: Tap::default() }
+        CanDial { link, timeout }
     }
 }
 
 impl Dial for CanDial {
-    fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
+    fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
         let wire = match (self.link.fault(), self.link.socket()) {
             (None, Some(socket)) => Ok(Connection::Other(Box::new(CanWire {
                 answers: self.link.ask(),
@@ -40,15 +39,11 @@ impl Dial for CanDial {
                 socket,
                 patience: self.timeout / 2,
                 asked: None,
-                tap: self.tap.clone(),
+                tap: tap.clone(),
             }))),
             (fault, _) => Err(fault.unwrap_or(Fault::Link(LinkFault::Down))),
         };
         Box::pin(std::future::ready(wire))
-    }
-
-    fn tap(&mut self, tap: &Tap) {
-        self.tap = tap.clone();
     }
 }
 

@@ -39,7 +39,7 @@ type Shared = Arc<Mutex<Script>>;
 struct Scripted(Shared);
 
 impl Dial for Scripted {
-    fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
+    fn dial<'a>(&'a mut self, _: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
         Box::pin(async {
             let turn = {
                 let mut script = self.0.lock().unwrap();
@@ -345,9 +345,9 @@ async fn what_the_profile_does_not_list_and_what_does_not_fit_never_leaves_the_h
 struct Nameless(Scripted);
 
 impl Dial for Nameless {
-    fn dial(&mut self) -> Boxed<'_, Result<Connection, Fault>> {
+    fn dial<'a>(&'a mut self, tap: &'a Tap) -> Boxed<'a, Result<Connection, Fault>> {
         Box::pin(async {
-            self.0.dial().await?;
+            self.0.dial(tap).await?;
             Ok(Connection::Other(Box::new(Nameless(Scripted(self.0.0.clone()))) as Box<dyn Wire>))
         })
     }

@@ -31,7 +31,7 @@ async fn hear(peer: &mut DuplexStream) -> Vec<u8> {
 /// What one request comes to where the peer answers it like this and then closes.
 async fn asked(request: Request<'_>, answer: impl FnOnce(&[u8]) -> Vec<u8>) -> Result<Answer, Fault> {
     let (ours, mut theirs) = duplex(512);
-    let mut wire = attach(ours);
+    let mut wire = ModbusTcp::new(ours, &Tap::default());
     let peer = async {
         let asked = hear(&mut theirs).await;
         theirs.write_all(&answer(&asked)).await.unwrap();

@@ -1,9 +1,9 @@
 //! Against a device that speaks by hand.
 
 use std::pin::Pin;
-use std::task::{Context, Waker};
+use std::task::Context;
 
-use tokio::io::{AsyncRead, AsyncWrite, DuplexStream, ReadBuf, duplex};
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt, DuplexStream, ReadBuf, duplex};
 
 use super::*;
 use crate::clock::{Clock, Patience};
@@ -15,57 +15,9 @@ const READ: Request<'static> =
 const WRITE: Request<'static> = Request::WriteSingle { at: 4, word: 9 };
 const SLOW: Serial = Serial { baud: 9600, parity: Parity::None, stop_bits: 1 };
 
-/// A line whose system keeps nothing from us.
-struct Ours(std::sync::Mutex<DuplexStream>);
-
-impl Ours {
-    fn stream(&self) -> std::sync::MutexGuard<'_, DuplexStream> {
-        self.0.lock().unwrap()
-    }
-}
-
-impl Port for Ours {
-    fn take_waiting(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
-        let mut buffer = ReadBuf::new(bytes);
-        let mut context = Context::from_waker(Waker::noop());
-        match Pin::new(&mut *self.stream()).poll_read(&mut context, &mut buffer) {
-            std::task::Poll::Ready(done) => done.map(|()| buffer.filled().len()),
-            std::task::Poll::Pending => Err(io::ErrorKind::WouldBlock.into()),
-        }
-    }
-}
-
-impl AsyncRead for Ours {
-    fn poll_read(
-        self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-        buffer: &mut ReadBuf<'_>,
-    ) -> std::task::Poll<io::Result<()>> {
-        Pin::new(&mut *self.stream()).poll_read(context, buffer)
-    }
-}
-
-impl AsyncWrite for Ours {
-    fn poll_write(
-        self: Pin<&mut Self>,
-        context: &mut Context<'_>,
-        bytes: &[u8],
-    ) -> std::task::Poll<io::Result<usize>> {
-        Pin::new(&mut *self.stream()).poll_write(context, bytes)
-    }
-
-    fn poll_flush(self: Pin<&mut Self>, context: &mut Context<'_>) -> std::task::Poll<io::Result<()>> {
-        Pin::new(&mut *self.stream()).poll_flush(context)
-    }
-
-    fn poll_shutdown(self: Pin<&mut Self>, context: &mut Context<'_>) -> std::task::Poll<io::Result<()>> {
-        Pin::new(&mut *self.stream()).poll_shutdown(context)
-    }
-}
-
-fn line() -> (Rtu<Ours>, DuplexStream) {
+fn line() -> (Rtu, DuplexStream) {
     let (ours, theirs) = duplex(2048);
-    (Rtu::new(Ours(std::sync::Mutex::new(ours)), Some(SLOW)), theirs)
+    (Rtu::new(ours, Some(SLOW), &Tap::default()), theirs)
 }
 
 fn framed(unit: u8, pdu: &[u8]) -> Vec<u8> {
@@ -80,7 +32,7 @@ fn words(high: u8, low: u8) -> Vec<u8> {
 
 /// What a request to unit 3 comes to within a second where the device answers it with these bytes.
 async fn asked(
-    wire: &mut Rtu<Ours>,
+    wire: &mut Rtu,
     device: &mut DuplexStream,
     request: Request<'_>,
     answer: &[u8],
@@ -291,7 +243,7 @@ impl AsyncWrite for Chatter {
 
 #[tokio::test]
 async fn whoever_never_stops_talking_is_listened_to_for_as_long_as_was_said_and_no_longer() {
-    let mut wire = Rtu::new(Chatter, Some(SLOW));
+    let mut wire = Rtu::new(Chatter, Some(SLOW), &Tap::default());
     let (span, quiet) = (Duration::from_millis(40), Duration::from_millis(20));
     let listened = Patience::new().within(Duration::from_secs(30), wire.listen(3, span, quiet)).await;
     assert_eq!(listened, Some(Ok(())));

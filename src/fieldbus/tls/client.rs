@@ -1,7 +1,11 @@
 //! Whom a secured line trusts, and how the gateway shows who it is: made from the files that the profile names.
 
+use std::io;
 use std::sync::Arc;
 
+use tokio::net::TcpStream;
+use tokio_rustls::TlsConnector;
+use tokio_rustls::client::TlsStream;
 use tokio_rustls::rustls::client::WebPkiServerVerifier;
 use tokio_rustls::rustls::client::danger::{HandshakeSignatureValid, ServerCertVerified, ServerCertVerifier};
 use tokio_rustls::rustls::crypto::ring::default_provider;
@@ -12,13 +16,17 @@ use tokio_rustls::rustls::{
     SignatureScheme,
 };
 
+use super::tls_fault;
+use crate::fieldbus::eager::Eager;
+use crate::fieldbus::error::{Fault, LinkFault, TlsFault};
+use crate::fieldbus::port::Port;
 use isotherm_profile::{Errors, Profile, ProfileError, Tls};
 
 /// What opens a secured connection: versions, ciphers, trust and key, and whom it is for.
 #[derive(Clone, Debug)]
-pub(super) struct Client {
-    pub(super) name: ServerName<'static>,
-    pub(super) config: Arc<ClientConfig>,
+pub(in crate::fieldbus) struct Client {
+    name: ServerName<'static>,
+    config: Arc<ClientConfig>,
 }
 
 /// What is wrong with the TLS files of a profile, at the keys that name them.
@@ -37,7 +45,7 @@ impl Client {
     ///
     /// # Errors
     /// What is wrong with the name and with each file.
-    pub(super) fn new(tls: &Tls) -> Result<Client, Vec<ProfileError>> {
+    pub(in crate::fieldbus) fn new(tls: &Tls) -> Result<Client, Vec<ProfileError>> {
         let name = ServerName::try_from(tls.name.clone()).map_err(|_| tls.wrong_name());
         let trust =
             certificates(&tls.ca.bytes).and_then(|ca| Trust::new(&ca)).map_err(|why| tls.ca.wrong(&why));
@@ -55,7 +63,26 @@ impl Client {
             }
         }
     }
+
+    /// Makes a secured connection of a plain one.
+    pub(in crate::fieldbus) async fn secure(&self, stream: TcpStream) -> Result<TlsStream<Eager>, Fault> {
+        let peer = stream.peer_addr().ok();
+        let connector = TlsConnector::from(self.config.clone());
+        connector.connect(self.name.clone(), Eager::new(stream)).await.map_err(|error| {
+            tracing::debug!(?peer, %error, "no TLS connection");
+            // An end in the middle of the handshake without a word is also what a plain Modbus server does.
+            tls_fault(&error).unwrap_or(Fault::Link(match error.kind() {
+                io::ErrorKind::UnexpectedEof | io::ErrorKind::ConnectionReset => {
+                    LinkFault::Tls(TlsFault::Silent)
+                }
+                _ => LinkFault::Broken,
+            }))
+        })
+    }
 }
+
+/// What passes the tap there is Modbus.
+impl Port for TlsStream<Eager> {}
 
 fn config(
     tls: &Tls,

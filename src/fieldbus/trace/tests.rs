@@ -5,16 +5,16 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
 use super::*;
 use crate::fieldbus::departure::Departure;
 use crate::fieldbus::error::PeerFault;
-use crate::fieldbus::modbus::attach;
+use crate::fieldbus::modbus::ModbusTcp;
 use isotherm_core::codec::{Register, Table};
 
 const READ: Request<'static> = Request::Read { from: Register { table: Table::Input, offset: 0 }, count: 2 };
 const DEVICE: DeviceId = DeviceId(0);
 
-/// One question over a teed stream to a peer that answers with these bytes, the transaction put in front.
+/// One question over a tapped stream to a peer that answers with these bytes, the transaction put in front.
 async fn asked(tap: &Tap, answer: &[u8]) -> Result<Answer, Fault> {
     let (ours, mut theirs) = duplex(2048);
-    let mut wire = attach(Teed::new(ours, tap.clone()));
+    let mut wire = ModbusTcp::new(ours, tap);
     let peer = async {
         let mut question = [0; 12];
         theirs.read_exact(&mut question).await.unwrap();
