@@ -1,137 +1,201 @@
 //! What went wrong on the fieldbus, by who is to blame.
 
-use std::fmt;
-
 use super::canopen::abort::AbortCode;
 use isotherm_core::reading::Reason;
 
 /// Why a request has no answer. Small, so that a test is one comparison.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum Fault {
     /// We asked for something that cannot be asked.
+    #[error("{0}")]
     Caller(CallerFault),
     /// The connection.
+    #[error("{0}")]
     Link(LinkFault),
     /// The device answered something else than what was asked.
+    #[error("{0}")]
     Peer(PeerFault),
     /// The device says no, with this Modbus exception code.
+    #[error("exception {0} ({name})", name = exception_name(*.0))]
     Exception(u8),
     /// The device says no, with this SDO abort code.
+    #[error("refused: {0}")]
     Aborted(AbortCode),
     /// No answer in time.
+    #[error("no answer in time")]
     Timeout,
 }
 
 /// A request that must not leave the house.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum CallerFault {
     /// Zero registers, more than a request carries, or beyond the last address.
+    #[error("request outside what Modbus allows")]
     Extent,
     /// A function code that the profile does not allow for this device.
+    #[error("function code not allowed by the profile")]
     Function,
     /// Of a frame that several values share, another is not known yet.
+    #[error("another value in the same frame is not known yet; sent as soon as it is")]
     Incomplete,
     /// What it rests on has become too old before it could be sent.
+    #[error("too late: what it rests on is too old by now")]
     TooLate,
 }
 
 /// How a connection fails.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum LinkFault {
     /// Nobody listens there.
+    #[error("connection refused: nobody listens there")]
     Refused,
     /// The host cannot be reached, or has no such name.
+    #[error("host not reachable")]
     Unreachable,
     /// It was closed or broke in the middle.
+    #[error("connection closed or broken")]
     Broken,
     /// It was closed while nothing was under way: nothing has been sent.
+    #[error("connection closed while idle")]
     Closed,
     /// There is no such serial port: not plugged in, or under another name.
+    #[error("no such serial port: is the adapter plugged in?")]
     Absent,
     /// The serial port may not be opened by this user.
+    #[error("no permission for the serial port: the user must be in its group, often `dialout`")]
     Forbidden,
     /// Another program has the serial port.
+    #[error("another program uses the serial port")]
     Busy,
     /// The port is no serial port, or cannot do these settings.
+    #[error("no serial port, or one that cannot do these settings")]
     Unsuited,
     /// It was closed before it brought a single answer.
+    #[error("closed before the first answer: it accepts one client perhaps, and another master holds it")]
     TurnedAway,
     /// It is closed again and again, soon after it was made.
+    #[error(
+        "closed again and again: it accepts one client perhaps, and another master takes it; this one waits \
+         longer each time (quirks.close_after_each leaves room for both)"
+    )]
     Contested,
     /// TLS did not come about.
+    #[error("{0}")]
     Tls(TlsFault),
     /// The CAN interface.
+    #[error("{0}")]
     Can(CanFault),
     /// It is down, and not yet time to try again.
+    #[error("no connection")]
     Down,
 }
 
 /// Why a connection cannot be secured.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum TlsFault {
     /// The device's certificate is too old.
+    #[error("the device's certificate has expired, or this computer's clock is wrong")]
     Expired,
     /// It will be valid later.
+    #[error("the device's certificate is not valid yet, or this computer's clock is wrong")]
     NotYetValid,
     /// It is for another name.
+    #[error(
+        "the device's certificate is for another name: put the one it has into `tls.name`, or the certificate \
+         itself into the file of `tls.ca`"
+    )]
     OtherName,
     /// Nobody whom we trust has signed it.
+    #[error("nobody in the file of `tls.ca` has signed the device's certificate")]
     UnknownAuthority,
     /// It is wrong in another way.
+    #[error(
+        "the device's certificate is of no use as a device's; one that it has signed itself is trusted by putting \
+         that very certificate into the file of `tls.ca`"
+    )]
     BadCertificate,
     /// The device finds the gateway's certificate too old.
+    #[error("the device finds that the certificate in `tls.cert` has expired: renew it")]
     OursExpired,
     /// The device does not take the gateway's certificate.
+    #[error(
+        "the device does not take the certificate in `tls.cert`: does it know who signed it, and its role?"
+    )]
     OursRefused,
     /// No version, cipher or signature that both ends know.
+    #[error("no TLS version or cipher in common: this end speaks 1.2 with ECDHE, and 1.3")]
     NothingInCommon,
     /// Whoever listens there does not speak TLS.
+    #[error("whoever listens there does not speak TLS: its secured port is usually 802")]
     NoTls,
     /// It closed the connection in the middle of the handshake, without a word.
+    #[error(
+        "closed in the middle of the TLS handshake: does it speak TLS, and does it let in another client?"
+    )]
     Silent,
     /// It closed the connection after the handshake, before its first answer.
+    #[error(
+        "closed before the first answer: does the device take the certificate in `tls.cert`, and does it let in \
+         another client?"
+    )]
     TurnedAway,
     /// It ended the handshake for another reason.
+    #[error("the device ended the TLS handshake")]
     Refused,
     /// What the profile names for the gateway's own end is of no use.
+    #[error("the files in `tls` are of no use: `isotherm check` says why")]
     OurFiles,
 }
 
 /// What is wrong with a CAN interface.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum CanFault {
     /// There is none of this name, or it has been taken away.
+    #[error("no such interface: is the adapter plugged in? (`ip -details link` lists them)")]
     NoInterface,
     /// It is another kind of interface.
+    #[error("no CAN interface")]
     NotCan,
     /// This computer's kernel has no CAN.
+    #[error("this computer's kernel has no CAN: `modprobe can-raw` as root")]
     NoKernel,
     /// It may not be used by this user.
+    #[error("no permission for CAN")]
     Forbidden,
     /// It is down.
+    #[error("the interface is down: `ip link set … up` as root brings it up")]
     Down,
     /// Its queue is full: nothing leaves it.
+    #[error("the interface's queue is full: nobody on the bus acknowledges, or its txqueuelen is too small")]
     Full,
     /// It does not carry CAN FD, or the frame is none that CAN can carry.
+    #[error("a frame that the interface cannot carry: CAN FD wants its mtu to be 72")]
     TooLong,
 }
 
 /// How an answer is wrong.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum PeerFault {
     /// Another transaction or another unit: a late reply to an older question, or somebody else's.
+    #[error("reply of another transaction or unit")]
     Foreign,
     /// Another function code.
+    #[error("reply with another function code")]
     Function,
     /// More or fewer registers than asked for.
+    #[error("reply with the wrong number of registers")]
     Length,
     /// A write answered with another address, value or count.
+    #[error("write answered with another address or value")]
     Echo,
     /// An object of another width than its type.
+    #[error("the object has another width than its type in the profile")]
     Width,
     /// Nothing that the protocol knows.
+    #[error("reply is none that the protocol knows")]
     Malformed,
     /// Something that nobody had asked for.
+    #[error("it sends what nobody asked for: a late reply, or another master on the same line")]
     Unasked,
 }
 
@@ -184,13 +248,7 @@ impl Fault {
                 | LinkFault::Contested
                 | LinkFault::Down,
             ) => Outcome::NotDone,
-            Fault::Exception(_)
-            | Fault::Aborted(_)
-            | Fault::Timeout
-            | Fault::Peer(_)
-            | Fault::Link(
-                LinkFault::Broken | LinkFault::TurnedAway | LinkFault::Tls(_) | LinkFault::Can(_),
-            ) => Outcome::Unknown,
+            _ => Outcome::Unknown,
         }
     }
 
@@ -217,112 +275,6 @@ impl Fault {
             Fault::Timeout => Reason::Timeout,
             Fault::Link(_) => Reason::LinkDown,
             Fault::Peer(_) | Fault::Caller(_) => Reason::BadReply,
-        }
-    }
-}
-
-impl std::error::Error for Fault {}
-
-impl fmt::Display for Fault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Fault::Caller(CallerFault::Extent) => "request outside what Modbus allows",
-            Fault::Caller(CallerFault::Incomplete) => {
-                "another value in the same frame is not known yet; sent as soon as it is"
-            }
-            Fault::Caller(CallerFault::TooLate) => "too late: what it rests on is too old by now",
-            Fault::Caller(CallerFault::Function) => "function code not allowed by the profile",
-            Fault::Link(LinkFault::Refused) => "connection refused: nobody listens there",
-            Fault::Link(LinkFault::Unreachable) => "host not reachable",
-            Fault::Link(LinkFault::Broken) => "connection closed or broken",
-            Fault::Link(LinkFault::Closed) => "connection closed while idle",
-            Fault::Link(LinkFault::Absent) => "no such serial port: is the adapter plugged in?",
-            Fault::Link(LinkFault::Forbidden) => {
-                "no permission for the serial port: the user must be in its group, often `dialout`"
-            }
-            Fault::Link(LinkFault::Busy) => "another program uses the serial port",
-            Fault::Link(LinkFault::Unsuited) => "no serial port, or one that cannot do these settings",
-            Fault::Link(LinkFault::TurnedAway) => {
-                "closed before the first answer: it accepts one client perhaps, and another master holds it"
-            }
-            Fault::Link(LinkFault::Contested) => {
-                "closed again and again: it accepts one client perhaps, and another master takes it; this one waits \
-                 longer each time (quirks.close_after_each leaves room for both)"
-            }
-            Fault::Link(LinkFault::Tls(fault)) => fault.words(),
-            Fault::Link(LinkFault::Can(fault)) => fault.words(),
-            Fault::Link(LinkFault::Down) => "no connection",
-            Fault::Peer(PeerFault::Foreign) => "reply of another transaction or unit",
-            Fault::Peer(PeerFault::Function) => "reply with another function code",
-            Fault::Peer(PeerFault::Length) => "reply with the wrong number of registers",
-            Fault::Peer(PeerFault::Echo) => "write answered with another address or value",
-            Fault::Peer(PeerFault::Width) => "the object has another width than its type in the profile",
-            Fault::Peer(PeerFault::Malformed) => "reply is none that the protocol knows",
-            Fault::Peer(PeerFault::Unasked) => {
-                "it sends what nobody asked for: a late reply, or another master on the same line"
-            }
-            Fault::Exception(code) => return write!(f, "exception {code} ({})", exception_name(*code)),
-            Fault::Aborted(code) => return write!(f, "refused: {code}"),
-            Fault::Timeout => "no answer in time",
-        })
-    }
-}
-
-impl TlsFault {
-    const fn words(self) -> &'static str {
-        match self {
-            TlsFault::Expired => "the device's certificate has expired, or this computer's clock is wrong",
-            TlsFault::NotYetValid => {
-                "the device's certificate is not valid yet, or this computer's clock is wrong"
-            }
-            TlsFault::OtherName => {
-                "the device's certificate is for another name: put the one it has into `tls.name`, or the certificate \
-                 itself into the file of `tls.ca`"
-            }
-            TlsFault::UnknownAuthority => {
-                "nobody in the file of `tls.ca` has signed the device's certificate"
-            }
-            TlsFault::BadCertificate => {
-                "the device's certificate is of no use as a device's; one that it has signed itself is trusted by putting \
-                 that very certificate into the file of `tls.ca`"
-            }
-            TlsFault::OursExpired => {
-                "the device finds that the certificate in `tls.cert` has expired: renew it"
-            }
-            TlsFault::OursRefused => {
-                "the device does not take the certificate in `tls.cert`: does it know who signed it, and its role?"
-            }
-            TlsFault::NothingInCommon => {
-                "no TLS version or cipher in common: this end speaks 1.2 with ECDHE, and 1.3"
-            }
-            TlsFault::NoTls => "whoever listens there does not speak TLS: its secured port is usually 802",
-            TlsFault::Silent => {
-                "closed in the middle of the TLS handshake: does it speak TLS, and does it let in another client?"
-            }
-            TlsFault::TurnedAway => {
-                "closed before the first answer: does the device take the certificate in `tls.cert`, and does it let in \
-                 another client?"
-            }
-            TlsFault::OurFiles => "the files in `tls` are of no use: `isotherm check` says why",
-            TlsFault::Refused => "the device ended the TLS handshake",
-        }
-    }
-}
-
-impl CanFault {
-    const fn words(self) -> &'static str {
-        match self {
-            CanFault::NoInterface => {
-                "no such interface: is the adapter plugged in? (`ip -details link` lists them)"
-            }
-            CanFault::NotCan => "no CAN interface",
-            CanFault::NoKernel => "this computer's kernel has no CAN: `modprobe can-raw` as root",
-            CanFault::Forbidden => "no permission for CAN",
-            CanFault::Down => "the interface is down: `ip link set … up` as root brings it up",
-            CanFault::Full => {
-                "the interface's queue is full: nobody on the bus acknowledges, or its txqueuelen is too small"
-            }
-            CanFault::TooLong => "a frame that the interface cannot carry: CAN FD wants its mtu to be 72",
         }
     }
 }

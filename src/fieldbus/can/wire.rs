@@ -8,7 +8,7 @@ use tokio::sync::mpsc;
 use super::link::Link;
 use super::socket::Socket;
 use crate::fieldbus::canopen::NodeId;
-use crate::fieldbus::canopen::sdo::{Client, Data, Progress, SdoError};
+use crate::fieldbus::canopen::sdo::{Client, Data, Progress};
 use crate::fieldbus::connection::{Connection, Dial};
 use crate::fieldbus::departure::Departure;
 use crate::fieldbus::error::{CallerFault, CanFault, Fault, LinkFault, PeerFault};
@@ -72,7 +72,7 @@ impl Wire for CanWire {
 
     fn missed(&mut self) -> Fault {
         let given_up = self.asked.take().and_then(|node| self.link.client(node, Client::timed_out));
-        if let Some((_, abort)) = given_up {
+        if let Some(abort) = given_up {
             // Where it does not leave the house, the next transfer settles the matter.
             let _ = self.socket.send_now(&abort);
         }
@@ -96,7 +96,7 @@ impl CanWire {
                 let first = self.link.client(node, |client| client.read(object.entry));
                 let data = self.transfer(node, first, departure).await?;
                 let bytes = data.as_ref().ok_or(Fault::Peer(PeerFault::Malformed))?;
-                let bytes = bytes.of_width(object.size(), object.entry).map_err(fault)?;
+                let bytes = bytes.of_width(object.size())?;
                 let words = object.words(bytes).ok_or(Fault::Caller(CallerFault::Extent))?;
                 self.link.images(|images| images.found(unit, object, words.words()));
                 Ok(Answer::Words(words.words().to_vec()))
@@ -157,7 +157,7 @@ impl CanWire {
                     if let Some(last) = last {
                         self.send(&last).await?;
                     }
-                    break Err(fault(why));
+                    break Err(why);
                 }
             }
         };
@@ -197,15 +197,4 @@ impl CanWire {
 
 fn node(unit: u8) -> Result<NodeId, Fault> {
     NodeId::new(unit).ok_or(Fault::Caller(CallerFault::Extent))
-}
-
-const fn fault(error: SdoError) -> Fault {
-    match error {
-        SdoError::Refused(_, code) => Fault::Aborted(code),
-        SdoError::TimedOut(_) => Fault::Timeout,
-        SdoError::Width { .. } => Fault::Peer(PeerFault::Width),
-        SdoError::Toggle(_) | SdoError::Announced { .. } | SdoError::TooLong(_) => {
-            Fault::Peer(PeerFault::Malformed)
-        }
-    }
 }

@@ -15,6 +15,7 @@
 
 use super::NodeId;
 use super::abort::AbortCode;
+use crate::fieldbus::error::{Fault, PeerFault};
 use isotherm_core::codec::{CanId, Entry, Frame};
 
 /// The identifiers of requests: this and the node's number.
@@ -34,7 +35,8 @@ const SETTLERS: [Entry; 4] =
 #[derive(Clone, Debug)]
 pub struct Client {
     node: NodeId,
-    state: State,
+    /// The transfer that is under way.
+    transfer: Option<Transfer>,
     /// An answer to an older transfer may still be under way.
     is_unsettled: bool,
     /// What is begun as soon as that is no longer so.
@@ -51,24 +53,19 @@ struct Job {
 }
 
 #[derive(Clone, Debug)]
-enum State {
-    Idle,
+struct Transfer {
+    job: Job,
+    stage: Stage,
+}
+
+#[derive(Clone, Debug)]
+enum Stage {
     /// The first request is under way.
-    Opening(Job),
+    Opening,
     /// Segments come in; the next one has this toggle bit.
-    Reading {
-        entry: Entry,
-        length: Option<usize>,
-        bytes: Vec<u8>,
-        toggle: bool,
-    },
+    Reading { length: Option<usize>, bytes: Vec<u8>, toggle: bool },
     /// Segments go out; the one under way has this toggle bit, and so many bytes are gone with it.
-    Writing {
-        entry: Entry,
-        bytes: Vec<u8>,
-        sent: usize,
-        toggle: bool,
-    },
+    Writing { sent: usize, toggle: bool },
 }
 
 /// What follows from an answer.
@@ -83,7 +80,7 @@ pub enum Progress {
     /// The entry has been written.
     Written,
     /// It came to nothing. The frame, where there is one, is to be sent: it ends the transfer at the node too.
-    Failed(SdoError, Option<Frame>),
+    Failed(Fault, Option<Frame>),
 }
 
 /// What an entry reads.
@@ -93,47 +90,10 @@ pub struct Data {
     is_sized: bool,
 }
 
-/// Why a transfer came to nothing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
-pub enum SdoError {
-    /// The node says no.
-    #[error("{0} is refused: {1}")]
-    Refused(Entry, AbortCode),
-    /// No answer in time.
-    #[error("{0}: no answer")]
-    TimedOut(Entry),
-    /// Segments came in a wrong order.
-    #[error("{0}: segments in a wrong order, the toggle bit did not alternate")]
-    Toggle(Entry),
-    /// The segments are together not what was announced.
-    #[error("{entry}: {came} bytes came where {announced} were announced")]
-    Announced {
-        /// What was read.
-        entry: Entry,
-        /// By its first answer.
-        announced: u32,
-        /// In its segments.
-        came: u32,
-    },
-    /// More than [`LONGEST`] bytes.
-    #[error("{0} is longer than anything that is read here")]
-    TooLong(Entry),
-    /// The entry has another width than its type.
-    #[error("{entry} has {has} bytes, not {wanted}")]
-    Width {
-        /// What was read.
-        entry: Entry,
-        /// The bytes that came.
-        has: u32,
-        /// The bytes of the type.
-        wanted: u32,
-    },
-}
-
 impl Client {
     /// A client of this node, by its standard identifiers.
     pub fn new(node: NodeId) -> Client {
-        Client { node, state: State::Idle, is_unsettled: false, postponed: None, settler: 0 }
+        Client { node, transfer: None, is_unsettled: false, postponed: None, settler: 0 }
     }
 
     /// The identifier on which its answers come.
@@ -158,26 +118,69 @@ impl Client {
             return None;
         }
         let answer: [u8; 8] = frame.data().try_into().ok()?;
-        match std::mem::replace(&mut self.state, State::Idle) {
-            State::Idle => None,
-            State::Opening(job) => self.opened(job, answer),
-            State::Reading { entry, length, bytes, toggle } => {
-                self.segment_came(entry, length, bytes, toggle, answer)
+        let [command, low, high, sub, rest @ ..] = answer;
+        let Transfer { job, stage } = self.transfer.as_mut()?;
+        let is_ours = Entry::new(u16::from_le_bytes([low, high]), sub) == job.entry;
+        let toggled = command & 0x10 != 0;
+        match (command >> 5, stage, &job.data) {
+            // A refusal is the last answer of its transfer.
+            (4, ..) if is_ours => {
+                let refused = Fault::Aborted(AbortCode(u32::from_le_bytes(rest)));
+                Some(self.ended(Progress::Failed(refused, None)))
             }
-            State::Writing { entry, bytes, sent, toggle } => {
-                self.segment_went(entry, bytes, sent, toggle, answer)
+            (2, Stage::Opening, None) if is_ours => Some(self.read_opened(command, rest)),
+            (3, Stage::Opening, Some(data)) if is_ours && (1..=4).contains(&data.len()) => {
+                Some(self.ended(Progress::Written))
             }
+            (3, stage @ Stage::Opening, Some(data)) if is_ours => {
+                let (segment, sent) = segment(data, 0, false);
+                *stage = Stage::Writing { sent, toggle: false };
+                Some(Progress::Send(self.frame(segment)))
+            }
+            (0, Stage::Reading { toggle, .. }, _) | (1, Stage::Writing { toggle, .. }, _)
+                if toggled != *toggle =>
+            {
+                Some(self.fail(AbortCode::TOGGLE))
+            }
+            (0, Stage::Reading { length, bytes, toggle }, _) => {
+                bytes.extend_from_slice(&answer[1..8 - usize::from(command >> 1 & 7)]);
+                let is_last = command & 1 == 1;
+                Some(match *length {
+                    Some(length) if bytes.len() > length || (is_last && bytes.len() < length) => {
+                        self.fail(AbortCode::LENGTH)
+                    }
+                    _ if bytes.len() > LONGEST => self.fail(AbortCode::MEMORY),
+                    _ if is_last => {
+                        let bytes = std::mem::take(bytes);
+                        self.ended(Progress::Read(Data { bytes, is_sized: true }))
+                    }
+                    _ => {
+                        *toggle = !*toggle;
+                        let next = 0x60 | u8::from(*toggle) << 4;
+                        Progress::Send(self.frame([next, 0, 0, 0, 0, 0, 0, 0]))
+                    }
+                })
+            }
+            (1, Stage::Writing { sent, .. }, Some(data)) if *sent >= data.len() => {
+                Some(self.ended(Progress::Written))
+            }
+            (1, Stage::Writing { sent, toggle }, Some(data)) => {
+                *toggle = !*toggle;
+                let (segment, until) = segment(data, *sent, *toggle);
+                *sent = until;
+                Some(Progress::Send(self.frame(segment)))
+            }
+            _ => None,
         }
     }
 
-    /// The awaited answer has not come in time. Gives why, and what is to be sent, so that the node gives up too;
-    /// `None` where nothing is awaited.
-    pub fn timed_out(&mut self) -> Option<(SdoError, Frame)> {
-        let wanted = self.postponed.take().map(|job| job.entry);
-        let asked = self.awaited()?;
-        self.state = State::Idle;
+    /// The awaited answer has not come in time. Gives what is to be sent, so that the node gives up too; `None` where
+    /// nothing is awaited.
+    pub fn timed_out(&mut self) -> Option<Frame> {
+        self.postponed = None;
+        let transfer = self.transfer.take()?;
         self.is_unsettled = true;
-        Some((SdoError::TimedOut(wanted.unwrap_or(asked)), self.abort(asked, AbortCode::TIMED_OUT)))
+        Some(self.abort(transfer.job.entry, AbortCode::TIMED_OUT))
     }
 
     /// An answer of the node has come that answers nothing: more of them may be under way.
@@ -185,171 +188,63 @@ impl Client {
         self.is_unsettled |= frame.id() == self.answers();
     }
 
-    fn awaited(&self) -> Option<Entry> {
-        match &self.state {
-            State::Idle => None,
-            State::Opening(job) => Some(job.entry),
-            State::Reading { entry, .. } | State::Writing { entry, .. } => Some(*entry),
-        }
-    }
-
     fn begin(&mut self, job: Job) -> Frame {
-        if self.is_unsettled || self.awaited().is_some() {
-            self.is_unsettled = true;
-            self.postponed = Some(job);
-            let entry = SETTLERS[self.settler];
-            self.settler = (self.settler + 1) % SETTLERS.len();
-            self.open(Job { entry, data: None })
-        } else {
-            self.open(job)
+        if !self.is_unsettled && self.transfer.is_none() {
+            return self.open(job);
         }
+        self.is_unsettled = true;
+        self.postponed = Some(job);
+        let entry = SETTLERS[self.settler];
+        self.settler = (self.settler + 1) % SETTLERS.len();
+        self.open(Job { entry, data: None })
     }
 
     fn open(&mut self, job: Job) -> Frame {
-        let (command, rest) = match &job.data {
+        let (command, rest) = match job.data.as_deref() {
             None => (0x40, [0; 4]),
-            Some(data) => match data.as_slice() {
-                &[a] => (0x2f, [a, 0, 0, 0]),
-                &[a, b] => (0x2b, [a, b, 0, 0]),
-                &[a, b, c] => (0x27, [a, b, c, 0]),
-                &[a, b, c, d] => (0x23, [a, b, c, d]),
-                longer => (0x21, count(longer.len()).to_le_bytes()),
-            },
+            Some(&[a]) => (0x2f, [a, 0, 0, 0]),
+            Some(&[a, b]) => (0x2b, [a, b, 0, 0]),
+            Some(&[a, b, c]) => (0x27, [a, b, c, 0]),
+            Some(&[a, b, c, d]) => (0x23, [a, b, c, d]),
+            Some(longer) => (0x21, u32::try_from(longer.len()).unwrap_or(u32::MAX).to_le_bytes()),
         };
         let frame = self.request(command, job.entry, rest);
-        self.state = State::Opening(job);
+        self.transfer = Some(Transfer { job, stage: Stage::Opening });
         frame
     }
 
-    /// The answer to the first request.
-    fn opened(&mut self, job: Job, answer: [u8; 8]) -> Option<Progress> {
-        let [command, low, high, sub, rest @ ..] = answer;
-        let entry = job.entry;
-        let is_ours = Entry::new(u16::from_le_bytes([low, high]), sub) == entry;
-        match (command >> 5, job.data) {
-            (4, _) if is_ours => self.refused(entry, rest),
-            (2, None) if is_ours => {
-                let is_sized = command & 1 == 1;
-                if command & 2 == 2 {
-                    let empty = if is_sized { usize::from(command >> 2 & 3) } else { 0 };
-                    return self.has_read(Data { bytes: rest[..4 - empty].to_vec(), is_sized });
-                }
-                let length = is_sized.then(|| u32::from_le_bytes(rest));
-                let length = length.map(|length| usize::try_from(length).unwrap_or(usize::MAX));
-                if length.is_some_and(|length| length > LONGEST) {
-                    return self.fail(SdoError::TooLong(entry), AbortCode::MEMORY);
-                }
-                self.state = State::Reading { entry, length, bytes: Vec::new(), toggle: false };
-                Some(Progress::Send(self.request_segment(false)))
-            }
-            (3, Some(data)) if is_ours && !(1..=4).contains(&data.len()) => {
-                Some(Progress::Send(self.send_segment(entry, data, 0, false)))
-            }
-            (3, Some(_)) if is_ours => Some(Progress::Written),
-            (_, data) => {
-                self.state = State::Opening(Job { entry, data });
-                None
-            }
+    /// The first answer of an entry that is read: all of it, or the beginning of its segments.
+    fn read_opened(&mut self, command: u8, rest: [u8; 4]) -> Progress {
+        let is_sized = command & 1 == 1;
+        if command & 2 == 2 {
+            let empty = if is_sized { usize::from(command >> 2 & 3) } else { 0 };
+            return self.ended(Progress::Read(Data { bytes: rest[..4 - empty].to_vec(), is_sized }));
         }
+        let length = is_sized.then(|| usize::try_from(u32::from_le_bytes(rest)).unwrap_or(usize::MAX));
+        if length.is_some_and(|length| length > LONGEST) {
+            return self.fail(AbortCode::MEMORY);
+        }
+        if let Some(transfer) = &mut self.transfer {
+            transfer.stage = Stage::Reading { length, bytes: Vec::new(), toggle: false };
+        }
+        Progress::Send(self.frame([0x60, 0, 0, 0, 0, 0, 0, 0]))
     }
 
-    /// The answer to the request for a segment.
-    fn segment_came(
-        &mut self,
-        entry: Entry,
-        length: Option<usize>,
-        mut bytes: Vec<u8>,
-        toggle: bool,
-        answer: [u8; 8],
-    ) -> Option<Progress> {
-        let [command, low, high, sub, rest @ ..] = answer;
-        if command >> 5 == 4 && Entry::new(u16::from_le_bytes([low, high]), sub) == entry {
-            return self.refused(entry, rest);
-        }
-        if command >> 5 != 0 {
-            self.state = State::Reading { entry, length, bytes, toggle };
-            return None;
-        }
-        if (command & 0x10 != 0) != toggle {
-            return self.fail(SdoError::Toggle(entry), AbortCode::TOGGLE);
-        }
-        let empty = usize::from(command >> 1 & 7);
-        bytes.extend_from_slice(&answer[1..8 - empty]);
-        let is_last = command & 1 == 1;
-        match length {
-            Some(announced) if bytes.len() > announced || (is_last && bytes.len() < announced) => {
-                let (announced, came) = (count(announced), count(bytes.len()));
-                self.fail(SdoError::Announced { entry, announced, came }, AbortCode::LENGTH)
-            }
-            _ if bytes.len() > LONGEST => self.fail(SdoError::TooLong(entry), AbortCode::MEMORY),
-            _ if is_last => self.has_read(Data { bytes, is_sized: true }),
-            _ => {
-                self.state = State::Reading { entry, length, bytes, toggle: !toggle };
-                Some(Progress::Send(self.request_segment(!toggle)))
-            }
-        }
-    }
-
-    /// The answer to a segment.
-    fn segment_went(
-        &mut self,
-        entry: Entry,
-        bytes: Vec<u8>,
-        sent: usize,
-        toggle: bool,
-        answer: [u8; 8],
-    ) -> Option<Progress> {
-        let [command, low, high, sub, rest @ ..] = answer;
-        match command >> 5 {
-            4 if Entry::new(u16::from_le_bytes([low, high]), sub) == entry => self.refused(entry, rest),
-            1 if (command & 0x10 != 0) != toggle => self.fail(SdoError::Toggle(entry), AbortCode::TOGGLE),
-            1 if sent >= bytes.len() => Some(Progress::Written),
-            1 => Some(Progress::Send(self.send_segment(entry, bytes, sent, !toggle))),
-            _ => {
-                self.state = State::Writing { entry, bytes, sent, toggle };
-                None
-            }
-        }
-    }
-
-    fn has_read(&mut self, data: Data) -> Option<Progress> {
-        Some(self.settled().map_or(Progress::Read(data), Progress::Begin))
-    }
-
-    /// A refusal is the last answer of its transfer.
-    fn refused(&mut self, entry: Entry, code: [u8; 4]) -> Option<Progress> {
-        let code = AbortCode(u32::from_le_bytes(code));
-        let failed = Progress::Failed(SdoError::Refused(entry, code), None);
-        Some(self.settled().map_or(failed, Progress::Begin))
-    }
-
-    /// Where the last answer was that of the settling question, whatever it said: begins what has waited for it.
-    fn settled(&mut self) -> Option<Frame> {
-        let job = self.postponed.take()?;
+    /// The last answer of a transfer has come. Where that was the settling question's, whatever it said, what has waited
+    /// for it begins.
+    fn ended(&mut self, progress: Progress) -> Progress {
+        self.transfer = None;
+        let Some(job) = self.postponed.take() else { return progress };
         self.is_unsettled = false;
-        Some(self.open(job))
+        Progress::Begin(self.open(job))
     }
 
-    fn fail(&mut self, error: SdoError, code: AbortCode) -> Option<Progress> {
-        let entry = error.entry();
+    /// What came is none of the protocol's: the transfer is given up, at the node too.
+    fn fail(&mut self, code: AbortCode) -> Progress {
+        let entry = self.transfer.take().map(|transfer| transfer.job.entry);
         self.is_unsettled = true;
         self.postponed = None;
-        Some(Progress::Failed(error, Some(self.abort(entry, code))))
-    }
-
-    fn send_segment(&mut self, entry: Entry, bytes: Vec<u8>, from: usize, toggle: bool) -> Frame {
-        let until = bytes.len().min(from + 7);
-        let part = &bytes[from..until];
-        let empty = u8::try_from(7 - part.len()).unwrap_or(0);
-        let mut data = [0; 8];
-        data[0] = u8::from(toggle) << 4 | empty << 1 | u8::from(until == bytes.len());
-        data[1..=part.len()].copy_from_slice(part);
-        self.state = State::Writing { entry, bytes, sent: until, toggle };
-        self.frame(data)
-    }
-
-    fn request_segment(&self, toggle: bool) -> Frame {
-        self.frame([0x60 | u8::from(toggle) << 4, 0, 0, 0, 0, 0, 0, 0])
+        Progress::Failed(Fault::Peer(PeerFault::Malformed), entry.map(|entry| self.abort(entry, code)))
     }
 
     fn abort(&self, entry: Entry, code: AbortCode) -> Frame {
@@ -377,31 +272,20 @@ impl Data {
     ///
     /// # Errors
     /// The entry has another width.
-    pub fn of_width(&self, width: usize, entry: Entry) -> Result<&[u8], SdoError> {
+    pub fn of_width(&self, width: usize) -> Result<&[u8], Fault> {
         let bytes =
             if self.is_sized { self.bytes.as_slice() } else { self.bytes.get(..width).unwrap_or_default() };
-        if bytes.len() == width {
-            Ok(bytes)
-        } else {
-            Err(SdoError::Width { entry, has: count(self.bytes.len()), wanted: count(width) })
-        }
+        if bytes.len() == width { Ok(bytes) } else { Err(Fault::Peer(PeerFault::Width)) }
     }
 }
 
-impl SdoError {
-    /// What was to be read or written.
-    pub const fn entry(self) -> Entry {
-        match self {
-            SdoError::Refused(entry, _)
-            | SdoError::TimedOut(entry)
-            | SdoError::Toggle(entry)
-            | SdoError::TooLong(entry)
-            | SdoError::Announced { entry, .. }
-            | SdoError::Width { entry, .. } => entry,
-        }
-    }
-}
-
-fn count(bytes: usize) -> u32 {
-    u32::try_from(bytes).unwrap_or(u32::MAX)
+/// The segment of an entry that is written, from this byte on, and where the next one begins.
+fn segment(data: &[u8], from: usize, toggle: bool) -> ([u8; 8], usize) {
+    let until = data.len().min(from + 7);
+    let part = &data[from..until];
+    let empty = u8::try_from(7 - part.len()).unwrap_or(0);
+    let mut segment = [0; 8];
+    segment[0] = u8::from(toggle) << 4 | empty << 1 | u8::from(until == data.len());
+    segment[1..=part.len()].copy_from_slice(part);
+    (segment, until)
 }

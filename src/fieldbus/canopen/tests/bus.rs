@@ -4,8 +4,9 @@ use std::collections::VecDeque;
 
 use proptest::prelude::*;
 
-use super::super::sdo::{Client, Progress, SdoError};
+use super::super::sdo::{Client, Progress};
 use super::*;
+use crate::fieldbus::error::Fault;
 use crate::virtual_machine::can::dictionary::{Dictionary, Server};
 use isotherm_core::codec::Entry;
 
@@ -79,7 +80,7 @@ impl Bus {
         self.fates.next().unwrap()
     }
 
-    fn run(&mut self, first: Frame) -> Result<Option<Vec<u8>>, SdoError> {
+    fn run(&mut self, first: Frame) -> Result<Option<Vec<u8>>, Fault> {
         let mut sending = Some(first);
         loop {
             if let Some(frame) = sending.take() {
@@ -106,13 +107,13 @@ impl Bus {
                 }
             }
             if sending.is_none() {
-                let (error, abort) = self.client.timed_out().unwrap();
-                return Err(self.failed(error, Some(abort)));
+                let abort = self.client.timed_out();
+                return Err(self.failed(Fault::Timeout, abort));
             }
         }
     }
 
-    fn failed(&mut self, error: SdoError, abort: Option<Frame>) -> SdoError {
+    fn failed(&mut self, error: Fault, abort: Option<Frame>) -> Fault {
         if let Some(abort) = abort {
             let fate = self.fate();
             self.out.send(abort, self.now, fate);
@@ -229,14 +230,14 @@ fn what_the_node_has_not_or_does_not_let_write_is_refused_in_words() {
         };
         bus.run(first).unwrap_err().to_string()
     };
-    let no_object = "3000:00 is refused: there is no such object (abort 0602 0000h)";
+    let no_object = "refused: there is no such object (abort 0602 0000h)";
     assert_eq!(told(Entry::new(0x3000, 0), None), no_object);
-    let no_sub = "2000:09 is refused: there is no such sub-index (abort 0609 0011h)";
+    let no_sub = "refused: there is no such sub-index (abort 0609 0011h)";
     assert_eq!(told(Entry::new(0x2000, 9), None), no_sub);
-    let read_only = "1008:00 is refused: the object can only be read (abort 0601 0002h)";
+    let read_only = "refused: the object can only be read (abort 0601 0002h)";
     assert_eq!(told(NAME, Some(b"y")), read_only);
     assert_eq!(told(NAME, Some(b"a longer name")), read_only);
-    let length = "2000:01 is refused: the data has not the length of the object (abort 0607 0010h)";
+    let length = "refused: the data has not the length of the object (abort 0607 0010h)";
     assert_eq!(told(SHORT, Some(&[1, 2])), length);
     assert_eq!(told(SHORT, Some(&[1, 2, 3, 4, 5])), length);
 }

@@ -1,8 +1,10 @@
-use super::super::sdo::{Client, Data, Progress, SdoError};
+use super::super::sdo::{Client, Data, Progress};
 use super::*;
+use crate::fieldbus::error::{Fault, PeerFault};
 use isotherm_core::codec::Entry;
 
 const SPEED: Entry = Entry::new(0x7130, 1);
+const MALFORMED: Fault = Fault::Peer(PeerFault::Malformed);
 
 fn client() -> Client {
     Client::new(node(5))
@@ -35,9 +37,8 @@ fn a_short_entry_is_read_with_one_answer() {
         assert_eq!(client.read(SPEED), request([0x40, 0x30, 0x71, 0x01, 0, 0, 0, 0]));
         let data = read(client.take(&answer([command, 0x30, 0x71, 0x01, 0x00, 0xfe, 0x12, 0x34])));
         assert_eq!(data.bytes(), bytes);
-        assert_eq!(data.of_width(bytes.len(), SPEED), Ok(bytes));
-        let wider = data.of_width(8, SPEED).unwrap_err();
-        assert_eq!(wider.to_string(), format!("7130:01 has {} bytes, not 8", bytes.len()));
+        assert_eq!(data.of_width(bytes.len()), Ok(bytes));
+        assert_eq!(data.of_width(8), Err(Fault::Peer(PeerFault::Width)));
     }
 }
 
@@ -46,9 +47,9 @@ fn an_answer_that_does_not_say_its_width_has_that_of_the_type() {
     let mut client = client();
     client.read(SPEED);
     let data = read(client.take(&answer([0x42, 0x30, 0x71, 0x01, 0x00, 0xfe, 0, 0])));
-    assert_eq!(data.of_width(2, SPEED), Ok(&[0x00, 0xfe][..]));
-    assert_eq!(data.of_width(4, SPEED), Ok(&[0x00, 0xfe, 0, 0][..]));
-    assert!(data.of_width(8, SPEED).is_err());
+    assert_eq!(data.of_width(2), Ok(&[0x00, 0xfe][..]));
+    assert_eq!(data.of_width(4), Ok(&[0x00, 0xfe, 0, 0][..]));
+    assert!(data.of_width(8).is_err());
 }
 
 #[test]
@@ -90,9 +91,9 @@ fn a_refusal_is_told_in_the_words_of_its_code() {
     let mut client = client();
     client.read(SPEED);
     let progress = client.take(&answer([0x80, 0x30, 0x71, 1, 0, 0, 2, 6]));
-    let refused = SdoError::Refused(SPEED, AbortCode::NO_OBJECT);
+    let refused = Fault::Aborted(AbortCode::NO_OBJECT);
     assert_eq!(progress, Some(Progress::Failed(refused, None)));
-    assert_eq!(refused.to_string(), "7130:01 is refused: there is no such object (abort 0602 0000h)");
+    assert_eq!(refused.to_string(), "refused: there is no such object (abort 0602 0000h)");
 }
 
 #[test]
@@ -133,19 +134,16 @@ fn segments_in_a_wrong_order_or_of_a_wrong_length_end_the_transfer() {
         client.take(&answer([0x41, 0x08, 0x10, 0, 9, 0, 0, 0]));
         client
     };
-    let entry = Entry::new(0x1008, 0);
     let toggle = begun().take(&answer([0x10, 1, 2, 3, 4, 5, 6, 7]));
     let abort = request([0x80, 0x08, 0x10, 0, 0, 0, 3, 5]);
-    assert_eq!(toggle, Some(Progress::Failed(SdoError::Toggle(entry), Some(abort))));
+    assert_eq!(toggle, Some(Progress::Failed(MALFORMED, Some(abort))));
     let too_short = begun().take(&answer([0x01, 1, 2, 3, 4, 5, 6, 7]));
     let abort = request([0x80, 0x08, 0x10, 0, 0x10, 0, 7, 6]);
-    let announced = |came| SdoError::Announced { entry, announced: 9, came };
-    assert_eq!(too_short, Some(Progress::Failed(announced(7), Some(abort))));
+    assert_eq!(too_short, Some(Progress::Failed(MALFORMED, Some(abort))));
     let mut long = begun();
     long.take(&answer([0x00, 1, 2, 3, 4, 5, 6, 7]));
     let too_long = long.take(&answer([0x11, 1, 2, 3, 4, 5, 6, 7]));
-    assert_eq!(too_long, Some(Progress::Failed(announced(14), Some(abort))));
-    assert_eq!(announced(14).to_string(), "1008:00: 14 bytes came where 9 were announced");
+    assert_eq!(too_long, Some(Progress::Failed(MALFORMED, Some(abort))));
 }
 
 #[test]
@@ -154,7 +152,7 @@ fn nothing_is_read_without_end() {
     let entry = Entry::new(0x1008, 0);
     client.read(entry);
     let announced = client.take(&answer([0x41, 0x08, 0x10, 0, 0, 0, 0, 1]));
-    assert!(matches!(announced, Some(Progress::Failed(SdoError::TooLong(_), Some(_)))));
+    assert!(matches!(announced, Some(Progress::Failed(MALFORMED, Some(_)))));
 
     let mut client = Client::new(node(5));
     client.read(entry);
@@ -163,7 +161,7 @@ fn nothing_is_read_without_end() {
     for _ in 0..1000 {
         match client.take(&answer([toggle, 1, 2, 3, 4, 5, 6, 7])) {
             Some(Progress::Send(_)) => toggle ^= 0x10,
-            other => return assert!(matches!(other, Some(Progress::Failed(SdoError::TooLong(_), _)))),
+            other => return assert!(matches!(other, Some(Progress::Failed(MALFORMED, _)))),
         }
     }
     panic!("7000 bytes were read");
@@ -175,7 +173,7 @@ fn a_time_out_ends_the_transfer_at_both_ends() {
     assert_eq!(client.timed_out(), None, "nothing was awaited");
     client.read(SPEED);
     let abort = request([0x80, 0x30, 0x71, 1, 0, 0, 4, 5]);
-    assert_eq!(client.timed_out(), Some((SdoError::TimedOut(SPEED), abort)));
+    assert_eq!(client.timed_out(), Some(abort));
     assert_eq!(client.take(&answer([0x4b, 0x30, 0x71, 1, 9, 9, 0, 0])), None, "it comes too late");
 }
 
@@ -222,7 +220,7 @@ fn a_node_that_stays_silent_costs_one_time_out_each_time() {
     {
         client.read(SPEED);
         let abort = request([0x80, low, high, sub, 0, 0, 4, 5]);
-        assert_eq!(client.timed_out(), Some((SdoError::TimedOut(SPEED), abort)));
+        assert_eq!(client.timed_out(), Some(abort));
         assert_eq!(client.timed_out(), None);
     }
 }
