@@ -48,8 +48,6 @@ mod registers;
 mod rtu;
 mod server;
 #[cfg(test)]
-mod shipped;
-#[cfg(test)]
 mod tests;
 mod truth;
 mod wander;

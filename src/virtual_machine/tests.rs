@@ -4,6 +4,7 @@ mod can;
 mod client;
 mod faults;
 mod machine;
+mod shipped;
 pub(super) mod support;
 
 use client::Client;

@@ -18,8 +18,8 @@ macro_rules! rig {
     ($name:literal, $files:expr) => {
         Rig::new(
             $name,
-            include_str!(concat!("../../../profiles/", $name, ".toml")),
-            include_str!(concat!("../../../profiles/", $name, ".plant.toml")),
+            include_str!(concat!("../../../../profiles/", $name, ".toml")),
+            include_str!(concat!("../../../../profiles/", $name, ".plant.toml")),
             $files,
         )
     };
@@ -53,12 +53,12 @@ fn jcs() -> Held {
     Held { rig: rig!("jcs018a-vmc"), hours: 8, figures: &[("z", 7.0, 2.0)] }
 }
 
-const COLUMN: &str = include_str!("../../../profiles/column-hmc.plant.toml");
+const COLUMN: &str = include_str!("../../../../profiles/column-hmc.plant.toml");
 
 fn column(plant: &str) -> Held {
     let files: &[(&str, &[u8])] =
-        &[("column-hmc.matrix.json", include_bytes!("../../../profiles/column-hmc.matrix.json"))];
-    let rig = Rig::new("column-hmc", include_str!("../../../profiles/column-hmc.toml"), plant, files);
+        &[("column-hmc.matrix.json", include_bytes!("../../../../profiles/column-hmc.matrix.json"))];
+    let rig = Rig::new("column-hmc", include_str!("../../../../profiles/column-hmc.toml"), plant, files);
     Held { rig, hours: 12, figures: &[("y", 75.0, 6.0), ("z", 70.0, 10.5)] }
 }
 
