@@ -53,46 +53,44 @@
 
 use std::time::Duration;
 
-use isotherm_core::codec::Register;
-use isotherm_core::quantity::Moment;
+use isotherm_core::codec::{CanId, Register};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::DeviceId;
 
-pub(super) mod can;
+mod running;
 mod script;
 #[cfg(test)]
 mod tests;
 
+pub(crate) use running::{Faults, Utterance};
 pub use script::FaultError;
-
-use can::CanFault;
 
 /// The faults of one run, checked against a profile.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FaultScript {
-    pub(super) faults: Vec<Fault>,
+    faults: Vec<Fault>,
 }
 
 /// One fault of one device.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Fault {
-    pub(super) device: DeviceId,
-    pub(super) at: Duration,
-    pub(super) after: u64,
-    pub(super) lasts: Lasts,
-    pub(super) kind: Kind,
+struct Fault {
+    device: DeviceId,
+    at: Duration,
+    after: u64,
+    lasts: Lasts,
+    kind: Kind,
 }
 
 /// How long a fault lasts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Lasts {
+enum Lasts {
     Replies(u64),
     Time(Duration),
     Ever,
 }
 
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Kind {
+pub(crate) enum Kind {
     /// Something is wrong with the answers.
     Reply(ReplyFault),
     /// Something is wrong with what is measured.
@@ -111,7 +109,7 @@ pub(super) enum Kind {
 
 /// What can be wrong with an acknowledge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum AcknowledgeFault {
+pub(crate) enum AcknowledgeFault {
     Never,
     Stuck,
     Late(Duration),
@@ -119,7 +117,7 @@ pub(super) enum AcknowledgeFault {
 
 /// What a broken signal reads.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Reads {
+pub(crate) enum Reads {
     Raw(i64),
     Nan,
     Value(f64),
@@ -127,7 +125,7 @@ pub(super) enum Reads {
 
 /// What can be wrong with an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum ReplyFault {
+pub(crate) enum ReplyFault {
     Silent,
     Late(Duration),
     Exception(u8),
@@ -146,139 +144,43 @@ pub(super) enum ReplyFault {
     OneBehind { stale_transaction: bool },
 }
 
-impl ReplyFault {
-    /// Whether it shows on such a request at all.
-    fn concerns(self, is_write: bool) -> bool {
-        match self {
-            ReplyFault::ShortRead | ReplyFault::LongRead => !is_write,
-            ReplyFault::WrongEcho | ReplyFault::IgnoredWrite => is_write,
-            _ => true,
-        }
-    }
+/// What can be wrong with a device on a CAN line beside what can be wrong with any.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum CanFault {
+    /// Its frames end before the last byte that is needed.
+    ShortFrame,
+    /// SDO requests are refused with this code.
+    Refusal(u32),
+    /// SDO answers name another index.
+    WrongIndex,
+    /// It sends frames that nobody has asked for.
+    Babbling { id: CanId, every: Duration },
+    /// It complains, and says so when that is over.
+    Emergency(u16),
+    /// Its controller has trouble with the bus; once, or again and again.
+    Errors { error: BusError, every: Option<Duration> },
 }
 
-/// A script as it runs.
-#[derive(Clone, Debug)]
-pub(super) struct Faults {
-    begin: Moment,
-    running: Vec<Running>,
+/// What a controller says of the bus: class and data of an error frame (linux/can/error.h).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct BusError {
+    pub(crate) class: u32,
+    pub(crate) data: [u8; 8],
 }
 
-#[derive(Clone, Debug)]
-struct Running {
-    fault: Fault,
-    begun: Option<Moment>,
-    replies: u64,
-    /// When it last made the device say something.
-    said: Option<Moment>,
-    /// The device has said that it is over.
-    is_over: bool,
-}
+impl BusError {
+    /// Each with its word in a script.
+    const ALL: [(&'static str, BusError); 6] = [
+        ("no-acknowledge", BusError { class: 0x020, data: [0; 8] }),
+        ("stuff", BusError { class: 0x088, data: [0, 0, 0x04, 0, 0, 0, 0, 0] }),
+        ("warning", BusError { class: 0x204, data: [0, 0x08, 0, 0, 0, 0, 97, 0] }),
+        ("passive", BusError { class: 0x204, data: [0, 0x20, 0, 0, 0, 0, 128, 0] }),
+        ("bus-off", BusError { class: 0x040, data: [0; 8] }),
+        ("restarted", BusError { class: 0x100, data: [0; 8] }),
+    ];
 
-/// What a one-time fault does.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) enum Incident {
-    Register { device: DeviceId, address: Register, words: Vec<u16> },
-    Restart { device: DeviceId },
-}
-
-impl Faults {
-    pub(super) fn new(script: FaultScript, begin: Moment) -> Faults {
-        let fresh = |fault| Running { fault, begun: None, replies: 0, said: None, is_over: false };
-        Faults { begin, running: script.faults.into_iter().map(fresh).collect() }
-    }
-
-    /// Calls devices that are one piece of hardware by one name.
-    pub(super) fn rename(&mut self, name: impl Fn(DeviceId) -> DeviceId) {
-        for running in &mut self.running {
-            running.fault.device = name(running.fault.device);
-        }
-    }
-
-    /// Takes note of the time and of how many requests each device has had; gives the one-time faults that are due.
-    pub(super) fn advance(&mut self, now: Moment, requests: impl Fn(DeviceId) -> u64) -> Vec<Incident> {
-        let mut incidents = Vec::new();
-        for running in &mut self.running {
-            let fault = &running.fault;
-            let due = now.since(self.begin) >= fault.at && requests(fault.device) > fault.after;
-            let at_once = now.since(self.begin) >= fault.at && fault.after == 0;
-            if running.begun.is_some() || !(due || at_once) {
-                continue;
-            }
-            running.begun = Some(now);
-            let device = fault.device;
-            match &fault.kind {
-                Kind::Register { address, words } => {
-                    incidents.push(Incident::Register { device, address: *address, words: words.clone() });
-                }
-                Kind::Restart => incidents.push(Incident::Restart { device }),
-                Kind::Reply(_) | Kind::Signal { .. } | Kind::Refuse | Kind::Acknowledge(_) | Kind::Can(_) => {
-                }
-            }
-        }
-        incidents
-    }
-
-    /// What is wrong with the answer to this request; counts it.
-    pub(super) fn reply(&mut self, device: DeviceId, is_write: bool, now: Moment) -> Option<ReplyFault> {
-        self.running.iter_mut().find_map(|running| match running.fault.kind {
-            Kind::Reply(fault)
-                if running.fault.device == device && fault.concerns(is_write) && running.is_active(now) =>
-            {
-                running.replies += 1;
-                Some(fault)
-            }
-            _ => None,
-        })
-    }
-
-    /// What the device's broken signals read now.
-    pub(super) fn signals(&self, device: DeviceId, now: Moment) -> impl Iterator<Item = (SignalId, Reads)> {
-        self.running
-            .iter()
-            .filter(move |running| running.fault.device == device && running.is_active(now))
-            .filter_map(|running| match running.fault.kind {
-                Kind::Signal { signal, reads } => Some((signal, reads)),
-                _ => None,
-            })
-    }
-
-    /// One more request was answered while these signals were broken.
-    pub(super) fn count_signals(&mut self, device: DeviceId, now: Moment) {
-        for running in &mut self.running {
-            let concerns =
-                matches!(running.fault.kind, Kind::Signal { .. }) && running.fault.device == device;
-            if concerns && running.is_active(now) {
-                running.replies += 1;
-            }
-        }
-    }
-
-    /// What is wrong with the device's acknowledges now.
-    pub(super) fn acknowledges(&self, device: DeviceId, now: Moment) -> Option<AcknowledgeFault> {
-        let mut active = self.running.iter().filter(|running| running.fault.device == device);
-        active.find_map(|running| match running.fault.kind {
-            Kind::Acknowledge(fault) if running.is_active(now) => Some(fault),
-            _ => None,
-        })
-    }
-
-    /// The devices whose listener is closed now.
-    pub(super) fn refused(&self, now: Moment) -> impl Iterator<Item = DeviceId> {
-        self.running
-            .iter()
-            .filter(move |running| running.fault.kind == Kind::Refuse && running.is_active(now))
-            .map(|running| running.fault.device)
-    }
-}
-
-impl Running {
-    fn is_active(&self, now: Moment) -> bool {
-        let Some(begun) = self.begun else { return false };
-        match self.fault.lasts {
-            Lasts::Replies(count) => self.replies < count,
-            Lasts::Time(span) => now.since(begun) < span,
-            Lasts::Ever => true,
-        }
+    /// The one of this word.
+    pub(crate) fn named(name: &str) -> Option<BusError> {
+        BusError::ALL.iter().find(|(known, _)| *known == name).map(|(_, error)| *error)
     }
 }

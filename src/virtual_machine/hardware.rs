@@ -8,7 +8,7 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::{AxisId, Capture, DeviceId, Output, OutputId, Profile, SetId, Signal, Writes};
 
 use super::control::{Control, Taken};
-use super::fault::{Faults, Incident, Reads, ReplyFault};
+use super::fault::{Faults, Kind, Reads, ReplyFault};
 use super::journal::Seen;
 use super::modbus::{self, Request};
 use super::plant::Plant;
@@ -108,8 +108,8 @@ impl Hardware {
         }
         let (units, unit_of) = (&self.units, &self.unit_of);
         let incidents = self.faults.advance(now, |device| units[unit_of[device.0]].requests);
-        for incident in incidents {
-            self.happen(incident, now);
+        for (device, kind) in incidents {
+            self.happen(self.unit_of[device.0], kind, now);
         }
         for control in &mut self.controls {
             let unit = &mut self.units[control.place];
@@ -305,10 +305,10 @@ impl Hardware {
         }
     }
 
-    fn happen(&mut self, incident: Incident, now: Moment) {
-        match incident {
-            Incident::Register { device, address: register, words } => {
-                let place = self.unit_of[device.0];
+    /// Does what happens to a unit once.
+    fn happen(&mut self, place: usize, kind: Kind, now: Moment) {
+        match kind {
+            Kind::Register { address: register, words } => {
                 let count = u16::try_from(words.len()).unwrap_or(u16::MAX);
                 let bank = &mut self.units[place].bank;
                 let address = &Address::Modbus(register);
@@ -318,7 +318,8 @@ impl Hardware {
                 self.note_corrections(place, address, count);
                 self.controls_look(place, now);
             }
-            Incident::Restart { device } => self.restart(self.unit_of[device.0], now),
+            Kind::Restart => self.restart(place, now),
+            _ => {}
         }
     }
 

@@ -8,7 +8,7 @@ use isotherm_profile::{DeviceId, Profile, Verify};
 
 /// One kind of frame that a device sends. Where its content is multiplexed there is one for each selection.
 #[derive(Clone, Debug, PartialEq)]
-pub(in crate::virtual_machine) struct Image {
+pub(crate) struct Image {
     id: CanId,
     length: usize,
     /// What selects its content.
@@ -18,7 +18,7 @@ pub(in crate::virtual_machine) struct Image {
 
 /// A value that a device takes out of frames.
 #[derive(Clone, Debug, PartialEq)]
-pub(in crate::virtual_machine) struct Taken {
+pub(crate) struct Taken {
     field: Field,
     /// Where it is kept: in its own cell, and in the object by which it is read again.
     cells: Vec<Address>,
@@ -26,7 +26,7 @@ pub(in crate::virtual_machine) struct Taken {
 
 /// What a frame brings to a device.
 #[derive(Clone, Debug, PartialEq)]
-pub(in crate::virtual_machine) enum Delivery {
+pub(crate) enum Delivery {
     /// Nothing of it is awaited here.
     Foreign,
     /// What is put where.
@@ -37,15 +37,15 @@ pub(in crate::virtual_machine) enum Delivery {
 
 /// Frames of one identifier that a device sends together.
 #[derive(Clone, Debug, PartialEq)]
-pub(in crate::virtual_machine) struct Group {
-    pub(in crate::virtual_machine) id: CanId,
+pub(crate) struct Group {
+    pub(crate) id: CanId,
     /// As often as the device is polled, and often enough that none of the values grows too old.
-    pub(in crate::virtual_machine) every: Duration,
-    pub(in crate::virtual_machine) images: Vec<Image>,
+    pub(crate) every: Duration,
+    pub(crate) images: Vec<Image>,
 }
 
 /// The frames that a device sends.
-pub(in crate::virtual_machine) fn sent(profile: &Profile, id: DeviceId) -> Vec<Group> {
+pub(crate) fn sent(profile: &Profile, id: DeviceId) -> Vec<Group> {
     let device = profile.device(id);
     let mut sent: Vec<Group> = Vec::new();
     let signals = profile.signals.iter().filter(|signal| signal.device == id);
@@ -78,7 +78,7 @@ pub(in crate::virtual_machine) fn sent(profile: &Profile, id: DeviceId) -> Vec<G
 }
 
 /// What a device takes out of the frames that outputs write.
-pub(in crate::virtual_machine) fn taken(profile: &Profile, id: DeviceId) -> Vec<Taken> {
+pub(crate) fn taken(profile: &Profile, id: DeviceId) -> Vec<Taken> {
     let outputs = profile.outputs.iter().filter(|output| output.device == id);
     let taken = outputs.filter_map(|output| {
         let mut cells = vec![output.address.clone()];
@@ -103,7 +103,7 @@ fn sender(frames: CanMatch) -> CanId {
 
 impl Image {
     /// The frame with what stands in the bank now.
-    pub(in crate::virtual_machine) fn frame(&self, bank: &Bank) -> Option<Frame> {
+    pub(crate) fn frame(&self, bank: &Bank) -> Option<Frame> {
         let mut bytes = [0; BitField::LONGEST_FRAME];
         let bytes = &mut bytes[..Frame::fd_length(self.length)?];
         for (address, bits) in &self.parts {
@@ -117,25 +117,25 @@ impl Image {
     }
 
     /// The last byte that a listener needs.
-    pub(in crate::virtual_machine) const fn length(&self) -> usize {
+    pub(crate) const fn length(&self) -> usize {
         self.length
     }
 }
 
 impl Taken {
     /// Where it is in which frames.
-    pub(in crate::virtual_machine) const fn field(&self) -> &Field {
+    pub(crate) const fn field(&self) -> &Field {
         &self.field
     }
 
     /// The cell that follows when an object is written by which this is read again.
-    pub(in crate::virtual_machine) fn shown_at(&self, object: &Address) -> Option<Address> {
+    pub(crate) fn shown_at(&self, object: &Address) -> Option<Address> {
         self.cells.first().filter(|_| self.cells.get(1) == Some(object)).cloned()
     }
 }
 
 /// What a frame brings to a device that awaits these.
-pub(in crate::virtual_machine) fn delivered(taken: &[Taken], frame: &Frame) -> Delivery {
+pub(crate) fn delivered(taken: &[Taken], frame: &Frame) -> Delivery {
     let awaited = taken.iter().filter(|value| value.field.frames.takes(frame.id()));
     let read: Option<Vec<_>> = awaited
         .filter_map(|value| Some((value, value.field.read(frame.data())?)))
@@ -149,7 +149,7 @@ pub(in crate::virtual_machine) fn delivered(taken: &[Taken], frame: &Frame) -> D
 }
 
 /// The beginning of a frame: as many bytes as this, or fewer where no frame of its kind has as many.
-pub(in crate::virtual_machine) fn beginning(frame: &Frame, bytes: usize) -> Option<Frame> {
+pub(crate) fn beginning(frame: &Frame, bytes: usize) -> Option<Frame> {
     let length = bytes.min(frame.data().len());
     if !frame.is_fd() {
         return Frame::classic(frame.id(), &frame.data()[..length]);

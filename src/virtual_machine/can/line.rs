@@ -33,15 +33,15 @@ const BUFFER: usize = 4 << 20;
 
 /// The devices of an interface.
 #[derive(Debug)]
-pub(in crate::virtual_machine) struct CanLine {
-    pub(in crate::virtual_machine) devices: Vec<DeviceId>,
-    pub(in crate::virtual_machine) shared: Shared,
-    pub(in crate::virtual_machine) begin: Moment,
+pub(crate) struct CanLine {
+    pub(crate) devices: Vec<DeviceId>,
+    pub(crate) shared: Shared,
+    pub(crate) begin: Moment,
 }
 
 /// An interface. It may go down and be deleted: its devices go on, unheard, and are heard again when it is back.
 #[derive(Debug)]
-pub(in crate::virtual_machine) struct Port {
+pub(crate) struct Port {
     interface: String,
     wanted: Vec<CanId>,
     clock: Clock,
@@ -56,7 +56,7 @@ struct Open {
 }
 
 /// Serves a line until `stop` changes or its sender is gone.
-pub(in crate::virtual_machine) async fn serve(
+pub(crate) async fn serve(
     mut port: Port,
     line: CanLine,
     mut sleeper: Sleeper,
@@ -94,11 +94,7 @@ impl Port {
     ///
     /// # Errors
     /// No such interface, none of CAN, no CAN in the kernel.
-    pub(in crate::virtual_machine) fn open(
-        interface: &str,
-        wanted: Vec<CanId>,
-        clock: &Clock,
-    ) -> io::Result<Port> {
+    pub(crate) fn open(interface: &str, wanted: Vec<CanId>, clock: &Clock) -> io::Result<Port> {
         let socket = Some(open(interface, &wanted, clock)?);
         Ok(Port { interface: interface.to_owned(), wanted, clock: clock.clone(), socket })
     }
@@ -153,8 +149,7 @@ impl Port {
                 }
                 Sent::Frame(frame, None) => packed(&frame),
                 Sent::Error(error) => {
-                    let (class, data) = error.frame();
-                    CanErrorFrame::new_error(class, &data).ok().map(CanAnyFrame::Error)
+                    CanErrorFrame::new_error(error.class, &error.data).ok().map(CanAnyFrame::Error)
                 }
             };
             if let Some(packed) = packed {

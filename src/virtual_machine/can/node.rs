@@ -16,14 +16,14 @@ const SDO_REQUEST: u16 = 0x600;
 const HEARTBEAT: u16 = 0x700;
 
 /// Heartbeat producer time, ms.
-pub(in crate::virtual_machine) const HEARTBEAT_TIME: At = (0x1017, 0);
+pub(crate) const HEARTBEAT_TIME: At = (0x1017, 0);
 /// The kinds of errors that stand.
-pub(in crate::virtual_machine) const ERROR_REGISTER: At = (0x1001, 0);
+pub(crate) const ERROR_REGISTER: At = (0x1001, 0);
 /// An encoder's cycle time, ms: the event timer of its first PDO by another name.
-pub(in crate::virtual_machine) const CYCLE: At = (0x6200, 0);
+pub(crate) const CYCLE: At = (0x6200, 0);
 
 /// The objects that say how a PDO is sent: identifier, type, event timer in ms.
-pub(in crate::virtual_machine) const fn communication(pdo: u16) -> [At; 3] {
+pub(crate) const fn communication(pdo: u16) -> [At; 3] {
     let index = 0x1800 + pdo;
     [(index, 1), (index, 2), (index, 5)]
 }
@@ -32,18 +32,18 @@ pub(in crate::virtual_machine) const fn communication(pdo: u16) -> [At; 3] {
 const COMMUNICATION: std::ops::Range<u16> = 0x1000..0x2000;
 
 /// Whether the node itself says what an object reads: nothing is measured there.
-pub(in crate::virtual_machine) fn is_own(at: At) -> bool {
+pub(crate) fn is_own(at: At) -> bool {
     COMMUNICATION.contains(&at.0) || at == CYCLE
 }
 
 #[derive(Clone, Debug)]
-pub(in crate::virtual_machine) struct Node {
+pub(crate) struct Node {
     /// `None`: it only sends.
     number: Option<u8>,
     /// It needs no master to become operational.
     starts_itself: bool,
     state: State,
-    pub(in crate::virtual_machine) objects: Dictionary,
+    pub(crate) objects: Dictionary,
     at_power_on: Dictionary,
     server: Server,
     heartbeat: Option<Moment>,
@@ -59,7 +59,7 @@ enum State {
 
 /// What a device sends of what it measures.
 #[derive(Clone, Debug)]
-pub(in crate::virtual_machine) struct Pdo {
+pub(crate) struct Pdo {
     id: CanId,
     /// Which of the node's PDOs, whose objects then say how it is sent.
     number: Option<u16>,
@@ -71,7 +71,7 @@ pub(in crate::virtual_machine) struct Pdo {
 
 /// What a node does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::virtual_machine) enum Act {
+pub(crate) enum Act {
     /// It sends this.
     Send(Frame),
     /// It sends what it measures, its PDO of this place.
@@ -83,19 +83,14 @@ pub(in crate::virtual_machine) enum Act {
 }
 
 impl Pdo {
-    pub(in crate::virtual_machine) fn new(id: CanId, number: Option<u16>, every: Duration) -> Pdo {
+    pub(crate) fn new(id: CanId, number: Option<u16>, every: Duration) -> Pdo {
         Pdo { id, number, every, due: None, syncs: 0 }
     }
 }
 
 impl Node {
     /// A node without power; [`Node::boot`] gives it some.
-    pub(in crate::virtual_machine) fn new(
-        number: Option<u8>,
-        starts_itself: bool,
-        objects: Dictionary,
-        pdos: Vec<Pdo>,
-    ) -> Node {
+    pub(crate) fn new(number: Option<u8>, starts_itself: bool, objects: Dictionary, pdos: Vec<Pdo>) -> Node {
         Node {
             number,
             starts_itself,
@@ -109,13 +104,13 @@ impl Node {
     }
 
     /// The power comes on.
-    pub(in crate::virtual_machine) fn boot(&mut self, now: Moment, acts: &mut Vec<Act>) {
+    pub(crate) fn boot(&mut self, now: Moment, acts: &mut Vec<Act>) {
         self.objects = self.at_power_on.clone();
         self.begin(now, acts);
     }
 
     /// When it has something to do by itself.
-    pub(in crate::virtual_machine) fn due(&self) -> Option<Moment> {
+    pub(crate) fn due(&self) -> Option<Moment> {
         let heartbeat = self.heartbeat.filter(|_| self.milliseconds(HEARTBEAT_TIME).is_some());
         let by_clock = (0..self.pdos.len()).filter(|place| self.period(*place).is_some());
         let pdos = by_clock.filter_map(|place| self.pdos[place].due);
@@ -123,7 +118,7 @@ impl Node {
     }
 
     /// Lets time pass.
-    pub(in crate::virtual_machine) fn tick(&mut self, now: Moment, acts: &mut Vec<Act>) {
+    pub(crate) fn tick(&mut self, now: Moment, acts: &mut Vec<Act>) {
         if let (Some(due), Some(period)) = (self.heartbeat, self.milliseconds(HEARTBEAT_TIME))
             && due <= now
         {
@@ -144,12 +139,7 @@ impl Node {
     }
 
     /// Takes a frame of CANopen's services, where it is for this node. Gives what an SDO server made of it.
-    pub(in crate::virtual_machine) fn take(
-        &mut self,
-        frame: &Frame,
-        now: Moment,
-        acts: &mut Vec<Act>,
-    ) -> Option<Served> {
+    pub(crate) fn take(&mut self, frame: &Frame, now: Moment, acts: &mut Vec<Act>) -> Option<Served> {
         let number = self.number?;
         let id = frame.id();
         if id == CanId::of_11_bits(NMT) {
@@ -170,7 +160,7 @@ impl Node {
     }
 
     /// The identifiers of the services that it hears.
-    pub(in crate::virtual_machine) fn hears(&self) -> Vec<CanId> {
+    pub(crate) fn hears(&self) -> Vec<CanId> {
         let Some(number) = self.number else { return Vec::new() };
         let sync = self.objects.number(SYNC).and_then(|sync| CanId::standard(u32::try_from(sync).ok()?));
         let services = [NMT, SDO_REQUEST + u16::from(number)].map(CanId::of_11_bits);
@@ -178,29 +168,29 @@ impl Node {
     }
 
     /// Whether a frame asks its SDO server something.
-    pub(in crate::virtual_machine) fn is_asked_by(&self, frame: &Frame) -> bool {
+    pub(crate) fn is_asked_by(&self, frame: &Frame) -> bool {
         let request = self.number.map(|number| CanId::of_11_bits(SDO_REQUEST + u16::from(number)));
         request == Some(frame.id()) && self.state != State::Stopped
     }
 
     /// What was written last has not been written: this is what stands there.
-    pub(in crate::virtual_machine) fn undo(&mut self, at: At, objects: Dictionary, now: Moment) {
+    pub(crate) fn undo(&mut self, at: At, objects: Dictionary, now: Moment) {
         self.objects = objects;
         self.has_changed(at, now);
     }
 
     /// Whether it takes process data now.
-    pub(in crate::virtual_machine) const fn takes_process_data(&self) -> bool {
+    pub(crate) const fn takes_process_data(&self) -> bool {
         matches!(self.state, State::Operational)
     }
 
     /// The frame that answers an SDO.
-    pub(in crate::virtual_machine) fn answer(&self, bytes: [u8; 8]) -> Option<Frame> {
+    pub(crate) fn answer(&self, bytes: [u8; 8]) -> Option<Frame> {
         self.service(SDO_ANSWER, bytes)
     }
 
     /// Complains, with the error register that goes with the code; code 0: all is well again.
-    pub(in crate::virtual_machine) fn complain(&mut self, code: u16, acts: &mut Vec<Act>) {
+    pub(crate) fn complain(&mut self, code: u16, acts: &mut Vec<Act>) {
         let register = match code >> 12 {
             0 if code == 0 => 0,
             2 => 0x03,

@@ -17,7 +17,7 @@ const BY_CLOCK: u8 = 254;
 
 /// The node that a device is, in front of what its bank holds; objects that stand at something of their own are put
 /// into the bank.
-pub(in crate::virtual_machine) fn node(profile: &Profile, id: DeviceId, bank: &mut Bank) -> Option<Node> {
+pub(crate) fn node(profile: &Profile, id: DeviceId, bank: &mut Bank) -> Option<Node> {
     let device = profile.device(id);
     let can = device.can.as_ref()?;
     let sent = frames::sent(profile, id);
@@ -88,7 +88,7 @@ pub(in crate::virtual_machine) fn node(profile: &Profile, id: DeviceId, bank: &m
 }
 
 /// Index and sub-index.
-pub(in crate::virtual_machine) const fn at(object: &Object) -> At {
+pub(crate) const fn at(object: &Object) -> At {
     (object.entry.index, object.entry.sub)
 }
 
@@ -112,7 +112,7 @@ fn is_written(profile: &Profile, id: DeviceId, object: &Object) -> bool {
 }
 
 /// The object at an address.
-pub(in crate::virtual_machine) const fn named(address: &Address) -> Option<At> {
+pub(crate) const fn named(address: &Address) -> Option<At> {
     if let Address::Object(object) = address { Some(at(object)) } else { None }
 }
 

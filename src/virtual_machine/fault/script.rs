@@ -4,69 +4,67 @@ use std::time::Duration;
 
 use serde::{Deserialize, Deserializer, de::Error as _};
 
-use super::can::{BusError, CanFault};
-use super::{AcknowledgeFault, Fault, FaultScript, Kind, Lasts, Reads, ReplyFault};
+use super::{AcknowledgeFault, BusError, CanFault, Fault, FaultScript, Kind, Lasts, Reads, ReplyFault};
 use isotherm_core::codec::{CanId, DataType, Register};
 use isotherm_core::reading::SignalId;
-use isotherm_profile::{DeviceId, Profile, Transport};
+use isotherm_profile::{DeviceId, Profile, Signal, Transport};
 
 /// A fault script that cannot be used, in words; where TOML itself is wrong, with line and column.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct FaultError(String);
 
-const KINDS: [&str; 32] = [
-    "silent",
-    "late",
-    "exception",
-    "close",
-    "half-open",
-    "refuse",
-    "garbage",
-    "wrong-unit",
-    "wrong-transaction",
-    "wrong-checksum",
-    "one-byte-at-a-time",
-    "wrong-function",
-    "short-read",
-    "long-read",
-    "wrong-echo",
-    "ignored-write",
-    "one-behind",
-    "one-behind-stale",
-    "sentinel",
-    "nan",
-    "value",
-    "register",
-    "restart",
-    "no-acknowledge",
-    "stuck-acknowledge",
-    "late-acknowledge",
-    "short-frame",
-    "babbling",
-    "emergency",
-    "error-frame",
-    "sdo-abort",
-    "wrong-index",
+/// On which lines a kind means something.
+#[derive(Clone, Copy, PartialEq)]
+enum Lines {
+    Any,
+    Modbus,
+    Can,
+}
+use Lines::{Any, Can, Modbus};
+
+/// What a kind makes of the keys that are its own.
+type Make = fn(&mut FaultFile, &Profile) -> Result<Kind, String>;
+
+/// Every kind of fault.
+const KINDS: [(&str, Lines, Make); 32] = [
+    ("silent", Any, |_, _| reply(ReplyFault::Silent)),
+    ("late", Any, |file, _| reply(ReplyFault::Late(file.delay()?))),
+    ("exception", Modbus, |file, _| file.exception()),
+    ("close", Modbus, |_, _| reply(ReplyFault::Close)),
+    ("half-open", Modbus, |_, _| reply(ReplyFault::HalfOpen)),
+    ("refuse", Modbus, |_, _| Ok(Kind::Refuse)),
+    ("garbage", Any, |_, _| reply(ReplyFault::Garbage)),
+    ("wrong-unit", Modbus, |_, _| reply(ReplyFault::WrongUnit)),
+    ("wrong-transaction", Modbus, |_, _| reply(ReplyFault::WrongTransaction)),
+    ("wrong-checksum", Modbus, |_, _| reply(ReplyFault::WrongChecksum)),
+    ("one-byte-at-a-time", Modbus, |_, _| reply(ReplyFault::OneByteAtATime)),
+    ("wrong-function", Modbus, |_, _| reply(ReplyFault::WrongFunction)),
+    ("short-read", Modbus, |_, _| reply(ReplyFault::ShortRead)),
+    ("long-read", Modbus, |_, _| reply(ReplyFault::LongRead)),
+    ("wrong-echo", Modbus, |_, _| reply(ReplyFault::WrongEcho)),
+    ("ignored-write", Any, |_, _| reply(ReplyFault::IgnoredWrite)),
+    ("one-behind", Modbus, |_, _| reply(ReplyFault::OneBehind { stale_transaction: false })),
+    ("one-behind-stale", Modbus, |_, _| reply(ReplyFault::OneBehind { stale_transaction: true })),
+    ("sentinel", Any, FaultFile::broken_signal),
+    ("nan", Any, FaultFile::broken_signal),
+    ("value", Any, FaultFile::broken_signal),
+    ("register", Modbus, |file, _| file.register()),
+    ("restart", Any, |_, _| Ok(Kind::Restart)),
+    ("no-acknowledge", Modbus, |_, _| Ok(Kind::Acknowledge(AcknowledgeFault::Never))),
+    ("stuck-acknowledge", Modbus, |_, _| Ok(Kind::Acknowledge(AcknowledgeFault::Stuck))),
+    ("late-acknowledge", Modbus, |file, _| Ok(Kind::Acknowledge(AcknowledgeFault::Late(file.delay()?)))),
+    ("short-frame", Can, |_, _| Ok(Kind::Can(CanFault::ShortFrame))),
+    ("babbling", Can, |file, _| file.babbling()),
+    ("emergency", Can, |file, _| file.emergency()),
+    ("error-frame", Can, |file, _| file.error_frame()),
+    ("sdo-abort", Can, |file, _| Ok(Kind::Can(CanFault::Refusal(file.code.take().unwrap_or(0x0800_0000))))),
+    ("wrong-index", Can, |_, _| Ok(Kind::Can(CanFault::WrongIndex))),
 ];
 
-/// Those that mean something on a CAN line; the last six mean something nowhere else.
-const ON_CAN: [&str; 14] = [
-    "silent",
-    "late",
-    "garbage",
-    "ignored-write",
-    "restart",
-    "sentinel",
-    "nan",
-    "value",
-    "short-frame",
-    "babbling",
-    "emergency",
-    "error-frame",
-    "sdo-abort",
-    "wrong-index",
-];
+fn reply(fault: ReplyFault) -> Result<Kind, String> {
+    Ok(Kind::Reply(fault))
+}
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -128,14 +126,20 @@ impl FaultFile {
                 let names = profile.devices.iter().map(|device| device.name.as_str());
                 format!("there is no device `{}`; allowed: {}", self.device, list(names))
             })?;
-        let is_can = profile.devices[device].can.is_some();
-        if is_can && KINDS.contains(&self.kind.as_str()) && !ON_CAN.contains(&self.kind.as_str()) {
-            return Err(format!("means nothing on a CAN line; allowed: {}", list(ON_CAN.into_iter())));
+        let names = |lines: &[Lines]| {
+            list(KINDS.iter().filter(|(_, on, _)| lines.contains(on)).map(|(name, ..)| *name))
+        };
+        let Some((_, on, make)) = KINDS.iter().find(|(name, ..)| *name == self.kind) else {
+            return Err(format!("there is no such kind; allowed: {}", names(&[Any, Modbus, Can])));
+        };
+        match (profile.devices[device].can.is_some(), on) {
+            (true, Modbus) => {
+                return Err(format!("means nothing on a CAN line; allowed: {}", names(&[Any, Can])));
+            }
+            (false, Can) => return Err(format!("`{}` is no device on a CAN line", self.device)),
+            _ => {}
         }
-        if !is_can && ON_CAN[8..].contains(&self.kind.as_str()) {
-            return Err(format!("`{}` is no device on a CAN line", self.device));
-        }
-        let kind = self.kind(profile, DeviceId(device))?;
+        let kind = make(&mut self, profile)?;
         self.no_key_is_left()?;
         let is_tcp = profile.bus(profile.devices[device].bus).transport == Transport::Tcp;
         match kind {
@@ -186,66 +190,30 @@ impl FaultFile {
         Ok(Fault { device: DeviceId(device), at, after, lasts, kind })
     }
 
-    fn kind(&mut self, profile: &Profile, device: DeviceId) -> Result<Kind, String> {
-        let fault = match self.kind.as_str() {
-            "silent" => ReplyFault::Silent,
-            "late" => ReplyFault::Late(self.delay()?),
-            "no-acknowledge" => return Ok(Kind::Acknowledge(AcknowledgeFault::Never)),
-            "stuck-acknowledge" => return Ok(Kind::Acknowledge(AcknowledgeFault::Stuck)),
-            "late-acknowledge" => return Ok(Kind::Acknowledge(AcknowledgeFault::Late(self.delay()?))),
-            "exception" => {
-                let code = self.code.take().ok_or("`code` is missing, for example 4")?;
-                ReplyFault::Exception(u8::try_from(code).map_err(|_| "`code` is 255 at most")?)
-            }
-            "close" => ReplyFault::Close,
-            "half-open" => ReplyFault::HalfOpen,
-            "garbage" => ReplyFault::Garbage,
-            "wrong-unit" => ReplyFault::WrongUnit,
-            "wrong-transaction" => ReplyFault::WrongTransaction,
-            "wrong-checksum" => ReplyFault::WrongChecksum,
-            "one-byte-at-a-time" => ReplyFault::OneByteAtATime,
-            "wrong-function" => ReplyFault::WrongFunction,
-            "short-read" => ReplyFault::ShortRead,
-            "long-read" => ReplyFault::LongRead,
-            "wrong-echo" => ReplyFault::WrongEcho,
-            "ignored-write" => ReplyFault::IgnoredWrite,
-            "one-behind" => ReplyFault::OneBehind { stale_transaction: false },
-            "one-behind-stale" => ReplyFault::OneBehind { stale_transaction: true },
-            "refuse" => return Ok(Kind::Refuse),
-            "restart" => return Ok(Kind::Restart),
-            "register" => return self.register(),
-            "sentinel" | "nan" | "value" => return self.broken_signal(profile, device),
-            kind if ON_CAN[8..].contains(&kind) => return self.can().map(Kind::Can),
-            _ => return Err(format!("there is no such kind; allowed: {}", list(KINDS.into_iter()))),
-        };
-        Ok(Kind::Reply(fault))
+    fn exception(&mut self) -> Result<Kind, String> {
+        let code = self.code.take().ok_or("`code` is missing, for example 4")?;
+        reply(ReplyFault::Exception(u8::try_from(code).map_err(|_| "`code` is 255 at most")?))
     }
 
-    fn can(&mut self) -> Result<CanFault, String> {
-        Ok(match self.kind.as_str() {
-            "short-frame" => CanFault::ShortFrame,
-            "wrong-index" => CanFault::WrongIndex,
-            "sdo-abort" => CanFault::Refusal(self.code.take().unwrap_or(0x0800_0000)),
-            "babbling" => {
-                let raw = self.id.take().unwrap_or(CanId::LARGEST_STANDARD);
-                let id = CanId::standard(raw).or_else(|| CanId::extended(raw));
-                let id = id.ok_or("`id` is 0x1FFFFFFF at most")?;
-                CanFault::Babbling { id, every: self.every.take().unwrap_or(Duration::from_millis(1)) }
-            }
-            "emergency" => {
-                let code = self.code.take().ok_or("`code` is missing, for example 0x5030")?;
-                let code = u16::try_from(code).ok().filter(|code| *code > 0);
-                CanFault::Emergency(code.ok_or("`code` is from 1 to 0xFFFF")?)
-            }
-            _ => {
-                let known = || list(BusError::ALL.iter().map(|(name, _)| *name));
-                let error =
-                    self.error.take().ok_or_else(|| format!("`error` is missing, one of {}", known()))?;
-                let found = BusError::ALL.iter().find(|(name, _)| *name == error);
-                let (_, error) = found.ok_or_else(|| format!("`error` is one of {}", known()))?;
-                CanFault::Errors { error: *error, every: self.every.take() }
-            }
-        })
+    fn babbling(&mut self) -> Result<Kind, String> {
+        let raw = self.id.take().unwrap_or(CanId::LARGEST_STANDARD);
+        let id = CanId::standard(raw).or_else(|| CanId::extended(raw));
+        let id = id.ok_or("`id` is 0x1FFFFFFF at most")?;
+        let every = self.every.take().unwrap_or(Duration::from_millis(1));
+        Ok(Kind::Can(CanFault::Babbling { id, every }))
+    }
+
+    fn emergency(&mut self) -> Result<Kind, String> {
+        let code = self.code.take().ok_or("`code` is missing, for example 0x5030")?;
+        let code = u16::try_from(code).ok().filter(|code| *code > 0);
+        Ok(Kind::Can(CanFault::Emergency(code.ok_or("`code` is from 1 to 0xFFFF")?)))
+    }
+
+    fn error_frame(&mut self) -> Result<Kind, String> {
+        let known = || list(BusError::ALL.iter().map(|(name, _)| *name));
+        let error = self.error.take().ok_or_else(|| format!("`error` is missing, one of {}", known()))?;
+        let error = BusError::named(&error).ok_or_else(|| format!("`error` is one of {}", known()))?;
+        Ok(Kind::Can(CanFault::Errors { error, every: self.every.take() }))
     }
 
     fn delay(&mut self) -> Result<Duration, String> {
@@ -265,9 +233,10 @@ impl FaultFile {
         Ok(Kind::Register { address, words })
     }
 
-    fn broken_signal(&mut self, profile: &Profile, device: DeviceId) -> Result<Kind, String> {
+    fn broken_signal(&mut self, profile: &Profile) -> Result<Kind, String> {
         let name = self.signal.take().ok_or("`signal` is missing")?;
-        let mut of_device = profile.signals.iter().enumerate().filter(|(_, signal)| signal.device == device);
+        let is_its = |signal: &Signal| profile.device(signal.device).name == self.device;
+        let mut of_device = profile.signals.iter().enumerate().filter(|(_, signal)| is_its(signal));
         let found = of_device.clone().find(|(_, signal)| signal.name == name);
         let (place, signal) = found.ok_or_else(|| {
             let names = list(of_device.by_ref().map(|(_, signal)| signal.name.as_str()));

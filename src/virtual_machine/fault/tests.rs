@@ -1,5 +1,6 @@
 use super::*;
 use crate::virtual_machine::tests::support::profile;
+use isotherm_core::quantity::Moment;
 use isotherm_profile::Profile;
 
 fn complaint(text: &str) -> String {
@@ -94,6 +95,6 @@ fn a_fault_of_writes_counts_no_reads() {
 fn a_one_time_fault_happens_once() {
     let (_, mut faults) = running(&one("cnc", "restart", "at = \"5s\""));
     assert_eq!(faults.advance(at(4), |_| 0), []);
-    assert_eq!(faults.advance(at(9), |_| 0), [Incident::Restart { device: CNC }]);
+    assert_eq!(faults.advance(at(9), |_| 0), [(CNC, Kind::Restart)]);
     assert_eq!(faults.advance(at(10), |_| 0), []);
 }

@@ -9,7 +9,7 @@ use crate::virtual_machine::can::dictionary::{Server, refusal};
 use crate::virtual_machine::can::frames::{self, Delivery, Image, Taken};
 use crate::virtual_machine::can::node::{Act, Node, is_own};
 use crate::virtual_machine::can::power_on;
-use crate::virtual_machine::fault::can::{BusError, SdoFault, Spoilt, Utterance};
+use crate::virtual_machine::fault::{BusError, CanFault, Kind, ReplyFault, Utterance};
 use crate::virtual_machine::journal::Seen;
 use crate::virtual_machine::plant::stream;
 use isotherm_core::codec::{Address, CanId, Encoded, Frame, Object};
@@ -18,7 +18,7 @@ use isotherm_profile::{DeviceId, Profile};
 
 /// A unit's part on a CAN line.
 #[derive(Debug)]
-pub(in crate::virtual_machine) struct CanUnit {
+pub(crate) struct CanUnit {
     node: Node,
     /// The frames of each of the node's PDOs.
     sent: Vec<Vec<Image>>,
@@ -31,7 +31,7 @@ pub(in crate::virtual_machine) struct CanUnit {
 
 /// What goes out on a CAN line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::virtual_machine) enum Sent {
+pub(crate) enum Sent {
     /// A frame; after so long of wall time, if any.
     Frame(Frame, Option<Duration>),
     /// What a controller says of the bus.
@@ -63,7 +63,7 @@ impl CanUnit {
 
 impl Hardware {
     /// Lets time pass for the devices of a line. Gives what they send, in its order.
-    pub(in crate::virtual_machine) fn can_tick(&mut self, devices: &[DeviceId], now: Moment) -> Vec<Sent> {
+    pub(crate) fn can_tick(&mut self, devices: &[DeviceId], now: Moment) -> Vec<Sent> {
         self.advance_to(now);
         let mut sent = Vec::new();
         for device in devices {
@@ -87,7 +87,7 @@ impl Hardware {
     }
 
     /// When [`Hardware::can_tick`] is needed at the latest.
-    pub(in crate::virtual_machine) fn can_due(&self, devices: &[DeviceId]) -> Option<Moment> {
+    pub(crate) fn can_due(&self, devices: &[DeviceId]) -> Option<Moment> {
         let units = devices.iter().map(|device| &self.units[self.unit_of[device.0]]);
         let due = units.flat_map(|unit| {
             let node = unit.can.as_ref().and_then(|can| can.node.due());
@@ -97,7 +97,7 @@ impl Hardware {
     }
 
     /// What the devices of a line hear.
-    pub(in crate::virtual_machine) fn can_wanted(&self, devices: &[DeviceId]) -> Vec<CanId> {
+    pub(crate) fn can_wanted(&self, devices: &[DeviceId]) -> Vec<CanId> {
         let units = devices.iter().map(|device| &self.units[self.unit_of[device.0]]);
         let wanted = units.filter_map(|unit| unit.can.as_ref()).flat_map(|can| {
             let taken = can.taken.iter().map(|value| value.field().frames.id);
@@ -110,12 +110,7 @@ impl Hardware {
     }
 
     /// Gives a frame to the devices of a line. Gives what they send.
-    pub(in crate::virtual_machine) fn can_take(
-        &mut self,
-        devices: &[DeviceId],
-        frame: &Frame,
-        now: Moment,
-    ) -> Vec<Sent> {
+    pub(crate) fn can_take(&mut self, devices: &[DeviceId], frame: &Frame, now: Moment) -> Vec<Sent> {
         self.advance_to(now);
         let mut sent = Vec::new();
         for device in devices {
@@ -149,7 +144,7 @@ impl Hardware {
         let Some(can) = &mut self.units[place].can else { return };
         let before = can.node.objects.clone();
         let served = match fault {
-            Some(SdoFault::Refused(code)) => {
+            Some(Kind::Can(CanFault::Refusal(code))) => {
                 let at = Server::names(frame.data()).unwrap_or_default();
                 let answer = can.node.answer(refusal(at, code));
                 sent.extend(answer.map(|answer| Sent::Frame(answer, None)));
@@ -158,16 +153,16 @@ impl Hardware {
             _ => can.node.take(frame, now, &mut can.acts),
         };
         let Some(served) = served else { return };
-        let is_ignored = fault == Some(SdoFault::Ignored);
+        let is_ignored = fault == Some(Kind::Reply(ReplyFault::IgnoredWrite));
         if let Some(at) = served.written.filter(|_| is_ignored) {
             can.node.undo(at, before, now);
         }
         if let Some(mut answer) = served.answer {
-            if fault == Some(SdoFault::WrongIndex) {
+            if fault == Some(Kind::Can(CanFault::WrongIndex)) {
                 answer[1] ^= 1;
             }
             let delay = match fault {
-                Some(SdoFault::Late(delay)) => Some(delay),
+                Some(Kind::Reply(ReplyFault::Late(delay))) => Some(delay),
                 _ => None,
             };
             sent.extend(can.node.answer(answer).map(|answer| Sent::Frame(answer, delay)));
@@ -223,7 +218,7 @@ impl Hardware {
             return;
         }
         self.units[place].requests += 1;
-        if self.faults.sdo(device, true, now) == Some(SdoFault::Ignored) {
+        if self.faults.sdo(device, true, now) == Some(Kind::Reply(ReplyFault::IgnoredWrite)) {
             return;
         }
         match delivery {
@@ -292,11 +287,11 @@ impl Hardware {
                 continue;
             }
             match self.faults.spoils(device, now) {
-                Some(Spoilt::Random) => {
+                Some(Kind::Reply(ReplyFault::Garbage)) => {
                     let mut random = stream(now.as_nanos(), "garbage");
                     frame.data_mut().iter_mut().for_each(|byte| *byte = random.random());
                 }
-                Some(Spoilt::Short) => {
+                Some(_) => {
                     let Some(short) = frames::beginning(&frame, image.length().saturating_sub(1)) else {
                         continue;
                     };

@@ -1,7 +1,7 @@
 //! The devices of a CAN line, without a socket: frames as candump writes them, moments in milliseconds.
 
 use super::*;
-use crate::virtual_machine::fault::can::BusError;
+use crate::virtual_machine::fault::BusError;
 use crate::virtual_machine::hardware::Hardware;
 use crate::virtual_machine::hardware::can::Sent;
 use isotherm_core::codec::{Address, CanId, Frame};

@@ -13,8 +13,8 @@ use isotherm_profile::{
     Unit, Verify, Writes,
 };
 
-pub(in crate::virtual_machine) const THERMOCOUPLES: u8 = 1;
-pub(in crate::virtual_machine) const CNC: u8 = 1;
+pub(crate) const THERMOCOUPLES: u8 = 1;
+pub(crate) const CNC: u8 = 1;
 
 /// A machine that runs on a virtual clock which stands while the test is awake.
 pub(super) struct Run {
@@ -55,7 +55,7 @@ impl Run {
     }
 }
 
-pub(in crate::virtual_machine) fn profile() -> Profile {
+pub(crate) fn profile() -> Profile {
     let axis = AxisSettings {
         name: "z".to_owned(),
         models: Vec::new(),
