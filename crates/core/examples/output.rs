@@ -73,7 +73,7 @@ impl Desk {
             let action = step(&mut self.state, &self.settings, fact, self.now);
             println!("{:>8.3} s  {:<22} → {}", self.seconds(self.now), self.fact(fact), self.action(action));
             for event in self.state.take_events().iter() {
-                println!("            told: {event:?}");
+                println!("            event: {event:?}");
             }
             // Looked at before the question leaves, and after the last byte of a write has left.
             let moment = self.now.after(MILLI / 2);

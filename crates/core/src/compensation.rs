@@ -292,7 +292,7 @@ impl Compensation {
         }
     }
 
-    /// Machine-on time and references.
+    /// The time since machine start and references.
     pub fn machine(&self) -> &Machine {
         &self.machine
     }

@@ -109,7 +109,7 @@ impl Reading {
 }
 
 impl Reason {
-    /// What a device can say by a raw value, each with the words a profile has for it.
+    /// What a device can say by a raw value, each with its name in a profile.
     pub const MEANINGS: [(&'static str, Reason); 7] = [
         ("open circuit", Reason::OpenCircuit),
         ("short circuit", Reason::ShortCircuit),

@@ -39,7 +39,7 @@ pub(super) struct Axis {
 pub(super) struct Chosen {
     /// Its place in the profile's list.
     pub(super) model: usize,
-    /// Cz; where the parts are written apart, K0.
+    /// Cz; where the slope is split off, K0.
     pub(super) raw: Micron,
     /// What of it probings have added.
     correction: Micron,

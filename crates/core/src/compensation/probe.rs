@@ -12,7 +12,7 @@
 //!
 //! # Rules
 //! - The correction is added to the raw Cz, before the guard: it reaches the register in steps and never in one.
-//! - Each model has its own; a probing teaches every model that has a value then, so that changing to a lesser one loses
+//! - Each model has its own; a probing teaches every model that has a value then, so that changing to a fallback model loses
 //!   nothing. A model with an envelope that holds or shrinks it learns nothing outside.
 //! - A residual beyond `max_error` is not believed.
 //! - Where what a model is measured from is captured anew (a zero, a machine start), the correction begins at nothing

@@ -1,4 +1,4 @@
-//! What the machine and its axes are told once, by the profile.
+//! Settings of the machine and its axes, from the profile.
 
 use std::time::Duration;
 
@@ -22,7 +22,7 @@ pub struct AxisSettings {
     pub every: Duration,
     /// What happens when no model can be used.
     pub on_fault: OnFault,
-    /// Sizes of Cz at which people are told, and at which the axis gives up.
+    /// Sizes of Cz at which people are warned, and at which the axis gives up.
     pub levels: Levels,
     /// What Cz is measured from.
     pub datum: Datum,
@@ -41,7 +41,7 @@ pub struct ProbeSettings {
     pub filter: f64,
     /// A model that would be wrong by more than this is not what was measured: the probing is refused.
     pub max_error: Micron,
-    /// A residual beyond it is told: the model ages.
+    /// A residual beyond it is reported: the model ages.
     pub warn: Option<Micron>,
     /// The gains of linear models learn as well.
     pub gains: Option<GainSettings>,
@@ -59,7 +59,7 @@ pub struct GainSettings {
 /// Two levels of |Cz|, as controls have them (Beckhoff TF5200: warn, error). `warn` ≤ `limit` ≤ `error`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Levels {
-    /// Beyond it people are told, once.
+    /// Beyond it people are warned, once.
     pub warn: Option<Micron>,
     /// A model that asks for more is not believed: the axis takes its fault action and stays off until armed.
     pub error: Option<Micron>,

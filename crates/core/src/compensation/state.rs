@@ -15,7 +15,7 @@
 //! # Theory of operation
 //! An axis that is off decides nothing; what stands in the register stays. Arming takes over what stands there, so
 //! the first decision is a step from it, never a jump to something else. While a model can be used and what was
-//! written was verified, the axis follows the model through the guard; on a lesser model it says so. When either
+//! written was verified, the axis follows the model through the guard; on a fallback model it says so. When either
 //! fails it keeps its value, and then does what the profile says. Coming back is the same walk through the guard.
 //! A model that asks for more than the error level counts as none until the axis is armed again.
 //! When the gateway stops, the action runs without its waiting time; an axis that is off stays off.
@@ -35,7 +35,7 @@ pub enum AxisState {
     Off,
     /// Following its preferred model.
     Active,
-    /// Following a lesser model, because the preferred one cannot be used.
+    /// Following a fallback model, because the preferred one cannot be used.
     Degraded,
     /// Keeping its last value since this moment.
     Holding(Moment),

@@ -5,8 +5,8 @@ use crate::quantity::of;
 use crate::reading::Reason;
 use std::time::Duration;
 
-mod apart;
 mod datum;
+mod intercept_slope;
 mod lags;
 mod levels;
 mod models;

@@ -1,4 +1,4 @@
-//! What people are told about an output.
+//! What happened to an output, for people.
 
 use std::fmt;
 

@@ -161,7 +161,7 @@ fn is_inside(settings: &Settings, stands: i64, value: i64, centre: i64) -> bool 
     !settings.rules.limit || distance <= settings.limit.unsigned_abs() || distance < stands.abs_diff(centre)
 }
 
-/// A change that waits is told once; what was decided before a wait is not sent after it.
+/// A change that waits is reported once; what was decided before a wait is not sent after it.
 fn note_waiting(state: &mut State, settings: &Settings, aim: Option<Aim>, now: Moment) {
     if aim != Some(Aim::Blocked) {
         state.is_waiting = false;

@@ -1,4 +1,4 @@
-//! What people are to be told, each trouble once.
+//! Which troubles have been reported, so that each is reported once.
 
 use super::event::Event;
 use super::slots::Slots;

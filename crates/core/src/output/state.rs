@@ -18,7 +18,7 @@ use crate::quantity::Moment;
 /// What failed is tried again after this long at the earliest; and what is not certain is looked at again.
 pub(super) const RETRY: Duration = Duration::from_secs(1);
 
-/// One output. As a text it is what a step behaves by, without what only people are told.
+/// One output. As a text it is what a step behaves by, without what only its reports depend on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct State {
     pub(super) doing: Doing,

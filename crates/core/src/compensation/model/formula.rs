@@ -16,7 +16,7 @@ pub use parser::ExpressionError;
 /// Deepest nesting an expression may have: the size of the evaluation stack.
 const DEPTH: usize = 32;
 
-/// A parsed expression over signals and machine-on time.
+/// A parsed expression over signals and the time since machine start.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Expression {
     text: String,
@@ -30,7 +30,7 @@ pub enum Symbol {
     Signal(SignalId),
     /// A number.
     Constant(f64),
-    /// Machine-on time in seconds.
+    /// The time since machine start in seconds.
     Time,
 }
 
@@ -87,11 +87,11 @@ impl Expression {
         &self.text
     }
 
-    /// Its value, with `value` giving each signal and `time` the machine-on time in seconds. NaN where any part of it
+    /// Its value, with `value` giving each signal and `time` the time since machine start in seconds. NaN where any part of it
     /// is not a number.
     ///
     /// # Errors
-    /// The first signal without a value, or machine-on time that has not begun.
+    /// The first signal without a value, or a machine that has not been seen running.
     pub fn evaluate(
         &self,
         value: &dyn Fn(SignalId) -> Option<f64>,

@@ -1,13 +1,13 @@
-//! What the machine is told once, whatever its axes and their models are.
+//! Settings of the machine, whatever its axes and their models are.
 
 use std::time::Duration;
 
 use crate::reading::SignalId;
 
-/// What concerns every axis of the machine: machine-on time and captured references.
+/// What concerns every axis of the machine: the time since machine start and captured references.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MachineSettings {
-    /// The signal whose rising edge starts machine-on time; without one, the first good reading does.
+    /// The signal whose rising edge starts the machine's time; without one, the first good reading does.
     pub on: Option<SignalId>,
     /// The signal whose rising edge captures the references given as "zero".
     pub zero: Option<SignalId>,

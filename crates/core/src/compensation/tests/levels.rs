@@ -14,7 +14,7 @@ fn a_model_beyond_the_error_level_is_not_followed_until_the_axis_is_armed_again(
     assert_eq!(rig.show(48.0, 24.0).after(10.0).state, AxisState::Active, "57.6 µm are held at the limit");
     let decision = rig.show(50.0, 24.0).after(10.0);
     assert_eq!((decision.state.name(), decision.tripped), ("holding", true));
-    assert!((decision.raw.unwrap().get() - 62.4).abs() < 1e-9, "what it asked for is still told");
+    assert!((decision.raw.unwrap().get() - 62.4).abs() < 1e-9, "what it asked for is still shown");
     let decisions = rig.show(27.5, 24.0).run(300.0);
     assert!(decisions.iter().all(|decision| decision.tripped && !decision.state.is_following()));
     assert_eq!(decisions.last().unwrap().state, AxisState::Zeroed, "the fault action runs to its end");

@@ -170,11 +170,11 @@ fn outside_its_envelope_a_model_learns_only_where_it_is_followed_there() {
 fn each_model_learns_its_own_correction_from_one_probing() {
     let mut rig = Rig::new(probed_axis(probe()));
     rig.step();
-    let lesser = |rig: &mut Rig| rig.show(27.5, f64::NAN).after(1.0).raw.unwrap().get();
-    let before = lesser(&mut rig);
+    let fallback = |rig: &mut Rig| rig.show(27.5, f64::NAN).after(1.0).raw.unwrap().get();
+    let before = fallback(&mut rig);
     rig.show(27.5, 24.0);
     near(correction(rig.probe(4.0, 8.4)), -2.0);
-    let after = lesser(&mut rig);
+    let after = fallback(&mut rig);
     // Half of the way from 9.84, what it asked for, to 4.4, what would have been right.
     assert!((after - before - 0.5 * (4.4 - before)).abs() < 0.01, "{before} {after}");
 }

@@ -7,7 +7,7 @@ use super::{Binary, DEPTH, Operation, Symbol, Unary};
 pub struct ExpressionError {
     /// Byte position in the text.
     pub at: usize,
-    /// In words.
+    /// A sentence for people.
     pub message: String,
 }
 
