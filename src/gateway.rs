@@ -25,7 +25,6 @@ use isotherm_profile::{Bus, BusId, DeviceId, Profile};
 mod arming;
 mod board;
 mod can;
-mod command_handle;
 mod commissioning;
 mod contact;
 pub mod control;
@@ -38,12 +37,12 @@ mod extrapolation;
 mod inspector;
 mod ledger;
 mod line_handle;
-mod lock_times;
+mod lock;
 pub mod log;
 mod memory;
 mod noted;
 mod output;
-mod page_handle;
+mod panel;
 mod pause;
 mod poll;
 mod probing;
@@ -59,11 +58,10 @@ mod wire_log;
 mod words;
 
 use can::{Can, CanListener};
-use command_handle::CommandHandle;
 use ledger::Ledger;
 use line_handle::LineHandle;
 use memory::Memory;
-use page_handle::{PageHandle, Panel};
+use panel::Panel;
 use poll::LineTask;
 use shared::Shared;
 use storage::Storage;
@@ -195,7 +193,7 @@ impl Gateway {
             wakeups,
         ));
         if let Some(why) = trouble {
-            shared.tell(&Event::NotKept { what: "the saved state".to_owned(), why });
+            shared.report(&Event::NotKept { what: "the saved state".to_owned(), why });
         }
         let wire_log = WireLog::new(&shared.profile);
         Gateway { shared, options, sleepers, wire_log }
@@ -208,9 +206,7 @@ impl Gateway {
 
     /// Who can tell its state and take commands, from any thread.
     pub fn source(&self) -> Arc<dyn Source> {
-        let (page, commands) =
-            (PageHandle::new(self.shared.clone()), CommandHandle::new(self.shared.clone()));
-        Arc::new(Panel { page, commands })
+        Arc::new(Panel(self.shared.clone()))
     }
 
     /// Runs until `shutdown` is ready or something fails inside, then runs the fault actions, and returns when the axes
@@ -225,7 +221,7 @@ impl Gateway {
         let mut lines = HashMap::new();
         let requests = self.start_lines(&mut tasks, &mut lines);
         let machine = self.shared.profile.name.clone();
-        self.shared.tell(&Event::Started { machine, bus_requests: requests });
+        self.shared.report(&Event::Started { machine, bus_requests: requests });
         let _watch = self.options.has_threads.then(|| self.watch(&stop));
         tokio::select! {
             biased;
@@ -236,7 +232,7 @@ impl Gateway {
             }
         }
         let within = ending::begin_stop(&self.shared);
-        self.shared.tell(&Event::Stopping { within });
+        self.shared.report(&Event::Stopping { within });
         let _ = sd_notify::notify(&[sd_notify::NotifyState::Stopping]);
         let rested = tokio::select! {
             biased;
@@ -248,7 +244,7 @@ impl Gateway {
         let _hold = self.shared.clock.hold();
         tasks.shutdown().await;
         let left = ending::what_is_left(&self.shared);
-        self.shared.tell(&Event::Stopped { left: left.clone() });
+        self.shared.report(&Event::Stopped { left: left.clone() });
         ending::end_registers(&self.shared);
         self.shared.ledger.finish(LAST_PATIENCE).await;
         let failed = self.keep_for_the_last_time();
@@ -323,7 +319,7 @@ impl Gateway {
         };
         let Some(bus) = lines.remove(&id) else { return };
         let task = format!("bus {}", self.shared.profile.bus(bus).name);
-        self.shared.tell(&Event::TaskFailed { task, why });
+        self.shared.report(&Event::TaskFailed { task, why });
         self.shared.core().failed = true;
         let sleeper = self.shared.clock.join();
         self.shared.register_wakeup(bus, sleeper.wakeup());

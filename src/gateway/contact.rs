@@ -1,4 +1,4 @@
-//! Who answers: counted by device and line, and told when it ends and when it begins again.
+//! Who answers: counted by device and line, and reported when it ends and when it begins again.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -6,16 +6,17 @@ use std::time::Duration;
 use crate::fieldbus::error::Fault;
 use crate::observe::events::Event;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{DeviceId, Profile};
+use isotherm_profile::{BusId, DeviceId, Profile};
 
-/// Consecutive failures after which people are told: a single lost answer is only counted.
-const TOLD_AFTER: u64 = 2;
+/// Consecutive failures after which a device is reported as lost: a single lost answer is only counted.
+const REPORTED_AFTER: u64 = 2;
 
-/// A device that was lost has returned when it has answered for this long: one that comes and goes is told once.
+/// A device that was lost has returned when it has answered for this long: one that comes and goes is reported
+/// once.
 const BELIEVED_AFTER: Duration = Duration::from_secs(10);
 
-/// What was late is told again after so long without.
-const TOLD_AGAIN: Duration = Duration::from_secs(600);
+/// What was late is reported again after so long without.
+const REPORTED_AGAIN: Duration = Duration::from_secs(600);
 
 /// Every device and every line.
 #[derive(Clone, Debug)]
@@ -39,7 +40,7 @@ pub(super) struct Lost {
     pub(super) fault: String,
     /// Requests that failed since.
     pub(super) missed: u64,
-    pub(super) told: bool,
+    pub(super) reported: bool,
     /// It answers again, since then.
     pub(super) answers_since: Option<Moment>,
 }
@@ -61,14 +62,11 @@ pub(super) struct BusCount {
 pub(super) const JITTER_MS: [f64; 7] = [0.5, 1.0, 2.0, 5.0, 10.0, 50.0, 200.0];
 
 impl BusCount {
-    /// So many more times something was late. Whether that is to be told.
+    /// So many more times something was late. Whether that is to be reported.
     pub(super) fn overrun(&mut self, count: u64, now: Moment) -> bool {
-        if count == 0 {
-            return false;
-        }
         self.overruns += count;
         let before = self.overrun_at.replace(now);
-        before.is_none_or(|before| now.since(before) >= TOLD_AGAIN)
+        before.is_none_or(|before| now.since(before) >= REPORTED_AGAIN)
     }
 }
 
@@ -80,77 +78,116 @@ impl Contact {
         }
     }
 
-    /// A device has answered; what is to be told of that.
-    pub(super) fn answers(&mut self, profile: &Profile, id: DeviceId, now: Moment) -> [Option<Event>; 2] {
-        let device = profile.device(id);
+    /// A device has answered, or a frame of it came.
+    pub(super) fn answers(&mut self, profile: &Profile, id: DeviceId, now: Moment, events: &mut Vec<Event>) {
         let count = &mut self.devices[id.0];
+        if count.is_here() {
+            return;
+        }
         count.answered = true;
-        let returned = match &mut count.lost {
-            Some(lost) if lost.told => now.since(*lost.answers_since.get_or_insert(now)) >= BELIEVED_AFTER,
+        let has_returned = match &mut count.lost {
+            Some(lost) if lost.reported => {
+                now.since(*lost.answers_since.get_or_insert(now)) >= BELIEVED_AFTER
+            }
             _ => true,
         };
-        let lost = if returned { count.lost.take() } else { None };
-        let bus = profile.bus(device.bus);
-        let up = self.buses[device.bus.0].down.take().map(|attempts| Event::LinkUp {
-            bus: bus.name.clone(),
-            address: bus.address.clone(),
-            attempts,
-        });
-        let back = lost.filter(|lost| lost.told).map(|lost| Event::DeviceBack {
+        let lost = count.lost.take_if(|_| has_returned).filter(|lost| lost.reported);
+        let device = profile.device(id);
+        self.link_is_up(profile, device.bus, events);
+        events.extend(lost.map(|lost| Event::DeviceBack {
             device: device.name.clone(),
             at: device.at(),
             missed: lost.missed,
-        });
-        [up, back]
+        }));
     }
 
-    /// A request to a device failed, after so many attempts to connect that came to this; what is to be told of that.
-    /// With it the device counts as lost: what comes back may be another one, or one that has forgotten how it was set.
+    /// A request to a device failed, after so many attempts to connect that came to this. Whether it counts as lost with
+    /// that: what comes back may be another one, or one that has forgotten how it was set.
     pub(super) fn fails(
         &mut self,
         profile: &Profile,
         id: DeviceId,
         fault: Fault,
         (attempts, refused): (u32, Fault),
-    ) -> (Option<Event>, bool) {
-        let device = profile.device(id);
-        let lost = self.devices[id.0].lost.get_or_insert_default();
-        lost.missed += 1;
-        lost.answers_since = None;
-        lost.fault = fault.to_string();
+        events: &mut Vec<Event>,
+    ) -> bool {
         // What comes after a connection was made is the device's doing.
         if fault.is_of_the_line() && attempts > 0 {
-            let bus = profile.bus(device.bus);
-            let fault = refused;
-            lost.fault = fault.to_string();
-            let told = self.buses[device.bus.0].down.replace(u64::from(attempts)).is_some();
+            self.devices[id.0].misses(refused.to_string());
+            self.link_is_down(profile, profile.device(id).bus, attempts.into(), refused, events);
+            return false;
+        }
+        let lost = self.devices[id.0].misses(fault.to_string());
+        let is_lost = lost.missed >= REPORTED_AFTER && !lost.reported;
+        if is_lost {
+            events.push(lost.report(profile, id));
+        }
+        is_lost
+    }
+
+    /// Nothing comes of a device any more; reported once, but for a bus that is down, which has been. Whether it was: then
+    /// the device is to be looked at anew when it comes back.
+    pub(super) fn is_silent(
+        &mut self,
+        profile: &Profile,
+        id: DeviceId,
+        fault: String,
+        events: &mut Vec<Event>,
+    ) -> bool {
+        let is_down = self.buses[profile.device(id).bus.0].down.is_some();
+        let lost = self.devices[id.0].misses(fault);
+        let is_lost = !is_down && !lost.reported;
+        if is_lost {
+            events.push(lost.report(profile, id));
+        }
+        is_lost
+    }
+
+    /// There is a connection, or an interface, again.
+    pub(super) fn link_is_up(&mut self, profile: &Profile, id: BusId, events: &mut Vec<Event>) {
+        let bus = profile.bus(id);
+        events.extend(self.buses[id.0].down.take().map(|attempts| Event::LinkUp {
+            bus: bus.name.clone(),
+            address: bus.address.clone(),
+            attempts,
+        }));
+    }
+
+    /// There is none, after so many attempts.
+    pub(super) fn link_is_down(
+        &mut self,
+        profile: &Profile,
+        id: BusId,
+        attempts: u64,
+        fault: Fault,
+        events: &mut Vec<Event>,
+    ) {
+        if self.buses[id.0].down.replace(attempts).is_none() {
+            let bus = profile.bus(id);
             let (bus, address) = (bus.name.clone(), bus.address.clone());
-            return ((!told).then(|| Event::LinkDown { bus, address, fault: fault.to_string() }), false);
+            events.push(Event::LinkDown { bus, address, fault: fault.to_string() });
         }
-        let tell = lost.missed >= TOLD_AFTER && !lost.told;
-        lost.told |= tell;
-        let (device, at) = (device.name.clone(), device.at());
-        (tell.then(|| Event::DeviceLost { device, at, fault: fault.to_string() }), tell)
+    }
+}
+
+impl DeviceCount {
+    /// It has answered, and does.
+    pub(super) fn is_here(&self) -> bool {
+        self.answered && self.lost.is_none()
     }
 
-    /// A frame of a device came.
-    pub(super) fn heard(&mut self, profile: &Profile, id: DeviceId, now: Moment) -> [Option<Event>; 2] {
-        let count = &self.devices[id.0];
-        if count.answered && count.lost.is_none() { [None, None] } else { self.answers(profile, id, now) }
+    /// One more request was not answered, or would not be.
+    fn misses(&mut self, fault: String) -> &mut Lost {
+        let lost = self.lost.get_or_insert_default();
+        (lost.missed, lost.answers_since, lost.fault) = (lost.missed + 1, None, fault);
+        lost
     }
+}
 
-    /// Nothing comes of a device any more; told once, but for a bus that is down, which has been. Where it is told, the device
-    /// is to be looked at anew when it comes back.
-    pub(super) fn is_silent(&mut self, profile: &Profile, id: DeviceId, fault: String) -> Option<Event> {
+impl Lost {
+    fn report(&mut self, profile: &Profile, id: DeviceId) -> Event {
+        self.reported = true;
         let device = profile.device(id);
-        let is_down = self.buses[device.bus.0].down.is_some();
-        let lost = self.devices[id.0].lost.get_or_insert_default();
-        lost.missed += 1;
-        lost.answers_since = None;
-        lost.fault = fault.clone();
-        if is_down || std::mem::replace(&mut lost.told, true) {
-            return None;
-        }
-        Some(Event::DeviceLost { device: device.name.clone(), at: device.at(), fault })
+        Event::DeviceLost { device: device.name.clone(), at: device.at(), fault: self.fault.clone() }
     }
 }

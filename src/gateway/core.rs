@@ -7,6 +7,7 @@ use super::board::{Board, Change};
 use super::commissioning::{Commissioning, Fit};
 use super::contact::Contact;
 use super::dependents::Dependents;
+use super::lock::LockTimes;
 use super::noted::Noted;
 use super::output::{OutputState, Outputs, Standing};
 use super::pause::Pauses;
@@ -62,8 +63,10 @@ pub(super) struct Core {
     /// Something failed inside: the process ends with an error after the fault actions.
     pub(super) failed: bool,
     controls: Vec<Control>,
-    /// Events of a step, reported when the lock is free again.
+    /// What has happened since this was locked: reported when it is free again.
     pub(super) events: Vec<Event>,
+    /// How long it was locked.
+    pub(super) lock_times: LockTimes,
     /// By axis.
     pub(super) reported: Vec<Reported>,
 }
@@ -95,6 +98,7 @@ impl Core {
             stepped_at: Moment::default(),
             failed: false,
             events: Vec::new(),
+            lock_times: LockTimes::default(),
             controls: vec![Control::default(); profile.axes.len()],
             reported: vec![Reported::default(); profile.axes.len()],
             given,
@@ -277,16 +281,13 @@ impl Core {
         })
     }
 
-    /// Switches an axis off until a person arms it again; what is to be told of that.
-    pub(super) fn disarm(&mut self, axis: AxisId, name: &str, why: &str) -> Option<Event> {
+    /// Switches an axis off until a person arms it again.
+    pub(super) fn disarm(&mut self, axis: AxisId, why: &str) {
         let latched = Arming { latched: true, why: why.to_owned(), ..Arming::default() };
-        let was = std::mem::replace(&mut self.arming[axis.0], latched);
-        was.armed.then(|| Event::Disarmed { axis: name.to_owned(), why: why.to_owned() })
-    }
-
-    /// The same for an axis that is armed; one that is off keeps waiting to be.
-    pub(super) fn disarm_unless_off(&mut self, axis: AxisId, name: &str, why: &str) -> Option<Event> {
-        if self.arming[axis.0].armed { self.disarm(axis, name, why) } else { None }
+        if std::mem::replace(&mut self.arming[axis.0], latched).armed {
+            let axis = self.given.profile.axis(axis).settings.name.clone();
+            self.events.push(Event::Disarmed { axis, why: why.to_owned() });
+        }
     }
 
     /// An output's register was found to hold this much Cz after it had not been known: the axis goes on from there.
@@ -374,8 +375,7 @@ impl Core {
             if over && self.has_arrived(profile, place, *dry_run) {
                 let why =
                     "its model asked for more than the error level; arm it again when the cause is found";
-                let told = self.disarm(AxisId(place), &axis.settings.name, why);
-                self.events.extend(told);
+                self.disarm(AxisId(place), why);
                 self.arming[place] = Arming { latched: true, asked, ..Arming::default() };
             }
         }

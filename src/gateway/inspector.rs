@@ -155,22 +155,21 @@ fn commissioned(shared: &LineHandle, id: DeviceId, found: Finding) {
     let name = &shared.profile.device(id).name;
     let mut core = shared.core();
     let before = core.commissioning.note(id, found.clone());
-    let mut events = Vec::new();
     match found {
         _ if before == found => {}
         Finding::Wrong(found) => {
-            events.push(Event::NotAsExpected { device: name.clone(), found: found.clone() });
+            let why = format!("device {name}: {found}");
+            core.events.push(Event::NotAsExpected { device: name.clone(), found });
             for output in shared.profile.outputs.iter().filter(|output| output.device == id) {
-                let axis = &shared.profile.axis(output.axis).settings.name;
-                let why = format!("device {name}: {found}");
-                events.extend(core.disarm_unless_off(output.axis, axis, &why));
+                // One that is off keeps waiting to be armed.
+                if core.arming[output.axis.0].armed {
+                    core.disarm(output.axis, &why);
+                }
             }
         }
         Finding::Fit if matches!(before, Finding::Wrong(_)) => {
-            events.push(Event::AsExpected { device: name.clone() });
+            core.events.push(Event::AsExpected { device: name.clone() });
         }
         Finding::Fit | Finding::Unknown => {}
     }
-    drop(core);
-    events.iter().for_each(|event| shared.tell(event));
 }

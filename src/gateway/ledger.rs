@@ -60,7 +60,7 @@ impl Ledger {
         remembers: impl Fn(&str) -> bool,
         (journal, clock): (Arc<Journal>, &Clock),
     ) -> Ledger {
-        let not_kept = |why| journal.tell(clock.now(), &Event::NotKept { what: WHAT.to_owned(), why });
+        let not_kept = |why| journal.report(clock.now(), &Event::NotKept { what: WHAT.to_owned(), why });
         let Some(directory) = directory else {
             if profile.outputs.iter().any(is_shared) {
                 not_kept("there is no state directory; name one with --state".to_owned());

@@ -37,12 +37,10 @@ impl LineHandle {
     /// Steps each axis that is due and wakes the other lines, which may have to write. Called by the line that has just
     /// read its inputs. When the next axis is due.
     pub(super) fn advance(&self, now: Moment) -> Option<Moment> {
-        let (stepped, due, events) = {
-            let mut core = self.core();
-            let stepped = core.advance(now);
-            (stepped, core.next_due, std::mem::take(&mut core.events))
-        };
-        events.iter().for_each(|event| self.tell(event));
+        let mut core = self.core();
+        let stepped = core.advance(now);
+        let due = core.next_due;
+        drop(core);
         if stepped && self.profile.buses.len() > 1 {
             self.wake_others(self.bus);
         }
@@ -56,13 +54,8 @@ impl LineHandle {
             return;
         }
         let mut core = self.core();
-        let mut any = false;
-        for axis in axes {
-            any |= core.hear_probing(*axis, now);
-        }
-        let events = std::mem::take(&mut core.events);
+        let any = axes.iter().fold(false, |any, axis| core.hear_probing(*axis, now) || any);
         drop(core);
-        events.iter().for_each(|event| self.tell(event));
         if any {
             self.wake_others(self.bus);
         }
@@ -75,10 +68,9 @@ impl LineHandle {
             return;
         }
         let mut core = self.core();
-        let Core { restarts, board, .. } = &mut *core;
-        let (events, any) = restarts.look(&self.profile, board, self.bus, now);
+        let Core { restarts, board, events, .. } = &mut *core;
+        let any = restarts.look(&self.profile, board, self.bus, now, events);
         drop(core);
-        events.iter().for_each(|event| self.tell(event));
         if any {
             self.wake();
         }
@@ -92,15 +84,18 @@ impl LineHandle {
         }
         let output = self.profile.output(id);
         let bus = self.profile.device(output.device).bus;
-        let now = self.clock.now();
-        if self.core().contact.buses[bus.0].overrun(1, now) {
-            self.tell_overrun(bus, format!("a change of output {}", output.name), now.since(not_after));
-        }
+        let late = self.clock.now().since(not_after);
+        self.overrun(bus, 1, late, || format!("a change of output {}", output.name));
     }
 
-    pub(super) fn tell_overrun(&self, bus: BusId, what: String, late: Duration) {
-        let bus = self.profile.bus(bus).name.clone();
-        self.tell(&Event::Overrun { bus, what, late });
+    /// So many more times something was late, by this at most. What it was is reported, if that was long enough ago.
+    pub(super) fn overrun(&self, bus: BusId, count: u64, late: Duration, what: impl FnOnce() -> String) {
+        let now = self.clock.now();
+        let mut core = self.core();
+        if core.contact.buses[bus.0].overrun(count, now) {
+            let bus = self.profile.bus(bus).name.clone();
+            core.events.push(Event::Overrun { bus, what: what(), late });
+        }
     }
 
     /// Heartbeats and control words go on: from the first arming, or where the profile arms from the first good reading,
@@ -117,7 +112,7 @@ impl LineHandle {
     }
 }
 
-/// What becomes of each request: counted, and told when something begins and when it ends.
+/// What becomes of each request: counted, and reported when something begins and when it ends.
 impl Witness for LineHandle {
     fn note(
         &self,
@@ -127,30 +122,22 @@ impl Witness for LineHandle {
         refusals: (u32, Fault),
     ) {
         let mut core = self.core();
-        let count = &mut core.contact.devices[device.0];
+        let Core { contact, commissioning, events, .. } = &mut *core;
+        let count = &mut contact.devices[device.0];
         count.requests += 1;
         if let Err(fault) = outcome {
             *count.failures.entry(fault.blame()).or_default() += 1;
         }
-        let has_answered = outcome.map_or_else(Fault::is_refusal, |()| true);
-        // Nobody answers a frame: that it was sent says nothing of the device.
-        let is_a_frame = matches!(request, Request::Can(CanRequest::Send { .. })) && outcome.is_ok();
-        if is_a_frame || (has_answered && count.lost.is_none() && count.answered) {
-            return;
-        }
-        let events = match outcome {
-            Err(fault) if !has_answered => {
-                let (event, is_lost) = core.contact.fails(&self.profile, device, fault, refusals);
-                if is_lost {
-                    core.commissioning.forget(&self.profile, device);
+        match outcome {
+            Err(fault) if !fault.is_refusal() => {
+                if contact.fails(&self.profile, device, fault, refusals, events) {
+                    commissioning.forget(&self.profile, device);
                 }
-                [event, None]
             }
-            _ => core.contact.answers(&self.profile, device, self.clock.now()),
-        };
-        drop(core);
-        for event in events.into_iter().flatten() {
-            self.tell(&event);
+            // Nobody answers a frame: that it was sent says nothing of the device.
+            Ok(()) if matches!(request, Request::Can(CanRequest::Send { .. })) => {}
+            _ if contact.devices[device.0].is_here() => {}
+            _ => contact.answers(&self.profile, device, self.clock.now(), events),
         }
     }
 }

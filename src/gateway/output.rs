@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use super::noted::Noted;
 use crate::fieldbus::error::Fault;
+use crate::observe::handshake::HandshakeFault;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{Handshake, Output, OutputId, Profile};
 
@@ -68,7 +69,7 @@ pub(super) struct Stand {
     /// What it waits for now.
     pub(super) waits: Option<Wait>,
     /// What the last one failed at, until one succeeds.
-    pub(super) failed: Option<&'static str>,
+    pub(super) failed: Option<HandshakeFault>,
     /// The strobe is up, or may be.
     pub(super) strobe_up: bool,
     /// The control word beside it may say that every axis is armed.
@@ -143,7 +144,7 @@ impl Stand {
     pub(super) fn words(self, handshake: Option<Handshake>) -> String {
         let Some(Handshake { strobe, acknowledge, .. }) = handshake else { return String::new() };
         match (self.failed, self.waits) {
-            (Some(failed), _) => failed.to_owned(),
+            (Some(failed), _) => failed.message().to_owned(),
             (None, Some(Wait::Acknowledge)) => format!("waits for the acknowledge ({acknowledge})"),
             (None, Some(Wait::Clear | Wait::Release)) => {
                 format!("waits for the acknowledge to drop ({acknowledge})")

@@ -228,11 +228,14 @@ impl LineTask {
     /// Counts a sleep that ended so late, and what was late before it.
     fn account(&mut self, late: Duration) {
         let Overruns { count: overruns, worst } = std::mem::take(&mut self.overruns);
+        if let Some((late, device)) = worst {
+            let what = || format!("a poll of {}", self.shared.profile.device(device).name);
+            self.shared.overrun(self.bus, overruns, late, what);
+        }
         let is_connected = match &self.can {
             Some(can) => can.link.fault().is_none(),
             None => self.line.is_connected(),
         };
-        let now = self.line.looked();
         let mut core = self.shared.core();
         let count = &mut core.contact.buses[self.bus.0];
         count.cycles += 1;
@@ -240,12 +243,6 @@ impl LineTask {
         let late_ms = late.as_secs_f64() * 1000.0;
         let bucket = JITTER_MS.iter().position(|bound| late_ms <= *bound).unwrap_or(JITTER_MS.len());
         count.jitter[bucket] += 1;
-        let told = count.overrun(overruns, now);
-        drop(core);
-        if let Some((late, device)) = worst.filter(|_| told) {
-            let what = format!("a poll of {}", self.shared.profile.device(device).name);
-            self.shared.tell_overrun(self.bus, what, late);
-        }
     }
 }
 

@@ -70,26 +70,25 @@ impl Restarts {
         Some((id, from, value))
     }
 
-    /// Looks at what has just been read on this line: what is to be reported, and whether a control may have been
-    /// restarted.
+    /// Looks at what has just been read on this line. Whether a control may have been restarted.
     pub(super) fn look(
         &mut self,
         profile: &Profile,
         board: &Board,
         line: BusId,
         now: Moment,
-    ) -> (Vec<Event>, bool) {
+        events: &mut Vec<Event>,
+    ) -> bool {
         let is_on = profile.machine.on.and_then(|id| board.value(profile, id, now));
-        let switched_on = self.switched_on(is_on.map(|level| level >= 0.5));
-        let mut events = Vec::new();
+        let mut any = self.switched_on(is_on.map(|level| level >= 0.5));
         for place in 0..self.counters[line.0].len() {
             let value = board.value(profile, self.counters[line.0][place].0, now);
             if let Some((id, from, to)) = self.counted((line, place), value, profile) {
                 let device = profile.device(profile.signal(id).device).name.clone();
                 events.push(Event::CncBooted { device, from, to });
+                any = true;
             }
         }
-        let any = switched_on || !events.is_empty();
-        (events, any)
+        any
     }
 }

@@ -204,13 +204,13 @@ impl<T> Clerk<T> {
         let what = || self.what.to_owned();
         match &saved {
             Ok(()) if std::mem::take(&mut self.is_failing) => {
-                self.journal.tell(self.clock.now(), &Event::KeptAgain { what: what() });
+                self.journal.report(self.clock.now(), &Event::KeptAgain { what: what() });
             }
             Ok(()) => {}
             Err(error) => {
                 if !std::mem::replace(&mut self.is_failing, true) {
                     let why = format!("{error}; {}", self.otherwise);
-                    self.journal.tell(self.clock.now(), &Event::NotKept { what: what(), why });
+                    self.journal.report(self.clock.now(), &Event::NotKept { what: what(), why });
                 }
             }
         }

@@ -1,7 +1,7 @@
 //! What the lines, the page and the commands share: one lock, held for microseconds, never across a wait.
 //!
-//! Each of them sees and touches it through a handle of its own: [`LineHandle`](super::line_handle::LineHandle),
-//! [`PageHandle`](super::page_handle::PageHandle), [`CommandHandle`](super::command_handle::CommandHandle).
+//! A line sees and touches it through its [`LineHandle`](super::line_handle::LineHandle), page and commands through the
+//! [`Panel`](super::panel::Panel).
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError, TryLockError};
 use super::core::{Core, Given};
 use super::dependents::Dependents;
 use super::ledger::Ledger;
-use super::lock_times::{Held, LockTimes};
+use super::lock::Held;
 use super::storage::Storage;
 use crate::clock::{Clock, Wakeup};
 use crate::observe::events::{Event, Journal};
@@ -32,8 +32,6 @@ pub(crate) struct Shared {
     news: Vec<AtomicU64>,
     turns: Vec<AtomicU64>,
     core: Mutex<Core>,
-    /// How long it was locked.
-    pub(super) lock_times: LockTimes,
 }
 
 impl Shared {
@@ -59,7 +57,6 @@ impl Shared {
             news: counts(),
             turns: counts(),
             core: Mutex::new(Core::new(given, remembered, storage)),
-            lock_times: LockTimes::default(),
             clock,
             profile,
         }
@@ -68,8 +65,7 @@ impl Shared {
     /// What stands behind the lock, which is held until this is dropped. A task that panicked while it held it has already
     /// stopped the gateway; what it left is still needed for the fault actions.
     pub(super) fn core(&self) -> Held<'_> {
-        let core = self.core.lock().unwrap_or_else(PoisonError::into_inner);
-        Held::new(core, &self.clock, &self.lock_times)
+        Held::new(self.core.lock().unwrap_or_else(PoisonError::into_inner), self)
     }
 
     /// Whether the lock is free.
@@ -77,9 +73,9 @@ impl Shared {
         !matches!(self.core.try_lock(), Err(TryLockError::WouldBlock))
     }
 
-    /// Tells an event.
-    pub(crate) fn tell(&self, event: &Event) {
-        self.journal.tell(self.clock.now(), event);
+    /// Reports an event.
+    pub(crate) fn report(&self, event: &Event) {
+        self.journal.report(self.clock.now(), event);
     }
 
     /// Wakes every line.
@@ -139,7 +135,7 @@ impl Shared {
         self.core().pauses.count()
     }
 
-    /// Somebody has not been able to look at the clock since then. Each notices by himself; the first one tells.
+    /// Somebody has not been able to look at the clock since then. Each notices by himself; the first one reports it.
     pub(super) fn stood_still(&self, since: Moment) {
         let now = self.clock.now();
         let mut core = self.core();
@@ -148,8 +144,8 @@ impl Shared {
         }
         core.board.forget();
         core.not_after.fill(Moment::default());
+        core.events.push(Event::StoodStill { span: now.since(since) });
         drop(core);
-        self.tell(&Event::StoodStill { span: now.since(since) });
         self.wake();
     }
 }

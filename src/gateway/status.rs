@@ -7,6 +7,7 @@ use super::arming::Arming;
 use super::board::Latest;
 use super::contact::{Contact, JITTER_MS};
 use super::extrapolation;
+use super::lock::LockTimes;
 use super::output::Outputs;
 use super::probing::refused_in_words;
 use super::reported::Reported;
@@ -38,6 +39,7 @@ struct Picture {
     /// By device: what is wrong with how it is set.
     wrong: Vec<Option<String>>,
     log_dropped: u64,
+    lock_times: LockTimes,
 }
 
 impl Picture {
@@ -62,6 +64,7 @@ impl Picture {
                 .map(|device| core.commissioning.wrong(device).map(str::to_owned))
                 .collect(),
             log_dropped: core.storage.dropped(),
+            lock_times: core.lock_times,
         };
         drop(core);
         picture.seen = picture.latest.at(&shared.profile, now);
@@ -107,7 +110,7 @@ pub(super) fn status(shared: &Shared) -> Status {
         events,
         log_dropped: picture.log_dropped,
         event_counts,
-        lock_held: shared.lock_times.read(),
+        lock_held: picture.lock_times.read(),
     }
 }
 

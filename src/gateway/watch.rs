@@ -59,7 +59,7 @@ impl Watch {
                 if !told {
                     told = true;
                     let task = format!("bus {late}");
-                    shared.tell(&Event::TaskFailed { task, why: "it does not cycle any more".to_owned() });
+                    shared.report(&Event::TaskFailed { task, why: "it does not cycle any more".to_owned() });
                     stop();
                 } else if stuck > Duration::from_secs(10) {
                     give_up();

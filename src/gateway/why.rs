@@ -53,7 +53,7 @@ impl Reasons<'_> {
                 let stands = format!("output {} is {}", output.name, state.standing.name());
                 let cause = state.cause.filter(|_| state.failures > 0);
                 match (state.handshake.failed, cause) {
-                    (Some(failed), _) => format!("{stands}: {failed}"),
+                    (Some(failed), _) => format!("{stands}: {}", failed.message()),
                     (None, Some(fault)) => format!("{stands}: {fault}, {} times", state.failures),
                     (None, None) => stands,
                 }

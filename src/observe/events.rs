@@ -3,19 +3,13 @@
 //! An event is told once, when a state begins or ends, with a count of what was not told in between.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::fmt;
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use serde::Serialize;
 
+use super::handshake::HandshakeFault;
 use isotherm_core::quantity::{Micron, Moment};
-
-mod can;
-mod handshake;
-
-pub use can::CanEvent;
-pub use handshake::HandshakeFault;
 
 /// How many events are kept for the page.
 const KEPT: usize = 200;
@@ -110,9 +104,17 @@ pub enum Event {
     /// The boot counter of a control changed.
     CncBooted { device: String, from: f64, to: f64 },
     /// A control did not take what was written; `set` is "output cnc_z" or "set plc".
-    Handshake { set: String, fault: HandshakeFault },
-    /// Something on a CAN line.
-    Can(CanEvent),
+    Handshake { set: String, fault: HandshakeFault, register: String, cause: String },
+    /// A CAN node was reset, or has left its work for another reason; it is set up and started again.
+    NodeReset { device: String, node: u8, what: String },
+    /// A CAN node complains of something.
+    Emergency { device: String, what: String },
+    /// It does not any more; so many messages came.
+    EmergencyOver { device: String, count: u64 },
+    /// The controller, the queue or the receiver of a CAN line is in trouble.
+    BusTrouble { bus: String, address: String, what: String },
+    /// It is over.
+    BusWell { bus: String, address: String, count: u64, what: &'static str, within: Duration },
     /// The output's interlock opened; nothing is written.
     Interlocked { output: String, when: String },
     /// It closed again.
@@ -146,257 +148,248 @@ pub enum Level {
     Error,
 }
 
-impl Event {
-    /// One word for programs: the counter's label.
-    pub fn kind(&self) -> &'static str {
-        match self {
-            Event::Started { .. } => "started",
-            Event::Stopping { .. } => "stopping",
-            Event::Stopped { .. } => "stopped",
-            Event::LinkDown { .. } => "link-down",
-            Event::LinkUp { .. } => "link-up",
-            Event::DeviceLost { .. } => "device-lost",
-            Event::DeviceBack { .. } => "device-back",
-            Event::NotAsExpected { .. } => "not-as-expected",
-            Event::AsExpected { .. } => "as-expected",
-            Event::SignalBad { .. } => "signal-bad",
-            Event::SignalGood { .. } => "signal-good",
-            Event::Rereferenced { .. } => "rereferenced",
-            Event::AxisState { .. } => "axis-state",
-            Event::Armed { .. } => "armed",
-            Event::Disarmed { .. } => "disarmed",
-            Event::ArmRefused { .. } => "arm-refused",
-            Event::AtLimit { .. } => "at-limit",
-            Event::Warned { .. } => "warned",
-            Event::BeyondError { .. } => "beyond-error",
-            Event::Extrapolating { .. } => "extrapolating",
-            Event::Interpolating { .. } => "interpolating",
-            Event::Probed { .. } => "probed",
-            Event::ProbeRefused { .. } => "probe-refused",
-            Event::ProbeForgotten { .. } => "probe-forgotten",
-            Event::ModelAges { .. } => "model-ages",
-            Event::Saturated { .. } => "saturated",
-            Event::VerifyFailed { .. } => "verify-failed",
-            Event::NotApplied { .. } => "not-applied",
-            Event::WriteFailed { .. } => "write-failed",
-            Event::Verified { .. } => "verified",
-            Event::ForeignChange { .. } => "foreign-change",
-            Event::OwnWriteLate { .. } => "own-write-late",
-            Event::PerhapsFromBefore { .. } => "perhaps-from-before",
-            Event::WaitsForLateWrite { .. } => "waits-for-late-write",
-            Event::NotReadBack { .. } => "not-read-back",
-            Event::OperatorChange { .. } => "operator-change",
-            Event::LedgerOpened { .. } => "ledger-opened",
-            Event::FirstAccount { .. } => "first-account",
-            Event::LedgerDoubt { .. } => "ledger-doubt",
-            Event::CncRestarted { .. } => "cnc-restarted",
-            Event::CncBooted { .. } => "cnc-booted",
-            Event::Handshake { fault, .. } => fault.kind(),
-            Event::Can(event) => event.kind(),
-            Event::Interlocked { .. } => "interlocked",
-            Event::Released { .. } => "released",
-            Event::MachineStarted => "machine-started",
-            Event::Zeroed => "zeroed",
-            Event::Overrun { .. } => "overrun",
-            Event::StoodStill { .. } => "stood-still",
-            Event::TaskFailed { .. } => "task-failed",
-            Event::NotKept { .. } => "not-kept",
-            Event::KeptAgain { .. } => "kept-again",
-        }
-    }
+/// One word for programs, how much it matters, and the sentence.
+type Described = (&'static str, Level, String);
 
-    /// How much it matters.
-    pub fn level(&self) -> Level {
-        match self {
-            Event::TaskFailed { .. }
-            | Event::VerifyFailed { .. }
-            | Event::NotApplied { .. }
-            | Event::Handshake { .. }
-            | Event::ForeignChange { .. }
-            | Event::LedgerDoubt { .. }
-            | Event::BeyondError { .. }
-            | Event::NotAsExpected { .. }
-            | Event::ArmRefused { .. } => Level::Error,
-            Event::LinkDown { .. }
-            | Event::DeviceLost { .. }
-            | Event::SignalBad { .. }
-            | Event::Rereferenced { .. }
-            | Event::AtLimit { .. }
-            | Event::Warned { .. }
-            | Event::Extrapolating { .. }
-            | Event::ProbeRefused { .. }
-            | Event::ModelAges { .. }
-            | Event::Saturated { .. }
-            | Event::WriteFailed { .. }
-            | Event::OwnWriteLate { .. }
-            | Event::PerhapsFromBefore { .. }
-            | Event::WaitsForLateWrite { .. }
-            | Event::FirstAccount { .. }
-            | Event::CncRestarted { .. }
-            | Event::CncBooted { .. }
-            | Event::Disarmed { .. }
-            | Event::Overrun { .. }
-            | Event::StoodStill { .. }
-            | Event::NotKept { .. } => Level::Warning,
-            Event::Can(event) => event.level(),
-            Event::AxisState { to, .. } if matches!(*to, "holding" | "ramping" | "degraded" | "zeroed") => {
-                Level::Warning
-            }
-            _ => Level::Info,
-        }
-    }
+const fn info(kind: &'static str, text: String) -> Described {
+    (kind, Level::Info, text)
 }
 
-impl fmt::Display for Event {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let span = |duration: &Duration| humantime::format_duration(Duration::from_secs(duration.as_secs()));
+const fn warning(kind: &'static str, text: String) -> Described {
+    (kind, Level::Warning, text)
+}
+
+const fn error(kind: &'static str, text: String) -> Described {
+    (kind, Level::Error, text)
+}
+
+fn seconds(span: &Duration) -> humantime::FormattedDuration {
+    humantime::format_duration(Duration::from_secs(span.as_secs()))
+}
+
+impl Event {
+    /// The event as it is logged at this moment.
+    pub fn entry(&self, at: Moment) -> Entry {
+        let (kind, level, text) = self.described();
+        Entry { at: at.to_string(), kind, level, text }
+    }
+
+    fn described(&self) -> Described {
         match self {
             Event::Started { machine, bus_requests } => {
-                write!(f, "{machine}: the gateway runs, {bus_requests} read requests a round")
+                info("started", format!("{machine}: the gateway runs, {bus_requests} read requests a round"))
             }
             Event::Stopping { within } => {
-                write!(f, "stopping: the fault actions run, at most {}", span(within))
+                info("stopping", format!("stopping: the fault actions run, at most {}", seconds(within)))
             }
-            Event::Stopped { left } => write!(f, "stopped; {left}"),
-            Event::LinkDown { bus, address, fault } => write!(f, "bus {bus} ({address}): {fault}"),
+            Event::Stopped { left } => info("stopped", format!("stopped; {left}")),
+            Event::LinkDown { bus, address, fault } => {
+                warning("link-down", format!("bus {bus} ({address}): {fault}"))
+            }
             Event::LinkUp { bus, address, attempts } => {
-                write!(f, "bus {bus} ({address}): connected after {attempts} attempts")
+                info("link-up", format!("bus {bus} ({address}): connected after {attempts} attempts"))
             }
-            Event::DeviceLost { device, at, fault } => write!(f, "device {device}{at}: {fault}"),
-            Event::DeviceBack { device, at, missed } => {
-                write!(f, "device {device}{at}: is there again, {missed} failures since it was lost")
+            Event::DeviceLost { device, at, fault } => {
+                warning("device-lost", format!("device {device}{at}: {fault}"))
             }
-            Event::NotAsExpected { device, found } => write!(f, "device {device}: {found}"),
-            Event::AsExpected { device } => write!(f, "device {device}: set as the profile expects it"),
-            Event::SignalBad { signal, reason } => write!(f, "signal {signal}: {reason}"),
+            Event::DeviceBack { device, at, missed } => info(
+                "device-back",
+                format!("device {device}{at}: is there again, {missed} failures since it was lost"),
+            ),
+            Event::NotAsExpected { device, found } => {
+                error("not-as-expected", format!("device {device}: {found}"))
+            }
+            Event::AsExpected { device } => {
+                info("as-expected", format!("device {device}: set as the profile expects it"))
+            }
+            Event::SignalBad { signal, reason } => {
+                warning("signal-bad", format!("signal {signal}: {reason}"))
+            }
             Event::SignalGood { signal, bad_for } => {
-                write!(f, "signal {signal}: good again after {}", span(bad_for))
+                info("signal-good", format!("signal {signal}: good again after {}", seconds(bad_for)))
             }
-            Event::Rereferenced { signal, unit, from, to } => write!(
-                f,
-                "signal {signal}: re-referenced, {from:.4} {unit} is {to:.4} {unit} now; a step that the axis cannot make \
-                 is no motion"
+            Event::Rereferenced { signal, unit, from, to } => warning(
+                "rereferenced",
+                format!(
+                    "signal {signal}: re-referenced, {from:.4} {unit} is {to:.4} {unit} now; a step that the axis \
+                     cannot make is no motion"
+                ),
             ),
-            Event::AxisState { axis, from, to, why } if why.is_empty() => {
-                write!(f, "axis {axis}: {from} → {to}")
+            Event::AxisState { axis, from, to, why } => {
+                let is_well = !matches!(*to, "holding" | "ramping" | "degraded" | "zeroed");
+                let why = if why.is_empty() { String::new() } else { format!(": {why}") };
+                let level = if is_well { Level::Info } else { Level::Warning };
+                ("axis-state", level, format!("axis {axis}: {from} → {to}{why}"))
             }
-            Event::AxisState { axis, from, to, why } => write!(f, "axis {axis}: {from} → {to}: {why}"),
-            Event::Armed { axis, from } => write!(f, "axis {axis}: armed, starting from {from}"),
-            Event::Disarmed { axis, why } => write!(f, "axis {axis}: off: {why}"),
-            Event::ArmRefused { axis, why } => write!(f, "axis {axis}: cannot be armed: {why}"),
-            Event::AtLimit { axis, wanted, limit } => {
-                write!(f, "axis {axis}: the model asks for {wanted}, held at its limit of ±{limit}")
+            Event::Armed { axis, from } => info("armed", format!("axis {axis}: armed, starting from {from}")),
+            Event::Disarmed { axis, why } => warning("disarmed", format!("axis {axis}: off: {why}")),
+            Event::ArmRefused { axis, why } => {
+                error("arm-refused", format!("axis {axis}: cannot be armed: {why}"))
             }
+            Event::AtLimit { axis, wanted, limit } => warning(
+                "at-limit",
+                format!("axis {axis}: the model asks for {wanted}, held at its limit of ±{limit}"),
+            ),
             Event::Warned { axis, cz, warn } => {
-                write!(f, "axis {axis}: Cz is {cz}, beyond its warning level of ±{warn}")
+                warning("warned", format!("axis {axis}: Cz is {cz}, beyond its warning level of ±{warn}"))
             }
-            Event::BeyondError { axis, wanted, error } => write!(
-                f,
-                "axis {axis}: the model asks for {wanted}, beyond its error level of ±{error}; the fault action runs, \
-                 and it stays off until it is armed"
+            Event::BeyondError { axis, wanted, error: level } => error(
+                "beyond-error",
+                format!(
+                    "axis {axis}: the model asks for {wanted}, beyond its error level of ±{level}; the fault action \
+                     runs, and it stays off until it is armed"
+                ),
             ),
-            Event::Extrapolating { axis, how } => write!(f, "axis {axis}: {how}"),
-            Event::Interpolating { axis } => write!(f, "axis {axis}: extrapolates no more"),
-            Event::Probed { axis, error, residual, correction } => write!(
-                f,
-                "axis {axis}: probed {error}; the model was wrong by {residual}, its correction is {correction} now"
+            Event::Extrapolating { axis, how } => warning("extrapolating", format!("axis {axis}: {how}")),
+            Event::Interpolating { axis } => {
+                info("interpolating", format!("axis {axis}: extrapolates no more"))
+            }
+            Event::Probed { axis, error, residual, correction } => info(
+                "probed",
+                format!(
+                    "axis {axis}: probed {error}; the model was wrong by {residual}, its correction is {correction} \
+                     now"
+                ),
             ),
             Event::ProbeRefused { axis, error: Some(error), why } => {
-                write!(f, "axis {axis}: probed {error}, not learned from: {why}")
+                warning("probe-refused", format!("axis {axis}: probed {error}, not learned from: {why}"))
             }
             Event::ProbeRefused { axis, error: None, why } => {
-                write!(f, "axis {axis}: a probing is not learned from: {why}")
+                warning("probe-refused", format!("axis {axis}: a probing is not learned from: {why}"))
             }
             Event::ProbeForgotten { axis } => {
-                write!(f, "axis {axis}: what probings have taught is taken back")
+                info("probe-forgotten", format!("axis {axis}: what probings have taught is taken back"))
             }
-            Event::ModelAges { axis, residual, warn } => write!(
-                f,
-                "axis {axis}: the model was wrong by {residual}, beyond ±{warn}; where that repeats, identify it anew"
+            Event::ModelAges { axis, residual, warn } => warning(
+                "model-ages",
+                format!(
+                    "axis {axis}: the model was wrong by {residual}, beyond ±{warn}; where that repeats, identify it \
+                     anew"
+                ),
             ),
-            Event::Saturated { output, wanted } => {
-                write!(f, "output {output}: {wanted} does not fit the register and was cut")
-            }
+            Event::Saturated { output, wanted } => warning(
+                "saturated",
+                format!("output {output}: {wanted} does not fit the register and was cut"),
+            ),
             Event::VerifyFailed { output, wrote, found } => {
-                write!(f, "output {output}: wrote {wrote}, read back {found}")
+                error("verify-failed", format!("output {output}: wrote {wrote}, read back {found}"))
             }
-            Event::NotApplied { output, stands, applies, register } => {
-                write!(
-                    f,
+            Event::NotApplied { output, stands, applies, register } => error(
+                "not-applied",
+                format!(
                     "output {output}: {stands} stand in its register, the control applies {applies} ({register})"
-                )
+                ),
+            ),
+            Event::WriteFailed { output, fault } => {
+                warning("write-failed", format!("output {output}: not written: {fault}"))
             }
-            Event::WriteFailed { output, fault } => write!(f, "output {output}: not written: {fault}"),
-            Event::Verified { output, failures } => {
-                write!(f, "output {output}: written and verified again after {failures} failures")
-            }
-            Event::ForeignChange { output, expected, found } => {
-                write!(f, "output {output}: somebody else wrote {found} where {expected} stood; left alone")
-            }
-            Event::OwnWriteLate { output, value, sent } => {
-                write!(
-                    f,
+            Event::Verified { output, failures } => info(
+                "verified",
+                format!("output {output}: written and verified again after {failures} failures"),
+            ),
+            Event::ForeignChange { output, expected, found } => error(
+                "foreign-change",
+                format!("output {output}: somebody else wrote {found} where {expected} stood; left alone"),
+            ),
+            Event::OwnWriteLate { output, value, sent } => warning(
+                "own-write-late",
+                format!(
                     "output {output}: our own write of {value} from {sent} arrived late; going on from there"
-                )
-            }
-            Event::PerhapsFromBefore { output, value } => {
-                write!(
-                    f,
+                ),
+            ),
+            Event::PerhapsFromBefore { output, value } => warning(
+                "perhaps-from-before",
+                format!(
                     "output {output}: {value} appeared, perhaps our own from before the start; going on from there"
-                )
-            }
-            Event::WaitsForLateWrite { output, seconds } => {
-                write!(
-                    f,
-                    "output {output}: waiting for a late write, {seconds} s at most: until then the next step could be more than one from it"
-                )
-            }
-            Event::NotReadBack { output } => {
-                write!(f, "output {output}: acknowledged, not read back: its register cannot be read")
-            }
-            Event::OperatorChange { output, from, to, share } => {
-                write!(
-                    f,
+                ),
+            ),
+            Event::WaitsForLateWrite { output, seconds } => warning(
+                "waits-for-late-write",
+                format!(
+                    "output {output}: waiting for a late write, {seconds} s at most: until then the next step could \
+                     be more than one from it"
+                ),
+            ),
+            Event::NotReadBack { output } => info(
+                "not-read-back",
+                format!("output {output}: acknowledged, not read back: its register cannot be read"),
+            ),
+            Event::OperatorChange { output, from, to, share } => info(
+                "operator-change",
+                format!(
                     "output {output}: the operator's part went from {from} to {to}; kept, our share stays {share}"
-                )
+                ),
+            ),
+            Event::LedgerOpened { output, base, share } => info(
+                "ledger-opened",
+                format!("output {output}: {base} in its register are the operator's, {share} are ours"),
+            ),
+            Event::FirstAccount { output, holds } => warning(
+                "first-account",
+                format!(
+                    "output {output}: its register holds {holds}, and nothing of ours is known in it: if all of that \
+                     is your own value, arm the axis; if not, make it your own value first"
+                ),
+            ),
+            Event::LedgerDoubt { output, why } => error("ledger-doubt", format!("output {output}: {why}")),
+            Event::CncRestarted { output, expected } => warning(
+                "cnc-restarted",
+                format!("output {output}: back at zero where {expected} stood; the CNC was restarted"),
+            ),
+            Event::CncBooted { device, from, to } => warning(
+                "cnc-booted",
+                format!(
+                    "device {device}: its boot counter went from {from} to {to}; the CNC was restarted, its registers \
+                     are read anew"
+                ),
+            ),
+            Event::Handshake { set, fault, register, cause } => {
+                error(fault.kind(), fault.sentence(set, register, cause))
             }
-            Event::LedgerOpened { output, base, share } => {
-                write!(f, "output {output}: {base} in its register are the operator's, {share} are ours")
+            Event::NodeReset { device, node, what } => {
+                warning("node-reset", format!("device {device} (node {node}): {what}"))
             }
-            Event::FirstAccount { output, holds } => write!(
-                f,
-                "output {output}: its register holds {holds}, and nothing of ours is known in it: if all of that is your own \
-                 value, arm the axis; if not, make it your own value first"
-            ),
-            Event::LedgerDoubt { output, why } => write!(f, "output {output}: {why}"),
-            Event::CncRestarted { output, expected } => {
-                write!(f, "output {output}: back at zero where {expected} stood; the CNC was restarted")
+            Event::Emergency { device, what } => {
+                warning("emergency", format!("device {device}: emergency: {what}"))
             }
-            Event::CncBooted { device, from, to } => write!(
-                f,
-                "device {device}: its boot counter went from {from} to {to}; the CNC was restarted, its registers are read anew"
+            Event::EmergencyOver { device, count } => info(
+                "emergency-over",
+                format!("device {device}: its emergencies are over, {count} messages came"),
             ),
-            Event::Handshake { set, fault } => fault.write(f, set),
-            Event::Can(event) => write!(f, "{event}"),
-            Event::Interlocked { output, when } => write!(f, "output {output}: held, because not {when}"),
-            Event::Released { output } => write!(f, "output {output}: interlock released"),
-            Event::MachineStarted => write!(f, "the machine was started: machine-on time begins"),
-            Event::Zeroed => write!(f, "zero: references are captured from now on"),
-            Event::Overrun { bus, what, late } => write!(
-                f,
-                "bus {bus}: more is asked of it than it can carry: {what} was {} ms late; `isotherm check` tells the load \
-                 of each line",
-                late.as_millis()
+            Event::BusTrouble { bus, address, what } => {
+                warning("bus-trouble", format!("bus {bus} ({address}): {what}"))
+            }
+            Event::BusWell { bus, address, count, what, within } => {
+                let span = seconds(&(*within).max(Duration::from_secs(1)));
+                info("bus-well", format!("bus {bus} ({address}): well again: {count} {what} within {span}"))
+            }
+            Event::Interlocked { output, when } => {
+                info("interlocked", format!("output {output}: held, because not {when}"))
+            }
+            Event::Released { output } => info("released", format!("output {output}: interlock released")),
+            Event::MachineStarted => {
+                info("machine-started", "the machine was started: machine-on time begins".to_owned())
+            }
+            Event::Zeroed => info("zeroed", "zero: references are captured from now on".to_owned()),
+            Event::Overrun { bus, what, late } => warning(
+                "overrun",
+                format!(
+                    "bus {bus}: more is asked of it than it can carry: {what} was {} ms late; `isotherm check` tells \
+                     the load of each line",
+                    late.as_millis()
+                ),
             ),
-            Event::StoodStill { span } => write!(
-                f,
-                "this computer stood still for {:.1} s (stopped, suspended or too busy): nothing from before is used, and \
-                 everything is read again",
-                span.as_secs_f64()
+            Event::StoodStill { span } => warning(
+                "stood-still",
+                format!(
+                    "this computer stood still for {:.1} s (stopped, suspended or too busy): nothing from before is \
+                     used, and everything is read again",
+                    span.as_secs_f64()
+                ),
             ),
-            Event::TaskFailed { task, why } => write!(f, "{task} failed: {why}"),
-            Event::NotKept { what, why } => write!(f, "{what} cannot be kept: {why}"),
-            Event::KeptAgain { what } => write!(f, "{what} is kept again"),
+            Event::TaskFailed { task, why } => error("task-failed", format!("{task} failed: {why}")),
+            Event::NotKept { what, why } => warning("not-kept", format!("{what} cannot be kept: {why}")),
+            Event::KeptAgain { what } => info("kept-again", format!("{what} is kept again")),
         }
     }
 }
@@ -406,7 +399,7 @@ impl fmt::Display for Event {
 pub struct Entry {
     /// RFC 3339.
     pub at: String,
-    /// [`Event::kind`].
+    /// One word for programs: the counter's label.
     pub kind: &'static str,
     /// How much it matters.
     pub level: Level,
@@ -425,17 +418,17 @@ struct Pages {
 }
 
 impl Journal {
-    /// Tells an event: log, count, page.
-    pub fn tell(&self, at: Moment, event: &Event) {
-        match event.level() {
-            Level::Info => tracing::info!(kind = event.kind(), "{event}"),
-            Level::Warning => tracing::warn!(kind = event.kind(), "{event}"),
-            Level::Error => tracing::error!(kind = event.kind(), "{event}"),
+    /// Reports an event: log, count, page.
+    pub fn report(&self, at: Moment, event: &Event) {
+        let entry = event.entry(at);
+        let Entry { kind, level, text, .. } = &entry;
+        match level {
+            Level::Info => tracing::info!(kind, "{text}"),
+            Level::Warning => tracing::warn!(kind, "{text}"),
+            Level::Error => tracing::error!(kind, "{text}"),
         }
-        let entry =
-            Entry { at: at.to_string(), kind: event.kind(), level: event.level(), text: event.to_string() };
         let mut pages = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        *pages.counts.entry(event.kind()).or_default() += 1;
+        *pages.counts.entry(entry.kind).or_default() += 1;
         if pages.last.len() == KEPT {
             pages.last.pop_front();
         }

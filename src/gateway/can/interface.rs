@@ -4,7 +4,8 @@ use super::health::Change;
 use super::{Can, CanListener};
 use crate::fieldbus::can::Interface;
 use crate::fieldbus::error::Fault;
-use crate::observe::events::{CanEvent, Event};
+use crate::gateway::core::Core;
+use crate::observe::events::Event;
 use isotherm_core::reading::Reason;
 use isotherm_profile::DeviceId;
 
@@ -30,20 +31,14 @@ impl CanListener {
         }
         self.is_up = true;
         self.nodes.begin_anew(self.shared.clock.now());
-        let bus = self.shared.profile.bus(self.bus);
-        let up = {
-            let mut core = self.shared.core();
-            core.contact.buses[self.bus.0].connected = true;
-            for device in self.nodes.devices() {
-                core.commissioning.forget(&self.shared.profile, device);
-            }
-            core.contact.buses[self.bus.0].down.take().map(|attempts| Event::LinkUp {
-                bus: bus.name.clone(),
-                address: bus.address.clone(),
-                attempts,
-            })
-        };
-        up.iter().for_each(|event| self.shared.tell(event));
+        let mut core = self.shared.core();
+        let Core { contact, commissioning, events, .. } = &mut *core;
+        contact.buses[self.bus.0].connected = true;
+        contact.link_is_up(&self.shared.profile, self.bus, events);
+        for device in self.nodes.devices() {
+            commissioning.forget(&self.shared.profile, device);
+        }
+        drop(core);
         self.can.revive(None);
         self.shared.wake_line(self.bus);
     }
@@ -64,24 +59,19 @@ impl CanListener {
         if self.can.link.socket().is_none() {
             self.socket = None;
         }
-        let bus = self.shared.profile.bus(self.bus);
         let mut core = self.shared.core();
-        let count = &mut core.contact.buses[self.bus.0];
+        let Core { contact, board, events, .. } = &mut *core;
+        let count = &mut contact.buses[self.bus.0];
         count.connected = false;
-        let is_told = count.down.is_some();
-        *count.down.get_or_insert(0) += 1;
+        let attempts = count.down.unwrap_or_default() + 1;
+        contact.link_is_down(&self.shared.profile, self.bus, attempts, fault, events);
         for device in self.nodes.devices() {
-            let lost = core.contact.devices[device.0].lost.get_or_insert_default();
+            let lost = contact.devices[device.0].lost.get_or_insert_default();
             lost.fault = fault.to_string();
             lost.answers_since = None;
         }
         for signal in self.routes.signals() {
-            core.board.fail(signal, Reason::LinkDown);
-        }
-        drop(core);
-        if !is_told {
-            let (bus, address) = (bus.name.clone(), bus.address.clone());
-            self.shared.tell(&Event::LinkDown { bus, address, fault: fault.to_string() });
+            board.fail(signal, Reason::LinkDown);
         }
     }
 
@@ -99,13 +89,13 @@ impl CanListener {
                     } else {
                         String::new()
                     };
-                    CanEvent::BusTrouble { bus: name, address, what: what + &hint }
+                    Event::BusTrouble { bus: name, address, what: what + &hint }
                 }
                 Change::Over { count, what, within } => {
-                    CanEvent::BusWell { bus: name, address, count, what, within }
+                    Event::BusWell { bus: name, address, count, what, within }
                 }
             };
-            self.shared.tell(&Event::Can(event));
+            self.shared.report(&event);
         }
     }
 }

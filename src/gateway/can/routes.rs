@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 
 use super::CanListener;
+use crate::gateway::core::Core;
 use isotherm_core::codec::{Address, CanId, CanMatch, Field, Frame};
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::{Reason, SignalId};
@@ -89,7 +90,6 @@ impl CanListener {
     pub(super) fn route(&mut self, frame: &Frame, now: Moment) {
         let exact = self.routes.exact.get(&frame.id()).into_iter().flatten();
         let wide = self.routes.wide.iter().filter(|route| route.field.frames.takes(frame.id()));
-        let mut events = [None, None];
         let mut core = None;
         let mut shown = None;
         for route in exact.chain(wide) {
@@ -110,13 +110,10 @@ impl CanListener {
             if !core.commissioning.is_unknown(route.device) {
                 core.board.store(&self.shared.profile, route.signal, value, now);
             }
-            let told = core.contact.heard(&self.shared.profile, route.device, self.shared.clock.now());
-            if told.iter().any(Option::is_some) {
-                events = told;
-            }
+            let Core { contact, events, .. } = &mut **core;
+            contact.answers(&self.shared.profile, route.device, self.shared.clock.now(), events);
         }
         drop(core);
-        events.into_iter().flatten().for_each(|event| self.shared.tell(&event));
         let exact = self.routes.exact.get(&frame.id()).into_iter().flatten();
         let wide = self.routes.wide.iter().filter(|route| route.field.frames.takes(frame.id()));
         exact.chain(wide).flat_map(|route| &route.wakes).for_each(|bus| self.shared.wake_line(*bus));

@@ -3,15 +3,17 @@
 use super::CanListener;
 use super::nodes::Do;
 use crate::fieldbus::canopen::master::NodeEvent;
-use crate::observe::events::{CanEvent, Event};
+use crate::gateway::core::Core;
+use crate::observe::events::Event;
 use isotherm_core::reading::Reason;
 use isotherm_profile::DeviceId;
 
 impl CanListener {
     /// A frame of a device came that is not of a value.
     pub(super) fn is_spoken_to_by(&self, device: DeviceId) {
-        let events = self.shared.core().contact.heard(&self.shared.profile, device, self.shared.clock.now());
-        events.into_iter().flatten().for_each(|event| self.shared.tell(&event));
+        let mut core = self.shared.core();
+        let Core { contact, events, .. } = &mut *core;
+        contact.answers(&self.shared.profile, device, self.shared.clock.now(), events);
     }
 
     /// Does what follows from a frame or from time.
@@ -29,11 +31,11 @@ impl CanListener {
                     let own = self.shared.profile.device(device);
                     let means = own.can.as_ref().map_or(String::new(), |can| can.emergency(emergency.code));
                     let (device, what) = (own.name.clone(), format!("{means} ({emergency})"));
-                    self.shared.tell(&Event::Can(CanEvent::Emergency { device, what }));
+                    self.shared.report(&Event::Emergency { device, what });
                 }
                 Do::Content(device, count) => {
                     let device = self.shared.profile.device(device).name.clone();
-                    self.shared.tell(&Event::Can(CanEvent::EmergencyOver { device, count }));
+                    self.shared.report(&Event::EmergencyOver { device, count });
                 }
             }
         }
@@ -44,45 +46,41 @@ impl CanListener {
         let own = self.shared.profile.device(device);
         let (name, node) = (own.name.clone(), own.unit);
         let what = event.to_string();
-        let mut events = Vec::new();
-        match event {
+        let is_reset = match event {
             NodeEvent::BootedUp { again } => {
                 self.begins_anew(device, again);
-                events.extend(again.then_some(Event::Can(CanEvent::NodeReset { device: name, node, what })));
+                again
             }
             NodeEvent::FellBack => {
                 self.begins_anew(device, true);
-                events.push(Event::Can(CanEvent::NodeReset { device: name, node, what }));
+                true
             }
-            NodeEvent::Stopped => events.push(Event::Can(CanEvent::NodeReset { device: name, node, what })),
-            NodeEvent::Lost { .. } => self.lost(device, what),
+            NodeEvent::Stopped => true,
+            NodeEvent::Lost { .. } => {
+                self.lost(device, what);
+                return;
+            }
             NodeEvent::Back { .. } => {
                 self.can.revive(Some(device));
-                events.extend(
-                    self.shared
-                        .core()
-                        .contact
-                        .heard(&self.shared.profile, device, self.shared.clock.now())
-                        .into_iter()
-                        .flatten(),
-                );
+                self.is_spoken_to_by(device);
                 self.shared.wake_line(self.bus);
+                false
             }
             // Sifted before.
-            NodeEvent::Emergency(_) => {}
+            NodeEvent::Emergency(_) => false,
+        };
+        if is_reset {
+            self.shared.report(&Event::NodeReset { device: name, node, what });
         }
-        events.iter().for_each(|event| self.shared.tell(event));
     }
 
     fn lost(&self, device: DeviceId, what: String) {
         self.condemn(device, Reason::Timeout);
         let mut core = self.shared.core();
-        let event = core.contact.is_silent(&self.shared.profile, device, what);
-        if event.is_some() {
-            core.commissioning.forget(&self.shared.profile, device);
+        let Core { contact, commissioning, events, .. } = &mut *core;
+        if contact.is_silent(&self.shared.profile, device, what, events) {
+            commissioning.forget(&self.shared.profile, device);
         }
-        drop(core);
-        event.iter().for_each(|event| self.shared.tell(event));
     }
 
     /// A node came up: it is set up and looked at as at the beginning. What it said before its reset is not believed any

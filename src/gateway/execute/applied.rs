@@ -113,7 +113,7 @@ impl AppliedOffset {
             if !std::mem::replace(&mut self.is_told, true) {
                 let unit = output.writes.unit();
                 let text = |value: f64| format!("{value:.1} {unit}");
-                shared.tell(&Event::NotApplied {
+                shared.report(&Event::NotApplied {
                     output: output.name.clone(),
                     stands: text(stands),
                     applies: found.map_or("no number".to_owned(), text),

@@ -31,10 +31,10 @@ impl Interlock {
         let is_held = is_armed && allowed != Some(true);
         if is_held && allowed == Some(false) && !std::mem::replace(&mut self.is_told, true) {
             let when = output.when.as_ref().map_or(String::new(), |when| when.text.clone());
-            shared.tell(&Event::Interlocked { output: output.name.clone(), when });
+            shared.report(&Event::Interlocked { output: output.name.clone(), when });
         }
         if !is_held && std::mem::take(&mut self.is_told) && is_armed {
-            shared.tell(&Event::Released { output: output.name.clone() });
+            shared.report(&Event::Released { output: output.name.clone() });
         }
         std::mem::replace(&mut self.is_held, is_held) != is_held
     }

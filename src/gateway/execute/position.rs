@@ -130,7 +130,7 @@ impl Position {
         core.storage.wrote(Steady::Position(self.id), Some(cz), asked);
         drop(core);
         if self.trouble.take() == Some(Trouble::Untaken) {
-            shared.tell(&Event::Verified { output: output.name.clone(), failures });
+            shared.report(&Event::Verified { output: output.name.clone(), failures });
         }
     }
 
@@ -148,7 +148,7 @@ impl Position {
     fn encode(&mut self, shared: &LineHandle, output: &Output, value: f64) -> Words {
         let encoded = output.encoding.encode(value);
         if encoded.saturated && !self.is_saturated {
-            shared.tell(&Event::Saturated { output: output.name.clone(), wanted: value });
+            shared.report(&Event::Saturated { output: output.name.clone(), wanted: value });
         }
         self.is_saturated = encoded.saturated;
         Words::of(encoded.words())
@@ -192,7 +192,7 @@ impl Position {
         if self.trouble.replace(Trouble::Untaken) != Some(Trouble::Untaken) {
             let found = found.map_or(String::new(), |found| words_in_text(output, &found));
             let wrote = words_in_text(output, &wrote);
-            shared.tell(&Event::VerifyFailed { output: output.name.clone(), wrote, found });
+            shared.report(&Event::VerifyFailed { output: output.name.clone(), wrote, found });
         }
         self.is_unverified(shared, &"something else is read back than was written");
     }
@@ -203,7 +203,7 @@ impl Position {
             return;
         }
         if !fault.spoils_connection() && self.trouble.is_none() {
-            shared.tell(&Event::WriteFailed { output: output.name.clone(), fault: fault.to_string() });
+            shared.report(&Event::WriteFailed { output: output.name.clone(), fault: fault.to_string() });
         }
         let trouble = if fault.spoils_connection() { Trouble::Link } else { Trouble::Untaken };
         self.trouble = self.trouble.filter(|known| *known == Trouble::Untaken).or(Some(trouble));

@@ -218,7 +218,7 @@ impl Register {
         let fits = (lowest..=highest).contains(&value);
         if !fits && !self.is_saturated {
             let wanted = self.units.value(&output.encoding, value);
-            shared.tell(&Event::Saturated { output: output.name.clone(), wanted });
+            shared.report(&Event::Saturated { output: output.name.clone(), wanted });
         }
         self.is_saturated = !fits;
     }
@@ -426,7 +426,7 @@ impl Register {
         }
         if kept == Kept::NotYet && self.trouble != Some(Trouble::Disk) {
             let why = format!("the disk has not answered for {} s", DISK_PATIENCE.as_secs());
-            shared.tell(&Event::NotKept { what: "the ledger".to_owned(), why });
+            shared.report(&Event::NotKept { what: "the ledger".to_owned(), why });
         }
         self.trouble = self.trouble.or(Some(Trouble::Disk));
         Some(Fact::NotKept)

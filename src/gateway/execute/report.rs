@@ -21,25 +21,25 @@ impl Register {
             match *event {
                 output::Event::OwnWriteArrivedLate { value, sent } => {
                     let (value, sent) = (in_text(value), sent.to_string());
-                    shared.tell(&Event::OwnWriteLate { output: name(), value, sent });
+                    shared.report(&Event::OwnWriteLate { output: name(), value, sent });
                     self.goes_on_from_there = true;
                 }
                 output::Event::PerhapsFromBefore { value } => {
-                    shared.tell(&Event::PerhapsFromBefore { output: name(), value: in_text(value) });
+                    shared.report(&Event::PerhapsFromBefore { output: name(), value: in_text(value) });
                     self.goes_on_from_there = true;
                 }
                 output::Event::CncRestarted { stood } => {
                     let seen = self.state.shown(&self.settings);
                     let is_zero = seen.verified.is_some_and(|seen| self.settings.is_zero(seen.value));
                     if !seen.is_only_acknowledged && is_zero {
-                        shared.tell(&Event::CncRestarted { output: name(), expected: in_text(stood) });
+                        shared.report(&Event::CncRestarted { output: name(), expected: in_text(stood) });
                     }
                     (has_restarted, self.goes_on_from_there) = (true, true);
                 }
                 output::Event::ForeignValue { expected, found } => {
                     if !has_restarted {
                         let (expected, found) = (in_text(expected), in_text(found));
-                        shared.tell(&Event::ForeignChange { output: name(), expected, found });
+                        shared.report(&Event::ForeignChange { output: name(), expected, found });
                     }
                     let is_beyond = found.abs_diff(self.settings.bias) > self.settings.limit.unsigned_abs();
                     let (holds, at) = (in_text(found), &output.address);
@@ -56,23 +56,23 @@ impl Register {
                     };
                     self.goes_on_from_there = false;
                     self.heard.is_armed = false;
-                    self.disarm(shared, output, &why);
+                    shared.core().disarm(output.axis, &why);
                 }
                 output::Event::NotTaken { wrote, found } => {
                     let (wrote, found) = (in_text(wrote), in_text(found));
-                    shared.tell(&Event::VerifyFailed { output: name(), wrote, found });
+                    shared.report(&Event::VerifyFailed { output: name(), wrote, found });
                 }
                 output::Event::WaitingForLateWrite { seconds } => {
-                    shared.tell(&Event::WaitsForLateWrite { output: name(), seconds });
+                    shared.report(&Event::WaitsForLateWrite { output: name(), seconds });
                 }
                 output::Event::AcknowledgedNotReadBack => {
-                    shared.tell(&Event::NotReadBack { output: name() });
+                    shared.report(&Event::NotReadBack { output: name() });
                 }
                 output::Event::OperatorChanged { from, to } => {
                     let account = self.state.shown(&self.settings).account.unwrap_or_default();
                     let share = self.share_in_text(output, account.share);
                     let (from, to) = (in_text(from), in_text(to));
-                    shared.tell(&Event::OperatorChange { output: name(), from, to, share });
+                    shared.report(&Event::OperatorChange { output: name(), from, to, share });
                 }
                 // Where the request failed, and where the disk did, that was told; what a person has to say is asked at the
                 // end of the turn.
@@ -92,7 +92,7 @@ impl Register {
     pub(super) fn tell_opened(&mut self, shared: &LineHandle, output: &Output) {
         let Some(account) = self.state.shown(&self.settings).account else { return };
         if std::mem::take(&mut self.opens) {
-            shared.tell(&Event::LedgerOpened {
+            shared.report(&Event::LedgerOpened {
                 output: output.name.clone(),
                 base: self.units.in_text(output, account.base),
                 share: self.share_in_text(output, account.share),
@@ -111,7 +111,7 @@ impl Register {
         }
         let name = output.name.clone();
         let holds = self.units.in_text(output, verified.value);
-        shared.tell(&match shown.account {
+        shared.report(&match shown.account {
             Some(Account { base, share, doubt: Some(doubt) }) => {
                 let sent = self.state.copies().under_way().map(|sent| sent.value.saturating_sub(base));
                 let others = sent.filter(|other| *other != share);
@@ -130,13 +130,7 @@ impl Register {
             _ => Event::FirstAccount { output: name, holds },
         });
         self.heard.is_armed = false;
-        self.disarm(shared, output, "what of its register is ours is in question");
-    }
-
-    fn disarm(&self, shared: &LineHandle, output: &Output, why: &str) {
-        let axis = &shared.profile.axis(output.axis).settings.name;
-        let told = shared.core().disarm(output.axis, axis, why);
-        told.iter().for_each(|event| shared.tell(event));
+        shared.core().disarm(output.axis, "what of its register is ours is in question");
     }
 
     /// A request has failed. A device that is lost has been told; one that refuses has not.
@@ -151,8 +145,8 @@ impl Register {
         let is_deaf = asked == Asked::Write && in_a_row >= DEAF && self.is_read;
         if (!fault.spoils_connection() || is_deaf) && self.told.replace(asked).is_none() {
             let times = if is_deaf { format!(", {in_a_row} times in a row") } else { String::new() };
-            shared
-                .tell(&Event::WriteFailed { output: output.name.clone(), fault: format!("{fault}{times}") });
+            let fault = format!("{fault}{times}");
+            shared.report(&Event::WriteFailed { output: output.name.clone(), fault });
         }
         let trouble = match asked {
             Asked::Read => Trouble::Link,
@@ -227,7 +221,7 @@ impl Register {
         }
         let failures = std::mem::take(&mut shared.core().outputs[self.id.0].failures);
         if self.trouble.take() == Some(Trouble::Untaken) && self.was_untaken {
-            shared.tell(&Event::Verified { output: output.name.clone(), failures });
+            shared.report(&Event::Verified { output: output.name.clone(), failures });
         }
         self.goes_on_from_there = true;
     }

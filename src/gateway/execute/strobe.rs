@@ -4,7 +4,7 @@
 //!   values written and read back ─► strobe up ─► Acknowledge ─► strobe down ─► Release ─► taken
 //!                                                    │ not in time                │ not in time
 //!                                                    ▼                            ▼
-//!                                     strobe down at once, told, tried again: the same values, from the beginning
+//!                                     strobe down at once, reported, tried again: the same values, from the beginning
 //! ```
 //!
 //! Before anything is written the acknowledge must be down (`Clear`): one that is still up from before would answer a
@@ -19,7 +19,8 @@ use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, Request};
 use crate::gateway::line_handle::LineHandle;
 use crate::gateway::output::Wait;
-use crate::observe::events::{Event, HandshakeFault};
+use crate::observe::events::Event;
+use crate::observe::handshake::HandshakeFault;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Flag, OutputSet, SetId};
 
@@ -35,8 +36,8 @@ pub(super) struct Strobe {
     pub(super) waits: Option<(Wait, Moment, Moment)>,
     /// It was raised in a write that nobody answered, and may rise late.
     may_rise: bool,
-    /// The failure that has been told; the next success ends it.
-    told: Option<&'static str>,
+    /// The failure that has been reported; the next success ends it.
+    reported: Option<HandshakeFault>,
 }
 
 /// What is known of a strobe.
@@ -56,13 +57,13 @@ pub(super) enum Waited {
     Still,
     /// What was waited for is there.
     Over,
-    /// It failed, which has been told.
+    /// It failed, which has been reported.
     Failed,
 }
 
 impl Strobe {
     pub(super) fn new(set: SetId, stands: Stands) -> Strobe {
-        Strobe { set, stands, waits: None, may_rise: false, told: None }
+        Strobe { set, stands, waits: None, may_rise: false, reported: None }
     }
 
     /// Raises the strobe and begins to wait for the acknowledge.
@@ -70,7 +71,7 @@ impl Strobe {
         let set = shared.profile.set(self.set);
         let Some(handshake) = set.handshake else { return false };
         self.stands = Stands::Up;
-        self.tell(shared);
+        self.publish(shared);
         if let Err(fault) = write_strobe(line, shared, set, handshake.strobe, true).await {
             if fault.outcome() == Outcome::NotDone {
                 // It never went up.
@@ -78,26 +79,24 @@ impl Strobe {
             } else {
                 self.may_rise = true;
             }
-            let (register, fault) = (handshake.strobe.to_string(), fault.to_string());
-            self.failed(line, shared, HandshakeFault::StrobeNotWritten { register, fault }).await;
+            self.failed(line, shared, HandshakeFault::StrobeNotWritten, fault.to_string()).await;
             return false;
         }
         self.wait_for(shared, Wait::Acknowledge, handshake.timeout);
         true
     }
 
-    /// Drops the strobe. Where that fails it is told, and tried again.
+    /// Drops the strobe. Where that fails it is reported, and tried again.
     pub(super) async fn lower(&mut self, line: &mut DeviceLine, shared: &LineHandle) -> bool {
         let set = shared.profile.set(self.set);
         let Some(handshake) = set.handshake else { return true };
         let done = write_strobe(line, shared, set, handshake.strobe, false).await;
         if let Err(fault) = done {
-            let (register, fault) = (handshake.strobe.to_string(), fault.to_string());
-            self.tell_failed(shared, HandshakeFault::StrobeNotDropped { register, fault });
+            self.report_failed(shared, HandshakeFault::StrobeNotDropped, fault.to_string());
             return false;
         }
         self.stands = Stands::Down;
-        self.tell(shared);
+        self.publish(shared);
         true
     }
 
@@ -112,7 +111,7 @@ impl Strobe {
     pub(super) fn wait_for(&mut self, shared: &LineHandle, wait: Wait, timeout: Duration) {
         let now = shared.clock.now();
         self.waits = Some((wait, now.after(timeout), now));
-        self.tell(shared);
+        self.publish(shared);
     }
 
     /// Asks for the acknowledge, once.
@@ -125,18 +124,16 @@ impl Strobe {
         if now < ask {
             return Waited::Still;
         }
-        let register = handshake.acknowledge.to_string();
         let is_up = match read_flag(line, set, handshake.acknowledge).await {
             Ok(is_up) => is_up,
             Err(fault) => {
-                let fault = fault.to_string();
-                self.failed(line, shared, HandshakeFault::AcknowledgeNotRead { register, fault }).await;
+                self.failed(line, shared, HandshakeFault::AcknowledgeNotRead, fault.to_string()).await;
                 return Waited::Failed;
             }
         };
         if is_up == (wait == Wait::Acknowledge) {
             self.waits = None;
-            self.tell(shared);
+            self.publish(shared);
             return Waited::Over;
         }
         if now < until {
@@ -147,51 +144,59 @@ impl Strobe {
             // What answers may be a strobe that was given up, and was raised late.
             self.stands = Stands::Up;
         }
-        let within = handshake.timeout;
         let fault = match wait {
-            Wait::Clear => HandshakeFault::AcknowledgeEarly { within, register },
-            Wait::Acknowledge => HandshakeFault::AcknowledgeMissing { within, register },
-            Wait::Release => HandshakeFault::AcknowledgeStuck { within, register },
+            Wait::Clear => HandshakeFault::AcknowledgeEarly,
+            Wait::Acknowledge => HandshakeFault::AcknowledgeMissing,
+            Wait::Release => HandshakeFault::AcknowledgeStuck,
         };
-        self.failed(line, shared, fault).await;
+        self.failed(line, shared, fault, format!("within {} ms", handshake.timeout.as_millis())).await;
         Waited::Failed
     }
 
-    /// First of all the strobe goes down; then it is told.
-    async fn failed(&mut self, line: &mut DeviceLine, shared: &LineHandle, fault: HandshakeFault) {
+    /// First of all the strobe goes down; then it is reported.
+    async fn failed(
+        &mut self,
+        line: &mut DeviceLine,
+        shared: &LineHandle,
+        fault: HandshakeFault,
+        cause: String,
+    ) {
         self.waits = None;
         let lowered = self.stands != Stands::Up || self.lower(line, shared).await;
-        // Where it cannot even be dropped, that is what is wrong, and it has been told.
-        if lowered || self.told.is_none() {
-            self.tell_failed(shared, fault);
+        // Where it cannot even be dropped, that is what is wrong, and it has been reported.
+        if lowered || self.reported.is_none() {
+            self.report_failed(shared, fault, cause);
         }
     }
 
-    fn tell_failed(&mut self, shared: &LineHandle, fault: HandshakeFault) {
-        if self.told != Some(fault.kind()) {
-            self.told = Some(fault.kind());
-            self.stand(shared, |stand| stand.failed = Some(fault.words()));
-            let set = shared.profile.set(self.set).label();
-            shared.tell(&Event::Handshake { set, fault });
+    fn report_failed(&mut self, shared: &LineHandle, fault: HandshakeFault, cause: String) {
+        if self.reported.replace(fault) != Some(fault) {
+            self.stand(shared, |stand| stand.failed = Some(fault));
+            let set = shared.profile.set(self.set);
+            let register = set.handshake.map_or(String::new(), |handshake| match fault.is_of_the_strobe() {
+                true => handshake.strobe.to_string(),
+                false => handshake.acknowledge.to_string(),
+            });
+            shared.report(&Event::Handshake { set: set.label(), fault, register, cause });
         }
-        self.tell(shared);
+        self.publish(shared);
     }
 
     /// A handshake came to its end.
     pub(super) fn succeeded(&mut self, shared: &LineHandle) {
-        self.told = None;
+        self.reported = None;
         self.stand(shared, |stand| stand.failed = None);
     }
 
     /// What people see of it.
-    fn tell(&self, shared: &LineHandle) {
+    fn publish(&self, shared: &LineHandle) {
         let (waits, strobe_up) = (self.waits.map(|(wait, ..)| wait), self.stands == Stands::Up);
         self.stand(shared, |stand| (stand.waits, stand.strobe_up) = (waits, strobe_up));
     }
 
     /// The same at the end of a turn; `says_enabled`: the control word of the set may say that every axis is armed.
     pub(super) fn show(&self, shared: &LineHandle, says_enabled: bool, is_untaken: bool) {
-        self.tell(shared);
+        self.publish(shared);
         self.stand(shared, |stand| (stand.says_enabled, stand.is_untaken) = (says_enabled, is_untaken));
     }
 

@@ -110,13 +110,13 @@ impl StorageThread {
         match done {
             Ok(()) => {
                 if self.failing.remove(what).is_some() {
-                    self.journal.tell(at, &Event::KeptAgain { what: what.to_owned() });
+                    self.journal.report(at, &Event::KeptAgain { what: what.to_owned() });
                 }
             }
             Err(error) => {
                 if self.failing.insert(what, ()).is_none() {
                     let why = format!("{}: {error}", self.directory.display());
-                    self.journal.tell(at, &Event::NotKept { what: what.to_owned(), why });
+                    self.journal.report(at, &Event::NotKept { what: what.to_owned(), why });
                 }
             }
         }

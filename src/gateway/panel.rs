@@ -1,28 +1,28 @@
-//! What a command sees and touches of the gateway: a person arms, disarms, zeroes, or tells a measured error.
+//! What page, API and commands see and touch of the gateway: its state, and what a person asks for: arm, disarm, zero, a
+//! measured error.
 
 use std::sync::Arc;
 
 use super::probing::{Missed, acting, refused_in_words};
 use super::shared::Shared;
+use super::status::status;
 use crate::observe::events::Event;
-use crate::observe::status::Command;
+use crate::observe::status::{Command, Source, Status};
 use isotherm_core::compensation::{Measured, Snapshot};
 use isotherm_core::quantity::Micron;
 use isotherm_profile::AxisId;
 
 /// A person's hold on what the lines share.
-pub(super) struct CommandHandle(Arc<Shared>);
+pub(super) struct Panel(pub(super) Arc<Shared>);
 
-impl CommandHandle {
-    pub(super) fn new(shared: Arc<Shared>) -> CommandHandle {
-        CommandHandle(shared)
+impl Source for Panel {
+    fn status(&self) -> Status {
+        status(&self.0)
     }
 
-    /// Does what a person asks for.
-    pub(super) fn execute(&self, command: Command) -> Result<String, String> {
+    fn command(&self, command: Command) -> Result<String, String> {
         let shared = &*self.0;
         let mut core = shared.core();
-        let mut events = Vec::new();
         let names: Vec<&str> = shared.profile.axes.iter().map(|axis| axis.settings.name.as_str()).collect();
         let names = names.join(", ");
         let answer = match command {
@@ -37,13 +37,11 @@ impl CommandHandle {
                 let now = shared.clock.now();
                 core.board.look(&shared.profile, now);
                 core.arm_where_possible(now);
-                events.append(&mut core.events);
                 format!("{names}: will be armed as soon as devices and readings allow it")
             }
             Command::Disarm => {
-                for (place, axis) in shared.profile.axes.iter().enumerate() {
-                    let told = core.disarm(AxisId(place), &axis.settings.name, "switched off by a person");
-                    events.extend(told);
+                for axis in 0..core.arming.len() {
+                    core.disarm(AxisId(axis), "switched off by a person");
                 }
                 format!("{names}: off; what stands in the registers stays")
             }
@@ -51,18 +49,16 @@ impl CommandHandle {
                 let now = shared.clock.now();
                 core.compensation.zero(now);
                 core.storage.zeroed(now);
-                events.push(Event::Zeroed);
+                core.events.push(Event::Zeroed);
                 "references are captured from now on".to_owned()
             }
         };
         drop(core);
-        events.iter().for_each(|event| shared.tell(event));
         shared.wake();
         Ok(answer)
     }
 
-    /// What has become of the last request to arm: `None` as long as an axis waits for something.
-    pub(super) fn arming(&self) -> Option<Result<String, String>> {
+    fn arming(&self) -> Option<Result<String, String>> {
         let core = self.0.core();
         let names = self.0.profile.axes.iter().map(|axis| axis.settings.name.as_str());
         let refused = core.arming.iter().zip(names.clone()).find_map(|(arming, name)| {
@@ -76,9 +72,8 @@ impl CommandHandle {
         all.then(|| Ok(format!("{}: armed", names.collect::<Vec<_>>().join(", "))))
     }
 
-    /// A person's measured error in µm, of the diameter where the axis acts on one; `None` takes back what probings
-    /// have taught.
-    pub(super) fn take_measured(&self, axis: &str, error: Option<f64>) -> Result<String, String> {
+    /// The error is that of the diameter where the axis acts on one.
+    fn measured(&self, axis: &str, error: Option<f64>) -> Result<String, String> {
         let shared = &*self.0;
         let axes = &shared.profile.axes;
         let place = axes.iter().position(|known| known.settings.name == axis).ok_or_else(|| {

@@ -1,0 +1,115 @@
+//! The lock, held: for how long, and what happened meanwhile.
+
+use std::ops::{Deref, DerefMut};
+use std::sync::MutexGuard;
+
+use super::core::Core;
+use super::shared::Shared;
+use crate::observe::events::Event;
+use isotherm_core::quantity::Moment;
+
+/// Upper bounds of the buckets, µs.
+const BOUNDS_US: [u64; 8] = [2, 5, 10, 20, 50, 100, 500, 5000];
+
+/// One lock of so many is measured: two looks at the clock cost more than most locks. A prime number, so that the same
+/// round of work does not show the same lock each time.
+const SAMPLED: u64 = 17;
+
+/// For how long the locks that were measured were held: a histogram, since nobody who waits for one can be late by less.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct LockTimes {
+    taken: u64,
+    counts: [u64; BOUNDS_US.len() + 1],
+}
+
+impl LockTimes {
+    /// The upper bound of each bucket in seconds, the last one without end, and how many of those that were measured were
+    /// held for no longer than that but longer than the bound before.
+    pub(super) fn read(&self) -> Vec<(f64, u64)> {
+        #[allow(clippy::cast_precision_loss, reason = "a few thousand at most")]
+        let bounds = BOUNDS_US.iter().map(|bound| *bound as f64 * 1e-6).chain([f64::INFINITY]);
+        bounds.zip(self.counts).collect()
+    }
+
+    /// One more is taken. Whether it is to be measured.
+    fn take(&mut self) -> bool {
+        self.taken += 1;
+        self.taken % SAMPLED == 0
+    }
+
+    fn note(&mut self, span: std::time::Duration) {
+        let micros = span.as_micros();
+        let bucket = BOUNDS_US.iter().position(|bound| micros < u128::from(*bound));
+        self.counts[bucket.unwrap_or(BOUNDS_US.len())] += 1;
+    }
+}
+
+/// The lock, held. What is put into [`Core::events`] meanwhile is told as soon as it is free again.
+pub(super) struct Held<'a> {
+    core: MutexGuard<'a, Core>,
+    /// Where this lock is measured.
+    since: Option<Moment>,
+    /// Dropped after the lock, because it stands after it.
+    after: Untold<'a>,
+}
+
+/// Events that nobody has been told of yet.
+struct Untold<'a> {
+    shared: &'a Shared,
+    events: Vec<Event>,
+}
+
+impl<'a> Held<'a> {
+    pub(super) fn new(mut core: MutexGuard<'a, Core>, shared: &'a Shared) -> Held<'a> {
+        let since = core.lock_times.take().then(|| shared.clock.now());
+        Held { core, since, after: Untold { shared, events: Vec::new() } }
+    }
+}
+
+impl Deref for Held<'_> {
+    type Target = Core;
+
+    fn deref(&self) -> &Core {
+        &self.core
+    }
+}
+
+impl DerefMut for Held<'_> {
+    fn deref_mut(&mut self) -> &mut Core {
+        &mut self.core
+    }
+}
+
+impl Drop for Held<'_> {
+    fn drop(&mut self) {
+        self.after.events = std::mem::take(&mut self.core.events);
+        if let Some(since) = self.since {
+            let span = self.after.shared.clock.now().since(since);
+            self.core.lock_times.note(span);
+        }
+    }
+}
+
+impl Drop for Untold<'_> {
+    fn drop(&mut self) {
+        self.events.iter().for_each(|event| self.shared.report(event));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    #[test]
+    fn one_lock_of_so_many_is_measured_and_only_that_is_counted() {
+        let mut times = LockTimes::default();
+        for _ in 0..10 * SAMPLED {
+            if times.take() {
+                times.note(Duration::from_micros(7));
+            }
+        }
+        let counts: Vec<u64> = times.read().iter().map(|(_, count)| *count).collect();
+        assert_eq!(counts, [0, 0, 10, 0, 0, 0, 0, 0, 0]);
+    }
+}
