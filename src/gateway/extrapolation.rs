@@ -95,7 +95,7 @@ mod tests {
             let readings = [*bed, 24.0, 1.0, 0.0].map(good);
             compensation.step(&Snapshot { now, readings: &readings }, &control);
             let decision = compensation.decision(0).unwrap();
-            events.extend(event(&profile, "z", decision, &mut told).map(|event| event.kind()));
+            events.extend(event(&profile, "z", decision, &mut told).map(|event| event.entry(now).kind));
         }
         events
     }
