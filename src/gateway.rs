@@ -52,10 +52,10 @@ mod saver;
 mod shared;
 mod status;
 mod storage;
+mod units;
 mod watch;
 mod why;
 mod wire_log;
-mod words;
 
 use can::{Can, CanListener};
 use ledger::Ledger;

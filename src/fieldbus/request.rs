@@ -87,6 +87,14 @@ impl From<Asked> for Request<'static> {
 }
 
 impl Answer {
+    /// The registers that it brings; none where it brings something else.
+    pub fn registers(&self) -> &[u16] {
+        match self {
+            Answer::Words(words) => words,
+            Answer::Bits(_) | Answer::Done => &[],
+        }
+    }
+
     /// The value of a signal, whose part of the answer this is.
     ///
     /// # Errors

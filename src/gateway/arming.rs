@@ -5,7 +5,7 @@ use isotherm_core::quantity::Micron;
 use isotherm_profile::{Arm, Output, Profile, Share, Writes};
 
 use super::output::{OutputState, Outputs, Standing};
-use super::words::is_beyond_limit;
+use super::units::is_beyond_limit;
 
 /// Whether one axis is armed, and why not.
 #[derive(Clone, Debug, Default)]

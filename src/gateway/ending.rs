@@ -3,9 +3,9 @@
 use std::time::Duration;
 
 use super::core::Core;
-use super::execute::Units;
 use super::output::Standing;
 use super::shared::Shared;
+use super::units::Units;
 use isotherm_core::compensation::AxisState;
 use isotherm_core::compensation::settings::OnFault;
 use isotherm_profile::Share;
@@ -111,7 +111,7 @@ pub(super) fn what_is_left(shared: &Shared) -> String {
                 }
                 (_, None) => format!("{} was never read", output.name),
             };
-            let open = register.map(|state| Units::may_arrive(&shared.profile, output, &state));
+            let open = register.map(|state| Units::of(&shared.profile, output).may_arrive(&state));
             match open.filter(|open| !open.is_empty()) {
                 Some(open) => format!("{held} ({} may still arrive)", open.join(" or ")),
                 None => held,

@@ -6,10 +6,10 @@
 use std::time::Duration;
 
 use super::register::Register;
-use super::{Asked, RETRY, Trouble};
+use super::trouble::{Asked, Trouble};
+use super::{LineTurn, RETRY};
 use crate::fieldbus::departure::Leave;
-use crate::fieldbus::line::DeviceLine;
-use crate::fieldbus::wire::{Answer, Request};
+use crate::fieldbus::wire::Request;
 use crate::gateway::line_handle::LineHandle;
 use crate::observe::events::Event;
 use isotherm_core::quantity::Moment;
@@ -22,8 +22,8 @@ pub(super) struct AppliedOffset {
     stands: Option<(i64, Moment)>,
     /// The control was seen to apply that.
     is_seen: bool,
-    /// That it does not was told.
-    is_told: bool,
+    /// That it does not was reported.
+    is_reported: bool,
     /// When it was read last.
     read_at: Option<Moment>,
 }
@@ -39,48 +39,74 @@ struct Times {
     every: Duration,
 }
 
+/// Reads what is applied of a register where that is due, and says what comes of it. When it wants to be called again.
+pub(super) async fn look(register: &mut Register, turn: &mut LineTurn<'_>) -> Moment {
+    let output = turn.shared.profile.output(register.id);
+    let (Some(applied), true) = (&output.applied, register.is_known()) else { return Moment::END };
+    let now = turn.line.looked();
+    let every = turn.shared.profile.axis(output.axis).settings.every;
+    let since = register.applied.since(register.stands(), now);
+    let times = Times { since, settle: applied.settle, every };
+    if now < register.applied.due(times) {
+        register.is_unapplied = !register.applied.is_seen && register.is_driven();
+        return register.applied.due(times);
+    }
+    register.applied.read_at = Some(now);
+    let request = Request::Read { from: applied.address, count: applied.encoding.data_type.registers() };
+    match turn.line.request(output.device, request, Leave::Whenever).await {
+        Ok(answered) => {
+            let stands = register.units.value(register.stands());
+            let found = applied.encoding.decode(answered.answer.registers()).ok();
+            // The arithmetic of floats must not decide.
+            let within = applied.tolerance * (1.0 + 1e-9);
+            register.applied.is_seen = found.is_some_and(|found| (found - stands).abs() <= within);
+            turn.shared.core().outputs[register.id.0].applied = found.map(|found| (found, answered.asked));
+            let is_over = now >= times.since.after(applied.settle);
+            judge(register, turn.shared, output, (stands, found), is_over);
+        }
+        Err(fault) => register.fail(turn.shared, fault, Asked::Read),
+    }
+    register.is_unapplied = !register.applied.is_seen && register.is_driven();
+    if register.applied.is_seen {
+        register.recover(turn.shared);
+    }
+    register.applied.due(times)
+}
+
+fn judge(
+    register: &mut Register,
+    shared: &LineHandle,
+    output: &Output,
+    (stands, found): (f64, Option<f64>),
+    is_over: bool,
+) {
+    if register.applied.is_seen {
+        register.applied.is_reported = false;
+    } else if is_over && register.is_driven() {
+        register.is_not_taken(shared);
+        if !std::mem::replace(&mut register.applied.is_reported, true) {
+            let unit = output.writes.unit();
+            let text = |value: f64| format!("{value:.1} {unit}");
+            let address = output.applied.as_ref().map(|applied| applied.address);
+            shared.report(&Event::NotApplied {
+                output: output.name.clone(),
+                stands: text(stands),
+                applies: found.map_or("no number".to_owned(), text),
+                register: address.map_or(String::new(), |address| address.to_string()),
+            });
+        }
+    } else if register.troubles.now == Some(Trouble::Untaken) {
+        register.applied.is_reported = false;
+    }
+}
+
 impl AppliedOffset {
-    /// Reads it where that is due, and says what comes of it. When it wants to be called again.
-    pub(super) async fn look(
-        &mut self,
-        line: &mut DeviceLine,
-        shared: &LineHandle,
-        output: &Output,
-        register: &mut Register,
-    ) -> Moment {
-        let (Some(applied), true) = (&output.applied, register.is_known()) else { return Moment::END };
-        let now = line.looked();
-        let value = register.stands();
+    /// Since when this has stood in the register that is written.
+    fn since(&mut self, value: i64, now: Moment) -> Moment {
         if self.stands.is_none_or(|(stands, _)| stands != value) {
             (self.stands, self.is_seen, self.read_at) = (Some((value, now)), false, None);
         }
-        let since = self.stands.map_or(now, |(_, since)| since);
-        let every = shared.profile.axis(output.axis).settings.every;
-        let times = Times { since, settle: applied.settle, every };
-        if now < self.due(times) {
-            register.is_unapplied = !self.is_seen && register.is_driven();
-            return self.due(times);
-        }
-        self.read_at = Some(now);
-        let request = Request::Read { from: applied.address, count: applied.encoding.data_type.registers() };
-        match line.request(output.device, request, Leave::Whenever).await {
-            Ok(answered) => {
-                let Answer::Words(words) = answered.answer else { return self.due(times) };
-                let stands = register.units.value(&output.encoding, value);
-                let found = applied.encoding.decode(&words).ok();
-                // The arithmetic of floats must not decide.
-                let within = applied.tolerance * (1.0 + 1e-9);
-                self.is_seen = found.is_some_and(|found| (found - stands).abs() <= within);
-                shared.core().outputs[register.id.0].applied = found.map(|found| (found, answered.asked));
-                self.judge(shared, output, register, (stands, found), now >= since.after(applied.settle));
-            }
-            Err(fault) => register.fail(shared, output, fault, Asked::Read),
-        }
-        register.is_unapplied = !self.is_seen && register.is_driven();
-        if self.is_seen {
-            register.recover(shared, output);
-        }
-        self.due(times)
+        self.stands.map_or(now, |(_, since)| since)
     }
 
     /// At once after a change, soon, and each time after twice as long, until the control must have settled; each second
@@ -95,36 +121,6 @@ impl AppliedOffset {
                 over.min(times.since.after(soon))
             }
             Some(read) => read.after(RETRY),
-        }
-    }
-
-    fn judge(
-        &mut self,
-        shared: &LineHandle,
-        output: &Output,
-        register: &mut Register,
-        (stands, found): (f64, Option<f64>),
-        is_over: bool,
-    ) {
-        if self.is_seen {
-            self.is_told = false;
-        } else if is_over && register.is_driven() {
-            register.is_not_taken(shared);
-            if !std::mem::replace(&mut self.is_told, true) {
-                let unit = output.writes.unit();
-                let text = |value: f64| format!("{value:.1} {unit}");
-                shared.report(&Event::NotApplied {
-                    output: output.name.clone(),
-                    stands: text(stands),
-                    applies: found.map_or("no number".to_owned(), text),
-                    register: output
-                        .applied
-                        .as_ref()
-                        .map_or(String::new(), |applied| applied.address.to_string()),
-                });
-            }
-        } else if register.trouble == Some(Trouble::Untaken) {
-            self.is_told = false;
         }
     }
 }

@@ -2,42 +2,42 @@
 
 use crate::gateway::core::Core;
 use crate::gateway::line_handle::LineHandle;
-use crate::gateway::words::part;
+use crate::gateway::units::part;
 use isotherm_core::compensation::AxisState;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{OutputId, Writes};
 
 /// What is to be done now.
-pub(in crate::gateway) struct Order {
+pub(super) struct Order {
     /// Cz, or what the slope comes to at the axis's reach.
-    pub(in crate::gateway) cz: Micron,
-    pub(in crate::gateway) decided: Moment,
+    pub(super) cz: Micron,
+    pub(super) decided: Moment,
     /// The axis is armed.
-    pub(in crate::gateway) armed: bool,
+    pub(super) armed: bool,
     /// Nothing is wanted of it: it is not armed, or nothing was decided since.
-    pub(in crate::gateway) off: bool,
+    pub(super) off: bool,
     /// The position to be corrected, where it may be used.
-    pub(in crate::gateway) position: Option<f64>,
+    pub(super) position: Option<f64>,
     /// When a change must have left at the latest: what it rests on is too old after that.
-    pub(in crate::gateway) not_after: Moment,
+    pub(super) not_after: Moment,
     /// Whether the interlock allows writing; `None` where that cannot be known.
-    pub(in crate::gateway) allowed: Option<bool>,
+    pub(super) allowed: Option<bool>,
     /// What stands in the register has not been taken over yet: the decision is older than that.
-    pub(in crate::gateway) outdated: bool,
+    pub(super) outdated: bool,
     /// Restarts of the control so far.
-    pub(in crate::gateway) restarts: u64,
+    pub(super) restarts: u64,
     /// How often the computer has stood still so far.
-    pub(in crate::gateway) pauses: u64,
+    pub(super) pauses: u64,
     /// The axis follows a model.
-    pub(in crate::gateway) follows: bool,
+    pub(super) follows: bool,
     /// The axis holds what it decided last.
-    pub(in crate::gateway) holds: bool,
+    pub(super) holds: bool,
 }
 
 impl Order {
     /// What is to be done about this output.
-    pub(in crate::gateway) fn of(shared: &LineHandle, core: &Core, id: OutputId, now: Moment) -> Order {
+    pub(super) fn of(shared: &LineHandle, core: &Core, id: OutputId, now: Moment) -> Order {
         let output = shared.profile.output(id);
         let decision = core.compensation.decision(output.axis.0);
         let state = decision.map(|decision| decision.state);

@@ -7,18 +7,18 @@
 use std::fmt::Display;
 use std::time::Duration;
 
+use super::LineTurn;
 use super::cells::{self, Cells};
 use super::interlock::Interlock;
 use super::order::Order;
-use super::{Trouble, Words};
+use super::trouble::Trouble;
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{CallerFault, Fault, Outcome};
-use crate::fieldbus::line::DeviceLine;
-use crate::fieldbus::wire::{Answer, Request};
+use crate::fieldbus::wire::Request;
 use crate::gateway::line_handle::LineHandle;
 use crate::gateway::output::Standing;
 use crate::gateway::storage::Steady;
-use crate::gateway::words::{cz_factor, words_in_text};
+use crate::gateway::units::{cz_factor, registers_in_text};
 use crate::observe::events::Event;
 use isotherm_core::codec::Encoded;
 use isotherm_core::compensation::AxisState;
@@ -63,7 +63,8 @@ impl Position {
     }
 
     /// Writes position + Cz as soon as a new position has been read.
-    pub(in crate::gateway) async fn turn(&mut self, line: &mut DeviceLine, shared: &LineHandle, now: Moment) {
+    pub(in crate::gateway) async fn turn(&mut self, turn: &mut LineTurn<'_>) {
+        let (shared, now) = (turn.shared, turn.now);
         let output = shared.profile.output(self.id);
         let has_dashes = output.display.stale.is_some();
         let (taken, order) = {
@@ -75,7 +76,7 @@ impl Position {
             (taken, Order::of(shared, &core, self.id, now))
         };
         if has_dashes && (order.off || order.position.is_none()) {
-            self.show_nothing(line, shared, now).await;
+            self.show_nothing(turn, output).await;
         }
         if taken == self.corrected {
             return;
@@ -85,30 +86,30 @@ impl Position {
             self.corrected = taken;
             return;
         }
-        if line.is_resting(output.device, now) {
+        if turn.line.is_resting(output.device, now) {
             return;
         }
         self.corrected = taken;
         let Some(position) = order.position else { return };
-        self.interlock.hear(shared, output, true, order.allowed);
+        self.interlock.hear(shared, self.id, true, order.allowed);
         match order.allowed {
-            Some(true) => self.correct(line, shared, position, &order).await,
+            Some(true) => self.correct(turn, output, position, &order).await,
             Some(false) => shared.core().outputs[self.id.0].standing = Standing::Interlocked,
             None => shared.core().outputs[self.id.0].doubt(),
         }
     }
 
-    async fn correct(&mut self, line: &mut DeviceLine, shared: &LineHandle, position: f64, order: &Order) {
-        let output = shared.profile.output(self.id);
+    async fn correct(&mut self, turn: &mut LineTurn<'_>, output: &Output, position: f64, order: &Order) {
+        let shared = turn.shared;
         let cz = self.share(shared, output, order);
         let factor = cz_factor(&shared.profile, output);
         let target = self.encode(shared, output, position + cz.get() * factor / 1000.0);
-        let asked = line.looked();
-        match self.write(line, shared, output, target, order.not_after).await {
+        let asked = turn.line.looked();
+        match write(turn, output, &target, order.not_after).await {
             Ok(found) if found.is_none_or(|found| found.words() == target.words()) => {}
             Ok(found) => {
                 self.sent = Some(cz);
-                return self.is_not_shown(shared, output, target, found);
+                return self.is_not_shown(shared, output, &target, found);
             }
             Err((fault, outcome)) => {
                 if outcome != Outcome::NotDone {
@@ -128,9 +129,8 @@ impl Position {
         state.value = output.encoding.decode(target.words()).ok();
         state.verified_at = Some(asked);
         core.storage.wrote(Steady::Position(self.id), Some(cz), asked);
-        drop(core);
         if self.trouble.take() == Some(Trouble::Untaken) {
-            shared.report(&Event::Verified { output: output.name.clone(), failures });
+            core.events.push(Event::Verified { output: output.name.clone(), failures });
         }
     }
 
@@ -145,59 +145,32 @@ impl Position {
         if decided == order.decided { last } else { last + (order.cz - last).clamp_to(step) }
     }
 
-    fn encode(&mut self, shared: &LineHandle, output: &Output, value: f64) -> Words {
+    fn encode(&mut self, shared: &LineHandle, output: &Output, value: f64) -> Encoded {
         let encoded = output.encoding.encode(value);
         if encoded.saturated && !self.is_saturated {
             shared.report(&Event::Saturated { output: output.name.clone(), wanted: value });
         }
         self.is_saturated = encoded.saturated;
-        Words::of(encoded.words())
+        encoded
     }
 
-    /// The value, with the words of a display that belong beside it; and what is read back, where it is.
-    async fn write(
+    /// Something else is read back than was written: reported once, and tried again with the next position.
+    fn is_not_shown(
         &mut self,
-        line: &mut DeviceLine,
         shared: &LineHandle,
         output: &Output,
-        target: Words,
-        not_after: Moment,
-    ) -> Result<Option<Words>, (Fault, Outcome)> {
-        let leave = Leave::By(not_after);
-        if output.display.beside.is_empty() {
-            let functions = shared.profile.device(output.device).functions;
-            let request = Request::write(&output.address, target.words(), functions);
-            let sent = line.request(output.device, request, leave).await;
-            sent.map_err(|fault| (fault, fault.outcome()))?;
-        } else {
-            let shown = shown(shared, output);
-            let beside = output.display.beside.iter().map(|beside| (beside.register, beside.word(shown)));
-            let wanted = output.cells(target.words()).chain(beside).collect();
-            send_cells(line, shared, output, wanted, leave).await?;
-        }
-        if !output.verify.reads() {
-            return Ok(None);
-        }
-        let request = Request::read(&output.reads_at(), output.encoding.data_type);
-        let request = request.ok_or((Fault::Caller(CallerFault::Function), Outcome::Unknown))?;
-        let read = line.request(output.device, request, Leave::Whenever).await;
-        match read.map_err(|fault| (fault, Outcome::Unknown))?.answer {
-            Answer::Words(words) => Ok(Some(Encoded::of(&words))),
-            Answer::Bits(_) | Answer::Done => Ok(Some(Encoded::of(&[]))),
-        }
-    }
-
-    /// Something else is read back than was written: told once, and tried again with the next position.
-    fn is_not_shown(&mut self, shared: &LineHandle, output: &Output, wrote: Words, found: Option<Words>) {
+        wrote: &Encoded,
+        found: Option<Encoded>,
+    ) {
         if self.trouble.replace(Trouble::Untaken) != Some(Trouble::Untaken) {
-            let found = found.map_or(String::new(), |found| words_in_text(output, &found));
-            let wrote = words_in_text(output, &wrote);
+            let found = found.map_or(String::new(), |found| registers_in_text(output, found.words()));
+            let wrote = registers_in_text(output, wrote.words());
             shared.report(&Event::VerifyFailed { output: output.name.clone(), wrote, found });
         }
         self.is_unverified(shared, &"something else is read back than was written");
     }
 
-    /// A device that is lost has been told; one that refuses has not.
+    /// A device that is lost is reported elsewhere; one that refuses is not.
     fn fail(&mut self, shared: &LineHandle, output: &Output, fault: Fault) {
         if fault.has_lapsed() {
             return;
@@ -221,27 +194,52 @@ impl Position {
 
     /// Dashes instead of a number that nobody corrects any more: when that begins, and again after each pause, because a
     /// display that was switched off and on shows something else.
-    async fn show_nothing(&mut self, line: &mut DeviceLine, shared: &LineHandle, now: Moment) {
-        let output = shared.profile.output(self.id);
+    async fn show_nothing(&mut self, turn: &mut LineTurn<'_>, output: &Output) {
+        let (shared, now) = (turn.shared, turn.now);
         let Some(stale) = &output.display.stale else { return };
         let is_fresh = self.dashes_at.is_some_and(|at| now < at.after(DASHES_AGAIN));
-        if is_fresh || shared.dry_run || !has_shown(shared) || line.is_resting(output.device, now) {
+        // Where a person arms, the display is not ours before that.
+        let is_ours = shared.profile.arm == Arm::Auto || shared.core().was_armed;
+        if is_fresh || shared.dry_run || !is_ours || turn.line.is_resting(output.device, now) {
             return;
         }
         let text = (stale.register..).zip(stale.words.iter().copied());
         let beside = output.display.beside.iter().map(|beside| (beside.register, beside.word(Shown::Fault)));
-        // What fails is told where every request fails, and tried again.
-        if send_cells(line, shared, output, beside.collect(), Leave::Whenever).await.is_ok()
-            && send_cells(line, shared, output, text.collect(), Leave::Whenever).await.is_ok()
+        // What fails is reported where every request fails, and tried again.
+        if send(turn, output, beside.collect(), Leave::Whenever).await.is_ok()
+            && send(turn, output, text.collect(), Leave::Whenever).await.is_ok()
         {
             (self.dashes_at, self.inside, self.sent) = (Some(now), None, None);
         }
     }
 }
 
-/// Whether the display is ours by now: where a person arms, nothing is written before that.
-fn has_shown(shared: &LineHandle) -> bool {
-    shared.profile.arm == Arm::Auto || shared.core().was_armed
+/// Writes the value, with the registers of a display that belong beside it. What is read back, where it is.
+async fn write(
+    turn: &mut LineTurn<'_>,
+    output: &Output,
+    target: &Encoded,
+    not_after: Moment,
+) -> Result<Option<Encoded>, (Fault, Outcome)> {
+    let leave = Leave::By(not_after);
+    if output.display.beside.is_empty() {
+        let functions = turn.shared.profile.device(output.device).functions;
+        let request = Request::write(&output.address, target.words(), functions);
+        let sent = turn.line.request(output.device, request, leave).await;
+        sent.map_err(|fault| (fault, fault.outcome()))?;
+    } else {
+        let shown = shown(turn.shared, output);
+        let beside = output.display.beside.iter().map(|beside| (beside.register, beside.word(shown)));
+        send(turn, output, output.cells(target.words()).chain(beside).collect(), leave).await?;
+    }
+    if !output.verify.reads() {
+        return Ok(None);
+    }
+    let request = Request::read(&output.reads_at(), output.encoding.data_type);
+    let request = request.ok_or((Fault::Caller(CallerFault::Function), Outcome::Unknown))?;
+    let read = turn.line.request(output.device, request, Leave::Whenever).await;
+    let answered = read.map_err(|fault| (fault, Outcome::Unknown))?;
+    Ok(Some(Encoded::of(answered.answer.registers())))
 }
 
 /// How the axis does, for a display.
@@ -254,25 +252,14 @@ fn shown(shared: &LineHandle, output: &Output) -> Shown {
     }
 }
 
-/// Writes registers, those side by side in one request. The first decides; what belongs to it follows, however late, and
-/// where that fails the first has arrived all the same.
-async fn send_cells(
-    line: &mut DeviceLine,
-    shared: &LineHandle,
+/// Writes registers, those side by side in one request.
+async fn send(
+    turn: &mut LineTurn<'_>,
     output: &Output,
-    wanted: Cells,
+    cells: Cells,
     leave: Leave,
 ) -> Result<(), (Fault, Outcome)> {
-    let device = shared.profile.device(output.device);
-    let (mut leave, mut has_sent) = (leave, false);
-    let each = wanted.keys().map(|register| (*register, 1)).collect();
-    for stretch in Stretch::joined(each, device.longest_request()) {
-        let words = cells::words(&wanted, &stretch);
-        let request = Request::write_holding(stretch.from, &words, device.functions);
-        let (leave, has_begun) = (std::mem::replace(&mut leave, Leave::Whenever), has_sent);
-        let sent = line.request(output.device, request, leave).await;
-        sent.map_err(|fault| (fault, if has_begun { Outcome::Unknown } else { fault.outcome() }))?;
-        has_sent = true;
-    }
-    Ok(())
+    let longest = turn.shared.profile.device(output.device).longest_request();
+    let stretches = Stretch::joined(cells.keys().map(|register| (*register, 1)).collect(), longest);
+    cells::write(turn, output.device, &stretches, &cells, leave).await
 }

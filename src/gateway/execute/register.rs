@@ -3,19 +3,21 @@
 
 use std::time::Duration;
 
+use super::applied::AppliedOffset;
 use super::interlock::Interlock;
 use super::order::Order;
-use super::units::Units;
-use super::{Asked, DISK_PATIENCE, REMEMBERED, Trouble};
+use super::trouble::{Asked, Trouble, Troubles};
+use super::{DISK_PATIENCE, LineTurn, REMEMBERED, report};
 use crate::fieldbus::error::{CallerFault, Fault, Outcome};
-use crate::fieldbus::line::DeviceLine;
 use crate::gateway::ledger::Keeping;
 use crate::gateway::line_handle::LineHandle;
 use crate::gateway::saver::Kept;
 use crate::gateway::storage::Stepped;
-use crate::gateway::words::can_be_read;
+use crate::gateway::units::Units;
 use crate::observe::events::Event;
-use isotherm_core::output::{Action, Copies, Fact, Rules, Settings, Standing, State, Verify, Who, step};
+use isotherm_core::output::{
+    self, Action, Copies, Fact, Rules, Settings, Standing, State, Verify, Who, step,
+};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Output, OutputId, Share, Writes};
 
@@ -32,34 +34,25 @@ pub(super) struct Register {
     pub(super) action: Action,
     pub(super) heard: Heard,
     pub(super) interlock: Interlock,
+    pub(super) applied: AppliedOffset,
+    pub(super) troubles: Troubles,
     /// What may still appear in the register, where that was given to the disk.
-    pub(super) on_disk: Option<Copies>,
+    on_disk: Option<Copies>,
     /// What is being put on disk, and since when.
     keeping: Option<(u64, Moment)>,
-    pub(super) trouble: Option<Trouble>,
-    /// What failed and was told, until it does not fail any more.
-    pub(super) told: Option<Asked>,
-    /// Writes that failed since the last one that was answered.
-    pub(super) failed_writes: u64,
-    /// The last read was answered.
-    pub(super) is_read: bool,
     /// It goes on from what stands there, which is not what was decided.
-    pub(super) goes_on_from_there: bool,
-    /// A write was acknowledged that no read has shown yet.
-    pub(super) is_to_be_seen: bool,
-    /// At the end of the last turn its register had not taken what was written.
-    pub(super) was_untaken: bool,
+    goes_on_from_there: bool,
     is_saturated: bool,
     /// What stood there when its axis began to hold something else.
     held_at: Option<i64>,
-    /// What is asked of a person was told.
-    pub(super) has_asked: bool,
-    /// It is to be told whose part is what, as soon as that is on disk.
-    pub(super) opens: bool,
+    /// A person was asked what is whose.
+    has_asked: bool,
+    /// It is to be reported whose part is what, as soon as that is on disk.
+    opens: bool,
     /// What was decided in this turn is to change the register.
     pub(super) is_to_be_changed: bool,
     /// A change waits for what may still arrive.
-    pub(super) is_waiting: bool,
+    is_waiting: bool,
     /// Its turn came too late for what was decided last.
     pub(super) is_late: bool,
     /// What was sent with it is not taken yet: nothing else may be sent.
@@ -79,10 +72,9 @@ pub(super) struct Heard {
 
 impl Register {
     pub(super) fn new(shared: &LineHandle, id: OutputId, now: Moment) -> Register {
-        let profile = &shared.profile;
-        let output = profile.output(id);
-        let units = Units::of(profile, output);
-        let settings = settings(shared, output, units);
+        let output = shared.profile.output(id);
+        let units = Units::of(&shared.profile, output);
+        let settings = settings(shared, output, &units);
         let before = shared.core().registers[id.0];
         let kept = shared.ledger.at_start(output);
         let state = before.map(|state| taken_up(state, &settings, now));
@@ -102,15 +94,11 @@ impl Register {
             action: Action::Nothing { until: now },
             heard,
             interlock,
+            applied: AppliedOffset::default(),
+            troubles: Troubles::default(),
             on_disk: None,
             keeping: None,
-            trouble: None,
-            told: None,
-            failed_writes: 0,
-            is_read: false,
             goes_on_from_there: false,
-            is_to_be_seen: false,
-            was_untaken: false,
             is_saturated: false,
             held_at: None,
             has_asked: false,
@@ -124,7 +112,7 @@ impl Register {
     }
 
     /// What has happened elsewhere since the last turn.
-    pub(super) fn hear(&mut self, shared: &LineHandle, output: &Output, order: &Order, now: Moment) {
+    pub(super) fn hear(&mut self, shared: &LineHandle, order: &Order, now: Moment) {
         if std::mem::replace(&mut self.heard.pauses, order.pauses) != order.pauses {
             self.step(shared, Fact::Paused, now);
         }
@@ -133,13 +121,19 @@ impl Register {
         }
         let is_armed = order.armed && !shared.dry_run;
         if std::mem::replace(&mut self.heard.is_armed, is_armed) != is_armed {
-            let fact = if is_armed { Fact::Armed { by: who(shared, output) } } else { Fact::Off };
+            let axis = shared.profile.output(self.id).axis.0;
+            let by = if shared.core().arming[axis].by_person { Who::Person } else { Who::Policy };
             self.has_asked &= !is_armed;
             // A device that does not answer is still one.
-            self.trouble = self.trouble.filter(|trouble| *trouble == Trouble::Link);
-            self.step(shared, fact, now);
+            self.troubles.now = self.troubles.now.filter(|trouble| *trouble == Trouble::Link);
+            self.step(shared, if is_armed { Fact::Armed { by } } else { Fact::Off }, now);
         }
-        self.hear_interlock(shared, output, order, now);
+        // Whatever happened while its interlock was open, the axis goes on from what stands there then.
+        if self.interlock.hear(shared, self.id, self.heard.is_armed, order.allowed) {
+            let is_held = self.interlock.is_held;
+            self.step(shared, if is_held { Fact::Interlocked } else { Fact::Released }, now);
+            self.goes_on_from_there |= !is_held;
+        }
         self.is_to_be_changed = false;
         // Until it decides again, it is the first in turn then.
         self.is_late &= is_armed;
@@ -150,29 +144,34 @@ impl Register {
             && !order.outdated
             && order.allowed == Some(true);
         if decides && std::mem::replace(&mut self.heard.decided, order.decided) != order.decided {
-            self.decide(shared, output, order, now);
+            self.decide(shared, order, now);
         }
         self.step(shared, Fact::Look, now);
     }
 
     /// Another decision. An axis that holds decides nothing: it goes on from what stands there.
-    fn decide(&mut self, shared: &LineHandle, output: &Output, order: &Order, now: Moment) {
+    fn decide(&mut self, shared: &LineHandle, order: &Order, now: Moment) {
         self.is_late = false;
-        let offset = self.offset(shared, output, order);
-        self.tell_saturated(shared, output, offset);
+        let output = shared.profile.output(self.id);
+        // A reference position is a constant.
+        let offset = match (output.writes, shared.profile.axis(output.axis).settings.intercept_slope) {
+            (Writes::Reference, Some(line)) => self.units.counts(line.reference.get()),
+            _ => self.units.offset(order.cz),
+        };
+        self.report_saturated(shared, output, offset);
         let stands = self.state.shown(&self.settings).verified.map(|seen| seen.value);
         let is_changed = !self.state.is_at(&self.settings, offset);
         // What it holds while its register does not take it is tried again.
         if is_changed
             && order.holds
             && output.writes != Writes::Reference
-            && self.trouble != Some(Trouble::Untaken)
+            && self.troubles.now != Some(Trouble::Untaken)
         {
             self.goes_on_from_there |= std::mem::replace(&mut self.held_at, stands) != stands;
             return;
         }
         self.held_at = None;
-        if self.trouble == Some(Trouble::Disk) {
+        if self.troubles.now == Some(Trouble::Disk) {
             // When that is over, the axis goes on from what stands there.
             return;
         }
@@ -181,14 +180,6 @@ impl Register {
         }
         self.is_to_be_changed = is_changed;
         self.step(shared, Fact::Decided { offset, not_after: order.not_after }, now);
-    }
-
-    /// What is wanted, in counts from the bias. A reference position is a constant.
-    fn offset(&self, shared: &LineHandle, output: &Output, order: &Order) -> i64 {
-        match (output.writes, shared.profile.axis(output.axis).settings.intercept_slope) {
-            (Writes::Reference, Some(line)) => self.units.counts(&output.encoding, line.reference.get()),
-            _ => self.units.offset(&output.encoding, order.cz),
-        }
     }
 
     /// What was sent before stands there, or can be sent once more: near enough, and on readings that are good now; of one
@@ -211,35 +202,26 @@ impl Register {
     }
 
     /// The register holds less than is wanted.
-    fn tell_saturated(&mut self, shared: &LineHandle, output: &Output, offset: i64) {
+    fn report_saturated(&mut self, shared: &LineHandle, output: &Output, offset: i64) {
         let account = self.state.shown(&self.settings).account;
         let value = account.map_or(self.settings.bias, |account| account.base).saturating_add(offset);
         let (lowest, highest) = self.settings.range;
         let fits = (lowest..=highest).contains(&value);
         if !fits && !self.is_saturated {
-            let wanted = self.units.value(&output.encoding, value);
+            let wanted = self.units.value(value);
             shared.report(&Event::Saturated { output: output.name.clone(), wanted });
         }
         self.is_saturated = !fits;
     }
 
     /// Its turn has come too late: what was decided rests on readings that are too old now. The next decision is carried
-    /// out, and people are told that the line is too slow.
-    pub(super) fn lapsed(&mut self, shared: &LineHandle, order: &Order) {
+    /// out, and people hear that the line is too slow.
+    fn lapsed(&mut self, shared: &LineHandle, order: &Order) {
         self.is_late = order.follows;
         if order.follows {
             shared.order_lapsed(self.id, order.not_after);
         } else {
             self.goes_on_from_there = true;
-        }
-    }
-
-    /// Whatever happened while its interlock was open, the axis goes on from what stands there then.
-    fn hear_interlock(&mut self, shared: &LineHandle, output: &Output, order: &Order, now: Moment) {
-        if self.interlock.hear(shared, output, self.heard.is_armed, order.allowed) {
-            let is_held = self.interlock.is_held;
-            self.step(shared, if is_held { Fact::Interlocked } else { Fact::Released }, now);
-            self.goes_on_from_there |= !is_held;
         }
     }
 
@@ -253,7 +235,7 @@ impl Register {
         if matches!(self.action, Action::Nothing { .. }) {
             self.action = action;
         }
-        self.report(shared);
+        self.report_events(shared);
         let mut core = shared.core();
         let known = &mut core.registers[self.id.0];
         let goes_on = before.is_some() && *known == before;
@@ -262,6 +244,32 @@ impl Register {
         let (settings, after) = (&self.settings, &self.state);
         let stepped = Stepped { id: self.id, settings, before: &before, goes_on, fact, action, after };
         core.storage.stepped(&stepped, now);
+    }
+
+    /// Reports what the step has found out; what switches off does that here.
+    fn report_events(&mut self, shared: &LineHandle) {
+        let output = shared.profile.output(self.id);
+        let mut has_restarted = false;
+        for event in self.state.take_events().iter() {
+            let is_foreign = matches!(event, output::Event::ForeignValue { .. });
+            if !(has_restarted && is_foreign)
+                && let Some(event) = report::event(self, &output.name, *event)
+            {
+                shared.report(&event);
+            }
+            match *event {
+                output::Event::OwnWriteArrivedLate { .. } | output::Event::PerhapsFromBefore { .. } => {
+                    self.goes_on_from_there = true;
+                }
+                output::Event::CncRestarted { .. } => (has_restarted, self.goes_on_from_there) = (true, true),
+                output::Event::ForeignValue { found, .. } => {
+                    self.goes_on_from_there = false;
+                    self.heard.is_armed = false;
+                    shared.core().disarm(output.axis, &report::why_foreign(self, output, found));
+                }
+                _ => {}
+            }
+        }
     }
 
     /// Whose part of a shared register is what is known and believed.
@@ -316,27 +324,72 @@ impl Register {
     }
 
     /// An exchange has come to its end with this.
-    pub(super) fn comes_of(
-        &mut self,
-        line: &mut DeviceLine,
-        shared: &LineHandle,
-        output: &Output,
-        fact: Fact,
-    ) {
-        let now = line.looked();
-        if line.has_stood_still() {
+    pub(super) fn comes_of(&mut self, turn: &LineTurn<'_>, fact: Fact) {
+        let (shared, now) = (turn.shared, turn.line.looked());
+        if turn.line.has_stood_still() {
             self.step(shared, Fact::Paused, now);
         }
         self.action = Action::Nothing { until: now };
         self.step(shared, fact, now);
-        self.look_back(shared, output, fact);
+        self.look_back(shared, fact);
+    }
+
+    /// A request of its own has failed.
+    pub(super) fn fail(&mut self, shared: &LineHandle, fault: Fault, asked: Asked) {
+        if asked == Asked::Write && !self.heard.is_armed {
+            // It only went along.
+            return;
+        }
+        let reported = self.troubles.fails(fault, asked);
+        let mut core = shared.core();
+        let state = &mut core.outputs[self.id.0];
+        (state.failures, state.cause) = (state.failures + 1, Some(fault));
+        let output = || shared.profile.output(self.id).name.clone();
+        core.events.extend(reported.map(|fault| Event::WriteFailed { output: output(), fault }));
+    }
+
+    /// What an exchange that has come to its end says of the trouble before it.
+    fn look_back(&mut self, shared: &LineHandle, fact: Fact) {
+        let is_untaken = self.state.shown(&self.settings).is_untaken;
+        let written = self.troubles.comes_of(fact, self.settings.verify, self.heard.is_armed, is_untaken);
+        let Some(is_written) = written else { return };
+        if is_untaken {
+            let again = self.troubles.is_untaken();
+            shared.core().outputs[self.id.0].failures += u64::from(again);
+            return;
+        }
+        shared.core().outputs[self.id.0].writes += u64::from(is_written);
+        if !self.is_bound && !self.is_unapplied {
+            self.recover(shared);
+        }
+    }
+
+    /// The control did not take what it holds.
+    pub(super) fn is_not_taken(&mut self, shared: &LineHandle) {
+        if self.is_driven() {
+            self.troubles.now = Some(Trouble::Untaken);
+            shared.core().outputs[self.id.0].failures += 1;
+        }
+    }
+
+    /// It holds what it should, and can be written again.
+    pub(super) fn recover(&mut self, shared: &LineHandle) {
+        if matches!(self.troubles.now, None | Some(Trouble::Disk)) {
+            return;
+        }
+        let mut core = shared.core();
+        let failures = std::mem::take(&mut core.outputs[self.id.0].failures);
+        if self.troubles.now.take() == Some(Trouble::Untaken) && self.troubles.was_untaken {
+            let output = shared.profile.output(self.id).name.clone();
+            core.events.push(Event::Verified { output, failures });
+        }
+        self.goes_on_from_there = true;
     }
 
     /// What a write that was not answered as done has come to.
     pub(super) fn failed(
         &mut self,
         shared: &LineHandle,
-        output: &Output,
         order: &Order,
         (fault, outcome): (Fault, Outcome),
         left: Moment,
@@ -348,7 +401,7 @@ impl Register {
             }
             return Fact::NotSent;
         }
-        self.fail(shared, output, fault, Asked::Write);
+        self.fail(shared, fault, Asked::Write);
         match outcome {
             Outcome::NotDone if matches!(fault, Fault::Exception(_) | Fault::Aborted(_)) => Fact::Refused,
             Outcome::NotDone => Fact::NotSent,
@@ -357,41 +410,71 @@ impl Register {
     }
 
     /// The end of a turn: what was begun after a read goes on in this turn or not at all.
-    pub(super) fn ends_turn(
-        &mut self,
-        line: &mut DeviceLine,
-        shared: &LineHandle,
-        output: &Output,
-        order: &Order,
-    ) {
+    pub(super) fn ends_turn(&mut self, turn: &LineTurn<'_>, order: &Order) {
         let given_up = match self.action {
             Action::Nothing { .. } | Action::Keep => None,
             Action::Read => Some(Fact::NoAnswer),
             Action::Write { .. } => Some(Fact::NotSent),
         };
-        let now = line.looked();
+        let now = turn.line.looked();
         if let Some(fact) = given_up {
             self.action = Action::Nothing { until: now };
-            self.step(shared, fact, now);
+            self.step(turn.shared, fact, now);
         }
         if self.is_to_be_changed && now > order.not_after {
             // Its moment has passed while the register was read.
-            self.lapsed(shared, order);
+            self.lapsed(turn.shared, order);
         }
-        self.publish(shared, output, order);
+        self.publish(turn.shared, order);
+    }
+
+    /// What is known of the register now.
+    pub(super) fn publish(&mut self, shared: &LineHandle, order: &Order) {
+        self.ask(shared);
+        let output = shared.profile.output(self.id);
+        let shown = self.state.shown(&self.settings);
+        let copies = *self.state.copies();
+        self.troubles.was_untaken = self.troubles.now == Some(Trouble::Untaken);
+        let was_waiting = std::mem::replace(&mut self.is_waiting, shown.waits_until.is_some());
+        self.goes_on_from_there |= was_waiting && !self.is_waiting;
+        let is_open = report::has_unanswered(&self.state) || copies.lately().next().is_some();
+        let open = is_open.then_some(copies);
+        if shown.verified.is_some() && std::mem::replace(&mut self.on_disk, open) != open {
+            // In time for the next start, however this run ends; nobody waits for it.
+            let _ = shared.ledger.keep(&shared.profile, output, self.state.kept(), false);
+        }
+        let mut core = shared.core();
+        let Some(cz) = report::show(self, order, &mut core.outputs[self.id.0]) else { return };
+        let goes_on = std::mem::take(&mut self.goes_on_from_there) && self.heard.is_armed;
+        if goes_on && self.troubles.now.is_none() {
+            core.found(&shared.profile, self.id, cz);
+            drop(core);
+            shared.wake_others(shared.profile.device(output.device).bus);
+        }
+    }
+
+    /// Only a person can say what of the register is whose: the axis is off until one arms it, and the register stays.
+    fn ask(&mut self, shared: &LineHandle) {
+        let output = shared.profile.output(self.id);
+        let shown = self.state.shown(&self.settings);
+        let is_asked = self.settings.is_shared && shown.standing == Standing::Barred;
+        let Some(verified) = shown.verified.filter(|_| is_asked && !shared.dry_run) else { return };
+        if std::mem::replace(&mut self.has_asked, true) {
+            // The person who arms it next must not be overruled.
+            return;
+        }
+        shared.report(&report::question(self, &output.name, verified.value, shown.account));
+        self.heard.is_armed = false;
+        shared.core().disarm(output.axis, "what of its register is ours is in question");
     }
 
     /// Has what is known put on disk. `None` where the disk has not answered: it is looked at again in the next turn.
-    pub(super) async fn keep(
-        &mut self,
-        line: &mut DeviceLine,
-        shared: &LineHandle,
-        output: &Output,
-        now: Moment,
-    ) -> Option<Fact> {
+    pub(super) async fn keep(&mut self, turn: &mut LineTurn<'_>) -> Option<Fact> {
+        let (shared, now) = (turn.shared, turn.line.looked());
         if shared.dry_run {
             return Some(Fact::Kept);
         }
+        let output = shared.profile.output(self.id);
         let is_new = self.keeping.is_none();
         let (version, since) = match self.keeping {
             Some(keeping) => keeping,
@@ -402,7 +485,7 @@ impl Register {
                     Keeping::Version(version) => (version, now),
                     Keeping::Needless => return Some(Fact::Kept),
                     Keeping::Impossible => {
-                        self.trouble = self.trouble.or(Some(Trouble::Disk));
+                        self.troubles.now = self.troubles.now.or(Some(Trouble::Disk));
                         return Some(Fact::NotKept);
                     }
                 }
@@ -411,46 +494,52 @@ impl Register {
         self.keeping = Some((version, since));
         let timeout = shared.profile.bus(shared.profile.device(output.device).bus).timeout;
         let span = if is_new { timeout } else { Duration::ZERO };
-        line.away_for(span);
+        turn.line.away_for(span);
         let kept = shared.ledger.kept(version, span).await;
-        let now = line.look();
+        let now = turn.line.look();
         if kept == Kept::NotYet && now.since(since) < DISK_PATIENCE {
             return None;
         }
         self.keeping = None;
         if kept == Kept::Yes {
-            self.goes_on_from_there |= self.trouble == Some(Trouble::Disk);
-            self.trouble = self.trouble.filter(|trouble| *trouble != Trouble::Disk);
-            self.tell_opened(shared, output);
+            self.goes_on_from_there |= self.troubles.now == Some(Trouble::Disk);
+            self.troubles.now = self.troubles.now.filter(|trouble| *trouble != Trouble::Disk);
+            // Whose part is what, now that it is on disk.
+            if let Some(account) = self.state.shown(&self.settings).account
+                && std::mem::take(&mut self.opens)
+            {
+                shared.report(&report::opened(self, &output.name, account));
+            }
             return Some(Fact::Kept);
         }
-        if kept == Kept::NotYet && self.trouble != Some(Trouble::Disk) {
+        if kept == Kept::NotYet && self.troubles.now != Some(Trouble::Disk) {
             let why = format!("the disk has not answered for {} s", DISK_PATIENCE.as_secs());
             shared.report(&Event::NotKept { what: "the ledger".to_owned(), why });
         }
-        self.trouble = self.trouble.or(Some(Trouble::Disk));
+        self.troubles.now = self.troubles.now.or(Some(Trouble::Disk));
         Some(Fact::NotKept)
     }
 }
 
-fn settings(shared: &LineHandle, output: &Output, units: Units) -> Settings {
+fn settings(shared: &LineHandle, output: &Output, units: &Units) -> Settings {
     let profile = &shared.profile;
+    let device = profile.device(output.device);
     // A constant may arrive whenever it likes.
     let is_constant = output.writes == Writes::Reference;
-    let late = profile.bus(profile.device(output.device).bus).late;
-    let late = if is_constant { Duration::ZERO } else { late };
+    let late = if is_constant { Duration::ZERO } else { profile.bus(device.bus).late };
+    let can_be_read = device.functions.reads_at(&output.reads_at());
     let (step, limit, bias) = units.bounds(profile, output);
     Settings {
         step,
         limit,
         bias,
-        range: units.range(&output.encoding),
+        range: units.range(),
         late,
         remembered: late.saturating_mul(REMEMBERED),
         every: profile.axis(output.axis).settings.every,
         refresh: output.refresh,
         is_shared: output.share == Share::Ledger,
-        verify: if can_be_read(&shared.profile, output) { Verify::Reading } else { Verify::Echo },
+        verify: if can_be_read { Verify::Reading } else { Verify::Echo },
         rules: Rules::default(),
     }
 }
@@ -463,9 +552,4 @@ fn taken_up(mut state: State, settings: &Settings, now: Moment) -> State {
     }
     debug_assert!(!state.is_asking(), "whatever it asked for has come to its end");
     state
-}
-
-/// Who has armed its axis.
-fn who(shared: &LineHandle, output: &Output) -> Who {
-    if shared.core().arming[output.axis.0].by_person { Who::Person } else { Who::Policy }
 }

@@ -6,7 +6,7 @@
 
 use std::time::Duration;
 
-use super::Words;
+use isotherm_core::codec::Encoded;
 use isotherm_core::quantity::Moment;
 
 /// So many sets at most are sent while one of them is on its way: ten a second, a minute and more.
@@ -16,7 +16,7 @@ const LATELY: u16 = 1024;
 #[derive(Clone, Debug, Default)]
 pub(super) struct Sequence {
     /// The newest that stood in the register, and what stood beside it then.
-    newest: Option<(u16, Vec<Words>)>,
+    newest: Option<(u16, Vec<Encoded>)>,
     /// Since when an older one has stood there.
     older_since: Option<Moment>,
 }
@@ -28,7 +28,7 @@ impl Sequence {
     }
 
     /// This number and these values stand there. Whether the control has perhaps taken something else: a set came late.
-    pub(super) fn stands(&mut self, number: u16, values: &[Words], now: Moment, late: Duration) -> bool {
+    pub(super) fn stands(&mut self, number: u16, values: &[Encoded], now: Moment, late: Duration) -> bool {
         let Some((newest, beside)) = self.newest.as_ref().filter(|(newest, _)| !is_older(*newest, number))
         else {
             // What no set of ours can be any more is the control's own: it remembers another day.
@@ -113,7 +113,7 @@ mod tests {
 
     #[test]
     fn other_values_under_the_same_number_or_an_older_one_were_perhaps_not_taken() {
-        let [one, two] = [1, 2].map(|word| Words::of(&[word]));
+        let [one, two] = [1, 2].map(|word| Encoded::of(&[word]));
         let mut sequence = Sequence::default();
         assert!(!sequence.stands(41, &[one], second(0), LATE));
         assert!(!sequence.stands(42, &[two], second(1), LATE));

@@ -1,63 +1,46 @@
-//! Outputs that land together: read as one, written as one, taken as one.
+//! Outputs that land together: read as one, written as one, taken as one ([`taking`](super::taking)).
 //!
 //! Whenever one of them is to be written, all of them are; where nothing is to change, that is what was just read there.
 //! So a heartbeat and a control word in the set go on in every state, and only where somebody else writes to a member in
 //! that very moment, that is lost.
-//!
-//! A control takes a set when its sequence changes or its strobe rises. Where that is not one with the values (several
-//! requests, or a handshake), values can stand in the registers that were not taken. What was taken is at most a step from
-//! them; so until the control has taken what stands there, nothing else is sent than just that. The next run begins with
-//! it, if this one does not end in order.
 
+use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{Fault, Outcome};
-use crate::fieldbus::line::DeviceLine;
 use crate::gateway::line_handle::LineHandle;
 use crate::gateway::output::Wait;
 use crate::gateway::storage::Steady;
-use isotherm_core::codec::Register as Place;
+use isotherm_core::codec::{Encoded, Register as Address};
 use isotherm_core::compensation::AxisState;
 use isotherm_core::output::{Action, Fact};
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{Control, Output, Profile, SetId};
+use isotherm_profile::{Control, Profile, SetId};
 
-use super::applied::AppliedOffset;
 use super::cells::{self, Cells, Own};
 use super::order::Order;
 use super::register::Register;
-use super::requests;
-use super::sequence::Sequence;
 use super::strobe::{Stands, Strobe, Waited};
-use super::{Asked, RETRY, Words};
+use super::taking::Taking;
+use super::trouble::Asked;
+use super::{LineTurn, RETRY, applied};
 
 /// Owns the outputs of one set, and its strobe.
 #[derive(Debug)]
 pub(in crate::gateway) struct Set {
     id: SetId,
     registers: Vec<Register>,
-    applied: Vec<AppliedOffset>,
     strobe: Strobe,
-    /// What was sent and is to be taken.
-    sent: Option<Vec<Words>>,
-    /// What its outputs held when the control took them last.
-    taken: Option<Vec<Words>>,
-    /// The last run ended in order: what stands there first was taken.
-    was_in_order: bool,
-    sequence: Sequence,
+    taking: Taking,
     /// How often its control was restarted, as far as it has heard.
     restarts: u64,
-    /// What is sent next may bear the number that the control took last: a run before this one may have sent it.
-    may_bear_an_old_number: bool,
     /// The count of its writes, as it stands in the register.
     beat: u16,
     /// The control word that was sent last.
-    told_control: Option<u16>,
-    /// What stands in the control word may say that every axis is armed.
-    may_say_enabled: bool,
+    sent_control: Option<u16>,
     written_at: Moment,
     /// Nothing is sent for its own sake before this.
     tries_from: Moment,
-    /// When it wants to be called again.
-    due: Moment,
+    /// When it wants to be called again, if nothing else happens.
+    pub(in crate::gateway) due: Moment,
 }
 
 /// How far an exchange has come.
@@ -79,32 +62,18 @@ impl Set {
         let mut registers: Vec<_> =
             outputs.iter().map(|id| Register::new(shared, *id, now).in_a_set()).collect();
         let was_in_order = !is_second && registers.iter().all(|one| one.state.is_settled());
-        let has_numbers = shared.profile.set(id).sequence.is_some();
-        let is_bound = !was_in_order && (has_numbers || !is_taken_at_once(&shared.profile, id));
-        registers.iter_mut().for_each(|register| register.is_bound = is_bound);
         Set {
             id,
-            was_in_order,
-            applied: registers.iter().map(|_| AppliedOffset::default()).collect(),
+            taking: Taking::new(&shared.profile, id, was_in_order, &mut registers),
             registers,
-            strobe: Strobe::new(id, stands),
-            sent: None,
-            taken: None,
-            sequence: Sequence::default(),
+            strobe: Strobe::new(shared, id, stands),
             restarts: 0,
-            may_bear_an_old_number: is_bound && has_numbers,
             beat: 0,
-            told_control: None,
-            may_say_enabled: false,
+            sent_control: None,
             written_at: Moment::default(),
             tries_from: now,
             due: now,
         }
-    }
-
-    /// When it wants to be called again, if nothing else happens.
-    pub(in crate::gateway) fn due(&self) -> Moment {
-        self.due
     }
 
     /// When the acknowledge is to be asked for again.
@@ -117,163 +86,125 @@ impl Set {
         self.registers.iter().any(|register| register.is_late)
     }
 
+    fn is_bound(&self) -> bool {
+        self.registers.iter().any(|register| register.is_bound)
+    }
+
     /// Goes on with an exchange, or begins one where there is something to do. Never waits for the control.
-    pub(in crate::gateway) async fn turn(&mut self, line: &mut DeviceLine, shared: &LineHandle, now: Moment) {
-        let orders = self.orders(shared, now);
+    pub(in crate::gateway) async fn turn(&mut self, turn: &mut LineTurn<'_>) {
+        let shared = turn.shared;
+        let orders: Vec<Order> = {
+            let core = shared.core();
+            self.registers.iter().map(|one| Order::of(shared, &core, one.id, turn.now)).collect()
+        };
         if shared.core().leaving {
             self.strobe.leaves();
         }
-        let went = self.go_on(line, shared, now).await;
-        if went == Went::Well {
-            self.begin(line, shared, &orders, now).await;
+        if self.go_on(turn).await == Went::Well {
+            self.begin(turn, &orders).await;
         }
-        let profile = &shared.profile;
         let is_waiting = self.strobe.waits.is_some();
         let mut looks_again = Moment::END;
-        let registers = self.registers.iter_mut().zip(&mut self.applied);
-        for ((register, applied), output) in registers.zip(members(profile, self.id)).filter(|_| !is_waiting)
-        {
-            looks_again = looks_again.min(applied.look(line, shared, output, register).await);
+        for register in self.registers.iter_mut().filter(|_| !is_waiting) {
+            looks_again = looks_again.min(applied::look(register, turn).await);
         }
-        for ((register, output), order) in
-            self.registers.iter_mut().zip(members(profile, self.id)).zip(&orders)
-        {
+        for (register, order) in self.registers.iter_mut().zip(&orders) {
             if is_waiting {
-                register.publish(shared, output, order);
+                register.publish(shared, order);
             } else {
-                register.ends_turn(line, shared, output, order);
+                register.ends_turn(turn, order);
             }
         }
-        let is_untaken = self.registers.iter().any(|register| register.is_bound);
-        self.strobe.show(shared, self.may_say_enabled, is_untaken);
-        self.due = self.next_turn(shared, line.looked()).min(looks_again);
-    }
-
-    fn orders(&self, shared: &LineHandle, now: Moment) -> Vec<Order> {
-        let core = shared.core();
-        self.registers.iter().map(|register| Order::of(shared, &core, register.id, now)).collect()
+        self.strobe.is_untaken = self.is_bound();
+        self.strobe.publish(shared);
+        self.due = self.next_turn(&shared.profile, turn.line.looked()).min(looks_again);
     }
 
     /// Goes on with a handshake; one that failed, or that a gateway before this one left, has its strobe dropped.
-    async fn go_on(&mut self, line: &mut DeviceLine, shared: &LineHandle, now: Moment) -> Went {
+    async fn go_on(&mut self, turn: &mut LineTurn<'_>) -> Went {
         while let Some((wait, ..)) = self.strobe.waits {
-            match (self.strobe.wait(line, shared).await, wait) {
+            match (self.strobe.wait(turn).await, wait) {
                 (Waited::Still, _) => return Went::NoFurther,
-                (Waited::Failed, _) => {
-                    self.doubt(shared);
-                    return Went::NoFurther;
-                }
+                (Waited::Failed, _) => return self.doubt(turn.shared),
                 (Waited::Over, Wait::Clear) => {}
                 (Waited::Over, Wait::Acknowledge) => {
-                    if !self.strobe.lower(line, shared).await {
-                        self.doubt(shared);
-                        return Went::NoFurther;
+                    if !self.strobe.lower(turn).await {
+                        return self.doubt(turn.shared);
                     }
-                    let timeout = shared.profile.set(self.id).handshake.map(|handshake| handshake.timeout);
-                    self.strobe.wait_for(shared, Wait::Release, timeout.unwrap_or_default());
+                    let handshake = turn.shared.profile.set(self.id).handshake;
+                    let timeout = handshake.map(|handshake| handshake.timeout);
+                    self.strobe.wait_for(turn.shared, Wait::Release, timeout.unwrap_or_default());
                 }
-                (Waited::Over, Wait::Release) => self.is_taken(shared),
+                (Waited::Over, Wait::Release) => self.is_taken(turn.shared),
             }
         }
         if self.strobe.stands == Stands::Up {
-            let may_try = now >= self.tries_from || shared.core().leaving;
+            let may_try = turn.now >= self.tries_from || turn.shared.core().leaving;
             if !may_try {
                 return Went::NoFurther;
             }
-            if !self.strobe.lower(line, shared).await {
-                self.doubt(shared);
-                return Went::NoFurther;
+            if !self.strobe.lower(turn).await {
+                return self.doubt(turn.shared);
             }
         }
         Went::Well
     }
 
-    async fn begin(&mut self, line: &mut DeviceLine, shared: &LineHandle, orders: &[Order], now: Moment) {
-        let profile = &shared.profile;
+    async fn begin(&mut self, turn: &mut LineTurn<'_>, orders: &[Order]) {
+        let (shared, now) = (turn.shared, turn.now);
         let restarts = orders.iter().map(|order| order.restarts).max().unwrap_or_default();
         if std::mem::replace(&mut self.restarts, restarts) != restarts {
-            self.sequence.forget();
+            self.taking.sequence.forget();
         }
-        for ((register, output), order) in
-            self.registers.iter_mut().zip(members(profile, self.id)).zip(orders)
-        {
-            register.hear(shared, output, order, now);
+        for (register, order) in self.registers.iter_mut().zip(orders) {
+            register.hear(shared, order, now);
         }
-        self.keep(line, shared, now).await;
-        for register in self.registers.iter_mut().filter(|register| register.is_writing()) {
-            // It was asked for after a read of another turn.
-            register.comes_of(line, shared, profile.output(register.id), Fact::NotSent);
+        self.keep(turn).await;
+        // What is to be written now was asked for after a read of another turn.
+        self.give_up_writing(turn);
+        let registers = &self.registers;
+        let can_hold = |place: usize, value| registers[place].can_hold_again(value, &orders[place], now);
+        let again = self.taking.wanted_again(registers, can_hold).into_iter().flatten();
+        for ((register, order), value) in self.registers.iter_mut().zip(orders).zip(again) {
+            register.wants_again(shared, value, order, now);
         }
-        self.want_again_what_was_sent(shared, orders, now);
         let sends = self.sends_anyway(shared, now);
         let changes = self.registers.iter().any(|register| register.may_write(now));
         let reads = self.registers.iter().any(|register| register.action == Action::Read);
-        if (sends || changes) && self.is_clear(line, shared).await == Went::NoFurther {
+        if (sends || changes) && self.is_clear(turn).await == Went::NoFurther {
             return;
         }
         if !(sends || changes || reads) {
             return;
         }
-        let Some(found) = self.read(line, shared).await else {
-            self.tries_from = line.looked().after(RETRY);
+        let Some(found) = self.read(turn).await else {
+            self.tries_from = turn.line.looked().after(RETRY);
             return;
         };
-        self.keep(line, shared, now).await;
-        self.wait_for_each_other(line, shared);
-        let writes = self.registers.iter().any(|register| matches!(register.action, Action::Write { .. }));
+        self.keep(turn).await;
+        self.wait_for_each_other(turn);
+        let writes = self.registers.iter().any(Register::is_writing);
         if !(writes || sends) {
             return;
         }
-        if !(sends || changes) && profile.set(self.id).handshake.is_some() {
+        if !(sends || changes) && shared.profile.set(self.id).handshake.is_some() {
             // Whether the acknowledge is down was not asked: the next turn does.
             return;
         }
-        if self.send(line, shared, orders, &found).await == Went::NoFurther {
+        if self.send(turn, orders, &found).await == Went::NoFurther {
             return;
         }
-        let Some(stands) = self.read(line, shared).await else { return };
-        self.keep(line, shared, now).await;
-        if self.sent.as_ref() != Some(&stands) || shared.core().leaving {
+        let Some(stands) = self.read(turn).await else { return };
+        self.keep(turn).await;
+        if !self.taking.is_sent(&stands) || shared.core().leaving {
             return;
         }
-        match shared.profile.set(self.id).handshake {
-            None => self.is_taken(shared),
-            Some(_) if self.strobe.raise(line, shared).await => {
-                let _ = self.go_on(line, shared, now).await;
-            }
-            Some(_) => self.doubt(shared),
-        }
-    }
-
-    /// What was sent, where some of it stands there and some does not.
-    fn half_sent(&self, profile: &Profile) -> Option<Vec<i64>> {
-        let sent = self.sent.as_ref().filter(|_| self.registers.iter().any(|register| register.is_bound))?;
-        let values = members(profile, self.id).zip(&self.registers).zip(sent);
-        let values: Vec<i64> = values
-            .map(|((output, register), sent)| register.units.found(&output.encoding, sent.words()))
-            .collect();
-        let is_new = |place: usize| self.taken.as_ref().is_none_or(|taken| taken[place] != sent[place]);
-        let mut has = (false, false);
-        for (place, (register, value)) in self.registers.iter().zip(&values).enumerate() {
-            if register.is_driven() && is_new(place) {
-                let stands = register.stands() == *value;
-                has = (has.0 || stands, has.1 || !stands);
-            }
-        }
-        (has == (true, true)).then_some(values)
-    }
-
-    /// No half of what was sent is taken. So the rest of it is wanted once more; but not after something else has happened to
-    /// it, and not on readings that have died.
-    fn want_again_what_was_sent(&mut self, shared: &LineHandle, orders: &[Order], now: Moment) {
-        let Some(values) = self.half_sent(&shared.profile) else { return };
-        let each = || self.registers.iter().zip(&values).zip(orders);
-        if !each().all(|((register, value), order)| register.can_hold_again(*value, order, now)) {
-            self.sent = None;
-            return;
-        }
-        for ((register, value), order) in self.registers.iter_mut().zip(values).zip(orders) {
-            register.wants_again(shared, value, order, now);
+        if shared.profile.set(self.id).handshake.is_none() {
+            self.is_taken(shared);
+        } else if self.strobe.raise(turn).await {
+            let _ = self.go_on(turn).await;
+        } else {
+            self.doubt(shared);
         }
     }
 
@@ -284,163 +215,135 @@ impl Set {
             return false;
         }
         let set = shared.profile.set(self.id);
-        let has_own_words = (set.heartbeat.is_some() || set.control.is_some()) && shared.may_beat();
-        let is_driven = self.registers.iter().any(|one| one.is_driven());
+        let has_own_registers = (set.heartbeat.is_some() || set.control.is_some()) && shared.may_beat();
+        let is_driven = self.registers.iter().any(Register::is_driven);
         let is_due = self.refreshes(&shared.profile).is_some_and(|refresh| now >= refresh);
-        let has_news = set.control.is_some() && self.told_control != Some(self.control(shared));
-        let is_untaken = self.registers.iter().any(|one| one.is_bound)
-            && (has_own_words || self.registers.iter().all(|one| one.state.is_settled()));
-        (has_own_words && (is_due || has_news)) || (is_driven && (is_due || is_untaken))
+        let has_news = set.control.is_some() && self.sent_control != Some(self.control(shared));
+        let is_untaken =
+            self.is_bound() && (has_own_registers || self.registers.iter().all(|one| one.state.is_settled()));
+        (has_own_registers && (is_due || has_news)) || (is_driven && (is_due || is_untaken))
     }
 
     /// What lands together moves together: where a late write forbids one of them its next step, all wait.
-    fn wait_for_each_other(&mut self, line: &mut DeviceLine, shared: &LineHandle) {
+    fn wait_for_each_other(&mut self, turn: &LineTurn<'_>) {
         let waits = |register: &Register| register.heard.is_armed && register.is_waiting_for_late();
         if !self.registers.iter().any(waits) {
             return;
         }
         for register in &mut self.registers {
             if let Action::Write { is_repeat: false, .. } = register.action {
-                register.comes_of(line, shared, shared.profile.output(register.id), Fact::NotSent);
+                register.comes_of(turn, Fact::NotSent);
             }
+        }
+    }
+
+    fn give_up_writing(&mut self, turn: &LineTurn<'_>) {
+        for register in self.registers.iter_mut().filter(|register| register.is_writing()) {
+            register.comes_of(turn, Fact::NotSent);
         }
     }
 
     /// When it is to be sent again though nothing is to change.
     fn refreshes(&self, profile: &Profile) -> Option<Moment> {
-        let refresh = members(profile, self.id).filter_map(|output| output.refresh).min();
+        let refresh = profile.set(self.id).members(profile).filter_map(|output| output.refresh).min();
         refresh.map(|refresh| self.written_at.after(refresh))
     }
 
     /// The acknowledge is down, so that the next one answers the next strobe.
-    async fn is_clear(&mut self, line: &mut DeviceLine, shared: &LineHandle) -> Went {
-        let Some(handshake) = shared.profile.set(self.id).handshake else { return Went::Well };
-        if shared.core().leaving {
+    async fn is_clear(&mut self, turn: &mut LineTurn<'_>) -> Went {
+        let Some(handshake) = turn.shared.profile.set(self.id).handshake else { return Went::Well };
+        if turn.shared.core().leaving {
             return Went::Well;
         }
-        let is_down = self.strobe.stands != Stands::Unknown || self.strobe.lower(line, shared).await;
+        let is_down = self.strobe.stands != Stands::Unknown || self.strobe.lower(turn).await;
         if is_down {
-            self.strobe.wait_for(shared, Wait::Clear, handshake.timeout);
+            self.strobe.wait_for(turn.shared, Wait::Clear, handshake.timeout);
         }
-        match if is_down { self.strobe.wait(line, shared).await } else { Waited::Failed } {
+        match if is_down { self.strobe.wait(turn).await } else { Waited::Failed } {
             Waited::Over => Went::Well,
             Waited::Still => Went::NoFurther,
-            Waited::Failed => {
-                self.doubt(shared);
-                Went::NoFurther
-            }
+            Waited::Failed => self.doubt(turn.shared),
         }
     }
 
     /// Every register of the set as it stands now. Each member learns what it holds; one behind an interlock does not: what
     /// is there may be off, or starting.
-    async fn read(&mut self, line: &mut DeviceLine, shared: &LineHandle) -> Option<Vec<Words>> {
-        let set = shared.profile.set(self.id);
+    async fn read(&mut self, turn: &mut LineTurn<'_>) -> Option<Vec<Encoded>> {
+        let profile = &turn.shared.profile;
+        let set = profile.set(self.id);
         let mut cells = Cells::new();
-        let read = requests::read(line, &shared.profile, set, &mut cells).await;
-        let values: Vec<Words> = set.members(&shared.profile).map(|output| held(output, &cells)).collect();
-        for ((register, output), words) in
-            self.registers.iter_mut().zip(members(&shared.profile, self.id)).zip(&values)
-        {
+        let read = cells::read(turn, set, &mut cells).await;
+        let values: Vec<Encoded> = set.members(profile).map(|output| cells::held(output, &cells)).collect();
+        for (register, found) in self.registers.iter_mut().zip(&values) {
             match read {
                 Err(fault) if register.action == Action::Read => {
-                    register.fail(shared, output, fault, Asked::Read);
-                    register.comes_of(line, shared, output, Fact::NoAnswer);
+                    register.fail(turn.shared, fault, Asked::Read);
+                    register.comes_of(turn, Fact::NoAnswer);
                 }
                 Ok(asked) if register.may_hear_a_read() => {
-                    let found = register.units.found(&output.encoding, words.words());
-                    register.comes_of(line, shared, output, Fact::Read { found, asked });
+                    let found = register.units.found(found.words());
+                    register.comes_of(turn, Fact::Read { found, asked });
                 }
                 _ => {}
             }
         }
         read.ok()?;
-        let word = |at: Option<Place>| at.and_then(|at| cells.get(&at.offset)).copied();
-        let late = self.registers.iter().map(|register| register.settings.late).max().unwrap_or_default();
-        let number = word(set.sequence);
-        let has_come_late =
-            number.is_some_and(|number| self.sequence.stands(number, &values, line.looked(), late));
-        self.beat = word(set.heartbeat).unwrap_or(self.beat);
-        self.bind(shared, &values, has_come_late);
+        let cell = |at: Option<Address>| at.and_then(|at| cells.get(&at.offset)).copied();
+        self.beat = cell(set.heartbeat).unwrap_or(self.beat);
+        self.taking.stands(cell(set.sequence), &values, &mut self.registers, turn.line.looked());
         Some(values)
     }
 
-    /// What stands there and was not taken is to be taken before anything else is sent.
-    fn bind(&mut self, shared: &LineHandle, values: &[Words], has_come_late: bool) {
-        if std::mem::take(&mut self.was_in_order) {
-            self.taken = Some(values.to_vec());
-        }
-        let is_at_once = is_taken_at_once(&shared.profile, self.id);
-        if has_come_late && is_at_once {
-            self.sent = None;
-        }
-        let is_untaken = self.taken.as_deref() != Some(values);
-        for register in &mut self.registers {
-            register.is_bound = if is_at_once { register.is_bound || has_come_late } else { is_untaken };
-        }
-    }
-
     /// Writes the values, and where all of them have arrived, the sequence. Whether all of it was answered as done.
-    async fn send(
-        &mut self,
-        line: &mut DeviceLine,
-        shared: &LineHandle,
-        orders: &[Order],
-        found: &[Words],
-    ) -> Went {
-        let set = shared.profile.set(self.id);
-        let now = line.looked();
-        let Some((values, not_after)) = self.values(line, shared, found, now).await else {
+    async fn send(&mut self, turn: &mut LineTurn<'_>, orders: &[Order], found: &[Encoded]) -> Went {
+        let (shared, now) = (turn.shared, turn.line.looked());
+        let Some((values, not_after)) = self.values(turn, found).await else {
             self.tries_from = now.after(RETRY);
-            for register in self.registers.iter_mut().filter(|register| register.is_writing()) {
-                register.comes_of(line, shared, shared.profile.output(register.id), Fact::NotSent);
-            }
+            self.give_up_writing(turn);
             return Went::NoFurther;
         };
-        let sequence = set.sequence.map(|_| self.sequence.next());
+        let set = shared.profile.set(self.id);
+        let sequence = set.sequence.map(|_| self.taking.sequence.next());
         let heartbeat = if shared.head_lives(now) { cells::next_beat(self.beat) } else { self.beat };
         let control = self.control(shared);
-        let own = Own { sequence, heartbeat, control };
-        let cells = cells::cells(&shared.profile, set, &values, own);
-        let fault = requests::write(line, &shared.profile, set, &cells, not_after).await.err();
-        let left = line.looked();
-        let profile = &shared.profile;
-        for (place, ((register, output), order)) in
-            self.registers.iter_mut().zip(members(profile, self.id)).zip(orders).enumerate()
-        {
+        let cells = cells::cells(&shared.profile, set, &values, Own { sequence, heartbeat, control });
+        let stretches = cells::stretches(&shared.profile, set);
+        let sent = cells::write(turn, set.device, &stretches, &cells, Leave::Here(not_after)).await;
+        let fault = sent.err();
+        let left = turn.line.looked();
+        let may_have_arrived = fault.is_none_or(|(_, outcome)| outcome != Outcome::NotDone);
+        for ((register, order), value) in self.registers.iter_mut().zip(orders).zip(&values) {
             if !register.is_writing() {
-                if fault.is_none_or(|(_, outcome)| outcome != Outcome::NotDone) {
-                    let words = &values[place];
-                    let value = register.units.found(&output.encoding, words.words());
+                if may_have_arrived {
+                    let value = register.units.found(value.words());
                     register.step(shared, Fact::WentAlong { value, left, is_done: fault.is_none() }, left);
                 }
                 continue;
             }
             let fact = match fault {
                 None => Fact::Done { left },
-                Some((fault, outcome)) => register.failed(shared, output, order, (fault, outcome), left),
+                Some(fault) => register.failed(shared, order, fault, left),
             };
-            register.comes_of(line, shared, output, fact);
+            register.comes_of(turn, fact);
         }
-        if fault.is_none_or(|(_, outcome)| outcome != Outcome::NotDone) {
+        if may_have_arrived {
             (self.beat, self.written_at) = (heartbeat, left);
-            self.told_control = fault.is_none().then_some(control);
+            self.sent_control = fault.is_none().then_some(control);
             let says_enabled = control & Control::ENABLE != 0;
-            self.may_say_enabled = says_enabled || (self.may_say_enabled && fault.is_some());
-            self.sent = Some(values);
+            self.strobe.says_enabled = says_enabled || (self.strobe.says_enabled && fault.is_some());
+            self.taking.sends(values);
         }
-        self.log_own_words(shared, fault.map(|(fault, _)| fault), left);
+        self.log_own_registers(shared, fault.map(|(fault, _)| fault), left);
         if fault.is_some() {
             self.tries_from = left.after(RETRY);
-            let is_bound = !is_taken_at_once(profile, self.id);
-            self.registers.iter_mut().for_each(|register| register.is_bound |= is_bound);
+            self.taking.is_not_done(&mut self.registers);
             return Went::NoFurther;
         }
         Went::Well
     }
 
     /// A heartbeat and a control word are only counted.
-    fn log_own_words(&self, shared: &LineHandle, fault: Option<Fault>, now: Moment) {
+    fn log_own_registers(&self, shared: &LineHandle, fault: Option<Fault>, now: Moment) {
         let set = shared.profile.set(self.id);
         if set.heartbeat.is_none() && set.control.is_none() {
             return;
@@ -454,17 +357,11 @@ impl Set {
 
     /// What every member shall hold, and the last moment for that; `None` where one of them may not even go along now, or
     /// where it were half of what was sent before.
-    async fn values(
-        &mut self,
-        line: &mut DeviceLine,
-        shared: &LineHandle,
-        found: &[Words],
-        now: Moment,
-    ) -> Option<(Vec<Words>, Moment)> {
+    async fn values(&mut self, turn: &mut LineTurn<'_>, found: &[Encoded]) -> Option<(Vec<Encoded>, Moment)> {
+        let (shared, now) = (turn.shared, turn.line.looked());
         let mut values = Vec::new();
         let mut last = Moment::END;
         for (register, &stands) in self.registers.iter_mut().zip(found) {
-            let output = shared.profile.output(register.id);
             if register.interlock.is_held && !register.is_writing() {
                 // Behind an interlock it stays as it is, whatever that is.
                 values.push(stands);
@@ -473,53 +370,46 @@ impl Set {
             if !register.is_writing() {
                 register.step(shared, Fact::GoesAlong, now);
                 if register.action == Action::Keep {
-                    let fact = register.keep(line, shared, output, now).await?;
-                    register.comes_of(line, shared, output, fact);
+                    let fact = register.keep(turn).await?;
+                    register.comes_of(turn, fact);
                     register.step(shared, Fact::GoesAlong, now);
                 }
             }
-            let is_as_known = register.units.found(&output.encoding, stands.words()) == register.stands();
+            let is_as_known = register.units.found(stands.words()) == register.stands();
             values.push(match register.action {
                 Action::Write { value, not_after, is_repeat: false } => {
                     last = last.min(not_after);
                     register.is_to_be_changed = false;
-                    Words::of(register.units.registers(&output.encoding, value).words())
+                    Encoded::of(register.units.registers(value).words())
                 }
                 Action::Write { .. } if is_as_known => stands,
                 _ => return None,
             });
         }
         // Where what was sent before is there by half, all of it is sent, or nothing.
-        let half = self.half_sent(&shared.profile);
-        let is_whole = half.is_none_or(|_| {
-            let sent = self.sent.iter().flatten();
-            let mut each = self.registers.iter().zip(&values).zip(sent);
-            each.all(|((register, value), sent)| value == sent || !register.is_driven())
-        });
-        is_whole.then_some((values, last))
+        self.taking.is_whole(&self.registers, &values).then_some((values, last))
     }
 
-    /// The control has taken what stands there, but for a number that it may know: then the same is sent with the next.
+    /// The control has taken what stands there.
     fn is_taken(&mut self, shared: &LineHandle) {
         self.strobe.succeeded(shared);
-        if std::mem::take(&mut self.may_bear_an_old_number) {
-            return;
-        }
-        self.taken = self.sent.take();
-        for (register, output) in self.registers.iter_mut().zip(members(&shared.profile, self.id)) {
-            register.is_bound = false;
-            register.recover(shared, output);
+        if self.taking.is_taken() {
+            for register in &mut self.registers {
+                register.is_bound = false;
+                register.recover(shared);
+            }
         }
     }
 
     /// The control has not taken what was sent, or nobody knows.
-    fn doubt(&mut self, shared: &LineHandle) {
+    fn doubt(&mut self, shared: &LineHandle) -> Went {
         self.tries_from = shared.clock.now().after(RETRY);
-        self.taken = None;
+        self.taking.doubt();
         for register in &mut self.registers {
             register.is_bound |= register.is_driven();
             register.is_not_taken(shared);
         }
+        Went::NoFurther
     }
 
     /// What the gateway does with the axes of this set, in bits.
@@ -542,41 +432,24 @@ impl Set {
         control
     }
 
-    async fn keep(&mut self, line: &mut DeviceLine, shared: &LineHandle, now: Moment) {
+    async fn keep(&mut self, turn: &mut LineTurn<'_>) {
         for register in &mut self.registers {
-            let output = shared.profile.output(register.id);
             if register.action == Action::Keep
-                && let Some(fact) = register.keep(line, shared, output, now).await
+                && let Some(fact) = register.keep(turn).await
             {
-                register.comes_of(line, shared, output, fact);
+                register.comes_of(turn, fact);
             }
         }
     }
 
-    fn next_turn(&self, shared: &LineHandle, now: Moment) -> Moment {
+    fn next_turn(&self, profile: &Profile, now: Moment) -> Moment {
         let wants = self.registers.iter().map(|register| match register.action {
             Action::Nothing { until } => until,
             _ => now,
         });
-        let is_unfinished = self.strobe.stands == Stands::Up || self.registers.iter().any(|one| one.is_bound);
+        let is_unfinished = self.strobe.stands == Stands::Up || self.is_bound();
         let tries = is_unfinished.then_some(self.tries_from.max(now));
-        let refreshes = self.refreshes(&shared.profile).map(|at| at.max(self.tries_from));
+        let refreshes = self.refreshes(profile).map(|at| at.max(self.tries_from));
         wants.chain(tries).chain(refreshes).min().unwrap_or(Moment::END)
     }
-}
-
-/// What its registers hold is what the control has taken: it comes with the sequence, or the control takes what it finds.
-fn is_taken_at_once(profile: &Profile, id: SetId) -> bool {
-    let set = profile.set(id);
-    set.handshake.is_none() && (set.sequence.is_none() || cells::stretches(profile, set).len() == 1)
-}
-
-fn members(profile: &Profile, id: SetId) -> impl Iterator<Item = &Output> {
-    profile.set(id).members(profile)
-}
-
-fn held(output: &Output, found: &Cells) -> Words {
-    let count = output.encoding.data_type.registers();
-    let first = output.address.register();
-    first.map_or(Words::of(&[]), |first| cells::value(found, first.offset, count))
 }

@@ -13,16 +13,16 @@
 
 use std::time::Duration;
 
+use super::LineTurn;
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{Fault, Outcome};
-use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::{Answer, Request};
 use crate::gateway::line_handle::LineHandle;
-use crate::gateway::output::Wait;
+use crate::gateway::output::{Stand, Wait};
 use crate::observe::events::Event;
 use crate::observe::handshake::HandshakeFault;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{Flag, OutputSet, SetId};
+use isotherm_profile::{DeviceId, Flag, SetId};
 
 /// How often the acknowledge is asked for at most.
 const ASK_EVERY: Duration = Duration::from_millis(20);
@@ -31,6 +31,7 @@ const ASK_EVERY: Duration = Duration::from_millis(20);
 #[derive(Debug)]
 pub(super) struct Strobe {
     set: SetId,
+    device: DeviceId,
     pub(super) stands: Stands,
     /// What is waited for, until when, and when the acknowledge is asked for again.
     pub(super) waits: Option<(Wait, Moment, Moment)>,
@@ -38,6 +39,10 @@ pub(super) struct Strobe {
     may_rise: bool,
     /// The failure that has been reported; the next success ends it.
     reported: Option<HandshakeFault>,
+    /// The control word of the set may say that every axis is armed.
+    pub(super) says_enabled: bool,
+    /// What stands in the registers of the set was not taken yet.
+    pub(super) is_untaken: bool,
 }
 
 /// What is known of a strobe.
@@ -62,41 +67,47 @@ pub(super) enum Waited {
 }
 
 impl Strobe {
-    pub(super) fn new(set: SetId, stands: Stands) -> Strobe {
-        Strobe { set, stands, waits: None, may_rise: false, reported: None }
+    pub(super) fn new(shared: &LineHandle, set: SetId, stands: Stands) -> Strobe {
+        Strobe {
+            set,
+            device: shared.profile.set(set).device,
+            stands,
+            waits: None,
+            may_rise: false,
+            reported: None,
+            says_enabled: false,
+            is_untaken: false,
+        }
     }
 
     /// Raises the strobe and begins to wait for the acknowledge.
-    pub(super) async fn raise(&mut self, line: &mut DeviceLine, shared: &LineHandle) -> bool {
-        let set = shared.profile.set(self.set);
-        let Some(handshake) = set.handshake else { return false };
+    pub(super) async fn raise(&mut self, turn: &mut LineTurn<'_>) -> bool {
+        let Some(handshake) = turn.shared.profile.set(self.set).handshake else { return false };
         self.stands = Stands::Up;
-        self.publish(shared);
-        if let Err(fault) = write_strobe(line, shared, set, handshake.strobe, true).await {
+        self.publish(turn.shared);
+        if let Err(fault) = self.write(turn, handshake.strobe, true).await {
             if fault.outcome() == Outcome::NotDone {
                 // It never went up.
                 self.stands = Stands::Down;
             } else {
                 self.may_rise = true;
             }
-            self.failed(line, shared, HandshakeFault::StrobeNotWritten, fault.to_string()).await;
+            self.failed(turn, HandshakeFault::StrobeNotWritten, fault.to_string()).await;
             return false;
         }
-        self.wait_for(shared, Wait::Acknowledge, handshake.timeout);
+        self.wait_for(turn.shared, Wait::Acknowledge, handshake.timeout);
         true
     }
 
     /// Drops the strobe. Where that fails it is reported, and tried again.
-    pub(super) async fn lower(&mut self, line: &mut DeviceLine, shared: &LineHandle) -> bool {
-        let set = shared.profile.set(self.set);
-        let Some(handshake) = set.handshake else { return true };
-        let done = write_strobe(line, shared, set, handshake.strobe, false).await;
-        if let Err(fault) = done {
-            self.report_failed(shared, HandshakeFault::StrobeNotDropped, fault.to_string());
+    pub(super) async fn lower(&mut self, turn: &mut LineTurn<'_>) -> bool {
+        let Some(handshake) = turn.shared.profile.set(self.set).handshake else { return true };
+        if let Err(fault) = self.write(turn, handshake.strobe, false).await {
+            self.report_failed(turn.shared, HandshakeFault::StrobeNotDropped, fault.to_string());
             return false;
         }
         self.stands = Stands::Down;
-        self.publish(shared);
+        self.publish(turn.shared);
         true
     }
 
@@ -115,25 +126,25 @@ impl Strobe {
     }
 
     /// Asks for the acknowledge, once.
-    pub(super) async fn wait(&mut self, line: &mut DeviceLine, shared: &LineHandle) -> Waited {
-        let set = shared.profile.set(self.set);
-        let (Some((wait, until, ask)), Some(handshake)) = (self.waits, set.handshake) else {
+    pub(super) async fn wait(&mut self, turn: &mut LineTurn<'_>) -> Waited {
+        let handshake = turn.shared.profile.set(self.set).handshake;
+        let (Some((wait, until, ask)), Some(handshake)) = (self.waits, handshake) else {
             return Waited::Over;
         };
-        let now = shared.clock.now();
+        let now = turn.shared.clock.now();
         if now < ask {
             return Waited::Still;
         }
-        let is_up = match read_flag(line, set, handshake.acknowledge).await {
+        let is_up = match self.read(turn, handshake.acknowledge).await {
             Ok(is_up) => is_up,
             Err(fault) => {
-                self.failed(line, shared, HandshakeFault::AcknowledgeNotRead, fault.to_string()).await;
+                self.failed(turn, HandshakeFault::AcknowledgeNotRead, fault.to_string()).await;
                 return Waited::Failed;
             }
         };
         if is_up == (wait == Wait::Acknowledge) {
             self.waits = None;
-            self.publish(shared);
+            self.publish(turn.shared);
             return Waited::Over;
         }
         if now < until {
@@ -149,29 +160,22 @@ impl Strobe {
             Wait::Acknowledge => HandshakeFault::AcknowledgeMissing,
             Wait::Release => HandshakeFault::AcknowledgeStuck,
         };
-        self.failed(line, shared, fault, format!("within {} ms", handshake.timeout.as_millis())).await;
+        self.failed(turn, fault, format!("within {} ms", handshake.timeout.as_millis())).await;
         Waited::Failed
     }
 
     /// First of all the strobe goes down; then it is reported.
-    async fn failed(
-        &mut self,
-        line: &mut DeviceLine,
-        shared: &LineHandle,
-        fault: HandshakeFault,
-        cause: String,
-    ) {
+    async fn failed(&mut self, turn: &mut LineTurn<'_>, fault: HandshakeFault, cause: String) {
         self.waits = None;
-        let lowered = self.stands != Stands::Up || self.lower(line, shared).await;
+        let lowered = self.stands != Stands::Up || self.lower(turn).await;
         // Where it cannot even be dropped, that is what is wrong, and it has been reported.
         if lowered || self.reported.is_none() {
-            self.report_failed(shared, fault, cause);
+            self.report_failed(turn.shared, fault, cause);
         }
     }
 
     fn report_failed(&mut self, shared: &LineHandle, fault: HandshakeFault, cause: String) {
         if self.reported.replace(fault) != Some(fault) {
-            self.stand(shared, |stand| stand.failed = Some(fault));
             let set = shared.profile.set(self.set);
             let register = set.handshake.map_or(String::new(), |handshake| match fault.is_of_the_strobe() {
                 true => handshake.strobe.to_string(),
@@ -185,54 +189,40 @@ impl Strobe {
     /// A handshake came to its end.
     pub(super) fn succeeded(&mut self, shared: &LineHandle) {
         self.reported = None;
-        self.stand(shared, |stand| stand.failed = None);
+        self.publish(shared);
     }
 
     /// What people see of it.
-    fn publish(&self, shared: &LineHandle) {
-        let (waits, strobe_up) = (self.waits.map(|(wait, ..)| wait), self.stands == Stands::Up);
-        self.stand(shared, |stand| (stand.waits, stand.strobe_up) = (waits, strobe_up));
-    }
-
-    /// The same at the end of a turn; `says_enabled`: the control word of the set may say that every axis is armed.
-    pub(super) fn show(&self, shared: &LineHandle, says_enabled: bool, is_untaken: bool) {
-        self.publish(shared);
-        self.stand(shared, |stand| (stand.says_enabled, stand.is_untaken) = (says_enabled, is_untaken));
-    }
-
-    fn stand(&self, shared: &LineHandle, change: impl Fn(&mut crate::gateway::output::Stand)) {
+    pub(super) fn publish(&self, shared: &LineHandle) {
+        let stand = Stand {
+            waits: self.waits.map(|(wait, ..)| wait),
+            failed: self.reported,
+            strobe_up: self.stands == Stands::Up,
+            says_enabled: self.says_enabled,
+            is_untaken: self.is_untaken,
+        };
         let mut core = shared.core();
         for id in &shared.profile.set(self.set).outputs {
-            change(&mut core.outputs[id.0].handshake);
+            core.outputs[id.0].handshake = stand;
         }
     }
-}
 
-async fn write_strobe(
-    line: &mut DeviceLine,
-    shared: &LineHandle,
-    set: &OutputSet,
-    strobe: Flag,
-    up: bool,
-) -> Result<(), Fault> {
-    let at = strobe.address.offset;
-    let word = [if up { strobe.raised() } else { 0 }];
-    let request = if strobe.address.table.is_bits() {
-        Request::WriteCoil { at, value: up }
-    } else if shared.profile.device(set.device).functions.write_single {
-        Request::WriteSingle { at, word: word[0] }
-    } else {
-        Request::WriteMultiple { at, words: &word }
-    };
-    line.request(set.device, request, Leave::Whenever).await.map(|_| ())
-}
+    async fn write(&self, turn: &mut LineTurn<'_>, strobe: Flag, up: bool) -> Result<(), Fault> {
+        let at = strobe.address.offset;
+        let register = [if up { strobe.raised() } else { 0 }];
+        let request = match strobe.address.table.is_bits() {
+            true => Request::WriteCoil { at, value: up },
+            false => Request::write_holding(at, &register, turn.shared.profile.device(self.device).functions),
+        };
+        turn.line.request(self.device, request, Leave::Whenever).await.map(|_| ())
+    }
 
-async fn read_flag(line: &mut DeviceLine, set: &OutputSet, flag: Flag) -> Result<bool, Fault> {
-    let request = Request::Read { from: flag.address, count: 1 };
-    let answered = line.request(set.device, request, Leave::Whenever).await?;
-    Ok(match answered.answer {
-        Answer::Bits(bits) => bits.first().copied().unwrap_or_default(),
-        Answer::Words(words) => words.first().is_some_and(|word| flag.is_up(*word)),
-        Answer::Done => false,
-    })
+    async fn read(&self, turn: &mut LineTurn<'_>, flag: Flag) -> Result<bool, Fault> {
+        let request = Request::Read { from: flag.address, count: 1 };
+        let answered = turn.line.request(self.device, request, Leave::Whenever).await?;
+        Ok(match answered.answer {
+            Answer::Bits(bits) => bits.first().copied().unwrap_or_default(),
+            answer => answer.registers().first().is_some_and(|register| flag.is_up(*register)),
+        })
+    }
 }

@@ -29,13 +29,10 @@ impl Captures {
     /// Sends them.
     pub(super) async fn send(&mut self, line: &mut DeviceLine, shared: &LineHandle, device: DeviceId) {
         for (capture, sent) in &mut self.0 {
-            let (at, word) = (capture.address.offset, [capture.value]);
+            let (at, value) = (capture.address.offset, [capture.value]);
             let request = match capture.address.table {
                 Table::Coil => Request::WriteCoil { at, value: capture.value != 0 },
-                _ if shared.profile.device(device).functions.write_single => {
-                    Request::WriteSingle { at, word: word[0] }
-                }
-                _ => Request::WriteMultiple { at, words: &word },
+                _ => Request::write_holding(at, &value, shared.profile.device(device).functions),
             };
             *sent = Some(line.request(device, request, Leave::Whenever).await.map(|answered| answered.asked));
         }

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::LineTask;
-use crate::gateway::execute::{Position, Set, Single};
+use crate::gateway::execute::{LineTurn, Position, Set, Single};
 use crate::gateway::line_handle::LineHandle;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, DeviceId, OutputId, SetId};
@@ -72,24 +72,24 @@ impl LineTask {
 
     /// Lets an output do what there is to do: at most one verified write.
     pub(super) async fn write(&mut self, place: usize, now: Moment) {
-        let (line, shared) = (&mut self.line, &self.shared);
+        let turn = &mut LineTurn { line: &mut self.line, shared: &self.shared, now };
         let job = &mut self.jobs[place];
         let (wants, asks, is_late) = match &mut job.work {
             Work::Single(single) => {
-                single.turn(line, shared, now).await;
-                (Some(single.due()), None, single.is_late())
+                single.turn(turn).await;
+                (Some(single.due), None, single.is_late())
             }
             Work::Position(position) => {
-                position.turn(line, shared, now).await;
+                position.turn(turn).await;
                 (None, None, false)
             }
             Work::Set(set) => {
-                set.turn(line, shared, now).await;
-                (Some(set.due()), set.asks(), set.is_late())
+                set.turn(turn).await;
+                (Some(set.due), set.asks(), set.is_late())
             }
         };
         job.waits_since = is_late.then(|| job.waits_since.unwrap_or(job.due));
-        let soon = line.looked().after(SOON);
+        let soon = self.line.looked().after(SOON);
         let due = wants.map(|due| due.max(soon)).into_iter().chain(asks).min();
         job.due = due.unwrap_or(Moment::END);
         self.pressed = 0;

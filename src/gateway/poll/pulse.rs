@@ -42,13 +42,9 @@ impl LineTask {
         }
         let next = pulse.due;
         pulse.count = pulse.count.wrapping_add(u16::from(self.shared.head_lives(now)));
-        let (device, at, word) = (pulse.device, pulse.register, [pulse.count]);
-        let single = self.shared.profile.device(device).functions.write_single;
-        let request = if single {
-            Request::WriteSingle { at, word: word[0] }
-        } else {
-            Request::WriteMultiple { at, words: &word }
-        };
+        let (device, count) = (pulse.device, [pulse.count]);
+        let functions = self.shared.profile.device(device).functions;
+        let request = Request::write_holding(pulse.register, &count, functions);
         // A failure is counted and told where every request fails; the next beat is the repetition, and none is made up for.
         let sent = self.line.request(device, request, Leave::By(next)).await;
         let storage = &mut self.shared.core().storage;

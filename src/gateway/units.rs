@@ -1,0 +1,188 @@
+//! What the counts of an output's register are worth, and what the axis may make of them.
+
+use isotherm_core::codec::{Encoded, Encoding};
+use isotherm_core::compensation::Decision;
+use isotherm_core::output::State;
+use isotherm_core::quantity::Micron;
+use isotherm_profile::{Output, Profile, Writes};
+
+/// A register of a floating-point type has so many counts in a step: few enough that the 24 bits of a float tell the
+/// counts of eight thousand steps apart.
+const COUNTS_OF_A_STEP: f64 = 1000.0;
+/// What no register of ours holds: where what stands there is no number.
+const NO_NUMBER: i64 = i64::MAX / 4;
+
+/// What the counts of one output's register are worth.
+#[derive(Clone, Debug)]
+pub(super) struct Units {
+    encoding: Encoding,
+    /// Of its value.
+    unit: &'static str,
+    /// Of the register's unit for 1 µm.
+    factor: f64,
+    /// Of the register's unit for a count, where its type has none itself.
+    grain: Option<f64>,
+    bias: i64,
+}
+
+impl Units {
+    pub(super) fn of(profile: &Profile, output: &Output) -> Units {
+        let is_whole = output.encoding.data_type.integer_range().is_some();
+        let grain = one_step(profile, output) / COUNTS_OF_A_STEP;
+        Units {
+            encoding: output.encoding.clone(),
+            unit: output.writes.unit(),
+            factor: cz_factor(profile, output),
+            grain: (!is_whole).then_some(grain),
+            bias: if is_whole { output.encoding.bias } else { 0 },
+        }
+    }
+
+    /// Step, limit and bias of an output in counts. A reference position is no correction: it is written at once.
+    pub(super) fn bounds(&self, profile: &Profile, output: &Output) -> (i64, i64, i64) {
+        if output.writes == Writes::Reference {
+            return (NO_NUMBER, NO_NUMBER, self.bias);
+        }
+        let guard = &profile.axis(output.axis).settings.guard;
+        let step = self.counts(one_step(profile, output)).abs().max(1);
+        let limit = self.counts(guard.limit.get() * self.factor).abs();
+        (step, limit, self.bias)
+    }
+
+    /// What stands in the register, in counts.
+    pub(super) fn found(&self, registers: &[u16]) -> i64 {
+        match self.grain {
+            None => {
+                self.encoding.counts(registers).map_or(NO_NUMBER, |counts| counts.saturating_add(self.bias))
+            }
+            Some(grain) => match self.encoding.decode(registers) {
+                Ok(value) if (value / grain).abs() < as_float(NO_NUMBER) => nearest(value / grain),
+                _ => NO_NUMBER,
+            },
+        }
+    }
+
+    /// The registers that hold this.
+    pub(super) fn registers(&self, counts: i64) -> Encoded {
+        match self.grain {
+            None => self.encoding.encode_counts(counts.saturating_sub(self.bias)),
+            Some(grain) => self.encoding.encode(as_float(counts) * grain),
+        }
+    }
+
+    /// What the register's value is then, in its unit.
+    pub(super) fn value(&self, counts: i64) -> f64 {
+        match self.grain {
+            None => self.encoding.value_of(counts.saturating_sub(self.bias)),
+            Some(grain) => as_float(counts) * grain,
+        }
+    }
+
+    /// The Cz that it stands for.
+    pub(super) fn cz(&self, counts: i64) -> Micron {
+        Micron::new(self.value(counts) / self.factor).unwrap_or_default()
+    }
+
+    /// The counts from the bias that come nearest to this Cz.
+    pub(super) fn offset(&self, cz: Micron) -> i64 {
+        self.counts(cz.get() * self.factor)
+    }
+
+    /// The counts from the bias that come nearest to this value of the register.
+    pub(super) fn counts(&self, value: f64) -> i64 {
+        self.grain.map_or_else(|| self.encoding.nearest_counts(value), |grain| nearest(value / grain))
+    }
+
+    /// The lowest and the highest count that the register holds.
+    pub(super) fn range(&self) -> (i64, i64) {
+        match self.encoding.range_of_counts().filter(|_| self.grain.is_none()) {
+            Some((low, high)) => (low.saturating_add(self.bias), high.saturating_add(self.bias)),
+            None => (-NO_NUMBER, NO_NUMBER),
+        }
+    }
+
+    /// Values of ours that may still appear in the register, for people.
+    pub(super) fn may_arrive(&self, state: &State) -> Vec<String> {
+        let stands = state.kept().stood;
+        let sent =
+            state.copies().under_way().filter(|sent| sent.answered.is_none() && Some(sent.value) != stands);
+        let mut values: Vec<i64> = sent.map(|sent| sent.value).collect();
+        values.dedup();
+        values.into_iter().map(|value| self.in_text(value)).collect()
+    }
+
+    /// So many counts for people, in the register's unit.
+    pub(super) fn in_text(&self, counts: i64) -> String {
+        let text = match self.grain {
+            _ if counts == NO_NUMBER => return "no number".to_owned(),
+            None => tidy(self.value(counts), &self.encoding),
+            Some(grain) => format!("{:.4}", as_float(counts) * grain),
+        };
+        format!("{text} {}", self.unit)
+    }
+}
+
+/// The largest change of one write, in the output's unit: whole counts, so that rounding cannot add to it.
+fn one_step(profile: &Profile, output: &Output) -> f64 {
+    let most = profile.axis(output.axis).settings.guard.step.get() * cz_factor(profile, output);
+    match output.encoding.data_type.integer_range() {
+        // What makes 3 · 0.1 a little more than 0.3 must not cost a count.
+        Some(_) => {
+            let count = output.encoding.scale.get().abs();
+            (most / count * (1.0 + 1e-12)).floor() * count
+        }
+        None => most,
+    }
+}
+
+/// What an output makes of a decision: Cz, or what the slope comes to at the axis's reach.
+pub(super) fn part(decision: &Decision, writes: Writes) -> Micron {
+    if writes == Writes::Slope { decision.slope } else { decision.cz }
+}
+
+/// What 1 µm is in the register's unit. A diameter changes by twice what the radius does; a slope is its effect at the
+/// axis's reach, divided by that.
+pub(super) fn cz_factor(profile: &Profile, output: &Output) -> f64 {
+    let axis = profile.axis(output.axis);
+    match (output.writes, axis.settings.intercept_slope) {
+        (Writes::Slope, Some(line)) => 1.0 / line.reach.get(),
+        _ if axis.diameter => 2.0,
+        _ => 1.0,
+    }
+}
+
+/// Whether a register holds more than its axis may. The arithmetic between counts and µm must not decide that: half a
+/// count more is the limit itself. A reference position is no correction and has no limit.
+pub(super) fn is_beyond_limit(profile: &Profile, output: &Output, cz: Micron) -> bool {
+    let limit = profile.axis(output.axis).settings.guard.limit.get();
+    let slack = match output.encoding.data_type.integer_range() {
+        Some(_) => 0.5 * output.encoding.scale.get().abs() / cz_factor(profile, output),
+        // What is left of a number in the 24 bits of a float.
+        None => limit * f64::from(f32::EPSILON),
+    };
+    output.writes != Writes::Reference && cz.abs().get() > limit + slack
+}
+
+/// What these registers of an output hold, for people.
+pub(super) fn registers_in_text(output: &Output, registers: &[u16]) -> String {
+    match output.encoding.decode(registers) {
+        Ok(value) => format!("{} {}", tidy(value, &output.encoding), output.writes.unit()),
+        Err(_) => format!("{registers:04x?}"),
+    }
+}
+
+/// As many digits as a count has.
+fn tidy(value: f64, encoding: &Encoding) -> String {
+    let digits = (0..6).find(|digits| encoding.scale.get().abs() * 10f64.powi(*digits) >= 0.999).unwrap_or(6);
+    format!("{value:.*}", usize::try_from(digits).unwrap_or(6))
+}
+
+#[allow(clippy::cast_possible_truncation, reason = "beyond 2^53 counts nothing is near")]
+fn nearest(counts: f64) -> i64 {
+    counts.round() as i64
+}
+
+#[allow(clippy::cast_precision_loss, reason = "no register holds 2^53 counts")]
+fn as_float(counts: i64) -> f64 {
+    counts as f64
+}
