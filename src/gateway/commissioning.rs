@@ -5,7 +5,7 @@
 //! A module that sends hexadecimal counts of its range instead of tenths of a degree sends plausible temperatures.
 //! So nothing is believed of a device whose checks have not all been read and found right.
 
-use isotherm_core::compensation::model::Evaluate;
+use isotherm_core::compensation::model::Model;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{AxisId, Device, DeviceId, Profile};
 
@@ -107,7 +107,7 @@ pub(super) fn is_looked_at(device: &Device) -> bool {
 
 /// The devices that any model of the axis reads, and those that its outputs write to.
 fn devices_of(profile: &Profile, axis: AxisId) -> Vec<DeviceId> {
-    let inputs = profile.axis(axis).settings.models.iter().flat_map(Evaluate::signals);
+    let inputs = profile.axis(axis).settings.models.iter().flat_map(Model::signals);
     let device = |id: SignalId| profile.signal(id).device;
     let written = profile.outputs.iter().filter(|output| output.axis == axis).map(|output| output.device);
     let mut devices: Vec<DeviceId> = inputs.map(device).chain(written).collect();

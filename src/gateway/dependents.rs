@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use isotherm_core::compensation::model::Evaluate;
+use isotherm_core::compensation::model::Model;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{Axis, AxisId, Profile};
 
@@ -25,7 +25,7 @@ pub(super) struct Dependents {
 impl Dependents {
     pub(super) fn new(profile: &Profile) -> Dependents {
         let line = |signal: SignalId| profile.device(profile.signal(signal).device).bus;
-        let inputs = |axis: &Axis| axis.settings.models.iter().map(Evaluate::signals).collect();
+        let inputs = |axis: &Axis| axis.settings.models.iter().map(Model::signals).collect();
         let mut probed = Vec::new();
         let mut probed_on = vec![Vec::new(); profile.buses.len()];
         for (place, axis) in profile.axes.iter().enumerate() {

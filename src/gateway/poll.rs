@@ -24,7 +24,7 @@ use super::inspector::Inspector;
 use super::line_handle::LineHandle;
 use crate::clock::Sleeper;
 use crate::fieldbus::line::DeviceLine;
-use isotherm_core::compensation::model::Evaluate;
+use isotherm_core::compensation::model::Model;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{BusId, DeviceId, Profile, Writes};
@@ -249,7 +249,7 @@ impl LineTask {
 /// The lines on which axes are stepped: where the first input of each is read, or its output is written.
 fn home_lines(profile: &Profile) -> Vec<BusId> {
     let homes = profile.axes.iter().enumerate().map(|(axis, settings)| {
-        let input = settings.settings.models.iter().flat_map(Evaluate::signals).next();
+        let input = settings.settings.models.iter().flat_map(Model::signals).next();
         let input = input.map(|signal| profile.signal(signal).device);
         let output = profile.outputs.iter().find(|output| output.axis.0 == axis).map(|output| output.device);
         input.or(output).map_or(BusId(0), |device| profile.device(device).bus)

@@ -175,7 +175,7 @@ fn probe(shared: &Shared, picture: &Picture, place: usize) -> Option<ProbeStatus
         history: probe.history().map(|entry| (entry.at.to_string(), entry.residual.get())).collect(),
         gains: (settings.models.iter().enumerate())
             .flat_map(|(place, model)| {
-                model.gained().zip(probe.gains(place)).map(|(term, change)| GainStatus {
+                model.correctable().iter().zip(probe.gains(place)).map(|(term, change)| GainStatus {
                     model: model.name.clone(),
                     signal: shared.profile.signal(term.input.signal).name.clone(),
                     change: *change,

@@ -5,7 +5,6 @@ use std::time::Duration;
 
 use isotherm::virtual_machine::Seen;
 use isotherm_core::codec::{Register, Table};
-use isotherm_core::compensation::model::Evaluate;
 use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::{Output, Profile, Share, Signal, Writes};
 

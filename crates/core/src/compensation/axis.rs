@@ -162,7 +162,7 @@ impl Axis {
         machine: &Machine,
     ) -> Result<Evaluated, Unusable> {
         let (model, inputs) = self.model(place, snapshot, machine).ok_or(Unusable::NotANumber)?;
-        model.wants(&inputs)
+        model.evaluate(&inputs)
     }
 
     /// A model, and what it is evaluated from.

@@ -1,4 +1,4 @@
-//! The models: from a snapshot to a raw Cz. Each kind is one file behind [`Evaluate`].
+//! The models: from a snapshot to a raw Cz. Each kind is one file behind [`Evaluate`], and one line in [`Kind::model`].
 
 use crate::reading::SignalId;
 
@@ -10,13 +10,12 @@ mod input;
 mod lag;
 mod linear;
 mod matrix;
-mod taught;
 mod term;
 
 pub use super::reference::Reference;
 pub use envelope::{Beyond, CLEARLY_INSIDE, Coverage, Envelope, Extrapolation, Outside};
 pub use formula::{Condition, Expression, ExpressionError, Formula, Symbol};
-pub use input::Input;
+pub use input::{Input, Rises};
 pub use lag::{Lag, Lagged};
 pub use linear::{Linear, Slope};
 pub use matrix::Matrix;
@@ -40,7 +39,7 @@ pub struct Model {
     pub envelope: Option<Envelope>,
 }
 
-/// The kinds of models.
+/// The kinds of models. A new one is a file beside the others, a variant here and its line in [`Kind::model`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum Kind {
     /// A sum of gains times temperature rises.
@@ -51,6 +50,45 @@ pub enum Kind {
     Matrix(Matrix),
     /// A network of neurons or radial basis functions.
     Network(Network),
+}
+
+impl Kind {
+    /// What computes.
+    fn model(&self) -> &dyn Evaluate {
+        match self {
+            Kind::Linear(model) => model,
+            Kind::Formula(model) => model,
+            Kind::Matrix(model) => model,
+            Kind::Network(model) => model,
+        }
+    }
+}
+
+/// What every kind of model can do.
+pub trait Evaluate {
+    /// The compensation value, from good readings only.
+    ///
+    /// # Errors
+    /// What is missing, or that the result is no finite number.
+    fn evaluate(&self, inputs: &Inputs<'_>) -> Result<Outputs, Unusable>;
+
+    /// The signals it needs.
+    fn signals(&self) -> Vec<SignalId>;
+
+    /// What may lag, in order, one [`Lag`] for each.
+    fn lagging(&self) -> Rises<'_> {
+        Rises::default()
+    }
+
+    /// Where the machine is on what the model has bounds for by itself; `None` where it has none.
+    fn coverage(&self, _: &Snapshot<'_>) -> Option<Coverage> {
+        None
+    }
+
+    /// Itself, where its gains can be corrected by probings.
+    fn correctable(&self) -> Option<&Linear> {
+        None
+    }
 }
 
 /// Why a model has no value now.
@@ -106,43 +144,58 @@ pub struct Evaluated {
     pub coverage: Option<Coverage>,
 }
 
-/// What every kind of model can do.
-pub trait Evaluate {
-    /// The compensation value, from good readings only.
-    ///
-    /// # Errors
-    /// What is missing, or that the result is no finite number.
-    fn evaluate(&self, inputs: &Inputs<'_>) -> Result<Outputs, Unusable>;
-
-    /// The signals it needs.
-    fn signals(&self) -> Vec<SignalId>;
-}
-
 impl Model {
     /// What may lag, in order, one [`Lag`] for each: the inputs of its terms, those of the slope last; of a matrix its
     /// blocks, of a network what it reads.
     pub fn rises(&self) -> impl Iterator<Item = &Input> {
-        let (linear, inputs) = match &self.kind {
-            Kind::Linear(linear) => (Some(linear), &[][..]),
-            Kind::Formula(_) => (None, &[][..]),
-            Kind::Matrix(matrix) => (None, matrix.blocks()),
-            Kind::Network(network) => (None, network.reads()),
-        };
-        linear.into_iter().flat_map(Linear::rises).chain(inputs)
+        self.kind.model().lagging().into_iter()
+    }
+
+    /// The signals it needs.
+    pub fn signals(&self) -> Vec<SignalId> {
+        self.kind.model().signals()
+    }
+
+    /// What it asks for now, wherever its inputs lie.
+    ///
+    /// # Errors
+    /// What is missing, or that the result is no finite number.
+    pub fn outputs(&self, inputs: &Inputs<'_>) -> Result<Outputs, Unusable> {
+        self.kind.model().evaluate(inputs)
     }
 
     /// What it asks for now, and where its inputs lie.
     ///
     /// # Errors
     /// What is missing.
-    pub fn wants(&self, inputs: &Inputs<'_>) -> Result<Evaluated, Unusable> {
-        let outputs = self.evaluate(inputs)?;
-        let envelope = self.envelope.as_ref().map(|envelope| envelope.look(inputs)).transpose()?;
-        let guideway = match &self.kind {
-            Kind::Matrix(matrix) => matrix.coverage(inputs.snapshot),
-            _ => None,
-        };
-        Ok(Evaluated { outputs, coverage: worse(envelope, guideway) })
+    pub fn evaluate(&self, inputs: &Inputs<'_>) -> Result<Evaluated, Unusable> {
+        let outputs = self.outputs(inputs)?;
+        let envelope = self.envelope.as_ref().map(|envelope| envelope.coverage(inputs)).transpose()?;
+        Ok(Evaluated { outputs, coverage: worse(envelope, self.kind.model().coverage(inputs.snapshot)) })
+    }
+
+    /// The terms whose gains can be corrected: those of a linear model, without its slope's.
+    pub fn correctable(&self) -> &[Term] {
+        self.kind.model().correctable().map_or(&[], |linear| &linear.terms)
+    }
+
+    /// What each of them contributes to Cz now, µm; NaN where it contributes nothing that could be used.
+    pub fn parts<'a>(&'a self, inputs: Inputs<'a>) -> impl Iterator<Item = f64> + Clone + 'a {
+        self.correctable().iter().enumerate().map(move |(place, term)| {
+            let lag = inputs.lags.get(place).unwrap_or(&Lag::NONE);
+            term.part(lag, &inputs).unwrap_or(f64::NAN)
+        })
+    }
+
+    /// The offset and the gains that the profile gives a linear model.
+    pub fn numbers(&self) -> impl Iterator<Item = f64> {
+        let linear = self.kind.model().correctable().into_iter();
+        linear.flat_map(|linear| [linear.offset.get()].into_iter().chain(linear.gains()))
+    }
+
+    /// What its rises are measured from.
+    pub fn references(&self) -> impl Iterator<Item = Reference> {
+        self.rises().map(|input| input.reference)
     }
 }
 
@@ -153,25 +206,5 @@ fn worse(envelope: Option<Coverage>, guideway: Option<Coverage>) -> Option<Cover
             guideway
         }
         _ => envelope.or(guideway),
-    }
-}
-
-impl Evaluate for Model {
-    fn evaluate(&self, inputs: &Inputs<'_>) -> Result<Outputs, Unusable> {
-        match &self.kind {
-            Kind::Linear(linear) => linear.evaluate(inputs),
-            Kind::Formula(formula) => formula.evaluate(inputs),
-            Kind::Matrix(matrix) => matrix.evaluate(inputs),
-            Kind::Network(network) => network.evaluate(inputs),
-        }
-    }
-
-    fn signals(&self) -> Vec<SignalId> {
-        match &self.kind {
-            Kind::Linear(linear) => linear.signals(),
-            Kind::Formula(formula) => formula.signals(),
-            Kind::Matrix(matrix) => matrix.signals(),
-            Kind::Network(network) => network.signals(),
-        }
     }
 }

@@ -10,9 +10,7 @@ use crate::place::{child, element};
 use crate::raw::{Carries, Component, InputValue, Inputs, OutsideWord, RawModel};
 use isotherm_core::compensation::model::envelope::Identified;
 use isotherm_core::compensation::model::network::Net;
-use isotherm_core::compensation::model::{
-    Envelope, Evaluate, Input, Matrix, Model, Network, Outside, Reference,
-};
+use isotherm_core::compensation::model::{Envelope, Input, Matrix, Model, Network, Outside, Reference};
 use isotherm_core::quantity::Celsius;
 
 /// 1 mm in µm.

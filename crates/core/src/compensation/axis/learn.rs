@@ -1,7 +1,7 @@
 //! Probings of an axis: judged, learned from, taken back, and begun anew with a new datum.
 
 use super::Axis;
-use crate::compensation::model::{Coverage, Evaluate, Outside, Reference};
+use crate::compensation::model::{Coverage, Outside, Reference};
 use crate::compensation::probe::{Measured, Probed, Refused};
 use crate::compensation::reference::Machine;
 use crate::compensation::settings::{Datum, ProbeSettings};
@@ -51,7 +51,7 @@ impl Axis {
         let mut models = std::mem::take(&mut self.probe.models);
         for (place, learned) in models.iter_mut().enumerate() {
             let Some((model, inputs)) = self.model(place, snapshot, machine) else { continue };
-            if learned.renews(snapshot.now) && model.evaluate(&inputs).is_ok() {
+            if learned.renews(snapshot.now) && model.outputs(&inputs).is_ok() {
                 learned.begin_here(model.parts(inputs), settings);
             }
         }
@@ -91,7 +91,7 @@ impl Axis {
         let mut models = std::mem::take(&mut self.probe.models);
         for (place, learned) in models.iter_mut().enumerate() {
             let Some((model, inputs)) = self.model(place, snapshot, machine) else { continue };
-            let Ok(evaluated) = model.wants(&inputs) else { continue };
+            let Ok(evaluated) = model.evaluate(&inputs) else { continue };
             if is_left(evaluated.coverage) {
                 continue;
             }

@@ -150,7 +150,7 @@ impl Envelope {
     ///
     /// # Errors
     /// A signal that cannot be used, a reference that has not been captured.
-    pub fn look(&self, inputs: &Inputs<'_>) -> Result<Coverage, Unusable> {
+    pub fn coverage(&self, inputs: &Inputs<'_>) -> Result<Coverage, Unusable> {
         let mut rises = [0.0; MOST];
         for (rise, identified) in rises.iter_mut().zip(&self.inputs) {
             *rise = identified.input.rise(inputs, &Lag::NONE)?.get();

@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use super::{Inputs, Lag, Unusable};
+use super::{Inputs, Lag, Term, Unusable};
 use crate::compensation::reference::Reference;
-use crate::quantity::Celsius;
+use crate::quantity::{Celsius, MicronPerMillimetreCelsius};
 use crate::reading::SignalId;
 
 /// A signal less its reference, at once or behind a lag.
@@ -16,6 +16,24 @@ pub struct Input {
     pub reference: Reference,
     /// Time constant C of the first-order lag, above zero; `None`: the rise acts at once. An envelope's inputs have none.
     pub lag: Option<Duration>,
+}
+
+/// What of a model may lag, in the order of its lags.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Rises<'a> {
+    /// Terms of a sum.
+    pub terms: &'a [Term],
+    /// Those of the slope.
+    pub slope: &'a [Term<MicronPerMillimetreCelsius>],
+    /// Inputs that are no terms.
+    pub inputs: &'a [Input],
+}
+
+impl<'a> Rises<'a> {
+    pub(super) fn into_iter(self) -> impl Iterator<Item = &'a Input> {
+        let terms = self.terms.iter().map(|term| &term.input);
+        terms.chain(self.slope.iter().map(|term| &term.input)).chain(self.inputs)
+    }
 }
 
 impl Input {

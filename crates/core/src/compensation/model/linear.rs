@@ -6,7 +6,7 @@
 
 use std::ops::Mul;
 
-use super::{Evaluate, Input, Inputs, Lag, Outputs, Term, Unusable};
+use super::{Evaluate, Input, Inputs, Lag, Outputs, Rises, Term, Unusable};
 use crate::quantity::{Celsius, Micron, MicronPerMillimetreCelsius, Millimetre};
 use crate::reading::SignalId;
 
@@ -37,8 +37,7 @@ pub struct Slope {
 impl Linear {
     /// The inputs of its terms, those of the slope last: one [`Lag`] belongs to each.
     pub fn rises(&self) -> impl Iterator<Item = &Input> {
-        let slope = self.slope.iter().flat_map(|slope| &slope.terms);
-        self.terms.iter().map(|term| &term.input).chain(slope.map(|term| &term.input))
+        self.lagging().into_iter()
     }
 
     /// The gains of its terms in µm/°C, those of the slope last, in µm/mm/°C.
@@ -64,6 +63,15 @@ impl Evaluate for Linear {
     fn signals(&self) -> Vec<SignalId> {
         let positions = self.slope.iter().map(|slope| slope.position);
         self.rises().map(|input| input.signal).chain(positions).collect()
+    }
+
+    fn lagging(&self) -> Rises<'_> {
+        let slope = self.slope.as_ref().map_or(&[][..], |slope| &slope.terms);
+        Rises { terms: &self.terms, slope, inputs: &[] }
+    }
+
+    fn correctable(&self) -> Option<&Linear> {
+        Some(self)
     }
 }
 

@@ -3,9 +3,11 @@
 //!
 //! P comes from a finite-element model of the structure; what is kept here of it is the one component that acts on
 //! the axis, as gains of Cz. Between two points of the guideway Cz is interpolated linearly; beyond its ends it stays
-//! what it is at the end, and [`Matrix::coverage`] says so.
+//! what it is at the end, and [`Evaluate::coverage`] says so.
 
-use super::{Beyond, Coverage, Evaluate, Extrapolation, Input, Inputs, Lag, Outputs, Outside, Unusable};
+use super::{
+    Beyond, Coverage, Evaluate, Extrapolation, Input, Inputs, Lag, Outputs, Outside, Rises, Unusable,
+};
 use crate::compensation::Snapshot;
 use crate::quantity::{MicronPerCelsius, Millimetre};
 use crate::reading::SignalId;
@@ -89,23 +91,6 @@ impl Matrix {
         };
         row(low).iter().zip(row(high)).map(between)
     }
-
-    /// Where the axis is on the guideway, or beyond an end of it; `None` where its position is not known.
-    pub fn coverage(&self, snapshot: &Snapshot<'_>) -> Option<Coverage> {
-        let position = snapshot.value(self.position)?;
-        let (first, last) = (self.ends().0.get(), self.ends().1.get());
-        let by = position - position.clamp(first, last);
-        let found = Extrapolation {
-            distance: None,
-            farthest: Some(Beyond { signal: self.position, by }),
-            outside: Outside::Warn,
-            gain: 1.0,
-        };
-        // A guideway of a single point has no length to take a share of: it counts as 1 mm.
-        let length = if last > first { last - first } else { 1.0 };
-        let excess = ((first - position).max(position - last) / length).min(f64::MAX);
-        Some(Coverage { excess, extrapolating: (by.abs() > 0.0).then_some(found) })
-    }
 }
 
 const ASCENDING: std::cmp::Ordering = std::cmp::Ordering::Less;
@@ -123,6 +108,27 @@ impl Evaluate for Matrix {
 
     fn signals(&self) -> Vec<SignalId> {
         self.inputs.iter().map(|input| input.signal).chain([self.position]).collect()
+    }
+
+    fn lagging(&self) -> Rises<'_> {
+        Rises { inputs: &self.inputs, ..Rises::default() }
+    }
+
+    /// Where the axis is on the guideway, or beyond an end of it; `None` where its position is not known.
+    fn coverage(&self, snapshot: &Snapshot<'_>) -> Option<Coverage> {
+        let position = snapshot.value(self.position)?;
+        let (first, last) = (self.ends().0.get(), self.ends().1.get());
+        let by = position - position.clamp(first, last);
+        let found = Extrapolation {
+            distance: None,
+            farthest: Some(Beyond { signal: self.position, by }),
+            outside: Outside::Warn,
+            gain: 1.0,
+        };
+        // A guideway of a single point has no length to take a share of: it counts as 1 mm.
+        let length = if last > first { last - first } else { 1.0 };
+        let excess = ((first - position).max(position - last) / length).min(f64::MAX);
+        Some(Coverage { excess, extrapolating: (by.abs() > 0.0).then_some(found) })
     }
 }
 

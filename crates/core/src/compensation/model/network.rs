@@ -4,7 +4,7 @@
 //! Inputs are temperatures, positions, speeds, each less its reference, in the signal's unit; the result is Cz in µm.
 //! Scaling is the network's own: part of the weights, or of the ONNX graph.
 
-use super::{Evaluate, Input, Inputs, Lag, Outputs, Unusable};
+use super::{Evaluate, Input, Inputs, Lag, Outputs, Rises, Unusable};
 use crate::reading::SignalId;
 
 mod layers;
@@ -114,6 +114,10 @@ impl Evaluate for Network {
 
     fn signals(&self) -> Vec<SignalId> {
         self.inputs.iter().map(|input| input.signal).collect()
+    }
+
+    fn lagging(&self) -> Rises<'_> {
+        Rises { inputs: &self.inputs, ..Rises::default() }
     }
 }
 

@@ -18,8 +18,8 @@ pub(in crate::compensation) struct Learned {
 impl Learned {
     pub(super) fn new(model: &Model, settings: Option<&ProbeSettings>) -> Learned {
         let gains = settings.and_then(|settings| settings.gains.map(|gains| (gains, settings.limit.get())));
-        let gains = gains.filter(|_| model.gained().next().is_some());
-        let gains = gains.map(|(gains, limit)| Gains::new(model.gained().count(), gains.limit, limit));
+        let gains = gains.filter(|_| !model.correctable().is_empty());
+        let gains = gains.map(|(gains, limit)| Gains::new(model.correctable().len(), gains.limit, limit));
         Learned { offset: 0.0, gains, renews: None }
     }
 

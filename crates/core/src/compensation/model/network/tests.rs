@@ -93,7 +93,7 @@ fn inputs_are_rises_and_a_result_that_is_no_number_is_none() {
         let readings = [Reading::good(a, now), Reading::good(b, now)];
         let (snapshot, machine) = (Snapshot { now, readings: &readings }, Machine::default());
         let known = Inputs { snapshot: &snapshot, machine: &machine, lags: &[], splits_slope: false };
-        model.wants(&known).map(|evaluated| evaluated.outputs.cz.get())
+        model.evaluate(&known).map(|evaluated| evaluated.outputs.cz.get())
     };
     let tanh = layers(Activation::Tanh);
     close(ask(&model(tanh.clone()), 27.5, 80.0).unwrap(), tanh.output(&[26.0, 80.0]));
