@@ -44,7 +44,7 @@ fn main() {
             let found = identify(&ready, &settings, None, false, &progress).unwrap();
             ranges.push(format!(
                 "{axis} {:.1} of {:.1} µm",
-                found.mean_range_um, found.uncompensated.mean_range_um
+                found.means.mean_range_um, found.uncompensated.mean_range_um
             ));
         }
         let seconds = clock.now().since(begun).as_secs_f64();

@@ -211,7 +211,7 @@ fn find(
         let page = report::identified(&subject);
         std::fs::write(path, page).with_context(|| format!("cannot write {}", path.display()))?;
     }
-    let document = || serde_json::to_value(document(profile, &ready.campaign, &found, Clock::wall().now()));
+    let document = || serde_json::to_value(document(profile, &ready, &found, Clock::wall().now()));
     let document = arguments.json.then(document).transpose().map_err(anyhow::Error::from)?;
     Ok((found, document))
 }

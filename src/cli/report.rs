@@ -8,7 +8,7 @@ use anyhow::Context;
 
 use super::{Failure, load_with, print_json};
 use crate::clock::Clock;
-use isotherm_identify::applied::{Applied, beside};
+use isotherm_identify::applied::{Applied, add_without_cz};
 use isotherm_identify::dataset::{Dataset, Split};
 use isotherm_identify::drift::{Test, drift};
 use isotherm_identify::report;
@@ -92,7 +92,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut dataset = Dataset::read(&arguments.logs, &split, &unit).map_err(anyhow::Error::from)?;
     let applied = arguments.cz.as_deref().map(Applied::named).unwrap_or_default();
     let mut displacements = arguments.displacement.clone();
-    beside(&mut dataset, profile.as_ref(), &mut displacements, &applied).map_err(anyhow::Error::from)?;
+    add_without_cz(&mut dataset, profile.as_ref(), &mut displacements, &applied)
+        .map_err(anyhow::Error::from)?;
     let drifts = drift(&dataset, &displacements, arguments.test.map(TestWord::test), &unit)
         .map_err(anyhow::Error::from)?;
     if let Some(path) = &arguments.report {

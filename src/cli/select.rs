@@ -9,7 +9,7 @@ use anyhow::Context;
 use super::identify::progress;
 use super::{Failure, print_json};
 use crate::clock::Clock;
-use isotherm_identify::applied::{Applied, bare};
+use isotherm_identify::applied::{Applied, without_cz};
 use isotherm_identify::dataset::{Dataset, Split};
 use isotherm_identify::report;
 use isotherm_identify::select::{Choice, Selected, Settings, points, select};
@@ -87,7 +87,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let split = Split { column: arguments.run_column.clone(), gap: arguments.gap };
     let mut dataset = Dataset::read(&arguments.logs, &split, &|_| None).map_err(anyhow::Error::from)?;
     let applied = arguments.cz.as_deref().map(Applied::named).unwrap_or_default();
-    bare(&mut dataset, &arguments.error, None, None, &applied).map_err(anyhow::Error::from)?;
+    without_cz(&mut dataset, &arguments.error, None, None, &applied).map_err(anyhow::Error::from)?;
     let choice = Choice {
         error: arguments.error.clone(),
         inputs: arguments.inputs.clone(),

@@ -1,5 +1,5 @@
+use isotherm_identify::Learned;
 use isotherm_identify::faults::Repaired;
-use isotherm_identify::learn::Learned;
 use isotherm_identify::method::Settings;
 
 use super::rig::{Day, Machine, Part, dataset, found, profile};
@@ -95,7 +95,7 @@ fn a_faulty_sensor_that_is_not_needed_costs_nothing() {
     broken[2].temperatures[3][125..].iter_mut().for_each(|value| *value += 28.0);
     let range = |days: &[Day]| {
         let logs: Vec<String> = days.iter().map(Day::log).collect();
-        found(5, &logs, &Settings::default()).mean_range_um
+        found(5, &logs, &Settings::default()).means.mean_range_um
     };
     let (clean, broken) = (range(&clean), range(&broken));
     assert!(broken < 1.1 * clean, "{clean} {broken}");
@@ -146,7 +146,7 @@ fn a_faulty_sensor_that_the_model_needs_is_named_and_costs_less_than_a_tenth() {
             assert_eq!((mended.signal.as_str(), mended.run.as_str()), ("s0", format!("day{run}").as_str()));
             assert!(mended.fault.starts_with(word), "{mended:?}");
             assert_eq!(found.excluded, [], "{word}");
-            let (cost, clean) = (found.mean_rmse_um, good.mean_rmse_um);
+            let (cost, clean) = (found.means.mean_rmse_um, good.means.mean_rmse_um);
             println!("{word} in day{run}: {cost:.3} against {clean:.3} um");
             assert!(cost < 1.1 * clean, "{word} in day{run}: {cost} um against {clean} um");
         }

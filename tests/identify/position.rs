@@ -95,7 +95,7 @@ fn a_slope_that_lags_and_a_level_that_does_not_are_found_with_the_sign_of_cz() {
     let largest = largest.unwrap();
     assert_eq!((largest.signal.as_str(), largest.lag_s), ("s0", 1500.0), "{:?}", found.terms);
     assert!(largest.se > 0.0 && largest.se < 0.001, "{largest:?}");
-    assert!(found.worst_range_um < 1.5 && found.uncompensated.mean_range_um > 15.0, "{:?}", found.runs);
+    assert!(found.means.worst_range_um < 1.5 && found.uncompensated.mean_range_um > 15.0, "{:?}", found.runs);
 }
 
 #[test]
@@ -103,7 +103,7 @@ fn what_is_wrong_with_a_scale_from_the_start_is_no_drift() {
     let pitch = |place: f64| 15.0 * (place / 70.0).sin();
     let found = found(&days(5, 0.1, four_places, pitch), &by_position()).unwrap();
     assert_true(&found, "with an error of pitch");
-    assert!(found.worst_range_um < 1.5, "{:?}", found.runs);
+    assert!(found.means.worst_range_um < 1.5, "{:?}", found.runs);
 }
 
 #[test]
@@ -113,7 +113,7 @@ fn a_place_first_visited_when_the_machine_is_warm_counts_from_there_with_its_tem
     let pitch = |place: f64| 0.1 * place;
     let found = found(&days(5, 0.05, late, pitch), &by_position()).unwrap();
     assert_true(&found, "late places");
-    assert!(found.worst_range_um < 1.5, "{:?}", found.runs);
+    assert!(found.means.worst_range_um < 1.5, "{:?}", found.runs);
 }
 
 #[test]
@@ -122,10 +122,10 @@ fn lags_leave_a_third_and_with_two_terms_they_are_the_two_that_the_days_were_mad
     let at_once = Settings { lags: vec![None], ..by_position() };
     let (plain, lagged) = (found(&days, &at_once).unwrap(), found(&days, &by_position()).unwrap());
     assert!(
-        lagged.mean_range_um < 0.3 * plain.mean_range_um,
+        lagged.means.mean_range_um < 0.3 * plain.means.mean_range_um,
         "{} {}",
-        lagged.mean_range_um,
-        plain.mean_range_um
+        lagged.means.mean_range_um,
+        plain.means.mean_range_um
     );
     let two = found(&days, &Settings { terms: Some(2), ..by_position() }).unwrap();
     let chosen: Vec<(&str, bool)> = two.terms.iter().map(|term| (term.signal.as_str(), term.slope)).collect();

@@ -26,7 +26,7 @@ fn least_squares_gives_the_gains_that_the_days_were_made_of_with_the_sign_of_cz(
         let term = found.terms.iter().find(|term| term.signal == name).unwrap();
         assert!((term.gain - truth).abs() < 1e-9, "{name}: {} is not {truth}", term.gain);
     }
-    assert!(found.worst_range_um < 1e-6 && found.uncompensated.mean_range_um > 5.0);
+    assert!(found.means.worst_range_um < 1e-6 && found.uncompensated.mean_range_um > 5.0);
 }
 
 #[test]
@@ -75,7 +75,7 @@ fn m4_time_constants_are_found_though_they_are_not_in_the_bank() {
         assert!((term.gain + part.gain).abs() < 0.05, "{term:?}");
         assert!(term.se > 0.0 && term.se < 0.1, "the fits without one day differ: {term:?}");
     }
-    assert!(found.worst_range_um < 1.0, "{:?}", found.runs);
+    assert!(found.means.worst_range_um < 1.0, "{:?}", found.runs);
 }
 
 #[test]
@@ -86,13 +86,13 @@ fn the_default_finds_a_lagging_machine_that_least_squares_does_not() {
     let plain = found(4, &days, &by(Method::Ols));
     let lagged = found(4, &days, &by(Method::SparseLag));
     assert!(
-        lagged.mean_range_um < 0.5 * plain.mean_range_um,
+        lagged.means.mean_range_um < 0.5 * plain.means.mean_range_um,
         "{} {}",
-        lagged.mean_range_um,
-        plain.mean_range_um
+        lagged.means.mean_range_um,
+        plain.means.mean_range_um
     );
     let ridge = found(4, &days, &by(Method::RidgeLag));
-    assert!(ridge.mean_range_um < 0.5 * plain.mean_range_um, "{}", ridge.mean_range_um);
+    assert!(ridge.means.mean_range_um < 0.5 * plain.means.mean_range_um, "{}", ridge.means.mean_range_um);
 }
 
 #[test]

@@ -1,18 +1,13 @@
 //! Which columns say the same: correlations over all runs, and groups of what is correlated.
 
 use crate::bank::Bank;
-use crate::learn::plain;
-use crate::statistics::count;
+use crate::statistics::mean;
 
 /// Correlations of the rises of these inputs with each other, and last with the error e; over the rows of all runs.
-pub fn correlations(bank: &Bank, inputs: &[usize]) -> Vec<Vec<f64>> {
-    let columns: Vec<usize> = inputs.iter().filter_map(|input| plain(bank, *input)).collect();
-    let rows = |column: usize| {
-        bank.runs.iter().flat_map(move |run| run.rises.column(column).iter().copied().collect::<Vec<f64>>())
-    };
-    let mut series: Vec<Vec<f64>> = columns.iter().map(|column| rows(*column).collect()).collect();
-    series.push(bank.runs.iter().flat_map(|run| run.wanted.iter().map(|wanted| -wanted)).collect());
-    let series: Vec<Vec<f64>> = series.iter().map(|values| centred(values)).collect();
+pub(crate) fn correlations(bank: &Bank, inputs: &[usize]) -> Vec<Vec<f64>> {
+    let columns = inputs.iter().filter_map(|input| bank.plain(*input));
+    let series = columns.map(|column| bank.rises(column)).chain([bank.errors()]);
+    let series: Vec<Vec<f64>> = series.map(|values| normalized(&values)).collect();
     let product =
         |one: &[f64], other: &[f64]| one.iter().zip(other).map(|(one, other)| one * other).sum::<f64>();
     series
@@ -22,8 +17,8 @@ pub fn correlations(bank: &Bank, inputs: &[usize]) -> Vec<Vec<f64>> {
 }
 
 /// Less its mean, of length 1; zeros where it never moves.
-fn centred(values: &[f64]) -> Vec<f64> {
-    let mean = values.iter().sum::<f64>() / count(values.len()).max(1.0);
+fn normalized(values: &[f64]) -> Vec<f64> {
+    let mean = mean(values);
     let length = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>().sqrt();
     let scale = if length > 1e-12 { 1.0 / length } else { 0.0 };
     values.iter().map(|value| (value - mean) * scale).collect()
@@ -31,7 +26,7 @@ fn centred(values: &[f64]) -> Vec<f64> {
 
 /// Groups in which every two are correlated at least so, up or down (complete linkage: the two groups whose most distant
 /// pair is closest are joined first). The members in their order; the groups by their first member.
-pub fn groups(correlations: &[Vec<f64>], members: usize, least: f64) -> Vec<Vec<usize>> {
+pub(crate) fn groups(correlations: &[Vec<f64>], members: usize, least: f64) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = (0..members).map(|member| vec![member]).collect();
     let weakest = |one: &[usize], other: &[usize]| {
         let pairs = one.iter().flat_map(|a| other.iter().map(|b| correlations[*a][*b].abs()));
@@ -56,7 +51,7 @@ pub fn groups(correlations: &[Vec<f64>], members: usize, least: f64) -> Vec<Vec<
 }
 
 /// An order in which what is alike stands together: groups within looser groups.
-pub fn order(correlations: &[Vec<f64>], members: usize) -> Vec<usize> {
+pub(crate) fn order(correlations: &[Vec<f64>], members: usize) -> Vec<usize> {
     let mut order: Vec<usize> = (0..members).collect();
     let levels: Vec<Vec<Vec<usize>>> =
         [0.3, 0.5, 0.7, 0.9].iter().map(|least| groups(correlations, members, *least)).collect();

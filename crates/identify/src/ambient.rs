@@ -4,19 +4,10 @@
 //! What it tells of the error goes with the clock rather than with the machine. Only what all of these say is told; a hall
 //! that warms while the machine does cannot be told apart from it.
 
-use serde::Serialize;
-
 use crate::dataset::{Column, Dataset, Kind, Run};
-use crate::statistics::{count, median, range};
-
-/// A sensor like the air, and why.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct AmbientLike {
-    /// The column.
-    pub signal: String,
-    /// In words, with figures.
-    pub reason: String,
-}
+use crate::faults::Finding;
+use crate::minutes::Minutes;
+use crate::statistics::{count, mean, median, range};
 
 const MINUTE: f64 = 60.0;
 /// How long after a start a machine's own heat shows at its sensors.
@@ -37,7 +28,7 @@ const NO_AIR: f64 = 1.0;
 const MOVES: f64 = 0.2;
 
 /// One run, minute by minute: empty minutes have the value before.
-struct Minutes {
+struct Courses {
     load: Vec<f64>,
     error: Vec<f64>,
     sensors: Vec<Vec<f64>>,
@@ -68,9 +59,9 @@ pub(crate) fn is_ambient(name: &str) -> bool {
 }
 
 /// Those of these columns that behave like the air; none where no speed ever starts.
-pub fn find(dataset: &Dataset, columns: &[usize], error: usize) -> Vec<AmbientLike> {
+pub(crate) fn find(dataset: &Dataset, columns: &[usize], error: usize) -> Vec<Finding> {
     let Some(load) = load(dataset) else { return Vec::new() };
-    let runs: Vec<Minutes> = dataset.runs.iter().map(|run| minutes(run, load, error, columns)).collect();
+    let runs: Vec<Courses> = dataset.runs.iter().map(|run| courses(run, load, error, columns)).collect();
     let starts: usize = runs.iter().map(|run| starts(run).len()).sum();
     if starts < STARTS {
         return Vec::new();
@@ -85,7 +76,7 @@ pub fn find(dataset: &Dataset, columns: &[usize], error: usize) -> Vec<AmbientLi
             && of.load < UNRELATED * of.time
             && of.time > of.error * of.error
     };
-    let like = |(column, of): (&usize, &Figures)| AmbientLike {
+    let like = |(column, of): (&usize, &Figures)| Finding {
         signal: dataset.columns[*column].name.clone(),
         reason: format!(
             "behaves like the air around the machine: after the {starts} starts of {} it warms by {:+.2} °C in \
@@ -114,37 +105,32 @@ fn load(dataset: &Dataset) -> Option<usize> {
     speeds.filter(|column| turns(*column) > 0).max_by_key(|column| turns(*column))
 }
 
-fn minutes(run: &Run, load: usize, error: usize, columns: &[usize]) -> Minutes {
-    let series = |column: usize| by_minute(run, column);
-    Minutes {
-        load: series(load).into_iter().map(f64::abs).collect(),
-        error: series(error),
-        sensors: columns.iter().map(|column| series(*column)).collect(),
+fn courses(run: &Run, load: usize, error: usize, columns: &[usize]) -> Courses {
+    Courses {
+        load: by_minute(run, load).into_iter().map(f64::abs).collect(),
+        error: by_minute(run, error),
+        sensors: columns.iter().map(|column| by_minute(run, *column)).collect(),
     }
 }
 
 fn by_minute(run: &Run, column: usize) -> Vec<f64> {
-    let lasts = run.lasts().as_secs_f64() / MINUTE;
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a run's length in minutes")]
-    let whole = lasts.clamp(0.0, 1e6) as usize + 1;
-    let mut sums = vec![(0.0, 0.0); whole];
-    for (second, value) in run.seconds().zip(&run.values[column]).filter(|(_, value)| value.is_finite()) {
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a minute of the run")]
-        let minute = ((second / MINUTE) as usize).min(whole - 1);
-        sums[minute] = (sums[minute].0 + value, sums[minute].1 + 1.0);
+    let minute = |second: f64| (second / MINUTE).clamp(0.0, 1e6) as usize;
+    let minutes = Minutes::of(run, column);
+    let mut course = vec![f64::NAN; minute(run.lasts().as_secs_f64()) + 1];
+    for (second, value) in minutes.seconds.iter().zip(&minutes.values) {
+        course[minute(*second)] = *value;
     }
-    let mut last = sums.iter().find(|(_, rows)| *rows > 0.0).map_or(0.0, |(sum, rows)| sum / rows);
-    let mut fill = |(sum, rows): &(f64, f64)| {
-        if *rows > 0.0 {
-            last = sum / rows;
-        }
-        last
-    };
-    sums.iter().map(&mut fill).collect()
+    let mut last = minutes.values.first().copied().unwrap_or(0.0);
+    for value in &mut course {
+        last = if value.is_nan() { last } else { *value };
+        *value = last;
+    }
+    course
 }
 
 /// Where the load comes from rest, with as much time before and after.
-fn starts(run: &Minutes) -> Vec<usize> {
+fn starts(run: &Courses) -> Vec<usize> {
     let fastest = run.load.iter().copied().fold(0.0, f64::max);
     let turns = |minute: usize| run.load[minute] > 0.1 * fastest && run.load[minute] > 1.0;
     let begins = |minute: &usize| {
@@ -153,7 +139,7 @@ fn starts(run: &Minutes) -> Vec<usize> {
     (AFTER_START..run.load.len().saturating_sub(AFTER_START)).filter(begins).collect()
 }
 
-fn figures(runs: &[Minutes], sensor: usize) -> Figures {
+fn figures(runs: &[Courses], sensor: usize) -> Figures {
     let mut kicks = Vec::new();
     let (mut fastest, mut widest) = (0.0_f64, 0.0_f64);
     for run in runs {
@@ -169,7 +155,7 @@ fn figures(runs: &[Minutes], sensor: usize) -> Figures {
     let rises: Vec<Vec<f64>> = runs.iter().map(|run| centred(&run.sensors[sensor])).collect();
     let errors: Vec<Vec<f64>> = runs.iter().map(|run| centred(&run.error)).collect();
     let by_lag = |minutes: &f64| {
-        let follow = |run: &Minutes| centred(&lagged(&run.load, *minutes));
+        let follow = |run: &Courses| centred(&lagged(&run.load, *minutes));
         correlation(&rises, &runs.iter().map(follow).collect::<Vec<_>>()).powi(2)
     };
     Figures {
@@ -194,7 +180,7 @@ fn lagged(load: &[f64], minutes: f64) -> Vec<f64> {
 }
 
 fn centred(values: &[f64]) -> Vec<f64> {
-    let mean = values.iter().sum::<f64>() / count(values.len()).max(1.0);
+    let mean = mean(values);
     values.iter().map(|value| value - mean).collect()
 }
 

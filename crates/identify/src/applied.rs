@@ -1,8 +1,11 @@
 //! Errors that were measured while a compensation acted have its Cz in them: e + Cz. A model is learnt from e alone.
 
-use crate::dataset::{BadLog, Column, Dataset, Kind, Run};
-use crate::statistics::range;
+use crate::dataset::{BadLog, Column, Dataset, Kind};
+use crate::statistics::least_and_most;
 use isotherm_profile::{Profile, Writes};
+
+/// µm: a Cz that moves less did nothing.
+const STANDS_STILL: f64 = 1e-9;
 
 /// Where the Cz stands that acted on the measured error.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -23,26 +26,26 @@ impl Applied {
     }
 }
 
-/// Whether the outputs of an axis move the machine, as far as its profile tells; one that only corrects a readout moves
-/// nothing by itself. `None`: it depends on how the error was measured.
-pub fn moves_the_machine(profile: &Profile, axis: &str) -> Option<bool> {
+/// Whether the outputs of an axis move the machine, as far as its profile knows; one that only corrects a DRO (readout)
+/// moves nothing by itself. `None`: it depends on how the error was measured.
+pub(crate) fn moves_the_machine(profile: &Profile, axis: &str) -> Option<bool> {
     let place = profile.axes.iter().position(|known| known.settings.name == axis)?;
     let outputs = profile.outputs.iter().filter(|output| output.axis.0 == place);
-    let corrects = |writes: Writes| matches!(writes, Writes::Corrected { .. });
-    let of_readout = outputs.clone().filter(|output| corrects(output.writes)).count();
-    match (outputs.count(), of_readout) {
-        (0, _) => Some(false),
-        (_, 0) => Some(true),
-        _ => None,
+    let corrects: Vec<bool> =
+        outputs.map(|output| matches!(output.writes, Writes::Corrected { .. })).collect();
+    match corrects.contains(&true) {
+        true => None,
+        false => Some(!corrects.is_empty()),
     }
 }
 
-/// The column with the Cz that acted on this error, if any moved. `axis` where it is known; `moves` as
-/// [`moves_the_machine`] says.
-///
-/// # Errors
-/// What acted cannot be known: a sentence that says which option tells it.
-pub fn acting(
+/// The axis that a column of errors is named for.
+fn axis_of(error: &str) -> Option<&str> {
+    ["_error_um", "_measured_um"].iter().find_map(|end| error.strip_suffix(end))
+}
+
+/// The column with the Cz that acted on this error, if any moved.
+fn acting(
     dataset: &Dataset,
     error: &str,
     axis: Option<&str>,
@@ -50,7 +53,7 @@ pub fn acting(
     applied: &Applied,
 ) -> Result<Option<usize>, BadLog> {
     let refused = |why: String| Err(BadLog(vec![why]));
-    let axis = axis.or_else(|| ["_error_um", "_measured_um"].iter().find_map(|end| error.strip_suffix(end)));
+    let axis = axis.or_else(|| axis_of(error));
     match applied {
         Applied::Nothing => return Ok(None),
         Applied::Column(name) => {
@@ -61,45 +64,39 @@ pub fn acting(
         }
         Applied::AsLogged => {}
     }
-    let (mut logged, mut foreign) = (Vec::new(), Vec::new());
-    for (place, column) in dataset.columns.iter().enumerate() {
-        let of_axis = |end: &str| match axis {
-            Some(axis) => column.name == format!("{axis}{end}"),
-            None => column.name.ends_with(end),
-        };
-        if !moved(dataset, place) {
-            continue;
-        }
-        match column.kind {
-            Kind::Compensation if of_axis("_slope_um") => {
-                return refused(format!(
-                    "{} moved: the control applied a slope, whose part in {error} depends on where the axis was; leave \
-                     these logs out, or say --cz none where nothing acted on it",
-                    column.name
-                ));
-            }
-            Kind::Compensation if of_axis("_cz_um") => logged.push(place),
-            kind if kind != Kind::Compensation && of_axis("_cz_um") => foreign.push(place),
-            _ => {}
-        }
-    }
+    let moved = |end: &str| -> Vec<usize> {
+        let is_of_axis =
+            |name: &str| name.strip_suffix(end).is_some_and(|own| axis.is_none_or(|axis| own == axis));
+        let moved = |place: usize| dataset.runs.iter().any(|run| run.range(place) > STANDS_STILL);
+        let columns = dataset.columns.iter().enumerate().filter(|(_, column)| is_of_axis(&column.name));
+        columns.map(|(place, _)| place).filter(|place| moved(*place)).collect()
+    };
+    let is_logged = |place: &usize| dataset.columns[*place].kind == Kind::Compensation;
     let names = |places: &[usize]| {
         let names: Vec<&str> = places.iter().map(|place| dataset.columns[*place].name.as_str()).collect();
         names.join(", ")
     };
-    if !foreign.is_empty() {
+    if let Some(slope) = moved("_slope_um").into_iter().find(is_logged) {
+        return refused(format!(
+            "{} moved: the control applied a slope, whose part in {error} depends on where the axis was; leave \
+             these logs out, or say --cz none where nothing acted on it",
+            names(&[slope])
+        ));
+    }
+    let (logged, foreign): (Vec<usize>, Vec<usize>) = moved("_cz_um").into_iter().partition(is_logged);
+    if let Some(first) = foreign.first() {
         return refused(format!(
             "{} moved, but the log is not as the gateway writes it: whether that Cz acted on {error} is not known; say \
              --cz {} where it did, or --cz none",
             names(&foreign),
-            dataset.columns[foreign[0]].name
+            names(&[*first])
         ));
     }
     match (logged.as_slice(), moves) {
         ([], _) | (_, Some(false)) => Ok(None),
         ([one], Some(true)) => Ok(Some(*one)),
         ([one], None) => {
-            let name = &dataset.columns[*one].name;
+            let name = names(&[*one]);
             refused(format!(
                 "{name} moved, and whether it is in {error} is not known without the profile, or where a readout was \
                  corrected: say --cz {name} where the axis went by it, or --cz none where the error was measured on the \
@@ -113,46 +110,31 @@ pub fn acting(
     }
 }
 
-fn moved(dataset: &Dataset, column: usize) -> bool {
-    const STANDS: f64 = 1e-9;
-    let finite = |run: &Run| -> Vec<f64> {
-        run.values[column].iter().copied().filter(|value| value.is_finite()).collect()
-    };
-    dataset.runs.iter().any(|run| range(&finite(run)) > STANDS)
-}
-
 /// Takes the Cz of this column out of the measured error, row by row: from where to where it went, µm. A run without the
 /// column was measured without it. Rows in which it is not known have no error.
-pub fn take_out(dataset: &mut Dataset, error: usize, column: usize) -> Option<(f64, f64)> {
-    let mut least_and_most: Option<(f64, f64)> = None;
+fn take_out(dataset: &mut Dataset, error: usize, column: usize) -> Option<(f64, f64)> {
     for run in &mut dataset.runs {
         let cz = run.values[column].clone();
-        if !cz.iter().any(|cz| cz.is_finite()) {
-            continue;
-        }
-        for (error, cz) in run.values[error].iter_mut().zip(cz) {
-            *error -= cz;
-            if cz.is_finite() {
-                let (least, most) = least_and_most.unwrap_or((cz, cz));
-                least_and_most = Some((least.min(cz), most.max(cz)));
-            }
+        if cz.iter().any(|cz| cz.is_finite()) {
+            run.values[error].iter_mut().zip(cz).for_each(|(error, cz)| *error -= cz);
         }
     }
-    least_and_most
+    least_and_most(dataset.runs.iter().flat_map(|run| &run.values[column]))
 }
 
-/// The error as it is without the Cz that acted on it; a sentence among the remarks says so.
+/// The error as it is without the Cz that acted on it; a sentence among the remarks says so. `axis` where it is known;
+/// `moves` as [`moves_the_machine`] says.
 ///
 /// # Errors
-/// As [`acting`].
-pub fn bare(
+/// What acted cannot be known: a sentence that says which option names it.
+pub fn without_cz(
     dataset: &mut Dataset,
     error: &str,
     axis: Option<&str>,
     moves: Option<bool>,
     applied: &Applied,
 ) -> Result<(), BadLog> {
-    // An error that is not there is told by whoever looks for it.
+    // Who looks for the error says so where it is not there.
     let Some(place) = dataset.column(error) else { return Ok(()) };
     let Some(column) = acting(dataset, error, axis, moves, applied)? else { return Ok(()) };
     if let Some((least, most)) = take_out(dataset, place, column) {
@@ -165,9 +147,12 @@ pub fn bare(
     Ok(())
 }
 
-/// Beside each displacement in which a Cz acted, the same without it, as a column of its own; what cannot be known is
+/// Adds beside each displacement in which a Cz acted the same without it, as a column of its own; what cannot be known is
 /// remarked. `asked`: the columns, where they are named; those beside them are added.
-pub fn beside(
+///
+/// # Errors
+/// What acted cannot be known, though `applied` names it.
+pub fn add_without_cz(
     dataset: &mut Dataset,
     profile: Option<&Profile>,
     asked: &mut Vec<String>,
@@ -181,9 +166,8 @@ pub fn beside(
         (0..dataset.columns.len()).filter(|place| is_meant(&dataset.columns[*place])).collect();
     for place in places {
         let name = dataset.columns[place].name.clone();
-        let axis = ["_error_um", "_measured_um"].iter().find_map(|end| name.strip_suffix(end));
-        let moves = profile.and_then(|profile| moves_the_machine(profile, axis?));
-        let column = match acting(dataset, &name, axis, moves, applied) {
+        let moves = profile.and_then(|profile| moves_the_machine(profile, axis_of(&name)?));
+        let column = match acting(dataset, &name, None, moves, applied) {
             Ok(Some(column)) => column,
             Ok(None) => continue,
             Err(wrong) if *applied == Applied::AsLogged => {
@@ -192,22 +176,20 @@ pub fn beside(
             }
             Err(wrong) => return Err(wrong),
         };
-        let bare = format!("{name} without Cz");
-        let copied = Column { name: bare.clone(), kind: Kind::Displacement };
-        dataset.columns.push(copied);
+        let without = format!("{name} without Cz");
+        dataset.columns.push(Column { name: without.clone(), kind: Kind::Displacement });
         for run in &mut dataset.runs {
             run.values.push(run.values[place].clone());
         }
-        let added = dataset.columns.len() - 1;
-        if let Some((least, most)) = take_out(dataset, added, column) {
+        if let Some((least, most)) = take_out(dataset, dataset.columns.len() - 1, column) {
             let cz = &dataset.columns[column].name;
             dataset.remarks.push(format!(
                 "{name} was measured while {cz} of {least:.1} … {most:.1} µm acted, so it is what the compensation left; \
-                 {bare} is the machine as it is"
+                 {without} is the machine as it is"
             ));
         }
         if !asked.is_empty() {
-            asked.push(bare);
+            asked.push(without);
         }
     }
     Ok(())

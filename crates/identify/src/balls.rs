@@ -106,10 +106,7 @@ pub fn terms(dataset: &Dataset, origin: Option<f64>) -> Result<Terms, BadLog> {
 
 /// The direction of the array, and its length.
 fn direction(cold: &Round) -> Result<(usize, f64), BadLog> {
-    let extent = |direction: usize| {
-        let places: Vec<f64> = cold.touches.iter().map(|touch| touch.at_mm[direction]).collect();
-        range(&places)
-    };
+    let extent = |direction: usize| range(cold.touches.iter().map(|touch| touch.at_mm[direction]));
     let extents = [0, 1, 2].map(extent);
     let along = (0..3).fold(0, |best, next| if extents[next] > extents[best] { next } else { best });
     let across = (0..3).filter(|other| *other != along).map(|other| extents[other]).fold(0.0, f64::max);

@@ -7,26 +7,23 @@
 //! While the references settle the axis waits, and a rise is zero. Where an error is measured from the first visit of its
 //! place, so are the rises.
 
-use rayon::prelude::*;
 use std::collections::HashMap;
 use std::time::Duration;
 
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
-use crate::campaign::{Campaign, Wanted};
+use crate::campaign::{Campaign, Target};
 use crate::gram::Gram;
 use isotherm_core::compensation::model::{Input, Inputs, Lag, Reference, Unusable};
 use isotherm_core::compensation::{Compensation, Control, Permit, Remembered, Snapshot};
 
 /// Time constants that are tried: none, 3, 6, 12, 25, 50, 100 and 200 minutes.
-pub const LAGS_MIN: [u32; 8] = [0, 3, 6, 12, 25, 50, 100, 200];
+pub(crate) const LAGS_MIN: [u32; 8] = [0, 3, 6, 12, 25, 50, 100, 200];
 
 /// The usual lags.
-pub fn usual_lags() -> Vec<Option<Duration>> {
-    LAGS_MIN
-        .iter()
-        .map(|minutes| (*minutes > 0).then(|| Duration::from_secs(u64::from(*minutes) * 60)))
-        .collect()
+pub(crate) fn usual_lags() -> Vec<Option<Duration>> {
+    LAGS_MIN.iter().map(|minutes| (*minutes > 0).then(|| Duration::from_mins((*minutes).into()))).collect()
 }
 
 /// One column of the bank.
@@ -42,89 +39,113 @@ pub struct Candidate {
 
 /// Every candidate over every run.
 #[derive(Clone, Debug)]
-pub struct Bank {
+pub(crate) struct Bank {
     /// The columns.
-    pub candidates: Vec<Candidate>,
+    pub(crate) candidates: Vec<Candidate>,
     /// In the order of the dataset.
-    pub runs: Vec<Traced>,
+    pub(crate) runs: Vec<Traced>,
 }
 
 /// One run, row by row after averaging.
 #[derive(Clone, Debug)]
-pub struct Traced {
-    /// The run's name.
-    pub name: String,
+pub(crate) struct Traced {
+    pub(crate) name: String,
     /// Seconds since the run's first row.
-    pub seconds: Vec<f64>,
-    /// The compensation that is wanted, µm: −(e − its cold value).
-    pub wanted: Vec<f64>,
-    /// One row per row, one column per candidate: rises in the unit of their inputs, from where `wanted` is measured.
-    pub rises: DMatrix<f64>,
+    pub(crate) seconds: Vec<f64>,
+    /// The Cz that would leave no error, µm: −(e − its cold value).
+    pub(crate) target: DVector<f64>,
+    /// One column per candidate: rises in the unit of their inputs, from where the target is measured.
+    pub(crate) rises: DMatrix<f64>,
 }
 
 impl Bank {
     /// Every input through these lags.
-    pub fn of(campaign: &Campaign<'_>, lags: &[Option<Duration>]) -> Bank {
+    pub(crate) fn of(campaign: &Campaign<'_>, lags: &[Option<Duration>]) -> Bank {
         let inputs = 0..campaign.inputs.len();
         let all = |input| lags.iter().map(move |lag| Candidate { input, lag: *lag, along: false });
         Bank::new(campaign, inputs.flat_map(all).collect())
     }
 
     /// These candidates.
-    pub fn new(campaign: &Campaign<'_>, candidates: Vec<Candidate>) -> Bank {
-        let places: Vec<usize> = (0..campaign.dataset.runs.len()).collect();
-        let runs = places.par_iter().map(|place| trace(campaign, *place, &candidates)).collect();
+    pub(crate) fn new(campaign: &Campaign<'_>, candidates: Vec<Candidate>) -> Bank {
+        let places = 0..campaign.dataset.runs.len();
+        let runs = places.into_par_iter().map(|place| trace(campaign, place, &candidates)).collect();
         Bank { candidates, runs }
     }
 
-    /// How many columns.
-    pub fn width(&self) -> usize {
-        self.candidates.len()
+    /// The place of a candidate's column.
+    pub(crate) fn column(&self, candidate: &Candidate) -> Option<usize> {
+        self.candidates.iter().position(|known| known == candidate)
+    }
+
+    /// The column of an input without a lag.
+    pub(crate) fn plain(&self, input: usize) -> Option<usize> {
+        self.column(&Candidate { input, lag: None, along: false })
+    }
+
+    /// The rises of a column, over the rows of all runs.
+    pub(crate) fn rises(&self, column: usize) -> Vec<f64> {
+        self.runs
+            .iter()
+            .flat_map(|run| run.rises.column(column).iter().copied().collect::<Vec<f64>>())
+            .collect()
+    }
+
+    /// The measured error, µm from its cold value, over the rows of all runs.
+    pub(crate) fn errors(&self) -> Vec<f64> {
+        self.runs.iter().flat_map(Traced::error).collect()
+    }
+
+    /// Every run has a row.
+    ///
+    /// # Errors
+    /// A sentence that names the run, `every` input and `one` of them.
+    pub(crate) fn check_rows(&self, every: &str, one: &str) -> Result<(), String> {
+        match self.runs.iter().find(|run| run.target.is_empty()) {
+            None => Ok(()),
+            Some(run) => Err(format!(
+                "{} has no row in which the error and {every} are there: leave it out, or leave {one} out that is \
+                 missing with --without",
+                run.name
+            )),
+        }
     }
 
     /// The products of each run.
-    pub fn grams(&self) -> Vec<Gram> {
-        self.runs.par_iter().map(Traced::gram).collect()
+    pub(crate) fn grams(&self) -> Vec<Gram> {
+        self.runs.par_iter().map(|run| Gram::of(&run.rises, &run.target)).collect()
     }
 }
 
 impl Traced {
-    /// The products of the run.
-    pub fn gram(&self) -> Gram {
-        Gram::of(&self.rises, &DVector::from_column_slice(&self.wanted))
+    /// The measured error, µm, from its cold value.
+    pub(crate) fn error(&self) -> Vec<f64> {
+        self.target.iter().map(|target| -target).collect()
     }
 }
 
-/// Rows of one averaging window.
-#[derive(Debug)]
-struct Window {
-    index: u128,
-    rows: f64,
-    seconds: f64,
-    wanted: f64,
-    rises: Vec<f64>,
-}
-
 /// One run through the gateway's own references and lags.
-pub fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate]) -> Traced {
+pub(crate) fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate]) -> Traced {
     let run = &campaign.dataset.runs[run];
-    let wanted = campaign.wanted(run);
+    let targets = campaign.targets(run);
     let inputs: Vec<Input> = candidates.iter().map(|candidate| input(campaign, candidate)).collect();
     let mut lags = vec![Lag::default(); inputs.len()];
     let mut compensation =
         Compensation::new(campaign.machine.clone(), campaign.axes.clone(), Remembered::default());
     let controls = vec![Control { permit: Permit::Armed, ..Control::default() }; campaign.axes.len()];
     let first = run.times.first().copied().unwrap_or_default();
-    let (mut readings, mut rises, mut windows) = (Vec::new(), vec![0.0; inputs.len()], Vec::<Window>::new());
+    let (mut readings, mut rises) = (Vec::new(), vec![0.0; inputs.len()]);
     let mut visits: HashMap<usize, Vec<f64>> = HashMap::new();
-    for (row, now) in run.times.iter().copied().enumerate() {
+    // Averaging windows: their number, how many rows, and the sums of seconds, target and rises.
+    let mut windows: Vec<(u128, f64, Vec<f64>)> = Vec::new();
+    for ((row, now), Target { cz, since }) in run.times.iter().copied().enumerate().zip(targets) {
         campaign.readings(run, row, now, &mut readings);
         let snapshot = Snapshot { now, readings: &readings };
         compensation.step(&snapshot, &controls);
         let machine = compensation.machine();
         let known = Inputs { snapshot: &snapshot, machine, lags: &[], splits_slope: false };
         let distance = campaign.position.as_ref().map(|position| {
-            snapshot.value(position.signal).map_or(f64::NAN, |place| place - position.reference)
+            snapshot.value(position.input.signal).map_or(f64::NAN, |place| place - position.reference)
         });
         for (((rise, lag), input), candidate) in rises.iter_mut().zip(&mut lags).zip(&inputs).zip(candidates)
         {
@@ -134,7 +155,6 @@ pub fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate]) -> T
                 *rise *= distance.unwrap_or(f64::NAN);
             }
         }
-        let Wanted { cz, since } = wanted[row];
         if let Some(since) = since {
             let first = visits.entry(since).or_insert_with(|| rises.clone());
             rises.iter_mut().zip(first).for_each(|(rise, first)| *rise -= *first);
@@ -144,27 +164,21 @@ pub fn trace(campaign: &Campaign<'_>, run: usize, candidates: &[Candidate]) -> T
         }
         let passed = now.since(first);
         let index = passed.as_nanos() / campaign.resample.as_nanos().max(1);
-        let window = match windows.last_mut() {
-            Some(window) if window.index == index => window,
-            _ => {
-                let rises = vec![0.0; inputs.len()];
-                windows.push(Window { index, rows: 0.0, seconds: 0.0, wanted: 0.0, rises });
-                let Some(window) = windows.last_mut() else { continue };
-                window
+        let values = [passed.as_secs_f64(), cz].into_iter().chain(rises.iter().copied());
+        match windows.last_mut() {
+            Some((same, rows, sums)) if *same == index => {
+                *rows += 1.0;
+                sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
             }
-        };
-        window.rows += 1.0;
-        window.seconds += passed.as_secs_f64();
-        window.wanted += cz;
-        window.rises.iter_mut().zip(&rises).for_each(|(sum, rise)| *sum += rise);
+            _ => windows.push((index, 1.0, values.collect())),
+        }
     }
+    let mean = |window: usize, place: usize| windows[window].2[place] / windows[window].1;
     Traced {
         name: run.name.clone(),
-        seconds: windows.iter().map(|window| window.seconds / window.rows).collect(),
-        wanted: windows.iter().map(|window| window.wanted / window.rows).collect(),
-        rises: DMatrix::from_fn(windows.len(), inputs.len(), |row, column| {
-            windows[row].rises[column] / windows[row].rows
-        }),
+        seconds: (0..windows.len()).map(|window| mean(window, 0)).collect(),
+        target: DVector::from_fn(windows.len(), |window, _| mean(window, 1)),
+        rises: DMatrix::from_fn(windows.len(), inputs.len(), |window, column| mean(window, 2 + column)),
     }
 }
 

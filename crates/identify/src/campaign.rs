@@ -14,7 +14,7 @@ use isotherm_core::reading::{Reading, Reason, SignalId};
 use isotherm_profile::Profile;
 
 /// What a reference is the mean over where the profile does not say.
-pub const USUAL_SETTLE: Duration = Duration::from_secs(180);
+pub(crate) const USUAL_SETTLE: Duration = Duration::from_secs(180);
 
 /// Runs, inputs and the error that is to be compensated.
 #[derive(Clone, Debug)]
@@ -30,7 +30,7 @@ pub struct Campaign<'a> {
     /// Rows are averaged over this long; zero leaves them as they are.
     pub resample: Duration,
     /// Where the axis was, for errors measured at several positions.
-    pub position: Option<Position>,
+    pub(crate) position: Option<Position>,
     pub(super) axes: Vec<AxisSettings>,
     /// By signal of the profile: its column and its range.
     columns: Vec<Option<Channel>>,
@@ -48,17 +48,12 @@ pub struct Input {
     pub column: usize,
 }
 
-/// A signal that says where the axis is.
+/// The signal that says where the axis is.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Position {
-    /// Its name.
-    pub name: String,
-    /// In the profile.
-    pub signal: SignalId,
-    /// In the dataset.
-    pub column: usize,
+pub(crate) struct Position {
+    pub(crate) input: Input,
     /// Where the slope adds nothing, mm.
-    pub reference: f64,
+    pub(crate) reference: f64,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -69,32 +64,32 @@ struct Channel {
 
 impl<'a> Campaign<'a> {
     /// The runs through the profile's signals. Inputs are chosen with [`Campaign::with_inputs`].
-    pub fn new(profile: &Profile, dataset: &'a Dataset, error: usize, resample: Duration) -> Campaign<'a> {
+    pub(crate) fn new(
+        profile: &Profile,
+        dataset: &'a Dataset,
+        error: usize,
+        resample: Duration,
+    ) -> Campaign<'a> {
         let mut machine = profile.machine.clone();
         if machine.settle.is_zero() {
             machine.settle = USUAL_SETTLE;
         }
-        let bare =
+        let without_models =
             |axis: &isotherm_profile::Axis| AxisSettings { models: Vec::new(), ..axis.settings.clone() };
         let channel = |signal: &isotherm_profile::Signal| {
             let column = dataset.column(&signal.name)?;
             Some(Channel { column, range: signal.range })
         };
         Campaign {
-            dataset: Cow::Borrowed(dataset),
-            inputs: Vec::new(),
-            error,
             machine,
-            resample,
-            position: None,
-            mending: None,
-            axes: profile.axes.iter().map(bare).collect(),
+            axes: profile.axes.iter().map(without_models).collect(),
             columns: profile.signals.iter().map(channel).collect(),
+            ..Campaign::of_columns(dataset, error, resample)
         }
     }
 
     /// The runs without a profile: every column is a signal of its own, in its place.
-    pub fn of_columns(dataset: &'a Dataset, error: usize, resample: Duration) -> Campaign<'a> {
+    pub(crate) fn of_columns(dataset: &'a Dataset, error: usize, resample: Duration) -> Campaign<'a> {
         let columns: Vec<Option<Channel>> =
             (0..dataset.columns.len()).map(|column| Some(Channel { column, range: None })).collect();
         let machine =
@@ -133,13 +128,18 @@ impl<'a> Campaign<'a> {
         Some(Campaign { dataset: Cow::Owned(dataset), ..self.clone() })
     }
 
-    /// How long one row stands for after averaging: the averaging window, or the log's own step where that is longer.
-    pub(super) fn row_seconds(&self) -> f64 {
+    /// How long one row stands for after averaging, s: the averaging window, or the log's own step where that is longer.
+    pub(crate) fn row_seconds(&self) -> f64 {
         let steps = self.dataset.runs.iter().flat_map(|run| run.times.windows(2));
         let mut steps: Vec<f64> = steps.map(|pair| pair[1].since(pair[0]).as_secs_f64()).collect();
         steps.sort_by(f64::total_cmp);
         let usual = steps.get(steps.len() / 2).copied().unwrap_or(60.0);
         usual.max(self.resample.as_secs_f64()).max(1e-3)
+    }
+
+    /// How many rows make one independent sample, where rows closer than this are none.
+    pub(crate) fn rows_per_sample(&self, independent: Duration) -> f64 {
+        (independent.as_secs_f64() / self.row_seconds()).max(1.0)
     }
 
     /// The readings of one row, as the gateway would believe them.
@@ -171,40 +171,41 @@ impl<'a> Campaign<'a> {
         })
     }
 
-    /// The compensation that is wanted at each row: Cz = −(e − its mean while the references settle), µm. With a position,
-    /// each place has a mean of its own: a scale's cold error is no drift. A place first visited later is measured from
-    /// its first visit.
-    pub(super) fn wanted(&self, run: &Run) -> Vec<Wanted> {
+    /// The compensation of each row that would leave no error: Cz = −(e − its mean while the references settle), µm. With a
+    /// position, each place has a mean of its own: a scale's cold error is no drift. A place first visited later is
+    /// measured from its first visit.
+    pub(super) fn targets(&self, run: &Run) -> Vec<Target> {
         let errors = &run.values[self.error];
-        let Some(start) = self.start(run) else { return vec![Wanted::NOTHING; errors.len()] };
+        let Some(start) = self.start(run) else { return vec![Target::UNKNOWN; errors.len()] };
         let places: Vec<i64> = match &self.position {
-            Some(position) => run.values[position.column].iter().map(|place| whole(*place)).collect(),
+            Some(position) => run.values[position.input.column].iter().map(|place| whole(*place)).collect(),
             None => vec![0; errors.len()],
         };
-        let mut cold: HashMap<i64, Cold> = HashMap::new();
+        // By place: the sum of its errors before anything moved there, how many they are, and since which row.
+        let mut cold: HashMap<i64, (f64, f64, Option<usize>)> = HashMap::new();
         // The same rows as the references of the temperatures: those before their time is over, and at least the first.
         let settled = start.after(self.machine.settle);
-        let rows = || run.times.iter().zip(errors).zip(&places).enumerate();
-        for (row, ((time, error), place)) in rows().filter(|(_, ((time, _), _))| **time >= start) {
+        let rows = || run.times.iter().zip(errors).zip(&places);
+        for (row, ((time, error), place)) in rows().enumerate().filter(|(_, ((time, _), _))| **time >= start)
+        {
             let settles = *time < settled || *time == start;
             if error.is_finite() && (settles || !cold.contains_key(place)) {
-                let since = (!settles).then_some(row);
-                let cold = cold.entry(*place).or_insert(Cold { sum: 0.0, count: 0.0, since });
-                cold.sum += error;
-                cold.count += 1.0;
+                let cold = cold.entry(*place).or_insert((0.0, 0.0, (!settles).then_some(row)));
+                cold.0 += error;
+                cold.1 += 1.0;
             }
         }
-        let of = |(_, ((time, error), place)): (usize, ((&Moment, &f64), &i64))| match cold.get(place) {
-            Some(cold) if *time >= start => Wanted { cz: cold.sum / cold.count - error, since: cold.since },
-            _ => Wanted::NOTHING,
+        let target = |((time, error), place): ((&Moment, &f64), &i64)| match cold.get(place) {
+            Some((sum, count, since)) if *time >= start => Target { cz: sum / count - error, since: *since },
+            _ => Target::UNKNOWN,
         };
-        rows().map(of).collect()
+        rows().map(target).collect()
     }
 }
 
 /// What a model should compensate at one row.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Wanted {
+pub(super) struct Target {
     /// µm; NaN where the error is missing, and before the machine starts.
     pub(super) cz: f64,
     /// The row that it is measured from, where that is the first visit of a place after the references had settled. The
@@ -212,15 +213,8 @@ pub(super) struct Wanted {
     pub(super) since: Option<usize>,
 }
 
-impl Wanted {
-    const NOTHING: Wanted = Wanted { cz: f64::NAN, since: None };
-}
-
-/// The error of a place before anything moved there.
-struct Cold {
-    sum: f64,
-    count: f64,
-    since: Option<usize>,
+impl Target {
+    const UNKNOWN: Target = Target { cz: f64::NAN, since: None };
 }
 
 /// An axis that moves nothing: references are captured for the axes that are due, so there must be one at every row.

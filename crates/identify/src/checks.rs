@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use crate::campaign::{Input, temperatures_of};
 use crate::dataset::{Dataset, Kind, Run};
-use crate::statistics::{count, range};
+use crate::faults::Finding;
+use crate::statistics::{least_and_most, mean};
 
 /// A shop is not warmer than this when its machine is cold: all sensors above it are in °F.
 const COLD_SHOP: f64 = 45.0;
@@ -28,24 +28,17 @@ pub(super) fn check_runs(dataset: &Dataset, wrong: &mut Vec<String>) {
 
 /// What a run's length says about its time column, where that is odd.
 pub(super) fn odd_length(run: &Run) -> Option<String> {
-    let (name, lasts, rows) = (&run.name, run.lasts(), run.times.len());
-    let shown = humantime::format_duration(Duration::from_secs(lasts.as_secs()));
-    if lasts < SHORTEST_RUN {
-        return Some(format!(
-            "{name} lasts {shown} ({rows} rows): too short for any drift; where its time counts minutes, name the column \
-             time_min"
-        ));
-    }
-    (lasts > LONGEST_RUN).then(|| {
-        format!(
-            "{name} lasts {shown} ({rows} rows): where its time counts seconds, name the column time; else split it \
-             with --gap 1h"
-        )
-    })
-}
-
-pub(super) fn check_units(dataset: &Dataset, inputs: &[Input], wrong: &mut Vec<String>) {
-    wrong.extend(fahrenheit(dataset, &temperatures_of(dataset, inputs)));
+    let odd = match run.lasts() {
+        lasts if lasts < SHORTEST_RUN => {
+            "too short for any drift; where its time counts minutes, name the column time_min"
+        }
+        lasts if lasts > LONGEST_RUN => {
+            "where its time counts seconds, name the column time; else split it with --gap 1h"
+        }
+        _ => return None,
+    };
+    let shown = humantime::format_duration(Duration::from_secs(run.lasts().as_secs()));
+    Some(format!("{} lasts {shown} ({} rows): {odd}", run.name, run.times.len()))
 }
 
 /// What these temperatures begin at says that they are no °C.
@@ -54,10 +47,9 @@ pub(super) fn fahrenheit(dataset: &Dataset, temperatures: &[usize]) -> Option<St
         let mut values = dataset.runs.iter().flat_map(|run| &run.values[*column]);
         values.find(|value| value.is_finite()).copied()
     };
-    let begins: Vec<f64> = temperatures.iter().filter_map(first).collect();
-    let coldest = begins.iter().copied().fold(f64::MAX, f64::min);
-    (!begins.is_empty() && coldest > COLD_SHOP).then(|| {
-        let as_celsius = (coldest - 32.0) / 1.8;
+    let (coldest, _) = least_and_most(temperatures.iter().filter_map(first))?;
+    let as_celsius = (coldest - 32.0) / 1.8;
+    (coldest > COLD_SHOP).then(|| {
         format!(
             "every temperature begins at {coldest:.0} or more: that is °F ({coldest:.0} °F = {as_celsius:.0} °C), or \
              another unit; write °C: (F − 32) / 1.8"
@@ -67,27 +59,20 @@ pub(super) fn fahrenheit(dataset: &Dataset, temperatures: &[usize]) -> Option<St
 
 pub(super) fn check_error(dataset: &Dataset, error: usize, wrong: &mut Vec<String>) {
     let name = &dataset.columns[error].name;
-    let values = |run: &Run| -> Vec<f64> {
-        run.values[error].iter().copied().filter(|value| value.is_finite()).collect()
-    };
-    for run in &dataset.runs {
-        let rows = values(run).len();
-        if rows == 0 {
-            wrong.push(format!(
-                "{} has no number under {name}: leave that log out, or fill the column",
-                run.name
-            ));
-        }
+    let rows = |run: &Run| run.values[error].iter().filter(|value| value.is_finite()).count();
+    for run in dataset.runs.iter().filter(|run| rows(run) == 0) {
+        wrong
+            .push(format!("{} has no number under {name}: leave that log out, or fill the column", run.name));
     }
-    let widest = dataset.runs.iter().map(|run| range(&values(run))).fold(0.0, f64::max);
+    let ranges: Vec<f64> = dataset.runs.iter().map(|run| run.range(error)).collect();
+    let widest = ranges.iter().copied().fold(0.0, f64::max);
     if widest < STANDS_STILL {
         wrong.push(format!(
             "{name} stands still in every run: there is nothing to compensate, or the probe was not connected"
         ));
     } else if widest < 0.05 && dataset.columns[error].kind != Kind::Other {
-        let rows: usize = dataset.runs.iter().map(|run| values(run).len()).sum();
-        let mean =
-            dataset.runs.iter().map(|run| range(&values(run))).sum::<f64>() / count(dataset.runs.len());
+        let rows: usize = dataset.runs.iter().map(rows).sum();
+        let mean = mean(&ranges);
         wrong.push(format!("{name} moves by {mean:.4} over {rows} rows: that looks like mm; write µm"));
     }
 }
@@ -96,19 +81,21 @@ pub(super) fn check_error(dataset: &Dataset, error: usize, wrong: &mut Vec<Strin
 pub(super) fn column_of(dataset: &Dataset, name: &str, wrong: &mut Vec<String>) -> Option<usize> {
     let found = dataset.column(name);
     if found.is_none() {
-        let names: Vec<&str> = dataset.columns.iter().map(|column| column.name.as_str()).collect();
-        wrong.push(format!("no log has a column of numbers `{name}`{}", nearest(name, &names)));
+        wrong.push(format!("no log has a column of numbers `{name}`{}", nearest(name, &dataset.names())));
     }
     found
 }
 
+/// The remark about a sensor that looks faulty and is kept.
+pub(super) fn stays(faulty: &Finding) -> String {
+    format!("{} stays in as asked, though it {}", faulty.signal, faulty.reason)
+}
+
 /// "; did you mean …", or what there is.
-pub(super) fn nearest(wanted: &str, known: &[&str]) -> String {
-    let best = known.iter().max_by(|one, other| {
-        strsim::jaro_winkler(wanted, one).total_cmp(&strsim::jaro_winkler(wanted, other))
-    });
-    match best {
-        Some(best) if strsim::jaro_winkler(wanted, best) > 0.8 => format!("; did you mean `{best}`?"),
+pub(super) fn nearest(name: &str, known: &[&str]) -> String {
+    let alike = known.iter().map(|known| (strsim::jaro_winkler(name, known), known));
+    match alike.max_by(|one, other| one.0.total_cmp(&other.0)) {
+        Some((alike, best)) if alike > 0.8 => format!("; did you mean `{best}`?"),
         Some(_) => format!("; there are {}", known.join(", ")),
         None => String::new(),
     }

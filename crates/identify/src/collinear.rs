@@ -2,23 +2,22 @@
 
 use nalgebra::SymmetricEigen;
 
-use crate::bank::Bank;
-use crate::bank::Candidate;
+use crate::bank::{Bank, Candidate};
 use crate::campaign::Campaign;
 use crate::gram::Gram;
 
 /// Of the columns of some terms, each of root mean square 1 and, as there is no intercept, not centred (Belsley, Kuh,
 /// Welsch 1980).
 #[derive(Clone, Debug, PartialEq)]
-pub struct Collinearity {
+pub(crate) struct Collinearity {
     /// The largest singular value over the smallest.
-    pub condition: f64,
+    pub(crate) condition: f64,
     /// By term: how many times the variance of its gain is what it were if no other term resembled it.
-    pub inflation: Vec<f64>,
+    pub(crate) inflation: Vec<f64>,
 }
 
 /// Of these terms over every run; `None` where there are none, or two are the same.
-pub fn collinearity(
+pub(crate) fn collinearity(
     campaign: &Campaign<'_>,
     bank: &Bank,
     terms: &[(Candidate, f64)],
@@ -26,16 +25,13 @@ pub fn collinearity(
     if terms.is_empty() {
         return None;
     }
-    let sum = |grams: &[Gram]| Gram::sum(grams, &(0..grams.len()).collect::<Vec<usize>>());
-    let place = |(term, _): &(Candidate, f64)| bank.candidates.iter().position(|known| known == term);
-    match terms.iter().map(place).collect::<Option<Vec<usize>>>() {
-        Some(columns) => of_gram(&sum(&bank.grams()).of_columns(&columns)),
-        // Fitted time constants are in no bank.
-        None => {
-            let own = Bank::new(campaign, terms.iter().map(|(term, _)| *term).collect());
-            of_gram(&sum(&own.grams()))
-        }
-    }
+    let columns: Option<Vec<usize>> = terms.iter().map(|(term, _)| bank.column(term)).collect();
+    // Fitted time constants are in no bank.
+    let own = || Bank::new(campaign, terms.iter().map(|(term, _)| *term).collect());
+    of_gram(&match columns {
+        Some(columns) => Gram::total(&bank.grams()).of_columns(&columns),
+        None => Gram::total(&own().grams()),
+    })
 }
 
 fn of_gram(gram: &Gram) -> Option<Collinearity> {
@@ -43,10 +39,8 @@ fn of_gram(gram: &Gram) -> Option<Collinearity> {
     let inverse = scaled.square.clone().cholesky()?.inverse();
     let values = SymmetricEigen::new(scaled.square).eigenvalues;
     let (least, most) = (values.min(), values.max());
-    (least > 0.0).then(|| Collinearity {
-        condition: (most / least).sqrt(),
-        inflation: (0..inverse.nrows()).map(|place| inverse[(place, place)]).collect(),
-    })
+    (least > 0.0)
+        .then(|| Collinearity { condition: (most / least).sqrt(), inflation: inverse.diagonal().data.into() })
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use crate::statistics::range;
 use isotherm_core::quantity::Moment;
 
 mod acted;
@@ -85,7 +86,7 @@ impl Dataset {
         let mut wrong = Vec::new();
         let mut tables = Vec::new();
         for file in files::logs(files, &mut wrong) {
-            match read_table(&file).and_then(finished) {
+            match read_table(&file) {
                 Ok(table) => tables.push(table),
                 Err(BadLog(found)) => wrong.extend(found),
             }
@@ -109,7 +110,6 @@ impl Dataset {
             if !lacks.is_empty() {
                 remarks.push(format!("{} has no column {}", table.file.display(), lacks.join(", ")));
             }
-            remarks.extend(table.remarks.iter().cloned());
         }
         let runs = split::runs(tables, &names, split)?;
         let column = |(place, name): (usize, &&str)| {
@@ -125,6 +125,16 @@ impl Dataset {
         Ok(Dataset { columns, runs, remarks })
     }
 
+    /// The names of the columns.
+    pub(crate) fn names(&self) -> Vec<&str> {
+        self.columns.iter().map(|column| column.name.as_str()).collect()
+    }
+
+    /// The places of the columns of this kind.
+    pub(crate) fn of_kind(&self, kind: Kind) -> impl Iterator<Item = usize> {
+        (0..self.columns.len()).filter(move |place| self.columns[*place].kind == kind)
+    }
+
     /// The place of the column with this name.
     pub fn column(&self, name: &str) -> Option<usize> {
         self.columns.iter().position(|column| column.name == name)
@@ -136,6 +146,11 @@ impl Run {
     pub fn seconds(&self) -> impl Iterator<Item = f64> + '_ {
         let first = self.times.first().copied().unwrap_or_default();
         self.times.iter().map(move |time| time.since(first).as_secs_f64())
+    }
+
+    /// Largest minus smallest of a column; 0 where it is empty.
+    pub(crate) fn range(&self, column: usize) -> f64 {
+        range(&self.values[column])
     }
 
     /// From the first row to the last.
@@ -156,13 +171,6 @@ fn shared_names(tables: &[Table]) -> Vec<&str> {
         }
     }
     names
-}
-
-/// A table as it is learnt from.
-fn finished(mut table: Table) -> Result<Table, BadLog> {
-    let mut wrong = table::Wrong::in_file(table.file.clone());
-    acted::keep_what_acted(&mut table, &mut wrong);
-    wrong.or(table)
 }
 
 fn read_table(file: &Path) -> Result<Table, BadLog> {

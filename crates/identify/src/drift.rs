@@ -4,13 +4,12 @@
 use serde::Serialize;
 
 use crate::checks;
-use crate::dataset::{Dataset, Kind, Run};
+use crate::dataset::{BadLog, Dataset, Kind, Run};
+use crate::minutes::Minutes;
 use crate::statistics::range;
 use activity::Mover;
-use minutes::Minutes;
 
 mod activity;
-mod minutes;
 
 pub use activity::Stage;
 
@@ -114,7 +113,7 @@ pub fn drift(
     displacements: &[String],
     test: Option<Test>,
     units: &dyn Fn(&str) -> Option<&'static str>,
-) -> Result<Vec<Drift>, super::dataset::BadLog> {
+) -> Result<Vec<Drift>, BadLog> {
     let names: Vec<&str> = dataset.columns.iter().map(|column| column.name.as_str()).collect();
     let missing = displacements.iter().filter(|name| !names.contains(&name.as_str()));
     let mut wrong: Vec<String> =
@@ -145,7 +144,7 @@ pub fn drift(
             drifts.push(of_run(dataset, run, &columns, test, &movers));
         }
     }
-    if wrong.is_empty() { Ok(drifts) } else { Err(super::dataset::BadLog(wrong)) }
+    if wrong.is_empty() { Ok(drifts) } else { Err(BadLog(wrong)) }
 }
 
 fn of_run(dataset: &Dataset, run: &Run, columns: &[usize], asked: Option<Test>, movers: &[Mover]) -> Drift {
@@ -159,10 +158,7 @@ fn of_run(dataset: &Dataset, run: &Run, columns: &[usize], asked: Option<Test>, 
     };
     let temperatures: Vec<usize> = (0..dataset.columns.len()).filter(is_temperature).collect();
     remarks.extend(checks::fahrenheit(dataset, &temperatures));
-    let still = |column: &&usize| {
-        range(&run.values[**column].iter().copied().filter(|value| value.is_finite()).collect::<Vec<f64>>())
-            < STILL
-    };
+    let still = |column: &&usize| run.range(**column) < STILL;
     for column in columns.iter().filter(still) {
         let name = &dataset.columns[*column].name;
         remarks.push(format!("{name} stands still: was the probe connected?"));
@@ -191,15 +187,15 @@ fn of_run(dataset: &Dataset, run: &Run, columns: &[usize], asked: Option<Test>, 
 }
 
 fn displacement(name: String, minutes: &Minutes, stages: &[Stage]) -> Displacement {
-    let largest = minutes.largest_hour();
+    let (hours_of, largest) = (minutes.first_and_last_hour(), minutes.largest_hour());
     let (begin, end) = (minutes.begin(), minutes.end());
     let hours = (end.0 - begin.0) / 3600.0;
     let drift_um = end.1 - begin.1;
     Displacement {
         name,
         range_um: range(&minutes.values),
-        first_hour_um: minutes.first_hour(),
-        last_hour_um: minutes.last_hour(),
+        first_hour_um: hours_of.map(|(first, _)| first),
+        last_hour_um: hours_of.map(|(_, last)| last),
         largest_60min_um: largest.map(|(_, range)| range),
         largest_60min_from_h: largest.map(|(second, _)| second / 3600.0),
         drift_um,

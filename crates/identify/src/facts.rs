@@ -4,10 +4,10 @@
 use serde::Serialize;
 
 use crate::ambient::is_ambient;
-use crate::campaign::Campaign;
 use crate::dataset::{Dataset, Kind, Run};
 use crate::drift::{Drift, drift};
 use crate::identified::Identified;
+use crate::setup::Ready;
 use crate::statistics::least_and_most;
 use isotherm_core::compensation::settings::{AxisSettings, OnFault};
 use isotherm_core::quantity::Moment;
@@ -86,11 +86,11 @@ pub struct Limits {
 /// Everything that the report says, for programs.
 pub fn document<'a>(
     profile: &'a Profile,
-    campaign: &Campaign<'_>,
+    ready: &Ready<'_>,
     found: &'a Identified,
     made: Moment,
 ) -> Document<'a> {
-    let dataset = campaign.dataset.as_ref();
+    let dataset = ready.campaign.dataset.as_ref();
     let axis = profile.axes.iter().map(|axis| &axis.settings).find(|axis| axis.name == found.axis);
     Document {
         machine: &profile.name,

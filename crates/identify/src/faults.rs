@@ -1,10 +1,10 @@
-//! Sensors that must not be learnt from as they are, found in the logs and told in words with times.
+//! Sensors that must not be learnt from as they are, found in the logs and named with their times.
 //!
 //! One faulty sensor left in makes the worst run several times worse than no compensation. What counts as a fault:
 //! - **jump**: more than 3 °C within a minute, and it stays. No casting does that; it is a new sensor, or a broken one.
 //! - **spike**: more than 2 °C up or down, and back within five minutes: a bad contact.
 //! - **stuck**: the same number for an hour or more while its neighbours move.
-//! - **constant**: it tells nothing.
+//! - **constant**: it says nothing.
 //! - **missing**: more than a fifth of a run.
 //!
 //! The first three spoil one run, not the sensor in every other: what they spoilt is rebuilt where the good runs show
@@ -15,6 +15,7 @@ use std::time::Duration;
 use serde::Serialize;
 
 use crate::dataset::{Dataset, Run};
+use crate::minutes::Minutes;
 use crate::statistics::{count, median, range};
 
 pub(super) mod mend;
@@ -34,12 +35,12 @@ const MISSING: f64 = 0.2;
 /// A sensor that moves less, °C, in any run is constant.
 const STANDS_STILL: f64 = 1e-6;
 
-/// A sensor that is left out.
+/// What was found about a sensor.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Excluded {
+pub struct Finding {
     /// The signal.
     pub signal: String,
-    /// Why, with run and time.
+    /// Why it is said, with run, time or figures.
     pub reason: String,
 }
 
@@ -58,9 +59,9 @@ pub struct Repaired {
 
 impl Repaired {
     /// As it stands beside the sensors that were left out.
-    pub(super) fn as_found(&self) -> Excluded {
+    pub(super) fn finding(&self) -> Finding {
         let reason = format!("{} ({}) in {}", self.fault, self.done, self.run);
-        Excluded { signal: self.signal.clone(), reason }
+        Finding { signal: self.signal.clone(), reason }
     }
 }
 
@@ -71,114 +72,90 @@ pub(super) struct Fault {
     /// `None`: of every run.
     pub(super) run: Option<usize>,
     /// What was found, with its time.
-    pub(super) words: String,
+    pub(super) message: String,
     pub(super) damage: Damage,
+    /// The rows of the run that it spoils.
+    pub(super) rows: Vec<usize>,
 }
 
-/// Which rows of the run a fault spoils.
-#[derive(Clone, Debug, PartialEq)]
+/// How a fault spoils a run; in the order in which it is mended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Damage {
-    /// These.
-    Spikes(Vec<usize>),
-    /// All from this one on, by a step.
-    Jump(usize),
-    /// All from the first to before the second.
-    Stuck(usize, usize),
-    /// No telling.
+    /// Some rows here and there.
+    Spikes,
+    /// All rows from one on, by a step.
+    Jump,
+    /// A stretch of rows.
+    Stuck,
+    /// Nobody knows which rows.
     Whole,
 }
 
-/// A sensor's minutes over one run.
-#[derive(Clone, Debug)]
-struct Minutes {
-    seconds: Vec<f64>,
-    values: Vec<f64>,
-}
-
 /// Every fault of these columns of temperatures, as reasons to leave them out.
-pub fn find(dataset: &Dataset, columns: &[usize]) -> Vec<Excluded> {
-    faults(dataset, columns).iter().map(|fault| fault.excluded(dataset)).collect()
+pub(super) fn find(dataset: &Dataset, columns: &[usize]) -> Vec<Finding> {
+    faults(dataset, columns).iter().map(|fault| fault.finding(dataset, "")).collect()
 }
 
 impl Fault {
-    pub(super) fn excluded(&self, dataset: &Dataset) -> Excluded {
+    /// With what else is to be said behind the message.
+    pub(super) fn finding(&self, dataset: &Dataset, more: &str) -> Finding {
         let run = self.run.map(|run| format!(" in {}", dataset.runs[run].name)).unwrap_or_default();
-        Excluded { signal: dataset.columns[self.column].name.clone(), reason: format!("{}{run}", self.words) }
+        let signal = dataset.columns[self.column].name.clone();
+        Finding { signal, reason: format!("{}{more}{run}", self.message) }
     }
 }
 
 /// Every fault of these columns of temperatures, column by column, run by run.
 pub(super) fn faults(dataset: &Dataset, columns: &[usize]) -> Vec<Fault> {
-    let series: Vec<Vec<Minutes>> =
-        dataset.runs.iter().map(|run| columns.iter().map(|column| minutes(run, *column)).collect()).collect();
+    let sensors = |run: &Run| columns.iter().map(|column| Minutes::of(run, *column)).collect();
+    let series: Vec<Vec<Minutes>> = dataset.runs.iter().map(sensors).collect();
     let each = columns.iter().enumerate();
     each.flat_map(|(place, column)| of_column(dataset, &series, place, *column)).collect()
 }
 
 fn of_column(dataset: &Dataset, series: &[Vec<Minutes>], place: usize, column: usize) -> Vec<Fault> {
-    let fault = |run, words, damage| Fault { column, run, words, damage };
     let resolution = resolution(dataset, column);
-    let spans: Vec<f64> = series.iter().map(|run| range(&run[place].values)).collect();
     let least = (2.0 * resolution).clamp(STANDS_STILL, 0.05);
-    if spans.iter().all(|span| *span < least) {
-        return vec![fault(None, "constant: it tells nothing".to_owned(), Damage::Whole)];
+    if series.iter().all(|run| range(&run[place].values) < least) {
+        let message = "constant: it tells nothing".to_owned();
+        return vec![Fault { column, run: None, message, damage: Damage::Whole, rows: Vec::new() }];
     }
     let lively = liveliness(series, place);
     let mut found = Vec::new();
     for (number, (run, sensors)) in dataset.runs.iter().zip(series).enumerate() {
         let own = &sensors[place];
-        let mut add = |words: String, damage: Damage| found.push(fault(Some(number), words, damage));
+        let mut add = |damage: Damage, rows: Vec<usize>, message: String| {
+            found.push(Fault { column, run: Some(number), message, damage, rows });
+        };
         let gone = run.values[column].iter().filter(|value| !value.is_finite()).count();
         let share = count(gone) / count(run.times.len()).max(1.0);
         if share > MISSING {
-            add(format!("missing in {:.0} % of the rows", 100.0 * share), Damage::Whole);
+            let message = format!("missing in {:.0} % of the rows", 100.0 * share);
+            add(Damage::Whole, Vec::new(), message);
         }
         let spikes = spikes(own);
         if let Some((first, _)) = spikes.first() {
             let step = own.values[*first] - own.values[*first - 1];
             let more = if spikes.len() > 1 { format!(", {} times", spikes.len()) } else { String::new() };
             let at = clock(own.seconds[*first]);
-            let words = format!("spikes of {step:+.1} °C, first at {at}{more}: a bad contact");
-            add(words, Damage::Spikes(rows::spoilt(run, own, &spikes)));
+            let message = format!("spikes of {step:+.1} °C, first at {at}{more}: a bad contact");
+            add(Damage::Spikes, rows::spoilt(run, own, &spikes), message);
         }
         let stuck = stuck(sensors, place, resolution, lively);
         for (step, place) in jumps(own, &spikes, &stuck) {
             let at = clock(own.seconds[place]);
-            let words = format!("jumps by {step:+.1} °C at {at} and stays: no casting does that");
-            add(words, Damage::Jump(rows::of_step(run, column, own.seconds[place])));
+            let message = format!("jumps by {step:+.1} °C at {at} and stays: no casting does that");
+            add(Damage::Jump, rows::of_step(run, column, own.seconds[place]), message);
         }
         for (from, to, expected) in stuck {
             let (begin, end) = (clock(from), clock(to));
-            let words = format!(
+            let message = format!(
                 "stuck at one number from {begin} to {end} while its neighbours moved as for {expected:.1} °C"
             );
-            let (from, to) = rows::of_span(run, from, to);
-            add(words, Damage::Stuck(from, to));
+            add(Damage::Stuck, rows::of_span(run, from, to), message);
         }
     }
     found
-}
-
-/// Means of each minute in which there is a value.
-fn minutes(run: &Run, column: usize) -> Minutes {
-    let mut made = Minutes { seconds: Vec::new(), values: Vec::new() };
-    let mut window = (f64::NEG_INFINITY, 0.0, 0.0, 0.0);
-    let mut close = |(_, seconds, sum, rows): (f64, f64, f64, f64)| {
-        if rows > 0.0 {
-            made.seconds.push(seconds / rows);
-            made.values.push(sum / rows);
-        }
-    };
-    for (second, value) in run.seconds().zip(&run.values[column]).filter(|(_, value)| value.is_finite()) {
-        let minute = (second / 60.0).floor();
-        if minute > window.0 {
-            close(window);
-            window = (minute, 0.0, 0.0, 0.0);
-        }
-        window = (minute, window.1 + second, window.2 + value, window.3 + 1.0);
-    }
-    close(window);
-    made
 }
 
 /// Where spikes begin, and where the first good minute after each is.
@@ -241,13 +218,8 @@ fn stuck(sensors: &[Minutes], place: usize, resolution: f64, lively: f64) -> Vec
 
 /// How far the other sensors moved in this time: the median of their ranges.
 fn neighbours(sensors: &[Minutes], place: usize, from: f64, to: f64) -> f64 {
-    let moved = |sensor: &Minutes| {
-        let inside =
-            sensor.seconds.iter().zip(&sensor.values).filter(|(second, _)| (from..=to).contains(*second));
-        range(&inside.map(|(_, value)| *value).collect::<Vec<f64>>())
-    };
     let others = sensors.iter().enumerate().filter(|(other, _)| *other != place);
-    median(others.map(|(_, sensor)| moved(sensor)).collect())
+    median(others.map(|(_, sensor)| sensor.range_within(from, to)).collect())
 }
 
 /// How far this sensor moves where its neighbours move by one degree: the median over the runs.

@@ -6,30 +6,30 @@ use crate::statistics::count;
 
 /// The products of a run, or of several added up.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Gram {
+pub(crate) struct Gram {
     /// X'X.
-    pub square: DMatrix<f64>,
+    pub(crate) square: DMatrix<f64>,
     /// X'y.
-    pub cross: DVector<f64>,
+    pub(crate) cross: DVector<f64>,
     /// y'y.
-    pub power: f64,
-    /// Rows.
-    pub rows: f64,
+    pub(crate) power: f64,
+    /// The number of rows.
+    pub(crate) rows: f64,
 }
 
 impl Gram {
-    /// Of these columns X, row by row with what they should give, y.
-    pub fn of(columns: &DMatrix<f64>, wanted: &DVector<f64>) -> Gram {
+    /// Of the columns X and the target y, row by row.
+    pub(crate) fn of(columns: &DMatrix<f64>, target: &DVector<f64>) -> Gram {
         Gram {
             square: columns.tr_mul(columns),
-            cross: columns.tr_mul(wanted),
-            power: wanted.norm_squared(),
-            rows: count(wanted.len()),
+            cross: columns.tr_mul(target),
+            power: target.norm_squared(),
+            rows: count(target.len()),
         }
     }
 
     /// Of these runs together.
-    pub fn sum(grams: &[Gram], runs: &[usize]) -> Gram {
+    pub(crate) fn sum(grams: &[Gram], runs: &[usize]) -> Gram {
         let width = grams.first().map_or(0, |gram| gram.cross.len());
         let mut sum = Gram {
             square: DMatrix::zeros(width, width),
@@ -46,9 +46,13 @@ impl Gram {
         sum
     }
 
+    /// Of all runs together.
+    pub(crate) fn total(grams: &[Gram]) -> Gram {
+        Gram::sum(grams, &(0..grams.len()).collect::<Vec<usize>>())
+    }
+
     /// The part of these columns.
-    #[must_use]
-    pub fn of_columns(&self, columns: &[usize]) -> Gram {
+    pub(crate) fn of_columns(&self, columns: &[usize]) -> Gram {
         Gram {
             square: DMatrix::from_fn(columns.len(), columns.len(), |i, j| {
                 self.square[(columns[i], columns[j])]
@@ -59,32 +63,35 @@ impl Gram {
         }
     }
 
-    /// What is left: |y − X·w|², never below zero.
-    pub fn left(&self, gains: &DVector<f64>) -> f64 {
+    /// What these gains leave: |y − X·w|², never below zero.
+    pub(crate) fn left(&self, gains: &DVector<f64>) -> f64 {
         (self.power - 2.0 * gains.dot(&self.cross) + gains.dot(&(&self.square * gains))).max(0.0)
     }
 
     /// The root mean square of each column; 1 for one that is zero throughout, which then gets no gain.
-    pub fn scales(&self) -> Vec<f64> {
-        let scale = |place| {
-            let scale = f64::sqrt(self.square[(place, place)] / self.rows.max(1.0));
+    pub(crate) fn scales(&self) -> DVector<f64> {
+        let rows = self.rows.max(1.0);
+        self.square.diagonal().map(|square| {
+            let scale = f64::sqrt(square / rows);
             if scale > 1e-9 { scale } else { 1.0 }
-        };
-        (0..self.cross.len()).map(scale).collect()
+        })
     }
 
-    /// The same in columns of root mean square 1, per row: what penalties act upon.
-    #[must_use]
-    pub fn scaled(&self) -> (Gram, Vec<f64>) {
+    /// In columns of root mean square 1, per row: what penalties act upon.
+    pub(crate) fn scaled(&self) -> (Gram, DVector<f64>) {
         let scales = self.scales();
-        let rows = self.rows.max(1.0);
-        let mut scaled = self.clone();
+        (self.divided(&scales, self.rows.max(1.0)), scales)
+    }
+
+    /// X'X and X'y of columns that are divided by these scales, per so many rows.
+    pub(crate) fn divided(&self, scales: &DVector<f64>, rows: f64) -> Gram {
+        let mut divided = self.clone();
         for (i, own) in scales.iter().enumerate() {
-            scaled.cross[i] /= own * rows;
+            divided.cross[i] /= own * rows;
             for (j, other) in scales.iter().enumerate() {
-                scaled.square[(i, j)] /= own * other * rows;
+                divided.square[(i, j)] /= own * other * rows;
             }
         }
-        (scaled, scales)
+        divided
     }
 }

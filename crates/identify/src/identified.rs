@@ -2,19 +2,18 @@
 
 use serde::Serialize;
 
-use crate::ambient::AmbientLike;
-use crate::bank::Candidate;
+use crate::bank::{Bank, Candidate};
 use crate::campaign::Campaign;
 use crate::collinear::collinearity;
 use crate::dataset::{Column, Kind};
-use crate::faults::{Excluded, Repaired, resolution};
+use crate::faults::{Finding, Repaired, resolution};
 use crate::learn::{Learned, Learner};
 use crate::method::{Method, Settings};
 use crate::region::Region;
 use crate::setup::Ready;
-use crate::statistics::{count, least_and_most};
+use crate::statistics::least_and_most;
 use crate::uncertainty::standard_errors;
-use crate::validate::{HeldOut, RunScore, leave_one_run_out};
+use crate::validate::{HeldOut, Means, Progress, RunScore, leave_one_run_out};
 use alone::alone;
 
 mod alone;
@@ -39,20 +38,17 @@ pub struct Identified {
     pub network: Option<String>,
     /// Each run, held out.
     pub runs: Vec<RunScore>,
-    /// Mean over the runs of the held-out range, µm.
-    pub mean_range_um: f64,
-    /// The worst run's range, µm.
-    pub worst_range_um: f64,
-    /// Mean over the runs of the held-out root mean square, µm.
-    pub mean_rmse_um: f64,
-    /// The same means of the bare machine, µm.
+    /// How they fared.
+    #[serde(flatten)]
+    pub means: Means,
+    /// The same without compensation.
     pub uncompensated: Means,
     /// The interval of the probe, s, where the residual is taken out at one.
     pub probe_s: Option<f64>,
     /// Sensors left out, with the reason.
-    pub excluded: Vec<Excluded>,
+    pub excluded: Vec<Finding>,
     /// Sensors that behave like the air, with the reason.
-    pub ambient: Vec<AmbientLike>,
+    pub ambient: Vec<Finding>,
     /// Sensors that were faulty in a run, and what was done about it.
     pub repaired: Vec<Repaired>,
     /// What each column of the logs was taken for.
@@ -93,17 +89,6 @@ pub struct TermFound {
     /// It belongs to the slope over the position.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub slope: bool,
-}
-
-/// Figures over all runs.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Means {
-    /// Mean range, µm.
-    pub mean_range_um: f64,
-    /// Worst range, µm.
-    pub worst_range_um: f64,
-    /// Mean of the root mean squares, µm.
-    pub mean_rmse_um: f64,
 }
 
 /// A column, and what it was taken for.
@@ -153,7 +138,7 @@ impl Fallback {
     }
 }
 
-/// Finds the model, validates it, and looks for its stand-ins. `progress` is told what is done, out of how much.
+/// Finds the model, validates it, and looks for its stand-ins.
 ///
 /// # Errors
 /// What the method says: a sentence that says what to do.
@@ -162,64 +147,58 @@ pub fn identify(
     settings: &Settings,
     probe: Option<f64>,
     fallbacks: bool,
-    progress: &(dyn Fn(usize, usize) + Sync),
+    progress: Progress<'_>,
 ) -> Result<Identified, String> {
     let campaign = &ready.campaign;
     let learner = settings.method.prepare(campaign, settings)?;
-    check_rows(learner.as_ref())?;
-    check_count(learner.as_ref(), settings.method)?;
-    let held_out = leave_one_run_out(campaign, learner.as_ref(), settings, &[], probe, progress)?;
-    let runs: Vec<usize> = (0..learner.bank().runs.len()).collect();
-    let learned = learner.learn(&runs, &[])?;
-    let inputs = inputs_of(&learned);
-    let stand_ins = if fallbacks && inputs.len() > 1 {
-        let own = Settings { method: settings.method.stand_in(), ..settings.clone() };
-        let mut found = match own.method {
-            method if method == settings.method => stand_ins(campaign, learner.as_ref(), &own, &inputs),
-            method => stand_ins(campaign, method.prepare(campaign, &own)?.as_ref(), &own, &inputs),
-        };
-        if settings.method == Method::Difference {
-            found.extend(alone(campaign, learner.bank(), &learned, &held_out));
+    let (learner, bank) = (learner.as_ref(), learner.bank());
+    bank.check_rows("every sensor", "the sensor")?;
+    check_count(bank, settings.method)?;
+    let held_out = leave_one_run_out(campaign, learner, settings, &[], probe, progress)?;
+    let learned = learner.learn(&(0..bank.runs.len()).collect::<Vec<usize>>(), &[])?;
+    let inputs = learned.inputs();
+    let fallbacks = match fallbacks && inputs.len() > 1 {
+        true => self::fallbacks(campaign, learner, settings, &inputs, &learned, &held_out)?,
+        false => Vec::new(),
+    };
+    let (mut terms, mut condition) = (Vec::new(), None);
+    if let Some(gains) = learned.sum() {
+        let left_out: Vec<&Learned> = held_out.iter().map(|held| &held.learned).collect();
+        let errors = standard_errors(bank, gains, &left_out, settings.method.is_penalized());
+        let collinear = collinearity(campaign, bank, gains);
+        condition = collinear.as_ref().map(|collinear| collinear.condition);
+        let inflation = |place: usize| collinear.as_ref().map(|collinear| collinear.inflation[place]);
+        terms = terms_of(campaign, gains);
+        for (place, (term, se)) in terms.iter_mut().zip(errors).enumerate() {
+            (term.se, term.inflation) = (se, inflation(place));
         }
-        found.sort_by(|one, other| one.means.mean_range_um.total_cmp(&other.means.mean_range_um));
-        found
-    } else {
-        Vec::new()
-    };
-    let error = campaign.dataset.columns[campaign.error].name.clone();
-    let means = means(held_out.iter().map(|held| (held.score.range_um, held.score.rmse_um)));
-    let mut terms = terms(campaign, learner.as_ref(), &learned, &held_out, settings.method);
-    let apart = match &learned {
-        Learned::Sum(gains) => collinearity(campaign, learner.bank(), gains),
-        Learned::Net { .. } => None,
-    };
-    for (term, inflation) in terms.iter_mut().zip(apart.iter().flat_map(|apart| &apart.inflation)) {
-        term.inflation = Some(*inflation);
     }
-    let bare = |held: &HeldOut| (held.score.uncompensated_range_um, held.score.uncompensated_rmse_um);
+    let error = campaign.dataset.columns[campaign.error].name.clone();
+    let runs: Vec<RunScore> = held_out.iter().map(|held| held.score.clone()).collect();
     Ok(Identified {
         method: settings.method.name(),
         axis: ready.axis.clone(),
         terms,
-        condition: apart.map(|apart| apart.condition),
+        condition,
         network: match &learned {
             Learned::Net { net, .. } => Some(net.what()),
             Learned::Sum(_) => None,
         },
-        runs: held_out.iter().map(|held| held.score.clone()).collect(),
-        mean_range_um: means.mean_range_um,
-        worst_range_um: means.worst_range_um,
-        mean_rmse_um: means.mean_rmse_um,
-        uncompensated: self::means(held_out.iter().map(bare)),
+        means: Means::of(&runs),
+        uncompensated: Means::uncompensated(&runs),
+        runs,
         probe_s: probe,
         excluded: ready.excluded.clone(),
         ambient: ready.ambient.clone(),
         repaired: ready.repaired.clone(),
         columns: columns(ready, &error),
-        fallbacks: stand_ins,
+        fallbacks,
         remarks: ready.remarks.clone(),
-        region: Region::of(campaign, learner.bank(), &inputs),
-        position: campaign.position.as_ref().map(|position| (position.name.clone(), position.reference)),
+        region: Region::of(campaign, bank, &inputs),
+        position: campaign
+            .position
+            .as_ref()
+            .map(|position| (position.input.name.clone(), position.reference)),
         settle_s: campaign.machine.settle.as_secs_f64(),
         error,
         held_out,
@@ -227,21 +206,10 @@ pub fn identify(
     })
 }
 
-fn check_rows(learner: &dyn Learner) -> Result<(), String> {
-    match learner.bank().runs.iter().find(|run| run.wanted.is_empty()) {
-        None => Ok(()),
-        Some(run) => Err(format!(
-            "{} has no row in which the error and every sensor are there: leave it out, or leave the sensor out that \
-             is missing with --without",
-            run.name
-        )),
-    }
-}
-
 /// Least squares on all columns needs more rows than columns, also where the longest run is held out.
-fn check_count(learner: &dyn Learner, method: Method) -> Result<(), String> {
-    let terms = learner.bank().width();
-    let rows = learner.bank().runs.iter().map(|run| run.wanted.len());
+fn check_count(bank: &Bank, method: Method) -> Result<(), String> {
+    let terms = bank.candidates.len();
+    let rows = bank.runs.iter().map(|run| run.target.len());
     let left = rows.clone().sum::<usize>() - rows.max().unwrap_or(0);
     if method != Method::Ols || left > terms {
         return Ok(());
@@ -252,81 +220,61 @@ fn check_count(learner: &dyn Learner, method: Method) -> Result<(), String> {
     ))
 }
 
-/// The places of the inputs that a model needs.
-fn inputs_of(learned: &Learned) -> Vec<usize> {
-    let mut inputs: Vec<usize> = match learned {
-        Learned::Sum(gains) => gains.iter().map(|(candidate, _)| candidate.input).collect(),
-        Learned::Net { inputs, .. } => inputs.iter().map(|candidate| candidate.input).collect(),
-    };
-    inputs.sort_unstable();
-    inputs.dedup();
-    inputs
-}
-
-fn terms(
-    campaign: &Campaign<'_>,
-    learner: &dyn Learner,
-    learned: &Learned,
-    held_out: &[HeldOut],
-    method: Method,
-) -> Vec<TermFound> {
-    let Learned::Sum(gains) = learned else { return Vec::new() };
-    let left_out: Vec<&Learned> = held_out.iter().map(|held| &held.learned).collect();
-    let errors = standard_errors(learner.bank(), gains, &left_out, method.is_penalized());
-    gains.iter().zip(errors).map(|((candidate, gain), se)| shown(campaign, candidate, *gain, se)).collect()
-}
-
-fn shown(campaign: &Campaign<'_>, candidate: &Candidate, gain: f64, se: f64) -> TermFound {
-    TermFound {
+fn terms_of(campaign: &Campaign<'_>, gains: &[(Candidate, f64)]) -> Vec<TermFound> {
+    let term = |(candidate, gain): &(Candidate, f64)| TermFound {
         signal: campaign.inputs[candidate.input].name.clone(),
         lag_s: candidate.lag.map_or(0.0, |lag| lag.as_secs_f64()),
-        gain,
-        se,
+        gain: *gain,
+        se: 0.0,
         inflation: None,
         slope: candidate.along,
-    }
+    };
+    gains.iter().map(term).collect()
 }
 
-fn stand_ins(
+/// For the loss of each input, the best first.
+fn fallbacks(
+    campaign: &Campaign<'_>,
+    learner: &dyn Learner,
+    settings: &Settings,
+    inputs: &[usize],
+    learned: &Learned,
+    held_out: &[HeldOut],
+) -> Result<Vec<Fallback>, String> {
+    let own = Settings { method: settings.method.stand_in(), ..settings.clone() };
+    let mut found = match own.method {
+        method if method == settings.method => without_each(campaign, learner, &own, inputs),
+        method => without_each(campaign, method.prepare(campaign, &own)?.as_ref(), &own, inputs),
+    };
+    if settings.method == Method::Difference {
+        found.extend(alone(campaign, learner.bank(), learned, held_out));
+    }
+    found.sort_by(|one, other| one.means.mean_range_um.total_cmp(&other.means.mean_range_um));
+    Ok(found)
+}
+
+/// A method that cannot do without a sensor has no stand-in for its loss.
+fn without_each(
     campaign: &Campaign<'_>,
     learner: &dyn Learner,
     settings: &Settings,
     inputs: &[usize],
 ) -> Vec<Fallback> {
     let runs: Vec<usize> = (0..learner.bank().runs.len()).collect();
-    let mut found = Vec::new();
-    for lost in inputs {
-        // A method that cannot do without this sensor has no stand-in for its loss.
-        let Ok(learned @ Learned::Sum(_)) = learner.learn(&runs, &[*lost]) else { continue };
-        let needed = inputs_of(&learned);
-        let Learned::Sum(gains) = learned else { continue };
-        if gains.is_empty() {
-            continue;
-        }
-        let held = leave_one_run_out(campaign, learner, settings, &[*lost], None, &|_, _| {});
-        let Ok(held) = held else { continue };
-        found.push(Fallback {
+    let without = |lost: &usize| {
+        let learned = learner.learn(&runs, &[*lost]).ok()?;
+        let gains = learned.sum().filter(|gains| !gains.is_empty())?;
+        let held = leave_one_run_out(campaign, learner, settings, &[*lost], None, &|_, _| {}).ok()?;
+        Some(Fallback {
             without: campaign.inputs[*lost].name.clone(),
             method: settings.method.name(),
             alone: None,
-            terms: gains.iter().map(|(candidate, gain)| shown(campaign, candidate, *gain, 0.0)).collect(),
-            region: Region::of(campaign, learner.bank(), &needed),
-            means: means(held.iter().map(|held| (held.score.range_um, held.score.rmse_um))),
-        });
-    }
-    found
-}
-
-fn means(scores: impl Iterator<Item = (f64, f64)>) -> Means {
-    let (mut ranges, mut squares, mut worst, mut runs) = (0.0, 0.0, 0.0_f64, 0_usize);
-    for (range, rms) in scores {
-        ranges += range;
-        squares += rms;
-        worst = worst.max(range);
-        runs += 1;
-    }
-    let runs = count(runs).max(1.0);
-    Means { mean_range_um: ranges / runs, worst_range_um: worst, mean_rmse_um: squares / runs }
+            terms: terms_of(campaign, gains),
+            region: Region::of(campaign, learner.bank(), &learned.inputs()),
+            means: Means::of(held.iter().map(|held| &held.score)),
+        })
+    };
+    inputs.iter().filter_map(without).collect()
 }
 
 /// As the columns were recorded: what was rebuilt has no resolution.
@@ -344,7 +292,7 @@ fn columns(ready: &Ready<'_>, error: &str) -> Vec<ColumnShown> {
     };
     let dataset = ready.logs;
     let shown = |(place, column): (usize, &Column)| {
-        let span = least_and_most(dataset.runs.iter().flat_map(|run| run.values[place].iter().copied()));
+        let span = least_and_most(dataset.runs.iter().flat_map(|run| &run.values[place]));
         ColumnShown {
             name: column.name.clone(),
             kind: column.kind,

@@ -2,12 +2,12 @@
 
 use nalgebra::DVector;
 
-use crate::bank::{Bank, Candidate, Traced, trace};
+use crate::bank::{Bank, Candidate, trace};
 use crate::campaign::Campaign;
 use isotherm_core::compensation::model::network::Net;
 
 /// A method that has its data.
-pub trait Learner: Sync {
+pub(crate) trait Learner: Sync {
     /// The rows that it learns from and is judged on.
     fn bank(&self) -> &Bank;
 
@@ -35,50 +35,53 @@ pub enum Learned {
 }
 
 impl Learned {
-    /// Cz over a run, row by row of the bank.
-    pub fn predict(&self, campaign: &Campaign<'_>, bank: &Bank, run: usize) -> Vec<f64> {
-        let traced = &bank.runs[run];
+    /// The terms of a sum.
+    pub(crate) fn sum(&self) -> Option<&[(Candidate, f64)]> {
         match self {
-            Learned::Sum(gains) => sum(campaign, bank, run, gains),
+            Learned::Sum(gains) => Some(gains),
+            Learned::Net { .. } => None,
+        }
+    }
+
+    /// The places of the inputs that it needs, ascending.
+    pub(crate) fn inputs(&self) -> Vec<usize> {
+        let mut inputs: Vec<usize> = match self {
+            Learned::Sum(gains) => gains.iter().map(|(candidate, _)| candidate.input).collect(),
+            Learned::Net { inputs, .. } => inputs.iter().map(|candidate| candidate.input).collect(),
+        };
+        inputs.sort_unstable();
+        inputs.dedup();
+        inputs
+    }
+
+    /// Cz over a run, µm, row by row of the bank.
+    pub(crate) fn predict(&self, campaign: &Campaign<'_>, bank: &Bank, run: usize) -> Vec<f64> {
+        let rises = &bank.runs[run].rises;
+        match self {
+            Learned::Sum(gains) => {
+                // Time constants that are not in the bank are followed once more, over the same rows.
+                let is_foreign = |candidate: &Candidate| bank.column(candidate).is_none();
+                let foreign: Vec<Candidate> = gains.iter().map(|term| term.0).filter(is_foreign).collect();
+                let extra = (!foreign.is_empty()).then(|| trace(campaign, run, &foreign).rises);
+                let extra = extra.filter(|extra| extra.nrows() == rises.nrows());
+                let mut cz = DVector::zeros(rises.nrows());
+                for (candidate, gain) in gains {
+                    if let Some(column) = bank.column(candidate) {
+                        cz.axpy(*gain, &rises.column(column), 1.0);
+                    } else if let (Some(extra), Some(column)) =
+                        (&extra, foreign.iter().position(|other| other == candidate))
+                    {
+                        cz.axpy(*gain, &extra.column(column), 1.0);
+                    }
+                }
+                cz.data.into()
+            }
             Learned::Net { inputs, net, .. } => {
-                let place = |input| bank.candidates.iter().position(|known| known == input);
-                let columns: Vec<usize> = inputs.iter().filter_map(place).collect();
-                (0..traced.rises.nrows())
-                    .map(|row| {
-                        let rises: Vec<f64> =
-                            columns.iter().map(|column| traced.rises[(row, *column)]).collect();
-                        net.output(&rises)
-                    })
-                    .collect()
+                let columns: Vec<usize> = inputs.iter().filter_map(|input| bank.column(input)).collect();
+                let row =
+                    |row: usize| columns.iter().map(|column| rises[(row, *column)]).collect::<Vec<f64>>();
+                (0..rises.nrows()).map(|place| net.output(&row(place))).collect()
             }
         }
     }
-}
-
-/// The bank's column of an input without a lag.
-pub(super) fn plain(bank: &Bank, input: usize) -> Option<usize> {
-    let is_plain =
-        |candidate: &Candidate| candidate.input == input && candidate.lag.is_none() && !candidate.along;
-    bank.candidates.iter().position(is_plain)
-}
-
-fn sum(campaign: &Campaign<'_>, bank: &Bank, run: usize, gains: &[(Candidate, f64)]) -> Vec<f64> {
-    let traced = &bank.runs[run];
-    let mut cz = DVector::zeros(traced.rises.nrows());
-    // Time constants that are not in the bank are followed once more, over the same rows.
-    let foreign: Vec<Candidate> =
-        gains.iter().map(|(candidate, _)| *candidate).filter(|own| !bank.candidates.contains(own)).collect();
-    let extra: Option<Traced> = (!foreign.is_empty()).then(|| trace(campaign, run, &foreign));
-    for (candidate, gain) in gains {
-        let own = bank.candidates.iter().position(|known| known == candidate);
-        if let Some(column) = own {
-            cz.axpy(*gain, &traced.rises.column(column), 1.0);
-        } else if let (Some(extra), Some(column)) =
-            (&extra, foreign.iter().position(|known| known == candidate))
-            && extra.rises.nrows() == cz.len()
-        {
-            cz.axpy(*gain, &extra.rises.column(column), 1.0);
-        }
-    }
-    cz.iter().copied().collect()
 }

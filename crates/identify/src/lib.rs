@@ -11,34 +11,36 @@
 //! [`select`] says which points are worth keeping, without a profile; [`report`] draws both for a customer.
 //!
 //! # Sign
-//! Methods learn the compensation that is wanted, Cz = −(e − its cold value): a gain is the profile's gain.
+//! Methods learn the compensation that would leave no error, Cz = −(e − its cold value): a gain is the profile's gain.
 
-pub mod alike;
-pub mod ambient;
 pub mod applied;
 pub mod balls;
-pub mod bank;
-pub mod campaign;
-pub mod collinear;
 pub mod dataset;
 pub mod drift;
 pub mod facts;
 pub mod faults;
-pub mod gram;
 pub mod identified;
-pub mod learn;
 pub mod method;
-pub mod region;
 pub mod report;
 pub mod select;
 pub mod setup;
-pub mod statistics;
-pub mod validate;
 pub mod written;
 
+mod alike;
+mod ambient;
+mod bank;
+mod campaign;
 mod checks;
+mod collinear;
 mod folds;
+mod gram;
+mod learn;
+mod minutes;
+mod region;
 mod solve;
+mod statistics;
 mod uncertainty;
+mod validate;
 
 pub use identified::{Identified, identify};
+pub use learn::Learned;

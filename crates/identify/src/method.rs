@@ -7,6 +7,7 @@ use crate::bank::{Bank, Candidate, usual_lags};
 use crate::campaign::Campaign;
 use crate::gram::Gram;
 use crate::learn::{Learned, Learner};
+use trained::{Shape, Trained};
 
 mod difference;
 mod forward;
@@ -15,7 +16,7 @@ mod least_squares;
 mod position;
 mod ridge;
 mod sparse;
-pub(super) mod stepwise;
+pub(crate) mod stepwise;
 mod trained;
 mod two_source;
 
@@ -37,17 +38,17 @@ pub enum Method {
     Position,
     /// --first sensors from the --waiting runs, --second sensors from what is left on the others (Tachiya et al. 2013).
     TwoSource,
-    /// One gain for the difference of two sensors, and each of them alone with machine-on time (JP H07-61598 B2).
+    /// One gain for the difference of two sensors, and each of them alone with the time since machine start (JP H07-61598 B2).
     Difference,
     /// Radial basis functions about --centres that k-means finds.
     Rbf,
     /// A network of --neurons in one layer, by back-propagation that stops where days left out say so.
     Network,
-    /// No model: the bare machine, or a probe alone.
+    /// No model: the uncompensated machine, or a probe alone.
     None,
 }
 
-/// What a method may be told.
+/// The options of the methods.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     /// How.
@@ -125,47 +126,54 @@ impl Method {
     ///
     /// # Errors
     /// A sentence: what the method lacks.
-    pub fn prepare<'a>(
+    pub(crate) fn prepare<'a>(
         self,
         campaign: &'a Campaign<'a>,
         settings: &Settings,
     ) -> Result<Box<dyn Learner + 'a>, String> {
-        let stepwise = stepwise::Stepwise {
-            rows_per_sample: (settings.independent.as_secs_f64() / campaign.row_seconds()).max(1.0),
-            terms: settings.terms.unwrap_or(usize::MAX),
-        };
+        let Settings { terms, centres, neurons, .. } = *settings;
+        let rows_per_sample = campaign.rows_per_sample(settings.independent);
         let lags = if settings.lags.is_empty() { usual_lags() } else { settings.lags.clone() };
-        let rule: Box<dyn Rule> = match self {
-            Method::SparseLag => Box::new(sparse::Sparse { terms: settings.terms }),
-            Method::RidgeLag => Box::new(ridge::Ridge),
-            Method::Stepwise => Box::new(stepwise),
-            Method::Position => Box::new(position::Position { terms: settings.terms }),
-            Method::Ols => Box::new(least_squares::LeastSquares),
-            Method::None => Box::new(Nothing),
-            Method::Difference => Box::new(difference::Difference),
-            Method::TwoSource => Box::new(two_source::TwoSource::new(campaign, settings)?),
-            Method::Rbf | Method::Network => {
-                let shape = match self {
-                    Method::Rbf => trained::Shape::Radial(settings.centres),
-                    _ => trained::Shape::Neurons(settings.neurons),
+        let lagged = || Bank::of(campaign, &lags);
+        let plain = || Bank::of(campaign, &[None]);
+        let trained = |shape| Trained::new(campaign, settings, shape);
+        let (bank, rule): (Bank, Rule) = match self {
+            Method::Lag => return Ok(Box::new(lag::Lagging::new(campaign, lagged(), terms))),
+            Method::Rbf => return Ok(Box::new(trained(Shape::Radial(centres))?)),
+            Method::Network => return Ok(Box::new(trained(Shape::Neurons(neurons))?)),
+            Method::SparseLag => {
+                (lagged(), Box::new(move |grams, runs, may| Ok(sparse::fit(grams, runs, may, terms))))
+            }
+            Method::RidgeLag => (lagged(), Box::new(|grams, runs, may| Ok(ridge::fit(grams, runs, may)))),
+            Method::Stepwise => {
+                let most = terms.unwrap_or(usize::MAX);
+                let rule = move |grams: &[Gram], runs: &[usize], may: &[usize]| {
+                    Ok(stepwise::fit(&Gram::sum(grams, runs), rows_per_sample, may, most))
                 };
-                return Ok(Box::new(trained::Trained::new(campaign, settings, shape)?));
+                (lagged(), Box::new(rule))
             }
-            Method::Lag => {
-                let bank = Bank::of(campaign, &lags);
-                return Ok(Box::new(lag::Lagging::new(campaign, bank, settings.terms)));
+            Method::Position => (
+                position::bank(campaign, &lags)?,
+                Box::new(move |grams, runs, may| Ok(position::fit(grams, runs, may, terms))),
+            ),
+            Method::Ols => {
+                (plain(), Box::new(|grams, runs, may| least_squares::fit(&Gram::sum(grams, runs), may)))
             }
+            Method::Difference => {
+                (plain(), Box::new(|grams, runs, may| difference::fit(&Gram::sum(grams, runs), may)))
+            }
+            Method::TwoSource => {
+                let sources = two_source::TwoSource::new(campaign, settings)?;
+                (plain(), Box::new(move |grams, runs, may| sources.fit(grams, runs, may)))
+            }
+            Method::None => (plain(), Box::new(|_, _, _| Ok(Gains::new()))),
         };
-        let plain: &[Option<Duration>] = &[None];
-        let bank = match self {
-            Method::SparseLag | Method::RidgeLag | Method::Stepwise => Bank::of(campaign, &lags),
-            Method::Position => position::bank(campaign, &lags)?,
-            _ => Bank::of(campaign, plain),
-        };
-        let grams = bank.grams();
-        Ok(Box::new(OnBank { bank, grams, rule }))
+        Ok(Box::new(OnBank { grams: bank.grams(), bank, rule }))
     }
 }
+
+/// Columns of the bank with their gains.
+type Gains = Vec<(usize, f64)>;
 
 impl fmt::Display for Method {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -173,16 +181,14 @@ impl fmt::Display for Method {
     }
 }
 
-/// A linear method that needs no more than the products of each run.
-trait Rule: Sync {
-    /// Columns of the bank with their gains; `columns` are those that may be used.
-    fn fit(&self, grams: &[Gram], runs: &[usize], columns: &[usize]) -> Result<Vec<(usize, f64)>, String>;
-}
+/// A linear method that needs no more than the products of each run. Its arguments are the products, the runs that are
+/// learnt from, and the columns that may be used.
+type Rule = Box<dyn Fn(&[Gram], &[usize], &[usize]) -> Result<Gains, String> + Sync>;
 
 struct OnBank {
     bank: Bank,
     grams: Vec<Gram>,
-    rule: Box<dyn Rule>,
+    rule: Rule,
 }
 
 impl Learner for OnBank {
@@ -194,16 +200,8 @@ impl Learner for OnBank {
         let may = |(_, candidate): &(usize, &Candidate)| !without.contains(&candidate.input);
         let columns: Vec<usize> =
             self.bank.candidates.iter().enumerate().filter(may).map(|(place, _)| place).collect();
-        let gains = self.rule.fit(&self.grams, runs, &columns)?;
+        let gains = (self.rule)(&self.grams, runs, &columns)?;
         let gains = gains.into_iter().map(|(column, gain)| (self.bank.candidates[column], gain));
         Ok(Learned::Sum(gains.collect()))
-    }
-}
-
-struct Nothing;
-
-impl Rule for Nothing {
-    fn fit(&self, _: &[Gram], _: &[usize], _: &[usize]) -> Result<Vec<(usize, f64)>, String> {
-        Ok(Vec::new())
     }
 }

@@ -6,8 +6,7 @@ use serde_json::{Value, json};
 
 use crate::bank::Bank;
 use crate::campaign::Campaign;
-use crate::learn::plain;
-use crate::statistics::count;
+use crate::statistics::{count, least_and_most};
 use isotherm_core::compensation::model::envelope::MOST;
 
 /// The rises of some inputs over every run.
@@ -31,22 +30,14 @@ const LOOSENED: f64 = 1e-6;
 
 impl Region {
     /// Of these inputs. `None` where they are too many for an envelope, or one never moves.
-    pub fn of(campaign: &Campaign<'_>, bank: &Bank, inputs: &[usize]) -> Option<Region> {
+    pub(crate) fn of(campaign: &Campaign<'_>, bank: &Bank, inputs: &[usize]) -> Option<Region> {
         if inputs.is_empty() || inputs.len() > MOST {
             return None;
         }
-        let columns: Vec<usize> =
-            inputs.iter().map(|input| plain(bank, *input)).collect::<Option<Vec<usize>>>()?;
-        let rows: Vec<DVector<f64>> = bank
-            .runs
-            .iter()
-            .flat_map(|run| {
-                let columns = &columns;
-                (0..run.rises.nrows()).map(move |row| {
-                    DVector::from_fn(columns.len(), |place, _| run.rises[(row, columns[place])])
-                })
-            })
-            .collect();
+        let columns = inputs.iter().map(|input| Some(bank.rises(bank.plain(*input)?)));
+        let columns: Vec<Vec<f64>> = columns.collect::<Option<_>>()?;
+        let row = |row: usize| DVector::from_fn(columns.len(), |place, _| columns[place][row]);
+        let rows: Vec<DVector<f64>> = (0..columns[0].len()).map(row).collect();
         let total = count(rows.len());
         let mean = rows.iter().fold(DVector::zeros(inputs.len()), |sum, row| sum + row) / total.max(1.0);
         let mut covariance = rows.iter().fold(DMatrix::zeros(inputs.len(), inputs.len()), |sum, row| {
@@ -62,17 +53,15 @@ impl Region {
             apart.dot(&factors.solve(&apart)).max(0.0).sqrt()
         };
         let reach = rows.iter().map(distance).fold(0.0, f64::max);
-        let named = inputs.iter().enumerate().map(|(place, input)| {
-            let values = rows.iter().map(|row| row[place]);
-            let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)));
-            (campaign.inputs[*input].name.clone(), mean[place], low, high)
+        let named = inputs.iter().zip(&columns).zip(mean.iter()).map(|((input, column), mean)| {
+            let (low, high) = least_and_most(column).filter(|(low, high)| low < high)?;
+            Some((campaign.inputs[*input].name.clone(), *mean, low, high))
         });
-        let inputs: Vec<_> = named.collect();
-        inputs.iter().all(|(_, _, low, high)| low < high).then_some(Region { inputs, covariance, reach })
+        Some(Region { inputs: named.collect::<Option<_>>()?, covariance, reach })
     }
 
     /// As its file.
-    pub fn file(&self) -> Value {
+    pub(crate) fn file(&self) -> Value {
         let inputs: Vec<Value> = (self.inputs.iter())
             .map(|(signal, mean, min, max)| {
                 json!({ "signal": signal, "reference": "start", "mean": mean, "min": min, "max": max })

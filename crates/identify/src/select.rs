@@ -15,10 +15,10 @@ use std::time::Duration;
 use serde::Serialize;
 
 use crate::alike::{correlations, groups};
-use crate::ambient::AmbientLike;
-use crate::bank::Bank;
-use crate::faults::Excluded;
-use crate::validate::RunScore;
+use crate::bank::{Bank, Traced};
+use crate::faults::Finding;
+use crate::statistics::range;
+use crate::validate::{Progress, RunScore};
 
 mod counted;
 mod grey;
@@ -52,9 +52,9 @@ pub struct Selected {
     /// `by_count`.
     pub recommended: Recommended,
     /// Sensors left out, with the reason.
-    pub excluded: Vec<Excluded>,
+    pub excluded: Vec<Finding>,
     /// Points that behave like the air, with the reason.
-    pub ambient: Vec<AmbientLike>,
+    pub ambient: Vec<Finding>,
     /// What is odd.
     pub remarks: Vec<String>,
 }
@@ -109,12 +109,9 @@ pub struct Settings {
     pub independent: Duration,
 }
 
-/// A time constant or none.
-type Lags = [Option<Duration>; 4];
-
-/// None, 6, 25 and 100 minutes.
-pub const LAGS: Lags =
-    [None, Some(Duration::from_secs(360)), Some(Duration::from_secs(1500)), Some(Duration::from_secs(6000))];
+/// Time constants that are usual: none, 6, 25 and 100 minutes.
+const LAGS: [Option<Duration>; 4] =
+    [None, Some(Duration::from_mins(6)), Some(Duration::from_mins(25)), Some(Duration::from_mins(100))];
 
 impl Default for Settings {
     fn default() -> Settings {
@@ -127,14 +124,14 @@ impl Default for Settings {
     }
 }
 
-/// Looks at every point. `progress` is told what is done, out of how much.
+/// Looks at every point.
 ///
 /// # Errors
 /// A sentence that says what to do.
 pub fn select(
     pointed: &Pointed<'_>,
     settings: &Settings,
-    progress: &(dyn Fn(usize, usize) + Sync),
+    progress: Progress<'_>,
 ) -> Result<Selected, String> {
     let campaign = &pointed.campaign;
     let mut lags = settings.lags.clone();
@@ -142,59 +139,53 @@ pub fn select(
         lags.insert(0, None);
     }
     let bank = Bank::of(campaign, &lags);
-    if let Some(run) = bank.runs.iter().find(|run| run.wanted.is_empty()) {
-        return Err(format!(
-            "{} has no row in which the error and every point are there: leave it out, or leave the point out that is \
-             missing with --without",
-            run.name
-        ));
-    }
+    bank.check_rows("every point", "the point")?;
     let count = campaign.inputs.len();
     let all: Vec<usize> = (0..count).collect();
     let between = correlations(&bank, &all);
-    let mut order = all.clone();
-    order.sort_by(|one, other| between[*other][count].abs().total_cmp(&between[*one][count].abs()));
+    let by_error =
+        |one: &usize, other: &usize| between[*other][count].abs().total_cmp(&between[*one][count].abs());
     let grades = grey::grades(&bank, &all, &between);
-    let name = |point: &usize| campaign.inputs[*point].name.clone();
-    let grouped = |least: &f64| Grouped {
-        correlation: *least,
-        groups: groups(&between, count, *least)
-            .into_iter()
-            .map(|group| named(group, &between, &name))
-            .collect(),
+    let name = |point: usize| campaign.inputs[point].name.clone();
+    // The one most correlated with the error first: it stands for the others.
+    let named = |mut group: Vec<usize>| {
+        group.sort_by(by_error);
+        group.into_iter().map(name).collect()
     };
-    let grouped: Vec<Grouped> = settings.groups.iter().map(grouped).collect();
-    let rows_per_sample = (settings.independent.as_secs_f64() / campaign.row_seconds()).max(1.0);
-    let stepwise = steps::steps(&bank, rows_per_sample, &name);
-    let found = counted::counted(campaign, &bank, settings.most, progress);
-    let alike = found.recommended(&grouped, &name);
+    let grouped = settings.groups.iter().map(|least| Grouped {
+        correlation: *least,
+        groups: groups(&between, count, *least).into_iter().map(named).collect(),
+    });
+    let grouped: Vec<Grouped> = grouped.collect();
+    let counts = counted::counted(&bank, count, settings.most, &name, progress);
+    let recommended = counts.recommended(&grouped, &name);
+    let mut order = all;
+    order.sort_by(by_error);
+    let moved = |point: usize| {
+        let of_run =
+            |run: &Traced| bank.plain(point).map_or(0.0, |column| range(run.rises.column(column).iter()));
+        bank.runs.iter().map(of_run).fold(0.0, f64::max)
+    };
     let points = order.iter().map(|point| Point {
-        name: name(point),
+        name: name(*point),
         correlation: between[*point][count],
         grey_grade: grades[*point],
-        moved: points::moved(&bank, *point),
+        moved: moved(*point),
     });
     Ok(Selected {
         error: campaign.dataset.columns[campaign.error].name.clone(),
-        runs: found.scores(alike.k),
+        runs: counts.scores(recommended.k),
         points: points.collect(),
         mutual: order.iter().map(|one| order.iter().map(|other| between[*one][*other]).collect()).collect(),
         groups: grouped,
-        stepwise,
-        by_count: found.table(&name),
-        all_points: found.all_points(&name),
-        recommended: alike,
+        stepwise: steps::steps(&bank, campaign.rows_per_sample(settings.independent), &name),
+        by_count: counts.table,
+        all_points: counts.all_points,
+        recommended,
         excluded: pointed.excluded.clone(),
         ambient: pointed.ambient.clone(),
         remarks: pointed.remarks.clone(),
     })
-}
-
-/// By name, the one most correlated with the error first.
-fn named(mut group: Vec<usize>, between: &[Vec<f64>], name: &dyn Fn(&usize) -> String) -> Vec<String> {
-    let error = between.len() - 1;
-    group.sort_by(|one, other| between[*other][error].abs().total_cmp(&between[*one][error].abs()));
-    group.iter().map(name).collect()
 }
 
 #[cfg(test)]

@@ -2,15 +2,15 @@
 
 use std::time::Duration;
 
-use crate::ambient::{self, AmbientLike};
+use crate::ambient;
 use crate::applied::{self, Applied};
 use crate::campaign::{Campaign, Input, Position, temperatures_of};
-use crate::checks::{check_error, check_runs, check_units, nearest};
+use crate::checks::{check_error, check_runs, fahrenheit, nearest, stays};
 use crate::dataset::{BadLog, Dataset, Kind};
 use crate::faults::mend::{Mended, mend};
-use crate::faults::{self, Excluded, Repaired};
+use crate::faults::{self, Finding, Repaired};
 use isotherm_core::reading::SignalId;
-use isotherm_profile::Profile;
+use isotherm_profile::{Profile, Signal};
 
 /// Which columns are what.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -35,15 +35,15 @@ pub struct Choice {
 #[derive(Clone, Debug)]
 pub struct Ready<'a> {
     /// The runs through the profile's signals.
-    pub campaign: Campaign<'a>,
+    pub(crate) campaign: Campaign<'a>,
     /// The axis's name.
     pub axis: String,
     /// The logs as they were recorded.
     pub logs: &'a Dataset,
     /// Sensors that were left out.
-    pub excluded: Vec<Excluded>,
+    pub excluded: Vec<Finding>,
     /// Inputs that behave like the air.
-    pub ambient: Vec<AmbientLike>,
+    pub ambient: Vec<Finding>,
     /// Sensors that were faulty in a run, and what their readings were replaced by.
     pub repaired: Vec<Repaired>,
     /// What is odd.
@@ -60,10 +60,16 @@ pub fn without_cz(
     choice: &Choice,
     applied: &Applied,
 ) -> Result<(), BadLog> {
-    // An axis or a column that is not there is told by `ready`.
+    // `ready` says so where the axis or the column is not there.
     let Some(axis) = axis(profile, choice, &mut Vec::new()) else { return Ok(()) };
-    let error = choice.error.clone().unwrap_or_else(|| format!("{axis}_error_um"));
-    applied::bare(dataset, &error, Some(&axis), applied::moves_the_machine(profile, &axis), applied)
+    let moves = applied::moves_the_machine(profile, &axis);
+    applied::without_cz(dataset, &choice.error_of(&axis), Some(&axis), moves, applied)
+}
+
+impl Choice {
+    fn error_of(&self, axis: &str) -> String {
+        self.error.clone().unwrap_or_else(|| format!("{axis}_error_um"))
+    }
 }
 
 /// Checks the choice, and mends what faulty sensors spoilt or leaves them out.
@@ -73,30 +79,43 @@ pub fn without_cz(
 pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Result<Ready<'a>, BadLog> {
     let mut wrong = Vec::new();
     let axis = axis(profile, choice, &mut wrong);
-    let error = error_column(dataset, choice, axis.as_deref(), &mut wrong);
+    let error = match (&choice.error, &axis) {
+        (None, None) => None,
+        (name, axis) => {
+            let name = name.clone().unwrap_or_else(|| choice.error_of(axis.as_deref().unwrap_or_default()));
+            let found = dataset.column(&name);
+            if found.is_none() {
+                wrong.push(format!(
+                    "no log has a column `{name}` with the measured error in µm{}; name it with --error",
+                    nearest(&name, &dataset.names())
+                ));
+            }
+            found
+        }
+    };
     check_runs(dataset, &mut wrong);
     let mut remarks = dataset.remarks.clone();
     let inputs = inputs(profile, dataset, choice, &mut wrong, &mut remarks);
-    check_units(dataset, &inputs, &mut wrong);
-    let position = position(profile, dataset, choice, &mut wrong);
+    let temperatures = temperatures_of(dataset, &inputs);
+    wrong.extend(fahrenheit(dataset, &temperatures));
+    let position = choice.position.as_ref().and_then(|(name, reference)| {
+        let input = input(profile, dataset, name, " with the position of the axis", &mut wrong)?;
+        Some(Position { input, reference: *reference })
+    });
     if let Some(error) = error {
         check_error(dataset, error, &mut wrong);
     }
     let (Some(axis), Some(error), true) = (axis, error, wrong.is_empty()) else { return Err(BadLog(wrong)) };
-    let temperatures = temperatures_of(dataset, &inputs);
-    let (kept, judged): (Vec<usize>, Vec<usize>) =
-        (temperatures.iter()).partition(|column| choice.keep.contains(&dataset.columns[**column].name));
+    let is_kept = |column: &usize| choice.keep.contains(&dataset.columns[*column].name);
+    let (kept, judged): (Vec<usize>, Vec<usize>) = temperatures.iter().partition(|column| is_kept(column));
     if !kept.is_empty() {
+        // A fault shows against the others.
         let found = faults::find(dataset, &temperatures);
-        for faulty in found.iter().filter(|faulty| choice.keep.contains(&faulty.signal)) {
-            remarks.push(format!("{} stays in as asked, though it {}", faulty.signal, faulty.reason));
-        }
+        remarks.extend(found.iter().filter(|found| choice.keep.contains(&found.signal)).map(stays));
     }
     let Mended { mending, excluded, repaired } = mend(dataset, &judged);
-    let good: Vec<Input> = inputs
-        .into_iter()
-        .filter(|input| !excluded.iter().any(|faulty| faulty.signal == input.name))
-        .collect();
+    let is_good = |input: &Input| !excluded.iter().any(|faulty| faulty.signal == input.name);
+    let good: Vec<Input> = inputs.into_iter().filter(is_good).collect();
     if good.is_empty() {
         let reasons = excluded.iter().map(|faulty| format!("{}: {}", faulty.signal, faulty.reason));
         let reasons: Vec<String> = reasons.collect();
@@ -125,38 +144,45 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
 
 fn axis(profile: &Profile, choice: &Choice, wrong: &mut Vec<String>) -> Option<String> {
     let names: Vec<&str> = profile.axes.iter().map(|axis| axis.settings.name.as_str()).collect();
-    match (&choice.axis, names.as_slice()) {
-        (Some(wanted), _) if names.contains(&wanted.as_str()) => return Some(wanted.clone()),
-        (Some(wanted), _) => {
-            wrong.push(format!("the profile has no axis `{wanted}`{}", nearest(wanted, &names)))
-        }
+    let why = match (&choice.axis, names.as_slice()) {
+        (Some(asked), _) if names.contains(&asked.as_str()) => return Some(asked.clone()),
+        (Some(asked), _) => format!("the profile has no axis `{asked}`{}", nearest(asked, &names)),
         (None, [only]) => return Some((*only).to_owned()),
-        (None, []) => wrong.push("the profile has no axis; add [axis.z]".to_owned()),
-        (None, _) => wrong.push(format!("name the axis with --axis: one of {}", names.join(", "))),
-    }
+        (None, []) => "the profile has no axis; add [axis.z]".to_owned(),
+        (None, _) => format!("name the axis with --axis: one of {}", names.join(", ")),
+    };
+    wrong.push(why);
     None
 }
 
-fn error_column(
-    dataset: &Dataset,
-    choice: &Choice,
-    axis: Option<&str>,
-    wrong: &mut Vec<String>,
-) -> Option<usize> {
-    let name = match (&choice.error, axis) {
-        (Some(name), _) => name.clone(),
-        (None, Some(axis)) => format!("{axis}_error_um"),
-        (None, None) => return None,
-    };
-    let found = dataset.column(&name);
+fn signals(profile: &Profile) -> Vec<&str> {
+    profile.signals.iter().map(|signal| signal.name.as_str()).collect()
+}
+
+/// The place of a signal.
+fn signal(profile: &Profile, name: &str, wrong: &mut Vec<String>) -> Option<SignalId> {
+    let signals = signals(profile);
+    let found = signals.iter().position(|signal| *signal == name);
     if found.is_none() {
-        let names: Vec<&str> = dataset.columns.iter().map(|column| column.name.as_str()).collect();
-        wrong.push(format!(
-            "no log has a column `{name}` with the measured error in µm{}; name it with --error",
-            nearest(&name, &names)
-        ));
+        wrong.push(format!("the profile has no signal `{name}`{}", nearest(name, &signals)));
     }
-    found
+    found.map(SignalId)
+}
+
+/// A signal that is in the profile and in the logs.
+fn input(
+    profile: &Profile,
+    dataset: &Dataset,
+    name: &str,
+    what: &str,
+    wrong: &mut Vec<String>,
+) -> Option<Input> {
+    let signal = signal(profile, name, wrong)?;
+    let column = dataset.column(name);
+    if column.is_none() {
+        wrong.push(format!("no log has a column `{name}`{what}"));
+    }
+    Some(Input { name: name.to_owned(), signal, column: column? })
 }
 
 fn inputs(
@@ -166,29 +192,20 @@ fn inputs(
     wrong: &mut Vec<String>,
     remarks: &mut Vec<String>,
 ) -> Vec<Input> {
-    let signals: Vec<&str> = profile.signals.iter().map(|signal| signal.name.as_str()).collect();
-    let mut found = Vec::new();
+    let mut found: Vec<Input> =
+        choice.inputs.iter().filter_map(|name| input(profile, dataset, name, "", wrong)).collect();
     if choice.inputs.is_empty() {
-        let mut missing = Vec::new();
-        for (place, signal) in profile.signals.iter().enumerate() {
-            let is_temperature = ["degC", "K"].contains(&signal.unit.0);
-            match dataset.column(&signal.name) {
-                Some(column) if is_temperature => {
-                    found.push(Input { name: signal.name.clone(), signal: SignalId(place), column });
-                }
-                None if is_temperature => missing.push(signal.name.as_str()),
-                _ => {}
-            }
-        }
+        let is_temperature = |signal: &&Signal| ["degC", "K"].contains(&signal.unit.0);
+        let temperatures = profile.signals.iter().filter(is_temperature).map(|signal| signal.name.as_str());
+        let (there, missing): (Vec<&str>, Vec<&str>) =
+            temperatures.partition(|name| dataset.column(name).is_some());
+        found = there.into_iter().filter_map(|name| input(profile, dataset, name, "", wrong)).collect();
         if !missing.is_empty() && !found.is_empty() {
             remarks.push(format!("in the profile, but not in the logs: {}", missing.join(", ")));
         }
-        let unknown: Vec<&str> = dataset
-            .columns
-            .iter()
-            .filter(|column| column.kind == Kind::Temperature && !signals.contains(&column.name.as_str()))
-            .map(|column| column.name.as_str())
-            .collect();
+        let signals = signals(profile);
+        let logged = dataset.of_kind(Kind::Temperature).map(|place| dataset.columns[place].name.as_str());
+        let unknown: Vec<&str> = logged.filter(|name| !signals.contains(name)).collect();
         if !unknown.is_empty() {
             remarks.push(format!(
                 "in the logs, but not in the profile, and so left out: {}; a [signal.…] each lets them be used",
@@ -196,53 +213,16 @@ fn inputs(
             ));
         }
         if found.is_empty() {
-            let columns: Vec<&str> = dataset.columns.iter().map(|column| column.name.as_str()).collect();
             wrong.push(format!(
                 "no temperature of the profile ({}) is a column of the logs ({}): give both the same names",
                 signals.join(", "),
-                columns.join(", ")
+                dataset.names().join(", ")
             ));
         }
     }
-    for name in &choice.inputs {
-        let place = signals.iter().position(|signal| signal == name);
-        match (place, dataset.column(name)) {
-            (Some(place), Some(column)) => {
-                found.push(Input { name: name.clone(), signal: SignalId(place), column });
-            }
-            (None, _) => wrong.push(format!("the profile has no signal `{name}`{}", nearest(name, &signals))),
-            (_, None) => wrong.push(format!("no log has a column `{name}`")),
-        }
-    }
     for name in choice.without.iter().chain(&choice.keep) {
-        if !signals.contains(&name.as_str()) {
-            wrong.push(format!("the profile has no signal `{name}`{}", nearest(name, &signals)));
-        }
+        signal(profile, name, wrong);
     }
     found.retain(|input| !choice.without.contains(&input.name));
     found
-}
-
-fn position(
-    profile: &Profile,
-    dataset: &Dataset,
-    choice: &Choice,
-    wrong: &mut Vec<String>,
-) -> Option<Position> {
-    let (name, reference) = choice.position.as_ref()?;
-    let signal = profile.signals.iter().position(|signal| signal.name == *name);
-    match (signal, dataset.column(name)) {
-        (Some(signal), Some(column)) => {
-            Some(Position { name: name.clone(), signal: SignalId(signal), column, reference: *reference })
-        }
-        (None, _) => {
-            let signals: Vec<&str> = profile.signals.iter().map(|signal| signal.name.as_str()).collect();
-            wrong.push(format!("the profile has no signal `{name}`{}", nearest(name, &signals)));
-            None
-        }
-        (_, None) => {
-            wrong.push(format!("no log has a column `{name}` with the position of the axis"));
-            None
-        }
-    }
 }

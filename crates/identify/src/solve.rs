@@ -10,16 +10,17 @@ const ROUNDING: f64 = 1e-12;
 /// Gains of these columns: least squares with `penalty`·|w|² on columns of root mean square 1, per row.
 pub(super) fn ridge(gram: &Gram, columns: &[usize], penalty: f64) -> DVector<f64> {
     let (scaled, scales) = gram.of_columns(columns).scaled();
-    let mut square = scaled.square;
-    // Twin sensors: a larger penalty until there is an answer.
-    let mut penalty = penalty.max(ROUNDING);
+    penalized(scaled.square, &scaled.cross, penalty.max(ROUNDING)).component_div(&scales)
+}
+
+/// w of (X'X + penalty)·w = X'y. Where columns say the same, the penalty grows until there is an answer.
+pub(super) fn penalized(mut square: DMatrix<f64>, cross: &DVector<f64>, mut penalty: f64) -> DVector<f64> {
     loop {
-        for place in 0..columns.len() {
+        for place in 0..square.nrows() {
             square[(place, place)] += penalty;
         }
         if let Some(factors) = square.clone().cholesky() {
-            let gains = factors.solve(&scaled.cross);
-            return DVector::from_fn(columns.len(), |place, _| gains[place] / scales[place]);
+            return factors.solve(cross);
         }
         penalty *= 10.0;
     }
@@ -27,7 +28,7 @@ pub(super) fn ridge(gram: &Gram, columns: &[usize], penalty: f64) -> DVector<f64
 
 /// The largest elastic net worth trying: below this L1 penalty the first gain leaves zero.
 pub(super) fn first_penalty(scaled: &Gram) -> f64 {
-    scaled.cross.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()))
+    scaled.cross.amax()
 }
 
 /// The elastic net `½|y − Xw|² + l1·|w|₁ + ½·l2·|w|²` on scaled columns, from `gains` on: exact, by the search over signs of
@@ -93,10 +94,9 @@ impl Active {
     /// The answer for these signs, or as far towards it as they hold; those that reach zero go out.
     fn settle(&mut self, scaled: &Gram, l1: f64, gains: &mut DVector<f64>) {
         while let Some(factor) = &self.factor {
-            let wanted = DVector::from_fn(self.columns.len(), |place, _| {
+            let answer = factor.solve(&DVector::from_fn(self.columns.len(), |place, _| {
                 scaled.cross[self.columns[place]] - l1 * self.signs[place]
-            });
-            let answer = factor.solve(&wanted);
+            }));
             let mut way = (1.0, None);
             for (place, column) in self.columns.iter().enumerate() {
                 if answer[place] * self.signs[place] <= 0.0 {

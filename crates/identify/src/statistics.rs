@@ -1,5 +1,7 @@
 //! Plain figures of a series of numbers.
 
+use std::borrow::Borrow;
+
 /// Rows as a number to compute with.
 pub(super) fn count(rows: usize) -> f64 {
     #[allow(clippy::cast_precision_loss, reason = "rows of a log")]
@@ -7,15 +9,27 @@ pub(super) fn count(rows: usize) -> f64 {
     count
 }
 
-/// Largest minus smallest.
-pub fn range(values: &[f64]) -> f64 {
-    let (low, high) =
-        values.iter().fold((f64::MAX, f64::MIN), |(low, high), value| (low.min(*value), high.max(*value)));
-    if values.is_empty() { 0.0 } else { high - low }
+/// Smallest and largest of what is finite.
+pub(super) fn least_and_most<V: Borrow<f64>>(values: impl IntoIterator<Item = V>) -> Option<(f64, f64)> {
+    let finite = values.into_iter().map(|value| *value.borrow()).filter(|value| value.is_finite());
+    finite.fold(None, |span, value| {
+        let (low, high) = span.unwrap_or((value, value));
+        Some((low.min(value), high.max(value)))
+    })
+}
+
+/// Largest minus smallest of what is finite; 0 where nothing is.
+pub(super) fn range<V: Borrow<f64>>(values: impl IntoIterator<Item = V>) -> f64 {
+    least_and_most(values).map_or(0.0, |(low, high)| high - low)
+}
+
+/// Mean; 0 where there are none.
+pub(super) fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / count(values.len()).max(1.0)
 }
 
 /// Root mean square.
-pub fn rms(values: &[f64]) -> f64 {
+pub(super) fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|value| value * value).sum::<f64>() / count(values.len()).max(1.0)).sqrt()
 }
 
@@ -24,14 +38,6 @@ pub(super) fn percentile_95(values: &[f64]) -> f64 {
     let mut sizes: Vec<f64> = values.iter().map(|value| value.abs()).collect();
     sizes.sort_by(f64::total_cmp);
     sizes.get((sizes.len() * 95).div_ceil(100).saturating_sub(1)).copied().unwrap_or(0.0)
-}
-
-/// Smallest and largest of what is finite.
-pub(super) fn least_and_most(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
-    let (low, high) = values
-        .filter(|value| value.is_finite())
-        .fold((f64::MAX, f64::MIN), |(low, high), value| (low.min(value), high.max(value)));
-    (low <= high).then_some((low, high))
 }
 
 /// Half of the values are below it; 0 where there are none.
@@ -48,4 +54,12 @@ pub(super) fn median(mut values: Vec<f64>) -> f64 {
 pub(super) fn smallest(values: &[f64]) -> usize {
     let place = |best: usize, place: usize| if values[place] < values[best] { place } else { best };
     (1..values.len()).fold(0, place)
+}
+
+/// Where these rows add up to least, and to what; the first place of equals. `None` where there are no rows.
+pub(super) fn least_sum(rows: impl IntoIterator<Item = Vec<f64>>) -> Option<(usize, f64)> {
+    let add = |sums: Vec<f64>, row: Vec<f64>| sums.iter().zip(row).map(|(sum, cost)| sum + cost).collect();
+    let sums = rows.into_iter().reduce(add)?;
+    let place = smallest(&sums);
+    Some((place, sums[place]))
 }

@@ -16,7 +16,7 @@ use statrs::distribution::{ContinuousCDF, StudentsT};
 use crate::bank::{Bank, Candidate};
 use crate::gram::Gram;
 use crate::learn::Learned;
-use crate::statistics::count;
+use crate::statistics::{count, mean};
 
 /// One standard error per gain, in its unit.
 pub(super) fn standard_errors(
@@ -39,29 +39,20 @@ pub(super) fn standard_errors(
 
 /// A time constant that was fitted is another in each fit; such a term is known by its sensor.
 fn jackknife(bank: &Bank, gains: &[(Candidate, f64)], left_out: &[&Learned]) -> Option<Vec<f64>> {
-    let sums: Vec<&Vec<(Candidate, f64)>> = left_out
-        .iter()
-        .filter_map(|learned| match learned {
-            Learned::Sum(gains) => Some(gains),
-            Learned::Net { .. } => None,
-        })
-        .collect();
+    let sums: Vec<&[(Candidate, f64)]> = left_out.iter().filter_map(|learned| learned.sum()).collect();
     if sums.len() < 3 {
         return None;
     }
     let runs = count(sums.len());
     let error = |(candidate, _): &(Candidate, f64)| {
-        let of = |sum: &&Vec<(Candidate, f64)>| {
-            let is_fitted = !bank.candidates.contains(candidate);
-            let is_same = |other: &Candidate| {
-                other == candidate
-                    || is_fitted && (other.input, other.along) == (candidate.input, candidate.along)
-            };
-            let same = sum.iter().find(|(other, _)| is_same(other));
-            same.map_or(0.0, |(_, gain)| *gain)
+        let is_fitted = bank.column(candidate).is_none();
+        let is_same = |other: &Candidate| {
+            other == candidate
+                || is_fitted && (other.input, other.along) == (candidate.input, candidate.along)
         };
-        let values: Vec<f64> = sums.iter().map(of).collect();
-        let mean = values.iter().sum::<f64>() / runs;
+        let same = sums.iter().map(|sum| sum.iter().find(|(other, _)| is_same(other)));
+        let values: Vec<f64> = same.map(|term| term.map_or(0.0, |(_, gain)| *gain)).collect();
+        let mean = mean(&values);
         let spread: f64 = values.iter().map(|value| (value - mean).powi(2)).sum();
         (spread * (runs - 1.0) / runs).sqrt()
     };
@@ -70,37 +61,25 @@ fn jackknife(bank: &Bank, gains: &[(Candidate, f64)], left_out: &[&Learned]) -> 
 
 /// Clustered by run: CR2 with Bell and McCaffrey's degrees of freedom. All from the products of each run.
 fn by_runs(bank: &Bank, gains: &[(Candidate, f64)]) -> Option<Vec<f64>> {
-    let place = |candidate: &Candidate| bank.candidates.iter().position(|known| known == candidate);
-    let columns: Vec<usize> = gains.iter().map(|(candidate, _)| place(candidate)).collect::<Option<_>>()?;
+    let columns: Vec<usize> =
+        gains.iter().map(|(candidate, _)| bank.column(candidate)).collect::<Option<_>>()?;
     if columns.is_empty() {
         return None;
     }
-    let grams: Vec<Gram> = bank.runs.iter().map(|run| run.gram().of_columns(&columns)).collect();
-    let all: Vec<usize> = (0..grams.len()).collect();
-    let scales = Gram::sum(&grams, &all).scales();
+    let grams: Vec<Gram> = bank.grams().iter().map(|gram| gram.of_columns(&columns)).collect();
+    let scales = Gram::total(&grams).scales();
+    let grams: Vec<Gram> = grams.iter().map(|gram| gram.divided(&scales, 1.0)).collect();
     let gain = DVector::from_fn(columns.len(), |place, _| gains[place].1 * scales[place]);
-    let squares: Vec<DMatrix<f64>> = grams
-        .iter()
-        .map(|gram| {
-            DMatrix::from_fn(columns.len(), columns.len(), |i, j| {
-                gram.square[(i, j)] / (scales[i] * scales[j])
-            })
-        })
-        .collect();
-    let sum = squares.iter().fold(DMatrix::zeros(columns.len(), columns.len()), |sum, square| sum + square);
-    let inverse = sum.cholesky()?.inverse();
+    let inverse = Gram::total(&grams).square.cholesky()?.inverse();
     let root = inverse.clone().cholesky()?.l();
     // By run: what takes the place of (X'X)⁻¹ where its own pull on the fit is made good.
-    let widened: Vec<DMatrix<f64>> = squares.iter().map(|square| widened(square, &root)).collect();
-    let moved: Vec<DVector<f64>> = (widened.iter().zip(&grams).zip(&squares))
-        .map(|((widened, gram), square)| {
-            let cross = DVector::from_fn(columns.len(), |place, _| gram.cross[place] / scales[place]);
-            widened * (cross - square * &gain)
-        })
-        .collect();
+    let widened: Vec<DMatrix<f64>> = grams.iter().map(|gram| widened(&gram.square, &root)).collect();
+    let each = || widened.iter().zip(&grams);
+    let moved: Vec<DVector<f64>> =
+        each().map(|(widened, gram)| widened * (&gram.cross - &gram.square * &gain)).collect();
     let error = |place: usize| {
         let power: f64 = moved.iter().map(|moved| moved[place] * moved[place]).sum();
-        for_few(free(place, &squares, &widened, &inverse)) * power.sqrt() / scales[place]
+        for_few(free(place, &grams, &widened, &inverse)) * power.sqrt() / scales[place]
     };
     Some((0..columns.len()).map(error).collect())
 }
@@ -116,10 +95,10 @@ fn widened(square: &DMatrix<f64>, root: &DMatrix<f64>) -> DMatrix<f64> {
 }
 
 /// The degrees of freedom with which the error of this gain is known, for independent rows: 1 to the number of runs.
-fn free(place: usize, squares: &[DMatrix<f64>], widened: &[DMatrix<f64>], inverse: &DMatrix<f64>) -> f64 {
+fn free(place: usize, grams: &[Gram], widened: &[DMatrix<f64>], inverse: &DMatrix<f64>) -> f64 {
     let pulls: Vec<DVector<f64>> =
-        squares.iter().zip(widened).map(|(square, widened)| square * widened.column(place)).collect();
-    let with = DMatrix::from_fn(squares.len(), squares.len(), |one, other| {
+        grams.iter().zip(widened).map(|(gram, widened)| &gram.square * widened.column(place)).collect();
+    let with = DMatrix::from_fn(grams.len(), grams.len(), |one, other| {
         let own = if one == other { pulls[one].dot(&widened[one].column(place)) } else { 0.0 };
         own - pulls[one].dot(&(inverse * &pulls[other]))
     });

@@ -1,13 +1,20 @@
 //! Leave one run out, never rows: neighbouring minutes are not independent.
 
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rayon::prelude::*;
+use serde::Serialize;
+
 use crate::campaign::Campaign;
 use crate::learn::{Learned, Learner};
 use crate::method::Settings;
-use crate::statistics::{percentile_95, range, rms};
-use rayon::prelude::*;
+use crate::statistics::{count, percentile_95, range, rms};
+
+/// Called with how many runs have been held out, and how many there are.
+pub(crate) type Progress<'a> = &'a (dyn Fn(usize, usize) + Sync);
 
 /// How a run fared that the model never saw.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RunScore {
     /// The run.
     pub name: String,
@@ -23,6 +30,56 @@ pub struct RunScore {
     pub uncompensated_rmse_um: f64,
     /// How much of the range is gone, in percent; below zero where it grew, none where there was none.
     pub range_cut_percent: Option<f64>,
+}
+
+impl RunScore {
+    /// From the measured error and what the model left of it, µm.
+    pub(super) fn new(name: &str, error: &[f64], left: &[f64]) -> RunScore {
+        let (range_um, uncompensated_range_um) = (range(left), range(error));
+        RunScore {
+            name: name.to_owned(),
+            range_um,
+            rmse_um: rms(left),
+            p95_um: percentile_95(left),
+            uncompensated_range_um,
+            uncompensated_rmse_um: rms(error),
+            range_cut_percent: (uncompensated_range_um > 0.0)
+                .then(|| 100.0 * (1.0 - range_um / uncompensated_range_um)),
+        }
+    }
+}
+
+/// Figures over all runs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Means {
+    /// Mean range, µm.
+    pub mean_range_um: f64,
+    /// Worst range, µm.
+    pub worst_range_um: f64,
+    /// Mean of the root mean squares, µm.
+    pub mean_rmse_um: f64,
+}
+
+impl Means {
+    /// Of the held-out residuals.
+    pub(super) fn of<'a>(runs: impl IntoIterator<Item = &'a RunScore>) -> Means {
+        Means::over(runs.into_iter().map(|run| (run.range_um, run.rmse_um)))
+    }
+
+    /// Of the errors without compensation.
+    pub(super) fn uncompensated(runs: &[RunScore]) -> Means {
+        Means::over(runs.iter().map(|run| (run.uncompensated_range_um, run.uncompensated_rmse_um)))
+    }
+
+    fn over(scores: impl Iterator<Item = (f64, f64)>) -> Means {
+        let (ranges, squares): (Vec<f64>, Vec<f64>) = scores.unzip();
+        let runs = count(ranges.len()).max(1.0);
+        Means {
+            mean_range_um: ranges.iter().sum::<f64>() / runs,
+            worst_range_um: ranges.iter().copied().fold(0.0, f64::max),
+            mean_rmse_um: squares.iter().sum::<f64>() / runs,
+        }
+    }
 }
 
 /// One held-out run, row by row.
@@ -41,14 +98,42 @@ pub struct HeldOut {
 }
 
 impl HeldOut {
-    /// What is left, row by row: e + Cz, since the last probing where there is one.
+    /// What is left, row by row: e + Cz. With the interval of a probe, s: what changed since it last touched and took the
+    /// residual out.
     pub fn residual(&self, probe: Option<f64>) -> Vec<f64> {
-        let left: Vec<f64> = self.error.iter().zip(&self.cz).map(|(error, cz)| error + cz).collect();
-        match probe {
-            Some(interval) => since_probing(&self.seconds, &left, interval),
-            None => left,
-        }
+        residual(&self.seconds, &self.error, &self.cz, probe)
     }
+}
+
+fn residual(seconds: &[f64], error: &[f64], cz: &[f64], probe: Option<f64>) -> Vec<f64> {
+    let left = error.iter().zip(cz).map(|(error, cz)| error + cz);
+    let Some(interval) = probe else { return left.collect() };
+    let mut last = (f64::NEG_INFINITY, 0.0);
+    let mut since_probing = |(left, second): (f64, &f64)| {
+        let window = (second / interval).floor();
+        if window > last.0 {
+            // The references begin at zero: the first touch is the datum itself.
+            last = (window, if last.0.is_finite() { left } else { 0.0 });
+        }
+        left - last.1
+    };
+    left.zip(seconds).map(&mut since_probing).collect()
+}
+
+/// What `held` makes of each run, by its number, and of all the others; in the order of the runs.
+pub(super) fn hold_out_each<T: Send>(
+    runs: usize,
+    progress: Progress<'_>,
+    held: impl Fn(usize, &[usize]) -> T + Sync,
+) -> Vec<T> {
+    let done = AtomicUsize::new(0);
+    let each = (0..runs).into_par_iter().map(|out| {
+        let others: Vec<usize> = (0..runs).filter(|run| *run != out).collect();
+        let held = held(out, &others);
+        progress(done.fetch_add(1, Ordering::Relaxed) + 1, runs);
+        held
+    });
+    each.collect()
 }
 
 /// Learns once for each run from all the others, and judges on that run. With `probe`, the residual is measured and
@@ -56,92 +141,26 @@ impl HeldOut {
 /// anew without it: `settings` are those of the learner.
 ///
 /// # Errors
-/// What the method says.
-pub fn leave_one_run_out(
+/// What the method says of the first run that it cannot do without.
+pub(super) fn leave_one_run_out(
     campaign: &Campaign<'_>,
     learner: &dyn Learner,
     settings: &Settings,
     without: &[usize],
     probe: Option<f64>,
-    progress: &(dyn Fn(usize, usize) + Sync),
+    progress: Progress<'_>,
 ) -> Result<Vec<HeldOut>, String> {
-    let runs: Vec<usize> = (0..learner.bank().runs.len()).collect();
-    let done = std::sync::atomic::AtomicUsize::new(0);
-    let held = |out: &usize| {
-        let others: Vec<usize> = runs.iter().copied().filter(|run| run != out).collect();
-        let judged = match campaign.never_saw(*out) {
-            None => judge(campaign, learner, learner.learn(&others, without)?, *out, probe),
-            Some(blind) => {
-                let learner = settings.method.prepare(&blind, settings)?;
-                judge(&blind, learner.as_ref(), learner.learn(&others, without)?, *out, probe)
-            }
-        };
-        progress(done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, runs.len());
-        Ok(judged)
+    let judged = |campaign: &Campaign<'_>, learner: &dyn Learner, out: usize, others: &[usize]| {
+        let learned = learner.learn(others, without)?;
+        let run = &learner.bank().runs[out];
+        let (error, cz) = (run.error(), learned.predict(campaign, learner.bank(), out));
+        let seconds = run.seconds.clone();
+        let score = RunScore::new(&run.name, &error, &residual(&seconds, &error, &cz, probe));
+        Ok(HeldOut { score, seconds, error, cz, learned })
     };
-    // In their order, so that what is wrong with the first of them is what is said.
-    let judged: Vec<_> = runs.par_iter().map(held).collect();
-    judged.into_iter().collect()
-}
-
-/// A model over one run.
-pub fn judge(
-    campaign: &Campaign<'_>,
-    learner: &dyn Learner,
-    learned: Learned,
-    run: usize,
-    probe: Option<f64>,
-) -> HeldOut {
-    let traced = &learner.bank().runs[run];
-    let error: Vec<f64> = traced.wanted.iter().map(|wanted| -wanted).collect();
-    let (uncompensated_range_um, uncompensated_rmse_um) = (range(&error), rms(&error));
-    let score = RunScore {
-        name: traced.name.clone(),
-        range_um: 0.0,
-        rmse_um: 0.0,
-        p95_um: 0.0,
-        uncompensated_range_um,
-        uncompensated_rmse_um,
-        range_cut_percent: None,
+    let held = |out: usize, others: &[usize]| match campaign.never_saw(out) {
+        None => judged(campaign, learner, out, others),
+        Some(blind) => judged(&blind, settings.method.prepare(&blind, settings)?.as_ref(), out, others),
     };
-    let seconds = traced.seconds.clone();
-    let cz = learned.predict(campaign, learner.bank(), run);
-    let mut held = HeldOut { score, seconds, error, cz, learned };
-    let left = held.residual(probe);
-    held.score.range_um = range(&left);
-    held.score.range_cut_percent = cut(held.score.range_um, uncompensated_range_um);
-    held.score.rmse_um = rms(&left);
-    held.score.p95_um = percentile_95(&left);
-    held
-}
-
-/// The figures of a run without compensation, and with what is left.
-pub(super) fn scored(name: &str, error: &[f64], left: &[f64]) -> RunScore {
-    RunScore {
-        name: name.to_owned(),
-        range_um: range(left),
-        rmse_um: rms(left),
-        p95_um: percentile_95(left),
-        uncompensated_range_um: range(error),
-        uncompensated_rmse_um: rms(error),
-        range_cut_percent: cut(range(left), range(error)),
-    }
-}
-
-fn cut(left: f64, bare: f64) -> Option<f64> {
-    (bare > 0.0).then(|| 100.0 * (1.0 - left / bare))
-}
-
-/// At each multiple of the interval the residual is touched by a probe, and from there on only what changed counts.
-fn since_probing(seconds: &[f64], left: &[f64], interval: f64) -> Vec<f64> {
-    let mut last = (f64::NEG_INFINITY, 0.0);
-    let mut at = |(second, left): (&f64, &f64)| {
-        let window = (second / interval).floor();
-        if window > last.0 {
-            // The references begin at zero: the first touch is the datum itself.
-            last = (window, if last.0.is_finite() { *left } else { 0.0 });
-        }
-        left - last.1
-    };
-    seconds.iter().zip(left).map(&mut at).collect()
+    hold_out_each(learner.bank().runs.len(), progress, held).into_iter().collect()
 }

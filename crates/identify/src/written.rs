@@ -86,11 +86,11 @@ fn head(found: &Identified) -> Vec<String> {
             "Each of {} runs held out in turn: mean range {:.1} µm ({:.1} µm bare), worst run {:.1} µm ({:.1} µm), mean RMS \
              {:.1} µm ({:.1} µm).",
             found.runs.len(),
-            found.mean_range_um,
+            found.means.mean_range_um,
             bare.mean_range_um,
-            found.worst_range_um,
+            found.means.worst_range_um,
             bare.worst_range_um,
-            found.mean_rmse_um,
+            found.means.mean_rmse_um,
             bare.mean_rmse_um
         ),
         format!("Rises are measured from the first {settle}: [machine] settle = \"{settle}\" belongs to it."),

@@ -82,12 +82,12 @@ fn tell(text: &mut String, found: &Identified, probe: Option<Duration>) -> std::
         text,
         "    {:width$}  {:8.2} ({:6.2})   {:8.2} ({:6.2})\n    {:width$}  {:8.2} ({:6.2})",
         "mean",
-        found.mean_range_um,
+        found.means.mean_range_um,
         bare.mean_range_um,
-        found.mean_rmse_um,
+        found.means.mean_rmse_um,
         bare.mean_rmse_um,
         "worst",
-        found.worst_range_um,
+        found.means.worst_range_um,
         bare.worst_range_um
     )?;
     for fallback in &found.fallbacks {

@@ -52,14 +52,14 @@ fn tell(text: &mut String, found: &Selected) -> std::fmt::Result {
         writeln!(
             text,
             " {mark}{:>6}  {:>6.2}   {:>8.2}   {:>8.2}   {last}",
-            row.k, row.mean_rmse_um, row.mean_range_um, row.worst_range_um
+            row.k, row.means.mean_rmse_um, row.means.mean_range_um, row.means.worst_range_um
         )?;
     }
     let all = &found.all_points;
     writeln!(
         text,
         "  all {:>3} {:>6.2}   {:>8.2}   {:>8.2}",
-        all.k, all.mean_rmse_um, all.mean_range_um, all.worst_range_um
+        all.k, all.means.mean_rmse_um, all.means.mean_range_um, all.means.worst_range_um
     )?;
     let kept = &found.recommended;
     writeln!(text, "\n{}", kept.why)?;

@@ -23,7 +23,7 @@ pub(super) fn fit(cold: &Round, round: &Round, along: usize, origin: f64) -> Res
     for touch in &round.touches {
         moved.extend(since_cold(cold, touch, along)?);
     }
-    let spread = |of: fn(&Moved) -> f64| range(&moved.iter().map(of).collect::<Vec<f64>>());
+    let spread = |of: fn(&Moved) -> f64| range(moved.iter().map(of));
     if spread(|touch| touch.place) < APART {
         return Err("fewer than two of its balls were touched in the first round".to_owned());
     }

@@ -16,7 +16,7 @@ pub(super) fn keep_what_acted(table: &mut Table, wrong: &mut Wrong) {
         .filter_map(|(name, _)| name.strip_suffix("_permit").map(str::to_owned))
         .filter(|axis| table.numbers(&format!("{axis}_cz_um")).is_some())
         .collect();
-    let was_dry = table.columns.iter().any(|(name, _)| name == DRY_RUN);
+    let was_dry = table.cells(DRY_RUN).is_some();
     for axis in &axes {
         let acted = acted(table, axis);
         if !acted.iter().any(|cz| cz.is_finite()) && !was_dry {
@@ -55,8 +55,7 @@ fn acted(table: &Table, axis: &str) -> Vec<f64> {
     for (cz, from) in acted.iter_mut().zip(found).filter(|(_, from)| from.is_finite()) {
         *cz = *from;
     }
-    let permits = table.columns.iter().find(|(name, _)| *name == format!("{axis}_permit"));
-    if let Some((_, Cells::Text(permits))) = permits {
+    if let Some(Cells::Text(permits)) = table.cells(&format!("{axis}_permit")) {
         for (cz, _) in acted.iter_mut().zip(permits).filter(|(_, permit)| permit.trim() == "unverified") {
             *cz = f64::NAN;
         }

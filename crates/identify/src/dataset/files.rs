@@ -3,6 +3,8 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use super::BadLog;
+
 /// What a gateway did with its decisions, beside the log of these: no measurement.
 const OF_OUTPUTS: &str = ".outputs.csv";
 
@@ -70,8 +72,13 @@ fn inside(directory: &Path, wrong: &mut Vec<String>) -> Vec<PathBuf> {
     files
 }
 
-/// In words, where the words of the system would not help.
-pub(super) fn cannot_be_read(why: &io::Error) -> String {
+/// Opens a log.
+pub(super) fn open(file: &Path) -> Result<std::fs::File, BadLog> {
+    std::fs::File::open(file)
+        .map_err(|why| BadLog(vec![format!("{}: {}", file.display(), cannot_be_read(&why))]))
+}
+
+fn cannot_be_read(why: &io::Error) -> String {
     match why.kind() {
         io::ErrorKind::NotFound => "there is no such file".to_owned(),
         _ => format!("it cannot be read: {why}"),

@@ -70,14 +70,6 @@ fn of_unit(unit: &str) -> Option<Kind> {
 
 impl fmt::Display for Kind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Kind::Temperature => "temperature",
-            Kind::Speed => "speed",
-            Kind::Position => "position",
-            Kind::Displacement => "displacement",
-            Kind::Compensation => "compensation",
-            Kind::Switch => "switch",
-            Kind::Other => "other",
-        })
+        serde::Serialize::serialize(self, f)
     }
 }

@@ -57,11 +57,10 @@ fn parts(table: &Table, split: &Split) -> Result<Parts, String> {
     let file = table.file.display();
     let labels: Option<Vec<String>> = match &split.column {
         None => None,
-        Some(wanted) => {
-            let found = table.columns.iter().find(|(name, _)| name == wanted);
-            let (_, cells) = found.ok_or_else(|| {
+        Some(name) => {
+            let cells = table.cells(name).ok_or_else(|| {
                 let known: Vec<&str> = table.columns.iter().map(|(name, _)| name.as_str()).collect();
-                format!("{file}: there is no column {wanted} to split it by; there are {}", known.join(", "))
+                format!("{file}: there is no column {name} to split it by; there are {}", known.join(", "))
             })?;
             Some(match cells {
                 Cells::Text(texts) => texts.iter().map(|text| text.trim().to_owned()).collect(),

@@ -1,12 +1,13 @@
 //! One file: its time and its columns, before it is split into runs.
 
-use std::path::PathBuf;
+use std::fmt::Display;
+use std::path::{Path, PathBuf};
 
-use super::BadLog;
+use super::{BadLog, acted};
 use isotherm_core::quantity::{Moment, time};
 
-/// Most mistakes of one file that are told.
-const MOST_TOLD: usize = 20;
+/// Most mistakes of one file that are listed.
+const MOST_LISTED: usize = 20;
 
 /// The rows of one file, column by column.
 #[derive(Clone, Debug, Default)]
@@ -16,7 +17,6 @@ pub(super) struct Table {
     /// The line, or row, of the file that each row came from.
     pub(super) lines: Vec<u64>,
     pub(super) columns: Vec<(String, Cells)>,
-    pub(super) remarks: Vec<String>,
     /// Columns with the Cz that acted.
     pub(super) acted: Vec<String>,
 }
@@ -32,7 +32,7 @@ pub(super) enum Cells {
 
 /// How the time column counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum TimeUnit {
+enum TimeUnit {
     /// Seconds or RFC 3339.
     Seconds,
     /// Minutes.
@@ -41,7 +41,7 @@ pub(super) enum TimeUnit {
 
 impl TimeUnit {
     /// What a column of this name counts; `None`: it is not the time.
-    pub(super) fn of(name: &str) -> Option<TimeUnit> {
+    fn of(name: &str) -> Option<TimeUnit> {
         match name {
             "time" | "time_s" => Some(TimeUnit::Seconds),
             "time_min" => Some(TimeUnit::Minutes),
@@ -49,7 +49,7 @@ impl TimeUnit {
         }
     }
 
-    pub(super) fn moment(self, text: &str) -> Result<Moment, String> {
+    fn moment(self, text: &str) -> Result<Moment, String> {
         let read = time::parse(text)?;
         match self {
             TimeUnit::Seconds => Ok(read),
@@ -64,18 +64,106 @@ impl TimeUnit {
 }
 
 impl Table {
+    pub(super) fn cells(&self, name: &str) -> Option<&Cells> {
+        self.columns.iter().find(|(known, _)| known == name).map(|(_, cells)| cells)
+    }
+
     pub(super) fn numbers(&self, name: &str) -> Option<&[f64]> {
-        self.columns.iter().find_map(|(known, cells)| match cells {
-            Cells::Numbers(numbers) if known == name => Some(numbers.as_slice()),
-            _ => None,
-        })
+        match self.cells(name)? {
+            Cells::Numbers(numbers) => Some(numbers),
+            Cells::Text(_) => None,
+        }
     }
 
     pub(super) fn names_of_numbers(&self) -> impl Iterator<Item = &str> {
-        self.columns.iter().filter_map(|(name, cells)| match cells {
-            Cells::Numbers(_) => Some(name.as_str()),
-            Cells::Text(_) => None,
+        let numbers = self.columns.iter().filter(|(_, cells)| matches!(cells, Cells::Numbers(_)));
+        numbers.map(|(name, _)| name.as_str())
+    }
+}
+
+/// A table while it is read, row by row.
+pub(super) struct Reader {
+    table: Table,
+    names: Vec<String>,
+    /// The place of the time, and how it counts.
+    time: (usize, TimeUnit),
+    /// By column.
+    texts: Vec<Vec<String>>,
+    /// What the file calls a row: line, row.
+    row: &'static str,
+    wrong: Wrong,
+}
+
+impl Reader {
+    /// `None` where no column is the time.
+    pub(super) fn new(file: &Path, names: Vec<String>, row: &'static str) -> Option<Reader> {
+        let time = names.iter().enumerate().find_map(|(place, name)| Some((place, TimeUnit::of(name)?)))?;
+        Some(Reader {
+            table: Table { file: file.to_owned(), ..Table::default() },
+            time,
+            texts: vec![Vec::new(); names.len()],
+            names,
+            row,
+            wrong: Wrong::in_file(file.to_owned()),
         })
+    }
+
+    /// Adds a mistake in a row of the file.
+    pub(super) fn refuse(&mut self, number: u64, column: Option<&str>, message: impl Display) {
+        self.wrong.at(&format!("{} {number}", self.row), column, message);
+    }
+
+    /// Adds a row: a text for each column.
+    pub(super) fn add(&mut self, number: u64, cells: Vec<String>) {
+        let (time, unit) = self.time;
+        match unit.moment(cells.get(time).map_or("", String::as_str)) {
+            Ok(moment) => self.table.times.push(moment),
+            Err(why) => {
+                let name = self.names[time].clone();
+                return self.refuse(number, Some(&name), why);
+            }
+        }
+        self.table.lines.push(number);
+        self.texts.iter_mut().zip(cells).for_each(|(texts, cell)| texts.push(cell));
+    }
+
+    /// The table as it is learnt from. `empty`: what is said of a file without rows, and of which of its rows.
+    pub(super) fn finish(mut self, empty: (u64, &str)) -> Result<Table, BadLog> {
+        if self.table.times.is_empty() && self.wrong.is_empty() {
+            self.refuse(empty.0, None, empty.1);
+        }
+        for (place, name) in std::mem::take(&mut self.names).into_iter().enumerate() {
+            let texts = std::mem::take(&mut self.texts[place]);
+            if place != self.time.0 && !name.is_empty() {
+                let cells = self.cells(&name, texts);
+                self.table.columns.push((name, cells));
+            }
+        }
+        if self.wrong.is_empty() {
+            acted::keep_what_acted(&mut self.table, &mut self.wrong);
+        }
+        self.wrong.or(self.table)
+    }
+
+    /// Texts become numbers where they all are. A column with both is a mistake, named at its first text.
+    fn cells(&mut self, name: &str, texts: Vec<String>) -> Cells {
+        let numbers: Vec<Option<f64>> = texts.iter().map(|text| number(text)).collect();
+        let Some(first) = numbers.iter().position(Option::is_none) else {
+            return Cells::Numbers(numbers.into_iter().flatten().collect());
+        };
+        let text = texts[first].trim();
+        let dotted = text.replace(',', ".");
+        let has_comma = text.contains(',') && dotted.parse::<f64>().is_ok();
+        if !has_comma && !numbers.iter().flatten().any(|value| value.is_finite()) {
+            return Cells::Text(texts);
+        }
+        let hint = if has_comma {
+            format!("`{text}` has a decimal comma; write {dotted}")
+        } else {
+            format!("`{text}` is no number; leave the cell empty where the value is missing")
+        };
+        self.refuse(self.table.lines[first], Some(name), hint);
+        Cells::Numbers(numbers.into_iter().map(|value| value.unwrap_or(f64::NAN)).collect())
     }
 }
 
@@ -83,39 +171,39 @@ impl Table {
 #[derive(Debug)]
 pub(super) struct Wrong {
     file: PathBuf,
-    told: Vec<String>,
+    listed: Vec<String>,
     count: usize,
 }
 
 impl Wrong {
-    pub(super) fn in_file(file: PathBuf) -> Wrong {
-        Wrong { file, told: Vec::new(), count: 0 }
+    fn in_file(file: PathBuf) -> Wrong {
+        Wrong { file, listed: Vec::new(), count: 0 }
     }
 
     /// Adds a mistake; `what` names the row, as "line 3".
-    pub(super) fn at(&mut self, what: &str, column: Option<&str>, message: impl std::fmt::Display) {
+    pub(super) fn at(&mut self, what: &str, column: Option<&str>, message: impl Display) {
         self.count += 1;
-        if self.told.len() < MOST_TOLD {
+        if self.listed.len() < MOST_LISTED {
             let column = column.map(|name| format!(", column {name}")).unwrap_or_default();
-            self.told.push(format!("{}, {what}{column}: {message}", self.file.display()));
+            self.listed.push(format!("{}, {what}{column}: {message}", self.file.display()));
         }
     }
 
-    pub(super) fn is_empty(&self) -> bool {
+    fn is_empty(&self) -> bool {
         self.count == 0
     }
 
-    pub(super) fn or<T>(mut self, good: T) -> Result<T, BadLog> {
-        if self.count > self.told.len() {
-            let more = self.count - self.told.len();
-            self.told.push(format!("{}: {more} more of this kind", self.file.display()));
+    fn or<T>(mut self, good: T) -> Result<T, BadLog> {
+        if self.count > self.listed.len() {
+            let more = self.count - self.listed.len();
+            self.listed.push(format!("{}: {more} more of this kind", self.file.display()));
         }
-        if self.count == 0 { Ok(good) } else { Err(BadLog(self.told)) }
+        if self.is_empty() { Ok(good) } else { Err(BadLog(self.listed)) }
     }
 }
 
 /// One cell as a number: NaN where it is empty; `None` where it is none.
-pub(super) fn number(text: &str) -> Option<f64> {
+fn number(text: &str) -> Option<f64> {
     let text = text.trim();
     if text.is_empty() || ["na", "nan", "null", "none", "-"].contains(&text.to_ascii_lowercase().as_str()) {
         return Some(f64::NAN);
@@ -125,25 +213,4 @@ pub(super) fn number(text: &str) -> Option<f64> {
         "false" => Some(0.0),
         _ => text.parse::<f64>().ok().map(|value| if value.is_finite() { value } else { f64::NAN }),
     }
-}
-
-/// Texts become numbers where they all are. A column with both is a mistake, told at its first text.
-pub(super) fn cells(name: &str, texts: Vec<String>, lines: &[u64], wrong: &mut Wrong) -> Cells {
-    let numbers: Vec<Option<f64>> = texts.iter().map(|text| number(text)).collect();
-    let Some(first) = numbers.iter().position(Option::is_none) else {
-        return Cells::Numbers(numbers.into_iter().flatten().collect());
-    };
-    let text = texts[first].trim();
-    let dotted = text.replace(',', ".");
-    let has_comma = text.contains(',') && dotted.parse::<f64>().is_ok();
-    if !has_comma && !numbers.iter().flatten().any(|value| value.is_finite()) {
-        return Cells::Text(texts);
-    }
-    let hint = if has_comma {
-        format!("`{text}` has a decimal comma; write {dotted}")
-    } else {
-        format!("`{text}` is no number; leave the cell empty where the value is missing")
-    };
-    wrong.at(&format!("line {}", lines[first]), Some(name), hint);
-    Cells::Numbers(numbers.into_iter().map(|value| value.unwrap_or(f64::NAN)).collect())
 }

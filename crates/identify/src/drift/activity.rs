@@ -3,9 +3,9 @@
 use serde::Serialize;
 
 use super::Test;
-use super::minutes::Minutes;
 use crate::dataset::{Column, Dataset, Kind, Run};
-use crate::statistics::{median, range};
+use crate::minutes::Minutes;
+use crate::statistics::median;
 
 /// 1/min, mm or degrees: what moves less stands still.
 const STILL: f64 = 1.0;
@@ -99,11 +99,9 @@ pub(super) fn likeness<'a>(
 
 impl Mover {
     pub(super) fn moves(&self, run: &Run) -> bool {
-        let values: Vec<f64> =
-            run.values[self.column].iter().copied().filter(|value| value.is_finite()).collect();
         match self.is_speed {
-            true => values.iter().any(|value| value.abs() > STILL),
-            false => range(&values) > STILL,
+            true => run.values[self.column].iter().any(|value| value.is_finite() && value.abs() > STILL),
+            false => run.range(self.column) > STILL,
         }
     }
 

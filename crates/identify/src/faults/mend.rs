@@ -1,17 +1,19 @@
 //! A fault spoils one run, not the sensor: what it spoilt is replaced, where the good runs show that it can be.
 //!
 //! - Spikes are bridged by straight lines.
-//! - After a jump that stays, the readings are taken less the step, as its neighbours and the good runs tell it.
+//! - After a jump that stays, the readings are taken less the step, as its neighbours and the good runs show it.
 //! - Where it was stuck, the readings are rebuilt from its neighbours.
 //!
-//! A sensor is left out of every run where it is faulty in most of them, where it has no telling fault (constant, missing),
+//! A sensor is left out of every run where it is faulty in most of them, where nobody knows which rows are faulty (constant, missing),
 //! and where a replacement leaves more than [`BELIEVED`] of what the sensor moves.
 //!
 //! Replacements are learnt from temperatures alone, never from the error; and where a run is held out, it is no donor.
 
-use super::rebuild::Likeness;
-use super::{Damage, Excluded, Fault, Repaired, faults, rows};
-use crate::dataset::Dataset;
+use std::collections::HashMap;
+
+use super::rebuild::{Likeness, Replaced};
+use super::{Damage, Fault, Finding, Repaired, faults, rows};
+use crate::dataset::{Dataset, Run};
 
 /// Of the root mean square that a sensor moves: the most that its replacement may be off by, as hidden hours of good runs
 /// tell.
@@ -33,68 +35,57 @@ pub(crate) struct Mending<'a> {
 pub(crate) struct Mended<'a> {
     /// What must be mended again where a run may not be seen; `None`: nothing was faulty.
     pub(crate) mending: Option<Mending<'a>>,
-    pub(crate) excluded: Vec<Excluded>,
+    pub(crate) excluded: Vec<Finding>,
     pub(crate) repaired: Vec<Repaired>,
 }
 
-/// What was put in place of a fault's rows, in words; `None`: nothing that may be believed.
+/// What was put in place of a fault's rows, as a sentence; `None`: nothing that may be believed.
 type Done = Option<String>;
-
-/// A run's column as it should have been.
-struct Replaced {
-    values: Vec<f64>,
-    words: String,
-    /// Root mean square, °C.
-    error: f64,
-}
 
 /// Finds the faults of these columns of temperatures, and which of them can be mended.
 pub(crate) fn mend<'a>(logs: &'a Dataset, columns: &[usize]) -> Mended<'a> {
     let found = faults(logs, columns);
-    let hopeless = |column: usize| {
-        let own = || found.iter().filter(move |fault| fault.column == column);
-        let mut runs: Vec<usize> = own().filter_map(|fault| fault.run).collect();
-        runs.dedup();
-        let jumps = |run: usize| {
-            own().filter(|fault| fault.run == Some(run) && matches!(fault.damage, Damage::Jump(_))).count()
-        };
-        own().any(|fault| fault.damage == Damage::Whole)
-            || 2 * runs.len() > logs.runs.len()
-            || runs.iter().any(|run| jumps(*run) > MOST_JUMPS)
-    };
-    let good: Vec<usize> = columns.iter().copied().filter(|column| !hopeless(*column)).collect();
-    let faults = found.iter().filter(|fault| good.contains(&fault.column)).cloned().collect();
+    let good: Vec<usize> =
+        columns.iter().copied().filter(|column| !is_hopeless(logs, &found, *column)).collect();
+    let tried: Vec<usize> = (0..found.len()).filter(|place| good.contains(&found[*place].column)).collect();
+    let faults = tried.iter().map(|place| found[*place].clone()).collect();
     let mut mending = Mending { logs, columns: good, faults };
     let (_, done) = mending.dataset(None);
-    let told: Vec<(Fault, Done)> = mending.faults.drain(..).zip(done).collect();
-    let is_lost = |column: usize| told.iter().any(|(fault, done)| fault.column == column && done.is_none());
-    let mut excluded: Vec<Excluded> = Vec::new();
-    for fault in &found {
-        let cannot = told.iter().any(|(other, done)| other == fault && done.is_none());
-        let words = if cannot {
-            format!("{}, which no other sensor can replace,", fault.words)
-        } else {
-            fault.words.clone()
-        };
-        if !mending.columns.contains(&fault.column) || is_lost(fault.column) {
-            excluded.push(Fault { words, ..fault.clone() }.excluded(logs));
-        }
-    }
-    mending.columns.retain(|column| !is_lost(*column));
-    let mut repaired = Vec::new();
-    for (fault, done) in &told {
-        if let (false, Some(done), Some(run)) = (is_lost(fault.column), done, fault.run) {
-            mending.faults.push(fault.clone());
-            repaired.push(Repaired {
-                signal: logs.columns[fault.column].name.clone(),
-                run: logs.runs[run].name.clone(),
-                fault: fault.words.clone(),
-                done: done.clone(),
-            });
+    let mut done: HashMap<usize, Done> = tried.into_iter().zip(done).collect();
+    let is_lost = |(place, done): (&usize, &Done)| done.is_none().then_some(found[*place].column);
+    let lost: Vec<usize> = done.iter().filter_map(is_lost).collect();
+    mending.columns.retain(|column| !lost.contains(column));
+    mending.faults.clear();
+    let (mut excluded, mut repaired) = (Vec::new(), Vec::new());
+    for (place, fault) in found.into_iter().enumerate() {
+        match (done.remove(&place), fault.run) {
+            (Some(Some(done)), Some(run)) if !lost.contains(&fault.column) => {
+                repaired.push(Repaired {
+                    signal: logs.columns[fault.column].name.clone(),
+                    run: logs.runs[run].name.clone(),
+                    fault: fault.message.clone(),
+                    done,
+                });
+                mending.faults.push(fault);
+            }
+            (Some(None), _) => excluded.push(fault.finding(logs, ", which no other sensor can replace,")),
+            _ => excluded.push(fault.finding(logs, "")),
         }
     }
     let mending = Some(mending).filter(|mending| !mending.faults.is_empty());
     Mended { mending, excluded, repaired }
+}
+
+/// A sensor that is faulty in most runs, is loose, or has a fault of which nobody knows the rows.
+fn is_hopeless(logs: &Dataset, found: &[Fault], column: usize) -> bool {
+    let own = || found.iter().filter(move |fault| fault.column == column);
+    let mut runs: Vec<usize> = own().filter_map(|fault| fault.run).collect();
+    runs.dedup();
+    let jumps =
+        |run: usize| own().filter(|fault| fault.run == Some(run) && fault.damage == Damage::Jump).count();
+    own().any(|fault| fault.damage == Damage::Whole)
+        || 2 * runs.len() > logs.runs.len()
+        || runs.iter().any(|run| jumps(*run) > MOST_JUMPS)
 }
 
 impl Mending<'_> {
@@ -105,108 +96,78 @@ impl Mending<'_> {
 
     /// The same where this run was never seen; `None`: it was needed for nothing.
     pub(crate) fn never_saw(&self, run: usize) -> Option<Dataset> {
-        let needs = |fault: &Fault| fault.run != Some(run) && !matches!(fault.damage, Damage::Spikes(_));
+        let needs = |fault: &Fault| fault.run != Some(run) && fault.damage != Damage::Spikes;
         self.faults.iter().any(needs).then(|| self.dataset(Some(run)).0)
     }
 
+    /// The logs with every fault mended as far as it can be, and by fault what was done.
     fn dataset(&self, unseen: Option<usize>) -> (Dataset, Vec<Done>) {
         let mut dataset = self.logs.clone();
         let mut done: Vec<Done> = vec![None; self.faults.len()];
-        // Spikes first: they need nobody. Then steps, so that what was stuck is tied to readings of one level.
-        for (place, fault) in self.each(|damage| matches!(damage, Damage::Spikes(_))) {
-            done[place] = bridge(&mut dataset, fault);
+        // Spikes first: they need no other sensor. Then steps, so that what was stuck is tied to readings of one level.
+        let mut order: Vec<usize> = (0..self.faults.len()).collect();
+        order.sort_by_key(|place| self.faults[*place].damage);
+        for place in order {
+            let fault = &self.faults[place];
+            if let Some(run) = fault.run
+                && let Some(replaced) = self.replaced(&dataset, fault, run, unseen)
+            {
+                dataset.runs[run].values[fault.column] = replaced.values;
+                done[place] = Some(replaced.message);
+            }
         }
-        for (place, fault) in self.each(|damage| matches!(damage, Damage::Jump(_))) {
-            done[place] = self.with_likeness(&dataset, fault, unseen, step).map(|(shifted, words)| {
-                dataset.runs[fault.run.unwrap_or(0)].values[fault.column] = shifted;
-                words
-            });
-        }
-        for (place, fault) in self.each(|damage| matches!(damage, Damage::Stuck(..))) {
-            done[place] = self.with_likeness(&dataset, fault, unseen, rebuild).map(|(rebuilt, words)| {
-                dataset.runs[fault.run.unwrap_or(0)].values[fault.column] = rebuilt;
-                words
-            });
-        }
-        // Nobody left to tell: the rows are missing then.
+        // Nobody knows what they were: the rows are missing then.
         for (fault, done) in self.faults.iter().zip(&done) {
-            if let (Some(run), None, Some(_)) = (fault.run, done, unseen) {
+            if let (Some(run), None, Some(_)) = (fault.run, done, unseen)
+                && fault.damage != Damage::Spikes
+            {
                 let values = &mut dataset.runs[run].values[fault.column];
-                let (from, to) = match fault.damage {
-                    Damage::Stuck(from, to) => (from, to.min(values.len())),
-                    Damage::Jump(row) => (row, values.len()),
-                    Damage::Spikes(_) | Damage::Whole => continue,
-                };
-                values[from..to].fill(f64::NAN);
+                fault.rows.iter().for_each(|row| values[*row] = f64::NAN);
             }
         }
         (dataset, done)
     }
 
-    fn each(&self, is: impl Fn(&Damage) -> bool) -> impl Iterator<Item = (usize, &Fault)> {
-        self.faults.iter().enumerate().filter(move |(_, fault)| is(&fault.damage))
-    }
-
-    fn with_likeness(
+    /// The run's column as it should have been, where that may be believed.
+    fn replaced(
         &self,
         dataset: &Dataset,
         fault: &Fault,
+        run: usize,
         unseen: Option<usize>,
-        mend: fn(&Likeness<'_>, &Fault) -> Option<Replaced>,
-    ) -> Option<(Vec<f64>, String)> {
-        let worse = |fault: &&Fault| !matches!(fault.damage, Damage::Spikes(_));
-        let is_good = |column: &usize| !self.faults.iter().filter(worse).any(|other| other.column == *column);
+    ) -> Option<Replaced> {
+        if fault.damage == Damage::Spikes {
+            return Some(bridged(&dataset.runs[run], fault));
+        }
+        let worse = || self.faults.iter().filter(|other| other.damage != Damage::Spikes);
+        let is_good = |column: &usize| !worse().any(|other| other.column == *column);
         let neighbours: Vec<usize> = self.columns.iter().copied().filter(is_good).collect();
         let is_donor = |run: &usize| {
-            let own = |other: &&Fault| other.column == fault.column && other.run == Some(*run);
-            Some(*run) != unseen && !self.faults.iter().filter(worse).any(|other| own(&other))
+            let is_spoilt = worse().any(|other| other.column == fault.column && other.run == Some(*run));
+            Some(*run) != unseen && !is_spoilt
         };
         let donors: Vec<usize> = (0..dataset.runs.len()).filter(is_donor).collect();
         // One of two good runs may be held out, and the other must do then.
         if neighbours.is_empty() || donors.len() + usize::from(unseen.is_some()) < 2 {
             return None;
         }
-        let likeness = Likeness { dataset, column: fault.column, neighbours: &neighbours, donors: &donors };
-        let mended = mend(&likeness, fault)?;
+        let likeness = Likeness::new(dataset, fault.column, neighbours, &donors);
+        let replaced = match fault.damage {
+            Damage::Jump => likeness.without_step(run, &fault.rows)?,
+            _ => likeness.rebuilt(run, &fault.rows)?,
+        };
         // Whether it may be believed was asked when all runs were seen.
-        let is_believed = unseen.is_some() || mended.error < BELIEVED * likeness.moves();
-        is_believed.then_some((mended.values, mended.words))
+        let is_believed = unseen.is_some() || replaced.error < BELIEVED * likeness.moves();
+        is_believed.then_some(replaced)
     }
 }
 
-fn bridge(dataset: &mut Dataset, fault: &Fault) -> Done {
-    let (Damage::Spikes(spoilt), Some(run)) = (&fault.damage, fault.run) else { return None };
-    let run = &mut dataset.runs[run];
+fn bridged(run: &Run, fault: &Fault) -> Replaced {
     let seconds: Vec<f64> = run.seconds().collect();
-    let mut good = run.values[fault.column].clone();
-    spoilt.iter().for_each(|row| good[*row] = f64::NAN);
-    let bridged = rows::bridged(&seconds, &good);
-    for row in spoilt {
-        run.values[fault.column][*row] = bridged[*row];
-    }
-    Some("these minutes were bridged by straight lines".to_owned())
-}
-
-fn step(likeness: &Likeness<'_>, fault: &Fault) -> Option<Replaced> {
-    let (Damage::Jump(row), Some(run)) = (&fault.damage, fault.run) else { return None };
-    let step = likeness.step(run, *row)?;
-    let mut values = likeness.dataset.runs[run].values[fault.column].clone();
-    values.iter_mut().skip(*row).for_each(|value| *value -= step.size);
-    let words = format!("from there on its readings were taken {:+.2} °C (± {:.2})", -step.size, step.error);
-    Some(Replaced { values, words, error: step.error })
-}
-
-fn rebuild(likeness: &Likeness<'_>, fault: &Fault) -> Option<Replaced> {
-    let (Damage::Stuck(from, to), Some(run)) = (&fault.damage, fault.run) else { return None };
-    let rebuilt = likeness.rebuilt(run, (*from, *to))?;
-    let mut values = likeness.dataset.runs[run].values[fault.column].clone();
-    values.iter_mut().skip(*from).zip(&rebuilt.values).for_each(|(value, rebuilt)| *value = *rebuilt);
-    let names: Vec<&str> =
-        rebuilt.from.iter().map(|column| likeness.dataset.columns[*column].name.as_str()).collect();
-    let words = format!(
-        "its readings of that time were rebuilt, mostly from {} (± {:.2} °C where good runs were rebuilt so)",
-        names.join(" and "),
-        rebuilt.error
-    );
-    Some(Replaced { values, words, error: rebuilt.error })
+    let mut values = run.values[fault.column].clone();
+    fault.rows.iter().for_each(|row| values[*row] = f64::NAN);
+    let lines = rows::bridged(&seconds, &values);
+    fault.rows.iter().for_each(|row| values[*row] = lines[*row]);
+    let message = "these minutes were bridged by straight lines".to_owned();
+    Replaced { values, message, error: 0.0 }
 }

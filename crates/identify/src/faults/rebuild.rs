@@ -5,10 +5,12 @@
 //! hours are hidden in each donor in turn and rebuilt from the rest, and what that leaves chooses the lags and the ridge.
 //! The rebuilt stretch is tied to the good readings at both of its ends.
 
+use std::ops::Range;
+
 use nalgebra::{DMatrix, DVector};
 
 use super::rows;
-use crate::dataset::{Dataset, Run};
+use crate::dataset::Dataset;
 use crate::gram::Gram;
 use crate::solve::ridge;
 use crate::statistics::{count, median};
@@ -28,29 +30,23 @@ const THIN: f64 = 60.0;
 const EVERY: usize = 7;
 const FROM_ENDS: usize = 10;
 
-/// One sensor, its neighbours, and the runs in which all of them were good.
+/// One sensor, its neighbours, and the runs in which all of them were good: the donors.
 pub(super) struct Likeness<'a> {
-    pub(super) dataset: &'a Dataset,
-    pub(super) column: usize,
-    pub(super) neighbours: &'a [usize],
-    pub(super) donors: &'a [usize],
+    dataset: &'a Dataset,
+    column: usize,
+    neighbours: Vec<usize>,
+    /// By donor: its rows, and their products.
+    tables: Vec<Table>,
+    grams: Vec<Gram>,
 }
 
-/// Readings instead of those that a fault spoilt.
-pub(super) struct Rebuilt {
-    /// °C, row by row of the stretch.
+/// A run's column as it should have been.
+pub(super) struct Replaced {
+    /// °C, row by row.
     pub(super) values: Vec<f64>,
-    /// What is left where the same hours of good runs are rebuilt: root mean square, °C.
-    pub(super) error: f64,
-    /// The columns that say most.
-    pub(super) from: Vec<usize>,
-}
-
-/// A step that a sensor made, and its neighbours did not.
-pub(super) struct Step {
-    /// °C.
-    pub(super) size: f64,
-    /// Root mean square of what is measured where there is no step, °C.
+    /// What was done, as a sentence.
+    pub(super) message: String,
+    /// What is left where the same is done to good runs: root mean square, °C.
     pub(super) error: f64,
 }
 
@@ -61,21 +57,32 @@ struct Table {
     values: Vec<f64>,
 }
 
+/// The seconds from the first to before the second.
+type Span = (f64, f64);
+
 impl Likeness<'_> {
-    /// The rows `from..to` of this run.
-    pub(super) fn rebuilt(&self, run: usize, (from, to): (usize, usize)) -> Option<Rebuilt> {
-        let tables: Vec<Table> = self.donors.iter().map(|donor| self.table(*donor, THIN)).collect();
+    pub(super) fn new<'a>(
+        dataset: &'a Dataset,
+        column: usize,
+        neighbours: Vec<usize>,
+        donors: &[usize],
+    ) -> Likeness<'a> {
+        let mut own = Likeness { dataset, column, neighbours, tables: Vec::new(), grams: Vec::new() };
+        own.tables = donors.iter().map(|donor| own.table(*donor, THIN)).collect();
+        own.grams = own.tables.iter().map(|table| table.gram(None)).collect();
+        own
+    }
+
+    /// These rows of this run, which follow each other, as the neighbours say.
+    pub(super) fn rebuilt(&self, run: usize, rows: &[usize]) -> Option<Replaced> {
         let own = self.table(run, 0.0);
-        let until = own.seconds.get(to).copied().unwrap_or(f64::INFINITY);
-        let hidden = (*own.seconds.get(from)?, until);
+        let (first, last) = (*rows.first()?, *rows.last()?);
+        let until = own.seconds.get(last + 1).copied().unwrap_or(f64::INFINITY);
+        let hidden = (*own.seconds.get(first)?, until);
         let usual = || ((0..self.neighbours.len()).collect(), RIDGES[0], f64::NAN);
-        let (columns, ridge_of, error) = self.choose(&tables, hidden).unwrap_or_else(usual);
-        let outside = |second: f64| second < hidden.0 || second >= hidden.1;
-        let grams: Vec<Gram> =
-            tables.iter().map(|table| table.gram(&|_| true)).chain([own.gram(&outside)]).collect();
-        let all: Vec<usize> = (0..grams.len()).collect();
-        let sum = Gram::sum(&grams, &all);
-        let gains = ridge(&sum, &columns, ridge_of);
+        let (columns, penalty, error) = self.choose(hidden).unwrap_or_else(usual);
+        let sum = Gram::total(&[self.grams.as_slice(), &[own.gram(Some(hidden))]].concat());
+        let gains = ridge(&sum, &columns, penalty);
         let scales = sum.scales();
         let mut says: Vec<(f64, usize)> =
             self.neighbours.iter().map(|neighbour| (0.0_f64, *neighbour)).collect();
@@ -83,34 +90,32 @@ impl Likeness<'_> {
             says[column % self.neighbours.len()].0 += (gain * scales[*column]).abs();
         }
         says.sort_by(|one, other| other.0.total_cmp(&one.0));
-        Some(Rebuilt {
-            values: own.filled(&columns, &gains, hidden),
-            error,
-            from: says.iter().take(2).map(|(_, neighbour)| *neighbour).collect(),
-        })
+        let mostly = says.iter().take(2).map(|(_, neighbour)| self.dataset.columns[*neighbour].name.as_str());
+        let message = format!(
+            "its readings of that time were rebuilt, mostly from {} (± {error:.2} °C where good runs were rebuilt so)",
+            mostly.collect::<Vec<&str>>().join(" and ")
+        );
+        let mut values = self.dataset.runs[run].values[self.column].clone();
+        let filled = own.filled(&columns, &gains, hidden);
+        rows.iter().zip(filled).for_each(|(row, rebuilt)| values[*row] = rebuilt);
+        Some(Replaced { values, message, error })
     }
 
     /// The columns and the ridge that leave least where each donor's same hours are hidden; and what they leave.
-    fn choose(&self, tables: &[Table], hidden: (f64, f64)) -> Option<(Vec<usize>, f64, f64)> {
+    fn choose(&self, hidden: Span) -> Option<(Vec<usize>, f64, f64)> {
         let plain = self.neighbours.len();
         let widths: [Vec<usize>; 2] = [(0..plain).collect(), (0..plain * (1 + LAGS.len())).collect()];
-        let outside = |second: f64| second < hidden.0 || second >= hidden.1;
-        let whole: Vec<Gram> = tables.iter().map(|table| table.gram(&|_| true)).collect();
-        let folds: Vec<Gram> = (0..tables.len())
-            .map(|out| {
-                let mut grams = whole.clone();
-                grams[out] = tables[out].gram(&outside);
-                Gram::sum(&grams, &(0..grams.len()).collect::<Vec<usize>>())
-            })
-            .collect();
+        let fold = |(out, table): (usize, &Table)| {
+            let mut grams = self.grams.clone();
+            grams[out] = table.gram(Some(hidden));
+            Gram::total(&grams)
+        };
+        let folds: Vec<Gram> = self.tables.iter().enumerate().map(fold).collect();
         let mut best: Option<(Vec<usize>, f64, f64)> = None;
         for columns in widths {
             for penalty in RIDGES {
                 let (mut square, mut rows) = (0.0, 0.0);
-                for (table, fold) in tables.iter().zip(&folds) {
-                    if fold.rows < 1.0 {
-                        continue;
-                    }
+                for (table, fold) in self.tables.iter().zip(&folds).filter(|(_, fold)| fold.rows >= 1.0) {
                     let filled = table.filled(&columns, &ridge(fold, &columns, penalty), hidden);
                     let truth = table.inside(hidden).map(|row| table.values[row]);
                     let off = truth.zip(&filled).map(|(truth, filled)| (truth - filled).powi(2));
@@ -127,36 +132,37 @@ impl Likeness<'_> {
         best
     }
 
-    /// The step of this run at this row: as the estimate says that errs least on the good runs.
-    pub(super) fn step(&self, run: usize, row: usize) -> Option<Step> {
-        let tables: Vec<Table> = self.donors.iter().map(|donor| self.table(*donor, THIN)).collect();
+    /// The run without the step with which these rows begin: as the estimate says that errs least on the good runs.
+    pub(super) fn without_step(&self, run: usize, rows: &[usize]) -> Option<Replaced> {
         let columns: Vec<usize> = (0..self.neighbours.len() * (1 + LAGS.len())).collect();
-        let grams: Vec<Gram> = tables.iter().map(|table| table.gram(&|_| true)).collect();
-        let sum = Gram::sum(&grams, &(0..grams.len()).collect::<Vec<usize>>());
-        let gains = ridge(&sum, &columns, STEP_RIDGE);
+        let gains = ridge(&Gram::total(&self.grams), &columns, STEP_RIDGE);
         let own = self.table(run, THIN);
-        let second = self.dataset.runs[run].seconds().nth(row)?;
+        let second = self.dataset.runs[run].seconds().nth(*rows.first()?)?;
         let at = own.seconds.partition_point(|other| *other < second);
-        let own = (own.left(&columns, &gains), own.values);
-        let tables: Vec<(Vec<f64>, Vec<f64>)> =
-            tables.into_iter().map(|table| (table.left(&columns, &gains), table.values)).collect();
+        let left = |table: &Table| table.left(&columns, &gains);
+        let own_left = left(&own);
+        let donors: Vec<(Vec<f64>, &Table)> = self.tables.iter().map(|table| (left(table), table)).collect();
         let tried = [None].into_iter().chain(WINDOWS.map(Some)).filter_map(|window| {
-            let none = tables.iter().flat_map(|table| {
-                let last = table.1.len().saturating_sub(FROM_ENDS);
-                (FROM_ENDS..last).step_by(EVERY).filter_map(move |at| step_at(table, at, window))
+            let none = donors.iter().flat_map(|(left, table)| {
+                let last = left.len().saturating_sub(FROM_ENDS);
+                let places = (FROM_ENDS..last).step_by(EVERY);
+                places.filter_map(move |at| step_at(left, &table.values, at, window))
             });
             let none: Vec<f64> = none.collect();
             let error = (none.iter().map(|step| step * step).sum::<f64>() / count(none.len())).sqrt();
-            Some(Step { size: step_at(&own, at, window)?, error }).filter(|step| step.error.is_finite())
+            Some((error, step_at(&own_left, &own.values, at, window)?)).filter(|(error, _)| error.is_finite())
         });
-        tried.min_by(|one, other| one.error.total_cmp(&other.error))
+        let (error, step) = tried.min_by(|one, other| one.0.total_cmp(&other.0))?;
+        let mut values = self.dataset.runs[run].values[self.column].clone();
+        rows.iter().for_each(|row| values[*row] -= step);
+        let message = format!("from there on its readings were taken {:+.2} °C (± {error:.2})", -step);
+        Some(Replaced { values, message, error })
     }
 
     /// How far the sensor moves: root mean square about the mean of each good run, °C.
     pub(super) fn moves(&self) -> f64 {
-        let grams = self.donors.iter().map(|donor| self.table(*donor, THIN).gram(&|_| true));
-        let (square, rows) = grams.fold((0.0, 0.0), |sum, gram| (sum.0 + gram.power, sum.1 + gram.rows));
-        (square / f64::max(rows, 1.0)).sqrt()
+        let all = Gram::total(&self.grams);
+        (all.power / all.rows.max(1.0)).sqrt()
     }
 
     /// The rows of a run, no closer than this, s.
@@ -182,37 +188,33 @@ impl Likeness<'_> {
             next
         };
         let kept: Vec<usize> = (0..seconds.len()).filter(is_next).collect();
-        Table::new(run, &seconds, &kept, self.column, &features)
+        Table {
+            seconds: kept.iter().map(|row| seconds[*row]).collect(),
+            features: DMatrix::from_fn(kept.len(), features.len(), |row, column| features[column][kept[row]]),
+            values: kept.iter().map(|row| run.values[self.column][*row]).collect(),
+        }
     }
 }
 
 impl Table {
-    fn new(run: &Run, seconds: &[f64], kept: &[usize], column: usize, features: &[Vec<f64>]) -> Table {
-        Table {
-            seconds: kept.iter().map(|row| seconds[*row]).collect(),
-            features: DMatrix::from_fn(kept.len(), features.len(), |row, column| features[column][kept[row]]),
-            values: kept.iter().map(|row| run.values[column][*row]).collect(),
-        }
-    }
-
-    /// Products about the means of the rows that may be used.
-    fn gram(&self, may: &dyn Fn(f64) -> bool) -> Gram {
-        let good: Vec<usize> = (0..self.values.len())
-            .filter(|row| self.values[*row].is_finite() && may(self.seconds[*row]))
-            .collect();
-        let rows = count(good.len());
+    /// Products about the means of the rows that are not hidden.
+    fn gram(&self, hidden: Option<Span>) -> Gram {
+        let hidden = hidden.map_or(0..0, |hidden| self.inside(hidden));
+        let may = |row: &usize| self.values[*row].is_finite() && !hidden.contains(row);
+        let good: Vec<usize> = (0..self.values.len()).filter(may).collect();
+        let rows = count(good.len()).max(1.0);
         let mut features = self.features.select_rows(&good);
         for mut column in features.column_iter_mut() {
-            let mean = column.sum() / rows.max(1.0);
+            let mean = column.sum() / rows;
             column.add_scalar_mut(-mean);
         }
         let mut values = DVector::from_iterator(good.len(), good.iter().map(|row| self.values[*row]));
-        let mean = values.sum() / rows.max(1.0);
+        let mean = values.sum() / rows;
         values.add_scalar_mut(-mean);
         Gram::of(&features, &values)
     }
 
-    fn inside(&self, (from, to): (f64, f64)) -> std::ops::Range<usize> {
+    fn inside(&self, (from, to): Span) -> Range<usize> {
         let before = |time: f64| self.seconds.partition_point(|second| *second < time);
         before(from)..before(to)
     }
@@ -223,11 +225,11 @@ impl Table {
         for (column, gain) in columns.iter().zip(gains.iter()) {
             left.axpy(-gain, &self.features.column(*column), 1.0);
         }
-        left.iter().copied().collect()
+        left.data.into()
     }
 
     /// The hidden rows as the neighbours say, tied to the readings at both ends.
-    fn filled(&self, columns: &[usize], gains: &DVector<f64>, hidden: (f64, f64)) -> Vec<f64> {
+    fn filled(&self, columns: &[usize], gains: &DVector<f64>, hidden: Span) -> Vec<f64> {
         let rows = self.inside(hidden);
         let left = self.left(columns, gains);
         let end = |rows: &mut dyn Iterator<Item = usize>, end: f64| {
@@ -257,7 +259,7 @@ impl Table {
 
 /// From what is left and what was read: the step at this row, without a window as the readings alone have it, beside the
 /// slope around it.
-fn step_at((left, values): &(Vec<f64>, Vec<f64>), at: usize, window: Option<usize>) -> Option<f64> {
+fn step_at(left: &[f64], values: &[f64], at: usize, window: Option<usize>) -> Option<f64> {
     let mean = |rows: &[f64]| {
         let finite = rows.iter().filter(|value| value.is_finite());
         let (sum, rows) = finite.fold((0.0, 0.0), |sum, value| (sum.0 + value, sum.1 + 1.0));
@@ -270,7 +272,7 @@ fn step_at((left, values): &(Vec<f64>, Vec<f64>), at: usize, window: Option<usiz
             Some(mean(after)? - mean(before)?)
         }
         None => {
-            let around = |range: std::ops::Range<usize>| {
+            let around = |range: Range<usize>| {
                 let pairs = values.get(range).unwrap_or_default().windows(2);
                 pairs.map(|pair| pair[1] - pair[0]).collect::<Vec<f64>>()
             };

@@ -1,7 +1,7 @@
 //! From the minutes in which a fault is seen to the rows that it spoils.
 
-use super::Minutes;
 use crate::dataset::Run;
+use crate::minutes::Minutes;
 use crate::statistics::median;
 
 /// The rows of these minutes, each from its first to before its second. A minute that is a mean of several rows has
@@ -15,28 +15,29 @@ pub(super) fn spoilt(run: &Run, own: &Minutes, spikes: &[(usize, usize)]) -> Vec
     run.seconds().enumerate().filter(|(_, second)| is_inside(*second)).map(|(row, _)| row).collect()
 }
 
-/// The row after the largest step of this column within two minutes of this time.
-pub(super) fn of_step(run: &Run, column: usize, at: f64) -> usize {
-    let finite: Vec<(usize, f64, f64)> = run
+/// The rows from the largest step of this column within two minutes of this time on.
+pub(super) fn of_step(run: &Run, column: usize, at: f64) -> Vec<usize> {
+    let near: Vec<(usize, f64)> = run
         .seconds()
         .zip(&run.values[column])
         .enumerate()
         .filter(|(_, (second, value))| value.is_finite() && (second - at).abs() <= 120.0)
-        .map(|(row, (second, value))| (row, second, *value))
+        .map(|(row, (_, value))| (row, *value))
         .collect();
-    let steps = finite.windows(2).map(|pair| ((pair[1].2 - pair[0].2).abs(), pair[1].0));
-    steps.max_by(|one, other| one.0.total_cmp(&other.0)).map_or(0, |(_, row)| row)
+    let steps = near.windows(2).map(|pair| ((pair[1].1 - pair[0].1).abs(), pair[1].0));
+    let first = steps.max_by(|one, other| one.0.total_cmp(&other.0)).map_or(0, |(_, row)| row);
+    (first..run.times.len()).collect()
 }
 
-/// The rows of the minutes from the one to the other: the first, and the one after the last.
-pub(super) fn of_span(run: &Run, from: f64, to: f64) -> (usize, usize) {
+/// The rows of the minutes from the one to the other.
+pub(super) fn of_span(run: &Run, from: f64, to: f64) -> Vec<usize> {
     let (from, to) = ((from / 60.0).floor() * 60.0, (to / 60.0).floor() * 60.0 + 60.0);
-    let before = |time: f64| run.seconds().take_while(|second| *second < time).count();
-    (before(from), before(to))
+    let inside = run.seconds().enumerate().filter(|(_, second)| (from..to).contains(second));
+    inside.map(|(row, _)| row).collect()
 }
 
 /// The usual time between two rows, s.
-pub(super) fn step(run: &Run) -> f64 {
+fn step(run: &Run) -> f64 {
     let seconds: Vec<f64> = run.seconds().collect();
     median(seconds.windows(2).map(|pair| pair[1] - pair[0]).collect())
 }

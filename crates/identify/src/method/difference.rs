@@ -1,34 +1,25 @@
 //! `difference`: Cz = Kz·(A − B), JP H07-61598 B2. A and B are the two inputs, or the pair that fits best.
 //! Each of the two alone stands in for the other: `identified/alone.rs`.
 
-use super::Rule;
+use super::Gains;
 use crate::gram::Gram;
 
-pub(super) struct Difference;
-
-impl Rule for Difference {
-    fn fit(&self, grams: &[Gram], runs: &[usize], columns: &[usize]) -> Result<Vec<(usize, f64)>, String> {
-        let gram = Gram::sum(grams, runs);
-        let mut best: Option<(f64, f64, usize, usize)> = None;
-        for (place, a) in columns.iter().enumerate() {
-            for b in &columns[place + 1..] {
-                let square = gram.square[(*a, *a)] - 2.0 * gram.square[(*a, *b)] + gram.square[(*b, *b)];
-                let cross = gram.cross[*a] - gram.cross[*b];
-                if square <= 1e-9 * gram.rows {
-                    continue;
-                }
-                let left = gram.power - cross * cross / square;
-                if best.is_none_or(|(least, ..)| left < least) {
-                    best = Some((left, cross / square, *a, *b));
-                }
+pub(super) fn fit(gram: &Gram, columns: &[usize]) -> Result<Gains, String> {
+    let mut best: Option<(f64, f64, usize, usize)> = None;
+    for (place, a) in columns.iter().enumerate() {
+        for b in &columns[place + 1..] {
+            let square = gram.square[(*a, *a)] - 2.0 * gram.square[(*a, *b)] + gram.square[(*b, *b)];
+            let cross = gram.cross[*a] - gram.cross[*b];
+            if square <= 1e-9 * gram.rows {
+                continue;
+            }
+            let left = gram.power - cross * cross / square;
+            if best.is_none_or(|(least, ..)| left < least) {
+                best = Some((left, cross / square, *a, *b));
             }
         }
-        let Some((_, gain, a, b)) = best else {
-            return Err(
-                "a difference wants two sensors that do not move alike: name them, --inputs bed,wheelhead"
-                    .to_owned(),
-            );
-        };
-        Ok(vec![(a, gain), (b, -gain)])
     }
+    let (_, gain, a, b) = best
+        .ok_or("a difference wants two sensors that do not move alike: name them, --inputs bed,wheelhead")?;
+    Ok(vec![(a, gain), (b, -gain)])
 }

@@ -5,11 +5,12 @@
 
 use nalgebra::DVector;
 
+use crate::folds::Fold;
 use crate::gram::Gram;
 
 /// One fold: what is learnt from, scaled, and what is judged on, in the same scale.
 #[derive(Debug)]
-struct Fold {
+struct Search {
     training: Gram,
     held: Gram,
     penalty: f64,
@@ -21,17 +22,11 @@ struct Fold {
     gains: Vec<f64>,
 }
 
-impl Fold {
-    fn new((training, held): &(Gram, Gram), penalty: f64) -> Fold {
-        let (training, scales) = training.scaled();
-        let mut held = held.clone();
-        for (i, own) in scales.iter().enumerate() {
-            held.cross[i] /= own;
-            for (j, other) in scales.iter().enumerate() {
-                held.square[(i, j)] /= own * other;
-            }
-        }
-        Fold { training, held, penalty, rows: Vec::new(), solved: Vec::new(), gains: Vec::new() }
+impl Search {
+    fn new(fold: &Fold, penalty: f64) -> Search {
+        let (training, scales) = fold.training.scaled();
+        let held = fold.held.divided(&scales, 1.0);
+        Search { training, held, penalty, rows: Vec::new(), solved: Vec::new(), gains: Vec::new() }
     }
 
     /// The gains with one more column: those of the chosen, and its own.
@@ -82,46 +77,39 @@ impl Fold {
     }
 }
 
-/// The columns, in the order in which they came in, and what they leave on held-out runs. `folds` are pairs of training and held-out products.
-pub(super) fn forward(folds: &[(Gram, Gram)], penalty: f64, most: usize) -> (Vec<usize>, f64) {
-    let width = folds.first().map_or(0, |(_, held)| held.cross.len());
+/// The columns, in the order in which they came in, and what they leave on held-out runs.
+pub(super) fn forward(folds: &[Fold], penalty: f64, most: usize) -> (Vec<usize>, f64) {
+    let width = folds.first().map_or(0, |fold| fold.held.cross.len());
     let each_its_own: Vec<Option<usize>> = (0..width).map(Some).collect();
     forward_once_each(folds, penalty, most, &each_its_own)
 }
 
 /// The same with at most one column of each group; a column without a group stays out.
 pub(super) fn forward_once_each(
-    folds: &[(Gram, Gram)],
+    folds: &[Fold],
     penalty: f64,
     most: usize,
     groups: &[Option<usize>],
 ) -> (Vec<usize>, f64) {
-    let mut folds: Vec<Fold> = folds.iter().map(|fold| Fold::new(fold, penalty)).collect();
+    let mut folds: Vec<Search> = folds.iter().map(|fold| Search::new(fold, penalty)).collect();
     let mut chosen: Vec<usize> = Vec::new();
     let mut now: f64 = folds.iter().map(|fold| fold.held.power).sum();
     while chosen.len() < most {
-        let mut with = chosen.clone();
-        let mut best: Option<(f64, usize)> = None;
         let is_free = |column: &usize| {
             groups[*column].is_some() && !chosen.iter().any(|other| groups[*other] == groups[*column])
         };
-        for column in (0..groups.len()).filter(is_free) {
-            with.push(column);
-            let cost = |fold: &Fold| {
+        let tried = (0..groups.len()).filter(is_free).map(|column| {
+            let with = [chosen.as_slice(), &[column]].concat();
+            let left = |fold: &Search| {
                 let (mut gains, own, _) = fold.with(&chosen, column);
                 gains.push(own);
                 fold.left(&with, &gains)
             };
-            let cost: f64 = folds.iter().map(cost).sum();
-            with.pop();
-            if best.is_none_or(|(least, _)| cost < least) {
-                best = Some((cost, column));
-            }
-        }
+            (folds.iter().map(left).sum::<f64>(), column)
+        });
+        let best = tried.reduce(|best, next| if next.0 < best.0 { next } else { best });
         let Some((cost, column)) = best.filter(|(cost, _)| *cost < now) else { break };
-        for fold in &mut folds {
-            fold.take(&chosen, column);
-        }
+        folds.iter_mut().for_each(|fold| fold.take(&chosen, column));
         chosen.push(column);
         now = cost;
     }

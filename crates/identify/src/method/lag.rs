@@ -10,7 +10,7 @@ use nalgebra::{DMatrix, DVector};
 use super::forward::forward_once_each;
 use crate::bank::{Bank, Candidate, LAGS_MIN, trace};
 use crate::campaign::Campaign;
-use crate::folds::inner;
+use crate::folds::inner_or_itself;
 use crate::gram::Gram;
 use crate::learn::{Learned, Learner};
 use crate::solve::ridge;
@@ -40,19 +40,11 @@ impl<'a> Lagging<'a> {
     }
 
     fn begin(&self, runs: &[usize], without: &[usize]) -> Vec<Candidate> {
-        let all = Gram::sum(&self.grams, runs);
-        let folds: Vec<(Gram, Gram)> = match inner(&self.grams, runs) {
-            folds if folds.is_empty() => vec![(all.clone(), all)],
-            folds => folds.into_iter().map(|(rest, fold)| (rest, Gram::sum(&self.grams, &fold))).collect(),
-        };
-        let group: Vec<Option<usize>> = self
-            .bank
-            .candidates
-            .iter()
-            .map(|candidate| Some(candidate.input))
-            .map(|input| input.filter(|input| !without.contains(input)))
-            .collect();
-        let (chosen, _) = forward_once_each(&folds, PENALTY, self.terms, &group);
+        let folds = inner_or_itself(&self.grams, runs);
+        let inputs = self.bank.candidates.iter().map(|candidate| candidate.input);
+        let groups: Vec<Option<usize>> =
+            inputs.map(|input| Some(input).filter(|input| !without.contains(input))).collect();
+        let (chosen, _) = forward_once_each(&folds, PENALTY, self.terms, &groups);
         chosen.into_iter().map(|column| self.bank.candidates[column]).collect()
     }
 
@@ -63,16 +55,9 @@ impl<'a> Lagging<'a> {
 
     /// What is left with these columns, per run; and the gains.
     fn fit(&self, runs: &[usize], columns: &[DMatrix<f64>]) -> (f64, DVector<f64>) {
-        let grams: Vec<Gram> = (columns.iter().zip(runs))
-            .map(|(rises, run)| {
-                let wanted = DVector::from_column_slice(&self.bank.runs[*run].wanted);
-                Gram::of(rises, &wanted)
-            })
-            .collect();
-        let all: Vec<usize> = (0..grams.len()).collect();
-        let sum = Gram::sum(&grams, &all);
-        let every: Vec<usize> = (0..sum.cross.len()).collect();
-        let gains = ridge(&sum, &every, 0.0);
+        let gram = |(rises, run): (&DMatrix<f64>, &usize)| Gram::of(rises, &self.bank.runs[*run].target);
+        let sum = Gram::total(&columns.iter().zip(runs).map(gram).collect::<Vec<Gram>>());
+        let gains = ridge(&sum, &(0..sum.cross.len()).collect::<Vec<usize>>(), 0.0);
         (sum.left(&gains), gains)
     }
 }

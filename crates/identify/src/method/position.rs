@@ -5,25 +5,20 @@
 
 use std::time::Duration;
 
+use super::Gains;
 use super::sparse::{MOST_TERMS, by_forward, in_columns};
-use super::{Gram, Rule};
 use crate::bank::{Bank, Candidate};
 use crate::campaign::Campaign;
-
-pub(super) struct Position {
-    /// Most terms.
-    pub(super) terms: Option<usize>,
-}
+use crate::gram::Gram;
+use crate::statistics::range;
 
 /// Of the forward search, on columns of root mean square 1.
 const HELD: [f64; 1] = [1e-3];
 
-impl Rule for Position {
-    fn fit(&self, grams: &[Gram], runs: &[usize], columns: &[usize]) -> Result<Vec<(usize, f64)>, String> {
-        let few: Vec<Gram> = grams.iter().map(|gram| gram.of_columns(columns)).collect();
-        let gains = by_forward(&few, runs, self.terms.unwrap_or(MOST_TERMS), &HELD, false);
-        Ok(in_columns(&gains, columns))
-    }
+/// At most so many terms.
+pub(super) fn fit(grams: &[Gram], runs: &[usize], columns: &[usize], terms: Option<usize>) -> Gains {
+    let few: Vec<Gram> = grams.iter().map(|gram| gram.of_columns(columns)).collect();
+    in_columns(&by_forward(&few, runs, terms.unwrap_or(MOST_TERMS), &HELD, false), columns)
 }
 
 /// Every input through every lag, and each of these times the distance from the reference position.
@@ -31,17 +26,14 @@ pub(super) fn bank(campaign: &Campaign<'_>, lags: &[Option<Duration>]) -> Result
     let Some(position) = &campaign.position else {
         return Err("position wants the signal that says where the axis was: --position scale_z".to_owned());
     };
-    let values = || campaign.dataset.runs.iter().flat_map(|run| &run.values[position.column]);
-    let (low, high) = values()
-        .filter(|v| v.is_finite())
-        .fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(*v), high.max(*v)));
-    if high - low < 1.0 || low > high {
+    let places = campaign.dataset.runs.iter().flat_map(|run| &run.values[position.input.column]);
+    if range(places) < 1.0 {
         return Err(format!(
             "{} stays at one place: a slope wants errors measured at several positions of the axis",
-            position.name
+            position.input.name
         ));
     }
-    returns(campaign, &position.name)?;
+    returns(campaign, &position.input.name)?;
     let each = |along| {
         let of = move |input| lags.iter().map(move |lag| Candidate { input, lag: *lag, along });
         (0..campaign.inputs.len()).flat_map(of)
@@ -53,8 +45,9 @@ pub(super) fn bank(campaign: &Campaign<'_>, lags: &[Option<Duration>]) -> Result
 fn returns(campaign: &Campaign<'_>, name: &str) -> Result<(), String> {
     let (mut once, mut rows) = (0_usize, 0_usize);
     for run in &campaign.dataset.runs {
-        for (row, wanted) in campaign.wanted(run).into_iter().enumerate().filter(|(_, w)| w.cz.is_finite()) {
-            once += usize::from(wanted.since == Some(row));
+        for (row, target) in campaign.targets(run).into_iter().enumerate().filter(|(_, at)| at.cz.is_finite())
+        {
+            once += usize::from(target.since == Some(row));
             rows += 1;
         }
     }

@@ -4,75 +4,86 @@
 
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};
 
-use super::Rule;
+use super::Gains;
 use crate::gram::Gram;
-use crate::solve;
+use crate::solve::ridge;
 use crate::statistics::count;
 
-pub(super) struct Stepwise {
-    /// How many rows make one independent sample.
-    pub(super) rows_per_sample: f64,
-    /// Most terms.
-    pub(super) terms: usize,
-}
-
 /// A term comes in where chance would give as much in one case of a hundred, and leaves where in one of twenty.
-pub(crate) const ENTERS: f64 = 0.01;
-pub(crate) const LEAVES: f64 = 0.05;
+const ENTERS: f64 = 0.01;
+const LEAVES: f64 = 0.05;
 
-impl Rule for Stepwise {
-    fn fit(&self, grams: &[Gram], runs: &[usize], columns: &[usize]) -> Result<Vec<(usize, f64)>, String> {
-        let gram = Gram::sum(grams, runs);
-        let samples = gram.rows / self.rows_per_sample;
-        let left = |chosen: &[usize]| match chosen {
-            [] => gram.power,
-            _ => gram.of_columns(chosen).left(&solve::ridge(&gram, chosen, 0.0)),
-        };
-        let mut chosen: Vec<usize> = Vec::new();
-        let mut now = gram.power;
-        // Each round ends with less left over or with the end; a bound all the same.
-        for _ in 0..10 * columns.len() {
-            let free = samples - count(chosen.len()) - 1.0;
-            let outside = columns.iter().copied().filter(|column| !chosen.contains(column));
-            let tried = outside.map(|column| {
-                let with: Vec<usize> = chosen.iter().copied().chain([column]).collect();
-                (left(&with), column)
-            });
-            let best = tried.min_by(|one, other| one.0.total_cmp(&other.0));
-            let Some((less, column)) = best.filter(|_| chosen.len() < self.terms && free >= 1.0) else {
-                break;
-            };
-            if chance(now, less, free) >= ENTERS {
-                break;
-            }
-            chosen.push(column);
-            now = less;
-            while chosen.len() > 1 {
-                let tried = (0..chosen.len() - 1).map(|place| {
-                    let mut without = chosen.clone();
-                    without.remove(place);
-                    (left(&without), place)
-                });
-                let weakest = tried.min_by(|one, other| one.0.total_cmp(&other.0));
-                let free = samples - count(chosen.len());
-                let Some((more, place)) = weakest.filter(|(more, _)| chance(*more, now, free) > LEAVES)
-                else {
-                    break;
-                };
-                chosen.remove(place);
-                now = more;
-            }
-        }
-        let gains = solve::ridge(&gram, &chosen, 0.0);
-        Ok(chosen.iter().copied().zip(gains.iter().copied()).collect())
-    }
+/// A column comes in or leaves again.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Move {
+    pub(crate) column: usize,
+    pub(crate) comes_in: bool,
+    /// Partial F: by how much more is explained with it, over what is left.
+    pub(crate) f: f64,
+    /// The chance of such an F where the column has nothing to do with what is explained.
+    pub(crate) chance: f64,
 }
 
-/// The chance that one more column takes this much off what is left though it has nothing to do with it.
-pub(crate) fn chance(before: f64, after: f64, free: f64) -> f64 {
-    let f = (before - after) / (after / free);
-    if f.is_nan() || f <= 0.0 {
-        return 1.0;
+/// At most so many terms.
+pub(super) fn fit(gram: &Gram, rows_per_sample: f64, columns: &[usize], most: usize) -> Gains {
+    let (moves, _) = search(gram, gram.rows / rows_per_sample, columns, most);
+    let mut chosen: Vec<usize> = Vec::new();
+    for taken in moves {
+        match taken.comes_in {
+            true => chosen.push(taken.column),
+            false => chosen.retain(|column| *column != taken.column),
+        }
     }
-    FisherSnedecor::new(1.0, free).map_or(1.0, |law| law.sf(f))
+    let gains = ridge(gram, &chosen, 0.0);
+    chosen.into_iter().zip(gains.iter().copied()).collect()
+}
+
+/// The moves, one after the other, and the column that would have been next but is not significant.
+pub(crate) fn search(gram: &Gram, samples: f64, columns: &[usize], most: usize) -> (Vec<Move>, Option<Move>) {
+    let left = |chosen: &[usize]| match chosen {
+        [] => gram.power,
+        _ => gram.of_columns(chosen).left(&ridge(gram, chosen, 0.0)),
+    };
+    let tested = |column: usize, comes_in: bool, without: f64, with: f64, terms: usize| {
+        let free = samples - count(terms);
+        let f = (without - with) / (with / free);
+        let is_more = !f.is_nan() && f > 0.0;
+        let chance = FisherSnedecor::new(1.0, free).ok().filter(|_| is_more).map_or(1.0, |law| law.sf(f));
+        Move { column, comes_in, f, chance }
+    };
+    let (mut chosen, mut now, mut moves) = (Vec::new(), gram.power, Vec::new());
+    // Each round ends with less left over or with the end; a bound all the same.
+    for _ in 0..10 * columns.len() {
+        let outside = columns.iter().filter(|column| !chosen.contains(*column));
+        let tried = outside.map(|column| (left(&[chosen.as_slice(), &[*column]].concat()), *column));
+        let best = tried.min_by(|one, other| one.0.total_cmp(&other.0));
+        let terms = chosen.len() + 1;
+        let may = chosen.len() < most && samples - count(terms) >= 1.0;
+        let Some((less, column)) = best.filter(|_| may) else { break };
+        let taken = tested(column, true, now, less, terms);
+        if taken.chance >= ENTERS {
+            return (moves, Some(taken));
+        }
+        moves.push(taken);
+        chosen.push(column);
+        now = less;
+        // The column that just came in stays for now: else two would take turns.
+        while chosen.len() > 1 {
+            let tried = (0..chosen.len() - 1).map(|place| {
+                let mut without = chosen.clone();
+                without.remove(place);
+                (left(&without), place)
+            });
+            let weakest = tried.min_by(|one, other| one.0.total_cmp(&other.0));
+            let Some((more, place)) = weakest else { break };
+            let gone = tested(chosen[place], false, more, now, chosen.len());
+            if gone.chance <= LEAVES {
+                break;
+            }
+            moves.push(gone);
+            chosen.remove(place);
+            now = more;
+        }
+    }
+    (moves, None)
 }

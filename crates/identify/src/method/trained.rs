@@ -11,14 +11,15 @@
 use std::time::Duration;
 
 use nalgebra::{DMatrix, DVector};
-use serde_json::{Value, json};
+use rayon::prelude::*;
+use serde_json::json;
 
 use super::Settings;
 use crate::bank::{Bank, Candidate};
 use crate::campaign::Campaign;
 use crate::folds::folds;
 use crate::learn::{Learned, Learner};
-use crate::statistics::count;
+use crate::statistics::{count, least_sum, rms};
 use isotherm_core::compensation::model::network::WIDEST;
 use isotherm_profile::network;
 
@@ -53,27 +54,30 @@ pub(super) struct Trained {
     seed: u64,
 }
 
-/// Rows of one run or several: scaled rises and the scaled compensation that is wanted.
+/// Rows of one run or several: scaled rises and the scaled Cz that would leave no error.
 #[derive(Clone, Debug)]
 struct Samples {
     rises: DMatrix<f64>,
-    wanted: DVector<f64>,
+    target: DVector<f64>,
 }
 
 impl Samples {
-    fn stacked<'a>(parts: impl Iterator<Item = &'a Samples>) -> Samples {
-        let parts: Vec<&Samples> = parts.collect();
+    fn stacked(parts: &[&Samples]) -> Samples {
         let rows: Vec<_> = parts.iter().flat_map(|part| part.rises.row_iter()).collect();
         let width = parts.first().map_or(0, |part| part.rises.ncols());
-        let rises = DMatrix::from_fn(rows.len(), width, |row, column| rows[row][column]);
-        let wanted = parts.iter().flat_map(|part| part.wanted.iter().copied());
-        Samples { rises, wanted: DVector::from_iterator(rows.len(), wanted) }
+        let target: Vec<f64> = parts.iter().flat_map(|part| part.target.iter().copied()).collect();
+        Samples {
+            rises: DMatrix::from_fn(rows.len(), width, |row, column| rows[row][column]),
+            target: DVector::from_vec(target),
+        }
     }
 }
 
 /// Inner validation: what is trained on, and the runs that are left out of it, each by itself.
 #[derive(Debug)]
 struct Fold<'a> {
+    /// Counts from zero.
+    number: u64,
     training: Samples,
     held: Vec<&'a Samples>,
 }
@@ -81,12 +85,18 @@ struct Fold<'a> {
 impl Fold<'_> {
     /// What `output` leaves on the held runs about the mean of each, squared and added up.
     fn left(&self, output: impl Fn(&DMatrix<f64>) -> DVector<f64>) -> f64 {
-        self.held.iter().map(|run| about_mean(&(output(&run.rises) - &run.wanted))).sum()
+        self.held.iter().map(|run| about_mean(&(output(&run.rises) - &run.target))).sum()
     }
 }
 
 fn about_mean(left: &DVector<f64>) -> f64 {
     left.norm_squared() - left.mean().powi(2) * count(left.len())
+}
+
+/// Where the folds' costs add up to least; `None` where there is no fold.
+fn least(folds: &[Fold<'_>], costs: impl Fn(&Fold<'_>) -> Vec<f64> + Sync + Send) -> Option<usize> {
+    let costs: Vec<Vec<f64>> = folds.par_iter().map(costs).collect();
+    least_sum(costs).map(|(place, _)| place)
 }
 
 impl Trained {
@@ -127,10 +137,10 @@ impl Trained {
 
     fn samples(&self, run: usize, columns: &[usize]) -> Samples {
         let traced = &self.bank.runs[run];
-        let rows: Vec<usize> = (0..traced.wanted.len()).step_by(self.every).collect();
+        let rows: Vec<usize> = (0..traced.target.len()).step_by(self.every).collect();
         Samples {
             rises: traced.rises.select_columns(columns).select_rows(&rows),
-            wanted: DVector::from_iterator(rows.len(), rows.iter().map(|row| traced.wanted[*row])),
+            target: traced.target.select_rows(&rows),
         }
     }
 }
@@ -144,24 +154,25 @@ impl Learner for Trained {
         let may = |column: &&usize| !without.contains(&self.bank.candidates[**column].input);
         let columns: Vec<usize> = self.columns.iter().filter(may).copied().collect();
         let mut each: Vec<Samples> = runs.iter().map(|run| self.samples(*run, &columns)).collect();
-        let all = Samples::stacked(each.iter());
+        let all = Samples::stacked(&each.iter().collect::<Vec<_>>());
         let scales: Vec<f64> = all.rises.column_iter().map(|column| scale(column.as_slice())).collect();
-        let output = scale(all.wanted.as_slice());
+        let output = scale(all.target.as_slice());
         for samples in &mut each {
             for (mut column, scale) in samples.rises.column_iter_mut().zip(&scales) {
                 column /= *scale;
             }
-            samples.wanted /= output;
+            samples.target /= output;
         }
-        let all = Samples::stacked(each.iter());
+        let all = Samples::stacked(&each.iter().collect::<Vec<_>>());
         let places: Vec<usize> = (0..each.len()).collect();
-        let folds = if each.len() < 2 { Vec::new() } else { folds(&places) };
-        let fold = |held: &Vec<usize>| {
-            let (out, rest): (Vec<usize>, Vec<usize>) = places.iter().partition(|place| held.contains(place));
-            let training = Samples::stacked(rest.iter().map(|place| &each[*place]));
-            Fold { training, held: out.iter().map(|place| &each[*place]).collect() }
+        let fold = |(number, held): (u64, Vec<usize>)| {
+            let (out, rest): (Vec<_>, Vec<_>) =
+                each.iter().enumerate().partition(|(place, _)| held.contains(place));
+            let samples = |part: Vec<(usize, _)>| part.into_iter().map(|(_, own)| own).collect::<Vec<_>>();
+            Fold { number, training: Samples::stacked(&samples(rest)), held: samples(out) }
         };
-        let folds: Vec<Fold<'_>> = folds.iter().map(fold).collect();
+        let held = if each.len() < 2 { Vec::new() } else { folds(&places) };
+        let folds: Vec<Fold<'_>> = (0..).zip(held).map(fold).collect();
         let mut file = match self.shape {
             Shape::Radial(centres) => radial::file(&radial::fit(&all, &folds, centres, self.seed)),
             Shape::Neurons(neurons) => neurons::file(&neurons::fit(&all, &folds, neurons, self.seed)),
@@ -180,11 +191,9 @@ impl Learner for Trained {
 
 /// Root mean square; 1 for what never moves.
 fn scale(values: &[f64]) -> f64 {
-    let scale = (values.iter().map(|value| value * value).sum::<f64>() / count(values.len()).max(1.0)).sqrt();
-    if scale > 1e-9 { scale } else { 1.0 }
+    Some(rms(values)).filter(|scale| *scale > 1e-9).unwrap_or(1.0)
 }
 
-fn rows(matrix: &DMatrix<f64>) -> Value {
-    let rows: Vec<Vec<f64>> = matrix.row_iter().map(|row| row.iter().copied().collect()).collect();
-    json!(rows)
+fn rows(matrix: &DMatrix<f64>) -> Vec<Vec<f64>> {
+    matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
 }

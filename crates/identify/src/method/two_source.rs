@@ -1,7 +1,7 @@
 //! `two-source`: C = Cw + Ch, Tachiya et al. 2013. In runs in which only the first source is at work (the spindle waits)
 //! its sensors give Cw; what Cw leaves of the other runs is Ch, from the second source's sensors.
 
-use super::{Rule, Settings};
+use super::{Gains, Settings};
 use crate::campaign::Campaign;
 use crate::gram::Gram;
 use crate::solve::ridge;
@@ -30,21 +30,8 @@ impl TwoSource {
             second: places("--second", "input", &settings.second, &inputs)?,
         })
     }
-}
 
-fn places(option: &str, what: &str, names: &[String], known: &[&str]) -> Result<Vec<usize>, String> {
-    if names.is_empty() {
-        return Err(format!("two-source wants {option}: one {what} or more of {}", known.join(", ")));
-    }
-    let place = |name: &String| {
-        let found = known.iter().position(|other| other == name);
-        found.ok_or_else(|| format!("{option}: there is no {what} `{name}`; there are {}", known.join(", ")))
-    };
-    names.iter().map(place).collect()
-}
-
-impl Rule for TwoSource {
-    fn fit(&self, grams: &[Gram], runs: &[usize], columns: &[usize]) -> Result<Vec<(usize, f64)>, String> {
+    pub(super) fn fit(&self, grams: &[Gram], runs: &[usize], columns: &[usize]) -> Result<Gains, String> {
         let may = |list: &[usize]| -> Vec<usize> {
             list.iter().copied().filter(|column| columns.contains(column)).collect()
         };
@@ -70,4 +57,15 @@ impl Rule for TwoSource {
         }
         Ok(gains)
     }
+}
+
+fn places(option: &str, what: &str, names: &[String], known: &[&str]) -> Result<Vec<usize>, String> {
+    if names.is_empty() {
+        return Err(format!("two-source wants {option}: one {what} or more of {}", known.join(", ")));
+    }
+    let place = |name: &String| {
+        let found = known.iter().position(|other| other == name);
+        found.ok_or_else(|| format!("{option}: there is no {what} `{name}`; there are {}", known.join(", ")))
+    };
+    names.iter().map(place).collect()
 }

@@ -6,8 +6,8 @@ use super::drifted::displacements;
 use super::{date, duration, judged, logs, page, terms};
 use crate::drift::Drift;
 use crate::facts::of_error;
-use crate::faults::{Excluded, Repaired};
-use crate::identified::{Identified, Means};
+use crate::faults::{Finding, Repaired};
+use crate::identified::Identified;
 use crate::setup::Ready;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::Profile;
@@ -29,13 +29,8 @@ pub struct Subject<'a> {
 pub fn identified(subject: &Subject<'_>) -> String {
     let Subject { profile, ready, found, made } = *subject;
     let dataset = ready.logs;
-    let mended = found.repaired.iter().map(Repaired::as_found);
-    let faulty: Vec<Excluded> = found.excluded.iter().cloned().chain(mended).collect();
-    let means = Means {
-        mean_range_um: found.mean_range_um,
-        worst_range_um: found.worst_range_um,
-        mean_rmse_um: found.mean_rmse_um,
-    };
+    let mended = found.repaired.iter().map(Repaired::finding);
+    let faulty: Vec<Finding> = found.excluded.iter().cloned().chain(mended).collect();
     let axis = profile.axes.iter().map(|axis| &axis.settings).find(|axis| axis.name == found.axis);
     let used = |name: &str| {
         found.columns.iter().find(|column| column.name == name).map_or("–", |column| column.used)
@@ -53,7 +48,7 @@ pub fn identified(subject: &Subject<'_>) -> String {
             }
             dt { "runs" } dd { (dataset.runs.len()) ", " (duration(hours)) " together" }
         }
-        (judged::headline(&means, &found.uncompensated))
+        (judged::headline(&found.means, &found.uncompensated))
         @if !faulty.is_empty() || !found.remarks.is_empty() {
             ul {
                 @for faulty in &found.excluded { li { strong { (faulty.signal) } " was left out: " (faulty.reason) } }
@@ -64,9 +59,9 @@ pub fn identified(subject: &Subject<'_>) -> String {
             }
         }
         (judged::pictures(found))
-        (judged::cross_validation(&found.runs, &means, &found.uncompensated))
+        (judged::cross_validation(&found.runs, &found.means, &found.uncompensated))
         (terms::terms(found))
-        (terms::stand_ins(&found.fallbacks, &means))
+        (terms::stand_ins(&found.fallbacks, &found.means))
         (terms::envelope(found.region.as_ref()))
         @if let Some(axis) = axis { (terms::limits(axis)) }
         (drift(&drifts))

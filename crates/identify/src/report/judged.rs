@@ -4,9 +4,9 @@ use maud::{Markup, html};
 
 use super::chart::{self, Bar, Line, Look};
 use super::{decimals, figure, number, table};
-use crate::identified::{Identified, Means};
+use crate::identified::Identified;
 use crate::statistics::count;
-use crate::validate::{HeldOut, RunScore};
+use crate::validate::{HeldOut, Means, RunScore};
 
 /// The headline: what is left of the error.
 pub(super) fn headline(means: &Means, bare: &Means) -> Markup {

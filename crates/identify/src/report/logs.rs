@@ -5,18 +5,18 @@ use maud::{Markup, html};
 use super::chart::{self, Line, Look};
 use super::{date, decimals, duration, figure, plain, table, three_digits};
 use crate::alike::{correlations, order};
-use crate::ambient::{AmbientLike, is_ambient};
+use crate::ambient::is_ambient;
 use crate::bank::Bank;
 use crate::campaign::Campaign;
 use crate::dataset::{Column, Dataset, Kind, Run};
-use crate::faults::{self, Excluded};
-use crate::statistics::{count, range};
+use crate::faults::{self, Finding};
+use crate::statistics::{count, least_and_most};
 
 /// Most inputs of a correlation map.
 const MOST_MAPPED: usize = 32;
 
 /// Date, duration, rows, speeds and ambient of each run.
-pub(super) fn runs(dataset: &Dataset, like: &[AmbientLike]) -> Markup {
+pub(super) fn runs(dataset: &Dataset, like: &[Finding]) -> Markup {
     let of_kind =
         |kind: Kind| dataset.columns.iter().enumerate().filter(move |(_, column)| column.kind == kind);
     let speeds: Vec<(usize, &str)> =
@@ -52,14 +52,10 @@ pub(super) fn runs(dataset: &Dataset, like: &[AmbientLike]) -> Markup {
 }
 
 /// `20.1 … 23.4`.
-fn spanned(values: &[f64], places: usize) -> String {
-    let finite = || values.iter().copied().filter(|value| value.is_finite());
-    if finite().next().is_none() {
-        return "–".to_owned();
-    }
-    let (low, high) =
-        finite().fold((f64::MAX, f64::MIN), |(low, high), value| (low.min(value), high.max(value)));
-    format!("{} … {}", decimals(low, places), decimals(high, places))
+fn spanned<'a>(values: impl IntoIterator<Item = &'a f64>, places: usize) -> String {
+    least_and_most(values).map_or("–".to_owned(), |(low, high)| {
+        format!("{} … {}", decimals(low, places), decimals(high, places))
+    })
 }
 
 /// The speeds that were held for a twentieth of the run or longer, where they are few; else the span.
@@ -81,8 +77,8 @@ fn stages(values: &[f64]) -> String {
 pub(super) fn sensors(
     dataset: &Dataset,
     used: &dyn Fn(&str) -> &'static str,
-    excluded: &[Excluded],
-    like: &[AmbientLike],
+    excluded: &[Finding],
+    like: &[Finding],
 ) -> Markup {
     let rows = html! {
         @for (place, column) in dataset.columns.iter().enumerate() {
@@ -90,7 +86,7 @@ pub(super) fn sensors(
                 th scope="row" { (column.name) }
                 td .words style="min-width: 7rem" { (column.kind) }
                 td { (plain(faults::resolution(dataset, place))) }
-                td { (spanned(&dataset.runs.iter().flat_map(|run| run.values[place].iter().copied()).collect::<Vec<f64>>(), 2)) }
+                td { (spanned(dataset.runs.iter().flat_map(|run| &run.values[place]), 2)) }
                 td .words style="min-width: 6rem" { (used(&column.name)) }
                 td .words { (remarks(column, excluded, like)) }
             }
@@ -102,7 +98,7 @@ pub(super) fn sensors(
     }
 }
 
-fn remarks(column: &Column, excluded: &[Excluded], like: &[AmbientLike]) -> String {
+fn remarks(column: &Column, excluded: &[Finding], like: &[Finding]) -> String {
     let own =
         excluded.iter().filter(|faulty| faulty.signal == column.name).map(|faulty| faulty.reason.as_str());
     let air = like.iter().filter(|like| like.signal == column.name).map(|like| like.reason.as_str());
@@ -115,7 +111,7 @@ fn remarks(column: &Column, excluded: &[Excluded], like: &[AmbientLike]) -> Stri
 }
 
 /// One small picture for each temperature: every run over the other.
-pub(super) fn over_time(dataset: &Dataset, excluded: &[Excluded]) -> Markup {
+pub(super) fn over_time(dataset: &Dataset, excluded: &[Finding]) -> Markup {
     let temperatures =
         dataset.columns.iter().enumerate().filter(|(_, column)| column.kind == Kind::Temperature);
     html! {
@@ -129,7 +125,7 @@ pub(super) fn over_time(dataset: &Dataset, excluded: &[Excluded]) -> Markup {
     }
 }
 
-fn sensor(dataset: &Dataset, place: usize, name: &str, excluded: &[Excluded]) -> Markup {
+fn sensor(dataset: &Dataset, place: usize, name: &str, excluded: &[Finding]) -> Markup {
     let is_faulty = |run: &Run| {
         excluded
             .iter()
@@ -140,9 +136,7 @@ fn sensor(dataset: &Dataset, place: usize, name: &str, excluded: &[Excluded]) ->
         Line::new(look, run.seconds().map(|second| second / 3600.0).zip(run.values[place].iter().copied()))
     };
     let lines: Vec<Line> = dataset.runs.iter().map(line).collect();
-    let widest = dataset.runs.iter().map(|run| {
-        range(&run.values[place].iter().copied().filter(|value| value.is_finite()).collect::<Vec<f64>>())
-    });
+    let widest = dataset.runs.iter().map(|run| run.range(place));
     let caption = format!("up to {} °C in a run", three_digits(widest.fold(0.0, f64::max)));
     let picture = chart::lines(240, 150, "°C", &format!("{name} over every run"), &lines, None);
     figure(name, &picture, &caption)

@@ -4,7 +4,6 @@ use maud::{Markup, html};
 
 use super::chart::{self, Bar};
 use super::{date, decimals, duration, judged, logs, number, page, table, three_digits};
-use crate::identified::Means;
 use crate::select::{Counted, Pointed, Selected, Step};
 use isotherm_core::quantity::Moment;
 
@@ -25,8 +24,7 @@ pub fn selected(pointed: &Pointed<'_>, found: &Selected, made: Moment) -> String
             "not used"
         }
     };
-    let kept = &found.by_count[found.recommended.k];
-    let (means, bare) = (means(kept), means(&found.by_count[0]));
+    let (means, uncompensated) = (&found.by_count[found.recommended.k].means, &found.by_count[0].means);
     let content = html! {
         dl .facts {
             dt { "measured error" } dd { (found.error) }
@@ -38,10 +36,10 @@ pub fn selected(pointed: &Pointed<'_>, found: &Selected, made: Moment) -> String
         @if found.recommended.points.is_empty() { p { strong { "No point." } } }
         @else { p { strong { (found.recommended.points.join(", ")) } } }
         p { (found.recommended.why) "." }
-        (judged::headline(&means, &bare))
+        (judged::headline(means, uncompensated))
         (recommended(found))
         (by_count(found))
-        (judged::cross_validation(&found.runs, &means, &bare))
+        (judged::cross_validation(&found.runs, means, uncompensated))
         (points(found))
         (groups(found))
         (stepwise(found))
@@ -52,14 +50,6 @@ pub fn selected(pointed: &Pointed<'_>, found: &Selected, made: Moment) -> String
         @if !found.remarks.is_empty() { h2 { "Remarks" } ul { @for remark in &found.remarks { li { (remark) } } } }
     };
     page(&format!("Temperature points for {}", found.error), made, &content)
-}
-
-fn means(row: &Counted) -> Means {
-    Means {
-        mean_range_um: row.mean_range_um,
-        worst_range_um: row.worst_range_um,
-        mean_rmse_um: row.mean_rmse_um,
-    }
 }
 
 fn recommended(found: &Selected) -> Markup {
@@ -89,7 +79,7 @@ fn by_count(found: &Selected) -> Markup {
         html! {
             tr .kept[row.k == found.recommended.k && added != "all"] {
                 th scope="row" { (name) }
-                td { (number(row.mean_rmse_um)) } td { (number(row.mean_range_um)) } td { (number(row.worst_range_um)) }
+                td { (number(row.means.mean_rmse_um)) } td { (number(row.means.mean_range_um)) } td { (number(row.means.worst_range_um)) }
                 td .words { (added) }
             }
         }
@@ -105,8 +95,8 @@ fn by_count(found: &Selected) -> Markup {
         p { "For each run the points were chosen from all the others, and judged on that run: how much is left, by how many are kept." }
         ul .keys { li { "held out, over the number of points; a ring: recommended" } li .dashed { "with every point" } }
         div .gallery {
-            (super::figure("Mean range of a run", &of(|row| row.mean_range_um), ""))
-            (super::figure("Mean RMS of a run", &of(|row| row.mean_rmse_um), ""))
+            (super::figure("Mean range of a run", &of(|row| row.means.mean_range_um), ""))
+            (super::figure("Mean RMS of a run", &of(|row| row.means.mean_rmse_um), ""))
         }
         (table(&["points", "mean RMS, µm", "mean range, µm", "worst run, µm", "comes in (on all runs):"], &rows))
     }

@@ -6,9 +6,10 @@ use maud::{Markup, html};
 
 use super::chart::{self, Bar};
 use super::{decimals, number, table, three_digits};
-use crate::identified::{Fallback, Identified, Means, TermFound};
+use crate::identified::{Fallback, Identified, TermFound};
 use crate::learn::Learned;
 use crate::region::Region;
+use crate::validate::Means;
 use isotherm_core::compensation::settings::{AxisSettings, OnFault};
 
 /// Most bars; all terms stand in the table.

@@ -4,17 +4,16 @@
 //! through every lag, make the error smallest on runs left out within those. So the curve has seen nothing of the run
 //! that it is judged on.
 
-use rayon::prelude::*;
+use nalgebra::DVector;
 use serde::Serialize;
 
 use super::{Grouped, Recommended};
 use crate::bank::Bank;
-use crate::campaign::Campaign;
-use crate::folds::inner;
+use crate::folds::{Fold, inner_or_itself};
 use crate::gram::Gram;
 use crate::solve::ridge;
-use crate::statistics::{count, smallest};
-use crate::validate::{RunScore, scored};
+use crate::statistics::smallest;
+use crate::validate::{Means, Progress, RunScore, hold_out_each};
 
 /// Held out, with so many points.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -23,12 +22,9 @@ pub struct Counted {
     pub k: usize,
     /// Which, chosen on all runs.
     pub points: Vec<String>,
-    /// Mean range over the runs, µm.
-    pub mean_range_um: f64,
-    /// The worst run's range, µm.
-    pub worst_range_um: f64,
-    /// Mean over the runs of the root mean square, µm.
-    pub mean_rmse_um: f64,
+    /// How they fared.
+    #[serde(flatten)]
+    pub means: Means,
 }
 
 /// While points are chosen.
@@ -39,40 +35,46 @@ const PENALTIES: [f64; 4] = [0.01, 0.1, 0.3, 1.0];
 const AS_GOOD: f64 = 1.1;
 
 /// Everything that was held out.
-pub(super) struct Found {
-    /// How many there are.
-    points: usize,
+pub(super) struct Counts {
     /// In the order in which points came in, over all runs.
     path: Vec<usize>,
-    /// By run: the order over all the others.
-    paths: Vec<Vec<usize>>,
-    /// By run, by count, and last with every point.
-    scores: Vec<Vec<RunScore>>,
+    /// By run: the order over all the others; and its scores by count, the last with every point.
+    held_out: Vec<(Vec<usize>, Vec<RunScore>)>,
+    /// One row for each count, from none on.
+    pub(super) table: Vec<Counted>,
+    /// The row of every point.
+    pub(super) all_points: Counted,
 }
 
-/// Keeps none to `most` points, and all.
+/// Keeps none to `most` of these points, and all.
 pub(super) fn counted(
-    campaign: &Campaign<'_>,
     bank: &Bank,
+    points: usize,
     most: usize,
-    progress: &(dyn Fn(usize, usize) + Sync),
-) -> Found {
+    name: &dyn Fn(usize) -> String,
+    progress: Progress<'_>,
+) -> Counts {
     let grams = bank.grams();
-    let runs: Vec<usize> = (0..grams.len()).collect();
-    let points = campaign.inputs.len();
     let most = most.min(points);
-    let done = std::sync::atomic::AtomicUsize::new(0);
-    let held = |out: &usize| {
-        let others: Vec<usize> = runs.iter().copied().filter(|run| run != out).collect();
-        let path = path(bank, &grams, &others, points, most);
-        let counts = (0..=most).map(|k| path[..k].to_vec());
-        let score = |points: Vec<usize>| score(bank, &grams, &others, *out, &points);
-        let scores: Vec<RunScore> = counts.chain([(0..points).collect()]).map(score).collect();
-        progress(done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1, runs.len());
+    let every: Vec<usize> = (0..points).collect();
+    let held_out = hold_out_each(grams.len(), progress, |out, others| {
+        let folds = inner_or_itself(&grams, others);
+        let path = path(bank, &folds, points, most);
+        let all = Gram::sum(&grams, others);
+        let score = |points: &[usize]| score(bank, &all, &folds, out, points);
+        let scores: Vec<RunScore> = (0..=most).map(|k| score(&path[..k])).chain([score(&every)]).collect();
         (path, scores)
+    });
+    let runs: Vec<usize> = (0..grams.len()).collect();
+    let path = path(bank, &inner_or_itself(&grams, &runs), points, most);
+    let row = |place: usize, points: &[usize]| Counted {
+        k: points.len(),
+        points: points.iter().map(|point| name(*point)).collect(),
+        means: Means::of(held_out.iter().filter_map(|(_, scores)| scores.get(place))),
     };
-    let (paths, scores) = runs.par_iter().map(held).unzip();
-    Found { points, path: path(bank, &grams, &runs, points, most), paths, scores }
+    let table = (0..=path.len()).map(|k| row(k, &path[..k])).collect();
+    let all_points = row(path.len() + 1, &every);
+    Counts { path, held_out, table, all_points }
 }
 
 fn columns(bank: &Bank, points: &[usize]) -> Vec<usize> {
@@ -81,30 +83,18 @@ fn columns(bank: &Bank, points: &[usize]) -> Vec<usize> {
 }
 
 /// What is left on the inner runs with these columns.
-fn left(folds: &[(Gram, Gram)], columns: &[usize], penalty: f64) -> f64 {
-    let of_fold =
-        |(training, held): &(Gram, Gram)| held.of_columns(columns).left(&ridge(training, columns, penalty));
+fn left(folds: &[Fold], columns: &[usize], penalty: f64) -> f64 {
+    let of_fold = |fold: &Fold| fold.held.of_columns(columns).left(&ridge(&fold.training, columns, penalty));
     folds.iter().map(of_fold).sum()
 }
 
-fn folds(grams: &[Gram], runs: &[usize]) -> Vec<(Gram, Gram)> {
-    let folds = inner(grams, runs);
-    if folds.is_empty() {
-        // One run alone judges itself.
-        let sum = Gram::sum(grams, runs);
-        return vec![(sum.clone(), sum)];
-    }
-    folds.into_iter().map(|(training, fold)| (training, Gram::sum(grams, &fold))).collect()
-}
-
-fn path(bank: &Bank, grams: &[Gram], runs: &[usize], points: usize, most: usize) -> Vec<usize> {
-    let folds = folds(grams, runs);
+fn path(bank: &Bank, folds: &[Fold], points: usize, most: usize) -> Vec<usize> {
     let mut chosen: Vec<usize> = Vec::new();
     while chosen.len() < most {
         let outside = (0..points).filter(|point| !chosen.contains(point));
         let tried = outside.map(|point| {
-            let with: Vec<usize> = chosen.iter().copied().chain([point]).collect();
-            (left(&folds, &columns(bank, &with), PENALTY), point)
+            let with = [chosen.as_slice(), &[point]].concat();
+            (left(folds, &columns(bank, &with), PENALTY), point)
         });
         let Some((_, point)) = tried.min_by(|one, other| one.0.total_cmp(&other.0)) else { break };
         chosen.push(point);
@@ -112,93 +102,63 @@ fn path(bank: &Bank, grams: &[Gram], runs: &[usize], points: usize, most: usize)
     chosen
 }
 
-fn score(bank: &Bank, grams: &[Gram], others: &[usize], out: usize, points: &[usize]) -> RunScore {
+fn score(bank: &Bank, all: &Gram, folds: &[Fold], out: usize, points: &[usize]) -> RunScore {
     let run = &bank.runs[out];
     let columns = columns(bank, points);
-    let mut cz = vec![0.0; run.wanted.len()];
+    let mut cz = DVector::zeros(run.target.len());
     if !columns.is_empty() {
-        let folds = folds(grams, others);
-        let costs: Vec<f64> = PENALTIES.iter().map(|penalty| left(&folds, &columns, *penalty)).collect();
-        let gains = ridge(&Gram::sum(grams, others), &columns, PENALTIES[smallest(&costs)]);
+        let costs: Vec<f64> = PENALTIES.iter().map(|penalty| left(folds, &columns, *penalty)).collect();
+        let gains = ridge(all, &columns, PENALTIES[smallest(&costs)]);
         for (column, gain) in columns.iter().zip(gains.iter()) {
-            cz.iter_mut().zip(run.rises.column(*column).iter()).for_each(|(cz, rise)| *cz += gain * rise);
+            cz.axpy(*gain, &run.rises.column(*column), 1.0);
         }
     }
-    let error: Vec<f64> = run.wanted.iter().map(|wanted| -wanted).collect();
-    let residual: Vec<f64> = error.iter().zip(&cz).map(|(error, cz)| error + cz).collect();
-    scored(&run.name, &error, &residual)
+    RunScore::new(&run.name, &run.error(), (cz - &run.target).as_slice())
 }
 
-impl Found {
-    fn at(&self, place: usize, points: Vec<String>) -> Counted {
-        let scores = || self.scores.iter().filter_map(|run| run.get(place));
-        let runs = count(self.scores.len()).max(1.0);
-        Counted {
-            k: points.len(),
-            points,
-            mean_range_um: scores().map(|score| score.range_um).sum::<f64>() / runs,
-            worst_range_um: scores().map(|score| score.range_um).fold(0.0, f64::max),
-            mean_rmse_um: scores().map(|score| score.rmse_um).sum::<f64>() / runs,
-        }
-    }
-
-    /// One row for each count.
-    pub(super) fn table(&self, name: &dyn Fn(&usize) -> String) -> Vec<Counted> {
-        (0..=self.path.len()).map(|k| self.at(k, self.path[..k].iter().map(name).collect())).collect()
-    }
-
-    /// The row of every point.
-    pub(super) fn all_points(&self, name: &dyn Fn(&usize) -> String) -> Counted {
-        self.at(self.path.len() + 1, (0..self.points).map(|point| name(&point)).collect())
-    }
-
+impl Counts {
     /// Each run held out, with so many points.
     pub(super) fn scores(&self, k: usize) -> Vec<RunScore> {
-        self.scores.iter().filter_map(|run| run.get(k).cloned()).collect()
+        self.held_out.iter().filter_map(|(_, scores)| scores.get(k).cloned()).collect()
     }
 
     /// The fewest that are as good as the best.
-    pub(super) fn recommended(&self, groups: &[Grouped], name: &dyn Fn(&usize) -> String) -> Recommended {
-        let table = self.table(name);
-        let size = |row: &Counted| (row.mean_range_um * row.mean_rmse_um).sqrt();
-        let least = table.iter().map(size).fold(f64::MAX, f64::min);
-        let k = table.iter().position(|row| size(row) <= AS_GOOD * least).unwrap_or(0);
-        let Some(best) = table.iter().min_by(|one, other| size(one).total_cmp(&size(other))) else {
-            return Recommended::default();
-        };
-        let (row, bare) = (&table[k], &table[0]);
+    pub(super) fn recommended(&self, groups: &[Grouped], name: &dyn Fn(usize) -> String) -> Recommended {
+        let size = |row: &Counted| (row.means.mean_range_um * row.means.mean_rmse_um).sqrt();
+        let sizes: Vec<f64> = self.table.iter().map(size).collect();
+        let best = smallest(&sizes);
+        let k = sizes.iter().position(|size| *size <= AS_GOOD * sizes[best]).unwrap_or(0);
+        let range = |row: usize| self.table[row].means.mean_range_um;
+        let most = self.path.len();
         let why = if k == 0 {
             format!(
-                "no choice of up to {} points is clearly better on a run that was held out than no compensation: a mean \
+                "no choice of up to {most} points is clearly better on a run that was held out than no compensation: a mean \
                  range of {:.2} µm at best, {:.2} µm bare; record more runs, or points nearer to the heat",
-                self.path.len(),
-                best.mean_range_um,
-                bare.mean_range_um
+                range(best),
+                range(0)
             )
         } else {
             let points = if k == 1 { "1 point leaves".to_owned() } else { format!("{k} points leave") };
             format!(
                 "{points} a mean range of {:.2} µm on runs that were held out, {:.2} µm without compensation; no more \
-                 than a tenth is to be had from up to {} points, and a tenth means nothing: runs are few",
-                row.mean_range_um,
-                bare.mean_range_um,
-                self.path.len()
+                 than a tenth is to be had from up to {most} points, and a tenth means nothing: runs are few",
+                range(k),
+                range(0)
             )
         };
-        let kept = &self.path[..k];
-        let chosen_in = |point: &usize| self.paths.iter().filter(|path| path[..k].contains(point)).count();
-        let alike = |point: &usize| {
-            let own = name(point);
+        let chosen_in =
+            |point: usize| self.held_out.iter().filter(|(path, _)| path[..k].contains(&point)).count();
+        let alike = |own: &String| {
             let group =
-                groups.first().and_then(|first| first.groups.iter().find(|group| group.contains(&own)));
-            let others = group.into_iter().flatten().filter(|other| **other != own);
-            (own.clone(), others.cloned().collect())
+                groups.first().and_then(|first| first.groups.iter().find(|group| group.contains(own)));
+            group.into_iter().flatten().filter(|other| *other != own).cloned().collect()
         };
+        let points = &self.table[k].points;
         Recommended {
             k,
-            points: row.points.clone(),
-            chosen_in: kept.iter().map(|point| (name(point), chosen_in(point))).collect(),
-            alike: kept.iter().map(alike).collect(),
+            points: points.clone(),
+            chosen_in: self.path[..k].iter().map(|point| (name(*point), chosen_in(*point))).collect(),
+            alike: points.iter().map(|point| (point.clone(), alike(point))).collect(),
             why,
         }
     }

@@ -5,30 +5,20 @@
 //! ξi(k) = (Δmin + ζ·Δmax) / (Δi(k) + ζ·Δmax); the grade is the mean of ξi over the rows.
 
 use crate::bank::Bank;
-use crate::learn::plain;
-use crate::statistics::count;
+use crate::statistics::mean;
 
 /// ζ: how much the largest distance weighs.
 const DISTINGUISHING: f64 = 0.5;
 
 /// One grade for each point; `correlations` has the error last.
 pub(super) fn grades(bank: &Bank, points: &[usize], correlations: &[Vec<f64>]) -> Vec<f64> {
-    let error: Vec<f64> = bank.runs.iter().flat_map(|run| run.wanted.iter().map(|wanted| -wanted)).collect();
-    let error = scaled(error, 1.0);
-    let distances: Vec<Vec<f64>> = points
-        .iter()
-        .map(|point| {
-            let column = plain(bank, *point).unwrap_or(0);
-            let rises = bank
-                .runs
-                .iter()
-                .flat_map(|run| run.rises.column(column).iter().copied().collect::<Vec<f64>>());
-            let sign = if correlations[*point][points.len()] < 0.0 { -1.0 } else { 1.0 };
-            let series = scaled(rises.collect(), sign);
-            error.iter().zip(&series).map(|(error, point)| (error - point).abs()).collect()
-        })
-        .collect();
-    grades_of(&distances)
+    let error = scaled(&bank.errors(), 1.0);
+    let distances = |point: &usize| {
+        let sign = if correlations[*point][points.len()] < 0.0 { -1.0 } else { 1.0 };
+        let series = scaled(&bank.rises(bank.plain(*point).unwrap_or(0)), sign);
+        error.iter().zip(&series).map(|(error, point)| (error - point).abs()).collect()
+    };
+    grades_of(&points.iter().map(distances).collect::<Vec<Vec<f64>>>())
 }
 
 fn grades_of(distances: &[Vec<f64>]) -> Vec<f64> {
@@ -38,13 +28,13 @@ fn grades_of(distances: &[Vec<f64>]) -> Vec<f64> {
         return vec![1.0; distances.len()];
     }
     let near = |distance: &f64| (least + DISTINGUISHING * most) / (distance + DISTINGUISHING * most);
-    distances.iter().map(|own| own.iter().map(near).sum::<f64>() / count(own.len()).max(1.0)).collect()
+    distances.iter().map(|own| mean(&own.iter().map(near).collect::<Vec<f64>>())).collect()
 }
 
-fn scaled(values: Vec<f64>, sign: f64) -> Vec<f64> {
+fn scaled(values: &[f64], sign: f64) -> Vec<f64> {
     let largest = values.iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
     let scale = if largest > 1e-12 { sign / largest } else { 0.0 };
-    values.into_iter().map(|value| value * scale).collect()
+    values.iter().map(|value| value * scale).collect()
 }
 
 #[cfg(test)]

@@ -2,14 +2,11 @@
 
 use std::time::Duration;
 
-use crate::ambient::{self, AmbientLike};
-use crate::bank::Bank;
+use crate::ambient;
 use crate::campaign::{Campaign, Input, temperatures_of};
 use crate::checks;
 use crate::dataset::{BadLog, Dataset, Kind};
-use crate::faults::{self, Excluded};
-use crate::learn::plain;
-use crate::statistics::range;
+use crate::faults::{self, Finding};
 use isotherm_core::reading::SignalId;
 
 /// Which columns are what.
@@ -33,9 +30,9 @@ pub struct Pointed<'a> {
     /// The runs, every column a signal of its own.
     pub campaign: Campaign<'a>,
     /// Sensors that were left out.
-    pub excluded: Vec<Excluded>,
+    pub excluded: Vec<Finding>,
     /// Points that behave like the air.
-    pub ambient: Vec<AmbientLike>,
+    pub ambient: Vec<Finding>,
     /// What is odd.
     pub remarks: Vec<String>,
 }
@@ -49,7 +46,7 @@ pub fn points<'a>(dataset: &'a Dataset, choice: &Choice) -> Result<Pointed<'a>, 
     let error = checks::column_of(dataset, &choice.error, &mut wrong);
     checks::check_runs(dataset, &mut wrong);
     let inputs = inputs(dataset, choice, &mut wrong);
-    checks::check_units(dataset, &inputs, &mut wrong);
+    wrong.extend(checks::fahrenheit(dataset, &temperatures_of(dataset, &inputs)));
     if let Some(error) = error {
         checks::check_error(dataset, error, &mut wrong);
     }
@@ -57,9 +54,7 @@ pub fn points<'a>(dataset: &'a Dataset, choice: &Choice) -> Result<Pointed<'a>, 
     let mut remarks = dataset.remarks.clone();
     let columns: Vec<usize> = inputs.iter().map(|input| input.column).collect();
     let mut excluded = faults::find(dataset, &columns);
-    for faulty in excluded.iter().filter(|faulty| choice.keep.contains(&faulty.signal)) {
-        remarks.push(format!("{} stays in as asked, though it {}", faulty.signal, faulty.reason));
-    }
+    remarks.extend(excluded.iter().filter(|faulty| choice.keep.contains(&faulty.signal)).map(checks::stays));
     excluded.retain(|faulty| !choice.keep.contains(&faulty.signal));
     let is_good = |input: &Input| !excluded.iter().any(|faulty| faulty.signal == input.name);
     let good: Vec<Input> = inputs.into_iter().filter(is_good).collect();
@@ -105,12 +100,4 @@ fn inputs(dataset: &Dataset, choice: &Choice, wrong: &mut Vec<String>) -> Vec<In
         ));
     }
     found
-}
-
-/// The widest range of a point's rise in any run.
-pub(super) fn moved(bank: &Bank, point: usize) -> f64 {
-    let Some(column) = plain(bank, point) else { return 0.0 };
-    let of_run =
-        |run: &crate::bank::Traced| range(&run.rises.column(column).iter().copied().collect::<Vec<f64>>());
-    bank.runs.iter().map(of_run).fold(0.0, f64::max)
 }

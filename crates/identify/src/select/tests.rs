@@ -71,18 +71,18 @@ fn the_points_that_make_the_error_are_kept_and_no_other() {
     );
     assert_eq!(found.recommended.alike["bearing"], ["nose"]);
     let (bare, two) = (&found.by_count[0], &found.by_count[2]);
-    assert!(two.mean_rmse_um < 0.1 * bare.mean_rmse_um, "{two:?} {bare:?}");
+    assert!(two.means.mean_rmse_um < 0.1 * bare.means.mean_rmse_um, "{two:?} {bare:?}");
 }
 
 #[test]
 fn without_points_the_error_is_that_of_the_bare_machine() {
     let found = found(&Settings::default());
     let bare: f64 = found.runs.iter().map(|run| run.uncompensated_rmse_um).sum::<f64>() / 6.0;
-    assert!((found.by_count[0].mean_rmse_um - bare).abs() < 1e-12);
+    assert!((found.by_count[0].means.mean_rmse_um - bare).abs() < 1e-12);
     assert_eq!(found.by_count.len(), 6);
     assert_eq!(found.all_points.k, 5);
     // Each of five points in turn ends where all of them are.
-    assert!((found.by_count[5].mean_rmse_um - found.all_points.mean_rmse_um).abs() < 1e-9);
+    assert!((found.by_count[5].means.mean_rmse_um - found.all_points.means.mean_rmse_um).abs() < 1e-9);
     assert!(found.all_points.points.contains(&"lamp".to_owned()));
 }
 

@@ -11,8 +11,8 @@ use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use super::{Fold, Samples, rows};
-use crate::statistics::{count, smallest};
+use super::{Fold, Samples, least, rows};
+use crate::statistics::count;
 
 /// Networks that are averaged.
 pub(super) const MEMBERS: usize = 5;
@@ -73,7 +73,7 @@ impl Neurons {
     fn slopes(&self, samples: &Samples) -> (DMatrix<f64>, DVector<f64>, DVector<f64>) {
         let mut layer = self.layer(&samples.rises);
         let rest = self.at_rest();
-        let left = (&layer * &self.second).add_scalar(-rest.dot(&self.second)) - &samples.wanted;
+        let left = (&layer * &self.second).add_scalar(-rest.dot(&self.second)) - &samples.target;
         let (each, sum) = (1.0 / count(left.len()).max(1.0), left.sum());
         let second = (layer.tr_mul(&left) - &rest * sum) * each + &self.second * DECAY;
         for (mut column, weight) in layer.column_iter_mut().zip(self.second.iter()) {
@@ -135,23 +135,17 @@ pub(super) fn train(samples: &Samples, neurons: usize, seed: u64, lengths: &[usi
 
 /// How long to train: after which length the networks of the inner folds leave least.
 pub(super) fn length(folds: &[Fold<'_>], neurons: usize, seed: u64) -> usize {
-    if folds.is_empty() {
-        return UNVALIDATED;
-    }
-    let numbered: Vec<(u64, &Fold<'_>)> = (0..).zip(folds).collect();
-    let costs = numbered.par_iter().map(|(number, fold)| {
-        let seed = |member| seed.wrapping_mul(1000).wrapping_add(100 * member + number);
+    let costs = |fold: &Fold<'_>| {
+        let seed = |member| seed.wrapping_mul(1000).wrapping_add(100 * member + fold.number);
         let members: Vec<Vec<Neurons>> =
             (0..COMPARED).map(|member| train(&fold.training, neurons, seed(member), &LENGTHS)).collect();
         let cost = |place: usize| {
             let at = members.iter().filter_map(|member| member.get(place)).collect::<Vec<_>>();
             fold.left(|rises| mean(&at, rises))
         };
-        (0..LENGTHS.len()).map(cost).collect::<Vec<f64>>()
-    });
-    let costs: Vec<Vec<f64>> = costs.collect();
-    let sums: Vec<f64> = (0..LENGTHS.len()).map(|place| costs.iter().map(|cost| cost[place]).sum()).collect();
-    LENGTHS[smallest(&sums)]
+        (0..LENGTHS.len()).map(cost).collect()
+    };
+    least(folds, costs).map_or(UNVALIDATED, |place| LENGTHS[place])
 }
 
 fn mean(members: &[&Neurons], rises: &DMatrix<f64>) -> DVector<f64> {
@@ -163,22 +157,14 @@ fn mean(members: &[&Neurons], rises: &DMatrix<f64>) -> DVector<f64> {
 pub(super) fn fit(all: &Samples, folds: &[Fold<'_>], neurons: usize, seed: u64) -> Vec<Neurons> {
     let length = length(folds, neurons, seed);
     let members: Vec<u64> = (500..).take(MEMBERS).collect();
-    let trained = members
-        .par_iter()
-        .map(|member| train(all, neurons, seed.wrapping_mul(1000).wrapping_add(*member), &[length]));
-    trained.collect::<Vec<_>>().concat()
+    let seed = |member| seed.wrapping_mul(1000).wrapping_add(member);
+    members.into_par_iter().flat_map(|member| train(all, neurons, seed(member), &[length])).collect()
 }
 
 /// Their mean as one network of the project's own format.
 pub(super) fn file(members: &[Neurons]) -> Value {
     let share = 1.0 / count(members.len());
-    let weights: Vec<Value> = members
-        .iter()
-        .flat_map(|member| match rows(&member.first) {
-            Value::Array(rows) => rows,
-            _ => Vec::new(),
-        })
-        .collect();
+    let weights: Vec<Vec<f64>> = members.iter().flat_map(|member| rows(&member.first)).collect();
     let bias: Vec<f64> = members.iter().flat_map(|member| member.bias.iter().copied()).collect();
     let second: Vec<f64> =
         members.iter().flat_map(|member| member.second.iter().map(|weight| weight * share)).collect();

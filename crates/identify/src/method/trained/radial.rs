@@ -5,18 +5,18 @@
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use super::{Fold, Samples};
+use super::{Fold, Samples, least, rows};
+use crate::solve::penalized;
 use crate::statistics::{count, smallest};
 
 /// Widths that are tried, in root mean squares of all inputs together.
 const WIDTHS: [f64; 5] = [0.5, 1.0, 2.0, 4.0, 8.0];
 /// Penalties that are tried, in mean squares of what a bump says: 1e-10 to 0.1.
 const PENALTIES: i32 = 10;
-/// Where one run gives no validation: places among the two.
-const UNVALIDATED: (usize, usize) = (3, 6);
+/// Where one run gives no validation.
+const UNVALIDATED: (f64, f64) = (4.0, 1e-4);
 const ROUNDS: usize = 50;
 /// k-means ends where no centre moves further than this.
 const STILL: f64 = 1e-6;
@@ -46,37 +46,36 @@ impl Bumps {
 }
 
 impl Member {
+    /// With the weights that fit best; `width` in root mean squares of all inputs together: they are scaled one by one.
+    fn new(samples: &Samples, centres: DMatrix<f64>, width: f64, penalty: f64) -> Member {
+        let width = count(centres.ncols()).sqrt() * width;
+        let said = said(&samples.rises, &centres, width);
+        let square = said.tr_mul(&said);
+        let usual = (square.trace() / count(centres.nrows())).max(f64::MIN_POSITIVE);
+        let weights = penalized(square, &said.tr_mul(&samples.target), penalty * usual);
+        Member { centres, width, weights }
+    }
+
     fn output(&self, rises: &DMatrix<f64>) -> DVector<f64> {
         said(rises, &self.centres, self.width) * &self.weights
     }
 }
 
-fn penalty(place: usize) -> f64 {
-    10f64.powi(i32::try_from(place).unwrap_or(PENALTIES) - PENALTIES)
-}
-
-/// The place of the width and of the penalty that leave least on the inner folds.
-fn chosen(folds: &[Fold<'_>], centres: usize, seed: u64) -> (usize, usize) {
-    if folds.is_empty() {
-        return UNVALIDATED;
-    }
-    let tried: Vec<(usize, usize)> = (0..WIDTHS.len())
-        .flat_map(|width| (0..usize::try_from(PENALTIES).unwrap_or(0)).map(move |penalty| (width, penalty)))
-        .collect();
-    let numbered: Vec<(u64, &Fold<'_>)> = (0..).zip(folds).collect();
-    let costs = numbered.par_iter().map(|(number, fold)| {
-        let centres = k_means(&fold.training.rises, centres, seed.wrapping_mul(100).wrapping_add(*number));
-        let cost = |(width, place): &(usize, usize)| {
-            let width = unit(&centres) * WIDTHS[*width];
-            let weights = weights(&fold.training, &centres, width, penalty(*place));
-            let member = Member { centres: centres.clone(), width, weights };
+/// The width and the penalty that leave least on the inner folds.
+fn chosen(folds: &[Fold<'_>], centres: usize, seed: u64) -> (f64, f64) {
+    let penalties = || (0..PENALTIES).map(|place| 10f64.powi(place - PENALTIES));
+    let tried: Vec<(f64, f64)> =
+        WIDTHS.iter().flat_map(|width| penalties().map(|penalty| (*width, penalty))).collect();
+    let costs = |fold: &Fold<'_>| {
+        let centres =
+            k_means(&fold.training.rises, centres, seed.wrapping_mul(100).wrapping_add(fold.number));
+        let cost = |(width, penalty): &(f64, f64)| {
+            let member = Member::new(&fold.training, centres.clone(), *width, *penalty);
             fold.left(|rises| member.output(rises))
         };
-        tried.iter().map(cost).collect::<Vec<f64>>()
-    });
-    let costs: Vec<Vec<f64>> = costs.collect();
-    let sums: Vec<f64> = (0..tried.len()).map(|place| costs.iter().map(|cost| cost[place]).sum()).collect();
-    tried[smallest(&sums)]
+        tried.iter().map(cost).collect()
+    };
+    least(folds, costs).map_or(UNVALIDATED, |place| tried[place])
 }
 
 pub(super) fn fit(all: &Samples, folds: &[Fold<'_>], centres: usize, seed: u64) -> Bumps {
@@ -85,11 +84,9 @@ pub(super) fn fit(all: &Samples, folds: &[Fold<'_>], centres: usize, seed: u64) 
 }
 
 fn member_of(all: &Samples, folds: &[Fold<'_>], centres: usize, seed: u64) -> Member {
-    let (width, place) = chosen(folds, centres, seed);
+    let (width, penalty) = chosen(folds, centres, seed);
     let centres = k_means(&all.rises, centres, seed.wrapping_mul(100).wrapping_add(99));
-    let width = unit(&centres) * WIDTHS[width];
-    let weights = weights(all, &centres, width, penalty(place));
-    Member { centres, width, weights }
+    Member::new(all, centres, width, penalty)
 }
 
 /// As a network of the project's own format.
@@ -99,16 +96,11 @@ pub(super) fn file(bumps: &Bumps) -> Value {
     let (mut centres, mut widths, mut weights) = (Vec::new(), Vec::new(), Vec::new());
     for member in &bumps.0 {
         bias -= at_rest(&member.centres, member.width).dot(&member.weights) * share;
-        centres.extend(member.centres.row_iter().map(|row| row.iter().copied().collect::<Vec<f64>>()));
+        centres.extend(rows(&member.centres));
         widths.extend(member.weights.iter().map(|_| member.width));
         weights.extend(member.weights.iter().map(|weight| weight * share));
     }
     json!({ "type": "rbf", "centres": centres, "widths": widths, "weights": weights, "bias": bias })
-}
-
-/// The root mean square distance of a row from the origin: inputs are scaled one by one.
-fn unit(centres: &DMatrix<f64>) -> f64 {
-    count(centres.ncols()).sqrt()
 }
 
 fn bump(squared: f64, width: f64) -> f64 {
@@ -134,24 +126,6 @@ fn said(rises: &DMatrix<f64>, centres: &DMatrix<f64>, width: f64) -> DMatrix<f64
 /// The squared distance of a row from a centre.
 fn apart(rises: &DMatrix<f64>, row: usize, centres: &DMatrix<f64>, place: usize) -> f64 {
     (0..rises.ncols()).map(|column| (rises[(row, column)] - centres[(place, column)]).powi(2)).sum()
-}
-
-fn weights(samples: &Samples, centres: &DMatrix<f64>, width: f64, penalty: f64) -> DVector<f64> {
-    let said = said(&samples.rises, centres, width);
-    let mut square = said.tr_mul(&said);
-    let cross = said.tr_mul(&samples.wanted);
-    let usual = (square.trace() / count(centres.nrows())).max(f64::MIN_POSITIVE);
-    let mut penalty = penalty * usual;
-    // Twin centres: a larger penalty until there is an answer.
-    loop {
-        for place in 0..square.nrows() {
-            square[(place, place)] += penalty;
-        }
-        if let Some(factors) = square.clone().cholesky() {
-            return factors.solve(&cross);
-        }
-        penalty *= 10.0;
-    }
 }
 
 /// Centres of groups of rows, at most one per row: k-means from rows drawn far apart (k-means++, Arthur and

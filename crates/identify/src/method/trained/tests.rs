@@ -7,7 +7,7 @@ use super::{Fold, Samples, about_mean, radial};
 use crate::statistics::count;
 use isotherm_profile::network;
 
-/// Runs of forty rows of two rises; what is wanted is `truth` of them, scaled to about 1.
+/// Runs of forty rows of two rises; the target is `truth` of them, scaled to about 1.
 fn runs(truth: &dyn Fn(f64, f64, &mut Pcg64Mcg) -> f64) -> Vec<Samples> {
     let mut chance = Pcg64Mcg::seed_from_u64(5);
     let mut run = || {
@@ -15,20 +15,23 @@ fn runs(truth: &dyn Fn(f64, f64, &mut Pcg64Mcg) -> f64) -> Vec<Samples> {
             (0..2).map(|_| (chance.random_range(-2.0..2.0), chance.random_range(5.0..30.0))).unzip();
         let rises =
             DMatrix::from_fn(40, 2, |row, input| ends[input] * (1.0 - (-count(row) / paces[input]).exp()));
-        let wanted = rises.row_iter().map(|row| truth(row[0], row[1], &mut chance)).collect::<Vec<f64>>();
-        Samples { rises, wanted: DVector::from_vec(wanted) }
+        let target = rises.row_iter().map(|row| truth(row[0], row[1], &mut chance)).collect::<Vec<f64>>();
+        Samples { rises, target: DVector::from_vec(target) }
     };
     (0..5).map(|_| run()).collect()
 }
 
 fn folds(runs: &[Samples]) -> Vec<Fold<'_>> {
-    let fold = |out: usize| Fold {
-        training: Samples::stacked(
-            runs.iter().enumerate().filter(|(run, _)| *run != out).map(|(_, run)| run),
-        ),
-        held: vec![&runs[out]],
+    let fold = |(number, out): (u64, usize)| {
+        let rest: Vec<&Samples> =
+            runs.iter().enumerate().filter(|(run, _)| *run != out).map(|(_, run)| run).collect();
+        Fold { number, training: Samples::stacked(&rest), held: vec![&runs[out]] }
     };
-    (0..runs.len()).map(fold).collect()
+    (0..).zip(0..runs.len()).map(fold).collect()
+}
+
+fn stacked(runs: &[Samples]) -> Samples {
+    Samples::stacked(&runs.iter().collect::<Vec<_>>())
 }
 
 fn curved(a: f64, b: f64, _: &mut Pcg64Mcg) -> f64 {
@@ -37,14 +40,14 @@ fn curved(a: f64, b: f64, _: &mut Pcg64Mcg) -> f64 {
 
 #[test]
 fn every_round_of_training_leaves_less_until_little_is_left() {
-    let all = Samples::stacked(runs(&curved).iter());
+    let all = stacked(&runs(&curved));
     let left = |lengths: &[usize]| -> Vec<f64> {
         let networks = train(&all, 6, 1, lengths);
-        networks.iter().map(|network| (network.output(&all.rises) - &all.wanted).norm_squared()).collect()
+        networks.iter().map(|network| (network.output(&all.rises) - &all.target).norm_squared()).collect()
     };
     let left = left(&[1, 100, 1500]);
     assert!(left[1] < 0.5 * left[0] && left[2] < 0.5 * left[1], "{left:?}");
-    assert!(left[2] < 0.02 * all.wanted.norm_squared(), "{left:?}");
+    assert!(left[2] < 0.02 * all.target.norm_squared(), "{left:?}");
 }
 
 #[test]
@@ -62,13 +65,13 @@ fn the_length_that_is_chosen_leaves_least_on_the_runs_that_were_left_out() {
     let folds = folds(&runs);
     let chosen = length(&folds, 6, 3);
     let left = |length: usize| -> f64 {
-        let one = |(number, fold): (u64, &Fold<'_>)| {
+        let one = |fold: &Fold<'_>| {
             let networks: Vec<_> = (0..2)
-                .flat_map(|member| train(&fold.training, 6, 3000 + 100 * member + number, &[length]))
+                .flat_map(|member| train(&fold.training, 6, 3000 + 100 * member + fold.number, &[length]))
                 .collect();
             fold.left(|rises| (networks[0].output(rises) + networks[1].output(rises)) / 2.0)
         };
-        (0..).zip(&folds).map(one).sum()
+        folds.iter().map(one).sum()
     };
     for length in LENGTHS {
         assert!(left(chosen) <= left(length) + 1e-9, "{length} leaves less than {chosen}");
@@ -84,7 +87,7 @@ fn what_is_left_is_judged_about_its_own_mean() {
 #[test]
 fn the_file_is_the_mean_of_its_networks_and_says_nothing_without_a_rise() {
     let runs = runs(&curved);
-    let (all, folds) = (Samples::stacked(runs.iter()), folds(&runs));
+    let (all, folds) = (stacked(&runs), folds(&runs));
     let members = neurons::fit(&all, &folds, 3, 1);
     let bumps = radial::fit(&all, &folds, 20, 1);
     for mut file in [neurons::file(&members), radial::file(&bumps)] {
@@ -106,7 +109,7 @@ fn the_file_is_the_mean_of_its_networks_and_says_nothing_without_a_rise() {
 
 #[test]
 fn more_centres_than_rows_or_rows_all_alike_still_give_an_answer() {
-    let twins = Samples { rises: DMatrix::from_element(12, 2, 1.0), wanted: DVector::from_element(12, 3.0) };
+    let twins = Samples { rises: DMatrix::from_element(12, 2, 1.0), target: DVector::from_element(12, 3.0) };
     let bumps = radial::fit(&twins, &[], 20, 1);
     let said = bumps.output(&twins.rises);
     assert!(said.iter().all(|value| (value - 3.0).abs() < 0.1), "{said}");

@@ -1,0 +1,91 @@
+//! One column over a run, as means of each minute: a probe's noise is no drift.
+
+use std::ops::Range;
+
+use crate::dataset::Run;
+use crate::statistics::{mean, range};
+
+const HOUR: f64 = 3600.0;
+/// A log of an hour in minute rows ends one row before the hour does.
+const NEARLY: f64 = 90.0;
+/// What begin and end are the mean over.
+const EDGE: f64 = 180.0;
+
+/// Minutes in which there is a value: seconds since the run's first row, ascending, and means.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Minutes {
+    pub(crate) seconds: Vec<f64>,
+    pub(crate) values: Vec<f64>,
+}
+
+impl Minutes {
+    pub(crate) fn of(run: &Run, column: usize) -> Minutes {
+        let rows = run.seconds().zip(run.values[column].iter().copied());
+        let (seconds, values): (Vec<f64>, Vec<f64>) = rows.filter(|(_, value)| value.is_finite()).unzip();
+        let mut all = Minutes::default();
+        let mut begin = 0;
+        for minute in seconds.chunk_by(|one, other| (one / 60.0).floor() >= (other / 60.0).floor()) {
+            all.seconds.push(mean(minute));
+            all.values.push(mean(&values[begin..begin + minute.len()]));
+            begin += minute.len();
+        }
+        all
+    }
+
+    /// The minutes from this second to that, both inclusive.
+    fn within(&self, from: f64, to: f64) -> Range<usize> {
+        let begin = self.seconds.partition_point(|second| *second < from);
+        begin..self.seconds.partition_point(|second| *second <= to).max(begin)
+    }
+
+    /// Largest minus smallest from this second to that.
+    pub(crate) fn range_within(&self, from: f64, to: f64) -> f64 {
+        range(&self.values[self.within(from, to)])
+    }
+
+    /// Mean time and value of the first minutes.
+    pub(crate) fn begin(&self) -> (f64, f64) {
+        let first = self.seconds.first().copied().unwrap_or_default();
+        self.mean(0..self.seconds.partition_point(|second| *second < first + EDGE))
+    }
+
+    /// Mean time and value of the last minutes.
+    pub(crate) fn end(&self) -> (f64, f64) {
+        let last = self.seconds.last().copied().unwrap_or_default();
+        self.mean(self.seconds.partition_point(|second| *second <= last - EDGE)..self.seconds.len())
+    }
+
+    fn mean(&self, inside: Range<usize>) -> (f64, f64) {
+        (mean(&self.seconds[inside.clone()]), mean(&self.values[inside]))
+    }
+
+    /// The first and the last second of what is no shorter than an hour.
+    fn hours(&self) -> Option<(f64, f64)> {
+        let (first, last) = (*self.seconds.first()?, *self.seconds.last()?);
+        (last - first >= HOUR - NEARLY).then_some((first, last))
+    }
+
+    /// The range of the first hour and of the last; none where the run is shorter.
+    pub(crate) fn first_and_last_hour(&self) -> Option<(f64, f64)> {
+        let (first, last) = self.hours()?;
+        Some((self.range_within(first, first + HOUR), self.range_within(last - HOUR, last)))
+    }
+
+    /// The hour with the largest range: where it begins, s, and the range. The first of equals.
+    pub(crate) fn largest_hour(&self) -> Option<(f64, f64)> {
+        self.hours()?;
+        let hour = |(place, from): (usize, &f64)| {
+            let after = self.seconds[place..].partition_point(|second| second - from <= HOUR);
+            (*from, range(&self.values[place..place + after]))
+        };
+        let hours = self.seconds.iter().enumerate().map(hour);
+        hours.reduce(|largest, next| if next.1 > largest.1 { next } else { largest })
+    }
+
+    /// From the value at or after `from` to the last at or before `to`.
+    pub(crate) fn change(&self, from: f64, to: f64) -> Option<f64> {
+        // A minute's mean stands in its middle.
+        let inside = &self.values[self.within(from - 1e-6, to + 1e-6)];
+        Some(inside.last()? - inside.first()?)
+    }
+}
