@@ -10,7 +10,7 @@
 use std::time::Duration;
 
 use isotherm_core::output::{Action, Fact, Kept, Rules, Settings, State, Verify, Who, step};
-use isotherm_core::quantity::Moment;
+use isotherm_core::quantity::{Counts, Moment};
 
 const START: Moment = Moment::from_nanos(1_000_000_000_000);
 const MILLI: Duration = Duration::from_millis(1);
@@ -20,11 +20,11 @@ fn main() {
     let mut desk = Desk::new();
     desk.give("the gateway starts", Fact::Look);
     desk.give("the profile arms the axis", Fact::Armed { by: Who::Policy });
-    desk.decide("a decision: 25 counts are wanted, a step is 10", 25);
+    desk.decide("a decision: 25 counts are wanted, a step is 10", Counts(25));
     desk.answer_is_lost = true;
-    desk.decide("the next decision; the answer to its write is lost", 25);
-    desk.decide("the last one", 25);
-    desk.decide("nothing is left to be done", 25);
+    desk.decide("the next decision; the answer to its write is lost", Counts(25));
+    desk.decide("the last one", Counts(25));
+    desk.decide("nothing is left to be done", Counts(25));
 }
 
 /// An output, and the register that it writes to.
@@ -32,7 +32,7 @@ struct Desk {
     settings: Settings,
     state: State,
     now: Moment,
-    register: i64,
+    register: Counts,
     /// The next write is carried out, and nobody hears of it.
     answer_is_lost: bool,
 }
@@ -40,10 +40,10 @@ struct Desk {
 impl Desk {
     fn new() -> Desk {
         let settings = Settings {
-            step: 10,
-            limit: 400,
-            bias: 0,
-            range: (-32_768, 32_767),
+            step: Counts(10),
+            limit: Counts(400),
+            bias: Counts(0),
+            range: (Counts(-32_768), Counts(32_767)),
             late: 30 * SECOND,
             remembered: 300 * SECOND,
             every: 10 * SECOND,
@@ -55,11 +55,11 @@ impl Desk {
         // The last run ended in order: nothing of it may still arrive.
         let kept = Kept { in_order: true, ..Kept::default() };
         let state = State::new(&settings, Some(&kept), START);
-        Desk { settings, state, now: START, register: 0, answer_is_lost: false }
+        Desk { settings, state, now: START, register: Counts(0), answer_is_lost: false }
     }
 
     /// Ten seconds later; a change to it may be sent for one second.
-    fn decide(&mut self, what: &str, offset: i64) {
+    fn decide(&mut self, what: &str, offset: Counts) {
         self.now = self.now.after(10 * SECOND);
         self.give(what, Fact::Decided { offset, not_after: self.now.after(SECOND) });
     }

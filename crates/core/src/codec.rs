@@ -5,6 +5,7 @@
 
 use std::fmt;
 
+use crate::quantity::Counts;
 use crate::reading::Reason;
 
 mod address;
@@ -148,40 +149,40 @@ impl Encoding {
 
     /// The whole counts in these registers, without the bias; `None` for a floating-point type and for the wrong number
     /// of registers.
-    pub fn counts(&self, words: &[u16]) -> Option<i64> {
+    pub fn counts(&self, words: &[u16]) -> Option<Counts> {
         self.data_type.integer_range()?;
         let raw = integer_of(self.data_type, self.gather(words).ok()?);
-        i64::try_from(raw - i128::from(self.bias)).ok()
+        i64::try_from(raw - i128::from(self.bias)).ok().map(Counts)
     }
 
     /// The registers of these counts of an integer type, cut to its range.
-    pub fn encode_counts(&self, counts: i64) -> Encoded {
+    pub fn encode_counts(&self, counts: Counts) -> Encoded {
         let Some((low, high)) = self.data_type.integer_range() else {
             return self.encode(self.value_of(counts));
         };
-        let wanted = i128::from(counts) + i128::from(self.bias);
+        let wanted = i128::from(counts.0) + i128::from(self.bias);
         let fits = wanted.clamp(low, high);
         self.scatter(self.data_type.bits_of(fits), fits != wanted)
     }
 
     /// The smallest and the largest counts that fit, without the bias; `None` for floating point and where they are
     /// beyond 64 bits.
-    pub fn range_of_counts(&self) -> Option<(i64, i64)> {
+    pub fn range_of_counts(&self) -> Option<(Counts, Counts)> {
         let (low, high) = self.data_type.integer_range()?;
         let bias = i128::from(self.bias);
-        Some((i64::try_from(low - bias).ok()?, i64::try_from(high - bias).ok()?))
+        Some((Counts(i64::try_from(low - bias).ok()?), Counts(i64::try_from(high - bias).ok()?)))
     }
 
     /// The engineering value of these counts.
-    pub fn value_of(&self, counts: i64) -> f64 {
+    pub fn value_of(&self, counts: Counts) -> f64 {
         // Adding zero turns −0 into 0.
-        self.scale.scaled(as_float(i128::from(counts))) + self.offset + 0.0
+        self.scale.scaled(as_float(i128::from(counts.0))) + self.offset + 0.0
     }
 
     /// The counts that come nearest to a value, half away from zero.
-    pub fn nearest_counts(&self, value: f64) -> i64 {
+    pub fn nearest_counts(&self, value: f64) -> Counts {
         let counts = as_integer(self.scale.unscaled(value - self.offset).round());
-        i64::try_from(counts).unwrap_or(if counts < 0 { i64::MIN } else { i64::MAX })
+        Counts(i64::try_from(counts).unwrap_or(if counts < 0 { i64::MIN } else { i64::MAX }))
     }
 
     fn sentinel(&self, is: impl Fn(i64) -> bool) -> Result<(), Reason> {

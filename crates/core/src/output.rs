@@ -63,7 +63,7 @@
 //! | `NoAnswer`, `Paused`, `Interlocked`, `Restarted`, `Off` | | is dropped |
 //! | a wait for what may still arrive | | is dropped |
 
-use crate::quantity::Moment;
+use crate::quantity::{Counts, Moment};
 
 mod copies;
 mod event;
@@ -92,7 +92,7 @@ pub enum Fact {
     /// What is wanted.
     Decided {
         /// Counts from the bias; of a shared register our share.
-        offset: i64,
+        offset: Counts,
         /// A change to it may be sent until then.
         not_after: Moment,
     },
@@ -101,7 +101,7 @@ pub enum Fact {
     /// What stood there, whatever it was, went along in one request with others.
     WentAlong {
         /// What that was.
-        value: i64,
+        value: Counts,
         /// When it had left: looked at after its last byte.
         left: Moment,
         /// It was answered as done; else nobody knows.
@@ -110,7 +110,7 @@ pub enum Fact {
     /// The register was read, because that was asked for or in one with others.
     Read {
         /// What stands there.
-        found: i64,
+        found: Counts,
         /// When the question was sent: looked at before its first byte.
         asked: Moment,
     },
@@ -175,7 +175,7 @@ pub enum Action {
     /// Write to the register.
     Write {
         /// What it shall hold.
-        value: i64,
+        value: Counts,
         /// Its first byte may leave until then; else it is not sent.
         not_after: Moment,
         /// It is what stands there already.

@@ -180,6 +180,53 @@ impl Mul<Millimetre> for MicronPerMillimetre {
     }
 }
 
+/// Whole counts of a register. Any number is one, so there is nothing to check; sums stop at the ends of 64 bits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Counts(pub i64);
+
+impl Counts {
+    /// None.
+    pub const ZERO: Counts = Counts(0);
+
+    /// The distance from zero.
+    pub const fn unsigned_abs(self) -> u64 {
+        self.0.unsigned_abs()
+    }
+
+    /// The distance from another number of counts.
+    pub const fn abs_diff(self, other: Counts) -> u64 {
+        self.0.abs_diff(other.0)
+    }
+}
+
+impl Add for Counts {
+    type Output = Counts;
+    fn add(self, other: Counts) -> Counts {
+        Counts(self.0.saturating_add(other.0))
+    }
+}
+
+impl Sub for Counts {
+    type Output = Counts;
+    fn sub(self, other: Counts) -> Counts {
+        Counts(self.0.saturating_sub(other.0))
+    }
+}
+
+impl Neg for Counts {
+    type Output = Counts;
+    fn neg(self) -> Counts {
+        Counts(self.0.saturating_neg())
+    }
+}
+
+impl fmt::Display for Counts {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(&self.0, f)
+    }
+}
+
 /// A point on the machine's time line: nanoseconds since the Unix epoch, taken once from the wall at start
 /// and advanced monotonically from there, so that a clock adjustment never moves it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]

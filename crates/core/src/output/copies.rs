@@ -17,7 +17,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::slots::Slots;
-use crate::quantity::Moment;
+use crate::quantity::{Counts, Moment};
 
 /// At most so many are under way when another one is sent.
 pub const MOST_UNDER_WAY: usize = 8;
@@ -28,7 +28,7 @@ pub const MOST_REMEMBERED: usize = 24;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Sent {
     /// As the register will hold it.
-    pub value: i64,
+    pub value: Counts,
     /// When it was sent, for people.
     pub at: Moment,
     /// It arrives within `late` of this or never.
@@ -45,7 +45,7 @@ pub struct Sent {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct LatelySent {
     /// As the register would hold it.
-    pub value: i64,
+    pub value: Counts,
     /// When it was sent, for people.
     pub at: Moment,
     /// It is forgotten then.
@@ -63,14 +63,14 @@ pub struct Copies {
 /// What a read says about copies.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Look {
-    pub(super) found: i64,
+    pub(super) found: Counts,
     pub(super) asked: Moment,
     pub(super) late: Duration,
     pub(super) remembered: Duration,
     /// A read asked before this is no first read of a pair: what was sent before the start may still arrive.
     pub(super) pairs_from: Moment,
     /// What a restarted CNC may show as well as zero.
-    pub(super) bias: i64,
+    pub(super) bias: Counts,
 }
 
 impl Copies {
@@ -90,22 +90,22 @@ impl Copies {
     }
 
     /// The newest copy of this value that is under way.
-    pub fn of(&self, value: i64) -> Option<&Sent> {
+    pub fn of(&self, value: Counts) -> Option<&Sent> {
         self.under_way.iter().filter(|sent| sent.value == value).last()
     }
 
     /// This value, if it was lately sent.
-    pub fn lately_of(&self, value: i64) -> Option<&LatelySent> {
+    pub fn lately_of(&self, value: Counts) -> Option<&LatelySent> {
         self.lately.iter().find(|sent| sent.value == value)
     }
 
     /// The values that may be sent where this one stands: at most one `step` from it, and at most `reach` from
     /// everything that may still arrive.
-    pub fn room(&self, stands: i64, step: i64, reach: i64) -> Room {
-        let around = Room { low: stands.saturating_sub(step), high: stands.saturating_add(step) };
+    pub fn room(&self, stands: Counts, step: Counts, reach: Counts) -> Room {
+        let around = Room { low: stands - step, high: stands + step };
         self.under_way.iter().fold(around, |room, sent| Room {
-            low: room.low.max(sent.value.saturating_sub(reach)),
-            high: room.high.min(sent.value.saturating_add(reach)),
+            low: room.low.max(sent.value - reach),
+            high: room.high.min(sent.value + reach),
         })
     }
 
@@ -150,7 +150,7 @@ impl Copies {
         let before = *self;
         self.under_way.retain(|sent| {
             let was_done = sent.answered.is_some_and(|answered| look.asked >= answered);
-            let may_pair = sent.value != 0
+            let may_pair = sent.value != Counts::ZERO
                 && sent.value != look.bias
                 && !sent.is_pinned
                 && before.lately_of(sent.value).is_none();
@@ -159,7 +159,7 @@ impl Copies {
         });
         self.end_late(look.asked, look.late, look.remembered);
         let after = *self;
-        let is_sole = |value: i64| after.under_way.iter().filter(|one| one.value == value).count() == 1;
+        let is_sole = |value: Counts| after.under_way.iter().filter(|one| one.value == value).count() == 1;
         for sent in self.under_way.iter_mut().filter(|sent| sent.value != look.found) {
             if look.asked > look.pairs_from && is_sole(sent.value) {
                 sent.other_seen.get_or_insert(look.asked);
@@ -220,18 +220,18 @@ impl Copies {
 /// The values that may be sent now, from the lowest to the highest; none where the lowest is above the highest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Room {
-    low: i64,
-    high: i64,
+    low: Counts,
+    high: Counts,
 }
 
 impl Room {
     /// This value may be sent.
-    pub fn contains(self, value: i64) -> bool {
+    pub fn contains(self, value: Counts) -> bool {
         (self.low..=self.high).contains(&value)
     }
 
     /// The value nearest to this one that may be sent.
-    pub fn nearest(self, value: i64) -> Option<i64> {
+    pub fn nearest(self, value: Counts) -> Option<Counts> {
         (self.low <= self.high).then(|| value.clamp(self.low, self.high))
     }
 }

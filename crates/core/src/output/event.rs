@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::quantity::Moment;
+use crate::quantity::{Counts, Moment};
 
 /// Something that happened. Values are counts of the register.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -12,54 +12,54 @@ pub enum Event {
     /// A write whose answer never came has arrived.
     OwnWriteArrivedLate {
         /// What it put there.
-        value: i64,
+        value: Counts,
         /// When it was sent.
         sent: Moment,
     },
     /// What appeared may be our own from before the start: it is taken over.
     PerhapsFromBefore {
         /// What stands there.
-        value: i64,
+        value: Counts,
     },
     /// The operator changed his part of a shared register.
     OperatorChanged {
         /// His part before.
-        from: i64,
+        from: Counts,
         /// His part now.
-        to: i64,
+        to: Counts,
     },
     /// The register fell to zero: the CNC was restarted, or somebody cleared it.
     CncRestarted {
         /// What stood there before.
-        stood: i64,
+        stood: Counts,
     },
     /// Somebody else wrote to a register that is ours alone: the axis is off.
     ForeignValue {
         /// What should have stood there.
-        expected: i64,
+        expected: Counts,
         /// What does.
-        found: i64,
+        found: Counts,
     },
     /// Whose part of a shared register is what cannot be known: the axis is off until a person decides.
     Doubted {
         /// Why.
         doubt: Doubt,
         /// What stands there.
-        found: i64,
+        found: Counts,
         /// What of it is taken to be ours.
-        share: i64,
+        share: Counts,
     },
     /// A shared register that was never ours before is not zero: a person confirms that all of it is the operator's.
     FirstAccount {
         /// What stands there.
-        found: i64,
+        found: Counts,
     },
     /// A write was acknowledged, and what stood there before still does.
     NotTaken {
         /// What was written.
-        wrote: i64,
+        wrote: Counts,
         /// What stands there.
-        found: i64,
+        found: Counts,
     },
     /// A late write may still arrive, and the next change would be too far from it.
     WaitingForLateWrite {
@@ -71,7 +71,7 @@ pub enum Event {
     /// The device refused a write.
     WriteRefused {
         /// What it was.
-        value: i64,
+        value: Counts,
     },
     /// What must be on disk before anything is sent cannot be kept there.
     DiskDoesNotKeep,

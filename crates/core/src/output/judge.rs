@@ -3,7 +3,7 @@
 use super::event::Doubt;
 use super::settings::Settings;
 use super::state::State;
-use crate::quantity::Moment;
+use crate::quantity::{Counts, Moment};
 
 /// What stands there, and why.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -24,13 +24,13 @@ pub(super) enum Meaning {
     /// Somebody wrote to a register that is ours alone.
     Foreign,
     /// The operator changed his part by so much.
-    Moved { by: i64 },
+    Moved { by: Counts },
     /// Nobody can say.
     Doubtful(Doubt),
 }
 
 /// What it means that a read asked at `asked` found `found`.
-pub(super) fn meaning(state: &State, settings: &Settings, found: i64, asked: Moment) -> Meaning {
+pub(super) fn meaning(state: &State, settings: &Settings, found: Counts, asked: Moment) -> Meaning {
     let Some(expected) = state.expected() else { return Meaning::First };
     if found == expected {
         return Meaning::Same;
@@ -45,7 +45,7 @@ pub(super) fn meaning(state: &State, settings: &Settings, found: i64, asked: Mom
     }
 }
 
-fn whole(state: &State, settings: &Settings, found: i64) -> Meaning {
+fn whole(state: &State, settings: &Settings, found: Counts) -> Meaning {
     let is_inside = found.abs_diff(settings.bias) <= settings.limit.unsigned_abs();
     match ours(state, settings, found) {
         Some(ours) => ours,
@@ -60,7 +60,7 @@ fn whole(state: &State, settings: &Settings, found: i64) -> Meaning {
     }
 }
 
-fn shared(state: &State, settings: &Settings, expected: i64, found: i64, asked: Moment) -> Meaning {
+fn shared(state: &State, settings: &Settings, expected: Counts, found: Counts, asked: Moment) -> Meaning {
     let doubts = settings.rules.doubt;
     let ours = ours(state, settings, found);
     let is_lately = state.copies.lately_of(found).is_some();
@@ -82,26 +82,26 @@ fn shared(state: &State, settings: &Settings, expected: i64, found: i64, asked: 
         None if doubts && hides_a_step(state, settings, expected, asked) => {
             Meaning::Doubtful(Doubt::ChangedMeanwhile)
         }
-        None if doubts && state.is_like_our_own_again(found.saturating_sub(expected)) => {
+        None if doubts && state.is_like_our_own_again(found - expected) => {
             Meaning::Doubtful(Doubt::LikeOurOwn)
         }
         None if doubts && state.answered.is_some() && state.was_unsteady => {
             Meaning::Doubtful(Doubt::Unsteady)
         }
-        None => Meaning::Moved { by: found.saturating_sub(expected) },
+        None => Meaning::Moved { by: found - expected },
     }
 }
 
 /// Beside the operator's part as it is now this is more than was ever ours: he has set it to what we had sent beside
 /// another part of his, or that has arrived and undone his change.
-fn is_no_share(state: &State, settings: &Settings, found: i64) -> bool {
+fn is_no_share(state: &State, settings: &Settings, found: Counts) -> bool {
     state.account.is_some_and(|account| {
         let share = found.abs_diff(account.base);
         share > settings.limit.unsigned_abs() && share > account.share.unsigned_abs()
     })
 }
 
-fn ours(state: &State, settings: &Settings, found: i64) -> Option<Meaning> {
+fn ours(state: &State, settings: &Settings, found: Counts) -> Option<Meaning> {
     let sent = state.copies.of(found).filter(|_| settings.rules.knows_its_own)?;
     let is_late = state.verified.is_some_and(|verified| verified.asked > sent.left);
     Some(Meaning::Ours { sent: sent.at, is_late })
@@ -109,7 +109,7 @@ fn ours(state: &State, settings: &Settings, found: i64) -> Option<Meaning> {
 
 /// A write may have arrived and then been changed by the operator, between the read before and this one: his change
 /// would be wrong by a step.
-fn hides_a_step(state: &State, settings: &Settings, expected: i64, asked: Moment) -> bool {
+fn hides_a_step(state: &State, settings: &Settings, expected: Counts, asked: Moment) -> bool {
     let mut others =
         state.copies.under_way().filter(|sent| sent.answered.is_none() && sent.value != expected);
     let Some(before) = state.verified.map(|verified| verified.asked) else { return others.next().is_some() };

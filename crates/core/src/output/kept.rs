@@ -6,7 +6,7 @@ use super::copies::{Copies, LatelySent, MOST_REMEMBERED, Sent};
 use super::event::Doubt;
 use super::settings::Settings;
 use super::slots::Slots;
-use crate::quantity::Moment;
+use crate::quantity::{Counts, Moment};
 
 /// What is on disk. Values are absolute, as the register would hold them: a base that moves does not move them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -17,7 +17,7 @@ pub struct Kept {
     /// Whose part is what, where the register is shared.
     pub account: Option<Account>,
     /// What stood there last: of an output that cannot be read, what was acknowledged last.
-    pub stood: Option<i64>,
+    pub stood: Option<Counts>,
     /// What may still appear in the register.
     pub promises: Slots<Promise, { MOST_REMEMBERED + 4 }>,
 }
@@ -27,9 +27,9 @@ pub struct Kept {
 #[serde(deny_unknown_fields)]
 pub struct Account {
     /// The operator's part.
-    pub base: i64,
+    pub base: Counts,
     /// Ours.
-    pub share: i64,
+    pub share: Counts,
     /// Why it is not believed; only a person ends that.
     pub doubt: Option<Doubt>,
 }
@@ -39,7 +39,7 @@ pub struct Account {
 #[serde(deny_unknown_fields)]
 pub struct Promise {
     /// As the register would hold it.
-    pub value: i64,
+    pub value: Counts,
     /// When it was sent, for people.
     pub at: Moment,
     /// It is under way, or is about to be; else it was lately sent.
@@ -67,7 +67,7 @@ impl Kept {
             }
         }
         if !self.in_order && !waits {
-            let sum = |account: Account| Some(account.base.saturating_add(account.share));
+            let sum = |account: Account| Some(account.base + account.share);
             let stood = self.account.map_or(self.stood, sum);
             stood.into_iter().for_each(|value| add(&mut copies, value, now, now));
         }
@@ -76,7 +76,7 @@ impl Kept {
 }
 
 /// Nobody knows when it left, but it was before the start.
-fn add(copies: &mut Copies, value: i64, at: Moment, start: Moment) {
+fn add(copies: &mut Copies, value: Counts, at: Moment, start: Moment) {
     let sent = Sent { value, at, left: start, answered: None, other_seen: None, is_pinned: true };
     // There is room for each that was ever promised, and for what stood there.
     let _ = copies.of(value).is_some() || copies.add(sent);

@@ -8,7 +8,7 @@ use super::event::Event;
 use super::settings::{Settings, Verify};
 use super::standing::{Doing, Seen, Standing, Untaken};
 use super::state::{RETRY, State};
-use crate::quantity::Moment;
+use crate::quantity::{Counts, Moment};
 
 /// Where a change can go.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,7 +16,7 @@ enum Aim {
     /// What stands there is what is wanted.
     There,
     /// This value is nearer, and may be sent.
-    Send(i64),
+    Send(Counts),
     /// Whatever is nearer is too far from what may still arrive.
     Blocked,
 }
@@ -108,18 +108,18 @@ fn change(state: &State, settings: &Settings, now: Moment) -> Option<Aim> {
 }
 
 /// Zero is what a restarted CNC shows: an operator's part is never hidden by it. The count beside it is near enough.
-fn avoids(settings: &Settings, centre: i64, value: i64) -> bool {
+fn avoids(settings: &Settings, centre: Counts, value: Counts) -> bool {
     settings.is_shared && settings.rules.doubt && settings.is_zero(value) && value != centre
 }
 
 /// This offset from the operator's part, or from the bias, is what a register that holds `stands` has.
-pub(super) fn is_there(state: &State, settings: &Settings, stands: i64, offset: i64) -> bool {
+pub(super) fn is_there(state: &State, settings: &Settings, stands: Counts, offset: Counts) -> bool {
     let centre = state.centre(settings);
     let target = settings.target(centre, offset);
     stands == target || (avoids(settings, centre, target) && stands.abs_diff(target) == 1)
 }
 
-fn aim(state: &State, settings: &Settings, stands: i64, offset: i64, now: Moment) -> Aim {
+fn aim(state: &State, settings: &Settings, stands: Counts, offset: Counts, now: Moment) -> Aim {
     if is_there(state, settings, stands, offset) {
         return Aim::There;
     }
@@ -129,7 +129,7 @@ fn aim(state: &State, settings: &Settings, stands: i64, offset: i64, now: Moment
     let centre = state.centre(settings);
     let target = settings.target(centre, offset);
     let (lowest, highest) = settings.range;
-    let may_be_sent = |value: &i64| {
+    let may_be_sent = |value: &Counts| {
         room(state, settings, stands).contains(*value)
             && (lowest..=highest).contains(value)
             && is_inside(settings, stands, *value, centre)
@@ -140,14 +140,14 @@ fn aim(state: &State, settings: &Settings, stands: i64, offset: i64, now: Moment
     if let Some(promised) = state.promised.filter(|promised| is_young && may_be_sent(promised)) {
         return Aim::Send(promised);
     }
-    let beside = |value: i64| [value, value.saturating_sub(1), value.saturating_add(1)];
+    let beside = |value: Counts| [value, value - Counts(1), value + Counts(1)];
     let candidates = room(state, settings, stands).nearest(target).into_iter().flat_map(beside);
     let nearest = candidates.filter(may_be_sent).min_by_key(|value| target.abs_diff(*value));
     nearest.map_or(Aim::Blocked, Aim::Send)
 }
 
 /// Within a step of what stands there and of everything that may still arrive.
-fn room(state: &State, settings: &Settings, stands: i64) -> Room {
+fn room(state: &State, settings: &Settings, stands: Counts) -> Room {
     if settings.rules.near_what_may_arrive {
         state.copies.room(stands, settings.step, settings.reach())
     } else {
@@ -156,7 +156,7 @@ fn room(state: &State, settings: &Settings, stands: i64) -> Room {
 }
 
 /// Within the limit, or nearer to it than what stands there.
-fn is_inside(settings: &Settings, stands: i64, value: i64, centre: i64) -> bool {
+fn is_inside(settings: &Settings, stands: Counts, value: Counts, centre: Counts) -> bool {
     let distance = value.abs_diff(centre);
     !settings.rules.limit || distance <= settings.limit.unsigned_abs() || distance < stands.abs_diff(centre)
 }
@@ -176,7 +176,7 @@ fn note_waiting(state: &mut State, settings: &Settings, aim: Option<Aim>, now: M
 }
 
 /// Directly after a read that showed nothing new: the promise, or the write that it was for.
-fn send(state: &mut State, settings: &Settings, value: i64, asked: Moment, now: Moment) -> Action {
+fn send(state: &mut State, settings: &Settings, value: Counts, asked: Moment, now: Moment) -> Action {
     if settings.promises() && (state.promised != Some(value) || state.is_unsaved) {
         if state.promised != Some(value) {
             state.promised_until = state.order.map(|order| order.not_after);

@@ -4,17 +4,19 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
+use crate::quantity::Counts;
+
 /// One output. Counts are those of the register; whoever calls converts from µm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Settings {
     /// The largest change of the register by one write: at least 1, of a shared register at least 2.
-    pub step: i64,
+    pub step: Counts,
     /// The largest distance from the bias, or from the operator's part.
-    pub limit: i64,
+    pub limit: Counts,
     /// What the register holds where the offset is zero: a CNC may come up with it as well as with zero.
-    pub bias: i64,
+    pub bias: Counts,
     /// The lowest and the highest count that the register holds.
-    pub range: (i64, i64),
+    pub range: (Counts, Counts),
     /// How long after it left a write may still arrive.
     pub late: Duration,
     /// How long a value whose answer never came is still recognised after that: some ten times `late`.
@@ -34,14 +36,14 @@ pub struct Settings {
 
 impl Settings {
     /// A restarted CNC shows this.
-    pub fn is_zero(&self, value: i64) -> bool {
-        value == 0 || value == self.bias
+    pub fn is_zero(&self, value: Counts) -> bool {
+        value == Counts::ZERO || value == self.bias
     }
 
     /// What should stand there for this offset from the bias, or from the operator's part.
-    pub(super) fn target(&self, centre: i64, offset: i64) -> i64 {
+    pub(super) fn target(&self, centre: Counts, offset: Counts) -> Counts {
         let (lowest, highest) = self.range;
-        centre.saturating_add(offset).clamp(lowest, highest)
+        centre + offset.clamp(lowest, highest)
     }
 
     /// What is on disk before a value is sent: a register that says itself what stands in it needs no promise.
@@ -51,8 +53,8 @@ impl Settings {
 
     /// How far a value may be from another one under way. One count less where an operator writes too: his edit of
     /// exactly one step is then never taken for ours.
-    pub(super) fn reach(&self) -> i64 {
-        if self.is_shared { self.step - 1 } else { self.step }
+    pub(super) fn reach(&self) -> Counts {
+        if self.is_shared { self.step - Counts(1) } else { self.step }
     }
 }
 

@@ -3,13 +3,13 @@
 use serde::{Deserialize, Serialize};
 
 use super::kept::Account;
-use crate::quantity::Moment;
+use crate::quantity::{Counts, Moment};
 
 /// A value, and when the question was sent that it answers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct Seen {
     /// What stands there.
-    pub value: i64,
+    pub value: Counts,
     /// When the read was asked; of an output that is not read, when the write had left.
     pub asked: Moment,
 }
@@ -21,7 +21,7 @@ pub(super) enum Doing {
     Nothing,
     Reading,
     Writing {
-        value: i64,
+        value: Counts,
         begun: Moment,
         read: Option<Moment>,
     },
@@ -43,7 +43,7 @@ pub(super) enum Untaken {
 /// What is wanted: counts from the bias, or our share.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub(super) struct Order {
-    pub(super) offset: i64,
+    pub(super) offset: Counts,
     pub(super) not_after: Moment,
 }
 
@@ -56,7 +56,7 @@ pub enum Standing {
     /// Off until a person arms it: something happened that only a person can judge.
     Barred,
     /// A person armed it and confirmed this value of a shared register, which is read once more.
-    Confirming(i64),
+    Confirming(Counts),
     /// It follows what is wanted.
     Armed,
 }

@@ -13,7 +13,7 @@ use super::settings::{Settings, Verify};
 use super::slots::Slots;
 use super::standing::{Doing, Order, Seen, Shown, Standing, Untaken};
 use super::{Fact, Who, plan};
-use crate::quantity::Moment;
+use crate::quantity::{Counts, Moment};
 
 /// What failed is tried again after this long at the earliest; and what is not certain is looked at again.
 pub(super) const RETRY: Duration = Duration::from_secs(1);
@@ -26,7 +26,7 @@ pub struct State {
     /// What the last read showed; of an output that is not read what was acknowledged last.
     pub(super) verified: Option<Seen>,
     /// What was answered as done since then.
-    pub(super) answered: Option<i64>,
+    pub(super) answered: Option<Counts>,
     /// Whose part is what in a shared register, once that is known.
     pub(super) account: Option<Account>,
     pub(super) standing: Standing,
@@ -34,7 +34,7 @@ pub struct State {
     /// What is wanted, and until when a change to it may be sent.
     pub(super) order: Option<Order>,
     /// The value on disk that is about to be sent.
-    pub(super) promised: Option<i64>,
+    pub(super) promised: Option<Counts>,
     /// When it must have left, by the readings below it.
     #[serde(default)]
     pub(super) promised_until: Option<Moment>,
@@ -49,7 +49,7 @@ pub struct State {
     /// The CNC was restarted since the last read.
     pub(super) is_rebooted: bool,
     /// The change that the last write would have made, if nobody answered it as done, until the next read.
-    unanswered_change: Option<i64>,
+    unanswered_change: Option<Counts>,
     /// The operator's last change equalled an unanswered one of ours.
     was_like_our_own: bool,
     /// Where a write was answered as done last, something else stood there afterwards.
@@ -202,7 +202,7 @@ impl State {
             Fact::Unknown { left } => self.written(settings, None, left, now),
             Fact::Refused => {
                 if let Some(value) = self.not_written(settings, now) {
-                    self.unanswered_change = self.expected().map(|stood| value.saturating_sub(stood));
+                    self.unanswered_change = self.expected().map(|stood| value - stood);
                     self.tell_untaken(Untaken::Refused, Event::WriteRefused { value });
                 }
             }
@@ -246,7 +246,7 @@ impl State {
         None
     }
 
-    fn read(&mut self, settings: &Settings, found: i64, asked: Moment, now: Moment) -> Option<Moment> {
+    fn read(&mut self, settings: &Settings, found: Counts, asked: Moment, now: Moment) -> Option<Moment> {
         let meaning = judge::meaning(self, settings, found, asked);
         if self.answered.is_some() {
             self.was_unsteady = matches!(meaning, Meaning::Moved { .. });
@@ -274,7 +274,7 @@ impl State {
         (meaning == Meaning::Same).then_some(asked)
     }
 
-    fn follow(&mut self, settings: &Settings, meaning: Meaning, found: i64, now: Moment) {
+    fn follow(&mut self, settings: &Settings, meaning: Meaning, found: Counts, now: Moment) {
         let expected = self.expected();
         match meaning {
             Meaning::Same => {
@@ -323,7 +323,7 @@ impl State {
                 self.was_like_our_own = self.unanswered_change == Some(by);
                 expected.into_iter().for_each(|expected| self.share_is(expected));
                 let Some(account) = self.account else { return };
-                let to = account.base.saturating_add(by);
+                let to = account.base + by;
                 self.reports.tell(Event::OperatorChanged { from: account.base, to });
                 self.account_is(Account { base: to, ..account });
             }
@@ -339,9 +339,9 @@ impl State {
     }
 
     /// The sum is known, and the operator's part has not changed.
-    fn share_is(&mut self, sum: i64) {
+    fn share_is(&mut self, sum: Counts) {
         if let Some(account) = self.account {
-            self.account_is(Account { share: sum.saturating_sub(account.base), ..account });
+            self.account_is(Account { share: sum - account.base, ..account });
         }
     }
 
@@ -350,18 +350,18 @@ impl State {
         self.account = Some(account);
     }
 
-    fn has_nothing_of_ours(&mut self, found: i64) {
+    fn has_nothing_of_ours(&mut self, found: Counts) {
         self.account_is(Account { base: found, ..Account::default() });
     }
 
-    fn doubt(&mut self, doubt: Doubt, found: i64) {
+    fn doubt(&mut self, doubt: Doubt, found: Counts) {
         let account = self.account.unwrap_or_default();
         self.account_is(Account { doubt: Some(doubt), ..account });
         self.reports.tell(Event::Doubted { doubt, found, share: account.share });
         self.switch_off(Standing::Barred);
     }
 
-    fn bar_foreign(&mut self, expected: i64, found: i64) {
+    fn bar_foreign(&mut self, expected: Counts, found: Counts) {
         if self.standing == Standing::Armed {
             self.reports.tell(Event::ForeignValue { expected, found });
             self.switch_off(Standing::Barred);
@@ -393,15 +393,15 @@ impl State {
     /// A person has said that the register is right: our share is what it was taken to be, the rest is the operator's.
     /// He may have done that after it was last read; but what may have come from us, or from a restarted CNC, need not be
     /// what he said. What stood before the doubt is the same, whoever put it there again.
-    fn confirm(&mut self, settings: &Settings, found: i64) {
+    fn confirm(&mut self, settings: &Settings, found: Counts) {
         let Standing::Confirming(shown) = self.standing else { return };
         let account = self.account.unwrap_or_default();
         let is_ours = self.copies.of(found).is_some() || self.copies.lately_of(found).is_some();
-        if settings.is_zero(found) && account.share != 0 {
+        if settings.is_zero(found) && account.share != Counts::ZERO {
             self.doubt(Doubt::ZeroOrOurs, found);
-        } else if found == shown || !is_ours || found == account.base.saturating_add(account.share) {
+        } else if found == shown || !is_ours || found == account.base + account.share {
             self.account_is(Account {
-                base: found.saturating_sub(account.share),
+                base: found - account.share,
                 share: account.share,
                 doubt: None,
             });
@@ -442,7 +442,7 @@ impl State {
         if answered.is_some() {
             self.answered = Some(value);
         } else {
-            self.unanswered_change = stood.map(|stood| value.saturating_sub(stood));
+            self.unanswered_change = stood.map(|stood| value - stood);
             self.writes_from = now.after(RETRY);
             self.drop_order(settings);
             // A shared register is not written again to find out: that it is read shows enough.
@@ -452,7 +452,7 @@ impl State {
         }
     }
 
-    fn acknowledged(&mut self, settings: &Settings, value: i64, begun: Moment, left: Moment) {
+    fn acknowledged(&mut self, settings: &Settings, value: Counts, begun: Moment, left: Moment) {
         self.copies.end_late(begun, settings.late, settings.remembered);
         self.verified = Some(Seen { value, asked: left });
         (self.is_unsaved, self.untaken) = (true, None);
@@ -460,7 +460,7 @@ impl State {
     }
 
     /// A write did not take place. What it was.
-    fn not_written(&mut self, settings: &Settings, now: Moment) -> Option<i64> {
+    fn not_written(&mut self, settings: &Settings, now: Moment) -> Option<Counts> {
         let Doing::Writing { value, .. } = self.doing else { return None };
         self.doing = Doing::Nothing;
         self.is_unsaved |= settings.promises();
@@ -500,28 +500,28 @@ impl State {
     }
 
     /// What should stand there: what was answered as done last, else what was verified last.
-    pub(super) fn expected(&self) -> Option<i64> {
-        let from_disk = || self.account.map(|account| account.base.saturating_add(account.share));
+    pub(super) fn expected(&self) -> Option<Counts> {
+        let from_disk = || self.account.map(|account| account.base + account.share);
         self.answered.or(self.verified.map(|verified| verified.value)).or_else(from_disk)
     }
 
     /// Our share stands there, or something of ours may still arrive.
     pub(super) fn has_anything_of_ours(&self) -> bool {
-        self.account.is_some_and(|account| account.share != 0) || self.copies.under_way().next().is_some()
+        self.account.is_some_and(|account| account.share != Counts::ZERO) || self.copies.under_way().next().is_some()
     }
 
     /// For the second time in a row an unanswered write was followed by a change of just its size.
-    pub(super) fn is_like_our_own_again(&self, change: i64) -> bool {
+    pub(super) fn is_like_our_own_again(&self, change: Counts) -> bool {
         self.was_like_our_own && self.unanswered_change == Some(change)
     }
 
     /// What the offset is counted from: the operator's part, or the bias.
-    pub(super) fn centre(&self, settings: &Settings) -> i64 {
+    pub(super) fn centre(&self, settings: &Settings) -> Counts {
         self.account.map_or(settings.bias, |account| account.base)
     }
 
     /// This offset is what stands there as last verified.
-    pub fn is_at(&self, settings: &Settings, offset: i64) -> bool {
+    pub fn is_at(&self, settings: &Settings, offset: Counts) -> bool {
         self.verified.is_some_and(|seen| plan::is_there(self, settings, seen.value, offset))
     }
 
