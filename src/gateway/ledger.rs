@@ -4,6 +4,7 @@
 //! One JSON file in the state directory (`file.rs`). A thread of its own puts it on disk; whoever depends on that asks
 //! what became of it.
 
+use isotherm_core::quantity::Counts;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
@@ -166,7 +167,7 @@ fn found(
 
 /// The register was ours alone before, and held something: whose that is now only a person can say.
 fn is_ours(output: &Output, entry: &Entry) -> bool {
-    let is_zero = |counts: i64| counts == 0 || counts == output.encoding.bias;
+    let is_zero = |counts: Counts| counts == Counts(0) || counts == Counts(output.encoding.bias);
     entry.kept.account.is_none() && entry.kept.stood.is_some_and(|stood| !is_zero(stood))
 }
 

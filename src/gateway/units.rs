@@ -3,14 +3,14 @@
 use isotherm_core::codec::{Encoded, Encoding};
 use isotherm_core::compensation::Decision;
 use isotherm_core::output::State;
-use isotherm_core::quantity::Micron;
+use isotherm_core::quantity::{Counts, Micron};
 use isotherm_profile::{Output, Profile, Writes};
 
 /// A register of a floating-point type has so many counts in a step: few enough that the 24 bits of a float tell the
 /// counts of eight thousand steps apart.
 const COUNTS_OF_A_STEP: f64 = 1000.0;
 /// What no register of ours holds: where what stands there is no number.
-const NO_NUMBER: i64 = i64::MAX / 4;
+const NO_NUMBER: Counts = Counts(i64::MAX / 4);
 
 /// What the counts of one output's register are worth.
 #[derive(Clone, Debug)]
@@ -22,7 +22,7 @@ pub(super) struct Units {
     factor: f64,
     /// Of the register's unit for a count, where its type has none itself.
     grain: Option<f64>,
-    bias: i64,
+    bias: Counts,
 }
 
 impl Units {
@@ -34,27 +34,25 @@ impl Units {
             unit: output.writes.unit(),
             factor: cz_factor(profile, output),
             grain: (!is_whole).then_some(grain),
-            bias: if is_whole { output.encoding.bias } else { 0 },
+            bias: if is_whole { Counts(output.encoding.bias) } else { Counts(0) },
         }
     }
 
     /// Step, limit and bias of an output in counts. A reference position is no correction: it is written at once.
-    pub(super) fn bounds(&self, profile: &Profile, output: &Output) -> (i64, i64, i64) {
+    pub(super) fn bounds(&self, profile: &Profile, output: &Output) -> (Counts, Counts, Counts) {
         if output.writes == Writes::Reference {
             return (NO_NUMBER, NO_NUMBER, self.bias);
         }
         let guard = &profile.axis(output.axis).settings.guard;
-        let step = self.counts(one_step(profile, output)).abs().max(1);
+        let step = self.counts(one_step(profile, output)).abs().max(Counts(1));
         let limit = self.counts(guard.limit.get() * self.factor).abs();
         (step, limit, self.bias)
     }
 
     /// What stands in the register, in counts.
-    pub(super) fn found(&self, registers: &[u16]) -> i64 {
+    pub(super) fn found(&self, registers: &[u16]) -> Counts {
         match self.grain {
-            None => {
-                self.encoding.counts(registers).map_or(NO_NUMBER, |counts| counts.saturating_add(self.bias))
-            }
+            None => self.encoding.counts(registers).map_or(NO_NUMBER, |counts| counts + self.bias),
             Some(grain) => match self.encoding.decode(registers) {
                 Ok(value) if (value / grain).abs() < as_float(NO_NUMBER) => nearest(value / grain),
                 _ => NO_NUMBER,
@@ -63,40 +61,40 @@ impl Units {
     }
 
     /// The registers that hold this.
-    pub(super) fn registers(&self, counts: i64) -> Encoded {
+    pub(super) fn registers(&self, counts: Counts) -> Encoded {
         match self.grain {
-            None => self.encoding.encode_counts(counts.saturating_sub(self.bias)),
+            None => self.encoding.encode_counts(counts - self.bias),
             Some(grain) => self.encoding.encode(as_float(counts) * grain),
         }
     }
 
     /// What the register's value is then, in its unit.
-    pub(super) fn value(&self, counts: i64) -> f64 {
+    pub(super) fn value(&self, counts: Counts) -> f64 {
         match self.grain {
-            None => self.encoding.value_of(counts.saturating_sub(self.bias)),
+            None => self.encoding.value_of(counts - self.bias),
             Some(grain) => as_float(counts) * grain,
         }
     }
 
     /// The Cz that it stands for.
-    pub(super) fn cz(&self, counts: i64) -> Micron {
+    pub(super) fn cz(&self, counts: Counts) -> Micron {
         Micron::new(self.value(counts) / self.factor).unwrap_or_default()
     }
 
     /// The counts from the bias that come nearest to this Cz.
-    pub(super) fn offset(&self, cz: Micron) -> i64 {
+    pub(super) fn offset(&self, cz: Micron) -> Counts {
         self.counts(cz.get() * self.factor)
     }
 
     /// The counts from the bias that come nearest to this value of the register.
-    pub(super) fn counts(&self, value: f64) -> i64 {
+    pub(super) fn counts(&self, value: f64) -> Counts {
         self.grain.map_or_else(|| self.encoding.nearest_counts(value), |grain| nearest(value / grain))
     }
 
     /// The lowest and the highest count that the register holds.
-    pub(super) fn range(&self) -> (i64, i64) {
+    pub(super) fn range(&self) -> (Counts, Counts) {
         match self.encoding.range_of_counts().filter(|_| self.grain.is_none()) {
-            Some((low, high)) => (low.saturating_add(self.bias), high.saturating_add(self.bias)),
+            Some((low, high)) => (low + self.bias, high + self.bias),
             None => (-NO_NUMBER, NO_NUMBER),
         }
     }
@@ -106,13 +104,13 @@ impl Units {
         let stands = state.kept().stood;
         let sent =
             state.copies().under_way().filter(|sent| sent.answered.is_none() && Some(sent.value) != stands);
-        let mut values: Vec<i64> = sent.map(|sent| sent.value).collect();
+        let mut values: Vec<Counts> = sent.map(|sent| sent.value).collect();
         values.dedup();
         values.into_iter().map(|value| self.in_text(value)).collect()
     }
 
     /// So many counts for people, in the register's unit.
-    pub(super) fn in_text(&self, counts: i64) -> String {
+    pub(super) fn in_text(&self, counts: Counts) -> String {
         let text = match self.grain {
             _ if counts == NO_NUMBER => return "no number".to_owned(),
             None => tidy(self.value(counts), &self.encoding),
@@ -178,11 +176,11 @@ fn tidy(value: f64, encoding: &Encoding) -> String {
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "beyond 2^53 counts nothing is near")]
-fn nearest(counts: f64) -> i64 {
-    counts.round() as i64
+fn nearest(counts: f64) -> Counts {
+    Counts(counts.round() as i64)
 }
 
 #[allow(clippy::cast_precision_loss, reason = "no register holds 2^53 counts")]
-fn as_float(counts: i64) -> f64 {
-    counts as f64
+fn as_float(counts: Counts) -> f64 {
+    counts.0 as f64
 }

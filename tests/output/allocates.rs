@@ -3,6 +3,8 @@
 use allocation_counter::measure;
 use isotherm_core::output::{Action, Fact, State, Who, step};
 
+use isotherm_core::quantity::Counts;
+
 use super::world::{NOW, settings};
 
 #[test]
@@ -10,7 +12,7 @@ fn no_step_allocates() {
     for is_shared in [false, true] {
         let settings = settings(is_shared, 5, 4);
         let mut state = State::new(&settings, None, NOW);
-        let mut register = 0;
+        let mut register = Counts::ZERO;
         let counted = measure(|| {
             let mut fact = Fact::Look;
             for count in 0..400u64 {
@@ -27,12 +29,12 @@ fn no_step_allocates() {
                     }
                     Action::Nothing { .. } if count % 2 == 0 => Fact::Armed { by: Who::Person },
                     Action::Nothing { .. } => {
-                        Fact::Decided { offset: 5, not_after: now.after(settings.late) }
+                        Fact::Decided { offset: Counts(5), not_after: now.after(settings.late) }
                     }
                 };
             }
         });
         assert_eq!(counted.count_total, 0);
-        assert_ne!(register, 0, "it has written");
+        assert_ne!(register, Counts::ZERO, "it has written");
     }
 }

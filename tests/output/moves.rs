@@ -2,6 +2,8 @@
 
 use isotherm_core::output::{Action, Fact, Kept, Settings, Standing, Verify};
 
+use isotherm_core::quantity::Counts;
+
 use super::world::{Broken, NOW, World};
 
 /// One thing that happened, for people.
@@ -127,7 +129,7 @@ fn quiet(world: &World, settings: &Settings, go: &mut Go<'_>) {
             next.second(settings, false)
         });
     }
-    for target in [-settings.limit - 1, 0, settings.limit + 1] {
+    for target in [-settings.limit - Counts(1), Counts::ZERO, settings.limit + Counts(1)] {
         if left.targets > 0 && target != world.wanted {
             go("another target", &mut |next| {
                 next.left.targets -= 1;
@@ -186,10 +188,10 @@ fn anywhere(world: &World, settings: &Settings, go: &mut Go<'_>) {
     if left.restarts > 0 && settings.verify == Verify::Reading {
         go("the CNC restarts", &mut |next| {
             next.left.restarts -= 1;
-            next.register = 0;
+            next.register = Counts::ZERO;
             if settings.is_shared {
                 next.lost = next.lost.or(Some(next.his));
-                (next.his, next.is_restarted) = (0, true);
+                (next.his, next.is_restarted) = (Counts::ZERO, true);
             }
             next.is_moved_by_others();
             Ok(())
@@ -202,14 +204,14 @@ fn anywhere(world: &World, settings: &Settings, go: &mut Go<'_>) {
         }
     }
     if left.edits > 0 && may_edit(world) && settings.verify == Verify::Reading {
-        for change in [-1, 1, 2] {
+        for change in [-1, 1, 2].map(Counts) {
             let value = world.register + change;
             let is_avoided = settings.is_shared && settings.is_zero(value);
             if !(is_avoided || is_of_ours(world, settings, value)) {
                 go("the operator edits", &mut |next| {
                     (next.left.edits, next.is_touched) = (left.edits - 1, true);
                     next.register = value;
-                    next.his += if settings.is_shared { change } else { 0 };
+                    next.his = next.his + if settings.is_shared { change } else { Counts::ZERO };
                     Ok(())
                 });
             }
@@ -235,7 +237,7 @@ fn may_edit(world: &World) -> bool {
 }
 
 /// A value of ours that may still appear or is promised, or what stood before such a one.
-fn is_of_ours(world: &World, settings: &Settings, value: i64) -> bool {
+fn is_of_ours(world: &World, settings: &Settings, value: Counts) -> bool {
     let kept = [world.gateway.map(|gateway| gateway.kept()), world.disk];
     let is_promised = kept.iter().flatten().any(|kept| kept.promises.iter().any(|one| one.value == value));
     let shown = world.gateway.map(|gateway| gateway.shown(settings));

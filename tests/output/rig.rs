@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use isotherm_core::output::{Action, Event, Fact, Kept, Settings, State, Who, step};
-use isotherm_core::quantity::Moment;
+use isotherm_core::quantity::{Counts, Moment};
 
 pub(crate) struct Rig {
     pub(crate) settings: Settings,
@@ -25,7 +25,7 @@ impl Rig {
             state: State::new(&settings, Some(&kept), now),
             action: Action::Nothing { until: now },
             now,
-            register: stood.unwrap_or(settings.bias),
+            register: stood.unwrap_or(settings.bias).0,
             disk: Some(kept),
             told: Vec::new(),
         };
@@ -59,13 +59,13 @@ impl Rig {
             match self.action {
                 Action::Read => {
                     let asked = self.now.after(Duration::from_micros(500));
-                    self.give(Fact::Read { found: self.register, asked });
+                    self.give(Fact::Read { found: Counts(self.register), asked });
                 }
                 Action::Keep => {
                     self.disk = Some(self.state.kept());
                     self.give(Fact::Kept);
                 }
-                Action::Write { value, .. } => return Some(value),
+                Action::Write { value, .. } => return Some(value.0),
                 Action::Nothing { .. } => return None,
             }
         }
@@ -74,7 +74,7 @@ impl Rig {
     /// Another decision; the write that it leads to.
     pub(crate) fn want(&mut self, offset: i64) -> Option<i64> {
         let not_after = self.now.after(Duration::from_secs(1));
-        self.give(Fact::Decided { offset, not_after });
+        self.give(Fact::Decided { offset: Counts(offset), not_after });
         self.settle()
     }
 
@@ -101,7 +101,7 @@ impl Rig {
 
     fn write(&self) -> i64 {
         let Action::Write { value, .. } = self.action else { panic!("{:?} is no write", self.action) };
-        value
+        value.0
     }
 
     /// Walks to where this is wanted.
@@ -110,7 +110,7 @@ impl Rig {
             assert_eq!(self.done(), None, "one decision is one change");
         }
         let base = self.state.kept().account.map_or(self.settings.bias, |account| account.base);
-        assert_eq!(self.register, base + offset);
+        assert_eq!(self.register, base.0 + offset);
     }
 
     /// This many seconds pass, and the same is wanted all the time; the first write that it asks for.
@@ -133,7 +133,7 @@ impl Rig {
     /// The operator's part and ours, as the ledger has them.
     pub(crate) fn parts(&self) -> (i64, i64) {
         let account = self.state.kept().account.unwrap();
-        (account.base, account.share)
+        (account.base.0, account.share.0)
     }
 
     /// Somebody was blamed for what we did ourselves.

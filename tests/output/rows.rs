@@ -3,16 +3,17 @@
 use std::time::Duration;
 
 use isotherm_core::output::{Account, Action, Doubt, Event, Fact, Kept, Settings, Standing, Verify, Who};
+use isotherm_core::quantity::Counts;
 
 use super::rig::Rig;
 use super::world::settings;
 
 fn whole(stands: i64) -> Rig {
-    Rig::new(settings(false, 5, 4), Kept { in_order: true, stood: Some(stands), ..Kept::default() })
+    Rig::new(settings(false, 5, 4), Kept { in_order: true, stood: Some(Counts(stands)), ..Kept::default() })
 }
 
 fn shared(base: i64, share: i64) -> Rig {
-    let account = Some(Account { base, share, doubt: None });
+    let account = Some(Account { base: Counts(base), share: Counts(share), doubt: None });
     Rig::new(settings(true, 5, 4), Kept { in_order: true, account, ..Kept::default() })
 }
 
@@ -32,14 +33,14 @@ fn lately(rig: &mut Rig, offset: i64) -> i64 {
     assert!(rig.want(offset).is_some());
     rig.settings.remembered = Duration::from_secs(60);
     let value = rig.held();
-    let stays = rig.register - rig.state.kept().account.map_or(0, |account| account.base);
+    let stays = rig.register - rig.state.kept().account.map_or(0, |account| account.base.0);
     for _ in 0..6 {
         // Of a register of our own what stands there is sent again, to show that it can be written.
         while let Some(again) = rig.seconds(1, stays) {
             assert_eq!((again, rig.done()), (rig.register, None));
         }
     }
-    assert!(rig.state.copies().lately_of(value).is_some());
+    assert!(rig.state.copies().lately_of(Counts(value)).is_some());
     value
 }
 
@@ -49,7 +50,7 @@ fn the_same_is_nothing_new_and_is_shown_with_the_moment_it_was_asked() {
     let before = rig.now;
     assert_eq!(rig.seconds(1, 2), None);
     let seen = rig.state.shown(&rig.settings).verified.unwrap();
-    assert!(seen.value == 2 && seen.asked > before && seen.asked < rig.now);
+    assert!(seen.value == Counts(2) && seen.asked > before && seen.asked < rig.now);
     assert!(rig.told.is_empty());
 }
 
@@ -85,7 +86,7 @@ fn a_value_lately_sent_is_taken_over_in_a_whole_register() {
     let mut rig = whole(2);
     rig.register = lately(&mut rig, 3);
     assert_eq!(rig.seconds(2, 2), Some(2));
-    assert!(rig.has_told(|event| matches!(event, Event::OwnWriteArrivedLate { value: 3, .. })));
+    assert!(rig.has_told(|event| matches!(event, Event::OwnWriteArrivedLate { value: Counts(3), .. })));
     assert_eq!(standing(&rig), Standing::Armed);
 }
 
@@ -113,7 +114,7 @@ fn zero_is_a_restart_and_the_walk_begins_there() {
     rig.register = 0;
     assert_eq!(rig.seconds(1, 3), None, "what was decided went by what stood there before");
     assert_eq!(rig.seconds(1, 3), Some(1));
-    assert!(rig.has_told(|event| matches!(event, Event::CncRestarted { stood: 3 })));
+    assert!(rig.has_told(|event| matches!(event, Event::CncRestarted { stood: Counts(3) })));
     let mut rig = shared(3, 2);
     rig.register = 0;
     assert_eq!(rig.seconds(2, 2), Some(2));
@@ -130,8 +131,8 @@ fn zero_is_doubt_where_a_write_of_ours_would_make_it_and_something_is_his() {
     assert_eq!(rig.seconds(1, 1), None);
     assert_eq!(rig.parts(), (0, 0), "nothing of ours would make it zero: it was cleared");
     let kept = Kept {
-        account: Some(Account { base: 2, share: 1, doubt: None }),
-        promises: vec![isotherm_core::output::Promise { value: 0, at: rig.now, is_under_way: true }]
+        account: Some(Account { base: Counts(2), share: Counts(1), doubt: None }),
+        promises: vec![isotherm_core::output::Promise { value: Counts(0), at: rig.now, is_under_way: true }]
             .try_into()
             .unwrap(),
         ..Kept::default()
@@ -147,7 +148,7 @@ fn anything_else_in_a_whole_register_is_somebody_else_and_switches_off() {
     let mut rig = whole(3);
     rig.register = 5;
     assert_eq!(rig.seconds(20, 3), None);
-    assert!(rig.has_told(|event| *event == Event::ForeignValue { expected: 3, found: 5 }));
+    assert!(rig.has_told(|event| *event == Event::ForeignValue { expected: Counts(3), found: Counts(5) }));
     rig.give(Fact::Armed { by: Who::Policy });
     assert_eq!(rig.seconds(1, 3), None, "only a person arms it again");
     rig.give(Fact::Armed { by: Who::Person });
@@ -160,7 +161,7 @@ fn anything_else_in_a_shared_register_is_the_operators_change() {
     rig.register = 9;
     assert_eq!(rig.seconds(1, 2), None);
     assert_eq!(rig.parts(), (7, 2));
-    assert!(rig.has_told(|event| *event == Event::OperatorChanged { from: 3, to: 7 }));
+    assert!(rig.has_told(|event| *event == Event::OperatorChanged { from: Counts(3), to: Counts(7) }));
 }
 
 #[test]
@@ -170,7 +171,7 @@ fn twice_a_change_of_just_the_size_of_a_refused_write_is_doubt() {
         assert!(rig.seconds(2, 2).is_some());
         // It says that it refused, and carries it out.
         let Action::Write { value, .. } = rig.action else { panic!("a write") };
-        rig.register = value;
+        rig.register = value.0;
         rig.give(Fact::Refused);
         assert_eq!(rig.settle(), None);
         rig.seconds(1, 0);
@@ -194,7 +195,7 @@ fn the_first_account_that_is_not_zero_waits_for_a_person() {
     rig.disk = None;
     rig.register = 7;
     rig.kill();
-    assert!(rig.has_told(|event| *event == Event::FirstAccount { found: 7 }));
+    assert!(rig.has_told(|event| *event == Event::FirstAccount { found: Counts(7) }));
     assert_eq!(rig.seconds(2, 2), None);
     rig.give(Fact::Armed { by: Who::Person });
     assert_eq!(rig.settle(), None);
@@ -253,9 +254,12 @@ fn a_device_that_stores_something_else_than_it_acknowledges_is_no_operator() {
 
 #[test]
 fn nothing_is_sent_that_the_register_cannot_hold() {
-    let range = (0, 4);
-    let kept =
-        Kept { in_order: true, account: Some(Account { base: 3, ..Account::default() }), ..Kept::default() };
+    let range = (Counts(0), Counts(4));
+    let kept = Kept {
+        in_order: true,
+        account: Some(Account { base: Counts(3), ..Account::default() }),
+        ..Kept::default()
+    };
     let mut rig = Rig::new(Settings { range, ..settings(true, 5, 4) }, kept);
     assert_eq!(rig.want(5), Some(4));
     assert_eq!(rig.done(), None);
@@ -291,8 +295,8 @@ fn whatever_interrupts_a_decision_ends_it() {
 #[test]
 fn what_the_disk_does_not_keep_is_not_sent() {
     let mut rig = shared(3, 0);
-    rig.give(Fact::Decided { offset: 2, not_after: rig.now.after(Duration::from_secs(1)) });
-    rig.give(Fact::Read { found: 3, asked: rig.now });
+    rig.give(Fact::Decided { offset: Counts(2), not_after: rig.now.after(Duration::from_secs(1)) });
+    rig.give(Fact::Read { found: Counts(3), asked: rig.now });
     assert_eq!(rig.action, Action::Keep);
     rig.give(Fact::NotKept);
     assert_eq!(rig.told, [Event::DiskDoesNotKeep]);
@@ -315,7 +319,7 @@ fn a_wait_is_told_once_with_its_seconds() {
 
 #[test]
 fn what_is_full_waits_and_forgets_nothing() {
-    let settings = Settings { step: 20, late: Duration::from_secs(60), ..settings(false, 20, 4) };
+    let settings = Settings { step: Counts(20), late: Duration::from_secs(60), ..settings(false, 20, 4) };
     let mut rig = Rig::new(settings, Kept { in_order: true, ..Kept::default() });
     let sent = (1..=12).filter(|offset| rig.seconds(1, *offset).map(|_| rig.held()).is_some()).count();
     assert_eq!((sent, rig.state.copies().under_way().count()), (8, 8));
@@ -348,7 +352,7 @@ fn what_is_kept_comes_back_as_it_was() {
 #[test]
 fn what_cannot_be_read_is_acknowledged_and_that_is_no_trouble() {
     let settings = Settings { verify: Verify::Echo, ..settings(false, 5, 4) };
-    let mut rig = Rig::new(settings, Kept { in_order: true, stood: Some(0), ..Kept::default() });
+    let mut rig = Rig::new(settings, Kept { in_order: true, stood: Some(Counts(0)), ..Kept::default() });
     rig.go(3);
     assert_eq!(rig.told, [Event::AcknowledgedNotReadBack]);
     assert!(rig.state.shown(&rig.settings).is_only_acknowledged);
@@ -372,7 +376,7 @@ fn a_change_after_a_long_time_without_a_read_is_doubt_while_something_may_arrive
 #[test]
 fn only_a_write_begun_after_its_time_ends_a_copy_that_cannot_be_read() {
     let settings = Settings { verify: Verify::Echo, ..settings(false, 5, 4) };
-    let mut rig = Rig::new(settings, Kept { in_order: true, stood: Some(0), ..Kept::default() });
+    let mut rig = Rig::new(settings, Kept { in_order: true, stood: Some(Counts(0)), ..Kept::default() });
     assert_eq!(rig.want(-1), Some(-1));
     rig.held();
     rig.settings.refresh = Some(Duration::from_secs(1));

@@ -1,5 +1,6 @@
 //! The searches, and what they are expected to find.
 
+use isotherm_core::quantity::Counts;
 use std::time::Duration;
 
 use isotherm_core::output::{Rules, Settings, Verify};
@@ -136,11 +137,11 @@ fn a_long_walk_among_all_faults_at_once_breaks_nothing() {
     let kinds = [
         ("whole", settings(false, 3, 4)),
         ("in a set", settings(false, 3, 4)),
-        ("whole, refreshed", Settings { refresh, bias: 5, ..settings(false, 3, 4) }),
-        ("whole, steps of 2", Settings { step: 2, ..settings(false, 5, 4) }),
+        ("whole, refreshed", Settings { refresh, bias: Counts(5), ..settings(false, 3, 4) }),
+        ("whole, steps of 2", Settings { step: Counts(2), ..settings(false, 5, 4) }),
         ("shared", settings(true, 3, 4)),
-        ("shared, steps of 3", Settings { step: 3, ..settings(true, 5, 4) }),
-        ("shared, with a bias", Settings { bias: 5, ..settings(true, 3, 4) }),
+        ("shared, steps of 3", Settings { step: Counts(3), ..settings(true, 5, 4) }),
+        ("shared, with a bias", Settings { bias: Counts(5), ..settings(true, 3, 4) }),
         ("unread", Settings { verify: Verify::Echo, ..settings(false, 3, 4) }),
         ("unread, refreshed", Settings { verify: Verify::Echo, refresh, ..settings(false, 3, 4) }),
     ];

@@ -3,24 +3,25 @@
 use std::time::Duration;
 
 use isotherm_core::output::{Account, Action, Event, Fact, Kept, Settings, Verify};
+use isotherm_core::quantity::Counts;
 
 use super::rig::Rig;
 use super::world::settings;
 
 /// Step 1, and late after 4 s.
 fn whole(stands: i64) -> Rig {
-    Rig::new(settings(false, 5, 4), Kept { in_order: true, stood: Some(stands), ..Kept::default() })
+    Rig::new(settings(false, 5, 4), Kept { in_order: true, stood: Some(Counts(stands)), ..Kept::default() })
 }
 
 /// Step 2.
 fn shared(base: i64, share: i64) -> Rig {
-    let account = Some(Account { base, share, doubt: None });
+    let account = Some(Account { base: Counts(base), share: Counts(share), doubt: None });
     Rig::new(settings(true, 5, 4), Kept { in_order: true, account, ..Kept::default() })
 }
 
 fn unread(stands: i64) -> Rig {
     let settings = Settings { verify: Verify::Echo, ..settings(false, 5, 4) };
-    Rig::new(settings, Kept { in_order: true, stood: Some(stands), ..Kept::default() })
+    Rig::new(settings, Kept { in_order: true, stood: Some(Counts(stands)), ..Kept::default() })
 }
 
 fn is_late(event: &Event) -> bool {
@@ -34,7 +35,7 @@ fn a_repeat_is_not_sent_while_what_is_two_steps_away_may_arrive() {
     assert_eq!(rig.want(-2), Some(-2));
     rig.register = 0;
     rig.held();
-    assert!(rig.has_told(|event| matches!(event, Event::CncRestarted { stood: -1 })));
+    assert!(rig.has_told(|event| matches!(event, Event::CncRestarted { stood: Counts(-1) })));
     assert_eq!(rig.seconds(3, 0), None, "neither a repeat of zero nor anything else");
     rig.register = -2;
     assert_eq!(rig.seconds(1, 0), Some(-2), "it is ours, and stands there");
@@ -124,7 +125,7 @@ fn after_a_kill_nothing_is_written_before_everything_from_before_has_arrived() {
     assert_eq!(rig.seconds(3, 1), None);
     rig.register = -1;
     assert_eq!(rig.seconds(9, 1), Some(0));
-    assert!(rig.has_told(|event| *event == Event::PerhapsFromBefore { value: -1 }));
+    assert!(rig.has_told(|event| *event == Event::PerhapsFromBefore { value: Counts(-1) }));
 }
 
 #[test]
@@ -177,7 +178,7 @@ fn a_newer_verified_value_drops_no_promise() {
     assert_eq!(rig.done(), None);
     assert_eq!(rig.want(2), Some(5));
     assert_eq!(rig.done(), None);
-    let promised: Vec<i64> = rig.disk.unwrap().promises.iter().map(|promise| promise.value).collect();
+    let promised: Vec<i64> = rig.disk.unwrap().promises.iter().map(|promise| promise.value.0).collect();
     assert_eq!(promised, [6]);
     rig.register = 6;
     rig.seconds(1, 2);
@@ -192,14 +193,14 @@ fn an_edit_on_top_of_an_unanswered_write_is_doubt() {
     rig.answer_lost();
     rig.register = 3;
     assert_eq!(rig.settle(), None);
-    assert!(rig.has_told(|event| matches!(event, Event::Doubted { found: 3, share: 2, .. })));
+    assert!(rig.has_told(|event| matches!(event, Event::Doubted { found: Counts(3), share: Counts(2), .. })));
     assert_eq!(rig.seconds(20, 1), None);
 }
 
 #[test]
 fn nothing_under_way_is_sent_again_beyond_the_limit() {
     let mut rig = shared(5, 1);
-    rig.settings.limit = 2;
+    rig.settings.limit = Counts(2);
     assert_eq!(rig.want(-1), Some(4));
     rig.held();
     // Two reads later his change cannot hide a step of ours.
@@ -222,7 +223,7 @@ fn the_sum_zero_is_never_sent_while_something_is_the_operators() {
     assert_eq!(rig.done(), None, "the count beside zero is near enough");
     rig.register = 0;
     rig.seconds(1, -2);
-    assert!(rig.has_told(|event| matches!(event, Event::CncRestarted { stood: 1 })));
+    assert!(rig.has_told(|event| matches!(event, Event::CncRestarted { stood: Counts(1) })));
     assert_eq!(rig.parts().0, 0);
 }
 
@@ -230,7 +231,7 @@ fn the_sum_zero_is_never_sent_while_something_is_the_operators() {
 fn nothing_is_promised_that_an_operator_has_just_typed() {
     let mut rig = shared(5, 0);
     rig.register = 6;
-    rig.give(Fact::Decided { offset: 1, not_after: rig.now.after(Duration::from_secs(1)) });
+    rig.give(Fact::Decided { offset: Counts(1), not_after: rig.now.after(Duration::from_secs(1)) });
     assert_eq!(rig.action, Action::Read, "before the promise");
     let write = rig.settle();
     assert_eq!((write, rig.parts()), (Some(7), (6, 0)));
@@ -240,32 +241,32 @@ fn nothing_is_promised_that_an_operator_has_just_typed() {
 fn a_promise_that_grew_old_before_it_was_sent_is_made_anew_for_what_is_wanted_then() {
     let mut rig = shared(5, 0);
     let late = rig.now.after(Duration::from_secs(1));
-    rig.give(Fact::Decided { offset: 1, not_after: late });
-    rig.give(Fact::Read { found: 5, asked: rig.now });
+    rig.give(Fact::Decided { offset: Counts(1), not_after: late });
+    rig.give(Fact::Read { found: Counts(5), asked: rig.now });
     rig.give(Fact::Kept);
     rig.now = late;
     assert_eq!(rig.settle(), None, "its readings are too old");
-    rig.give(Fact::Decided { offset: 3, not_after: rig.now.after(Duration::from_secs(1)) });
+    rig.give(Fact::Decided { offset: Counts(3), not_after: rig.now.after(Duration::from_secs(1)) });
     assert_eq!((rig.settle(), rig.parts()), (Some(7), (5, 0)));
     // One that is young enough is sent, so that a slow disk keeps nothing back for ever.
     let mut rig = shared(5, 0);
-    rig.give(Fact::Decided { offset: 1, not_after: rig.now.after(Duration::from_secs(1)) });
-    rig.give(Fact::Read { found: 5, asked: rig.now });
+    rig.give(Fact::Decided { offset: Counts(1), not_after: rig.now.after(Duration::from_secs(1)) });
+    rig.give(Fact::Read { found: Counts(5), asked: rig.now });
     let young = rig.now.after(Duration::from_millis(10));
-    rig.give(Fact::Decided { offset: 3, not_after: rig.now.after(Duration::from_secs(2)) });
+    rig.give(Fact::Decided { offset: Counts(3), not_after: rig.now.after(Duration::from_secs(2)) });
     rig.give(Fact::Kept);
-    rig.give(Fact::Read { found: 5, asked: rig.now });
+    rig.give(Fact::Read { found: Counts(5), asked: rig.now });
     assert!(rig.now < young);
     assert!(
-        matches!(rig.action, Action::Write { value: 6, not_after, .. } if not_after < young.after(Duration::from_secs(1)))
+        matches!(rig.action, Action::Write { value: Counts(6), not_after, .. } if not_after < young.after(Duration::from_secs(1)))
     );
 }
 
 #[test]
 fn an_edit_between_promise_and_write_is_seen() {
     let mut rig = shared(5, 0);
-    rig.give(Fact::Decided { offset: 1, not_after: rig.now.after(Duration::from_secs(1)) });
-    rig.give(Fact::Read { found: 5, asked: rig.now });
+    rig.give(Fact::Decided { offset: Counts(1), not_after: rig.now.after(Duration::from_secs(1)) });
+    rig.give(Fact::Read { found: Counts(5), asked: rig.now });
     assert_eq!(rig.action, Action::Keep);
     rig.register = 8;
     assert_eq!(rig.settle(), Some(9));

@@ -5,7 +5,7 @@ use std::time::Duration;
 use isotherm_core::output::{
     Account, Action, Event, Fact, Kept, Promise, Settings, Slots, Standing, State, Verify, Who, step,
 };
-use isotherm_core::quantity::Moment;
+use isotherm_core::quantity::{Counts, Moment};
 
 /// It is always this moment: what passes moves everything else into the past.
 pub(crate) const NOW: Moment = Moment::from_nanos(1_000_000_000_000);
@@ -14,7 +14,7 @@ const SECOND: Duration = Duration::from_secs(1);
 /// A write that has left and may arrive later.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Held {
-    pub(crate) value: i64,
+    pub(crate) value: Counts,
     pub(crate) age: u64,
     /// The CNC restarted, or a person corrected the register, since the read that it rested on: nobody can promise
     /// where it takes the register.
@@ -87,13 +87,13 @@ pub(crate) struct World {
     /// What the gateway asked for and nobody has done yet.
     pub(crate) action: Action,
     pub(crate) disk: Option<Kept>,
-    pub(crate) register: i64,
+    pub(crate) register: Counts,
     /// The operator's part, as he would say it; the bias of a register that is ours alone.
-    pub(crate) his: i64,
+    pub(crate) his: Counts,
     /// His part before a restart of the CNC that the gateway has not read: a write brings it back.
-    pub(crate) lost: Option<i64>,
+    pub(crate) lost: Option<Counts>,
     pub(crate) held: [Option<Held>; 2],
-    pub(crate) wanted: i64,
+    pub(crate) wanted: Counts,
     /// Seconds for which the newest decision may still be carried out; `None` where there is none.
     pub(crate) order: Option<u64>,
     /// The register has changed without the gateway's doing since its last read.
@@ -123,7 +123,7 @@ impl World {
             his: settings.bias,
             lost: None,
             held: [None; 2],
-            wanted: settings.limit + 1,
+            wanted: settings.limit + Counts(1),
             order: None,
             is_moved: false,
             has_arrived: false,
@@ -188,7 +188,7 @@ impl World {
     /// `arm = "auto"`: as soon as the register was read, where its value is inside the limit.
     fn arm_by_policy(&mut self, settings: &Settings) -> Broken {
         let Some(shown) = self.gateway.map(|gateway| gateway.shown(settings)) else { return Ok(()) };
-        let inside = |value: i64| settings.is_shared || (value - settings.bias).abs() <= settings.limit;
+        let inside = |value: Counts| settings.is_shared || (value - settings.bias).abs() <= settings.limit;
         let is_known = shown.verified.is_some_and(|seen| inside(seen.value));
         let is_idle = matches!(self.action, Action::Nothing { .. });
         if shown.standing == Standing::Off && is_known && is_idle {
@@ -198,7 +198,7 @@ impl World {
     }
 
     /// The write that the gateway asks for; a change must rest on a decision that still holds.
-    pub(crate) fn write(&self) -> Result<Option<i64>, String> {
+    pub(crate) fn write(&self) -> Result<Option<Counts>, String> {
         let Action::Write { value, not_after, is_repeat } = self.action else { return Ok(None) };
         if !is_repeat && self.order.is_none() {
             return Err(format!("{value} is sent on readings that are too old"));
@@ -213,7 +213,7 @@ impl World {
     pub(crate) fn deliver(
         &mut self,
         settings: &Settings,
-        value: i64,
+        value: Counts,
         (is_excused, may_jump): (bool, bool),
     ) -> Broken {
         let before = std::mem::replace(&mut self.register, value);
@@ -228,7 +228,7 @@ impl World {
         if is_excused {
             return Ok(());
         }
-        let distance = |sum: i64| (sum - self.his).abs();
+        let distance = |sum: Counts| (sum - self.his).abs();
         if distance(value) > settings.limit && distance(value) > distance(before) {
             return Err(format!("{value} is beyond the limit, with {} of the operator's", self.his));
         }
@@ -273,7 +273,7 @@ impl World {
         World { gateway, action, ..self.clone() }
     }
 
-    pub(crate) fn put_on_hold(&mut self, value: i64) -> bool {
+    pub(crate) fn put_on_hold(&mut self, value: Counts) -> bool {
         let Some(slot) = self.held.iter_mut().find(|held| held.is_none()) else { return false };
         *slot = Some(Held { value, age: 0, is_excused: self.is_moved, may_jump: self.is_moved });
         self.held.sort_by_key(|held| held.map(|held| (held.value, held.age)));
@@ -301,7 +301,7 @@ impl World {
         let offset = self.wanted.clamp(-settings.limit, settings.limit);
         let sum = self.his + offset;
         let is_avoided = settings.is_shared && settings.is_zero(sum) && self.his != sum;
-        self.register == sum || (is_avoided && (self.register - sum).abs() == 1)
+        self.register == sum || (is_avoided && (self.register - sum).abs() == Counts(1))
     }
 
     /// From here on nothing fails: how many seconds until the register is what it should be, and stays so.
@@ -386,9 +386,9 @@ impl World {
         if settings.is_shared && !is_on_disk {
             return Ok(false);
         }
-        let share = shown.account.map_or(0, |account| account.share);
-        if settings.is_shared && share != 0 && settings.is_zero(self.his + share) {
-            self.his += if settings.is_zero(self.his + share + 1) { 2 } else { 1 };
+        let share = shown.account.map_or(Counts::ZERO, |account| account.share);
+        if settings.is_shared && share != Counts::ZERO && settings.is_zero(self.his + share) {
+            self.his = self.his + Counts(if settings.is_zero(self.his + share + Counts(1)) { 2 } else { 1 });
         }
         let right = match settings.is_shared {
             true => self.his + share,
@@ -429,10 +429,10 @@ impl World {
 /// Step 1 for a whole register; a shared one steps by 2, so that nothing has to be sent that is zero.
 pub(crate) fn settings(is_shared: bool, limit: i64, late: u64) -> Settings {
     Settings {
-        step: if is_shared { 2 } else { 1 },
-        limit,
-        bias: 0,
-        range: (-200, 200),
+        step: Counts(if is_shared { 2 } else { 1 }),
+        limit: Counts(limit),
+        bias: Counts::ZERO,
+        range: (Counts(-200), Counts(200)),
         late: Duration::from_secs(late),
         remembered: Duration::from_secs(2),
         every: SECOND,

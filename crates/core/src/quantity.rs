@@ -189,6 +189,11 @@ impl Counts {
     /// None.
     pub const ZERO: Counts = Counts(0);
 
+    /// As many, above zero.
+    pub const fn abs(self) -> Counts {
+        Counts(self.0.saturating_abs())
+    }
+
     /// The distance from zero.
     pub const fn unsigned_abs(self) -> u64 {
         self.0.unsigned_abs()

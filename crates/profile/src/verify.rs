@@ -24,7 +24,7 @@ impl Expected {
     /// What is wrong with these registers, in words; `None` where they are as they must be.
     pub fn mismatch(&self, words: &[u16]) -> Option<String> {
         let found = match self.encoding.counts(words) {
-            Some(counts) if counts == self.equals => return None,
+            Some(counts) if counts.0 == self.equals => return None,
             Some(counts) => counts.to_string(),
             None => Reason::BadReply.to_string(),
         };

@@ -12,14 +12,14 @@ use crate::fieldbus::departure::Leave;
 use crate::fieldbus::wire::Request;
 use crate::gateway::line_handle::LineHandle;
 use crate::observe::events::Event;
-use isotherm_core::quantity::Moment;
+use isotherm_core::quantity::{Counts, Moment};
 use isotherm_profile::Output;
 
 /// What is known of it.
 #[derive(Debug, Default)]
 pub(super) struct AppliedOffset {
     /// What stands in the register that is written, and since when.
-    stands: Option<(i64, Moment)>,
+    stands: Option<(Counts, Moment)>,
     /// The control was seen to apply that.
     is_seen: bool,
     /// That it does not was reported.
@@ -102,7 +102,7 @@ fn judge(
 
 impl AppliedOffset {
     /// Since when this has stood in the register that is written.
-    fn since(&mut self, value: i64, now: Moment) -> Moment {
+    fn since(&mut self, value: Counts, now: Moment) -> Moment {
         if self.stands.is_none_or(|(stands, _)| stands != value) {
             (self.stands, self.is_seen, self.read_at) = (Some((value, now)), false, None);
         }

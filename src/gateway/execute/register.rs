@@ -18,7 +18,7 @@ use crate::observe::events::Event;
 use isotherm_core::output::{
     self, Action, Copies, Fact, Rules, Settings, Standing, State, Verify, Who, step,
 };
-use isotherm_core::quantity::Moment;
+use isotherm_core::quantity::{Counts, Moment};
 use isotherm_profile::{Output, OutputId, Share, Writes};
 
 /// The register of one output.
@@ -44,7 +44,7 @@ pub(super) struct Register {
     goes_on_from_there: bool,
     is_saturated: bool,
     /// What stood there when its axis began to hold something else.
-    held_at: Option<i64>,
+    held_at: Option<Counts>,
     /// A person was asked what is whose.
     has_asked: bool,
     /// It is to be reported whose part is what, as soon as that is on disk.
@@ -184,7 +184,7 @@ impl Register {
 
     /// What was sent before stands there, or can be sent once more: near enough, and on readings that are good now; of one
     /// that is not driven nothing is wanted.
-    pub(super) fn can_hold_again(&self, value: i64, order: &Order, now: Moment) -> bool {
+    pub(super) fn can_hold_again(&self, value: Counts, order: &Order, now: Moment) -> bool {
         if !self.is_driven() || value == self.stands() {
             return true;
         }
@@ -193,18 +193,18 @@ impl Register {
     }
 
     /// What was sent before is wanted once more, where it does not stand there.
-    pub(super) fn wants_again(&mut self, shared: &LineHandle, value: i64, order: &Order, now: Moment) {
+    pub(super) fn wants_again(&mut self, shared: &LineHandle, value: Counts, order: &Order, now: Moment) {
         if !self.is_driven() || value == self.stands() {
             return;
         }
-        let offset = value.saturating_sub(self.settings.bias);
+        let offset = value - self.settings.bias;
         self.step(shared, Fact::Decided { offset, not_after: order.not_after }, now);
     }
 
     /// The register holds less than is wanted.
-    fn report_saturated(&mut self, shared: &LineHandle, output: &Output, offset: i64) {
+    fn report_saturated(&mut self, shared: &LineHandle, output: &Output, offset: Counts) {
         let account = self.state.shown(&self.settings).account;
-        let value = account.map_or(self.settings.bias, |account| account.base).saturating_add(offset);
+        let value = account.map_or(self.settings.bias, |account| account.base) + offset;
         let (lowest, highest) = self.settings.range;
         let fits = (lowest..=highest).contains(&value);
         if !fits && !self.is_saturated {
@@ -319,7 +319,7 @@ impl Register {
     }
 
     /// What it holds as last verified.
-    pub(super) fn stands(&self) -> i64 {
+    pub(super) fn stands(&self) -> Counts {
         self.state.shown(&self.settings).verified.map_or(self.settings.bias, |seen| seen.value)
     }
 

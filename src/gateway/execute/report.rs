@@ -5,7 +5,7 @@ use super::register::Register;
 use crate::gateway::output::{OutputState, Standing};
 use crate::observe::events::Event;
 use isotherm_core::output::{self, Account, State};
-use isotherm_core::quantity::Micron;
+use isotherm_core::quantity::{Counts, Micron};
 use isotherm_profile::Output;
 
 /// What the step has found out, for people; `None` where they hear of it otherwise.
@@ -47,7 +47,7 @@ pub(super) fn event(register: &Register, output: &str, event: output::Event) -> 
 }
 
 /// Why the axis is off where somebody else wrote this.
-pub(super) fn why_foreign(register: &Register, output: &Output, found: i64) -> String {
+pub(super) fn why_foreign(register: &Register, output: &Output, found: Counts) -> String {
     let settings = &register.settings;
     let (name, at, holds) = (&output.name, &output.address, register.units.in_text(found));
     if found.abs_diff(settings.bias) > settings.limit.unsigned_abs() {
@@ -64,12 +64,12 @@ pub(super) fn opened(register: &Register, output: &str, account: Account) -> Eve
 }
 
 /// What a person is asked: what of that is whose.
-pub(super) fn question(register: &Register, output: &str, stands: i64, account: Option<Account>) -> Event {
+pub(super) fn question(register: &Register, output: &str, stands: Counts, account: Option<Account>) -> Event {
     let (output, holds) = (output.to_owned(), register.units.in_text(stands));
     let Some(Account { base, share, doubt: Some(doubt) }) = account else {
         return Event::FirstAccount { output, holds };
     };
-    let sent = register.state.copies().under_way().map(|sent| sent.value.saturating_sub(base));
+    let sent = register.state.copies().under_way().map(|sent| sent.value - base);
     let others = sent.filter(|other| *other != share);
     let others: Vec<_> = others.map(|other| share_in_text(register, other)).collect();
     let perhaps = match others.is_empty() {
@@ -84,8 +84,8 @@ pub(super) fn question(register: &Register, output: &str, stands: i64, account: 
     Event::LedgerDoubt { output, why }
 }
 
-fn share_in_text(register: &Register, share: i64) -> String {
-    register.units.in_text(share.saturating_add(register.settings.bias))
+fn share_in_text(register: &Register, share: Counts) -> String {
+    register.units.in_text(share + register.settings.bias)
 }
 
 /// Something was sent that nobody answered, and that may still arrive.
@@ -102,7 +102,7 @@ pub(super) fn show(register: &Register, order: &Order, seen: &mut OutputState) -
     seen.is_waiting = shown.waits_until.is_some();
     seen.is_only_acknowledged = shown.is_only_acknowledged;
     let verified = shown.verified?;
-    let share = shown.account.map_or(0, |account| account.share).saturating_add(settings.bias);
+    let share = shown.account.map_or(Counts::ZERO, |account| account.share) + settings.bias;
     let cz = units.cz(if settings.is_shared { share } else { verified.value });
     let account = shown.account.filter(|account| account.doubt.is_none());
     seen.cz = Some(cz);

@@ -9,7 +9,7 @@ use crate::fieldbus::error::{CallerFault, Fault};
 use crate::fieldbus::wire::Request;
 use crate::gateway::line_handle::LineHandle;
 use isotherm_core::output::{Action, Fact, Verify};
-use isotherm_core::quantity::Moment;
+use isotherm_core::quantity::{Counts, Moment};
 use isotherm_profile::OutputId;
 
 /// Owns one output.
@@ -79,7 +79,13 @@ impl Single {
         }
     }
 
-    async fn write(&mut self, turn: &mut LineTurn<'_>, value: i64, not_after: Moment, order: &Order) -> Fact {
+    async fn write(
+        &mut self,
+        turn: &mut LineTurn<'_>,
+        value: Counts,
+        not_after: Moment,
+        order: &Order,
+    ) -> Fact {
         let output = turn.shared.profile.output(self.register.id);
         if turn.line.is_resting(output.device, turn.line.looked()) {
             self.register.troubles.now = self.register.troubles.now.or(Some(Trouble::Link));

@@ -11,7 +11,7 @@ use super::cells::stretches;
 use super::register::Register;
 use super::sequence::Sequence;
 use isotherm_core::codec::Encoded;
-use isotherm_core::quantity::Moment;
+use isotherm_core::quantity::{Counts, Moment};
 use isotherm_profile::{Profile, SetId};
 
 /// What was sent, and what was taken of it.
@@ -93,9 +93,9 @@ impl Taking {
     }
 
     /// What was sent, in counts, where some of it stands there and some does not.
-    fn half_sent(&self, registers: &[Register]) -> Option<Vec<i64>> {
+    fn half_sent(&self, registers: &[Register]) -> Option<Vec<Counts>> {
         let sent = self.sent.as_ref().filter(|_| registers.iter().any(|register| register.is_bound))?;
-        let values: Vec<i64> =
+        let values: Vec<Counts> =
             registers.iter().zip(sent).map(|(register, sent)| register.units.found(sent.words())).collect();
         let is_new = |place: usize| self.taken.as_ref().is_none_or(|taken| taken[place] != sent[place]);
         let mut has = (false, false);
@@ -113,8 +113,8 @@ impl Taking {
     pub(super) fn wanted_again(
         &mut self,
         registers: &[Register],
-        can_hold_again: impl Fn(usize, i64) -> bool,
-    ) -> Option<Vec<i64>> {
+        can_hold_again: impl Fn(usize, Counts) -> bool,
+    ) -> Option<Vec<Counts>> {
         let values = self.half_sent(registers)?;
         let can_be = values.iter().enumerate().all(|(place, value)| can_hold_again(place, *value));
         if !can_be {

@@ -3,6 +3,7 @@
 //! The seal is a number that grows with every writing and a checksum of all the rest: a bit that fell over is not
 //! believed to be anybody's part.
 
+use isotherm_core::quantity::Counts;
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -169,7 +170,7 @@ fn read(disk: &dyn Disk, path: &Path) -> Result<Option<(u64, Entries)>, String> 
 }
 
 /// So many counts can stand in a register of ours.
-pub(super) fn fits(counts: i64) -> bool {
+pub(super) fn fits(counts: Counts) -> bool {
     counts.unsigned_abs() <= MOST
 }
 

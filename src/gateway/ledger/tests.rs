@@ -23,9 +23,9 @@ fn found(directory: &Path, profile: &Profile) -> (Entries, Option<String>) {
 /// Something is known of every output.
 fn entries(profile: &Profile) -> Entries {
     let mut promises = Slots::default();
-    assert!(promises.push(Promise { value: 152, at: Moment::from_nanos(1), is_under_way: true }));
-    let account = Some(Account { base: 120, share: 31, doubt: None });
-    let kept = output::Kept { in_order: false, account, stood: Some(151), promises };
+    assert!(promises.push(Promise { value: Counts(152), at: Moment::from_nanos(1), is_under_way: true }));
+    let account = Some(Account { base: Counts(120), share: Counts(31), doubt: None });
+    let kept = output::Kept { in_order: false, account, stood: Some(Counts(151)), promises };
     let entry = |output: &Output| Entry { register: register(profile, output), kept };
     profile.outputs.iter().map(|output| (output.name.clone(), entry(output))).collect()
 }
@@ -83,7 +83,9 @@ fn a_file_that_cannot_be_used_puts_every_share_in_question_and_is_kept_aside_bef
             assert!(trouble.is_some_and(|why| why.contains(&name)), "{spoilt}");
             assert_eq!(entries.len(), profile.outputs.len());
             let accounts = entries.values().map(|entry| entry.kept.account.unwrap());
-            assert!(accounts.clone().all(|one| one.doubt == Some(Doubt::Unreadable) && one.share == 0));
+            assert!(
+                accounts.clone().all(|one| one.doubt == Some(Doubt::Unreadable) && one.share == Counts(0))
+            );
         }
         let (entries, _) = found(directory.path(), &profile);
         LedgerFile::open(Arc::new(Files), directory.path(), &profile).0.save(&entries).unwrap();
@@ -128,9 +130,9 @@ fn the_first_layout_is_taken_over_with_its_promises_as_the_register_would_hold_t
     let (entries, trouble) = found(directory.path(), &profile);
     assert_eq!(trouble, None);
     let kept = entries[name].kept;
-    assert_eq!(kept.account, Some(Account { base: 120 + bias, share: 31, doubt: None }));
+    assert_eq!(kept.account, Some(Account { base: Counts(120 + bias), share: Counts(31), doubt: None }));
     let promised: Vec<_> = kept.promises.iter().map(|one| (one.value, one.is_under_way)).collect();
-    assert_eq!(promised, [(152 + bias, true)]);
+    assert_eq!(promised, [(Counts(152 + bias), true)]);
 }
 
 #[test]
@@ -153,7 +155,9 @@ fn a_register_that_was_ours_alone_and_held_something_is_a_question_when_it_is_to
     let profile = profile();
     for (stood, is_question) in [(151, true), (0, false)] {
         let mut before = entries(&profile);
-        before.values_mut().for_each(|entry| (entry.kept.account, entry.kept.stood) = (None, Some(stood)));
+        before
+            .values_mut()
+            .for_each(|entry| (entry.kept.account, entry.kept.stood) = (None, Some(Counts(stood))));
         let found = super::found(&profile, &mut before, true, |_| false);
         let doubts =
             found.values().all(|entry| entry.kept.account.is_some_and(|one| one.doubt == Some(Doubt::Lost)));
@@ -163,7 +167,7 @@ fn a_register_that_was_ours_alone_and_held_something_is_a_question_when_it_is_to
 
 #[test]
 fn what_is_no_number_in_a_register_spoils_nobody_elses_account() {
-    assert!(!file::fits(i64::MAX / 4) && file::fits(i64::from(u32::MAX)));
+    assert!(!file::fits(Counts(i64::MAX / 4)) && file::fits(Counts(i64::from(u32::MAX))));
 }
 
 #[test]
@@ -186,5 +190,5 @@ fn what_is_known_goes_with_the_register_not_with_the_name() {
     *scale = isotherm_core::codec::Scale::of(2.0 * scale.get());
     profile.outputs[0].name.clone_from(&former);
     let elsewhere = found(directory.path(), &profile).0[&former].kept.account.unwrap();
-    assert_eq!((elsewhere.doubt, elsewhere.share), (Some(Doubt::Elsewhere), 0));
+    assert_eq!((elsewhere.doubt, elsewhere.share), (Some(Doubt::Elsewhere), Counts::ZERO));
 }

@@ -31,7 +31,7 @@
 use serde::{Deserialize, Serialize};
 
 use isotherm_core::output::{Action, Fact, Settings, State, Who};
-use isotherm_core::quantity::Moment;
+use isotherm_core::quantity::{Counts, Moment};
 
 mod reader;
 mod recorder;
@@ -67,7 +67,7 @@ pub struct Beginning {
 #[derive(Clone, Copy, Debug)]
 struct Told {
     name: &'static str,
-    value: Option<i64>,
+    value: Option<Counts>,
     moment: Moment,
 }
 
@@ -99,7 +99,7 @@ fn told_fact(fact: Fact) -> Told {
 }
 
 /// The fact of this name; `None` where there is none, or it lacks its value.
-fn fact(name: &str, value: Option<i64>, moment: Moment) -> Option<Fact> {
+fn fact(name: &str, value: Option<Counts>, moment: Moment) -> Option<Fact> {
     Some(match name {
         "look" => Fact::Look,
         "decided" => Fact::Decided { offset: value?, not_after: moment },
@@ -136,7 +136,7 @@ fn told_action(action: Action) -> Told {
     }
 }
 
-fn action(name: &str, value: Option<i64>, moment: Moment) -> Option<Action> {
+fn action(name: &str, value: Option<Counts>, moment: Moment) -> Option<Action> {
     Some(match name {
         "nothing" => Action::Nothing { until: moment },
         "read" => Action::Read,

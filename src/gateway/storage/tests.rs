@@ -1,5 +1,6 @@
 use super::thread::DayFile;
 use super::*;
+use isotherm_core::quantity::Counts;
 
 fn file(directory: &Path, header: &str) -> DayFile {
     DayFile::new(directory, "m", ".csv", header.to_owned(), Duration::from_secs(2 * 86400))
@@ -106,10 +107,10 @@ mod outputs {
         let thread = StorageThread::new(&profile, directory, header, (Arc::default(), log.tears()), journal);
         let storage = Storage { queue: Some(queue), outputs: Some(log), ..Storage::default() };
         let settings = Settings {
-            step: 2,
-            limit: 400,
-            bias: 0,
-            range: (-32768, 32767),
+            step: Counts(2),
+            limit: Counts(400),
+            bias: Counts(0),
+            range: (Counts(-32768), Counts(32767)),
             late: SECOND,
             remembered: 10 * SECOND,
             every: SECOND,
@@ -159,7 +160,7 @@ mod outputs {
                 self.give(Fact::Armed { by: Who::Person });
                 self.obey();
                 let offset = if self.register == 0 { 2 } else { 0 };
-                self.give(Fact::Decided { offset, not_after: self.now.after(SECOND) });
+                self.give(Fact::Decided { offset: Counts(offset), not_after: self.now.after(SECOND) });
                 self.obey();
             }
         }
@@ -168,10 +169,10 @@ mod outputs {
             loop {
                 let fact = match self.action {
                     Action::Nothing { .. } => return,
-                    Action::Read => Fact::Read { found: self.register, asked: self.now },
+                    Action::Read => Fact::Read { found: Counts(self.register), asked: self.now },
                     Action::Keep => Fact::Kept,
                     Action::Write { value, .. } => {
-                        self.register = value;
+                        self.register = value.0;
                         Fact::Done { left: self.now }
                     }
                 };

@@ -4,6 +4,7 @@ use crate::virtual_machine::can::{node, power_on};
 use crate::virtual_machine::control::Control;
 use crate::virtual_machine::registers::Bank;
 use isotherm_core::codec::{Address, Register};
+use isotherm_core::quantity::Counts;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{DeviceId, Output, Profile, Verify};
 
@@ -105,7 +106,7 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
             let fits = bank.put(
                 &expected.address,
                 &expected.encoding,
-                expected.encoding.encode_counts(expected.equals).words(),
+                expected.encoding.encode_counts(Counts(expected.equals)).words(),
             );
             debug_assert!(fits.is_some(), "room was made for it");
         }

@@ -400,11 +400,7 @@ impl State {
         if settings.is_zero(found) && account.share != Counts::ZERO {
             self.doubt(Doubt::ZeroOrOurs, found);
         } else if found == shown || !is_ours || found == account.base + account.share {
-            self.account_is(Account {
-                base: found - account.share,
-                share: account.share,
-                doubt: None,
-            });
+            self.account_is(Account { base: found - account.share, share: account.share, doubt: None });
             self.standing = Standing::Armed;
         } else {
             self.doubt(Doubt::ChangedWhileArming, found);
@@ -507,7 +503,8 @@ impl State {
 
     /// Our share stands there, or something of ours may still arrive.
     pub(super) fn has_anything_of_ours(&self) -> bool {
-        self.account.is_some_and(|account| account.share != Counts::ZERO) || self.copies.under_way().next().is_some()
+        self.account.is_some_and(|account| account.share != Counts::ZERO)
+            || self.copies.under_way().next().is_some()
     }
 
     /// For the second time in a row an unanswered write was followed by a change of just its size.

@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use super::{Entries, Entry};
 use isotherm_core::output::{Account, Doubt, Kept, MOST_UNDER_WAY, Promise, Slots};
-use isotherm_core::quantity::Moment;
+use isotherm_core::quantity::{Counts, Moment};
 
 #[derive(Deserialize)]
 struct Version {
@@ -26,9 +26,9 @@ struct Former {
 #[serde(deny_unknown_fields)]
 struct FormerAccount {
     register: String,
-    base: i64,
-    share: i64,
-    promised: Vec<i64>,
+    base: Counts,
+    share: Counts,
+    promised: Vec<Counts>,
     doubt: Option<String>,
 }
 
@@ -43,8 +43,9 @@ pub(super) fn read(text: &str) -> Option<Result<Entries, String>> {
 
 fn entry(former: FormerAccount) -> Result<Entry, String> {
     let FormerAccount { register, base, share, promised, doubt } = former;
-    let bias: i64 = register.rsplit(' ').next().and_then(|bias| bias.parse().ok()).unwrap_or(0);
-    let base = base.saturating_add(bias);
+    let bias: Counts =
+        register.rsplit(' ').next().and_then(|bias| bias.parse().ok()).map_or(Counts::ZERO, Counts);
+    let base = base + bias;
     let doubt = doubt.map(|doubt| match doubt.as_str() {
         "undecidable" => Doubt::ChangedMeanwhile,
         "rebooted" => Doubt::Rebooted,
@@ -58,7 +59,7 @@ fn entry(former: FormerAccount) -> Result<Entry, String> {
     }
     let mut promises = Slots::default();
     for share in promised {
-        let value = base.saturating_add(share);
+        let value = base + share;
         let _ = promises.push(Promise { value, at: Moment::default(), is_under_way: true });
     }
     let account = Some(Account { base, share, doubt });

@@ -9,7 +9,7 @@ use super::{BEGIN, Beginning, CZ, FAILURES, FAULT, HEADER, WRITES, action, fact}
 use crate::gateway::log::LogError;
 use crate::gateway::log::reader::unreadable;
 use isotherm_core::output::{Action, Fact};
-use isotherm_core::quantity::{Moment, time};
+use isotherm_core::quantity::{Counts, Moment, time};
 
 /// One row.
 #[derive(Clone, Debug, PartialEq)]
@@ -137,12 +137,12 @@ impl<R: Read> OutputLogReader<R> {
         &self,
         line: u64,
         (what, value, moment): (usize, usize, usize),
-        of: fn(&str, Option<i64>, Moment) -> Option<T>,
+        of: fn(&str, Option<Counts>, Moment) -> Option<T>,
     ) -> Result<T, LogError> {
         let count = match self.cell(value) {
             "" => None,
             text => {
-                let count = text.parse();
+                let count = text.parse().map(Counts);
                 let wrong = |_| self.error(line, value, format!("`{text}` is no count of a register"));
                 Some(count.map_err(wrong)?)
             }
@@ -151,7 +151,7 @@ impl<R: Read> OutputLogReader<R> {
             "" => Moment::END,
             text => time::parse(text).map_err(|why| self.error(line, moment, why))?,
         };
-        let wrong = || match of(self.cell(what), Some(0), at) {
+        let wrong = || match of(self.cell(what), Some(Counts(0)), at) {
             Some(_) => {
                 self.error(line, value, format!("`{}` has a value, and none is here", self.cell(what)))
             }

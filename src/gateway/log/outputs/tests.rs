@@ -13,10 +13,10 @@ const VALUES: [i64; 5] = [0, -1, 120, i64::MIN, i64::MAX];
 
 fn settings(is_shared: bool) -> Settings {
     Settings {
-        step: 2,
-        limit: 40,
-        bias: 0,
-        range: (-32768, 32767),
+        step: Counts(2),
+        limit: Counts(40),
+        bias: Counts(0),
+        range: (Counts(-32768), Counts(32767)),
         late: Duration::from_millis(4001),
         remembered: Duration::from_secs(40),
         every: Duration::from_secs(1),
@@ -47,10 +47,10 @@ fn facts() -> Vec<Fact> {
     let told = MOMENTS.into_iter().flat_map(|at| {
         let valued = VALUES.into_iter().flat_map(move |value| {
             [
-                Fact::Decided { offset: value, not_after: at },
-                Fact::Read { found: value, asked: at },
-                Fact::WentAlong { value, left: at, is_done: true },
-                Fact::WentAlong { value, left: at, is_done: false },
+                Fact::Decided { offset: Counts(value), not_after: at },
+                Fact::Read { found: Counts(value), asked: at },
+                Fact::WentAlong { value: Counts(value), left: at, is_done: true },
+                Fact::WentAlong { value: Counts(value), left: at, is_done: false },
             ]
         });
         valued.chain([Fact::Done { left: at }, Fact::Unknown { left: at }])
@@ -61,7 +61,7 @@ fn facts() -> Vec<Fact> {
 fn actions() -> Vec<Action> {
     let told = MOMENTS.into_iter().flat_map(|at| {
         let writes = VALUES.into_iter().flat_map(move |value| {
-            [false, true].map(|is_repeat| Action::Write { value, not_after: at, is_repeat })
+            [false, true].map(|is_repeat| Action::Write { value: Counts(value), not_after: at, is_repeat })
         });
         writes.chain([Action::Nothing { until: at }])
     });
@@ -95,7 +95,7 @@ fn log_of(chances: &[u8]) -> (String, [State; 2]) {
         let which = place % 2;
         let now = NOON.after(Duration::from_millis(37 * u64::try_from(place).unwrap()));
         let before = states[which];
-        let found = before.kept().stood.unwrap_or_default() + i64::from(*chance == 7);
+        let found = before.kept().stood.unwrap_or_default() + Counts(i64::from(*chance == 7));
         let fact = match (asked[which], chance % 8) {
             (_, 0) => any[usize::from(*chance) % any.len()],
             (Action::Read, _) => Fact::Read { found, asked: now },
@@ -103,9 +103,10 @@ fn log_of(chances: &[u8]) -> (String, [State; 2]) {
             (Action::Write { .. }, 1) => Fact::Unknown { left: now },
             (Action::Write { .. }, _) => Fact::Done { left: now },
             (Action::Nothing { .. }, 1) => Fact::Armed { by: Who::Person },
-            (Action::Nothing { .. }, 2) => {
-                Fact::Decided { offset: i64::from(*chance) / 8, not_after: now.after(Duration::from_secs(1)) }
-            }
+            (Action::Nothing { .. }, 2) => Fact::Decided {
+                offset: Counts(i64::from(*chance) / 8),
+                not_after: now.after(Duration::from_secs(1)),
+            },
             (Action::Nothing { .. }, _) => Fact::Look,
         };
         let action = step(&mut states[which], &settings[which], fact, now);
@@ -148,8 +149,8 @@ fn every_fact_and_every_action_is_read_as_it_was_written() {
 fn a_row_looks_like_this() {
     let mut recorder = OutputRecorder::default();
     let at = NOON.after(Duration::from_micros(1500));
-    let fact = Fact::Read { found: 120, asked: NOON };
-    let action = Action::Write { value: 121, not_after: at, is_repeat: false };
+    let fact = Fact::Read { found: Counts(120), asked: NOON };
+    let action = Action::Write { value: Counts(121), not_after: at, is_repeat: false };
     assert_eq!(
         std::str::from_utf8(recorder.step(at, "cnc_z", fact, action)).unwrap(),
         "2026-01-05T12:00:00.001500000Z,cnc_z,read,120,2026-01-05T12:00:00.000000000Z,write,121,\
