@@ -1,5 +1,5 @@
-//! What placing costs: columns of about 7,000 and 24,000 nodes, from the decks of six load cases to the sensors; beside
-//! it CalculiX on the same decks. Prints seconds and the peak of the memory, and fails beyond 2 s and 10 s.
+//! What placing costs: columns of about 7,000 and 24,000 nodes, from the FE input files of six load cases to the sensors; beside
+//! it CalculiX on the same files. Prints seconds and the peak of the memory, and fails beyond 2 s and 10 s.
 //!
 //! `cargo bench --bench place`; add `-- 20` for a column of cells of 20 mm (about 200,000 nodes) as well.
 
@@ -11,22 +11,23 @@ use isotherm::clock::Clock;
 use isotherm_placement::blocks::{Reach, parts};
 use isotherm_placement::body::SILENT;
 use isotherm_placement::ccx::Ccx;
-use isotherm_placement::deck::{self, Deck};
-use isotherm_placement::found::{Asked, Study, place, rows};
+use isotherm_placement::fe_input::{self, FeInput};
 use isotherm_placement::heat::temperatures;
 use isotherm_placement::mesh::Kind;
 use isotherm_placement::methods::Method;
+use isotherm_placement::methods::multi_case::Tolerance;
 use isotherm_placement::problem::Load;
 use isotherm_placement::structure::Structure;
+use isotherm_placement::study::{Criteria, Study, place, rows};
 use isotherm_placement::views::outside;
 use isotherm_placement::write;
 
-#[path = "../crates/placement/tests/column/mod.rs"]
-mod column;
+#[path = "../crates/placement/tests/bodies/mod.rs"]
+mod bodies;
 
-use column::{Column, Warming};
+use bodies::{Column, Warming};
 
-/// Cells in mm, and the seconds from the decks to the sensors.
+/// Cells in mm, and the seconds from the FE input files to the sensors.
 const COLUMNS: [(f64, f64); 2] = [(80.0, 2.0), (45.0, 10.0)];
 
 /// As many guideway nodes as two rails of fourteen.
@@ -49,12 +50,12 @@ fn main() {
     assert!(slow.is_empty(), "too slow: {}", slow.join(", "));
 }
 
-fn decks(home: &Path) -> Vec<Deck> {
-    let read = |warming: Warming| deck::read(&home.join(warming.name()).with_extension("inp"));
+fn inputs(home: &Path) -> Vec<FeInput> {
+    let read = |warming: Warming| fe_input::read(&home.join(warming.name()).with_extension("inp"));
     Warming::EACH.map(|warming| read(warming).unwrap_or_else(|faults| panic!("{faults}"))).into()
 }
 
-/// With the own elements, from the decks to the sensors: the seconds.
+/// With the own elements, from the FE input files to the sensors: the seconds.
 fn own(cell: f64, home: &Path) -> f64 {
     let column = Column::new(cell, Kind::Tet10);
     let structure = write::mesh(&column.mesh) + &write::materials(&column.mesh, &column.materials);
@@ -70,59 +71,59 @@ fn own(cell: f64, home: &Path) -> f64 {
     let begun = clock.now();
     let processor = processor_seconds();
     let mut before = begun;
-    let mut told = |what: &str| {
+    let mut took = |what: &str| {
         let now = clock.now();
         println!("  {what:<22} {:7.2} s", now.since(before).as_secs_f64());
         before = now;
     };
-    let decks = decks(home);
-    told("six decks read");
-    let Deck { mesh, materials, .. } = &decks[0];
+    let mut inputs = inputs(home);
+    took("six files read");
+    let FeInput { mesh, materials, .. } = &inputs[0];
     let fixed = &mesh.node_sets["BASE"];
     let guide = &mesh.node_sets["GUIDE"];
     let guide = &guide[..guide.len().min(GUIDE)];
     let structure = Structure::new(mesh, materials, fixed, SILENT).unwrap();
-    told("stiffness factored");
+    took("stiffness factored");
     let adjoint = structure.guideway(guide, SILENT);
-    told("84 adjoints");
-    let loads: Vec<Load> = (decks.iter())
-        .map(|deck| {
-            let rise = temperatures(&deck.mesh, &deck.materials, &deck.load, SILENT).unwrap();
-            Load { name: deck.name.clone(), moved_mm: adjoint.displacements(&rise), rise }
+    took("84 adjoints");
+    let loads: Vec<Load> = (inputs.iter())
+        .map(|input| {
+            let rise = temperatures(&input.mesh, &input.materials, &input.load, SILENT).unwrap();
+            Load { name: input.name.clone(), moved_mm: adjoint.displacements(&rise), rise }
         })
         .collect();
-    told("six load cases");
+    took("six load cases");
     let parts = parts(mesh, "BLK", &[]).unwrap();
     let columns: Vec<Vec<f64>> = parts.iter().map(|part| adjoint.block(&part.nodes)).collect();
     let p = rows(&columns);
     let reach = Reach { margin: 20.0, allowed: outside(mesh, fixed) };
-    let study =
-        Study { mesh, guide, p: &p, adjoint: Some(&adjoint), parts: &parts, reach: &reach, loads: &loads };
-    let asked = Asked {
+    let (guide, stored) = (guide.to_vec(), structure.stored());
+    let mesh = inputs.swap_remove(0).mesh;
+    let study = Study { mesh, guide, p, adjoint: Some(adjoint), parts, reach, loads };
+    let criteria = Criteria {
         components: vec![2],
         method: Method::MultiCase,
         case: None,
-        noise: 0.1,
+        tolerance: Tolerance { noise: 0.1, enough: 1.0 },
         misplaced: 20.0,
-        enough: 1.0,
     };
-    let found = place(&study, &asked, SILENT).unwrap();
-    told("sensors");
+    let found = place(&study, &criteria, SILENT).unwrap();
+    took("sensors");
     let seconds = clock.now().since(begun).as_secs_f64();
     println!(
         "  all                    {seconds:7.2} s ({:.2} s of processor time), the factor {} MB, peak memory {:.0} MB",
         processor_seconds() - processor,
-        structure.stored() * 8 / 1_000_000,
+        stored * 8 / 1_000_000,
         peak_megabytes()
     );
     assert_eq!(found.cases.len(), 6);
     seconds
 }
 
-/// CalculiX on the same decks: one steady case and one column of P, which it repeats for every further one.
+/// CalculiX on the same files: one steady case and one column of P, which it repeats for every further one.
 fn referee(home: &Path) {
-    let decks = decks(home);
-    let Deck { mesh, materials, load, .. } = &decks[0];
+    let inputs = inputs(home);
+    let FeInput { mesh, materials, load, .. } = &inputs[0];
     let clock = Clock::wall();
     let begun = clock.now();
     if let Err(error) = Ccx::default().temperatures(mesh, materials, load) {

@@ -4,6 +4,7 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use anyhow::Context;
 use clap::{Args, CommandFactory, Parser, Subcommand};
 use tracing_appender::non_blocking::{NonBlockingBuilder, WorkerGuard};
 
@@ -35,6 +36,9 @@ mod signals;
 mod simulate;
 mod target;
 mod trace;
+mod values;
+
+use values::key_and_value;
 
 /// Holds a machine tool to its cold geometry.
 ///
@@ -79,7 +83,7 @@ enum Verb {
     /// Which temperature points to keep, from logs with a measured error
     #[cfg(feature = "identify")]
     Select(select::Arguments),
-    /// Where the temperature sensors of a structure belong, from finite-element decks of its load cases
+    /// Where the temperature sensors of a structure belong, from FE input files of its load cases
     #[cfg(feature = "place")]
     Place(Box<place::Arguments>),
     /// What logs say about drift, in the terms of ISO 230-3
@@ -123,11 +127,6 @@ struct ProfileArguments {
     /// Overrides one key, as often as needed: `--set bus.cell.address=10.0.0.7:502`
     #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value)]
     set: Vec<(String, String)>,
-}
-
-fn key_and_value(text: &str) -> Result<(String, String), String> {
-    let (key, value) = text.split_once('=').ok_or("write it as KEY=VALUE, e.g. bus.cell.timeout=500ms")?;
-    Ok((key.trim().to_owned(), value.trim().to_owned()))
 }
 
 /// Why a verb ended without success.
@@ -310,4 +309,8 @@ fn print_json(document: &impl serde::Serialize) -> Result<(), Failure> {
     use std::io::Write;
     let text = serde_json::to_string_pretty(document).map_err(anyhow::Error::from)?;
     Ok(writeln!(std::io::stdout(), "{text}")?)
+}
+
+fn write_file(path: &Path, text: impl AsRef<[u8]>) -> anyhow::Result<()> {
+    std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }

@@ -1,4 +1,4 @@
-//! The own finite elements against CalculiX, which somebody else wrote: the same decks, the same numbers.
+//! The own finite elements against CalculiX, which somebody else wrote: the same FE input files, the same numbers.
 
 use isotherm_placement::body::{LoadCase, SILENT};
 use isotherm_placement::ccx::{Ccx, CcxError};
@@ -6,10 +6,10 @@ use isotherm_placement::heat::temperatures;
 use isotherm_placement::mesh::Kind;
 use isotherm_placement::structure::Structure;
 
-#[path = "../crates/placement/tests/column/mod.rs"]
-mod column;
+#[path = "../crates/placement/tests/bodies/mod.rs"]
+mod bodies;
 
-use column::{Column, Warming};
+use bodies::{Column, Warming};
 
 /// CalculiX prints seven digits.
 const AGREED: f64 = 1e-6;
@@ -92,14 +92,14 @@ fn other_loads(column: &Column) -> LoadCase {
 fn a_referee_that_is_not_there_is_said_with_how_to_get_it() {
     let column = Column::new(400.0, Kind::Tet4);
     let load = column.load(Warming::Air);
-    let missing = Ccx::named("ccx_that_is_not_there");
+    let missing = Ccx { program: "ccx_that_is_not_there".to_owned() };
     let error = missing.temperatures(&column.mesh, &column.materials, &load).unwrap_err();
     assert!(matches!(error, CcxError::Start { .. }));
     assert!(error.to_string().contains("calculix-ccx"), "{error}");
 }
 
 #[test]
-fn a_deck_that_calculix_gives_up_on_ends_with_what_it_said() {
+fn a_file_that_calculix_gives_up_on_ends_with_what_it_said() {
     let mut column = Column::new(400.0, Kind::Tet4);
     let load = column.load(Warming::Spindle);
     column.materials.list[0].capacity = None;

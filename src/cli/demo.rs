@@ -9,7 +9,8 @@ use serde::Serialize;
 
 use super::services::Sockets;
 use super::signals::Signals;
-use super::{Failure, key_and_value, machines, print_json};
+use super::values::{self, key_and_value};
+use super::{Failure, machines, print_json};
 use crate::clock::Clock;
 use crate::discovery::can;
 use crate::gateway::{Gateway, Options, Outcome};
@@ -65,10 +66,7 @@ struct Report {
 }
 
 fn positive(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(factor) if factor > 0.0 && factor.is_finite() => Ok(factor),
-        _ => Err("write a number above 0, such as 600".to_owned()),
-    }
+    values::number(text, |factor| factor > 0.0, "write a number above 0, such as 600")
 }
 
 impl Arguments {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::run::state_directory;
-use super::{Failure, ProfileArguments, load, print_json};
+use super::{Failure, ProfileArguments, load, print_json, values};
 use crate::gateway::control;
 
 /// Hands an axis's measured error to the gateway that runs this profile on this computer, or takes back what such errors
@@ -34,8 +34,7 @@ pub(super) struct Arguments {
 }
 
 fn finite(text: &str) -> Result<f64, String> {
-    let number: Option<f64> = text.parse().ok().filter(|number: &f64| number.is_finite());
-    number.ok_or_else(|| "write a number of micrometres, as 3.2 or -0.8".to_owned())
+    values::number(text, |_| true, "write a number of micrometres, as 3.2 or -0.8")
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {

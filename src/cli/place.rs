@@ -2,37 +2,39 @@
 
 use std::collections::BTreeSet;
 use std::io::{IsTerminal, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::Context;
-
-use super::{Failure, print_json};
+use super::{Failure, print_json, values, write_file};
 use crate::clock::Clock;
 use isotherm_placement::blocks::Cut;
-use isotherm_placement::found::{Asked, Found, Study, place};
+use isotherm_placement::export::{Rider, block, matrix};
+use isotherm_placement::guide_line::GuideLine;
 use isotherm_placement::methods::Method;
-use isotherm_placement::report::{Subject, remarks, report};
-use isotherm_placement::written::{Along, Rider, block, matrix};
+use isotherm_placement::methods::multi_case::Tolerance;
+use isotherm_placement::report::report;
+use isotherm_placement::study::{Criteria, place};
 
 mod plant;
 mod structure;
-mod told;
+mod text;
+
+use text::Text;
 
 /// Says where the temperature sensors of a structure belong, and what they leave of its displacement.
 ///
-/// From one heat-transfer deck (Abaqus, CalculiX) per load case over one mesh. The structure is divided into blocks with one
+/// From one heat-transfer FE input file (Abaqus, CalculiX) per load case over one mesh. The structure is divided into blocks with one
 /// sensor each; the displacement of the guideway is P·ΔT of their temperatures. Out come the sensors' nodes, what is
 /// left of each case, whether sensors or blocks limit, and with --write P and the model's block for the profile.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm place spindle.inp ambient.inp --report sensors.html\n  isotherm place spindle.inp \
                   ambient.inp --cut y=800 --cut z=0 --write column.toml\n\nWithout a mesh of your own:\n  \
-                  isotherm place --example DIR\n\nUnits of the decks: mm, N, s, t, K (N/mm², mW/(mm·K))."
+                  isotherm place --example DIR\n\nUnits of the files: mm, N, s, t, K (N/mm², mW/(mm·K))."
 )]
 pub(super) struct Arguments {
-    /// The decks, one per load case
+    /// The FE input files, one per load case
     #[arg(value_name = "CASE.inp", required_unless_present = "example")]
-    decks: Vec<PathBuf>,
+    inputs: Vec<PathBuf>,
     /// Node sets whose names begin so are the blocks
     #[arg(long, value_name = "PREFIX", default_value = "BLK")]
     blocks: String,
@@ -86,14 +88,14 @@ pub(super) struct Arguments {
     /// Writes a page with pictures: one file, to be opened anywhere
     #[arg(long, value_name = "OUT.html")]
     report: Option<PathBuf>,
-    /// A deck that says where heat comes in and goes out while the machine runs: its fluxes are ports, its films sinks
+    /// An FE input file that says where heat comes in and goes out while the machine runs: its fluxes are ports, its films sinks
     #[arg(long, value_name = "PLANT.inp", requires = "modes")]
     plant: Option<PathBuf>,
     /// Writes the structure of --plant reduced to modes, for the thermal plant of a virtual machine
     #[arg(long, value_name = "MODES.json", requires = "plant")]
     modes: Option<PathBuf>,
-    /// Writes a column's mesh and decks into this directory, to begin with, and does nothing else
-    #[arg(long, value_name = "DIR", conflicts_with = "decks")]
+    /// Writes a column's mesh and load cases into this directory, to begin with, and does nothing else
+    #[arg(long, value_name = "DIR", conflicts_with = "inputs")]
     example: Option<PathBuf>,
     /// One JSON document
     #[arg(long)]
@@ -106,16 +108,6 @@ enum AxisWord {
     X,
     Y,
     Z,
-}
-
-impl AxisWord {
-    fn place(self) -> usize {
-        match self {
-            AxisWord::X => 0,
-            AxisWord::Y => 1,
-            AxisWord::Z => 2,
-        }
-    }
 }
 
 /// What computes.
@@ -148,108 +140,56 @@ impl MethodWord {
 }
 
 fn not_negative(text: &str) -> Result<f64, String> {
-    match text.trim().parse::<f64>() {
-        Ok(value) if value.is_finite() && value >= 0.0 => Ok(value),
-        _ => Err("write a number that is not negative, with a decimal point".to_owned()),
-    }
-}
-
-/// One JSON document: what was found, and what is to be said of it.
-#[derive(serde::Serialize)]
-struct Document<'a> {
-    #[serde(flatten)]
-    found: &'a Found,
-    /// Coordinates of the guideway's nodes, mm.
-    guide_xyz: Vec<[f64; 3]>,
-    remarks: Vec<String>,
+    values::number(text, |value| value >= 0.0, "write a number that is not negative, with a decimal point")
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if let Some(directory) = &arguments.example {
-        return plant::example(directory);
+        return plant::write_example(directory);
     }
     let progress = progress();
-    let plant = arguments.plant.as_deref().map(|path| plant::deck(path, arguments.engine)).transpose()?;
-    let known = structure::known(arguments, &progress)?;
-    let case = match &arguments.case {
-        None => None,
-        Some(name) => Some(known.loads.iter().position(|load| load.name == *name).ok_or_else(|| {
-            let names: Vec<&str> = known.loads.iter().map(|load| load.name.as_str()).collect();
+    let plant = arguments.plant.as_deref().map(|path| plant::read(path, arguments.engine)).transpose()?;
+    let study = structure::study(arguments, plant.as_ref(), &progress)?;
+    let case = arguments.case.as_ref().map(|name| {
+        study.loads.iter().position(|load| load.name == *name).ok_or_else(|| {
+            let names: Vec<&str> = study.loads.iter().map(|load| load.name.as_str()).collect();
             anyhow::anyhow!("--case {name}: there is no such load case; there are {}", names.join(", "))
-        })?),
-    };
-    let components: BTreeSet<usize> = arguments.component.iter().map(|word| word.place()).collect();
-    let asked = Asked {
+        })
+    });
+    let components: BTreeSet<usize> = arguments.component.iter().map(|axis| *axis as usize).collect();
+    let criteria = Criteria {
         components: components.into_iter().collect(),
         method: arguments.method.method(),
-        case,
-        noise: arguments.noise,
+        case: case.transpose()?,
+        tolerance: Tolerance { noise: arguments.noise, enough: arguments.enough },
         misplaced: arguments.misplaced,
-        enough: arguments.enough,
     };
-    let study = Study {
-        mesh: &known.first.mesh,
-        guide: &known.guide,
-        p: &known.p,
-        adjoint: known.adjoint.as_ref(),
-        parts: &known.parts,
-        reach: &known.reach,
-        loads: &known.loads,
-    };
-    let found = place(&study, &asked, &progress).map_err(|wrong| anyhow::anyhow!("{}", wrong.join("\n")))?;
-    let guide_xyz: Vec<[f64; 3]> = known.guide.iter().map(|node| known.first.mesh.xyz[*node]).collect();
-    let along = Along::new(&guide_xyz, arguments.along.map(AxisWord::place));
+    let placement =
+        place(&study, &criteria, &progress).map_err(|wrong| anyhow::anyhow!("{}", wrong.join("\n")))?;
+    let line = GuideLine::new(&placement.guide_xyz, arguments.along.map(|axis| axis as usize));
+    let mut written = String::new();
     if let Some(path) = &arguments.write {
-        write(path, &found, &along, &arguments.rider)?;
+        let beside = path.with_extension("matrix.json");
+        let name = beside.file_name().unwrap_or_default().to_string_lossy();
+        write_file(path, block(&placement, &line, &arguments.rider, &name))?;
+        write_file(&beside, matrix(&placement, &line, &arguments.rider))?;
+        written += &format!("the model's block is in {}, P in {}\n", path.display(), beside.display());
     }
-    if let (Some(deck), Some(path)) = (&plant, &arguments.modes) {
-        plant::modes(deck, path, &known, &found, &along, &progress)?;
+    if let (Some(plant), Some(path), Some(adjoint)) = (&plant, &arguments.modes, &study.adjoint) {
+        plant::write_modes(plant, path, adjoint, &placement, &line, &progress)?;
+        written += &format!("the modes are in {}\n", path.display());
     }
     if let Some(path) = &arguments.report {
-        let page = report(&Subject {
-            mesh: &known.first.mesh,
-            parts: &known.parts,
-            guide: &known.guide,
-            loads: &known.loads,
-            found: &found,
-            along: &along,
-            made: Clock::wall().now(),
-        });
-        std::fs::write(path, page).with_context(|| format!("cannot write {}", path.display()))?;
+        write_file(path, report(&study, &placement, &line, Clock::wall().now()))?;
+        written += &format!("the report is in {}\n", path.display());
     }
     if arguments.json {
-        return print_json(&Document { found: &found, guide_xyz, remarks: remarks(&found) });
+        return print_json(&placement);
     }
-    let mut out = std::io::stdout();
-    write!(out, "{}", told::told(&found, &known.parts))?;
-    if let Some(path) = &arguments.write {
-        writeln!(out, "the model's block is in {}, P in {}", path.display(), beside(path).display())?;
-    }
-    if let Some(path) = &arguments.modes {
-        writeln!(out, "the modes are in {}", path.display())?;
-    }
-    if let Some(path) = &arguments.report {
-        writeln!(out, "the report is in {}", path.display())?;
-    }
-    Ok(())
+    Ok(write!(std::io::stdout(), "{}{written}", Text(&placement, &study.parts))?)
 }
 
-/// Where P goes.
-fn beside(path: &Path) -> PathBuf {
-    path.with_extension("matrix.json")
-}
-
-fn write(path: &Path, found: &Found, along: &Along, riders: &[Rider]) -> Result<(), Failure> {
-    let beside = beside(path);
-    let name = beside.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    for (path, text) in [(path, block(found, along, riders, &name)), (&beside, matrix(found, along, riders))]
-    {
-        std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?;
-    }
-    Ok(())
-}
-
-/// Tells what is being computed, where somebody watches.
+/// Shows what is being computed, where somebody watches.
 fn progress() -> impl Fn(&str, usize, usize) {
     let shows = std::io::stderr().is_terminal();
     move |what, done, all| {

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::signals::Signals;
-use super::{Failure, ProfileArguments, load, machines};
+use super::{Failure, ProfileArguments, load, machines, values};
 use crate::clock::Clock;
 use crate::gateway::{Gateway, Options};
 use crate::virtual_machine::{Setup, VirtualMachine, Window};
@@ -55,11 +55,7 @@ pub(super) struct Arguments {
 }
 
 fn positive(text: &str) -> Result<Duration, String> {
-    match humantime::parse_duration(text) {
-        Ok(span) if !span.is_zero() => Ok(span),
-        Ok(_) => Err("write a time above zero, such as 10s".to_owned()),
-        Err(error) => Err(error.to_string()),
-    }
+    values::span(text, Duration::MAX, "write a time above zero, such as 10s")
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {

@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::{Failure, key_and_value, load_with};
+use super::values::{self, key_and_value};
+use super::{Failure, load_with};
 use crate::discovery::Register;
 use crate::discovery::bus::Place;
 use isotherm_profile::{BusId, Profile, Quirks};
@@ -83,11 +84,8 @@ impl Target {
 }
 
 fn timeout(text: &str) -> Result<Duration, String> {
-    let span = humantime::parse_duration(text).map_err(|error| error.to_string())?;
-    if span.is_zero() || span > Duration::from_secs(60) {
-        return Err("write a time above zero and of at most 60s, such as 300ms".to_owned());
-    }
-    Ok(span)
+    let hint = "write a time above zero and of at most 60s, such as 300ms";
+    values::span(text, Duration::from_secs(60), hint)
 }
 
 /// `3` or `1..247`, both ends included.

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::run::state_directory;
-use super::{Failure, ProfileArguments, load};
+use super::{Failure, ProfileArguments, load, values};
 use crate::gateway::control;
 
 /// Shows what passes between the running gateway and one of its devices: the bytes of each frame, what they mean, how long
@@ -38,11 +38,7 @@ pub(super) struct Arguments {
 }
 
 fn span(text: &str) -> Result<Duration, String> {
-    let span = humantime::parse_duration(text).map_err(|error| error.to_string())?;
-    if span.is_zero() || span > control::LONGEST_TRACE {
-        return Err("write a time above zero and of at most 24h, such as 60s".to_owned());
-    }
-    Ok(span)
+    values::span(text, control::LONGEST_TRACE, "write a time above zero and of at most 24h, such as 60s")
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {

@@ -1,4 +1,4 @@
-//! The column's decks, and the verb over them.
+//! The column's FE input files, and the verb over them.
 
 use std::path::Path;
 use std::sync::OnceLock;
@@ -8,7 +8,7 @@ use isotherm_placement::write;
 
 use crate::process::{file, isotherm};
 
-#[path = "../../crates/placement/tests/column/mod.rs"]
+#[path = "../../crates/placement/tests/bodies/mod.rs"]
 mod shape;
 
 use shape::Column;
@@ -36,14 +36,14 @@ fn coarse() -> &'static Column {
     COLUMN.get_or_init(|| Column::new(120.0, Kind::Tet4))
 }
 
-/// A mesh that decks include, as text; and the decks of these load cases, which end where their steps do.
-pub(crate) fn decks(home: &Path, cases: &[Warming]) {
+/// A mesh that FE input files include, as text; and the files of these load cases, which end where their steps do.
+pub(crate) fn write_inputs(home: &Path, cases: &[Warming]) {
     let column = coarse();
     let structure = write::mesh(&column.mesh) + &write::materials(&column.mesh, &column.materials);
     file(home, "structure.inc", &structure);
     for warming in cases {
-        let deck = write::load(&column.mesh, &column.load(*warming), "");
-        file(home, &format!("{}.inp", warming.name()), &format!("*INCLUDE, INPUT=structure.inc\n{deck}"));
+        let input = write::load(&column.mesh, &column.load(*warming), "");
+        file(home, &format!("{}.inp", warming.name()), &format!("*INCLUDE, INPUT=structure.inc\n{input}"));
     }
 }
 

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::column::{Warming, changed, decks, guide, place};
+use crate::column::{Warming, changed, guide, place, write_inputs};
 use crate::process::{file, isotherm};
 
 const CASES: [Warming; 3] = [Warming::Air, Warming::Spindle, Warming::Motor];
@@ -15,7 +15,7 @@ fn number(value: &Value) -> f64 {
 #[test]
 fn one_placement_for_all_cases_beats_block_centres_and_every_placement_by_one_case() {
     let home = tempfile::tempdir().unwrap();
-    decks(home.path(), &CASES);
+    write_inputs(home.path(), &CASES);
     let answer = place(home.path(), &[&FILES[..], &["--json"]].concat());
     assert_eq!(answer.code, Some(0), "{}", answer.said);
     let found: Value = serde_json::from_str(&answer.out).unwrap();
@@ -60,9 +60,9 @@ fn one_placement_for_all_cases_beats_block_centres_and_every_placement_by_one_ca
 #[test]
 fn placed_by_one_case_alone_it_is_at_least_as_good_as_the_patent_on_every_case() {
     let home = tempfile::tempdir().unwrap();
-    decks(home.path(), &CASES);
-    for (name, deck) in ["air", "spindle", "motor"].into_iter().zip(FILES) {
-        let answer = place(home.path(), &[deck, "--json"]);
+    write_inputs(home.path(), &CASES);
+    for (name, input) in ["air", "spindle", "motor"].into_iter().zip(FILES) {
+        let answer = place(home.path(), &[input, "--json"]);
         let found: Value = serde_json::from_str(&answer.out).unwrap();
         let case = &found["cases"][name];
         let left = number(&case["multi-case"]["rms_um"]);
@@ -74,15 +74,15 @@ fn placed_by_one_case_alone_it_is_at_least_as_good_as_the_patent_on_every_case()
 }
 
 #[test]
-fn rows_come_in_the_order_in_which_the_deck_names_the_guideway() {
+fn rows_come_in_the_order_in_which_the_file_names_the_guideway() {
     let home = tempfile::tempdir().unwrap();
-    decks(home.path(), &CASES[..1]);
-    let deck = std::fs::read_to_string(home.path().join("air.inp")).unwrap();
+    write_inputs(home.path(), &CASES[..1]);
+    let input = std::fs::read_to_string(home.path().join("air.inp")).unwrap();
     let structure = std::fs::read_to_string(home.path().join("structure.inc")).unwrap();
     file(home.path(), "forwards.inc", &structure);
-    file(home.path(), "forwards.inp", &deck.replace("structure.inc", "forwards.inc"));
-    let found = |decks: &[&str]| -> Value {
-        let answer = place(home.path(), &[decks, &["--json"]].concat());
+    file(home.path(), "forwards.inp", &input.replace("structure.inc", "forwards.inc"));
+    let found = |inputs: &[&str]| -> Value {
+        let answer = place(home.path(), &[inputs, &["--json"]].concat());
         assert_eq!(answer.code, Some(0), "{}", answer.said);
         serde_json::from_str(&answer.out).unwrap()
     };
@@ -95,7 +95,7 @@ fn rows_come_in_the_order_in_which_the_deck_names_the_guideway() {
         let lines: String = backwards.iter().map(|node| format!("{node},\n")).collect();
         format!("{head}*NSET, NSET=GUIDE\n{lines}*{tail}")
     });
-    // Where decks name them differently, the first one's order counts: it is one structure nevertheless.
+    // Where files name them differently, the first one's order counts: it is one structure nevertheless.
     let after = found(&["air.inp", "forwards.inp"]);
     assert_eq!(nodes(&after), backwards);
     // Rows 3·guide + component: those of the first node are now those of the last.
@@ -109,28 +109,28 @@ fn rows_come_in_the_order_in_which_the_deck_names_the_guideway() {
 }
 
 #[test]
-fn the_same_decks_give_the_same_sensors() {
+fn the_same_files_give_the_same_sensors() {
     let home = tempfile::tempdir().unwrap();
-    decks(home.path(), &CASES[..2]);
-    let told = || place(home.path(), &["air.inp", "spindle.inp"]).out;
-    let first = told();
+    write_inputs(home.path(), &CASES[..2]);
+    let shown = || place(home.path(), &["air.inp", "spindle.inp"]).out;
+    let first = shown();
     assert!(first.contains("sensors by multi-case"), "{first}");
-    assert_eq!(first, told());
+    assert_eq!(first, shown());
 }
 
 #[test]
 fn every_case_has_its_whole_name_over_its_column() {
     let home = tempfile::tempdir().unwrap();
-    decks(home.path(), &[Warming::Air, Warming::SpindleHour]);
-    let told = place(home.path(), &["air.inp", "spindle_hour.inp"]).out;
-    let heads: Vec<&str> = told.lines().find(|line| line.contains("method ")).unwrap().split(' ').collect();
-    assert!(heads.contains(&"air") && heads.contains(&"spindle_hour"), "{told}");
+    write_inputs(home.path(), &[Warming::Air, Warming::SpindleHour]);
+    let shown = place(home.path(), &["air.inp", "spindle_hour.inp"]).out;
+    let heads: Vec<&str> = shown.lines().find(|line| line.contains("method ")).unwrap().split(' ').collect();
+    assert!(heads.contains(&"air") && heads.contains(&"spindle_hour"), "{shown}");
 }
 
 #[test]
-fn planes_give_blocks_where_the_deck_has_none_and_divide_one_alone() {
+fn planes_give_blocks_where_the_file_has_none_and_divide_one_alone() {
     let home = tempfile::tempdir().unwrap();
-    decks(home.path(), &CASES[1..2]);
+    write_inputs(home.path(), &CASES[1..2]);
     let cut = ["spindle.inp", "--blocks", "NONE", "--cut", "y=750", "--cut", "x=0:BLKb", "--json"];
     let answer = place(home.path(), &cut);
     assert_eq!(answer.code, Some(0), "{}", answer.said);
@@ -141,7 +141,7 @@ fn planes_give_blocks_where_the_deck_has_none_and_divide_one_alone() {
 #[test]
 fn its_model_is_taken_by_a_profile_and_its_report_is_one_file() {
     let home = tempfile::tempdir().unwrap();
-    decks(home.path(), &CASES[..2]);
+    write_inputs(home.path(), &CASES[..2]);
     let write = ["air.inp", "spindle.inp", "--write", "column.toml", "--report", "sensors.html"];
     let answer = place(home.path(), &write);
     assert_eq!(answer.code, Some(0), "{}", answer.said);
@@ -220,19 +220,19 @@ fn the_example_leads_to_models_of_two_axes_with_a_rider_and_to_the_modes_of_its_
 #[test]
 fn a_method_of_one_case_says_by_which_it_placed() {
     let home = tempfile::tempdir().unwrap();
-    decks(home.path(), &CASES[..2]);
+    write_inputs(home.path(), &CASES[..2]);
     let by = |arguments: &[&str]| place(home.path(), &[&["air.inp", "spindle.inp"], arguments].concat()).out;
-    let told = by(&["--method", "patent"]);
-    assert!(told.contains("sensors by patent, placed by spindle"), "the one that moves it most: {told}");
-    let told = by(&["--method", "bounded", "--case", "air"]);
-    assert!(told.contains("sensors by bounded, placed by air"), "{told}");
+    let shown = by(&["--method", "patent"]);
+    assert!(shown.contains("sensors by patent, placed by spindle"), "the one that moves it most: {shown}");
+    let shown = by(&["--method", "bounded", "--case", "air"]);
+    assert!(shown.contains("sensors by bounded, placed by air"), "{shown}");
 }
 
 /// CalculiX prints seven digits.
 #[test]
 fn calculix_as_the_engine_gives_the_same_p_and_the_same_displacements() {
     let home = tempfile::tempdir().unwrap();
-    decks(home.path(), &CASES[1..2]);
+    write_inputs(home.path(), &CASES[1..2]);
     let by = |engine: &str| -> Value {
         let answer = place(home.path(), &["spindle.inp", "--json", "--engine", engine]);
         assert_eq!(answer.code, Some(0), "{}", answer.said);

@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use crate::column::{Warming, changed, decks, place};
+use crate::column::{Warming, changed, place, write_inputs};
 use crate::process::file;
 
 fn home() -> tempfile::TempDir {
     let home = tempfile::tempdir().unwrap();
-    decks(home.path(), &[Warming::Air]);
+    write_inputs(home.path(), &[Warming::Air]);
     home
 }
 
@@ -73,12 +73,12 @@ fn a_block_too_small_for_the_margin_says_what_helps() {
 }
 
 #[test]
-fn decks_of_other_structures_or_of_one_name_are_told() {
+fn files_of_other_structures_or_of_one_name_are_told() {
     let home = home();
-    let deck = std::fs::read_to_string(home.path().join("air.inp")).unwrap();
+    let input = std::fs::read_to_string(home.path().join("air.inp")).unwrap();
     let mesh = std::fs::read_to_string(home.path().join("structure.inc")).unwrap();
     file(home.path(), "stiffer.inc", &mesh.replace("110000", "120000"));
-    file(home.path(), "other.inp", &deck.replace("structure.inc", "stiffer.inc"));
+    file(home.path(), "other.inp", &input.replace("structure.inc", "stiffer.inc"));
     refused(
         home.path(),
         &["air.inp", "other.inp"],

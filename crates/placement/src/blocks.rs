@@ -3,7 +3,8 @@
 use std::collections::{BTreeMap, HashMap};
 use std::str::FromStr;
 
-use crate::mesh::{Kind, Mesh};
+use crate::element::{cross, dot};
+use crate::mesh::{AXES, Kind, Mesh, range};
 use crate::problem::Block;
 
 /// A plane across a direction.
@@ -16,9 +17,6 @@ pub struct Cut {
     /// The block it divides, and those that came from it; none: every block it goes through.
     pub of: Option<String>,
 }
-
-/// Names of the directions.
-pub const AXES: [&str; 3] = ["x", "y", "z"];
 
 impl FromStr for Cut {
     type Err = String;
@@ -59,91 +57,75 @@ const WHOLE: &str = "BLK";
 /// The parts: node sets whose names begin with `prefix` (a structure without any is one part), then cut.
 ///
 /// # Errors
-/// Every node must lie in exactly one; what does not is told with the nodes' numbers.
+/// Nodes that do not lie in exactly one part, by their numbers.
 pub fn parts(mesh: &Mesh, prefix: &str, cuts: &[Cut]) -> Result<Vec<Part>, Vec<String>> {
     let prefix = prefix.to_uppercase();
-    let named: Vec<(&String, &Vec<usize>)> =
-        mesh.node_sets.iter().filter(|(name, _)| name.starts_with(&prefix)).collect();
-    let used = used(mesh);
-    let mut parts = match (named.is_empty(), cuts.is_empty()) {
-        (true, true) => {
-            let sets: Vec<&str> = mesh.node_sets.keys().map(String::as_str).collect();
-            return Err(vec![format!(
-                "there are no blocks: no node set begins with {prefix} (there are: {}); name them with --blocks, or divide \
-                 the structure by planes, e.g. --cut z=450 --cut z=900",
-                if sets.is_empty() { "none".to_owned() } else { sets.join(", ") }
-            )]);
-        }
-        (true, false) => {
-            vec![Part { name: WHOLE.to_owned(), nodes: (0..used.len()).filter(|node| used[*node]).collect() }]
-        }
-        (false, _) => disjoint(mesh, &named, &used)?,
+    let part = |(name, nodes): (&String, &Vec<usize>)| {
+        let mut nodes = nodes.clone();
+        nodes.sort_unstable();
+        Part { name: name.clone(), nodes }
     };
-    let mut wrong = Vec::new();
-    for cut in cuts {
-        match divided(mesh, &parts, cut) {
-            Ok(cut) => parts = cut,
-            Err(why) => wrong.push(why),
-        }
+    let named = mesh.node_sets.iter().filter(|(name, _)| name.starts_with(&prefix));
+    let mut parts: Vec<Part> = named.map(part).collect();
+    if parts.is_empty() && cuts.is_empty() {
+        let sets: Vec<&str> = mesh.node_sets.keys().map(String::as_str).collect();
+        return Err(vec![format!(
+            "there are no blocks: no node set begins with {prefix} (there are: {}); name them with --blocks, or divide \
+             the structure by planes, e.g. --cut z=450 --cut z=900",
+            if sets.is_empty() { "none".to_owned() } else { sets.join(", ") }
+        )]);
     }
-    if wrong.is_empty() { Ok(parts) } else { Err(wrong) }
-}
-
-/// Which nodes belong to an element.
-fn used(mesh: &Mesh) -> Vec<bool> {
-    let mut used = vec![false; mesh.nodes.len()];
-    for node in mesh.elements.iter().flat_map(|element| &element.nodes) {
-        used[*node] = true;
+    if parts.is_empty() {
+        parts.push(Part { name: WHOLE.to_owned(), nodes: (0..mesh.nodes.len()).collect() });
     }
-    used
-}
-
-/// The sets as parts, if each node lies in exactly one.
-fn disjoint(mesh: &Mesh, sets: &[(&String, &Vec<usize>)], used: &[bool]) -> Result<Vec<Part>, Vec<String>> {
-    let mut owner: Vec<Option<usize>> = vec![None; mesh.nodes.len()];
-    let mut twice: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
-    for (place, (_, nodes)) in sets.iter().enumerate() {
-        for node in *nodes {
-            match owner[*node] {
-                Some(other) if other != place => twice.entry((other, place)).or_default().push(*node),
-                _ => owner[*node] = Some(place),
+    let mut wrong = not_disjoint(mesh, &parts);
+    if wrong.is_empty() {
+        for cut in cuts {
+            match divided(mesh, &parts, cut) {
+                Ok(cut) => parts = cut,
+                Err(why) => wrong.push(why),
             }
         }
     }
-    let mut wrong: Vec<String> = twice
-        .iter()
-        .map(|((one, other), nodes)| {
-            format!(
-                "{} and {} have {} in common; every node must lie in exactly one block: take them out of one of the two \
-                 sets (sets made from volumes share the nodes of their common face: divide by planes instead, e.g. --cut z=450)",
-                sets[*one].0,
-                sets[*other].0,
-                listed(mesh, nodes)
-            )
-        })
-        .collect();
-    let bare: Vec<usize> = (0..used.len()).filter(|node| used[*node] && owner[*node].is_none()).collect();
-    if !bare.is_empty() {
-        let names: Vec<&str> = sets.iter().map(|(name, _)| name.as_str()).collect();
+    if wrong.is_empty() { Ok(parts) } else { Err(wrong) }
+}
+
+/// What is wrong where nodes do not lie in exactly one part.
+fn not_disjoint(mesh: &Mesh, parts: &[Part]) -> Vec<String> {
+    let owners = owners(mesh, parts);
+    let mut wrong = Vec::new();
+    let mut twice: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
+    for (place, part) in parts.iter().enumerate() {
+        for node in &part.nodes {
+            if let Some(other) = owners[*node].filter(|other| *other != place) {
+                twice.entry((place, other)).or_default().push(*node);
+            }
+        }
+    }
+    wrong.extend(twice.into_iter().map(|((one, other), nodes)| {
+        format!(
+            "{} and {} have {} in common; every node must lie in exactly one block: take them out of one of the two \
+             sets (sets made from volumes share the nodes of their common face: divide by planes instead, e.g. --cut z=450)",
+            parts[one].name,
+            parts[other].name,
+            listed(mesh, &nodes)
+        )
+    }));
+    let left_out: Vec<usize> = (0..owners.len()).filter(|node| owners[*node].is_none()).collect();
+    if !left_out.is_empty() {
         wrong.push(format!(
             "{} lie in no block ({}); every node must lie in exactly one: put them into the block they belong to",
-            listed(mesh, &bare),
-            names.join(", ")
+            listed(mesh, &left_out),
+            names(parts)
         ));
     }
-    let part = |(name, nodes): &(&String, &Vec<usize>)| {
-        let mut nodes: Vec<usize> = nodes.iter().copied().filter(|node| used[*node]).collect();
-        nodes.sort_unstable();
-        Part { name: (*name).clone(), nodes }
-    };
-    let parts: Vec<Part> = sets.iter().map(part).collect();
-    wrong.extend(
-        parts
-            .iter()
-            .filter(|part| part.nodes.is_empty())
-            .map(|part| format!("block {} has no node of the mesh", part.name)),
-    );
-    if wrong.is_empty() { Ok(parts) } else { Err(wrong) }
+    let empty = parts.iter().filter(|part| part.nodes.is_empty());
+    wrong.extend(empty.map(|part| format!("block {} has no node of the mesh", part.name)));
+    wrong
+}
+
+fn names(parts: &[Part]) -> String {
+    parts.iter().map(|part| part.name.as_str()).collect::<Vec<_>>().join(", ")
 }
 
 /// `12 nodes (3, 4, 7, …)`.
@@ -165,8 +147,7 @@ pub fn divided(mesh: &Mesh, parts: &[Part], cut: &Cut) -> Result<Vec<Part>, Stri
     };
     let meant = |part: &Part| cut.of.as_ref().is_none_or(|of| came_from(&part.name, of));
     if !parts.iter().any(meant) {
-        let names: Vec<&str> = parts.iter().map(|part| part.name.as_str()).collect();
-        return Err(format!("--cut {cut}: there is no such block; there are {}", names.join(", ")));
+        return Err(format!("--cut {cut}: there is no such block; there are {}", names(parts)));
     }
     let mut done = Vec::new();
     for part in parts {
@@ -180,17 +161,24 @@ pub fn divided(mesh: &Mesh, parts: &[Part], cut: &Cut) -> Result<Vec<Part>, Stri
         }
     }
     if done.len() == parts.len() {
-        let places = || parts.iter().filter(|part| meant(part)).flat_map(|part| &part.nodes);
-        let along = || places().map(|node| mesh.xyz[*node][cut.axis]);
+        let nodes = parts.iter().filter(|part| meant(part)).flat_map(|part| &part.nodes);
+        let (low, high) = range(nodes.map(|node| mesh.xyz[*node][cut.axis]));
         return Err(format!(
-            "--cut {cut} goes through nothing: along {} {} reaches from {} to {} mm",
+            "--cut {cut} goes through nothing: along {} {} reaches from {low} to {high} mm",
             AXES[cut.axis],
-            cut.of.as_deref().unwrap_or("the structure"),
-            along().fold(f64::INFINITY, f64::min),
-            along().fold(f64::NEG_INFINITY, f64::max)
+            cut.of.as_deref().unwrap_or("the structure")
         ));
     }
     Ok(done)
+}
+
+/// Of each node the place of the part it lies in.
+pub(super) fn owners(mesh: &Mesh, parts: &[Part]) -> Vec<Option<usize>> {
+    let mut owners = vec![None; mesh.nodes.len()];
+    for (place, part) in parts.iter().enumerate() {
+        part.nodes.iter().for_each(|node| owners[*node] = Some(place));
+    }
+    owners
 }
 
 /// Where sensors may sit.
@@ -205,7 +193,7 @@ pub struct Reach {
 /// The blocks: the parts, with the centre of their volume and the nodes that may carry the sensor.
 ///
 /// # Errors
-/// A block that has no such node is told with what would help.
+/// Blocks that have no such node, with what would help.
 pub fn blocks(mesh: &Mesh, parts: &[Part], reach: &Reach) -> Result<Vec<Block>, Vec<String>> {
     let volumes = volumes(mesh);
     let near = near_others(mesh, parts, reach.margin);
@@ -246,9 +234,7 @@ fn volumes(mesh: &Mesh) -> Vec<f64> {
     for element in &mesh.elements {
         let at = |corner: usize| mesh.xyz[element.nodes[corner]];
         let edge = |corner: usize| -> [f64; 3] { std::array::from_fn(|axis| at(corner)[axis] - at(0)[axis]) };
-        let (a, b, c) = (edge(1), edge(2), edge(3));
-        let cross = [b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]];
-        let volume = (a[0] * cross[0] + a[1] * cross[1] + a[2] * cross[2]).abs() / 6.0;
+        let volume = dot(edge(1), cross(edge(2), edge(3))).abs() / 6.0;
         for (place, node) in element.nodes.iter().enumerate() {
             let share = match (element.kind, place) {
                 (Kind::Tet4, _) => 0.25,

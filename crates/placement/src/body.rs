@@ -5,7 +5,7 @@ use crate::mesh::{Face, Mesh};
 /// A linear, isotropic material that does not change with temperature.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Material {
-    /// Its name in the deck, in capitals.
+    /// Its name in the FE input file, in capitals.
     pub name: String,
     /// Young's modulus, MPa.
     pub young: f64,

@@ -1,14 +1,14 @@
 //! CalculiX as a second engine: the same questions, asked of a program that somebody else wrote.
 //!
-//! Writes decks into a directory of its own, runs `ccx`, reads the printed results back. Seven digits are printed: that is
+//! Writes FE input files into a directory of its own, runs `ccx`, reads the printed results back. Seven digits are printed: that is
 //! how far both engines can be compared.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use crate::body::{LoadCase, Materials};
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, NodeId};
 use crate::write;
 
 /// Why CalculiX gave nothing.
@@ -40,13 +40,14 @@ pub enum CcxError {
     Lacks(String),
 }
 
-/// The program `ccx`.
+/// CalculiX.
 #[derive(Debug, Clone)]
 pub struct Ccx {
-    program: String,
+    /// The program, by its path or, where it is on the path, by its name.
+    pub program: String,
 }
 
-/// Names that no deck of a user has.
+/// Names that no file of a user has.
 const ALL: &str = "ISOTHERMALL";
 const GUIDE: &str = "ISOTHERMGUIDE";
 
@@ -57,12 +58,6 @@ impl Default for Ccx {
 }
 
 impl Ccx {
-    /// One that is not called `ccx`, or not on the path.
-    #[must_use]
-    pub fn named(program: &str) -> Self {
-        Self { program: program.to_owned() }
-    }
-
     /// The rise of every node over its initial temperature at the end of the case, K.
     ///
     /// # Errors
@@ -73,12 +68,12 @@ impl Ccx {
         materials: &Materials,
         load: &LoadCase,
     ) -> Result<Vec<f64>, CcxError> {
-        let mut deck = write::mesh(mesh);
-        write::nodes(&mut deck, ALL, mesh, 0..mesh.nodes.len());
-        deck.push_str(&write::materials(mesh, materials));
+        let mut input = write::mesh(mesh);
+        write::nodes(&mut input, ALL, mesh, 0..mesh.nodes.len());
+        input.push_str(&write::materials(mesh, materials));
         let print = format!("*NODE PRINT, NSET={ALL}, FREQUENCY=1000000\nNT\n");
-        deck.push_str(&write::load(mesh, load, &print));
-        let blocks = self.run(&deck, mesh, 1)?;
+        input.push_str(&write::load(mesh, load, &print));
+        let blocks = self.run(&input, mesh, 1)?;
         let last = blocks.last().ok_or_else(|| CcxError::Lacks("the temperatures".to_owned()))?;
         let rises: Option<Vec<f64>> =
             last.iter().zip(&load.initial).map(|(values, initial)| Some(values.first()? - initial)).collect();
@@ -98,21 +93,21 @@ impl Ccx {
         guide: &[usize],
         rises: &[&[f64]],
     ) -> Result<Vec<Vec<f64>>, CcxError> {
-        let mut deck = write::mesh(mesh);
-        write::nodes(&mut deck, GUIDE, mesh, guide.iter().copied());
-        deck.push_str(&write::materials(mesh, materials));
-        deck.push_str("*INITIAL CONDITIONS, TYPE=TEMPERATURE\n");
-        mesh.nodes.iter().for_each(|node| deck.push_str(&format!("{node}, 0\n")));
-        deck.push_str("*BOUNDARY\n");
-        fixed.iter().for_each(|node| deck.push_str(&format!("{}, 1, 3\n", mesh.nodes[*node])));
+        let mut input = write::mesh(mesh);
+        write::nodes(&mut input, GUIDE, mesh, guide.iter().copied());
+        input.push_str(&write::materials(mesh, materials));
+        input.push_str("*INITIAL CONDITIONS, TYPE=TEMPERATURE\n");
+        mesh.nodes.iter().for_each(|node| input.push_str(&format!("{node}, 0\n")));
+        input.push_str("*BOUNDARY\n");
+        fixed.iter().for_each(|node| input.push_str(&format!("{}, 1, 3\n", mesh.nodes[*node])));
         for rises in rises {
-            deck.push_str("*STEP\n*STATIC\n*TEMPERATURE\n");
+            input.push_str("*STEP\n*STATIC\n*TEMPERATURE\n");
             for (node, rise) in mesh.nodes.iter().zip(*rises) {
-                deck.push_str(&format!("{node}, {}\n", write::number(*rise)));
+                input.push_str(&format!("{node}, {}\n", write::number(*rise)));
             }
-            deck.push_str(&format!("*NODE PRINT, NSET={GUIDE}\nU\n*END STEP\n"));
+            input.push_str(&format!("*NODE PRINT, NSET={GUIDE}\nU\n*END STEP\n"));
         }
-        let blocks = self.run(&deck, mesh, 3)?;
+        let blocks = self.run(&input, mesh, 3)?;
         if blocks.len() != rises.len() {
             return Err(CcxError::Lacks(format!("{} of {} cases", rises.len() - blocks.len(), rises.len())));
         }
@@ -124,15 +119,15 @@ impl Ccx {
         blocks.iter().map(|block| column(block).ok_or_else(lacks)).collect()
     }
 
-    /// Runs a deck: for each printed block the values of every node, as many as `width`, none where none are printed.
-    fn run(&self, deck: &str, mesh: &Mesh, width: usize) -> Result<Vec<Vec<Vec<f64>>>, CcxError> {
-        let room = Room::new()?;
-        let path = room.0.join("case.inp");
-        std::fs::write(&path, deck).map_err(|error| CcxError::File { path, error })?;
+    /// Runs an FE input file: for each printed block the values of every node, as many as `width`, none where none are printed.
+    fn run(&self, input: &str, mesh: &Mesh, width: usize) -> Result<Vec<Vec<Vec<f64>>>, CcxError> {
+        let directory = ScratchDirectory::new()?;
+        let path = directory.0.join("case.inp");
+        std::fs::write(&path, input).map_err(|error| CcxError::File { path, error })?;
         let threads = std::thread::available_parallelism().map_or(1, usize::from);
         let done = Command::new(&self.program)
             .args(["-i", "case"])
-            .current_dir(&room.0)
+            .current_dir(&directory.0)
             .env("OMP_NUM_THREADS", threads.to_string())
             .stdin(Stdio::null())
             .output()
@@ -147,7 +142,7 @@ impl Ccx {
             let last: Vec<&str> = lines.iter().rev().take(3).rev().map(|line| line.trim()).collect();
             return Err(CcxError::Unfinished(last.join(" ")));
         }
-        let path = room.0.join("case.dat");
+        let path = directory.0.join("case.dat");
         let printed = std::fs::read_to_string(&path).map_err(|error| CcxError::File { path, error })?;
         Ok(blocks(&printed, mesh, width))
     }
@@ -157,14 +152,14 @@ impl Ccx {
 fn blocks(printed: &str, mesh: &Mesh, width: usize) -> Vec<Vec<Vec<f64>>> {
     let mut blocks: Vec<Vec<Vec<f64>>> = Vec::new();
     for line in printed.lines().filter(|line| !line.trim().is_empty()) {
-        let mut words = line.split_whitespace();
-        let node = words.next().and_then(|word| word.parse::<u32>().ok());
+        let mut fields = line.split_whitespace();
+        let node = fields.next().and_then(|field| field.parse::<u32>().ok());
         let Some(node) = node else {
             blocks.push(vec![Vec::new(); mesh.nodes.len()]);
             continue;
         };
-        let values: Vec<f64> = words.filter_map(|word| word.parse().ok()).collect();
-        let place = mesh.place(super::mesh::NodeId(node));
+        let values: Vec<f64> = fields.filter_map(|field| field.parse().ok()).collect();
+        let place = mesh.place(NodeId(node));
         if let (Some(block), Some(place)) = (blocks.last_mut(), place.filter(|_| values.len() == width)) {
             block[place] = values;
         }
@@ -173,21 +168,21 @@ fn blocks(printed: &str, mesh: &Mesh, width: usize) -> Vec<Vec<Vec<f64>>> {
 }
 
 /// A directory that goes when it is no longer needed.
-struct Room(PathBuf);
+struct ScratchDirectory(PathBuf);
 
-static ROOMS: AtomicUsize = AtomicUsize::new(0);
+static MADE: AtomicUsize = AtomicUsize::new(0);
 
-impl Room {
+impl ScratchDirectory {
     fn new() -> Result<Self, CcxError> {
-        let number = ROOMS.fetch_add(1, Ordering::Relaxed);
+        let number = MADE.fetch_add(1, Ordering::Relaxed);
         let path = std::env::temp_dir().join(format!("isotherm-place-{}-{number}", std::process::id()));
         std::fs::create_dir(&path).map_err(|error| CcxError::File { path: path.clone(), error })?;
         Ok(Self(path))
     }
 }
 
-impl Drop for Room {
+impl Drop for ScratchDirectory {
     fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all::<&Path>(&self.0);
+        let _ = std::fs::remove_dir_all(&self.0);
     }
 }

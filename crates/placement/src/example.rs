@@ -1,4 +1,4 @@
-//! The column of a horizontal machining centre as decks: a worked example, and what `column-hmc` is made from.
+//! The column of a horizontal machining centre as FE input files: a worked example, and what `column-hmc` is made from.
 //!
 //! In the machine's axes: x to the right, y up from the foot, z away from the work. The spindle head rides up and down
 //! two rails on the front, which is at negative z. Cast iron: 700 mm wide, 1600 high, 560 deep, walls of 40, a floor
@@ -8,8 +8,8 @@ use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
 use crate::grid::Grid;
-use crate::mesh::{Face, Kind, Mesh};
-use crate::write::{number, set};
+use crate::mesh::{Kind, Mesh, count};
+use crate::write::{coordinates, element, set};
 
 /// Where cells begin and end, mm.
 const LINES: [&[f64]; 3] = [
@@ -27,96 +27,39 @@ const STOREYS: [f64; 3] = [400.0, 800.0, 1200.0];
 /// Heights between the patches of the rails that ports heat, mm.
 const PATCHES: [f64; 6] = [160.0, 400.0, 640.0, 920.0, 1160.0, 1400.0];
 
-/// A load case.
-struct Story {
-    name: &'static str,
-    /// For people.
-    what: &'static str,
-    /// The line of the step.
-    step: &'static str,
-    air: Air,
-    /// Surfaces, and the heat through them, mW/mm².
-    heat: &'static [(&'static str, f64)],
-}
+/// A load case: its name, what it is, the line of the step, the air, and the heat through surfaces, mW/mm².
+type Case = (&'static str, &'static str, &'static str, Air, &'static [(&'static str, f64)]);
 
-const CASES: [Story; 11] = [
-    Story {
-        name: "head_hour",
-        what: "The head has worked in the middle of its travel for an hour",
-        step: HOUR,
-        air: STILL,
-        heat: &MIDDLE,
-    },
-    Story {
-        name: "head_low",
-        what: "It has worked in the lower half for four hours",
-        step: FOUR,
-        air: STILL,
-        heat: &LOW,
-    },
-    Story {
-        name: "head_high",
-        what: "It has worked in the upper half for four hours",
-        step: FOUR,
-        air: STILL,
-        heat: &HIGH,
-    },
-    Story {
-        name: "head_day",
-        what: "It works up and down until nothing changes any more",
-        step: STEADY,
-        air: Air { covers: 22.0, ..STILL },
-        heat: &ALL,
-    },
-    Story {
-        name: "motor",
-        what: "The motor on the top is warm",
-        step: STEADY,
-        air: Air { high: 20.5, ..STILL },
-        heat: &[("MOTOR_FOOT", 0.8)],
-    },
-    Story {
-        name: "cabinet",
-        what: "The control cabinet hangs on the back and is warm",
-        step: STEADY,
-        air: STILL,
-        heat: &[("CABINET_WALL", 0.15)],
-    },
-    Story {
-        name: "room",
-        what: "The room has been three kelvin warmer for three hours",
-        step: THREE,
-        air: ROOM,
-        heat: &[],
-    },
-    Story {
-        name: "layers",
-        what: "The air is warmer at the top than at the foot",
-        step: STEADY,
-        air: LAYERS,
-        heat: &[],
-    },
-    Story {
-        name: "covers",
-        what: "The air behind the covers has been warm for two hours",
-        step: TWO,
-        air: Air { covers: 25.0, ..STILL },
-        heat: &[],
-    },
-    Story {
-        name: "bed",
-        what: "The bed is two kelvin warmer",
-        step: STEADY,
-        air: Air { foot: 22.0, ..STILL },
-        heat: &[],
-    },
-    Story {
-        name: "shift",
-        what: "All of it together for three hours",
-        step: THREE,
-        air: SHIFT,
-        heat: &SHIFTS,
-    },
+const CASES: [Case; 11] = [
+    ("head_hour", "The head has worked in the middle of its travel for an hour", HOUR, STILL, &MIDDLE),
+    ("head_low", "It has worked in the lower half for four hours", FOUR, STILL, &LOW),
+    ("head_high", "It has worked in the upper half for four hours", FOUR, STILL, &HIGH),
+    (
+        "head_day",
+        "It works up and down until nothing changes any more",
+        STEADY,
+        Air { covers: 22.0, ..STILL },
+        &ALL,
+    ),
+    ("motor", "The motor on the top is warm", STEADY, Air { high: 20.5, ..STILL }, &[("MOTOR_FOOT", 0.8)]),
+    (
+        "cabinet",
+        "The control cabinet hangs on the back and is warm",
+        STEADY,
+        STILL,
+        &[("CABINET_WALL", 0.15)],
+    ),
+    ("room", "The room has been three kelvin warmer for three hours", THREE, ROOM, &[]),
+    ("layers", "The air is warmer at the top than at the foot", STEADY, LAYERS, &[]),
+    (
+        "covers",
+        "The air behind the covers has been warm for two hours",
+        TWO,
+        Air { covers: 25.0, ..STILL },
+        &[],
+    ),
+    ("bed", "The bed is two kelvin warmer", STEADY, Air { foot: 22.0, ..STILL }, &[]),
+    ("shift", "All of it together for three hours", THREE, SHIFT, &SHIFTS),
 ];
 
 const HOUR: &str = ", DIRECT\n300, 3600";
@@ -155,36 +98,30 @@ const ROOM: Air = Air { low: 23.0, high: 23.0, covers: 23.0, inside: 21.0, foot:
 const LAYERS: Air = Air { low: 20.0, high: 23.0, covers: 21.0, inside: 21.0, foot: 20.0 };
 const SHIFT: Air = Air { low: 21.0, high: 22.0, covers: 23.0, inside: 21.0, foot: 20.5 };
 
-/// Film coefficients as the decks take them: outside, behind the covers, inside, and of the joint with the bed.
+/// Film coefficients as the load cases take them: outside, behind the covers, inside, and of the joint with the bed.
 const FILMS: [f64; 5] = [0.008, 0.008, 0.004, 0.003, 0.1];
 /// What they are on the machine. Nobody who places sensors knows them.
 const REAL: [f64; 5] = [0.009, 0.007, 0.005, 0.002, 0.07];
 
-/// The files, name and text: `mesh.inp`, what all decks include (`column.inp`), a deck for each load case, and
-/// `plant.inp`, which says where heat comes in and goes out while the machine runs.
+/// The files, name and text: `mesh.inp`, what all others include (`column.inp`), one for each load case, and `plant.inp`,
+/// which says where heat comes in and goes out while the machine runs.
 #[must_use]
 pub fn files() -> Vec<(String, String)> {
-    let mut files =
-        vec![("mesh.inp".to_owned(), mesh_file(&mesh())), ("column.inp".to_owned(), COMMON.to_owned())];
-    for Story { name, what, step, air, heat } in CASES {
-        files.push((format!("{name}.inp"), deck(what, step, air, FILMS, heat)));
-    }
-    let ports: Vec<(String, f64)> = (1..PATCHES.len()).map(|patch| (format!("RAILS_{patch}"), 1.0)).collect();
-    let ports = ports
-        .iter()
-        .map(|(name, heat)| (name.as_str(), *heat))
-        .chain([("MOTOR_FOOT", 1.0), ("CABINET_WALL", 1.0)]);
+    let mut files = vec![("mesh.inp".to_owned(), mesh_file()), ("column.inp".to_owned(), COMMON.to_owned())];
+    let cases =
+        CASES.iter().map(|(name, what, step, air, heat)| (*name, step_file(what, step, *air, FILMS, heat)));
     let what = "No load case: where heat comes in and goes out while the machine runs";
-    files.push(("plant.inp".to_owned(), deck(what, HOUR, STILL, REAL, &ports.collect::<Vec<_>>())));
+    let plant = ("plant", step_file(what, HOUR, STILL, REAL, &SHIFTS.map(|(heated, _)| (heated, 1.0))));
+    files.extend(cases.chain([plant]).map(|(name, text)| (format!("{name}.inp"), text)));
     files
 }
 
-/// The names of the decks that are load cases.
+/// The names of the files that are load cases.
 pub fn cases() -> impl Iterator<Item = &'static str> {
-    CASES.iter().map(|case| case.name)
+    CASES.iter().map(|(name, ..)| *name)
 }
 
-const COMMON: &str = "** Cast iron, and the cold machine: what every deck includes.
+const COMMON: &str = "** Cast iron, and the cold machine: what every FE input file includes.
 *INCLUDE, INPUT=mesh.inp
 *MATERIAL, NAME=CASTIRON
 *ELASTIC
@@ -202,7 +139,7 @@ const COMMON: &str = "** Cast iron, and the cold machine: what every deck includ
 COLUMN, 20
 ";
 
-fn deck(what: &str, step: &str, air: Air, films: [f64; 5], fluxes: &[(&str, f64)]) -> String {
+fn step_file(what: &str, step: &str, air: Air, films: [f64; 5], fluxes: &[(&str, f64)]) -> String {
     let mut text = format!("** {what}.\n*INCLUDE, INPUT=column.inp\n*STEP\n*HEAT TRANSFER{step}\n*FILM\n");
     let names = ["AIR_LOW", "AIR_HIGH", "COVERS", "INSIDE", "FOOT"];
     let sinks = [air.low, air.high, air.covers, air.inside, air.foot];
@@ -219,7 +156,7 @@ fn deck(what: &str, step: &str, air: Air, films: [f64; 5], fluxes: &[(&str, f64)
 fn mesh() -> Mesh {
     let cells = LINES.map(|lines| lines.len() - 1);
     // Cells are counted, then put where they belong.
-    let grid = Grid { cells, size: cells.map(super::problem::count), origin: [0.0; 3] };
+    let grid = Grid { cells, size: cells.map(count), origin: [0.0; 3] };
     grid.mesh(
         Kind::Tet10,
         |cell| iron([0, 1, 2].map(|axis| along(axis, cell[axis]))),
@@ -253,31 +190,22 @@ fn on_rail(x: f64) -> bool {
 }
 
 /// Nodes, elements, the skin as flat elements, and the sets: blocks, guideway, foot, surfaces.
-fn mesh_file(mesh: &Mesh) -> String {
-    let mut text =
-        String::from("** The column's mesh: quadratic tetrahedra, its skin as flat elements; mm.\n*NODE\n");
-    for (id, [x, y, z]) in mesh.nodes.iter().zip(&mesh.xyz) {
-        let _ = writeln!(text, "{id}, {}, {}, {}", number(*x), number(*y), number(*z));
-    }
-    let mut elements = |card: &str, begin: u32, each: &mut dyn Iterator<Item = Vec<usize>>| {
-        let _ = writeln!(text, "*ELEMENT, {card}");
-        for (id, nodes) in (begin..).zip(each) {
-            let nodes: Vec<String> = nodes.iter().map(|node| mesh.nodes[*node].to_string()).collect();
-            let _ = writeln!(text, "{id}, {}", nodes.join(", "));
-        }
-    };
-    elements("TYPE=C3D10, ELSET=COLUMN", 1, &mut mesh.elements.iter().map(|element| element.nodes.clone()));
+fn mesh_file() -> String {
+    let mesh = &mesh();
+    let mut text = "** The column's mesh: quadratic tetrahedra, its skin as flat elements; mm.\n".to_owned();
+    text.push_str(&coordinates(mesh));
+    text.push_str("*ELEMENT, TYPE=C3D10, ELSET=COLUMN\n");
+    mesh.elements.iter().for_each(|each| element(&mut text, each.id, &each.nodes, mesh));
     let first = u32::try_from(mesh.elements.len() + 1).unwrap_or(u32::MAX);
-    let skin: Vec<Vec<usize>> = mesh.outer_faces().iter().map(|face| nodes_of(mesh, *face)).collect();
-    elements("TYPE=CPS6, ELSET=SKIN", first, &mut skin.iter().cloned());
+    let skin: Vec<Vec<usize>> =
+        mesh.outer_faces().into_iter().map(|face| mesh.face_nodes(face).collect()).collect();
+    text.push_str("*ELEMENT, TYPE=CPS6, ELSET=SKIN\n");
+    (first..).zip(&skin).for_each(|(id, nodes)| element(&mut text, id, nodes, mesh));
     let middle = |nodes: &Vec<usize>| {
         [0, 1, 2].map(|axis| nodes[..3].iter().map(|node| mesh.xyz[*node][axis]).sum::<f64>() / 3.0)
     };
-    let names = (skin.iter().map(middle).map(surfaces)).collect::<Vec<_>>();
-    let mut all: Vec<&String> = names.iter().flatten().collect();
-    all.sort_unstable();
-    all.dedup();
-    for name in all {
+    let names: Vec<Vec<String>> = skin.iter().map(middle).map(surfaces).collect();
+    for name in names.iter().flatten().collect::<BTreeSet<_>>() {
         let on = (first..).zip(&names).filter(|(_, names)| names.contains(name)).map(|(id, _)| id);
         set(&mut text, &format!("*ELSET, ELSET={name}"), on);
     }
@@ -316,11 +244,6 @@ fn mesh_file(mesh: &Mesh) -> String {
 /// Nothing can be fixed there: it is inside, or something stands or slides on it.
 fn is_covered(surface: &str) -> bool {
     ["FOOT", "INSIDE", "MOTOR_FOOT", "CABINET_WALL"].contains(&surface) || surface.starts_with("RAILS_")
-}
-
-fn nodes_of(mesh: &Mesh, face: Face) -> Vec<usize> {
-    let element = &mesh.elements[face.element];
-    element.kind.face(face.side).iter().map(|place| element.nodes[*place]).collect()
 }
 
 /// The surfaces that a face with this middle belongs to.

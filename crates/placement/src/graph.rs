@@ -5,7 +5,7 @@
 //! the fewest such nodes is taken: a hollow casting has planes that cut far less than others, and on the columns measured
 //! half the work remains of what approximate minimum degree leaves.
 
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, count};
 
 /// Neighbours of each node, ascending, itself left out.
 pub(super) struct Graph {
@@ -140,7 +140,7 @@ impl Graph {
             if at < sorted.len() / 4 {
                 continue;
             }
-            let uneven = float(at.abs_diff(sorted.len() / 2)) / float(sorted.len());
+            let uneven = count(at.abs_diff(sorted.len() / 2)) / count(sorted.len());
             #[allow(clippy::cast_precision_loss, reason = "a count of nodes")]
             let cost = across as f64 * (1.0 + UNEVEN * uneven);
             if best.is_none_or(|(least, _)| cost < least) {
@@ -170,9 +170,4 @@ struct Cut {
     right: Vec<usize>,
     separator: Vec<usize>,
     cost: f64,
-}
-
-#[allow(clippy::cast_precision_loss, reason = "a count of nodes")]
-fn float(count: usize) -> f64 {
-    count as f64
 }

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use crate::element::EDGES;
-use crate::mesh::{Element, Kind, Mesh, NodeId};
+use crate::mesh::{Element, Kind, Mesh, NodeId, count};
 
 /// A box of cells.
 #[derive(Debug, Clone, Copy)]
@@ -28,7 +28,7 @@ impl Grid {
         let mut elements = self.tetrahedra(kept);
         let [nx, ny, nz] = self.cells;
         let each = (0..=nz).flat_map(move |k| (0..=ny).flat_map(move |j| (0..=nx).map(move |i| [i, j, k])));
-        let mut xyz: Vec<[f64; 3]> = each.map(|at| moved(self.place(at.map(float)))).collect();
+        let mut xyz: Vec<[f64; 3]> = each.map(|at| moved(self.place(at.map(count)))).collect();
         if kind == Kind::Tet10 {
             add_middles(&mut elements, &mut xyz);
         }
@@ -42,7 +42,7 @@ impl Grid {
     }
 
     fn place(&self, at: [f64; 3]) -> [f64; 3] {
-        [0, 1, 2].map(|axis| self.origin[axis] + at[axis] * self.size[axis] / float(self.cells[axis]))
+        [0, 1, 2].map(|axis| self.origin[axis] + at[axis] * self.size[axis] / count(self.cells[axis]))
     }
 
     fn tetrahedra(&self, kept: impl Fn([f64; 3]) -> bool) -> Vec<Element> {
@@ -51,7 +51,7 @@ impl Grid {
         let [nx, ny, nz] = self.cells;
         let mut elements = Vec::new();
         for cell in (0..nz).flat_map(|k| (0..ny).flat_map(move |j| (0..nx).map(move |i| [i, j, k]))) {
-            if !kept(self.place(cell.map(|at| float(at) + 0.5))) {
+            if !kept(self.place(cell.map(|at| count(at) + 0.5))) {
                 continue;
             }
             for (path, axes) in PATHS.into_iter().enumerate() {
@@ -102,9 +102,4 @@ fn keep_used(elements: &mut [Element], xyz: &mut Vec<[f64; 3]>) {
     }
     elements.iter_mut().flat_map(|element| &mut element.nodes).for_each(|node| *node = number[*node]);
     *xyz = kept;
-}
-
-#[allow(clippy::cast_precision_loss, reason = "cells along an edge")]
-fn float(at: usize) -> f64 {
-    at as f64
 }

@@ -1,12 +1,11 @@
 //! Linear heat conduction: the temperature of every node under one load case.
 
-use faer::{ColMut, Mat};
+use faer::Mat;
 
 use crate::body::{Case, Film, Flux, LoadCase, Materials, Progress};
-use crate::element::{dot, face_points};
+use crate::element::{dot, face_points, for_each_element, for_each_point};
 use crate::graph::Graph;
-use crate::mesh::{Face, Mesh, NodeId};
-use crate::structure::{for_each_element, for_each_point};
+use crate::mesh::{Face, Mesh, NodeId, count};
 use crate::system::{Factor, System};
 
 /// Why there are no temperatures.
@@ -39,7 +38,7 @@ pub fn temperatures(
     let heat = Heat::assembled(mesh, materials, load)?;
     let reached = match load.case {
         Case::Steady => heat.steady()?,
-        Case::Transient { step, period } => heat.transient(load, step, period, progress)?,
+        Case::Transient { step, period } => heat.transient(&load.initial, step, period, progress)?,
     };
     Ok(reached.iter().zip(&load.initial).map(|(reached, initial)| reached - initial).collect())
 }
@@ -70,12 +69,10 @@ impl Heat {
         }
         let is_held: Vec<bool> = held.iter().map(Option::is_some).collect();
         let mut conduction = System::<1>::new(&graph, &mesh.xyz, &is_held);
-        let mut capacity = None;
-        if load.case != Case::Steady {
-            let mut system = System::<1>::new(&graph, &mesh.xyz, &is_held);
-            add_capacity(mesh, materials, &mut system)?;
-            capacity = Some(system);
-        }
+        let capacity = match load.case {
+            Case::Steady => None,
+            Case::Transient { .. } => Some(capacity(mesh, materials, conduction.clone())?),
+        };
         let mut to_held = Coupling::new();
         for_each_element(mesh, |element, points| {
             let conductivity = materials.of(element).conductivity;
@@ -99,77 +96,61 @@ impl Heat {
                 }
             });
         }
-        add_fluxes(mesh, load, &conduction, &mut enters);
+        load.nodal.iter().for_each(|(node, heat)| enter(&conduction, &mut enters, *node, *heat));
+        add_fluxes(mesh, &load.fluxes, &conduction, &mut enters);
         Ok(Self { conduction, capacity, to_held, enters, held })
     }
 
-    fn steady(self) -> Result<Vec<f64>, HeatError> {
-        let mut side = Mat::<f64>::zeros(self.enters.len(), 1);
-        let mut column = side.col_mut(0);
-        for (row, enters) in self.enters.iter().enumerate() {
-            column[row] = *enters;
-        }
-        for (row, node, value) in &self.to_held {
-            column[*row] -= value * self.held[*node].unwrap_or_default();
-        }
+    fn steady(&self) -> Result<Vec<f64>, HeatError> {
         let factor = self.conduction.factor().ok_or(HeatError::Singular)?;
-        factor.solve(side.as_mut());
-        Ok(spread(&factor, &self.held, side.col(0).iter()))
+        Ok(self.solve(&factor, |_| 0.0))
     }
 
     fn transient(
-        self,
-        load: &LoadCase,
+        &self,
+        initial: &[f64],
         step: f64,
         period: f64,
         progress: Progress<'_>,
     ) -> Result<Vec<f64>, HeatError> {
         let Some(capacity) = &self.capacity else { return Err(HeatError::Singular) };
-        let mut reached = load.initial.clone();
-        let mut steps = vec![step; whole(period / step)];
-        let rest = period - step * float(steps.len());
+        let mut reached = initial.to_vec();
+        let mut steps = vec![step; whole_steps(period / step)];
+        let rest = period - step * count(steps.len());
         if rest > 1e-9 * period {
             steps.push(rest);
         }
         let mut factored: Option<(f64, Factor<1>)> = None;
         for (done, length) in steps.iter().enumerate() {
             progress("heating", done, steps.len());
-            if factored.as_ref().is_none_or(|(of, _)| of.to_bits() != length.to_bits()) {
-                let system = self.conduction.plus(1.0 / length, capacity);
-                factored = Some((*length, system.factor().ok_or(HeatError::Singular)?));
-            }
-            let Some((_, factor)) = &factored else { return Err(HeatError::Singular) };
-            let mut side = Mat::<f64>::zeros(self.enters.len(), 1);
-            self.side(side.col_mut(0), &reached, *length, capacity);
-            factor.solve(side.as_mut());
-            reached = spread(factor, &self.held, side.col(0).iter());
+            let factor = match factored.take() {
+                Some((of, factor)) if of.to_bits() == length.to_bits() => factor,
+                _ => self.conduction.plus(1.0 / length, capacity).factor().ok_or(HeatError::Singular)?,
+            };
+            let brought = capacity.times(&reached);
+            reached = self.solve(&factor, |row| brought[row] / length);
+            factored = Some((*length, factor));
         }
         progress("heating", steps.len(), steps.len());
         Ok(reached)
     }
 
-    /// What enters, what the capacity brings from the step before, what the held nodes conduct. Those are held from the
-    /// very beginning: they bring no heat of their own from the initial temperature.
-    fn side(&self, mut side: ColMut<'_, f64>, before: &[f64], length: f64, capacity: &System<1>) {
-        let brought = capacity.times(before);
-        for row in 0..self.enters.len() {
-            side[row] = self.enters[row] + brought[row] / length;
-        }
+    /// Temperatures of all nodes, from what enters, what the capacity brings to each free node from the step before, mW,
+    /// and what the held nodes conduct. Those are held from the very beginning: they bring no heat of their own from the
+    /// initial temperature.
+    fn solve(&self, factor: &Factor<1>, brought: impl Fn(usize) -> f64) -> Vec<f64> {
+        let mut side = Mat::from_fn(self.enters.len(), 1, |row, _| self.enters[row] + brought(row));
         for (row, node, value) in &self.to_held {
-            side[*row] -= value * self.held[*node].unwrap_or_default();
+            side[(*row, 0)] -= value * self.held[*node].unwrap_or_default();
         }
+        factor.solve(side.as_mut());
+        let each = factor.free().iter().zip(&self.held);
+        each.map(|(free, held)| free.map_or(held.unwrap_or_default(), |number| side[(number, 0)])).collect()
     }
 }
 
-/// Temperatures of all nodes from those of the free ones.
-fn spread<'a>(factor: &Factor<1>, held: &[Option<f64>], solution: impl Iterator<Item = &'a f64>) -> Vec<f64> {
-    let solution: Vec<f64> = solution.copied().collect();
-    let each = factor.free.iter().zip(held);
-    each.map(|(free, held)| free.map_or(held.unwrap_or_default(), |number| solution[number])).collect()
-}
-
 fn add(system: &mut System<1>, to_held: &mut Coupling, row: usize, column: usize, value: f64) {
-    match (system.free[row], system.free[column]) {
+    match (system.free(row), system.free(column)) {
         (Some(row), Some(column)) => system.add(row, column, &[[value]]),
         (Some(row), None) => to_held.push((row, column, value)),
         (None, _) => {}
@@ -177,18 +158,15 @@ fn add(system: &mut System<1>, to_held: &mut Coupling, row: usize, column: usize
 }
 
 fn enter(system: &System<1>, enters: &mut [f64], node: usize, heat: f64) {
-    if let Some(number) = system.free[node] {
+    if let Some(number) = system.free(node) {
         enters[number] += heat;
     }
 }
 
-/// Adds the heat that fluxes and single nodes bring to each free node, mW.
-pub(super) fn add_fluxes(mesh: &Mesh, load: &LoadCase, system: &System<1>, enters: &mut [f64]) {
-    for (node, heat) in &load.nodal {
-        enter(system, enters, *node, *heat);
-    }
+/// Adds the heat that fluxes bring to each free node, mW.
+pub(super) fn add_fluxes(mesh: &Mesh, fluxes: &[Flux], system: &System<1>, enters: &mut [f64]) {
     let mut in_volume = vec![0.0; mesh.elements.len()];
-    for flux in &load.fluxes {
+    for flux in fluxes {
         match flux {
             Flux::Volume(element, heat) => in_volume[*element] += heat,
             Flux::Face(face, heat) => for_each_face_point(mesh, *face, |nodes, value, area| {
@@ -208,41 +186,40 @@ pub(super) fn add_fluxes(mesh: &Mesh, load: &LoadCase, system: &System<1>, enter
     });
 }
 
-fn add_capacity(mesh: &Mesh, materials: &Materials, system: &mut System<1>) -> Result<(), HeatError> {
-    if let Some(without) =
-        materials.of_element.iter().map(|at| &materials.list[*at]).find(|it| it.capacity.is_none())
-    {
+/// The heat capacity, mJ/K, in a system that is all zeros.
+fn capacity(mesh: &Mesh, materials: &Materials, mut system: System<1>) -> Result<System<1>, HeatError> {
+    let mut used = materials.of_element.iter().map(|place| &materials.list[*place]);
+    if let Some(without) = used.find(|material| material.capacity.is_none()) {
         return Err(HeatError::NoCapacity(without.name.clone()));
     }
-    for_each_element(mesh, |place, points| {
-        let capacity = materials.of(place).capacity.unwrap_or_default();
-        let element = &mesh.elements[place];
-        for (a, node) in element.nodes.iter().enumerate() {
-            for (b, other) in element.nodes.iter().enumerate() {
+    for_each_element(mesh, |element, points| {
+        let capacity = materials.of(element).capacity.unwrap_or_default();
+        let nodes = &mesh.elements[element].nodes;
+        for (a, node) in nodes.iter().enumerate() {
+            for (b, other) in nodes.iter().enumerate() {
                 let stored = points.iter().map(|at| at.volume * at.value[a] * at.value[b]);
-                if let (Some(row), Some(column)) = (system.free[*node], system.free[*other]) {
+                if let (Some(row), Some(column)) = (system.free(*node), system.free(*other)) {
                     system.add(row, column, &[[capacity * stored.sum::<f64>()]]);
                 }
             }
         }
     });
-    Ok(())
+    Ok(system)
 }
 
-/// Tells of each node of a film what a kelvin of its sink brings there, mW.
-pub(super) fn film_heat(mesh: &Mesh, film: &Film, mut tell: impl FnMut(usize, f64)) {
+/// Visits each node of a film with what a kelvin of its sink brings there, mW.
+pub(super) fn film_heat(mesh: &Mesh, film: &Film, mut visit: impl FnMut(usize, f64)) {
     for_each_face_point(mesh, film.face, |nodes, value, area| {
         for (node, value) in nodes.iter().zip(value) {
-            tell(*node, film.coefficient * area * value);
+            visit(*node, film.coefficient * area * value);
         }
     });
 }
 
-fn for_each_face_point(mesh: &Mesh, face: Face, mut visit: impl FnMut(&[usize], &[f64; 6], f64)) {
-    let element = &mesh.elements[face.element];
-    let nodes: Vec<usize> = element.kind.face(face.side).iter().map(|place| element.nodes[*place]).collect();
+fn for_each_face_point(mesh: &Mesh, face: Face, mut visit: impl FnMut(&[usize], &[f64; 10], f64)) {
+    let nodes: Vec<usize> = mesh.face_nodes(face).collect();
     let xyz: Vec<[f64; 3]> = nodes.iter().map(|node| mesh.xyz[*node]).collect();
-    for (value, area) in face_points(element.kind, &xyz) {
+    for (value, area) in face_points(mesh.elements[face.element].kind, &xyz) {
         visit(&nodes, &value, area);
     }
 }
@@ -261,21 +238,11 @@ fn anchored(mesh: &Mesh, graph: &Graph, load: &LoadCase) -> Result<(), HeatError
     }
 }
 
-fn whole(count: f64) -> usize {
-    // Ten million steps are refused when the deck is read; a step that divides the period up to rounding divides it.
-    let floor = (count * (1.0 + 1e-9)).floor();
-    #[allow(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a count within the reader's bounds"
-    )]
-    let whole = floor as usize;
+/// How many whole steps a period has; one that divides it up to rounding divides it.
+fn whole_steps(steps: f64) -> usize {
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the reader refuses too many")]
+    let whole = (steps * (1.0 + 1e-9)).floor() as usize;
     whole
-}
-
-#[allow(clippy::cast_precision_loss, reason = "a count within the reader's bounds")]
-fn float(count: usize) -> f64 {
-    count as f64
 }
 
 #[cfg(test)]

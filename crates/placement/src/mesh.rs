@@ -3,7 +3,10 @@
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 
-/// The number a node has in the deck.
+/// Names of the directions.
+pub const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// The number a node has in the FE input file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct NodeId(pub u32);
 
@@ -32,7 +35,7 @@ impl Kind {
         }
     }
 
-    /// The name of the element in a deck.
+    /// The name of the element in an FE input file.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -41,7 +44,7 @@ impl Kind {
         }
     }
 
-    /// The places of the nodes of face `side` (0 to 3, in a deck F1 to F4): corners, then the middles of its edges.
+    /// The places of the nodes of face `side` (0 to 3, in an FE input file F1 to F4): corners, then the middles of its edges.
     #[must_use]
     pub fn face(self, side: usize) -> &'static [usize] {
         match self {
@@ -58,7 +61,7 @@ const FACES: [[usize; 6]; 4] =
 /// A tetrahedron.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Element {
-    /// Its number in the deck.
+    /// Its number in the FE input file.
     pub id: u32,
     /// Linear or quadratic.
     pub kind: Kind,
@@ -71,20 +74,20 @@ pub struct Element {
 pub struct Face {
     /// Place of the element in [`Mesh::elements`].
     pub element: usize,
-    /// 0 to 3, in a deck F1 to F4.
+    /// 0 to 3, in an FE input file F1 to F4.
     pub side: usize,
 }
 
 /// A body of tetrahedra.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Mesh {
-    /// Numbers of the nodes in the deck, ascending. Everything else speaks of nodes by their place in here.
+    /// Numbers of the nodes in the FE input file, ascending. Everything else names nodes by their place in here.
     pub nodes: Vec<NodeId>,
     /// Coordinates in mm, one triple for each of `nodes`.
     pub xyz: Vec<[f64; 3]>,
     /// The tetrahedra.
     pub elements: Vec<Element>,
-    /// Places of nodes, in the deck's order and each once, by the name of the set in capitals.
+    /// Places of nodes, in the file's order and each once, by the name of the set in capitals.
     pub node_sets: BTreeMap<String, Vec<usize>>,
     /// Places of elements, ascending and each once, by the name of the set in capitals.
     pub element_sets: BTreeMap<String, Vec<usize>>,
@@ -101,6 +104,20 @@ impl Mesh {
     #[must_use]
     pub fn corners(&self, element: &Element) -> Vec<[f64; 3]> {
         element.nodes.iter().map(|node| self.xyz[*node]).collect()
+    }
+
+    /// Whether each node belongs to an element.
+    #[must_use]
+    pub fn used(&self) -> Vec<bool> {
+        let mut used = vec![false; self.nodes.len()];
+        self.elements.iter().flat_map(|element| &element.nodes).for_each(|node| used[*node] = true);
+        used
+    }
+
+    /// Nodes of a face.
+    pub fn face_nodes(&self, face: Face) -> impl Iterator<Item = usize> {
+        let element = &self.elements[face.element];
+        element.kind.face(face.side).iter().map(|place| element.nodes[*place])
     }
 
     /// Faces that belong to one element only, in the order of the elements.
@@ -122,8 +139,7 @@ impl Mesh {
     /// What a face is, whoever of its two elements is asked: its corners, ascending.
     #[must_use]
     pub fn face_key(&self, element: &Element, side: usize) -> [usize; 3] {
-        let corners = FACES[side];
-        let mut key = [element.nodes[corners[0]], element.nodes[corners[1]], element.nodes[corners[2]]];
+        let mut key = [0, 1, 2].map(|corner| element.nodes[FACES[side][corner]]);
         key.sort_unstable();
         key
     }
@@ -132,14 +148,24 @@ impl Mesh {
     #[must_use]
     pub fn skin(&self) -> Vec<usize> {
         let mut on = vec![false; self.nodes.len()];
-        for face in self.outer_faces() {
-            let element = &self.elements[face.element];
-            for place in element.kind.face(face.side) {
-                on[element.nodes[*place]] = true;
-            }
-        }
+        self.outer_faces()
+            .into_iter()
+            .flat_map(|face| self.face_nodes(face))
+            .for_each(|node| on[node] = true);
         (0..on.len()).filter(|node| on[*node]).collect()
     }
+}
+
+/// The lowest and the highest of some values.
+pub(super) fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
+}
+
+/// A number of things to compute with.
+pub(super) fn count(things: usize) -> f64 {
+    #[allow(clippy::cast_precision_loss, reason = "nodes of a mesh")]
+    let count = things as f64;
+    count
 }
 
 #[cfg(test)]
@@ -167,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn a_node_is_found_by_its_number_in_the_deck() {
+    fn a_node_is_found_by_its_number_in_the_file() {
         assert_eq!(pair().place(NodeId(7)), Some(3));
         assert_eq!(pair().place(NodeId(6)), None);
     }

@@ -5,7 +5,7 @@ pub mod multi_case;
 pub mod patent;
 pub mod patterns;
 
-use crate::problem::{Aim, Problem};
+use crate::problem::{Block, Problem, Target};
 
 /// How the sensors' nodes are chosen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
@@ -32,21 +32,21 @@ impl Method {
     }
 }
 
-/// For each block the candidate whose temperature is nearest to the wanted one: places in the lists of candidates.
+/// For each block the candidate whose temperature is nearest to `theta`: places in the lists of candidates.
 #[must_use]
-pub fn nearest(aim: &Aim, theta: &[f64]) -> Vec<usize> {
+pub fn nearest(target: &Target, theta: &[f64]) -> Vec<usize> {
     let place = |(offered, theta): (&Vec<f64>, &f64)| {
         let far = |place: &usize| (offered[*place] - theta).abs();
         (0..offered.len()).min_by(|one, other| far(one).total_cmp(&far(other))).unwrap_or(0)
     };
-    aim.offered.iter().zip(theta).map(place).collect()
+    target.offered.iter().zip(theta).map(place).collect()
 }
 
 /// For each block the node nearest to the centre of its volume, whether it can be reached or not: the block's
 /// temperature as one would take it without computing.
 #[must_use]
 pub fn central(problem: &Problem, xyz: &[[f64; 3]]) -> Vec<usize> {
-    let central = |block: &super::problem::Block| {
+    let central = |block: &Block| {
         let far =
             |node: &usize| (0..3).map(|axis| (xyz[*node][axis] - block.centre[axis]).powi(2)).sum::<f64>();
         block.nodes.iter().copied().min_by(|one, other| far(one).total_cmp(&far(other))).unwrap_or(0)

@@ -1,4 +1,4 @@
-//! A structure reduced to modes: what a plant needs of its finite elements, and nothing that nobody heats or reads.
+//! A structure reduced to modes: what a plant needs of its finite elements.
 //!
 //! Heat comes in through *ports* (a patch of the surface: watts, spread as its fluxes are; its temperature is the mean
 //! with the same weights) and through films from *sinks*, which have a temperature of their own. With the conduction K
@@ -11,17 +11,18 @@ use std::collections::BTreeMap;
 
 use faer::Mat;
 use nalgebra::{DMatrix, SymmetricEigen};
+use serde::Serialize;
 
 use crate::body::{Case, Flux, LoadCase, Progress};
-use crate::deck::Deck;
+use crate::fe_input::FeInput;
+use crate::guide_line::GuideLine;
 use crate::heat::{Heat, HeatError, add_fluxes, film_heat};
+use crate::mesh::AXES;
+use crate::structure::Adjoint;
 use crate::system::System;
 
-mod file;
 #[cfg(test)]
 mod tests;
-
-pub use file::{Outputs, file};
 
 /// Where the basis is exact: never again changing, then periods of these, s.
 const PERIODS: [f64; 5] = [14_400.0, 3_600.0, 900.0, 180.0, 40.0];
@@ -66,23 +67,24 @@ pub struct Modes {
 }
 
 impl Modes {
-    /// Of the structure of a deck, whose films are sinks and whose fluxes are ports, by the names of their surfaces.
+    /// Of the structure of a plant, whose films are sinks and whose fluxes are ports, by the names of their surfaces.
     ///
     /// # Errors
     /// Where heat comes in by other ways, or has no way out.
-    pub fn of(deck: &Deck, progress: Progress<'_>) -> Result<Modes, ReducedError> {
-        let load = &deck.load;
-        for (there, what) in [(!load.held.is_empty(), "*BOUNDARY"), (!load.nodal.is_empty(), "*CFLUX")] {
-            if there {
-                return Err(ReducedError::OtherHeat(what));
-            }
+    pub fn of(plant: &FeInput, progress: Progress<'_>) -> Result<Modes, ReducedError> {
+        let load = &plant.load;
+        if !load.held.is_empty() {
+            return Err(ReducedError::OtherHeat("*BOUNDARY"));
+        }
+        if !load.nodal.is_empty() {
+            return Err(ReducedError::OtherHeat("*CFLUX"));
         }
         // Any transient case: capacity is needed, the steps are not.
         let load = LoadCase { case: Case::Transient { step: 1.0, period: 1.0 }, ..load.clone() };
-        let heat = Heat::assembled(&deck.mesh, &deck.materials, &load)?;
+        let heat = Heat::assembled(&plant.mesh, &plant.materials, &load)?;
         let capacity = heat.capacity.as_ref().ok_or(HeatError::Singular)?;
-        let inputs = Inputs::of(deck, &heat.conduction)?;
-        let uniform = vec![1.0; deck.mesh.nodes.len()];
+        let inputs = Inputs::of(plant, &heat.conduction)?;
+        let uniform = vec![1.0; plant.mesh.nodes.len()];
         let mut basis = Basis { capacity, vectors: Vec::new() };
         basis.add(uniform.clone());
         let all = PERIODS.len() + 1;
@@ -95,6 +97,54 @@ impl Modes {
         progress("modes", all, all);
         Ok(basis.modes(&heat.conduction, &uniform, inputs))
     }
+
+    /// The file that a plant reads: JSON, one row of numbers to a line, with the temperatures of `points` (names and
+    /// nodes) and the displacement along the guideway.
+    #[must_use]
+    pub fn to_json(&self, points: &[(String, usize)], adjoint: &Adjoint, line: &GuideLine) -> String {
+        let at = |node: usize| short(self.shapes.iter().map(|shape| shape[node]));
+        let all = |group: &BTreeMap<String, Vec<f64>>| -> BTreeMap<String, Vec<f64>> {
+            group.iter().map(|(name, values)| (name.clone(), short(values.iter().copied()))).collect()
+        };
+        let moved: Vec<Vec<f64>> = self.shapes.iter().map(|shape| adjoint.displacements(shape)).collect();
+        let moves = |component: usize| -> Vec<Vec<f64>> {
+            let columns: Vec<Vec<f64>> = moved.iter().map(|moved| line.mean(moved, component)).collect();
+            let row = |point: usize| short(columns.iter().map(|column| 1000.0 * column[point]));
+            (0..line.guide_mm.len()).map(row).collect()
+        };
+        let file = File {
+            format: "isotherm-modes",
+            version: 1,
+            rate_per_s: short(self.rates.iter().copied()),
+            uniform: short(self.uniform.iter().copied()),
+            ports: all(&self.ports),
+            sinks: all(&self.sinks),
+            points: points.iter().map(|(name, node)| (&name[..], at(*node))).collect(),
+            guide_mm: &line.guide_mm,
+            moves_um: (0..3).map(|component| (AXES[component], moves(component))).collect(),
+        };
+        // Numbers and names only: this cannot fail.
+        let text = serde_json::to_string(&file).unwrap_or_default();
+        text.replace("],", "],\n").replace("},", "},\n").replace("{\"", "{\n\"") + "\n"
+    }
+}
+
+#[derive(Serialize)]
+struct File<'a> {
+    format: &'a str,
+    version: u32,
+    rate_per_s: Vec<f64>,
+    uniform: Vec<f64>,
+    ports: BTreeMap<String, Vec<f64>>,
+    sinks: BTreeMap<String, Vec<f64>>,
+    points: BTreeMap<&'a str, Vec<f64>>,
+    guide_mm: &'a [f64],
+    moves_um: BTreeMap<&'a str, Vec<Vec<f64>>>,
+}
+
+/// Seven digits: of a temperature in °C the last is a hundred-thousandth of a kelvin.
+fn short(values: impl Iterator<Item = f64>) -> Vec<f64> {
+    values.map(|value| format!("{value:.6e}").parse().unwrap_or(value)).collect()
 }
 
 /// Right-hand sides, mW (ports) and mW/K (sinks).
@@ -104,24 +154,23 @@ struct Inputs {
 }
 
 impl Inputs {
-    fn of(deck: &Deck, system: &System<1>) -> Result<Inputs, ReducedError> {
-        let (mesh, load) = (&deck.mesh, &deck.load);
+    fn of(plant: &FeInput, system: &System<1>) -> Result<Inputs, ReducedError> {
+        let (mesh, load) = (&plant.mesh, &plant.load);
         let mut sinks: BTreeMap<String, Vec<f64>> = BTreeMap::new();
-        for (film, name) in load.films.iter().zip(&deck.places.films) {
+        for (film, name) in load.films.iter().zip(&plant.surfaces.films) {
             let sink = sinks.entry(name.clone()).or_insert_with(|| vec![0.0; mesh.nodes.len()]);
             film_heat(mesh, film, |node, heat| sink[node] += heat);
         }
         let mut fluxes: BTreeMap<String, Vec<Flux>> = BTreeMap::new();
-        for (flux, name) in load.fluxes.iter().zip(&deck.places.fluxes) {
+        for (flux, name) in load.fluxes.iter().zip(&plant.surfaces.fluxes) {
             fluxes.entry(name.clone()).or_default().push(*flux);
         }
         if let Some(name) = fluxes.keys().find(|name| sinks.contains_key(*name)) {
             return Err(ReducedError::Twice(name.clone()));
         }
         let port = |(name, fluxes): (String, Vec<Flux>)| {
-            let load = LoadCase { films: vec![], fluxes, ..load.clone() };
             let mut heat = vec![0.0; mesh.nodes.len()];
-            add_fluxes(mesh, &load, system, &mut heat);
+            add_fluxes(mesh, &fluxes, system, &mut heat);
             let all: f64 = heat.iter().sum();
             let passing: f64 = heat.iter().map(|heat| heat.abs()).sum();
             if all.abs() <= NEW * passing {

@@ -3,9 +3,9 @@
 use faer::Mat;
 
 use crate::body::{Materials, Progress};
-use crate::element::{Point, Shape, point, shapes, stiffness_rule};
+use crate::element::{Point, dot, for_each_element, for_each_point};
 use crate::graph::Graph;
-use crate::mesh::{Kind, Mesh, NodeId};
+use crate::mesh::{Mesh, NodeId};
 use crate::restraint;
 use crate::system::{Factor, System};
 
@@ -40,8 +40,6 @@ pub struct Structure<'a> {
     mesh: &'a Mesh,
     materials: &'a Materials,
     factor: Factor<3>,
-    /// Rows of free nodes that are held in some direction only.
-    pinned: Vec<usize>,
 }
 
 /// How guideway nodes move per kelvin of each node of the structure.
@@ -90,24 +88,9 @@ impl<'a> Structure<'a> {
         fixed: &[usize],
         progress: Progress<'_>,
     ) -> Result<Self, StructureError> {
-        let mut held = vec![[false; 3]; mesh.nodes.len()];
-        fixed.iter().for_each(|node| held[*node] = [true; 3]);
-        Self::supported(mesh, materials, &held, progress)
-    }
-
-    /// The same for a body that is held at each node in the directions x, y, z that are true there: on three supports
-    /// that hold six directions in all it expands without stress.
-    ///
-    /// # Errors
-    /// Where the body can move as a rigid one.
-    pub fn supported(
-        mesh: &'a Mesh,
-        materials: &'a Materials,
-        supports: &[[bool; 3]],
-        progress: Progress<'_>,
-    ) -> Result<Self, StructureError> {
-        restraint::holds(mesh, supports)?;
-        let held: Vec<bool> = supports.iter().map(|held| *held == [true; 3]).collect();
+        restraint::holds(mesh, fixed)?;
+        let mut held = vec![false; mesh.nodes.len()];
+        fixed.iter().for_each(|node| held[*node] = true);
         progress("stiffness", 0, 2);
         let mut system = System::<3>::new(&Graph::of(mesh), &mesh.xyz, &held);
         for_each_element(mesh, |element, points| {
@@ -116,58 +99,21 @@ impl<'a> Structure<'a> {
             let bulk = 2.0 * shear * material.poisson / (1.0 - 2.0 * material.poisson);
             let nodes = &mesh.elements[element].nodes;
             for (a, node) in nodes.iter().enumerate() {
-                let Some(row) = system.free[*node] else { continue };
+                let Some(row) = system.free(*node) else { continue };
                 for (b, other) in nodes.iter().enumerate() {
-                    let Some(column) = system.free[*other].filter(|column| *column <= row) else { continue };
+                    let Some(column) = system.free(*other).filter(|column| *column <= row) else { continue };
                     let mut block = [[0.0; 3]; 3];
                     for point in points {
-                        elastic(
-                            &mut block,
-                            &point.gradient[a],
-                            &point.gradient[b],
-                            bulk,
-                            shear,
-                            point.volume,
-                        );
+                        elastic(&mut block, point, [a, b], bulk, shear);
                     }
                     system.add(row, column, &block);
                 }
             }
         });
-        let numbered = system.free.iter().zip(supports).filter_map(|(free, held)| Some((3 * (*free)?, held)));
-        let pinned =
-            numbered.flat_map(|(row, held)| (0..3).filter(|axis| held[*axis]).map(move |axis| row + axis));
-        let pinned: Vec<usize> = pinned.collect();
-        system.pin(&pinned);
         progress("stiffness", 1, 2);
         let factor = system.factor().ok_or(StructureError::Singular)?;
         progress("stiffness", 2, 2);
-        Ok(Self { mesh, materials, factor, pinned })
-    }
-
-    /// Displacements in mm of every node under rises in K of every node; one field for each of `rises`.
-    #[must_use]
-    pub fn displacements(&self, rises: &[&[f64]]) -> Vec<Vec<[f64; 3]>> {
-        let mut forces = Mat::<f64>::zeros(self.factor.rows(), rises.len());
-        for_each_point(self.mesh, |element, point, count| {
-            let nodes = &self.mesh.elements[element].nodes;
-            let push = self.push(element) * point.volume;
-            for (case, rises) in rises.iter().enumerate() {
-                let rise: f64 = (0..count).map(|node| point.value[node] * rises[nodes[node]]).sum();
-                for (node, gradient) in nodes.iter().zip(&point.gradient) {
-                    let Some(number) = self.factor.free[*node] else { continue };
-                    for axis in 0..3 {
-                        forces[(3 * number + axis, case)] += push * rise * gradient[axis];
-                    }
-                }
-            }
-        });
-        self.solve(&mut forces);
-        let at = |case, node: Option<usize>| match node {
-            Some(number) => [0, 1, 2].map(|axis| forces[(3 * number + axis, case)]),
-            None => [0.0; 3],
-        };
-        (0..rises.len()).map(|case| self.factor.free.iter().map(|node| at(case, *node)).collect()).collect()
+        Ok(Self { mesh, materials, factor })
     }
 
     /// The sensitivity of guideway nodes to all nodes, by adjoints: one solution for each of their components, whatever
@@ -182,22 +128,15 @@ impl<'a> Structure<'a> {
             let end = rows.min(begin + TOGETHER);
             let mut sides = Mat::<f64>::zeros(self.factor.rows(), end - begin);
             for row in begin..end {
-                if let Some(number) = self.factor.free[guide[row / 3]] {
+                if let Some(number) = self.factor.free()[guide[row / 3]] {
                     sides[(3 * number + row % 3, row - begin)] = 1.0;
                 }
             }
-            self.solve(&mut sides);
+            self.factor.solve(sides.as_mut());
             self.gather(&sides, &mut values[begin * columns..end * columns]);
         }
         progress("guideway", rows, rows);
         Adjoint { rows, columns, values }
-    }
-
-    fn solve(&self, sides: &mut Mat<f64>) {
-        for column in 0..sides.ncols() {
-            self.pinned.iter().for_each(|row| sides[(*row, column)] = 0.0);
-        }
-        self.factor.solve(sides.as_mut());
     }
 
     /// The work of the thermal expansion of each node on each adjoint displacement.
@@ -210,7 +149,7 @@ impl<'a> Structure<'a> {
                 let adjoint = adjoints.col(row);
                 let mut spread = 0.0;
                 for (node, gradient) in nodes.iter().zip(&point.gradient) {
-                    let Some(number) = self.factor.free[*node] else { continue };
+                    let Some(number) = self.factor.free()[*node] else { continue };
                     for axis in 0..3 {
                         spread += gradient[axis] * adjoint[3 * number + axis];
                     }
@@ -235,36 +174,16 @@ impl<'a> Structure<'a> {
     }
 }
 
-fn elastic(block: &mut [[f64; 3]; 3], a: &[f64; 3], b: &[f64; 3], bulk: f64, shear: f64, volume: f64) {
-    let along = shear * (a[0] * b[0] + a[1] * b[1] + a[2] * b[2]);
+/// Adds what a point contributes to the stiffness between two nodes of its element.
+fn elastic(block: &mut [[f64; 3]; 3], point: &Point, nodes: [usize; 2], bulk: f64, shear: f64) {
+    let [a, b] = nodes.map(|node| point.gradient[node]);
+    let along = shear * dot(a, b);
     for row in 0..3 {
         for column in 0..3 {
-            block[row][column] += volume * (bulk * a[row] * b[column] + shear * a[column] * b[row]);
+            block[row][column] += point.volume * (bulk * a[row] * b[column] + shear * a[column] * b[row]);
         }
-        block[row][row] += volume * along;
+        block[row][row] += point.volume * along;
     }
-}
-
-/// Every element: its place and its integration points.
-pub(super) fn for_each_element(mesh: &Mesh, mut visit: impl FnMut(usize, &[Point])) {
-    let linear = shapes(Kind::Tet4, stiffness_rule(Kind::Tet4));
-    let quadratic = shapes(Kind::Tet10, stiffness_rule(Kind::Tet10));
-    let mut points = Vec::with_capacity(quadratic.len());
-    for (place, element) in mesh.elements.iter().enumerate() {
-        let xyz = mesh.corners(element);
-        let shapes: &[(Shape, f64)] = if element.kind == Kind::Tet4 { &linear } else { &quadratic };
-        points.clear();
-        points.extend(shapes.iter().map(|(shape, weight)| point(shape, *weight, &xyz)));
-        visit(place, &points);
-    }
-}
-
-/// Every integration point of every element: the place of the element, the point, and how many nodes it has.
-pub(super) fn for_each_point(mesh: &Mesh, mut visit: impl FnMut(usize, &Point, usize)) {
-    for_each_element(mesh, |element, points| {
-        let count = mesh.elements[element].nodes.len();
-        points.iter().for_each(|point| visit(element, point, count));
-    });
 }
 
 #[cfg(test)]

@@ -1,6 +1,8 @@
 //! A symmetric positive definite system over the free nodes of a mesh: assembled, factored once, solved for many
 //! right-hand sides.
 
+use std::sync::Arc;
+
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::perm::PermRef;
@@ -16,15 +18,22 @@ use crate::graph::Graph;
 /// Rows up to which threads cost more than they save.
 const SMALL: usize = 30_000;
 
-/// The lower half of a symmetric matrix, `WIDTH` rows and columns for each free node.
-pub(super) struct System<const WIDTH: usize> {
+/// Which entries a system over the free nodes of a mesh has.
+struct Pattern {
     /// Of each node of the mesh its number among the free ones.
-    pub(super) free: Vec<Option<usize>>,
+    free: Vec<Option<usize>>,
+    /// Free nodes in the order of elimination.
     order: Vec<usize>,
     /// Free nodes that touch a free node and come after it, ascending.
     later: Vec<Vec<u32>>,
     start: Vec<usize>,
     rows: Vec<usize>,
+}
+
+/// The lower half of a symmetric matrix, `WIDTH` rows and columns for each free node.
+#[derive(Clone)]
+pub(super) struct System<const WIDTH: usize> {
+    pattern: Arc<Pattern>,
     values: Vec<f64>,
 }
 
@@ -50,7 +59,12 @@ impl<const WIDTH: usize> System<WIDTH> {
         }
         let order = graph.order(xyz, nodes).into_iter().filter_map(|node| free[node]).collect();
         let values = vec![0.0; rows.len()];
-        Self { free, order, later, start, rows, values }
+        Self { pattern: Arc::new(Pattern { free, order, later, start, rows }), values }
+    }
+
+    /// The number of a node of the mesh among the free ones.
+    pub(super) fn free(&self, node: usize) -> Option<usize> {
+        self.pattern.free[node]
     }
 
     /// Adds the block that couples two free nodes (by their numbers among the free): `block[row][column]` with the rows
@@ -59,69 +73,47 @@ impl<const WIDTH: usize> System<WIDTH> {
         if row < column {
             return;
         }
+        let Pattern { start, later, .. } = &*self.pattern;
         if row == column {
             for (under, values) in block.iter().enumerate() {
                 for (at, value) in values.iter().enumerate().take(under + 1) {
-                    self.values[self.start[WIDTH * column + at] + under - at] += value;
+                    self.values[start[WIDTH * column + at] + under - at] += value;
                 }
             }
             return;
         }
         let Ok(row) = u32::try_from(row) else { return };
-        let Ok(place) = self.later[column].binary_search(&row) else { return };
+        let Ok(place) = later[column].binary_search(&row) else { return };
         for (under, values) in block.iter().enumerate() {
             for (at, value) in values.iter().enumerate() {
-                let first = self.start[WIDTH * column + at] + (WIDTH - at) + WIDTH * place;
+                let first = start[WIDTH * column + at] + (WIDTH - at) + WIDTH * place;
                 self.values[first + under] += value;
-            }
-        }
-    }
-
-    /// Makes the unknowns of these rows nothing, whatever the right-hand side of the others.
-    pub(super) fn pin(&mut self, rows: &[usize]) {
-        if rows.is_empty() {
-            return;
-        }
-        let mut pinned = vec![false; self.size()];
-        rows.iter().for_each(|row| pinned[*row] = true);
-        for column in 0..self.size() {
-            for entry in self.start[column]..self.start[column + 1] {
-                let row = self.rows[entry];
-                if row != column && (pinned[row] || pinned[column]) {
-                    self.values[entry] = 0.0;
-                }
             }
         }
     }
 
     /// Rows of a right-hand side.
     pub(super) fn size(&self) -> usize {
-        WIDTH * self.order.len()
+        WIDTH * self.pattern.order.len()
     }
 
     /// This matrix plus a multiple of another one over the same nodes.
     pub(super) fn plus(&self, factor: f64, other: &Self) -> Self {
         let sum = self.values.iter().zip(&other.values).map(|(own, other)| own + factor * other).collect();
-        Self {
-            free: self.free.clone(),
-            order: self.order.clone(),
-            later: self.later.clone(),
-            start: self.start.clone(),
-            rows: self.rows.clone(),
-            values: sum,
-        }
+        Self { pattern: Arc::clone(&self.pattern), values: sum }
     }
 
     /// Factors the matrix; none where it is not positive definite.
-    pub(super) fn factor(self) -> Option<Factor<WIDTH>> {
-        let size = WIDTH * self.order.len();
+    pub(super) fn factor(&self) -> Option<Factor<WIDTH>> {
+        let size = self.size();
+        let Pattern { order, start, rows, .. } = &*self.pattern;
         let forward: Vec<usize> =
-            self.order.iter().flat_map(|node| (0..WIDTH).map(move |row| WIDTH * node + row)).collect();
+            order.iter().flat_map(|node| (0..WIDTH).map(move |row| WIDTH * node + row)).collect();
         let mut inverse = vec![0; size];
         for (to, from) in forward.iter().enumerate() {
             inverse[*from] = to;
         }
-        let pattern = SymbolicSparseColMatRef::new_checked(size, size, &self.start, None, &self.rows);
+        let pattern = SymbolicSparseColMatRef::new_checked(size, size, start, None, rows);
         let parameters = CholeskySymbolicParams {
             supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SUPERNODAL,
             ..CholeskySymbolicParams::default()
@@ -143,22 +135,23 @@ impl<const WIDTH: usize> System<WIDTH> {
                 Default::default(),
             )
             .ok()?;
-        Some(Factor { free: self.free, symbolic, values })
+        Some(Factor { pattern: Arc::clone(&self.pattern), symbolic, values })
     }
 }
 
 impl System<1> {
     /// The product with the values of all nodes of the mesh; held nodes are left out.
     pub(super) fn times(&self, values: &[f64]) -> Vec<f64> {
+        let Pattern { free, start, rows, .. } = &*self.pattern;
         let own: Vec<f64> =
-            self.free.iter().zip(values).filter_map(|(free, value)| free.map(|_| *value)).collect();
+            free.iter().zip(values).filter_map(|(free, value)| free.map(|_| *value)).collect();
         let mut product = vec![0.0; own.len()];
-        for (column, range) in self.start.windows(2).enumerate() {
-            for entry in range[0]..range[1] {
-                let row = self.rows[entry];
-                product[row] += self.values[entry] * own[column];
-                if row != column {
-                    product[column] += self.values[entry] * own[row];
+        for (column, range) in start.windows(2).enumerate() {
+            let entries = range[0]..range[1];
+            for (row, value) in rows[entries.clone()].iter().zip(&self.values[entries]) {
+                product[*row] += value * own[column];
+                if *row != column {
+                    product[column] += value * own[*row];
                 }
             }
         }
@@ -168,13 +161,17 @@ impl System<1> {
 
 /// A factored system.
 pub(super) struct Factor<const WIDTH: usize> {
-    /// Of each node of the mesh its number among the free ones.
-    pub(super) free: Vec<Option<usize>>,
+    pattern: Arc<Pattern>,
     symbolic: SymbolicCholesky<usize>,
     values: Vec<f64>,
 }
 
 impl<const WIDTH: usize> Factor<WIDTH> {
+    /// Of each node of the mesh its number among the free ones.
+    pub(super) fn free(&self) -> &[Option<usize>] {
+        &self.pattern.free
+    }
+
     /// Rows of a right-hand side: `WIDTH` for each free node.
     pub(super) fn rows(&self) -> usize {
         self.symbolic.nrows()

@@ -1,7 +1,6 @@
 //! The structure seen from the six directions of its axes: what can be seen can be reached, and can be drawn.
 
-use crate::mesh::Mesh;
-use crate::problem::count;
+use crate::mesh::{Mesh, count, range};
 
 /// Pixels along the longest side of the structure.
 const FINE: usize = 400;
@@ -65,9 +64,8 @@ impl View {
         let seen = vec![None; size[0] * size[1]];
         let mut view = View { axis, from_above, plane, size, low: plane.map(|axis| low[axis]), pixel, seen };
         for face in mesh.outer_faces() {
-            let element = &mesh.elements[face.element];
-            let corners = element.kind.face(face.side);
-            view.draw(mesh, [0, 1, 2].map(|corner| element.nodes[corners[corner]]));
+            let nodes: Vec<usize> = mesh.face_nodes(face).collect();
+            view.draw(mesh, [0, 1, 2].map(|corner| nodes[corner]));
         }
         view
     }
@@ -150,14 +148,10 @@ impl View {
     }
 }
 
-/// The lowest and the highest coordinates of the nodes that belong to elements, mm.
-#[must_use]
-pub fn extent(mesh: &Mesh) -> ([f64; 3], [f64; 3]) {
-    let nodes = || mesh.elements.iter().flat_map(|element| &element.nodes).map(|node| mesh.xyz[*node]);
-    let low = nodes().fold([f64::INFINITY; 3], |low, xyz| [0, 1, 2].map(|axis| xyz[axis].min(low[axis])));
-    let high =
-        nodes().fold([f64::NEG_INFINITY; 3], |high, xyz| [0, 1, 2].map(|axis| xyz[axis].max(high[axis])));
-    (low, high)
+/// The lowest and the highest coordinates of the nodes, mm.
+fn extent(mesh: &Mesh) -> ([f64; 3], [f64; 3]) {
+    let ends = [0, 1, 2].map(|axis| range(mesh.xyz.iter().map(|xyz| xyz[axis])));
+    (ends.map(|(low, _)| low), ends.map(|(_, high)| high))
 }
 
 /// Nodes of the skin that can be seen from outside along an axis, except from the side where the structure is fixed: a

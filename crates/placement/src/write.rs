@@ -1,4 +1,4 @@
-//! Decks as CalculiX reads them.
+//! FE input files as CalculiX reads them.
 
 use std::fmt::Write as _;
 
@@ -8,25 +8,19 @@ use crate::mesh::{Kind, Mesh};
 /// Numbers in one line of a set.
 const IN_LINE: usize = 10;
 
-/// Nodes, elements and sets: what decks include.
+/// Nodes, elements and sets: what FE input files include.
 #[must_use]
 pub fn mesh(mesh: &Mesh) -> String {
-    let mut text = String::from("*NODE\n");
-    for (id, [x, y, z]) in mesh.nodes.iter().zip(&mesh.xyz) {
-        let _ = writeln!(text, "{id}, {}, {}, {}", number(*x), number(*y), number(*z));
-    }
+    let mut text = coordinates(mesh);
     for kind in [Kind::Tet4, Kind::Tet10] {
         let mut elements = mesh.elements.iter().filter(|element| element.kind == kind).peekable();
         if elements.peek().is_some() {
             let _ = writeln!(text, "*ELEMENT, TYPE={}", kind.name());
         }
-        for element in elements {
-            let nodes: Vec<String> = element.nodes.iter().map(|node| mesh.nodes[*node].to_string()).collect();
-            let _ = writeln!(text, "{}, {}", element.id, nodes.join(", "));
-        }
+        elements.for_each(|element| self::element(&mut text, element.id, &element.nodes, mesh));
     }
     for (name, nodes) in &mesh.node_sets {
-        set(&mut text, &format!("*NSET, NSET={name}"), nodes.iter().map(|node| mesh.nodes[*node].0));
+        self::nodes(&mut text, name, mesh, nodes.iter().copied());
     }
     for (name, elements) in &mesh.element_sets {
         set(&mut text, &format!("*ELSET, ELSET={name}"), elements.iter().map(|at| mesh.elements[*at].id));
@@ -34,14 +28,28 @@ pub fn mesh(mesh: &Mesh) -> String {
     text
 }
 
+/// The nodes.
+pub(super) fn coordinates(mesh: &Mesh) -> String {
+    let mut text = String::from("*NODE\n");
+    for (id, [x, y, z]) in mesh.nodes.iter().zip(&mesh.xyz) {
+        let _ = writeln!(text, "{id}, {}, {}, {}", number(*x), number(*y), number(*z));
+    }
+    text
+}
+
+/// The line of an element.
+pub(super) fn element(text: &mut String, id: u32, nodes: &[usize], mesh: &Mesh) {
+    let nodes: Vec<String> = nodes.iter().map(|node| mesh.nodes[*node].to_string()).collect();
+    let _ = writeln!(text, "{id}, {}", nodes.join(", "));
+}
+
 /// A set of nodes.
-pub fn nodes(text: &mut String, name: &str, mesh: &Mesh, nodes: impl Iterator<Item = usize>) {
+pub(super) fn nodes(text: &mut String, name: &str, mesh: &Mesh, nodes: impl Iterator<Item = usize>) {
     set(text, &format!("*NSET, NSET={name}"), nodes.map(|node| mesh.nodes[node].0));
 }
 
 /// A number as CalculiX can take it: it reads twenty characters of a field and forgets the rest, exponent and all.
-#[must_use]
-pub fn number(value: f64) -> String {
+pub(super) fn number(value: f64) -> String {
     let whole = value.to_string();
     if whole.len() <= 20 { whole } else { format!("{value:.12e}") }
 }
@@ -95,38 +103,31 @@ pub fn load(mesh: &Mesh, load: &LoadCase, print: &str) -> String {
         }
     }
     let id = |element: usize| mesh.elements[element].id;
-    if !load.held.is_empty() {
-        text.push_str("*BOUNDARY\n");
-    }
-    for (node, temperature) in &load.held {
-        let _ = writeln!(text, "{}, 11, 11, {}", mesh.nodes[*node], number(*temperature));
-    }
-    if !load.films.is_empty() {
-        text.push_str("*FILM\n");
-    }
-    for film in &load.films {
+    let held = load
+        .held
+        .iter()
+        .map(|(node, temperature)| format!("{}, 11, 11, {}", mesh.nodes[*node], number(*temperature)));
+    let films = load.films.iter().map(|film| {
         let (id, side) = (id(film.face.element), film.face.side + 1);
-        let _ = writeln!(text, "{id}, F{side}, {}, {}", number(film.sink), number(film.coefficient));
-    }
-    if !load.fluxes.is_empty() {
-        text.push_str("*DFLUX\n");
-    }
-    for flux in &load.fluxes {
-        let _ = match flux {
-            Flux::Face(face, heat) => {
-                let heat = number(*heat);
-                writeln!(text, "{}, S{}, {heat}", id(face.element), face.side + 1)
-            }
-            Flux::Volume(element, heat) => writeln!(text, "{}, BF, {}", id(*element), number(*heat)),
-        };
-    }
-    if !load.nodal.is_empty() {
-        text.push_str("*CFLUX\n");
-    }
-    for (node, heat) in &load.nodal {
-        let _ = writeln!(text, "{}, 11, {}", mesh.nodes[*node], number(*heat));
-    }
+        format!("{id}, F{side}, {}, {}", number(film.sink), number(film.coefficient))
+    });
+    let fluxes = load.fluxes.iter().map(|flux| match flux {
+        Flux::Face(face, heat) => format!("{}, S{}, {}", id(face.element), face.side + 1, number(*heat)),
+        Flux::Volume(element, heat) => format!("{}, BF, {}", id(*element), number(*heat)),
+    });
+    let nodal = load.nodal.iter().map(|(node, heat)| format!("{}, 11, {}", mesh.nodes[*node], number(*heat)));
+    card(&mut text, "*BOUNDARY", held);
+    card(&mut text, "*FILM", films);
+    card(&mut text, "*DFLUX", fluxes);
+    card(&mut text, "*CFLUX", nodal);
     text.push_str(print);
     text.push_str("*END STEP\n");
     text
+}
+
+/// A card with these lines; nothing where there are none.
+fn card(text: &mut String, card: &str, lines: impl Iterator<Item = String>) {
+    for (place, line) in lines.enumerate() {
+        let _ = if place == 0 { writeln!(text, "{card}\n{line}") } else { writeln!(text, "{line}") };
+    }
 }

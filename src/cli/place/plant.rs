@@ -4,73 +4,64 @@ use std::path::Path;
 
 use anyhow::Context;
 
-use super::structure::{Known, differs};
 use super::{Engine, Failure};
+use crate::cli::write_file;
 use isotherm_placement::body::Progress;
-use isotherm_placement::deck::{self, Deck};
 use isotherm_placement::example;
-use isotherm_placement::found::{Found, Sensor};
+use isotherm_placement::export::signals;
+use isotherm_placement::fe_input::{self, FeInput};
+use isotherm_placement::guide_line::GuideLine;
 use isotherm_placement::mesh::NodeId;
-use isotherm_placement::reduced::{Modes, Outputs, file};
-use isotherm_placement::written::{Along, signals};
+use isotherm_placement::reduced::Modes;
+use isotherm_placement::structure::Adjoint;
+use isotherm_placement::study::{Placement, Sensor};
 
-/// The plant's deck, read before the long work begins.
-pub(super) fn deck(path: &Path, engine: Engine) -> Result<Deck, Failure> {
+/// The plant's FE input file, read before the long work begins.
+pub(super) fn read(path: &Path, engine: Engine) -> anyhow::Result<FeInput> {
     if engine == Engine::Ccx {
-        return Err(needs_own_engine());
+        anyhow::bail!("--modes needs isotherm's own finite elements: leave --engine ccx out");
     }
-    Ok(deck::read(path).map_err(anyhow::Error::from)?)
+    Ok(fe_input::read(path)?)
 }
 
-fn needs_own_engine() -> Failure {
-    anyhow::anyhow!("--modes needs isotherm's own finite elements: leave --engine ccx out").into()
-}
-
-/// Writes the modes of the plant's deck, told at the sensors, at the blocks' centres (`NAME_centre`) and along the guideway.
-pub(super) fn modes(
-    plant: &Deck,
+/// Writes the plant's modes, with the temperatures at the sensors and at the blocks' centres (`NAME_centre`) and the
+/// displacement along the guideway.
+pub(super) fn write_modes(
+    plant: &FeInput,
     out: &Path,
-    known: &Known,
-    found: &Found,
-    along: &Along,
+    adjoint: &Adjoint,
+    placement: &Placement,
+    line: &GuideLine,
     progress: Progress<'_>,
-) -> Result<(), Failure> {
-    if let Some(why) = differs(&known.first, plant) {
-        return Err(anyhow::anyhow!("{why}").into());
-    }
-    let adjoint = known.adjoint.as_ref().ok_or_else(needs_own_engine)?;
+) -> anyhow::Result<()> {
     let modes = Modes::of(plant, progress).map_err(|why| anyhow::anyhow!("{}: {why}", plant.name))?;
-    let names = signals(found, &[]);
+    let names = signals(placement, &[]);
     let node = |sensor: &Sensor| plant.mesh.place(NodeId(sensor.node)).unwrap_or_default();
-    let placed = found.sensors.iter().zip(&names).map(|(sensor, name)| (name.clone(), node(sensor)));
-    let centres =
-        found.centres.iter().zip(&names).map(|(sensor, name)| (format!("{name}_centre"), node(sensor)));
+    let placed = placement.sensors.iter().zip(&names).map(|(sensor, name)| (name.clone(), node(sensor)));
+    let centres = placement.centres.iter().zip(&names);
+    let centres = centres.map(|(sensor, name)| (format!("{name}_centre"), node(sensor)));
     let points: Vec<(String, usize)> = placed.chain(centres).collect();
-    let text = file(&modes, &Outputs { points: &points, adjoint, along });
-    std::fs::write(out, text).with_context(|| format!("cannot write {}", out.display()))?;
-    Ok(())
+    write_file(out, modes.to_json(&points, adjoint, line))
 }
 
 /// Writes the example's files, and says what to do with them.
-pub(super) fn example(directory: &Path) -> Result<(), Failure> {
-    std::fs::create_dir_all(directory)
-        .with_context(|| format!("cannot make the directory {}", directory.display()))?;
+pub(super) fn write_example(directory: &Path) -> Result<(), Failure> {
+    let place = directory.display();
+    std::fs::create_dir_all(directory).with_context(|| format!("cannot make the directory {place}"))?;
     let files: Vec<_> =
         example::files().into_iter().map(|(name, text)| (directory.join(name), text)).collect();
     // What somebody has changed there is not lost.
     for (path, text) in &files {
         if std::fs::read(path).is_ok_and(|there| there != text.as_bytes()) {
-            return Err(anyhow::anyhow!(
-                "{} is there already, and is another: name another directory",
-                path.display()
-            )
-            .into());
+            let path = path.display();
+            return Err(
+                anyhow::anyhow!("{path} is there already, and is another: name another directory").into()
+            );
         }
     }
     for (path, text) in files {
-        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
+        write_file(&path, text)?;
     }
-    let place = directory.display();
     let cases: Vec<String> = example::cases().map(|case| format!("{place}/{case}.inp")).collect();
     println!("the column is in {place}/mesh.inp, its load cases beside it; where its sensors belong:");
     println!(

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::time::Duration;
 
 use crate::cli::target::{self, Target};
-use crate::cli::{Failure, print_json, refuse};
+use crate::cli::{Failure, print_json, refuse, values};
 use crate::clock::Clock;
 use crate::discovery::ask::Asker;
 use crate::discovery::remedy::{Asked, remedy};
@@ -66,8 +66,7 @@ fn word_order(text: &str) -> Result<WordOrder, String> {
 }
 
 fn finite(text: &str) -> Result<f64, String> {
-    let number: Option<f64> = text.parse().ok().filter(|number: &f64| number.is_finite());
-    number.ok_or_else(|| "write a number, such as 0.1".to_owned())
+    values::number(text, |_| true, "write a number, such as 0.1")
 }
 
 fn scale(text: &str) -> Result<f64, String> {

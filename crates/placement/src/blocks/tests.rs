@@ -1,7 +1,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::column::Column;
+use crate::bodies::Column;
 
 fn column() -> Mesh {
     Column::new(150.0, Kind::Tet4).mesh

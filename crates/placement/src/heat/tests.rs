@@ -1,9 +1,9 @@
 use nalgebra::DMatrix;
 
 use super::*;
+use crate::bodies::{SIZE, at, block, calm, iron, on_surface};
 use crate::body::{Film, SILENT};
 use crate::mesh::Kind;
-use crate::samples::{SIZE, at, block, calm, iron, on_surface};
 
 fn rises(mesh: &Mesh, load: &LoadCase) -> Vec<f64> {
     temperatures(mesh, &iron(mesh), load, SILENT).unwrap()

@@ -1,9 +1,9 @@
-//! The best that blocks can tell of one load case: least squares over the blocks' temperatures, each within what its
+//! The least that blocks can leave of one load case: least squares over the blocks' temperatures, each within what its
 //! candidates offer.
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::problem::{Aim, Problem};
+use crate::problem::{Problem, Target};
 
 /// Where a block's temperature stands among its bounds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,8 +15,8 @@ enum Held {
 
 /// The block temperatures θg (rises, K) that leave least of a case.
 #[must_use]
-pub fn bounded(problem: &Problem, aim: &Aim) -> Vec<f64> {
-    least_squares(problem.square(), aim.cross(), &aim.bounds)
+pub fn bounded(problem: &Problem, target: &Target) -> Vec<f64> {
+    least_squares(&problem.square, &target.cross, &target.bounds)
 }
 
 /// Minimises θ'Aθ − 2·θ'b with each θ within its bounds: active sets, one variable freed or held at a time, as in the

@@ -16,7 +16,8 @@ use rayon::prelude::*;
 use super::bounded::bounded;
 use super::nearest;
 use super::patent::patent;
-use crate::problem::{Aim, Problem, count};
+use crate::mesh::count;
+use crate::problem::{Problem, Target};
 
 /// How hard it looks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,7 +40,7 @@ const LEFT_OF_NOISE: f64 = 0.3;
 
 /// What is as good as nothing.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Tolerated {
+pub struct Tolerance {
     /// A sensor's noise, K.
     pub noise: f64,
     /// The patent's iteration ends below this, µm RMS.
@@ -48,8 +49,8 @@ pub struct Tolerated {
 
 /// For each block the place of its sensor among its candidates, chosen on the cases at `cases`.
 #[must_use]
-pub fn multi_case(problem: &Problem, cases: &[usize], tolerated: Tolerated, effort: Effort) -> Vec<usize> {
-    let alone: Vec<Alone> = cases.iter().map(|case| Alone::new(problem, *case, tolerated)).collect();
+pub fn multi_case(problem: &Problem, cases: &[usize], tolerance: Tolerance, effort: Effort) -> Vec<usize> {
+    let alone: Vec<Alone> = cases.iter().map(|case| Alone::new(problem, *case, tolerance)).collect();
     let search = Search::new(problem, &alone);
     let starts: Vec<u64> = (0..effort.starts).collect();
     let found: Vec<_> = starts.par_iter().map(|seed| search.from(*seed, effort.changes)).collect();
@@ -67,7 +68,7 @@ pub fn noise_um(problem: &Problem, noise: f64) -> f64 {
 
 /// What serves one case alone.
 struct Alone<'a> {
-    aim: &'a Aim,
+    target: &'a Target,
     /// By the patent, and by bounded least squares.
     placements: [Vec<usize>; 2],
     /// The squared error that its error is measured against, µm² over the guideway.
@@ -75,15 +76,15 @@ struct Alone<'a> {
 }
 
 impl<'a> Alone<'a> {
-    fn new(problem: &'a Problem, case: usize, Tolerated { noise, enough }: Tolerated) -> Alone<'a> {
-        let aim = &problem.aims[case];
-        let floor = bounded(problem, aim);
-        let by_patent = nearest(aim, &patent(problem, aim, enough).theta);
-        let unavoidable = problem.rms(aim, &floor).hypot(noise_um(problem, LEFT_OF_NOISE * noise));
+    fn new(problem: &'a Problem, case: usize, Tolerance { noise, enough }: Tolerance) -> Alone<'a> {
+        let target = &problem.targets[case];
+        let floor = bounded(problem, target);
+        let by_patent = nearest(target, &patent(problem, target, enough).theta);
+        let unavoidable = problem.rms(target, &floor).hypot(noise_um(problem, LEFT_OF_NOISE * noise));
         // µm: what is less is nothing.
-        let measure = unavoidable.max(problem.rms_of(aim, &by_patent)).max(1e-3);
-        let placements = [by_patent, nearest(aim, &floor)];
-        Alone { aim, placements, measure: measure.powi(2) * problem.rows() }
+        let measure = unavoidable.max(problem.rms_of(target, &by_patent)).max(1e-3);
+        let placements = [by_patent, nearest(target, &floor)];
+        Alone { target, placements, measure: measure.powi(2) * problem.rows() }
     }
 }
 
@@ -116,19 +117,21 @@ const STRETCH: u32 = 256;
 
 impl Search {
     fn new(problem: &Problem, alone: &[Alone<'_>]) -> Search {
-        let aims: Vec<_> = alone.iter().map(|alone| alone.aim).collect();
+        let targets: Vec<&Target> = alone.iter().map(|alone| alone.target).collect();
         let blocks = 0..problem.blocks.len();
         let offered = |block: usize| {
             let candidates = 0..problem.blocks[block].candidates.len();
-            candidates.flat_map(|place| aims.iter().map(move |aim| aim.offered[block][place])).collect()
+            candidates
+                .flat_map(|place| targets.iter().map(move |target| target.offered[block][place]))
+                .collect()
         };
         Search {
             offered: blocks.clone().map(offered).collect(),
-            square: problem.square().clone(),
-            cross: blocks.map(|block| aims.iter().map(|aim| aim.cross()[block]).collect()).collect(),
-            power: aims.iter().map(|aim| aim.power()).collect(),
+            square: problem.square.clone(),
+            cross: blocks.map(|block| targets.iter().map(|target| target.cross[block]).collect()).collect(),
+            power: targets.iter().map(|target| target.power).collect(),
             weight: alone.iter().map(|alone| 1.0 / alone.measure).collect(),
-            cases: aims.len(),
+            cases: targets.len(),
         }
     }
 

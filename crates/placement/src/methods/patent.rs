@@ -11,7 +11,7 @@
 use nalgebra::DVector;
 
 use super::patterns::{Pattern, patterns};
-use crate::problem::{Aim, Problem};
+use crate::problem::{Problem, Target};
 
 /// One round.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
@@ -42,16 +42,16 @@ const LEAST: f64 = 1e-4;
 
 /// The iteration on one case, until `enough` µm RMS are left or no pattern helps any more.
 #[must_use]
-pub fn patent(problem: &Problem, aim: &Aim, enough: f64) -> Iterated {
+pub fn patent(problem: &Problem, target: &Target, enough: f64) -> Iterated {
     let patterns = patterns(&problem.blocks);
     let displacements: Vec<DVector<f64>> =
         patterns.iter().map(|pattern| displaced(problem, pattern)).collect();
-    let mut theta = aim.mean.clone();
-    clamp(&mut theta, aim);
-    let mut rms = problem.rms(aim, &theta);
+    let mut theta = target.mean.clone();
+    clamp(&mut theta, target);
+    let mut rms = problem.rms(target, &theta);
     let mut rounds = Vec::new();
     while rms > enough && rounds.len() < MOST_ROUNDS {
-        let left = &aim.moved - problem.told(&theta);
+        let left = &target.moved - problem.evaluate(&theta);
         let likeness = |place: usize| {
             let displaced = &displacements[place];
             let size = displaced.norm() * left.norm();
@@ -66,8 +66,8 @@ pub fn patent(problem: &Problem, aim: &Aim, enough: f64) -> Iterated {
             for (theta, warmed) in next.iter_mut().zip(&patterns[place].warmed) {
                 *theta += if *warmed { r } else { 0.0 };
             }
-            clamp(&mut next, aim);
-            let after = problem.rms(aim, &next);
+            clamp(&mut next, target);
+            let after = problem.rms(target, &next);
             let round = || Round {
                 pattern: patterns[place].name.clone(),
                 likeness: likeness(place),
@@ -85,11 +85,11 @@ pub fn patent(problem: &Problem, aim: &Aim, enough: f64) -> Iterated {
 
 fn displaced(problem: &Problem, pattern: &Pattern) -> DVector<f64> {
     let theta: Vec<f64> = pattern.warmed.iter().map(|warmed| if *warmed { 1.0 } else { 0.0 }).collect();
-    problem.told(&theta)
+    problem.evaluate(&theta)
 }
 
-fn clamp(theta: &mut [f64], aim: &Aim) {
-    for (theta, (low, high)) in theta.iter_mut().zip(&aim.bounds) {
+fn clamp(theta: &mut [f64], target: &Target) {
+    for (theta, (low, high)) in theta.iter_mut().zip(&target.bounds) {
         *theta = theta.clamp(*low, *high);
     }
 }

@@ -4,6 +4,7 @@
 //! where the blocks lie, for any structure: the whole; along each direction the low, the middle and the high blocks;
 //! of two directions together the corners; each block alone.
 
+use crate::mesh::{AXES, range};
 use crate::problem::Block;
 
 /// A pattern: its name, and which blocks are one kelvin warmer.
@@ -14,8 +15,6 @@ pub struct Pattern {
     /// One per block.
     pub warmed: Vec<bool>,
 }
-
-const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// All patterns of a layout, each set of blocks once.
 #[must_use]
@@ -46,14 +45,13 @@ pub fn patterns(blocks: &[Block]) -> Vec<Pattern> {
 
 /// Low, middle and high blocks along a direction; none where the blocks do not differ in it.
 fn along(blocks: &[Block], axis: usize) -> Vec<(String, Vec<bool>, usize)> {
-    let places: Vec<f64> = blocks.iter().map(|block| block.centre[axis]).collect();
-    let low = places.iter().copied().fold(f64::INFINITY, f64::min);
-    let high = places.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let length = extent(blocks);
+    let extents = [0, 1, 2].map(|axis| range(blocks.iter().map(|block| block.centre[axis])));
+    let length = extents.iter().map(|(low, high)| high - low).fold(0.0, f64::max);
+    let (low, high) = extents[axis];
     if high - low < 0.1 * length {
         return Vec::new();
     }
-    let share: Vec<f64> = places.iter().map(|place| (place - low) / (high - low)).collect();
+    let share: Vec<f64> = blocks.iter().map(|block| (block.centre[axis] - low) / (high - low)).collect();
     let of = |word: &str, chosen: fn(f64) -> bool| {
         let warmed = share.iter().map(|share| chosen(*share)).collect();
         (format!("{word} {}", AXES[axis]), warmed, axis)
@@ -65,13 +63,4 @@ fn along(blocks: &[Block], axis: usize) -> Vec<(String, Vec<bool>, usize)> {
         of("highest", |share| share > 0.8),
         of("middle", |share| (0.2..=0.8).contains(&share)),
     ]
-}
-
-/// How far the centres of the blocks lie apart at most, along any direction.
-fn extent(blocks: &[Block]) -> f64 {
-    let along = |axis: usize| {
-        let places = || blocks.iter().map(|block| block.centre[axis]);
-        places().fold(f64::NEG_INFINITY, f64::max) - places().fold(f64::INFINITY, f64::min)
-    };
-    (0..3).map(along).fold(0.0, f64::max)
 }

@@ -1,7 +1,7 @@
 //! On a structure where the truth is known: a beam whose blocks really have one temperature each at some nodes.
 
 use super::bounded::bounded;
-use super::multi_case::{Effort, Tolerated, multi_case, noise_um};
+use super::multi_case::{Effort, Tolerance, multi_case, noise_um};
 use super::patent::patent;
 use super::*;
 use crate::problem::{Block, Load};
@@ -9,7 +9,7 @@ use crate::problem::{Block, Load};
 const BLOCKS: usize = 4;
 const EACH: usize = 30;
 const GUIDE: usize = 9;
-const TOLERATED: Tolerated = Tolerated { noise: 0.1, enough: 1e-3 };
+const TOLERANCE: Tolerance = Tolerance { noise: 0.1, enough: 1e-3 };
 
 /// Bends more the higher it is warmed; every component alike.
 fn p() -> Vec<Vec<f64>> {
@@ -34,8 +34,8 @@ fn blocks() -> Vec<Block> {
 fn load(name: &str, right: [usize; BLOCKS], warm: impl Fn(usize) -> f64) -> Load {
     let rise: Vec<f64> = (0..BLOCKS * EACH).map(warm).collect();
     let theta: Vec<f64> = right.iter().enumerate().map(|(block, node)| rise[block * EACH + node]).collect();
-    let told = |row: &Vec<f64>| row.iter().zip(&theta).map(|(each, theta)| each * theta).sum();
-    Load { name: name.to_owned(), moved_mm: p().iter().map(told).collect(), rise }
+    let moved = |row: &Vec<f64>| row.iter().zip(&theta).map(|(each, theta)| each * theta).sum();
+    Load { name: name.to_owned(), moved_mm: p().iter().map(moved).collect(), rise }
 }
 
 const RIGHT: [usize; BLOCKS] = [7, 21, 3, 16];
@@ -58,24 +58,24 @@ fn problem() -> Problem {
 #[test]
 fn nodes_for_all_cases_together_leave_nothing_that_counts_where_some_leave_nothing() {
     let problem = problem();
-    let found = multi_case(&problem, &[0, 1, 2, 3], TOLERATED, Effort::SHORT);
+    let found = multi_case(&problem, &[0, 1, 2, 3], TOLERANCE, Effort::SHORT);
     let right: Vec<usize> = RIGHT.to_vec();
-    for aim in &problem.aims {
-        assert!(problem.rms_of(aim, &right) < 1e-4, "the truth of {}", aim.name);
-        let left = problem.rms_of(aim, &found);
-        assert!(left < 0.3 * noise_um(&problem, 0.1), "{}: {left}", aim.name);
-        assert!(left < 0.1 * problem.rms(aim, &aim.mean), "{}: {left}", aim.name);
+    for target in &problem.targets {
+        assert!(problem.rms_of(target, &right) < 1e-4, "the truth of {}", target.name);
+        let left = problem.rms_of(target, &found);
+        assert!(left < 0.3 * noise_um(&problem, 0.1), "{}: {left}", target.name);
+        assert!(left < 0.1 * problem.rms(target, &target.mean), "{}: {left}", target.name);
     }
 }
 
 #[test]
 fn one_case_alone_does_not_tell_nodes_of_one_temperature_apart() {
     let problem = problem();
-    let aim = &problem.aims[3];
-    let alone = nearest(aim, &bounded(&problem, aim));
-    assert!(problem.rms_of(aim, &alone) < 1e-3);
-    let together = multi_case(&problem, &[0, 1, 2, 3], TOLERATED, Effort::SHORT);
-    for other in &problem.aims[..3] {
+    let target = &problem.targets[3];
+    let alone = nearest(target, &bounded(&problem, target));
+    assert!(problem.rms_of(target, &alone) < 1e-3);
+    let together = multi_case(&problem, &[0, 1, 2, 3], TOLERANCE, Effort::SHORT);
+    for other in &problem.targets[..3] {
         let (alone, together) = (problem.rms_of(other, &alone), problem.rms_of(other, &together));
         assert!(together < 0.5 * alone, "{}: {together} {alone}", other.name);
     }
@@ -85,13 +85,13 @@ fn one_case_alone_does_not_tell_nodes_of_one_temperature_apart() {
 #[test]
 fn of_one_case_no_more_is_left_than_by_the_patent_or_by_bounded_least_squares() {
     let problem = problem();
-    for (case, aim) in problem.aims.iter().enumerate() {
-        let by_patent = nearest(aim, &patent(&problem, aim, TOLERATED.enough).theta);
-        let by_bounded = nearest(aim, &bounded(&problem, aim));
-        let found = multi_case(&problem, &[case], TOLERATED, Effort { starts: 1, changes: 1 });
-        let left = problem.rms_of(aim, &found);
+    for (case, target) in problem.targets.iter().enumerate() {
+        let by_patent = nearest(target, &patent(&problem, target, TOLERANCE.enough).theta);
+        let by_bounded = nearest(target, &bounded(&problem, target));
+        let found = multi_case(&problem, &[case], TOLERANCE, Effort { starts: 1, changes: 1 });
+        let left = problem.rms_of(target, &found);
         for known in [by_patent, by_bounded] {
-            assert!(left <= problem.rms_of(aim, &known) + 1e-9, "{}: {left}", aim.name);
+            assert!(left <= problem.rms_of(target, &known) + 1e-9, "{}: {left}", target.name);
         }
     }
 }
@@ -99,17 +99,17 @@ fn of_one_case_no_more_is_left_than_by_the_patent_or_by_bounded_least_squares() 
 #[test]
 fn bounded_least_squares_find_the_temperatures_behind_a_displacement() {
     let problem = problem();
-    for aim in &problem.aims {
-        assert!(problem.rms(aim, &bounded(&problem, aim)) < 1e-3, "{}", aim.name);
+    for target in &problem.targets {
+        assert!(problem.rms(target, &bounded(&problem, target)) < 1e-3, "{}", target.name);
     }
 }
 
 #[test]
 fn every_round_of_the_patent_leaves_less_and_none_leaves_less_than_the_bounds_allow() {
     let problem = problem();
-    for aim in &problem.aims {
-        let found = patent(&problem, aim, 1e-3);
-        let mut before = problem.rms(aim, &aim.mean);
+    for target in &problem.targets {
+        let found = patent(&problem, target, 1e-3);
+        let mut before = problem.rms(target, &target.mean);
         for round in &found.rounds {
             assert!(
                 round.rms_um < before && round.likeness > 0.0 && round.likeness < 1.0 + 1e-9,
@@ -118,11 +118,11 @@ fn every_round_of_the_patent_leaves_less_and_none_leaves_less_than_the_bounds_al
             before = round.rms_um;
         }
         assert!(
-            found.rounds.len() > 2 && before < 0.2 * problem.rms(aim, &aim.mean),
+            found.rounds.len() > 2 && before < 0.2 * problem.rms(target, &target.mean),
             "{}: {before}",
-            aim.name
+            target.name
         );
-        for (theta, (low, high)) in found.theta.iter().zip(&aim.bounds) {
+        for (theta, (low, high)) in found.theta.iter().zip(&target.bounds) {
             assert!((*low..=*high).contains(theta));
         }
     }
@@ -131,10 +131,10 @@ fn every_round_of_the_patent_leaves_less_and_none_leaves_less_than_the_bounds_al
 #[test]
 fn the_patent_stops_at_once_where_the_means_are_near_enough() {
     let problem = problem();
-    let aim = &problem.aims[0];
-    let found = patent(&problem, aim, 1e6);
+    let target = &problem.targets[0];
+    let found = patent(&problem, target, 1e6);
     assert!(found.rounds.is_empty());
-    assert_eq!(found.theta, aim.mean);
+    assert_eq!(found.theta, target.mean);
 }
 
 #[test]

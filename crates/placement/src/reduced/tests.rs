@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use super::*;
+use crate::bodies::{Column, Warming};
 use crate::body::{Film, SILENT};
-use crate::column::{Column, Warming};
-use crate::deck::Places;
+use crate::fe_input::SurfaceNames;
 use crate::heat::temperatures;
 use crate::mesh::Kind;
 use crate::structure::Structure;
@@ -13,7 +13,7 @@ use crate::structure::Structure;
 const COLD: f64 = 20.0;
 
 /// The column with films outside, inside and around its foot, and heat on its front and its top.
-fn deck(kind: Kind) -> Deck {
+fn plant(kind: Kind) -> FeInput {
     let Column { mesh, materials } = Column::new(160.0, kind);
     let column = Column { mesh, materials };
     let load = column.load(Warming::All);
@@ -23,24 +23,24 @@ fn deck(kind: Kind) -> Deck {
         Flux::Face(_, heat) if *heat > 3.0 => "spindle".to_owned(),
         _ => "motor".to_owned(),
     });
-    let places = Places { films, fluxes: fluxes.collect() };
+    let surfaces = SurfaceNames { films, fluxes: fluxes.collect() };
     let Column { mesh, materials } = column;
-    Deck { name: "plant".to_owned(), mesh, materials, load, places, supports: vec![] }
+    FeInput { name: "plant".to_owned(), mesh, materials, load, surfaces, supports: vec![] }
 }
 
 /// One input switched on, and nothing else: 100 W in a port, 5 K in a sink.
-fn step(deck: &Deck, input: &str, modes: &Modes) -> LoadCase {
-    let mut load = deck.load.clone();
-    for (film, name) in load.films.iter_mut().zip(&deck.places.films) {
+fn step(plant: &FeInput, input: &str, modes: &Modes) -> LoadCase {
+    let mut load = plant.load.clone();
+    for (film, name) in load.films.iter_mut().zip(&plant.surfaces.films) {
         film.sink = COLD + if name == input { 5.0 } else { 0.0 };
     }
-    let fluxes = load.fluxes.iter().zip(&deck.places.fluxes).filter(|(_, name)| *name == input);
+    let fluxes = load.fluxes.iter().zip(&plant.surfaces.fluxes).filter(|(_, name)| *name == input);
     load.fluxes = fluxes.map(|(flux, _)| *flux).collect();
     if modes.ports.contains_key(input) {
-        let nodes = vec![0.0; deck.mesh.nodes.len()];
-        let system = Heat::assembled(&deck.mesh, &deck.materials, &load).unwrap().conduction;
+        let nodes = vec![0.0; plant.mesh.nodes.len()];
+        let system = Heat::assembled(&plant.mesh, &plant.materials, &load).unwrap().conduction;
         let mut heat = nodes;
-        add_fluxes(&deck.mesh, &load, &system, &mut heat);
+        add_fluxes(&plant.mesh, &load.fluxes, &system, &mut heat);
         let all: f64 = heat.iter().sum();
         for flux in &mut load.fluxes {
             let Flux::Face(_, heat) = flux else { continue };
@@ -67,18 +67,18 @@ fn answer(modes: &Modes, input: &str, seconds: f64) -> Vec<f64> {
 #[test]
 fn every_input_does_to_every_node_and_the_guideway_what_it_does_to_the_whole() {
     for kind in [Kind::Tet4, Kind::Tet10] {
-        let deck = deck(kind);
-        let modes = Modes::of(&deck, SILENT).unwrap();
-        let sets = &deck.mesh.node_sets;
-        let structure = Structure::new(&deck.mesh, &deck.materials, &sets["BASE"], SILENT).unwrap();
+        let plant = plant(kind);
+        let modes = Modes::of(&plant, SILENT).unwrap();
+        let sets = &plant.mesh.node_sets;
+        let structure = Structure::new(&plant.mesh, &plant.materials, &sets["BASE"], SILENT).unwrap();
         let adjoint = structure.guideway(&sets["GUIDE"], SILENT);
         for input in ["air", "coolant", "spindle", "motor"] {
-            let load = step(&deck, input, &modes);
+            let load = step(&plant, input, &modes);
             // The whole is stepped backwards: short steps, or its own error is seen.
             for (period, steps) in [(60.0, 60.0), (600.0, 120.0), (3600.0, 120.0), (28_800.0, 240.0)] {
                 let case = Case::Transient { step: period / steps, period };
                 let load = LoadCase { case, ..load.clone() };
-                let whole = temperatures(&deck.mesh, &deck.materials, &load, SILENT).unwrap();
+                let whole = temperatures(&plant.mesh, &plant.materials, &load, SILENT).unwrap();
                 let reduced = answer(&modes, input, period);
                 let most = whole.iter().fold(0.0, |most: f64, rise| most.max(rise.abs()));
                 let far = whole.iter().zip(&reduced).map(|(whole, reduced)| (whole - reduced).abs());
@@ -97,8 +97,8 @@ fn every_input_does_to_every_node_and_the_guideway_what_it_does_to_the_whole() {
 
 #[test]
 fn a_uniform_rise_stays_one_and_what_comes_in_is_stored_or_goes_out() {
-    let deck = deck(Kind::Tet10);
-    let modes = Modes::of(&deck, SILENT).unwrap();
+    let plant = plant(Kind::Tet10);
+    let modes = Modes::of(&plant, SILENT).unwrap();
     // Where all sinks are a kelvin warmer, so is every node in the end; and, read the other way, what a mode gives up
     // goes into the sinks and nowhere else.
     for (place, (rate, uniform)) in modes.rates.iter().zip(&modes.uniform).enumerate() {
@@ -117,8 +117,8 @@ fn a_uniform_rise_stays_one_and_what_comes_in_is_stored_or_goes_out() {
     }
     let drawn: f64 = modes.uniform.iter().zip(&modes.sinks["coolant"]).map(|(one, sink)| one * sink).sum();
     let mut film = 0.0;
-    for coolant in deck.load.films.iter().filter(|film| film.coefficient > 0.05) {
-        film_heat(&deck.mesh, coolant, |_, heat| film += MILLI * heat);
+    for coolant in plant.load.films.iter().filter(|film| film.coefficient > 0.05) {
+        film_heat(&plant.mesh, coolant, |_, heat| film += MILLI * heat);
     }
     assert!((drawn / film - 1.0).abs() < 1e-9, "film times area: {drawn} and {film} W/K");
     assert!(modes.rates.iter().all(|rate| *rate > 0.0), "nothing grows by itself");
@@ -127,19 +127,19 @@ fn a_uniform_rise_stays_one_and_what_comes_in_is_stored_or_goes_out() {
 
 #[test]
 fn other_heat_and_one_name_for_two_things_are_refused() {
-    let mut held = deck(Kind::Tet4);
+    let mut held = plant(Kind::Tet4);
     held.load.held = vec![(0, 20.0)];
     let error = Modes::of(&held, SILENT).unwrap_err().to_string();
     assert!(error.starts_with("*BOUNDARY: the plant's heat comes in"), "{error}");
-    let mut twice = deck(Kind::Tet4);
-    twice.places.films.iter_mut().for_each(|name| "motor".clone_into(name));
+    let mut twice = plant(Kind::Tet4);
+    twice.surfaces.films.iter_mut().for_each(|name| "motor".clone_into(name));
     let error = Modes::of(&twice, SILENT).unwrap_err().to_string();
     assert!(error.starts_with("`motor` is both a film and a flux"), "{error}");
 }
 
 #[test]
 fn a_port_without_heat_is_refused() {
-    let mut cold = deck(Kind::Tet4);
+    let mut cold = plant(Kind::Tet4);
     cold.load.fluxes.iter_mut().for_each(|flux| match flux {
         Flux::Face(_, heat) | Flux::Volume(_, heat) => *heat = 0.0,
     });
@@ -154,7 +154,7 @@ fn the_example_is_one_structure_whose_rails_are_heated_where_they_are() {
     for (name, text) in &files {
         std::fs::write(home.path().join(name), text).unwrap();
     }
-    let plant = crate::deck::read(&home.path().join("plant.inp")).unwrap_or_else(|e| panic!("{e}"));
+    let plant = crate::fe_input::read(&home.path().join("plant.inp")).unwrap_or_else(|e| panic!("{e}"));
     let modes = Modes::of(&plant, SILENT).unwrap();
     let ports: Vec<&str> = modes.ports.keys().map(String::as_str).collect();
     assert_eq!(ports, ["cabinet_wall", "motor_foot", "rails_1", "rails_2", "rails_3", "rails_4", "rails_5"]);
@@ -164,8 +164,8 @@ fn the_example_is_one_structure_whose_rails_are_heated_where_they_are() {
     let foot: f64 = modes.uniform.iter().zip(&modes.sinks["foot"]).map(|(one, sink)| one * sink).sum();
     assert!((foot - 0.7 * 0.56 * 70.0).abs() < 1e-6, "{foot} W/K");
     for case in crate::example::cases() {
-        let deck = crate::deck::read(&home.path().join(format!("{case}.inp")));
-        let deck = deck.unwrap_or_else(|e| panic!("{e}"));
-        assert!(deck.mesh == plant.mesh && deck.materials == plant.materials, "{case}");
+        let plant = crate::fe_input::read(&home.path().join(format!("{case}.inp")));
+        let plant = plant.unwrap_or_else(|e| panic!("{e}"));
+        assert!(plant.mesh == plant.mesh && plant.materials == plant.materials, "{case}");
     }
 }

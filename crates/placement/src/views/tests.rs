@@ -1,5 +1,5 @@
 use super::*;
-use crate::column::Column;
+use crate::bodies::Column;
 use crate::mesh::Kind;
 
 #[test]

@@ -1,11 +1,11 @@
-//! The deck: a mesh, its materials and one heat-transfer load case, in the subset of Abaqus and CalculiX input that Gmsh
-//! and PrePoMax write.
+//! An FE input file: a mesh, its materials and one heat-transfer load case, in the subset of Abaqus and CalculiX input that
+//! Gmsh and PrePoMax write.
 //!
 //! ```text
-//! card ──── what stands in the files: cards, parameters, lines, with their places
-//! order ─── each card to those who read it: model, load, solid
+//! card ──── what stands in the files: cards, parameters, lines, with their locations
+//! parse ─── each card to its reader in model, material or load
 //! raw ───── the same in numbers and names
-//! resolve ─ names looked up, the whole checked: the Deck
+//! resolve ─ names looked up, everything checked: the FeInput
 //! ```
 //! A Gmsh mesh names surfaces by flat elements (`CPS3`, `CPS6`): the nodes of such a set can be used as a node set, and
 //! its faces in `*FILM` and `*DFLUX` with the side `F` or `S` without a number.
@@ -20,21 +20,19 @@ use crate::body::{LoadCase, Materials};
 use crate::mesh::Mesh;
 
 mod card;
-mod fields;
 mod load;
+mod material;
 mod model;
-mod order;
+mod parse;
 mod raw;
-mod refused;
 mod resolve;
-mod solid;
 
 #[cfg(test)]
 mod tests;
 
 /// A mesh, what it is made of, and one load case.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Deck {
+pub struct FeInput {
     /// The name of the file without its ending: the name of the load case.
     pub name: String,
     /// The mesh with its sets.
@@ -43,32 +41,39 @@ pub struct Deck {
     pub materials: Materials,
     /// What warms the body.
     pub load: LoadCase,
-    /// What the deck calls the places of films and fluxes.
-    pub places: Places,
+    /// Names of the surfaces on which films and fluxes act.
+    pub surfaces: SurfaceNames,
     /// Nodes that `*BOUNDARY` holds in x, y and z, ascending; often empty, since conduction does not ask for it.
     pub supports: Vec<usize>,
 }
 
-/// Names of places, in small letters: those of the surfaces or sets; a single element is called by its number.
+/// Names of surfaces or sets in small letters; a single element is called by its number.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Places {
+pub struct SurfaceNames {
     /// One for each film of the load case.
     pub films: Vec<String>,
     /// One for each flux of the load case.
     pub fluxes: Vec<String>,
 }
 
-/// One thing that is wrong in a deck, and where.
+/// One thing that is wrong in an FE input file, and where.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Fault {
     /// The file.
     pub file: PathBuf,
-    /// Its line, from 1; none where it is about the deck as a whole.
+    /// Its line, from 1; none where the fault is about the file as a whole.
     pub line: Option<usize>,
     /// The card, with its asterisk; empty where none is meant.
     pub card: String,
     /// What is wrong, and what to do.
     pub message: String,
+}
+
+impl Fault {
+    /// A fault of a file as a whole.
+    fn of_file(path: &Path, message: impl Into<String>) -> Fault {
+        Fault { file: path.to_path_buf(), line: None, card: String::new(), message: message.into() }
+    }
 }
 
 impl fmt::Display for Fault {
@@ -84,7 +89,7 @@ impl fmt::Display for Fault {
     }
 }
 
-/// Everything that is wrong in a deck.
+/// Everything that is wrong in an FE input file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Faults(pub Vec<Fault>);
 
@@ -93,17 +98,17 @@ const SHOWN: usize = 20;
 
 impl fmt::Display for Faults {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        // The same mistake in line after line is told once.
+        // The same mistake in line after line is shown once.
         let alike = |a: &Fault, b: &Fault| (&a.file, &a.card, &a.message) == (&b.file, &b.card, &b.message);
-        let told: Vec<&[Fault]> = self.0.chunk_by(alike).collect();
-        for (number, faults) in told.iter().take(SHOWN).enumerate() {
+        let groups: Vec<&[Fault]> = self.0.chunk_by(alike).collect();
+        for (number, faults) in groups.iter().take(SHOWN).enumerate() {
             write!(f, "{}{}", if number == 0 { "" } else { "\n" }, faults[0])?;
             if faults.len() > 1 {
                 write!(f, " (and so in {} more lines)", faults.len() - 1)?;
             }
         }
-        if told.len() > SHOWN {
-            write!(f, "\n… and {} more", told.len() - SHOWN)?;
+        if groups.len() > SHOWN {
+            write!(f, "\n… and {} more", groups.len() - SHOWN)?;
         }
         Ok(())
     }
@@ -111,21 +116,17 @@ impl fmt::Display for Faults {
 
 impl std::error::Error for Faults {}
 
-/// Reads a deck and everything it includes.
+/// Reads an FE input file and everything it includes.
 ///
 /// # Errors
 /// Everything that is wrong in it, with file, line and card.
-pub fn read(path: &Path) -> Result<Deck, Faults> {
+pub fn read(path: &Path) -> Result<FeInput, Faults> {
     let mut faults = Vec::new();
     let cards = card::read(path, &mut faults);
     if cards.is_empty() && faults.is_empty() {
-        let message = "the deck is empty".to_owned();
-        faults.push(Fault { file: path.to_path_buf(), line: None, card: String::new(), message });
+        faults.push(Fault::of_file(path, "the FE input file is empty"));
     }
-    let raw = order::raw(&cards, &mut faults);
-    let deck = resolve::deck(path, &raw, &mut faults);
-    match deck {
-        Some(deck) if faults.is_empty() => Ok(deck),
-        _ => Err(Faults(faults)),
-    }
+    let mut raw = parse::parse(&cards, faults);
+    let faults = std::mem::take(&mut raw.faults);
+    resolve::resolve(path, &raw, faults).map_err(Faults)
 }

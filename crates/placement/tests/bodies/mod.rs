@@ -1,7 +1,7 @@
-//! A machine column of our own: walls, ribs, two guide rails, as tetrahedra of any fineness.
+//! Bodies of cast iron as tetrahedra: what benches and tests need without a file from somebody else's drawing office.
 //!
-//! 700 mm wide (x), 1500 mm high (y), 480 mm deep (z), hollow, cast iron; the front is at positive z and carries the
-//! rails. What benches and tests need without a file from somebody else's drawing office.
+//! A machine column of any fineness, with walls, ribs and two guide rails: 700 mm wide (x), 1500 mm high (y), 480 mm deep
+//! (z), hollow; the front is at positive z and carries the rails. And a small block.
 
 #![allow(dead_code, reason = "each of the tests uses its part")]
 
@@ -75,18 +75,10 @@ impl Column {
         let cells = size.map(|length| count(length / cell));
         let grid = Grid { cells, size, origin: [-WIDTH / 2.0, 0.0, -DEPTH / 2.0] };
         let wall = WALL.max(cell);
-        let mut mesh = grid.mesh(kind, |at| iron(at, wall), |at| at);
+        let mut mesh = grid.mesh(kind, |at| is_iron(at, wall), |at| at);
         mesh.node_sets = node_sets(&mesh);
         mesh.element_sets = BTreeMap::from([("ALL".to_owned(), (0..mesh.elements.len()).collect())]);
-        let iron = Material {
-            name: "FC300".to_owned(),
-            young: 110_000.0,
-            poisson: 0.26,
-            expansion: 1.1e-5,
-            conductivity: 50.0,
-            capacity: Some(5e8 * 7.25e-9),
-        };
-        let materials = Materials::uniform(iron, &mesh);
+        let materials = iron(&mesh);
         Self { mesh, materials }
     }
 
@@ -96,8 +88,7 @@ impl Column {
         let is = |one| warming == one || warming == Warming::All;
         let hour = Case::Transient { step: 300.0, period: 3600.0 };
         let case = if warming == Warming::SpindleHour { hour } else { Case::Steady };
-        let initial = vec![20.0; self.mesh.nodes.len()];
-        let mut load = LoadCase { case, initial, films: vec![], fluxes: vec![], nodal: vec![], held: vec![] };
+        let mut load = calm(&self.mesh, case);
         for face in self.mesh.outer_faces() {
             let [x, y, z] = self.middle(face);
             let inside =
@@ -132,7 +123,7 @@ impl Column {
 }
 
 /// Whether there is iron: four walls, foot, top, a floor at half height with a hole, and a middle wall in the lower half.
-fn iron([x, y, z]: [f64; 3], wall: f64) -> bool {
+fn is_iron([x, y, z]: [f64; 3], wall: f64) -> bool {
     let near = |at: f64, edge: f64| at > edge - wall;
     let shell = near(x.abs(), WIDTH / 2.0) || near(z.abs(), DEPTH / 2.0) || y < wall || near(y, HEIGHT);
     let floor = (y - 750.0).abs() < wall / 2.0 && (x.abs() > 140.0 || z.abs() > 100.0);
@@ -179,4 +170,54 @@ fn thin_guide(mesh: &Mesh, sets: &mut BTreeMap<String, Vec<usize>>) {
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "cells along an edge of a column")]
 fn count(cells: f64) -> usize {
     cells.round().clamp(1.0, 1000.0) as usize
+}
+
+/// Edges of the block, mm.
+pub(crate) const SIZE: [f64; 3] = [60.0, 40.0, 50.0];
+
+/// A block with a corner at the origin; the corners of its tetrahedra inside are shifted, so that no two are alike.
+pub(crate) fn block(kind: Kind) -> Mesh {
+    let grid = Grid { cells: [3, 2, 3], size: SIZE, origin: [0.0; 3] };
+    grid.mesh(
+        kind,
+        |_| true,
+        |at| {
+            let inside = (0..3).all(|axis| at[axis] > 1.0 && at[axis] < SIZE[axis] - 1.0);
+            let shift = |axis: usize| {
+                if inside { 3.0 * (at[0] + 2.0 * at[1] + 3.0 * at[2] + axis as f64).sin() } else { 0.0 }
+            };
+            [0, 1, 2].map(|axis| at[axis] + shift(axis))
+        },
+    )
+}
+
+/// Cast iron throughout.
+pub(crate) fn iron(mesh: &Mesh) -> Materials {
+    let material = Material {
+        name: "FC300".to_owned(),
+        young: 110_000.0,
+        poisson: 0.26,
+        expansion: 1.1e-5,
+        conductivity: 50.0,
+        capacity: Some(5e8 * 7.25e-9),
+    };
+    Materials::uniform(material, mesh)
+}
+
+/// From 20 °C, with nothing that warms.
+pub(crate) fn calm(mesh: &Mesh, case: Case) -> LoadCase {
+    let initial = vec![20.0; mesh.nodes.len()];
+    LoadCase { case, initial, films: vec![], fluxes: vec![], nodal: vec![], held: vec![] }
+}
+
+/// The node at a place, which must be there.
+pub(crate) fn at(mesh: &Mesh, place: [f64; 3]) -> usize {
+    let near = |xyz: &[f64; 3]| (0..3).all(|axis| (xyz[axis] - place[axis]).abs() < 1e-9);
+    mesh.xyz.iter().position(near).unwrap_or(usize::MAX)
+}
+
+/// The nodes of the block that lie on its surface.
+pub(crate) fn on_surface(mesh: &Mesh) -> Vec<usize> {
+    let on = |xyz: &[f64; 3]| (0..3).any(|axis| xyz[axis] < 1e-9 || xyz[axis] > SIZE[axis] - 1e-9);
+    (0..mesh.nodes.len()).filter(|node| on(&mesh.xyz[*node])).collect()
 }

@@ -2,11 +2,12 @@
 
 use std::fmt::Write;
 
-use maud::{Markup, PreEscaped, html};
+use maud::{Markup, html};
 
-use super::Subject;
-use crate::blocks::AXES;
-use crate::problem::{Load, count};
+use crate::blocks::owners;
+use crate::mesh::{AXES, count, range};
+use crate::problem::Load;
+use crate::study::{Placement, Study, moves_most};
 use crate::views::View;
 use isotherm_html::figure;
 
@@ -18,36 +19,21 @@ const TONES: [&str; 8] =
 const EDGE: f64 = 14.0;
 
 /// Seen along each axis, from the side that shows more sensors.
-pub(super) fn views(subject: &Subject<'_>) -> Markup {
-    let Some(load) = warmest(subject) else { return html! {} };
-    let low = load.rise.iter().copied().fold(f64::INFINITY, f64::min);
-    let high = load.rise.iter().copied().fold(f64::NEG_INFINITY, f64::max).max(low + 1e-9);
-    let mut owner = vec![usize::MAX; subject.mesh.nodes.len()];
-    for (place, part) in subject.parts.iter().enumerate() {
-        part.nodes.iter().for_each(|node| owner[*node] = place);
-    }
-    let pictures: Vec<(String, Markup)> = [2, 0, 1]
-        .into_iter()
-        .map(|axis| {
-            let sides = [true, false].map(|from_above| View::new(subject.mesh, axis, from_above));
-            let seen =
-                |view: &View| subject.found.sensors.iter().filter(|sensor| view.sees(&sensor.xyz)).count();
-            let [above, below] = sides;
-            let view = if seen(&above) >= seen(&below) { above } else { below };
-            (title(&view), draw(subject, &view, load, &owner, (low, high)))
-        })
-        .collect();
+pub(super) fn views(study: &Study, placement: &Placement) -> Markup {
+    let Some(load) = study.loads.get(moves_most(&placement.cases)) else { return html! {} };
+    let (low, high) = range(load.rise.iter().copied());
+    let ends = (low, high.max(low + 1e-9));
+    let owners = owners(&study.mesh, &study.parts);
+    let seen = |view: &View| placement.sensors.iter().filter(|sensor| view.sees(&sensor.xyz)).count();
+    let pictures = [2, 0, 1].map(|axis| {
+        let [above, below] = [true, false].map(|from_above| View::new(&study.mesh, axis, from_above));
+        let view = if seen(&above) >= seen(&below) { above } else { below };
+        (title(&view), draw(study, placement, &view, load, &owners, ends))
+    });
     html! {
-        (scale(&load.name, low, high))
+        (scale(&load.name, ends))
         div .gallery { @for (title, picture) in &pictures { (figure(title, picture, "")) } }
     }
-}
-
-/// The case that moves the guideway most.
-fn warmest<'a>(subject: &Subject<'a>) -> Option<&'a Load> {
-    let most = |place: &usize| subject.found.cases[*place].largest_um;
-    let place = (0..subject.loads.len()).max_by(|one, other| most(one).total_cmp(&most(other)))?;
-    subject.loads.get(place)
 }
 
 fn title(view: &View) -> String {
@@ -64,11 +50,18 @@ fn band(rise: f64, (low, high): (f64, f64)) -> usize {
     band.min(TONES.len() - 1)
 }
 
-fn draw(subject: &Subject<'_>, view: &View, load: &Load, owner: &[usize], ends: (f64, f64)) -> Markup {
+fn draw(
+    study: &Study,
+    placement: &Placement,
+    view: &View,
+    load: &Load,
+    owners: &[Option<usize>],
+    ends: (f64, f64),
+) -> Markup {
     let [width, height] = view.size;
     let mut bands = vec![String::new(); TONES.len()];
     let mut borders = String::new();
-    let block = |x: usize, y: usize| view.at(x, y).map(|seen| owner[seen.nearest()]);
+    let block = |x: usize, y: usize| view.at(x, y).and_then(|seen| owners[seen.nearest()]);
     for y in 0..height {
         let row = height - 1 - y;
         let shade = |x: usize| view.at(x, row).map(|seen| band(seen.of(&load.rise), ends));
@@ -106,10 +99,8 @@ fn draw(subject: &Subject<'_>, view: &View, load: &Load, owner: &[usize], ends: 
                 @for (tone, path) in TONES.iter().zip(&bands) { @if !path.is_empty() { path fill=(tone) d=(path) {} } }
                 path fill="#14191c" fill-opacity="0.75" d=(borders) {}
             }
-            @for node in subject.guide {
-                @if view.sees(&subject.mesh.xyz[*node]) { (cross(place(&subject.mesh.xyz[*node]))) }
-            }
-            @for (number, sensor) in subject.found.sensors.iter().enumerate() {
+            @for xyz in study.guide_xyz().iter().filter(|xyz| view.sees(xyz)) { (cross(place(xyz))) }
+            @for (number, sensor) in placement.sensors.iter().enumerate() {
                 (ring(place(&sensor.xyz), number + 1, view.sees(&sensor.xyz)))
             }
         }
@@ -131,28 +122,22 @@ fn ring((x, y): (f64, f64), number: usize, seen: bool) -> Markup {
 }
 
 /// The bands with their temperatures.
-fn scale(name: &str, low: f64, high: f64) -> Markup {
-    let wide = 56.0;
-    let edge = |place: usize| low + (high - low) * count(place) / count(TONES.len());
-    let all = wide * count(TONES.len()) + 40.0;
-    let mut text = String::new();
-    for (place, tone) in TONES.iter().enumerate() {
-        let left = 20.0 + wide * count(place);
-        let _ = write!(
-            text,
-            "<rect x=\"{left}\" y=\"4\" width=\"{wide}\" height=\"18\" fill=\"{tone}\" stroke=\"#4d5a61\" stroke-width=\"1\"/>"
-        );
-    }
-    for place in 0..=TONES.len() {
-        let at = 20.0 + wide * count(place);
-        let value = isotherm_html::decimals(edge(place), 1);
-        let _ = write!(
-            text,
-            "<text x=\"{at}\" y=\"40\" text-anchor=\"middle\" font-family=\"sans-serif\" font-size=\"15\" fill=\"#14191c\">{value}</text>"
-        );
-    }
+fn scale(name: &str, (low, high): (f64, f64)) -> Markup {
+    const WIDE: f64 = 56.0;
+    let left = |place: usize| 20.0 + WIDE * count(place);
+    let rise = |place: usize| low + (high - low) * count(place) / count(TONES.len());
+    let all = WIDE * count(TONES.len()) + 40.0;
     html! {
         p { "Case " strong { (name) } ", rise in K:" }
-        svg viewBox=(format!("0 0 {all} 46")) role="img" aria-label="scale of temperatures" { (PreEscaped(text)) }
+        svg viewBox=(format!("0 0 {all} 46")) role="img" aria-label="scale of temperatures" {
+            @for (place, tone) in TONES.iter().enumerate() {
+                rect x=(left(place)) y="4" width=(WIDE) height="18" fill=(tone) stroke="#4d5a61" stroke-width="1" {}
+            }
+            @for place in 0..=TONES.len() {
+                text x=(left(place)) y="40" text-anchor="middle" font-family="sans-serif" font-size="15" fill="#14191c" {
+                    (isotherm_html::decimals(rise(place), 1))
+                }
+            }
+        }
     }
 }

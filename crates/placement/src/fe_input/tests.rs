@@ -1,13 +1,14 @@
 use std::path::PathBuf;
 
 use super::*;
+use crate::bodies::{block, calm, iron};
 use crate::body::{Case, Film, Flux};
 use crate::mesh::{Face, Kind};
-use crate::samples::{block, calm, iron};
+
 use crate::write;
 
-/// One tetrahedron, with everything a deck needs.
-const DECK: &str = "\
+/// One tetrahedron, with everything an FE input file needs.
+const FILE: &str = "\
 *HEADING
 one tetrahedron
 *NODE, NSET=ALL
@@ -55,16 +56,16 @@ fn place(name: &str) -> (tempfile::TempDir, PathBuf) {
     (directory, path)
 }
 
-fn read_text(text: &str) -> Result<Deck, Faults> {
+fn read_text(text: &str) -> Result<FeInput, Faults> {
     let (_directory, path) = place("case.inp");
     std::fs::write(&path, text).unwrap();
     read(&path)
 }
 
-/// What is said about a deck, without the directory.
+/// What is said about a file, without the directory.
 fn said(text: &str) -> String {
-    let told = read_text(text).expect_err("this deck must be refused").to_string();
-    let lines = told.lines().map(|line| match line.find("case.inp") {
+    let faults = read_text(text).expect_err("this file must be refused").to_string();
+    let lines = faults.lines().map(|line| match line.find("case.inp") {
         Some(at) => &line[at..],
         None => line,
     });
@@ -73,39 +74,39 @@ fn said(text: &str) -> String {
 
 /// What is said where `from` stands as `to`.
 fn with(from: &str, to: &str) -> String {
-    assert!(DECK.contains(from), "{from}");
-    said(&DECK.replacen(from, to, 1))
+    assert!(FILE.contains(from), "{from}");
+    said(&FILE.replacen(from, to, 1))
 }
 
 #[test]
-fn a_node_set_keeps_the_order_of_its_deck_and_has_every_node_once() {
+fn a_node_set_keeps_the_order_of_its_file_and_has_every_node_once() {
     let text =
-        DECK.replacen("*MATERIAL", "*NSET, NSET=RAIL\n3, 1, 3\n*NSET, NSET=BOTH\n4, RAIL\n*MATERIAL", 1);
-    let deck = read_text(&text).unwrap_or_else(|faults| panic!("{faults}"));
-    assert_eq!(deck.mesh.node_sets["RAIL"], [2, 0]);
-    assert_eq!(deck.mesh.node_sets["BOTH"], [3, 2, 0]);
+        FILE.replacen("*MATERIAL", "*NSET, NSET=RAIL\n3, 1, 3\n*NSET, NSET=BOTH\n4, RAIL\n*MATERIAL", 1);
+    let input = read_text(&text).unwrap_or_else(|faults| panic!("{faults}"));
+    assert_eq!(input.mesh.node_sets["RAIL"], [2, 0]);
+    assert_eq!(input.mesh.node_sets["BOTH"], [3, 2, 0]);
 }
 
 #[test]
-fn a_deck_becomes_a_mesh_materials_and_a_load_case() {
-    let deck = read_text(DECK).unwrap_or_else(|faults| panic!("{faults}"));
-    assert_eq!(deck.name, "case");
-    assert_eq!(deck.mesh.xyz[3].map(f64::to_bits), [0.0_f64, 0.0, 100.0].map(f64::to_bits));
-    assert_eq!(deck.mesh.node_sets["BASE"], [0, 1, 2]);
-    assert_eq!(deck.mesh.elements[0].kind, Kind::Tet4);
-    assert_eq!(deck.materials.of(0).capacity, Some(5e8 * 7.25e-9));
-    assert_eq!(deck.load.case, Case::Steady);
-    assert_eq!(deck.load.initial, [20.0; 4]);
+fn a_file_becomes_a_mesh_materials_and_a_load_case() {
+    let input = read_text(FILE).unwrap_or_else(|faults| panic!("{faults}"));
+    assert_eq!(input.name, "case");
+    assert_eq!(input.mesh.xyz[3].map(f64::to_bits), [0.0_f64, 0.0, 100.0].map(f64::to_bits));
+    assert_eq!(input.mesh.node_sets["BASE"], [0, 1, 2]);
+    assert_eq!(input.mesh.elements[0].kind, Kind::Tet4);
+    assert_eq!(input.materials.of(0).capacity, Some(5e8 * 7.25e-9));
+    assert_eq!(input.load.case, Case::Steady);
+    assert_eq!(input.load.initial, [20.0; 4]);
     let face = |side| Face { element: 0, side };
-    assert_eq!(deck.load.films, [Film { face: face(0), sink: 25.0, coefficient: 0.008 }]);
-    assert_eq!(deck.load.fluxes, [Flux::Face(face(1), 0.5), Flux::Volume(0, 1e-3)]);
-    assert_eq!(deck.load.nodal, [(3, 100.0)]);
-    assert_eq!(deck.load.held, [(1, 21.5)]);
-    assert!(deck.supports.is_empty());
+    assert_eq!(input.load.films, [Film { face: face(0), sink: 25.0, coefficient: 0.008 }]);
+    assert_eq!(input.load.fluxes, [Flux::Face(face(1), 0.5), Flux::Volume(0, 1e-3)]);
+    assert_eq!(input.load.nodal, [(3, 100.0)]);
+    assert_eq!(input.load.held, [(1, 21.5)]);
+    assert!(input.supports.is_empty());
 }
 
 #[test]
-fn a_deck_that_is_written_is_read_as_it_was() {
+fn a_file_that_is_written_is_read_as_it_was() {
     for kind in [Kind::Tet4, Kind::Tet10] {
         let mut mesh = block(kind);
         mesh.node_sets.insert("BASE".to_owned(), vec![0, 3, 4, 7, 8, 9, 10, 11, 12, 13, 14, 15]);
@@ -117,12 +118,12 @@ fn a_deck_that_is_written_is_read_as_it_was() {
         load.held = vec![(6, 33.0)];
         let materials = iron(&mesh);
         let parts = [write::mesh(&mesh), write::materials(&mesh, &materials), write::load(&mesh, &load, "")];
-        let deck = read_text(&parts.concat()).unwrap_or_else(|faults| panic!("{faults}"));
-        assert_eq!(deck.mesh.elements, mesh.elements);
-        assert_eq!(deck.mesh.node_sets, mesh.node_sets);
-        assert_eq!(deck.load, load);
-        assert!((deck.materials.list[0].young - materials.list[0].young).abs() < 1e-9);
-        for (read, made) in deck.mesh.xyz.iter().zip(&mesh.xyz) {
+        let input = read_text(&parts.concat()).unwrap_or_else(|faults| panic!("{faults}"));
+        assert_eq!(input.mesh.elements, mesh.elements);
+        assert_eq!(input.mesh.node_sets, mesh.node_sets);
+        assert_eq!(input.load, load);
+        assert!((input.materials.list[0].young - materials.list[0].young).abs() < 1e-9);
+        for (read, made) in input.mesh.xyz.iter().zip(&mesh.xyz) {
             assert!((0..3).all(|axis| (read[axis] - made[axis]).abs() < 1e-9), "{read:?}, not {made:?}");
         }
     }
@@ -130,8 +131,8 @@ fn a_deck_that_is_written_is_read_as_it_was() {
 
 #[test]
 fn small_letters_blanks_continued_lines_and_comments_change_nothing() {
-    let wanted = read_text(DECK).unwrap();
-    let loose = DECK.to_lowercase().replace("*film", "*Film,\nop = new").replace(", ", " ,  ");
+    let wanted = read_text(FILE).unwrap();
+    let loose = FILE.to_lowercase().replace("*film", "*Film,\nop = new").replace(", ", " ,  ");
     let loose = loose.replace("1 ,  1 ,  2 ,  3 ,  4\n", "** nodes\n1, 1, 2,\n\n3, 4,\r\n");
     assert_eq!(read_text(&loose).unwrap_or_else(|faults| panic!("{faults}")), wanted);
 }
@@ -154,7 +155,7 @@ fn a_decimal_comma_is_told_as_one() {
     }
 }
 
-/// Decks that CalculiX computes in silence, stops at, or crashes on; each ends here with where and what.
+/// FeInputs that CalculiX computes in silence, stops at, or crashes on; each ends here with where and what.
 #[test]
 fn what_is_wrong_is_said_with_line_card_and_remedy() {
     let transient = "*HEAT TRANSFER\n10, 100";
@@ -191,7 +192,11 @@ fn what_is_wrong_is_said_with_line_card_and_remedy() {
             "*STEP\n*INITIAL CONDITIONS, TYPE=TEMPERATURE\n",
             "*INITIAL CONDITIONS: belongs before *STEP",
         ),
-        ("*END STEP\n", "*END STEP\n*STEP\n*END STEP\n", "*STEP: a second step: a deck is one load case"),
+        (
+            "*END STEP\n",
+            "*END STEP\n*STEP\n*END STEP\n",
+            "*STEP: a second step: an FE input file is one load case",
+        ),
         (steady, "*STATIC", "*STATIC: is not read: only heat-transfer steps are read"),
         ("*CFLUX", "*TEMPERATURE\nALL, 21\n*CFLUX", "*TEMPERATURE: is not read: temperatures are computed"),
         ("*CFLUX", "*RADIATE\n1, R1, 20, 0.9\n*CFLUX", "*RADIATE: is not read: radiation is not linear"),
@@ -219,7 +224,7 @@ fn what_is_wrong_is_said_with_line_card_and_remedy() {
         (
             steady,
             "*HEAT TRANSFER, STEADY STATE, SOLVER=PARDISO",
-            "SOLVER=PARDISO: which solver is taken is not for the deck",
+            "SOLVER=PARDISO: which solver is taken is not for the file",
         ),
         (steady, "", "*FILM: belongs after *HEAT TRANSFER"),
         ("*HEADING", "*INCLUDE, INPUT=nomesh.inc\n*HEADING", "case.inp:1: *INCLUDE: cannot read"),
@@ -229,27 +234,27 @@ fn what_is_wrong_is_said_with_line_card_and_remedy() {
         let said = with(from, to);
         assert!(said.contains(wanted), "{to}: wanted: {wanted}\nsaid: {said}");
     }
-    let no_heat = DECK.replace("*SPECIFIC HEAT\n5e8\n", "").replace(steady, transient);
+    let no_heat = FILE.replace("*SPECIFIC HEAT\n5e8\n", "").replace(steady, transient);
     assert!(said(&no_heat).contains("IRON has no *SPECIFIC HEAT and *DENSITY"), "{}", said(&no_heat));
-    let no_step = &DECK[..DECK.find("*STEP").unwrap()];
-    assert!(said(no_step).contains("the deck ends without a step"), "{}", said(no_step));
-    let long = DECK.replace("BASE", &"A".repeat(81));
+    let no_step = &FILE[..FILE.find("*STEP").unwrap()];
+    assert!(said(no_step).contains("the file ends without a step"), "{}", said(no_step));
+    let long = FILE.replace("BASE", &"A".repeat(81));
     assert!(said(&long).contains("longer than 80 characters"), "{}", said(&long));
-    assert!(said("").contains("the deck is empty"));
+    assert!(said("").contains("the FE input file is empty"));
     assert!(
-        read(&PathBuf::from("no_such_deck.inp"))
+        read(&PathBuf::from("no_such_file.inp"))
             .unwrap_err()
             .to_string()
-            .contains("cannot read no_such_deck.inp")
+            .contains("cannot read no_such_file.inp")
     );
 }
 
 #[test]
 fn everything_that_is_wrong_is_said_at_once_and_the_same_only_once() {
-    let deck = DECK
+    let input = FILE
         .replace("1, 0, 0, 0\n2, 100, 0, 0", "1, 0,0, 0, 0\n2, 100,0, 0, 0")
         .replace("*EXPANSION", "*EXPANSON");
-    let said = said(&deck);
+    let said = said(&input);
     assert!(said.contains("case.inp:4: *NODE: 5 values where 4 belong"), "{said}");
     assert!(said.contains("(and so in 1 more lines)"), "{said}");
     assert!(said.contains("*EXPANSON: no such card"), "{said}");
@@ -258,7 +263,7 @@ fn everything_that_is_wrong_is_said_at_once_and_the_same_only_once() {
 
 #[test]
 fn a_film_inside_the_structure_is_refused() {
-    let two = DECK
+    let two = FILE
         .replace("4, 0, 0, 100\n", "4, 0, 0, 100\n5, 100, 100, 100\n")
         .replace("1, 1, 2, 3, 4\n", "1, 1, 2, 3, 4\n2, 2, 5, 3, 4\n")
         .replace("1, F1, 25", "1, F3, 25");
@@ -271,20 +276,20 @@ fn a_film_inside_the_structure_is_refused() {
 
 #[test]
 fn a_surface_that_gmsh_names_by_flat_elements_has_nodes_and_takes_films() {
-    let flat = DECK
+    let flat = FILE
         .replace(
             "*NSET, NSET=BASE",
             "*ELEMENT, type=CPS3, ELSET=Surface1\n7, 1, 3, 2\n*ELSET, ELSET=FOOT\n7,\n*NSET, NSET=BASE",
         )
         .replace("1, F1, 25, 0.008", "FOOT, F, 25, 0.008");
-    let deck = read_text(&flat).unwrap_or_else(|faults| panic!("{faults}"));
-    assert_eq!(deck.load, read_text(DECK).unwrap().load);
-    assert_eq!(deck.mesh.node_sets["FOOT"], [0, 1, 2]);
-    assert_eq!(deck.mesh.elements.len(), 1);
-    let named = DECK
+    let input = read_text(&flat).unwrap_or_else(|faults| panic!("{faults}"));
+    assert_eq!(input.load, read_text(FILE).unwrap().load);
+    assert_eq!(input.mesh.node_sets["FOOT"], [0, 1, 2]);
+    assert_eq!(input.mesh.elements.len(), 1);
+    let named = FILE
         .replace("*NSET, NSET=BASE", "*SURFACE, NAME=FOOT, TYPE=ELEMENT\nBODY, S1\n*NSET, NSET=BASE")
         .replace("1, F1, 25, 0.008", "FOOT, F, 25, 0.008");
-    assert_eq!(read_text(&named).unwrap_or_else(|faults| panic!("{faults}")).load, deck.load);
+    assert_eq!(read_text(&named).unwrap_or_else(|faults| panic!("{faults}")).load, input.load);
 }
 
 mod any_text {
@@ -293,10 +298,10 @@ mod any_text {
     use super::*;
 
     proptest! {
-        /// A deck with a line lost, doubled or cut short is a deck or a sentence, and nothing else.
+        /// A file with a line lost, doubled or cut short is an FE input file or a sentence, and nothing else.
         #[test]
-        fn a_damaged_deck_never_panics(line in 0_usize..40, cut in 0_usize..12, doubled: bool) {
-            let mut lines: Vec<&str> = DECK.lines().collect();
+        fn a_damaged_file_never_panics(line in 0_usize..40, cut in 0_usize..12, doubled: bool) {
+            let mut lines: Vec<&str> = FILE.lines().collect();
             let line = line % lines.len();
             let short = lines[line];
             lines[line] = &short[..cut.min(short.len())];

@@ -1,12 +1,14 @@
-//! What a division into blocks can tell at best, for many divisions: which cut helps most, which two blocks can be one.
+//! What a division into blocks leaves at best, for many divisions: which cut helps most, which two blocks can be one.
+
+use std::collections::BTreeSet;
 
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-use crate::blocks::{AXES, Cut, Part, divided};
-use crate::mesh::Mesh;
+use crate::blocks::{Cut, Part, divided, owners};
+use crate::mesh::{AXES, Mesh, count, range};
 use crate::methods::bounded::least_squares;
-use crate::problem::{Load, count, in_directions};
+use crate::problem::{Load, UM_PER_MM, in_directions};
 use crate::structure::Adjoint;
 
 /// The floor of any division: the structure in some directions under all load cases.
@@ -31,16 +33,15 @@ struct Piece {
 
 /// A division that is better or cheaper.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Changed {
+pub struct Division {
     /// The cut; none where two parts became one.
     pub cut: Option<Cut>,
     /// The parts afterwards.
     pub parts: Vec<Part>,
-    /// What they can tell at best, µm RMS over guideway and cases.
+    /// What they leave at best, µm RMS over guideway and cases.
     pub floor_um: f64,
 }
 
-const UM_PER_MM: f64 = 1000.0;
 /// Planes that are tried along a direction.
 const PLANES: usize = 9;
 
@@ -50,21 +51,18 @@ impl<'a> Floors<'a> {
     pub fn new(mesh: &'a Mesh, adjoint: &'a Adjoint, loads: &'a [Load], components: &[usize]) -> Floors<'a> {
         let rows: Vec<usize> = (0..adjoint.rows).collect();
         let rows = in_directions(&rows, components).into_iter().map(|row| adjoint.row(*row));
-        let moved = |load: &Load| {
-            let moved: Vec<f64> = in_directions(&load.moved_mm, components).into_iter().copied().collect();
-            DVector::from_vec(moved) * UM_PER_MM
-        };
-        Floors { mesh, rows: rows.collect(), loads, moved: loads.iter().map(moved).collect() }
+        let moved = loads.iter().map(|load| load.moved_um(components)).collect();
+        Floors { mesh, rows: rows.collect(), loads, moved }
     }
 
     fn piece(&self, nodes: &[usize]) -> Piece {
         let sum = |row: &&[f64]| nodes.iter().map(|node| row[*node]).sum::<f64>() * UM_PER_MM;
-        let bounds = |load: &Load| {
-            let rises = nodes.iter().map(|node| load.rise[*node]);
-            rises
-                .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), rise| (low.min(rise), high.max(rise)))
-        };
-        Piece { column: self.rows.iter().map(sum).collect(), bounds: self.loads.iter().map(bounds).collect() }
+        let bounds = self.loads.iter().map(|load| load.bounds(nodes)).collect();
+        Piece { column: self.rows.iter().map(sum).collect(), bounds }
+    }
+
+    fn pieces(&self, parts: &[Part]) -> Vec<Piece> {
+        parts.iter().map(|part| self.piece(&part.nodes)).collect()
     }
 
     fn floor(&self, pieces: &[&Piece]) -> f64 {
@@ -80,24 +78,23 @@ impl<'a> Floors<'a> {
         (left / count((self.rows.len() * self.moved.len()).max(1))).sqrt()
     }
 
-    /// What these parts can tell at best, µm RMS over guideway and cases.
+    /// What these parts leave at best, µm RMS over guideway and cases.
     #[must_use]
     pub fn of(&self, parts: &[Part]) -> f64 {
-        let pieces: Vec<Piece> = parts.iter().map(|part| self.piece(&part.nodes)).collect();
+        let pieces = self.pieces(parts);
         self.floor(&pieces.iter().collect::<Vec<_>>())
     }
 
     /// The one more cut after which least is left; `may` says which divisions can be used at all. None where no cut is
     /// possible.
     #[must_use]
-    pub fn best_cut(&self, parts: &[Part], may: &dyn Fn(&[Part]) -> bool) -> Option<Changed> {
-        let pieces: Vec<Piece> = parts.iter().map(|part| self.piece(&part.nodes)).collect();
+    pub fn best_cut(&self, parts: &[Part], may: &dyn Fn(&[Part]) -> bool) -> Option<Division> {
+        let pieces = self.pieces(parts);
         let tried: Vec<(usize, Cut)> =
-            (0..parts.len()).flat_map(|place| self.cuts(place, &parts[place])).collect();
+            parts.iter().enumerate().flat_map(|(place, part)| self.cuts(place, part)).collect();
         let floors = tried.par_iter().filter_map(|(place, cut)| {
             let halves = divided(self.mesh, parts, cut).ok()?;
-            let made: Vec<Piece> =
-                halves[*place..*place + 2].iter().map(|half| self.piece(&half.nodes)).collect();
+            let made = self.pieces(&halves[*place..*place + 2]);
             let kept = pieces.iter().enumerate().filter(|(other, _)| other != place).map(|(_, piece)| piece);
             let floor = self.floor(&kept.chain(&made).collect::<Vec<_>>());
             Some((floor, cut, halves))
@@ -105,16 +102,14 @@ impl<'a> Floors<'a> {
         let mut found: Vec<_> = floors.collect();
         found.sort_by(|(one, ..), (other, ..)| one.total_cmp(other));
         let (floor_um, cut, parts) = found.into_iter().find(|(_, _, parts)| may(parts))?;
-        Some(Changed { cut: Some(cut.clone()), parts, floor_um })
+        Some(Division { cut: Some(cut.clone()), parts, floor_um })
     }
 
     /// Planes through a part, in whole millimetres where it is large enough.
     fn cuts(&self, place: usize, part: &Part) -> Vec<(usize, Cut)> {
-        let along = |axis: usize| part.nodes.iter().map(move |node| self.mesh.xyz[*node][axis]);
         let mut cuts = Vec::new();
         for axis in 0..AXES.len() {
-            let low = along(axis).fold(f64::INFINITY, f64::min);
-            let high = along(axis).fold(f64::NEG_INFINITY, f64::max);
+            let (low, high) = range(part.nodes.iter().map(|node| self.mesh.xyz[*node][axis]));
             for plane in 1..PLANES {
                 let at = low + (high - low) * count(plane) / count(PLANES);
                 let at = if high - low > 50.0 { at.round() } else { at };
@@ -126,8 +121,8 @@ impl<'a> Floors<'a> {
 
     /// The two neighbours that can be one block with the least loss; none where there is one part only.
     #[must_use]
-    pub fn best_join(&self, parts: &[Part], may: &dyn Fn(&[Part]) -> bool) -> Option<Changed> {
-        let pieces: Vec<Piece> = parts.iter().map(|part| self.piece(&part.nodes)).collect();
+    pub fn best_join(&self, parts: &[Part], may: &dyn Fn(&[Part]) -> bool) -> Option<Division> {
+        let pieces = self.pieces(parts);
         let mut found = Vec::new();
         for (one, other) in neighbours(self.mesh, parts) {
             let joined = pieces[one].joined(&pieces[other]);
@@ -142,7 +137,7 @@ impl<'a> Floors<'a> {
             parts[one].name = format!("{}+{}", parts[one].name, gone.name);
             parts[one].nodes.extend(gone.nodes);
             parts[one].nodes.sort_unstable();
-            may(&parts).then_some(Changed { cut: None, parts, floor_um })
+            may(&parts).then_some(Division { cut: None, parts, floor_um })
         })
     }
 }
@@ -161,13 +156,8 @@ impl Piece {
 
 /// Pairs of parts that share an element, the lower place first.
 fn neighbours(mesh: &Mesh, parts: &[Part]) -> Vec<(usize, usize)> {
-    let mut owner = vec![None; mesh.nodes.len()];
-    for (place, part) in parts.iter().enumerate() {
-        for node in &part.nodes {
-            owner[*node] = Some(place);
-        }
-    }
-    let mut pairs = std::collections::BTreeSet::new();
+    let owner = owners(mesh, parts);
+    let mut pairs = BTreeSet::new();
     for element in &mesh.elements {
         let mut owners: Vec<usize> = element.nodes.iter().filter_map(|node| owner[*node]).collect();
         owners.sort_unstable();

@@ -3,11 +3,12 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::Study;
-use crate::problem::{Problem, count};
+use crate::mesh::count;
+use crate::problem::Problem;
 
 /// What sensors that sit `far` mm from their places, each in any direction along the surface, add to the error of a
 /// case: µm RMS over the guideway and the directions.
-pub(super) fn added(study: &Study<'_>, problem: &Problem, places: &[usize], case: usize, far: f64) -> f64 {
+pub(super) fn added(study: &Study, problem: &Problem, places: &[usize], case: usize, far: f64) -> f64 {
     let rise = &study.loads[case].rise;
     let squares = problem.blocks.iter().zip(places).enumerate().map(|(block, (own, place))| {
         let node = own.candidates[*place];
@@ -20,8 +21,8 @@ pub(super) fn added(study: &Study<'_>, problem: &Problem, places: &[usize], case
 }
 
 /// The temperature's gradient along the surface, K/mm: least squares over the neighbours on the skin.
-fn gradient(study: &Study<'_>, node: usize, rise: &[f64]) -> Vector3<f64> {
-    let mesh = study.mesh;
+fn gradient(study: &Study, node: usize, rise: &[f64]) -> Vector3<f64> {
+    let mesh = &study.mesh;
     let around = mesh.elements.iter().filter(|element| element.nodes.contains(&node));
     let mut near: Vec<usize> = around.flat_map(|element| element.nodes.iter().copied()).collect();
     near.sort_unstable();

@@ -1,0 +1,104 @@
+//! What goes to the machine: P as the file that `kind = "matrix"` reads, and the model's block for the profile.
+
+use std::str::FromStr;
+
+use serde_json::json;
+
+use crate::guide_line::GuideLine;
+use crate::mesh::AXES;
+use crate::study::Placement;
+
+/// A part that rides on the guideway, has a sensor of its own and grows by itself: what is carried moves as much wherever
+/// it stands.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rider {
+    /// The name of its sensor's signal.
+    pub name: String,
+    /// Along x, y and z, µm/K.
+    pub moves: [f64; 3],
+}
+
+impl FromStr for Rider {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Rider, String> {
+        let wrong =
+            || format!("`{text}` is no rider; write its signal and µm per kelvin, as in head:z=-4.95");
+        let (name, rest) = text.split_once(':').filter(|(name, _)| !name.is_empty()).ok_or_else(wrong)?;
+        let mut moves = [0.0; 3];
+        for each in rest.split('/') {
+            let (axis, value) = each.split_once('=').ok_or_else(wrong)?;
+            let axis = AXES.iter().position(|known| *known == axis.trim()).ok_or_else(wrong)?;
+            let value = value.trim().parse::<f64>().ok().filter(|value| value.is_finite());
+            moves[axis] = value.ok_or_else(wrong)?;
+        }
+        Ok(Rider { name: name.to_owned(), moves })
+    }
+}
+
+/// The matrix file: a column for each block, then one for each rider.
+#[must_use]
+pub fn matrix(placement: &Placement, line: &GuideLine, riders: &[Rider]) -> String {
+    let column = |block: usize| -> Vec<f64> { placement.p.iter().map(|row| row[block]).collect() };
+    let columns: Vec<[Vec<f64>; 3]> = (0..placement.blocks.len())
+        .map(|block| [0, 1, 2].map(|component| line.mean(&column(block), component)))
+        .collect();
+    let row = |point: usize, component: usize| {
+        let blocks = columns.iter().map(|column| column[component][point]);
+        let row: Vec<f64> =
+            blocks.chain(riders.iter().map(|rider| rider.moves[component] / 1000.0)).collect();
+        format!("    {}", json!(row))
+    };
+    let points = 0..line.guide_mm.len();
+    let rows: Vec<String> =
+        points.flat_map(|point| [0, 1, 2].map(|component| row(point, component))).collect();
+    format!(
+        "{{\n  \"format\": \"isotherm-matrix\", \"version\": 1,\n  \"blocks\": {},\n  \"guide_mm\": {},\n  \"P\": [\n{}\n  ]\n}}\n",
+        json!(signals(placement, riders)),
+        json!(line.guide_mm),
+        rows.join(",\n")
+    )
+}
+
+/// One name per block, then per rider, as a profile wants them: small letters, digits, underlines.
+#[must_use]
+pub fn signals(placement: &Placement, riders: &[Rider]) -> Vec<String> {
+    let small = |letter: char| if letter.is_ascii_alphanumeric() { letter.to_ascii_lowercase() } else { '_' };
+    let names = placement.blocks.iter().chain(riders.iter().map(|rider| &rider.name));
+    names.map(|name| name.chars().map(small).collect()).collect()
+}
+
+/// The block for the profile; `file` is the matrix file's name.
+#[must_use]
+pub fn block(placement: &Placement, line: &GuideLine, riders: &[Rider], file: &str) -> String {
+    let names = signals(placement, riders);
+    let inputs = json!(names).to_string().replace("\",\"", "\", \"");
+    let sensors = placement.sensors.iter().zip(&names).map(|(sensor, name)| {
+        let [x, y, z] = sensor.xyz;
+        format!("#   {name}: x {x:.0}, y {y:.0}, z {z:.0} (node {})\n", sensor.node)
+    });
+    let head = format!(
+        "# Displacement of the guideway by block temperatures, from a finite-element model (isotherm place).\n\
+         # Sensors, coordinates of the mesh in mm:\n{}\
+         # On the load cases the model was made with {:.1} µm RMS are left; blocks alone could leave {:.1}.\n",
+        sensors.collect::<String>(),
+        placement.rms_um,
+        placement.floor_um
+    );
+    let axis = AXES[line.axis];
+    let models = placement.axes.iter().map(|component| {
+        let component = AXES[*component];
+        format!(
+            "[[axis.{component}.model]]\n\
+             name      = \"blocks of the structure\"\n\
+             kind      = \"matrix\"\n\
+             file      = {file:?}\n\
+             inputs    = {inputs}\n\
+             reference = \"start\"\n\
+             position  = \"scale_{axis}\"   # the axis along the guideway, mm, with its zero where the mesh has it\n\
+             component = \"{component}\"\n\
+             carries   = \"tool\"      # or \"work\": what rides on the guideway\n"
+        )
+    });
+    head + &models.collect::<String>()
+}

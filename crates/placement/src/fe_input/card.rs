@@ -1,0 +1,231 @@
+//! Cards as they stand in the files: keyword, parameters, data lines, each with its location.
+
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+
+use super::Fault;
+
+/// Where something stands.
+#[derive(Debug, Clone)]
+pub(super) struct Location {
+    file: Rc<Path>,
+    pub(super) line: usize,
+    /// The keyword of the card, with its asterisk.
+    card: Rc<str>,
+}
+
+impl Location {
+    pub(super) fn fault(&self, message: impl Into<String>) -> Fault {
+        Fault {
+            file: self.file.to_path_buf(),
+            line: Some(self.line),
+            card: self.card.to_string(),
+            message: message.into(),
+        }
+    }
+}
+
+/// One line of data: values between commas.
+#[derive(Debug)]
+pub(super) struct Line {
+    pub(super) at: Location,
+    /// Without the commas at its end.
+    text: String,
+}
+
+impl Line {
+    pub(super) fn len(&self) -> usize {
+        self.values().count()
+    }
+
+    pub(super) fn values(&self) -> impl Iterator<Item = &str> {
+        let nothing = self.text.is_empty();
+        self.text.split(',').map(str::trim).skip(usize::from(nothing))
+    }
+
+    pub(super) fn text(&self, place: usize) -> &str {
+        self.values().nth(place).unwrap_or_default()
+    }
+
+    /// Refuses a line with fewer or more values than `names` has.
+    pub(super) fn exactly(&self, names: &[&str]) -> Result<(), Fault> {
+        let (has, wanted) = (self.len(), names.len());
+        let counted = if has == 1 { "1 value".to_owned() } else { format!("{has} values") };
+        let names = names.join(", ");
+        if has < wanted {
+            return Err(self.fault(format!("{counted} of {wanted} ({names})")));
+        }
+        if has > wanted {
+            let hint = "a decimal comma makes two values of one: write 1.5, not 1,5";
+            return Err(self.fault(format!("{counted} where {wanted} belong ({names}); {hint}")));
+        }
+        Ok(())
+    }
+
+    /// A finite number; a Fortran exponent (`1.5D3`) is one too.
+    pub(super) fn number(&self, place: usize, name: &str) -> Result<f64, Fault> {
+        let text = self.text(place);
+        let parsed = text.parse::<f64>().or_else(|_| text.replace(['d', 'D'], "E").parse());
+        match parsed {
+            Ok(number) if number.is_finite() => Ok(number),
+            _ if text.is_empty() => Err(self.fault(format!("the {name} is missing"))),
+            _ => Err(self.fault(format!("`{text}` is not a number; the {name} belongs here"))),
+        }
+    }
+
+    /// The number of a node, an element or a direction, as one of the values has it.
+    pub(super) fn id(&self, text: &str, name: &str) -> Result<u32, Fault> {
+        let id = text.parse().ok().filter(|id| *id > 0);
+        id.ok_or_else(|| self.fault(format!("`{text}` is not a number from 1 up; the {name} belongs here")))
+    }
+
+    pub(super) fn fault(&self, message: impl Into<String>) -> Fault {
+        self.at.fault(message)
+    }
+}
+
+/// A card with its data.
+#[derive(Debug)]
+pub(super) struct Card {
+    pub(super) at: Location,
+    /// In capitals, without blanks: `HEATTRANSFER`.
+    pub(super) key: String,
+    /// Names in capitals without blanks; values as written.
+    parameters: Vec<(String, Option<String>)>,
+    pub(super) lines: Vec<Line>,
+}
+
+impl Card {
+    /// The value of a parameter, in capitals.
+    pub(super) fn value(&self, name: &str) -> Option<String> {
+        let (_, value) = self.parameters.iter().find(|(known, _)| known == name)?;
+        Some(value.as_deref().unwrap_or_default().to_uppercase())
+    }
+
+    pub(super) fn has(&self, name: &str) -> bool {
+        self.parameters.iter().any(|(known, _)| known == name)
+    }
+
+    /// Refuses parameters that are not among `known`.
+    pub(super) fn only(&self, known: &[&str], faults: &mut Vec<Fault>) {
+        for (name, _) in self.parameters.iter().filter(|(name, _)| !known.contains(&name.as_str())) {
+            let here = if known.is_empty() {
+                "it takes none".to_owned()
+            } else {
+                format!("known here: {}", known.join(", "))
+            };
+            faults.push(self.fault(format!("the parameter {name} is not understood ({here})")));
+        }
+    }
+
+    /// What `read` makes of each line; a line that it refuses is left out.
+    pub(super) fn each<T>(
+        &self,
+        faults: &mut Vec<Fault>,
+        read: impl Fn(&Line) -> Result<T, Fault>,
+    ) -> Vec<T> {
+        self.lines.iter().filter_map(|line| read(line).map_err(|fault| faults.push(fault)).ok()).collect()
+    }
+
+    pub(super) fn fault(&self, message: impl Into<String>) -> Fault {
+        self.at.fault(message)
+    }
+}
+
+/// Files that include files that include files …: deeper is a circle.
+const DEEPEST: usize = 8;
+
+/// All cards of an FE input file, in the order in which they count.
+pub(super) fn read(path: &Path, faults: &mut Vec<Fault>) -> Vec<Card> {
+    let mut cards = Vec::new();
+    gather(path, None, 0, &mut cards, faults);
+    cards
+}
+
+fn gather(path: &Path, from: Option<&Card>, depth: usize, cards: &mut Vec<Card>, faults: &mut Vec<Fault>) {
+    let refused = |message: String| match from {
+        Some(include) => include.fault(message),
+        None => Fault::of_file(path, message),
+    };
+    if depth > DEEPEST {
+        faults.push(refused(format!("more than {DEEPEST} files include each other: {}", path.display())));
+        return;
+    }
+    let bytes = match std::fs::read(path) {
+        Ok(bytes) => bytes,
+        Err(error) => return faults.push(refused(format!("cannot read {}: {error}", path.display()))),
+    };
+    // Comments may be in any encoding; everything else is plain.
+    let text = String::from_utf8_lossy(&bytes);
+    let file: Rc<Path> = Rc::from(path);
+    let mut lines = text.lines().enumerate().map(|(at, text)| (at + 1, text.trim())).peekable();
+    let first = cards.len();
+    while let Some((line, text)) = lines.next() {
+        if text.is_empty() || text.starts_with("**") {
+            continue;
+        }
+        if !text.starts_with('*') {
+            let at = Location { file: Rc::clone(&file), line, card: Rc::from("") };
+            faults.extend(data(text, at, &mut cards[first..]).err());
+            continue;
+        }
+        // A keyword line that ends with a comma goes on.
+        let mut whole = text.to_owned();
+        while whole.ends_with(',') {
+            let Some((_, more)) = lines.next_if(|(_, more)| !more.starts_with('*')) else { break };
+            whole.push_str(more);
+        }
+        let card = keyword(&whole, &file, line);
+        if card.key != "INCLUDE" {
+            cards.push(card);
+            continue;
+        }
+        card.only(&["INPUT"], faults);
+        let input = card.parameters.iter().find(|(name, _)| name == "INPUT");
+        match input.and_then(|(_, value)| value.as_ref()).filter(|input| !input.is_empty()) {
+            Some(input) => {
+                let beside: PathBuf = path.parent().unwrap_or(Path::new("")).join(input);
+                gather(&beside, Some(&card), depth + 1, cards, faults);
+                // What follows an include belongs to no card.
+                cards.push(Card { key: INCLUDED.to_owned(), parameters: Vec::new(), ..card });
+            }
+            None => faults.push(card.fault("names no file: write *INCLUDE, INPUT=mesh.inp")),
+        }
+    }
+}
+
+/// Stands where an included file ended.
+pub(super) const INCLUDED: &str = "INCLUDED";
+
+/// Adds a line of data to the last card.
+fn data(text: &str, mut at: Location, cards: &mut [Card]) -> Result<(), Fault> {
+    let card = cards.last_mut().ok_or_else(|| at.fault("this line stands before any card"))?;
+    at.card = Rc::clone(&card.at.card);
+    if card.key == INCLUDED {
+        return Err(at.fault("this line follows an include: which card it belongs to is not clear"));
+    }
+    let text = text.trim_end_matches(|last: char| last == ',' || last.is_whitespace()).to_owned();
+    card.lines.push(Line { at, text });
+    Ok(())
+}
+
+fn keyword(text: &str, file: &Rc<Path>, line: usize) -> Card {
+    let mut parts = text.split(',').map(str::trim);
+    let name = parts.next().unwrap_or_default();
+    let card = name.split_whitespace().collect::<Vec<_>>().join(" ").to_uppercase();
+    let parameters = parts.filter(|part| !part.is_empty()).map(|part| match part.split_once('=') {
+        Some((name, value)) => (plain(name), Some(value.trim().trim_matches('"').to_owned())),
+        None => (plain(part), None),
+    });
+    Card {
+        key: plain(name.trim_start_matches('*')),
+        parameters: parameters.collect(),
+        lines: Vec::new(),
+        at: Location { file: Rc::clone(file), line, card: Rc::from(card) },
+    }
+}
+
+/// In capitals, without blanks.
+pub(super) fn plain(text: &str) -> String {
+    text.split_whitespace().collect::<String>().to_uppercase()
+}

@@ -1,0 +1,145 @@
+//! The guideway as one line, on which P and displacements are averaged over its rails.
+
+use crate::mesh::{count, range};
+
+/// The guideway as one line: of several rails their mean.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GuideLine {
+    /// The direction of the guideway: 0 x, 1 y, 2 z.
+    pub axis: usize,
+    /// How many rails it has.
+    pub rails: usize,
+    /// Where its points lie in this direction, mm, ascending.
+    pub guide_mm: Vec<f64>,
+    /// For each point the guideway nodes (places in their list) it is made of, with their shares.
+    weights: Vec<Vec<(usize, f64)>>,
+}
+
+/// Points nearer than this share of the guideway's length are one.
+const SAME: f64 = 1e-4;
+
+impl GuideLine {
+    /// From the coordinates of the guideway's nodes; the direction is the longest where none is given.
+    ///
+    /// Rails are told apart by the largest gap across the guideway. Each is interpolated linearly to the points of all,
+    /// and where several nodes of a rail have the same place, they count as one.
+    #[must_use]
+    pub fn new(guide: &[[f64; 3]], axis: Option<usize>) -> GuideLine {
+        let length = |axis: usize| {
+            let (low, high) = range(guide.iter().map(|xyz| xyz[axis]));
+            high - low
+        };
+        let longest = || (0..3).max_by(|one, other| length(*one).total_cmp(&length(*other))).unwrap_or(0);
+        let axis = axis.unwrap_or_else(longest);
+        let same = SAME * length(axis).max(f64::MIN_POSITIVE);
+        let mut rails = vec![(0..guide.len()).collect::<Vec<usize>>()];
+        for across in (0..3).filter(|across| *across != axis) {
+            rails = rails.into_iter().flat_map(|rail| apart(guide, rail, across)).collect();
+        }
+        let lines: Vec<Vec<(f64, Vec<usize>)>> =
+            rails.iter().map(|rail| line(guide, rail, axis, same)).collect();
+        let mut guide_mm: Vec<f64> = lines.iter().flatten().map(|(at, _)| *at).collect();
+        guide_mm.sort_by(f64::total_cmp);
+        guide_mm.dedup_by(|next, kept| *next - *kept <= same);
+        let each = 1.0 / count(lines.len().max(1));
+        let weights = guide_mm.iter().map(|at| {
+            let shares = lines.iter().flat_map(|line| shares(line, *at));
+            shares.map(|(node, share)| (node, share * each)).collect()
+        });
+        GuideLine { axis, rails: rails.len(), weights: weights.collect(), guide_mm }
+    }
+
+    /// A quantity of the guideway's nodes (rows 3·guide + component) in one direction, at each point.
+    #[must_use]
+    pub fn mean(&self, values: &[f64], component: usize) -> Vec<f64> {
+        let point = |weights: &Vec<(usize, f64)>| {
+            weights.iter().map(|(node, share)| share * values[3 * node + component]).sum()
+        };
+        self.weights.iter().map(point).collect()
+    }
+}
+
+/// Nodes in two halves where the largest gap between them is more than half of their extent.
+fn apart(guide: &[[f64; 3]], mut rail: Vec<usize>, across: usize) -> Vec<Vec<usize>> {
+    rail.sort_by(|one, other| guide[*one][across].total_cmp(&guide[*other][across]));
+    let at = |place: usize| guide[rail[place]][across];
+    let Some(last) = rail.len().checked_sub(1) else { return vec![rail] };
+    let extent = at(last) - at(0);
+    let gap = |place: usize| at(place) - at(place - 1);
+    let widest = (1..rail.len()).max_by(|one, other| gap(*one).total_cmp(&gap(*other)));
+    match widest.filter(|place| gap(*place) > 0.5 * extent && extent > 0.0) {
+        // A single node is no rail.
+        Some(place) if place > 1 && rail.len() - place > 1 => {
+            let far = rail.split_off(place);
+            vec![rail, far]
+        }
+        _ => vec![rail],
+    }
+}
+
+/// A rail's points, ascending, each with its nodes.
+fn line(guide: &[[f64; 3]], rail: &[usize], axis: usize, same: f64) -> Vec<(f64, Vec<usize>)> {
+    let mut nodes = rail.to_vec();
+    nodes.sort_by(|one, other| guide[*one][axis].total_cmp(&guide[*other][axis]));
+    let mut points: Vec<(f64, Vec<usize>)> = Vec::new();
+    for node in nodes {
+        let at = guide[node][axis];
+        match points.last_mut() {
+            Some((last, nodes)) if at - *last <= same => nodes.push(node),
+            _ => points.push((at, vec![node])),
+        }
+    }
+    points
+}
+
+/// What a rail is made of at a place: between two of its points of both, beyond its ends of the end.
+fn shares(line: &[(f64, Vec<usize>)], at: f64) -> Vec<(usize, f64)> {
+    let after = line.partition_point(|(point, _)| *point <= at);
+    let (low, high) = (after.saturating_sub(1), after.min(line.len().saturating_sub(1)));
+    let span = line[high].0 - line[low].0;
+    let share = if span > 0.0 { ((at - line[low].0) / span).clamp(0.0, 1.0) } else { 0.0 };
+    let of = |point: usize, share: f64| {
+        let nodes = &line[point].1;
+        nodes.iter().map(move |node| (*node, share / count(nodes.len())))
+    };
+    of(low, 1.0 - share).chain(of(high, share)).filter(|(_, share)| *share > 0.0).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_rails_are_one_line_in_their_middle() {
+        let rail = |x: f64| [0.0, 300.0, 600.0].map(|y| [x, y, 5.0]);
+        let guide: Vec<[f64; 3]> = rail(-190.0).into_iter().chain(rail(190.0)).collect();
+        let line = GuideLine::new(&guide, None);
+        assert_eq!((line.axis, line.rails), (1, 2));
+        assert_eq!(line.guide_mm, [0.0, 300.0, 600.0]);
+        let values: Vec<f64> = (0..18).map(f64::from).collect();
+        // Nodes 0 and 3 stand at the first point: rows 2 and 11 are their z.
+        assert_eq!(line.mean(&values, 2), [6.5, 9.5, 12.5]);
+    }
+
+    #[test]
+    fn rails_with_nodes_at_other_heights_are_interpolated_to_all_heights() {
+        let guide = [
+            [-100.0, 0.0, 0.0],
+            [-100.0, 200.0, 0.0],
+            [100.0, 0.0, 0.0],
+            [100.0, 100.0, 0.0],
+            [100.0, 200.0, 0.0],
+        ];
+        let line = GuideLine::new(&guide, None);
+        assert_eq!(line.guide_mm, [0.0, 100.0, 200.0]);
+        let moved = [0.0, 4.0, 0.0, 0.0, 0.0].map(|x| [x, 0.0, 0.0]).concat();
+        assert_eq!(line.mean(&moved, 0), [0.0, 1.0, 2.0]);
+    }
+
+    #[test]
+    fn a_single_line_of_nodes_is_one_rail() {
+        let guide = [[0.0, 3.0, 0.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0]];
+        let line = GuideLine::new(&guide, None);
+        assert_eq!((line.rails, line.guide_mm), (1, vec![1.0, 2.0, 3.0]));
+    }
+}
