@@ -54,9 +54,9 @@ impl LineHandle {
             return;
         }
         let mut core = self.core();
-        let any = axes.iter().fold(false, |any, axis| core.hear_probing(*axis, now) || any);
+        let heard = axes.iter().filter(|axis| core.hear_probing(**axis, now)).count();
         drop(core);
-        if any {
+        if heard > 0 {
             self.wake_others(self.bus);
         }
     }

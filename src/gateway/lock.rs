@@ -34,7 +34,7 @@ impl LockTimes {
     /// One more is taken. Whether it is to be measured.
     fn take(&mut self) -> bool {
         self.taken += 1;
-        self.taken % SAMPLED == 0
+        self.taken.is_multiple_of(SAMPLED)
     }
 
     fn note(&mut self, span: std::time::Duration) {

@@ -190,7 +190,11 @@ fn write_lock(text: &mut String, status: &Status) {
     if status.lock_held.is_empty() {
         return;
     }
-    head(text, NAME, "How long the state that the lines share was locked.");
+    head(
+        text,
+        NAME,
+        "How long the state that the lines share was locked; one lock of seventeen is measured.",
+    );
     let named = format!("machine=\"{}\"", escaped(&status.machine));
     write_buckets(text, NAME, &named, status.lock_held.iter().copied());
 }
