@@ -48,7 +48,6 @@ mod poll;
 mod probing;
 mod reported;
 mod restart;
-mod saver;
 mod shared;
 mod status;
 mod storage;

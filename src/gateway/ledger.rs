@@ -10,27 +10,24 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::disk::Disk;
-use super::saver::{Kept, Saver};
 use crate::clock::Clock;
 use crate::observe::events::{Event, Journal};
 use isotherm_core::output::{self, Doubt};
 use isotherm_profile::{Output, Profile, Share};
 
 mod file;
+mod writer;
 
 use file::{Entries, Entry, LedgerFile, register};
+pub(super) use writer::Kept;
+use writer::LedgerWriter;
 
 /// The name of it in events.
 const WHAT: &str = "the ledger";
-/// Where it cannot be kept.
-const OTHERWISE: &str = "a register that is shared or cannot be read is not written, and after the next start no \
-                         register is before nothing from before can arrive";
-
 /// What of each output is on disk.
-#[derive(Debug)]
 pub(super) struct Ledger {
     /// `None` where nothing is ever kept.
-    saver: Option<Saver<Entries>>,
+    writer: Option<LedgerWriter>,
     found: Entries,
     /// Nothing of ours has ever been in a register of ours alone: no run has left anything here; or whoever runs a
     /// gateway that keeps nothing answers for that.
@@ -66,7 +63,7 @@ impl Ledger {
             if profile.outputs.iter().any(is_shared) {
                 not_kept("there is no state directory; name one with --state".to_owned());
             }
-            return Ledger { saver: None, found: Entries::new(), is_first: true, is_unmarked: true };
+            return Ledger { writer: None, found: Entries::new(), is_first: true, is_unmarked: true };
         };
         let (mut file, read) = LedgerFile::open(disk, directory, profile);
         let is_first = matches!(&read, Ok(None)) && !had_state;
@@ -79,16 +76,15 @@ impl Ledger {
         };
         let found = found(profile, &mut before, is_readable, remembers);
         if dry_run {
-            return Ledger { saver: None, found, is_first, is_unmarked: true };
+            return Ledger { writer: None, found, is_first, is_unmarked: true };
         }
         let mut entries = found.clone();
         entries.values_mut().for_each(|entry| entry.kept.in_order = false);
         // What cannot be used does not say that anything was in order, and is first kept aside.
         let is_saved = is_readable && file.save(&entries).is_ok();
         let is_unmarked = is_saved || !is_readable || file.is_marked_begun();
-        let save = move |entries: &Entries| file.save(entries);
-        let saver = Saver::start((WHAT, OTHERWISE), entries, save, (journal, clock), has_thread);
-        Ledger { saver: Some(saver), found, is_first: is_first && is_saved, is_unmarked }
+        let writer = Some(LedgerWriter::start(entries, file, (journal, clock), has_thread));
+        Ledger { writer, found, is_first: is_first && is_saved, is_unmarked }
     }
 
     /// What was on disk of this output at the start; `None` where that says nothing of its register.
@@ -111,28 +107,28 @@ impl Ledger {
         // What is no number in the register is none here either.
         let stood = kept.stood.filter(|counts| file::fits(*counts));
         let entry = Entry { register: register(profile, output), kept: output::Kept { stood, ..kept } };
-        match &self.saver {
+        match &self.writer {
             None if is_shared(output) => Keeping::Impossible,
             None => Keeping::Needless,
-            Some(saver) => {
-                let version = saver.keep(|entries| drop(entries.insert(output.name.clone(), entry)));
+            Some(writer) => {
+                let version = writer.keep(output.name.clone(), entry);
                 if is_needed || !self.is_unmarked { Keeping::Version(version) } else { Keeping::Needless }
             }
         }
     }
 
-    /// What became of that, waiting for it no longer than `span`: see [`Saver::kept`].
+    /// What became of that, waiting for it no longer than `span`: see [`LedgerWriter::kept`].
     pub(super) async fn kept(&self, version: u64, span: Duration) -> Kept {
-        match &self.saver {
-            Some(saver) => saver.kept(version, span).await,
+        match &self.writer {
+            Some(writer) => writer.kept(version, span).await,
             None => Kept::Yes,
         }
     }
 
     /// Waits for what is still to be put on disk.
     pub(super) async fn finish(&self, span: Duration) {
-        if let Some(saver) = &self.saver {
-            saver.finish(span).await;
+        if let Some(writer) = &self.writer {
+            writer.finish(span).await;
         }
     }
 }

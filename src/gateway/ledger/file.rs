@@ -15,8 +15,6 @@ use crate::gateway::disk::Disk;
 use isotherm_core::output::Kept;
 use isotherm_profile::{Output, Profile};
 
-mod first_layout;
-
 /// The layout of the file.
 const VERSION: u32 = 2;
 /// More counts than any register holds: who says more does not speak of one of ours.
@@ -32,6 +30,12 @@ struct Document {
     version: u32,
     seal: Seal,
     outputs: Entries,
+}
+
+/// Of a document of any layout.
+#[derive(Deserialize)]
+struct Versioned {
+    version: u32,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -149,20 +153,15 @@ fn read(disk: &dyn Disk, path: &Path) -> Result<Option<(u64, Entries)>, String> 
         }
         Err(error) => return Err(error.to_string()),
     };
-    let (number, entries) = match first_layout::read(&text) {
-        Some(entries) => (0, entries?),
-        None => {
-            let document: Document = serde_json::from_str(&text).map_err(|error| error.to_string())?;
-            if document.version != VERSION {
-                return Err(format!("it has version {}, this program writes {VERSION}", document.version));
-            }
-            let sum = checksum(document.seal.number, &document.outputs).map_err(|error| error.to_string())?;
-            if document.seal.checksum != sum {
-                return Err("its checksum does not fit: it was changed, or damaged".to_owned());
-            }
-            (document.seal.number, document.outputs)
-        }
-    };
+    let Versioned { version } = serde_json::from_str(&text).map_err(|error| error.to_string())?;
+    if version != VERSION {
+        return Err(format!("it has version {version}, this program writes {VERSION}"));
+    }
+    let document: Document = serde_json::from_str(&text).map_err(|error| error.to_string())?;
+    let (number, entries) = (document.seal.number, document.outputs);
+    if document.seal.checksum != checksum(number, &entries).map_err(|error| error.to_string())? {
+        return Err("its checksum does not fit: it was changed, or damaged".to_owned());
+    }
     match entries.iter().find(|(_, entry)| !all_fit(&entry.kept)) {
         Some((name, _)) => Err(format!("no register holds as many counts as it says of {name}")),
         None => Ok(Some((number, entries))),

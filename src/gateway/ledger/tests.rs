@@ -115,27 +115,6 @@ fn no_byte_of_it_can_be_another_without_that_being_seen() {
 }
 
 #[test]
-fn the_first_layout_is_taken_over_with_its_promises_as_the_register_would_hold_them() {
-    let mut profile = profile();
-    profile.outputs.truncate(1);
-    let of = register(&profile, &profile.outputs[0]);
-    let bias = profile.outputs[0].encoding.bias;
-    let name = profile.outputs[0].name.as_str();
-    let text = format!(
-        "{{\"version\": 1, \"outputs\": {{\"{name}\": {{\"register\": \"{of}\", \"base\": 120, \"share\": 31, \
-         \"promised\": [32], \"doubt\": null}}}}}}"
-    );
-    let directory = tempfile::tempdir().unwrap();
-    std::fs::write(directory.path().join(format!("{}.ledger.json", profile.name)), text).unwrap();
-    let (entries, trouble) = found(directory.path(), &profile);
-    assert_eq!(trouble, None);
-    let kept = entries[name].kept;
-    assert_eq!(kept.account, Some(Account { base: Counts(120 + bias), share: Counts(31), doubt: None }));
-    let promised: Vec<_> = kept.promises.iter().map(|one| (one.value, one.is_under_way)).collect();
-    assert_eq!(promised, [(Counts(152 + bias), true)]);
-}
-
-#[test]
 fn where_nothing_can_be_written_the_mark_is_gone_and_what_is_known_is_found_all_the_same() {
     let directory = tempfile::tempdir().unwrap();
     let profile = profile();
