@@ -10,7 +10,7 @@ use isotherm_core::reading::SignalId;
 use isotherm_profile::{AxisId, Device, DeviceId, Profile};
 
 /// What has been found of each device, and which devices an axis depends on.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Commissioning {
     devices: Vec<Finding>,
     /// By device: how often everything had to begin anew.
@@ -18,22 +18,15 @@ pub(super) struct Commissioning {
     of_axis: Vec<Vec<DeviceId>>,
 }
 
+/// Of one device, or of all that an axis depends on.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Finding {
     /// Nothing is to be checked, or everything was found right.
     Fit,
     /// Not all has been read yet.
     Unknown,
-    /// What is wrong, in words.
+    /// What is wrong, as a sentence.
     Wrong(String),
-}
-
-/// Whether an axis may be armed, for all its devices are.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) enum Fit {
-    Yes,
-    Unknown,
-    No(String),
 }
 
 impl Commissioning {
@@ -55,24 +48,18 @@ impl Commissioning {
     }
 
     /// What is wrong with a device.
-    pub(super) fn wrong(&self, device: usize) -> Option<&str> {
-        match self.devices.get(device) {
-            Some(Finding::Wrong(why)) => Some(why),
-            _ => None,
+    pub(super) fn wrong(&self, device: DeviceId) -> Option<&str> {
+        match &self.devices[device.0] {
+            Finding::Wrong(why) => Some(why),
+            Finding::Fit | Finding::Unknown => None,
         }
     }
 
-    /// Whether the devices that an axis depends on are fit.
-    pub(super) fn of_axis(&self, axis: usize) -> Fit {
-        let mut fit = Fit::Yes;
-        for device in &self.of_axis[axis] {
-            match &self.devices[device.0] {
-                Finding::Wrong(why) => return Fit::No(why.clone()),
-                Finding::Unknown => fit = Fit::Unknown,
-                Finding::Fit => {}
-            }
-        }
-        fit
+    /// Of the devices that an axis depends on: the first that is wrong, else one that is not known.
+    pub(super) fn of_axis(&self, axis: usize) -> &Finding {
+        let findings = || self.of_axis[axis].iter().map(|device| &self.devices[device.0]);
+        let wrong = findings().find(|finding| matches!(finding, Finding::Wrong(_)));
+        wrong.or_else(|| findings().find(|finding| **finding == Finding::Unknown)).unwrap_or(&Finding::Fit)
     }
 
     /// The device was lost or restarted: it is set up, and everything is checked, anew.

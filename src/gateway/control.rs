@@ -124,7 +124,8 @@ async fn hear(reader: &mut OwnedReadHalf) -> Option<String> {
 /// # Errors
 /// A sentence: no gateway runs there, or what it refused and why.
 pub fn send(path: &Path, command: Command) -> Result<String, String> {
-    ask(path, word(command))
+    let name = Command::ALL.into_iter().find(|(_, known)| *known == command);
+    ask(path, name.map_or("", |(name, _)| name))
 }
 
 /// Sends an axis's measured error, µm; `None` takes back what such errors have taught.
@@ -157,15 +158,8 @@ fn no_gateway(path: &Path, error: &std::io::Error) -> String {
     )
 }
 
-const WORDS: [(Command, &str); 3] =
-    [(Command::Arm, "arm"), (Command::Disarm, "disarm"), (Command::Zero, "zero")];
-
-fn command(word: &str) -> Option<Command> {
-    WORDS.into_iter().find(|(_, known)| *known == word).map(|(command, _)| command)
-}
-
-fn word(command: Command) -> &'static str {
-    WORDS.into_iter().find(|(known, _)| *known == command).map_or("", |(_, word)| word)
+fn command(name: &str) -> Option<Command> {
+    Command::ALL.into_iter().find(|(known, _)| *known == name).map(|(_, command)| command)
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::arming::{Arming, Attempt};
 use super::board::{Board, Change};
-use super::commissioning::{Commissioning, Fit};
+use super::commissioning::{Commissioning, Finding};
 use super::contact::Contact;
 use super::dependents::Dependents;
 use super::lock::LockTimes;
@@ -209,12 +209,12 @@ impl Core {
                 continue;
             }
             let snapshot = Snapshot { now, readings: self.board.seen() };
-            let fit = self.commissioning.of_axis(axis);
-            let ready = fit == Fit::Yes && self.compensation.has_usable_model(axis, &snapshot);
+            let found = self.commissioning.of_axis(axis);
+            let ready = *found == Finding::Fit && self.compensation.has_usable_model(axis, &snapshot);
             let beyond = self.compensation.beyond_error(axis, &snapshot);
             let name = &profile.axes[axis].settings.name;
-            let attempt = match fit {
-                Fit::No(why) if self.arming[axis].is_wanted(profile) => Attempt::Refused(why),
+            let attempt = match found {
+                Finding::Wrong(why) if self.arming[axis].is_wanted(profile) => Attempt::Refused(why.clone()),
                 _ => self.arming[axis].attempt(profile, axis, &self.outputs, ready, beyond),
             };
             match attempt {

@@ -27,12 +27,12 @@ pub mod outputs;
 mod reader;
 mod recorder;
 #[cfg(test)]
-pub(crate) mod sample;
-#[cfg(test)]
 mod tests;
 
 pub use reader::{Decided, LogError, LogReader, LogRow};
 pub use recorder::{Recorder, number};
+#[cfg(test)]
+pub(crate) use tests::sample;
 
 const TIME: &str = "time";
 const MEMORY: &str = "machine_memory";

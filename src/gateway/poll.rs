@@ -20,6 +20,7 @@ use self::outputs::Job;
 use self::read::Poll;
 use super::can::{Can, CanListener};
 use super::contact::JITTER_MS;
+use super::execute::LineTurn;
 use super::inspector::Inspector;
 use super::line_handle::LineHandle;
 use crate::clock::Sleeper;
@@ -33,13 +34,15 @@ mod captures;
 mod outputs;
 mod pulse;
 mod read;
-mod turn;
 
 use pulse::Pulse;
-use turn::Turn;
 
 /// With nothing to do, a line looks around this often.
 const IDLE: Duration = Duration::from_secs(1);
+/// On a line that is quicker than this nothing waits long enough to go before its turn.
+const SLOW: Duration = Duration::from_millis(20);
+/// So often in a row something that presses goes before what was due earlier.
+const PRESSED: u32 = 8;
 
 /// Owns one line and everything that is read and written on it.
 pub(super) struct LineTask {
@@ -69,6 +72,23 @@ pub(super) struct LineTask {
     /// The last turn was that of a position, or of a read that could wait no longer; how often in a row.
     pressed: u32,
     overruns: Overruns,
+}
+
+/// Whose turn it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Turn {
+    /// Nothing, until then.
+    Sleep(Moment),
+    /// The heartbeat.
+    Beat,
+    /// Looks at how devices are set that are not known to be fit.
+    Inspect,
+    /// One request of the device at this place.
+    Read(usize),
+    /// The axes.
+    Step,
+    /// The output or set at this place.
+    Output(usize),
 }
 
 /// What was late since it was last counted.
@@ -172,14 +192,22 @@ impl LineTask {
                     now = began;
                     continue;
                 }
-                Turn::Beat => self.beat(now).await,
+                Turn::Beat => {
+                    if let Some(pulse) = &mut self.pulse {
+                        pulse.beat(&mut self.line, &self.shared, now).await;
+                    }
+                }
                 Turn::Inspect => {
                     self.inspects = false;
                     self.inspector.inspect(&mut self.line, &self.shared, self.can.as_deref()).await;
                 }
                 Turn::Read(place) => self.read(place, now).await,
                 Turn::Step => self.step(now),
-                Turn::Output(place) => self.write(place, now).await,
+                Turn::Output(place) => {
+                    let turn = &mut LineTurn { line: &mut self.line, shared: &self.shared, now };
+                    self.jobs[place].turn(turn).await;
+                    self.pressed = 0;
+                }
             }
             // A line that always has something to do must not keep the others from their turn.
             tokio::task::coop::consume_budget().await;
@@ -223,6 +251,98 @@ impl LineTask {
             self.shared.wake_others(self.bus);
         }
         self.wake_outputs(now);
+    }
+
+    /// Something was decided, read or commanded: each output looks whether that is something to do for it.
+    fn wake_outputs(&mut self, now: Moment) {
+        self.jobs.iter_mut().for_each(|job| job.wake(now));
+    }
+
+    /// One request of a device's reads. At the end of a round its position is corrected next, here or on another line.
+    async fn read(&mut self, place: usize, now: Moment) {
+        let poll = &mut self.polls[place];
+        let presses = poll.reads_position || poll.grows_stale(now);
+        self.pressed = if presses { self.pressed + 1 } else { 0 };
+        let is_over = poll.read(&mut self.line, &self.shared, &mut self.overruns, now).await;
+        if !is_over {
+            return;
+        }
+        let now = self.line.looked();
+        // At once: a line that always has something to read may never come to the end of a round.
+        self.shared.look_for_restarts(now);
+        self.shared.hear_probings(now);
+        (self.has_news, self.inspects, self.wakes_others) = (true, true, self.feeds_others);
+        if poll.reads_position {
+            let corrections = self.jobs.iter_mut().filter(|job| job.corrects == Some(poll.device));
+            corrections.for_each(|job| job.due = job.due.min(now));
+        }
+    }
+
+    /// Whose turn it is: by what is due.
+    fn next(&self, now: Moment) -> Turn {
+        if self.pulse.as_ref().is_some_and(|pulse| pulse.due <= now) {
+            return Turn::Beat;
+        }
+        let polls = self.polls.iter().enumerate().map(|(place, poll)| (poll.due(), place));
+        let read = polls.min();
+        if self.may_step(now) {
+            return Turn::Step;
+        }
+        let jobs = || self.jobs.iter().enumerate().map(|(place, job)| (job.due, place));
+        if let Some((_, place)) =
+            jobs().filter(|(due, place)| *due <= now && self.jobs[*place].corrects.is_some()).min()
+        {
+            return Turn::Output(place);
+        }
+        if self.inspects && !self.inspector.is_empty() {
+            return Turn::Inspect;
+        }
+        let output = jobs().min();
+        let read = read.filter(|(due, _)| *due <= now);
+        match (read, output.filter(|(due, _)| *due <= now)) {
+            (None, None) => Turn::Sleep(self.rests_until()),
+            (None, Some((_, output))) => Turn::Output(output),
+            (Some((due, first)), output) => {
+                let others_wait =
+                    output.is_some_and(|(since, _)| since < due) || self.polls[first].is_under_way();
+                match self.pressing(now).filter(|_| others_wait && self.pressed < PRESSED) {
+                    Some(pressing) => Turn::Read(pressing),
+                    None => match output {
+                        Some((since, output)) if since < due => Turn::Output(output),
+                        _ => Turn::Read(first),
+                    },
+                }
+            }
+        }
+    }
+
+    /// The axes are looked at when a round of reads is over. One that is due waits for what it rests on, but not for
+    /// a device that is slow, nor for one that is due again as soon as it has been read.
+    fn may_step(&self, now: Moment) -> bool {
+        let is_outstanding = |by: Moment| self.polls.iter().any(|poll| poll.is_outstanding(by));
+        let is_due = self.step_due.filter(|due| self.steps_axes && *due <= now);
+        let is_late =
+            |due: &Moment| now.since(*due) >= SLOW && self.polls.iter().all(|poll| poll.has_been_read);
+        is_due.is_some_and(|due| !is_outstanding(due) || is_late(&due))
+            || (self.has_news && !is_outstanding(now))
+    }
+
+    /// A read that waits for nobody: of a position that is corrected, or of readings that are half way to being stale.
+    fn pressing(&self, now: Moment) -> Option<usize> {
+        let polls = self.polls.iter().enumerate().filter(|(_, poll)| poll.due() <= now);
+        let pressing = polls.filter(|(_, poll)| {
+            (poll.reads_position && now.since(poll.due()) >= SLOW) || poll.grows_stale(now)
+        });
+        pressing.map(|(place, poll)| (!poll.reads_position, poll.due(), place)).min().map(|(.., place)| place)
+    }
+
+    /// When there is something to do again.
+    fn rests_until(&self) -> Moment {
+        let polls = self.polls.iter().map(|poll| poll.due());
+        let jobs = self.jobs.iter().map(|job| job.due);
+        let pulse = self.pulse.iter().map(|pulse| pulse.due);
+        let step = self.step_due.filter(|_| self.steps_axes);
+        polls.chain(jobs).chain(pulse).chain(step).min().unwrap_or(Moment::END)
     }
 
     /// Counts a sleep that ended so late, and what was late before it.

@@ -20,6 +20,7 @@ use crate::observe::status::{
 use isotherm_core::compensation::{Decision, Probe, Stages};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
+use isotherm_profile::DeviceId;
 
 /// A copy of what stands behind the lock.
 struct Picture {
@@ -61,7 +62,7 @@ impl Picture {
             seen: Vec::new(),
             contact: core.contact.clone(),
             wrong: (0..shared.profile.devices.len())
-                .map(|device| core.commissioning.wrong(device).map(str::to_owned))
+                .map(|device| core.commissioning.wrong(DeviceId(device)).map(str::to_owned))
                 .collect(),
             log_dropped: core.storage.dropped(),
             lock_times: core.lock_times,

@@ -109,14 +109,15 @@ async fn ended(mut stopped: watch::Receiver<()>) {
 
 fn router(room: Room) -> Router {
     let guard = middleware::from_fn_with_state(Arc::clone(&room.access), access::check);
-    Router::new()
+    let commands = Command::ALL.into_iter().fold(Router::new(), |router, (name, command)| {
+        let take = move |State(room): State<Room>, body| async move { take(&room, command, body) };
+        router.route(&format!("/api/{name}"), post(take))
+    });
+    commands
         .route("/", get(front))
         .route("/page/{file}", get(file))
         .route("/api/status", get(status))
         .route("/api/live", get(stream))
-        .route("/api/arm", post(arm))
-        .route("/api/disarm", post(disarm))
-        .route("/api/zero", post(zero))
         .route("/api/axes/{axis}/measured", post(measured::learn).delete(measured::forget))
         .route("/metrics", get(scrape))
         .route("/healthz", get(|| async { "ok" }))
@@ -169,19 +170,7 @@ async fn stream(State(room): State<Room>) -> Response {
     room.live.stream().into_response()
 }
 
-async fn arm(State(room): State<Room>, body: Result<Bytes, BytesRejection>) -> Response {
-    command(&room, Command::Arm, body)
-}
-
-async fn disarm(State(room): State<Room>, body: Result<Bytes, BytesRejection>) -> Response {
-    command(&room, Command::Disarm, body)
-}
-
-async fn zero(State(room): State<Room>, body: Result<Bytes, BytesRejection>) -> Response {
-    command(&room, Command::Zero, body)
-}
-
-fn command(room: &Room, command: Command, body: Result<Bytes, BytesRejection>) -> Response {
+fn take(room: &Room, command: Command, body: Result<Bytes, BytesRejection>) -> Response {
     if let Err(refused) = body {
         return (refused.status(), "A command needs no body, and certainly not such a long one.\n")
             .into_response();

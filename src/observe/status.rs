@@ -41,6 +41,12 @@ pub enum Command {
     Zero,
 }
 
+impl Command {
+    /// Each by its name in the API and at the socket.
+    pub const ALL: [(&'static str, Command); 3] =
+        [("arm", Command::Arm), ("disarm", Command::Disarm), ("zero", Command::Zero)];
+}
+
 /// The state of a gateway.
 #[derive(Clone, Debug, Serialize)]
 pub struct Status {

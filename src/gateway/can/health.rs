@@ -1,5 +1,5 @@
-//! How a CAN bus does: told when something begins, when it gets worse and when it is over, with a count; never once a
-//! frame.
+//! How a CAN bus does: reported when something begins, when it gets worse and when it is over, with a count; never once
+//! a frame.
 
 use std::time::Duration;
 
@@ -33,7 +33,7 @@ struct Meter {
     episode: Option<Episode>,
 }
 
-/// What is to be told.
+/// What is to be reported.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Change {
     /// It begins, or has become worse.

@@ -13,7 +13,7 @@ use isotherm_core::codec::{Address, CanId, CanMatch, Frame};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, CanDevice, DeviceId, Profile, Sync};
 
-/// Codes of one device that are told apart at a time.
+/// Emergency codes of one device that are known at a time.
 const MOST_CODES: usize = 16;
 
 /// All devices of one line.
@@ -41,16 +41,16 @@ struct Silence {
 
 /// What follows from a frame or from time.
 #[derive(Debug)]
-pub(super) enum Do {
+pub(super) enum Reaction {
     Send(Frame),
     /// This happened to the device.
     Node(DeviceId, NodeEvent),
     /// A device that only sends has not sent anything for so long, or never.
     Silent(DeviceId, Duration, bool),
-    /// An emergency came that has not been told yet.
-    Complains(DeviceId, Emergency),
-    /// All that were told are over, after so many messages.
-    Content(DeviceId, u64),
+    /// An emergency came that has not been reported yet.
+    Emergency(DeviceId, Emergency),
+    /// All that were reported are over, after so many messages.
+    EmergencyOver(DeviceId, u64),
 }
 
 impl Nodes {
@@ -129,13 +129,13 @@ impl Nodes {
         }
     }
 
-    pub(super) fn take(&mut self, frame: &Frame, now: Moment) -> Vec<Do> {
+    pub(super) fn take(&mut self, frame: &Frame, now: Moment) -> Vec<Reaction> {
         self.master.take(frame, now, &mut self.outputs);
         self.follow()
     }
 
     /// Lets time pass; these devices have been set up.
-    pub(super) fn tick(&mut self, set_up: Vec<DeviceId>, now: Moment) -> Vec<Do> {
+    pub(super) fn tick(&mut self, set_up: Vec<DeviceId>, now: Moment) -> Vec<Reaction> {
         for device in set_up {
             if let Some((_, Some(node))) = self.devices.iter().find(|(id, _)| *id == device) {
                 self.master.set_up(*node, &mut self.outputs);
@@ -146,7 +146,7 @@ impl Nodes {
         for silence in self.silences.iter_mut().filter(|silence| silence.due().is_some_and(|due| due <= now))
         {
             silence.is_lost = true;
-            follows.push(Do::Silent(silence.device, silence.patience, silence.was_heard));
+            follows.push(Reaction::Silent(silence.device, silence.patience, silence.was_heard));
         }
         follows
     }
@@ -155,18 +155,18 @@ impl Nodes {
         self.silences.iter().filter_map(Silence::due).chain(self.master.due()).min()
     }
 
-    fn follow(&mut self) -> Vec<Do> {
+    fn follow(&mut self) -> Vec<Reaction> {
         let mut follows = Vec::new();
         for output in std::mem::take(&mut self.outputs) {
             match output {
-                Output::Send(frame) => follows.push(Do::Send(frame)),
+                Output::Send(frame) => follows.push(Reaction::Send(frame)),
                 Output::Tell(node, event) => {
                     let Some(device) = self.device(node) else { continue };
                     match event {
                         NodeEvent::Emergency(emergency) => {
                             follows.extend(self.complains(node, device, emergency))
                         }
-                        event => follows.push(Do::Node(device, event)),
+                        event => follows.push(Reaction::Node(device, event)),
                     }
                 }
             }
@@ -174,19 +174,19 @@ impl Nodes {
         follows
     }
 
-    /// Each code is told once, until the node says that it is over.
-    fn complains(&mut self, node: NodeId, device: DeviceId, emergency: Emergency) -> Option<Do> {
+    /// Each code is reported once, until the node says that it is over.
+    fn complains(&mut self, node: NodeId, device: DeviceId, emergency: Emergency) -> Option<Reaction> {
         let known = self.emergencies.range((node, 0)..=(node, u16::MAX)).count();
         if emergency.is_over() {
             let counts = self.emergencies.range((node, 0)..=(node, u16::MAX)).map(|(_, count)| count).sum();
             self.emergencies.retain(|(other, _), _| *other != node);
-            return (known > 0).then_some(Do::Content(device, counts));
+            return (known > 0).then_some(Reaction::EmergencyOver(device, counts));
         }
         let is_new = known < MOST_CODES && !self.emergencies.contains_key(&(node, emergency.code));
         if is_new || self.emergencies.contains_key(&(node, emergency.code)) {
             *self.emergencies.entry((node, emergency.code)).or_default() += 1;
         }
-        is_new.then_some(Do::Complains(device, emergency))
+        is_new.then_some(Reaction::Emergency(device, emergency))
     }
 
     fn device(&self, node: NodeId) -> Option<DeviceId> {

@@ -2,11 +2,8 @@
 
 use std::collections::HashMap;
 
-use super::CanListener;
-use crate::gateway::core::Core;
-use isotherm_core::codec::{Address, CanId, CanMatch, Field, Frame};
-use isotherm_core::quantity::Moment;
-use isotherm_core::reading::{Reason, SignalId};
+use isotherm_core::codec::{Address, CanId, CanMatch, Field};
+use isotherm_core::reading::SignalId;
 use isotherm_profile::{BusId, DeviceId, Profile, Writes};
 
 /// By identifier; those that several identifiers match, in a list.
@@ -18,12 +15,12 @@ pub(super) struct Routes {
 
 /// One signal.
 #[derive(Debug)]
-struct Route {
-    device: DeviceId,
-    signal: SignalId,
-    field: Field,
+pub(super) struct Route {
+    pub(super) device: DeviceId,
+    pub(super) signal: SignalId,
+    pub(super) field: Field,
     /// The lines that have something to do as soon as it has come.
-    wakes: Vec<BusId>,
+    pub(super) wakes: Vec<BusId>,
 }
 
 impl Routes {
@@ -45,6 +42,12 @@ impl Routes {
             }
         }
         routes
+    }
+
+    /// The signals that a frame with this identifier may bring.
+    pub(super) fn of_frame(&self, id: CanId) -> impl Iterator<Item = &Route> {
+        let wide = self.wide.iter().filter(move |route| route.field.frames.takes(id));
+        self.exact.get(&id).into_iter().flatten().chain(wide)
     }
 
     /// The frames that are wanted, each once.
@@ -83,39 +86,4 @@ fn wakes(profile: &Profile, id: SignalId) -> Vec<BusId> {
     wakes.sort_unstable();
     wakes.dedup();
     wakes
-}
-
-impl CanListener {
-    /// Puts what a frame brings onto the board. A node that is lost, or is not set as it should be, brings nothing.
-    pub(super) fn route(&mut self, frame: &Frame, now: Moment) {
-        let exact = self.routes.exact.get(&frame.id()).into_iter().flatten();
-        let wide = self.routes.wide.iter().filter(|route| route.field.frames.takes(frame.id()));
-        let mut core = None;
-        let mut shown = None;
-        for route in exact.chain(wide) {
-            if shown.replace(route.device) != Some(route.device) {
-                self.tap.heard((route.device, self.shared.profile.device(route.device).unit), frame);
-            }
-            let core = core.get_or_insert_with(|| self.shared.core());
-            self.nodes.heard(route.device, now);
-            let Some(words) = route.field.read(frame.data()) else { continue };
-            let encoding = &self.shared.profile.signal(route.signal).encoding;
-            let value = words.and_then(|words| encoding.decode(words.words()));
-            let value = match value {
-                _ if self.nodes.is_lost(route.device) => Err(Reason::Timeout),
-                Ok(_) if !core.commissioning.is_fit(route.device) => Err(Reason::NotAsExpected),
-                value => value,
-            };
-            // Before it has been looked at, nothing is known of what it says, not even that it is wrong.
-            if !core.commissioning.is_unknown(route.device) {
-                core.board.store(&self.shared.profile, route.signal, value, now);
-            }
-            let Core { contact, events, .. } = &mut **core;
-            contact.answers(&self.shared.profile, route.device, self.shared.clock.now(), events);
-        }
-        drop(core);
-        let exact = self.routes.exact.get(&frame.id()).into_iter().flatten();
-        let wide = self.routes.wide.iter().filter(|route| route.field.frames.takes(frame.id()));
-        exact.chain(wide).flat_map(|route| &route.wakes).for_each(|bus| self.shared.wake_line(*bus));
-    }
 }

@@ -51,7 +51,7 @@ async fn commands_arrive_and_their_answers_return() {
     let directory = tempfile::tempdir().unwrap();
     let path = path(directory.path(), "m");
     let socket = path.clone();
-    let send_all = move || WORDS.map(|(command, _)| send(&socket, command));
+    let send_all = move || Command::ALL.map(|(_, command)| send(&socket, command));
     let (answers, commands) = beside(&path, send_all).await;
     assert_eq!(commands, [Command::Arm, Command::Disarm, Command::Zero]);
     assert_eq!(answers[0], Ok("z: as you say".to_owned()));

@@ -1,3 +1,5 @@
+pub(crate) mod sample;
+
 use proptest::prelude::*;
 
 use super::*;

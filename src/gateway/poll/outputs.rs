@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-use super::LineTask;
 use crate::gateway::execute::{LineTurn, Position, Set, Single};
 use crate::gateway::line_handle::LineHandle;
 use isotherm_core::quantity::Moment;
@@ -18,8 +17,8 @@ pub(super) struct Job {
     /// Since when it waits, where its turn came too late for what was decided: with the next decision it goes first.
     waits_since: Option<Moment>,
     work: Work,
-    /// The device whose position it corrects.
-    corrects: Option<DeviceId>,
+    /// The device whose position it corrects: it goes before everything that can wait.
+    pub(super) corrects: Option<DeviceId>,
 }
 
 enum Work {
@@ -52,29 +51,14 @@ pub(super) fn jobs(shared: &LineHandle, bus: BusId, start: Moment) -> Vec<Job> {
 }
 
 impl Job {
-    /// It corrects a position: it goes before everything that can wait.
-    pub(super) fn corrects(&self) -> bool {
-        self.corrects.is_some()
-    }
-}
-
-impl LineTask {
-    /// Something was decided, read or commanded: each output looks whether that is something to do for it.
-    pub(super) fn wake_outputs(&mut self, now: Moment) {
-        self.jobs.iter_mut().for_each(|job| job.due = job.due.min(job.waits_since.unwrap_or(now)));
+    /// There may be something to do for it.
+    pub(super) fn wake(&mut self, now: Moment) {
+        self.due = self.due.min(self.waits_since.unwrap_or(now));
     }
 
-    /// A position has been read.
-    pub(super) fn wake_corrections(&mut self, device: DeviceId, now: Moment) {
-        let jobs = self.jobs.iter_mut().filter(|job| job.corrects == Some(device));
-        jobs.for_each(|job| job.due = job.due.min(now));
-    }
-
-    /// Lets an output do what there is to do: at most one verified write.
-    pub(super) async fn write(&mut self, place: usize, now: Moment) {
-        let turn = &mut LineTurn { line: &mut self.line, shared: &self.shared, now };
-        let job = &mut self.jobs[place];
-        let (wants, asks, is_late) = match &mut job.work {
+    /// Does what there is to do: at most one verified write.
+    pub(super) async fn turn(&mut self, turn: &mut LineTurn<'_>) {
+        let (wants, asks, is_late) = match &mut self.work {
             Work::Single(single) => {
                 single.turn(turn).await;
                 (Some(single.due), None, single.is_late())
@@ -88,10 +72,9 @@ impl LineTask {
                 (Some(set.due), set.asks(), set.is_late())
             }
         };
-        job.waits_since = is_late.then(|| job.waits_since.unwrap_or(job.due));
-        let soon = self.line.looked().after(SOON);
+        self.waits_since = is_late.then(|| self.waits_since.unwrap_or(self.due));
+        let soon = turn.line.looked().after(SOON);
         let due = wants.map(|due| due.max(soon)).into_iter().chain(asks).min();
-        job.due = due.unwrap_or(Moment::END);
-        self.pressed = 0;
+        self.due = due.unwrap_or(Moment::END);
     }
 }

@@ -2,9 +2,10 @@
 
 use std::time::Duration;
 
-use super::LineTask;
 use crate::fieldbus::departure::Leave;
+use crate::fieldbus::line::DeviceLine;
 use crate::fieldbus::wire::Request;
+use crate::gateway::line_handle::LineHandle;
 use crate::gateway::storage::Steady;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, DeviceId, Profile};
@@ -31,23 +32,20 @@ impl Pulse {
             count: 0,
         })
     }
-}
 
-impl LineTask {
-    pub(super) async fn beat(&mut self, now: Moment) {
-        let Some(pulse) = &mut self.pulse else { return };
-        pulse.due = now.next_tick(pulse.due, pulse.every);
-        if !self.shared.may_beat() {
+    pub(super) async fn beat(&mut self, line: &mut DeviceLine, shared: &LineHandle, now: Moment) {
+        self.due = now.next_tick(self.due, self.every);
+        if !shared.may_beat() {
             return;
         }
-        let next = pulse.due;
-        pulse.count = pulse.count.wrapping_add(u16::from(self.shared.head_lives(now)));
-        let (device, count) = (pulse.device, [pulse.count]);
-        let functions = self.shared.profile.device(device).functions;
-        let request = Request::write_holding(pulse.register, &count, functions);
-        // A failure is counted and told where every request fails; the next beat is the repetition, and none is made up for.
-        let sent = self.line.request(device, request, Leave::By(next)).await;
-        let storage = &mut self.shared.core().storage;
+        self.count = self.count.wrapping_add(u16::from(shared.head_lives(now)));
+        let functions = shared.profile.device(self.device).functions;
+        let count = [self.count];
+        let request = Request::write_holding(self.register, &count, functions);
+        // A failure is counted and reported where every request fails; the next beat is the repetition, and none is made
+        // up for.
+        let sent = line.request(self.device, request, Leave::By(self.due)).await;
+        let storage = &mut shared.core().storage;
         match sent {
             Ok(_) => storage.wrote(Steady::Heartbeat, None, now),
             Err(fault) => storage.not_written(Steady::Heartbeat, &fault, now),

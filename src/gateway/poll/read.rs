@@ -2,8 +2,10 @@
 
 use std::time::Duration;
 
-use super::{Captures, LineTask, devices_of, signals_of};
+use super::{Captures, Overruns, devices_of, signals_of};
 use crate::fieldbus::departure::Leave;
+use crate::fieldbus::line::DeviceLine;
+use crate::gateway::line_handle::LineHandle;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
 use isotherm_profile::plan::{ReadRequest, plan};
@@ -11,7 +13,7 @@ use isotherm_profile::{BusId, DeviceId, Profile};
 
 /// One device's reads.
 pub(super) struct Poll {
-    device: DeviceId,
+    pub(super) device: DeviceId,
     every: Duration,
     /// When its next round begins.
     next: Moment,
@@ -77,70 +79,45 @@ impl Poll {
     pub(super) fn begin_anew(&mut self, now: Moment) {
         (self.next, self.under_way) = (now, None);
     }
-}
 
-impl LineTask {
-    /// One request of a device's reads, and what it brings. What the device must be told before goes with the first.
-    pub(super) async fn read(&mut self, place: usize, now: Moment) {
-        let presses = self.pressing_now(place, now);
-        self.pressed = if presses { self.pressed + 1 } else { 0 };
-        let poll = &mut self.polls[place];
-        let (due, request) = poll.under_way.unwrap_or((poll.next, 0));
-        if request == 0 {
-            poll.next = now.next_tick(due, poll.every);
-            poll.read_at = now;
+    /// One request, and what it brings. What the device must be told before goes with the first. Whether it was the last of
+    /// its round.
+    pub(super) async fn read(
+        &mut self,
+        line: &mut DeviceLine,
+        shared: &LineHandle,
+        overruns: &mut Overruns,
+        now: Moment,
+    ) -> bool {
+        let (due, place) = self.under_way.unwrap_or((self.next, 0));
+        if place == 0 {
+            self.next = now.next_tick(due, self.every);
+            self.read_at = now;
             let late = now.since(due);
-            if late >= poll.every {
-                self.overruns.note(late, poll.device);
+            if late >= self.every {
+                overruns.note(late, self.device);
             }
-            poll.captures.send(&mut self.line, &self.shared, poll.device).await;
+            self.captures.send(line, shared, self.device).await;
         }
-        let is_last = request + 1 == poll.requests.len();
-        poll.under_way = (!is_last).then_some((due, request + 1));
-        self.ask(place, request).await;
-        if is_last {
-            self.has_read(place);
-        }
-    }
-
-    /// Whether it goes before others because it presses.
-    fn pressing_now(&self, place: usize, now: Moment) -> bool {
-        self.polls[place].reads_position || self.polls[place].grows_stale(now)
-    }
-
-    async fn ask(&mut self, place: usize, request: usize) {
-        let poll = &self.polls[place];
-        let read = &poll.requests[request];
-        let answer = self.line.request(poll.device, read.asks.into(), Leave::Whenever).await;
-        let mut core = self.shared.core();
-        let is_fit = core.commissioning.is_fit(poll.device);
-        for field in &read.fields {
-            let signal = self.shared.profile.signal(field.signal);
-            match (poll.captures.captured(signal.capture), &answer) {
+        let is_last = place + 1 == self.requests.len();
+        self.under_way = (!is_last).then_some((due, place + 1));
+        let request = &self.requests[place];
+        let answer = line.request(self.device, request.asks.into(), Leave::Whenever).await;
+        let mut core = shared.core();
+        let is_fit = core.commissioning.is_fit(self.device);
+        for field in &request.fields {
+            let signal = shared.profile.signal(field.signal);
+            match (self.captures.captured(signal.capture), &answer) {
                 (Ok(captured), Ok(answered)) => {
                     let value = answered.answer.decode(field, &signal.encoding);
                     let value = value.and_then(|value| is_fit.then_some(value).ok_or(Reason::NotAsExpected));
                     let asked = captured.map_or(answered.asked, |captured| captured.min(answered.asked));
-                    core.board.store(&self.shared.profile, field.signal, value, asked);
+                    core.board.store(&shared.profile, field.signal, value, asked);
                 }
                 (Err(fault), _) | (_, &Err(fault)) => core.board.fail(field.signal, fault.reason()),
             }
         }
-    }
-
-    /// A device has been read to its end: its position is corrected next, here or on another line.
-    fn has_read(&mut self, place: usize) {
-        let now = self.line.looked();
-        // At once: a line that always has something to read may never come to the end of a round.
-        self.shared.look_for_restarts(now);
-        self.shared.hear_probings(now);
-        let poll = &mut self.polls[place];
-        poll.has_been_read = true;
-        (self.has_news, self.inspects) = (true, true);
-        if poll.reads_position {
-            let device = poll.device;
-            self.wake_corrections(device, now);
-        }
-        self.wakes_others = self.feeds_others;
+        self.has_been_read |= is_last;
+        is_last
     }
 }

@@ -16,6 +16,7 @@ use axum::extract::{ConnectInfo, Request, State};
 use axum::http::{HeaderMap, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use percent_encoding::percent_decode_str;
 
 const COOKIE: &str = "isotherm_token";
 
@@ -158,19 +159,7 @@ fn cookies(headers: &HeaderMap) -> impl Iterator<Item = &str> {
 
 fn token_in(query: &str) -> Option<String> {
     let given = query.split('&').find_map(|pair| pair.strip_prefix("token="))?;
-    let mut bytes = Vec::with_capacity(given.len());
-    let mut rest = given.bytes();
-    while let Some(byte) = rest.next() {
-        bytes.push(match byte {
-            b'%' => hex_digit(rest.next()?)? << 4 | hex_digit(rest.next()?)?,
-            plain => plain,
-        });
-    }
-    String::from_utf8(bytes).ok()
-}
-
-fn hex_digit(byte: u8) -> Option<u8> {
-    char::from(byte).to_digit(16).and_then(|digit| u8::try_from(digit).ok())
+    Some(percent_decode_str(given).decode_utf8().ok()?.into_owned())
 }
 
 fn hexadecimal(token: &str) -> String {

@@ -56,15 +56,15 @@ fn frame(id: u32, data: &[u8]) -> Frame {
 }
 
 /// Each thing in a few words.
-fn told(follows: &[Do]) -> Vec<String> {
-    let words = |follow: &Do| match follow {
-        Do::Send(frame) => format!("send {frame}"),
-        Do::Node(device, event) => format!("{} {event}", device.0),
-        Do::Silent(device, patience, was_heard) => {
+fn told(follows: &[Reaction]) -> Vec<String> {
+    let words = |follow: &Reaction| match follow {
+        Reaction::Send(frame) => format!("send {frame}"),
+        Reaction::Node(device, event) => format!("{} {event}", device.0),
+        Reaction::Silent(device, patience, was_heard) => {
             format!("{} silent for {patience:?}, heard before: {was_heard}", device.0)
         }
-        Do::Complains(device, emergency) => format!("{} complains {:04x}", device.0, emergency.code),
-        Do::Content(device, count) => format!("{} content after {count}", device.0),
+        Reaction::Emergency(device, emergency) => format!("{} complains {:04x}", device.0, emergency.code),
+        Reaction::EmergencyOver(device, count) => format!("{} content after {count}", device.0),
     };
     follows.iter().map(words).collect()
 }

@@ -1,0 +1,403 @@
+//! The task that listens: takes what comes, does what follows from it, and keeps the interface.
+
+use std::collections::VecDeque;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use super::health::{Change, Health};
+use super::nodes::{Nodes, Reaction};
+use super::routes::Routes;
+use super::{Can, Handed, images};
+use crate::clock::{Inlet, Looks, Sleeper};
+use crate::fieldbus::can::{Heard, Interface, Link, Socket};
+use crate::fieldbus::canopen::master::NodeEvent;
+use crate::fieldbus::error::{CanFault, Fault, LinkFault};
+use crate::fieldbus::trace::Tap;
+use crate::gateway::core::Core;
+use crate::gateway::line_handle::LineHandle;
+use crate::observe::events::Event;
+use isotherm_core::codec::Frame;
+use isotherm_core::quantity::Moment;
+use isotherm_core::reading::Reason;
+use isotherm_profile::{BusId, DeviceId};
+
+/// How often an interface that is missing or down is looked at. The wall's time: it is a real one.
+const LOOK_AGAIN: Duration = Duration::from_millis(200);
+/// How soon a frame that found the queue full is sent again.
+const SEND_AGAIN: Duration = Duration::from_millis(5);
+/// How often the counts of full queues and lost frames are looked at.
+const MEASURE_EVERY: Duration = Duration::from_secs(1);
+/// Frames that wait for room in the queue: one for each node there can be.
+const MOST_UNSENT: usize = 128;
+/// Longer than anything that is waited for.
+const LONG: Duration = Duration::from_secs(3600);
+
+const DOWN: Fault = Fault::Link(LinkFault::Can(CanFault::Down));
+const FULL: Fault = Fault::Link(LinkFault::Can(CanFault::Full));
+
+/// The task that listens.
+pub(in crate::gateway) struct CanListener {
+    shared: LineHandle,
+    bus: BusId,
+    can: Arc<Can>,
+    sleeper: Sleeper,
+    routes: Routes,
+    nodes: Nodes,
+    health: Health,
+    unsent: VecDeque<Frame>,
+    socket: Option<(Arc<Socket>, Option<Inlet>)>,
+    /// The interface carries frames.
+    is_up: bool,
+    tap: Tap,
+    /// When the counts of the socket are looked at again.
+    measure_at: Moment,
+    looks: Looks,
+}
+
+impl CanListener {
+    /// The listener of a line and what it shares with it; `None` for a line that is not CAN. Opens the interface, if it
+    /// is there.
+    pub(in crate::gateway) fn of(
+        shared: &LineHandle,
+        bus: BusId,
+        tap: &Tap,
+    ) -> Option<(Arc<Can>, CanListener)> {
+        let profile = &shared.profile;
+        let settings = profile.bus(bus);
+        if !settings.transport.is_can() {
+            return None;
+        }
+        let now = shared.clock.now();
+        let (routes, nodes) = (Routes::new(profile, bus), Nodes::new(profile, bus, now));
+        let wanted = routes.wanted().chain(nodes.wanted()).collect();
+        let link = Arc::new(Link::new(&settings.address, wanted, images(profile, bus)));
+        let sleeper = shared.clock.join();
+        let can = Arc::new(Can { link, wakeup: sleeper.wakeup(), handed: Mutex::new(Handed::default()) });
+        let mut listener = CanListener {
+            shared: shared.clone(),
+            bus,
+            can: can.clone(),
+            sleeper,
+            routes,
+            nodes,
+            health: Health::default(),
+            unsent: VecDeque::new(),
+            socket: None,
+            is_up: false,
+            tap: tap.clone(),
+            measure_at: now,
+            looks: Looks::begin(now, shared.profile.shortest_age()),
+        };
+        listener.try_interface();
+        Some((can, listener))
+    }
+
+    /// Listens for ever.
+    pub(in crate::gateway) async fn listen(mut self) {
+        let mut due = self.look();
+        loop {
+            self.wait(due).await;
+            let inlet = self.socket.as_mut().and_then(|(_, inlet)| inlet.take());
+            let taking = inlet.as_ref().map(Inlet::taking);
+            due = self.look();
+            drop(taking);
+            if let (Some((_, kept)), Some(inlet)) = (&mut self.socket, inlet) {
+                kept.get_or_insert(inlet);
+            }
+            // A bus that never falls silent must not keep the line from its turn.
+            tokio::task::coop::consume_budget().await;
+        }
+    }
+
+    /// Until a frame comes, or it is time for something.
+    async fn wait(&mut self, due: Moment) {
+        self.looks.away_for(due.since(self.looks.last()));
+        let socket = self.socket.as_ref().map(|(socket, _)| socket.clone());
+        match socket.filter(|_| self.is_up) {
+            Some(socket) => {
+                tokio::select! {
+                    () = socket.ready() => {}
+                    _ = self.sleeper.sleep_until(due) => {}
+                }
+            }
+            None => {
+                let ages_away = self.sleeper.now().after(LONG);
+                tokio::select! {
+                    () = tokio::time::sleep(LOOK_AGAIN) => {}
+                    _ = self.sleeper.sleep_until(ages_away) => {}
+                }
+            }
+        }
+    }
+
+    /// Takes all there is and does all that is due; when there is something to do again.
+    fn look(&mut self) -> Moment {
+        if !self.is_up {
+            self.try_interface();
+        }
+        let clock = &self.shared.clock;
+        let gap = self.looks.look(clock.now()).filter(|_| !clock.is_virtual());
+        if let Some(since) = gap {
+            // What waits here came while nobody listened: how long ago, nobody knows.
+            self.discard();
+            self.shared.stood_still(since);
+        }
+        self.hear();
+        let now = self.shared.clock.now();
+        if self.is_up {
+            let set_up = std::mem::take(&mut self.can.handed().set_up);
+            let reactions = self.nodes.tick(set_up, now);
+            self.react(reactions);
+        }
+        if now >= self.measure_at {
+            self.measure_at = now.after(MEASURE_EVERY);
+            let changes = self.health.tick(self.can.link.full(), self.can.link.lost(), now);
+            self.report_health(changes);
+        }
+        let resend = (!self.unsent.is_empty()).then(|| now.after(SEND_AGAIN));
+        let due = [self.nodes.due(), Some(self.measure_at), resend];
+        due.into_iter().flatten().min().unwrap_or(now.after(LONG))
+    }
+
+    fn hear(&mut self) {
+        while let Some((socket, _)) = &self.socket {
+            match socket.hear_now() {
+                Ok(Some(Heard::Frame(frame))) => self.take(&frame),
+                Ok(Some(Heard::Trouble(trouble))) => {
+                    let changes = self.health.trouble(&trouble, self.shared.clock.now());
+                    self.report_health(changes);
+                }
+                Ok(None) => return,
+                Err(DOWN) if !self.can.link.is_down() => {}
+                Err(fault) => return self.lose_interface(fault),
+            }
+        }
+    }
+
+    fn discard(&mut self) {
+        while let Some((socket, _)) = &self.socket
+            && matches!(socket.hear_now(), Ok(Some(_)))
+        {}
+    }
+
+    fn take(&mut self, frame: &Frame) {
+        let now = self.shared.clock.now();
+        if self.nodes.answers(frame.id()) {
+            self.can.link.answered(frame);
+        }
+        if let Some(device) = self.nodes.speaker(frame) {
+            let reactions = self.nodes.take(frame, now);
+            self.react(reactions);
+            self.answers(device);
+            self.tap.heard((device, self.shared.profile.device(device).unit), frame);
+        }
+        self.route(frame, now);
+    }
+
+    /// Sends what waits, until the queue is full again.
+    fn send(&mut self) {
+        while let (Some(frame), Some((socket, _))) = (self.unsent.front(), &self.socket) {
+            match socket.send_now(frame) {
+                Err(FULL) => return,
+                Err(fault) if fault.is_of_the_line() => return self.lose_interface(fault),
+                _ => drop(self.unsent.pop_front()),
+            }
+        }
+    }
+
+    fn queue(&mut self, frame: Frame) {
+        // One that waits already serves for both: SYNC is not caught up with.
+        if self.unsent.len() < MOST_UNSENT && !self.unsent.contains(&frame) {
+            self.unsent.push_back(frame);
+        }
+    }
+
+    /// Opens the interface, or finds it up again. Whatever hangs on it begins anew.
+    fn try_interface(&mut self) {
+        let socket = match self.can.link.open() {
+            Ok(socket) => socket,
+            Err(fault) => return self.is_without(fault),
+        };
+        let is_new = self.socket.as_ref().is_none_or(|(known, _)| !Arc::ptr_eq(known, &socket));
+        if is_new {
+            // Where the process has no descriptor left, virtual time does without.
+            let inlet = self.shared.clock.inlet(socket.as_ref()).ok();
+            self.socket = Some((socket, inlet));
+        }
+        self.is_up = true;
+        self.nodes.begin_anew(self.shared.clock.now());
+        let mut core = self.shared.core();
+        let Core { contact, commissioning, events, .. } = &mut *core;
+        contact.buses[self.bus.0].connected = true;
+        contact.link_is_up(&self.shared.profile, self.bus, events);
+        for device in self.nodes.devices() {
+            commissioning.forget(&self.shared.profile, device);
+        }
+        drop(core);
+        self.can.revive(None);
+        self.shared.wake_line(self.bus);
+    }
+
+    /// A call to the socket failed: the interface is down, or gone.
+    fn lose_interface(&mut self, fault: Fault) {
+        self.can.link.failed(fault);
+        self.is_up = false;
+        self.unsent.clear();
+        self.is_without(fault);
+    }
+
+    /// There is no interface to listen to: reported once, and its readings say why.
+    fn is_without(&mut self, fault: Fault) {
+        if self.can.link.socket().is_none() {
+            self.socket = None;
+        }
+        let mut core = self.shared.core();
+        let Core { contact, board, events, .. } = &mut *core;
+        let count = &mut contact.buses[self.bus.0];
+        count.connected = false;
+        let attempts = count.down.unwrap_or_default() + 1;
+        contact.link_is_down(&self.shared.profile, self.bus, attempts, fault, events);
+        for device in self.nodes.devices() {
+            let lost = contact.devices[device.0].lost.get_or_insert_default();
+            lost.fault = fault.to_string();
+            lost.answers_since = None;
+        }
+        for signal in self.routes.signals() {
+            board.fail(signal, Reason::LinkDown);
+        }
+    }
+
+    fn report_health(&self, changes: Vec<Change>) {
+        for change in changes {
+            let settings = self.shared.profile.bus(self.bus);
+            let (bus, address) = (settings.name.clone(), settings.address.clone());
+            self.shared.report(&match change {
+                Change::Worse { mut what, is_off } => {
+                    if is_off && Interface::look(&address).is_ok_and(|found| found.stays_off()) {
+                        what += &format!(
+                            "; it stays off: `ip link set {address} type can restart-ms 100` lets it come back"
+                        );
+                    }
+                    Event::BusTrouble { bus, address, what }
+                }
+                Change::Over { count, what, within } => Event::BusWell { bus, address, count, what, within },
+            });
+        }
+    }
+
+    /// A frame of a device came.
+    fn answers(&self, device: DeviceId) {
+        let mut core = self.shared.core();
+        let Core { contact, events, .. } = &mut *core;
+        contact.answers(&self.shared.profile, device, self.shared.clock.now(), events);
+    }
+
+    /// Does what follows from a frame or from time.
+    fn react(&mut self, reactions: Vec<Reaction>) {
+        for reaction in reactions {
+            match reaction {
+                Reaction::Send(frame) => self.queue(frame),
+                Reaction::Node(device, event) => self.happened(device, event),
+                Reaction::Silent(device, patience, was_heard) => {
+                    let patience = humantime::format_duration(patience);
+                    let what = if was_heard { "nothing comes any more" } else { "nothing has come" };
+                    self.lost(device, format!("{what}, for {patience}"));
+                }
+                Reaction::Emergency(device, emergency) => {
+                    let own = self.shared.profile.device(device);
+                    let means = own.can.as_ref().map_or(String::new(), |can| can.emergency(emergency.code));
+                    let (device, what) = (own.name.clone(), format!("{means} ({emergency})"));
+                    self.shared.report(&Event::Emergency { device, what });
+                }
+                Reaction::EmergencyOver(device, count) => {
+                    let device = self.shared.profile.device(device).name.clone();
+                    self.shared.report(&Event::EmergencyOver { device, count });
+                }
+            }
+        }
+        self.send();
+    }
+
+    fn happened(&mut self, device: DeviceId, event: NodeEvent) {
+        let what = event.to_string();
+        match event {
+            NodeEvent::BootedUp { again } => self.begins_anew(device, again),
+            NodeEvent::FellBack => self.begins_anew(device, true),
+            NodeEvent::Lost { .. } => return self.lost(device, what),
+            NodeEvent::Back { .. } => {
+                self.can.revive(Some(device));
+                self.answers(device);
+                self.shared.wake_line(self.bus);
+            }
+            // Emergencies are no part of these.
+            NodeEvent::Stopped | NodeEvent::Emergency(_) => {}
+        }
+        if matches!(event, NodeEvent::BootedUp { again: true } | NodeEvent::FellBack | NodeEvent::Stopped) {
+            let own = self.shared.profile.device(device);
+            self.shared.report(&Event::NodeReset { device: own.name.clone(), node: own.unit, what });
+        }
+    }
+
+    fn lost(&self, device: DeviceId, what: String) {
+        self.condemn(device, Reason::Timeout);
+        let mut core = self.shared.core();
+        let Core { contact, commissioning, events, .. } = &mut *core;
+        if contact.is_silent(&self.shared.profile, device, what, events) {
+            commissioning.forget(&self.shared.profile, device);
+        }
+    }
+
+    /// A node came up: it is set up and looked at as at the beginning. What it said before its reset is not believed any
+    /// more, and what stands in its registers is read anew.
+    fn begins_anew(&mut self, device: DeviceId, was_there: bool) {
+        if was_there {
+            self.condemn(device, Reason::NotAsExpected);
+        }
+        let mut core = self.shared.core();
+        core.commissioning.forget(&self.shared.profile, device);
+        if was_there {
+            core.restarts.device_restarted(&self.shared.profile, device);
+        }
+        drop(core);
+        self.can.revive(Some(device));
+        self.shared.wake_line(self.bus);
+    }
+
+    fn condemn(&self, device: DeviceId, reason: Reason) {
+        let now = self.shared.clock.now();
+        let mut core = self.shared.core();
+        for signal in self.routes.of_device(device) {
+            core.board.store(&self.shared.profile, signal, Err(reason), now);
+            core.board.fail(signal, reason);
+        }
+    }
+
+    /// Puts what a frame brings onto the board. A node that is lost, or is not set as it should be, brings nothing.
+    fn route(&mut self, frame: &Frame, now: Moment) {
+        let mut core = None;
+        let mut shown = None;
+        for route in self.routes.of_frame(frame.id()) {
+            if shown.replace(route.device) != Some(route.device) {
+                self.tap.heard((route.device, self.shared.profile.device(route.device).unit), frame);
+            }
+            let core = core.get_or_insert_with(|| self.shared.core());
+            self.nodes.heard(route.device, now);
+            let Some(read) = route.field.read(frame.data()) else { continue };
+            let encoding = &self.shared.profile.signal(route.signal).encoding;
+            let value = match read.and_then(|read| encoding.decode(read.words())) {
+                _ if self.nodes.is_lost(route.device) => Err(Reason::Timeout),
+                Ok(_) if !core.commissioning.is_fit(route.device) => Err(Reason::NotAsExpected),
+                value => value,
+            };
+            // Before it has been looked at, nothing is known of what it says, not even that it is wrong.
+            if !core.commissioning.is_unknown(route.device) {
+                core.board.store(&self.shared.profile, route.signal, value, now);
+            }
+            let Core { contact, events, .. } = &mut **core;
+            contact.answers(&self.shared.profile, route.device, self.shared.clock.now(), events);
+        }
+        drop(core);
+        let wakes = self.routes.of_frame(frame.id()).flat_map(|route| &route.wakes);
+        wakes.for_each(|bus| self.shared.wake_line(*bus));
+    }
+}
