@@ -255,7 +255,7 @@ impl Gateway {
         let mut core = self.shared.core();
         let mut storage = std::mem::take(&mut core.storage);
         let now = self.shared.clock.now();
-        storage.count_for_the_last_time(now);
+        storage.outputs.count_for_the_last_time(now);
         storage.remember_now(now, &core.compensation, &self.shared.profile, core.outputs.states());
         let failed = core.failed;
         drop(core);

@@ -38,8 +38,8 @@ const OUTPUT_QUEUE: usize = 4096;
 pub(super) struct Storage {
     queue: Option<SyncSender<Job>>,
     recorder: Option<Recorder>,
-    outputs: Option<OutputsLog>,
-    /// Rows and states that found the queue full.
+    pub(super) outputs: OutputsLog,
+    /// Rows of decisions and states that found the queue full.
     dropped: u64,
     remembered: Option<Moment>,
     /// The day of the file in which the rows of decisions stand.
@@ -74,7 +74,7 @@ impl Storage {
     ) -> Storage {
         let (queue, jobs) = sync_channel(QUEUE + OUTPUT_QUEUE);
         let torn = Arc::new(AtomicBool::new(false));
-        let outputs = OutputsLog::new(profile);
+        let outputs = OutputsLog::new(profile, queue.clone());
         let header = if dry_run { Recorder::dry_header(profile) } else { Recorder::header(profile) };
         let mut thread =
             StorageThread::new(profile, directory, header, (Arc::clone(&torn), outputs.tears()), journal);
@@ -86,17 +86,8 @@ impl Storage {
         // Without a thread nothing is kept: the queue finds nobody at its other end.
         let _ = std::thread::Builder::new().name("storage".to_owned()).spawn(work);
         let recorder = Some(Recorder::new(profile).of_dry_run(dry_run));
-        Storage {
-            queue: Some(queue),
-            recorder,
-            outputs: Some(outputs),
-            dropped: 0,
-            remembered: None,
-            day: None,
-            torn,
-            working: Some(working),
-            here: None,
-        }
+        let (queue, working) = (Some(queue), Some(working));
+        Storage { queue, recorder, outputs, torn, working, ..Storage::default() }
     }
 
     /// Keeps the state alone, at once, on this disk.
@@ -172,9 +163,9 @@ impl Storage {
         }
     }
 
-    /// Waits until everything queued is on disk; not for ever, where the disk hangs.
+    /// The end of a run: waits until everything queued is on disk; not for ever, where the disk hangs.
     pub(super) fn finish(&mut self) {
-        self.queue = None;
+        (self.queue, self.outputs) = (None, OutputsLog::default());
         if let Some(working) = self.working.take() {
             let _ = working.recv_timeout(LAST_PATIENCE);
         }
@@ -182,7 +173,7 @@ impl Storage {
 
     /// Rows of the logs and states that a slow disk has cost since the start.
     pub(super) fn dropped(&self) -> u64 {
-        self.dropped
+        self.dropped + self.outputs.dropped
     }
 
     fn hand_over(&mut self, job: Job) {

@@ -128,7 +128,7 @@ impl Position {
         state.cz = Some(cz);
         state.value = output.encoding.decode(target.words()).ok();
         state.verified_at = Some(asked);
-        core.storage.wrote(Steady::Position(self.id), Some(cz), asked);
+        core.storage.outputs.wrote(Steady::Position(self.id), Some(cz), asked);
         if self.trouble.take() == Some(Trouble::Untaken) {
             core.events.push(Event::Verified { output: output.name.clone(), failures });
         }
@@ -186,7 +186,7 @@ impl Position {
     fn is_unverified(&self, shared: &LineHandle, why: &dyn Display) {
         let now = shared.clock.now();
         let mut core = shared.core();
-        core.storage.not_written(Steady::Position(self.id), why, now);
+        core.storage.outputs.not_written(Steady::Position(self.id), why, now);
         let state = &mut core.outputs[self.id.0];
         state.failures += 1;
         state.doubt();

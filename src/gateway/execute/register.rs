@@ -89,7 +89,7 @@ impl Register {
             units,
             settings,
             state,
-            is_logged: shared.core().storage.logs_outputs(),
+            is_logged: shared.core().storage.outputs.is_kept(),
             action: Action::Nothing { until: now },
             heard,
             interlock,
@@ -242,7 +242,7 @@ impl Register {
         let Some(before) = before else { return };
         let (settings, after) = (&self.settings, &self.state);
         let stepped = Stepped { id: self.id, settings, before: &before, goes_on, fact, action, after };
-        core.storage.stepped(&stepped, now);
+        core.storage.outputs.stepped(&stepped, now);
     }
 
     /// Reports what the step has found out; what switches off does that here.

@@ -348,10 +348,10 @@ impl Set {
         if set.heartbeat.is_none() && set.control.is_none() {
             return;
         }
-        let storage = &mut shared.core().storage;
+        let log = &mut shared.core().storage.outputs;
         match fault {
-            None => storage.wrote(Steady::Set(self.id), None, now),
-            Some(fault) => storage.not_written(Steady::Set(self.id), &fault, now),
+            None => log.wrote(Steady::Set(self.id), None, now),
+            Some(fault) => log.not_written(Steady::Set(self.id), &fault, now),
         }
     }
 

@@ -63,76 +63,73 @@ pub struct Beginning {
     pub state: State,
 }
 
-/// How a fact or an action stands in a row.
-#[derive(Clone, Copy, Debug)]
-struct Told {
-    name: &'static str,
-    value: Option<Counts>,
-    moment: Moment,
-}
+/// How a fact or an action stands in a row: its name, its value and its moment, which may never come.
+type Cells = (&'static str, Option<Counts>, Moment);
 
-fn told_fact(fact: Fact) -> Told {
-    let told = |name, value, moment| Told { name, value, moment };
-    let bare = |name| told(name, None, Moment::END);
-    match fact {
-        Fact::Look => bare("look"),
-        Fact::Decided { offset, not_after } => told("decided", Some(offset), not_after),
-        Fact::GoesAlong => bare("goes-along"),
-        Fact::WentAlong { value, left, is_done: true } => told("went-along", Some(value), left),
-        Fact::WentAlong { value, left, is_done: false } => told("went-along-unknown", Some(value), left),
-        Fact::Read { found, asked } => told("read", Some(found), asked),
-        Fact::NoAnswer => bare("no-answer"),
-        Fact::Done { left } => told("done", None, left),
-        Fact::Unknown { left } => told("unknown", None, left),
-        Fact::Refused => bare("refused"),
-        Fact::NotSent => bare("not-sent"),
-        Fact::Kept => bare("kept"),
-        Fact::NotKept => bare("not-kept"),
-        Fact::Restarted => bare("restarted"),
-        Fact::Interlocked => bare("interlocked"),
-        Fact::Released => bare("released"),
-        Fact::Armed { by: Who::Person } => bare("armed-by-person"),
-        Fact::Armed { by: Who::Policy } => bare("armed-by-policy"),
-        Fact::Off => bare("off"),
-        Fact::Paused => bare("paused"),
-    }
+/// The facts that are no more than their name.
+const PLAIN: [Fact; 14] = [
+    Fact::Look,
+    Fact::GoesAlong,
+    Fact::NoAnswer,
+    Fact::Refused,
+    Fact::NotSent,
+    Fact::Kept,
+    Fact::NotKept,
+    Fact::Restarted,
+    Fact::Interlocked,
+    Fact::Released,
+    Fact::Armed { by: Who::Person },
+    Fact::Armed { by: Who::Policy },
+    Fact::Off,
+    Fact::Paused,
+];
+
+fn cells_of_fact(fact: Fact) -> Cells {
+    let name = match fact {
+        Fact::Decided { offset, not_after } => return ("decided", Some(offset), not_after),
+        Fact::WentAlong { value, left, is_done: true } => return ("went-along", Some(value), left),
+        Fact::WentAlong { value, left, is_done: false } => return ("went-along-unknown", Some(value), left),
+        Fact::Read { found, asked } => return ("read", Some(found), asked),
+        Fact::Done { left } => return ("done", None, left),
+        Fact::Unknown { left } => return ("unknown", None, left),
+        Fact::Look => "look",
+        Fact::GoesAlong => "goes-along",
+        Fact::NoAnswer => "no-answer",
+        Fact::Refused => "refused",
+        Fact::NotSent => "not-sent",
+        Fact::Kept => "kept",
+        Fact::NotKept => "not-kept",
+        Fact::Restarted => "restarted",
+        Fact::Interlocked => "interlocked",
+        Fact::Released => "released",
+        Fact::Armed { by: Who::Person } => "armed-by-person",
+        Fact::Armed { by: Who::Policy } => "armed-by-policy",
+        Fact::Off => "off",
+        Fact::Paused => "paused",
+    };
+    (name, None, Moment::END)
 }
 
 /// The fact of this name; `None` where there is none, or it lacks its value.
 fn fact(name: &str, value: Option<Counts>, moment: Moment) -> Option<Fact> {
     Some(match name {
-        "look" => Fact::Look,
         "decided" => Fact::Decided { offset: value?, not_after: moment },
-        "goes-along" => Fact::GoesAlong,
         "went-along" => Fact::WentAlong { value: value?, left: moment, is_done: true },
         "went-along-unknown" => Fact::WentAlong { value: value?, left: moment, is_done: false },
         "read" => Fact::Read { found: value?, asked: moment },
-        "no-answer" => Fact::NoAnswer,
         "done" => Fact::Done { left: moment },
         "unknown" => Fact::Unknown { left: moment },
-        "refused" => Fact::Refused,
-        "not-sent" => Fact::NotSent,
-        "kept" => Fact::Kept,
-        "not-kept" => Fact::NotKept,
-        "restarted" => Fact::Restarted,
-        "interlocked" => Fact::Interlocked,
-        "released" => Fact::Released,
-        "armed-by-person" => Fact::Armed { by: Who::Person },
-        "armed-by-policy" => Fact::Armed { by: Who::Policy },
-        "off" => Fact::Off,
-        "paused" => Fact::Paused,
-        _ => return None,
+        _ => return PLAIN.into_iter().find(|fact| cells_of_fact(*fact).0 == name),
     })
 }
 
-fn told_action(action: Action) -> Told {
-    let told = |name, value, moment| Told { name, value, moment };
+fn cells_of_action(action: Action) -> Cells {
     match action {
-        Action::Nothing { until } => told("nothing", None, until),
-        Action::Read => told("read", None, Moment::END),
-        Action::Keep => told("keep", None, Moment::END),
-        Action::Write { value, not_after, is_repeat: false } => told("write", Some(value), not_after),
-        Action::Write { value, not_after, is_repeat: true } => told("repeat", Some(value), not_after),
+        Action::Nothing { until } => ("nothing", None, until),
+        Action::Read => ("read", None, Moment::END),
+        Action::Keep => ("keep", None, Moment::END),
+        Action::Write { value, not_after, is_repeat: false } => ("write", Some(value), not_after),
+        Action::Write { value, not_after, is_repeat: true } => ("repeat", Some(value), not_after),
     }
 }
 
@@ -148,8 +145,8 @@ fn action(name: &str, value: Option<Counts>, moment: Moment) -> Option<Action> {
 }
 
 /// An action as a message says it: `write 120 until 2026-01-31T12:00:00Z`.
-fn in_words(action: Action) -> String {
-    let Told { name, value, moment } = told_action(action);
+fn message(action: Action) -> String {
+    let (name, value, moment) = cells_of_action(action);
     let value = value.map_or(String::new(), |value| format!(" {value}"));
     let until = if moment == Moment::END { String::new() } else { format!(" until {moment}") };
     format!("{name}{value}{until}")

@@ -45,10 +45,10 @@ impl Pulse {
         // A failure is counted and reported where every request fails; the next beat is the repetition, and none is made
         // up for.
         let sent = line.request(self.device, request, Leave::By(self.due)).await;
-        let storage = &mut shared.core().storage;
+        let log = &mut shared.core().storage.outputs;
         match sent {
-            Ok(_) => storage.wrote(Steady::Heartbeat, None, now),
-            Err(fault) => storage.not_written(Steady::Heartbeat, &fault, now),
+            Ok(_) => log.wrote(Steady::Heartbeat, None, now),
+            Err(fault) => log.not_written(Steady::Heartbeat, &fault, now),
         }
     }
 }

@@ -3,10 +3,10 @@
 use std::fmt::{Display, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
-use std::sync::mpsc::TrySendError;
+use std::sync::mpsc::{SyncSender, TrySendError};
 use std::time::Duration;
 
-use super::{A_DAY, Job, OUTPUT_QUEUE, Storage};
+use super::{A_DAY, Job, OUTPUT_QUEUE};
 use crate::gateway::log::outputs::{Beginning, OutputRecorder};
 use isotherm_core::output::{Action, Fact, Settings, State};
 use isotherm_core::quantity::{Micron, Moment};
@@ -21,7 +21,7 @@ pub(in crate::gateway) struct Stepped<'a> {
     pub(in crate::gateway) id: OutputId,
     pub(in crate::gateway) settings: &'a Settings,
     pub(in crate::gateway) before: &'a State,
-    /// That is what was known after the last fact that was told.
+    /// That is what was known after the last fact that was recorded.
     pub(in crate::gateway) goes_on: bool,
     pub(in crate::gateway) fact: Fact,
     pub(in crate::gateway) action: Action,
@@ -64,53 +64,121 @@ struct Stretch {
     tear: u64,
 }
 
-/// The loop's side of the log of the outputs.
-#[derive(Debug)]
-pub(super) struct OutputsLog {
+/// The loop's side of the log of the outputs. Without a queue it keeps nothing.
+#[derive(Debug, Default)]
+pub(in crate::gateway) struct OutputsLog {
+    queue: Option<SyncSender<Job>>,
     recorder: OutputRecorder,
     tears: Arc<Tears>,
     /// How many outputs and sets there are.
     counts: (usize, usize),
     /// By output, by set, and of the heartbeat.
     lines: Vec<Line>,
-    /// What failed, in words, while it is compared with what failed before.
-    words: String,
+    /// What failed, while it is compared with what failed before.
+    message: String,
+    /// Rows that found the queue full.
+    pub(super) dropped: u64,
 }
 
 #[derive(Debug, Default)]
 struct Line {
     name: String,
-    /// Where the output has begun, so that its rows can be replayed, or its Cz was told.
+    /// Where the output has begun, so that its rows can be replayed, or its Cz was recorded.
     begun: Option<Stretch>,
     /// What is only counted, since when.
     since: Option<Moment>,
     writes: u64,
     failures: u64,
     cz: Option<Micron>,
-    /// What failed last, in words, and was told.
+    /// What failed last and was recorded.
     fault: String,
 }
 
 impl OutputsLog {
-    pub(super) fn new(profile: &Profile) -> OutputsLog {
+    pub(super) fn new(profile: &Profile, queue: SyncSender<Job>) -> OutputsLog {
         let outputs = profile.outputs.iter().map(|output| output.name.clone());
         let sets = profile.sets.iter().map(|set| set.label());
         let names = outputs.chain(sets).chain(["heartbeat".to_owned()]);
-        OutputsLog::of(names, (profile.outputs.len(), profile.sets.len()))
+        OutputsLog::of(names, (profile.outputs.len(), profile.sets.len()), queue)
     }
 
-    pub(super) fn of(names: impl IntoIterator<Item = String>, counts: (usize, usize)) -> OutputsLog {
-        OutputsLog {
-            recorder: OutputRecorder::default(),
-            tears: Arc::default(),
-            counts,
-            lines: names.into_iter().map(|name| Line { name, ..Line::default() }).collect(),
-            words: String::new(),
+    pub(super) fn of(
+        names: impl IntoIterator<Item = String>,
+        counts: (usize, usize),
+        queue: SyncSender<Job>,
+    ) -> OutputsLog {
+        let lines = names.into_iter().map(|name| Line { name, ..Line::default() }).collect();
+        OutputsLog { queue: Some(queue), counts, lines, ..OutputsLog::default() }
+    }
+
+    /// What the other end of the queue has to know.
+    pub(super) fn tears(&self) -> Arc<Tears> {
+        Arc::clone(&self.tears)
+    }
+
+    /// Something is kept.
+    pub(in crate::gateway) fn is_kept(&self) -> bool {
+        self.queue.is_some()
+    }
+
+    /// Queues what an output took and asked for; where rows before it are in another file or lost, after what it goes on
+    /// from.
+    pub(in crate::gateway) fn stepped(&mut self, stepped: &Stepped<'_>, now: Moment) {
+        let stretch = self.stretch(now);
+        let Some(line) = self.lines.get_mut(stepped.id.0) else { return };
+        line.begun = line.begun.filter(|begun| stepped.goes_on && *begun == stretch);
+        if matches!(stepped.action, Action::Nothing { .. }) && stepped.before == stepped.after {
+            return;
+        }
+        if line.begun.replace(stretch).is_none() {
+            let beginning = Beginning { settings: *stepped.settings, state: *stepped.before };
+            let row = self.recorder.begin(now, &line.name, &beginning).to_vec();
+            if !self.hand_over(now, row, stretch.tear) {
+                return;
+            }
+        }
+        let name = &self.lines[stepped.id.0].name;
+        let row = self.recorder.step(now, name, stepped.fact, stepped.action).to_vec();
+        self.hand_over(now, row, stretch.tear);
+    }
+
+    /// A write of what is only counted was answered as done, with this Cz in it.
+    pub(in crate::gateway) fn wrote(&mut self, steady: Steady, cz: Option<Micron>, now: Moment) {
+        let stretch = self.stretch(now);
+        let Some(line) = self.counted(steady, now) else { return };
+        line.writes += 1;
+        line.fault.clear();
+        let Some(cz) = cz else { return };
+        if line.begun.replace(stretch) != Some(stretch) || line.cz != Some(cz) {
+            line.cz = Some(cz);
+            let name = &self.lines[self.place(steady)].name;
+            let row = self.recorder.cz(now, name, cz).to_vec();
+            self.hand_over(now, row, stretch.tear);
         }
     }
 
-    pub(super) fn tears(&self) -> Arc<Tears> {
-        Arc::clone(&self.tears)
+    /// It failed.
+    pub(in crate::gateway) fn not_written(&mut self, steady: Steady, why: &dyn Display, now: Moment) {
+        let tear = self.stretch(now).tear;
+        let mut message = std::mem::take(&mut self.message);
+        message.clear();
+        // Writing to a string never fails.
+        let _ = write!(message, "{why}");
+        if let Some(line) = self.counted(steady, now) {
+            line.failures += 1;
+            if line.fault != message {
+                line.fault.clone_from(&message);
+                let name = &self.lines[self.place(steady)].name;
+                let row = self.recorder.fault(now, name, &message).to_vec();
+                self.hand_over(now, row, tear);
+            }
+        }
+        self.message = message;
+    }
+
+    /// The end of a run: what was counted until then.
+    pub(in crate::gateway) fn count_for_the_last_time(&mut self, now: Moment) {
+        (0..self.lines.len()).for_each(|place| self.record_counts(place, now));
     }
 
     fn stretch(&self, now: Moment) -> Stretch {
@@ -125,105 +193,34 @@ impl OutputsLog {
             Steady::Heartbeat => outputs + sets,
         }
     }
-}
-
-impl Storage {
-    /// What outputs take and ask for is told to a log.
-    pub(in crate::gateway) fn logs_outputs(&self) -> bool {
-        self.outputs.is_some()
-    }
-
-    /// Queues what an output took and asked for; where rows before it are in another file or lost, after what it goes on
-    /// from.
-    pub(in crate::gateway) fn stepped(&mut self, stepped: &Stepped<'_>, now: Moment) {
-        let Some(log) = &mut self.outputs else { return };
-        let stretch = log.stretch(now);
-        let Some(line) = log.lines.get_mut(stepped.id.0) else { return };
-        line.begun = line.begun.filter(|begun| stepped.goes_on && *begun == stretch);
-        if matches!(stepped.action, Action::Nothing { .. }) && stepped.before == stepped.after {
-            return;
-        }
-        let begins = line.begun.replace(stretch).is_none();
-        if begins {
-            let beginning = Beginning { settings: *stepped.settings, state: *stepped.before };
-            let row = log.recorder.begin(now, &line.name, &beginning).to_vec();
-            if !self.hand_over_output(now, row, stretch.tear) {
-                return;
-            }
-        }
-        let Some(log) = &mut self.outputs else { return };
-        let Some(line) = log.lines.get(stepped.id.0) else { return };
-        let row = log.recorder.step(now, &line.name, stepped.fact, stepped.action).to_vec();
-        self.hand_over_output(now, row, stretch.tear);
-    }
-
-    /// A write of what is only counted was answered as done, with this Cz in it.
-    pub(in crate::gateway) fn wrote(&mut self, steady: Steady, cz: Option<Micron>, now: Moment) {
-        self.count(steady, now);
-        let Some(log) = &mut self.outputs else { return };
-        let (place, stretch) = (log.place(steady), log.stretch(now));
-        let Some(line) = log.lines.get_mut(place) else { return };
-        line.writes += 1;
-        line.fault.clear();
-        let Some(cz) = cz else { return };
-        if line.begun.replace(stretch) != Some(stretch) || line.cz.replace(cz) != Some(cz) {
-            line.cz = Some(cz);
-            let row = log.recorder.cz(now, &line.name, cz).to_vec();
-            self.hand_over_output(now, row, stretch.tear);
-        }
-    }
-
-    /// It failed.
-    pub(in crate::gateway) fn not_written(&mut self, steady: Steady, why: &dyn Display, now: Moment) {
-        self.count(steady, now);
-        let Some(log) = &mut self.outputs else { return };
-        let (place, stretch) = (log.place(steady), log.stretch(now));
-        let Some(line) = log.lines.get_mut(place) else { return };
-        line.failures += 1;
-        log.words.clear();
-        // Writing to a string never fails.
-        let _ = write!(log.words, "{why}");
-        if line.fault != log.words {
-            line.fault.clone_from(&log.words);
-            let row = log.recorder.fault(now, &line.name, &line.fault).to_vec();
-            self.hand_over_output(now, row, stretch.tear);
-        }
-    }
-
-    /// The end of a run: what was counted until then.
-    pub(in crate::gateway) fn count_for_the_last_time(&mut self, now: Moment) {
-        let places = self.outputs.as_ref().map_or(0, |log| log.lines.len());
-        (0..places).for_each(|place| self.tell_counts(place, now));
-    }
 
     /// Something that is counted happens.
-    fn count(&mut self, steady: Steady, now: Moment) {
-        let Some(log) = &mut self.outputs else { return };
-        let place = log.place(steady);
-        let Some(line) = log.lines.get_mut(place) else { return };
-        let since = *line.since.get_or_insert(now);
+    fn counted(&mut self, steady: Steady, now: Moment) -> Option<&mut Line> {
+        let place = self.place(steady);
+        let since = *self.lines.get_mut(place)?.since.get_or_insert(now);
         if now.since(since) >= COUNTED_FOR {
-            self.tell_counts(place, now);
+            self.record_counts(place, now);
         }
+        self.lines.get_mut(place)
     }
 
-    fn tell_counts(&mut self, place: usize, now: Moment) {
-        let Some(log) = &mut self.outputs else { return };
-        let tear = log.stretch(now).tear;
-        let Some(line) = log.lines.get_mut(place) else { return };
+    fn record_counts(&mut self, place: usize, now: Moment) {
+        let tear = self.stretch(now).tear;
+        let line = &mut self.lines[place];
         let Some(since) = line.since.replace(now) else { return };
         let (writes, failures) = (std::mem::take(&mut line.writes), std::mem::take(&mut line.failures));
-        let told = (writes > 0).then(|| log.recorder.writes(now, &line.name, writes, since).to_vec());
-        let failed = (failures > 0).then(|| log.recorder.failures(now, &line.name, failures, since).to_vec());
-        for row in told.into_iter().chain(failed) {
-            self.hand_over_output(now, row, tear);
+        let recorder = &mut self.recorder;
+        let wrote = (writes > 0).then(|| recorder.writes(now, &line.name, writes, since).to_vec());
+        let failed = (failures > 0).then(|| recorder.failures(now, &line.name, failures, since).to_vec());
+        for row in wrote.into_iter().chain(failed) {
+            self.hand_over(now, row, tear);
         }
     }
 
     /// Whether there was room for it.
-    fn hand_over_output(&mut self, at: Moment, row: Vec<u8>, tear: u64) -> bool {
-        let (Some(queue), Some(log)) = (&self.queue, &self.outputs) else { return false };
-        if log.tears.waiting.fetch_add(1, Ordering::Relaxed) < OUTPUT_QUEUE {
+    fn hand_over(&mut self, at: Moment, row: Vec<u8>, tear: u64) -> bool {
+        let Some(queue) = &self.queue else { return false };
+        if self.tears.waiting.fetch_add(1, Ordering::Relaxed) < OUTPUT_QUEUE {
             match queue.try_send(Job::OutputRow { at, row, tear }) {
                 Ok(()) => return true,
                 Err(TrySendError::Full(_)) => {}
@@ -233,8 +230,8 @@ impl Storage {
                 }
             }
         }
-        log.tears.has_left_the_queue();
-        log.tears.tear();
+        self.tears.has_left_the_queue();
+        self.tears.tear();
         self.dropped += 1;
         false
     }

@@ -100,12 +100,13 @@ mod outputs {
     fn bench(directory: &Path) -> Bench {
         let mut profile = sample::profile();
         profile.history.keep = 2 * DAY;
-        let log = OutputsLog::of(["cnc_z", "heartbeat"].map(str::to_owned), (1, 0));
         let (queue, jobs) = sync_channel(QUEUE + OUTPUT_QUEUE);
+        let outputs = OutputsLog::of(["cnc_z", "heartbeat"].map(str::to_owned), (1, 0), queue.clone());
         let header = Recorder::header(&profile);
         let journal = Arc::new(Journal::default());
-        let thread = StorageThread::new(&profile, directory, header, (Arc::default(), log.tears()), journal);
-        let storage = Storage { queue: Some(queue), outputs: Some(log), ..Storage::default() };
+        let thread =
+            StorageThread::new(&profile, directory, header, (Arc::default(), outputs.tears()), journal);
+        let storage = Storage { queue: Some(queue), outputs, ..Storage::default() };
         let settings = Settings {
             step: Counts(2),
             limit: Counts(400),
@@ -148,7 +149,7 @@ mod outputs {
                 action: self.action,
                 after: &self.state,
             };
-            self.storage.stepped(&stepped, self.now);
+            self.storage.outputs.stepped(&stepped, self.now);
         }
 
         /// Seconds in which the register is armed, and goes to and fro.
@@ -283,12 +284,12 @@ mod outputs {
         let mut bench = bench(directory.path());
         for second in 0..130u32 {
             let at = noon().after(SECOND * second);
-            bench.storage.wrote(Steady::Heartbeat, None, at);
+            bench.storage.outputs.wrote(Steady::Heartbeat, None, at);
             if second == 70 || second == 71 {
-                bench.storage.not_written(Steady::Heartbeat, &"no answer within 100ms", at);
+                bench.storage.outputs.not_written(Steady::Heartbeat, &"no answer within 100ms", at);
             }
         }
-        bench.storage.count_for_the_last_time(noon().after(SECOND * 130));
+        bench.storage.outputs.count_for_the_last_time(noon().after(SECOND * 130));
         bench.keep();
         let name = names(directory.path()).remove(0);
         let text = std::fs::read_to_string(directory.path().join(name)).unwrap();

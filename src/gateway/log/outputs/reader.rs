@@ -125,15 +125,15 @@ impl<R: Read> OutputLogReader<R> {
             }
             CZ | FAULT | WRITES | FAILURES => Entry::Noted,
             _ => Entry::Step {
-                fact: self.told(line, (FACT, VALUE, MOMENT), fact)?,
-                action: self.told(line, (ACTION, ACTION_VALUE, ACTION_UNTIL), action)?,
+                fact: self.named(line, (FACT, VALUE, MOMENT), fact)?,
+                action: self.named(line, (ACTION, ACTION_VALUE, ACTION_UNTIL), action)?,
             },
         };
         Ok(OutputRow { line, now, output: self.cell(OUTPUT).to_owned(), entry })
     }
 
     /// A fact or an action, from where its name, its value and its moment stand.
-    fn told<T>(
+    fn named<T>(
         &self,
         line: u64,
         (what, value, moment): (usize, usize, usize),

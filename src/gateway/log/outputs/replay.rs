@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::{Beginning, Entry, OutputRow, in_words};
+use super::{Beginning, Entry, OutputRow, message};
 use isotherm_core::output::step;
 
 /// The outputs of a log as they go on.
@@ -46,6 +46,6 @@ impl OutputReplay {
         if replayed == recorded {
             return Replayed::Same;
         }
-        Replayed::Different { recorded: in_words(recorded), replayed: in_words(replayed) }
+        Replayed::Different { recorded: message(recorded), replayed: message(replayed) }
     }
 }
