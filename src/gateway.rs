@@ -20,7 +20,7 @@ use crate::fieldbus::line::DeviceLine;
 use crate::observe::events::{Event, Journal};
 use crate::observe::status::Source;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{Bus, BusId, DeviceId, Profile};
+use isotherm_profile::{Bus, BusId, Profile};
 
 mod arming;
 mod board;
@@ -278,13 +278,7 @@ impl Gateway {
     /// The task of a line, with its listener where it is CAN. `None` only where nothing opens a line of its kind.
     fn line_task(&self, bus: BusId, start: Moment) -> Option<(LineTask, Option<Listener>)> {
         let profile = &self.shared.profile;
-        let devices: Vec<(DeviceId, _)> = profile
-            .devices
-            .iter()
-            .enumerate()
-            .map(|(place, device)| (DeviceId(place), device))
-            .filter(|(_, device)| device.bus == bus)
-            .collect();
+        let devices: Vec<_> = profile.devices_on(bus).collect();
         let settings = profile.bus(bus);
         let handle = LineHandle::new(self.shared.clone(), bus);
         let listener = CanListener::of(&handle, bus, self.wire_log.tap(bus));

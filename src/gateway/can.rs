@@ -70,10 +70,9 @@ impl Can {
 /// The frames that are written on a line.
 fn images(profile: &Profile, bus: BusId) -> Images {
     let mut images = Images::default();
-    let devices = profile.devices.iter().enumerate().filter(|(_, device)| device.bus == bus);
-    for (place, device) in devices {
+    for (id, device) in profile.devices_on(bus) {
         for frame in device.can.iter().flat_map(|can| &can.written) {
-            let own = profile.outputs.iter().filter(|output| output.device == DeviceId(place));
+            let own = profile.outputs.iter().filter(|output| output.device == id);
             let values = own.filter_map(|output| value(device, output, frame.id()));
             images.add(*frame, values.collect());
         }

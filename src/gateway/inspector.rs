@@ -12,7 +12,7 @@ use crate::gateway::line_handle::LineHandle;
 use crate::observe::events::Event;
 use isotherm_core::codec::Encoded;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{DeviceId, Profile};
+use isotherm_profile::{BusId, DeviceId, Profile};
 
 mod setup;
 
@@ -42,13 +42,9 @@ struct Inspection {
 }
 
 impl Inspector {
-    pub(super) fn new(
-        profile: &Profile,
-        devices: impl Iterator<Item = DeviceId>,
-        start: Moment,
-    ) -> Inspector {
-        let checked = devices.filter(|id| is_looked_at(profile.device(*id)));
-        let inspection = |device| Inspection { device, due: start, missed: 0, set_up: None };
+    pub(super) fn new(profile: &Profile, bus: BusId, start: Moment) -> Inspector {
+        let checked = profile.devices_on(bus).filter(|(_, device)| is_looked_at(device));
+        let inspection = |(device, _)| Inspection { device, due: start, missed: 0, set_up: None };
         Inspector(checked.map(inspection).collect())
     }
 

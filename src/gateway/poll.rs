@@ -27,8 +27,7 @@ use crate::clock::Sleeper;
 use crate::fieldbus::line::DeviceLine;
 use isotherm_core::compensation::model::Model;
 use isotherm_core::quantity::Moment;
-use isotherm_core::reading::SignalId;
-use isotherm_profile::{BusId, DeviceId, Profile, Writes};
+use isotherm_profile::{BusId, DeviceId, Profile};
 
 mod captures;
 mod outputs;
@@ -111,36 +110,24 @@ impl Overruns {
 impl LineTask {
     pub(super) fn new(shared: LineHandle, bus: BusId, line: DeviceLine, start: Moment) -> LineTask {
         let profile = &shared.profile;
-        let here = |device: DeviceId| profile.device(device).bus == bus;
-        let positions: Vec<(SignalId, DeviceId)> = profile
+        let is_here = |device: DeviceId| profile.device(device).bus == bus;
+        // By output that corrects a position: where that is read, and where it goes.
+        let positions = profile
             .outputs
             .iter()
-            .filter_map(|output| match output.writes {
-                Writes::Corrected { position } => Some((position, output.device)),
-                _ => None,
-            })
-            .collect();
-        let corrected: Vec<DeviceId> =
-            positions.iter().map(|(position, _)| profile.signal(*position).device).collect();
-        let polls = read::polls(profile, bus, &corrected, start);
-        let jobs = outputs::jobs(&shared, bus, start);
-        let pulse = Pulse::of(profile, bus, start);
+            .filter_map(|output| Some((profile.signal(output.writes.position()?).device, output.device)));
+        let corrected: Vec<DeviceId> = positions.clone().map(|(from, _)| from).collect();
         let steps_axes = home_lines(profile).contains(&bus);
-        let probed = profile.axes.iter().filter_map(|axis| axis.probe_input);
-        let mut probed = probed.flat_map(|input| [Some(input.signal), input.trigger]).flatten();
-        let feeds_others = positions
-            .iter()
-            .any(|(position, device)| here(profile.signal(*position).device) && !here(*device))
-            || (!steps_axes && probed.any(|signal| here(profile.signal(signal).device)));
-        let inspector = Inspector::new(profile, devices_of(profile, bus), start);
+        let feeds_others = positions.clone().any(|(from, to)| is_here(from) && !is_here(to))
+            || (!steps_axes && !shared.dependents.probed_on[bus.0].is_empty());
         LineTask {
             bus,
             line,
             can: None,
-            inspector,
-            polls,
-            jobs,
-            pulse,
+            inspector: Inspector::new(profile, bus, start),
+            polls: read::polls(profile, bus, &corrected, start),
+            jobs: outputs::jobs(&shared, bus, start),
+            pulse: Pulse::of(profile, bus, start),
             steps_axes,
             feeds_others,
             step_due: Some(start),
@@ -375,16 +362,4 @@ fn home_lines(profile: &Profile) -> Vec<BusId> {
         input.or(output).map_or(BusId(0), |device| profile.device(device).bus)
     });
     homes.collect()
-}
-
-fn devices_of(profile: &Profile, bus: BusId) -> impl Iterator<Item = DeviceId> {
-    (0..profile.devices.len()).map(DeviceId).filter(move |id| profile.device(*id).bus == bus)
-}
-
-fn signals_of(
-    profile: &Profile,
-    device: DeviceId,
-) -> impl Iterator<Item = (SignalId, &isotherm_profile::Signal)> {
-    let signals = profile.signals.iter().enumerate().map(|(place, signal)| (SignalId(place), signal));
-    signals.filter(move |(_, signal)| signal.device == device)
 }

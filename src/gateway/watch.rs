@@ -102,7 +102,7 @@ fn late_line(shared: &Shared, lines: &mut [Seen], stuck: &mut Duration) -> Optio
 
 /// The longest a line may take for one cycle: each of its requests connects and then times out, with all its pauses.
 fn limit(profile: &Profile, bus: BusId) -> Duration {
-    let devices = profile.devices.iter().filter(|device| device.bus == bus);
+    let devices = profile.devices_on(bus).map(|(_, device)| device);
     let pauses = devices
         .clone()
         .map(|device| device.quirks.pause_after_connect.max(device.quirks.pause_between_requests));

@@ -8,61 +8,58 @@ use metrics_exporter_prometheus::PrometheusBuilder;
 use super::status::{AxisStatus, BusStatus, DeviceStatus, OutputStatus, SignalStatus, Status};
 use isotherm_core::compensation::{AxisState, Stages};
 
+/// What each number is that goes up and down.
+const GAUGES: [(&str, &str); 22] = [
+    ("isotherm_axis_cz_micrometers", "Compensation after the guard."),
+    ("isotherm_axis_raw_micrometers", "Compensation as the model computes it."),
+    ("isotherm_axis_state", "1 for the state the axis is in, 0 for the others."),
+    ("isotherm_axis_armed", "1 when the axis may write."),
+    ("isotherm_probe_correction_micrometers", "What measured errors add to the model's compensation."),
+    ("isotherm_probe_residual_micrometers", "What the last probing would have left of the error."),
+    ("isotherm_probe_gain_change", "Share by which measured errors have changed a gain."),
+    ("isotherm_axis_limit_micrometers", "Largest size of the compensation."),
+    ("isotherm_axis_warned", "1 while the compensation lies beyond its warning level."),
+    ("isotherm_axis_tripped", "1 when a model asked for more than the error level."),
+    ("isotherm_axis_extrapolating", "1 outside what the model in use was identified on."),
+    ("isotherm_axis_excess_ratio", "How far outside that is; below 0 inside."),
+    ("isotherm_guard_acting", "1 when the stage changed the last value."),
+    ("isotherm_signal_value", "Last usable value, in the unit of its label."),
+    ("isotherm_signal_good", "1 when the signal may be used."),
+    ("isotherm_signal_age_seconds", "Time since the value was taken."),
+    ("isotherm_device_up", "1 when the device answers."),
+    ("isotherm_bus_connected", "1 when there is a connection."),
+    ("isotherm_output_value", "Last verified value, in the unit of its label."),
+    (
+        "isotherm_output_late_write_wait_seconds",
+        "How long a change still waits for what may arrive late, at most.",
+    ),
+    ("isotherm_output_verified", "1 when the last write was read back as written."),
+    ("isotherm_build_info", "Always 1; the version is the label."),
+];
+
+/// What each number is that only goes up.
+const COUNTERS: [(&str, &str); 7] = [
+    ("isotherm_device_requests_total", "Requests sent."),
+    ("isotherm_device_failures_total", "Requests that failed, by blame."),
+    ("isotherm_bus_cycles_total", "Cycles run."),
+    ("isotherm_bus_overruns_total", "Cycles that ended too late."),
+    ("isotherm_output_writes_total", "Writes that were verified."),
+    ("isotherm_events_total", "Events, by kind."),
+    ("isotherm_log_dropped_total", "Rows and states lost because the queue to the disk was full."),
+];
+
 /// The whole exposition.
 pub(super) fn exposition(status: &Status) -> String {
     let recorder = PrometheusBuilder::new().build_recorder();
     with_local_recorder(&recorder, || {
-        describe();
+        GAUGES.into_iter().for_each(|(name, help)| describe_gauge!(name, help));
+        COUNTERS.into_iter().for_each(|(name, help)| describe_counter!(name, help));
         record(status);
     });
     let mut text = recorder.handle().render();
     write_jitter(&mut text, status);
     write_lock(&mut text, status);
     text
-}
-
-fn describe() {
-    describe_gauge!("isotherm_axis_cz_micrometers", "Compensation after the guard.");
-    describe_gauge!("isotherm_axis_raw_micrometers", "Compensation as the model computes it.");
-    describe_gauge!("isotherm_axis_state", "1 for the state the axis is in, 0 for the others.");
-    describe_gauge!("isotherm_axis_armed", "1 when the axis may write.");
-    describe_gauge!(
-        "isotherm_probe_correction_micrometers",
-        "What measured errors add to the model's compensation."
-    );
-    describe_gauge!(
-        "isotherm_probe_residual_micrometers",
-        "What the last probing would have left of the error."
-    );
-    describe_gauge!("isotherm_probe_gain_change", "Share by which measured errors have changed a gain.");
-    describe_gauge!("isotherm_axis_limit_micrometers", "Largest size of the compensation.");
-    describe_gauge!("isotherm_axis_warned", "1 while the compensation lies beyond its warning level.");
-    describe_gauge!("isotherm_axis_tripped", "1 when a model asked for more than the error level.");
-    describe_gauge!("isotherm_axis_extrapolating", "1 outside what the model in use was identified on.");
-    describe_gauge!("isotherm_axis_excess_ratio", "How far outside that is; below 0 inside.");
-    describe_gauge!("isotherm_guard_acting", "1 when the stage changed the last value.");
-    describe_gauge!("isotherm_signal_value", "Last usable value, in the unit of its label.");
-    describe_gauge!("isotherm_signal_good", "1 when the signal may be used.");
-    describe_gauge!("isotherm_signal_age_seconds", "Time since the value was taken.");
-    describe_gauge!("isotherm_device_up", "1 when the device answers.");
-    describe_counter!("isotherm_device_requests_total", "Requests sent.");
-    describe_counter!("isotherm_device_failures_total", "Requests that failed, by blame.");
-    describe_gauge!("isotherm_bus_connected", "1 when there is a connection.");
-    describe_counter!("isotherm_bus_cycles_total", "Cycles run.");
-    describe_counter!("isotherm_bus_overruns_total", "Cycles that ended too late.");
-    describe_gauge!("isotherm_output_value", "Last verified value, in the unit of its label.");
-    describe_gauge!(
-        "isotherm_output_late_write_wait_seconds",
-        "How long a change still waits for what may arrive late, at most."
-    );
-    describe_gauge!("isotherm_output_verified", "1 when the last write was read back as written.");
-    describe_counter!("isotherm_output_writes_total", "Writes that were verified.");
-    describe_counter!("isotherm_events_total", "Events, by kind.");
-    describe_counter!(
-        "isotherm_log_dropped_total",
-        "Rows and states lost because the queue to the disk was full."
-    );
-    describe_gauge!("isotherm_build_info", "Always 1; the version is the label.");
 }
 
 fn record(status: &Status) {

@@ -331,6 +331,18 @@ impl Profile {
         &self.buses[id.0]
     }
 
+    /// The devices of a bus.
+    pub fn devices_on(&self, bus: BusId) -> impl Iterator<Item = (DeviceId, &Device)> + Clone {
+        let devices = self.devices.iter().enumerate().map(|(place, device)| (DeviceId(place), device));
+        devices.filter(move |(_, device)| device.bus == bus)
+    }
+
+    /// The signals that are read from a device.
+    pub fn signals_of(&self, device: DeviceId) -> impl Iterator<Item = (SignalId, &Signal)> + Clone {
+        let signals = self.signals.iter().enumerate().map(|(place, signal)| (SignalId(place), signal));
+        signals.filter(move |(_, signal)| signal.device == device)
+    }
+
     /// The axis.
     pub fn axis(&self, id: AxisId) -> &Axis {
         &self.axes[id.0]

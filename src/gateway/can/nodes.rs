@@ -55,8 +55,7 @@ pub(super) enum Reaction {
 
 impl Nodes {
     pub(super) fn new(profile: &Profile, bus: BusId, now: Moment) -> Nodes {
-        let here = profile.devices.iter().enumerate().filter(|(_, device)| device.bus == bus);
-        let here = here.filter_map(|(place, device)| Some((DeviceId(place), device.can.as_ref()?)));
+        let here = profile.devices_on(bus).filter_map(|(id, device)| Some((id, device.can.as_ref()?)));
         let node = |can: &CanDevice| can.node.and_then(NodeId::new);
         let settings: Vec<(NodeId, Care)> = here
             .clone()
@@ -67,11 +66,9 @@ impl Nodes {
             .collect();
         let sync = profile.bus(bus).sync;
         let silences = here.clone().filter(|(_, can)| can.heartbeat.is_none()).filter_map(|(id, _)| {
-            let own = profile.signals.iter().filter(|signal| signal.device == id);
-            let patience = own
-                .filter(|signal| matches!(signal.address, Address::Frame(_)))
-                .map(|signal| signal.max_age)
-                .max()?;
+            let own = profile.signals_of(id).map(|(_, signal)| signal);
+            let sent = own.filter(|signal| matches!(signal.address, Address::Frame(_)));
+            let patience = sent.map(|signal| signal.max_age).max()?;
             Some(Silence { device: id, patience, heard: now, was_heard: false, is_lost: false })
         });
         Nodes {

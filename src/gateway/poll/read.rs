@@ -2,14 +2,14 @@
 
 use std::time::Duration;
 
-use super::{Captures, Overruns, devices_of, signals_of};
+use super::{Captures, Overruns};
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::line::DeviceLine;
 use crate::gateway::line_handle::LineHandle;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
 use isotherm_profile::plan::{ReadRequest, plan};
-use isotherm_profile::{BusId, DeviceId, Profile};
+use isotherm_profile::{BusId, Device, DeviceId, Profile};
 
 /// One device's reads.
 pub(super) struct Poll {
@@ -32,20 +32,20 @@ pub(super) struct Poll {
 
 /// The reads of a line. Those of positions that are corrected come last, so that nothing stands between the two.
 pub(super) fn polls(profile: &Profile, bus: BusId, corrected: &[DeviceId], start: Moment) -> Vec<Poll> {
-    let poll = |device: DeviceId| Poll {
-        device,
-        every: profile.device(device).every,
+    let poll = |(id, device): (DeviceId, &Device)| Poll {
+        device: id,
+        every: device.every,
         next: start,
         under_way: None,
-        reads_position: corrected.contains(&device),
+        reads_position: corrected.contains(&id),
         has_been_read: false,
         read_at: start,
-        max_age: signals_of(profile, device).map(|(_, signal)| signal.max_age).min().unwrap_or(Duration::MAX),
-        captures: Captures::new(signals_of(profile, device).filter_map(|(_, signal)| signal.capture)),
-        requests: plan(profile.device(device), signals_of(profile, device)),
+        max_age: profile.signals_of(id).map(|(_, signal)| signal.max_age).min().unwrap_or(Duration::MAX),
+        captures: Captures::new(profile.signals_of(id).filter_map(|(_, signal)| signal.capture)),
+        requests: plan(device, profile.signals_of(id)),
     };
     let mut polls: Vec<Poll> =
-        devices_of(profile, bus).map(poll).filter(|poll| !poll.requests.is_empty()).collect();
+        profile.devices_on(bus).map(poll).filter(|poll| !poll.requests.is_empty()).collect();
     polls.sort_by_key(|poll| poll.reads_position);
     polls
 }
