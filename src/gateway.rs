@@ -2,7 +2,7 @@
 //!
 //! Each line has one task that owns it: it reads, steps the axes whose inputs it has just read, and writes what was
 //! decided. What the lines share stands behind one lock that is held for microseconds. Events, page, log and state
-//! file are told, never waited for.
+//! file are handed what they want, never waited for.
 
 use std::collections::HashMap;
 use std::future::Future;
@@ -144,7 +144,7 @@ pub struct Outcome {
     pub failed: bool,
     /// The fault actions came to their end within their time.
     pub rested: bool,
-    /// What stays in the registers, in words.
+    /// What stays in the registers, as a sentence.
     pub left: String,
 }
 
@@ -203,7 +203,7 @@ impl Gateway {
         self.wire_log.clone()
     }
 
-    /// Who can tell its state and take commands, from any thread.
+    /// Who shows its state and takes commands, from any thread.
     pub fn source(&self) -> Arc<dyn Source> {
         Arc::new(Panel(self.shared.clone()))
     }

@@ -28,7 +28,7 @@ async fn the_page_and_its_files_come_from_the_gateway_alone() {
         let file = door.get(link).await;
         assert_eq!((file.code, file.header("x-content-type-options")), (200, "nosniff"), "{link}");
     }
-    for module in ["words.js", "axis.js", "chart.js", "probe.js", "tables.js"] {
+    for module in ["text.js", "axis.js", "chart.js", "probe.js", "tables.js"] {
         let file = door.get(&format!("/page/{module}")).await;
         assert_eq!(file.header("content-type"), "text/javascript; charset=utf-8", "{module}");
     }

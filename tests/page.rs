@@ -16,7 +16,7 @@ fn a_browser_shows_the_running_machine() {
         Running::start(demo.args(["demo", "--listen", "127.0.0.1:0", "--speed", "600", "--for", "24h"]));
     let address = demo.hears("page  http://").trim_start_matches("page  ").to_owned();
     // The first word is there once figures have arrived, the last one once the axis is armed.
-    let words = ["Axis z", "active", "scale_z", "cnc_z", "verified", "holding:104", "armed"];
+    let words = ["Axis z", "compensating", "scale_z", "cnc_z", "verified", "holding:104", "armed"];
     let look = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/interop/look.py");
     let seen = Command::new("python3").arg(look).arg(address).args(words).output();
     let seen = seen.unwrap_or_else(|error| panic!("no python3 ({error}): `tests/run page` installs it"));

@@ -21,7 +21,7 @@ pub(super) struct Arming {
     pub(super) tripped: bool,
     /// A person asked for it and it could not be done yet.
     pub(super) asked: bool,
-    /// Why the last attempt was refused; told once.
+    /// Why the last attempt was refused; reported once.
     pub(super) refusal: Option<String>,
     /// To be taken over at the next step.
     pub(super) take_over: Option<Micron>,

@@ -13,12 +13,12 @@ pub(super) struct Board {
     believed: Vec<Option<(f64, Moment)>>,
     /// Where the counters are, with their rollovers.
     tracked: Vec<Tracked>,
-    /// The position before and after a counter was set anew, until it is told.
+    /// The position before and after a counter was set anew, until it is reported.
     rereferenced: Vec<Option<(f64, f64)>>,
     /// Aged and condemned: what a step sees. Filled anew for each step, never reallocated.
     seen: Vec<Reading>,
-    /// The quality last told to people, and since when it has been bad.
-    told: Vec<Option<(Reason, Moment)>>,
+    /// The quality last reported, and since when it has been bad.
+    reported: Vec<Option<(Reason, Moment)>>,
 }
 
 /// What was read last, and what can be said of it at any moment.
@@ -50,7 +50,7 @@ impl Board {
             tracked: vec![Tracked::default(); signals],
             rereferenced: vec![None; signals],
             seen: vec![Reading::NEVER; signals],
-            told: vec![None; signals],
+            reported: vec![None; signals],
         }
     }
 
@@ -103,7 +103,7 @@ impl Board {
         self.latest.failing[id.0] = Some(reason);
     }
 
-    /// What was read so far belongs to a time that is over. What is counted and what is told goes on.
+    /// What was read so far belongs to a time that is over. What is counted and what is reported goes on.
     pub(super) fn forget(&mut self) {
         for reading in &mut self.latest.readings {
             if reading.quality == Quality::Good {
@@ -157,13 +157,13 @@ impl Board {
             if let Some((from, to)) = self.rereferenced[place].take() {
                 changes.push(Change::Rereferenced(SignalId(place), from, to));
             }
-            match (reading.quality, self.told[place]) {
+            match (reading.quality, self.reported[place]) {
                 (Quality::Good, Some((reason, since))) => {
-                    self.told[place] = None;
+                    self.reported[place] = None;
                     changes.push(Change::Back(SignalId(place), reason, since));
                 }
                 (Quality::Bad(reason), None) if reason != Reason::NeverRead => {
-                    self.told[place] = Some((reason, now));
+                    self.reported[place] = Some((reason, now));
                     changes.push(Change::Lost(SignalId(place), reason));
                 }
                 _ => {}

@@ -71,9 +71,9 @@ pub async fn serve(
             let (mut reader, mut writer) = stream.into_split();
             let heard = tokio::time::timeout(Duration::from_secs(5), hear(&mut reader)).await;
             let heard = heard.ok().flatten().unwrap_or_default();
-            if let Some(wanted) = trace::Wanted::heard(heard.trim()) {
+            if let Some(request) = trace::TraceRequest::parse(heard.trim()) {
                 // It ends with its asker.
-                let _ = trace::serve(wanted, &wire_log, reader, writer).await;
+                let _ = trace::serve(request, &wire_log, reader, writer).await;
                 return;
             }
             let mut done = execute(heard.trim(), source.as_ref());
@@ -131,7 +131,7 @@ pub fn send(path: &Path, command: Command) -> Result<String, String> {
 /// Sends an axis's measured error, µm; `None` takes back what such errors have taught.
 ///
 /// # Errors
-/// The same.
+/// A sentence: no gateway runs there, or what it refused and why.
 pub fn send_measured(path: &Path, axis: &str, error_um: Option<f64>) -> Result<String, String> {
     let error = error_um.map_or_else(|| "clear".to_owned(), |error| error.to_string());
     ask(path, &format!("measured {axis} {error}"))

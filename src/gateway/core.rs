@@ -11,7 +11,7 @@ use super::lock::LockTimes;
 use super::noted::Noted;
 use super::output::{OutputState, Outputs, Standing};
 use super::pause::Pauses;
-use super::probing::{Probing, acting, refused_in_words};
+use super::probing::{Probing, acting, why_refused};
 use super::reported::Reported;
 use super::restart::Restarts;
 use super::storage::Storage;
@@ -175,7 +175,7 @@ impl Core {
         true
     }
 
-    /// What the world outside tells each axis, worked out again where it may have changed; whether one of them is to be
+    /// What the world outside allows each axis, worked out again where it may have changed; whether one of them is to be
     /// stepped for that at once.
     fn refresh_controls(&mut self, now: Moment) -> bool {
         let Given { profile, dry_run, .. } = &self.given.clone();
@@ -319,7 +319,7 @@ impl Core {
             Err(missed) => self.events.push(Event::ProbeRefused {
                 axis: axis.settings.name.clone(),
                 error: None,
-                why: missed.words().to_owned(),
+                why: missed.message().to_owned(),
             }),
         }
         true
@@ -342,7 +342,7 @@ impl Core {
             let Some(probed) = last.filter(|_| control.measured.is_some()) else { continue };
             let residual = probed.residual.unwrap_or(probed.error);
             if let Some(refused) = probed.refused {
-                let why = refused_in_words(profile, place, refused, probed);
+                let why = why_refused(profile, place, refused, probed);
                 self.events.push(Event::ProbeRefused { axis: name(), error: Some(probed.error), why });
                 continue;
             }
@@ -385,7 +385,7 @@ impl Core {
         let profile = &*self.given.profile.clone();
         for change in self.board.changes(now) {
             match change {
-                // The device or the bus has been told already.
+                // The device or the bus has been reported already.
                 Change::Lost(_, reason) | Change::Back(_, reason, _)
                     if matches!(reason, Reason::LinkDown | Reason::Timeout | Reason::BadReply) => {}
                 Change::Lost(id, reason) => {
@@ -412,7 +412,7 @@ impl Core {
         for (axis, reported) in reported.iter_mut().enumerate() {
             let Some(decision) = self.compensation.decision(axis) else { continue };
             let settings = &profile.axes[axis].settings;
-            let why = || self.reasons(axis, now).map_or(String::new(), |reasons| reasons.words());
+            let why = || self.reasons(axis, now).map_or(String::new(), |reasons| reasons.message());
             reported.report(profile, settings, decision, why, &mut events);
         }
         (self.events, self.reported) = (events, reported);

@@ -16,8 +16,8 @@ pub(super) struct Dependents {
     pub(super) probed: Vec<AxisId>,
     /// By line: the axes whose measured error, or its trigger, is read there.
     pub(super) probed_on: Vec<Vec<AxisId>>,
-    /// By line: it reads something that tells that a control was restarted.
-    pub(super) tells_restarts: Vec<bool>,
+    /// By line: it reads something that shows that a control was restarted.
+    pub(super) shows_restarts: Vec<bool>,
     /// Of the axis that is stepped most often.
     pub(super) shortest_period: Option<Duration>,
 }
@@ -35,16 +35,16 @@ impl Dependents {
                 add(&mut probed_on[line(signal).0], AxisId(place));
             }
         }
-        let mut tells_restarts = vec![false; profile.buses.len()];
+        let mut shows_restarts = vec![false; profile.buses.len()];
         let counters = profile.outputs.iter().filter_map(|output| output.boot_counter);
         for signal in counters.chain(profile.machine.on) {
-            tells_restarts[line(signal).0] = true;
+            shows_restarts[line(signal).0] = true;
         }
         Dependents {
             inputs: profile.axes.iter().map(inputs).collect(),
             probed,
             probed_on,
-            tells_restarts,
+            shows_restarts,
             shortest_period: profile.axes.iter().map(|axis| axis.settings.every).min(),
         }
     }

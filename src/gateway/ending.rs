@@ -50,11 +50,11 @@ pub(super) fn end_registers(shared: &Shared) {
     }
     let mut core = shared.core();
     let Core { registers, outputs, .. } = &mut *core;
-    for ((output, state), told) in shared.profile.outputs.iter().zip(registers).zip(outputs.states()) {
+    for ((output, state), seen) in shared.profile.outputs.iter().zip(registers).zip(outputs.states()) {
         if let Some(state) = state {
             let mut kept = state.end();
             // What the control has not taken is sent again before anything else, by the next run too.
-            kept.in_order &= !told.handshake.is_untaken;
+            kept.in_order &= !seen.handshake.is_untaken;
             let _ = shared.ledger.keep(&shared.profile, output, kept, false);
         }
     }
@@ -92,7 +92,7 @@ pub(super) fn at_rest(shared: &Shared) -> bool {
         })
 }
 
-/// What stays in the registers, in words: as verified, with its age, and what may still arrive.
+/// What stays in the registers: as verified, with its age, and what may still arrive.
 pub(super) fn what_is_left(shared: &Shared) -> String {
     let core = shared.core();
     let now = shared.clock.now();

@@ -1,4 +1,4 @@
-//! "Extrapolating" in words and numbers, with the names of the profile.
+//! "Extrapolating", for people and for programs.
 
 use crate::observe::events::Event;
 use crate::observe::status::ExtrapolationStatus;
@@ -7,7 +7,7 @@ use isotherm_core::compensation::{CLEARLY_INSIDE, Decision, Extrapolation};
 use isotherm_profile::Profile;
 
 /// By how much, in which input, and what the axis does.
-pub(super) fn words(profile: &Profile, found: &Extrapolation) -> String {
+pub(super) fn message(profile: &Profile, found: &Extrapolation) -> String {
     let farthest = found.farthest.map(|beyond| {
         let signal = profile.signal(beyond.signal);
         let (side, by) = if beyond.by < 0.0 {
@@ -29,20 +29,25 @@ pub(super) fn words(profile: &Profile, found: &Extrapolation) -> String {
     format!("extrapolating: {farthest}; distance {distance:.1}, {reach:.1} is the edge; {does}")
 }
 
-/// What is to be told: once when it begins, and once when the inputs are clearly inside again, or the model in use has no
+/// What is to be reported: once when it begins, and once when the inputs are clearly inside again, or the model in use has no
 /// region. While no model can be used, nothing is known of either.
-pub(super) fn event(profile: &Profile, axis: &str, decision: &Decision, told: &mut bool) -> Option<Event> {
+pub(super) fn event(
+    profile: &Profile,
+    axis: &str,
+    decision: &Decision,
+    reported: &mut bool,
+) -> Option<Event> {
     let axis = || axis.to_owned();
     match &decision.extrapolating {
-        Some(found) if !*told => {
-            *told = true;
-            Some(Event::Extrapolating { axis: axis(), how: words(profile, found) })
+        Some(found) if !*reported => {
+            *reported = true;
+            Some(Event::Extrapolating { axis: axis(), how: message(profile, found) })
         }
-        None if *told
+        None if *reported
             && decision.model.is_some()
             && decision.excess.is_none_or(|excess| excess < CLEARLY_INSIDE) =>
         {
-            *told = false;
+            *reported = false;
             Some(Event::Interpolating { axis: axis() })
         }
         _ => None,
@@ -62,7 +67,7 @@ pub(super) fn status(profile: &Profile, found: &Extrapolation) -> ExtrapolationS
             Outside::Shrink => "shrink",
         },
         gain: found.gain,
-        text: words(profile, found),
+        text: message(profile, found),
     }
 }
 
@@ -88,14 +93,14 @@ mod tests {
         let axes = vec![settings.clone()];
         let mut compensation = Compensation::new(profile.machine.clone(), axes, Remembered::default());
         let control = [Control { permit: Permit::Armed, ..Control::default() }];
-        let (mut now, mut told, mut events) = (Moment::from_nanos(0), false, Vec::new());
+        let (mut now, mut reported, mut events) = (Moment::from_nanos(0), false, Vec::new());
         for bed in beds {
             now = now.after(Duration::from_secs(10));
             let good = |value: f64| if value.is_nan() { Reading::NEVER } else { Reading::good(value, now) };
             let readings = [*bed, 24.0, 1.0, 0.0].map(good);
             compensation.step(&Snapshot { now, readings: &readings }, &control);
             let decision = compensation.decision(0).unwrap();
-            events.extend(event(&profile, "z", decision, &mut told).map(|event| event.entry(now).kind));
+            events.extend(event(&profile, "z", decision, &mut reported).map(|event| event.entry(now).kind));
         }
         events
     }
@@ -138,7 +143,7 @@ mod tests {
                 "extrapolating: bed is 35.00 °C above its largest value of the guideway; Cz is that of its end",
             ),
         ] {
-            assert_eq!(words(&profile, &found), expected);
+            assert_eq!(message(&profile, &found), expected);
             assert_eq!(status(&profile, &found).text, expected);
         }
     }

@@ -89,7 +89,7 @@ impl Inspection {
             || (self.missed > 0 && lost.is_some_and(|lost| lost.answers_since.is_none()))
     }
 
-    /// Sets it up and reads every check; `None` where the device does not answer, which is told elsewhere.
+    /// Sets it up and reads every check; `None` where the device does not answer, which is reported elsewhere.
     async fn look(
         &mut self,
         line: &mut DeviceLine,
@@ -117,7 +117,7 @@ impl Inspection {
                 continue;
             };
             match line.request(self.device, request, Leave::Whenever).await {
-                Ok(found) => wrong.extend(expected.mismatch(words(&found.answer).words())),
+                Ok(found) => wrong.extend(expected.mismatch(registers(&found.answer).words())),
                 Err(fault) if fault.is_refusal() => wrong.push(expected.unreadable(fault)),
                 Err(fault) => {
                     self.missed += 1;
@@ -135,9 +135,9 @@ impl Inspection {
     }
 }
 
-fn words(answer: &Answer) -> Encoded {
+fn registers(answer: &Answer) -> Encoded {
     match answer {
-        Answer::Words(words) => Encoded::of(words),
+        Answer::Words(registers) => Encoded::of(registers),
         Answer::Bits(bits) => {
             Encoded::of(&bits.iter().take(1).map(|bit| u16::from(*bit)).collect::<Vec<_>>())
         }
@@ -145,7 +145,7 @@ fn words(answer: &Answer) -> Encoded {
     }
 }
 
-/// A device was looked at. What changed is told. An axis that reads from it takes its fault action; one that would
+/// A device was looked at. What changed is reported. An axis that reads from it takes its fault action; one that would
 /// write to it is off.
 fn commissioned(shared: &LineHandle, id: DeviceId, found: Finding) {
     let name = &shared.profile.device(id).name;

@@ -64,7 +64,7 @@ impl LineHandle {
     /// Looks at what has just been read on this line, before anything is written. Every line is woken where a control was
     /// restarted.
     pub(super) fn look_for_restarts(&self, now: Moment) {
-        if !self.dependents.tells_restarts[self.bus.0] {
+        if !self.dependents.shows_restarts[self.bus.0] {
             return;
         }
         let mut core = self.core();

@@ -44,17 +44,17 @@ impl LockTimes {
     }
 }
 
-/// The lock, held. What is put into [`Core::events`] meanwhile is told as soon as it is free again.
+/// The lock, held. What is put into [`Core::events`] meanwhile is reported as soon as it is free again.
 pub(super) struct Held<'a> {
     core: MutexGuard<'a, Core>,
     /// Where this lock is measured.
     since: Option<Moment>,
     /// Dropped after the lock, because it stands after it.
-    after: Untold<'a>,
+    after: Unreported<'a>,
 }
 
-/// Events that nobody has been told of yet.
-struct Untold<'a> {
+/// Events that have not been reported yet.
+struct Unreported<'a> {
     shared: &'a Shared,
     events: Vec<Event>,
 }
@@ -62,7 +62,7 @@ struct Untold<'a> {
 impl<'a> Held<'a> {
     pub(super) fn new(mut core: MutexGuard<'a, Core>, shared: &'a Shared) -> Held<'a> {
         let since = core.lock_times.take().then(|| shared.clock.now());
-        Held { core, since, after: Untold { shared, events: Vec::new() } }
+        Held { core, since, after: Unreported { shared, events: Vec::new() } }
     }
 }
 
@@ -90,7 +90,7 @@ impl Drop for Held<'_> {
     }
 }
 
-impl Drop for Untold<'_> {
+impl Drop for Unreported<'_> {
     fn drop(&mut self) {
         self.events.iter().for_each(|event| self.shared.report(event));
     }

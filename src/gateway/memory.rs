@@ -1,4 +1,4 @@
-//! What the gateway remembers over a restart: machine-on time, references, lags, datums, what probings taught,
+//! What the gateway remembers over a restart: time since machine start, references, lags, datums, what probings taught,
 //! what it last wrote and verified.
 //!
 //! One JSON file in the state directory, replaced atomically. A file that cannot be used is set aside, never
@@ -103,7 +103,7 @@ fn set_aside(disk: &dyn Disk, path: &Path, why: &str) -> Recalled {
         Err(error) => format!("and it could not be set aside ({error})"),
     };
     let trouble = format!(
-        "the saved state {} cannot be used: {why}; {moved}; references, lags and machine-on time begin anew",
+        "the saved state {} cannot be used: {why}; {moved}; references, lags and the time since machine start begin anew",
         path.display()
     );
     Recalled { trouble: Some(trouble), ..Recalled::default() }

@@ -140,8 +140,8 @@ impl IndexMut<usize> for Outputs {
 }
 
 impl Stand {
-    /// In words, for the page; empty where nothing is to be said.
-    pub(super) fn words(self, handshake: Option<Handshake>) -> String {
+    /// What is to be said of it on the page; empty where nothing is.
+    pub(super) fn message(self, handshake: Option<Handshake>) -> String {
         let Some(Handshake { strobe, acknowledge, .. }) = handshake else { return String::new() };
         match (self.failed, self.waits) {
             (Some(failed), _) => failed.message().to_owned(),

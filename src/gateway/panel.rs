@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use super::probing::{Missed, acting, refused_in_words};
+use super::probing::{Missed, acting, why_refused};
 use super::shared::Shared;
 use super::status::status;
 use crate::observe::events::Event;
@@ -98,15 +98,16 @@ impl Source for Panel {
                 let of_radius = if settings.diameter { 0.5 } else { 1.0 };
                 let error =
                     Micron::new(error * of_radius).ok_or("a measured error is a finite number, in µm")?;
-                let acting = acting(&shared.profile, place, &core.outputs, &core.arming[place])
-                    .ok_or_else(|| format!("{axis}: {}; measure again when it is", Missed::Acting.words()))?;
+                let acting =
+                    acting(&shared.profile, place, &core.outputs, &core.arming[place]).ok_or_else(|| {
+                        format!("{axis}: {}; measure again when it is", Missed::Acting.message())
+                    })?;
                 let measured = Measured { error, acting: Some(acting) };
                 let now = shared.clock.now();
                 core.board.look(&shared.profile, now);
                 let snapshot = Snapshot { now, readings: core.board.seen() };
                 if let Err(probed) = core.compensation.would_learn(place, &snapshot, measured) {
-                    let why =
-                        probed.refused.map(|why| refused_in_words(&shared.profile, place, why, &probed));
+                    let why = probed.refused.map(|why| why_refused(&shared.profile, place, why, &probed));
                     return Err(format!("{axis}: not learned from: {}", why.unwrap_or_default()));
                 }
                 core.probing[place].measured = Some(measured);

@@ -5,7 +5,7 @@
 //! that a result read just before its trigger is never taken for the new one. Without a trigger each change of the error
 //! is a probing, and two equal results in a row are one.
 //!
-//! The first look at a trigger, and the first after it could not be read, only tells where it stands: a probing whose
+//! The first look at a trigger, and the first after it could not be read, only shows where it stands: a probing whose
 //! moment is not known cannot be held against the Cz that acted then.
 
 use isotherm_core::compensation::{Measured, Probed, Refused};
@@ -45,8 +45,7 @@ pub(super) enum Missed {
 }
 
 impl Missed {
-    /// In words.
-    pub(super) fn words(self) -> &'static str {
+    pub(super) fn message(self) -> &'static str {
         match self {
             Missed::NoResult => "its result could not be read",
             Missed::Acting => "it is not certain which Cz stood in the machine",
@@ -100,7 +99,7 @@ pub(super) fn acting(profile: &Profile, axis: usize, outputs: &Outputs, arming: 
 }
 
 /// Why nothing was learned.
-pub(super) fn refused_in_words(profile: &Profile, axis: usize, refused: Refused, probed: &Probed) -> String {
+pub(super) fn why_refused(profile: &Profile, axis: usize, refused: Refused, probed: &Probed) -> String {
     match refused {
         Refused::NoModel => "no model of the axis can be used now".to_owned(),
         Refused::Tripped => "its model asked for more than the error level and is not believed".to_owned(),

@@ -1,4 +1,4 @@
-//! What people have been told of the axes: each state, level and extrapolation once when it begins, and once when it ends.
+//! What has been reported of the axes: each state, level and extrapolation once when it begins, and once when it ends.
 
 use crate::observe::events::Event;
 use isotherm_core::compensation::settings::AxisSettings;

@@ -10,7 +10,7 @@ use isotherm_profile::{BusId, DeviceId, OutputId, Profile};
 
 use super::board::Board;
 
-/// Those that each output has seen, and what tells them.
+/// Those that each output has seen, and what shows them.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Restarts {
     /// By output.

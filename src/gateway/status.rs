@@ -9,7 +9,7 @@ use super::contact::{Contact, JITTER_MS};
 use super::extrapolation;
 use super::lock::LockTimes;
 use super::output::Outputs;
-use super::probing::refused_in_words;
+use super::probing::why_refused;
 use super::reported::Reported;
 use super::shared::Shared;
 use super::why::Reasons;
@@ -85,7 +85,7 @@ impl Picture {
             stopping: self.stopping,
             dry_run: shared.dry_run,
         };
-        reasons.words()
+        reasons.message()
     }
 }
 
@@ -171,7 +171,7 @@ fn probe(shared: &Shared, picture: &Picture, place: usize) -> Option<ProbeStatus
             error_um: last.error.get(),
             acting_um: last.acting.get(),
             residual_um: last.residual.map(Micron::get),
-            refused: last.refused.map(|why| refused_in_words(&shared.profile, place, why, last)),
+            refused: last.refused.map(|why| why_refused(&shared.profile, place, why, last)),
         }),
         history: probe.history().map(|entry| (entry.at.to_string(), entry.residual.get())).collect(),
         gains: (settings.models.iter().enumerate())
@@ -263,7 +263,7 @@ fn outputs(shared: &Shared, picture: &Picture) -> Vec<OutputStatus> {
             register: output.address.to_string(),
             writes: output.writes.name(),
             state: if picture.arming[output.axis.0].armed { state.standing.name() } else { "off" },
-            handshake: state.handshake.words(output.set.and_then(|id| shared.profile.set(id).handshake)),
+            handshake: state.handshake.message(output.set.and_then(|id| shared.profile.set(id).handshake)),
             value: state.value,
             shares: state.shares.map(|(base, share)| SharesStatus { base, share }),
             applied: state.applied.map(|(value, _)| value),

@@ -28,7 +28,7 @@ const REMEMBER_EVERY: Duration = Duration::from_secs(10);
 const A_DAY: u64 = 86_400_000_000_000;
 /// How long the end of a run waits for the disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
-/// Rows of decisions that may wait for a slow disk; more are dropped, and that is told.
+/// Rows of decisions that may wait for a slow disk; more are dropped, and that is counted.
 const QUEUE: usize = 4096;
 /// The same of outputs, which take no room from the decisions.
 const OUTPUT_QUEUE: usize = 4096;
@@ -95,7 +95,7 @@ impl Storage {
         Storage { here: Some((disk, state)), ..Storage::default() }
     }
 
-    /// Before a step: where its row is the first of a file, or rows before it are lost, the row tells where the axes
+    /// Before a step: where its row is the first of a file, or rows before it are lost, the row says where the axes
     /// stood, so that it can be replayed without them.
     pub(super) fn prepare(&mut self, now: Moment, compensation: &Compensation) {
         let Some(recorder) = &mut self.recorder else { return };
@@ -177,7 +177,7 @@ impl Storage {
     }
 
     fn hand_over(&mut self, job: Job) {
-        // A full queue means a disk that has been failing for long, which its own event has told.
+        // A full queue means a disk that has been failing for long, which its own event has reported.
         let Some(queue) = &self.queue else { return };
         match queue.try_send(job) {
             Ok(()) => {}

@@ -37,7 +37,7 @@ impl Watch {
         let mut own = Looks::begin(shared.clock.now(), shared.profile.shortest_age());
         let watch = move || {
             let mut stuck = Duration::ZERO;
-            let mut told = false;
+            let mut is_reported = false;
             own.away_for(LOOK_EVERY);
             while receiver.recv_timeout(LOOK_EVERY) == Err(RecvTimeoutError::Timeout) {
                 let (last, now) = (own.last(), shared.clock.now());
@@ -56,8 +56,8 @@ impl Watch {
                     let _ = sd_notify::notify(&[sd_notify::NotifyState::Watchdog]);
                     continue;
                 };
-                if !told {
-                    told = true;
+                if !is_reported {
+                    is_reported = true;
                     let task = format!("bus {late}");
                     shared.report(&Event::TaskFailed { task, why: "it does not cycle any more".to_owned() });
                     stop();

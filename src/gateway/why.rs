@@ -1,4 +1,4 @@
-//! Why an axis does what it does, in words.
+//! Why an axis does what it does.
 
 use isotherm_core::compensation::{Decision, Permit, Unusable};
 use isotherm_core::reading::{Reading, SignalId};
@@ -25,8 +25,8 @@ pub(super) struct Reasons<'a> {
 }
 
 impl Reasons<'_> {
-    /// Why an axis is not following its preferred model, in words; empty where it is.
-    pub(super) fn words(&self) -> String {
+    /// Why an axis is not following its preferred model; empty where it is.
+    pub(super) fn message(&self) -> String {
         let Reasons { profile, axis, arming, decision, .. } = *self;
         if let Some(refusal) = &arming.refusal {
             return refusal.clone();
@@ -70,11 +70,11 @@ impl Reasons<'_> {
             return "its model asked for more than the error level".to_owned();
         }
         match (permit, troubled, decision.lacks) {
-            (Permit::Unverified | Permit::Held | Permit::Off, Some(words), _) => words,
+            (Permit::Unverified | Permit::Held | Permit::Off, Some(troubled), _) => troubled,
             (_, _, Some(lacks)) => self.lacks(lacks),
             (Permit::Off, None, None) if profile.arm == Arm::Manual => "waits to be armed".to_owned(),
             _ => match &decision.extrapolating {
-                Some(found) if !decision.state.is_following() => extrapolation::words(profile, found),
+                Some(found) if !decision.state.is_following() => extrapolation::message(profile, found),
                 _ => String::new(),
             },
         }

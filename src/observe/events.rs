@@ -1,6 +1,6 @@
 //! What happened, as one enum: the log line, the counter and the page's list come from the same variant.
 //!
-//! An event is told once, when a state begins or ends, with a count of what was not told in between.
+//! An event is reported once, when a state begins or ends, with a count of what was not reported in between.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Mutex, PoisonError};
@@ -25,7 +25,7 @@ pub enum Event {
     Started { machine: String, bus_requests: usize },
     /// It was asked to stop and runs the fault actions.
     Stopping { within: Duration },
-    /// It has stopped; `left` tells what stays in the registers.
+    /// It has stopped; `left` says what stays in the registers.
     Stopped { left: String },
     /// A connection could not be made, or broke.
     LinkDown { bus: String, address: String, fault: String },
@@ -55,7 +55,7 @@ pub enum Event {
     ArmRefused { axis: String, why: String },
     /// The model asks for more than the limit.
     AtLimit { axis: String, wanted: Micron, limit: Micron },
-    /// |Cz| passed the level at which people are to be told.
+    /// |Cz| passed the level at which people are warned.
     Warned { axis: String, cz: Micron, warn: Micron },
     /// The model asks for more than the level at which it is not believed any more.
     BeyondError { axis: String, wanted: Micron, error: Micron },
@@ -69,7 +69,7 @@ pub enum Event {
     ProbeRefused { axis: String, error: Option<Micron>, why: String },
     /// What measured errors have taught was taken back.
     ProbeForgotten { axis: String },
-    /// A model was wrong by more than the level at which people are to be told.
+    /// A model was wrong by more than the level at which people are warned.
     ModelAges { axis: String, residual: Micron, warn: Micron },
     /// A value did not fit its register and was cut.
     Saturated { output: String, wanted: f64 },
@@ -119,11 +119,11 @@ pub enum Event {
     Interlocked { output: String, when: String },
     /// It closed again.
     Released { output: String },
-    /// Machine-on time began.
+    /// The machine was started: the time since then is counted.
     MachineStarted,
     /// The "zero" references are captured from now on.
     Zeroed,
-    /// More is asked of a line than it can carry: something was this late when its turn came. Told once, and again when the
+    /// More is asked of a line than it can carry: something was this late when its turn came. Reported once, and again when the
     /// line had been quick enough in between.
     Overrun { bus: String, what: String, late: Duration },
     /// Nobody looked at the clock for this long: the computer was stopped, suspended or had no time for us.
@@ -367,9 +367,10 @@ impl Event {
                 info("interlocked", format!("output {output}: held, because not {when}"))
             }
             Event::Released { output } => info("released", format!("output {output}: interlock released")),
-            Event::MachineStarted => {
-                info("machine-started", "the machine was started: machine-on time begins".to_owned())
-            }
+            Event::MachineStarted => info(
+                "machine-started",
+                "the machine was started: the time since machine start begins".to_owned(),
+            ),
             Event::Zeroed => info("zeroed", "zero: references are captured from now on".to_owned()),
             Event::Overrun { bus, what, late } => warning(
                 "overrun",

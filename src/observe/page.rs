@@ -14,7 +14,7 @@ const FILES: [(&str, &str, &str); 9] = [
     ("page.css", STYLE, include_str!("page/page.css")),
     ("axis.css", STYLE, include_str!("page/axis.css")),
     ("main.js", SCRIPT, include_str!("page/main.js")),
-    ("words.js", SCRIPT, include_str!("page/words.js")),
+    ("text.js", SCRIPT, include_str!("page/text.js")),
     ("axis.js", SCRIPT, include_str!("page/axis.js")),
     ("chart.js", SCRIPT, include_str!("page/chart.js")),
     ("probe.js", SCRIPT, include_str!("page/probe.js")),
@@ -72,7 +72,7 @@ fn head(status: &Status) -> Markup {
             }
             dl .times {
                 div { dt { "Machine time" } dd #machine-time { "–" } }
-                div { dt { "Machine on for" } dd #machine-on { "–" } }
+                div { dt { "Since machine start" } dd #machine-on { "–" } }
                 div { dt { "Gateway up for" } dd #uptime { "–" } }
             }
         }

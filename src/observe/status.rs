@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::events::Entry;
 
-/// Whoever can tell the state of a running gateway, from any thread, without making it wait.
+/// Whoever shows the state of a running gateway, from any thread, without making it wait.
 pub trait Source: Send + Sync + 'static {
     /// The state now.
     fn status(&self) -> Status;
@@ -107,6 +107,20 @@ impl Status {
     }
 }
 
+impl AxisStatus {
+    /// The word for its state that people see.
+    pub fn display(&self) -> &'static str {
+        match self.state {
+            "active" => "compensating",
+            "degraded" => "fallback model",
+            "holding" => "frozen",
+            "ramping" => "returning to zero",
+            "zeroed" => "at zero",
+            state => state,
+        }
+    }
+}
+
 impl OutputStatus {
     /// The unit of its value.
     pub fn unit(&self) -> &'static str {
@@ -141,7 +155,7 @@ pub struct AxisStatus {
     pub acted: Vec<&'static str>,
     /// Largest |Cz|, µm.
     pub limit_um: f64,
-    /// |Cz| at which people are told, µm.
+    /// |Cz| at which people are warned, µm.
     pub warn_um: Option<f64>,
     /// |Cz| lies beyond it.
     pub warned: bool,
@@ -166,7 +180,7 @@ pub struct ProbeStatus {
     pub correction_um: f64,
     /// Its largest size, µm.
     pub limit_um: f64,
-    /// A residual beyond it is told, µm.
+    /// Beyond it people are warned, µm.
     pub warn_um: Option<f64>,
     /// One beyond it is refused, µm.
     pub max_error_um: f64,

@@ -95,7 +95,7 @@ impl Table {
             ),
             String::new(),
             format!(
-                "{:<6}{:>13}{:>11}{:>13}   {:<10}{}",
+                "{:<6}{:>13}{:>11}{:>13}   {:<18}{}",
                 "axis", "error", "Cz", "what is left", "state", "guard"
             ),
         ];
@@ -104,12 +104,12 @@ impl Table {
             let micron =
                 |value: Option<f64>| value.map_or("—".to_owned(), |value| format!("{value:+.1} µm"));
             lines.push(format!(
-                "{:<6}{:>13}{:>11}{:>13}   {:<10}{}",
+                "{:<6}{:>13}{:>11}{:>13}   {:<18}{}",
                 axis.name,
                 micron(known.map(|known| known.error_um)),
                 micron(Some(axis.cz_um)),
                 micron(known.map(|known| known.residual_um())),
-                axis.state,
+                axis.display(),
                 axis.acted.join(" ")
             ));
         }

@@ -127,7 +127,7 @@ mod tests {
         let off = health.trouble(&error(0x40), at(5));
         assert!(matches!(off.as_slice(), [Change::Worse { is_off: true, .. }]), "{off:?}");
         assert_eq!(health.trouble(&error(0x100), at(6)), []);
-        // Off again is told again.
+        // Off again is reported again.
         assert_eq!(health.trouble(&error(0x40), at(7)).len(), 1);
         assert_eq!(health.tick(0, 0, at(16)), []);
         let over = Change::Over { count: 7, what: "error frames", within: Duration::from_secs(7) };

@@ -21,44 +21,44 @@ pub const LONGEST: Duration = Duration::from_secs(24 * 3600);
 const SLACK: Duration = Duration::from_secs(5);
 
 /// What a line asks for.
-pub(super) struct Wanted {
+pub(super) struct TraceRequest {
     device: String,
     pub(super) span: Duration,
     json: bool,
 }
 
-impl Wanted {
+impl TraceRequest {
     /// `None` where the line is another command.
-    pub(super) fn heard(line: &str) -> Option<Wanted> {
-        let mut words = line.strip_prefix("trace ")?.split(' ');
-        let (device, seconds, form) = (words.next()?, words.next()?, words.next()?);
+    pub(super) fn parse(line: &str) -> Option<TraceRequest> {
+        let mut parts = line.strip_prefix("trace ")?.split(' ');
+        let (device, seconds, form) = (parts.next()?, parts.next()?, parts.next()?);
         let json = match form {
             "text" => false,
             "json" => true,
             _ => return None,
         };
         let span = Duration::try_from_secs_f64(seconds.parse().ok()?).ok()?.min(LONGEST);
-        Some(Wanted { device: device.to_owned(), span, json })
+        Some(TraceRequest { device: device.to_owned(), span, json })
     }
 }
 
 /// Shows the exchanges of a device to the asker.
 pub(super) async fn serve(
-    wanted: Wanted,
+    request: TraceRequest,
     wire_log: &WireLog,
     mut reader: OwnedReadHalf,
     mut writer: OwnedWriteHalf,
 ) -> std::io::Result<()> {
-    let mut listening = match wire_log.listen(&wanted.device) {
+    let mut listening = match wire_log.listen(&request.device) {
         Ok(listening) => listening,
         Err(why) => return writer.write_all(format!("error {why}\n").as_bytes()).await,
     };
-    writer.write_all(format!("ok listening to {}\n", wanted.device).as_bytes()).await?;
+    writer.write_all(format!("ok listening to {}\n", request.device).as_bytes()).await?;
     let mut count = 0_u64;
-    let over = tokio::time::timeout(wanted.span, async {
+    let over = tokio::time::timeout(request.span, async {
         let mut nothing = [0];
         tokio::select! {
-            shown = show(&mut listening, &mut writer, wanted.json, &mut count) => shown,
+            shown = show(&mut listening, &mut writer, request.json, &mut count) => shown,
             // Nobody is there any more.
             _ = reader.read(&mut nothing) => Err(std::io::ErrorKind::BrokenPipe.into()),
         }
@@ -87,7 +87,7 @@ async fn show(
 
 fn line(exchange: &Exchange, json: bool) -> String {
     if json {
-        // Numbers and words always have a JSON form.
+        // Numbers and texts always have a JSON form.
         serde_json::to_string(exchange).unwrap_or_default() + "\n"
     } else {
         format!("{exchange}\n")

@@ -292,7 +292,7 @@ impl Register {
         self.heard.is_armed && !self.interlock.is_held
     }
 
-    /// What a read of all of its set shows is told to it: not behind an interlock, where nothing is believed, and not while
+    /// It learns what a read of all of its set shows: not behind an interlock, where nothing is believed, and not while
     /// something else that it asked for is open.
     pub(super) fn may_hear_a_read(&self) -> bool {
         match self.action {

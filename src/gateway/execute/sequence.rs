@@ -1,4 +1,4 @@
-//! The number that each set bears, and what it tells of what the control has taken. Pure.
+//! The number that each set bears, and what it says of what the control has taken. Pure.
 //!
 //! A control takes a set when its number is another than the last, or nothing but the next one. So no number may come
 //! twice with something new, and none may be left out: a set follows the newest number that stood in the register. A set

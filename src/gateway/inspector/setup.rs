@@ -8,7 +8,7 @@ use crate::fieldbus::wire::{Answer, CanRequest, Request};
 use crate::gateway::line_handle::LineHandle;
 use isotherm_profile::{DeviceId, Setup};
 
-/// What is wrong with it afterwards, in words; nothing, where it is set up.
+/// What is wrong with it afterwards; nothing, where it is set up.
 ///
 /// # Errors
 /// The node does not answer.
@@ -20,18 +20,18 @@ pub(super) async fn set_up(
     let Some(can) = &shared.profile.device(device).can else { return Ok(Vec::new()) };
     let mut wrong = Vec::new();
     for setup in &can.setup {
-        let words = setup.object.words(&setup.bytes());
-        let words = words.ok_or(Fault::Peer(PeerFault::Width))?;
+        let value = setup.object.words(&setup.bytes());
+        let value = value.ok_or(Fault::Peer(PeerFault::Width))?;
         let request = match shared.dry_run {
             true => CanRequest::Read { object: setup.object },
-            false => CanRequest::Write { object: setup.object, words: words.words() },
+            false => CanRequest::Write { object: setup.object, words: value.words() },
         };
         match line
             .request(device, Request::Can(request), Leave::Whenever)
             .await
             .map(|answered| answered.answer)
         {
-            Ok(Answer::Words(found)) if found != words.words() => wrong.push(format!(
+            Ok(Answer::Words(found)) if found != value.words() => wrong.push(format!(
                 "{} is not {} yet, and nothing is set up while nothing may be written",
                 named(setup),
                 setup.value

@@ -78,10 +78,10 @@ impl LedgerWriter {
         (journal, clock): (Arc<Journal>, &Clock),
         has_thread: bool,
     ) -> LedgerWriter {
-        let (done, told) = watch::channel(Done::default());
+        let (sender, done) = watch::channel(Done::default());
         let newest = Mutex::new(Newest { entries, ..Newest::default() });
         let shared = Arc::new(Shared { newest, changed: Condvar::new() });
-        let mut saving = Saving { file, done, journal, clock: clock.clone(), is_failing: false };
+        let mut saving = Saving { file, done: sender, journal, clock: clock.clone(), is_failing: false };
         let here = if has_thread {
             let shared = Arc::clone(&shared);
             let work = move || shared.work(&mut saving);
@@ -91,7 +91,7 @@ impl LedgerWriter {
         } else {
             Some(Mutex::new(saving))
         };
-        LedgerWriter { shared, here, done: told, is_slow: AtomicBool::new(false) }
+        LedgerWriter { shared, here, done, is_slow: AtomicBool::new(false) }
     }
 
     /// Takes an entry over and has the ledger put on disk; the number asks for what became of that.

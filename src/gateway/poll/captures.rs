@@ -1,4 +1,4 @@
-//! Counters that copy their count into their registers only when they are told to.
+//! Counters that copy their count into their registers only on a command.
 
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::Fault;

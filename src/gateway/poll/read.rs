@@ -80,7 +80,7 @@ impl Poll {
         (self.next, self.under_way) = (now, None);
     }
 
-    /// One request, and what it brings. What the device must be told before goes with the first. Whether it was the last of
+    /// One request, and what it brings. The commands that must come before go with the first. Whether it was the last of
     /// its round.
     pub(super) async fn read(
         &mut self,

@@ -84,7 +84,7 @@ mod outputs {
     const DAY_ZERO: &str = "2024-10-04";
     const SECOND: Duration = Duration::from_secs(1);
 
-    /// A gateway with one output, whose disk works when it is told to.
+    /// A gateway with one output, whose disk works on command.
     struct Bench {
         storage: Storage,
         jobs: Receiver<Job>,
@@ -157,16 +157,16 @@ mod outputs {
             for _ in 0..count {
                 self.now = self.now.after(SECOND);
                 self.give(Fact::Look);
-                self.obey();
+                self.carry_out();
                 self.give(Fact::Armed { by: Who::Person });
-                self.obey();
+                self.carry_out();
                 let offset = if self.register == 0 { 2 } else { 0 };
                 self.give(Fact::Decided { offset: Counts(offset), not_after: self.now.after(SECOND) });
-                self.obey();
+                self.carry_out();
             }
         }
 
-        fn obey(&mut self) {
+        fn carry_out(&mut self) {
             loop {
                 let fact = match self.action {
                     Action::Nothing { .. } => return,

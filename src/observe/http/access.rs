@@ -65,7 +65,7 @@ impl Access {
         Access { token, listens_at }
     }
 
-    /// A browser there may command, as far as one can tell before it does.
+    /// A browser there may command, as far as one knows before it does.
     pub(super) fn takes_commands_from(&self, peer: IpAddr) -> bool {
         self.token.is_some() || peer.to_canonical().is_loopback()
     }
@@ -117,7 +117,7 @@ impl Access {
     }
 }
 
-/// A browser tells where a request comes from; a program that sends no `Origin` is no browser.
+/// A browser says where a request comes from; a program that sends no `Origin` is no browser.
 fn is_own_page(headers: &HeaderMap) -> bool {
     match text(headers, "origin") {
         Some(origin) => {

@@ -34,7 +34,7 @@ impl Live {
 
     /// The status now, then one a second. A reader that is too slow misses some, and gets the newest.
     pub(super) fn stream(&self) -> Sse<impl Stream<Item = Result<Event, Infallible>> + use<>> {
-        let first = event(&told(self.source.as_ref())).retry(RETRY);
+        let first = event(&to_json(self.source.as_ref())).retry(RETRY);
         let mut latest = self.latest.as_ref().clone();
         latest.mark_unchanged();
         let rest = WatchStream::from_changes(latest).map(|text| event(&text));
@@ -51,12 +51,12 @@ async fn tick(source: Arc<dyn Source>, sender: watch::Sender<Arc<str>>, mut stop
             _ = stopped.changed() => return,
         }
         if sender.receiver_count() > 1 {
-            sender.send_replace(told(source.as_ref()));
+            sender.send_replace(to_json(source.as_ref()));
         }
     }
 }
 
-fn told(source: &dyn Source) -> Arc<str> {
+fn to_json(source: &dyn Source) -> Arc<str> {
     serde_json::to_string(&source.status()).unwrap_or_default().into()
 }
 

@@ -2,7 +2,7 @@
 
 import { Chart } from "./chart.js";
 import { Probe } from "./probe.js";
-import { axisState, badge, element, say, signed, fixed, span } from "./words.js";
+import { axisState, badge, element, say, signed, fixed, span } from "./text.js";
 
 const STAGES = [
   ["limit", "more than the limit was asked for"],
@@ -46,12 +46,12 @@ class Card {
   }
 
   show(axis, status) {
-    const [tone, words] = axisState(axis.state);
+    const [tone, name, sentence] = axisState(axis);
     const uneasy = tone === "good" && (axis.warned || axis.extrapolating);
-    badge(this.state, uneasy ? "warn" : tone, axis.state);
+    badge(this.state, uneasy ? "warn" : tone, name);
     const warned = axis.warned ? `Cz lies beyond its warning level of ±${fixed(axis.warn_um, 0)} µm` : "";
     const why = [axis.why || axis.extrapolating?.text, warned].filter(Boolean).join("; ");
-    say(this.why, why ? `${words}: ${why}` : words);
+    say(this.why, why ? `${sentence}: ${why}` : sentence);
     const levels = [
       axis.warn_um === null ? "" : `warns beyond ±${fixed(axis.warn_um, 0)} µm`,
       axis.error_um === null ? "" : `goes off where the model asks for more than ±${fixed(axis.error_um, 0)} µm`,

@@ -1,6 +1,6 @@
 // The course of Cz and of what the model asked for, drawn at the size it is shown in, so that its words stay readable.
 
-import { clock, day, element, fixed } from "./words.js";
+import { clock, day, element, fixed, svg } from "./text.js";
 
 const KEPT = 1800;
 const HEIGHT = 190;
@@ -11,13 +11,6 @@ const BOTTOM = 24;
 // Longer without a sample, and the line is broken: nobody knows what was in between.
 const GAP_MS = 5000;
 const SMALLEST_SPAN_UM = 2;
-
-const svg = (name, attributes = {}, text = "") => {
-  const made = document.createElementNS("http://www.w3.org/2000/svg", name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  made.textContent = text;
-  return made;
-};
 
 export class Chart {
   constructor() {

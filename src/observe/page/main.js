@@ -2,7 +2,7 @@
 
 import { showAxes } from "./axis.js";
 import { showTables, showEvents } from "./tables.js";
-import { SIGNS, clock, day, overall, say, span } from "./words.js";
+import { SIGNS, clock, day, overall, say, span } from "./text.js";
 
 const SILENT_AFTER_MS = 3500;
 const RETRY_MS = 2000;

@@ -1,18 +1,11 @@
-// What probings taught an axis: the last one, the correction, and the residuals with the level at which people are told.
+// What probings taught an axis: the last one, the correction, and the residuals with the level at which people are warned.
 
-import { clock, day, element, fixed, say, signed } from "./words.js";
+import { clock, day, element, fixed, say, signed, svg } from "./text.js";
 
 const HEIGHT = 90;
 const LEFT = 46;
 const RIGHT = 10;
 const EDGE = 12;
-
-const svg = (name, attributes = {}, text = "") => {
-  const made = document.createElementNS("http://www.w3.org/2000/svg", name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  made.textContent = text;
-  return made;
-};
 
 const stamp = (text) => `${day(new Date(text)).slice(5)} ${clock(new Date(text), false)}`;
 

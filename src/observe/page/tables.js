@@ -1,6 +1,6 @@
-// The lists: signals, outputs, devices, buses, events. A row is made once and then only its words change.
+// The lists: signals, outputs, devices, buses, events. A row is made once and then only its text changes.
 
-import { badge, clock, day, element, outputTone, quantity, say, signed, span } from "./words.js";
+import { badge, clock, day, element, outputTone, quantity, say, signed, span } from "./text.js";
 
 const count = (number) => number.toLocaleString("en").replaceAll(",", "\u202f");
 
@@ -35,6 +35,11 @@ class Table {
   }
 }
 
+// What an output writes, and in which unit.
+const OUTPUTS = {
+  corrected: ["corrected position", "mm"], intercept: ["K0", "µm"], slope: ["tanβ", "µm/mm"], reference: ["P0", "mm"],
+};
+
 const signals = new Table("signals");
 // Of a register that an operator writes to as well: his part and ours.
 function shares({ shares }) {
@@ -56,12 +61,11 @@ export function showTables(status) {
     ]);
   }
   for (const output of status.outputs) {
-    const words = { corrected: "corrected position", intercept: "K0", slope: "tanβ", reference: "P0" };
-    const unit = { corrected: "mm", slope: "µm/mm", reference: "mm" }[output.writes] ?? "µm";
+    const [kind, unit] = OUTPUTS[output.writes] ?? ["offset", "µm"];
     const value = `${signed(output.value, unit === "µm" ? 1 : 4)} ${unit}`;
     outputs.row(output.name, [
       { text: output.name, small: `axis ${output.axis} → ${output.device}, ${output.register}` },
-      { text: output.value === null ? "–" : value, small: shares(output) ?? words[output.writes] ?? "offset", figure: true },
+      { text: output.value === null ? "–" : value, small: shares(output) ?? kind, figure: true },
       { text: output.state, tone: outputTone(output.state), small: output.handshake || output.note || `${count(output.writes_done)} writes` },
       { text: output.age_s === null ? "never" : span(output.age_s), figure: true },
     ]);

@@ -171,7 +171,7 @@ fn note_waiting(state: &mut State, settings: &Settings, aim: Option<Aim>, now: M
     state.waited_at = now;
     if !std::mem::replace(&mut state.is_waiting, true) {
         let until = state.waits_until(settings).unwrap_or(now);
-        state.reports.tell(Event::WaitingForLateWrite { seconds: until.since(now).as_secs() });
+        state.reports.report(Event::WaitingForLateWrite { seconds: until.since(now).as_secs() });
     }
 }
 

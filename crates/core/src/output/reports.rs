@@ -12,22 +12,22 @@ pub(super) struct Reports {
 }
 
 impl Reports {
-    /// A step tells three at most, and they are taken after each.
-    pub(super) fn tell(&mut self, event: Event) {
+    /// A step reports three at most, and they are taken after each.
+    pub(super) fn report(&mut self, event: Event) {
         let _ = self.events.push(event);
     }
 
     /// Once, until the disk keeps something again.
-    pub(super) fn tell_disk(&mut self) {
+    pub(super) fn report_disk(&mut self) {
         if !std::mem::replace(&mut self.has_said_disk, true) {
-            self.tell(Event::DiskDoesNotKeep);
+            self.report(Event::DiskDoesNotKeep);
         }
     }
 
     /// Once.
-    pub(super) fn tell_acknowledged(&mut self) {
+    pub(super) fn report_acknowledged(&mut self) {
         if !std::mem::replace(&mut self.has_said_acknowledged, true) {
-            self.tell(Event::AcknowledgedNotReadBack);
+            self.report(Event::AcknowledgedNotReadBack);
         }
     }
 

@@ -203,7 +203,7 @@ impl State {
             Fact::Refused => {
                 if let Some(value) = self.not_written(settings, now) {
                     self.unanswered_change = self.expected().map(|stood| value - stood);
-                    self.tell_untaken(Untaken::Refused, Event::WriteRefused { value });
+                    self.report_untaken(Untaken::Refused, Event::WriteRefused { value });
                 }
             }
             Fact::NotSent => {
@@ -220,7 +220,7 @@ impl State {
                 self.is_unsaved = true;
                 self.keeps_from = now.after(RETRY);
                 self.drop_order(settings);
-                self.reports.tell_disk();
+                self.reports.report_disk();
             }
             Fact::Restarted => self.restarted(settings, now),
             Fact::Interlocked => {
@@ -285,7 +285,7 @@ impl State {
             }
             Meaning::First if settings.is_shared && !settings.is_zero(found) => {
                 if self.standing != Standing::Barred {
-                    self.reports.tell(Event::FirstAccount { found });
+                    self.reports.report(Event::FirstAccount { found });
                 }
                 self.switch_off(Standing::Barred);
             }
@@ -296,21 +296,21 @@ impl State {
                 self.untaken = None;
                 self.share_is(found);
                 if is_late {
-                    self.reports.tell(Event::OwnWriteArrivedLate { value: found, sent });
+                    self.reports.report(Event::OwnWriteArrivedLate { value: found, sent });
                 }
             }
             Meaning::FromBefore => {
                 self.drop_order(settings);
-                self.reports.tell(Event::PerhapsFromBefore { value: found });
+                self.reports.report(Event::PerhapsFromBefore { value: found });
             }
             Meaning::NotTaken => {
                 let event = Event::NotTaken { wrote: expected.unwrap_or(found), found };
-                self.tell_untaken(Untaken::Ignored, event);
+                self.report_untaken(Untaken::Ignored, event);
                 self.writes_from = now.after(RETRY);
             }
             Meaning::Restarted => {
                 self.drop_order(settings);
-                self.reports.tell(Event::CncRestarted { stood: expected.unwrap_or(found) });
+                self.reports.report(Event::CncRestarted { stood: expected.unwrap_or(found) });
                 if settings.is_shared {
                     self.has_nothing_of_ours(found);
                 }
@@ -324,7 +324,7 @@ impl State {
                 expected.into_iter().for_each(|expected| self.share_is(expected));
                 let Some(account) = self.account else { return };
                 let to = account.base + by;
-                self.reports.tell(Event::OperatorChanged { from: account.base, to });
+                self.reports.report(Event::OperatorChanged { from: account.base, to });
                 self.account_is(Account { base: to, ..account });
             }
             Meaning::Doubtful(doubt) => self.doubt(doubt, found),
@@ -332,9 +332,9 @@ impl State {
     }
 
     /// Once, until a write stands there.
-    fn tell_untaken(&mut self, how: Untaken, event: Event) {
+    fn report_untaken(&mut self, how: Untaken, event: Event) {
         if self.untaken.replace(how).is_none() {
-            self.reports.tell(event);
+            self.reports.report(event);
         }
     }
 
@@ -357,13 +357,13 @@ impl State {
     fn doubt(&mut self, doubt: Doubt, found: Counts) {
         let account = self.account.unwrap_or_default();
         self.account_is(Account { doubt: Some(doubt), ..account });
-        self.reports.tell(Event::Doubted { doubt, found, share: account.share });
+        self.reports.report(Event::Doubted { doubt, found, share: account.share });
         self.switch_off(Standing::Barred);
     }
 
     fn bar_foreign(&mut self, expected: Counts, found: Counts) {
         if self.standing == Standing::Armed {
-            self.reports.tell(Event::ForeignValue { expected, found });
+            self.reports.report(Event::ForeignValue { expected, found });
             self.switch_off(Standing::Barred);
         }
     }
@@ -414,7 +414,7 @@ impl State {
         } else {
             // What a restarted control holds that nobody can read: nothing.
             let stood = self.verified.map_or(settings.bias, |verified| verified.value);
-            self.reports.tell(Event::CncRestarted { stood });
+            self.reports.report(Event::CncRestarted { stood });
             self.verified = Some(Seen { value: settings.bias, asked: now });
             self.is_unsaved = true;
         }
@@ -452,7 +452,7 @@ impl State {
         self.copies.end_late(begun, settings.late, settings.remembered);
         self.verified = Some(Seen { value, asked: left });
         (self.is_unsaved, self.untaken) = (true, None);
-        self.reports.tell_acknowledged();
+        self.reports.report_acknowledged();
     }
 
     /// A write did not take place. What it was.

@@ -41,19 +41,24 @@ export function day(date) {
   return `${date.getFullYear()}-${two(date.getMonth() + 1)}-${two(date.getDate())}`;
 }
 
-// A sign, a tone and plain words for every state. The sign and the words carry the meaning, the tone repeats it.
+// A sign, a tone, a name and a sentence for every state. The sign and the text carry the meaning, the tone repeats it.
 export const SIGNS = { good: "●", warn: "▲", bad: "■", off: "○" };
 
 const AXIS = {
-  active: ["good", "follows its model"],
-  degraded: ["warn", "follows a lesser model"],
-  holding: ["warn", "keeps its last value"],
-  ramping: ["bad", "goes to zero"],
-  zeroed: ["bad", "stays at zero until all is good again"],
-  off: ["off", "nothing is written"],
+  active: ["good", "compensating", "follows its model"],
+  degraded: ["warn", "fallback model", "follows a fallback model"],
+  holding: ["warn", "frozen", "keeps its last value"],
+  ramping: ["bad", "returning to zero", "goes to zero"],
+  zeroed: ["bad", "at zero", "stays at zero until all is good again"],
+  off: ["off", "off", "nothing is written"],
 };
 
-export const axisState = (state) => AXIS[state] ?? ["warn", ""];
+export function axisState(axis) {
+  const [tone, name, sentence] = AXIS[axis.state] ?? ["warn", axis.state, ""];
+  // Off, and nobody has switched it off: something is still missing.
+  const waits = axis.state === "off" && !axis.armed && axis.why && !axis.why.endsWith("arm it again");
+  return [tone, waits ? "waiting to arm" : name, sentence];
+}
 
 const OUTPUT = {
   verified: "good", unverified: "warn", unknown: "off", interlocked: "warn", foreign: "bad", off: "off",
@@ -66,9 +71,9 @@ export function overall(status) {
   const inState = (...states) => status.axes.filter((axis) => states.includes(axis.state));
   const names = (axes) => (axes.length === 1 ? "Axis " : "Axes ") + axes.map((axis) => axis.name).join(", ");
   const why = (axes) => {
-    const verb = axes.length === 1 ? axisState(axes[0].state)[1] : axes[0].state;
+    const [, name, sentence] = axisState(axes[0]);
     const reason = axes.map((axis) => axis.why).find((text) => text) ?? "";
-    return `${names(axes)}: ${verb}${reason ? ` (${reason})` : ""}.`;
+    return `${names(axes)}: ${axes.length === 1 ? sentence : name}${reason ? ` (${reason})` : ""}.`;
   };
   const foreign = status.outputs.filter((output) => output.state === "foreign");
   const failed = inState("ramping", "zeroed");
@@ -78,8 +83,8 @@ export function overall(status) {
   const problem = (() => {
     if (failed.length) return ["bad", "fault", why(failed)];
     if (foreign.length) return ["bad", "fault", `Somebody else writes to ${foreign[0].name}.`];
-    if (holding.length) return ["warn", "holding", why(holding)];
-    if (degraded.length) return ["warn", "degraded", why(degraded)];
+    if (holding.length) return ["warn", "frozen", why(holding)];
+    if (degraded.length) return ["warn", "fallback model", why(degraded)];
     return null;
   })();
   if (status.dry_run) {
@@ -88,7 +93,7 @@ export function overall(status) {
   if (problem) return problem;
   if (off.length === status.axes.length) return ["off", "off", "Not armed: nothing is written."];
   const rest = off.length ? ` ${names(off)}: off.` : "";
-  return ["good", "holding geometry", needs(status) + rest];
+  return ["good", "compensating", needs(status) + rest];
 }
 
 function needs(status) {
@@ -99,6 +104,15 @@ function needs(status) {
   if (bad) parts.push(bad === 1 ? "1 signal is not usable" : `${bad} signals are not usable`);
   return parts.length ? `Every armed axis follows its model, but ${parts.join(" and ")}.`
     : "Every armed axis follows its model.";
+}
+
+const SVG = "http://www.w3.org/2000/svg";
+
+export function svg(name, attributes = {}, text = "") {
+  const made = document.createElementNS(SVG, name);
+  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
+  made.textContent = text;
+  return made;
 }
 
 export function element(name, properties = {}, ...children) {
