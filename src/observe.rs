@@ -1,7 +1,6 @@
 //! What people and programs see: events, the state of everything, the page, metrics. Never awaited by the loop.
 
 pub mod events;
-pub mod handshake;
 pub mod http;
 mod metrics;
 mod page;

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use super::noted::Noted;
 use crate::fieldbus::error::Fault;
-use crate::observe::handshake::HandshakeFault;
+use crate::observe::events::HandshakeFault;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{Handshake, Output, OutputId, Profile};
 

@@ -67,6 +67,7 @@ use crate::quantity::{Counts, Moment};
 
 mod copies;
 mod event;
+mod facts;
 mod judge;
 mod kept;
 mod plan;
@@ -185,7 +186,7 @@ pub enum Action {
 
 /// Takes a fact in and says what to do next. While what was asked for is under way, that is nothing.
 pub fn step(state: &mut State, settings: &Settings, fact: Fact, now: Moment) -> Action {
-    let fresh = state.take(settings, fact, now);
+    let fresh = facts::take(state, settings, fact, now);
     match fact {
         Fact::GoesAlong => plan::go_along(state, settings, now),
         _ => plan::act(state, settings, fresh, now),

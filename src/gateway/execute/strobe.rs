@@ -19,8 +19,7 @@ use crate::fieldbus::error::{Fault, Outcome};
 use crate::fieldbus::wire::{Answer, Request};
 use crate::gateway::line_handle::LineHandle;
 use crate::gateway::output::{Stand, Wait};
-use crate::observe::events::Event;
-use crate::observe::handshake::HandshakeFault;
+use crate::observe::events::{Event, HandshakeFault};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{DeviceId, Flag, SetId};
 

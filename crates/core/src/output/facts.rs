@@ -1,0 +1,324 @@
+//! How each fact changes what is known of an output.
+
+use super::copies::{Look, Sent};
+use super::event::{Doubt, Event};
+use super::judge::{self, Meaning};
+use super::kept::Account;
+use super::settings::{Settings, Verify};
+use super::standing::{Doing, Order, Seen, Standing, Untaken};
+use super::state::{RETRY, State};
+use super::{Fact, Who};
+use crate::quantity::{Counts, Moment};
+
+/// Takes a fact in. When a read shows nothing new, the moment at which it was asked.
+pub(super) fn take(state: &mut State, settings: &Settings, fact: Fact, now: Moment) -> Option<Moment> {
+    state.is_unsaved |= state.copies.expire(now);
+    match fact {
+        Fact::Look | Fact::GoesAlong => {}
+        Fact::WentAlong { value, left, is_done } => {
+            let answered = is_done.then_some(now);
+            let sent = Sent { value, at: left, left, answered, other_seen: None, is_pinned: false };
+            // Where there is no room, as many are under way already, and this one is what was just read.
+            let _ = state.copies.add(sent);
+        }
+        Fact::Decided { offset, not_after } => {
+            let offset =
+                if settings.rules.limit { offset.clamp(-settings.limit, settings.limit) } else { offset };
+            state.order = Some(Order { offset, not_after });
+        }
+        Fact::Read { found, asked } if ends(state, Doing::Reading) || state.doing == Doing::Nothing => {
+            return read(state, settings, found, asked, now);
+        }
+        Fact::NoAnswer if ends(state, Doing::Reading) => {
+            state.reads_from = now.after(RETRY);
+            state.drop_order(settings);
+        }
+        Fact::Done { left } => written(state, settings, Some(now), left, now),
+        Fact::Unknown { left } => written(state, settings, None, left, now),
+        Fact::Refused => {
+            if let Some(value) = not_written(state, settings, now) {
+                state.unanswered_change = state.expected().map(|stood| value - stood);
+                report_untaken(state, Untaken::Refused, Event::WriteRefused { value });
+            }
+        }
+        Fact::NotSent => {
+            // Of what cannot be read only a write that is acknowledged shows that there is somebody to write to.
+            if not_written(state, settings, now).is_some() && settings.verify == Verify::Echo {
+                state.untaken = Some(Untaken::Refused);
+            }
+        }
+        Fact::Kept if ends(state, Doing::Keeping) => {
+            state.has_begun_on_disk = true;
+            state.reports.disk_keeps();
+        }
+        Fact::NotKept if ends(state, Doing::Keeping) => {
+            state.is_unsaved = true;
+            state.keeps_from = now.after(RETRY);
+            state.drop_order(settings);
+            state.reports.report_disk();
+        }
+        Fact::Restarted => restarted(state, settings, now),
+        Fact::Interlocked => {
+            state.is_interlocked = true;
+            state.drop_order(settings);
+        }
+        Fact::Released => {
+            let was_interlocked = std::mem::take(&mut state.is_interlocked);
+            state.must_read |= was_interlocked && settings.verify == Verify::Reading;
+        }
+        Fact::Paused => {
+            state.must_read = settings.verify == Verify::Reading;
+            state.drop_order(settings);
+        }
+        Fact::Armed { by } => arm(state, settings, by),
+        Fact::Off => {
+            let is_barred = matches!(state.standing, Standing::Barred | Standing::Confirming(_));
+            switch_off(state, if is_barred { Standing::Barred } else { Standing::Off });
+        }
+        // Nobody asked for it.
+        Fact::Read { .. } | Fact::NoAnswer | Fact::Kept | Fact::NotKept => {}
+    }
+    None
+}
+
+fn read(state: &mut State, settings: &Settings, found: Counts, asked: Moment, now: Moment) -> Option<Moment> {
+    let meaning = judge::meaning(state, settings, found, asked);
+    if state.answered.is_some() {
+        state.was_unsteady = matches!(meaning, Meaning::Moved { .. });
+    }
+    let is_believed = state.account.is_none_or(|account| account.doubt.is_none());
+    if is_believed {
+        follow(state, settings, meaning, found, now);
+    }
+    let look = Look {
+        found,
+        asked,
+        late: settings.late,
+        remembered: settings.remembered,
+        pairs_from: state.pairs_from,
+        bias: settings.bias,
+    };
+    state.is_unsaved |= state.copies.look(look);
+    if state.settles_at.is_some_and(|settles| asked > settles) {
+        state.settles_at = None;
+    }
+    state.verified = Some(Seen { value: found, asked });
+    (state.answered, state.unanswered_change) = (None, None);
+    (state.must_read, state.is_rebooted) = (false, false);
+    confirm(state, settings, found);
+    (meaning == Meaning::Same).then_some(asked)
+}
+
+fn follow(state: &mut State, settings: &Settings, meaning: Meaning, found: Counts, now: Moment) {
+    let expected = state.expected();
+    match meaning {
+        Meaning::Same => {
+            if state.answered.is_some() {
+                state.untaken = None;
+            }
+            share_is(state, found);
+        }
+        Meaning::First if settings.is_shared && !settings.is_zero(found) => {
+            if state.standing != Standing::Barred {
+                state.reports.report(Event::FirstAccount { found });
+            }
+            switch_off(state, Standing::Barred);
+        }
+        Meaning::First if settings.is_shared => has_nothing_of_ours(state, found),
+        Meaning::First => {}
+        Meaning::Ours { sent, is_late } => {
+            state.drop_order(settings);
+            state.untaken = None;
+            share_is(state, found);
+            if is_late {
+                state.reports.report(Event::OwnWriteArrivedLate { value: found, sent });
+            }
+        }
+        Meaning::FromBefore => {
+            state.drop_order(settings);
+            state.reports.report(Event::PerhapsFromBefore { value: found });
+        }
+        Meaning::NotTaken => {
+            let event = Event::NotTaken { wrote: expected.unwrap_or(found), found };
+            report_untaken(state, Untaken::Ignored, event);
+            state.writes_from = now.after(RETRY);
+        }
+        Meaning::Restarted => {
+            state.drop_order(settings);
+            state.reports.report(Event::CncRestarted { stood: expected.unwrap_or(found) });
+            if settings.is_shared {
+                has_nothing_of_ours(state, found);
+            }
+            if found.abs_diff(settings.bias) > settings.limit.unsigned_abs() && !settings.is_shared {
+                bar_foreign(state, settings.bias, found);
+            }
+        }
+        Meaning::Foreign => bar_foreign(state, expected.unwrap_or(found), found),
+        Meaning::Moved { by } => {
+            state.was_like_our_own = state.unanswered_change == Some(by);
+            expected.into_iter().for_each(|expected| share_is(state, expected));
+            let Some(account) = state.account else { return };
+            let to = account.base + by;
+            state.reports.report(Event::OperatorChanged { from: account.base, to });
+            account_is(state, Account { base: to, ..account });
+        }
+        Meaning::Doubtful(why) => doubt(state, why, found),
+    }
+}
+
+/// Once, until a write stands there.
+fn report_untaken(state: &mut State, how: Untaken, event: Event) {
+    if state.untaken.replace(how).is_none() {
+        state.reports.report(event);
+    }
+}
+
+/// The sum is known, and the operator's part has not changed.
+fn share_is(state: &mut State, sum: Counts) {
+    if let Some(account) = state.account {
+        account_is(state, Account { share: sum - account.base, ..account });
+    }
+}
+
+fn account_is(state: &mut State, account: Account) {
+    state.is_unsaved |= state.account != Some(account);
+    state.account = Some(account);
+}
+
+fn has_nothing_of_ours(state: &mut State, found: Counts) {
+    account_is(state, Account { base: found, ..Account::default() });
+}
+
+fn doubt(state: &mut State, doubt: Doubt, found: Counts) {
+    let account = state.account.unwrap_or_default();
+    account_is(state, Account { doubt: Some(doubt), ..account });
+    state.reports.report(Event::Doubted { doubt, found, share: account.share });
+    switch_off(state, Standing::Barred);
+}
+
+fn bar_foreign(state: &mut State, expected: Counts, found: Counts) {
+    if state.standing == Standing::Armed {
+        state.reports.report(Event::ForeignValue { expected, found });
+        switch_off(state, Standing::Barred);
+    }
+}
+
+fn arm(state: &mut State, settings: &Settings, by: Who) {
+    // Whoever arms takes over what stands there: what was decided before started from something else.
+    state.drop_order(settings);
+    let is_confirmed = state.account.is_some_and(|account| account.doubt.is_none());
+    match (state.standing, by) {
+        (Standing::Armed | Standing::Confirming(_), _) | (Standing::Barred, Who::Policy) => {}
+        _ if !settings.is_shared || is_confirmed => {
+            if by == Who::Person {
+                state.copies.pin();
+            }
+            state.standing = Standing::Armed;
+        }
+        (_, Who::Policy) => {}
+        (_, Who::Person) => {
+            state.copies.pin();
+            state.must_read = true;
+            let shown = state.verified.map(|verified| Standing::Confirming(verified.value));
+            state.standing = shown.unwrap_or(state.standing);
+        }
+    }
+}
+
+/// A person has said that the register is right: our share is what it was taken to be, the rest is the operator's.
+/// He may have done that after it was last read; but what may have come from us, or from a restarted CNC, need not be
+/// what he said. What stood before the doubt is the same, whoever put it there again.
+fn confirm(state: &mut State, settings: &Settings, found: Counts) {
+    let Standing::Confirming(shown) = state.standing else { return };
+    let account = state.account.unwrap_or_default();
+    let is_ours = state.copies.of(found).is_some() || state.copies.lately_of(found).is_some();
+    if settings.is_zero(found) && account.share != Counts::ZERO {
+        doubt(state, Doubt::ZeroOrOurs, found);
+    } else if found == shown || !is_ours || found == account.base + account.share {
+        account_is(state, Account { base: found - account.share, share: account.share, doubt: None });
+        state.standing = Standing::Armed;
+    } else {
+        doubt(state, Doubt::ChangedWhileArming, found);
+    }
+}
+
+fn restarted(state: &mut State, settings: &Settings, now: Moment) {
+    state.drop_order(settings);
+    if settings.verify == Verify::Reading {
+        (state.is_rebooted, state.must_read) = (true, true);
+    } else {
+        // What a restarted control holds that nobody can read: nothing.
+        let stood = state.verified.map_or(settings.bias, |verified| verified.value);
+        state.reports.report(Event::CncRestarted { stood });
+        state.verified = Some(Seen { value: settings.bias, asked: now });
+        state.is_unsaved = true;
+    }
+}
+
+/// A write has left: it was answered as done at this moment, or nobody knows.
+fn written(state: &mut State, settings: &Settings, answered: Option<Moment>, left: Moment, now: Moment) {
+    let Doing::Writing { value, begun, read } = state.doing else { return };
+    state.doing = Doing::Nothing;
+    state.written_at = now;
+    let stood = state.expected();
+    if settings.verify == Verify::Echo && answered.is_some() {
+        acknowledged(state, settings, value, begun, left);
+        return;
+    }
+    let other_seen = read.filter(|asked| *asked > state.pairs_from);
+    let sent = Sent { value, at: left, left, answered, other_seen, is_pinned: false };
+    // A write is only begun where there is room for it.
+    let _ = state.copies.add(sent);
+    state.must_read |= settings.verify == Verify::Reading && (answered.is_none() || read.is_some());
+    if answered.is_some() {
+        state.answered = Some(value);
+    } else {
+        state.unanswered_change = stood.map(|stood| value - stood);
+        state.writes_from = now.after(RETRY);
+        state.drop_order(settings);
+        // A shared register is not written again to find out: that it is read shows enough.
+        if state.standing == Standing::Armed && !settings.is_shared {
+            state.untaken = Some(Untaken::Refused);
+        }
+    }
+}
+
+fn acknowledged(state: &mut State, settings: &Settings, value: Counts, begun: Moment, left: Moment) {
+    state.copies.end_late(begun, settings.late, settings.remembered);
+    state.verified = Some(Seen { value, asked: left });
+    (state.is_unsaved, state.untaken) = (true, None);
+    state.reports.report_acknowledged();
+}
+
+/// A write did not take place. What it was.
+fn not_written(state: &mut State, settings: &Settings, now: Moment) -> Option<Counts> {
+    let Doing::Writing { value, .. } = state.doing else { return None };
+    state.doing = Doing::Nothing;
+    state.is_unsaved |= settings.promises();
+    state.writes_from = now.after(RETRY);
+    state.drop_order(settings);
+    Some(value)
+}
+
+fn switch_off(state: &mut State, to: Standing) {
+    if to == Standing::Barred {
+        // A person may type anything now, also what is under way: that ends nothing.
+        state.copies.pin();
+    }
+    state.standing = to;
+    (state.order, state.untaken) = (None, None);
+    state.is_waiting = false;
+    state.promised_until = None;
+    if state.promised.take().is_some() {
+        state.is_unsaved = true;
+    }
+}
+
+/// What was asked for has come to its end, if it was this.
+fn ends(state: &mut State, what: Doing) -> bool {
+    let is_it = state.doing == what;
+    if is_it {
+        state.doing = Doing::Nothing;
+    }
+    is_it
+}
