@@ -21,7 +21,7 @@ const ARROWS: [(&str, &str, &[&str]); 12] = [
     ("", "clock", &[]),
     ("", "fieldbus", &["clock"]),
     ("", "observe", &[]),
-    ("", "gateway", &["fieldbus", "clock", "observe::events", "observe::handshake", "observe::status"]),
+    ("", "gateway", &["fieldbus", "clock", "observe::events", "observe::status"]),
     ("", "discovery", &["clock", "fieldbus"]),
     ("", "virtual_machine", &["clock"]),
     ("", "cli", &["clock", "fieldbus::tls", "gateway", "observe", "virtual_machine", "discovery"]),
