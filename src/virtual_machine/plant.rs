@@ -69,14 +69,14 @@ struct Temperatures {
 impl Temperatures {
     /// The temperature at a point, °C.
     fn at(&self, spec: &PlantSpec, point: Point) -> f64 {
-        let told = |of: fn(&Structure) -> &Vec<Vec<f64>>, place: usize| {
+        let on_structure = |of: fn(&Structure) -> &Vec<Vec<f64>>, place: usize| {
             spec.structure.as_ref().map_or(0.0, |structure| dot(&of(structure)[place], &self.modes))
         };
         match point {
             Point::Node(index) => self.nodes[index],
             Point::Ambient => self.air,
-            Point::Port(place) => told(|structure| &structure.ports, place),
-            Point::Spot(place) => told(|structure| &structure.spots, place),
+            Point::Port(place) => on_structure(|structure| &structure.ports, place),
+            Point::Spot(place) => on_structure(|structure| &structure.spots, place),
         }
     }
 }
@@ -180,17 +180,6 @@ impl Plant {
             moved(&self.warm) - moved(&self.zero)
         });
         Some(sum(&displacement.gains) + along.sum::<f64>() + guided.unwrap_or_default())
-    }
-
-    /// The temperature of a node, °C: what no sensor sees exactly.
-    pub fn node(&self, name: &str) -> Option<f64> {
-        let index = self.spec.nodes.iter().position(|node| node.name == name)?;
-        self.warm.nodes.get(index).copied()
-    }
-
-    /// The air's temperature, °C.
-    pub fn ambient(&self) -> f64 {
-        self.warm.air
     }
 
     /// The time before the run: the machine stands, off, in its air.

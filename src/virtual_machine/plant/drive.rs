@@ -3,7 +3,7 @@
 use rand::RngExt;
 use rand_pcg::Pcg32;
 
-use super::spec::{AmbientSpec, DutySpec, Span, Varied, When};
+use super::spec::{AmbientSpec, DutySpec, Span, When};
 use super::{STEP, stream};
 use std::f64::consts::TAU;
 
@@ -29,9 +29,11 @@ struct Wave {
 impl Ambient {
     pub(super) fn new(spec: &AmbientSpec, seed: u64, begin_hour: f64) -> Ambient {
         let mut random = stream(seed, "ambient");
-        let mut draw = |varied: Varied| varied.nominal + varied.varies * random.random_range(-1.0..=1.0);
-        let (mean, amplitude) = (draw(spec.mean), draw(spec.amplitude));
-        let (peak_hour, drift_per_day) = (draw(spec.peak_hour), draw(spec.drift_per_day));
+        let varies = spec.varies;
+        let mut draw = |nominal: f64, varies: f64| nominal + varies * random.random_range(-1.0..=1.0);
+        let (mean, amplitude) = (draw(spec.mean, varies.mean), draw(spec.amplitude, varies.amplitude));
+        let peak_hour = draw(spec.peak_hour, varies.peak_hour);
+        let drift_per_day = draw(spec.drift_per_day, varies.drift_per_day);
         let mut wave = |share: f64, shortest: f64, longest: f64| Wave {
             amplitude: spec.weather * share,
             period_hours: random.random_range(shortest..=longest),
@@ -90,7 +92,7 @@ impl Duty {
             };
             self.phase = phase;
             if phase == Phase::Work {
-                let (lightest, hardest) = self.spec.load;
+                let [lightest, hardest] = self.spec.load;
                 self.load = self.loads.random_range(lightest..=hardest);
             }
             self.until += steps(&mut self.random, span);

@@ -2,12 +2,14 @@
 
 use std::time::Duration;
 
+use serde::{Deserialize, Deserializer, de::Error as _};
+
 use super::point::Point;
 use super::structure::Structure;
 use isotherm_core::quantity::Moment;
 
+mod file;
 mod published;
-mod raw;
 
 pub use published::{Published, PublishedAxis};
 
@@ -38,44 +40,59 @@ pub struct PlantSpec {
     published: Option<Published>,
 }
 
-/// The air: a day's curve, a weather that drifts, and by how much two days differ (uniform, plus or minus).
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The air: a day's curve and a weather that drifts.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(super) struct AmbientSpec {
-    pub(super) mean: Varied,
-    pub(super) amplitude: Varied,
-    pub(super) peak_hour: Varied,
-    pub(super) drift_per_day: Varied,
+    pub(super) mean: f64,
+    pub(super) amplitude: f64,
+    pub(super) peak_hour: f64,
+    pub(super) drift_per_day: f64,
     /// Largest swing of the slow weather, K.
     pub(super) weather: f64,
+    #[serde(default)]
+    pub(super) varies: AmbientVaries,
 }
 
-/// A value, and how far another seed's may lie from it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Varied {
-    pub(super) nominal: f64,
-    pub(super) varies: f64,
+/// How far another seed's day may lie from this one, uniform, plus or minus.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub(super) struct AmbientVaries {
+    pub(super) mean: f64,
+    pub(super) amplitude: f64,
+    pub(super) peak_hour: f64,
+    pub(super) drift_per_day: f64,
 }
 
 /// When the machine is switched on, and how it works from then on.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(super) struct DutySpec {
     /// Switched on this long after the run begins, at the earliest and at the latest.
     pub(super) on_after: Span,
     pub(super) work: Span,
     pub(super) pause: Span,
     /// How hard each spell of work is, smallest and largest: what the power of work is multiplied by.
-    pub(super) load: (f64, f64),
+    #[serde(default = "full_load")]
+    pub(super) load: [f64; 2],
+}
+
+fn full_load() -> [f64; 2] {
+    [1.0, 1.0]
 }
 
 /// A shortest and a longest duration; the seed draws between them.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(try_from = "[String; 2]")]
 pub(super) struct Span {
     pub(super) shortest: Duration,
     pub(super) longest: Duration,
 }
 
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(super) struct Node {
+    #[serde(skip)]
     pub(super) name: String,
     /// J/K
     pub(super) capacity: f64,
@@ -102,7 +119,8 @@ pub(super) struct Source {
 }
 
 /// What the machine must be doing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub(super) enum When {
     Always,
     /// Switched on.
@@ -125,16 +143,22 @@ pub(super) struct SensorSpec {
 }
 
 /// A scale that moves up and down: `middle + stroke/2 · sin(2π t / period)`, mm.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(super) struct Position {
+    #[serde(skip)]
     pub(super) signal: String,
     pub(super) middle: f64,
     pub(super) stroke: f64,
+    /// Seconds.
+    #[serde(deserialize_with = "seconds")]
     pub(super) period: f64,
 }
 
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(super) struct Switch {
+    #[serde(skip)]
     pub(super) signal: String,
     pub(super) when: When,
 }
@@ -161,6 +185,28 @@ pub(super) struct Stretch {
     pub(super) to: f64,
     /// µm per mm and K.
     pub(super) gains: Vec<(Point, f64)>,
+}
+
+impl TryFrom<[String; 2]> for Span {
+    type Error = String;
+
+    fn try_from([shortest, longest]: [String; 2]) -> Result<Span, String> {
+        let parse = |text: &str| humantime::parse_duration(text).map_err(|error| error.to_string());
+        let (shortest, longest) = (parse(&shortest)?, parse(&longest)?);
+        if shortest > longest {
+            return Err("the shortest duration comes first".to_owned());
+        }
+        Ok(Span { shortest, longest })
+    }
+}
+
+fn duration<'de, D: Deserializer<'de>>(input: D) -> Result<Duration, D::Error> {
+    let text = String::deserialize(input)?;
+    humantime::parse_duration(&text).map_err(D::Error::custom)
+}
+
+fn seconds<'de, D: Deserializer<'de>>(input: D) -> Result<f64, D::Error> {
+    duration(input).map(|span| span.as_secs_f64())
 }
 
 impl Position {
@@ -195,7 +241,7 @@ impl PlantSpec {
     /// What is wrong with it: TOML's own message with its line and column, or every name and number that does not
     /// fit, one to a line.
     pub fn parse_with(text: &str, read: &dyn Fn(&str) -> Option<String>) -> Result<PlantSpec, PlantError> {
-        let file: raw::PlantFile = toml::from_str(text).map_err(|error| PlantError(error.to_string()))?;
+        let file: file::PlantFile = toml::from_str(text).map_err(|error| PlantError(error.to_string()))?;
         file.resolve(read).map_err(|errors| PlantError(errors.join("\n")))
     }
 

@@ -16,12 +16,17 @@ fn after(plant: &mut Plant, seconds: u64) {
     plant.advance_to(moment);
 }
 
+/// The temperature of a node, °C: what no sensor sees exactly.
+fn degrees(plant: &Plant, name: &str) -> f64 {
+    plant.warm.nodes[plant.spec.nodes.iter().position(|node| node.name == name).unwrap()]
+}
+
 /// A node's rise per hour over the hour that ends at `hour`.
 fn slope(plant: &mut Plant, node: &str, hour: u64) -> f64 {
     after(plant, (hour - 1) * HOUR);
-    let before = plant.node(node).unwrap();
+    let before = degrees(plant, node);
     after(plant, hour * HOUR);
-    plant.node(node).unwrap() - before
+    degrees(plant, node) - before
 }
 
 #[test]
@@ -99,7 +104,7 @@ fn a_seed_repeats_its_day_and_another_one_has_another() {
     let error = |seed| {
         let mut grinder = plant("surface-grinder", seed);
         after(&mut grinder, 5 * HOUR);
-        (grinder.true_error_um("z").unwrap(), grinder.ambient(), grinder.sensor("bed").unwrap())
+        (grinder.true_error_um("z").unwrap(), grinder.warm.air, grinder.sensor("bed").unwrap())
     };
     assert_eq!(error(7), error(7));
     let (seventh, eighth) = (error(7), error(8));
@@ -212,7 +217,7 @@ fn a_travel_that_is_not_there_is_named() {
 #[test]
 fn a_spell_of_work_has_a_load_of_its_own() {
     let spec = PlantSpec::shipped("xc100-lathe").unwrap().unwrap();
-    let (lightest, hardest) = spec.duty.load;
+    let [lightest, hardest] = spec.duty.load;
     let mut duty = Duty::new(&spec.duty, 3);
     let mut seen: Vec<f64> = Vec::new();
     for step in 0..8 * HOUR {

@@ -68,7 +68,7 @@ fn no_heat_is_made_or_lost_between_the_structure_and_what_is_around_it() {
         let far = heat(&plant) / before - 1.0;
         assert!(far.abs() < 1e-5, "{far} after {hours} h");
     }
-    let (first, last) = (plant.node("room").unwrap(), plant.sensor("front").unwrap());
+    let (first, last) = (degrees(&plant, "room"), plant.sensor("front").unwrap());
     assert!((first - last).abs() < 0.05, "all of one temperature in the end: {first}, {last}");
 }
 

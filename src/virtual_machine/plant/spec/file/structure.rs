@@ -24,6 +24,7 @@ pub(super) struct StructureFile {
     sinks: BTreeMap<String, String>,
 }
 
+/// In the order of [`Structure::moves`].
 #[derive(Deserialize, Clone, Copy)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Direction {
@@ -102,16 +103,6 @@ impl StructureFile {
             spots: modes.points.into_values().collect(),
             guide: modes.guide_mm,
             moves: [modes.moves_um.x, modes.moves_um.y, modes.moves_um.z],
-        }
-    }
-}
-
-impl Direction {
-    pub(super) fn place(self) -> usize {
-        match self {
-            Direction::X => 0,
-            Direction::Y => 1,
-            Direction::Z => 2,
         }
     }
 }

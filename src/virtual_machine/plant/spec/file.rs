@@ -1,22 +1,102 @@
-//! From the plant file's names and numbers to a checked [`PlantSpec`], or to every complaint at once.
+//! The plant file as TOML has it, and the way from its names and numbers to a checked [`PlantSpec`], or to every complaint
+//! at once.
 
-use super::super::{
-    AmbientSpec, DutySpec, Link, Node, PlantSpec, Position, SensorSpec, Source, Structure, Switch, Varied,
-    When,
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use serde::{Deserialize, Deserializer, de::Error as _};
+
+use super::{
+    AmbientSpec, DutySpec, Link, Node, PlantSpec, Position, Published, SensorSpec, Source, Structure, Switch,
+    When, duration, seconds,
 };
-use super::check::{AMBIENT, Check};
-use super::displacement::Displacements;
-use super::structure::ModesFile;
-use super::{AmbientFile, LinkFile, NodeFile, PlantFile, PositionFile, SensorFile, SourceFile, WhenFile};
 use crate::virtual_machine::plant::STEP;
 use crate::virtual_machine::plant::point::Point;
+use isotherm_core::quantity::Moment;
+
+mod check;
+mod displacement;
+mod structure;
+
+use check::{AMBIENT, Check};
+use displacement::{BendingFile, Displacements, ExpansionFile, StretchFile, TiltFile};
+use structure::{ModesFile, StructureFile};
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct PlantFile {
+    #[serde(deserialize_with = "moment")]
+    start: Moment,
+    #[serde(deserialize_with = "duration")]
+    soak: Duration,
+    ambient: AmbientSpec,
+    duty: DutySpec,
+    node: BTreeMap<String, Node>,
+    link: Vec<LinkFile>,
+    #[serde(default)]
+    source: BTreeMap<String, SourceFile>,
+    sensor: BTreeMap<String, SensorFile>,
+    #[serde(default)]
+    position: BTreeMap<String, Position>,
+    #[serde(default)]
+    switch: BTreeMap<String, Switch>,
+    #[serde(default)]
+    expansion: Vec<ExpansionFile>,
+    #[serde(default)]
+    bending: Vec<BendingFile>,
+    #[serde(default)]
+    stretch: Vec<StretchFile>,
+    #[serde(default)]
+    tilt: Vec<TiltFile>,
+    structure: Option<StructureFile>,
+    published: Option<Published>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LinkFile {
+    between: [String; 2],
+    conductance: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SourceFile {
+    node: String,
+    watts: f64,
+    #[serde(default)]
+    varies: f64,
+    when: When,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SensorFile {
+    node: String,
+    blend: Option<BlendFile>,
+    #[serde(deserialize_with = "seconds")]
+    lag: f64,
+    resolution: f64,
+    noise: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct BlendFile {
+    node: String,
+    share: f64,
+}
+
+fn moment<'de, D: Deserializer<'de>>(input: D) -> Result<Moment, D::Error> {
+    let text = String::deserialize(input)?;
+    let stamp: jiff::Timestamp = text.parse().map_err(D::Error::custom)?;
+    let nanos = u64::try_from(stamp.as_nanosecond()).map_err(|_| D::Error::custom("before 1970"))?;
+    Ok(Moment::from_nanos(nanos))
+}
 
 impl PlantFile {
     /// `read` gives the text of a file that the plant names.
-    pub(in super::super) fn resolve(
-        self,
-        read: &dyn Fn(&str) -> Option<String>,
-    ) -> Result<PlantSpec, Vec<String>> {
+    pub(super) fn resolve(self, read: &dyn Fn(&str) -> Option<String>) -> Result<PlantSpec, Vec<String>> {
         let modes = self.structure.as_ref().map(|structure| structure.read(read));
         let modes = modes.transpose().map_err(|why| vec![why])?;
         let nodes = self.node.keys().cloned().zip((0..).map(Point::Node));
@@ -26,30 +106,27 @@ impl PlantFile {
             let twice = check.names[..place].iter().any(|(other, _)| other == name);
             check.demand(!twice, || format!("`{name}` is both a node and of the structure"));
         }
-        let nodes: Vec<Node> =
-            self.node.into_iter().map(|(name, file)| file.resolve(name, &mut check)).collect();
+        let nodes: Vec<Node> = self.node.into_iter().map(|(name, node)| Node { name, ..node }).collect();
+        nodes.iter().for_each(|node| node.check(&mut check));
         let links: Vec<Link> = self.link.iter().map(|file| file.resolve(&mut check)).collect();
         let sources = self.source.into_iter().map(|(name, file)| file.resolve(name, &mut check)).collect();
         let sensors = self.sensor.into_iter().map(|(name, file)| file.resolve(name, &mut check)).collect();
-        let positions: Vec<Position> =
-            self.position.into_iter().map(|(name, file)| file.resolve(name, &mut check)).collect();
+        let positions = self.position.into_iter().map(|(signal, position)| Position { signal, ..position });
+        let positions: Vec<Position> = positions.collect();
+        positions.iter().for_each(|position| position.check(&mut check));
         let structure = self.structure.as_ref().zip(modes);
         let structure = structure.map(|(file, modes)| file.resolve(modes, &positions, &mut check));
         stable(&nodes, &links, structure.as_ref(), &mut check);
-        let switches = self
-            .switch
-            .into_iter()
-            .map(|(signal, file)| Switch { signal, when: file.when.resolve() })
-            .collect();
+        let switches = self.switch.into_iter().map(|(signal, switch)| Switch { signal, ..switch }).collect();
         let mut axes = Displacements::new(&positions, &mut check);
         self.expansion.iter().for_each(|file| axes.expansion(file));
         self.bending.iter().for_each(|file| axes.bending(file));
         self.stretch.iter().for_each(|file| axes.stretch(file));
         self.tilt.iter().for_each(|file| axes.tilt(file));
         let guided = self.structure.iter().flat_map(|file| &file.axes);
-        guided.for_each(|(axis, direction)| axes.guided(axis, direction.place()));
+        guided.for_each(|(axis, direction)| axes.guided(axis, *direction as usize));
         let axes = axes.all();
-        let ambient = self.ambient.resolve(&mut check);
+        self.ambient.check(&mut check);
         check.demand(!self.duty.work.shortest.is_zero(), || "duty.work: must be longer than 0s".to_owned());
         let [lightest, hardest] = self.duty.load;
         check.demand(lightest >= 0.0 && lightest <= hardest && hardest.is_finite(), || {
@@ -61,13 +138,8 @@ impl PlantFile {
         Ok(PlantSpec {
             start: self.start,
             soak: self.soak,
-            ambient,
-            duty: DutySpec {
-                on_after: self.duty.on_after,
-                work: self.duty.work,
-                pause: self.duty.pause,
-                load: (lightest, hardest),
-            },
+            ambient: self.ambient,
+            duty: self.duty,
             nodes,
             links,
             structure,
@@ -81,8 +153,8 @@ impl PlantFile {
     }
 }
 
-impl AmbientFile {
-    fn resolve(self, check: &mut Check) -> AmbientSpec {
+impl AmbientSpec {
+    fn check(&self, check: &mut Check) {
         let varies = self.varies;
         let all = [self.mean, self.amplitude, self.peak_hour, self.drift_per_day, self.weather];
         let spread = [varies.mean, varies.amplitude, varies.peak_hour, varies.drift_per_day];
@@ -92,25 +164,17 @@ impl AmbientFile {
         check.demand(spread.iter().all(|value| value.is_finite() && *value >= 0.0), || {
             "ambient.varies: every value must be 0 or more".to_owned()
         });
-        let varied = |nominal, varies| Varied { nominal, varies };
-        AmbientSpec {
-            mean: varied(self.mean, varies.mean),
-            amplitude: varied(self.amplitude, varies.amplitude),
-            peak_hour: varied(self.peak_hour, varies.peak_hour),
-            drift_per_day: varied(self.drift_per_day, varies.drift_per_day),
-            weather: self.weather,
-        }
     }
 }
 
-impl NodeFile {
-    fn resolve(self, name: String, check: &mut Check) -> Node {
+impl Node {
+    fn check(&self, check: &mut Check) {
+        let Node { name, capacity, initial } = self;
         check.demand(name != AMBIENT, || format!("node.{AMBIENT}: this name belongs to the air"));
-        check.demand(self.capacity.is_finite() && self.capacity > 0.0, || {
-            format!("node.{name}.capacity: {} J/K; must be more than 0", self.capacity)
+        check.demand(capacity.is_finite() && *capacity > 0.0, || {
+            format!("node.{name}.capacity: {capacity} J/K; must be more than 0")
         });
-        check.demand(self.initial.is_finite(), || format!("node.{name}.initial: must be a finite number"));
-        Node { name, capacity: self.capacity, initial: self.initial }
+        check.demand(initial.is_finite(), || format!("node.{name}.initial: must be a finite number"));
     }
 }
 
@@ -145,17 +209,7 @@ impl SourceFile {
         check.demand(self.watts.is_finite(), || format!("{place}.watts: must be a finite number"));
         check.demand((0.0..1.0).contains(&self.varies), || format!("{place}.varies: must lie in 0 to 1"));
         let node = check.node(&place, &self.node);
-        Source { name, node, watts: self.watts, varies: self.varies, when: self.when.resolve() }
-    }
-}
-
-impl WhenFile {
-    fn resolve(self) -> When {
-        match self {
-            WhenFile::Always => When::Always,
-            WhenFile::On => When::On,
-            WhenFile::Work => When::Work,
-        }
+        Source { name, node, watts: self.watts, varies: self.varies, when: self.when }
     }
 }
 
@@ -176,24 +230,17 @@ impl SensorFile {
             });
             feels = vec![(first, 1.0 - blend.share), (check.point(&place, &blend.node), blend.share)];
         }
-        SensorSpec {
-            signal,
-            feels,
-            lag: self.lag.as_secs_f64(),
-            resolution: self.resolution,
-            noise: self.noise,
-        }
+        SensorSpec { signal, feels, lag: self.lag, resolution: self.resolution, noise: self.noise }
     }
 }
 
-impl PositionFile {
-    fn resolve(self, signal: String, check: &mut Check) -> Position {
-        let place = format!("position.{signal}");
+impl Position {
+    fn check(&self, check: &mut Check) {
+        let place = format!("position.{}", self.signal);
         check.demand(self.middle.is_finite() && self.stroke.is_finite(), || {
             format!("{place}: middle and stroke must be finite numbers")
         });
-        check.demand(!self.period.is_zero(), || format!("{place}.period: must be longer than 0s"));
-        Position { signal, middle: self.middle, stroke: self.stroke, period: self.period.as_secs_f64() }
+        check.demand(self.period > 0.0, || format!("{place}.period: must be longer than 0s"));
     }
 }
 
