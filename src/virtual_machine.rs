@@ -56,7 +56,7 @@ pub use control::Taken;
 pub use fault::{FaultError, FaultScript};
 pub use journal::Seen;
 pub use plant::{Plant, PlantError, PlantSpec, Published, PublishedAxis};
-pub use truth::{AxisSummary, AxisTruth, Extent, FIRST_SAMPLE, Summary, TruthRow};
+pub use truth::{AxisSummary, AxisTruth, Extent, Summary, TruthRow};
 
 use can::line::{CanLine, Port};
 use fault::Faults;
@@ -64,7 +64,6 @@ use gate::{Gate, live};
 use hardware::Hardware;
 use probing::Cycle;
 use server::{Door, Framing, Line, Shared};
-use truth::Observer;
 
 /// How often the truth is sampled and faults that come by themselves are looked for.
 pub const TICK: Duration = Duration::from_secs(1);
@@ -87,8 +86,6 @@ pub struct Setup {
     pub unknown_unit: UnknownUnit,
     /// How far into the plant's day the machine is met.
     pub lived: Duration,
-    /// How often a row of the truth is kept; `None`: no rows, only the summary.
-    pub truth_every: Option<Duration>,
     /// How often it probes; `None`: once an hour.
     pub probe_every: Option<Duration>,
     /// Keep every request that reaches a device, for [`Window::requests`].
@@ -156,12 +153,7 @@ pub struct Window(Shared);
 impl Window {
     /// The run so far.
     pub fn summary(&self) -> Summary {
-        self.0.hardware().observer.summary().clone()
-    }
-
-    /// The rows kept so far; none unless [`Setup::truth_every`] asks for them.
-    pub fn truth_log(&self) -> Vec<TruthRow> {
-        self.0.hardware().observer.rows().to_vec()
+        self.0.hardware().observer.summary.clone()
     }
 
     /// Every request that has reached a device, in its order; none unless [`Setup::journal`] asks for them.
@@ -181,7 +173,7 @@ impl Window {
 
     /// The truth at the last tick; `None` before the first, and without a plant.
     pub fn latest_truth(&self) -> Option<TruthRow> {
-        self.0.hardware().observer.latest().cloned()
+        self.0.hardware().observer.latest.clone()
     }
 }
 
@@ -206,9 +198,7 @@ impl VirtualMachine {
         });
         let faults = Faults::new(setup.faults, begin);
         let cycles = Cycle::of(profile, setup.probe_every.unwrap_or(PROBED_EVERY), begin);
-        let mut hardware = Hardware::new(profile, plant, setup.seed, faults, begin, cycles, |axes| {
-            Observer::new(axes, begin, setup.truth_every)
-        });
+        let mut hardware = Hardware::new(profile, plant, setup.seed, faults, begin, cycles);
         hardware.journal = setup.journal.then(Vec::new);
         let shared = Shared::new(hardware, clock.clone());
         let (stop, stopped) = watch::channel(false);

@@ -10,7 +10,7 @@
 //! line        the socket of an interface, and the time
 //! ```
 
-pub mod dictionary;
+pub(crate) mod dictionary;
 
 pub(super) mod frames;
 pub(super) mod line;

@@ -148,6 +148,5 @@ fn set_flag(bank: &mut Bank, flag: Flag, up: bool) {
         Some(_) => before & !flag.raised(),
         None => u16::from(up),
     };
-    let fits = bank.write(&flag.address.into(), &[after]);
-    debug_assert!(fits.is_some(), "room was made for it");
+    bank.set(&flag.address.into(), &[after]);
 }

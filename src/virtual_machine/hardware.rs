@@ -67,7 +67,6 @@ impl Hardware {
         mut faults: Faults,
         begin: Moment,
         cycles: Vec<Cycle>,
-        observe: impl FnOnce(&[String]) -> Observer,
     ) -> Hardware {
         let (mut units, unit_of) = units(profile);
         units.iter_mut().filter_map(|unit| unit.can.as_mut()).for_each(|can| can.boot(begin));
@@ -76,7 +75,7 @@ impl Hardware {
         let names = profile.axes.iter().map(|axis| axis.settings.name.clone()).enumerate();
         let axes: Vec<_> =
             names.map(|(place, name)| (AxisId(place), name)).filter(|(_, name)| known(name)).collect();
-        let observer = observe(&axes.iter().map(|(_, name)| name.clone()).collect::<Vec<_>>());
+        let observer = Observer::new(axes.iter().map(|(_, name)| name), begin);
         let controls = profile.sets.iter().enumerate().map(|(place, set)| {
             let unit = unit_of[set.device.0];
             Control::new(profile, SetId(place), set, unit, &units[unit].bank)
@@ -264,9 +263,8 @@ impl Hardware {
             let value =
                 probed.or(known).or(self.well[id.0]).unwrap_or_else(|| wander(signal, self.seed, seconds));
             let reads = broken.iter().find(|(broken, _)| broken == id).map(|(_, reads)| *reads);
-            let words = cells(signal, reads.unwrap_or(Reads::Value(value)));
-            let fits = unit.bank.put(&signal.address, &signal.encoding, &words);
-            debug_assert!(fits.is_some(), "room was made for every signal");
+            let cells = cells(signal, reads.unwrap_or(Reads::Value(value)));
+            unit.bank.put(&signal.address, &signal.encoding, &cells);
         }
         self.apply(place);
     }
@@ -280,7 +278,7 @@ impl Hardware {
             };
             if let Some(value) = self.decoded(output.device, &output.address, &output.encoding) {
                 let words = applied.encoding.encode(value);
-                let _ = self.units[place].bank.write(&applied.address.into(), words.words());
+                self.units[place].bank.set(&applied.address.into(), words.words());
             }
         }
     }
@@ -310,11 +308,8 @@ impl Hardware {
         match kind {
             Kind::Register { address: register, words } => {
                 let count = u16::try_from(words.len()).unwrap_or(u16::MAX);
-                let bank = &mut self.units[place].bank;
                 let address = &Address::Modbus(register);
-                bank.reserve(address, count);
-                let fits = bank.write(address, &words);
-                debug_assert!(fits.is_some(), "room was made for it");
+                self.units[place].bank.set(address, &words);
                 self.note_corrections(place, address, count);
                 self.controls_look(place, now);
             }

@@ -16,8 +16,8 @@ pub(super) struct Bank {
 }
 
 impl Bank {
-    /// Makes room for this many cells from `address` on.
-    pub(super) fn reserve(&mut self, address: &Address, count: u16) {
+    /// Makes room for this many cells from `address` on. Gives where that is.
+    pub(super) fn reserve(&mut self, address: &Address, count: u16) -> (&mut [u16], usize) {
         let (cells, first) = match address {
             Address::Modbus(Register { table, offset }) => (self.table_mut(*table), usize::from(*offset)),
             _ => (self.values.entry(address.clone()).or_default(), 0),
@@ -26,6 +26,14 @@ impl Bank {
         if cells.len() < needed {
             cells.resize(needed, 0);
         }
+        (cells, first)
+    }
+
+    /// Puts values into the cells from `address` on, and makes room for them where there is none.
+    pub(super) fn set(&mut self, address: &Address, values: &[u16]) {
+        let count = values.len();
+        let (cells, first) = self.reserve(address, u16::try_from(count).unwrap_or(u16::MAX));
+        cells[first..first + count].copy_from_slice(values);
     }
 
     /// The cells from `address` on; bits are 0 or 1. `None` where one of them does not exist.
@@ -49,12 +57,11 @@ impl Bank {
     }
 
     /// Puts a value there; one bit of a register leaves the others as they are.
-    pub(super) fn put(&mut self, address: &Address, encoding: &Encoding, words: &[u16]) -> Option<()> {
-        let DataType::Bit(bit) = encoding.data_type else { return self.write(address, words) };
-        let mask = 1 << bit;
-        let before = self.read(address, 1)?.first().copied()?;
-        let after = words.first().copied()? & mask;
-        self.write(address, &[before & !mask | after])
+    pub(super) fn put(&mut self, address: &Address, encoding: &Encoding, words: &[u16]) {
+        let DataType::Bit(bit) = encoding.data_type else { return self.set(address, words) };
+        let first = |words: &[u16]| words.first().copied().unwrap_or_default();
+        let (before, mask) = (self.read(address, 1).map_or(0, first), 1 << bit);
+        self.set(address, &[before & !mask | first(words) & mask]);
     }
 
     /// The registers or bits from this one on; `None` where one of them does not exist.

@@ -5,7 +5,7 @@ use std::time::Duration;
 use isotherm_core::quantity::Moment;
 
 /// Samples begin this long after the run: the warm-up with its transient belongs to them, the setting up does not.
-pub const FIRST_SAMPLE: Duration = Duration::from_secs(60);
+const FIRST_SAMPLE: Duration = Duration::from_secs(60);
 
 /// One axis at one moment, µm.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,27 +75,23 @@ impl Extent {
     }
 }
 
-/// Gathers samples into a summary and, if asked to, into rows.
+/// Gathers samples into a summary.
 #[derive(Clone, Debug)]
 pub(super) struct Observer {
     begin: Moment,
-    summary: Summary,
-    every: Option<Duration>,
-    rows: Vec<TruthRow>,
-    latest: Option<TruthRow>,
+    pub(super) summary: Summary,
+    pub(super) latest: Option<TruthRow>,
 }
 
 impl Observer {
-    /// `every`: how often a row is kept; `None`: no rows, for runs that never end.
-    pub(super) fn new(axes: &[String], begin: Moment, every: Option<Duration>) -> Observer {
-        let axes = axes.iter().map(|axis| AxisSummary {
+    pub(super) fn new<'a>(axes: impl IntoIterator<Item = &'a String>, begin: Moment) -> Observer {
+        let axes = axes.into_iter().map(|axis| AxisSummary {
             axis: axis.clone(),
             samples: 0,
             uncompensated: Extent::NOTHING,
             compensated: Extent::NOTHING,
         });
-        let summary = Summary { axes: axes.collect() };
-        Observer { begin, summary, every, rows: Vec::new(), latest: None }
+        Observer { begin, summary: Summary { axes: axes.collect() }, latest: None }
     }
 
     pub(super) fn sample(&mut self, row: TruthRow) {
@@ -106,23 +102,7 @@ impl Observer {
                 axis.compensated.take(truth.residual_um());
             }
         }
-        let due = |every| self.rows.last().is_none_or(|last| row.at.since(last.at) >= every);
-        if self.every.is_some_and(due) {
-            self.rows.push(row.clone());
-        }
         self.latest = Some(row);
-    }
-
-    pub(super) fn summary(&self) -> &Summary {
-        &self.summary
-    }
-
-    pub(super) fn rows(&self) -> &[TruthRow] {
-        &self.rows
-    }
-
-    pub(super) fn latest(&self) -> Option<&TruthRow> {
-        self.latest.as_ref()
     }
 }
 
@@ -133,25 +113,23 @@ mod tests {
     #[test]
     fn both_extents_are_over_the_same_samples_and_the_transient_is_among_them() {
         let begin = Moment::from_nanos(0);
-        let mut observer = Observer::new(&["z".to_owned()], begin, Some(Duration::from_secs(60)));
+        let mut observer = Observer::new([&"z".to_owned()], begin);
         for (second, error_um, cz_um) in
             [(59, 100.0, 0.0), (60, -4.0, 0.0), (61, -5.0, 4.5), (120, -20.0, 19.0)]
         {
             let axes = vec![AxisTruth { error_um, cz_um }];
             observer.sample(TruthRow { at: begin.after(Duration::from_secs(second)), axes });
         }
-        let z = &observer.summary().axes[0];
+        let z = &observer.summary.axes[0];
         assert_eq!((z.axis.as_str(), z.samples), ("z", 3));
         assert_eq!(z.uncompensated, Extent { min_um: -20.0, max_um: -4.0 });
         assert_eq!(z.compensated, Extent { min_um: -4.0, max_um: -0.5 });
         assert!((z.compensated.range_um() - 3.5).abs() < 1e-12);
-        let seconds: Vec<u64> = observer.rows().iter().map(|row| row.at.since(begin).as_secs()).collect();
-        assert_eq!(seconds, [59, 120]);
     }
 
     #[test]
     fn a_run_without_samples_has_no_range() {
-        let observer = Observer::new(&["z".to_owned()], Moment::from_nanos(0), None);
-        assert!(observer.summary().axes[0].compensated.range_um() < 1e-12);
+        let observer = Observer::new([&"z".to_owned()], Moment::from_nanos(0));
+        assert!(observer.summary.axes[0].compensated.range_um() < 1e-12);
     }
 }

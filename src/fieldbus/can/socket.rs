@@ -16,8 +16,8 @@ use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use socketcan::{
-    CanAddr, CanAnyFrame, CanDataFrame, CanFdFrame, CanFdSocket, CanFilter, EmbeddedFrame, Frame as _,
-    Socket as _, SocketOptions,
+    CanAddr, CanAnyFrame, CanDataFrame, CanErrorFrame, CanFdFrame, CanFdSocket, CanFilter, EmbeddedFrame,
+    Frame as _, Socket as _, SocketOptions,
 };
 use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
@@ -115,11 +115,24 @@ impl Socket {
     /// # Errors
     /// Down, gone, full, a frame of more than 8 bytes on an interface without CAN FD.
     pub fn send_now(&self, frame: &Frame) -> Result<(), Fault> {
-        let packed = packed(frame).ok_or(fault(CanFault::TooLong))?;
+        self.write(&packed(frame).ok_or(fault(CanFault::TooLong))?)
+    }
+
+    /// As [`Socket::send_now`], an error frame of this class, as a controller gives to its own computer: on a virtual
+    /// interface the others hear it.
+    ///
+    /// # Errors
+    /// As [`Socket::send_now`].
+    pub fn send_error_now(&self, class: u32, data: &[u8; 8]) -> Result<(), Fault> {
+        let frame = CanErrorFrame::new_error(class, data).map_err(|_| fault(CanFault::TooLong))?;
+        self.write(&CanAnyFrame::Error(frame))
+    }
+
+    fn write(&self, packed: &CanAnyFrame) -> Result<(), Fault> {
         let socket = self.fd.get_ref();
-        let written = match socket.write_frame(&packed) {
+        let written = match socket.write_frame(packed) {
             // What was left behind by the last time it was down.
-            Err(error) if error.raw_os_error() == Some(libc::ENETDOWN) => socket.write_frame(&packed),
+            Err(error) if error.raw_os_error() == Some(libc::ENETDOWN) => socket.write_frame(packed),
             written => written,
         };
         written.map_err(|error| {

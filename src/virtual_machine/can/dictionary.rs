@@ -2,40 +2,39 @@
 
 use std::collections::BTreeMap;
 
-/// Index and sub-index.
-pub type At = (u16, u8);
+use isotherm_core::codec::Entry;
 
 /// An object's bytes, lowest first, and whether they may be written.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Object {
+pub(crate) struct Stored {
     /// What is read.
-    pub bytes: Vec<u8>,
+    bytes: Vec<u8>,
     /// Whether SDO may write it.
-    pub is_writable: bool,
+    is_writable: bool,
 }
 
 /// The objects of a node.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Dictionary {
-    objects: BTreeMap<At, Object>,
+pub(crate) struct Dictionary {
+    objects: BTreeMap<Entry, Stored>,
 }
 
 /// What a server does with a request.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Served {
+pub(crate) struct Served {
     /// The answer.
-    pub answer: Option<[u8; 8]>,
+    pub(crate) answer: Option<[u8; 8]>,
     /// The object that was written by it.
-    pub written: Option<At>,
+    pub(crate) written: Option<Entry>,
 }
 
 /// The state of one SDO channel.
 #[derive(Clone, Debug, Default)]
-pub struct Server(Option<Transfer>);
+pub(crate) struct Server(Option<Transfer>);
 
 #[derive(Clone, Debug)]
 struct Transfer {
-    at: At,
+    at: Entry,
     /// What goes out, or what has come in.
     bytes: Vec<u8>,
     /// How many of them are gone; `None` where they come in.
@@ -44,10 +43,13 @@ struct Transfer {
     toggle: bool,
 }
 
+/// What a segment says that it is of.
+pub(crate) const NONE: Entry = Entry::new(0, 0);
+
 /// Toggle bit not alternated.
 const TOGGLE: u32 = 0x0503_0000;
 /// Command specifier not known.
-pub const COMMAND: u32 = 0x0504_0001;
+const COMMAND: u32 = 0x0504_0001;
 /// Object cannot be written.
 const READ_ONLY: u32 = 0x0601_0002;
 /// No such object.
@@ -59,12 +61,12 @@ const NO_SUB_INDEX: u32 = 0x0609_0011;
 
 impl Dictionary {
     /// Adds an object, or changes what it reads.
-    pub fn put(&mut self, at: At, bytes: &[u8], is_writable: bool) {
-        self.objects.insert(at, Object { bytes: bytes.to_vec(), is_writable });
+    pub(crate) fn put(&mut self, at: Entry, bytes: &[u8], is_writable: bool) {
+        self.objects.insert(at, Stored { bytes: bytes.to_vec(), is_writable });
     }
 
     /// Changes what an object reads; one that is not there stays away.
-    pub fn set(&mut self, at: At, bytes: &[u8]) {
+    pub(crate) fn set(&mut self, at: Entry, bytes: &[u8]) {
         if let Some(object) = self.objects.get_mut(&at) {
             object.bytes.clear();
             object.bytes.extend_from_slice(bytes);
@@ -72,12 +74,12 @@ impl Dictionary {
     }
 
     /// What an object reads.
-    pub fn get(&self, at: At) -> Option<&[u8]> {
+    pub(crate) fn get(&self, at: Entry) -> Option<&[u8]> {
         self.objects.get(&at).map(|object| object.bytes.as_slice())
     }
 
     /// What an object of at most eight bytes reads, as a number from zero.
-    pub fn number(&self, at: At) -> Option<u64> {
+    pub(crate) fn number(&self, at: Entry) -> Option<u64> {
         let bytes = self.get(at)?;
         let mut eight = [0; 8];
         eight.get_mut(..bytes.len())?.copy_from_slice(bytes);
@@ -85,30 +87,31 @@ impl Dictionary {
     }
 
     /// Puts the objects of these indices back to what they are in another dictionary.
-    pub fn restore(&mut self, from: &Dictionary, indices: std::ops::Range<u16>) {
-        for (at, object) in from.objects.range((indices.start, 0)..(indices.end, 0)) {
+    pub(crate) fn restore(&mut self, from: &Dictionary, indices: std::ops::Range<u16>) {
+        for (at, object) in from.objects.range(Entry::new(indices.start, 0)..Entry::new(indices.end, 0)) {
             self.objects.insert(*at, object.clone());
         }
     }
 
     /// Lets SDO write an object that is there.
-    pub fn unlock(&mut self, at: At) {
+    pub(crate) fn unlock(&mut self, at: Entry) {
         if let Some(object) = self.objects.get_mut(&at) {
             object.is_writable = true;
         }
     }
 
-    fn missing(&self, at: At) -> u32 {
-        let is_known = self.objects.range((at.0, 0)..=(at.0, u8::MAX)).next().is_some();
+    fn missing(&self, at: Entry) -> u32 {
+        let is_known =
+            self.objects.range(Entry::new(at.index, 0)..=Entry::new(at.index, u8::MAX)).next().is_some();
         if is_known { NO_SUB_INDEX } else { NO_OBJECT }
     }
 
-    fn writable(&self, at: At) -> Result<&Object, u32> {
+    fn writable(&self, at: Entry) -> Result<&Stored, u32> {
         let object = self.objects.get(&at).ok_or_else(|| self.missing(at))?;
         if object.is_writable { Ok(object) } else { Err(READ_ONLY) }
     }
 
-    fn write(&mut self, at: At, bytes: &[u8]) -> Result<(), u32> {
+    fn write(&mut self, at: Entry, bytes: &[u8]) -> Result<(), u32> {
         if self.writable(at)?.bytes.len() != bytes.len() {
             return Err(LENGTH);
         }
@@ -119,26 +122,26 @@ impl Dictionary {
 
 impl Server {
     /// Whether a request is a part of writing something.
-    pub fn is_write(request: &[u8]) -> bool {
+    pub(crate) fn is_write(request: &[u8]) -> bool {
         request.first().is_some_and(|command| matches!(command >> 5, 0 | 1))
     }
 
     /// What a request speaks of; a segment does not say.
-    pub fn names(request: &[u8]) -> Option<At> {
+    pub(crate) fn names(request: &[u8]) -> Option<Entry> {
         match request {
             [command, low, high, sub, ..] if matches!(command >> 5, 1 | 2) => {
-                Some((u16::from_le_bytes([*low, *high]), *sub))
+                Some(Entry::new(u16::from_le_bytes([*low, *high]), *sub))
             }
             _ => None,
         }
     }
 
     /// Carries out one request; one that has not eight bytes is none.
-    pub fn serve(&mut self, request: &[u8], objects: &mut Dictionary) -> Served {
+    pub(crate) fn serve(&mut self, request: &[u8], objects: &mut Dictionary) -> Served {
         let Ok([command, low, high, sub, rest @ ..]) = <[u8; 8]>::try_from(request) else {
             return Served::default();
         };
-        let at = (u16::from_le_bytes([low, high]), sub);
+        let at = Entry::new(u16::from_le_bytes([low, high]), sub);
         let answered = match command >> 5 {
             // The client gives up.
             4 => {
@@ -160,7 +163,7 @@ impl Server {
         }
     }
 
-    fn read(&mut self, at: At, objects: &Dictionary) -> Answered {
+    fn read(&mut self, at: Entry, objects: &Dictionary) -> Answered {
         let bytes = objects.get(at).ok_or_else(|| (at, objects.missing(at)))?;
         self.0 = None;
         if (1..=4).contains(&bytes.len()) {
@@ -175,7 +178,7 @@ impl Server {
 
     fn next_out(&mut self, command: u8) -> Answered {
         let Some(Transfer { at, bytes, sent: Some(sent), toggle, .. }) = &mut self.0 else {
-            return Err(((0, 0), COMMAND));
+            return Err((NONE, COMMAND));
         };
         if (command & 0x10 != 0) != *toggle {
             return Err((*at, TOGGLE));
@@ -193,7 +196,7 @@ impl Server {
         Ok((answer, None))
     }
 
-    fn write(&mut self, at: At, command: u8, rest: [u8; 4], objects: &mut Dictionary) -> Answered {
+    fn write(&mut self, at: Entry, command: u8, rest: [u8; 4], objects: &mut Dictionary) -> Answered {
         let width = objects.writable(at).map_err(|code| (at, code))?.bytes.len();
         self.0 = None;
         let done = message(0x60, at, [0; 4]);
@@ -213,7 +216,7 @@ impl Server {
 
     fn next_in(&mut self, command: u8, data: &[u8], objects: &mut Dictionary) -> Answered {
         let Some(Transfer { at, bytes, sent: None, announced, toggle }) = &mut self.0 else {
-            return Err(((0, 0), COMMAND));
+            return Err((NONE, COMMAND));
         };
         let at = *at;
         if (command & 0x10 != 0) != *toggle {
@@ -223,7 +226,7 @@ impl Server {
         if announced.is_some_and(|announced| bytes.len() > announced) {
             return Err((at, LENGTH));
         }
-        let answer = message(0x20 | u8::from(*toggle) << 4, (0, 0), [0; 4]);
+        let answer = message(0x20 | u8::from(*toggle) << 4, NONE, [0; 4]);
         *toggle = !*toggle;
         if command & 1 == 0 {
             return Ok((answer, None));
@@ -236,17 +239,17 @@ impl Server {
 }
 
 /// The answer and the object it has written; or for which object it is refused, and why.
-type Answered = Result<([u8; 8], Option<At>), (At, u32)>;
+type Answered = Result<([u8; 8], Option<Entry>), (Entry, u32)>;
 
 /// The answer that refuses a request.
-pub fn refusal(at: At, code: u32) -> [u8; 8] {
+pub(crate) fn refusal(at: Entry, code: u32) -> [u8; 8] {
     message(0x80, at, code.to_le_bytes())
 }
 
-fn message(command: u8, at: At, rest: [u8; 4]) -> [u8; 8] {
-    let [low, high] = at.0.to_le_bytes();
+fn message(command: u8, at: Entry, rest: [u8; 4]) -> [u8; 8] {
+    let [low, high] = at.index.to_le_bytes();
     let [a, b, c, d] = rest;
-    [command, low, high, at.1, a, b, c, d]
+    [command, low, high, at.sub, a, b, c, d]
 }
 
 /// How many of so many places stay empty.

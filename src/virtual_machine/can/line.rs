@@ -3,33 +3,22 @@
 use std::io;
 use std::time::Duration;
 
-use rustix::io::Errno;
-use socketcan::{
-    CanAddr, CanAnyFrame, CanDataFrame, CanErrorFrame, CanFdFrame, CanFdSocket, CanFilter, EmbeddedFrame,
-    ExtendedId, Frame as _, Id, Socket as _, SocketOptions, StandardId,
-};
-use tokio::io::Interest;
-use tokio::io::unix::AsyncFd;
 use tokio::sync::watch;
 use tokio::task::JoinSet;
 
 use crate::clock::{Clock, Inlet, Sleeper};
+use crate::fieldbus::can::socket::{Heard, Socket};
+use crate::fieldbus::error::{CanFault, Fault, LinkFault};
 use crate::virtual_machine::TICK;
 use crate::virtual_machine::hardware::can::Sent;
 use crate::virtual_machine::server::Shared;
-use isotherm_core::codec::{CanId, Frame};
+use isotherm_core::codec::{CanMatch, Frame};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::DeviceId;
 
-const EVERYTHING: Interest = Interest::READABLE.add(Interest::ERROR);
 /// Between two attempts to put a frame into a full queue, and how many there are: a quarter of a second.
 const PAUSE: Duration = Duration::from_millis(1);
 const ATTEMPTS: u32 = 250;
-/// Extended identifier; the frame asks for another (linux/can.h).
-const EXTENDED: u32 = 0x8000_0000;
-const REMOTE: u32 = 0x4000_0000;
-/// Bytes: some thousand frames, where the system lets us.
-const BUFFER: usize = 4 << 20;
 
 /// The devices of an interface.
 #[derive(Debug)]
@@ -43,16 +32,10 @@ pub(crate) struct CanLine {
 #[derive(Debug)]
 pub(crate) struct Port {
     interface: String,
-    wanted: Vec<CanId>,
+    wanted: Vec<CanMatch>,
     clock: Clock,
-    socket: Option<Open>,
-}
-
-#[derive(Debug)]
-struct Open {
-    fd: AsyncFd<CanFdSocket>,
-    /// A virtual clock waits for frames that no device has taken.
-    _inlet: Inlet,
+    /// With what makes a virtual clock wait for frames that no device has taken.
+    socket: Option<(Socket, Inlet)>,
 }
 
 /// Serves a line until `stop` changes or its sender is gone.
@@ -90,23 +73,39 @@ pub(crate) async fn serve(
 }
 
 impl Port {
-    /// The interface of this name, of which these identifiers are heard.
+    /// The interface of this name, of which these frames are heard.
     ///
     /// # Errors
     /// No such interface, none of CAN, no CAN in the kernel.
-    pub(crate) fn open(interface: &str, wanted: Vec<CanId>, clock: &Clock) -> io::Result<Port> {
-        let socket = Some(open(interface, &wanted, clock)?);
-        Ok(Port { interface: interface.to_owned(), wanted, clock: clock.clone(), socket })
+    pub(crate) fn open(interface: &str, wanted: Vec<CanMatch>, clock: &Clock) -> io::Result<Port> {
+        let interface = interface.to_owned();
+        let mut port = Port { interface, wanted, clock: clock.clone(), socket: None };
+        port.reopen()?;
+        Ok(port)
+    }
+
+    fn reopen(&mut self) -> io::Result<()> {
+        let interface = &self.interface;
+        let socket = Socket::open(interface, &self.wanted).map_err(|fault| {
+            io::Error::other(match fault {
+                Fault::Link(LinkFault::Can(CanFault::NoInterface)) => format!(
+                    "there is no such interface; a virtual one is made by: ip link add dev {interface} type vcan && \
+                     ip link set {interface} up"
+                ),
+                Fault::Link(LinkFault::Can(CanFault::NoKernel)) => "this kernel has no CAN".to_owned(),
+                Fault::Link(LinkFault::Can(CanFault::NotCan)) => "this is no CAN interface".to_owned(),
+                fault => fault.to_string(),
+            })
+        })?;
+        let inlet = self.clock.inlet(&socket)?;
+        self.socket = Some((socket, inlet));
+        Ok(())
     }
 
     /// There is something to be heard, be it an error.
     async fn ready(&self) {
         match &self.socket {
-            Some(open) => {
-                if let Ok(mut guard) = open.fd.ready(EVERYTHING).await {
-                    guard.retain_ready();
-                }
-            }
+            Some((socket, _)) => socket.ready().await,
             None => std::future::pending().await,
         }
     }
@@ -114,135 +113,58 @@ impl Port {
     /// The next frame, if one has come.
     fn hear(&mut self) -> Option<Frame> {
         loop {
-            let socket = self.socket.as_ref()?;
-            // One after the other: of two at once `try_io` thinks that neither is ready, and never reads.
-            let read = match socket.fd.try_io(Interest::READABLE, CanFdSocket::read_frame) {
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
-                    socket.fd.try_io(Interest::ERROR, CanFdSocket::read_frame)
-                }
-                read => read,
-            };
-            match read {
-                Ok(frame) => {
-                    if let Some(frame) = unpacked(&frame) {
-                        return Some(frame);
-                    }
-                }
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return None,
-                Err(error) => self.suffer(&error),
+            match self.socket.as_ref()?.0.hear_now() {
+                Ok(Some(Heard::Frame(frame))) => return Some(frame),
+                Ok(Some(Heard::Trouble(_))) => {}
+                Ok(None) => return None,
+                Err(fault) => self.failed(fault),
             }
         }
     }
 
     async fn send(&mut self, sent: Vec<Sent>, late: &mut JoinSet<Frame>) {
         if self.socket.is_none() && !sent.is_empty() {
-            self.socket = open(&self.interface, &self.wanted, &self.clock).ok();
+            let _ = self.reopen();
         }
         for sent in sent {
-            let packed = match sent {
-                Sent::Frame(frame, Some(delay)) => {
-                    late.spawn(async move {
-                        tokio::time::sleep(delay).await;
-                        frame
-                    });
-                    continue;
-                }
-                Sent::Frame(frame, None) => packed(&frame),
-                Sent::Error(error) => {
-                    CanErrorFrame::new_error(error.class, &error.data).ok().map(CanAnyFrame::Error)
-                }
-            };
-            if let Some(packed) = packed {
-                self.put(&packed).await;
+            if let Sent::Frame(frame, Some(delay)) = sent {
+                late.spawn(async move {
+                    tokio::time::sleep(delay).await;
+                    frame
+                });
+            } else {
+                self.put(sent).await;
             }
         }
     }
 
     /// A frame that cannot be put into the interface's queue is lost, as on any bus.
-    async fn put(&mut self, frame: &CanAnyFrame) {
-        let mut was_down = false;
+    async fn put(&mut self, sent: Sent) {
         for _ in 0..ATTEMPTS {
-            let Some(open) = &self.socket else { return };
-            let Err(error) = open.fd.get_ref().write_frame(frame) else { return };
-            match Errno::from_io_error(&error) {
-                // What was left behind by the last time it was down.
-                Some(Errno::NETDOWN) if !was_down => was_down = true,
-                Some(Errno::NETDOWN) => return,
-                Some(Errno::NOBUFS | Errno::AGAIN) => tokio::time::sleep(PAUSE).await,
-                _ => return self.suffer(&error),
+            let Some((socket, _)) = &self.socket else { return };
+            let sent = match sent {
+                Sent::Frame(frame, _) => socket.send_now(&frame),
+                Sent::Error(error) => socket.send_error_now(error.class, &error.data),
+            };
+            match sent {
+                Ok(()) => return,
+                Err(Fault::Link(LinkFault::Can(CanFault::Full))) => tokio::time::sleep(PAUSE).await,
+                Err(fault) => return self.failed(fault),
             }
         }
         tracing::warn!(interface = self.interface, "a frame was lost: the interface's queue stays full");
     }
 
-    fn suffer(&mut self, error: &io::Error) {
-        match Errno::from_io_error(error) {
-            Some(Errno::NETDOWN) => {}
-            // A frame that the interface cannot carry.
-            Some(Errno::INVAL | Errno::MSGSIZE) => {
-                tracing::warn!(interface = self.interface, %error, "a frame was refused: no CAN FD?");
+    fn failed(&mut self, fault: Fault) {
+        match fault {
+            Fault::Link(LinkFault::Can(CanFault::Down)) => {}
+            Fault::Link(LinkFault::Can(CanFault::TooLong)) => {
+                tracing::warn!(interface = self.interface, "a frame was refused: no CAN FD?");
             }
             _ => {
-                tracing::debug!(interface = self.interface, %error, "the interface is gone");
+                tracing::debug!(interface = self.interface, %fault, "the interface is gone");
                 self.socket = None;
             }
         }
-    }
-}
-
-fn open(interface: &str, wanted: &[CanId], clock: &Clock) -> io::Result<Open> {
-    let address = CanAddr::from_iface(interface).map_err(|_| {
-        let make = format!("ip link add dev {interface} type vcan && ip link set {interface} up");
-        io::Error::other(format!("there is no such interface; a virtual one is made by: {make}"))
-    })?;
-    let socket = CanFdSocket::open_addr(&address).map_err(|error| match Errno::from_io_error(&error) {
-        Some(Errno::AFNOSUPPORT | Errno::PROTONOSUPPORT) => io::Error::other("this kernel has no CAN"),
-        Some(Errno::NODEV) => io::Error::other("this is no CAN interface"),
-        _ => error,
-    })?;
-    socket.set_nonblocking(true)?;
-    let filters: Vec<_> = wanted.iter().map(filter).collect();
-    if filters.is_empty() {
-        socket.set_filter_drop_all()?
-    } else {
-        socket.set_filters(&filters)?
-    }
-    socket2::SockRef::from(&socket).set_recv_buffer_size(BUFFER)?;
-    let inlet = clock.inlet(&socket)?;
-    #[allow(deprecated, reason = "what replaces it is unsafe")]
-    let fd = AsyncFd::with_interest(socket, EVERYTHING)?;
-    Ok(Open { fd, _inlet: inlet })
-}
-
-/// The same number with the other length is another identifier.
-fn filter(id: &CanId) -> CanFilter {
-    let (length, mask) =
-        if id.is_extended() { (EXTENDED, CanId::LARGEST_EXTENDED) } else { (0, CanId::LARGEST_STANDARD) };
-    CanFilter::new(id.raw() | length, mask | EXTENDED | REMOTE)
-}
-
-fn unpacked(frame: &CanAnyFrame) -> Option<Frame> {
-    let id = || {
-        let raw = frame.raw_id();
-        if frame.is_extended() { CanId::extended(raw) } else { CanId::standard(raw) }
-    };
-    match frame {
-        CanAnyFrame::Normal(data) => Frame::classic(id()?, data.data()),
-        CanAnyFrame::Fd(data) => Frame::fd(id()?, data.data()),
-        CanAnyFrame::Remote(_) | CanAnyFrame::Error(_) => None,
-    }
-}
-
-fn packed(frame: &Frame) -> Option<CanAnyFrame> {
-    let raw = frame.id().raw();
-    let id = if frame.id().is_extended() {
-        Id::Extended(ExtendedId::new(raw)?)
-    } else {
-        Id::Standard(StandardId::new(u16::try_from(raw).ok()?)?)
-    };
-    if frame.is_fd() {
-        CanFdFrame::new(id, frame.data()).map(CanAnyFrame::Fd)
-    } else {
-        CanDataFrame::new(id, frame.data()).map(CanAnyFrame::Normal)
     }
 }

@@ -2,38 +2,38 @@
 
 use std::time::Duration;
 
-use isotherm_core::codec::{CanId, Frame};
+use isotherm_core::codec::{CanId, Entry, Frame};
 use isotherm_core::quantity::Moment;
 
-use super::dictionary::{At, Dictionary, Served, Server};
+use super::dictionary::{Dictionary, Served, Server};
 
 /// The identifiers of CANopen's services; all but the first two with the node's number added.
 const NMT: u16 = 0x000;
-const SYNC: At = (0x1005, 0);
+const SYNC: Entry = Entry::new(0x1005, 0);
 const EMERGENCY: u16 = 0x080;
 const SDO_ANSWER: u16 = 0x580;
 const SDO_REQUEST: u16 = 0x600;
 const HEARTBEAT: u16 = 0x700;
 
 /// Heartbeat producer time, ms.
-pub(crate) const HEARTBEAT_TIME: At = (0x1017, 0);
+pub(crate) const HEARTBEAT_TIME: Entry = Entry::new(0x1017, 0);
 /// The kinds of errors that stand.
-pub(crate) const ERROR_REGISTER: At = (0x1001, 0);
+pub(crate) const ERROR_REGISTER: Entry = Entry::new(0x1001, 0);
 /// An encoder's cycle time, ms: the event timer of its first PDO by another name.
-pub(crate) const CYCLE: At = (0x6200, 0);
+pub(crate) const CYCLE: Entry = Entry::new(0x6200, 0);
 
 /// The objects that say how a PDO is sent: identifier, type, event timer in ms.
-pub(crate) const fn communication(pdo: u16) -> [At; 3] {
+pub(crate) const fn communication(pdo: u16) -> [Entry; 3] {
     let index = 0x1800 + pdo;
-    [(index, 1), (index, 2), (index, 5)]
+    [Entry::new(index, 1), Entry::new(index, 2), Entry::new(index, 5)]
 }
 
 /// The communication profile's part of the dictionary, which a reset of the communication alone puts back.
 const COMMUNICATION: std::ops::Range<u16> = 0x1000..0x2000;
 
 /// Whether the node itself says what an object reads: nothing is measured there.
-pub(crate) fn is_own(at: At) -> bool {
-    COMMUNICATION.contains(&at.0) || at == CYCLE
+pub(crate) fn is_own(at: Entry) -> bool {
+    COMMUNICATION.contains(&at.index) || at == CYCLE
 }
 
 #[derive(Clone, Debug)]
@@ -174,7 +174,7 @@ impl Node {
     }
 
     /// What was written last has not been written: this is what stands there.
-    pub(crate) fn undo(&mut self, at: At, objects: Dictionary, now: Moment) {
+    pub(crate) fn undo(&mut self, at: Entry, objects: Dictionary, now: Moment) {
         self.objects = objects;
         self.has_changed(at, now);
     }
@@ -244,7 +244,7 @@ impl Node {
     }
 
     /// Something has been written by SDO.
-    fn has_changed(&mut self, at: At, now: Moment) {
+    fn has_changed(&mut self, at: Entry, now: Moment) {
         let timer = communication(0)[2];
         for (from, to) in [(CYCLE, timer), (timer, CYCLE)] {
             if let Some(bytes) = self.objects.get(from).filter(|_| from == at) {
@@ -304,7 +304,7 @@ impl Node {
         }
     }
 
-    fn milliseconds(&self, at: At) -> Option<Duration> {
+    fn milliseconds(&self, at: Entry) -> Option<Duration> {
         self.objects.number(at).filter(|time| *time > 0).map(Duration::from_millis)
     }
 

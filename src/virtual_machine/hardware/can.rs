@@ -5,14 +5,14 @@ use std::time::Duration;
 use rand::RngExt;
 
 use super::{Hardware, Unit};
-use crate::virtual_machine::can::dictionary::{Server, refusal};
+use crate::virtual_machine::can::dictionary::{NONE, Server, refusal};
 use crate::virtual_machine::can::frames::{self, Delivery, Image, Taken};
 use crate::virtual_machine::can::node::{Act, Node, is_own};
 use crate::virtual_machine::can::power_on;
 use crate::virtual_machine::fault::{BusError, CanFault, Kind, ReplyFault, Utterance};
 use crate::virtual_machine::journal::Seen;
 use crate::virtual_machine::plant::stream;
-use isotherm_core::codec::{Address, CanId, Encoded, Frame, Object};
+use isotherm_core::codec::{Address, CanMatch, Encoded, Entry, Frame, Object};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{DeviceId, Profile};
 
@@ -48,9 +48,9 @@ impl CanUnit {
     }
 
     /// The objects in use of which this holds, with what stands in them.
-    fn standing(&self, which: impl Fn((u16, u8)) -> bool) -> Vec<(Address, Encoded)> {
-        let objects = self.objects.iter().filter(|object| which(power_on::at(object)));
-        let stands = |object: &Object| object.words(self.node.objects.get(power_on::at(object))?);
+    fn standing(&self, which: impl Fn(Entry) -> bool) -> Vec<(Address, Encoded)> {
+        let objects = self.objects.iter().filter(|object| which(object.entry));
+        let stands = |object: &Object| object.words(self.node.objects.get(object.entry)?);
         objects.filter_map(|object| Some((Address::Object(*object), stands(object)?))).collect()
     }
 
@@ -97,13 +97,13 @@ impl Hardware {
     }
 
     /// What the devices of a line hear.
-    pub(crate) fn can_wanted(&self, devices: &[DeviceId]) -> Vec<CanId> {
+    pub(crate) fn can_wanted(&self, devices: &[DeviceId]) -> Vec<CanMatch> {
         let units = devices.iter().map(|device| &self.units[self.unit_of[device.0]]);
         let wanted = units.filter_map(|unit| unit.can.as_ref()).flat_map(|can| {
             let taken = can.taken.iter().map(|value| value.field().frames.id);
             can.node.hears().into_iter().chain(taken)
         });
-        let mut wanted: Vec<_> = wanted.collect();
+        let mut wanted: Vec<_> = wanted.map(CanMatch::exactly).collect();
         wanted.sort_unstable();
         wanted.dedup();
         wanted
@@ -145,7 +145,7 @@ impl Hardware {
         let before = can.node.objects.clone();
         let served = match fault {
             Some(Kind::Can(CanFault::Refusal(code))) => {
-                let at = Server::names(frame.data()).unwrap_or_default();
+                let at = Server::names(frame.data()).unwrap_or(NONE);
                 let answer = can.node.answer(refusal(at, code));
                 sent.extend(answer.map(|answer| Sent::Frame(answer, None)));
                 return;
@@ -177,16 +177,16 @@ impl Hardware {
         self.keep_objects(place, is_own);
         let unit = &mut self.units[place];
         let Some(can) = &mut unit.can else { return };
-        for object in can.objects.iter().filter(|object| !is_own(power_on::at(object))) {
+        for object in can.objects.iter().filter(|object| !is_own(object.entry)) {
             let words = unit.bank.read(&Address::Object(*object), object.data_type.registers());
             if let Some(words) = words {
-                can.node.objects.set(power_on::at(object), &object.bytes(words));
+                can.node.objects.set(object.entry, &object.bytes(words));
             }
         }
     }
 
     /// Puts an object that was written into its cells, and what is shown by it.
-    fn take_object(&mut self, place: usize, at: (u16, u8), now: Moment) {
+    fn take_object(&mut self, place: usize, at: Entry, now: Moment) {
         let Some(can) = &self.units[place].can else { return };
         for (cell, words) in can.standing(|object| object == at) {
             let Some(can) = &self.units[place].can else { return };
@@ -197,12 +197,11 @@ impl Hardware {
     }
 
     /// Puts objects into their cells.
-    fn keep_objects(&mut self, place: usize, which: impl Fn((u16, u8)) -> bool) {
+    fn keep_objects(&mut self, place: usize, which: impl Fn(Entry) -> bool) {
         let unit = &mut self.units[place];
         let Some(can) = &unit.can else { return };
         for (cell, words) in can.standing(which) {
-            let fits = unit.bank.write(&cell, words.words());
-            debug_assert!(fits.is_some(), "room was made for it");
+            unit.bank.set(&cell, words.words());
         }
     }
 
@@ -241,8 +240,7 @@ impl Hardware {
         let count = u16::try_from(words.len()).unwrap_or(u16::MAX);
         for address in cells {
             let before = self.units[place].bank.read(address, count).unwrap_or_default().to_vec();
-            let fits = self.units[place].bank.write(address, words);
-            debug_assert!(fits.is_some(), "room was made for it");
+            self.units[place].bank.set(address, words);
             self.note_corrections(place, address, count);
             if let Some(journal) = &mut self.journal {
                 let (address, after, wanted) = (address.clone(), words.to_vec(), words.to_vec());

@@ -6,7 +6,7 @@ use crate::virtual_machine::registers::Bank;
 use isotherm_core::codec::{Address, Register};
 use isotherm_core::quantity::Counts;
 use isotherm_core::reading::SignalId;
-use isotherm_profile::{DeviceId, Output, Profile, Verify};
+use isotherm_profile::{DeviceId, Expected, Output, Profile, Verify};
 
 use super::can::CanUnit;
 
@@ -33,8 +33,7 @@ impl Unit {
         self.bank = self.at_power_on.clone();
         self.boots = self.boots.wrapping_add(1);
         for counter in &self.counters {
-            let fits = self.bank.write(counter, &[self.boots]);
-            debug_assert!(fits.is_some(), "room was made for it");
+            self.bank.set(counter, &[self.boots]);
         }
     }
 }
@@ -70,9 +69,7 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
         let place = unit_of[device.0];
         let width = encoding.data_type.registers();
         let bank = &mut units[place].bank;
-        bank.reserve(address, width);
-        let fits = bank.write(address, encoding.encode(0.0).words());
-        debug_assert!(fits.is_some(), "room was made for it");
+        bank.set(address, encoding.encode(0.0).words());
         owned.push((place, address.clone(), width));
         if let Some(applied) = applied {
             bank.reserve(&applied.address.into(), applied.encoding.data_type.registers());
@@ -83,32 +80,18 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
             owned.push((place, again, width));
         }
     }
-    if let Some(heartbeat) = &profile.heartbeat {
-        let place = unit_of[heartbeat.device.0];
-        owned.push((place, heartbeat.address.into(), 1));
-    }
-    for set in &profile.sets {
-        let place = unit_of[set.device.0];
-        for address in Control::own(set) {
-            owned.push((place, address.into(), 1));
-        }
-    }
-    for output in &profile.outputs {
-        let place = unit_of[output.device.0];
-        for address in output.display.registers() {
-            owned.push((place, address.into(), 1));
-        }
-    }
+    let heartbeat = profile.heartbeat.iter().map(|heartbeat| (heartbeat.device, heartbeat.address));
+    let of_sets = profile.sets.iter().flat_map(|set| Control::own(set).map(|at| (set.device, at)));
+    let displays = profile
+        .outputs
+        .iter()
+        .flat_map(|output| output.display.registers().into_iter().map(|register| (output.device, register)));
+    let commands = profile.signals.iter().filter_map(|signal| Some((signal.device, signal.capture?.address)));
+    let single = heartbeat.chain(of_sets).chain(displays).chain(commands);
+    owned.extend(single.map(|(device, register)| (unit_of[device.0], register.into(), 1)));
     for (device, place) in profile.devices.iter().zip(&unit_of) {
-        for expected in &device.verify {
-            let bank = &mut units[*place].bank;
-            bank.reserve(&expected.address, expected.encoding.data_type.registers());
-            let fits = bank.put(
-                &expected.address,
-                &expected.encoding,
-                expected.encoding.encode_counts(Counts(expected.equals)).words(),
-            );
-            debug_assert!(fits.is_some(), "room was made for it");
+        for Expected { address, encoding, equals, .. } in &device.verify {
+            units[*place].bank.put(address, encoding, encoding.encode_counts(Counts(*equals)).words());
         }
     }
     for output in &profile.outputs {
@@ -116,11 +99,6 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
         let place = unit_of[output.device.0];
         units[place].counters.push(counter.clone());
         owned.push((place, counter.clone(), 1));
-    }
-    for signal in &profile.signals {
-        let Some(capture) = signal.capture else { continue };
-        let place = unit_of[signal.device.0];
-        owned.push((place, capture.address.into(), 1));
     }
     for (place, address, count) in &owned {
         units[*place].bank.reserve(address, *count);

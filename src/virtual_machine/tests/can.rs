@@ -40,8 +40,7 @@ impl Rig {
         let profile = can_machine();
         let faults = FaultScript::parse(faults, &profile).unwrap();
         let faults = Faults::new(faults, at(0));
-        let observer = |axes: &[String]| Observer::new(axes, at(0), None);
-        let mut hardware = Hardware::new(&profile, None, 1, faults, at(0), Vec::new(), observer);
+        let mut hardware = Hardware::new(&profile, None, 1, faults, at(0), Vec::new());
         hardware.journal = Some(Vec::new());
         Rig { hardware, devices: (0..profile.devices.len()).map(DeviceId).collect() }
     }

@@ -28,8 +28,7 @@ pub(super) async fn start(faults: &str) -> Run {
     let profile = profile();
     let faults = FaultScript::parse(faults, &profile).unwrap();
     let plant = PlantSpec::shipped("surface-grinder").unwrap().unwrap();
-    let truth_every = Some(Duration::from_secs(60));
-    start_with(&profile, Setup { plant: Some(plant), seed: 1, faults, truth_every, ..Setup::default() }).await
+    start_with(&profile, Setup { plant: Some(plant), seed: 1, faults, ..Setup::default() }).await
 }
 
 pub(super) async fn start_with(profile: &Profile, setup: Setup) -> Run {

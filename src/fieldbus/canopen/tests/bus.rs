@@ -128,10 +128,10 @@ const LONG: Entry = Entry::new(0x2001, 0);
 
 fn objects(name: &[u8], long: usize) -> Dictionary {
     let mut objects = Dictionary::default();
-    objects.put((0x1000, 0), &[0x94, 1, 0, 0], false);
-    objects.put((0x1008, 0), name, false);
-    objects.put((0x2000, 1), &[0; 4], true);
-    objects.put((0x2001, 0), &vec![0; long], true);
+    objects.put(Entry::new(0x1000, 0), &[0x94, 1, 0, 0], false);
+    objects.put(NAME, name, false);
+    objects.put(SHORT, &[0; 4], true);
+    objects.put(LONG, &vec![0; long], true);
     objects
 }
 
@@ -160,7 +160,7 @@ proptest! {
                     may_be_written.push(short.clone());
                     let first = bus.client.write(SHORT, &short);
                     if bus.run(first).is_ok() {
-                        prop_assert_eq!(bus.objects.get((0x2000, 1)), Some(short.as_slice()));
+                        prop_assert_eq!(bus.objects.get(Entry::new(0x2000, 1)), Some(short.as_slice()));
                         may_be_written = vec![short.clone()];
                     }
                 }
@@ -176,7 +176,7 @@ proptest! {
                     let bytes = vec![mark; long];
                     let first = bus.client.write(LONG, &bytes);
                     if bus.run(first).is_ok() {
-                        prop_assert_eq!(bus.objects.get((0x2001, 0)), Some(bytes.as_slice()));
+                        prop_assert_eq!(bus.objects.get(Entry::new(0x2001, 0)), Some(bytes.as_slice()));
                     }
                 }
             }
