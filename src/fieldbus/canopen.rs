@@ -1,7 +1,7 @@
 //! CANopen as a master needs it, and no more: frames in, frames and events out. No socket, no clock, no task.
 //!
 //! - [`sdo`] — one object of a node's dictionary read or written, with every reason why not in words ([`abort`]).
-//! - [`node`] — what a node says of itself: boot-up, state, heartbeat; and the commands it is led by.
+//! - [`node`] — what a node says of itself: boot-up, state, heartbeat; and the command that starts it.
 //! - [`emergency`] — what a node complains of, without the words: those are the device's, see the profile.
 //! - [`master`] — all nodes of an interface: started after every boot-up, missed when they fall silent, SYNC.
 //!

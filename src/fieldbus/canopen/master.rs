@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use super::NodeId;
 use super::emergency::{self, Emergency};
-use super::node::{Command, HEARTBEAT, NodeState};
+use super::node::{self, HEARTBEAT, NodeState};
 use isotherm_core::codec::{CanId, Frame};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::Sync;
@@ -227,7 +227,7 @@ impl Node {
 
     fn start(&mut self, outputs: &mut Vec<Output>) {
         self.is_started = true;
-        outputs.push(Output::Send(Command::Start.to(Some(self.id))));
+        outputs.push(Output::Send(node::start(self.id)));
     }
 }
 

@@ -1,4 +1,4 @@
-//! What a node says of itself, and the commands it is led by.
+//! What a node says of itself, and the command that starts it.
 
 use std::fmt;
 
@@ -9,7 +9,7 @@ use isotherm_core::codec::{CanId, Frame};
 pub const HEARTBEAT: u16 = 0x700;
 
 /// The identifier of NMT commands.
-pub const NMT: u16 = 0x000;
+const NMT: u16 = 0x000;
 
 /// The state that a heartbeat tells.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -24,21 +24,6 @@ pub enum NodeState {
     PreOperational,
     /// None that CiA 301 knows.
     Unknown(u8),
-}
-
-/// What a master tells nodes to do.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Command {
-    /// Become operational.
-    Start,
-    /// Stop all communication but NMT and heartbeat.
-    Stop,
-    /// Become pre-operational.
-    EnterPreOperational,
-    /// Start again as after power-on.
-    ResetNode,
-    /// Start communication again.
-    ResetCommunication,
 }
 
 impl NodeState {
@@ -69,16 +54,7 @@ impl fmt::Display for NodeState {
     }
 }
 
-impl Command {
-    /// The frame that tells a node; without one, every node.
-    pub fn to(self, node: Option<NodeId>) -> Frame {
-        let command = match self {
-            Command::Start => 0x01,
-            Command::Stop => 0x02,
-            Command::EnterPreOperational => 0x80,
-            Command::ResetNode => 0x81,
-            Command::ResetCommunication => 0x82,
-        };
-        Frame::short(CanId::of_11_bits(NMT), [command, node.map_or(0, NodeId::get)])
-    }
+/// The NMT command by which a node becomes operational.
+pub fn start(node: NodeId) -> Frame {
+    Frame::short(CanId::of_11_bits(NMT), [0x01, node.get()])
 }

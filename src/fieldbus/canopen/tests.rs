@@ -2,7 +2,7 @@ use std::time::Duration;
 
 use super::abort::AbortCode;
 use super::emergency::{Emergency, ErrorRegister};
-use super::node::{Command, NodeState};
+use super::node::{NodeState, start};
 use super::*;
 
 mod bus;
@@ -25,12 +25,8 @@ fn there_are_127_nodes() {
 }
 
 #[test]
-fn a_command_names_one_node_or_all() {
-    assert_eq!(Command::Start.to(Some(node(5))), frame(0, &[1, 5]));
-    assert_eq!(Command::Stop.to(Some(node(127))), frame(0, &[2, 127]));
-    assert_eq!(Command::EnterPreOperational.to(Some(node(5))), frame(0, &[0x80, 5]));
-    assert_eq!(Command::ResetNode.to(None), frame(0, &[0x81, 0]));
-    assert_eq!(Command::ResetCommunication.to(Some(node(5))), frame(0, &[0x82, 5]));
+fn the_command_to_start_names_its_node() {
+    assert_eq!(start(node(5)), frame(0, &[1, 5]));
 }
 
 #[test]

@@ -48,6 +48,8 @@ pub(crate) struct Node {
     server: Server,
     heartbeat: Option<Moment>,
     pdos: Vec<Pdo>,
+    /// What it does as soon as its line looks.
+    pub(crate) acts: Vec<Act>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -86,6 +88,33 @@ impl Pdo {
     pub(crate) fn new(id: CanId, number: Option<u16>, every: Duration) -> Pdo {
         Pdo { id, number, every, due: None, syncs: 0 }
     }
+
+    /// Its period, where it is sent by the clock.
+    fn period(&self, objects: &Dictionary) -> Option<Duration> {
+        let Some(number) = self.number else { return Some(self.every) };
+        let [_, kind, timer] = communication(number);
+        let is_by_clock = objects.number(kind).is_some_and(|kind| kind >= 254);
+        milliseconds(objects, timer).filter(|_| is_by_clock && self.is_valid(objects))
+    }
+
+    /// How many SYNCs it waits for, where it is sent with them.
+    fn every_sync(&self, objects: &Dictionary) -> Option<u8> {
+        let kind = objects.number(communication(self.number?)[1])?;
+        u8::try_from(kind).ok().filter(|kind| *kind <= 240 && self.is_valid(objects))
+    }
+
+    /// Whether its objects let it be sent, with the identifier that is known of it.
+    fn is_valid(&self, objects: &Dictionary) -> bool {
+        let Some(number) = self.number else { return true };
+        let wanted = u64::from(self.id.raw()) | if self.id.is_extended() { 1 << 29 } else { 0 };
+        // Bit 30 speaks of remote requests.
+        objects.number(communication(number)[0]).is_some_and(|id| id & !(1 << 30) == wanted)
+    }
+}
+
+/// A time in milliseconds that an object says; 0 is none.
+fn milliseconds(objects: &Dictionary, at: Entry) -> Option<Duration> {
+    objects.number(at).filter(|time| *time > 0).map(Duration::from_millis)
 }
 
 impl Node {
@@ -100,51 +129,53 @@ impl Node {
             server: Server::default(),
             heartbeat: None,
             pdos,
+            acts: Vec::new(),
         }
     }
 
     /// The power comes on.
-    pub(crate) fn boot(&mut self, now: Moment, acts: &mut Vec<Act>) {
+    pub(crate) fn boot(&mut self, now: Moment) {
+        self.acts.clear();
         self.objects = self.at_power_on.clone();
-        self.begin(now, acts);
+        self.begin(now);
     }
 
     /// When it has something to do by itself.
     pub(crate) fn due(&self) -> Option<Moment> {
-        let heartbeat = self.heartbeat.filter(|_| self.milliseconds(HEARTBEAT_TIME).is_some());
-        let by_clock = (0..self.pdos.len()).filter(|place| self.period(*place).is_some());
-        let pdos = by_clock.filter_map(|place| self.pdos[place].due);
+        let heartbeat = self.heartbeat.filter(|_| milliseconds(&self.objects, HEARTBEAT_TIME).is_some());
+        let by_clock = self.pdos.iter().filter(|pdo| pdo.period(&self.objects).is_some());
+        let pdos = by_clock.filter_map(|pdo| pdo.due);
         pdos.filter(|_| self.state == State::Operational).chain(heartbeat).min()
     }
 
     /// Lets time pass.
-    pub(crate) fn tick(&mut self, now: Moment, acts: &mut Vec<Act>) {
-        if let (Some(due), Some(period)) = (self.heartbeat, self.milliseconds(HEARTBEAT_TIME))
+    pub(crate) fn tick(&mut self, now: Moment) {
+        if let (Some(due), Some(period)) = (self.heartbeat, milliseconds(&self.objects, HEARTBEAT_TIME))
             && due <= now
         {
-            acts.extend(self.service(HEARTBEAT, [self.state as u8]).map(Act::Send));
+            self.send(HEARTBEAT, [self.state as u8]);
             self.heartbeat = Some(now.next_tick(due, period));
         }
         if self.state != State::Operational {
             return;
         }
-        for place in 0..self.pdos.len() {
-            if let (Some(due), Some(period)) = (self.pdos[place].due, self.period(place))
+        for (place, pdo) in self.pdos.iter_mut().enumerate() {
+            if let (Some(due), Some(period)) = (pdo.due, pdo.period(&self.objects))
                 && due <= now
             {
-                acts.push(Act::Measured(place));
-                self.pdos[place].due = Some(now.next_tick(due, period));
+                self.acts.push(Act::Measured(place));
+                pdo.due = Some(now.next_tick(due, period));
             }
         }
     }
 
     /// Takes a frame of CANopen's services, where it is for this node. Gives what an SDO server made of it.
-    pub(crate) fn take(&mut self, frame: &Frame, now: Moment, acts: &mut Vec<Act>) -> Option<Served> {
+    pub(crate) fn take(&mut self, frame: &Frame, now: Moment) -> Option<Served> {
         let number = self.number?;
         let id = frame.id();
         if id == CanId::of_11_bits(NMT) {
             match frame.data() {
-                [command, to, ..] if *to == number || *to == 0 => self.command(*command, now, acts),
+                [command, to, ..] if *to == number || *to == 0 => self.command(*command, now),
                 _ => {}
             }
         } else if self.is_asked_by(frame) {
@@ -154,7 +185,7 @@ impl Node {
             }
             return Some(served);
         } else if self.objects.number(SYNC).is_some_and(|sync| sync == u64::from(id.raw())) {
-            self.sync(acts);
+            self.sync();
         }
         None
     }
@@ -190,7 +221,7 @@ impl Node {
     }
 
     /// Complains, with the error register that goes with the code; code 0: all is well again.
-    pub(crate) fn complain(&mut self, code: u16, acts: &mut Vec<Act>) {
+    pub(crate) fn complain(&mut self, code: u16) {
         let register = match code >> 12 {
             0 if code == 0 => 0,
             2 => 0x03,
@@ -203,28 +234,28 @@ impl Node {
         self.objects.set(ERROR_REGISTER, &[register]);
         let [low, high] = code.to_le_bytes();
         if self.state != State::Stopped {
-            acts.extend(self.service(EMERGENCY, [low, high, register, 0, 0, 0, 0, 0]).map(Act::Send));
+            self.send(EMERGENCY, [low, high, register, 0, 0, 0, 0, 0]);
         }
     }
 
-    fn command(&mut self, command: u8, now: Moment, acts: &mut Vec<Act>) {
+    fn command(&mut self, command: u8, now: Moment) {
         match command {
             0x01 => self.start(now),
             0x02 => self.state = State::Stopped,
             0x80 => self.state = State::PreOperational,
-            0x81 => acts.push(Act::Reset),
+            0x81 => self.acts.push(Act::Reset),
             0x82 => {
                 self.objects.restore(&self.at_power_on, COMMUNICATION);
-                acts.push(Act::Restored);
-                self.begin(now, acts);
+                self.acts.push(Act::Restored);
+                self.begin(now);
             }
             _ => {}
         }
     }
 
-    fn begin(&mut self, now: Moment, acts: &mut Vec<Act>) {
+    fn begin(&mut self, now: Moment) {
         self.server = Server::default();
-        acts.extend(self.service(HEARTBEAT, [0]).map(Act::Send));
+        self.send(HEARTBEAT, [0]);
         self.state = State::PreOperational;
         self.set_heartbeat(now);
         if self.starts_itself || self.number.is_none() {
@@ -237,9 +268,8 @@ impl Node {
             return;
         }
         self.state = State::Operational;
-        for place in 0..self.pdos.len() {
-            self.pdos[place].syncs = 0;
-            self.pdos[place].due = self.period(place).map(|_| now);
+        for pdo in &mut self.pdos {
+            (pdo.syncs, pdo.due) = (0, pdo.period(&self.objects).map(|_| now));
         }
     }
 
@@ -255,57 +285,34 @@ impl Node {
         if at == HEARTBEAT_TIME {
             self.set_heartbeat(now);
         }
-        for place in 0..self.pdos.len() {
-            let objects = self.pdos[place].number.map(communication);
-            if at == CYCLE || objects.is_some_and(|objects| objects.contains(&at)) {
-                self.pdos[place].due = self.period(place).map(|period| now.after(period));
+        for pdo in &mut self.pdos {
+            let own = pdo.number.map(communication);
+            if at == CYCLE || own.is_some_and(|own| own.contains(&at)) {
+                pdo.due = pdo.period(&self.objects).map(|period| now.after(period));
             }
         }
     }
 
     fn set_heartbeat(&mut self, now: Moment) {
-        self.heartbeat = self.milliseconds(HEARTBEAT_TIME).map(|period| now.after(period));
+        self.heartbeat = milliseconds(&self.objects, HEARTBEAT_TIME).map(|period| now.after(period));
     }
 
-    /// The period of a PDO that is sent by the clock.
-    fn period(&self, place: usize) -> Option<Duration> {
-        let pdo = &self.pdos[place];
-        let Some(number) = pdo.number else { return Some(pdo.every) };
-        let [_, kind, timer] = communication(number);
-        let is_by_clock = self.objects.number(kind).is_some_and(|kind| kind >= 254);
-        self.milliseconds(timer).filter(|_| is_by_clock && self.is_valid(place))
-    }
-
-    /// Whether its objects let it be sent, with the identifier that is known of it.
-    fn is_valid(&self, place: usize) -> bool {
-        let pdo = &self.pdos[place];
-        let Some(number) = pdo.number else { return true };
-        let wanted = u64::from(pdo.id.raw()) | if pdo.id.is_extended() { 1 << 29 } else { 0 };
-        // Bit 30 speaks of remote requests.
-        self.objects.number(communication(number)[0]).is_some_and(|id| id & !(1 << 30) == wanted)
-    }
-
-    fn sync(&mut self, acts: &mut Vec<Act>) {
+    fn sync(&mut self) {
         if self.state != State::Operational {
             return;
         }
-        for place in 0..self.pdos.len() {
-            let number = self.pdos[place].number.filter(|_| self.is_valid(place));
-            let kind = number.and_then(|number| self.objects.number(communication(number)[1]));
-            let Some(every) = kind.and_then(|kind| u8::try_from(kind).ok()).filter(|kind| *kind <= 240)
-            else {
-                continue;
-            };
-            self.pdos[place].syncs += 1;
-            if self.pdos[place].syncs >= every {
-                self.pdos[place].syncs = 0;
-                acts.push(Act::Measured(place));
+        for (place, pdo) in self.pdos.iter_mut().enumerate() {
+            let Some(every) = pdo.every_sync(&self.objects) else { continue };
+            pdo.syncs += 1;
+            if pdo.syncs >= every {
+                pdo.syncs = 0;
+                self.acts.push(Act::Measured(place));
             }
         }
     }
 
-    fn milliseconds(&self, at: Entry) -> Option<Duration> {
-        self.objects.number(at).filter(|time| *time > 0).map(Duration::from_millis)
+    fn send<const N: usize>(&mut self, service: u16, bytes: [u8; N]) {
+        self.acts.extend(self.service(service, bytes).map(Act::Send));
     }
 
     fn service<const N: usize>(&self, service: u16, bytes: [u8; N]) -> Option<Frame> {

@@ -25,8 +25,6 @@ pub(crate) struct CanUnit {
     taken: Vec<Taken>,
     /// The objects that somebody reads or writes.
     objects: Vec<Object>,
-    /// What it does as soon as its line looks.
-    acts: Vec<Act>,
 }
 
 /// What goes out on a CAN line.
@@ -44,7 +42,7 @@ impl CanUnit {
         let node = power_on::node(profile, unit.device, &mut unit.bank)?;
         let sent = frames::sent(profile, unit.device).into_iter().map(|group| group.images).collect();
         let (taken, objects) = (frames::taken(profile, unit.device), profile.objects(unit.device));
-        Some(CanUnit { node, sent, taken, objects, acts: Vec::new() })
+        Some(CanUnit { node, sent, taken, objects })
     }
 
     /// The objects in use of which this holds, with what stands in them.
@@ -56,8 +54,7 @@ impl CanUnit {
 
     /// The power comes on.
     pub(super) fn boot(&mut self, now: Moment) {
-        self.acts.clear();
-        self.node.boot(now, &mut self.acts);
+        self.node.boot(now);
     }
 }
 
@@ -70,10 +67,10 @@ impl Hardware {
             let place = self.unit_of[device.0];
             let device = self.units[place].device;
             let Some(can) = &mut self.units[place].can else { continue };
-            can.node.tick(now, &mut can.acts);
+            can.node.tick(now);
             for utterance in self.faults.utter(device, now) {
                 match utterance {
-                    Utterance::Emergency(code) => can.node.complain(code, &mut can.acts),
+                    Utterance::Emergency(code) => can.node.complain(code),
                     Utterance::Error(error) => sent.push(Sent::Error(error)),
                     Utterance::Babble(id) => {
                         let bytes = stream(now.as_nanos(), "babble").random();
@@ -131,7 +128,7 @@ impl Hardware {
         let is_request = |can: &CanUnit| can.node.is_asked_by(frame);
         if !self.units[place].can.as_ref().is_some_and(is_request) {
             if let Some(can) = &mut self.units[place].can {
-                can.node.take(frame, now, &mut can.acts);
+                can.node.take(frame, now);
             }
             return;
         }
@@ -150,7 +147,7 @@ impl Hardware {
                 sent.extend(answer.map(|answer| Sent::Frame(answer, None)));
                 return;
             }
-            _ => can.node.take(frame, now, &mut can.acts),
+            _ => can.node.take(frame, now),
         };
         let Some(served) = served else { return };
         let is_ignored = fault == Some(Kind::Reply(ReplyFault::IgnoredWrite));
@@ -228,7 +225,7 @@ impl Hardware {
             }
             _ => {
                 if let Some(can) = &mut self.units[place].can {
-                    can.node.complain(0x8210, &mut can.acts);
+                    can.node.complain(0x8210);
                 }
             }
         }
@@ -254,7 +251,7 @@ impl Hardware {
         let device = self.units[place].device;
         loop {
             let Some(can) = &mut self.units[place].can else { return };
-            let acts = std::mem::take(&mut can.acts);
+            let acts = std::mem::take(&mut can.node.acts);
             if acts.is_empty() {
                 return;
             }
