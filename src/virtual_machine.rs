@@ -7,10 +7,10 @@
 //! # Layout
 //! ```text
 //! plant     a thermal network with sensors, pure          wander    values for signals no plant knows
-//! registers the tables of a device                        modbus    bytes ↔ requests and answers, pure
+//! registers the tables of a device                        modbus    bytes ↔ frames, requests and answers, pure
 //! fault     what goes wrong, when, for how long           hardware  plant + registers + faults
-//! server    sockets                                       truth     error, Cz, residual, and their ranges
-//! rtu       frames and conversation of RTU lines           port      serial ports
+//! server    sockets, and the conversation on a line       truth     error, Cz, residual, and their ranges
+//! port      serial ports
 //! journal   what came over the wire, for tests            control   strobes, acknowledges, sets taken whole
 //! probing   the control's probing cycle, of the axes that have a probe
 //! can       nodes of a CAN interface                       gate      the plant's task, closing listeners
@@ -45,7 +45,6 @@ mod modbus;
 mod port;
 mod probing;
 mod registers;
-mod rtu;
 mod server;
 #[cfg(test)]
 mod tests;
@@ -62,8 +61,9 @@ use can::line::{CanLine, Port};
 use fault::Faults;
 use gate::{Gate, live};
 use hardware::Hardware;
+use modbus::Framing;
 use probing::Cycle;
-use server::{Door, Framing, Line, Shared};
+use server::{Door, Line, Shared};
 
 /// How often the truth is sampled and faults that come by themselves are looked for.
 pub const TICK: Duration = Duration::from_secs(1);

@@ -53,9 +53,8 @@ impl Gate {
             return Ok(());
         }
         let (done, is_done) = oneshot::channel();
-        let message = if shall_be_open { Door::Open(done) } else { Door::Shut(done) };
-        let told = self.door.send(message).await;
-        if told.is_err() || is_done.await.is_err() {
+        let sent = self.door.send(Door { is_open: shall_be_open, done }).await;
+        if sent.is_err() || is_done.await.is_err() {
             return Err("a listener is gone".to_owned());
         }
         self.is_open = shall_be_open;

@@ -177,10 +177,10 @@ impl Hardware {
         self.advance_to(now);
         self.measure(place, now, None);
         let request = match Request::decode(pdu) {
-            Ok(request) if request.is_among(&self.profile.device(device).functions) => request,
+            Ok(request) if self.profile.device(device).functions.allow(request.function) => request,
             Ok(request) => {
                 let stands = self.cells_of(place, &request);
-                self.note(device, pdu, &request, stands.clone(), stands, now);
+                self.note(device, request, stands.clone(), stands, now);
                 return Reply::honest(modbus::exception(pdu, modbus::ILLEGAL_FUNCTION));
             }
             Err(code) => return Reply::honest(modbus::exception(pdu, code)),
@@ -189,14 +189,14 @@ impl Hardware {
         let fault = self.faults.reply(device, request.is_write(), now);
         let before = self.cells_of(place, &request);
         let reply = self.carry_out(place, &request, pdu, fault);
-        if let Some((address, &[value])) = request.written() {
-            self.measure(place, now, Some(Capture { address, value }));
+        if let [value] = request.values[..] {
+            self.measure(place, now, Some(Capture { address: request.address, value }));
         }
         if request.is_write() {
             self.controls_look(place, now);
         }
         let after = self.cells_of(place, &request);
-        self.note(device, pdu, &request, before, after, now);
+        self.note(device, request, before, after, now);
         reply
     }
 
@@ -207,28 +207,16 @@ impl Hardware {
         }
     }
 
-    fn note(
-        &mut self,
-        device: DeviceId,
-        pdu: &[u8],
-        request: &Request,
-        before: Vec<u16>,
-        after: Vec<u16>,
-        at: Moment,
-    ) {
+    fn note(&mut self, device: DeviceId, request: Request, before: Vec<u16>, after: Vec<u16>, at: Moment) {
         let Some(journal) = &mut self.journal else { return };
-        let (address, count) = request.extent();
-        let function = pdu.first().copied().unwrap_or_default();
-        let wanted = request.written().map_or(Vec::new(), |(_, values)| values.to_vec());
-        let address = address.into();
-        journal.push(Seen { at, device, function, address, count, before, after, wanted });
+        let Request { function, address, count, values: wanted } = request;
+        journal.push(Seen { at, device, function, address: address.into(), count, before, after, wanted });
     }
 
     /// The cells a request speaks of; nothing where nobody wants to know, or where one does not exist.
     fn cells_of(&self, place: usize, request: &Request) -> Vec<u16> {
-        let (address, count) = request.extent();
-        let cells = self.journal.as_ref().and_then(|_| self.units[place].bank.registers(address, count));
-        cells.unwrap_or_default().to_vec()
+        let bank = self.journal.as_ref().map(|_| &self.units[place].bank);
+        bank.and_then(|bank| bank.registers(request.address, request.count)).unwrap_or_default().to_vec()
     }
 
     fn carry_out(&mut self, place: usize, request: &Request, pdu: &[u8], fault: Option<ReplyFault>) -> Reply {
@@ -239,11 +227,8 @@ impl Hardware {
             Some(ReplyFault::IgnoredWrite) => request.answer(pdu, &mut unit.bank.clone()),
             _ => request.answer(pdu, &mut unit.bank),
         };
-        if let (Ok(_), Some((address, values))) = (&answer, request.written())
-            && fault != Some(ReplyFault::IgnoredWrite)
-        {
-            let count = u16::try_from(values.len()).unwrap_or(u16::MAX);
-            self.note_corrections(place, &address.into(), count);
+        if answer.is_ok() && request.is_write() && fault != Some(ReplyFault::IgnoredWrite) {
+            self.note_corrections(place, &request.address.into(), request.count);
         }
         Reply { pdu: Some(answer.unwrap_or_else(|code| modbus::exception(pdu, code))), fault }
     }

@@ -1,10 +1,11 @@
-//! The server's side of Modbus TCP: frames, requests and answers as bytes. Pure, and nothing it is sent makes it panic.
+//! The server's side of Modbus: frames, requests and answers as bytes. Pure, and nothing it is sent makes it panic.
+
+use std::ops::Range;
 
 use super::registers::Bank;
-use isotherm_core::codec::{Register, Table};
-use isotherm_profile::Functions;
+use isotherm_core::codec::{Register, Table, checksum};
 
-/// Bytes before the protocol data unit: transaction, protocol, length, unit.
+/// Bytes before the protocol data unit of Modbus TCP: transaction, protocol, length, unit.
 pub(super) const HEADER: usize = 7;
 /// Largest protocol data unit.
 pub(super) const LARGEST_PDU: usize = 253;
@@ -16,55 +17,87 @@ const ILLEGAL_VALUE: u8 = 3;
 /// A gateway's answer for a unit that is not there.
 pub(super) const NO_SUCH_UNIT: u8 = 0x0b;
 
-/// The frame header.
+/// What is around a protocol data unit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Framing {
+    /// Transaction, length, unit.
+    Tcp,
+    /// Unit, checksum.
+    Rtu,
+}
+
+/// Whom a request is for, and which it is; over RTU, 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Header {
     pub(super) transaction: u16,
     pub(super) unit: u8,
-    /// How long the protocol data unit behind it is.
-    pub(super) pdu: usize,
 }
 
-impl Header {
-    /// `None` where this is no Modbus TCP: there is no way to find the next frame then.
-    pub(super) fn decode(bytes: [u8; HEADER]) -> Option<Header> {
-        let [t1, t2, p1, p2, l1, l2, unit] = bytes;
-        let length = usize::from(u16::from_be_bytes([l1, l2]));
-        let pdu = length.checked_sub(1)?;
-        let is_modbus = p1 == 0 && p2 == 0 && (1..=LARGEST_PDU).contains(&pdu);
-        is_modbus.then_some(Header { transaction: u16::from_be_bytes([t1, t2]), unit, pdu })
+/// What came is no Modbus TCP: there is no way to find the next frame then.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct NoModbus;
+
+impl Framing {
+    /// A frame around a protocol data unit.
+    pub(super) fn frame(self, transaction: u16, unit: u8, pdu: &[u8]) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(HEADER + pdu.len());
+        if self == Framing::Tcp {
+            bytes.extend(transaction.to_be_bytes());
+            bytes.extend([0, 0]);
+            bytes.extend(u16::try_from(pdu.len() + 1).unwrap_or(u16::MAX).to_be_bytes());
+        }
+        bytes.push(unit);
+        bytes.extend(pdu);
+        if self == Framing::Rtu {
+            bytes.extend(checksum(&bytes).to_le_bytes());
+        }
+        bytes
+    }
+
+    /// The request at the beginning of these bytes, with the place of its protocol data unit; `None` while it is not
+    /// whole, or its checksum is wrong.
+    pub(super) fn request(self, bytes: &[u8]) -> Result<Option<(Header, Range<usize>)>, NoModbus> {
+        match self {
+            Framing::Tcp => {
+                let Some(&[t1, t2, p1, p2, l1, l2, unit]) = bytes.first_chunk() else { return Ok(None) };
+                let length = usize::from(u16::from_be_bytes([l1, l2]));
+                if [p1, p2] != [0, 0] || !(2..=LARGEST_PDU + 1).contains(&length) {
+                    return Err(NoModbus);
+                }
+                let pdu = HEADER..HEADER + length - 1;
+                let header = Header { transaction: u16::from_be_bytes([t1, t2]), unit };
+                Ok((bytes.len() >= pdu.end).then_some((header, pdu)))
+            }
+            Framing::Rtu => Ok(rtu_request(bytes)),
+        }
+    }
+
+    /// The bytes behind a protocol data unit.
+    pub(super) fn trailer(self) -> usize {
+        if self == Framing::Rtu { 2 } else { 0 }
     }
 }
 
-/// A frame around a protocol data unit.
-pub(super) fn frame(transaction: u16, unit: u8, pdu: &[u8]) -> Vec<u8> {
-    let length = u16::try_from(pdu.len() + 1).unwrap_or(u16::MAX);
-    let mut bytes = Vec::with_capacity(HEADER + pdu.len());
-    bytes.extend(transaction.to_be_bytes());
-    bytes.extend([0, 0]);
-    bytes.extend(length.to_be_bytes());
-    bytes.push(unit);
-    bytes.extend(pdu);
-    bytes
+fn rtu_request(bytes: &[u8]) -> Option<(Header, Range<usize>)> {
+    let end = match *bytes.get(1)? {
+        1..=6 => 6,
+        15 | 16 => 7 + usize::from(*bytes.get(6)?),
+        _ => return None,
+    };
+    let (body, sum) = bytes.get(..end + 2)?.split_at(end);
+    let is_right = checksum(body).to_le_bytes() == *sum;
+    is_right.then_some((Header { transaction: 0, unit: bytes[0] }, 1..end))
 }
 
 /// A well-formed request.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Request {
-    Read {
-        address: Register,
-        count: u16,
-    },
-    /// Function 05 or 06.
-    WriteOne {
-        address: Register,
-        value: u16,
-    },
-    /// Function 15 or 16.
-    WriteMany {
-        address: Register,
-        values: Vec<u16>,
-    },
+pub(super) struct Request {
+    pub(super) function: u8,
+    /// The first cell it speaks of, and how many.
+    pub(super) address: Register,
+    pub(super) count: u16,
+    /// What the cells shall be; empty for a read.
+    pub(super) values: Vec<u16>,
 }
 
 impl Request {
@@ -73,83 +106,41 @@ impl Request {
     /// # Errors
     /// The exception code it deserves.
     pub(super) fn decode(pdu: &[u8]) -> Result<Request, u8> {
-        let (function, body) = pdu.split_first().ok_or(ILLEGAL_FUNCTION)?;
-        let at = |table| field(body, 0).map(|offset| Register { table, offset }).ok_or(ILLEGAL_VALUE);
-        let read = |table, most| {
-            let count = field(body, 2).filter(|count| (1..=most).contains(count));
-            match (body.len(), count) {
-                (4, Some(count)) => Ok(Request::Read { address: at(table)?, count }),
-                _ => Err(ILLEGAL_VALUE),
-            }
+        let (&function, body) = pdu.split_first().ok_or(ILLEGAL_FUNCTION)?;
+        let (table, most) = match function {
+            1 => (Table::Coil, 2000),
+            2 => (Table::Discrete, 2000),
+            3 => (Table::Holding, 125),
+            4 => (Table::Input, 125),
+            5 => (Table::Coil, 1),
+            6 => (Table::Holding, 1),
+            15 => (Table::Coil, 1968),
+            16 => (Table::Holding, 123),
+            _ => return Err(ILLEGAL_FUNCTION),
         };
-        match function {
-            1 => read(Table::Coil, 2000),
-            2 => read(Table::Discrete, 2000),
-            3 => read(Table::Holding, 125),
-            4 => read(Table::Input, 125),
-            5 => match (field(body, 2), body.len()) {
-                (Some(0xff00), 4) => Ok(Request::WriteOne { address: at(Table::Coil)?, value: 1 }),
-                (Some(0), 4) => Ok(Request::WriteOne { address: at(Table::Coil)?, value: 0 }),
-                _ => Err(ILLEGAL_VALUE),
-            },
-            6 => match (field(body, 2), body.len()) {
-                (Some(value), 4) => Ok(Request::WriteOne { address: at(Table::Holding)?, value }),
-                _ => Err(ILLEGAL_VALUE),
-            },
-            15 => {
-                let (count, data) = counted(body, 1968, |count| count.div_ceil(8))?;
-                let bit = |place: usize| data.get(place / 8).map(|byte| u16::from(byte >> (place % 8) & 1));
-                let values = (0..count).map_while(bit).collect();
-                Ok(Request::WriteMany { address: at(Table::Coil)?, values })
+        let &[a, b, c, d, ref data @ ..] = body else { return Err(ILLEGAL_VALUE) };
+        let (offset, second) = (u16::from_be_bytes([a, b]), u16::from_be_bytes([c, d]));
+        let count = if matches!(function, 5 | 6) { 1 } else { second };
+        let size = usize::from(count);
+        let values = match (function, data) {
+            _ if !(1..=most).contains(&count) => return Err(ILLEGAL_VALUE),
+            (1..=4, []) => Vec::new(),
+            (5, []) if matches!(second, 0 | 0xff00) => vec![u16::from(second != 0)],
+            (6, []) => vec![second],
+            (15, [said, data @ ..]) if usize::from(*said) == data.len() && data.len() == size.div_ceil(8) => {
+                (0..size).map(|place| u16::from(data[place / 8] >> (place % 8) & 1)).collect()
             }
-            16 => {
-                let (_, data) = counted(body, 123, |count| count * 2)?;
-                let values = (0..data.len() / 2).map_while(|place| field(data, 2 * place)).collect();
-                Ok(Request::WriteMany { address: at(Table::Holding)?, values })
+            (16, [said, data @ ..]) if usize::from(*said) == data.len() && data.len() == 2 * size => {
+                data.chunks(2).map(|pair| u16::from_be_bytes([pair[0], pair[1]])).collect()
             }
-            _ => Err(ILLEGAL_FUNCTION),
-        }
-    }
-
-    /// The first cell it speaks of, and how many.
-    pub(super) fn extent(&self) -> (Register, u16) {
-        match self {
-            Request::Read { address, count } => (*address, *count),
-            Request::WriteOne { address, .. } => (*address, 1),
-            Request::WriteMany { address, values } => {
-                (*address, u16::try_from(values.len()).unwrap_or(u16::MAX))
-            }
-        }
+            _ => return Err(ILLEGAL_VALUE),
+        };
+        Ok(Request { function, address: Register { table, offset }, count, values })
     }
 
     /// Changes a register or a coil.
     pub(super) fn is_write(&self) -> bool {
-        !matches!(self, Request::Read { .. })
-    }
-
-    /// The cells it writes, with the values they shall have.
-    pub(super) fn written(&self) -> Option<(Register, &[u16])> {
-        match self {
-            Request::Read { .. } => None,
-            Request::WriteOne { address, value } => Some((*address, std::slice::from_ref(value))),
-            Request::WriteMany { address, values } => Some((*address, values)),
-        }
-    }
-
-    /// Whether a device that knows only these functions accepts it.
-    pub(super) fn is_among(&self, functions: &Functions) -> bool {
-        match self {
-            Request::Read { address, .. } => match address.table {
-                Table::Coil => functions.read_coils,
-                Table::Discrete => functions.read_discrete,
-                Table::Holding => functions.read_holding,
-                Table::Input => functions.read_input,
-            },
-            Request::WriteOne { address, .. } if address.table.is_bits() => functions.write_coil,
-            Request::WriteOne { .. } => functions.write_single,
-            Request::WriteMany { address, .. } if address.table.is_bits() => functions.write_coils,
-            Request::WriteMany { .. } => functions.write_multiple,
-        }
+        !self.values.is_empty()
     }
 
     /// Carries it out. `pdu` is what it was decoded from.
@@ -157,21 +148,17 @@ impl Request {
     /// # Errors
     /// The exception code.
     pub(super) fn answer(&self, pdu: &[u8], bank: &mut Bank) -> Result<Vec<u8>, u8> {
-        let echo = |length: usize| pdu.iter().take(length).copied().collect();
-        match self {
-            Request::Read { address, count } => {
-                let cells = bank.registers(*address, *count).ok_or(ILLEGAL_ADDRESS)?;
-                let data = if address.table.is_bits() { packed(cells) } else { big_endian(cells) };
-                let function = pdu.first().copied().unwrap_or_default();
-                Ok([&[function, u8::try_from(data.len()).unwrap_or(u8::MAX)], data.as_slice()].concat())
-            }
-            Request::WriteOne { address, value } => {
-                bank.write(&(*address).into(), &[*value]).map(|()| echo(5)).ok_or(ILLEGAL_ADDRESS)
-            }
-            Request::WriteMany { address, values } => {
-                bank.write(&(*address).into(), values).map(|()| echo(5)).ok_or(ILLEGAL_ADDRESS)
-            }
+        if self.is_write() {
+            bank.write(&self.address.into(), &self.values).ok_or(ILLEGAL_ADDRESS)?;
+            return Ok(pdu.iter().take(5).copied().collect());
         }
+        let cells = bank.registers(self.address, self.count).ok_or(ILLEGAL_ADDRESS)?;
+        let data: Vec<u8> = if self.address.table.is_bits() {
+            cells.chunks(8).map(packed).collect()
+        } else {
+            cells.iter().flat_map(|cell| cell.to_be_bytes()).collect()
+        };
+        Ok([&[self.function, u8::try_from(data.len()).unwrap_or(u8::MAX)], data.as_slice()].concat())
     }
 }
 
@@ -180,37 +167,19 @@ pub(super) fn exception(pdu: &[u8], code: u8) -> Vec<u8> {
     vec![pdu.first().copied().unwrap_or_default() | 0x80, code]
 }
 
-/// The 16-bit field at this byte.
-fn field(bytes: &[u8], at: usize) -> Option<u16> {
-    bytes.get(at..at + 2).and_then(|pair| pair.try_into().ok()).map(u16::from_be_bytes)
-}
-
-/// Count and data of a write to several cells, if they agree with each other.
-fn counted(body: &[u8], most: u16, bytes: fn(usize) -> usize) -> Result<(usize, &[u8]), u8> {
-    let count = field(body, 2).filter(|count| (1..=most).contains(count)).ok_or(ILLEGAL_VALUE)?;
-    let (said, data) = body.get(4..).and_then(<[u8]>::split_first).ok_or(ILLEGAL_VALUE)?;
-    let needed = bytes(usize::from(count));
-    if usize::from(*said) != needed || data.len() != needed {
-        return Err(ILLEGAL_VALUE);
-    }
-    Ok((usize::from(count), data))
-}
-
-fn packed(bits: &[u16]) -> Vec<u8> {
-    let byte = |bits: &[u16]| {
-        bits.iter().enumerate().fold(0u8, |byte, (place, bit)| byte | (u8::from(*bit != 0) << place))
-    };
-    bits.chunks(8).map(byte).collect()
-}
-
-fn big_endian(words: &[u16]) -> Vec<u8> {
-    words.iter().flat_map(|word| word.to_be_bytes()).collect()
+fn packed(bits: &[u16]) -> u8 {
+    bits.iter().enumerate().fold(0, |byte, (place, bit)| byte | (u8::from(*bit != 0) << place))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    /// Where the RTU request at the beginning of these bytes ends.
+    fn whole(bytes: &[u8]) -> Option<usize> {
+        Framing::Rtu.request(bytes).unwrap().map(|(_, pdu)| pdu.end + 2)
+    }
 
     fn bank() -> Bank {
         let mut bank = Bank::default();
@@ -254,15 +223,35 @@ mod tests {
 
     #[test]
     fn a_header_that_is_no_modbus_is_refused() {
-        assert_eq!(Header::decode([0, 9, 0, 0, 0, 6, 3]), Some(Header { transaction: 9, unit: 3, pdu: 5 }));
+        let tcp = |bytes: &[u8]| Framing::Tcp.request(bytes);
+        let whole = [0, 9, 0, 0, 0, 6, 3, 3, 0, 0, 0, 1];
+        assert_eq!(tcp(&whole), Ok(Some((Header { transaction: 9, unit: 3 }, 7..12))));
+        assert_eq!((tcp(&whole[..11]), tcp(&whole[..6])), (Ok(None), Ok(None)));
         for bad in
             [[0, 9, 0, 1, 0, 6, 3], [0, 9, 0, 0, 0, 1, 3], [0, 9, 0, 0, 0, 0, 3], [0, 9, 0, 0, 1, 0, 3]]
         {
-            assert_eq!(Header::decode(bad), None);
+            assert_eq!(tcp(&bad), Err(NoModbus));
+        }
+    }
+
+    #[test]
+    fn a_request_is_whole_with_its_last_byte_and_its_checksum() {
+        for pdu in [[3, 0, 107, 0, 3].as_slice(), &[16, 0, 1, 0, 2, 4, 0, 1, 0, 2], &[5, 0, 1, 255, 0]] {
+            let bytes = Framing::Rtu.frame(0, 17, pdu);
+            assert_eq!(whole(&bytes), Some(bytes.len()));
+            assert_eq!(whole(&bytes[..bytes.len() - 1]), None);
+            let mut wrong = bytes.clone();
+            wrong[3] ^= 1;
+            assert_eq!(whole(&wrong), None);
         }
     }
 
     proptest! {
+        #[test]
+        fn no_bytes_make_the_device_panic(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
+            prop_assert!(whole(&bytes).is_none_or(|end| end <= bytes.len()));
+        }
+
         #[test]
         fn no_request_makes_the_server_panic(pdu in proptest::collection::vec(any::<u8>(), 0..260)) {
             let answer = ask(&mut bank(), &pdu);

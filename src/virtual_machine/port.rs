@@ -16,8 +16,7 @@ use rustix::termios::OptionalActions;
 use tokio::net::unix::pipe::{Receiver, Sender};
 use tokio::sync::{mpsc, watch};
 
-use super::rtu::converse;
-use super::server::{Door, Line};
+use super::server::{Door, Line, converse};
 use isotherm_profile::Serial;
 
 /// How often it is looked whether somebody has opened the port again.
@@ -87,18 +86,16 @@ pub(super) async fn serve(
     loop {
         tokio::select! {
             _ = stop.changed() => return Ok(()),
-            door = doors.recv() => match door {
-                Some(Door::Shut(done)) => {
+            door = doors.recv() => {
+                let Some(Door { is_open, done }) = door else { return Ok(()) };
+                if is_open {
+                    port = Some(plug_in(&name)?);
+                } else {
                     name.is_nowhere();
                     port = None;
-                    let _ = done.send(());
                 }
-                Some(Door::Open(done)) => {
-                    port = Some(plug_in(&name)?);
-                    let _ = done.send(());
-                }
-                None => return Ok(()),
-            },
+                let _ = done.send(());
+            }
             ended = talk(port.as_mut(), &line, serial) => ended?,
         }
     }
@@ -126,7 +123,7 @@ fn pseudo_terminal() -> io::Result<(OwnedFd, PathBuf)> {
 }
 
 /// Answers whoever has the port open; never ends where nothing is plugged in.
-async fn talk(port: Option<&mut (Receiver, Sender)>, line: &Arc<Line>, serial: Serial) -> io::Result<()> {
+async fn talk(port: Option<&mut (Receiver, Sender)>, line: &Line, serial: Serial) -> io::Result<()> {
     let Some((receiver, sender)) = port else { return std::future::pending().await };
     loop {
         match converse(tokio::io::join(&mut *receiver, &mut *sender), line, Some(serial)).await {

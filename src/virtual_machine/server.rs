@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use rand::RngExt;
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpSocket, TcpStream};
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::task::{JoinError, JoinSet};
@@ -14,10 +14,10 @@ use tokio::task::{JoinError, JoinSet};
 use super::UnknownUnit;
 use super::fault::ReplyFault;
 use super::hardware::{Hardware, Reply};
-use super::modbus::{HEADER, Header, NO_SUCH_UNIT, exception, frame};
+use super::modbus::{Framing, Header, NO_SUCH_UNIT, exception};
 use super::plant::stream;
 use crate::clock::Clock;
-use isotherm_profile::DeviceId;
+use isotherm_profile::{DeviceId, Serial};
 
 /// What every connection shares.
 #[derive(Clone, Debug)]
@@ -36,23 +36,17 @@ pub(super) struct Line {
     pub(super) shared: Shared,
 }
 
-/// What is around a protocol data unit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Framing {
-    /// Transaction, length, unit.
-    Tcp,
-    /// Unit, checksum.
-    Rtu,
+/// Asks a listener to listen, or to close itself and every connection; it answers when it has done so.
+#[derive(Debug)]
+pub(super) struct Door {
+    pub(super) is_open: bool,
+    pub(super) done: oneshot::Sender<()>,
 }
 
-/// Told to a listener; it answers when it has done so.
-#[derive(Debug)]
-pub(super) enum Door {
-    /// Close the listener and every connection.
-    Shut(oneshot::Sender<()>),
-    /// Listen again.
-    Open(oneshot::Sender<()>),
-}
+/// RTU: bytes that have not become a request after this silence never will.
+const GAP: Duration = Duration::from_millis(20);
+/// Between the bytes of an answer that comes one byte at a time.
+const DRIBBLE: Duration = Duration::from_millis(1);
 
 impl Shared {
     pub(super) fn new(hardware: Hardware, clock: Clock) -> Shared {
@@ -80,26 +74,24 @@ pub(super) async fn serve(
     loop {
         tokio::select! {
             _ = stop.changed() => return Ok(()),
-            door = doors.recv() => match door {
-                Some(Door::Shut(done)) => {
+            door = doors.recv() => {
+                let Some(Door { is_open, done }) = door else { return Ok(()) };
+                if is_open {
+                    if let Some(socket) = closed.take() {
+                        listener = Some(socket.listen(1024)?);
+                    }
+                } else {
                     if listener.take().is_some() {
                         closed = Some(bound(address)?);
                     }
                     connections.shutdown().await;
-                    let _ = done.send(());
                 }
-                Some(Door::Open(done)) => {
-                    if let Some(socket) = closed.take() {
-                        listener = Some(socket.listen(1024)?);
-                    }
-                    let _ = done.send(());
-                }
-                None => return Ok(()),
-            },
+                let _ = done.send(());
+            }
             accepted = accept(listener.as_ref()) => {
                 let (stream, peer) = accepted?;
                 tracing::debug!(%address, %peer, "connected");
-                connections.spawn(converse(stream, peer, line.clone()));
+                connections.spawn(serve_client(stream, peer, line.clone()));
             }
             Some(ended) = connections.join_next() => report(ended)?,
         }
@@ -136,38 +128,66 @@ fn report(ended: Result<io::Result<()>, JoinError>) -> io::Result<()> {
 }
 
 /// One connection, until the client closes it or sends what is no Modbus.
-async fn converse(mut stream: TcpStream, peer: SocketAddr, line: Arc<Line>) -> io::Result<()> {
+async fn serve_client(stream: TcpStream, peer: SocketAddr, line: Arc<Line>) -> io::Result<()> {
     stream.set_nodelay(true)?;
-    if line.framing == Framing::Rtu {
-        return super::rtu::converse(stream, &line, None).await;
+    let ended = converse(stream, &line, None).await;
+    if ended.as_ref().is_err_and(|error| error.kind() == io::ErrorKind::InvalidData) {
+        tracing::warn!(%peer, "closed: this is no Modbus TCP");
     }
-    let mut mouth = Mouth::new(Framing::Tcp);
-    let mut pdu = Vec::new();
+    ended
+}
+
+/// Answers requests until the stream ends or brings what is no Modbus. A serial line takes its time for each byte.
+pub(super) async fn converse<S>(mut stream: S, line: &Line, pace: Option<Serial>) -> io::Result<()>
+where
+    S: AsyncRead + AsyncWrite + Unpin,
+{
+    let framing = line.framing;
+    let mut mouth = Mouth::new(framing);
+    let mut received = Vec::new();
+    let mut late: JoinSet<Vec<u8>> = JoinSet::new();
     loop {
-        let mut bytes = [0; HEADER];
-        if let Err(error) = stream.read_exact(&mut bytes).await {
-            return if error.kind() == io::ErrorKind::UnexpectedEof { Ok(()) } else { Err(error) };
+        let mut bytes = [0; 512];
+        tokio::select! {
+            read = stream.read(&mut bytes) => match read? {
+                0 => return Ok(()),
+                count => received.extend(&bytes[..count]),
+            },
+            Some(answer) = late.join_next() => stream.write_all(&answer.map_err(io::Error::other)?).await?,
+            () = tokio::time::sleep(GAP), if framing == Framing::Rtu && !received.is_empty() => received.clear(),
         }
-        let Some(header) = Header::decode(bytes) else {
-            tracing::warn!(%peer, ?bytes, "closed: this is no Modbus TCP");
-            return Ok(());
-        };
-        pdu.resize(header.pdu, 0);
-        stream.read_exact(&mut pdu).await?;
-        let reply = line.answer(header.unit, &pdu);
-        if let Some(ReplyFault::Late(delay)) = reply.fault {
-            tokio::time::sleep(delay).await;
-        }
-        match mouth.say(header, &reply) {
-            Say::Bytes(bytes) if reply.fault == Some(ReplyFault::OneByteAtATime) => {
-                for byte in bytes {
-                    stream.write_all(&[byte]).await?;
-                    tokio::time::sleep(Duration::from_millis(1)).await;
-                }
+        while let Some((header, pdu)) = framing.request(&received).map_err(|_| io::ErrorKind::InvalidData)? {
+            let reply = line.answer(header.unit, &received[pdu.clone()]);
+            let asked = received.drain(..pdu.end + framing.trailer()).len();
+            let bytes = match mouth.say(header, &reply) {
+                Say::Bytes(bytes) => bytes,
+                // A serial line has nothing that could be closed.
+                Say::Goodbye if pace.is_none() => return Ok(()),
+                Say::Nothing | Say::Goodbye => continue,
+            };
+            if let Some(serial) = pace {
+                tokio::time::sleep(serial.bytes(asked + bytes.len())).await;
             }
-            Say::Bytes(bytes) => stream.write_all(&bytes).await?,
-            Say::Nothing => {}
-            Say::Goodbye => return Ok(()),
+            match reply.fault {
+                // A line goes on meanwhile; who asks over TCP waits.
+                Some(ReplyFault::Late(delay)) if framing == Framing::Rtu => {
+                    late.spawn(async move {
+                        tokio::time::sleep(delay).await;
+                        bytes
+                    });
+                }
+                Some(ReplyFault::Late(delay)) => {
+                    tokio::time::sleep(delay).await;
+                    stream.write_all(&bytes).await?;
+                }
+                Some(ReplyFault::OneByteAtATime) => {
+                    for byte in bytes {
+                        stream.write_all(&[byte]).await?;
+                        tokio::time::sleep(DRIBBLE).await;
+                    }
+                }
+                _ => stream.write_all(&bytes).await?,
+            }
         }
     }
 }
@@ -204,13 +224,6 @@ impl Mouth {
         Mouth { framing, is_mute: false, before: None }
     }
 
-    fn frame(&self, transaction: u16, unit: u8, pdu: &[u8]) -> Vec<u8> {
-        match self.framing {
-            Framing::Tcp => frame(transaction, unit, pdu),
-            Framing::Rtu => super::rtu::frame(unit, pdu),
-        }
-    }
-
     pub(super) fn say(&mut self, header: Header, reply: &Reply) -> Say {
         self.is_mute |= reply.fault == Some(ReplyFault::HalfOpen);
         let Some(pdu) = &reply.pdu else { return Say::Nothing };
@@ -218,7 +231,7 @@ impl Mouth {
         if self.is_mute {
             return Say::Nothing;
         }
-        let plain = |pdu: &[u8]| Say::Bytes(self.frame(header.transaction, header.unit, pdu));
+        let plain = |pdu: &[u8]| Say::Bytes(self.framing.frame(header.transaction, header.unit, pdu));
         match reply.fault {
             Some(ReplyFault::Close) => Say::Goodbye,
             Some(ReplyFault::Garbage) => {
@@ -226,13 +239,13 @@ impl Mouth {
                 Say::Bytes((0..16).map(|_| random.random()).collect())
             }
             Some(ReplyFault::WrongUnit) => {
-                Say::Bytes(self.frame(header.transaction, header.unit.wrapping_add(1), pdu))
+                Say::Bytes(self.framing.frame(header.transaction, header.unit.wrapping_add(1), pdu))
             }
             Some(ReplyFault::WrongTransaction) => {
-                Say::Bytes(self.frame(header.transaction.wrapping_add(1), header.unit, pdu))
+                Say::Bytes(self.framing.frame(header.transaction.wrapping_add(1), header.unit, pdu))
             }
             Some(ReplyFault::WrongChecksum) => {
-                let mut bytes = self.frame(header.transaction, header.unit, pdu);
+                let mut bytes = self.framing.frame(header.transaction, header.unit, pdu);
                 bytes.last_mut().into_iter().for_each(|last| *last ^= 1);
                 Say::Bytes(bytes)
             }
@@ -242,7 +255,7 @@ impl Mouth {
             Some(ReplyFault::LongRead) => plain(&resized(pdu, 2)),
             Some(ReplyFault::OneBehind { stale_transaction }) => match before {
                 Some((transaction, pdu)) if stale_transaction => {
-                    Say::Bytes(self.frame(transaction, header.unit, &pdu))
+                    Say::Bytes(self.framing.frame(transaction, header.unit, &pdu))
                 }
                 Some((_, pdu)) => plain(&pdu),
                 None => Say::Nothing,

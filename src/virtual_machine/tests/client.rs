@@ -33,7 +33,7 @@ impl Client {
 
     pub(super) async fn request(&mut self, unit: u8, pdu: &[u8]) -> Answer {
         self.transaction += 1;
-        let frame = super::super::modbus::frame(self.transaction, unit, pdu);
+        let frame = super::super::modbus::Framing::Tcp.frame(self.transaction, unit, pdu);
         self.send(&frame).await;
         self.receive().await
     }

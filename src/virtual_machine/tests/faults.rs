@@ -60,7 +60,7 @@ async fn garbage_is_no_modbus() {
     cell.send(&[0, 1, 0, 0, 0, 6, 1, 4, 0, 0, 0, 1]).await;
     let bytes = cell.raw().await;
     assert_eq!(bytes.len(), 16);
-    assert_eq!(super::super::modbus::Header::decode(bytes[..7].try_into().unwrap()), None);
+    assert!(super::super::modbus::Framing::Tcp.request(&bytes).is_err());
 }
 
 #[tokio::test]
