@@ -109,7 +109,7 @@ impl Departure {
     }
 
     /// What comes next takes this long.
-    pub(super) fn away_for(&mut self, span: Duration) {
+    pub fn away_for(&mut self, span: Duration) {
         self.looks.away_for(span);
     }
 
@@ -121,7 +121,7 @@ impl Departure {
     }
 
     /// Takes note of a look.
-    pub(super) fn look_at(&mut self, now: Moment) {
+    pub fn look_at(&mut self, now: Moment) {
         let gap = self.looks.look(now);
         if self.is_watched && !self.is_credulous {
             self.stood_still = self.stood_still.or(gap);
@@ -134,12 +134,12 @@ impl Departure {
     }
 
     /// The computer has stood still, and nobody has taken note of it.
-    pub(super) fn has_stood_still(&self) -> bool {
+    pub fn has_stood_still(&self) -> bool {
         self.stood_still.is_some()
     }
 
     /// The last look before the computer stood still, once.
-    pub(super) fn stood_still(&mut self) -> Option<Moment> {
+    pub fn stood_still(&mut self) -> Option<Moment> {
         self.stood_still.take()
     }
 }

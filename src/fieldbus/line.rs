@@ -47,7 +47,8 @@ const FIRST_PAUSE: Duration = Duration::from_secs(1);
 /// The owner of a line: nobody else speaks on it.
 pub struct DeviceLine {
     dial: Box<dyn Dial>,
-    departure: Departure,
+    /// The looks that it has at the clock.
+    pub departure: Departure,
     witness: Option<Arc<dyn Witness>>,
     wire: Option<Connection>,
     patience: Patience,
@@ -174,26 +175,6 @@ impl DeviceLine {
     /// Looks at the clock.
     pub fn look(&mut self) -> Moment {
         self.departure.look()
-    }
-
-    /// Takes note of a look that somebody else has had.
-    pub fn look_at(&mut self, now: Moment) {
-        self.departure.look_at(now);
-    }
-
-    /// The next look is so far away.
-    pub fn away_for(&mut self, span: Duration) {
-        self.departure.away_for(span);
-    }
-
-    /// The computer has stood still, and nobody has asked yet.
-    pub fn has_stood_still(&self) -> bool {
-        self.departure.has_stood_still()
-    }
-
-    /// The last look before the computer stood still, where it did and nobody has asked yet.
-    pub fn stood_still(&mut self) -> Option<Moment> {
-        self.departure.stood_still()
     }
 
     /// When the clock was last looked at.

@@ -62,44 +62,6 @@ impl Rtu {
         }
     }
 
-    async fn ask(
-        &mut self,
-        unit: u8,
-        request: Request<'_>,
-        departure: &mut Departure,
-    ) -> Result<Answer, Fault> {
-        if matches!(request, Request::Can(_)) {
-            return Err(Fault::Caller(CallerFault::Function));
-        }
-        let silence = self.serial.map_or(SILENCE_OVER_TCP, |serial| serial.silence());
-        self.hush(silence).await?;
-        if self.has_spoken(unit) {
-            return Err(UNASKED);
-        }
-        self.discarded.clear();
-        self.heard = None;
-        let question = frame::request(unit, request);
-        departure.leave()?;
-        self.port.send(&question).await.map_err(|_| BROKEN)?;
-        // The port takes all bytes at once and sends them one after the other.
-        let sending = self.serial.map_or(Duration::ZERO, |serial| serial.bytes(question.len()));
-        self.silence = Silence::begin_after(sending);
-        let mut echo_is_due = self.echoes;
-        loop {
-            self.receive().await?;
-            if self.received.starts_with(&question) && (echo_is_due || !frame::is_like_its_answer(request)) {
-                self.received.drain(..question.len());
-                self.echoes = true;
-                echo_is_due = false;
-            } else if echo_is_due && question.starts_with(&self.received) {
-                continue;
-            }
-            if let Some(answer) = self.look(unit, request) {
-                return answer;
-            }
-        }
-    }
-
     /// The answer, if it has come.
     fn look(&mut self, unit: u8, request: Request<'_>) -> Option<Result<Answer, Fault>> {
         loop {
@@ -196,7 +158,40 @@ impl Wire for Rtu {
         request: Request<'a>,
         departure: &'a mut Departure,
     ) -> Boxed<'a, Result<Answer, Fault>> {
-        Box::pin(self.ask(unit, request, departure))
+        Box::pin(async move {
+            if matches!(request, Request::Can(_)) {
+                return Err(Fault::Caller(CallerFault::Function));
+            }
+            let silence = self.serial.map_or(SILENCE_OVER_TCP, |serial| serial.silence());
+            self.hush(silence).await?;
+            if self.has_spoken(unit) {
+                return Err(UNASKED);
+            }
+            self.discarded.clear();
+            self.heard = None;
+            let question = frame::request(unit, request);
+            departure.leave()?;
+            self.port.send(&question).await.map_err(|_| BROKEN)?;
+            // The port takes all bytes at once and sends them one after the other.
+            let sending = self.serial.map_or(Duration::ZERO, |serial| serial.bytes(question.len()));
+            self.silence = Silence::begin_after(sending);
+            let mut echo_is_due = self.echoes;
+            loop {
+                self.receive().await?;
+                if self.received.starts_with(&question)
+                    && (echo_is_due || !frame::is_like_its_answer(request))
+                {
+                    self.received.drain(..question.len());
+                    self.echoes = true;
+                    echo_is_due = false;
+                } else if echo_is_due && question.starts_with(&self.received) {
+                    continue;
+                }
+                if let Some(answer) = self.look(unit, request) {
+                    return answer;
+                }
+            }
+        })
     }
 
     fn has_transaction_id(&self) -> bool {

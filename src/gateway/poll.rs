@@ -170,9 +170,9 @@ impl LineTask {
             match turn {
                 Turn::Sleep(due) => {
                     let due = due.min(now.after(IDLE));
-                    self.line.away_for(due.since(now));
+                    self.line.departure.away_for(due.since(now));
                     let began = sleeper.sleep_from(now, due).await;
-                    self.line.look_at(began);
+                    self.line.departure.look_at(began);
                     self.account(began.since(due));
                     self.inspects = true;
                     self.shared.turned(self.bus);
@@ -205,7 +205,7 @@ impl LineTask {
 
     /// What has happened elsewhere since the last turn.
     fn take_note(&mut self, now: Moment) {
-        if let Some(since) = self.line.stood_still() {
+        if let Some(since) = self.line.departure.stood_still() {
             self.shared.stood_still(since);
         }
         let news = self.shared.news(self.bus);

@@ -67,7 +67,37 @@ impl Wire for CanWire {
         request: Request<'a>,
         departure: &'a mut Departure,
     ) -> Boxed<'a, Result<Answer, Fault>> {
-        Box::pin(self.ask(unit, request, departure))
+        Box::pin(async move {
+            let Request::Can(request) = request else { return Err(Fault::Caller(CallerFault::Function)) };
+            match request {
+                CanRequest::Read { object } => {
+                    let node = node(unit)?;
+                    self.discard_unasked(node);
+                    departure.leave()?;
+                    let first = self.link.client(node, |client| client.read(object.entry));
+                    let data = self.transfer(node, first, departure).await?;
+                    let bytes = data.as_ref().ok_or(Fault::Peer(PeerFault::Malformed))?;
+                    let bytes = bytes.of_width(object.size())?;
+                    let words = object.words(bytes).ok_or(Fault::Caller(CallerFault::Extent))?;
+                    self.link.images(|images| images.found(unit, object, words.words()));
+                    Ok(Answer::Words(words.words().to_vec()))
+                }
+                CanRequest::Write { object, words } => {
+                    let node = node(unit)?;
+                    let bytes = object.bytes(words);
+                    self.discard_unasked(node);
+                    departure.leave()?;
+                    let first = self.link.client(node, |client| client.write(object.entry, &bytes));
+                    self.transfer(node, first, departure).await.map(|_| Answer::Done)
+                }
+                CanRequest::Send { id, bits, words } => {
+                    // What does not leave must not leave with another value of the same frame either.
+                    departure.leave()?;
+                    let frame = self.link.images(|images| images.put(id, bits, words))?;
+                    self.send(&frame, Some(departure)).await.map(|()| Answer::Done)
+                }
+            }
+        })
     }
 
     fn missed(&mut self) -> Fault {
@@ -81,43 +111,6 @@ impl Wire for CanWire {
 }
 
 impl CanWire {
-    async fn ask(
-        &mut self,
-        unit: u8,
-        request: Request<'_>,
-        departure: &mut Departure,
-    ) -> Result<Answer, Fault> {
-        let Request::Can(request) = request else { return Err(Fault::Caller(CallerFault::Function)) };
-        match request {
-            CanRequest::Read { object } => {
-                let node = node(unit)?;
-                self.discard_unasked(node);
-                departure.leave()?;
-                let first = self.link.client(node, |client| client.read(object.entry));
-                let data = self.transfer(node, first, departure).await?;
-                let bytes = data.as_ref().ok_or(Fault::Peer(PeerFault::Malformed))?;
-                let bytes = bytes.of_width(object.size())?;
-                let words = object.words(bytes).ok_or(Fault::Caller(CallerFault::Extent))?;
-                self.link.images(|images| images.found(unit, object, words.words()));
-                Ok(Answer::Words(words.words().to_vec()))
-            }
-            CanRequest::Write { object, words } => {
-                let node = node(unit)?;
-                let bytes = object.bytes(words);
-                self.discard_unasked(node);
-                departure.leave()?;
-                let first = self.link.client(node, |client| client.write(object.entry, &bytes));
-                self.transfer(node, first, departure).await.map(|_| Answer::Done)
-            }
-            CanRequest::Send { id, bits, words } => {
-                // What does not leave must not leave with another value of the same frame either.
-                departure.leave()?;
-                let frame = self.link.images(|images| images.put(id, bits, words))?;
-                self.open(&frame, departure).await.map(|()| Answer::Done)
-            }
-        }
-    }
-
     /// What has come before the question answers an older one, or none: whatever else of that kind is under way must not be
     /// taken for the answer to this one.
     fn discard_unasked(&mut self, node: NodeId) {
@@ -135,7 +128,7 @@ impl CanWire {
         departure: &mut Departure,
     ) -> Result<Option<Data>, Fault> {
         self.asked = Some(node);
-        self.open(&first, departure).await?;
+        self.send(&first, Some(departure)).await?;
         let end = loop {
             let progress = loop {
                 let answer = self.answers.recv().await.ok_or(Fault::Link(LinkFault::Broken))?;
@@ -145,17 +138,17 @@ impl CanWire {
                 }
             };
             match progress {
-                Progress::Send(next) => self.send(&next).await?,
+                Progress::Send(next) => self.send(&next, None).await?,
                 // Only now does the question itself leave, if it still may.
                 Progress::Begin(first) => {
                     departure.leave()?;
-                    self.open(&first, departure).await?;
+                    self.send(&first, Some(departure)).await?;
                 }
                 Progress::Read(data) => break Ok(Some(data)),
                 Progress::Written => break Ok(None),
                 Progress::Failed(why, last) => {
                     if let Some(last) = last {
-                        self.send(&last).await?;
+                        self.send(&last, None).await?;
                     }
                     break Err(why);
                 }
@@ -165,17 +158,9 @@ impl CanWire {
         end
     }
 
-    /// Sends the first frame of a question; where the queue is full, the question may still become too late.
-    async fn open(&self, frame: &Frame, departure: &mut Departure) -> Result<(), Fault> {
-        self.put(frame, Some(departure)).await
-    }
-
-    async fn send(&self, frame: &Frame) -> Result<(), Fault> {
-        self.put(frame, None).await
-    }
-
-    /// Puts a frame into the interface's queue; a full one is given its time.
-    async fn put(&self, frame: &Frame, mut departure: Option<&mut Departure>) -> Result<(), Fault> {
+    /// Puts a frame into the interface's queue; a full one is given its time, in which the question that begins with the
+    /// frame, where one does, may become too late.
+    async fn send(&self, frame: &Frame, mut departure: Option<&mut Departure>) -> Result<(), Fault> {
         self.tap.pass(frame.data(), true);
         let mut pauses = self.patience.as_millis() / PAUSE.as_millis();
         let sent = loop {

@@ -497,12 +497,12 @@ async fn stands_still(
     for second in 0..30 {
         turn(&script);
         let _ = line.request(DeviceId(second % 2), READ, Leave::Whenever).await;
-        gaps.extend(line.stood_still());
+        gaps.extend(line.departure.stood_still());
         let pause = Duration::from_secs(1);
-        line.away_for(pause);
+        line.departure.away_for(pause);
         tokio::time::sleep(pause).await;
         line.look();
-        gaps.extend(line.stood_still());
+        gaps.extend(line.departure.stood_still());
     }
     gaps
 }

@@ -39,7 +39,7 @@ async fn asked(
 ) -> Result<Answer, Fault> {
     let call = async {
         let answer =
-            Patience::new().within(Duration::from_secs(1), wire.ask(3, request, &mut whenever())).await;
+            Patience::new().within(Duration::from_secs(1), wire.exchange(3, request, &mut whenever())).await;
         answer.unwrap_or_else(|| Err(wire.missed()))
     };
     let device = async {
@@ -82,14 +82,14 @@ async fn an_answer_may_come_one_byte_at_a_time() {
         }
     };
     let mut departure = whenever();
-    assert_eq!(tokio::join!(wire.ask(3, READ, &mut departure), piecemeal).0, good());
+    assert_eq!(tokio::join!(wire.exchange(3, READ, &mut departure), piecemeal).0, good());
 }
 
 #[tokio::test(start_paused = true)]
 async fn what_came_before_the_question_is_never_its_answer() {
     let (mut wire, mut device) = line();
     device.write_all(&words(7, 7)).await.unwrap();
-    assert_eq!(wire.ask(3, READ, &mut whenever()).await, Err(UNASKED), "something answers out of turn");
+    assert_eq!(wire.exchange(3, READ, &mut whenever()).await, Err(UNASKED), "something answers out of turn");
     device.write_all(&words(8, 8)[..4]).await.unwrap();
     assert_eq!(asked(&mut wire, &mut device, READ, &words(1, 2)).await, good(), "noise does not");
 }
@@ -178,7 +178,7 @@ async fn an_adapter_that_lets_us_hear_ourselves_is_seen_at_the_first_read_and_no
 async fn a_connection_that_ends_while_idle_is_told_apart_from_one_that_breaks_under_a_question() {
     let (mut wire, device) = line();
     drop(device);
-    assert_eq!(wire.ask(3, READ, &mut whenever()).await, Err(CLOSED));
+    assert_eq!(wire.exchange(3, READ, &mut whenever()).await, Err(CLOSED));
     let (mut wire, mut device) = line();
     let dies = async {
         let mut question = [0; 8];
@@ -186,7 +186,7 @@ async fn a_connection_that_ends_while_idle_is_told_apart_from_one_that_breaks_un
         drop(device);
     };
     let mut departure = whenever();
-    assert_eq!(tokio::join!(wire.ask(3, READ, &mut departure), dies).0, Err(BROKEN));
+    assert_eq!(tokio::join!(wire.exchange(3, READ, &mut departure), dies).0, Err(BROKEN));
 }
 
 #[tokio::test(start_paused = true)]
@@ -247,6 +247,6 @@ async fn whoever_never_stops_talking_is_listened_to_for_as_long_as_was_said_and_
     let (span, quiet) = (Duration::from_millis(40), Duration::from_millis(20));
     let listened = Patience::new().within(Duration::from_secs(30), wire.listen(3, span, quiet)).await;
     assert_eq!(listened, Some(Ok(())));
-    let asked = Patience::new().within(quiet, wire.ask(3, READ, &mut whenever())).await;
+    let asked = Patience::new().within(quiet, wire.exchange(3, READ, &mut whenever())).await;
     assert_eq!((asked, wire.missed()), (None, Fault::Peer(PeerFault::Malformed)));
 }

@@ -325,7 +325,7 @@ impl Register {
     /// An exchange has come to its end with this.
     pub(super) fn comes_of(&mut self, turn: &LineTurn<'_>, fact: Fact) {
         let (shared, now) = (turn.shared, turn.line.looked());
-        if turn.line.has_stood_still() {
+        if turn.line.departure.has_stood_still() {
             self.step(shared, Fact::Paused, now);
         }
         self.action = Action::Nothing { until: now };
@@ -493,7 +493,7 @@ impl Register {
         self.keeping = Some((version, since));
         let timeout = shared.profile.bus(shared.profile.device(output.device).bus).timeout;
         let span = if is_new { timeout } else { Duration::ZERO };
-        turn.line.away_for(span);
+        turn.line.departure.away_for(span);
         let kept = shared.ledger.kept(version, span).await;
         let now = turn.line.look();
         if kept == Kept::NotYet && now.since(since) < DISK_PATIENCE {
