@@ -16,7 +16,7 @@
 //! Further left knows nothing of further right; `tests/house.rs` holds what Cargo cannot:
 //!
 //! ```text
-//! clock ← fieldbus ← gateway ← cli        clock, fieldbus's socket of CAN ← virtual_machine ← cli
+//! clock ← fieldbus ← gateway ← cli        clock, fieldbus's socket of CAN and faults ← virtual_machine ← cli
 //! observe ← cli                           observe's events and status ← gateway
 //! fieldbus ← discovery ← cli
 //! ```

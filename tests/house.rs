@@ -23,7 +23,11 @@ const ARROWS: [(&str, &str, &[&str]); 12] = [
     ("", "observe", &[]),
     ("", "gateway", &["fieldbus", "clock", "observe::events", "observe::status"]),
     ("", "discovery", &["clock", "fieldbus"]),
-    ("", "virtual_machine", &["clock", "fieldbus::can::socket", "fieldbus::error"]),
+    (
+        "",
+        "virtual_machine",
+        &["clock", "fieldbus::can::socket", "fieldbus::canopen::abort", "fieldbus::error"],
+    ),
     ("", "cli", &["clock", "fieldbus::tls", "gateway", "observe", "virtual_machine", "discovery"]),
 ];
 

@@ -209,6 +209,10 @@ pub enum Outcome {
 }
 
 impl Fault {
+    pub(super) const BROKEN: Fault = Fault::Link(LinkFault::Broken);
+    pub(super) const CLOSED: Fault = Fault::Link(LinkFault::Closed);
+    pub(super) const UNASKED: Fault = Fault::Peer(PeerFault::Unasked);
+
     /// One word for counters and programs.
     pub const fn blame(self) -> &'static str {
         match self {

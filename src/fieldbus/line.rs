@@ -235,7 +235,7 @@ impl DeviceLine {
             return Err(unit.last_fault);
         }
         if matches!(leave, Leave::Here(_)) && !self.is_connected() {
-            return Err(CLOSED);
+            return Err(Fault::CLOSED);
         }
         let number = unit.number;
         let mut was_connected = self.wire.is_some();
@@ -266,7 +266,7 @@ impl DeviceLine {
             if let Some(begun) = begun {
                 self.tap.tell(begun, (device, number), request, &answer);
             }
-            if !std::mem::take(&mut was_connected) || !matches!(answer, Err(BROKEN | CLOSED)) {
+            if !std::mem::take(&mut was_connected) || !matches!(answer, Err(Fault::BROKEN | Fault::CLOSED)) {
                 break self.settle(place, answer, now);
             }
             // Some gateways close a connection that was idle for a while: that is no reason to lose a reading. What may
@@ -274,17 +274,17 @@ impl DeviceLine {
             let has_ids = self.wire.as_mut().is_some_and(|wire| wire.wire().has_transaction_id());
             self.wire = None;
             // Of a write that was sent it is not known whether it was done: that says more than why the line gives way.
-            let may_be_done = answer == Err(BROKEN) && !request.is_read();
+            let may_be_done = answer == Err(Fault::BROKEN) && !request.is_read();
             if has_ids && self.is_contested(now) {
                 break if may_be_done { answer } else { Err(Fault::Link(LinkFault::Contested)) };
             }
             let is_free = !matches!(leave, Leave::Here(_));
-            if request.is_read() && has_ids || answer == Err(CLOSED) && is_free {
+            if request.is_read() && has_ids || answer == Err(Fault::CLOSED) && is_free {
                 continue;
             }
             let _ = self.connect(now).await;
-            if !has_ids && answer == Err(BROKEN) {
-                self.rest(place, BROKEN, now);
+            if !has_ids && answer == Err(Fault::BROKEN) {
+                self.rest(place, Fault::BROKEN, now);
             }
             break answer;
         };
@@ -306,7 +306,7 @@ impl DeviceLine {
         let is_first = has_left && !self.has_answered;
         self.has_answered |= has_left;
         let answer = match answer {
-            Err(BROKEN) if is_first && has_ids => Err(self.dial.turned_away()),
+            Err(Fault::BROKEN) if is_first && has_ids => Err(self.dial.turned_away()),
             answer => answer,
         };
         match &answer {
@@ -436,9 +436,6 @@ impl DeviceLine {
         }
     }
 }
-
-const BROKEN: Fault = Fault::Link(LinkFault::Broken);
-const CLOSED: Fault = Fault::Link(LinkFault::Closed);
 
 /// Different names rest for different times; the same name always for the same.
 fn seed(name: &str) -> u64 {

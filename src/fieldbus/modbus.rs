@@ -10,7 +10,7 @@ use std::hash::{BuildHasher, Hasher};
 use std::io;
 
 use super::departure::Departure;
-use super::error::{CallerFault, Fault, LinkFault, PeerFault};
+use super::error::{CallerFault, Fault, PeerFault};
 use super::pdu;
 use super::port::{Port, Tapped};
 use super::tls::tls_fault;
@@ -49,19 +49,19 @@ impl ModbusTcp {
         let mut received = [0; 2 * LONGEST];
         match self.port.take_waiting(&mut received) {
             Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted) => {}
-            Err(error) => return Err(tls_fault(&error).unwrap_or(CLOSED)),
-            Ok(0) => return Err(CLOSED),
+            Err(error) => return Err(tls_fault(&error).unwrap_or(Fault::CLOSED)),
+            Ok(0) => return Err(Fault::CLOSED),
             Ok(_) => return Err(Fault::Peer(PeerFault::Unasked)),
         }
         self.transaction = self.transaction.wrapping_add(1);
         self.frame(unit, request);
         departure.leave()?;
-        let broken = |error| tls_fault(&error).unwrap_or(BROKEN);
+        let broken = |error| tls_fault(&error).unwrap_or(Fault::BROKEN);
         self.port.send(&self.question).await.map_err(broken)?;
         let mut filled = 0;
         loop {
             filled += match self.port.receive(&mut received[filled..]).await.map_err(broken)? {
-                0 => return Err(BROKEN),
+                0 => return Err(Fault::BROKEN),
                 count => count,
             };
             if let Some(message) = self.message(&received[..filled], unit)? {
@@ -108,9 +108,6 @@ impl Wire for ModbusTcp {
         Box::pin(self.exchange(unit, request, departure))
     }
 }
-
-const BROKEN: Fault = Fault::Link(LinkFault::Broken);
-const CLOSED: Fault = Fault::Link(LinkFault::Closed);
 
 #[cfg(test)]
 mod tests;

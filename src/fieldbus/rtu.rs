@@ -14,7 +14,7 @@ use std::io;
 use std::time::Duration;
 
 use super::departure::Departure;
-use super::error::{CallerFault, Fault, LinkFault, PeerFault};
+use super::error::{CallerFault, Fault, PeerFault};
 use super::pdu;
 use super::port::{Port, Tapped};
 use super::trace::Tap;
@@ -24,12 +24,10 @@ use isotherm_profile::Serial;
 
 mod frame;
 
-use frame::Found;
+use frame::Reply;
 
 /// No more than this is kept while an answer is looked for.
 const MOST_KEPT: usize = 2 * frame::LONGEST;
-/// Silence before a request where the line behind the connection is not ours: the other end keeps its own.
-const SILENCE_OVER_TCP: Duration = Duration::ZERO;
 
 /// An open RTU line.
 pub struct Rtu {
@@ -63,22 +61,22 @@ impl Rtu {
     }
 
     /// The answer, if it has come.
-    fn look(&mut self, unit: u8, request: Request<'_>) -> Option<Result<Answer, Fault>> {
+    fn find_answer(&mut self, unit: u8, request: Request<'_>) -> Option<Result<Answer, Fault>> {
         loop {
             match frame::find(&self.received, unit) {
-                Found::Own { pdu, end } => {
+                Reply::Own { pdu, end } => {
                     let answer = match frame::find(&self.received[end..], unit) {
-                        Found::Own { .. } => Err(UNASKED),
+                        Reply::Own { .. } => Err(Fault::UNASKED),
                         _ => pdu::answer(request, &self.received[pdu]),
                     };
                     self.received.clear();
                     return Some(answer);
                 }
-                Found::Foreign { end } => {
+                Reply::Foreign { end } => {
                     self.heard = Some(PeerFault::Foreign);
                     self.received.drain(..end);
                 }
-                Found::Nothing => {
+                Reply::Incomplete => {
                     let (_, answer) = frame::lengths(request);
                     if self.received.len() >= answer && self.heard.is_none() {
                         self.heard = Some(PeerFault::Malformed);
@@ -95,7 +93,7 @@ impl Rtu {
     async fn receive(&mut self) -> Result<(), Fault> {
         let mut bytes = [0; frame::LONGEST];
         match self.port.receive(&mut bytes).await {
-            Ok(0) | Err(_) => Err(BROKEN),
+            Ok(0) | Err(_) => Err(Fault::BROKEN),
             Ok(count) => {
                 self.silence = Silence::begin();
                 self.received.extend(&bytes[..count]);
@@ -105,16 +103,16 @@ impl Rtu {
     }
 
     /// Discards what has come and what still comes, until the line has been silent for `span`.
-    async fn hush(&mut self, span: Duration) -> Result<(), Fault> {
+    async fn wait_for_silence(&mut self, span: Duration) -> Result<(), Fault> {
         self.received.clear();
         let mut bytes = [0; frame::LONGEST];
         loop {
             match self.port.take_waiting(&mut bytes) {
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
-                Ok(0) | Err(_) => return Err(CLOSED),
+                Ok(0) | Err(_) => return Err(Fault::CLOSED),
                 Ok(count) => {
-                    self.disturbed(&bytes[..count]);
+                    self.discard(&bytes[..count]);
                     // One that never stops must not keep everybody else from their turn.
                     tokio::task::yield_now().await;
                     continue;
@@ -124,16 +122,25 @@ impl Rtu {
             if left.is_zero() {
                 return Ok(());
             }
-            match self.patience.within(left, self.port.receive(&mut bytes)).await {
-                None => {}
-                Some(Ok(0) | Err(_)) => return Err(CLOSED),
-                Some(Ok(count)) => self.disturbed(&bytes[..count]),
+            self.discard_within(left).await?;
+        }
+    }
+
+    /// Waits no longer than this for bytes to discard. Whether some came.
+    async fn discard_within(&mut self, span: Duration) -> Result<bool, Fault> {
+        let mut bytes = [0; frame::LONGEST];
+        match self.patience.within(span, self.port.receive(&mut bytes)).await {
+            None => Ok(false),
+            Some(Ok(0) | Err(_)) => Err(Fault::CLOSED),
+            Some(Ok(count)) => {
+                self.discard(&bytes[..count]);
+                Ok(true)
             }
         }
     }
 
     /// Something came that nobody asked for.
-    fn disturbed(&mut self, bytes: &[u8]) {
+    fn discard(&mut self, bytes: &[u8]) {
         self.silence = Silence::begin();
         self.heard = Some(PeerFault::Malformed);
         self.discarded.extend(bytes);
@@ -143,7 +150,7 @@ impl Rtu {
 
     /// Whether a whole frame of the unit is among what was discarded. It is forgotten with that.
     fn has_spoken(&mut self, unit: u8) -> bool {
-        let has_spoken = matches!(frame::find(&self.discarded, unit), Found::Own { .. });
+        let has_spoken = matches!(frame::find(&self.discarded, unit), Reply::Own { .. });
         if has_spoken {
             self.discarded.clear();
         }
@@ -162,16 +169,17 @@ impl Wire for Rtu {
             if matches!(request, Request::Can(_)) {
                 return Err(Fault::Caller(CallerFault::Function));
             }
-            let silence = self.serial.map_or(SILENCE_OVER_TCP, |serial| serial.silence());
-            self.hush(silence).await?;
+            // Where the line behind the connection is not ours, the other end keeps the silence.
+            let silence = self.serial.map_or(Duration::ZERO, |serial| serial.silence());
+            self.wait_for_silence(silence).await?;
             if self.has_spoken(unit) {
-                return Err(UNASKED);
+                return Err(Fault::UNASKED);
             }
             self.discarded.clear();
             self.heard = None;
             let question = frame::request(unit, request);
             departure.leave()?;
-            self.port.send(&question).await.map_err(|_| BROKEN)?;
+            self.port.send(&question).await.map_err(|_| Fault::BROKEN)?;
             // The port takes all bytes at once and sends them one after the other.
             let sending = self.serial.map_or(Duration::ZERO, |serial| serial.bytes(question.len()));
             self.silence = Silence::begin_after(sending);
@@ -187,7 +195,7 @@ impl Wire for Rtu {
                 } else if echo_is_due && question.starts_with(&self.received) {
                     continue;
                 }
-                if let Some(answer) = self.look(unit, request) {
+                if let Some(answer) = self.find_answer(unit, request) {
                     return answer;
                 }
             }
@@ -213,7 +221,7 @@ impl Wire for Rtu {
             let begun = Silence::begin();
             // What waits here has come while nobody listened. One that never stops has its end, too.
             let mut patience = Patience::new();
-            if let Some(Err(fault)) = patience.within(quiet, self.hush(Duration::ZERO)).await {
+            if let Some(Err(fault)) = patience.within(quiet, self.wait_for_silence(Duration::ZERO)).await {
                 return Err(fault);
             }
             let mut spoken = self.has_spoken(unit).then(Silence::begin);
@@ -223,29 +231,17 @@ impl Wire for Rtu {
                 if left.is_zero() {
                     return Ok(());
                 }
-                let mut bytes = [0; frame::LONGEST];
-                match self.patience.within(left, self.port.receive(&mut bytes)).await {
-                    None => {}
-                    Some(Ok(0) | Err(_)) => return Err(CLOSED),
-                    Some(Ok(count)) => {
-                        self.disturbed(&bytes[..count]);
-                        if self.has_spoken(unit) {
-                            // More than what was owed: whatever it says next would be believed.
-                            if owed.is_zero() {
-                                return Err(UNASKED);
-                            }
-                            spoken = Some(Silence::begin());
-                        }
+                if self.discard_within(left).await? && self.has_spoken(unit) {
+                    // More than what was owed: whatever it says next would be believed.
+                    if owed.is_zero() {
+                        return Err(Fault::UNASKED);
                     }
+                    spoken = Some(Silence::begin());
                 }
             }
         })
     }
 }
-
-const BROKEN: Fault = Fault::Link(LinkFault::Broken);
-const CLOSED: Fault = Fault::Link(LinkFault::Closed);
-const UNASKED: Fault = Fault::Peer(PeerFault::Unasked);
 
 #[cfg(test)]
 mod tests;

@@ -17,7 +17,6 @@ use rand_pcg::Pcg32;
 use isotherm_core::quantity::Moment;
 
 mod drive;
-mod point;
 mod spec;
 mod structure;
 #[cfg(test)]
@@ -26,9 +25,8 @@ mod tests;
 pub use spec::{PlantError, PlantSpec, Published, PublishedAxis};
 
 use drive::{Ambient, Duty};
-use point::Point;
 use spec::SensorSpec;
-use structure::{Structure, dot};
+use structure::{Point, Structure, dot};
 
 /// The plant's own step. A machine's time constants are minutes and hours.
 pub const STEP: Duration = Duration::from_secs(1);

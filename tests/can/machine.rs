@@ -14,7 +14,7 @@ use isotherm::virtual_machine::{FaultScript, PlantSpec, Seen, Setup, Summary, Vi
 use isotherm_core::codec::{CanId, CanMatch, Frame};
 use isotherm_profile::Profile;
 
-use crate::rig::{Interface, count, events, load};
+use crate::rig::{Interface, count, events, hear, load};
 
 /// The surface grinder on CAN: a node and a sender for the temperatures, an encoder, a display, a control.
 const PROFILE: &str = r#"
@@ -241,7 +241,7 @@ fn standard(raw: u16) -> CanId {
 async fn heard(socket: &Socket) -> Heard {
     let heard = async {
         loop {
-            if let Ok(heard) = socket.hear().await {
+            if let Ok(heard) = hear(socket).await {
                 return heard;
             }
         }

@@ -6,11 +6,23 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use isotherm::clock::Clock;
+use isotherm::fieldbus::can::{Heard, Socket};
+use isotherm::fieldbus::error::Fault;
 use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::status::{SignalStatus, Source, Status};
 
 /// How long anything may take before a test gives up: a kernel in a kernel on a busy computer takes its time.
 const PATIENCE: Duration = Duration::from_secs(60);
+
+/// The next that comes.
+pub(crate) async fn hear(socket: &Socket) -> Result<Heard, Fault> {
+    loop {
+        if let Some(heard) = socket.hear_now()? {
+            return Ok(heard);
+        }
+        socket.ready().await;
+    }
+}
 
 /// A virtual interface that lives as long as this.
 pub(crate) struct Interface(String);

@@ -10,7 +10,7 @@ use isotherm_core::codec::{BitField, BitKind, ByteOrder, CanId, CanMatch, Frame}
 use isotherm_core::reading::Reason;
 
 use crate::interface;
-use crate::rig::{Interface, beside, load, signal, wait_until};
+use crate::rig::{Interface, beside, hear, load, signal, wait_until};
 
 /// How long anything may take before a test gives up.
 const PATIENCE: Duration = Duration::from_secs(20);
@@ -84,7 +84,7 @@ fn open(wanted: &[CanMatch]) -> Socket {
 
 /// The next frame.
 async fn heard(socket: &Socket) -> Frame {
-    match tokio::time::timeout(PATIENCE, socket.hear())
+    match tokio::time::timeout(PATIENCE, hear(socket))
         .await
         .unwrap_or_else(|_| panic!("no frame for 20 s"))
         .unwrap()

@@ -69,19 +69,6 @@ impl Socket {
         Ok(Socket { fd, full: AtomicU64::new(0) })
     }
 
-    /// The next frame.
-    ///
-    /// # Errors
-    /// Down, once for each time the interface goes down: the socket hears again as soon as it is up. Gone: open another.
-    pub async fn hear(&self) -> Result<Heard, Fault> {
-        loop {
-            let read = self.fd.async_io(READING, CanFdSocket::read_frame).await;
-            if let Some(heard) = taken(read.map_err(|error| judge(&error))?) {
-                return Ok(heard);
-            }
-        }
-    }
-
     /// Until something has come since this was last asked. Whoever waits so calls [`Socket::hear_now`] until there is
     /// nothing more, else what is left is waited for in vain.
     pub async fn ready(&self) {
@@ -95,7 +82,7 @@ impl Socket {
     /// The next frame, if it has come.
     ///
     /// # Errors
-    /// As [`Socket::hear`].
+    /// Down, once for each time the interface goes down: the socket hears again as soon as it is up. Gone: open another.
     pub fn hear_now(&self) -> Result<Option<Heard>, Fault> {
         loop {
             match self.fd.get_ref().read_frame() {

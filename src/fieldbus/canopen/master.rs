@@ -115,11 +115,6 @@ impl Master {
         self.nodes.iter().flat_map(both)
     }
 
-    /// What a node was heard to be.
-    pub fn state(&self, id: NodeId) -> Option<NodeState> {
-        self.nodes.iter().find(|node| node.id == id).and_then(|node| node.state)
-    }
-
     /// Nothing was heard of it within its patience.
     pub fn is_lost(&self, id: NodeId) -> bool {
         self.nodes.iter().any(|node| node.id == id && node.is_lost)

@@ -217,7 +217,7 @@ async fn an_exception_is_an_answer_and_keeps_the_connection() {
 #[tokio::test(start_paused = true)]
 async fn a_read_on_a_connection_that_broke_while_idle_is_asked_once_more() {
     let (mut line, script) = line(|_| {});
-    answers(&script, &[Turn::Gives(Ok(good())), Turn::Gives(Err(BROKEN))]);
+    answers(&script, &[Turn::Gives(Ok(good())), Turn::Gives(Err(Fault::BROKEN))]);
     assert_eq!(line.ask(0, READ, 0).await, Ok(good()));
     assert_eq!(line.ask(0, READ, 1000).await, Ok(good()));
     let script = script.lock().unwrap();
@@ -227,9 +227,9 @@ async fn a_read_on_a_connection_that_broke_while_idle_is_asked_once_more() {
 #[tokio::test(start_paused = true)]
 async fn a_write_on_a_connection_that_broke_is_never_repeated() {
     let (mut line, script) = line(|_| {});
-    answers(&script, &[Turn::Gives(Ok(good())), Turn::Gives(Err(BROKEN))]);
+    answers(&script, &[Turn::Gives(Ok(good())), Turn::Gives(Err(Fault::BROKEN))]);
     assert_eq!(line.ask(0, READ, 0).await, Ok(good()));
-    assert_eq!(line.ask(0, WRITE, 1000).await, Err(BROKEN));
+    assert_eq!(line.ask(0, WRITE, 1000).await, Err(Fault::BROKEN));
     let script = script.lock().unwrap();
     let writes = script.asked.iter().filter(|(_, function, _)| *function == 6).count();
     assert_eq!((script.dialled, writes), (2, 1));
@@ -239,13 +239,13 @@ async fn a_write_on_a_connection_that_broke_is_never_repeated() {
 async fn what_goes_by_what_was_read_leaves_on_no_other_connection() {
     let (mut line, script) = line(|_| {});
     let here = Leave::Here(Moment::END);
-    assert_eq!(line.ask_by(0, WRITE, 0, here).await, Err(CLOSED), "nothing has been read yet");
+    assert_eq!(line.ask_by(0, WRITE, 0, here).await, Err(Fault::CLOSED), "nothing has been read yet");
     assert_eq!(line.ask(0, READ, 0).await, Ok(good()));
     assert_eq!(line.ask_by(0, WRITE, 100, here).await, Ok(good()));
     // The other device's fault closes the connection for both.
     answers(&script, &[Turn::Gives(Err(Fault::Peer(PeerFault::Malformed)))]);
     assert_eq!(line.ask(1, READ, 200).await, Err(Fault::Peer(PeerFault::Malformed)));
-    assert_eq!(line.ask_by(0, WRITE, 300, here).await, Err(CLOSED));
+    assert_eq!(line.ask_by(0, WRITE, 300, here).await, Err(Fault::CLOSED));
     assert!(!line.is_resting(0, 300), "the device has done nothing wrong");
     assert_eq!(line.ask(0, READ, 300).await, Ok(good()));
     assert_eq!(line.ask_by(0, WRITE, 300, here).await, Ok(good()));
@@ -259,13 +259,13 @@ async fn a_write_that_was_sent_is_never_told_as_not_done_though_the_line_gives_w
     let (mut line, script) = line(|_| {});
     for second in 0..4 {
         assert_eq!(line.ask(0, READ, 10_000 * second).await, Ok(good()));
-        answers(&script, &[Turn::Gives(Err(BROKEN))]);
+        answers(&script, &[Turn::Gives(Err(Fault::BROKEN))]);
         let written = line.ask(0, WRITE, 10_000 * second + 300).await;
-        assert_eq!(written, Err(BROKEN));
-        assert_eq!(BROKEN.outcome(), crate::fieldbus::error::Outcome::Unknown);
+        assert_eq!(written, Err(Fault::BROKEN));
+        assert_eq!(Fault::BROKEN.outcome(), crate::fieldbus::error::Outcome::Unknown);
         // The connection that was made anew is taken away as soon.
-        answers(&script, &[Turn::Gives(Err(BROKEN))]);
-        assert_eq!(line.ask(0, WRITE, 10_000 * second + 600).await, Err(BROKEN));
+        answers(&script, &[Turn::Gives(Err(Fault::BROKEN))]);
+        assert_eq!(line.ask(0, WRITE, 10_000 * second + 600).await, Err(Fault::BROKEN));
         script.lock().unwrap().answers.clear();
         line.line.revive(None);
     }
@@ -274,7 +274,10 @@ async fn a_write_that_was_sent_is_never_told_as_not_done_though_the_line_gives_w
 #[tokio::test(start_paused = true)]
 async fn a_connection_that_breaks_at_once_again_is_not_tried_for_ever() {
     let (mut line, script) = line(|_| {});
-    answers(&script, &[Turn::Gives(Ok(good())), Turn::Gives(Err(BROKEN)), Turn::Gives(Err(BROKEN))]);
+    answers(
+        &script,
+        &[Turn::Gives(Ok(good())), Turn::Gives(Err(Fault::BROKEN)), Turn::Gives(Err(Fault::BROKEN))],
+    );
     assert_eq!(line.ask(0, READ, 0).await, Ok(good()));
     assert_eq!(line.ask(0, READ, 1000).await, Err(Fault::Link(LinkFault::TurnedAway)));
     assert!(line.is_resting(0, 1001));
@@ -426,8 +429,8 @@ async fn without_transactions_nothing_that_was_sent_is_repeated_and_what_was_not
     answers(&script, &[Turn::Gives(Ok(good())), Turn::Gives(Err(closed)), Turn::Gives(Ok(Answer::Done))]);
     assert_eq!(line.ask(0, READ, 0).await, Ok(good()));
     assert_eq!(line.ask(0, WRITE, 1000).await, Ok(Answer::Done));
-    answers(&script, &[Turn::Gives(Err(BROKEN))]);
-    assert_eq!(line.ask(0, READ, 2000).await, Err(BROKEN));
+    answers(&script, &[Turn::Gives(Err(Fault::BROKEN))]);
+    assert_eq!(line.ask(0, READ, 2000).await, Err(Fault::BROKEN));
     assert!(line.is_resting(0, 2001) && !line.is_resting(1, 2001));
     assert_eq!(script.lock().unwrap().dialled, 3);
 }
@@ -445,7 +448,7 @@ async fn a_device_that_wants_it_gets_a_connection_for_each_request() {
 #[tokio::test(start_paused = true)]
 async fn a_device_that_hangs_up_before_its_first_answer_is_said_to_have_another_master() {
     let (mut line, script) = line(|_| {});
-    answers(&script, &[Turn::Gives(Err(BROKEN))]);
+    answers(&script, &[Turn::Gives(Err(Fault::BROKEN))]);
     let fault = line.ask(0, READ, 0).await.unwrap_err();
     assert_eq!(fault, Fault::Link(LinkFault::TurnedAway));
     assert!(fault.to_string().contains("another master holds it"), "{fault}");
@@ -460,7 +463,7 @@ async fn a_connection_that_another_master_takes_again_and_again_is_not_fought_fo
     // The other master comes back 300 ms after each of our polls, which come every second, for a minute.
     for second in 0..60 {
         if line.line.is_connected() {
-            answers(&script, &[Turn::Gives(Err(BROKEN))]);
+            answers(&script, &[Turn::Gives(Err(Fault::BROKEN))]);
         }
         let before = script.lock().unwrap().dialled;
         let answer = line.ask(0, READ, 1000 * second).await;
@@ -478,7 +481,7 @@ async fn a_connection_that_another_master_takes_again_and_again_is_not_fought_fo
     let after = 100_000;
     assert_eq!(line.ask(0, READ, after).await, Ok(good()));
     assert_eq!(line.ask(0, READ, after + 6000).await, Ok(good()));
-    answers(&script, &[Turn::Gives(Err(BROKEN))]);
+    answers(&script, &[Turn::Gives(Err(Fault::BROKEN))]);
     assert_eq!(line.ask(0, READ, after + 7000).await, Ok(good()), "asked once more");
 }
 

@@ -114,15 +114,15 @@ async fn what_is_no_modbus_is_never_an_answer() {
         bytes
     });
     let answer = answer.await;
-    assert!(matches!(answer, Err(Fault::Peer(_) | Fault::Link(LinkFault::Broken))), "{answer:?}");
+    assert!(matches!(answer, Err(Fault::Peer(_) | Fault::BROKEN)), "{answer:?}");
     let answer = plain(READ, &[3, 9, 0, 1]).await;
-    assert!(matches!(answer, Err(Fault::Peer(_) | Fault::Link(LinkFault::Broken))), "{answer:?}");
+    assert!(matches!(answer, Err(Fault::Peer(_) | Fault::BROKEN)), "{answer:?}");
 }
 
 #[tokio::test]
 async fn a_connection_that_ends_in_the_middle_of_an_answer_is_broken() {
     for kept in 0..12 {
         let answer = asked(READ, |asked| frame(asked, 0, 0, &[3, 4, 0, 1, 0, 2])[..kept].to_vec()).await;
-        assert_eq!(answer, Err(Fault::Link(LinkFault::Broken)), "after {kept} bytes");
+        assert_eq!(answer, Err(Fault::BROKEN), "after {kept} bytes");
     }
 }

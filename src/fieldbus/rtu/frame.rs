@@ -16,13 +16,13 @@ const EXCEPTION: u8 = 0x80;
 
 /// What the bytes received so far come to.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Found {
+pub(super) enum Reply {
     /// A whole frame of the unit that was asked: its protocol data unit, and the byte behind it.
     Own { pdu: std::ops::Range<usize>, end: usize },
     /// A whole frame of another unit, up to this byte.
     Foreign { end: usize },
     /// Nothing yet.
-    Nothing,
+    Incomplete,
 }
 
 /// The frame of a request.
@@ -54,15 +54,15 @@ pub(super) fn is_like_its_answer(request: Request<'_>) -> bool {
 }
 
 /// Looks for a frame of `unit`, else for one of another unit. Bytes before it are noise.
-pub(super) fn find(bytes: &[u8], unit: u8) -> Found {
+pub(super) fn find(bytes: &[u8], unit: u8) -> Reply {
     let frames = (0..bytes.len()).filter_map(|start| whole(&bytes[start..]).map(|end| (start, start + end)));
-    let mut foreign = Found::Nothing;
+    let mut foreign = Reply::Incomplete;
     for (start, end) in frames {
         if bytes[start] == unit {
-            return Found::Own { pdu: start + 1..end - 2, end };
+            return Reply::Own { pdu: start + 1..end - 2, end };
         }
-        if foreign == Found::Nothing {
-            foreign = Found::Foreign { end };
+        if foreign == Reply::Incomplete {
+            foreign = Reply::Foreign { end };
         }
     }
     foreign
@@ -124,13 +124,13 @@ mod tests {
     #[test]
     fn an_answer_is_found_behind_noise_and_behind_an_answer_of_another_unit() {
         let own = framed(3, &[4, 2, 0, 9]);
-        assert_eq!(find(&own, 3), Found::Own { pdu: 1..5, end: 7 });
+        assert_eq!(find(&own, 3), Reply::Own { pdu: 1..5, end: 7 });
         let noisy = [&[0, 255], own.as_slice()].concat();
-        assert_eq!(find(&noisy, 3), Found::Own { pdu: 3..7, end: 9 });
+        assert_eq!(find(&noisy, 3), Reply::Own { pdu: 3..7, end: 9 });
         let late = framed(8, &[4, 2, 0, 1]);
-        assert_eq!(find(&late, 3), Found::Foreign { end: 7 });
-        assert_eq!(find(&[late, own].concat(), 3), Found::Own { pdu: 8..12, end: 14 });
-        assert_eq!(find(&framed(3, &[0x84, 2]), 3), Found::Own { pdu: 1..3, end: 5 });
+        assert_eq!(find(&late, 3), Reply::Foreign { end: 7 });
+        assert_eq!(find(&[late, own].concat(), 3), Reply::Own { pdu: 8..12, end: 14 });
+        assert_eq!(find(&framed(3, &[0x84, 2]), 3), Reply::Own { pdu: 1..3, end: 5 });
     }
 
     proptest! {
@@ -143,7 +143,7 @@ mod tests {
             let mut pdu = vec![3, u8::try_from(2 * words.len()).unwrap()];
             pdu.extend(words.iter().flat_map(|word| word.to_be_bytes()));
             let whole = framed(5, &pdu);
-            let is_whole = |bytes: &[u8]| matches!(find(bytes, 5), Found::Own { pdu: range, .. } if bytes[range.clone()] == pdu);
+            let is_whole = |bytes: &[u8]| matches!(find(bytes, 5), Reply::Own { pdu: range, .. } if bytes[range.clone()] == pdu);
             prop_assert!(is_whole(&whole));
             prop_assert!(!is_whole(&whole[..cut.min(whole.len() - 1)]));
             let mut wrong = whole.clone();
@@ -154,7 +154,7 @@ mod tests {
 
         #[test]
         fn no_bytes_make_the_search_panic(bytes in proptest::collection::vec(any::<u8>(), 0..300), unit: u8) {
-            if let Found::Own { pdu, end } = find(&bytes, unit) {
+            if let Reply::Own { pdu, end } = find(&bytes, unit) {
                 prop_assert!(pdu.len() >= 2 && end <= bytes.len());
             }
         }

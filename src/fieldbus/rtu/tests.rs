@@ -89,7 +89,11 @@ async fn an_answer_may_come_one_byte_at_a_time() {
 async fn what_came_before_the_question_is_never_its_answer() {
     let (mut wire, mut device) = line();
     device.write_all(&words(7, 7)).await.unwrap();
-    assert_eq!(wire.exchange(3, READ, &mut whenever()).await, Err(UNASKED), "something answers out of turn");
+    assert_eq!(
+        wire.exchange(3, READ, &mut whenever()).await,
+        Err(Fault::UNASKED),
+        "something answers out of turn"
+    );
     device.write_all(&words(8, 8)[..4]).await.unwrap();
     assert_eq!(asked(&mut wire, &mut device, READ, &words(1, 2)).await, good(), "noise does not");
 }
@@ -98,7 +102,7 @@ async fn what_came_before_the_question_is_never_its_answer() {
 async fn of_two_answers_in_one_neither_is_believed() {
     let (mut wire, mut device) = line();
     let both = [words(1, 2), words(7, 7)].concat();
-    assert_eq!(asked(&mut wire, &mut device, READ, &both).await, Err(UNASKED));
+    assert_eq!(asked(&mut wire, &mut device, READ, &both).await, Err(Fault::UNASKED));
 }
 
 #[tokio::test(start_paused = true)]
@@ -178,7 +182,7 @@ async fn an_adapter_that_lets_us_hear_ourselves_is_seen_at_the_first_read_and_no
 async fn a_connection_that_ends_while_idle_is_told_apart_from_one_that_breaks_under_a_question() {
     let (mut wire, device) = line();
     drop(device);
-    assert_eq!(wire.exchange(3, READ, &mut whenever()).await, Err(CLOSED));
+    assert_eq!(wire.exchange(3, READ, &mut whenever()).await, Err(Fault::CLOSED));
     let (mut wire, mut device) = line();
     let dies = async {
         let mut question = [0; 8];
@@ -186,7 +190,7 @@ async fn a_connection_that_ends_while_idle_is_told_apart_from_one_that_breaks_un
         drop(device);
     };
     let mut departure = whenever();
-    assert_eq!(tokio::join!(wire.exchange(3, READ, &mut departure), dies).0, Err(BROKEN));
+    assert_eq!(tokio::join!(wire.exchange(3, READ, &mut departure), dies).0, Err(Fault::BROKEN));
 }
 
 #[tokio::test(start_paused = true)]

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::fieldbus::canopen::abort::AbortCode;
 use isotherm_core::codec::Entry;
 
 /// An object's bytes, lowest first, and whether they may be written.
@@ -28,36 +29,29 @@ pub(crate) struct Served {
     pub(crate) written: Option<Entry>,
 }
 
-/// The state of one SDO channel.
+/// The state of one SDO channel: the transfer that goes on in segments.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Server(Option<Transfer>);
 
 #[derive(Clone, Debug)]
 struct Transfer {
     at: Entry,
+    way: Way,
     /// What goes out, or what has come in.
     bytes: Vec<u8>,
-    /// How many of them are gone; `None` where they come in.
-    sent: Option<usize>,
-    announced: Option<usize>,
     toggle: bool,
+}
+
+#[derive(Clone, Debug)]
+enum Way {
+    /// So many of the bytes are gone.
+    Out(usize),
+    /// So many are to come.
+    In(usize),
 }
 
 /// What a segment says that it is of.
 pub(crate) const NONE: Entry = Entry::new(0, 0);
-
-/// Toggle bit not alternated.
-const TOGGLE: u32 = 0x0503_0000;
-/// Command specifier not known.
-const COMMAND: u32 = 0x0504_0001;
-/// Object cannot be written.
-const READ_ONLY: u32 = 0x0601_0002;
-/// No such object.
-const NO_OBJECT: u32 = 0x0602_0000;
-/// Length of the data does not match.
-const LENGTH: u32 = 0x0607_0010;
-/// No such sub-index.
-const NO_SUB_INDEX: u32 = 0x0609_0011;
 
 impl Dictionary {
     /// Adds an object, or changes what it reads.
@@ -100,20 +94,20 @@ impl Dictionary {
         }
     }
 
-    fn missing(&self, at: Entry) -> u32 {
+    fn missing(&self, at: Entry) -> AbortCode {
         let is_known =
             self.objects.range(Entry::new(at.index, 0)..=Entry::new(at.index, u8::MAX)).next().is_some();
-        if is_known { NO_SUB_INDEX } else { NO_OBJECT }
+        if is_known { AbortCode::NO_SUB_INDEX } else { AbortCode::NO_OBJECT }
     }
 
-    fn writable(&self, at: Entry) -> Result<&Stored, u32> {
+    fn writable(&self, at: Entry) -> Result<&Stored, AbortCode> {
         let object = self.objects.get(&at).ok_or_else(|| self.missing(at))?;
-        if object.is_writable { Ok(object) } else { Err(READ_ONLY) }
+        if object.is_writable { Ok(object) } else { Err(AbortCode::READ_ONLY) }
     }
 
-    fn write(&mut self, at: Entry, bytes: &[u8]) -> Result<(), u32> {
+    fn write(&mut self, at: Entry, bytes: &[u8]) -> Result<(), AbortCode> {
         if self.writable(at)?.bytes.len() != bytes.len() {
-            return Err(LENGTH);
+            return Err(AbortCode::LENGTH);
         }
         self.set(at, bytes);
         Ok(())
@@ -150,9 +144,8 @@ impl Server {
             }
             2 => self.read(at, objects),
             1 => self.write(at, command, rest, objects),
-            3 => self.next_out(command),
-            0 => self.next_in(command, &request[1..], objects),
-            _ => Err((at, COMMAND)),
+            0 | 3 => self.segment(command, &request[1..], objects),
+            _ => Err((at, AbortCode::COMMAND)),
         };
         match answered {
             Ok((answer, written)) => Served { answer: Some(answer), written },
@@ -172,28 +165,8 @@ impl Server {
             return Ok((message(0x43 | spare(4, bytes.len()) << 2, at, rest), None));
         }
         let length = u32::try_from(bytes.len()).unwrap_or(u32::MAX);
-        self.0 = Some(Transfer { at, bytes: bytes.to_vec(), sent: Some(0), announced: None, toggle: false });
+        self.0 = Some(Transfer { at, way: Way::Out(0), bytes: bytes.to_vec(), toggle: false });
         Ok((message(0x41, at, length.to_le_bytes()), None))
-    }
-
-    fn next_out(&mut self, command: u8) -> Answered {
-        let Some(Transfer { at, bytes, sent: Some(sent), toggle, .. }) = &mut self.0 else {
-            return Err((NONE, COMMAND));
-        };
-        if (command & 0x10 != 0) != *toggle {
-            return Err((*at, TOGGLE));
-        }
-        let until = bytes.len().min(*sent + 7);
-        let part = &bytes[*sent..until];
-        let mut answer = [0; 8];
-        answer[0] = u8::from(*toggle) << 4 | spare(7, part.len()) << 1 | u8::from(until == bytes.len());
-        answer[1..=part.len()].copy_from_slice(part);
-        *sent = until;
-        *toggle = !*toggle;
-        if until == bytes.len() {
-            self.0 = None;
-        }
-        Ok((answer, None))
     }
 
     fn write(&mut self, at: Entry, command: u8, rest: [u8; 4], objects: &mut Dictionary) -> Answered {
@@ -205,45 +178,62 @@ impl Server {
             objects.write(at, &rest[..length]).map_err(|code| (at, code))?;
             return Ok((done, Some(at)));
         }
-        let announced = (command & 1 == 1).then(|| u32::from_le_bytes(rest));
-        let announced = announced.map(|length| usize::try_from(length).unwrap_or(usize::MAX));
-        if announced.is_some_and(|announced| announced != width) {
-            return Err((at, LENGTH));
+        if command & 1 == 1 && usize::try_from(u32::from_le_bytes(rest)) != Ok(width) {
+            return Err((at, AbortCode::LENGTH));
         }
-        self.0 = Some(Transfer { at, bytes: Vec::new(), sent: None, announced: Some(width), toggle: false });
+        self.0 = Some(Transfer { at, way: Way::In(width), bytes: Vec::new(), toggle: false });
         Ok((done, None))
     }
 
-    fn next_in(&mut self, command: u8, data: &[u8], objects: &mut Dictionary) -> Answered {
-        let Some(Transfer { at, bytes, sent: None, announced, toggle }) = &mut self.0 else {
-            return Err((NONE, COMMAND));
-        };
+    /// The next segment, out or in.
+    fn segment(&mut self, command: u8, data: &[u8], objects: &mut Dictionary) -> Answered {
+        let is_out = command >> 5 == 3;
+        let going = self.0.as_mut().filter(|transfer| matches!(transfer.way, Way::Out(_)) == is_out);
+        let Some(Transfer { at, way, bytes, toggle }) = going else { return Err((NONE, AbortCode::COMMAND)) };
         let at = *at;
         if (command & 0x10 != 0) != *toggle {
-            return Err((at, TOGGLE));
+            return Err((at, AbortCode::TOGGLE));
         }
-        bytes.extend_from_slice(&data[..7 - usize::from(command >> 1 & 7)]);
-        if announced.is_some_and(|announced| bytes.len() > announced) {
-            return Err((at, LENGTH));
-        }
-        let answer = message(0x20 | u8::from(*toggle) << 4, NONE, [0; 4]);
+        let toggled = u8::from(*toggle) << 4;
         *toggle = !*toggle;
-        if command & 1 == 0 {
-            return Ok((answer, None));
+        match way {
+            Way::Out(sent) => {
+                let until = bytes.len().min(*sent + 7);
+                let part = &bytes[*sent..until];
+                let is_last = until == bytes.len();
+                let mut answer = [0; 8];
+                answer[0] = toggled | spare(7, part.len()) << 1 | u8::from(is_last);
+                answer[1..=part.len()].copy_from_slice(part);
+                *sent = until;
+                if is_last {
+                    self.0 = None;
+                }
+                Ok((answer, None))
+            }
+            Way::In(width) => {
+                bytes.extend_from_slice(&data[..7 - usize::from(command >> 1 & 7)]);
+                if bytes.len() > *width {
+                    return Err((at, AbortCode::LENGTH));
+                }
+                let answer = message(0x20 | toggled, NONE, [0; 4]);
+                if command & 1 == 0 {
+                    return Ok((answer, None));
+                }
+                let bytes = std::mem::take(bytes);
+                self.0 = None;
+                objects.write(at, &bytes).map_err(|code| (at, code))?;
+                Ok((answer, Some(at)))
+            }
         }
-        let bytes = std::mem::take(bytes);
-        self.0 = None;
-        objects.write(at, &bytes).map_err(|code| (at, code))?;
-        Ok((answer, Some(at)))
     }
 }
 
 /// The answer and the object it has written; or for which object it is refused, and why.
-type Answered = Result<([u8; 8], Option<Entry>), (Entry, u32)>;
+type Answered = Result<([u8; 8], Option<Entry>), (Entry, AbortCode)>;
 
 /// The answer that refuses a request.
-pub(crate) fn refusal(at: Entry, code: u32) -> [u8; 8] {
-    message(0x80, at, code.to_le_bytes())
+pub(crate) fn refusal(at: Entry, code: AbortCode) -> [u8; 8] {
+    message(0x80, at, code.0.to_le_bytes())
 }
 
 fn message(command: u8, at: Entry, rest: [u8; 4]) -> [u8; 8] {

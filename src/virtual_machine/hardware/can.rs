@@ -5,6 +5,7 @@ use std::time::Duration;
 use rand::RngExt;
 
 use super::{Hardware, Unit};
+use crate::fieldbus::canopen::abort::AbortCode;
 use crate::virtual_machine::can::dictionary::{NONE, Server, refusal};
 use crate::virtual_machine::can::frames::{self, Delivery, Image, Taken};
 use crate::virtual_machine::can::node::{Act, Node, is_own};
@@ -143,7 +144,7 @@ impl Hardware {
         let served = match fault {
             Some(Kind::Can(CanFault::Refusal(code))) => {
                 let at = Server::names(frame.data()).unwrap_or(NONE);
-                let answer = can.node.answer(refusal(at, code));
+                let answer = can.node.answer(refusal(at, AbortCode(code)));
                 sent.extend(answer.map(|answer| Sent::Frame(answer, None)));
                 return;
             }

@@ -4,14 +4,10 @@ use std::time::Duration;
 
 use serde::{Deserialize, Deserializer, de::Error as _};
 
-use super::point::Point;
-use super::structure::Structure;
+use super::structure::{Point, Structure};
 use isotherm_core::quantity::Moment;
 
 mod file;
-mod published;
-
-pub use published::{Published, PublishedAxis};
 
 /// The modes of the shipped column: the name in its plant file, and the text.
 const COLUMN: (&str, &str) =
@@ -185,6 +181,29 @@ pub(super) struct Stretch {
     pub(super) to: f64,
     /// µm per mm and K.
     pub(super) gains: Vec<(Point, f64)>,
+}
+
+/// What the source of a machine reports about it, to be shown beside our own figures. The plants are ours.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Published {
+    /// Where they stand, and what they are.
+    pub text: String,
+    /// One for each figure it gives.
+    #[serde(default, rename = "axis")]
+    pub axes: Vec<PublishedAxis>,
+}
+
+/// One axis of a publication.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PublishedAxis {
+    /// Its name in the profile.
+    pub name: String,
+    /// The error without compensation, µm.
+    pub uncompensated_um: Option<f64>,
+    /// What is left with it, µm.
+    pub compensated_um: Option<f64>,
 }
 
 impl TryFrom<[String; 2]> for Span {

@@ -4,7 +4,17 @@
 //! sinks behind its films. Where these stand still over a step, the step is exact, whatever the rates.
 
 use super::STEP;
-use super::point::Point;
+
+/// Something in a plant that has a temperature.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Point {
+    Node(usize),
+    Ambient,
+    /// A patch of the structure through which heat comes in.
+    Port(usize),
+    /// A place of the structure that is only looked at.
+    Spot(usize),
+}
 
 /// A reduced structure in its machine.
 #[derive(Clone, Debug, PartialEq)]

@@ -11,7 +11,7 @@ use super::{
     When, duration, seconds,
 };
 use crate::virtual_machine::plant::STEP;
-use crate::virtual_machine::plant::point::Point;
+use crate::virtual_machine::plant::structure::Point;
 use isotherm_core::quantity::Moment;
 
 mod check;

@@ -1,6 +1,6 @@
 //! Names of points looked up, and what is wrong with the file gathered.
 
-use crate::virtual_machine::plant::point::Point;
+use crate::virtual_machine::plant::structure::Point;
 
 /// What a link, a sensor or a displacement calls the air.
 pub(super) const AMBIENT: &str = "ambient";

@@ -6,7 +6,7 @@ use serde::Deserialize;
 
 use super::super::{Displacement, Position, Stretch};
 use super::check::Check;
-use crate::virtual_machine::plant::point::Point;
+use crate::virtual_machine::plant::structure::Point;
 
 /// A part that grows and takes the axis with it.
 #[derive(Deserialize)]

@@ -6,8 +6,7 @@ use serde::Deserialize;
 
 use super::super::Position;
 use super::check::Check;
-use crate::virtual_machine::plant::point::Point;
-use crate::virtual_machine::plant::structure::{Sink, Structure, dot};
+use crate::virtual_machine::plant::structure::{Point, Sink, Structure, dot};
 
 /// How the structure stands in its machine.
 #[derive(Deserialize)]
