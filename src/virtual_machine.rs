@@ -231,7 +231,7 @@ impl VirtualMachine {
                 }
                 Transport::Can => {
                     let line = machine.can_line(profile, index, begin);
-                    let wanted = machine.shared.hardware().can_wanted(&line.devices);
+                    let wanted = machine.shared.hardware().can_wanted(&line.places);
                     let port = Port::open(&bus.address, wanted, clock);
                     let port = port.map_err(|source| refused(bus, source))?;
                     machine.keep(bus.address.clone(), can::line::serve(port, line, clock.join(), stop));
@@ -262,8 +262,8 @@ impl VirtualMachine {
     }
 
     fn can_line(&self, profile: &Profile, bus: usize, begin: Moment) -> CanLine {
-        let devices = on_line(profile, bus).map(|(_, id)| id).collect();
-        CanLine { devices, shared: self.shared.clone(), begin }
+        let places = self.shared.hardware().places(on_line(profile, bus).map(|(_, id)| id));
+        CanLine { places, shared: self.shared.clone(), begin }
     }
 
     fn keep(&mut self, address: String, serving: impl Future<Output = std::io::Result<()>> + Send + 'static) {

@@ -69,7 +69,7 @@ impl Hardware {
         cycles: Vec<Cycle>,
     ) -> Hardware {
         let (mut units, unit_of) = units(profile);
-        units.iter_mut().filter_map(|unit| unit.can.as_mut()).for_each(|can| can.boot(begin));
+        units.iter_mut().filter_map(|unit| unit.can.as_mut()).for_each(|can| can.node.boot(begin));
         faults.rename(|device| units[unit_of[device.0]].device);
         let known = |axis: &str| plant.as_ref().is_some_and(|plant| plant.true_error_um(axis).is_some());
         let names = profile.axes.iter().map(|axis| axis.settings.name.clone()).enumerate();
@@ -308,7 +308,7 @@ impl Hardware {
         let unit = &mut self.units[place];
         unit.restart();
         if let Some(can) = &mut unit.can {
-            can.boot(now);
+            can.node.boot(now);
         }
         for control in self.controls.iter_mut().filter(|control| control.place == place) {
             let taken = control.restart(&unit.bank, now);

@@ -14,16 +14,15 @@ use crate::virtual_machine::hardware::can::Sent;
 use crate::virtual_machine::server::Shared;
 use isotherm_core::codec::{CanMatch, Frame};
 use isotherm_core::quantity::Moment;
-use isotherm_profile::DeviceId;
 
 /// Between two attempts to put a frame into a full queue, and how many there are: a quarter of a second.
 const PAUSE: Duration = Duration::from_millis(1);
 const ATTEMPTS: u32 = 250;
 
-/// The devices of an interface.
+/// The units of an interface.
 #[derive(Debug)]
 pub(crate) struct CanLine {
-    pub(crate) devices: Vec<DeviceId>,
+    pub(crate) places: Vec<usize>,
     pub(crate) shared: Shared,
     pub(crate) begin: Moment,
 }
@@ -50,7 +49,7 @@ pub(crate) async fn serve(
         let now = sleeper.now();
         let (sent, due) = {
             let mut hardware = line.shared.hardware();
-            (hardware.can_tick(&line.devices, now), hardware.can_due(&line.devices))
+            (hardware.can_tick(&line.places, now), hardware.can_due(&line.places))
         };
         port.send(sent, &mut late).await;
         let tick = now.next_tick(line.begin, TICK);
@@ -63,7 +62,7 @@ pub(crate) async fn serve(
             }
             () = port.ready() => {
                 while let Some(frame) = port.hear() {
-                    let sent = line.shared.hardware().can_take(&line.devices, &frame, sleeper.now());
+                    let sent = line.shared.hardware().can_take(&line.places, &frame, sleeper.now());
                     port.send(sent, &mut late).await;
                 }
             }

@@ -20,7 +20,7 @@ use isotherm_profile::{DeviceId, Profile};
 /// A unit's part on a CAN line.
 #[derive(Debug)]
 pub(crate) struct CanUnit {
-    node: Node,
+    pub(super) node: Node,
     /// The frames of each of the node's PDOs.
     sent: Vec<Vec<Image>>,
     taken: Vec<Taken>,
@@ -52,20 +52,14 @@ impl CanUnit {
         let stands = |object: &Object| object.words(self.node.objects.get(object.entry)?);
         objects.filter_map(|object| Some((Address::Object(*object), stands(object)?))).collect()
     }
-
-    /// The power comes on.
-    pub(super) fn boot(&mut self, now: Moment) {
-        self.node.boot(now);
-    }
 }
 
 impl Hardware {
     /// Lets time pass for the devices of a line. Gives what they send, in its order.
-    pub(crate) fn can_tick(&mut self, devices: &[DeviceId], now: Moment) -> Vec<Sent> {
+    pub(crate) fn can_tick(&mut self, places: &[usize], now: Moment) -> Vec<Sent> {
         self.advance_to(now);
         let mut sent = Vec::new();
-        for device in devices {
-            let place = self.unit_of[device.0];
+        for &place in places {
             let device = self.units[place].device;
             let Some(can) = &mut self.units[place].can else { continue };
             can.node.tick(now);
@@ -85,19 +79,23 @@ impl Hardware {
     }
 
     /// When [`Hardware::can_tick`] is needed at the latest.
-    pub(crate) fn can_due(&self, devices: &[DeviceId]) -> Option<Moment> {
-        let units = devices.iter().map(|device| &self.units[self.unit_of[device.0]]);
-        let due = units.flat_map(|unit| {
+    pub(crate) fn can_due(&self, places: &[usize]) -> Option<Moment> {
+        let due = places.iter().map(|place| &self.units[*place]).flat_map(|unit| {
             let node = unit.can.as_ref().and_then(|can| can.node.due());
             node.into_iter().chain(self.faults.due(unit.device))
         });
         due.min()
     }
 
+    /// The units of these devices.
+    pub(crate) fn places(&self, devices: impl Iterator<Item = DeviceId>) -> Vec<usize> {
+        devices.map(|device| self.unit_of[device.0]).collect()
+    }
+
     /// What the devices of a line hear.
-    pub(crate) fn can_wanted(&self, devices: &[DeviceId]) -> Vec<CanMatch> {
-        let units = devices.iter().map(|device| &self.units[self.unit_of[device.0]]);
-        let wanted = units.filter_map(|unit| unit.can.as_ref()).flat_map(|can| {
+    pub(crate) fn can_wanted(&self, places: &[usize]) -> Vec<CanMatch> {
+        let units = places.iter().filter_map(|place| self.units[*place].can.as_ref());
+        let wanted = units.flat_map(|can| {
             let taken = can.taken.iter().map(|value| value.field().frames.id);
             can.node.hears().into_iter().chain(taken)
         });
@@ -108,11 +106,10 @@ impl Hardware {
     }
 
     /// Gives a frame to the devices of a line. Gives what they send.
-    pub(crate) fn can_take(&mut self, devices: &[DeviceId], frame: &Frame, now: Moment) -> Vec<Sent> {
+    pub(crate) fn can_take(&mut self, places: &[usize], frame: &Frame, now: Moment) -> Vec<Sent> {
         self.advance_to(now);
         let mut sent = Vec::new();
-        for device in devices {
-            let place = self.unit_of[device.0];
+        for &place in places {
             if self.faults.silences(self.units[place].device, now) {
                 continue;
             }

@@ -18,7 +18,7 @@ use machine::can_machine;
 /// The machine's devices on their line.
 struct Rig {
     hardware: Hardware,
-    devices: Vec<DeviceId>,
+    places: Vec<usize>,
 }
 
 fn at(milliseconds: u64) -> Moment {
@@ -42,20 +42,20 @@ impl Rig {
         let faults = Faults::new(faults, at(0));
         let mut hardware = Hardware::new(&profile, None, 1, faults, at(0), Vec::new());
         hardware.journal = Some(Vec::new());
-        Rig { hardware, devices: (0..profile.devices.len()).map(DeviceId).collect() }
+        Rig { hardware, places: (0..profile.devices.len()).collect() }
     }
 
     /// Everything that is sent until this moment, with when.
     fn until(&mut self, milliseconds: u64) -> Vec<(u64, Sent)> {
         let mut sent = Vec::new();
         loop {
-            let due = self.hardware.can_due(&self.devices).filter(|due| *due <= at(milliseconds));
+            let due = self.hardware.can_due(&self.places).filter(|due| *due <= at(milliseconds));
             let Some(due) = due else { break };
             let now = u64::try_from(due.since(at(0)).as_millis()).unwrap();
-            let said = self.hardware.can_tick(&self.devices, due);
+            let said = self.hardware.can_tick(&self.places, due);
             sent.extend(said.into_iter().map(|sent| (now, sent)));
         }
-        let last = self.hardware.can_tick(&self.devices, at(milliseconds));
+        let last = self.hardware.can_tick(&self.places, at(milliseconds));
         sent.extend(last.into_iter().map(|sent| (milliseconds, sent)));
         sent
     }
@@ -71,7 +71,7 @@ impl Rig {
     /// What is answered at once.
     fn give(&mut self, milliseconds: u64, text: &str) -> Vec<String> {
         let frame = frame(text);
-        let sent = self.hardware.can_take(&self.devices, &frame, at(milliseconds));
+        let sent = self.hardware.can_take(&self.places, &frame, at(milliseconds));
         sent.iter().filter_map(self::text).collect()
     }
 

@@ -126,6 +126,6 @@ fn sdo_requests_are_refused_answered_for_another_object_late_or_only_in_word() {
 
     let mut rig = Rig::new(&fault("drive", "late", "delay = \"40ms\""));
     rig.until(0);
-    let sent = rig.hardware.can_take(&rig.devices, &frame(read), at(0));
+    let sent = rig.hardware.can_take(&rig.places, &frame(read), at(0));
     assert_eq!(sent, [Sent::Frame(frame("594#4300200100000000"), Some(Duration::from_millis(40)))]);
 }

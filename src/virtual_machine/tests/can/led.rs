@@ -41,7 +41,7 @@ impl Bus {
         for output in outputs {
             match output {
                 Output::Send(frame) => {
-                    self.rig.hardware.can_take(&self.rig.devices, &frame, at(now));
+                    self.rig.hardware.can_take(&self.rig.places, &frame, at(now));
                 }
                 Output::Tell(_, event) => self.events.push((now, event)),
             }
@@ -53,7 +53,7 @@ impl Bus {
         let mut client = Client::new(NodeId::new(AXTC).unwrap());
         let mut asking = Some(client.write(Entry::new(0x1800, 5), &200_u16.to_le_bytes()));
         while let Some(frame) = asking.take() {
-            for sent in self.rig.hardware.can_take(&self.rig.devices, &frame, at(now)) {
+            for sent in self.rig.hardware.can_take(&self.rig.places, &frame, at(now)) {
                 let Sent::Frame(frame, _) = sent else { continue };
                 match client.take(&frame) {
                     Some(Progress::Send(frame) | Progress::Begin(frame)) => asking = Some(frame),

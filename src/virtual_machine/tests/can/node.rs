@@ -158,7 +158,7 @@ proptest! {
         rig.until(0);
         for (place, (id, data)) in (1..).zip(frames) {
             let frame = Frame::classic(CanId::standard(id).unwrap(), &data).unwrap();
-            rig.hardware.can_take(&rig.devices, &frame, at(place));
+            rig.hardware.can_take(&rig.places, &frame, at(place));
         }
         for (place, (command, object, [a, b, c, d])) in (100..).zip(requests) {
             let (index, sub) = OBJECTS[object];
@@ -166,7 +166,7 @@ proptest! {
             for node in [5u16, 7, 12, 20] {
                 let data = [command << 5 | a & 0x1f, low, high, sub, a, b, c, d];
                 let frame = Frame::classic(CanId::of_11_bits(0x600 + node), &data).unwrap();
-                rig.hardware.can_take(&rig.devices, &frame, at(place));
+                rig.hardware.can_take(&rig.places, &frame, at(place));
             }
         }
         rig.until(400);
