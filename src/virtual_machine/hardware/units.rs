@@ -85,7 +85,7 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
     let displays = profile
         .outputs
         .iter()
-        .flat_map(|output| output.display.registers().into_iter().map(|register| (output.device, register)));
+        .flat_map(|output| output.display.registers().map(|register| (output.device, register)));
     let commands = profile.signals.iter().filter_map(|signal| Some((signal.device, signal.capture?.address)));
     let single = heartbeat.chain(of_sets).chain(displays).chain(commands);
     owned.extend(single.map(|(device, register)| (unit_of[device.0], register.into(), 1)));
