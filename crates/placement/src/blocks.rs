@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, HashMap};
 use std::str::FromStr;
 
-use crate::element::{cross, dot};
-use crate::mesh::{AXES, Kind, Mesh, range};
+use crate::element::{cross, dot, minus};
+use crate::mesh::{AXES, Kind, Mesh, axis_and_value, range};
 use crate::problem::Block;
 
 /// A plane across a direction.
@@ -22,16 +22,10 @@ impl FromStr for Cut {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Cut, String> {
-        let wrong = || format!("`{text}` is no cut; write z=450, or x=0:BLK3 for one block only");
-        let (axis, rest) = text.split_once('=').ok_or_else(wrong)?;
-        let (at, of) = match rest.split_once(':') {
-            Some((at, of)) => (at, Some(of.trim().to_owned()).filter(|of| !of.is_empty())),
-            None => (rest, None),
-        };
-        let axis = axis.trim().to_lowercase();
-        let axis = AXES.iter().position(|known| *known == axis).ok_or_else(wrong)?;
-        let at = at.trim().parse::<f64>().ok().filter(|at| at.is_finite()).ok_or_else(wrong)?;
-        Ok(Cut { axis, at, of })
+        let (plane, of) = text.split_once(':').map_or((text, None), |(plane, of)| (plane, Some(of.trim())));
+        let (axis, at) = axis_and_value(plane)
+            .ok_or_else(|| format!("`{text}` is no cut; write z=450, or x=0:BLK3 for one block only"))?;
+        Ok(Cut { axis, at, of: of.filter(|of| !of.is_empty()).map(str::to_owned) })
     }
 }
 
@@ -200,28 +194,25 @@ pub fn blocks(mesh: &Mesh, parts: &[Part], reach: &Reach) -> Result<Vec<Block>, 
     let mut wrong = Vec::new();
     let mut blocks = Vec::new();
     for part in parts {
-        let allowed: Vec<usize> = part.nodes.iter().copied().filter(|node| reach.allowed[*node]).collect();
-        let candidates: Vec<usize> = allowed.iter().copied().filter(|node| !near[*node]).collect();
+        let nodes = || part.nodes.iter().copied();
+        let candidates: Vec<usize> = nodes().filter(|node| reach.allowed[*node] && !near[*node]).collect();
         if candidates.is_empty() {
-            let margin = reach.margin;
-            wrong.push(if allowed.is_empty() {
+            let (name, margin) = (&part.name, reach.margin);
+            wrong.push(if nodes().any(|node| reach.allowed[node]) {
                 format!(
-                    "no node of block {} may carry a sensor: none lies on the outer skin and in the set of --candidates (the \
-                     guideway and the foundation carry none); add nodes of it to that set, or join it to another block",
-                    part.name
+                    "no node of block {name} that may carry a sensor lies {margin} mm away from every other block: a smaller \
+                     --margin, a finer mesh, or a larger block"
                 )
             } else {
                 format!(
-                    "no node of block {} that may carry a sensor lies {margin} mm away from every other block: a smaller \
-                     --margin, a finer mesh, or a larger block",
-                    part.name
+                    "no node of block {name} may carry a sensor: none lies on the outer skin and in the set of --candidates (the \
+                     guideway and the foundation carry none); add nodes of it to that set, or join it to another block"
                 )
             });
         }
-        let volume: f64 = part.nodes.iter().map(|node| volumes[*node]).sum();
-        let centre = std::array::from_fn(|axis| {
-            part.nodes.iter().map(|node| volumes[*node] * mesh.xyz[*node][axis]).sum::<f64>() / volume
-        });
+        let volume: f64 = nodes().map(|node| volumes[node]).sum();
+        let centre = [0, 1, 2]
+            .map(|axis| nodes().map(|node| volumes[node] * mesh.xyz[node][axis]).sum::<f64>() / volume);
         blocks.push(Block { name: part.name.clone(), nodes: part.nodes.clone(), candidates, centre });
     }
     if wrong.is_empty() { Ok(blocks) } else { Err(wrong) }
@@ -232,8 +223,8 @@ pub fn blocks(mesh: &Mesh, parts: &[Part], reach: &Reach) -> Result<Vec<Block>, 
 fn volumes(mesh: &Mesh) -> Vec<f64> {
     let mut volumes = vec![0.0; mesh.nodes.len()];
     for element in &mesh.elements {
-        let at = |corner: usize| mesh.xyz[element.nodes[corner]];
-        let edge = |corner: usize| -> [f64; 3] { std::array::from_fn(|axis| at(corner)[axis] - at(0)[axis]) };
+        let xyz = mesh.corners(element);
+        let edge = |corner: usize| minus(xyz[corner], xyz[0]);
         let volume = dot(edge(1), cross(edge(2), edge(3))).abs() / 6.0;
         for (place, node) in element.nodes.iter().enumerate() {
             let share = match (element.kind, place) {
@@ -249,35 +240,28 @@ fn volumes(mesh: &Mesh) -> Vec<f64> {
 
 /// Which nodes lie nearer than the margin to a node of another part.
 fn near_others(mesh: &Mesh, parts: &[Part], margin: f64) -> Vec<bool> {
-    let mut near = vec![false; mesh.nodes.len()];
     if margin <= 0.0 {
-        return near;
+        return vec![false; mesh.nodes.len()];
     }
-    let cell = |node: usize| -> [i64; 3] {
+    let owners = owners(mesh, parts);
+    let cell = |node: usize| {
         #[allow(clippy::cast_possible_truncation, reason = "cells of a structure")]
-        std::array::from_fn(|axis| (mesh.xyz[node][axis] / margin).floor() as i64)
+        mesh.xyz[node].map(|at| (at / margin).floor() as i64)
     };
-    let mut cells: HashMap<[i64; 3], Vec<(usize, usize)>> = HashMap::new();
-    for (place, part) in parts.iter().enumerate() {
-        for node in &part.nodes {
-            cells.entry(cell(*node)).or_default().push((*node, place));
-        }
-    }
-    let apart = |one: usize, other: usize| {
-        (0..3).map(|axis| (mesh.xyz[one][axis] - mesh.xyz[other][axis]).powi(2)).sum::<f64>().sqrt()
+    let mut cells: HashMap<[i64; 3], Vec<usize>> = HashMap::new();
+    (0..owners.len()).for_each(|node| cells.entry(cell(node)).or_default().push(node));
+    let is_near = |one: usize, other: usize| {
+        let way = minus(mesh.xyz[one], mesh.xyz[other]);
+        owners[one] != owners[other] && dot(way, way).sqrt() < margin
     };
-    for (place, part) in parts.iter().enumerate() {
-        for node in &part.nodes {
-            let home = cell(*node);
-            near[*node] = (0..27).any(|step| {
-                let neighbour = [home[0] + step % 3 - 1, home[1] + step / 3 % 3 - 1, home[2] + step / 9 - 1];
-                cells.get(&neighbour).is_some_and(|there| {
-                    there.iter().any(|(other, owner)| *owner != place && apart(*node, *other) < margin)
-                })
-            });
-        }
-    }
-    near
+    let has_near = |node: usize| {
+        let home = cell(node);
+        (0..27).any(|step| {
+            let neighbour = [home[0] + step % 3 - 1, home[1] + step / 3 % 3 - 1, home[2] + step / 9 - 1];
+            cells.get(&neighbour).is_some_and(|there| there.iter().any(|other| is_near(node, *other)))
+        })
+    };
+    (0..owners.len()).map(has_near).collect()
 }
 
 #[cfg(test)]

@@ -65,24 +65,25 @@ impl<'a> Floors<'a> {
         parts.iter().map(|part| self.piece(&part.nodes)).collect()
     }
 
-    fn floor(&self, pieces: &[&Piece]) -> f64 {
+    /// What these pieces, some gone and others made, leave at best, µm RMS over guideway and cases.
+    fn floor(&self, pieces: &[Piece], gone: &[usize], made: &[Piece]) -> f64 {
+        let kept =
+            pieces.iter().enumerate().filter(|(place, _)| !gone.contains(place)).map(|(_, piece)| piece);
+        let pieces: Vec<&Piece> = kept.chain(made).collect();
         let matrix = DMatrix::from_fn(self.rows.len(), pieces.len(), |row, piece| pieces[piece].column[row]);
         let square = matrix.tr_mul(&matrix);
-        let left: f64 = (self.moved.iter().enumerate())
-            .map(|(case, moved)| {
-                let bounds: Vec<(f64, f64)> = pieces.iter().map(|piece| piece.bounds[case]).collect();
-                let theta = least_squares(&square, &matrix.tr_mul(moved), &bounds);
-                (moved - &matrix * DVector::from_vec(theta)).norm_squared()
-            })
-            .sum();
-        (left / count((self.rows.len() * self.moved.len()).max(1))).sqrt()
+        let left = self.moved.iter().enumerate().map(|(case, moved)| {
+            let bounds: Vec<(f64, f64)> = pieces.iter().map(|piece| piece.bounds[case]).collect();
+            let theta = least_squares(&square, &matrix.tr_mul(moved), &bounds);
+            (moved - &matrix * DVector::from_vec(theta)).norm_squared()
+        });
+        (left.sum::<f64>() / count((self.rows.len() * self.moved.len()).max(1))).sqrt()
     }
 
     /// What these parts leave at best, µm RMS over guideway and cases.
     #[must_use]
     pub fn of(&self, parts: &[Part]) -> f64 {
-        let pieces = self.pieces(parts);
-        self.floor(&pieces.iter().collect::<Vec<_>>())
+        self.floor(&self.pieces(parts), &[], &[])
     }
 
     /// The one more cut after which least is left; `may` says which divisions can be used at all. None where no cut is
@@ -95,9 +96,7 @@ impl<'a> Floors<'a> {
         let floors = tried.par_iter().filter_map(|(place, cut)| {
             let halves = divided(self.mesh, parts, cut).ok()?;
             let made = self.pieces(&halves[*place..*place + 2]);
-            let kept = pieces.iter().enumerate().filter(|(other, _)| other != place).map(|(_, piece)| piece);
-            let floor = self.floor(&kept.chain(&made).collect::<Vec<_>>());
-            Some((floor, cut, halves))
+            Some((self.floor(&pieces, &[*place], &made), cut, halves))
         });
         let mut found: Vec<_> = floors.collect();
         found.sort_by(|(one, ..), (other, ..)| one.total_cmp(other));
@@ -123,13 +122,11 @@ impl<'a> Floors<'a> {
     #[must_use]
     pub fn best_join(&self, parts: &[Part], may: &dyn Fn(&[Part]) -> bool) -> Option<Division> {
         let pieces = self.pieces(parts);
-        let mut found = Vec::new();
-        for (one, other) in neighbours(self.mesh, parts) {
+        let joined = neighbours(self.mesh, parts).into_iter().map(|(one, other)| {
             let joined = pieces[one].joined(&pieces[other]);
-            let kept = pieces.iter().enumerate().filter(|(place, _)| *place != one && *place != other);
-            let floor = self.floor(&kept.map(|(_, piece)| piece).chain([&joined]).collect::<Vec<_>>());
-            found.push((floor, one, other));
-        }
+            (self.floor(&pieces, &[one, other], &[joined]), one, other)
+        });
+        let mut found: Vec<_> = joined.collect();
         found.sort_by(|(one, ..), (other, ..)| one.total_cmp(other));
         found.into_iter().find_map(|(floor_um, one, other)| {
             let mut parts = parts.to_vec();

@@ -159,6 +159,10 @@ pub(super) fn face_points(kind: Kind, xyz: &[[f64; 3]]) -> Vec<([f64; 10], f64)>
     face_rule(kind).iter().map(point).collect()
 }
 
+pub(super) fn minus(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [0, 1, 2].map(|axis| a[axis] - b[axis])
+}
+
 pub(super) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }

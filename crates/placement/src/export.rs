@@ -5,7 +5,7 @@ use std::str::FromStr;
 use serde_json::json;
 
 use crate::guide_line::GuideLine;
-use crate::mesh::AXES;
+use crate::mesh::{AXES, axis_and_value};
 use crate::study::Placement;
 
 /// A part that rides on the guideway, has a sensor of its own and grows by itself: what is carried moves as much wherever
@@ -27,10 +27,8 @@ impl FromStr for Rider {
         let (name, rest) = text.split_once(':').filter(|(name, _)| !name.is_empty()).ok_or_else(wrong)?;
         let mut moves = [0.0; 3];
         for each in rest.split('/') {
-            let (axis, value) = each.split_once('=').ok_or_else(wrong)?;
-            let axis = AXES.iter().position(|known| *known == axis.trim()).ok_or_else(wrong)?;
-            let value = value.trim().parse::<f64>().ok().filter(|value| value.is_finite());
-            moves[axis] = value.ok_or_else(wrong)?;
+            let (axis, value) = axis_and_value(each).ok_or_else(wrong)?;
+            moves[axis] = value;
         }
         Ok(Rider { name: name.to_owned(), moves })
     }

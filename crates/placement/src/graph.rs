@@ -8,10 +8,7 @@
 use crate::mesh::{Mesh, count};
 
 /// Neighbours of each node, ascending, itself left out.
-pub(super) struct Graph {
-    start: Vec<usize>,
-    neighbours: Vec<usize>,
-}
+pub(super) struct Graph(Vec<Vec<usize>>);
 
 /// Below this many nodes a further cut costs more than it saves.
 const LEAF: usize = 20;
@@ -21,68 +18,25 @@ const UNEVEN: f64 = 1.0;
 
 impl Graph {
     pub(super) fn of(mesh: &Mesh) -> Self {
-        let count = mesh.nodes.len();
-        // Elements of each node, then the union of their nodes: no list of pairs, whose memory a large mesh would feel.
-        let mut start = vec![0; count + 1];
-        for node in mesh.elements.iter().flat_map(|element| &element.nodes) {
-            start[node + 1] += 1;
+        let mut around = vec![Vec::new(); mesh.nodes.len()];
+        for element in &mesh.elements {
+            element.nodes.iter().for_each(|node| around[*node].push(element));
         }
-        for node in 0..count {
-            start[node + 1] += start[node];
-        }
-        let mut fill = start.clone();
-        let mut around = vec![0; start[count]];
-        for (place, element) in mesh.elements.iter().enumerate() {
-            for node in &element.nodes {
-                around[fill[*node]] = place;
-                fill[*node] += 1;
-            }
-        }
-        let mut graph = Self { start: Vec::with_capacity(count + 1), neighbours: Vec::new() };
-        graph.start.push(0);
-        let mut seen = vec![usize::MAX; count];
-        for node in 0..count {
+        let mut seen = vec![usize::MAX; mesh.nodes.len()];
+        let neighbours = around.into_iter().enumerate().map(|(node, elements)| {
             seen[node] = node;
-            let begin = graph.neighbours.len();
-            for element in &around[start[node]..start[node + 1]] {
-                for other in &mesh.elements[*element].nodes {
-                    if seen[*other] != node {
-                        seen[*other] = node;
-                        graph.neighbours.push(*other);
-                    }
-                }
-            }
-            graph.neighbours[begin..].sort_unstable();
-            graph.start.push(graph.neighbours.len());
-        }
-        graph
+            let near = elements.into_iter().flat_map(|element| &element.nodes).copied();
+            let mut near: Vec<usize> =
+                near.filter(|other| std::mem::replace(&mut seen[*other], node) != node).collect();
+            near.sort_unstable();
+            near.shrink_to_fit();
+            near
+        });
+        Self(neighbours.collect())
     }
 
     pub(super) fn neighbours(&self, node: usize) -> &[usize] {
-        &self.neighbours[self.start[node]..self.start[node + 1]]
-    }
-
-    /// For each node the number of its connected part, from 0.
-    pub(super) fn parts(&self) -> Vec<usize> {
-        let mut part = vec![usize::MAX; self.start.len() - 1];
-        let mut next = 0;
-        for seed in 0..part.len() {
-            if part[seed] != usize::MAX {
-                continue;
-            }
-            let mut waiting = vec![seed];
-            part[seed] = next;
-            while let Some(node) = waiting.pop() {
-                for other in self.neighbours(node) {
-                    if part[*other] == usize::MAX {
-                        part[*other] = next;
-                        waiting.push(*other);
-                    }
-                }
-            }
-            next += 1;
-        }
-        part
+        &self.0[node]
     }
 
     /// The nodes in an order of elimination with little fill.
@@ -95,17 +49,8 @@ impl Graph {
 
     /// `rank` is scratch for all nodes of the mesh, `OUTSIDE` on entry and on return.
     fn dissect(&self, xyz: &[[f64; 3]], nodes: Vec<usize>, rank: &mut [usize], order: &mut Vec<usize>) {
-        let best = (nodes.len() > LEAF)
-            .then(|| {
-                (0..3)
-                    .filter_map(|axis| self.cut(xyz, &nodes, axis, rank))
-                    .min_by(|a, b| a.cost.total_cmp(&b.cost))
-            })
-            .flatten();
-        let Some(cut) = best else {
-            order.extend(nodes);
-            return;
-        };
+        let cuts = (0..3).filter(|_| nodes.len() > LEAF).filter_map(|axis| self.cut(xyz, &nodes, axis, rank));
+        let Some(cut) = cuts.min_by(|a, b| a.cost.total_cmp(&b.cost)) else { return order.extend(nodes) };
         drop(nodes);
         self.dissect(xyz, cut.left, rank, order);
         self.dissect(xyz, cut.right, rank, order);
@@ -127,39 +72,29 @@ impl Graph {
         };
         let reaches: Vec<usize> = sorted.iter().enumerate().map(|(at, node)| reach(*node, at)).collect();
         sorted.iter().for_each(|node| rank[*node] = OUTSIDE);
-        // How many nodes up to a place reach beyond it.
-        let mut change = vec![0_i64; sorted.len() + 1];
-        for (at, reach) in reaches.iter().enumerate() {
-            change[at] += 1;
-            change[*reach] -= 1;
-        }
-        let mut across = 0;
+        let mut ends = vec![0; sorted.len()];
+        reaches.iter().for_each(|reach| ends[*reach] += 1);
+        let mut ended = 0;
         let mut best: Option<(f64, usize)> = None;
-        for (at, change) in change.iter().enumerate().take(3 * sorted.len() / 4) {
-            across += change;
+        for (at, ends) in ends.iter().enumerate().take(3 * sorted.len() / 4) {
+            ended += ends;
             if at < sorted.len() / 4 {
                 continue;
             }
             let uneven = count(at.abs_diff(sorted.len() / 2)) / count(sorted.len());
-            #[allow(clippy::cast_precision_loss, reason = "a count of nodes")]
-            let cost = across as f64 * (1.0 + UNEVEN * uneven);
+            // So many nodes up to here reach beyond.
+            let cost = count(at + 1 - ended) * (1.0 + UNEVEN * uneven);
             if best.is_none_or(|(least, _)| cost < least) {
                 best = Some((cost, at));
             }
         }
         let (cost, at) = best?;
         let right = sorted.split_off(at + 1);
-        let mut place = 0;
-        let mut separator = Vec::new();
-        sorted.retain(|node| {
-            let stays = reaches[place] <= at;
-            place += 1;
-            if !stays {
-                separator.push(*node);
-            }
-            stays
-        });
-        Some(Cut { left: sorted, right, separator, cost })
+        let (mut left, mut separator) = (Vec::new(), Vec::new());
+        for (node, reach) in sorted.into_iter().zip(reaches) {
+            if reach > at { separator.push(node) } else { left.push(node) }
+        }
+        Some(Cut { left, right, separator, cost })
     }
 }
 

@@ -5,7 +5,7 @@ use faer::Mat;
 use crate::body::{Case, Film, Flux, LoadCase, Materials, Progress};
 use crate::element::{dot, face_points, for_each_element, for_each_point};
 use crate::graph::Graph;
-use crate::mesh::{Face, Mesh, NodeId, count};
+use crate::mesh::{Face, Mesh, NodeId, count, parts};
 use crate::system::{Factor, System};
 
 /// Why there are no temperatures.
@@ -63,12 +63,11 @@ impl Heat {
     pub(super) fn assembled(mesh: &Mesh, materials: &Materials, load: &LoadCase) -> Result<Self, HeatError> {
         let mut held = vec![None; mesh.nodes.len()];
         load.held.iter().for_each(|(node, temperature)| held[*node] = Some(*temperature));
-        let graph = Graph::of(mesh);
         if load.case == Case::Steady {
-            anchored(mesh, &graph, load)?;
+            anchored(mesh, load)?;
         }
         let is_held: Vec<bool> = held.iter().map(Option::is_some).collect();
-        let mut conduction = System::<1>::new(&graph, &mesh.xyz, &is_held);
+        let mut conduction = System::<1>::new(&Graph::of(mesh), &mesh.xyz, &is_held);
         let capacity = match load.case {
             Case::Steady => None,
             Case::Transient { .. } => Some(capacity(mesh, materials, conduction.clone())?),
@@ -225,8 +224,9 @@ fn for_each_face_point(mesh: &Mesh, face: Face, mut visit: impl FnMut(&[usize], 
 }
 
 /// Refuses a steady case in which a part of the mesh has neither a film nor a held temperature.
-fn anchored(mesh: &Mesh, graph: &Graph, load: &LoadCase) -> Result<(), HeatError> {
-    let part = graph.parts();
+fn anchored(mesh: &Mesh, load: &LoadCase) -> Result<(), HeatError> {
+    let joints = mesh.elements.iter().flat_map(|each| each.nodes.iter().map(|node| (each.nodes[0], *node)));
+    let part = parts(mesh.nodes.len(), joints);
     let mut anchored = vec![false; mesh.nodes.len()];
     for film in load.films.iter().filter(|film| film.coefficient > 0.0) {
         anchored[part[mesh.elements[film.face.element].nodes[0]]] = true;

@@ -156,9 +156,33 @@ impl Mesh {
     }
 }
 
+/// A direction and where it is, or how much along it: `z=450`.
+pub(super) fn axis_and_value(text: &str) -> Option<(usize, f64)> {
+    let (axis, value) = text.split_once('=')?;
+    let axis = AXES.iter().position(|known| known.eq_ignore_ascii_case(axis.trim()))?;
+    Some((axis, value.trim().parse().ok().filter(|value: &f64| value.is_finite())?))
+}
+
 /// The lowest and the highest of some values.
 pub(super) fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)))
+}
+
+/// The parts into which `pairs` join so many things: of each thing the first of its part.
+pub(super) fn parts(things: usize, pairs: impl Iterator<Item = (usize, usize)>) -> Vec<usize> {
+    fn first(of: &mut [usize], mut thing: usize) -> usize {
+        while of[thing] != thing {
+            of[thing] = of[of[thing]];
+            thing = of[thing];
+        }
+        thing
+    }
+    let mut of: Vec<usize> = (0..things).collect();
+    for (one, other) in pairs {
+        let (one, other) = (first(&mut of, one), first(&mut of, other));
+        of[one.max(other)] = one.min(other);
+    }
+    (0..things).map(|thing| first(&mut of, thing)).collect()
 }
 
 /// A number of things to compute with.

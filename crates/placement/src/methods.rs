@@ -5,6 +5,7 @@ pub mod multi_case;
 pub mod patent;
 pub mod patterns;
 
+use crate::element::{dot, minus};
 use crate::problem::{Block, Problem, Target};
 
 /// How the sensors' nodes are chosen.
@@ -47,8 +48,10 @@ pub fn nearest(target: &Target, theta: &[f64]) -> Vec<usize> {
 #[must_use]
 pub fn central(problem: &Problem, xyz: &[[f64; 3]]) -> Vec<usize> {
     let central = |block: &Block| {
-        let far =
-            |node: &usize| (0..3).map(|axis| (xyz[*node][axis] - block.centre[axis]).powi(2)).sum::<f64>();
+        let far = |node: &usize| {
+            let way = minus(xyz[*node], block.centre);
+            dot(way, way)
+        };
         block.nodes.iter().copied().min_by(|one, other| far(one).total_cmp(&far(other))).unwrap_or(0)
     };
     problem.blocks.iter().map(central).collect()

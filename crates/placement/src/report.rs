@@ -109,15 +109,11 @@ fn errors(placement: &Placement) -> Markup {
         @for case in &placement.cases {
             tr {
                 th scope="row" { (case.name) }
-                td { (number(case.largest_um)) }
-                td { (number(case.naive_centroid.rms_um)) }
-                td { (number(case.naive_mean.rms_um)) }
-                td { (number(case.patent.optimised_rms_um)) }
-                td { (number(case.patent.rms_um)) }
-                td { (number(case.bounded.rms_um)) }
-                td { (number(case.multi_case.rms_um)) }
-                td { (number(case.multi_case.max_um)) }
-                td { (number(case.floor.rms_um)) }
+                @for um in [
+                    case.largest_um, case.naive_centroid.rms_um, case.naive_mean.rms_um, case.patent.optimised_rms_um,
+                    case.patent.rms_um, case.bounded.rms_um, case.multi_case.rms_um, case.multi_case.max_um,
+                    case.floor.rms_um,
+                ] { td { (number(um)) } }
                 td { (case.left_out_rms_um.map_or("–".to_owned(), number)) }
             }
         }

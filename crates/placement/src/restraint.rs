@@ -1,9 +1,9 @@
 //! Whether fixed nodes hold a structure, part by part.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
-use crate::element::{cross, dot};
-use crate::mesh::{AXES, Mesh, range};
+use crate::element::{cross, dot, minus};
+use crate::mesh::{self, AXES, Mesh, range};
 use crate::structure::StructureError;
 
 /// Refuses fixed nodes that leave a part free to move.
@@ -36,18 +36,14 @@ pub(super) fn holds(mesh: &Mesh, fixed: &[usize]) -> Result<(), StructureError> 
 
 /// Nodes of each part of the mesh whose elements have common faces, ascending.
 fn parts(mesh: &Mesh) -> Vec<Vec<usize>> {
-    let mut leader: Vec<usize> = (0..mesh.elements.len()).collect();
-    let mut seen = HashMap::with_capacity(2 * mesh.elements.len());
-    for (place, element) in mesh.elements.iter().enumerate() {
-        for side in 0..4 {
-            let other = *seen.entry(mesh.face_key(element, side)).or_insert(place);
-            let (a, b) = (lead(&mut leader, place), lead(&mut leader, other));
-            leader[a.max(b)] = a.min(b);
-        }
-    }
-    let mut parts: HashMap<usize, Vec<usize>> = HashMap::new();
-    for (place, element) in mesh.elements.iter().enumerate() {
-        parts.entry(lead(&mut leader, place)).or_default().extend(&element.nodes);
+    let mut first_with = HashMap::with_capacity(2 * mesh.elements.len());
+    let faces = mesh.elements.iter().enumerate().flat_map(|each| (0..4).map(move |side| (each, side)));
+    let joints = faces.map(|((place, element), side)| {
+        (place, *first_with.entry(mesh.face_key(element, side)).or_insert(place))
+    });
+    let mut parts: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (part, element) in mesh::parts(mesh.elements.len(), joints).into_iter().zip(&mesh.elements) {
+        parts.entry(part).or_default().extend(&element.nodes);
     }
     let mut parts: Vec<Vec<usize>> = parts.into_values().collect();
     for part in &mut parts {
@@ -58,14 +54,6 @@ fn parts(mesh: &Mesh) -> Vec<Vec<usize>> {
     parts
 }
 
-fn lead(leader: &mut [usize], mut of: usize) -> usize {
-    while leader[of] != of {
-        leader[of] = leader[leader[of]];
-        of = leader[of];
-    }
-    of
-}
-
 /// Nodes that lie nearer to one line than this share of their part's size do not keep it from turning about that line:
 /// rounding of coordinates alone must not hold it, and a support a thousandth of the part's size apart still does.
 const ON_LINE: f64 = 3e-5;
@@ -74,7 +62,7 @@ const ON_LINE: f64 = 3e-5;
 fn motion(mesh: &Mesh, nodes: &[usize], held: &[bool]) -> Option<String> {
     let mut places = nodes.iter().filter(|node| held[**node]).map(|node| mesh.xyz[*node]);
     let Some(first) = places.next() else { return Some("move and turn in every direction".to_owned()) };
-    let arms: Vec<[f64; 3]> = places.map(|place| [0, 1, 2].map(|axis| place[axis] - first[axis])).collect();
+    let arms: Vec<[f64; 3]> = places.map(|place| minus(place, first)).collect();
     let length = |arm: [f64; 3]| dot(arm, arm).sqrt();
     let longest = arms.iter().copied().max_by(|one, other| length(*one).total_cmp(&length(*other)));
     let line = longest.unwrap_or_default();

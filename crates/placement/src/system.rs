@@ -24,9 +24,9 @@ struct Pattern {
     free: Vec<Option<usize>>,
     /// Free nodes in the order of elimination.
     order: Vec<usize>,
-    /// Free nodes that touch a free node and come after it, ascending.
-    later: Vec<Vec<u32>>,
+    /// Where the rows of each column begin.
     start: Vec<usize>,
+    /// Rows of the entries, ascending in each column.
     rows: Vec<usize>,
 }
 
@@ -45,7 +45,6 @@ impl<const WIDTH: usize> System<WIDTH> {
         for (number, node) in nodes.iter().enumerate() {
             free[*node] = Some(number);
         }
-        let mut later = Vec::with_capacity(nodes.len());
         let (mut start, mut rows) = (vec![0], Vec::new());
         for (number, node) in nodes.iter().enumerate() {
             let after: Vec<usize> = graph.neighbours(*node).iter().filter_map(|node| free[*node]).collect();
@@ -55,11 +54,10 @@ impl<const WIDTH: usize> System<WIDTH> {
                 rows.extend(after.iter().flat_map(|other| (0..WIDTH).map(move |row| WIDTH * other + row)));
                 start.push(rows.len());
             }
-            later.push(after.iter().map(|other| u32::try_from(*other).unwrap_or(u32::MAX)).collect());
         }
         let order = graph.order(xyz, nodes).into_iter().filter_map(|node| free[node]).collect();
         let values = vec![0.0; rows.len()];
-        Self { pattern: Arc::new(Pattern { free, order, later, start, rows }), values }
+        Self { pattern: Arc::new(Pattern { free, order, start, rows }), values }
     }
 
     /// The number of a node of the mesh among the free ones.
@@ -73,21 +71,13 @@ impl<const WIDTH: usize> System<WIDTH> {
         if row < column {
             return;
         }
-        let Pattern { start, later, .. } = &*self.pattern;
-        if row == column {
-            for (under, values) in block.iter().enumerate() {
-                for (at, value) in values.iter().enumerate().take(under + 1) {
-                    self.values[start[WIDTH * column + at] + under - at] += value;
-                }
-            }
-            return;
-        }
-        let Ok(row) = u32::try_from(row) else { return };
-        let Ok(place) = later[column].binary_search(&row) else { return };
+        let Pattern { start, rows, .. } = &*self.pattern;
+        let first = WIDTH * column;
+        let Ok(place) = rows[start[first]..start[first + 1]].binary_search(&(WIDTH * row)) else { return };
         for (under, values) in block.iter().enumerate() {
-            for (at, value) in values.iter().enumerate() {
-                let first = start[WIDTH * column + at] + (WIDTH - at) + WIDTH * place;
-                self.values[first + under] += value;
+            for (at, value) in values.iter().enumerate().filter(|(at, _)| row > column || *at <= under) {
+                // Each column of a node begins one row below the one before it.
+                self.values[start[first + at] + place + under - at] += value;
             }
         }
     }
