@@ -2,10 +2,9 @@
 //! Gmsh and PrePoMax write.
 //!
 //! ```text
-//! card ──── what stands in the files: cards, parameters, lines, with their locations
-//! parse ─── each card to its reader in model, material or load
-//! raw ───── the same in numbers and names
-//! resolve ─ names looked up, everything checked: the FeInput
+//! card ───── what stands in the files: cards, parameters, lines, with their locations
+//! keywords ─ which cards there are, and when each is read: after all that it may name
+//! reader ─── what has been read so far; mesh, material and load read their cards into it
 //! ```
 //! A Gmsh mesh names surfaces by flat elements (`CPS3`, `CPS6`): the nodes of such a set can be used as a node set, and
 //! its faces in `*FILM` and `*DFLUX` with the side `F` or `S` without a number.
@@ -20,12 +19,11 @@ use crate::body::{LoadCase, Materials};
 use crate::mesh::Mesh;
 
 mod card;
+mod keywords;
 mod load;
 mod material;
-mod model;
-mod parse;
-mod raw;
-mod resolve;
+mod mesh;
+mod reader;
 
 #[cfg(test)]
 mod tests;
@@ -126,7 +124,5 @@ pub fn read(path: &Path) -> Result<FeInput, Faults> {
     if cards.is_empty() && faults.is_empty() {
         faults.push(Fault::of_file(path, "the FE input file is empty"));
     }
-    let mut raw = parse::parse(&cards, faults);
-    let faults = std::mem::take(&mut raw.faults);
-    resolve::resolve(path, &raw, faults).map_err(Faults)
+    reader::read(path, &cards, faults).map_err(Faults)
 }

@@ -106,25 +106,17 @@ impl Card {
         self.parameters.iter().any(|(known, _)| known == name)
     }
 
-    /// Refuses parameters that are not among `known`.
-    pub(super) fn only(&self, known: &[&str], faults: &mut Vec<Fault>) {
-        for (name, _) in self.parameters.iter().filter(|(name, _)| !known.contains(&name.as_str())) {
-            let here = if known.is_empty() {
-                "it takes none".to_owned()
-            } else {
-                format!("known here: {}", known.join(", "))
+    /// Refuses parameters that are not among `known`, which blanks divide.
+    pub(super) fn only(&self, known: &str, faults: &mut Vec<Fault>) {
+        for (name, _) in
+            self.parameters.iter().filter(|(name, _)| !known.split(' ').any(|known| known == name))
+        {
+            let here = match known {
+                "" => "it takes none".to_owned(),
+                known => format!("known here: {}", known.replace(' ', ", ")),
             };
             faults.push(self.fault(format!("the parameter {name} is not understood ({here})")));
         }
-    }
-
-    /// What `read` makes of each line; a line that it refuses is left out.
-    pub(super) fn each<T>(
-        &self,
-        faults: &mut Vec<Fault>,
-        read: impl Fn(&Line) -> Result<T, Fault>,
-    ) -> Vec<T> {
-        self.lines.iter().filter_map(|line| read(line).map_err(|fault| faults.push(fault)).ok()).collect()
     }
 
     pub(super) fn fault(&self, message: impl Into<String>) -> Fault {
@@ -180,7 +172,7 @@ fn gather(path: &Path, from: Option<&Card>, depth: usize, cards: &mut Vec<Card>,
             cards.push(card);
             continue;
         }
-        card.only(&["INPUT"], faults);
+        card.only("INPUT", faults);
         let input = card.parameters.iter().find(|(name, _)| name == "INPUT");
         match input.and_then(|(_, value)| value.as_ref()).filter(|input| !input.is_empty()) {
             Some(input) => {

@@ -1,19 +1,20 @@
-//! The step: heat transfer, films, fluxes, held temperatures, and what is to be printed.
+//! Initial and held temperatures, and the step: heat transfer, films, fluxes, and what is to be printed.
 
-use super::Fault;
+use std::path::Path;
+
 use super::card::{Card, Line};
-use super::model::side;
-use super::raw::{Boundary, Load, Part, Raw, Region, Target};
-use crate::body::Case;
+use super::mesh::side;
+use super::reader::Reader;
+use super::{Fault, SurfaceNames};
+use crate::body::{Case, Film, Flux, LoadCase};
 
-pub(super) fn heat_transfer(raw: &mut Raw, card: &Card) -> Result<(), Fault> {
-    if raw.load.is_some() {
+pub(super) fn heat_transfer(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
+    if reader.case.is_some() {
         return Err(card.fault("the step has this already"));
     }
     let case = if card.has("STEADYSTATE") { Ok(Case::Steady) } else { transient(card) };
     // A wrong line must not make every load after it look misplaced.
-    let (films, fluxes, nodal) = (Vec::new(), Vec::new(), Vec::new());
-    raw.load = Some(Load { case: *case.as_ref().unwrap_or(&Case::Steady), films, fluxes, nodal });
+    reader.case = Some(*case.as_ref().unwrap_or(&Case::Steady));
     if let Some(solver) = card.value("SOLVER").filter(|solver| solver != "SPOOLES") {
         return Err(card.fault(format!(
             "SOLVER={solver}: which solver is taken is not for the file to say, and not everyone has this one: leave \
@@ -47,91 +48,188 @@ fn transient(card: &Card) -> Result<Case, Fault> {
     Ok(Case::Transient { step, period })
 }
 
-/// What the step holds so far.
-fn load<'a>(load: &'a mut Option<Load>, card: &Card) -> Result<&'a mut Load, Fault> {
-    load.as_mut().ok_or_else(|| card.fault("belongs after *HEAT TRANSFER"))
+/// Reads every line of a load of the step.
+fn loads(
+    reader: &mut Reader,
+    card: &Card,
+    read: impl FnMut(&mut Reader, &Line) -> Result<(), Fault>,
+) -> Result<(), Fault> {
+    if reader.case.is_none() {
+        return Err(card.fault("belongs after *HEAT TRANSFER"));
+    }
+    reader.each(card, read);
+    Ok(())
 }
 
-/// A side of elements, or a named surface, where only the letter stands.
-fn region(line: &Line, letter: &str) -> Result<Region, Fault> {
-    let is_surface = line.text(1).eq_ignore_ascii_case(letter);
-    let part = if is_surface { Part::Surface } else { Part::Side(side(line, 1, letter)?) };
-    Ok(Region { target: Target::of(line.text(0)), part })
+/// A side, where the second value names one; where only the letter stands, the first names a surface.
+fn side_or_surface(line: &Line, letter: &str) -> Result<Option<usize>, Fault> {
+    if line.text(1).eq_ignore_ascii_case(letter) { Ok(None) } else { side(line, letter).map(Some) }
 }
 
-pub(super) fn films(raw: &mut Raw, card: &Card) -> Result<(), Fault> {
-    let films = card.each(&mut raw.faults, |line| {
+pub(super) fn films(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
+    loads(reader, card, |reader, line| {
         line.exactly(&["element or set", "side", "sink temperature", "film coefficient"])?;
-        let region = region(line, "F")?;
+        let side = side_or_surface(line, "F")?;
         let sink = line.number(2, "sink temperature")?;
         let coefficient = line.number(3, "film coefficient")?;
         if coefficient <= 0.0 {
-            return Err(line.fault(format!("the film coefficient is {coefficient}; it is more than nothing")));
+            let message = format!("the film coefficient is {coefficient}; it is more than nothing");
+            return Err(line.fault(message));
         }
-        Ok((region, sink, coefficient, line.at.clone()))
-    });
-    load(&mut raw.load, card)?.films.extend(films);
-    Ok(())
+        for face in reader.faces(line, side, "F") {
+            let id = reader.mesh.elements[face.element].id;
+            let what = || format!("side F{} of element {id} has a film", face.side + 1);
+            reader.once(line, (0, face.element, face.side), what);
+            reader.names.films.push(line.text(0).to_lowercase());
+            reader.films.push(Film { face, sink, coefficient });
+        }
+        Ok(())
+    })
 }
 
-pub(super) fn fluxes(raw: &mut Raw, card: &Card) -> Result<(), Fault> {
-    let fluxes = card.each(&mut raw.faults, |line| {
+pub(super) fn fluxes(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
+    loads(reader, card, |reader, line| {
         line.exactly(&["element or set", "side or BF", "heat"])?;
-        let region = if line.text(1).eq_ignore_ascii_case("BF") {
-            Region { target: Target::of(line.text(0)), part: Part::Volume }
+        let fluxes: Vec<(usize, usize, Flux)> = if line.text(1).eq_ignore_ascii_case("BF") {
+            let heat = line.number(2, "heat")?;
+            let elements = reader.elements(line.text(0), &line.at).into_iter();
+            elements.map(|element| (element, 4, Flux::Volume(element, heat))).collect()
         } else {
-            region(line, "S")?
+            let (side, heat) = (side_or_surface(line, "S")?, line.number(2, "heat")?);
+            let faces = reader.faces(line, side, "S").into_iter();
+            faces.map(|face| (face.element, face.side, Flux::Face(face, heat))).collect()
         };
-        Ok((region, line.number(2, "heat")?, line.at.clone()))
-    });
-    load(&mut raw.load, card)?.fluxes.extend(fluxes);
-    Ok(())
+        for (element, side, flux) in fluxes {
+            let id = reader.mesh.elements[element].id;
+            reader.once(line, (1, element, side), || format!("element {id} has this flux"));
+            reader.names.fluxes.push(line.text(0).to_lowercase());
+            reader.fluxes.push(flux);
+        }
+        Ok(())
+    })
 }
 
-pub(super) fn nodal(raw: &mut Raw, card: &Card) -> Result<(), Fault> {
-    let nodal = card.each(&mut raw.faults, |line| {
+pub(super) fn nodal(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
+    loads(reader, card, |reader, line| {
         line.exactly(&["node or set", "direction 11", "heat"])?;
         if line.text(1) != "11" {
             return Err(line.fault(format!("`{}`: heat enters at a node in direction 11", line.text(1))));
         }
-        Ok((Target::of(line.text(0)), line.number(2, "heat")?, line.at.clone()))
-    });
-    load(&mut raw.load, card)?.nodal.extend(nodal);
-    Ok(())
+        let heat = line.number(2, "heat")?;
+        for node in reader.nodes(line.text(0), &line.at) {
+            let id = reader.mesh.nodes[node];
+            reader.once(line, (2, node, 0), || format!("node {id} has a flux"));
+            reader.nodal.push((node, heat));
+        }
+        Ok(())
+    })
 }
 
 /// `*BOUNDARY`, before the step or in it.
-pub(super) fn boundary(raw: &mut Raw, card: &Card) -> Result<(), Fault> {
-    let boundaries = card.each(&mut raw.faults, bound);
-    raw.boundaries.extend(boundaries);
+pub(super) fn boundary(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
+    reader.each(card, |reader, line| {
+        if !(2..=4).contains(&line.len()) {
+            line.exactly(&["node or set", "first direction", "last direction", "value"])?;
+        }
+        let first = line.id(line.text(1), "first direction")?;
+        let last = if line.text(2).is_empty() { first } else { line.id(line.text(2), "last direction")? };
+        let value = if line.len() == 4 { line.number(3, "value")? } else { 0.0 };
+        let heat = (first, last) == (11, 11);
+        let structural = first <= last && last <= 3;
+        if !heat && !structural {
+            let message =
+                format!("directions {first} to {last}: 1 to 3 hold the structure, 11 its temperature");
+            return Err(line.fault(message));
+        }
+        if heat && line.len() < 4 {
+            return Err(line.fault("the temperature is missing"));
+        }
+        if !heat && value.abs() > 0.0 {
+            return Err(line.fault("a structure is held where it stands: the value is 0"));
+        }
+        for node in reader.nodes(line.text(0), &line.at) {
+            if heat {
+                let other = reader.held.insert(node, value);
+                if other.is_some_and(|other| other.to_bits() != value.to_bits()) {
+                    let id = reader.mesh.nodes[node];
+                    reader
+                        .faults
+                        .push(line.fault(format!("node {id} is held at another temperature already")));
+                }
+            } else {
+                let support = reader.supports.entry(node).or_insert(([false; 3], line.at.clone()));
+                (first..=last).for_each(|direction| support.0[direction as usize - 1] = true);
+            }
+        }
+        Ok(())
+    });
     Ok(())
-}
-
-fn bound(line: &Line) -> Result<Boundary, Fault> {
-    if !(2..=4).contains(&line.len()) {
-        line.exactly(&["node or set", "first direction", "last direction", "value"])?;
-    }
-    let first = line.id(line.text(1), "first direction")?;
-    let last = if line.text(2).is_empty() { first } else { line.id(line.text(2), "last direction")? };
-    let value = if line.len() == 4 { line.number(3, "value")? } else { 0.0 };
-    let heat = (first, last) == (11, 11);
-    let structural = first <= last && last <= 3;
-    if !heat && !structural {
-        let message = format!("directions {first} to {last}: 1 to 3 hold the structure, 11 its temperature");
-        return Err(line.fault(message));
-    }
-    if heat && line.len() < 4 {
-        return Err(line.fault("the temperature is missing"));
-    }
-    if !heat && value.abs() > 0.0 {
-        return Err(line.fault("a structure is held where it stands: the value is 0"));
-    }
-    Ok(Boundary { target: Target::of(line.text(0)), first, last, value, at: line.at.clone() })
 }
 
 /// What other programs are to print; only the sets it names are looked at.
-pub(super) fn printed(raw: &mut Raw, card: &Card) -> Result<(), Fault> {
-    raw.printed.extend(card.value("NSET").map(|name| (name, true, card.at.clone())));
-    raw.printed.extend(card.value("ELSET").map(|name| (name, false, card.at.clone())));
+pub(super) fn printed(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
+    if let Some(name) = card.value("NSET") {
+        reader.nodes(&name, &card.at);
+    }
+    if let Some(name) = card.value("ELSET") {
+        reader.elements(&name, &card.at);
+    }
     Ok(())
+}
+
+pub(super) fn initial(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
+    if card.value("TYPE").as_deref() != Some("TEMPERATURE") {
+        return Err(card.fault("only TYPE=TEMPERATURE is read"));
+    }
+    reader.each(card, |reader, line| {
+        line.exactly(&["node or set", "temperature"])?;
+        let temperature = line.number(1, "temperature")?;
+        for node in reader.nodes(line.text(0), &line.at) {
+            let other = reader.initial[node].replace(temperature);
+            if other.is_some_and(|other| other.to_bits() != temperature.to_bits()) {
+                let id = reader.mesh.nodes[node];
+                reader.faults.push(line.fault(format!("node {id} starts at another temperature already")));
+            }
+        }
+        Ok(())
+    });
+    Ok(())
+}
+
+/// Nodes that are held in all three directions.
+pub(super) fn supports(reader: &mut Reader) -> Vec<usize> {
+    let partly = reader.supports.iter().find(|(_, (directions, _))| directions.contains(&false));
+    if let Some((node, (_, at))) = partly {
+        let id = reader.mesh.nodes[*node];
+        reader.faults.push(at.fault(format!("node {id} is held in some directions only: hold it in 1 to 3")));
+    }
+    reader.supports.keys().copied().collect()
+}
+
+/// The load case, if every node starts somewhere.
+pub(super) fn finish(path: &Path, reader: &mut Reader) -> Option<(LoadCase, SurfaceNames)> {
+    // A line of the card that is wrong has been reported; what it leaves out is not missed on top.
+    let is_reported = reader.faults.iter().any(|fault| fault.card == "*INITIAL CONDITIONS");
+    let without = reader.initial.iter().position(Option::is_none);
+    if let Some(node) = without.filter(|_| !is_reported && !reader.is_spoiled) {
+        let id = reader.mesh.nodes[node];
+        let message = format!(
+            "node {id} has no initial temperature: write *INITIAL CONDITIONS, TYPE=TEMPERATURE for all nodes before \
+             *STEP"
+        );
+        reader.faults.push(Fault::of_file(path, message));
+    }
+    if reader.case.is_none() && reader.faults.is_empty() {
+        let message = "the step has no *HEAT TRANSFER: nothing says how the structure warms";
+        reader.faults.push(Fault::of_file(path, message));
+    }
+    let load = LoadCase {
+        case: reader.case?,
+        initial: reader.initial.iter().copied().collect::<Option<_>>()?,
+        films: std::mem::take(&mut reader.films),
+        fluxes: std::mem::take(&mut reader.fluxes),
+        nodal: std::mem::take(&mut reader.nodal),
+        held: std::mem::take(&mut reader.held).into_iter().collect(),
+    };
+    Some((load, std::mem::take(&mut reader.names)))
 }

@@ -1,17 +1,28 @@
-//! Materials, sections and initial temperatures.
+//! Materials, and what each element is made of.
 
 use std::collections::BTreeMap;
 
 use super::Fault;
-use super::card::{Card, Line};
-use super::raw::{Material, Raw, Target};
+use super::card::{Card, Line, Location};
+use super::reader::Reader;
+use crate::body::{Case, Material, Materials};
 
-pub(super) const YOUNG: &str = "Young's modulus";
-pub(super) const POISSON: &str = "Poisson's ratio";
-pub(super) const EXPANSION: &str = "expansion";
-pub(super) const CONDUCTIVITY: &str = "conductivity";
-pub(super) const SPECIFIC_HEAT: &str = "specific heat";
-pub(super) const DENSITY: &str = "density";
+/// A material as far as it has been read.
+pub(super) struct Draft {
+    name: String,
+    at: Location,
+    /// By the names below.
+    properties: BTreeMap<&'static str, f64>,
+    /// One of its cards is wrong: what it lacks is not said on top.
+    is_spoiled: bool,
+}
+
+const YOUNG: &str = "Young's modulus";
+const POISSON: &str = "Poisson's ratio";
+const EXPANSION: &str = "expansion";
+const CONDUCTIVITY: &str = "conductivity";
+const SPECIFIC_HEAT: &str = "specific heat";
+const DENSITY: &str = "density";
 
 /// What a value must lie between to be in the unit that is named.
 fn bounds(name: &str) -> (f64, f64, &'static str) {
@@ -26,23 +37,24 @@ fn bounds(name: &str) -> (f64, f64, &'static str) {
     }
 }
 
-pub(super) fn material(raw: &mut Raw, card: &Card) -> Result<(), Fault> {
+pub(super) fn material(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     let name = card.value("NAME").filter(|name| !name.is_empty());
     let name = name.ok_or_else(|| card.fault("names no material: write NAME="))?;
-    if let Some(known) = raw.materials.iter().find(|known| known.name == name) {
+    if let Some(known) = reader.materials.iter().find(|known| known.name == name) {
         return Err(card.fault(format!("{name} is defined already in line {}", known.at.line)));
     }
-    raw.materials.push(Material { name, at: card.at.clone(), properties: BTreeMap::new(), spoiled: false });
+    let (at, properties) = (card.at.clone(), BTreeMap::new());
+    reader.materials.push(Draft { name, at, properties, is_spoiled: false });
     Ok(())
 }
 
-pub(super) fn property(raw: &mut Raw, card: &Card) -> Result<(), Fault> {
+pub(super) fn property(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     let values = values(card);
-    let material = raw.materials.last_mut().ok_or_else(|| card.fault("belongs under a *MATERIAL"))?;
-    material.spoiled |= values.is_err();
+    let material = reader.materials.last_mut().ok_or_else(|| card.fault("belongs under a *MATERIAL"))?;
+    material.is_spoiled |= values.is_err();
     for (name, value) in values? {
         if material.properties.insert(name, value).is_some() {
-            material.spoiled = true;
+            material.is_spoiled = true;
             return Err(card.fault(format!("{} has this already", material.name)));
         }
     }
@@ -94,30 +106,64 @@ fn value(line: &Line, place: usize, name: &str) -> Result<f64, Fault> {
     Ok(value)
 }
 
-pub(super) fn section(raw: &mut Raw, card: &Card) -> Result<(), Fault> {
+pub(super) fn section(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
     let (Some(set), Some(material)) = (card.value("ELSET"), card.value("MATERIAL")) else {
         return Err(card.fault("needs ELSET= and MATERIAL="));
     };
     // PrePoMax writes a thickness of nothing under a solid section.
-    let thickness = card
-        .lines
-        .iter()
-        .find(|line| line.values().any(|text| !text.trim_matches(['1', '.', ' ']).is_empty()));
-    if let Some(line) = thickness {
+    let is_thick = |line: &&Line| line.values().any(|text| !text.trim_matches(['1', '.', ' ']).is_empty());
+    if let Some(line) = card.lines.iter().find(is_thick) {
         return Err(line.fault("a solid has no thickness: take this line out"));
     }
-    raw.sections.push((set, material, card.at.clone()));
+    let number = reader.materials.iter().position(|known| known.name == material);
+    let number = number.ok_or_else(|| card.fault(format!("material {material} is not defined")))?;
+    for element in reader.elements(&set, &card.at) {
+        if reader.of_element[element].replace(number).is_some_and(|other| other != number) {
+            let id = reader.mesh.elements[element].id;
+            reader.faults.push(card.fault(format!("element {id} has a material already")));
+        }
+    }
     Ok(())
 }
 
-pub(super) fn initial(raw: &mut Raw, card: &Card) -> Result<(), Fault> {
-    if card.value("TYPE").as_deref() != Some("TEMPERATURE") {
-        return Err(card.fault("only TYPE=TEMPERATURE is read"));
+/// The materials, if every element has one that lacks nothing.
+pub(super) fn finish(reader: &mut Reader) -> Option<Materials> {
+    let missing = reader.of_element.iter().filter(|material| material.is_none()).count();
+    let is_reported = reader.faults.iter().any(|fault| fault.card == "*SOLID SECTION");
+    if let Some(first) = reader.of_element.iter().position(Option::is_none).filter(|_| !is_reported) {
+        let id = reader.mesh.elements[first].id;
+        let message = format!(
+            "{missing} elements have no material, the first is {id}: write *SOLID SECTION, ELSET=…, MATERIAL=…"
+        );
+        let at = reader.element_at[first].clone();
+        reader.missed(&at, message);
     }
-    let initial = card.each(&mut raw.faults, |line| {
-        line.exactly(&["node or set", "temperature"])?;
-        Ok((Target::of(line.text(0)), line.number(1, "temperature")?, line.at.clone()))
-    });
-    raw.initial.extend(initial);
-    Ok(())
+    let transient = reader.case.is_some_and(|case| case != Case::Steady);
+    let mut list = Vec::new();
+    for (number, draft) in reader.materials.iter().enumerate() {
+        let property = |name: &str| draft.properties.get(name).copied();
+        let stores = property(SPECIFIC_HEAT).zip(property(DENSITY)).map(|(heat, density)| heat * density);
+        let expansion = property(EXPANSION).unwrap_or_default();
+        let needed = [
+            (property(YOUNG).is_some(), "*ELASTIC"),
+            (expansion.abs() > 0.0, "*EXPANSION"),
+            (property(CONDUCTIVITY).is_some(), "*CONDUCTIVITY"),
+            (!transient || stores.is_some(), "*SPECIFIC HEAT and *DENSITY (a transient step needs both)"),
+        ];
+        let lacks: Vec<&str> =
+            needed.iter().filter(|(is_there, _)| !is_there).map(|(_, card)| *card).collect();
+        if !lacks.is_empty() && !draft.is_spoiled && reader.of_element.contains(&Some(number)) {
+            let message = format!("{} has no {}", draft.name, lacks.join(", no "));
+            reader.faults.push(draft.at.fault(message));
+        }
+        list.push(Material {
+            name: draft.name.clone(),
+            young: property(YOUNG).unwrap_or_default(),
+            poisson: property(POISSON).unwrap_or_default(),
+            expansion,
+            conductivity: property(CONDUCTIVITY).unwrap_or_default(),
+            capacity: stores,
+        });
+    }
+    Some(Materials { list, of_element: reader.of_element.iter().copied().collect::<Option<_>>()? })
 }

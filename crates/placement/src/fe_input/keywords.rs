@@ -1,0 +1,154 @@
+//! Which keywords there are, when each is read, and what is said of all others.
+
+use super::Fault;
+use super::card::{Card, INCLUDED, plain};
+use super::reader::Reader;
+use super::{load, material, mesh};
+
+/// When a card is read: after all that it may name, wherever that stands. Cards of one stage are read in their order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Stage {
+    Nodes,
+    Elements,
+    Sets,
+    Surfaces,
+    Materials,
+    Sections,
+    Boundary,
+    Step,
+}
+
+/// A keyword, its stage, the parameters it may have, and what reads it.
+type Keyword = (&'static str, Stage, &'static str, Read);
+type Read = fn(&mut Reader, &Card) -> Result<(), Fault>;
+
+const KEYWORDS: [Keyword; 27] = [
+    ("BOUNDARY", Stage::Boundary, "OP", load::boundary),
+    ("NODE", Stage::Nodes, "NSET", mesh::nodes),
+    ("ELEMENT", Stage::Elements, "TYPE ELSET", mesh::elements),
+    ("NSET", Stage::Sets, "NSET GENERATE", mesh::set),
+    ("ELSET", Stage::Sets, "ELSET GENERATE", mesh::set),
+    ("SURFACE", Stage::Surfaces, "NAME TYPE", mesh::surface),
+    ("MATERIAL", Stage::Materials, "NAME", material::material),
+    ("ELASTIC", Stage::Materials, "TYPE", material::property),
+    ("EXPANSION", Stage::Materials, "TYPE ZERO", material::property),
+    ("CONDUCTIVITY", Stage::Materials, "TYPE", material::property),
+    ("SPECIFIC HEAT", Stage::Materials, "", material::property),
+    ("DENSITY", Stage::Materials, "", material::property),
+    ("SOLID SECTION", Stage::Sections, "ELSET MATERIAL", material::section),
+    ("INITIAL CONDITIONS", Stage::Sections, "TYPE", load::initial),
+    // They only matter to radiation, which is refused.
+    ("PHYSICAL CONSTANTS", Stage::Materials, CONSTANTS, |_, _| Ok(())),
+    ("HEAT TRANSFER", Stage::Step, "STEADYSTATE DIRECT SOLVER", load::heat_transfer),
+    ("FILM", Stage::Step, "OP", load::films),
+    ("DFLUX", Stage::Step, "OP", load::fluxes),
+    ("CFLUX", Stage::Step, "OP", load::nodal),
+    ("NODE PRINT", Stage::Step, PRINTED, load::printed),
+    ("NODE FILE", Stage::Step, PRINTED, load::printed),
+    ("NODE OUTPUT", Stage::Step, PRINTED, load::printed),
+    ("EL PRINT", Stage::Step, PRINTED, load::printed),
+    ("EL FILE", Stage::Step, PRINTED, load::printed),
+    ("ELEMENT OUTPUT", Stage::Step, PRINTED, load::printed),
+    ("OUTPUT", Stage::Step, PRINTED, load::printed),
+    ("CONTACT FILE", Stage::Step, PRINTED, load::printed),
+];
+
+const CONSTANTS: &str = "ABSOLUTEZERO STEFANBOLTZMANN NEWTONGRAVITY";
+const PRINTED: &str = "NSET ELSET FREQUENCY FREQUENCYF TOTALS GLOBAL OUTPUT TIMEPOINTS NODES 2D 3D";
+
+/// The cards with their stages and what reads them. What is not understood or stands in a wrong place goes to `faults`.
+pub(super) fn known<'a>(cards: &'a [Card], faults: &mut Vec<Fault>) -> Vec<(Stage, &'a Card, Read)> {
+    let mut known = Vec::new();
+    // The card that began the step; whether it has ended.
+    let (mut began, mut ended) = (None, false);
+    for card in cards {
+        match card.key.as_str() {
+            "HEADING" | INCLUDED => {}
+            "STEP" if began.is_none() => {
+                card.only("INC AMPLITUDE", faults);
+                began = Some(card);
+            }
+            "STEP" => {
+                let message = "a second step: an FE input file is one load case, write one file for each";
+                faults.push(card.fault(message));
+                return known;
+            }
+            "ENDSTEP" if began.is_some() && !ended => ended = true,
+            "ENDSTEP" => faults.push(card.fault("there is no step to end")),
+            key => match KEYWORDS.iter().find(|(name, ..)| plain(name) == key) {
+                Some((_, stage, parameters, read)) => {
+                    let misplaced = match stage {
+                        Stage::Boundary => ended.then_some("belongs before *END STEP"),
+                        Stage::Step if began.is_some() && !ended => None,
+                        Stage::Step => Some("belongs between *STEP and *END STEP"),
+                        _ => began.map(|_| "belongs before *STEP"),
+                    };
+                    faults.extend(misplaced.map(|message| card.fault(message)));
+                    card.only(parameters, faults);
+                    known.push((*stage, card, *read));
+                }
+                None => faults.push(card.fault(why_refused(key))),
+            },
+        }
+    }
+    match (began, cards.last()) {
+        (None, Some(last)) => faults
+            .push(last.fault("the file ends without a step: write *STEP, *HEAT TRANSFER, loads, *END STEP")),
+        (Some(step), _) if !ended => faults.push(step.fault("the step is not ended: *END STEP is missing")),
+        _ => {}
+    }
+    known
+}
+
+/// Cards that are known and refused, with what to do instead.
+const REFUSED: [(&str, &str); 14] = [
+    (
+        "RADIATE",
+        "radiation is not linear; put it into the film coefficient: *FILM with 4·ε·σ·T³ more, about 0.005 mW/(mm²·K) \
+         at room temperature",
+    ),
+    (
+        "STATIC",
+        "only heat-transfer steps are read: one file for each load case with *HEAT TRANSFER; displacements follow from \
+         its temperatures",
+    ),
+    (
+        "TEMPERATURE",
+        "temperatures are computed, not given: write what warms the structure (*FILM, *DFLUX, *CFLUX, or *BOUNDARY with \
+         direction 11)",
+    ),
+    (
+        "COUPLEDTEMPERATURE-DISPLACEMENT UNCOUPLEDTEMPERATURE-DISPLACEMENT",
+        "write *HEAT TRANSFER: displacements follow from its temperatures",
+    ),
+    ("CLOAD", "forces do not warm anything: take them out of the file"),
+    ("DLOAD", "pressures do not warm anything: take them out of the file"),
+    ("AMPLITUDE", "loads are constant over the step"),
+    (
+        "EQUATION MPC TIE RIGIDBODY COUPLING CONTACTPAIR SURFACEINTERACTION GAPCONDUCTANCE",
+        "only joints by common nodes are read: make one mesh of the parts",
+    ),
+    (
+        "SHELLSECTION BEAMSECTION MEMBRANESECTION",
+        "only solids are read: mesh the structure with C3D4 or C3D10",
+    ),
+    ("ORIENTATION", "materials are the same in all directions"),
+    ("TRANSFORM", "coordinates and directions are those of the mesh"),
+    ("PLASTIC CREEP HYPERELASTIC", "materials are linear: for warming by some kelvin that is what they are"),
+    ("CONTROLS", "the equations are linear: there is nothing to control"),
+    ("RESTART", "each file is computed from its beginning"),
+];
+
+fn why_refused(key: &str) -> String {
+    if let Some((_, why)) = REFUSED.iter().find(|(keys, _)| keys.split(' ').any(|known| known == key)) {
+        return format!("is not read: {why}");
+    }
+    let known = ["HEADING", "INCLUDE", "STEP", "END STEP"].into_iter();
+    let known = known.chain(KEYWORDS.map(|(name, ..)| name));
+    let distances = known.map(|name| (strsim::damerau_levenshtein(&plain(name), key), name));
+    match distances.min_by_key(|(distance, _)| *distance) {
+        Some((0..=2, near)) => format!("no such card; did you mean *{near}?"),
+        _ => "this card is not understood, and none is passed over: take it out if it does not bear on the temperatures"
+            .to_owned(),
+    }
+}

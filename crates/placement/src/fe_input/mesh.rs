@@ -1,0 +1,209 @@
+//! Nodes, elements, sets and surfaces.
+
+use super::Fault;
+use super::card::{Card, Line, Location};
+use super::reader::Reader;
+use crate::element::worst_determinant;
+use crate::mesh::{Element, Face, Kind, NodeId};
+
+/// The longest name of a set, as CalculiX has it.
+const LONGEST: usize = 80;
+
+pub(super) fn nodes(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
+    let first = reader.nodes.len();
+    reader.each(card, |reader, line| {
+        line.exactly(&["number", "x", "y", "z"])?;
+        let id = line.id(line.text(0), "number of the node")?;
+        let xyz = [line.number(1, "x")?, line.number(2, "y")?, line.number(3, "z")?];
+        reader.nodes.push((id, xyz, line.at.clone()));
+        Ok(())
+    });
+    reader.is_spoiled |= reader.nodes.len() - first < card.lines.len();
+    let ids = reader.nodes[first..].iter().map(|(id, ..)| *id).collect();
+    reader.named.extend(named(card, "NSET")?.map(|name| (true, name, ids)));
+    Ok(())
+}
+
+/// Names of element types, what they are as solids, and how many nodes they have. Those that are none are lines and
+/// surfaces of the geometry: they name a place and carry nothing.
+const TYPES: [(&str, Option<Kind>, usize); 8] = [
+    ("C3D4", Some(Kind::Tet4), 4),
+    ("C3D10", Some(Kind::Tet10), 10),
+    ("T3D2", None, 2),
+    ("T3D3", None, 3),
+    ("CPS3", None, 3),
+    ("CPS6", None, 6),
+    ("CPE3", None, 3),
+    ("CPE6", None, 6),
+];
+
+pub(super) fn elements(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
+    let name = card.value("TYPE").ok_or_else(|| card.fault("names no TYPE: C3D4 and C3D10 are read"))?;
+    let known = TYPES.iter().find(|(known, ..)| *known == name);
+    let (name, kind, nodes) = known.ok_or_else(|| {
+        card.fault(format!("{name} is not read: mesh the structure with tetrahedra, C3D4 or C3D10"))
+    })?;
+    let mut ids = Vec::new();
+    for (numbers, at) in listed(card, name, *nodes)? {
+        let (id, nodes) = (numbers[0], &numbers[1..]);
+        ids.push(id);
+        if let Some(nodes) = places(reader, id, nodes, &at) {
+            match kind {
+                Some(kind) => solid(reader, Element { id, kind: *kind, nodes }, at),
+                None => reader.outlines.push((id, nodes)),
+            }
+        }
+    }
+    reader.named.extend(named(card, "ELSET")?.map(|name| (false, name, ids)));
+    Ok(())
+}
+
+/// Number and nodes of each element of a card; one may go on over several lines.
+fn listed(card: &Card, name: &str, nodes: usize) -> Result<Vec<(Vec<u32>, Location)>, Fault> {
+    let mut listed: Vec<(Vec<u32>, Location)> = Vec::new();
+    for line in &card.lines {
+        let mut numbers = Vec::with_capacity(nodes + 1);
+        for text in line.values() {
+            numbers.push(line.id(text, "number of an element or a node")?);
+        }
+        match listed.last_mut().filter(|(open, _)| open.len() <= nodes) {
+            Some((open, _)) => open.extend(numbers),
+            None => listed.push((numbers, line.at.clone())),
+        }
+        if let Some((all, at)) = listed.last().filter(|(all, _)| all.len() > nodes + 1) {
+            return Err(at.fault(format!("{} nodes where a {name} has {nodes}", all.len() - 1)));
+        }
+    }
+    match listed.last().filter(|(all, _)| all.len() <= nodes) {
+        Some((all, at)) => {
+            Err(at.fault(format!("{} of the {nodes} nodes of a {name}", all.len().saturating_sub(1))))
+        }
+        None => Ok(listed),
+    }
+}
+
+/// The places of an element's nodes, if all are there.
+fn places(reader: &mut Reader, id: u32, nodes: &[u32], at: &Location) -> Option<Vec<usize>> {
+    let mut places = Vec::with_capacity(nodes.len());
+    for node in nodes {
+        match reader.mesh.place(NodeId(*node)) {
+            Some(place) => places.push(place),
+            None => reader.missed(at, format!("element {id} names node {node}, which is not defined")),
+        }
+    }
+    (places.len() == nodes.len()).then_some(places)
+}
+
+fn solid(reader: &mut Reader, element: Element, at: Location) {
+    let (id, nodes) = (element.id, &element.nodes);
+    let known = reader.numbers.insert(id, reader.mesh.elements.len());
+    if let Some(first) = known {
+        let line = reader.element_at[first].line;
+        reader.faults.push(at.fault(format!("element {id} is defined already in line {line}")));
+    }
+    if (1..nodes.len()).any(|place| nodes[..place].contains(&nodes[place])) {
+        reader.faults.push(at.fault(format!("element {id} names a node twice")));
+    } else if worst_determinant(element.kind, &reader.mesh.corners(&element)) <= 0.0 {
+        reader.faults.push(at.fault(format!(
+            "element {id} is numbered inside out or folded: its volume is not positive; mesh it anew"
+        )));
+    }
+    reader.mesh.elements.push(element);
+    reader.element_at.push(at);
+}
+
+/// The name a parameter gives to a set.
+fn named(card: &Card, parameter: &str) -> Result<Option<String>, Fault> {
+    let Some(name) = card.value(parameter) else { return Ok(None) };
+    if name.is_empty() {
+        return Err(card.fault(format!("{parameter} has no name")));
+    }
+    if name.chars().count() > LONGEST {
+        return Err(card.fault(format!("the name of the set is longer than {LONGEST} characters: {name}")));
+    }
+    if name.parse::<u32>().is_ok() {
+        return Err(card.fault(format!("a set cannot be named by a number alone: {name}")));
+    }
+    Ok(Some(name))
+}
+
+/// `*NSET` and `*ELSET`.
+pub(super) fn set(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
+    let of_nodes = card.key == "NSET";
+    let what = if of_nodes { "node" } else { "element" };
+    let name = named(card, &card.key)?;
+    let name = name.ok_or_else(|| card.fault(format!("names no set: write {}=NAME", card.key)))?;
+    let mut members = Vec::new();
+    reader.each(card, |reader, line| {
+        let find = |reader: &mut Reader, id: u32| {
+            let place = reader.member(of_nodes, id);
+            if place.is_none() {
+                reader.missed(&line.at, format!("{what} {id} is not defined"));
+            }
+            place
+        };
+        if card.has("GENERATE") {
+            let (first, last, by) = range(line)?;
+            (first..=last).step_by(by).for_each(|id| members.extend(find(reader, id)));
+            return Ok(());
+        }
+        for text in line.values() {
+            if let Ok(id) = text.parse() {
+                members.extend(find(reader, id));
+            } else if let Some(set) = reader.sets(of_nodes).get(&text.to_uppercase()) {
+                members.extend(set);
+            } else if text.is_empty() {
+                reader.faults.push(line.fault("a member is missing between two commas"));
+            } else {
+                reader.missed(&line.at, format!("`{text}` is neither a number nor a {what} set above"));
+            }
+        }
+        Ok(())
+    });
+    if card.lines.iter().all(|line| line.len() == 0) {
+        return Err(card.fault(format!("{what} set {name} is empty")));
+    }
+    if reader.sets(of_nodes).contains_key(&name) {
+        return Err(card.fault(format!("{what} set {name} is defined already: name all its members once")));
+    }
+    reader.add_to_set(of_nodes, name, members);
+    Ok(())
+}
+
+/// The first number, the last and the step.
+fn range(line: &Line) -> Result<(u32, u32, usize), Fault> {
+    let by = if line.len() == 2 { 1 } else { line.id(line.text(2), "step")? };
+    if line.len() > 3 {
+        line.exactly(&["first", "last", "step"])?;
+    }
+    let (first, last) = (line.id(line.text(0), "first number")?, line.id(line.text(1), "last number")?);
+    if last < first {
+        return Err(line.fault(format!("from {first} to {last} there is nothing")));
+    }
+    Ok((first, last, usize::try_from(by).unwrap_or(1)))
+}
+
+pub(super) fn surface(reader: &mut Reader, card: &Card) -> Result<(), Fault> {
+    if card.value("TYPE").is_some_and(|kind| kind != "ELEMENT") {
+        return Err(card.fault("only surfaces of TYPE=ELEMENT are read"));
+    }
+    let name = named(card, "NAME")?.ok_or_else(|| card.fault("names no surface: write NAME="))?;
+    reader.each(card, |reader, line| {
+        line.exactly(&["element or set", "side"])?;
+        let side = side(line, "S")?;
+        let faces = reader.elements(line.text(0), &line.at).into_iter().map(|element| Face { element, side });
+        reader.surfaces.entry(name.clone()).or_default().extend(faces);
+        Ok(())
+    });
+    Ok(())
+}
+
+/// A side of a tetrahedron, `F1` to `F4` or `S1` to `S4`, from 0: the second value of a line.
+pub(super) fn side(line: &Line, letter: &str) -> Result<usize, Fault> {
+    let text = line.text(1).to_uppercase();
+    let number = text.strip_prefix(letter).and_then(|number| number.parse::<usize>().ok());
+    number.filter(|number| (1..=4).contains(number)).map(|number| number - 1).ok_or_else(|| {
+        let sides = format!("{letter}1, {letter}2, {letter}3 or {letter}4");
+        line.fault(format!("`{text}` is not a side of a tetrahedron: {sides}"))
+    })
+}

@@ -1,0 +1,297 @@
+//! What has been read so far, and what names mean in it.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::path::Path;
+
+use super::card::{Card, Line, Location};
+use super::keywords::{Stage, known};
+use super::material::Draft;
+use super::{Fault, FeInput, SurfaceNames, load, material};
+use crate::body::{Case, Film, Flux};
+use crate::mesh::{Face, Mesh, NodeId};
+
+/// What has been read so far.
+#[derive(Default)]
+pub(super) struct Reader {
+    pub(super) faults: Vec<Fault>,
+    /// The mesh is wrong, which has been reported: those who name what it lacks are not to blame.
+    pub(super) is_spoiled: bool,
+    /// Nodes in the order of the file.
+    pub(super) nodes: Vec<(u32, [f64; 3], Location)>,
+    pub(super) mesh: Mesh,
+    /// Places of the elements by their numbers, and where each stands.
+    pub(super) numbers: HashMap<u32, usize>,
+    pub(super) element_at: Vec<Location>,
+    /// Numbers and nodes of the lines and surfaces of the geometry. In sets they count on after the elements.
+    pub(super) outlines: Vec<(u32, Vec<usize>)>,
+    outline_numbers: HashMap<u32, usize>,
+    /// Sets that `*NODE` (true) and `*ELEMENT` name.
+    pub(super) named: Vec<(bool, String, Vec<u32>)>,
+    /// Outer faces by their corners.
+    outer: HashMap<[usize; 3], Face>,
+    /// Outer faces by the name of their surface.
+    pub(super) surfaces: BTreeMap<String, Vec<Face>>,
+    pub(super) materials: Vec<Draft>,
+    /// The material of each element.
+    pub(super) of_element: Vec<Option<usize>>,
+    /// The temperature at which each node starts.
+    pub(super) initial: Vec<Option<f64>>,
+    /// For nodes that are held the directions, and where that stands.
+    pub(super) supports: BTreeMap<usize, ([bool; 3], Location)>,
+    /// Temperatures at which nodes are held.
+    pub(super) held: BTreeMap<usize, f64>,
+    /// What the step holds, once it has *HEAT TRANSFER.
+    pub(super) case: Option<Case>,
+    pub(super) films: Vec<Film>,
+    pub(super) fluxes: Vec<Flux>,
+    pub(super) nodal: Vec<(usize, f64)>,
+    pub(super) names: SurfaceNames,
+    /// What may be said only once, and the line that said it.
+    once: HashMap<(u8, usize, usize), usize>,
+}
+
+/// The file whose cards these are, where nothing is wrong, these faults included.
+pub(super) fn read(path: &Path, cards: &[Card], mut faults: Vec<Fault>) -> Result<FeInput, Vec<Fault>> {
+    let known = known(cards, &mut faults);
+    let before = faults.len();
+    let mut reader = Reader { faults, ..Reader::default() };
+    let read = |reader: &mut Reader, stage: Stage| {
+        for (_, card, read) in known.iter().filter(|(known, ..)| *known == stage) {
+            let done = read(reader, card);
+            reader.faults.extend(done.err());
+        }
+    };
+    read(&mut reader, Stage::Nodes);
+    reader.sort_nodes();
+    read(&mut reader, Stage::Elements);
+    if reader.mesh.elements.is_empty() && reader.faults.is_empty() {
+        reader.faults.push(Fault::of_file(path, "the file has no elements: does it include its mesh?"));
+    }
+    reader.is_spoiled |= reader.faults.len() > before || reader.mesh.elements.is_empty();
+    reader.begin_sets();
+    read(&mut reader, Stage::Sets);
+    reader.find_surfaces();
+    reader.check_mesh();
+    for stage in [Stage::Surfaces, Stage::Materials, Stage::Sections, Stage::Boundary, Stage::Step] {
+        read(&mut reader, stage);
+    }
+    let materials = material::finish(&mut reader);
+    let supports = load::supports(&mut reader);
+    let load = load::finish(path, &mut reader);
+    let Reader { mesh, faults, .. } = reader;
+    match (materials, load) {
+        (Some(materials), Some((load, surfaces))) if faults.is_empty() => {
+            let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            Ok(FeInput { name, mesh, materials, load, surfaces, supports })
+        }
+        _ => Err(faults),
+    }
+}
+
+impl Reader {
+    /// Reads every line; what is wrong with one does not keep the others from being read.
+    pub(super) fn each(
+        &mut self,
+        card: &Card,
+        mut read: impl FnMut(&mut Reader, &Line) -> Result<(), Fault>,
+    ) {
+        for line in &card.lines {
+            let done = read(self, line);
+            self.faults.extend(done.err());
+        }
+    }
+
+    /// Something that is named is not there.
+    pub(super) fn missed(&mut self, at: &Location, message: String) {
+        if !self.is_spoiled {
+            self.faults.push(at.fault(message));
+        }
+    }
+
+    /// The places of a node, or of a set of them.
+    pub(super) fn nodes(&mut self, name: &str, at: &Location) -> Vec<usize> {
+        let found = look_up(name, "node", |id| self.mesh.place(NodeId(id)), &self.mesh.node_sets);
+        self.found(found, at)
+    }
+
+    /// The places of an element, or of a set of them.
+    pub(super) fn elements(&mut self, name: &str, at: &Location) -> Vec<usize> {
+        let number = |id: u32| self.numbers.get(&id).copied();
+        let found = look_up(name, "element", number, &self.mesh.element_sets);
+        self.found(found, at)
+    }
+
+    /// The faces of a surface, or these sides of an element or a set of them; `letter` is what calls a side.
+    pub(super) fn faces(&mut self, line: &Line, side: Option<usize>, letter: &str) -> Vec<Face> {
+        let faces = match side {
+            None => {
+                let found = look_up(line.text(0), "surface", |_| None, &self.surfaces);
+                self.found(found, &line.at)
+            }
+            Some(side) => {
+                let elements = self.elements(line.text(0), &line.at).into_iter();
+                elements.map(|element| Face { element, side }).collect()
+            }
+        };
+        for face in &faces {
+            let element = &self.mesh.elements[face.element];
+            if self.outer.get(&self.mesh.face_key(element, face.side)) != Some(face) {
+                let (side, id) = (face.side + 1, element.id);
+                self.faults.push(line.fault(format!(
+                    "side {letter}{side} of element {id} lies inside the structure, between two elements"
+                )));
+            }
+        }
+        faces
+    }
+
+    /// Refuses what is said a second time.
+    pub(super) fn once(&mut self, line: &Line, key: (u8, usize, usize), what: impl Fn() -> String) {
+        if let Some(first) = self.once.insert(key, line.at.line) {
+            self.faults.push(line.fault(format!("{} already (line {first}); which one counts?", what())));
+        }
+    }
+
+    fn found<T>(&mut self, found: Result<Vec<T>, String>, at: &Location) -> Vec<T> {
+        found.unwrap_or_else(|why| {
+            self.missed(at, why);
+            Vec::new()
+        })
+    }
+
+    pub(super) fn sets(&mut self, of_nodes: bool) -> &mut BTreeMap<String, Vec<usize>> {
+        if of_nodes { &mut self.mesh.node_sets } else { &mut self.mesh.element_sets }
+    }
+
+    /// The place of a member of a set, if there is one of that number.
+    pub(super) fn member(&self, of_nodes: bool, id: u32) -> Option<usize> {
+        if of_nodes {
+            return self.mesh.place(NodeId(id));
+        }
+        let outline = || self.outline_numbers.get(&id).map(|place| self.mesh.elements.len() + place);
+        self.numbers.get(&id).copied().or_else(outline)
+    }
+
+    /// Every member once, in the order of the file.
+    pub(super) fn add_to_set(&mut self, of_nodes: bool, name: String, members: Vec<usize>) {
+        let set = self.sets(of_nodes).entry(name).or_default();
+        set.extend(members);
+        let mut seen = HashSet::new();
+        set.retain(|place| seen.insert(*place));
+    }
+
+    fn sort_nodes(&mut self) {
+        self.nodes.sort_by_key(|(id, ..)| *id);
+        for pair in self.nodes.windows(2) {
+            let [(id, _, first), (again, _, at)] = [&pair[0], &pair[1]];
+            if id == again {
+                self.faults.push(at.fault(format!("node {id} is defined already in line {}", first.line)));
+            }
+        }
+        self.mesh.nodes = self.nodes.iter().map(|(id, ..)| NodeId(*id)).collect();
+        self.mesh.xyz = self.nodes.iter().map(|(_, xyz, _)| *xyz).collect();
+    }
+
+    /// Sets that nodes and elements were put into as they were read.
+    fn begin_sets(&mut self) {
+        let outlines = self.outlines.iter().enumerate();
+        self.outline_numbers = outlines.map(|(place, (id, _))| (*id, place)).collect();
+        self.initial = vec![None; self.mesh.nodes.len()];
+        self.of_element = vec![None; self.mesh.elements.len()];
+        for (of_nodes, name, ids) in std::mem::take(&mut self.named) {
+            let members = ids.into_iter().filter_map(|id| self.member(of_nodes, id)).collect();
+            self.add_to_set(of_nodes, name, members);
+        }
+    }
+
+    /// Sets that hold outlines become surfaces, and node sets, where there is none of that name; what they hold of
+    /// elements they keep. A surface that lies inside is none: it has nodes, but nothing flows past it.
+    fn find_surfaces(&mut self) {
+        let mesh = &mut self.mesh;
+        let outer = mesh.outer_faces().into_iter();
+        self.outer =
+            outer.map(|face| (mesh.face_key(&mesh.elements[face.element], face.side), face)).collect();
+        for (name, mut members) in std::mem::take(&mut mesh.element_sets) {
+            members.sort_unstable();
+            let flat = members.split_off(members.partition_point(|member| *member < mesh.elements.len()));
+            if !members.is_empty() || flat.is_empty() {
+                mesh.element_sets.insert(name.clone(), members);
+            }
+            if flat.is_empty() {
+                continue;
+            }
+            let flat: Vec<&[usize]> =
+                flat.iter().map(|member| &self.outlines[member - mesh.elements.len()].1[..]).collect();
+            let faces: Option<Vec<Face>> =
+                flat.iter().map(|nodes| self.outer.get(&key(nodes)?).copied()).collect();
+            self.surfaces.extend(faces.map(|faces| (name.clone(), faces)));
+            let mut nodes: Vec<usize> = flat.concat();
+            nodes.sort_unstable();
+            nodes.dedup();
+            mesh.node_sets.entry(name).or_insert(nodes);
+        }
+    }
+
+    /// Refuses nodes without elements, faces with too many, neighbours of different kinds.
+    fn check_mesh(&mut self) {
+        if self.is_spoiled {
+            return;
+        }
+        let mesh = &self.mesh;
+        for ((id, _, at), used) in self.nodes.iter().zip(mesh.used()) {
+            if !used {
+                let message =
+                    format!("node {id} belongs to no element: take it out of the mesh and its sets");
+                self.faults.push(at.fault(message));
+            }
+        }
+        let mut faces: HashMap<[usize; 3], (usize, usize)> = HashMap::with_capacity(2 * mesh.elements.len());
+        for (place, element) in mesh.elements.iter().enumerate() {
+            for side in 0..4 {
+                let (first, times) = faces.entry(mesh.face_key(element, side)).or_insert((place, 0));
+                *times += 1;
+                let first = &mesh.elements[*first];
+                let (id, other) = (element.id, first.id);
+                let wrong = if *times > 2 {
+                    format!(
+                        "element {id} has a face that {other} and another element have already: parts of the mesh overlap"
+                    )
+                } else if first.kind != element.kind {
+                    let (kind, other_kind) = (element.kind.name(), first.kind.name());
+                    format!(
+                        "element {id} ({kind}) joins element {other} ({other_kind}): all elements that touch are of one kind"
+                    )
+                } else {
+                    continue;
+                };
+                self.faults.push(self.element_at[place].fault(wrong));
+            }
+        }
+    }
+}
+
+/// What a number or the name of a set means, or why it means nothing.
+fn look_up<T: Clone>(
+    name: &str,
+    what: &str,
+    find: impl Fn(u32) -> Option<T>,
+    sets: &BTreeMap<String, Vec<T>>,
+) -> Result<Vec<T>, String> {
+    if let Ok(id) = name.parse() {
+        return find(id).map(|found| vec![found]).ok_or_else(|| format!("{what} {id} is not defined"));
+    }
+    let name = name.to_uppercase();
+    sets.get(&name).cloned().ok_or_else(|| {
+        let known = sets.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
+        let known = if known.is_empty() { "there is none".to_owned() } else { format!("there are {known}") };
+        format!("{what} set {name} is not defined ({known})")
+    })
+}
+
+/// The corners of a flat triangle, ascending; none for a line.
+fn key(nodes: &[usize]) -> Option<[usize; 3]> {
+    // A line of three nodes has its middle among them, which is no corner of a face: it is not found.
+    let mut key = [*nodes.first()?, *nodes.get(1)?, *nodes.get(2)?];
+    key.sort_unstable();
+    Some(key)
+}
