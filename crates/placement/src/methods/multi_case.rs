@@ -8,7 +8,6 @@
 //! end every block in turn until no single node helps. What serves one case alone is a start, too: given that case
 //! alone, no more of it is left than by the patent or by bounded least squares. The same input gives the same result.
 
-use nalgebra::DMatrix;
 use rand_pcg::Pcg64Mcg;
 use rand_pcg::rand_core::{Rng, SeedableRng};
 use rayon::prelude::*;
@@ -54,8 +53,8 @@ pub fn multi_case(problem: &Problem, cases: &[usize], tolerance: Tolerance, effo
     let search = Search::new(problem, &alone);
     let starts: Vec<u64> = (0..effort.starts).collect();
     let found: Vec<_> = starts.par_iter().map(|seed| search.from(*seed, effort.changes)).collect();
-    let known = alone.into_iter().flat_map(|alone| alone.placements);
-    let found = found.into_iter().chain(known.map(|places| search.settle(search.stand(places))));
+    let known = alone.iter().flat_map(|alone| &alone.placements);
+    let found = found.into_iter().chain(known.map(|places| search.settle(search.stand(places.clone()))));
     let best = found.min_by(|(one, _), (other, _)| one.total_cmp(other));
     best.map(|(_, places)| places).unwrap_or_default()
 }
@@ -71,8 +70,8 @@ struct Alone<'a> {
     target: &'a Target,
     /// By the patent, and by bounded least squares.
     placements: [Vec<usize>; 2],
-    /// The squared error that its error is measured against, µm² over the guideway.
-    measure: f64,
+    /// One over the squared error that its error is measured against, µm² over the guideway.
+    weight: f64,
 }
 
 impl<'a> Alone<'a> {
@@ -84,20 +83,15 @@ impl<'a> Alone<'a> {
         // µm: what is less is nothing.
         let measure = unavoidable.max(problem.rms_of(target, &by_patent)).max(1e-3);
         let placements = [by_patent, nearest(target, &floor)];
-        Alone { target, placements, measure: measure.powi(2) * problem.rows() }
+        Alone { target, placements, weight: 1.0 / (measure.powi(2) * problem.rows()) }
     }
 }
 
-struct Search {
+struct Search<'a> {
+    problem: &'a Problem,
+    cases: &'a [Alone<'a>],
     /// For each block, candidate after candidate, the rise in each case.
     offered: Vec<Vec<f64>>,
-    square: DMatrix<f64>,
-    /// For each block, P'δ1 of each case.
-    cross: Vec<Vec<f64>>,
-    power: Vec<f64>,
-    /// For each case 1 over the squared error that it is measured against.
-    weight: Vec<f64>,
-    cases: usize,
 }
 
 /// Where a search stands.
@@ -115,24 +109,15 @@ const THRESHOLD: (f64, f64) = (2.0, 1e-4);
 /// Changes between two thresholds.
 const STRETCH: u32 = 256;
 
-impl Search {
-    fn new(problem: &Problem, alone: &[Alone<'_>]) -> Search {
-        let targets: Vec<&Target> = alone.iter().map(|alone| alone.target).collect();
-        let blocks = 0..problem.blocks.len();
+impl<'a> Search<'a> {
+    fn new(problem: &'a Problem, cases: &'a [Alone<'a>]) -> Search<'a> {
         let offered = |block: usize| {
             let candidates = 0..problem.blocks[block].candidates.len();
             candidates
-                .flat_map(|place| targets.iter().map(move |target| target.offered[block][place]))
+                .flat_map(|place| cases.iter().map(move |case| case.target.offered[block][place]))
                 .collect()
         };
-        Search {
-            offered: blocks.clone().map(offered).collect(),
-            square: problem.square.clone(),
-            cross: blocks.map(|block| targets.iter().map(|target| target.cross[block]).collect()).collect(),
-            power: targets.iter().map(|target| target.power).collect(),
-            weight: alone.iter().map(|alone| 1.0 / alone.measure).collect(),
-            cases: targets.len(),
-        }
+        Search { problem, cases, offered: (0..problem.blocks.len()).map(offered).collect() }
     }
 
     fn blocks(&self) -> usize {
@@ -140,58 +125,56 @@ impl Search {
     }
 
     fn candidates(&self, block: usize) -> usize {
-        self.offered[block].len() / self.cases.max(1)
+        self.problem.blocks[block].candidates.len()
     }
 
     fn rises(&self, block: usize, place: usize) -> &[f64] {
-        &self.offered[block][place * self.cases..(place + 1) * self.cases]
+        &self.offered[block][place * self.cases.len()..(place + 1) * self.cases.len()]
     }
 
     fn cost(&self, error: impl Iterator<Item = f64>) -> f64 {
-        error.zip(&self.weight).map(|(error, weight)| (error.max(0.0) * weight).powi(3)).sum()
+        error.zip(self.cases).map(|(error, case)| (error.max(0.0) * case.weight).powi(3)).sum()
     }
 
     fn stand(&self, places: Vec<usize>) -> Standing {
+        let square = &self.problem.square;
         let rise = |block: usize, case: usize| self.rises(block, places[block])[case];
+        let cross = |block: usize, case: usize| self.cases[case].target.cross[block];
         let slope = |block: usize, case: usize| {
-            let told: f64 =
-                (0..self.blocks()).map(|other| self.square[(block, other)] * rise(other, case)).sum();
-            told - self.cross[block][case]
+            let moved: f64 = (0..self.blocks()).map(|other| square[(block, other)] * rise(other, case)).sum();
+            moved - cross(block, case)
         };
-        let slope: Vec<Vec<f64>> = (0..self.blocks())
-            .map(|block| (0..self.cases).map(|case| slope(block, case)).collect())
-            .collect();
-        let error: Vec<f64> = (0..self.cases)
-            .map(|case| {
-                let blocks = 0..self.blocks();
-                let sum: f64 = blocks
-                    .map(|block| rise(block, case) * (slope[block][case] - self.cross[block][case]))
-                    .sum();
-                self.power[case] + sum
-            })
-            .collect();
+        let cases = 0..self.cases.len();
+        let slope: Vec<Vec<f64>> =
+            (0..self.blocks()).map(|block| cases.clone().map(|case| slope(block, case)).collect()).collect();
+        let error = |case: usize| {
+            let each =
+                (0..self.blocks()).map(|block| rise(block, case) * (slope[block][case] - cross(block, case)));
+            self.cases[case].target.power + each.sum::<f64>()
+        };
+        let error: Vec<f64> = cases.map(error).collect();
         let cost = self.cost(error.iter().copied());
         Standing { places, error, slope, cost }
     }
 
     /// What it costs to have the block's sensor there.
     fn cost_of(&self, at: &Standing, block: usize, place: usize) -> f64 {
-        let own = self.square[(block, block)];
+        let own = self.problem.square[(block, block)];
         let (now, then) = (self.rises(block, at.places[block]), self.rises(block, place));
         let slope = &at.slope[block];
-        self.cost((0..self.cases).map(|case| {
+        self.cost((0..self.cases.len()).map(|case| {
             let change = then[case] - now[case];
             at.error[case] + change * (2.0 * slope[case] + own * change)
         }))
     }
 
     fn change(&self, at: &mut Standing, block: usize, place: usize, cost: f64) {
-        let own = self.square[(block, block)];
-        for case in 0..self.cases {
+        let own = self.problem.square[(block, block)];
+        for case in 0..self.cases.len() {
             let change = self.rises(block, place)[case] - self.rises(block, at.places[block])[case];
             at.error[case] += change * (2.0 * at.slope[block][case] + own * change);
             for other in 0..self.blocks() {
-                at.slope[other][case] += self.square[(other, block)] * change;
+                at.slope[other][case] += self.problem.square[(other, block)] * change;
             }
         }
         at.places[block] = place;
