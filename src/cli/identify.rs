@@ -14,14 +14,14 @@ use isotherm_identify::dataset::{Dataset, Split};
 use isotherm_identify::facts::document;
 use isotherm_identify::method::Settings;
 use isotherm_identify::report::{self, Subject};
-use isotherm_identify::setup::{Choice, ready, without_cz};
+use isotherm_identify::setup::{Choice, ready, units, without_cz};
 use isotherm_identify::written::written;
 use isotherm_identify::{Identified, identify};
 use isotherm_profile::Profile;
 
 mod balls;
 mod method;
-mod told;
+mod text;
 
 use method::MethodWord;
 
@@ -157,7 +157,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         return print_json(&document);
     }
     let mut out = std::io::stdout();
-    write!(out, "{}", told::told(&found, arguments.probe))?;
+    text::render(&mut out, &found, arguments.probe)?;
     if let Some(path) = &arguments.write {
         writeln!(out, "the block is in {}", path.display())?;
     }
@@ -173,9 +173,7 @@ fn find(
     profile: &Profile,
 ) -> Result<(Identified, Option<serde_json::Value>), Failure> {
     let split = Split { column: arguments.run_column.clone(), gap: arguments.gap };
-    let unit =
-        |name: &str| profile.signals.iter().find(|signal| signal.name == name).map(|signal| signal.unit.0);
-    let mut dataset = Dataset::read(&arguments.logs, &split, &unit).map_err(anyhow::Error::from)?;
+    let mut dataset = Dataset::read(&arguments.logs, &split, &units(profile)).map_err(anyhow::Error::from)?;
     let choice = Choice {
         axis: arguments.axis.clone(),
         error: arguments.error.clone(),
@@ -211,7 +209,7 @@ fn find(
         let page = report::identified(&subject);
         std::fs::write(path, page).with_context(|| format!("cannot write {}", path.display()))?;
     }
-    let document = || serde_json::to_value(document(profile, &ready, &found, Clock::wall().now()));
+    let document = || document(profile, &ready, &found, Clock::wall().now());
     let document = arguments.json.then(document).transpose().map_err(anyhow::Error::from)?;
     Ok((found, document))
 }

@@ -12,8 +12,9 @@ use isotherm_identify::applied::{Applied, add_without_cz};
 use isotherm_identify::dataset::{Dataset, Split};
 use isotherm_identify::drift::{Test, drift};
 use isotherm_identify::report;
+use isotherm_identify::setup::units;
 
-mod told;
+mod text;
 
 /// Drift of logs in the terms of ISO 230-3: how far each displacement went, when, and what the machine did meanwhile.
 ///
@@ -84,10 +85,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(path) => Some(load_with(path, &[], arguments.json)?),
         None => None,
     };
-    let unit = |name: &str| {
-        let signals = profile.iter().flat_map(|profile| &profile.signals);
-        signals.clone().find(|signal| signal.name == name).map(|signal| signal.unit.0)
-    };
+    let unit = |name: &str| profile.as_ref().and_then(|profile| units(profile)(name));
     let split = Split { column: arguments.run_column.clone(), gap: arguments.gap };
     let mut dataset = Dataset::read(&arguments.logs, &split, &unit).map_err(anyhow::Error::from)?;
     let applied = arguments.cz.as_deref().map(Applied::named).unwrap_or_default();
@@ -97,8 +95,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let drifts = drift(&dataset, &displacements, arguments.test.map(TestWord::test), &unit)
         .map_err(anyhow::Error::from)?;
     if let Some(path) = &arguments.report {
-        let machine = profile.as_ref().map(|profile| (profile.name.as_str(), profile.description.as_str()));
-        let page = report::drifted(&dataset, &drifts, machine, Clock::wall().now());
+        let page = report::drifted(&dataset, &drifts, profile.as_ref(), Clock::wall().now());
         std::fs::write(path, page).with_context(|| format!("cannot write {}", path.display()))?;
     }
     if arguments.json {
@@ -106,8 +103,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
     let mut out = std::io::stdout();
     for (place, drift) in drifts.iter().enumerate() {
-        let apart = if place > 0 { "\n" } else { "" };
-        write!(out, "{apart}{}", told::told(drift))?;
+        if place > 0 {
+            writeln!(out)?;
+        }
+        text::render(&mut out, drift)?;
     }
     if let Some(path) = &arguments.report {
         writeln!(out, "\nthe report is in {}", path.display())?;

@@ -14,7 +14,7 @@ use isotherm_identify::dataset::{Dataset, Split};
 use isotherm_identify::report;
 use isotherm_identify::select::{Choice, Selected, Settings, points, select};
 
-mod told;
+mod text;
 
 /// Says which temperature points to keep, and how much is left with so many of them on a run that was held out.
 ///
@@ -114,7 +114,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         return print_json(&found);
     }
     let mut out = std::io::stdout();
-    write!(out, "{}", told::told(&found))?;
+    text::render(&mut out, &found)?;
     if let Some(path) = &arguments.report {
         writeln!(out, "the report is in {}", path.display())?;
     }

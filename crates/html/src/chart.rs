@@ -8,14 +8,12 @@ use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::TextStyle;
 
-mod along;
 mod bars;
 mod lines;
 mod map;
 
-pub use along::along;
 pub use bars::{Bar, bars};
-pub use lines::{Line, Look, curve, lines, scatter};
+pub use lines::{Line, Look, along, curve, lines, scatter};
 pub use map::map;
 
 type Paper<'a> = DrawingArea<SVGBackend<'a>, Shift>;
@@ -47,35 +45,49 @@ fn sheet(width: u32, height: u32, says: &str, draw: impl FnOnce(&Paper<'_>) -> D
 
 type Plot<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
-/// Numbers along both axes: `unit` stands over the one, `across` under the other where there is anything to say.
-fn plot<'a, 'b>(
-    paper: &'a Paper<'b>,
-    (left, right): (f64, f64),
-    (low, high): (f64, f64),
-    across: &str,
-    unit: &str,
-) -> Result<Plot<'a, 'b>, DrawingAreaErrorKind<std::io::Error>> {
-    let mut chart = ChartBuilder::on(paper)
-        .margin_top(26)
-        .margin_right(20)
-        .x_label_area_size(if across.is_empty() { 28 } else { 46 })
-        .y_label_area_size(50)
-        .build_cartesian_2d(left..right, low..high)?;
-    chart
-        .configure_mesh()
-        .x_labels(6)
-        .y_labels(6)
-        .max_light_lines(0)
-        .bold_line_style(RULE)
-        .axis_style(QUIET)
-        .label_style(letters(16.0, QUIET))
-        .x_desc(across)
-        .axis_desc_style(letters(16.0, QUIET))
-        .x_label_formatter(&|value| tick(*value))
-        .y_label_formatter(&|value| tick(*value))
-        .draw()?;
-    paper.draw(&Text::new(unit.to_owned(), (2, 2), letters(16.0, QUIET)))?;
-    Ok(chart)
+/// The two axes of a plot.
+struct Axes<'a> {
+    x: (f64, f64),
+    y: (f64, f64),
+    /// Stands over the vertical one.
+    unit: &'a str,
+    /// Stands under the horizontal one, where there is anything to say.
+    across: &'a str,
+    /// Writes a number under the horizontal one.
+    written: &'a dyn Fn(&f64) -> String,
+    /// About so many numbers stand along each.
+    marks: (usize, usize),
+    /// Pixels to the right of the plot.
+    right: u32,
+}
+
+impl Axes<'_> {
+    fn plot<'a, 'b>(
+        &self,
+        paper: &'a Paper<'b>,
+    ) -> Result<Plot<'a, 'b>, DrawingAreaErrorKind<std::io::Error>> {
+        let mut chart = ChartBuilder::on(paper)
+            .margin_top(26)
+            .margin_right(self.right)
+            .x_label_area_size(if self.across.is_empty() { 28 } else { 46 })
+            .y_label_area_size(50)
+            .build_cartesian_2d(self.x.0..self.x.1, self.y.0..self.y.1)?;
+        let mut mesh = chart.configure_mesh();
+        mesh.x_labels(self.marks.0)
+            .y_labels(self.marks.1)
+            .max_light_lines(0)
+            .bold_line_style(RULE)
+            .axis_style(QUIET)
+            .label_style(letters(16.0, QUIET))
+            .x_label_formatter(&self.written)
+            .y_label_formatter(&|value| tick(*value));
+        if !self.across.is_empty() {
+            mesh.x_desc(self.across).axis_desc_style(letters(16.0, QUIET));
+        }
+        mesh.draw()?;
+        paper.draw(&Text::new(self.unit.to_owned(), (2, 2), letters(16.0, QUIET)))?;
+        Ok(chart)
+    }
 }
 
 /// Letters of this many pixels.

@@ -36,8 +36,12 @@ pub fn page(title: &str, made: Moment, source: &str, content: &Markup) -> String
 
 /// A moment for programs; none for a log that counts from its own beginning.
 pub fn rfc3339(moment: Moment) -> Option<String> {
+    stamp(moment).map(|stamp| stamp.to_string())
+}
+
+fn stamp(moment: Moment) -> Option<jiff::Timestamp> {
     let stamp = jiff::Timestamp::from_nanosecond(i128::from(moment.as_nanos())).ok()?;
-    (moment.as_secs_f64() >= YEAR_2000_S).then(|| stamp.to_string())
+    (moment.as_secs_f64() >= YEAR_2000_S).then_some(stamp)
 }
 
 /// What lies before it counts from its own beginning.
@@ -45,11 +49,7 @@ const YEAR_2000_S: f64 = 946_684_800.0;
 
 /// Date and time in UTC; a log that counts from its own beginning has none.
 pub fn date(moment: Moment) -> String {
-    if moment.as_secs_f64() < YEAR_2000_S {
-        return "–".to_owned();
-    }
-    jiff::Timestamp::from_nanosecond(i128::from(moment.as_nanos()))
-        .map_or_else(|_| "–".to_owned(), |stamp| stamp.strftime("%Y-%m-%d %H:%M UTC").to_string())
+    stamp(moment).map_or("–".to_owned(), |stamp| stamp.strftime("%Y-%m-%d %H:%M UTC").to_string())
 }
 
 /// A picture with what it shows.
@@ -74,6 +74,11 @@ pub fn table(heads: &[&str], rows: &Markup) -> Markup {
             }
         }
     }
+}
+
+/// A row of a table: what it is about, then its cells.
+pub fn row(name: &str, cells: impl IntoIterator<Item = String>) -> Markup {
+    html! { tr { th scope="row" { (name) } @for cell in cells { td { (cell) } } } }
 }
 
 /// Two decimals, with a minus that is as wide as a plus.

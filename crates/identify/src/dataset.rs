@@ -135,6 +135,11 @@ impl Dataset {
         (0..self.columns.len()).filter(move |place| self.columns[*place].kind == kind)
     }
 
+    /// How long the runs are together, s.
+    pub(crate) fn seconds(&self) -> f64 {
+        self.runs.iter().map(|run| run.lasts().as_secs_f64()).sum()
+    }
+
     /// The place of the column with this name.
     pub fn column(&self, name: &str) -> Option<usize> {
         self.columns.iter().position(|column| column.name == name)
@@ -142,6 +147,11 @@ impl Dataset {
 }
 
 impl Run {
+    /// Hours since the run's first row.
+    pub(crate) fn hours(&self) -> impl Iterator<Item = f64> + '_ {
+        self.seconds().map(|second| second / 3600.0)
+    }
+
     /// Seconds since the run's first row.
     pub fn seconds(&self) -> impl Iterator<Item = f64> + '_ {
         let first = self.times.first().copied().unwrap_or_default();

@@ -32,7 +32,7 @@ const STILL: f64 = 1e-6;
 
 impl Test {
     /// In the words of the standard.
-    pub fn words(self) -> &'static str {
+    pub fn title(self) -> &'static str {
         match self {
             Test::Etve => "environmental temperature variation error (ETVE)",
             Test::Spindle => "thermal distortion by a rotating spindle",

@@ -72,6 +72,11 @@ impl Choice {
     }
 }
 
+/// The unit of a column, where it is a signal of the profile.
+pub fn units(profile: &Profile) -> impl Fn(&str) -> Option<&'static str> + '_ {
+    |name| profile.signals.iter().find(|signal| signal.name == name).map(|signal| signal.unit.0)
+}
+
 /// Checks the choice, and mends what faulty sensors spoilt or leaves them out.
 ///
 /// # Errors

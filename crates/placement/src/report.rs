@@ -89,7 +89,7 @@ fn displacements(placement: &Placement, line: &GuideLine) -> Markup {
         let lines = [
             curve(Look::Dashed, &case.naive_mm, axis),
             curve(Look::Solid, &case.delta1_mm, axis),
-            curve(Look::Faint, &case.read_mm, axis),
+            curve(Look::Points, &case.read_mm, axis),
         ];
         let says = format!("displacement along {} in the case {}", AXES[axis], case.name);
         chart::along("µm", &format!("{}, mm", AXES[line.axis]), &says, &lines)
@@ -175,7 +175,7 @@ fn numbers(placement: &Placement) -> Markup {
     let lines = [
         Line { look: Look::Dashed, points: points(|entry| entry.floor_um) },
         Line { look: Look::Solid, points: points(|entry| entry.rms_um) },
-        Line { look: Look::Faint, points: vec![(count(own), placement.rms_um)] },
+        Line { look: Look::Points, points: vec![(count(own), placement.rms_um)] },
     ];
     let picture = chart::along("µm", "sensors", "error against number of sensors", &lines);
     html! {

@@ -4,10 +4,10 @@ use maud::Markup;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::{COOL, INK, QUIET, letters, pixels, sheet, span};
+use super::{COOL, INK, QUIET, count, letters, pixels, sheet, span};
 
 /// A bar.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Bar {
     /// Before it.
     pub name: String,
@@ -34,11 +34,11 @@ pub fn bars(says: &str, all: &[Bar]) -> Markup {
     let (low, high) = span(ends, true);
     let widest = |text: fn(&Bar) -> &str| {
         let letters = all.iter().map(|bar| text(bar).chars().count()).max().unwrap_or(0);
-        super::count(letters) * LETTER + 8.0
+        count(letters) * LETTER + 8.0
     };
     let (before, behind) = (widest(|bar| &bar.name).min(210.0), widest(|bar| &bar.figure).min(160.0));
     let place = |value: f64| before + (value - low) / (high - low) * (WIDTH - before - behind);
-    let height = super::count(all.len()) * ROW + 8.0;
+    let height = count(all.len()) * ROW + 8.0;
     let most = letters_in(before);
     sheet(480, pixels(height).unsigned_abs(), says, |paper| {
         let right = letters(16.0, INK).pos(Pos::new(HPos::Right, VPos::Center));
@@ -47,7 +47,7 @@ pub fn bars(says: &str, all: &[Bar]) -> Markup {
             PathElement::new([(x, pixels(from)), (x, pixels(to))], color.stroke_width(2))
         };
         for (row, bar) in all.iter().enumerate() {
-            let middle = (super::count(row) + 0.5) * ROW + 4.0;
+            let middle = (count(row) + 0.5) * ROW + 4.0;
             let (top, bottom) = (pixels(middle - 8.0), pixels(middle + 8.0));
             let across = |from: f64, to: f64| {
                 [(pixels(place(from.min(to))), top), (pixels(place(from.max(to))), bottom)]

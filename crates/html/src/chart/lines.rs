@@ -1,9 +1,9 @@
-//! Lines over hours, a curve over a count, and one quantity against another.
+//! Lines over hours or a length, a curve over a count, and one quantity against another.
 
 use maud::Markup;
 use plotters::prelude::*;
 
-use super::{COOL, INK, QUIET, RULE, WARM, hours, letters, plot, sheet, span, tick};
+use super::{Axes, COOL, Drawn, INK, Plot, QUIET, WARM, count, hours, sheet, span, tick};
 
 /// How a line looks: told apart without colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,14 +16,16 @@ pub enum Look {
     Filled,
     /// Thin and grey: one of many.
     Faint,
+    /// Circles.
+    Points,
 }
 
-/// A line over hours.
+/// A line over hours or a length.
 #[derive(Clone, Debug)]
 pub struct Line {
     /// How it looks.
     pub look: Look,
-    /// Hours and values.
+    /// Hours or places, and values.
     pub points: Vec<(f64, f64)>,
 }
 
@@ -62,86 +64,65 @@ pub fn lines(
     within: Option<(f64, f64)>,
 ) -> Markup {
     let points = || all.iter().flat_map(|line| line.points.iter().copied());
-    let (low, high) = within.unwrap_or_else(|| span(points().map(|(_, value)| value), false));
+    let y = within.unwrap_or_else(|| span(points().map(|(_, value)| value), false));
     let last = points().map(|(hour, _)| hour).fold(0.1, f64::max);
-    let small = width < 300;
-    sheet(width, height, says, |paper| {
-        let mut chart = ChartBuilder::on(paper)
-            .margin_top(26)
-            .margin_right(if small { 12 } else { 16 })
-            .x_label_area_size(28)
-            .y_label_area_size(50)
-            .build_cartesian_2d(0.0..last, low..high)?;
-        chart
-            .configure_mesh()
-            .x_labels(if small { 3 } else { 6 })
-            .y_labels(if small { 3 } else { 6 })
-            .max_light_lines(0)
-            .bold_line_style(RULE)
-            .axis_style(QUIET)
-            .label_style(letters(16.0, QUIET))
-            .x_label_formatter(&hours)
-            .y_label_formatter(&|value| tick(*value))
-            .draw()?;
-        paper.draw(&Text::new(unit.to_owned(), (2, 2), letters(16.0, QUIET)))?;
-        if low < 0.0 && high > 0.0 {
-            chart.draw_series(LineSeries::new([(0.0, 0.0), (last, 0.0)], QUIET))?;
-        }
-        // What is filled lies below what is drawn.
-        for line in all.iter().filter(|line| line.look == Look::Filled) {
-            let area = AreaSeries::new(line.points.iter().copied(), 0.0, COOL.mix(0.75));
-            chart.draw_series(area.border_style(QUIET))?;
-        }
-        for line in all {
-            let points = line.points.iter().copied();
-            match line.look {
-                Look::Filled => {}
-                Look::Faint => {
-                    chart.draw_series(LineSeries::new(points, QUIET.mix(0.6)))?;
-                }
-                Look::Solid => {
-                    chart.draw_series(LineSeries::new(points, INK.stroke_width(2)))?;
-                }
-                Look::Dashed => {
-                    chart.draw_series(DashedLineSeries::new(points, 7, 4, WARM.stroke_width(2)))?;
-                }
+    let (marks, right) = if width < 300 { ((3, 3), 12) } else { ((6, 6), 16) };
+    let axes = Axes { x: (0.0, last), y, unit, across: "", written: &hours, marks, right };
+    sheet(width, height, says, |paper| draw(&mut axes.plot(paper)?, &axes, all))
+}
+
+/// Lines over a position in mm, values in `unit`.
+pub fn along(unit: &str, across: &str, says: &str, all: &[Line]) -> Markup {
+    let points = || all.iter().flat_map(|line| line.points.iter().copied());
+    let y = span(points().map(|(_, value)| value), true);
+    let x = span(points().map(|(at, _)| at), false);
+    let axes = Axes { x, y, unit, across, written: &|value| tick(*value), marks: (6, 6), right: 20 };
+    sheet(480, 300, says, |paper| draw(&mut axes.plot(paper)?, &axes, all))
+}
+
+fn draw(chart: &mut Plot<'_, '_>, axes: &Axes<'_>, all: &[Line]) -> Drawn {
+    if axes.y.0 < 0.0 && axes.y.1 > 0.0 {
+        chart.draw_series(LineSeries::new([(axes.x.0, 0.0), (axes.x.1, 0.0)], QUIET))?;
+    }
+    // What is filled lies below what is drawn.
+    let (filled, drawn): (Vec<&Line>, Vec<&Line>) = all.iter().partition(|line| line.look == Look::Filled);
+    for line in filled.into_iter().chain(drawn) {
+        let points = line.points.iter().copied();
+        match line.look {
+            Look::Filled => {
+                let area = AreaSeries::new(points, 0.0, COOL.mix(0.75)).border_style(QUIET);
+                chart.draw_series(area).map(drop)?;
+            }
+            Look::Faint => chart.draw_series(LineSeries::new(points, QUIET.mix(0.6))).map(drop)?,
+            Look::Solid => chart.draw_series(LineSeries::new(points, INK.stroke_width(2))).map(drop)?,
+            Look::Dashed => {
+                chart.draw_series(DashedLineSeries::new(points, 7, 4, WARM.stroke_width(2))).map(drop)?;
+            }
+            Look::Points => {
+                let circles = points.map(|point| Circle::new(point, 4, INK.stroke_width(1)));
+                chart.draw_series(circles).map(drop)?;
             }
         }
-        Ok(())
-    })
+    }
+    Ok(())
 }
 
 /// Values by a count from 0 on, the one at `marked` with a ring; `level` is a broken line across.
 pub fn curve(unit: &str, says: &str, values: &[f64], marked: usize, level: f64) -> Markup {
     let (_, high) = span(values.iter().copied().chain([level]), true);
-    let places = || values.iter().enumerate().map(|(place, value)| (number(place), *value));
+    let places = || values.iter().enumerate().map(|(place, value)| (count(place), *value));
+    let x = (-0.3, count(values.len().saturating_sub(1)) + 0.3);
+    let whole = |value: &f64| if value.fract().abs() < 1e-6 { tick(*value) } else { String::new() };
+    let marks = (values.len(), 6);
+    let axes = Axes { x, y: (0.0, high), unit, across: "", written: &whole, marks, right: 16 };
     sheet(480, 280, says, |paper| {
-        let last = number(values.len().saturating_sub(1));
-        let mut chart = ChartBuilder::on(paper)
-            .margin_top(26)
-            .margin_right(16)
-            .x_label_area_size(28)
-            .y_label_area_size(50)
-            .build_cartesian_2d(-0.3..last + 0.3, 0.0..high)?;
-        chart
-            .configure_mesh()
-            .x_labels(values.len())
-            .y_labels(6)
-            .max_light_lines(0)
-            .bold_line_style(RULE)
-            .axis_style(QUIET)
-            .label_style(letters(16.0, QUIET))
-            .x_label_formatter(&|value| if value.fract().abs() < 1e-6 { tick(*value) } else { String::new() })
-            .y_label_formatter(&|value| tick(*value))
-            .draw()?;
-        paper.draw(&Text::new(unit.to_owned(), (2, 2), letters(16.0, QUIET)))?;
-        let across = [(-0.3, level), (last + 0.3, level)];
+        let mut chart = axes.plot(paper)?;
+        let across = [(x.0, level), (x.1, level)];
         chart.draw_series(DashedLineSeries::new(across, 7, 4, WARM.stroke_width(2)))?;
         chart.draw_series(LineSeries::new(places(), INK.stroke_width(2)))?;
         chart.draw_series(places().map(|place| Circle::new(place, 4, INK.filled())))?;
-        chart.draw_series(
-            places().skip(marked).take(1).map(|place| Circle::new(place, 10, INK.stroke_width(2))),
-        )?;
+        let ring = places().skip(marked).take(1);
+        chart.draw_series(ring.map(|place| Circle::new(place, 10, INK.stroke_width(2))))?;
         Ok(())
     })
 }
@@ -149,16 +130,15 @@ pub fn curve(unit: &str, says: &str, values: &[f64], marked: usize, level: f64) 
 /// The second of each pair over the first, with the line on which both are equal.
 pub fn scatter(unit: &str, says: &str, pairs: &[(f64, f64)]) -> Markup {
     let (low, high) = span(pairs.iter().flat_map(|(one, other)| [*one, *other]), true);
+    let both = (low, high);
+    let written = |value: &f64| tick(*value);
+    let axes = Axes { x: both, y: both, unit, across: "", written: &written, marks: (6, 6), right: 20 };
     sheet(480, 440, says, |paper| {
-        let mut chart = plot(paper, (low, high), (low, high), "", unit)?;
+        let mut chart = axes.plot(paper)?;
         chart.draw_series(pairs.iter().map(|pair| Circle::new(*pair, 2, INK.mix(0.35).filled())))?;
         chart.draw_series(LineSeries::new([(low, low), (high, high)], WARM.stroke_width(2)))?;
         Ok(())
     })
-}
-
-fn number(place: usize) -> f64 {
-    super::count(place)
 }
 
 #[cfg(test)]

@@ -4,8 +4,7 @@ use maud::Markup;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::count;
-use super::{INK, letters, pixels, sheet};
+use super::{INK, count, letters, pixels, sheet};
 
 const CELL: f64 = 30.0;
 const LETTER: f64 = 8.4;

@@ -3,21 +3,20 @@
 use maud::{Markup, html};
 
 use super::chart::{self, Line, Look};
-use super::{date, decimals, duration, figure, number, page, table};
+use super::{date, decimals, duration, figure, list, machine, number, optional, page, row, runs, table};
 use crate::dataset::{Dataset, Run};
 use crate::drift::{Displacement, Drift};
 use isotherm_core::quantity::Moment;
+use isotherm_profile::Profile;
 
-/// One HTML file; `machine`: name and description, where a profile was given.
-pub fn drifted(dataset: &Dataset, drifts: &[Drift], machine: Option<(&str, &str)>, made: Moment) -> String {
+/// One HTML file.
+pub fn drifted(dataset: &Dataset, drifts: &[Drift], profile: Option<&Profile>, made: Moment) -> String {
     let hours: f64 = drifts.iter().map(|drift| drift.hours).sum();
     let content = html! {
         dl .facts {
-            @if let Some((name, description)) = machine {
-                dt { "machine" } dd { (name) @if !description.is_empty() { ": " (description) } }
-            }
+            @if let Some(profile) = profile { (machine(profile)) }
             dt { "date" } dd { (date(made)) }
-            dt { "runs" } dd { (drifts.len()) ", " (duration(hours * 3600.0)) " together" }
+            (runs(drifts.len(), hours * 3600.0))
         }
         p {
             "What the logs say about drift, in the terms of ISO 230-3. It describes them: no duration and no limit of the \
@@ -25,24 +24,32 @@ pub fn drifted(dataset: &Dataset, drifts: &[Drift], machine: Option<(&str, &str)
         }
         @for (run, drift) in dataset.runs.iter().zip(drifts) { (of_run(dataset, run, drift)) }
     };
-    let name = machine.map_or_else(String::new, |(name, _)| format!("{name}: "));
+    let name = profile.map_or_else(String::new, |profile| format!("{}: ", profile.name));
     page(&format!("{name}drift in the terms of ISO 230-3"), made, &content)
 }
 
 fn of_run(dataset: &Dataset, run: &Run, drift: &Drift) -> Markup {
     let begins = date(run.times.first().copied().unwrap_or_default());
+    let remarks: Vec<Markup> = drift.remarks.iter().map(|remark| html! { (remark) }).collect();
     html! {
         h2 { (drift.name) }
         p {
-            "Like a test for " strong { (drift.test.words()) } ": " (drift.because) ". "
+            "Like a test for " strong { (drift.test.title()) } ": " (drift.because) ". "
             @if begins != "–" { "From " (begins) " on, " }
             (duration(drift.hours * 3600.0)) ", " (drift.rows) " rows."
         }
         (headline(&drift.displacements))
-        @if !drift.remarks.is_empty() { ul { @for remark in &drift.remarks { li { (remark) } } } }
+        (list(&remarks))
         div .gallery {
-            @for moved in &drift.displacements { (picture(dataset, run, moved)) }
-            (activity(dataset, run, drift))
+            @for moved in &drift.displacements {
+                (figure(&moved.name, &course(dataset, run, &moved.name, (480, 280), "µm"),
+                    &format!("range {} µm, drift {} µm/h", number(moved.range_um), number(moved.drift_um_per_h))))
+            }
+            @if let Some(stage) = drift.stages.first() {
+                (figure(&stage.column,
+                    &course(dataset, run, &stage.column, (480, 280), if stage.speed.is_some() { "speed" } else { "position" }),
+                    "What turned or moved meanwhile."))
+            }
         }
         (displacements(drift.displacements.iter().map(|moved| (moved.name.as_str(), moved))))
         (stages(drift))
@@ -69,50 +76,28 @@ fn headline(all: &[Displacement]) -> Markup {
     }
 }
 
-fn course(dataset: &Dataset, run: &Run, name: &str) -> Vec<(f64, f64)> {
-    let Some(column) = dataset.column(name) else { return Vec::new() };
-    run.seconds().map(|second| second / 3600.0).zip(run.values[column].iter().copied()).collect()
-}
-
-fn picture(dataset: &Dataset, run: &Run, moved: &Displacement) -> Markup {
-    let points = course(dataset, run, &moved.name);
-    let line = Line::new(Look::Solid, points.into_iter());
-    let says = format!("{} over {}", moved.name, run.name);
-    let caption = format!("range {} µm, drift {} µm/h", number(moved.range_um), number(moved.drift_um_per_h));
-    figure(&moved.name, &chart::lines(480, 280, "µm", &says, &[line], None), &caption)
-}
-
-/// What turned or moved, over the same hours.
-fn activity(dataset: &Dataset, run: &Run, drift: &Drift) -> Markup {
-    let Some(stage) = drift.stages.first() else { return html! {} };
-    let line = Line::new(Look::Solid, course(dataset, run, &stage.column).into_iter());
-    let says = format!("{} over {}", stage.column, run.name);
-    let unit = if stage.speed.is_some() { "speed" } else { "position" };
-    figure(
-        &stage.column,
-        &chart::lines(480, 280, unit, &says, &[line], None),
-        "What turned or moved meanwhile.",
-    )
+/// A column over the hours of a run.
+fn course(dataset: &Dataset, run: &Run, name: &str, (width, height): (u32, u32), unit: &str) -> Markup {
+    let values = dataset.column(name).map_or(&[] as &[f64], |column| run.values[column].as_slice());
+    let line = Line::new(Look::Solid, run.hours().zip(values.iter().copied()));
+    chart::lines(width, height, unit, &format!("{name} over {}", run.name), &[line], None)
 }
 
 /// A row for each, under its name.
 pub(super) fn displacements<'a>(all: impl Iterator<Item = (&'a str, &'a Displacement)>) -> Markup {
-    let rows = html! {
-        @for (name, moved) in all {
-            tr {
-                th scope="row" { (name) }
-                td { (number(moved.range_um)) }
-                td { (optional(moved.first_hour_um)) }
-                td { (optional(moved.last_hour_um)) }
-                td { (optional(moved.largest_60min_um)) }
-                td { (moved.largest_60min_from_h.map_or("–".to_owned(), |from| duration(from * 3600.0))) }
-                td { (number(moved.drift_um)) }
-                td { (number(moved.drift_um_per_h)) }
-            }
-        }
+    let cells = |moved: &Displacement| {
+        [
+            number(moved.range_um),
+            optional(moved.first_hour_um, number),
+            optional(moved.last_hour_um, number),
+            optional(moved.largest_60min_um, number),
+            optional(moved.largest_60min_from_h, |from| duration(from * 3600.0)),
+            number(moved.drift_um),
+            number(moved.drift_um_per_h),
+        ]
     };
     let heads = ["µm", "range", "first hour", "last hour", "in 60 min", "from", "drift", "each hour"];
-    table(&heads, &rows)
+    table(&heads, &html! { @for (name, moved) in all { (row(name, cells(moved))) } })
 }
 
 fn stages(drift: &Drift) -> Markup {
@@ -130,7 +115,9 @@ fn stages(drift: &Drift) -> Markup {
                     (None, true) => { "moves" }
                     (None, false) => { "stands" }
                 } }
-                @for moved in &drift.displacements { td { (optional(moved.stages_um.get(place).copied().flatten())) } }
+                @for moved in &drift.displacements {
+                    td { (optional(moved.stages_um.get(place).copied().flatten(), number)) }
+                }
             }
         }
     };
@@ -143,26 +130,21 @@ fn temperatures(dataset: &Dataset, run: &Run, drift: &Drift) -> Markup {
     }
     let rows = html! {
         @for sensor in &drift.temperatures {
-            tr {
-                th scope="row" { (sensor.name) }
-                td { (number(sensor.begin_c)) }
-                td { (number(sensor.end_c)) }
-                td { (number(sensor.range_k)) }
-                td { (optional(sensor.largest_60min_k)) }
-            }
+            (row(&sensor.name, [
+                number(sensor.begin_c),
+                number(sensor.end_c),
+                number(sensor.range_k),
+                optional(sensor.largest_60min_k, number),
+            ]))
         }
-    };
-    let small = |name: &str| {
-        let line = Line::new(Look::Solid, course(dataset, run, name).into_iter());
-        figure(name, &chart::lines(240, 150, "°C", &format!("{name} over {}", run.name), &[line], None), "")
     };
     html! {
         h3 { "Temperatures" }
         (table(&["°C", "begin", "end", "range", "in 60 min"], &rows))
-        div .small { @for sensor in &drift.temperatures { (small(&sensor.name)) } }
+        div .small {
+            @for sensor in &drift.temperatures {
+                (figure(&sensor.name, &course(dataset, run, &sensor.name, (240, 150), "°C"), ""))
+            }
+        }
     }
-}
-
-fn optional(value: Option<f64>) -> String {
-    value.map_or("–".to_owned(), number)
 }

@@ -5,35 +5,40 @@ use maud::{Markup, html};
 use super::chart::{self, Bar, Line, Look};
 use super::{decimals, figure, number, table};
 use crate::identified::Identified;
-use crate::statistics::count;
+use crate::statistics::{count, least_and_most};
 use crate::validate::{HeldOut, Means, RunScore};
 
 /// The headline: what is left of the error.
-pub(super) fn headline(means: &Means, bare: &Means) -> Markup {
+pub(super) fn headline(means: &Means, uncompensated: &Means) -> Markup {
+    let figures = [
+        ("mean range of a run", means.mean_range_um, uncompensated.mean_range_um),
+        ("worst run", means.worst_range_um, uncompensated.worst_range_um),
+        ("mean RMS", means.mean_rmse_um, uncompensated.mean_rmse_um),
+    ];
     html! {
         dl .figures {
-            div { dt { "mean range of a run" } dd { (number(means.mean_range_um)) " µm" small { "without compensation " (number(bare.mean_range_um)) " µm" } } }
-            div { dt { "worst run" } dd { (number(means.worst_range_um)) " µm" small { "without compensation " (number(bare.worst_range_um)) " µm" } } }
-            div { dt { "mean RMS" } dd { (number(means.mean_rmse_um)) " µm" small { "without compensation " (number(bare.mean_rmse_um)) " µm" } } }
-            div { dt { "range cut by" } dd { (cut(means.mean_range_um, bare.mean_range_um)) small { "each run held out in turn" } } }
+            @for (what, left, before) in figures {
+                div { dt { (what) } dd { (number(left)) " µm" small { "without compensation " (number(before)) " µm" } } }
+            }
+            div { dt { "range cut by" } dd { (cut(means.mean_range_um, uncompensated.mean_range_um)) small { "each run held out in turn" } } }
         }
     }
 }
 
 /// How much of the range is gone, in percent; below zero where it grew.
-fn cut(range: f64, bare: f64) -> String {
-    if bare > 0.0 { format!("{} %", decimals(100.0 * (1.0 - range / bare), 0)) } else { "–".to_owned() }
+fn cut(range: f64, before: f64) -> String {
+    if before > 0.0 { format!("{} %", decimals(100.0 * (1.0 - range / before), 0)) } else { "–".to_owned() }
 }
 
 /// Bars and a table: every run held out.
-pub(super) fn cross_validation(runs: &[RunScore], means: &Means, bare: &Means) -> Markup {
+pub(super) fn cross_validation(runs: &[RunScore], means: &Means, uncompensated: &Means) -> Markup {
     let worst = runs.iter().map(|run| run.range_um).fold(0.0, f64::max);
     let bar = |run: &RunScore| Bar {
         name: run.name.clone(),
         value: run.range_um,
-        doubt: 0.0,
         outline: Some(run.uncompensated_range_um),
         figure: format!("{} of {}", decimals(run.range_um, 1), decimals(run.uncompensated_range_um, 1)),
+        ..Bar::default()
     };
     let all: Vec<Bar> = runs.iter().map(bar).collect();
     let rows = html! {
@@ -48,9 +53,9 @@ pub(super) fn cross_validation(runs: &[RunScore], means: &Means, bare: &Means) -
         }
         tr .sum {
             th scope="row" { "mean" }
-            td { (number(means.mean_range_um)) } td { (number(bare.mean_range_um)) }
-            td { (cut(means.mean_range_um, bare.mean_range_um)) }
-            td { (number(means.mean_rmse_um)) } td { (number(bare.mean_rmse_um)) }
+            td { (number(means.mean_range_um)) } td { (number(uncompensated.mean_range_um)) }
+            td { (cut(means.mean_range_um, uncompensated.mean_range_um)) }
+            td { (number(means.mean_rmse_um)) } td { (number(uncompensated.mean_rmse_um)) }
             td {}
         }
     };
@@ -68,20 +73,12 @@ pub(super) fn cross_validation(runs: &[RunScore], means: &Means, bare: &Means) -
 
 /// Measured, predicted and residual of each run, over one scale.
 pub(super) fn pictures(found: &Identified) -> Markup {
-    let values = |held: &HeldOut| -> Vec<f64> {
-        held.error
-            .iter()
-            .copied()
-            .chain(held.cz.iter().map(|cz| -cz))
-            .chain(held.residual(found.probe_s))
-            .collect()
+    let values = |held: &HeldOut| {
+        let predicted = held.cz.iter().map(|cz| -cz);
+        held.error.iter().copied().chain(predicted).chain(held.residual(found.probe_s)).collect::<Vec<f64>>()
     };
-    let (low, high) = found
-        .held_out
-        .iter()
-        .flat_map(values)
-        .filter(|value| value.is_finite())
-        .fold((0.0_f64, 0.0_f64), |(low, high), value| (low.min(value), high.max(value)));
+    let (low, high) =
+        least_and_most(found.held_out.iter().flat_map(values).chain([0.0])).unwrap_or((0.0, 0.0));
     let room = (0.05 * (high - low)).max(0.1);
     html! {
         h2 { "Measured, predicted, left over" }
@@ -147,9 +144,8 @@ fn spread(left: &[f64]) -> Vec<Bar> {
         Bar {
             name: format!("{} … {}", decimals(from, 1), decimals(to, 1)),
             value: share,
-            doubt: 0.0,
-            outline: None,
             figure: format!("{} %", decimals(share, 1)),
+            ..Bar::default()
         }
     };
     (0..9).map(share).collect()

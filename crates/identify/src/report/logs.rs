@@ -5,7 +5,7 @@ use maud::{Markup, html};
 use super::chart::{self, Line, Look};
 use super::{date, decimals, duration, figure, plain, table, three_digits};
 use crate::alike::{correlations, order};
-use crate::ambient::is_ambient;
+use crate::ambient::ambient_column;
 use crate::bank::Bank;
 use crate::campaign::Campaign;
 use crate::dataset::{Column, Dataset, Kind, Run};
@@ -17,18 +17,12 @@ const MOST_MAPPED: usize = 32;
 
 /// Date, duration, rows, speeds and ambient of each run.
 pub(super) fn runs(dataset: &Dataset, like: &[Finding]) -> Markup {
-    let of_kind =
-        |kind: Kind| dataset.columns.iter().enumerate().filter(move |(_, column)| column.kind == kind);
-    let speeds: Vec<(usize, &str)> =
-        of_kind(Kind::Speed).map(|(place, column)| (place, column.name.as_str())).collect();
-    let behaves = |column: &Column| like.iter().any(|like| like.signal == column.name);
-    let ambient = of_kind(Kind::Temperature)
-        .find(|(_, column)| is_ambient(&column.name))
-        .or_else(|| of_kind(Kind::Temperature).find(|(_, column)| behaves(column)));
+    let name = |column: usize| dataset.columns[column].name.as_str();
+    let speeds: Vec<usize> = dataset.of_kind(Kind::Speed).collect();
+    let ambient = ambient_column(dataset, like);
+    let ambient_head = ambient.map(|column| format!("ambient ({}), °C", name(column)));
     let mut heads = vec!["run", "begins", "duration", "rows"];
-    let names: Vec<String> = speeds.iter().map(|(_, name)| (*name).to_owned()).collect();
-    heads.extend(names.iter().map(String::as_str));
-    let ambient_head = ambient.map(|(_, column)| format!("ambient ({}), °C", column.name));
+    heads.extend(speeds.iter().map(|column| name(*column)));
     heads.extend(ambient_head.as_deref());
     let rows = html! {
         @for run in &dataset.runs {
@@ -37,8 +31,8 @@ pub(super) fn runs(dataset: &Dataset, like: &[Finding]) -> Markup {
                 td { (date(run.times.first().copied().unwrap_or_default())) }
                 td { (duration(run.lasts().as_secs_f64())) }
                 td { (run.times.len()) }
-                @for (column, _) in &speeds { td { (stages(&run.values[*column])) } }
-                @if let Some((column, _)) = ambient { td { (spanned(&run.values[column], 1)) } }
+                @for column in &speeds { td { (stages(&run.values[*column])) } }
+                @if let Some(column) = ambient { td { (spanned(&run.values[column], 1)) } }
             }
         }
     };
@@ -99,10 +93,8 @@ pub(super) fn sensors(
 }
 
 fn remarks(column: &Column, excluded: &[Finding], like: &[Finding]) -> String {
-    let own =
-        excluded.iter().filter(|faulty| faulty.signal == column.name).map(|faulty| faulty.reason.as_str());
-    let air = like.iter().filter(|like| like.signal == column.name).map(|like| like.reason.as_str());
-    let own: Vec<&str> = own.chain(air).collect();
+    let own = excluded.iter().chain(like).filter(|finding| finding.signal == column.name);
+    let own: Vec<&str> = own.map(|finding| finding.reason.as_str()).collect();
     match column.kind {
         _ if !own.is_empty() => own.join("; "),
         Kind::Temperature => "nothing odd".to_owned(),
@@ -112,34 +104,28 @@ fn remarks(column: &Column, excluded: &[Finding], like: &[Finding]) -> String {
 
 /// One small picture for each temperature: every run over the other.
 pub(super) fn over_time(dataset: &Dataset, excluded: &[Finding]) -> Markup {
-    let temperatures =
-        dataset.columns.iter().enumerate().filter(|(_, column)| column.kind == Kind::Temperature);
     html! {
         h2 { "Sensors over time" }
         ul .keys { li .faint { "every run, °C" } li { "a run in which the sensor was found faulty" } }
-        div .small {
-            @for (place, column) in temperatures {
-                (sensor(dataset, place, &column.name, excluded))
-            }
-        }
+        div .small { @for column in dataset.of_kind(Kind::Temperature) { (sensor(dataset, column, excluded)) } }
     }
 }
 
-fn sensor(dataset: &Dataset, place: usize, name: &str, excluded: &[Finding]) -> Markup {
-    let is_faulty = |run: &Run| {
-        excluded
-            .iter()
-            .any(|faulty| faulty.signal == name && faulty.reason.ends_with(&format!(" {}", run.name)))
-    };
+fn sensor(dataset: &Dataset, column: usize, excluded: &[Finding]) -> Markup {
+    let name = &dataset.columns[column].name;
     let line = |run: &Run| {
-        let look = if is_faulty(run) { Look::Solid } else { Look::Faint };
-        Line::new(look, run.seconds().map(|second| second / 3600.0).zip(run.values[place].iter().copied()))
+        let of_run = format!(" {}", run.name);
+        let mut own = excluded.iter().filter(|faulty| faulty.signal == *name);
+        let look = match own.any(|faulty| faulty.reason.ends_with(&of_run)) {
+            true => Look::Solid,
+            false => Look::Faint,
+        };
+        Line::new(look, run.hours().zip(run.values[column].iter().copied()))
     };
     let lines: Vec<Line> = dataset.runs.iter().map(line).collect();
-    let widest = dataset.runs.iter().map(|run| run.range(place));
-    let caption = format!("up to {} °C in a run", three_digits(widest.fold(0.0, f64::max)));
+    let widest = dataset.runs.iter().map(|run| run.range(column)).fold(0.0, f64::max);
     let picture = chart::lines(240, 150, "°C", &format!("{name} over every run"), &lines, None);
-    figure(name, &picture, &caption)
+    figure(name, &picture, &format!("up to {} °C in a run", three_digits(widest)))
 }
 
 /// Which inputs say the same, and how they go with the error.
@@ -158,17 +144,18 @@ pub(super) fn alike(campaign: &Campaign<'_>) -> Markup {
     let names: Vec<&str> = order.iter().map(name).collect();
     let values: Vec<Vec<f64>> =
         order.iter().map(|one| order.iter().map(|other| between[*one][*other]).collect()).collect();
+    let width = decimals(count(names.len()) * 1.9 + 7.0, 1);
     html! {
         h2 { "Which sensors say the same" }
         p {
             "Correlations in hundredths: of the rises of the sensors since the start of a run, with each other and with the \
              measured error, over the rows of all runs. The darker, the stronger; below zero one falls as the other rises."
         }
-        div .scroll tabindex="0" { (sized(&chart::map("correlations of the sensors and the error", &names, &values), names.len())) }
+        // A map has a size of its own: its figures must not shrink.
+        div .scroll tabindex="0" {
+            div style={ "width: max(100%, " (width) "rem); max-width: " (width) "rem" } {
+                (chart::map("correlations of the sensors and the error", &names, &values))
+            }
+        }
     }
-}
-
-/// A map has a size of its own: its figures must not shrink.
-fn sized(map: &Markup, names: usize) -> Markup {
-    html! { div style={ "width: max(100%, " (decimals(count(names) * 1.9 + 7.0, 1)) "rem); max-width: " (decimals(count(names) * 1.9 + 7.0, 1)) "rem" } { (map) } }
 }

@@ -3,14 +3,13 @@
 use maud::{Markup, html};
 
 use super::chart::{self, Bar};
-use super::{date, decimals, duration, judged, logs, number, page, table, three_digits};
-use crate::select::{Counted, Pointed, Selected, Step};
+use super::{date, decimals, figure, judged, logs, number, page, runs, table, three_digits};
+use crate::select::{Counted, Point, Pointed, Selected, Step};
 use isotherm_core::quantity::Moment;
 
 /// One HTML file.
 pub fn selected(pointed: &Pointed<'_>, found: &Selected, made: Moment) -> String {
     let dataset = pointed.campaign.dataset.as_ref();
-    let hours: f64 = dataset.runs.iter().map(|run| run.lasts().as_secs_f64()).sum();
     let used = |name: &str| {
         if name == found.error {
             "error"
@@ -29,7 +28,7 @@ pub fn selected(pointed: &Pointed<'_>, found: &Selected, made: Moment) -> String
         dl .facts {
             dt { "measured error" } dd { (found.error) }
             dt { "date" } dd { (date(made)) }
-            dt { "runs" } dd { (dataset.runs.len()) ", " (duration(hours)) " together" }
+            (runs(dataset.runs.len(), dataset.seconds()))
             dt { "points" } dd { (found.points.len()) }
         }
         h2 { "Recommended" }
@@ -75,50 +74,45 @@ fn by_count(found: &Selected) -> Markup {
         let says = "held-out error by the number of points";
         chart::curve("µm", says, &values, found.recommended.k, figure(&found.all_points))
     };
-    let row = |row: &Counted, name: String, added: &str| {
+    let row = |row: &Counted, added: &str| {
         html! {
             tr .kept[row.k == found.recommended.k && added != "all"] {
-                th scope="row" { (name) }
-                td { (number(row.means.mean_rmse_um)) } td { (number(row.means.mean_range_um)) } td { (number(row.means.worst_range_um)) }
+                th scope="row" { (row.k) }
+                @for figure in [row.means.mean_rmse_um, row.means.mean_range_um, row.means.worst_range_um] { td { (number(figure)) } }
                 td .words { (added) }
             }
         }
     };
     let rows = html! {
-        @for counted in &found.by_count {
-            (row(counted, counted.k.to_string(), counted.points.last().map_or("–", String::as_str)))
-        }
-        (row(&found.all_points, found.all_points.k.to_string(), "all"))
+        @for counted in &found.by_count { (row(counted, counted.points.last().map_or("–", String::as_str))) }
+        (row(&found.all_points, "all"))
     };
     html! {
         h2 { "How many points" }
         p { "For each run the points were chosen from all the others, and judged on that run: how much is left, by how many are kept." }
         ul .keys { li { "held out, over the number of points; a ring: recommended" } li .dashed { "with every point" } }
         div .gallery {
-            (super::figure("Mean range of a run", &of(|row| row.means.mean_range_um), ""))
-            (super::figure("Mean RMS of a run", &of(|row| row.means.mean_rmse_um), ""))
+            (figure("Mean range of a run", &of(|row| row.means.mean_range_um), ""))
+            (figure("Mean RMS of a run", &of(|row| row.means.mean_rmse_um), ""))
         }
         (table(&["points", "mean RMS, µm", "mean range, µm", "worst run, µm", "comes in (on all runs):"], &rows))
     }
 }
 
 fn points(found: &Selected) -> Markup {
-    let bar = |name: &str, value: f64, places: usize| Bar {
-        name: name.to_owned(),
-        value,
-        doubt: 0.0,
-        outline: None,
-        figure: decimals(value, places),
+    let bars = |says: &str, of: fn(&Point) -> f64| {
+        let bar = |point: &Point| {
+            let figure = decimals(of(point), 3);
+            Bar { name: point.name.clone(), value: of(point), figure, ..Bar::default() }
+        };
+        chart::bars(says, &found.points.iter().map(bar).collect::<Vec<Bar>>())
     };
-    let correlation: Vec<Bar> =
-        found.points.iter().map(|point| bar(&point.name, point.correlation, 3)).collect();
-    let grey: Vec<Bar> = found.points.iter().map(|point| bar(&point.name, point.grey_grade, 3)).collect();
     html! {
         h2 { "Each point alone" }
         div .gallery {
-            (super::figure("Correlation with the error", &chart::bars("correlation of each point with the error", &correlation),
+            (figure("Correlation with the error", &bars("correlation of each point with the error", |point| point.correlation),
                 "Over the rows of all runs, rises since the start of a run; below zero it falls as the error rises."))
-            (super::figure("Grey relational grade", &chart::bars("grey relational grade of each point", &grey),
+            (figure("Grey relational grade", &bars("grey relational grade of each point", |point| point.grey_grade),
                 "After Deng, ζ = 0.5: 1 where the course of a point is that of the error."))
         }
     }

@@ -5,7 +5,7 @@ use std::time::Duration;
 use maud::{Markup, html};
 
 use super::chart::{self, Bar};
-use super::{decimals, number, table, three_digits};
+use super::{decimals, duration, figure, number, optional, row, table, three_digits};
 use crate::identified::{Fallback, Identified, TermFound};
 use crate::learn::Learned;
 use crate::region::Region;
@@ -29,32 +29,33 @@ pub(super) fn terms(found: &Identified) -> Markup {
     if gains.is_empty() {
         return html! { h2 { "The model" } p { "No term: the machine is left as it is." } };
     }
-    let mut order: Vec<usize> = (0..found.terms.len()).collect();
-    order.sort_by(|one, other| found.terms[*other].gain.abs().total_cmp(&found.terms[*one].gain.abs()));
-    let bar = |term: &TermFound| Bar {
+    let mut order: Vec<&TermFound> = found.terms.iter().collect();
+    order.sort_by(|one, other| other.gain.abs().total_cmp(&one.gain.abs()));
+    let bar = |term: &&TermFound| Bar {
         name: format!("{}, {}", term.signal, lag(term)),
         value: term.gain,
         doubt: term.se,
-        outline: None,
         figure: format!("{} ± {}", three_digits(term.gain), three_digits(term.se)),
+        ..Bar::default()
     };
     let of_kind = |slope: bool| -> Vec<Bar> {
-        let terms = order.iter().map(|place| &found.terms[*place]).filter(|term| term.slope == slope);
-        terms.take(MOST_BARS).map(bar).collect()
+        order.iter().filter(|term| term.slope == slope).take(MOST_BARS).map(bar).collect()
     };
     let (plain, slopes) = (of_kind(false), of_kind(true));
-    let rows = html! {
-        @for place in &order {
-            tr {
-                th scope="row" { (found.terms[*place].signal) }
-                td { (lag(&found.terms[*place])) }
-                td { (three_digits(found.terms[*place].gain)) }
-                td { (three_digits(found.terms[*place].se)) }
-                td { @if found.terms[*place].slope { "µm/mm" } @else { "µm" } }
-                td { (found.terms[*place].inflation.map_or("–".to_owned(), inflation)) }
-            }
-        }
+    let cells = |term: &TermFound| {
+        [
+            lag(term),
+            three_digits(term.gain),
+            three_digits(term.se),
+            if term.slope { "µm/mm" } else { "µm" }.to_owned(),
+            // Beyond a thousand it only says that the term cannot be told from the others.
+            optional(
+                term.inflation,
+                |times| if times > 1000.0 { "> 1000".to_owned() } else { three_digits(times) },
+            ),
+        ]
     };
+    let rows = html! { @for term in &order { (row(&term.signal, cells(term))) } };
     html! {
         h2 { "The model" }
         p {
@@ -62,9 +63,9 @@ pub(super) fn terms(found: &Identified) -> Markup {
              time constant, times its gain. The whisker is one standard error to either side."
         }
         div .gallery {
-            (super::figure("Terms", &chart::bars("gains with their standard errors", &plain), "µm per °C ± standard error"))
+            (figure("Terms", &chart::bars("gains with their standard errors", &plain), "µm per °C ± standard error"))
             @if !slopes.is_empty() {
-                (super::figure("Terms of the slope", &chart::bars("gains of the slope with their standard errors", &slopes), "µm/mm per °C ± standard error"))
+                (figure("Terms of the slope", &chart::bars("gains of the slope with their standard errors", &slopes), "µm/mm per °C ± standard error"))
             }
             (at_rest(&found.terms))
         }
@@ -81,11 +82,6 @@ pub(super) fn terms(found: &Identified) -> Markup {
             }
         }
     }
-}
-
-/// Beyond a thousand it only says that the term cannot be told from the others.
-fn inflation(value: f64) -> String {
-    if value > 1000.0 { "> 1000".to_owned() } else { three_digits(value) }
 }
 
 /// What a sensor does once all its lags have come to rest: the sum of its gains.
@@ -105,12 +101,11 @@ fn at_rest(terms: &[TermFound]) -> Markup {
     let bar = |(signal, sum): &(&str, f64)| Bar {
         name: (*signal).to_owned(),
         value: *sum,
-        doubt: 0.0,
-        outline: None,
         figure: format!("{} µm/°C", three_digits(*sum)),
+        ..Bar::default()
     };
     let bars: Vec<Bar> = sums.iter().map(bar).collect();
-    super::figure(
+    figure(
         "Each sensor at rest",
         &chart::bars("sum of the gains of each sensor", &bars),
         "The sum of a sensor's gains: what one degree does in the end, all its lags over.",
@@ -119,7 +114,7 @@ fn at_rest(terms: &[TermFound]) -> Markup {
 
 fn lag(term: &TermFound) -> String {
     match term.lag_s {
-        lag if lag > 0.0 => super::duration(lag),
+        lag if lag > 0.0 => duration(lag),
         _ => "at once".to_owned(),
     }
 }
@@ -131,20 +126,12 @@ pub(super) fn stand_ins(fallbacks: &[Fallback], means: &Means) -> Markup {
     }
     let mut worst_first: Vec<&Fallback> = fallbacks.iter().collect();
     worst_first.sort_by(|one, other| other.means.mean_range_um.total_cmp(&one.means.mean_range_um));
+    let figures = |means: &Means| [means.mean_range_um, means.worst_range_um, means.mean_rmse_um].map(number);
     let rows = html! {
         @for fallback in worst_first {
-            tr {
-                th scope="row" { (fallback.without) }
-                td { (number(fallback.means.mean_range_um)) }
-                td { (number(fallback.means.worst_range_um)) }
-                td { (number(fallback.means.mean_rmse_um)) }
-                td { (fallback.kind()) } td { (fallback.terms.len()) }
-            }
+            (row(&fallback.without, figures(&fallback.means).into_iter().chain([fallback.kind(), fallback.terms.len().to_string()])))
         }
-        tr .sum {
-            th scope="row" { "none" }
-            td { (number(means.mean_range_um)) } td { (number(means.worst_range_um)) } td { (number(means.mean_rmse_um)) } td {} td {}
-        }
+        tr .sum { th scope="row" { "none" } @for figure in figures(means) { td { (figure) } } td {} td {} }
     };
     html! {
         h2 { "Without one of its sensors" }
@@ -163,7 +150,7 @@ pub(super) fn envelope(region: Option<&Region>) -> Markup {
     };
     let rows = html! {
         @for (name, mean, low, high) in &region.inputs {
-            tr { th scope="row" { (name) } td { (number(*low)) } td { (number(*mean)) } td { (number(*high)) } }
+            (row(name, [*low, *mean, *high].map(number)))
         }
     };
     html! {
@@ -176,7 +163,7 @@ pub(super) fn envelope(region: Option<&Region>) -> Markup {
 /// What bounds the axis, whatever the model asks for.
 pub(super) fn limits(axis: &AxisSettings) -> Markup {
     let micron = |value: f64| format!("{} µm", chart::tick(value));
-    let time = |time: Duration| super::duration(time.as_secs_f64());
+    let time = |time: Duration| duration(time.as_secs_f64());
     let fault = match axis.on_fault {
         OnFault::Hold => "Cz stays as it is".to_owned(),
         OnFault::Ramp { after } => format!("Cz stays for {}, then goes to zero at the rate", time(after)),

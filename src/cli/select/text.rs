@@ -1,68 +1,61 @@
 //! What was found, for a person.
 
-use std::fmt::Write;
+use std::io::{self, Write};
 
 use isotherm_identify::select::{Selected, Step};
 
-pub(super) fn told(found: &Selected) -> String {
-    let mut text = String::new();
-    // Writing to a string never fails.
-    let _ = tell(&mut text, found);
-    text
-}
-
-fn tell(text: &mut String, found: &Selected) -> std::fmt::Result {
+pub(super) fn render(out: &mut impl Write, found: &Selected) -> io::Result<()> {
     for faulty in &found.excluded {
-        writeln!(text, "left out: {} {}", faulty.signal, faulty.reason)?;
+        writeln!(out, "left out: {} {}", faulty.signal, faulty.reason)?;
     }
     for like in &found.ambient {
-        writeln!(text, "note: {} {}", like.signal, like.reason)?;
+        writeln!(out, "note: {} {}", like.signal, like.reason)?;
     }
     for remark in &found.remarks {
-        writeln!(text, "note: {remark}")?;
+        writeln!(out, "note: {remark}")?;
     }
     let width = found.points.iter().map(|point| point.name.chars().count()).max().unwrap_or(0).max(5);
-    writeln!(text, "{:width$}  correlation with {}   grey grade   moves °C", "point", found.error)?;
+    writeln!(out, "{:width$}  correlation with {}   grey grade   moves °C", "point", found.error)?;
     let under = found.error.chars().count() + "correlation with ".len();
     for point in &found.points {
         writeln!(
-            text,
+            out,
             "{:width$}  {:>under$.3}   {:>10.3}   {:>8.2}",
             point.name, point.correlation, point.grey_grade, point.moved
         )?;
     }
     for grouped in &found.groups {
-        writeln!(text, "\ncorrelated with each other by {} or more:", grouped.correlation)?;
+        writeln!(out, "\ncorrelated with each other by {} or more:", grouped.correlation)?;
         for group in &grouped.groups {
-            writeln!(text, "  {}", group.join(", "))?;
+            writeln!(out, "  {}", group.join(", "))?;
         }
     }
-    writeln!(text, "\nstepwise, partial F over {:.0} independent samples:", found.stepwise.samples)?;
+    writeln!(out, "\nstepwise, partial F over {:.0} independent samples:", found.stepwise.samples)?;
     for step in &found.stepwise.steps {
         let way = if step.comes_in { "in " } else { "out" };
-        writeln!(text, "  {way} {}", tested(step, width))?;
+        writeln!(out, "  {way} {}", tested(step, width))?;
     }
     if let Some(next) = &found.stepwise.next {
-        writeln!(text, "  not {}", tested(next, width))?;
+        writeln!(out, "  not {}", tested(next, width))?;
     }
-    writeln!(text, "\nheld out, by how many points are kept:\n  points  RMS µm   range µm   worst µm")?;
+    writeln!(out, "\nheld out, by how many points are kept:\n  points  RMS µm   range µm   worst µm")?;
     for row in &found.by_count {
         let mark = if row.k == found.recommended.k { '*' } else { ' ' };
         let last = row.points.last().map(|point| format!("+ {point}")).unwrap_or_default();
         writeln!(
-            text,
+            out,
             " {mark}{:>6}  {:>6.2}   {:>8.2}   {:>8.2}   {last}",
             row.k, row.means.mean_rmse_um, row.means.mean_range_um, row.means.worst_range_um
         )?;
     }
     let all = &found.all_points;
     writeln!(
-        text,
+        out,
         "  all {:>3} {:>6.2}   {:>8.2}   {:>8.2}",
         all.k, all.means.mean_rmse_um, all.means.mean_range_um, all.means.worst_range_um
     )?;
     let kept = &found.recommended;
-    writeln!(text, "\n{}", kept.why)?;
+    writeln!(out, "\n{}", kept.why)?;
     if kept.k == 0 {
         return Ok(());
     }
@@ -71,12 +64,12 @@ fn tell(text: &mut String, found: &Selected) -> std::fmt::Result {
         let alike = alike.map(|alike| format!("; much the same: {}", alike.join(", "))).unwrap_or_default();
         let times = kept.chosen_in.get(point).copied().unwrap_or(0);
         writeln!(
-            text,
+            out,
             "  keep {point:width$}  chosen in {times} of {} held-out fits{alike}",
             found.runs.len()
         )?;
     }
-    writeln!(text, "next: isotherm identify … --inputs {}", kept.points.join(","))
+    writeln!(out, "next: isotherm identify … --inputs {}", kept.points.join(","))
 }
 
 fn tested(step: &Step, width: usize) -> String {

@@ -1,6 +1,6 @@
 //! What was found, for a person.
 
-use std::fmt::Write;
+use std::io::{self, Write};
 use std::time::Duration;
 
 use isotherm_identify::Identified;
@@ -8,43 +8,36 @@ use isotherm_identify::Identified;
 /// Most terms that are printed; all of them stand in the block and in the JSON.
 const MOST_TERMS: usize = 40;
 
-pub(super) fn told(found: &Identified, probe: Option<Duration>) -> String {
-    let mut text = String::new();
-    // Writing to a string never fails.
-    let _ = tell(&mut text, found, probe);
-    text
-}
-
-fn tell(text: &mut String, found: &Identified, probe: Option<Duration>) -> std::fmt::Result {
+pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Duration>) -> io::Result<()> {
     let probed = probe.map(|interval| format!(", probed every {}", humantime::format_duration(interval)));
-    writeln!(text, "axis {}: {}{}", found.axis, found.method, probed.unwrap_or_default())?;
+    writeln!(out, "axis {}: {}{}", found.axis, found.method, probed.unwrap_or_default())?;
     let columns = |used: &str| {
         let named = found.columns.iter().filter(|column| column.used == used);
         named.map(|column| format!("{} ({})", column.name, column.kind)).collect::<Vec<String>>().join(", ")
     };
-    writeln!(text, "  error   {}", columns("error"))?;
-    writeln!(text, "  inputs  {}", columns("input"))?;
+    writeln!(out, "  error   {}", columns("error"))?;
+    writeln!(out, "  inputs  {}", columns("input"))?;
     let unused = columns("not used");
     if !unused.is_empty() {
-        writeln!(text, "  unused  {unused}")?;
+        writeln!(out, "  unused  {unused}")?;
     }
     for faulty in &found.excluded {
-        writeln!(text, "  left out: {} {}", faulty.signal, faulty.reason)?;
+        writeln!(out, "  left out: {} {}", faulty.signal, faulty.reason)?;
     }
     for mended in &found.repaired {
-        writeln!(text, "  mended: {} {} in {}: {}", mended.signal, mended.fault, mended.run, mended.done)?;
+        writeln!(out, "  mended: {} {} in {}: {}", mended.signal, mended.fault, mended.run, mended.done)?;
     }
     for like in &found.ambient {
-        writeln!(text, "  note: {} {}", like.signal, like.reason)?;
+        writeln!(out, "  note: {} {}", like.signal, like.reason)?;
     }
     for remark in &found.remarks {
-        writeln!(text, "  note: {remark}")?;
+        writeln!(out, "  note: {remark}")?;
     }
     if !found.terms.is_empty() {
-        writeln!(text, "\n  Cz = −e, added up from")?;
+        writeln!(out, "\n  Cz = −e, added up from")?;
     }
     if let Some(network) = &found.network {
-        writeln!(text, "\n  Cz = −e, by a {network}")?;
+        writeln!(out, "\n  Cz = −e, by a {network}")?;
     }
     let mut terms: Vec<_> = found.terms.iter().collect();
     terms.sort_by(|one, other| other.gain.abs().total_cmp(&one.gain.abs()));
@@ -56,30 +49,30 @@ fn tell(text: &mut String, found: &Identified, probe: Option<Duration>) -> std::
         };
         let unit = if term.slope { "µm/mm" } else { "µm" };
         writeln!(
-            text,
+            out,
             "    {:+10.4} ± {:<8.4} {unit} per unit of {:width$}  {lag}",
             term.gain, term.se, term.signal
         )?;
     }
     if terms.len() > MOST_TERMS {
-        writeln!(text, "    … and {} smaller ones", terms.len() - MOST_TERMS)?;
+        writeln!(out, "    … and {} smaller ones", terms.len() - MOST_TERMS)?;
     }
     let width = found.runs.iter().map(|run| run.name.chars().count()).max().unwrap_or(0).max(4);
     writeln!(
-        text,
+        out,
         "\n  held out{}     range µm (bare)      RMS µm (bare)",
         " ".repeat(width.saturating_sub(6))
     )?;
     for run in &found.runs {
         writeln!(
-            text,
+            out,
             "    {:width$}  {:8.2} ({:6.2})   {:8.2} ({:6.2})",
             run.name, run.range_um, run.uncompensated_range_um, run.rmse_um, run.uncompensated_rmse_um
         )?;
     }
     let bare = &found.uncompensated;
     writeln!(
-        text,
+        out,
         "    {:width$}  {:8.2} ({:6.2})   {:8.2} ({:6.2})\n    {:width$}  {:8.2} ({:6.2})",
         "mean",
         found.means.mean_range_um,
@@ -92,7 +85,7 @@ fn tell(text: &mut String, found: &Identified, probe: Option<Duration>) -> std::
     )?;
     for fallback in &found.fallbacks {
         writeln!(
-            text,
+            out,
             "  without {} ({}): mean range {:.2} µm, worst {:.2} µm",
             fallback.without,
             fallback.kind(),

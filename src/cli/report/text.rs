@@ -1,22 +1,19 @@
 //! The drift of a run, for a person: sentences, then tables.
 
-use std::fmt::Write;
+use std::io::{self, Write};
 
 use isotherm_identify::drift::Drift;
 
-pub(super) fn told(drift: &Drift) -> String {
-    let mut text = String::new();
-    // Writing to a string never fails.
-    let _ = sentences(&mut text, drift)
-        .and_then(|()| displacements(&mut text, drift))
-        .and_then(|()| stages(&mut text, drift))
-        .and_then(|()| temperatures(&mut text, drift));
-    text
+pub(super) fn render(out: &mut impl Write, drift: &Drift) -> io::Result<()> {
+    sentences(out, drift)?;
+    displacements(out, drift)?;
+    stages(out, drift)?;
+    temperatures(out, drift)
 }
 
-fn sentences(text: &mut String, drift: &Drift) -> std::fmt::Result {
+fn sentences(out: &mut impl Write, drift: &Drift) -> io::Result<()> {
     writeln!(
-        text,
+        out,
         "{}: {} over {}, {} rows. Like a test of ISO 230-3 for {}: {}.",
         drift.name,
         match drift.displacements.len() {
@@ -25,18 +22,18 @@ fn sentences(text: &mut String, drift: &Drift) -> std::fmt::Result {
         },
         clock(drift.hours),
         drift.rows,
-        drift.test.words(),
+        drift.test.title(),
         drift.because
     )?;
     for moved in &drift.displacements {
-        write!(text, "  {} moved by {:.2} µm", moved.name, moved.range_um)?;
+        write!(out, "  {} moved by {:.2} µm", moved.name, moved.range_um)?;
         match (moved.first_hour_um, moved.last_hour_um, moved.largest_60min_um, moved.largest_60min_from_h) {
             (Some(first), Some(last), Some(largest), Some(from)) => writeln!(
-                text,
+                out,
                 ": {first:.2} in the first hour, {last:.2} in the last, and at most {largest:.2} in 60 min, from {} on.",
                 clock(from)
             )?,
-            _ => writeln!(text, "; the log is shorter than an hour.")?,
+            _ => writeln!(out, "; the log is shorter than an hour.")?,
         }
     }
     let ambient = drift.temperatures.iter().min_by(|one, other| one.range_k.total_cmp(&other.range_k));
@@ -45,27 +42,27 @@ fn sentences(text: &mut String, drift: &Drift) -> std::fmt::Result {
             drift.temperatures.iter().max_by(|one, other| one.range_k.total_cmp(&other.range_k))
     {
         writeln!(
-            text,
+            out,
             "  Temperatures ranged over {:.1} K ({}) to {:.1} K ({}).",
             calm.range_k, calm.name, lively.range_k, lively.name
         )?;
     }
     for remark in &drift.remarks {
-        writeln!(text, "  note: {remark}")?;
+        writeln!(out, "  note: {remark}")?;
     }
     Ok(())
 }
 
-fn displacements(text: &mut String, drift: &Drift) -> std::fmt::Result {
+fn displacements(out: &mut impl Write, drift: &Drift) -> io::Result<()> {
     let width = width(drift.displacements.iter().map(|moved| moved.name.as_str()));
     writeln!(
-        text,
+        out,
         "\n  {:width$}  {:>8}  {:>10}  {:>9}  {:>9}  {:>9}  {:>9}",
         "µm", "range", "first hour", "last hour", "in 60 min", "drift", "each hour"
     )?;
     for moved in &drift.displacements {
         writeln!(
-            text,
+            out,
             "  {:width$}  {:8.2}  {:>10}  {:>9}  {:>9}  {:+9.2}  {:+9.2}",
             moved.name,
             moved.range_um,
@@ -79,10 +76,10 @@ fn displacements(text: &mut String, drift: &Drift) -> std::fmt::Result {
     Ok(())
 }
 
-fn stages(text: &mut String, drift: &Drift) -> std::fmt::Result {
+fn stages(out: &mut impl Write, drift: &Drift) -> io::Result<()> {
     let Some(column) = drift.stages.first().map(|stage| stage.column.as_str()) else { return Ok(()) };
     let names = drift.displacements.iter().map(|moved| format!("  {:>12}", moved.name));
-    writeln!(text, "\n  {:>8}  {:>8}  {:>14}{}", "from", "to", column, names.collect::<String>())?;
+    writeln!(out, "\n  {:>8}  {:>8}  {:>14}{}", "from", "to", column, names.collect::<String>())?;
     for (place, stage) in drift.stages.iter().enumerate() {
         let speed = match (stage.speed, stage.moves) {
             (Some(speed), _) => format!("{speed:.0}"),
@@ -93,20 +90,20 @@ fn stages(text: &mut String, drift: &Drift) -> std::fmt::Result {
         let changes: String = changes
             .map(|change| format!("  {:>12}", change.map_or("-".to_owned(), |um| format!("{um:+.2}"))))
             .collect();
-        writeln!(text, "  {:>8}  {:>8}  {speed:>14}{changes}", clock(stage.from_h), clock(stage.to_h))?;
+        writeln!(out, "  {:>8}  {:>8}  {speed:>14}{changes}", clock(stage.from_h), clock(stage.to_h))?;
     }
     Ok(())
 }
 
-fn temperatures(text: &mut String, drift: &Drift) -> std::fmt::Result {
+fn temperatures(out: &mut impl Write, drift: &Drift) -> io::Result<()> {
     if drift.temperatures.is_empty() {
         return Ok(());
     }
     let width = width(drift.temperatures.iter().map(|sensor| sensor.name.as_str()));
-    writeln!(text, "\n  {:width$}  {:>8}  {:>8}  {:>8}  {:>9}", "°C", "begin", "end", "range", "in 60 min")?;
+    writeln!(out, "\n  {:width$}  {:>8}  {:>8}  {:>8}  {:>9}", "°C", "begin", "end", "range", "in 60 min")?;
     for sensor in &drift.temperatures {
         writeln!(
-            text,
+            out,
             "  {:width$}  {:8.2}  {:8.2}  {:8.2}  {:>9}",
             sensor.name,
             sensor.begin_c,
