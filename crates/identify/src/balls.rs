@@ -18,7 +18,7 @@ use serde::Serialize;
 use crate::dataset::{BadLog, Dataset};
 use crate::statistics::range;
 use isotherm_core::quantity::Moment;
-use touches::{Round, rounds};
+use touches::{Touch, rounds};
 
 mod fit;
 mod log;
@@ -40,14 +40,14 @@ pub struct Terms {
     /// Where d is the whole drift, mm along the array.
     pub origin_mm: f64,
     /// The first is the cold one, all zeros.
-    pub rounds: Vec<Found>,
+    pub rounds: Vec<RoundTerms>,
     /// What is odd.
     pub remarks: Vec<String>,
 }
 
 /// The terms of one round.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Found {
+pub struct RoundTerms {
     /// The mean time of its touches.
     #[serde(skip)]
     pub time: Moment,
@@ -71,23 +71,22 @@ pub struct Found {
 /// Sentences that say what to do.
 pub fn terms(dataset: &Dataset, origin: Option<f64>) -> Result<Terms, BadLog> {
     let rounds = rounds(dataset)?;
-    let Some((cold, _)) = rounds.split_first() else { return Err(one("there are no touches")) };
+    let Some(cold) = rounds.first() else { return Err(one("there are no touches")) };
     let (along, extent) = direction(cold)?;
-    let places = cold.touches.iter().map(|touch| touch.at_mm[along]);
-    let origin_mm = origin.unwrap_or_else(|| places.clone().next().unwrap_or_default());
-    let mut remarks = dataset.remarks.clone();
+    let places = || cold.iter().map(|touch| touch.at_mm[along]);
+    let origin_mm = origin.or(places().next()).unwrap_or_default();
     if rounds.len() == 1 {
         return Err(one(
             "there is one round only: touch the balls cold, and again while the machine warms up",
         ));
     }
-    if places.clone().all(|place| (place - origin_mm).abs() > 10.0 * extent) {
+    if places().all(|place| (place - origin_mm).abs() > 10.0 * extent) {
         return Err(one(&format!(
             "the origin {origin_mm} mm is far from every ball: give it along {}",
             DIRECTIONS[along]
         )));
     }
-    let mut found = Vec::new();
+    let (mut found, mut remarks) = (Vec::new(), dataset.remarks.clone());
     for (number, round) in rounds.iter().enumerate() {
         match fit::fit(cold, round, along, origin_mm) {
             Ok(terms) => found.push(terms),
@@ -105,25 +104,23 @@ pub fn terms(dataset: &Dataset, origin: Option<f64>) -> Result<Terms, BadLog> {
 }
 
 /// The direction of the array, and its length.
-fn direction(cold: &Round) -> Result<(usize, f64), BadLog> {
-    let extent = |direction: usize| range(cold.touches.iter().map(|touch| touch.at_mm[direction]));
-    let extents = [0, 1, 2].map(extent);
-    let along = (0..3).fold(0, |best, next| if extents[next] > extents[best] { next } else { best });
+fn direction(cold: &[Touch]) -> Result<(usize, f64), BadLog> {
+    let extents = [0, 1, 2].map(|direction| range(cold.iter().map(|touch| touch.at_mm[direction])));
+    let along = (1..3).fold(0, |best, next| if extents[next] > extents[best] { next } else { best });
+    let (axis, length) = (DIRECTIONS[along], extents[along]);
     let across = (0..3).filter(|other| *other != along).map(|other| extents[other]).fold(0.0, f64::max);
-    if extents[along] < SHORTEST {
+    if length < SHORTEST {
         return Err(one(&format!(
-            "the balls of the first round stand within {:.3} mm: a ball array has two balls at least, some cm apart, each \
-             with its number in `ball`",
-            extents[along]
+            "the balls of the first round stand within {length:.3} mm: a ball array has two balls at least, some cm apart, \
+             each with its number in `ball`"
         )));
     }
-    if across > SKEWED * extents[along] {
+    if across > SKEWED * length {
         return Err(one(&format!(
-            "the balls run along {} ({:.0} mm), but {across:.0} mm across it too: clamp the array along one axis",
-            DIRECTIONS[along], extents[along]
+            "the balls run along {axis} ({length:.0} mm), but {across:.0} mm across it too: clamp the array along one axis"
         )));
     }
-    Ok((along, extents[along]))
+    Ok((along, length))
 }
 
 /// mm.

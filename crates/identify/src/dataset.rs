@@ -73,15 +73,18 @@ pub struct Split {
 #[error("{}", .0.join("\n"))]
 pub struct BadLog(pub Vec<String>);
 
+/// The unit of a column, where a profile knows it.
+pub type Units<'a> = &'a dyn Fn(&str) -> Option<&'static str>;
+
 impl Dataset {
-    /// Reads the logs, or those in a directory, and splits them into runs. `units` gives the unit of a column where a profile knows it.
+    /// Reads the logs, or those in a directory, and splits them into runs.
     ///
     /// # Errors
     /// Everything that cannot be read, with file, line and column.
     pub fn read(
         files: &[PathBuf],
         split: &Split,
-        units: &dyn Fn(&str) -> Option<&'static str>,
+        units: Units<'_>,
     ) -> Result<Dataset, BadLog> {
         let mut wrong = Vec::new();
         let mut tables = Vec::new();
@@ -100,7 +103,7 @@ impl Dataset {
     fn from_tables(
         tables: &[Table],
         split: &Split,
-        units: &dyn Fn(&str) -> Option<&'static str>,
+        units: Units<'_>,
     ) -> Result<Dataset, BadLog> {
         let names = shared_names(tables);
         let mut remarks = Vec::new();

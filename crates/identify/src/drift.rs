@@ -4,7 +4,7 @@
 use serde::Serialize;
 
 use crate::checks;
-use crate::dataset::{BadLog, Dataset, Kind, Run};
+use crate::dataset::{BadLog, Dataset, Kind, Run, Units};
 use crate::minutes::Minutes;
 use crate::statistics::range;
 use activity::Mover;
@@ -112,108 +112,95 @@ pub fn drift(
     dataset: &Dataset,
     displacements: &[String],
     test: Option<Test>,
-    units: &dyn Fn(&str) -> Option<&'static str>,
+    units: Units<'_>,
 ) -> Result<Vec<Drift>, BadLog> {
-    let names: Vec<&str> = dataset.columns.iter().map(|column| column.name.as_str()).collect();
+    let (names, all) = (dataset.names(), dataset.names().join(", "));
     let missing = displacements.iter().filter(|name| !names.contains(&name.as_str()));
     let mut wrong: Vec<String> =
-        missing.map(|name| format!("no log has a column `{name}`; there are {}", names.join(", "))).collect();
-    let is_asked = |place: usize| match displacements {
-        [] => dataset.columns[place].kind == Kind::Displacement,
-        asked => asked.contains(&dataset.columns[place].name),
+        missing.map(|name| format!("no log has a column `{name}`; there are {all}")).collect();
+    let is_asked = |place: &usize| match displacements {
+        [] => dataset.columns[*place].kind == Kind::Displacement,
+        asked => asked.contains(&dataset.columns[*place].name),
     };
-    let columns: Vec<usize> = (0..names.len()).filter(|place| is_asked(*place)).collect();
+    let columns: Vec<usize> = (0..names.len()).filter(is_asked).collect();
     if columns.is_empty() && wrong.is_empty() {
         wrong.push(format!(
-            "no column is a displacement: name it so that it ends with _um, or give it with --displacement; there are {}",
-            names.join(", ")
+            "no column is a displacement: name it so that it ends with _um, or give it with --displacement; there are {all}"
         ));
     }
-    let movers = activity::movers(dataset, units);
-    let mut drifts = Vec::new();
     for run in &dataset.runs {
-        for column in &columns {
-            if !run.values[*column].iter().any(|value| value.is_finite()) {
-                wrong.push(format!("{} has no value in {}: leave that log out", names[*column], run.name));
-            }
-        }
+        let is_empty = |column: &&usize| !run.values[**column].iter().any(|value| value.is_finite());
+        wrong.extend(columns.iter().filter(is_empty).map(|column| {
+            format!("{} has no value in {}: leave that log out", names[*column], run.name)
+        }));
         if run.lasts().is_zero() {
             wrong.push(format!("{} has one time only: a drift needs a beginning and an end", run.name));
         }
-        if wrong.is_empty() {
-            drifts.push(of_run(dataset, run, &columns, test, &movers));
-        }
     }
-    if wrong.is_empty() { Ok(drifts) } else { Err(BadLog(wrong)) }
+    if !wrong.is_empty() {
+        return Err(BadLog(wrong));
+    }
+    let movers = activity::movers(dataset, units);
+    Ok(dataset.runs.iter().map(|run| of_run(dataset, run, &columns, test, &movers)).collect())
 }
 
 fn of_run(dataset: &Dataset, run: &Run, columns: &[usize], asked: Option<Test>, movers: &[Mover]) -> Drift {
-    let active: Vec<&Mover> = movers.iter().filter(|mover| mover.moves(run)).collect();
     let mut remarks = dataset.remarks.clone();
     remarks.extend(checks::odd_length(run));
-    let is_temperature = |column: &usize| {
-        dataset.columns[*column].kind == Kind::Temperature
-            && !columns.contains(column)
-            && !movers.iter().any(|mover| mover.column == *column)
+    let is_other = |column: &usize| {
+        !columns.contains(column) && !movers.iter().any(|mover| mover.column == *column)
     };
-    let temperatures: Vec<usize> = (0..dataset.columns.len()).filter(is_temperature).collect();
+    let temperatures: Vec<usize> = dataset.of_kind(Kind::Temperature).filter(is_other).collect();
     remarks.extend(checks::fahrenheit(dataset, &temperatures));
-    let still = |column: &&usize| run.range(**column) < STILL;
-    for column in columns.iter().filter(still) {
-        let name = &dataset.columns[*column].name;
-        remarks.push(format!("{name} stands still: was the probe connected?"));
-    }
+    let name = |column: usize| dataset.columns[column].name.clone();
+    let stands_still = columns.iter().filter(|column| run.range(**column) < STILL);
+    remarks.extend(
+        stands_still.map(|column| format!("{} stands still: was the probe connected?", name(*column))),
+    );
+    let active: Vec<&Mover> = movers.iter().filter(|mover| mover.moves(run)).collect();
     let (test, mover, because) = activity::likeness(asked, &active, &mut remarks);
     let stages = mover.map(|mover| mover.stages(run)).unwrap_or_default();
-    let hours = run.lasts().as_secs_f64() / 3600.0;
-    let name = |column: usize| dataset.columns[column].name.clone();
+    let displacement = |column: &usize| displacement(name(*column), &Minutes::of(run, *column), &stages);
+    let temperature = |column: usize| temperature(name(column), &Minutes::of(run, column));
     Drift {
         name: run.name.clone(),
         test,
         because,
-        hours,
+        hours: run.lasts().as_secs_f64() / 3600.0,
         rows: run.times.len(),
-        displacements: columns
-            .iter()
-            .map(|column| displacement(name(*column), &Minutes::of(run, *column), &stages))
-            .collect(),
-        temperatures: temperatures
-            .into_iter()
-            .filter_map(|column| temperature(name(column), &Minutes::of(run, column)))
-            .collect(),
+        displacements: columns.iter().map(displacement).collect(),
+        temperatures: temperatures.into_iter().filter_map(temperature).collect(),
         stages,
         remarks,
     }
 }
 
 fn displacement(name: String, minutes: &Minutes, stages: &[Stage]) -> Displacement {
-    let (hours_of, largest) = (minutes.first_and_last_hour(), minutes.largest_hour());
+    let (edges, largest) = (minutes.first_and_last_hour(), minutes.largest_hour());
     let (begin, end) = (minutes.begin(), minutes.end());
     let hours = (end.0 - begin.0) / 3600.0;
     let drift_um = end.1 - begin.1;
+    let change = |stage: &Stage| minutes.change(stage.from_h * 3600.0, stage.to_h * 3600.0);
     Displacement {
         name,
         range_um: range(&minutes.values),
-        first_hour_um: hours_of.map(|(first, _)| first),
-        last_hour_um: hours_of.map(|(_, last)| last),
+        first_hour_um: edges.map(|(first, _)| first),
+        last_hour_um: edges.map(|(_, last)| last),
         largest_60min_um: largest.map(|(_, range)| range),
         largest_60min_from_h: largest.map(|(second, _)| second / 3600.0),
         drift_um,
         drift_um_per_h: if hours > 0.0 { drift_um / hours } else { 0.0 },
-        stages_um: stages
-            .iter()
-            .map(|stage| minutes.change(stage.from_h * 3600.0, stage.to_h * 3600.0))
-            .collect(),
+        stages_um: stages.iter().map(change).collect(),
     }
 }
 
+/// `None` where the column is empty.
 fn temperature(name: String, minutes: &Minutes) -> Option<Temperature> {
-    let largest_60min_k = minutes.largest_hour().map(|(_, range)| range);
     (!minutes.values.is_empty()).then(|| Temperature {
         name,
         begin_c: minutes.begin().1,
         end_c: minutes.end().1,
         range_k: range(&minutes.values),
-        largest_60min_k,
+        largest_60min_k: minutes.largest_hour().map(|(_, range)| range),
     })
 }

@@ -2,8 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::touches::{Round, Touch};
-use super::{DIRECTIONS, Found};
+use super::touches::{Touch, time};
+use super::{DIRECTIONS, RoundTerms};
 use crate::statistics::{count, range};
 
 /// µm. What moves farther is another ball, or in another unit.
@@ -18,9 +18,9 @@ struct Moved {
     by: [f64; 3],
 }
 
-pub(super) fn fit(cold: &Round, round: &Round, along: usize, origin: f64) -> Result<Found, String> {
+pub(super) fn fit(cold: &[Touch], round: &[Touch], along: usize, origin: f64) -> Result<RoundTerms, String> {
     let mut moved = Vec::new();
-    for touch in &round.touches {
+    for touch in round {
         moved.extend(since_cold(cold, touch, along)?);
     }
     let spread = |of: fn(&Moved) -> f64| range(moved.iter().map(of));
@@ -28,34 +28,31 @@ pub(super) fn fit(cold: &Round, round: &Round, along: usize, origin: f64) -> Res
         return Err("fewer than two of its balls were touched in the first round".to_owned());
     }
     let shortest = moved.iter().map(|touch| touch.stylus).fold(f64::MAX, f64::min);
-    let with_stylus =
+    let has_styli =
         moved.iter().all(|touch| touch.stylus.is_finite()) && spread(|touch| touch.stylus) >= APART;
-    let columns = |touch: &Moved, column: usize| match column {
+    let all = DMatrix::from_fn(moved.len(), 3, |row, column| match column {
         0 => 1.0,
-        1 => touch.place - origin,
-        _ => touch.stylus - shortest,
-    };
-    let narrow = DMatrix::from_fn(moved.len(), 2, |row, column| columns(&moved[row], column));
-    let wide = DMatrix::from_fn(moved.len(), 3, |row, column| columns(&moved[row], column));
+        1 => moved[row].place - origin,
+        _ => moved[row].stylus - shortest,
+    });
     // Where the long stylus touched some balls and the short one the others, the two tilts are one column.
-    let with_stylus = with_stylus && least_squares(&wide, &DVector::zeros(moved.len())).is_some();
+    let with_stylus = has_styli && least_squares(&all, &DVector::zeros(moved.len())).is_some();
+    let without_stylus = all.columns(0, 2).into_owned();
     let (mut drift_um, mut slope_um_per_mm, mut spindle) = ([0.0; 3], [0.0; 3], [0.0; 3]);
     let mut left = 0.0;
     for direction in 0..3 {
-        let matrix = if with_stylus && direction != along { &wide } else { &narrow };
-        let wanted = DVector::from_fn(moved.len(), |row, _| moved[row].by[direction]);
-        let Some(terms) = least_squares(matrix, &wanted) else {
-            return Err("its balls are too near to each other".to_owned());
-        };
+        let matrix = if with_stylus && direction != along { &all } else { &without_stylus };
+        let by = DVector::from_fn(moved.len(), |row, _| moved[row].by[direction]);
+        let terms = least_squares(matrix, &by).ok_or("its balls are too near to each other")?;
         drift_um[direction] = terms[0];
         slope_um_per_mm[direction] = terms[1];
         spindle[direction] = terms.get(2).copied().unwrap_or(0.0);
-        left += (wanted - matrix * terms).norm_squared();
+        left += (by - matrix * terms).norm_squared();
     }
-    let time = round.time();
-    Ok(Found {
-        time,
-        hours: time.since(cold.time()).as_secs_f64() / 3600.0,
+    let at = time(round);
+    Ok(RoundTerms {
+        time: at,
+        hours: at.since(time(cold)).as_secs_f64() / 3600.0,
         touches: moved.len(),
         drift_um,
         slope_um_per_mm,
@@ -65,8 +62,8 @@ pub(super) fn fit(cold: &Round, round: &Round, along: usize, origin: f64) -> Res
 }
 
 /// How far a touch is from the same ball in the cold round, with the same stylus; the mean where that touched it twice.
-fn since_cold(cold: &Round, touch: &Touch, along: usize) -> Result<Option<Moved>, String> {
-    let same: Vec<&Touch> = cold.touches.iter().filter(|other| other.is_like(touch)).collect();
+fn since_cold(cold: &[Touch], touch: &Touch, along: usize) -> Result<Option<Moved>, String> {
+    let same: Vec<&Touch> = cold.iter().filter(|other| other.is_like(touch)).collect();
     if same.is_empty() {
         return Ok(None);
     }
@@ -86,19 +83,15 @@ fn since_cold(cold: &Round, touch: &Touch, along: usize) -> Result<Option<Moved>
 }
 
 /// `None` where two columns say the same.
-fn least_squares(matrix: &DMatrix<f64>, wanted: &DVector<f64>) -> Option<DVector<f64>> {
-    let mut scaled = matrix.clone();
-    let scales: Vec<f64> = scaled.column_iter().map(|column| column.norm().max(1e-300)).collect();
-    for (mut column, scale) in scaled.column_iter_mut().zip(&scales) {
-        column /= *scale;
-    }
+fn least_squares(matrix: &DMatrix<f64>, target: &DVector<f64>) -> Option<DVector<f64>> {
     if matrix.nrows() < matrix.ncols() {
         return None;
     }
+    let scales = DVector::from_fn(matrix.ncols(), |column, _| matrix.column(column).norm().max(1e-300));
+    let scaled = DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| matrix[(i, j)] / scales[j]);
     let parts = scaled.svd(true, true);
     if parts.singular_values.min() < 1e-6 {
         return None;
     }
-    let terms = parts.solve(wanted, 0.0).ok()?;
-    Some(DVector::from_fn(terms.len(), |place, _| terms[place] / scales[place]))
+    Some(parts.solve(target, 0.0).ok()?.component_div(&scales))
 }

@@ -1,14 +1,13 @@
 //! The terms as a log that `identify` takes.
 
-use std::fmt::Write;
 use std::time::Duration;
 
-use super::{DIRECTIONS, Found, Terms, one};
+use super::{DIRECTIONS, RoundTerms, Terms, one};
 use crate::dataset::{BadLog, Dataset};
 use isotherm_core::quantity::Moment;
 
 /// A round whose nearest recorded row is farther away has no temperatures.
-const NEAR: Duration = Duration::from_secs(600);
+const NEAR: Duration = Duration::from_mins(10);
 
 /// CSV: `time` in seconds; the columns of `recorded`, row by row, where there is one; then the terms, in the row that is
 /// nearest to each round and empty in the others. The terms are d (`d_x_um` …), k or A (`k_z_um_per_mm`, `a_x_um_per_mm` …)
@@ -18,84 +17,80 @@ const NEAR: Duration = Duration::from_secs(600);
 /// # Errors
 /// A round lies outside what was recorded.
 pub fn log(terms: &Terms, recorded: Option<&Dataset>) -> Result<String, BadLog> {
-    let spindle = terms.rounds.iter().any(|round| round.spindle_um_per_mm.is_some());
-    let names = names(terms, spindle);
-    let mut text = String::new();
-    let Some(recorded) = recorded else {
-        // Writing to a string never fails.
-        let _ = writeln!(text, "time,{}", names.join(","));
-        for round in &terms.rounds {
-            let _ = writeln!(text, "{},{}", seconds(round.time), cells(terms, round, spindle));
+    let columns: Vec<Vec<(String, f64)>> = terms.rounds.iter().map(|round| columns(terms, round)).collect();
+    let names: Vec<&str> = columns.iter().take(1).flatten().map(|(name, _)| name.as_str()).collect();
+    let (own, rows) = match recorded {
+        Some(recorded) => beside(terms, recorded, &names)?,
+        None => {
+            let rounds = terms.rounds.iter().enumerate();
+            (Vec::new(), rounds.map(|(place, round)| (round.time, Vec::new(), Some(place))).collect())
         }
-        return Ok(text);
     };
+    let mut table = csv::Writer::from_writer(Vec::new());
+    let failed = |why: csv::Error| one(&why.to_string());
+    table.write_record(["time"].iter().chain(&own).chain(&names)).map_err(failed)?;
+    for (time, mut cells, round) in rows {
+        let of_round = |place: usize| round.map_or(f64::NAN, |round| columns[round][place].1);
+        cells.extend((0..names.len()).map(of_round));
+        let cell = |value: f64| if value.is_finite() { value.to_string() } else { String::new() };
+        table.write_record([seconds(time)].into_iter().chain(cells.into_iter().map(cell))).map_err(failed)?;
+    }
+    let text = table.into_inner().map_err(|why| one(&why.to_string()))?;
+    Ok(String::from_utf8_lossy(&text).into_owned())
+}
+
+/// A row of the log: when, the recorded cells, and the place of the round that stands in it.
+type Row = (Moment, Vec<f64>, Option<usize>);
+
+/// What was recorded, but for columns of these names: the names of the others, and the rows.
+fn beside<'a>(
+    terms: &Terms,
+    recorded: &'a Dataset,
+    names: &[&str],
+) -> Result<(Vec<&'a str>, Vec<Row>), BadLog> {
     let [run] = recorded.runs.as_slice() else {
         return Err(one("what was recorded is one run: give the one log that was running meanwhile"));
     };
     let mut at = Vec::new();
     for round in &terms.rounds {
-        let apart = |time: &Moment| time.since(round.time).max(round.time.since(*time));
-        let nearest = (0..run.times.len()).min_by_key(|row| apart(&run.times[*row]));
-        match nearest.filter(|row| apart(&run.times[*row]) <= NEAR) {
-            Some(row) => at.push(row),
-            None => {
-                return Err(one(&format!(
-                    "no row of {} is within ten minutes of the round at {:.2} h: both files need the same clock, and \
-                     the log must run from the cold round to the last",
-                    run.file.display(),
-                    round.hours
-                )));
-            }
-        }
+        let apart = |row: &usize| run.times[*row].since(round.time).max(round.time.since(run.times[*row]));
+        let nearest = (0..run.times.len()).min_by_key(apart).filter(|row| apart(row) <= NEAR);
+        at.push(nearest.ok_or_else(|| {
+            one(&format!(
+                "no row of {} is within ten minutes of the round at {:.2} h: both files need the same clock, and \
+                 the log must run from the cold round to the last",
+                run.file.display(),
+                round.hours
+            ))
+        })?);
     }
-    let kept = |name: &String| !names.contains(name);
-    let columns: Vec<usize> =
-        (0..recorded.columns.len()).filter(|column| kept(&recorded.columns[*column].name)).collect();
-    let own: String = columns.iter().map(|column| format!("{},", recorded.columns[*column].name)).collect();
-    let _ = writeln!(text, "time,{own}{}", names.join(","));
-    let nothing = ",".repeat(names.len().saturating_sub(1));
-    for (row, time) in run.times.iter().enumerate() {
-        let own: String =
-            columns.iter().map(|column| format!("{},", cell(run.values[*column][row]))).collect();
-        let round = at.iter().position(|place| *place == row).map(|place| &terms.rounds[place]);
-        let found = round.map_or_else(|| nothing.clone(), |round| cells(terms, round, spindle));
-        let _ = writeln!(text, "{},{own}{found}", seconds(*time));
-    }
-    Ok(text)
+    let own = recorded.columns.iter().enumerate().filter(|(_, column)| !names.contains(&column.name.as_str()));
+    let (places, own): (Vec<usize>, Vec<&str>) = own.map(|(place, column)| (place, column.name.as_str())).unzip();
+    let row = |(row, time): (usize, &Moment)| {
+        let cells = places.iter().map(|column| run.values[*column][row]).collect();
+        (*time, cells, at.iter().position(|place| *place == row))
+    };
+    Ok((own, run.times.iter().enumerate().map(row).collect()))
 }
 
-fn names(terms: &Terms, spindle: bool) -> Vec<String> {
-    let slope = |place: usize| if place == terms.along { "k" } else { "a" };
-    let mut names: Vec<String> = DIRECTIONS.iter().map(|axis| format!("d_{axis}_um")).collect();
-    names.extend((0..3).map(|place| format!("{}_{}_um_per_mm", slope(place), DIRECTIONS[place])));
-    if spindle {
-        names.extend(across(terms).map(|place| format!("b_{}_um_per_mm", DIRECTIONS[place])));
-    }
-    names.extend(DIRECTIONS.iter().map(|axis| format!("{axis}_error_um")));
-    names.extend(DIRECTIONS.iter().map(|axis| format!("{axis}_slope_error_um_per_mm")));
-    names.push("fit_rms_um".to_owned());
-    names
-}
-
-fn cells(terms: &Terms, round: &Found, spindle: bool) -> String {
-    let mut values: Vec<f64> = round.drift_um.iter().chain(&round.slope_um_per_mm).copied().collect();
-    if spindle {
-        let tilts = round.spindle_um_per_mm.unwrap_or([f64::NAN; 3]);
-        values.extend(across(terms).map(|place| tilts[place]));
-    }
+/// The terms of a round: names and values.
+fn columns(terms: &Terms, round: &RoundTerms) -> Vec<(String, f64)> {
+    let each = |name: fn(&str, bool) -> String, values: [f64; 3]| {
+        (0..3).map(move |place| (name(DIRECTIONS[place], place == terms.along), values[place]))
+    };
+    let slope = |axis: &str, is_along: bool| format!("{}_{axis}_um_per_mm", if is_along { "k" } else { "a" });
+    let has_spindle = terms.rounds.iter().any(|round| round.spindle_um_per_mm.is_some());
+    let spindle = round.spindle_um_per_mm.unwrap_or([f64::NAN; 3]);
+    let across = each(|axis, _| format!("b_{axis}_um_per_mm"), spindle);
     // 0 − x: a cold zero has no sign.
-    values.extend(round.drift_um.iter().chain(&round.slope_um_per_mm).map(|value| 0.0 - value));
-    values.push(round.rms_um);
-    values.into_iter().map(cell).collect::<Vec<String>>().join(",")
-}
-
-fn across(terms: &Terms) -> impl Iterator<Item = usize> {
-    let along = terms.along;
-    (0..3).filter(move |place| *place != along)
-}
-
-fn cell(value: f64) -> String {
-    if value.is_finite() { value.to_string() } else { String::new() }
+    let minus = |values: [f64; 3]| values.map(|value| 0.0 - value);
+    each(|axis, _| format!("d_{axis}_um"), round.drift_um)
+        .chain(each(slope, round.slope_um_per_mm))
+        .chain(across.enumerate().filter(|(place, _)| has_spindle && *place != terms.along).map(|(_, cell)| cell))
+        .chain(each(|axis, _| format!("{axis}_error_um"), minus(round.drift_um)))
+        .chain(each(|axis, _| format!("{axis}_slope_error_um_per_mm"), minus(round.slope_um_per_mm)))
+        .chain([("fit_rms_um".to_owned(), round.rms_um)])
+        .collect()
 }
 
 /// Seconds, exact to the nanosecond.

@@ -1,6 +1,7 @@
 //! The table of touches, and its rounds.
 
-use super::{BadLog, DIRECTIONS, Dataset};
+use super::DIRECTIONS;
+use crate::dataset::{BadLog, Dataset};
 use isotherm_core::quantity::Moment;
 
 /// One ball, touched once.
@@ -9,7 +10,7 @@ pub(super) struct Touch {
     pub(super) time: Moment,
     pub(super) ball: f64,
     pub(super) at_mm: [f64; 3],
-    /// NaN where it is not told.
+    /// NaN where the table has none.
     pub(super) stylus_mm: f64,
 }
 
@@ -22,18 +23,13 @@ impl Touch {
 }
 
 /// Every ball once, or as often as the column `round` says.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Round {
-    pub(super) touches: Vec<Touch>,
-}
+pub(super) type Round = Vec<Touch>;
 
-impl Round {
-    /// The mean time of its touches.
-    pub(super) fn time(&self) -> Moment {
-        let nanos: u128 = self.touches.iter().map(|touch| u128::from(touch.time.as_nanos())).sum();
-        let count = u128::try_from(self.touches.len()).unwrap_or(1).max(1);
-        Moment::from_nanos(u64::try_from(nanos / count).unwrap_or(u64::MAX))
-    }
+/// The mean time of a round's touches.
+pub(super) fn time(round: &[Touch]) -> Moment {
+    let nanos: u128 = round.iter().map(|touch| u128::from(touch.time.as_nanos())).sum();
+    let mean = nanos / (round.len() as u128).max(1);
+    Moment::from_nanos(u64::try_from(mean).unwrap_or(u64::MAX))
 }
 
 /// A new round begins where `round` changes; without that column, where a ball comes up again.
@@ -42,11 +38,8 @@ pub(super) fn rounds(dataset: &Dataset) -> Result<Vec<Round>, BadLog> {
     let mut needed = |name: &str, what: &str| {
         let place = dataset.column(name);
         if place.is_none() {
-            let names: Vec<&str> = dataset.columns.iter().map(|column| column.name.as_str()).collect();
-            wrong.push(format!(
-                "there is no column `{name}` {what}; columns of numbers are {}",
-                names.join(", ")
-            ));
+            let names = dataset.names().join(", ");
+            wrong.push(format!("there is no column `{name}` {what}; columns of numbers are {names}"));
         }
         place
     };
@@ -58,13 +51,10 @@ pub(super) fn rounds(dataset: &Dataset) -> Result<Vec<Round>, BadLog> {
     for run in &dataset.runs {
         for (row, time) in run.times.iter().enumerate() {
             let of = |column: usize| run.values[column][row];
-            let touch = Touch {
-                time: *time,
-                ball: of(ball),
-                at_mm: [of(x), of(y), of(z)],
-                stylus_mm: stylus.map_or(f64::NAN, of),
-            };
-            if touch.ball.is_nan() || touch.at_mm.iter().any(|place| place.is_nan()) {
+            let at_mm = [x, y, z].map(of);
+            let stylus_mm = stylus.map_or(f64::NAN, of);
+            let touch = Touch { time: *time, ball: of(ball), at_mm, stylus_mm };
+            if touch.ball.is_nan() || at_mm.iter().any(|place| place.is_nan()) {
                 wrong.push(format!(
                     "{}, touch {}: a cell is empty; leave out the whole touch, or fill it",
                     run.file.display(),
@@ -75,17 +65,13 @@ pub(super) fn rounds(dataset: &Dataset) -> Result<Vec<Round>, BadLog> {
             let own = number.map_or(f64::NAN, of);
             let goes_on = |(before, round): &&mut (f64, Round)| match number {
                 Some(_) => (*before - own).abs() < 1e-9,
-                None => !round.touches.iter().any(|other| other.is_like(&touch)),
+                None => !round.iter().any(|other| other.is_like(&touch)),
             };
             match rounds.last_mut().filter(goes_on) {
-                Some((_, round)) => round.touches.push(touch),
-                None => rounds.push((own, Round { touches: vec![touch] })),
+                Some((_, round)) => round.push(touch),
+                None => rounds.push((own, vec![touch])),
             }
         }
     }
-    if wrong.is_empty() {
-        Ok(rounds.into_iter().map(|(_, round)| round).collect())
-    } else {
-        Err(BadLog(wrong))
-    }
+    if wrong.is_empty() { Ok(rounds.into_iter().map(|(_, round)| round).collect()) } else { Err(BadLog(wrong)) }
 }

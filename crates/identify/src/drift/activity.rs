@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::Test;
-use crate::dataset::{Column, Dataset, Kind, Run};
+use crate::dataset::{Column, Dataset, Kind, Run, Units};
 use crate::minutes::Minutes;
 use crate::statistics::median;
 
@@ -40,7 +40,7 @@ pub(super) struct Mover {
 }
 
 /// The columns that could move.
-pub(super) fn movers(dataset: &Dataset, units: &dyn Fn(&str) -> Option<&'static str>) -> Vec<Mover> {
+pub(super) fn movers(dataset: &Dataset, units: Units<'_>) -> Vec<Mover> {
     let of = |(column, Column { name, kind }): (usize, &Column)| {
         let lower = name.to_ascii_lowercase();
         let ends = |endings: &[&str]| endings.iter().any(|ending| lower.ends_with(ending));
@@ -73,16 +73,12 @@ pub(super) fn likeness<'a>(
         Test::Etve => None,
         _ => of(test).or(found.filter(|_| asked.is_some())),
     };
-    let others: Vec<&str> = active
-        .iter()
-        .filter(|other| mover.is_none_or(|mover| mover.column != other.column))
-        .map(|other| other.name.as_str())
-        .collect();
+    let is_other = |other: &&&Mover| mover.is_none_or(|mover| mover.column != other.column);
+    let others: Vec<&str> = active.iter().filter(is_other).map(|other| other.name.as_str()).collect();
     if !others.is_empty() {
-        let others = others.join(", ");
-        remarks.push(match test {
-            Test::Etve => format!("{others} moved: what that warmed is in these figures"),
-            _ => format!("{others} moved as well: what each of them warmed cannot be told apart"),
+        remarks.push(match (test, others.join(", ")) {
+            (Test::Etve, others) => format!("{others} moved: what that warmed is in these figures"),
+            (_, others) => format!("{others} moved as well: what each of them warmed cannot be told apart"),
         });
     }
     let because = match (asked, mover) {
@@ -121,7 +117,7 @@ impl Mover {
                 _ => stages.push((*second, *second, vec![value])),
             }
         }
-        stages.retain(|(from, to, _)| to - from >= SHORTEST_STAGE);
+        let long = stages.into_iter().filter(|(from, to, _)| to - from >= SHORTEST_STAGE);
         let stage = |(from, to, values): (f64, f64, Vec<f64>)| {
             let speed = median(values);
             Stage {
@@ -132,10 +128,10 @@ impl Mover {
                 moves: speed.abs() > STILL,
             }
         };
-        stages.into_iter().map(stage).collect()
+        long.map(stage).collect()
     }
 
-    /// How far a position went within each minute, and on the way to it.
+    /// How far a position went within each minute, and on the way to it; with the first second of each.
     fn paths(&self, run: &Run) -> Minutes {
         let mut paths = Minutes::default();
         let values = run.seconds().zip(run.values[self.column].iter().copied());
@@ -143,10 +139,8 @@ impl Mover {
         for (second, value) in values.filter(|(_, value)| value.is_finite()) {
             let path = before.map_or(0.0, |before| (value - before).abs());
             before = Some(value);
-            match paths.seconds.last() {
-                Some(last) if (last / 60.0).floor() >= (second / 60.0).floor() => {
-                    paths.values.last_mut().into_iter().for_each(|sum| *sum += path);
-                }
+            match (paths.seconds.last(), paths.values.last_mut()) {
+                (Some(last), Some(sum)) if (last / 60.0).floor() >= (second / 60.0).floor() => *sum += path,
                 _ => {
                     paths.seconds.push(second);
                     paths.values.push(path);
