@@ -38,7 +38,7 @@ fn main() {
                 ..Choice::default()
             };
             let ready = ready(&profile, &dataset, &choice).unwrap();
-            assert_eq!(ready.excluded, []);
+            assert_eq!(ready.notes.excluded, []);
             let progress = |done: usize, all: usize| eprint!("\r{method} {axis}: {done} of {all} runs   ");
             let settings = Settings { method, ..Settings::default() };
             let found = identify(&ready, &settings, None, false, &progress).unwrap();

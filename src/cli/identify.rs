@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::Context;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use super::{Failure, load_quietly, print_json};
 use crate::clock::Clock;
@@ -12,7 +13,7 @@ use isotherm_core::compensation::model::Outside;
 use isotherm_identify::applied::Applied;
 use isotherm_identify::dataset::{Dataset, Split};
 use isotherm_identify::facts::document;
-use isotherm_identify::method::Settings;
+use isotherm_identify::method::{Method, Settings};
 use isotherm_identify::report::{self, Subject};
 use isotherm_identify::setup::{Choice, ready, units, without_cz};
 use isotherm_identify::written::written;
@@ -20,10 +21,7 @@ use isotherm_identify::{Identified, identify};
 use isotherm_profile::Profile;
 
 mod balls;
-mod method;
 mod text;
-
-use method::MethodWord;
 
 /// Finds the model of an axis from logs: coefficients with their uncertainty, and how it fares on days it never saw.
 ///
@@ -57,8 +55,8 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "COLUMN")]
     cz: Option<String>,
     /// How the model is found
-    #[arg(long, value_enum, default_value = "sparse-lag")]
-    method: MethodWord,
+    #[arg(long, value_parser = methods(), default_value = Method::default().name())]
+    method: Method,
     /// The inputs, instead of every temperature of the profile
     #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
     inputs: Vec<String>,
@@ -120,21 +118,34 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "OUT.html")]
     report: Option<PathBuf>,
     /// What the block says the axis does outside its envelope
-    #[arg(long, value_enum, default_value_t = OutsideWord::Warn)]
-    outside: OutsideWord,
+    #[arg(long, value_parser = outsides(), default_value = "warn")]
+    outside: Outside,
     /// One JSON document
     #[arg(long)]
     json: bool,
 }
 
-#[derive(Clone, Copy, Debug, clap::ValueEnum)]
-enum OutsideWord {
-    /// Follows the model all the same
-    Warn,
-    /// Keeps Cz
-    Hold,
-    /// Follows it less and less
-    Shrink,
+/// One of these, by its name; each with its help.
+pub(super) fn one_of<T: Copy + Send + Sync + 'static, const N: usize>(
+    all: [(T, &'static str, &'static str); N],
+) -> impl TypedValueParser<Value = T> {
+    let values = all.map(|(_, name, help)| PossibleValue::new(name).help(help));
+    PossibleValuesParser::new(values).try_map(move |given| {
+        let found = all.iter().find(|(_, name, _)| *name == given);
+        found.map(|(value, ..)| *value).ok_or("no such value")
+    })
+}
+
+fn methods() -> impl TypedValueParser<Value = Method> {
+    one_of(Method::ALL)
+}
+
+fn outsides() -> impl TypedValueParser<Value = Outside> {
+    one_of([
+        (Outside::Warn, "warn", "Follows the model all the same"),
+        (Outside::Hold, "hold", "Keeps Cz"),
+        (Outside::Shrink, "shrink", "Follows it less and less"),
+    ])
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
@@ -187,7 +198,7 @@ fn find(
     without_cz(profile, &mut dataset, &choice, &applied).map_err(anyhow::Error::from)?;
     let ready = ready(profile, &dataset, &choice).map_err(anyhow::Error::from)?;
     let mut settings = Settings {
-        method: arguments.method.0,
+        method: arguments.method,
         terms: arguments.terms.map(usize::from),
         independent: arguments.independent,
         centres: arguments.centres,
@@ -227,12 +238,7 @@ pub(super) fn progress() -> impl Fn(usize, usize) + Sync {
 
 fn write(arguments: &Arguments, found: &Identified, path: &std::path::Path) -> Result<(), Failure> {
     let stem = path.file_stem().and_then(|stem| stem.to_str()).unwrap_or("model");
-    let outside = match arguments.outside {
-        OutsideWord::Warn => Outside::Warn,
-        OutsideWord::Hold => Outside::Hold,
-        OutsideWord::Shrink => Outside::Shrink,
-    };
-    let written = written(found, stem, outside);
+    let written = written(found, stem, arguments.outside);
     let beside = written.files.iter().map(|(name, text)| (path.with_file_name(name), text));
     for (path, text) in [(path.to_owned(), &written.block)].into_iter().chain(beside) {
         std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;

@@ -5,7 +5,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use anyhow::Context;
+use clap::builder::TypedValueParser;
 
+use super::identify::one_of;
 use super::{Failure, load_with, print_json};
 use crate::clock::Clock;
 use isotherm_identify::applied::{Applied, add_without_cz};
@@ -30,8 +32,8 @@ pub(super) struct Arguments {
     #[arg(value_name = "LOG", required = true)]
     logs: Vec<PathBuf>,
     /// What the logs are taken for, instead of what their columns say
-    #[arg(long, value_enum)]
-    test: Option<TestWord>,
+    #[arg(long, value_parser = tests())]
+    test: Option<Test>,
     /// The displacements, µm, instead of every column that ends with _um
     #[arg(long, value_name = "COLUMN", value_delimiter = ',')]
     displacement: Vec<String>,
@@ -57,27 +59,13 @@ pub(super) struct Arguments {
 }
 
 /// The tests of ISO 230-3, as the command line names them.
-#[derive(Clone, Copy, Debug, clap::ValueEnum)]
-enum TestWord {
-    /// Environmental temperature variation error: nothing turns or moves
-    Etve,
-    /// Thermal distortion by a rotating spindle
-    Spindle,
-    /// Thermal distortion by moving linear axes
-    Axis,
-    /// Thermal distortion by rotary motion
-    Rotary,
-}
-
-impl TestWord {
-    fn test(self) -> Test {
-        match self {
-            TestWord::Etve => Test::Etve,
-            TestWord::Spindle => Test::Spindle,
-            TestWord::Axis => Test::Axis,
-            TestWord::Rotary => Test::Rotary,
-        }
-    }
+fn tests() -> impl TypedValueParser<Value = Test> {
+    one_of([
+        (Test::Etve, "etve", "Environmental temperature variation error: nothing turns or moves"),
+        (Test::Spindle, "spindle", "Thermal distortion by a rotating spindle"),
+        (Test::Axis, "axis", "Thermal distortion by moving linear axes"),
+        (Test::Rotary, "rotary", "Thermal distortion by rotary motion"),
+    ])
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
@@ -92,8 +80,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let mut displacements = arguments.displacement.clone();
     add_without_cz(&mut dataset, profile.as_ref(), &mut displacements, &applied)
         .map_err(anyhow::Error::from)?;
-    let drifts = drift(&dataset, &displacements, arguments.test.map(TestWord::test), &unit)
-        .map_err(anyhow::Error::from)?;
+    let drifts = drift(&dataset, &displacements, arguments.test, &unit).map_err(anyhow::Error::from)?;
     if let Some(path) = &arguments.report {
         let page = report::drifted(&dataset, &drifts, profile.as_ref(), Clock::wall().now());
         std::fs::write(path, page).with_context(|| format!("cannot write {}", path.display()))?;

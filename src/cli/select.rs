@@ -12,7 +12,8 @@ use crate::clock::Clock;
 use isotherm_identify::applied::{Applied, without_cz};
 use isotherm_identify::dataset::{Dataset, Split};
 use isotherm_identify::report;
-use isotherm_identify::select::{Choice, Selected, Settings, points, select};
+use isotherm_identify::select::{Selected, Settings, points, select};
+use isotherm_identify::setup::Choice;
 
 mod text;
 
@@ -89,11 +90,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let applied = arguments.cz.as_deref().map(Applied::named).unwrap_or_default();
     without_cz(&mut dataset, &arguments.error, None, None, &applied).map_err(anyhow::Error::from)?;
     let choice = Choice {
-        error: arguments.error.clone(),
+        error: Some(arguments.error.clone()),
         inputs: arguments.inputs.clone(),
         without: arguments.without.clone(),
         keep: arguments.keep.clone(),
         resample: arguments.resample,
+        ..Choice::default()
     };
     let pointed = points(&dataset, &choice).map_err(anyhow::Error::from)?;
     let mut settings = Settings {

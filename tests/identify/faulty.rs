@@ -20,7 +20,7 @@ fn reasons(days: &[Day]) -> Vec<(String, String)> {
     let logs: Vec<String> = days.iter().map(Day::log).collect();
     let dataset = dataset(&logs).unwrap();
     let ready = ready(&profile(5), &dataset, &super::rig::choice()).unwrap();
-    ready.excluded.into_iter().map(|faulty| (faulty.signal, faulty.reason)).collect()
+    ready.notes.excluded.into_iter().map(|faulty| (faulty.signal, faulty.reason)).collect()
 }
 
 /// What stays in: the sensor, the run, what was found and what was done.
@@ -134,7 +134,7 @@ fn a_faulty_sensor_that_the_model_needs_is_named_and_costs_less_than_a_tenth() {
         found(5, &logs, &Settings::default())
     };
     let good = of(&clean);
-    assert_eq!(good.excluded, []);
+    assert_eq!(good.notes.excluded, []);
     assert!(good.terms.iter().any(|term| term.signal == "s0"), "{:?}", good.terms);
     for (word, of_day) in [("jumps", jumps as fn(&mut Day)), ("stuck", freezes), ("spikes", spikes)] {
         for run in 0..clean.len() {
@@ -145,7 +145,7 @@ fn a_faulty_sensor_that_the_model_needs_is_named_and_costs_less_than_a_tenth() {
             let [mended] = found.repaired.as_slice() else { panic!("{word}: {:?}", found.repaired) };
             assert_eq!((mended.signal.as_str(), mended.run.as_str()), ("s0", format!("day{run}").as_str()));
             assert!(mended.fault.starts_with(word), "{mended:?}");
-            assert_eq!(found.excluded, [], "{word}");
+            assert_eq!(found.notes.excluded, [], "{word}");
             let (cost, clean) = (found.means.mean_rmse_um, good.means.mean_rmse_um);
             println!("{word} in day{run}: {cost:.3} against {clean:.3} um");
             assert!(cost < 1.1 * clean, "{word} in day{run}: {cost} um against {clean} um");

@@ -11,41 +11,43 @@ use isotherm_core::compensation::settings::{
 };
 use isotherm_core::quantity::{Micron, MicronPerSecond, Moment};
 use isotherm_core::reading::{Reading, Reason, SignalId};
-use isotherm_profile::Profile;
+use isotherm_profile::{Axis, Profile};
 
 /// What a reference is the mean over where the profile does not say.
 pub(crate) const USUAL_SETTLE: Duration = Duration::from_secs(180);
 
 /// Runs, inputs and the error that is to be compensated.
 #[derive(Clone, Debug)]
-pub struct Campaign<'a> {
+pub(crate) struct Campaign<'a> {
     /// The logs, faults mended.
-    pub dataset: Cow<'a, Dataset>,
+    pub(crate) dataset: Cow<'a, Dataset>,
     /// What a model may be made of.
-    pub inputs: Vec<Input>,
+    pub(crate) inputs: Vec<Input>,
     /// The column with the measured error e, µm.
-    pub error: usize,
+    pub(crate) error: usize,
     /// The profile's machine; its `settle` is [`USUAL_SETTLE`] where the profile has none.
-    pub machine: MachineSettings,
+    pub(crate) machine: MachineSettings,
     /// Rows are averaged over this long; zero leaves them as they are.
-    pub resample: Duration,
+    pub(crate) resample: Duration,
     /// Where the axis was, for errors measured at several positions.
     pub(crate) position: Option<Position>,
-    pub(super) axes: Vec<AxisSettings>,
-    /// By signal of the profile: its column and its range.
+    pub(crate) axes: Vec<AxisSettings>,
+    /// By signal of the profile.
     columns: Vec<Option<Channel>>,
     mending: Option<Mending<'a>>,
 }
 
+/// A column, and the range outside which its values are no readings.
+type Channel = (usize, Option<(f64, f64)>);
+
 /// One input of a model.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Input {
+pub(crate) struct Input {
     /// The signal's name, in the profile and in the logs.
-    pub name: String,
-    /// In the profile.
-    pub signal: SignalId,
+    pub(crate) name: String,
+    pub(crate) signal: SignalId,
     /// In the dataset.
-    pub column: usize,
+    pub(crate) column: usize,
 }
 
 /// The signal that says where the axis is.
@@ -56,61 +58,51 @@ pub(crate) struct Position {
     pub(crate) reference: f64,
 }
 
-#[derive(Clone, Copy, Debug)]
-struct Channel {
-    column: usize,
-    range: Option<(f64, f64)>,
-}
-
 impl<'a> Campaign<'a> {
-    /// The runs through the profile's signals. Inputs are chosen with [`Campaign::with_inputs`].
+    /// The runs through the profile's signals.
     pub(crate) fn new(
         profile: &Profile,
         dataset: &'a Dataset,
         error: usize,
+        inputs: Vec<Input>,
         resample: Duration,
     ) -> Campaign<'a> {
         let mut machine = profile.machine.clone();
         if machine.settle.is_zero() {
             machine.settle = USUAL_SETTLE;
         }
-        let without_models =
-            |axis: &isotherm_profile::Axis| AxisSettings { models: Vec::new(), ..axis.settings.clone() };
-        let channel = |signal: &isotherm_profile::Signal| {
-            let column = dataset.column(&signal.name)?;
-            Some(Channel { column, range: signal.range })
-        };
+        let without_models = |axis: &Axis| AxisSettings { models: Vec::new(), ..axis.settings.clone() };
         Campaign {
             machine,
             axes: profile.axes.iter().map(without_models).collect(),
-            columns: profile.signals.iter().map(channel).collect(),
-            ..Campaign::of_columns(dataset, error, resample)
+            columns: profile
+                .signals
+                .iter()
+                .map(|signal| Some((dataset.column(&signal.name)?, signal.range)))
+                .collect(),
+            ..Campaign::of_columns(dataset, error, inputs, resample)
         }
     }
 
     /// The runs without a profile: every column is a signal of its own, in its place.
-    pub(crate) fn of_columns(dataset: &'a Dataset, error: usize, resample: Duration) -> Campaign<'a> {
-        let columns: Vec<Option<Channel>> =
-            (0..dataset.columns.len()).map(|column| Some(Channel { column, range: None })).collect();
-        let machine =
-            MachineSettings { settle: USUAL_SETTLE, signals: columns.len(), ..MachineSettings::default() };
+    pub(crate) fn of_columns(
+        dataset: &'a Dataset,
+        error: usize,
+        inputs: Vec<Input>,
+        resample: Duration,
+    ) -> Campaign<'a> {
+        let signals = dataset.columns.len();
         Campaign {
             dataset: Cow::Borrowed(dataset),
-            inputs: Vec::new(),
+            inputs,
             error,
-            machine,
+            machine: MachineSettings { settle: USUAL_SETTLE, signals, ..MachineSettings::default() },
             resample,
             position: None,
             mending: None,
             axes: vec![onlooker()],
-            columns,
+            columns: (0..signals).map(|column| Some((column, None))).collect(),
         }
-    }
-
-    /// The same with these inputs.
-    #[must_use]
-    pub fn with_inputs(self, inputs: Vec<Input>) -> Campaign<'a> {
-        Campaign { inputs, ..self }
     }
 
     /// The same with what was faulty mended.
@@ -146,7 +138,7 @@ impl<'a> Campaign<'a> {
     pub(super) fn readings(&self, run: &Run, row: usize, now: Moment, readings: &mut Vec<Reading>) {
         readings.clear();
         readings.extend(self.columns.iter().map(|channel| {
-            let Some(Channel { column, range }) = channel else { return Reading::bad(now, Reason::NotInLog) };
+            let Some((column, range)) = channel else { return Reading::bad(now, Reason::NotInLog) };
             let value = run.values[*column][row];
             match range {
                 _ if value.is_nan() => Reading::bad(now, Reason::NotInLog),

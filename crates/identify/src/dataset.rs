@@ -81,11 +81,7 @@ impl Dataset {
     ///
     /// # Errors
     /// Everything that cannot be read, with file, line and column.
-    pub fn read(
-        files: &[PathBuf],
-        split: &Split,
-        units: Units<'_>,
-    ) -> Result<Dataset, BadLog> {
+    pub fn read(files: &[PathBuf], split: &Split, units: Units<'_>) -> Result<Dataset, BadLog> {
         let mut wrong = Vec::new();
         let mut tables = Vec::new();
         for file in files::logs(files, &mut wrong) {
@@ -100,11 +96,7 @@ impl Dataset {
         Dataset::from_tables(&tables, split, units)
     }
 
-    fn from_tables(
-        tables: &[Table],
-        split: &Split,
-        units: Units<'_>,
-    ) -> Result<Dataset, BadLog> {
+    fn from_tables(tables: &[Table], split: &Split, units: Units<'_>) -> Result<Dataset, BadLog> {
         let names = shared_names(tables);
         let mut remarks = Vec::new();
         for table in tables {

@@ -130,9 +130,12 @@ pub fn drift(
     }
     for run in &dataset.runs {
         let is_empty = |column: &&usize| !run.values[**column].iter().any(|value| value.is_finite());
-        wrong.extend(columns.iter().filter(is_empty).map(|column| {
-            format!("{} has no value in {}: leave that log out", names[*column], run.name)
-        }));
+        wrong.extend(
+            columns
+                .iter()
+                .filter(is_empty)
+                .map(|column| format!("{} has no value in {}: leave that log out", names[*column], run.name)),
+        );
         if run.lasts().is_zero() {
             wrong.push(format!("{} has one time only: a drift needs a beginning and an end", run.name));
         }
@@ -147,9 +150,8 @@ pub fn drift(
 fn of_run(dataset: &Dataset, run: &Run, columns: &[usize], asked: Option<Test>, movers: &[Mover]) -> Drift {
     let mut remarks = dataset.remarks.clone();
     remarks.extend(checks::odd_length(run));
-    let is_other = |column: &usize| {
-        !columns.contains(column) && !movers.iter().any(|mover| mover.column == *column)
-    };
+    let is_other =
+        |column: &usize| !columns.contains(column) && !movers.iter().any(|mover| mover.column == *column);
     let temperatures: Vec<usize> = dataset.of_kind(Kind::Temperature).filter(is_other).collect();
     remarks.extend(checks::fahrenheit(dataset, &temperatures));
     let name = |column: usize| dataset.columns[column].name.clone();

@@ -56,7 +56,7 @@ fn log(dataset: &Dataset, run: &Run, found: &Identified) -> Value {
         "duration_s": run.lasts().as_secs_f64(),
         "rows": run.times.len(),
         "speeds": dataset.of_kind(Kind::Speed).filter_map(span).collect::<Value>(),
-        "ambient": ambient_column(dataset, &found.ambient).and_then(span),
+        "ambient": ambient_column(dataset, &found.notes.ambient).and_then(span),
     })
 }
 

@@ -20,7 +20,6 @@ use crate::statistics::{count, median, range};
 
 pub(super) mod mend;
 mod rebuild;
-mod rows;
 
 /// °C per minute that no casting reaches.
 const JUMP: f64 = 3.0;
@@ -42,6 +41,17 @@ pub struct Finding {
     pub signal: String,
     /// Why it is said, with run, time or figures.
     pub reason: String,
+}
+
+/// What a person must know of the logs beside the figures.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Notes {
+    /// Sensors left out, with the reason.
+    pub excluded: Vec<Finding>,
+    /// Sensors that behave like the air, with the reason.
+    pub ambient: Vec<Finding>,
+    /// What is odd.
+    pub remarks: Vec<String>,
 }
 
 /// A sensor that was faulty in one run, and stays in: what its readings of that run were replaced by.
@@ -130,32 +140,62 @@ fn of_column(dataset: &Dataset, series: &[Vec<Minutes>], place: usize, column: u
         let gone = run.values[column].iter().filter(|value| !value.is_finite()).count();
         let share = count(gone) / count(run.times.len()).max(1.0);
         if share > MISSING {
-            let message = format!("missing in {:.0} % of the rows", 100.0 * share);
-            add(Damage::Whole, Vec::new(), message);
+            add(Damage::Whole, Vec::new(), format!("missing in {:.0} % of the rows", 100.0 * share));
         }
         let spikes = spikes(own);
         if let Some((first, _)) = spikes.first() {
-            let step = own.values[*first] - own.values[*first - 1];
+            let (step, at) = (own.values[*first] - own.values[*first - 1], clock(own.seconds[*first]));
             let more = if spikes.len() > 1 { format!(", {} times", spikes.len()) } else { String::new() };
-            let at = clock(own.seconds[*first]);
             let message = format!("spikes of {step:+.1} °C, first at {at}{more}: a bad contact");
-            add(Damage::Spikes, rows::spoilt(run, own, &spikes), message);
+            add(Damage::Spikes, rows_of_spikes(run, own, &spikes), message);
         }
         let stuck = stuck(sensors, place, resolution, lively);
         for (step, place) in jumps(own, &spikes, &stuck) {
             let at = clock(own.seconds[place]);
             let message = format!("jumps by {step:+.1} °C at {at} and stays: no casting does that");
-            add(Damage::Jump, rows::of_step(run, column, own.seconds[place]), message);
+            add(Damage::Jump, rows_of_step(run, column, own.seconds[place]), message);
         }
         for (from, to, expected) in stuck {
             let (begin, end) = (clock(from), clock(to));
             let message = format!(
                 "stuck at one number from {begin} to {end} while its neighbours moved as for {expected:.1} °C"
             );
-            add(Damage::Stuck, rows::of_span(run, from, to), message);
+            add(Damage::Stuck, rows_within(run, &[(minute(from), minute(to) + 60.0)]), message);
         }
     }
     found
+}
+
+/// When the minute of this second begins, s.
+fn minute(second: f64) -> f64 {
+    (second / 60.0).floor() * 60.0
+}
+
+/// The rows from the first to before the second of any of these spans, s.
+fn rows_within(run: &Run, spans: &[(f64, f64)]) -> Vec<usize> {
+    let is_inside = |second: f64| spans.iter().any(|(from, to)| (*from..*to).contains(&second));
+    run.seconds().enumerate().filter(|(_, second)| is_inside(*second)).map(|(row, _)| row).collect()
+}
+
+/// A minute that is a mean of several rows has rows of the spike in the minutes beside it, too.
+fn rows_of_spikes(run: &Run, own: &Minutes, spikes: &[(usize, usize)]) -> Vec<usize> {
+    let seconds: Vec<f64> = run.seconds().collect();
+    let step = median(seconds.windows(2).map(|pair| pair[1] - pair[0]).collect());
+    let beside = if step < 45.0 { 60.0 } else { 0.0 };
+    let at = |place: usize| minute(own.seconds[place]);
+    let spans = spikes.iter().map(|(from, to)| (at(*from) - beside, at(*to) + beside));
+    rows_within(run, &spans.collect::<Vec<_>>())
+}
+
+/// The rows from the largest step of this column within two minutes of this time on.
+fn rows_of_step(run: &Run, column: usize, at: f64) -> Vec<usize> {
+    let values = run.values[column].iter().copied().enumerate().zip(run.seconds());
+    let is_near = |value: f64, second: f64| value.is_finite() && (second - at).abs() <= 120.0;
+    let near: Vec<(usize, f64)> =
+        values.filter(|((_, value), second)| is_near(*value, *second)).map(|(row, _)| row).collect();
+    let steps = near.windows(2).map(|pair| ((pair[1].1 - pair[0].1).abs(), pair[1].0));
+    let first = steps.max_by(|one, other| one.0.total_cmp(&other.0)).map_or(0, |(_, row)| row);
+    (first..run.times.len()).collect()
 }
 
 /// Where spikes begin, and where the first good minute after each is.

@@ -6,7 +6,7 @@ use crate::bank::{Bank, Candidate};
 use crate::campaign::Campaign;
 use crate::collinear::collinearity;
 use crate::dataset::{Column, Kind};
-use crate::faults::{Finding, Repaired, resolution};
+use crate::faults::{Notes, Repaired, resolution};
 use crate::learn::{Learned, Learner};
 use crate::method::{Method, Settings};
 use crate::region::Region;
@@ -45,18 +45,15 @@ pub struct Identified {
     pub uncompensated: Means,
     /// The interval of the probe, s, where the residual is taken out at one.
     pub probe_s: Option<f64>,
-    /// Sensors left out, with the reason.
-    pub excluded: Vec<Finding>,
-    /// Sensors that behave like the air, with the reason.
-    pub ambient: Vec<Finding>,
+    /// What is odd about the sensors and the logs.
+    #[serde(flatten)]
+    pub notes: Notes,
     /// Sensors that were faulty in a run, and what was done about it.
     pub repaired: Vec<Repaired>,
     /// What each column of the logs was taken for.
     pub columns: Vec<ColumnShown>,
     /// Models for the loss of each sensor, the best first.
     pub fallbacks: Vec<Fallback>,
-    /// What is odd.
-    pub remarks: Vec<String>,
     /// Every held-out run, row by row.
     #[serde(skip)]
     pub held_out: Vec<HeldOut>,
@@ -188,12 +185,10 @@ pub fn identify(
         uncompensated: Means::uncompensated(&runs),
         runs,
         probe_s: probe,
-        excluded: ready.excluded.clone(),
-        ambient: ready.ambient.clone(),
+        notes: ready.notes.clone(),
         repaired: ready.repaired.clone(),
         columns: columns(ready, &error),
         fallbacks,
-        remarks: ready.remarks.clone(),
         region: Region::of(campaign, bank, &inputs),
         position: campaign
             .position
@@ -284,7 +279,7 @@ fn columns(ready: &Ready<'_>, error: &str) -> Vec<ColumnShown> {
             "error"
         } else if ready.campaign.inputs.iter().any(|input| input.name == name) {
             "input"
-        } else if ready.excluded.iter().any(|faulty| faulty.signal == name) {
+        } else if ready.notes.excluded.iter().any(|faulty| faulty.signal == name) {
             "left out: faulty"
         } else {
             "not used"

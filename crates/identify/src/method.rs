@@ -20,31 +20,31 @@ pub(crate) mod stepwise;
 mod trained;
 mod two_source;
 
-/// How a model is found.
+/// How a model is found; [`Method::ALL`] says more.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
-    /// Some of (sensor, lag), chosen on runs that were left out; with --terms N at most so many.
+    /// A forward search and an elastic net.
     #[default]
     SparseLag,
-    /// Ridge regression on every sensor through every lag.
+    /// Ridge regression with lags.
     RidgeLag,
-    /// Stepwise over (sensor, lag) by partial F tests, in and out.
+    /// Partial F tests.
     Stepwise,
-    /// Least squares on the rises of all sensors, without lags.
+    /// Ordinary least squares.
     Ols,
-    /// One time constant for each of a few sensors, fitted (Janeczko 1989).
+    /// Fitted time constants.
     Lag,
-    /// Terms of Cz and of its slope over --position, chosen on runs that were left out (Li et al. 1998).
+    /// A level and a slope over a position.
     Position,
-    /// --first sensors from the --waiting runs, --second sensors from what is left on the others (Tachiya et al. 2013).
+    /// One source of heat after the other.
     TwoSource,
-    /// One gain for the difference of two sensors, and each of them alone with the time since machine start (JP H07-61598 B2).
+    /// The difference of two sensors.
     Difference,
-    /// Radial basis functions about --centres that k-means finds.
+    /// Radial basis functions.
     Rbf,
-    /// A network of --neurons in one layer, by back-propagation that stops where days left out say so.
+    /// Back-propagation.
     Network,
-    /// No model: the uncompensated machine, or a probe alone.
+    /// No model.
     None,
 }
 
@@ -91,21 +91,44 @@ impl Default for Settings {
 }
 
 impl Method {
+    /// Every method, its word on the command line and in JSON, and what it does.
+    pub const ALL: [(Method, &'static str, &'static str); 11] = [
+        (
+            Method::SparseLag,
+            "sparse-lag",
+            "Some of (sensor, lag), chosen on runs that were left out; with --terms N at most so many",
+        ),
+        (Method::RidgeLag, "ridge-lag", "Ridge regression on every sensor through every lag"),
+        (Method::Stepwise, "stepwise", "Stepwise over (sensor, lag) by partial F tests, in and out"),
+        (Method::Ols, "ols", "Least squares on the rises of all sensors, without lags"),
+        (Method::Lag, "lag", "One time constant for each of a few sensors, fitted (Janeczko 1989)"),
+        (
+            Method::Position,
+            "position",
+            "Terms of Cz and of its slope over --position, chosen on runs that were left out (Li et al. 1998)",
+        ),
+        (
+            Method::TwoSource,
+            "two-source",
+            "--first sensors from the --waiting runs, --second sensors from what is left on the others (Tachiya et al. 2013)",
+        ),
+        (
+            Method::Difference,
+            "difference",
+            "One gain for the difference of two sensors, and each of them alone with machine-on time (JP H07-61598 B2)",
+        ),
+        (Method::Rbf, "rbf", "Radial basis functions about --centres that k-means finds"),
+        (
+            Method::Network,
+            "network",
+            "A network of --neurons in one layer, by back-propagation that stops where days left out say so",
+        ),
+        (Method::None, "none", "No model: the bare machine, or a probe alone"),
+    ];
+
     /// The word for it on the command line and in JSON.
     pub fn name(self) -> &'static str {
-        match self {
-            Method::SparseLag => "sparse-lag",
-            Method::RidgeLag => "ridge-lag",
-            Method::Stepwise => "stepwise",
-            Method::Ols => "ols",
-            Method::Lag => "lag",
-            Method::Position => "position",
-            Method::TwoSource => "two-source",
-            Method::Difference => "difference",
-            Method::Rbf => "rbf",
-            Method::Network => "network",
-            Method::None => "none",
-        }
+        Method::ALL.iter().find(|(method, ..)| *method == self).map_or("", |(_, name, _)| *name)
     }
 
     /// Its gains are held small or chosen: how far they may be off shows in their spread, not in a normal equation.

@@ -16,7 +16,7 @@ use serde::Serialize;
 
 use crate::alike::{correlations, groups};
 use crate::bank::{Bank, Traced};
-use crate::faults::Finding;
+use crate::faults::Notes;
 use crate::statistics::range;
 use crate::validate::{Progress, RunScore};
 
@@ -26,7 +26,7 @@ mod points;
 mod steps;
 
 pub use counted::Counted;
-pub use points::{Choice, Pointed, points};
+pub use points::{Pointed, points};
 pub use steps::{Step, Steps};
 
 /// What the points are worth. Serialized, it is the JSON of `select`.
@@ -51,12 +51,9 @@ pub struct Selected {
     /// The fewest points whose mean range and root mean square (their geometric mean) are at most a tenth above the best of
     /// `by_count`.
     pub recommended: Recommended,
-    /// Sensors left out, with the reason.
-    pub excluded: Vec<Finding>,
-    /// Points that behave like the air, with the reason.
-    pub ambient: Vec<Finding>,
-    /// What is odd.
-    pub remarks: Vec<String>,
+    /// What is odd about the points and the logs.
+    #[serde(flatten)]
+    pub notes: Notes,
 }
 
 /// A point and its figures.
@@ -182,9 +179,7 @@ pub fn select(
         by_count: counts.table,
         all_points: counts.all_points,
         recommended,
-        excluded: pointed.excluded.clone(),
-        ambient: pointed.ambient.clone(),
-        remarks: pointed.remarks.clone(),
+        notes: pointed.notes.clone(),
     })
 }
 

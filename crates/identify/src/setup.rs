@@ -8,11 +8,11 @@ use crate::campaign::{Campaign, Input, Position, temperatures_of};
 use crate::checks::{check_error, check_runs, fahrenheit, nearest, stays};
 use crate::dataset::{BadLog, Dataset, Kind};
 use crate::faults::mend::{Mended, mend};
-use crate::faults::{self, Finding, Repaired};
+use crate::faults::{self, Notes, Repaired};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{Profile, Signal};
 
-/// Which columns are what.
+/// Which columns are what; without a profile, axis and position say nothing.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Choice {
     /// The axis's name; `None`: the profile's only one.
@@ -40,14 +40,10 @@ pub struct Ready<'a> {
     pub axis: String,
     /// The logs as they were recorded.
     pub logs: &'a Dataset,
-    /// Sensors that were left out.
-    pub excluded: Vec<Finding>,
-    /// Inputs that behave like the air.
-    pub ambient: Vec<Finding>,
+    /// What is odd about the sensors and the logs.
+    pub notes: Notes,
     /// Sensors that were faulty in a run, and what their readings were replaced by.
     pub repaired: Vec<Repaired>,
-    /// What is odd.
-    pub remarks: Vec<String>,
 }
 
 /// Takes out of the measured error the Cz that acted on it, where a log of the gateway or `applied` has it.
@@ -137,14 +133,15 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
         );
     }
     let ambient = ambient::find(dataset, &temperatures_of(dataset, &good), error);
-    let mut campaign =
-        Campaign::new(profile, dataset, error, choice.resample).with_inputs(good).with_mending(mending);
+    let campaign = Campaign::new(profile, dataset, error, good, choice.resample);
+    let mut campaign = campaign.with_mending(mending);
     if position.is_some() {
         // Places that are visited in turn must not be averaged.
         campaign.resample = Duration::ZERO;
         campaign.position = position;
     }
-    Ok(Ready { campaign, axis, logs: dataset, excluded, ambient, repaired, remarks })
+    let notes = Notes { excluded, ambient, remarks };
+    Ok(Ready { campaign, axis, logs: dataset, notes, repaired })
 }
 
 fn axis(profile: &Profile, choice: &Choice, wrong: &mut Vec<String>) -> Option<String> {

@@ -28,8 +28,7 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
         Learned::Net { file, inputs, .. } => {
             let name = format!("{stem}.network.json");
             let inputs = network_inputs(file, inputs);
-            let body =
-                format!("kind = \"network\"\nfile = {}\n{inputs}\nreference = \"start\"", json!(name));
+            let body = format!("kind = \"network\"\nfile = {}\n{inputs}\nreference = \"start\"", json!(name));
             files.push((name, format!("{file:#}\n")));
             body
         }
@@ -83,7 +82,7 @@ fn head(found: &Identified) -> Vec<String> {
         format!("Rises are measured from the first {settle}: [machine] settle = \"{settle}\" belongs to it."),
     ];
     lines.extend(
-        found.excluded.iter().map(|faulty| format!("Left out: {}: {}.", faulty.signal, faulty.reason)),
+        found.notes.excluded.iter().map(|faulty| format!("Left out: {}: {}.", faulty.signal, faulty.reason)),
     );
     lines.extend(found.repaired.iter().map(|mended| {
         format!("Mended: {} {} in {}: {}.", mended.signal, mended.fault, mended.run, mended.done)

@@ -21,16 +21,16 @@ pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Dur
     if !unused.is_empty() {
         writeln!(out, "  unused  {unused}")?;
     }
-    for faulty in &found.excluded {
+    for faulty in &found.notes.excluded {
         writeln!(out, "  left out: {} {}", faulty.signal, faulty.reason)?;
     }
     for mended in &found.repaired {
         writeln!(out, "  mended: {} {} in {}: {}", mended.signal, mended.fault, mended.run, mended.done)?;
     }
-    for like in &found.ambient {
+    for like in &found.notes.ambient {
         writeln!(out, "  note: {} {}", like.signal, like.reason)?;
     }
-    for remark in &found.remarks {
+    for remark in &found.notes.remarks {
         writeln!(out, "  note: {remark}")?;
     }
     if !found.terms.is_empty() {

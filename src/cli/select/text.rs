@@ -5,13 +5,13 @@ use std::io::{self, Write};
 use isotherm_identify::select::{Selected, Step};
 
 pub(super) fn render(out: &mut impl Write, found: &Selected) -> io::Result<()> {
-    for faulty in &found.excluded {
+    for faulty in &found.notes.excluded {
         writeln!(out, "left out: {} {}", faulty.signal, faulty.reason)?;
     }
-    for like in &found.ambient {
+    for like in &found.notes.ambient {
         writeln!(out, "note: {} {}", like.signal, like.reason)?;
     }
-    for remark in &found.remarks {
+    for remark in &found.notes.remarks {
         writeln!(out, "note: {remark}")?;
     }
     let width = found.points.iter().map(|point| point.name.chars().count()).max().unwrap_or(0).max(5);

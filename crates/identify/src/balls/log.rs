@@ -64,8 +64,10 @@ fn beside<'a>(
             ))
         })?);
     }
-    let own = recorded.columns.iter().enumerate().filter(|(_, column)| !names.contains(&column.name.as_str()));
-    let (places, own): (Vec<usize>, Vec<&str>) = own.map(|(place, column)| (place, column.name.as_str())).unzip();
+    let own =
+        recorded.columns.iter().enumerate().filter(|(_, column)| !names.contains(&column.name.as_str()));
+    let (places, own): (Vec<usize>, Vec<&str>) =
+        own.map(|(place, column)| (place, column.name.as_str())).unzip();
     let row = |(row, time): (usize, &Moment)| {
         let cells = places.iter().map(|column| run.values[*column][row]).collect();
         (*time, cells, at.iter().position(|place| *place == row))
@@ -86,7 +88,12 @@ fn columns(terms: &Terms, round: &RoundTerms) -> Vec<(String, f64)> {
     let minus = |values: [f64; 3]| values.map(|value| 0.0 - value);
     each(|axis, _| format!("d_{axis}_um"), round.drift_um)
         .chain(each(slope, round.slope_um_per_mm))
-        .chain(across.enumerate().filter(|(place, _)| has_spindle && *place != terms.along).map(|(_, cell)| cell))
+        .chain(
+            across
+                .enumerate()
+                .filter(|(place, _)| has_spindle && *place != terms.along)
+                .map(|(_, cell)| cell),
+        )
         .chain(each(|axis, _| format!("{axis}_error_um"), minus(round.drift_um)))
         .chain(each(|axis, _| format!("{axis}_slope_error_um_per_mm"), minus(round.slope_um_per_mm)))
         .chain([("fit_rms_um".to_owned(), round.rms_um)])

@@ -73,5 +73,9 @@ pub(super) fn rounds(dataset: &Dataset) -> Result<Vec<Round>, BadLog> {
             }
         }
     }
-    if wrong.is_empty() { Ok(rounds.into_iter().map(|(_, round)| round).collect()) } else { Err(BadLog(wrong)) }
+    if wrong.is_empty() {
+        Ok(rounds.into_iter().map(|(_, round)| round).collect())
+    } else {
+        Err(BadLog(wrong))
+    }
 }

@@ -11,8 +11,8 @@
 
 use std::collections::HashMap;
 
-use super::rebuild::{Likeness, Replaced};
-use super::{Damage, Fault, Finding, Repaired, faults, rows};
+use super::rebuild::{Likeness, Replaced, bridged};
+use super::{Damage, Fault, Finding, Repaired, faults};
 use crate::dataset::{Dataset, Run};
 
 /// Of the root mean square that a sensor moves: the most that its replacement may be off by, as hidden hours of good runs
@@ -137,7 +137,7 @@ impl Mending<'_> {
         unseen: Option<usize>,
     ) -> Option<Replaced> {
         if fault.damage == Damage::Spikes {
-            return Some(bridged(&dataset.runs[run], fault));
+            return Some(over_spikes(&dataset.runs[run], fault));
         }
         let worse = || self.faults.iter().filter(|other| other.damage != Damage::Spikes);
         let is_good = |column: &usize| !worse().any(|other| other.column == *column);
@@ -162,11 +162,11 @@ impl Mending<'_> {
     }
 }
 
-fn bridged(run: &Run, fault: &Fault) -> Replaced {
+fn over_spikes(run: &Run, fault: &Fault) -> Replaced {
     let seconds: Vec<f64> = run.seconds().collect();
     let mut values = run.values[fault.column].clone();
     fault.rows.iter().for_each(|row| values[*row] = f64::NAN);
-    let lines = rows::bridged(&seconds, &values);
+    let lines = bridged(&seconds, &values);
     fault.rows.iter().for_each(|row| values[*row] = lines[*row]);
     let message = "these minutes were bridged by straight lines".to_owned();
     Replaced { values, message, error: 0.0 }

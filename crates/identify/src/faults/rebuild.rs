@@ -9,7 +9,6 @@ use std::ops::Range;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::rows;
 use crate::dataset::Dataset;
 use crate::gram::Gram;
 use crate::solve::ridge;
@@ -169,11 +168,8 @@ impl Likeness<'_> {
     fn table(&self, run: usize, apart: f64) -> Table {
         let run = &self.dataset.runs[run];
         let seconds: Vec<f64> = run.seconds().collect();
-        let mut features: Vec<Vec<f64>> = self
-            .neighbours
-            .iter()
-            .map(|neighbour| rows::bridged(&seconds, &run.values[*neighbour]))
-            .collect();
+        let mut features: Vec<Vec<f64>> =
+            self.neighbours.iter().map(|neighbour| bridged(&seconds, &run.values[*neighbour])).collect();
         for constant in LAGS {
             for place in 0..self.neighbours.len() {
                 features.push(lagged(&seconds, &features[place], constant));
@@ -294,4 +290,23 @@ fn lagged(seconds: &[f64], values: &[f64], constant: f64) -> Vec<f64> {
         follower
     };
     seconds.iter().zip(values).map(&mut follow).collect()
+}
+
+/// Straight lines over what is missing; what is missing at an end has the value next to it.
+pub(super) fn bridged(seconds: &[f64], values: &[f64]) -> Vec<f64> {
+    let good: Vec<usize> = (0..values.len()).filter(|row| values[*row].is_finite()).collect();
+    let at = |row: usize| {
+        let next = good.partition_point(|other| *other < row);
+        let (before, after) = (next.checked_sub(1).map(|place| good[place]), good.get(next).copied());
+        match (before, after) {
+            (_, Some(after)) if after == row => values[row],
+            (Some(before), Some(after)) => {
+                let share = (seconds[row] - seconds[before]) / (seconds[after] - seconds[before]).max(1e-9);
+                values[before] + share * (values[after] - values[before])
+            }
+            (Some(only), None) | (None, Some(only)) => values[only],
+            (None, None) => f64::NAN,
+        }
+    };
+    (0..values.len()).map(at).collect()
 }

@@ -30,19 +30,16 @@ pub fn identified(subject: &Subject<'_>) -> String {
     let Subject { profile, ready, found, made } = *subject;
     let dataset = ready.logs;
     let mended = found.repaired.iter().map(Repaired::finding);
-    let faulty: Vec<Finding> = found.excluded.iter().cloned().chain(mended).collect();
+    let faulty: Vec<Finding> = found.notes.excluded.iter().cloned().chain(mended).collect();
     let axis = profile.axes.iter().map(|axis| &axis.settings).find(|axis| axis.name == found.axis);
     let used = |name: &str| {
         found.columns.iter().find(|column| column.name == name).map_or("–", |column| column.used)
     };
-    let excluded = found
-        .excluded
-        .iter()
-        .map(|faulty| html! { strong { (faulty.signal) } " was left out: " (faulty.reason) });
-    let repaired = found.repaired.iter().map(
-        |mended| html! { strong { (mended.signal) } " " (mended.fault) " in " (mended.run) ": " (mended.done) },
-    );
-    let remarks = found.remarks.iter().map(|remark| html! { (remark) });
+    let excluded = |faulty: &Finding| html! { strong { (faulty.signal) } " was left out: " (faulty.reason) };
+    let repaired = |mended: &Repaired| html! { strong { (mended.signal) } " " (mended.fault) " in " (mended.run) ": " (mended.done) };
+    let remark = |remark: &String| html! { (remark) };
+    let mut notes: Vec<Markup> = found.notes.excluded.iter().map(excluded).collect();
+    notes.extend(found.repaired.iter().map(repaired).chain(found.notes.remarks.iter().map(remark)));
     let content = html! {
         dl .facts {
             (machine(profile))
@@ -55,7 +52,7 @@ pub fn identified(subject: &Subject<'_>) -> String {
             (runs(dataset.runs.len(), dataset.seconds()))
         }
         (judged::headline(&found.means, &found.uncompensated))
-        (list(&excluded.chain(repaired).chain(remarks).collect::<Vec<Markup>>()))
+        (list(&notes))
         (judged::pictures(found))
         (judged::cross_validation(&found.runs, &found.means, &found.uncompensated))
         (terms::terms(found))
@@ -63,8 +60,8 @@ pub fn identified(subject: &Subject<'_>) -> String {
         (terms::envelope(found.region.as_ref()))
         @if let Some(axis) = axis { (terms::limits(axis)) }
         (drift(&of_error(profile, dataset, &found.error)))
-        (logs::runs(dataset, &found.ambient))
-        (logs::sensors(dataset, &used, &faulty, &found.ambient))
+        (logs::runs(dataset, &found.notes.ambient))
+        (logs::sensors(dataset, &used, &faulty, &found.notes.ambient))
         (logs::over_time(dataset, &faulty))
         (logs::alike(&ready.campaign))
     };

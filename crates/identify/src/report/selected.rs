@@ -17,7 +17,7 @@ pub fn selected(pointed: &Pointed<'_>, found: &Selected, made: Moment) -> String
             "point, recommended"
         } else if found.points.iter().any(|point| point.name == name) {
             "point"
-        } else if found.excluded.iter().any(|faulty| faulty.signal == name) {
+        } else if found.notes.excluded.iter().any(|faulty| faulty.signal == name) {
             "left out: faulty"
         } else {
             "not used"
@@ -43,10 +43,10 @@ pub fn selected(pointed: &Pointed<'_>, found: &Selected, made: Moment) -> String
         (groups(found))
         (stepwise(found))
         (logs::alike(&pointed.campaign))
-        (logs::runs(dataset, &found.ambient))
-        (logs::sensors(dataset, &used, &found.excluded, &found.ambient))
-        (logs::over_time(dataset, &found.excluded))
-        @if !found.remarks.is_empty() { h2 { "Remarks" } ul { @for remark in &found.remarks { li { (remark) } } } }
+        (logs::runs(dataset, &found.notes.ambient))
+        (logs::sensors(dataset, &used, &found.notes.excluded, &found.notes.ambient))
+        (logs::over_time(dataset, &found.notes.excluded))
+        @if !found.notes.remarks.is_empty() { h2 { "Remarks" } ul { @for remark in &found.notes.remarks { li { (remark) } } } }
     };
     page(&format!("Temperature points for {}", found.error), made, &content)
 }

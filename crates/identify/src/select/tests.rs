@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use super::*;
 use crate::dataset::{Column, Dataset, Kind, Run};
+use crate::setup::Choice;
 use isotherm_core::quantity::Moment;
 
 const NAMES: [&str; 6] = ["guard", "bearing", "nose", "oil", "lamp", "z_error_um"];
@@ -48,7 +49,7 @@ fn week() -> Dataset {
 }
 
 fn choice() -> Choice {
-    Choice { error: "z_error_um".to_owned(), resample: Duration::from_secs(60), ..Choice::default() }
+    Choice { error: Some("z_error_um".to_owned()), resample: Duration::from_secs(60), ..Choice::default() }
 }
 
 fn found(settings: &Settings) -> Selected {
@@ -130,23 +131,27 @@ fn a_frozen_point_is_left_out_and_named_unless_it_is_kept() {
     week.runs[2].values[1][30..330].fill(at);
     let left_out = points(&week, &choice()).unwrap();
     // It is stuck, and jumps when it comes loose.
-    assert!(left_out.excluded.iter().all(|faulty| faulty.signal == "bearing"), "{:?}", left_out.excluded);
     assert!(
-        left_out.excluded.iter().any(|faulty| faulty.reason.contains("stuck")),
+        left_out.notes.excluded.iter().all(|faulty| faulty.signal == "bearing"),
         "{:?}",
-        left_out.excluded
+        left_out.notes.excluded
+    );
+    assert!(
+        left_out.notes.excluded.iter().any(|faulty| faulty.reason.contains("stuck")),
+        "{:?}",
+        left_out.notes.excluded
     );
     assert!(left_out.campaign.inputs.iter().all(|input| input.name != "bearing"));
     let kept = points(&week, &Choice { keep: vec!["bearing".to_owned()], ..choice() }).unwrap();
-    assert!(kept.excluded.is_empty());
-    assert!(kept.remarks[0].contains("stays in as asked"), "{:?}", kept.remarks);
+    assert!(kept.notes.excluded.is_empty());
+    assert!(kept.notes.remarks[0].contains("stays in as asked"), "{:?}", kept.notes.remarks);
 }
 
 #[test]
 fn wrong_choices_are_told_all_at_once_with_what_to_do() {
     let week = week();
     let said = |choice: &Choice| points(&week, choice).unwrap_err().to_string();
-    let wrong = Choice { error: "z_eror_um".to_owned(), inputs: vec!["bering".to_owned()], ..choice() };
+    let wrong = Choice { error: Some("z_eror_um".to_owned()), inputs: vec!["bering".to_owned()], ..choice() };
     let told = said(&wrong);
     assert!(
         told.contains("no log has a column of numbers `z_eror_um`; did you mean `z_error_um`?"),
