@@ -7,13 +7,11 @@ use isotherm_profile::{Arm, Output, Profile, Share, Writes};
 use super::output::{OutputState, Outputs, Standing};
 use super::units::is_beyond_limit;
 
-/// Whether one axis is armed, and why not.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Arming {
     pub(super) armed: bool,
     /// A person, or a foreign change, switched it off: it stays off until a person arms it.
     pub(super) latched: bool,
-    /// What that was.
     pub(super) why: String,
     /// A person asked for it, and had his way.
     pub(super) by_person: bool,
@@ -29,14 +27,12 @@ pub(super) struct Arming {
     pub(super) take_over_slope: Option<Micron>,
 }
 
-/// What an attempt to arm found.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Attempt {
     /// Not wanted now, or something is not known yet.
     NotYet,
     /// It may start from this Cz, and this effect of its slope.
     From(Micron, Option<Micron>),
-    /// It must not.
     Refused(String),
 }
 
@@ -49,7 +45,6 @@ impl Arming {
         }
     }
 
-    /// Whether the axis may be armed now, and from which value.
     pub(super) fn attempt(
         &self,
         profile: &Profile,

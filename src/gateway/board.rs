@@ -5,7 +5,6 @@ use isotherm_core::quantity::Moment;
 use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
 use isotherm_profile::Profile;
 
-/// One place per signal of the profile.
 #[derive(Debug)]
 pub(super) struct Board {
     latest: Latest,
@@ -112,12 +111,10 @@ impl Board {
         }
     }
 
-    /// When it was last read.
     pub(super) fn taken(&self, id: SignalId) -> Moment {
         self.latest.taken(id)
     }
 
-    /// What was read last.
     pub(super) fn latest(&self) -> &Latest {
         &self.latest
     }
@@ -174,7 +171,6 @@ impl Board {
 }
 
 impl Latest {
-    /// When it was last read.
     pub(super) fn taken(&self, id: SignalId) -> Moment {
         self.readings[id.0].at
     }

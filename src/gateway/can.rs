@@ -26,12 +26,10 @@ pub(super) use listener::CanListener;
 /// What the line and its listener share.
 pub(super) struct Can {
     pub(super) link: Arc<Link>,
-    /// The listener's.
     wakeup: Wakeup,
     handed: Mutex<Handed>,
 }
 
-/// What one has for the other.
 #[derive(Debug, Default)]
 struct Handed {
     /// Devices whose setup list has been written.
@@ -41,12 +39,10 @@ struct Handed {
 }
 
 impl Can {
-    /// What opens the line of this bus.
     pub(super) fn dial(&self, bus: &Bus) -> CanDial {
         CanDial::new(self.link.clone(), bus.timeout)
     }
 
-    /// The setup list of a device has been written.
     pub(super) fn is_set_up(&self, device: DeviceId) {
         self.handed().set_up.push(device);
         self.wakeup.wake();
@@ -57,7 +53,6 @@ impl Can {
         std::mem::take(&mut self.handed().revived)
     }
 
-    /// These need not rest any longer: a device, or the whole line.
     fn revive(&self, what: Option<DeviceId>) {
         self.handed().revived.push(what);
     }

@@ -47,7 +47,6 @@ impl Commissioning {
         self.devices[device.0] == Finding::Unknown
     }
 
-    /// What is wrong with a device.
     pub(super) fn wrong(&self, device: DeviceId) -> Option<&str> {
         match &self.devices[device.0] {
             Finding::Wrong(why) => Some(why),

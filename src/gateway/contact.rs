@@ -18,7 +18,6 @@ const BELIEVED_AFTER: Duration = Duration::from_secs(10);
 /// What was late is reported again after so long without.
 const REPORTED_AGAIN: Duration = Duration::from_secs(600);
 
-/// Every device and every line.
 #[derive(Clone, Debug)]
 pub(super) struct Contact {
     pub(super) devices: Vec<DeviceCount>,
@@ -53,7 +52,6 @@ pub(super) struct BusCount {
     pub(super) down: Option<u64>,
     pub(super) cycles: u64,
     pub(super) overruns: u64,
-    /// The last of them.
     pub(super) overrun_at: Option<Moment>,
     pub(super) jitter: [u64; JITTER_MS.len() + 1],
 }

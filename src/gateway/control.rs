@@ -23,7 +23,6 @@ pub use trace::{LONGEST as LONGEST_TRACE, trace};
 /// How long whoever arms waits to hear what comes of it.
 const ARMING: Duration = Duration::from_secs(3);
 const LOOK_AGAIN: Duration = Duration::from_millis(20);
-/// Longest command line that is read.
 const LONGEST: u64 = 256;
 
 /// The socket of a machine.

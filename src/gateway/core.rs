@@ -32,7 +32,6 @@ pub(super) struct Given {
     pub(super) dry_run: bool,
 }
 
-/// What stands behind the lock.
 pub(super) struct Core {
     given: Given,
     pub(super) board: Board,
@@ -56,7 +55,6 @@ pub(super) struct Core {
     pub(super) was_armed: bool,
     /// What an axis rests on has been read since the start.
     pub(super) has_read: bool,
-    /// When the axes were stepped last.
     pub(super) stepped_at: Moment,
     /// When the next one is due.
     pub(super) next_due: Option<Moment>,
@@ -65,9 +63,7 @@ pub(super) struct Core {
     controls: Vec<Control>,
     /// What has happened since this was locked: reported when it is free again.
     pub(super) events: Vec<Event>,
-    /// How long it was locked.
     pub(super) lock_times: LockTimes,
-    /// By axis.
     pub(super) reported: Vec<Reported>,
 }
 
@@ -418,7 +414,6 @@ impl Core {
         (self.events, self.reported) = (events, reported);
     }
 
-    /// Why an axis does what it does.
     fn reasons(&self, axis: usize, now: Moment) -> Option<Reasons<'_>> {
         Some(Reasons {
             profile: &self.given.profile,

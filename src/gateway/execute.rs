@@ -43,6 +43,5 @@ const DISK_PATIENCE: Duration = Duration::from_secs(5);
 pub(super) struct LineTurn<'a> {
     pub(super) line: &'a mut DeviceLine,
     pub(super) shared: &'a LineHandle,
-    /// When it began.
     pub(super) now: Moment,
 }

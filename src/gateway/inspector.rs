@@ -35,7 +35,6 @@ pub(super) struct Inspector(Vec<Inspection>);
 struct Inspection {
     device: DeviceId,
     due: Moment,
-    /// Attempts in a row that were not answered.
     missed: u32,
     /// The round for which it was set up.
     set_up: Option<u64>,
@@ -48,7 +47,6 @@ impl Inspector {
         Inspector(checked.map(inspection).collect())
     }
 
-    /// None of the devices is ever looked at.
     pub(super) fn is_empty(&self) -> bool {
         self.0.is_empty()
     }

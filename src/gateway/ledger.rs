@@ -22,7 +22,6 @@ use file::{Entries, Entry, LedgerFile, register};
 pub(super) use writer::Kept;
 use writer::LedgerWriter;
 
-/// The name of it in events.
 const WHAT: &str = "the ledger";
 /// What of each output is on disk.
 pub(super) struct Ledger {
@@ -125,7 +124,6 @@ impl Ledger {
         }
     }
 
-    /// Waits for what is still to be put on disk.
     pub(super) async fn finish(&self, span: Duration) {
         if let Some(writer) = &self.writer {
             writer.finish(span).await;

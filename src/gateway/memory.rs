@@ -18,12 +18,10 @@ use isotherm_profile::Profile;
 /// second no corrections by probing.
 const VERSION: u32 = 3;
 
-/// The file's content.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Memory {
     pub(super) version: u32,
-    /// When it was written.
     pub(super) at: Moment,
     /// The signals that references and terms count by.
     pub(super) signals: Vec<String>,
@@ -33,7 +31,6 @@ pub(super) struct Memory {
     pub(super) verified_um: BTreeMap<String, f64>,
 }
 
-/// What was found at start.
 #[derive(Debug, Default)]
 pub(super) struct Recalled {
     pub(super) remembered: Remembered,

@@ -11,7 +11,6 @@ pub(super) struct Noted<T> {
 }
 
 impl<T> Noted<T> {
-    /// All of them count as changed.
     pub(super) fn new(items: Vec<T>) -> Noted<T> {
         let (places, is_noted) = ((0..items.len()).collect(), vec![true; items.len()]);
         Noted { items, places, is_noted }

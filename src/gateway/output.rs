@@ -10,7 +10,6 @@ use crate::observe::events::HandshakeFault;
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{Handshake, Output, OutputId, Profile};
 
-/// Where an output stands.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub(super) enum Standing {
     /// Its register has not been read since the connection was made.
@@ -20,7 +19,6 @@ pub(super) enum Standing {
     Verified,
     /// The last write failed, or was not what was read back.
     Unverified,
-    /// Its interlock is open.
     Interlocked,
     /// Somebody else wrote to it.
     Foreign,
@@ -49,13 +47,10 @@ pub(super) struct OutputState {
     pub(super) writes: u64,
     /// Failures since the last verified write.
     pub(super) failures: u64,
-    /// What the last of them was.
     pub(super) cause: Option<Fault>,
-    /// Where its handshake stands.
     pub(super) handshake: Stand,
 }
 
-/// Every output of the profile.
 #[derive(Clone, Debug)]
 pub(super) struct Outputs {
     states: Noted<OutputState>,
@@ -63,10 +58,8 @@ pub(super) struct Outputs {
     of_axis: Arc<Vec<Vec<OutputId>>>,
 }
 
-/// Where an output's handshake stands.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Stand {
-    /// What it waits for now.
     pub(super) waits: Option<Wait>,
     /// What the last one failed at, until one succeeds.
     pub(super) failed: Option<HandshakeFault>,
@@ -78,12 +71,10 @@ pub(super) struct Stand {
     pub(super) is_untaken: bool,
 }
 
-/// What a handshake waits for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Wait {
     /// The acknowledge of something earlier to drop, before anything is written.
     Clear,
-    /// The acknowledge to rise.
     Acknowledge,
     /// The acknowledge to drop, after the strobe has.
     Release,
@@ -106,7 +97,6 @@ impl Outputs {
         &self.of_axis[axis]
     }
 
-    /// Those of an axis with their state.
     pub(super) fn of_axis<'a>(
         &'a self,
         profile: &'a Profile,

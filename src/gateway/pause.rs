@@ -11,7 +11,6 @@ pub(super) struct Pauses {
 }
 
 impl Pauses {
-    /// How often so far.
     pub(super) fn count(self) -> u64 {
         self.count
     }

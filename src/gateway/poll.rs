@@ -57,7 +57,6 @@ pub(super) struct LineTask {
     steps_axes: bool,
     /// A position read here is corrected on another line.
     feeds_others: bool,
-    /// When the next axis is due.
     step_due: Option<Moment>,
     /// A device has been read, or there was news, since the axes were last looked at.
     has_news: bool,
@@ -73,18 +72,14 @@ pub(super) struct LineTask {
     overruns: Overruns,
 }
 
-/// Whose turn it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Turn {
-    /// Nothing, until then.
     Sleep(Moment),
-    /// The heartbeat.
     Beat,
     /// Looks at how devices are set that are not known to be fit.
     Inspect,
     /// One request of the device at this place.
     Read(usize),
-    /// The axes.
     Step,
     /// The output or set at this place.
     Output(usize),
@@ -142,7 +137,6 @@ impl LineTask {
         }
     }
 
-    /// Read requests of one round.
     pub(super) fn requests(&self) -> usize {
         self.polls.iter().map(Poll::requests).sum()
     }

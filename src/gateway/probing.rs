@@ -19,7 +19,6 @@ use super::output::{Outputs, Standing};
 /// The probing of one axis, and what waits to be handed to its step.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Probing {
-    /// Where the trigger stood.
     seen: Option<f64>,
     /// A probing whose result has not been read yet.
     begun: Option<Begun>,
@@ -35,10 +34,8 @@ struct Begun {
     acting: Option<Micron>,
 }
 
-/// Why a probing came to nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Missed {
-    /// Its result could not be read in time.
     NoResult,
     /// What acted while it measured is not known.
     Acting,

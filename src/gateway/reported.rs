@@ -7,7 +7,6 @@ use isotherm_profile::Profile;
 
 use super::extrapolation;
 
-/// What was reported of one axis last.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Reported {
     state: AxisState,
@@ -27,7 +26,6 @@ struct Levels {
 const ENDS_AT: f64 = 0.95;
 
 impl Levels {
-    /// Whether |Cz| lies beyond its warning level.
     fn is_warned(&self) -> bool {
         self.warned
     }
@@ -56,7 +54,6 @@ impl Levels {
 }
 
 impl Reported {
-    /// Whether |Cz| lies beyond its warning level.
     pub(super) fn is_warned(&self) -> bool {
         self.levels.is_warned()
     }

@@ -13,7 +13,6 @@ use super::board::Board;
 /// Those that each output has seen, and what shows them.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Restarts {
-    /// By output.
     counts: Vec<u64>,
     /// By line: the last good reading of each boot counter that is read there.
     counters: Vec<Vec<(SignalId, Option<f64>)>>,

@@ -68,17 +68,14 @@ impl Shared {
         Held::new(self.core.lock().unwrap_or_else(PoisonError::into_inner), self)
     }
 
-    /// Whether the lock is free.
     pub(super) fn is_free(&self) -> bool {
         !matches!(self.core.try_lock(), Err(TryLockError::WouldBlock))
     }
 
-    /// Reports an event.
     pub(crate) fn report(&self, event: &Event) {
         self.journal.report(self.clock.now(), event);
     }
 
-    /// Wakes every line.
     pub(super) fn wake(&self) {
         self.wake_where(|_| true);
     }
@@ -88,7 +85,6 @@ impl Shared {
         self.wake_where(|place| place != bus.0);
     }
 
-    /// Wakes this line.
     pub(super) fn wake_line(&self, bus: BusId) {
         self.wake_at(bus.0..bus.0 + 1, |_| true);
     }
@@ -107,12 +103,10 @@ impl Shared {
         }
     }
 
-    /// A line has taken a turn.
     pub(super) fn turned(&self, bus: BusId) {
         self.turns[bus.0].fetch_add(1, Ordering::Relaxed);
     }
 
-    /// How many turns a line has taken.
     pub(super) fn turns(&self, bus: BusId) -> u64 {
         self.turns[bus.0].load(Ordering::Relaxed)
     }
@@ -130,7 +124,6 @@ impl Shared {
         }
     }
 
-    /// How often the computer has stood still.
     pub(super) fn pauses(&self) -> u64 {
         self.core().pauses.count()
     }

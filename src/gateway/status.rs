@@ -22,7 +22,6 @@ use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
 use isotherm_profile::DeviceId;
 
-/// A copy of what stands behind the lock.
 struct Picture {
     now: Moment,
     /// How long the machine has been running.
@@ -72,7 +71,6 @@ impl Picture {
         picture
     }
 
-    /// Why an axis does what it does.
     fn why(&self, shared: &Shared, axis: usize) -> String {
         let reasons = Reasons {
             profile: &shared.profile,
@@ -89,7 +87,6 @@ impl Picture {
     }
 }
 
-/// The state now.
 pub(super) fn status(shared: &Shared) -> Status {
     let (events, event_counts) = shared.journal.read();
     let picture = Picture::of(shared);

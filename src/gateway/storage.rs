@@ -107,7 +107,6 @@ impl Storage {
         }
     }
 
-    /// Queues one row of the log.
     pub(super) fn record(
         &mut self,
         snapshot: &Snapshot<'_>,
@@ -120,7 +119,6 @@ impl Storage {
         }
     }
 
-    /// "Zero" was commanded at this moment.
     pub(super) fn zeroed(&mut self, at: Moment) {
         if let Some(recorder) = &mut self.recorder {
             recorder.zeroed(at);
@@ -141,7 +139,6 @@ impl Storage {
         }
     }
 
-    /// Queues the state.
     pub(super) fn remember_now(
         &mut self,
         now: Moment,

@@ -49,7 +49,6 @@ impl Units {
         (step, limit, self.bias)
     }
 
-    /// What stands in the register, in counts.
     pub(super) fn found(&self, registers: &[u16]) -> Counts {
         match self.grain {
             None => self.encoding.counts(registers).map_or(NO_NUMBER, |counts| counts + self.bias),
@@ -60,7 +59,6 @@ impl Units {
         }
     }
 
-    /// The registers that hold this.
     pub(super) fn registers(&self, counts: Counts) -> Encoded {
         match self.grain {
             None => self.encoding.encode_counts(counts - self.bias),
@@ -76,7 +74,6 @@ impl Units {
         }
     }
 
-    /// The Cz that it stands for.
     pub(super) fn cz(&self, counts: Counts) -> Micron {
         Micron::new(self.value(counts) / self.factor).unwrap_or_default()
     }

@@ -10,7 +10,6 @@ use crate::clock::Looks;
 use crate::observe::events::Event;
 use isotherm_profile::{BusId, Profile};
 
-/// How often the watch looks.
 const LOOK_EVERY: Duration = Duration::from_millis(500);
 
 /// A running watch; dropping it ends the thread.

@@ -11,7 +11,6 @@ pub struct WireLog(Arc<Inner>);
 
 #[derive(Debug)]
 struct Inner {
-    /// By bus.
     taps: Vec<Tap>,
     devices: Vec<(String, BusId)>,
 }

@@ -50,7 +50,6 @@ const HEADERS: [(HeaderName, &str); 5] = [
     (header::CACHE_CONTROL, "no-store"),
 ];
 
-/// What every handler may use.
 #[derive(Clone)]
 struct Room {
     source: Arc<dyn Source>,

@@ -48,7 +48,6 @@ const COUNTERS: [(&str, &str); 7] = [
     ("isotherm_log_dropped_total", "Rows and states lost because the queue to the disk was full."),
 ];
 
-/// The whole exposition.
 pub(super) fn exposition(status: &Status) -> String {
     let recorder = PrometheusBuilder::new().build_recorder();
     with_local_recorder(&recorder, || {

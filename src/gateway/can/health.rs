@@ -9,7 +9,6 @@ use isotherm_core::quantity::Moment;
 /// Quiet for this long is over.
 const OVER_AFTER: Duration = Duration::from_secs(10);
 
-/// Everything that may be wrong with a bus.
 #[derive(Debug, Default)]
 pub(super) struct Health {
     errors: Option<Episode>,
@@ -18,7 +17,6 @@ pub(super) struct Health {
     lost: Meter,
 }
 
-/// Something that goes on.
 #[derive(Clone, Copy, Debug)]
 struct Episode {
     since: Moment,
@@ -33,7 +31,6 @@ struct Meter {
     episode: Option<Episode>,
 }
 
-/// What is to be reported.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Change {
     /// It begins, or has become worse.
@@ -67,7 +64,6 @@ impl Meter {
 }
 
 impl Health {
-    /// An error frame came.
     pub(super) fn trouble(&mut self, trouble: &Trouble, now: Moment) -> Vec<Change> {
         let gravity = trouble.gravity();
         if gravity == Gravity::Over {

@@ -35,7 +35,6 @@ const LONG: Duration = Duration::from_secs(3600);
 const DOWN: Fault = Fault::Link(LinkFault::Can(CanFault::Down));
 const FULL: Fault = Fault::Link(LinkFault::Can(CanFault::Full));
 
-/// The task that listens.
 pub(in crate::gateway) struct CanListener {
     shared: LineHandle,
     bus: BusId,
@@ -92,7 +91,6 @@ impl CanListener {
         Some((can, listener))
     }
 
-    /// Listens for ever.
     pub(in crate::gateway) async fn listen(mut self) {
         let mut due = self.look();
         loop {
@@ -109,7 +107,6 @@ impl CanListener {
         }
     }
 
-    /// Until a frame comes, or it is time for something.
     async fn wait(&mut self, due: Moment) {
         self.looks.away_for(due.since(self.looks.last()));
         let socket = self.socket.as_ref().map(|(socket, _)| socket.clone());

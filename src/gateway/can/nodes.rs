@@ -16,7 +16,6 @@ use isotherm_profile::{BusId, CanDevice, DeviceId, Profile, Sync};
 /// Emergency codes of one device that are known at a time.
 const MOST_CODES: usize = 16;
 
-/// All devices of one line.
 #[derive(Debug)]
 pub(super) struct Nodes {
     settings: Vec<(NodeId, Care)>,
@@ -43,7 +42,6 @@ struct Silence {
 #[derive(Debug)]
 pub(super) enum Reaction {
     Send(Frame),
-    /// This happened to the device.
     Node(DeviceId, NodeEvent),
     /// A device that only sends has not sent anything for so long, or never.
     Silent(DeviceId, Duration, bool),
@@ -99,7 +97,6 @@ impl Nodes {
         self.answers.contains(&id)
     }
 
-    /// The devices of the line.
     pub(super) fn devices(&self) -> impl Iterator<Item = DeviceId> {
         self.devices.iter().map(|(device, _)| *device)
     }
@@ -118,7 +115,6 @@ impl Nodes {
         self.device(node)
     }
 
-    /// A value of a device has come.
     pub(super) fn heard(&mut self, device: DeviceId, now: Moment) {
         if let Some(silence) = self.silences.iter_mut().find(|silence| silence.device == device) {
             silence.is_lost = false;

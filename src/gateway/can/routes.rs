@@ -13,7 +13,6 @@ pub(super) struct Routes {
     wide: Vec<Route>,
 }
 
-/// One signal.
 #[derive(Debug)]
 pub(super) struct Route {
     pub(super) device: DeviceId,
@@ -59,12 +58,10 @@ impl Routes {
         exact.chain(wide)
     }
 
-    /// The signals that come by frames of a device.
     pub(super) fn of_device(&self, device: DeviceId) -> impl Iterator<Item = SignalId> {
         self.all().filter(move |route| route.device == device).map(|route| route.signal)
     }
 
-    /// All signals that come by frames.
     pub(super) fn signals(&self) -> impl Iterator<Item = SignalId> {
         self.all().map(|route| route.signal)
     }

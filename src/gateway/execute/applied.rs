@@ -15,7 +15,6 @@ use crate::observe::events::Event;
 use isotherm_core::quantity::{Counts, Moment};
 use isotherm_profile::Output;
 
-/// What is known of it.
 #[derive(Debug, Default)]
 pub(super) struct AppliedOffset {
     /// What stands in the register that is written, and since when.
@@ -24,11 +23,9 @@ pub(super) struct AppliedOffset {
     is_seen: bool,
     /// That it does not was reported.
     is_reported: bool,
-    /// When it was read last.
     read_at: Option<Moment>,
 }
 
-/// When it is looked at.
 #[derive(Clone, Copy, Debug)]
 struct Times {
     /// The last change.

@@ -16,15 +16,12 @@ pub(super) type Cells = BTreeMap<u16, u16>;
 /// The registers of a set that are nobody's value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Own {
-    /// The number of this set.
     pub(super) sequence: Option<u16>,
-    /// Counts every write.
     pub(super) heartbeat: u16,
     /// What the gateway does.
     pub(super) control: u16,
 }
 
-/// The count after this one.
 pub(super) fn next_beat(beat: u16) -> u16 {
     if beat >= 32767 { 0 } else { beat + 1 }
 }

@@ -4,12 +4,10 @@ use crate::gateway::line_handle::LineHandle;
 use crate::observe::events::Event;
 use isotherm_profile::OutputId;
 
-/// What was taken note of.
 #[derive(Debug, Default)]
 pub(super) struct Interlock {
     /// It keeps the output from being written, or cannot be known.
     pub(super) is_held: bool,
-    /// That was reported.
     is_reported: bool,
 }
 

@@ -8,12 +8,10 @@ use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{OutputId, Writes};
 
-/// What is to be done now.
 pub(super) struct Order {
     /// Cz, or what the slope comes to at the axis's reach.
     pub(super) cz: Micron,
     pub(super) decided: Moment,
-    /// The axis is armed.
     pub(super) armed: bool,
     /// Nothing is wanted of it: it is not armed, or nothing was decided since.
     pub(super) off: bool,
@@ -29,14 +27,11 @@ pub(super) struct Order {
     pub(super) restarts: u64,
     /// How often the computer has stood still so far.
     pub(super) pauses: u64,
-    /// The axis follows a model.
     pub(super) follows: bool,
-    /// The axis holds what it decided last.
     pub(super) holds: bool,
 }
 
 impl Order {
-    /// What is to be done about this output.
     pub(super) fn of(shared: &LineHandle, core: &Core, id: OutputId, now: Moment) -> Order {
         let output = shared.profile.output(id);
         let decision = core.compensation.decision(output.axis.0);

@@ -29,12 +29,10 @@ use isotherm_profile::{Arm, Output, OutputId, Shown, Stretch};
 /// How often dashes are written again.
 const DASHES_AGAIN: Duration = Duration::from_secs(10);
 
-/// Owns one output.
 #[derive(Debug)]
 pub(in crate::gateway) struct Position {
     id: OutputId,
     position: SignalId,
-    /// The position that was corrected last.
     corrected: Moment,
     /// The share of Cz in what was answered last, and the decision it followed.
     inside: Option<(Micron, Moment)>,
@@ -242,7 +240,6 @@ async fn write(
     Ok(Some(Encoded::of(answered.answer.registers())))
 }
 
-/// How the axis does, for a display.
 fn shown(shared: &LineHandle, output: &Output) -> Shown {
     let state = shared.core().compensation.decision(output.axis.0).map(|decision| decision.state);
     match state {

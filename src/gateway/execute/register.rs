@@ -20,7 +20,6 @@ use isotherm_core::output::{
 use isotherm_core::quantity::{Counts, Moment};
 use isotherm_profile::{Output, OutputId, Share, Writes};
 
-/// The register of one output.
 #[derive(Debug)]
 pub(super) struct Register {
     pub(super) id: OutputId,
@@ -29,7 +28,6 @@ pub(super) struct Register {
     pub(super) state: State,
     /// What it takes and asks for is logged.
     is_logged: bool,
-    /// What is to be done next.
     pub(super) action: Action,
     pub(super) heard: Heard,
     pub(super) interlock: Interlock,
@@ -60,7 +58,6 @@ pub(super) struct Register {
     pub(super) is_unapplied: bool,
 }
 
-/// What was taken note of.
 #[derive(Debug, Default)]
 pub(super) struct Heard {
     restarts: u64,
@@ -282,7 +279,6 @@ impl Register {
         self
     }
 
-    /// What it holds is known.
     pub(super) fn is_known(&self) -> bool {
         self.state.shown(&self.settings).verified.is_some()
     }
@@ -302,7 +298,6 @@ impl Register {
         }
     }
 
-    /// It asks for a write.
     pub(super) fn is_writing(&self) -> bool {
         matches!(self.action, Action::Write { .. })
     }
@@ -427,7 +422,6 @@ impl Register {
         self.publish(turn.shared, order);
     }
 
-    /// What is known of the register now.
     pub(super) fn publish(&mut self, shared: &LineHandle, order: &Order) {
         self.ask(shared);
         let output = shared.profile.output(self.id);

@@ -12,7 +12,6 @@ use isotherm_core::quantity::Moment;
 /// So many sets at most are sent while one of them is on its way: ten a second, a minute and more.
 const LATELY: u16 = 1024;
 
-/// What is known of the numbers of one set.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Sequence {
     /// The newest that stood in the register, and what stood beside it then.
@@ -22,7 +21,6 @@ pub(super) struct Sequence {
 }
 
 impl Sequence {
-    /// The number of the next set.
     pub(super) fn next(&self) -> u16 {
         next(self.newest.as_ref().map_or(0, |(newest, _)| *newest))
     }

@@ -12,7 +12,6 @@ use isotherm_core::output::{Action, Fact, Verify};
 use isotherm_core::quantity::{Counts, Moment};
 use isotherm_profile::OutputId;
 
-/// Owns one output.
 #[derive(Debug)]
 pub(in crate::gateway) struct Single {
     register: Register,

@@ -126,7 +126,6 @@ impl LedgerWriter {
         }
     }
 
-    /// Waits for what is still to be put on disk.
     pub(super) async fn finish(&self, span: Duration) {
         let version = self.shared.newest().version;
         self.is_slow.store(false, Ordering::Relaxed);

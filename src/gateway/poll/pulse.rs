@@ -10,7 +10,6 @@ use crate::gateway::storage::Steady;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, DeviceId, Profile};
 
-/// The heartbeat.
 pub(super) struct Pulse {
     device: DeviceId,
     register: u16,

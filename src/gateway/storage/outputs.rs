@@ -70,7 +70,6 @@ pub(in crate::gateway) struct OutputsLog {
     queue: Option<SyncSender<Job>>,
     recorder: OutputRecorder,
     tears: Arc<Tears>,
-    /// How many outputs and sets there are.
     counts: (usize, usize),
     /// By output, by set, and of the heartbeat.
     lines: Vec<Line>,
@@ -116,7 +115,6 @@ impl OutputsLog {
         Arc::clone(&self.tears)
     }
 
-    /// Something is kept.
     pub(in crate::gateway) fn is_kept(&self) -> bool {
         self.queue.is_some()
     }
@@ -157,7 +155,6 @@ impl OutputsLog {
         }
     }
 
-    /// It failed.
     pub(in crate::gateway) fn not_written(&mut self, steady: Steady, why: &dyn Display, now: Moment) {
         let tear = self.stretch(now).tear;
         let mut message = std::mem::take(&mut self.message);

@@ -33,7 +33,6 @@ fn continues(path: &Path, header: &[u8]) -> std::io::Result<bool> {
     Ok(begins == header && last == *b"\n")
 }
 
-/// Writes what comes out of the queue.
 pub(super) struct StorageThread {
     directory: PathBuf,
     state: PathBuf,

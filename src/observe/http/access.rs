@@ -24,13 +24,11 @@ const COOKIE: &str = "isotherm_token";
 #[derive(Clone, Copy)]
 pub(super) struct Entered;
 
-/// The rules of one listener.
 pub(super) struct Access {
     token: Option<String>,
     listens_at: IpAddr,
 }
 
-/// Why a request is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Refusal {
     NoToken,

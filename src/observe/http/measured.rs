@@ -9,7 +9,6 @@ use serde::Deserialize;
 
 use super::{Room, answered};
 
-/// What is sent.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Measured {
