@@ -56,6 +56,7 @@ mod watch;
 mod why;
 mod wire_log;
 
+use self::core::Core;
 use can::{Can, CanListener};
 use ledger::Ledger;
 use line_handle::LineHandle;
@@ -170,28 +171,13 @@ impl Gateway {
             };
         }
         let remembers = |output: &str| recalled.verified.contains(output);
-        let directory = options.directory.as_deref();
-        let ledger = Ledger::open(
-            &profile,
-            directory,
-            (options.disk.clone(), options.has_threads),
-            (options.dry_run, had_state),
-            remembers,
-            (journal.clone(), clock),
-        );
+        let ledger = Ledger::open(&profile, &options, had_state, remembers, (journal.clone(), clock));
         let sleepers: Vec<Sleeper> = profile.buses.iter().map(|_| clock.join()).collect();
         let wakeups = sleepers.iter().map(Sleeper::wakeup).collect();
-        let (remembered, trouble) = (recalled.remembered, recalled.trouble);
-        let shared = Arc::new(Shared::new(
-            profile,
-            clock.clone(),
-            journal,
-            options.dry_run,
-            remembered,
-            (storage, ledger),
-            wakeups,
-        ));
-        if let Some(why) = trouble {
+        let core = |given| Core::new(given, recalled.remembered, storage);
+        let shared =
+            Arc::new(Shared::new(profile, clock.clone(), journal, options.dry_run, ledger, wakeups, core));
+        if let Some(why) = recalled.trouble {
             shared.report(&Event::NotKept { what: "the saved state".to_owned(), why });
         }
         let wire_log = WireLog::new(&shared.profile);
@@ -256,7 +242,7 @@ impl Gateway {
         let mut storage = std::mem::take(&mut core.storage);
         let now = self.shared.clock.now();
         storage.outputs.count_for_the_last_time(now);
-        storage.remember_now(now, &core.compensation, &self.shared.profile, core.outputs.states());
+        storage.remember((now, true), &core.compensation, &self.shared.profile, core.outputs.states());
         let failed = core.failed;
         drop(core);
         storage.finish();

@@ -156,10 +156,8 @@ impl Core {
             }
         }
         self.disarm_tripped();
-        if self.report_probings(profile, now) {
-            self.storage.remember_now(now, &self.compensation, profile, self.outputs.states());
-        }
-        self.storage.remember(now, &self.compensation, profile, self.outputs.states());
+        let has_learned = self.report_probings(profile, now);
+        self.storage.remember((now, has_learned), &self.compensation, profile, self.outputs.states());
         if stepped.noticed.started {
             self.events.push(Event::MachineStarted);
         }

@@ -1,22 +1,19 @@
-//! Reads the checks of the devices on one line, and sets up first those that want it ([`setup`]).
+//! Reads the checks of the devices on one line, and sets up first those that want it: CANopen nodes, before each of their
+//! starts.
 
 use std::time::Duration;
 
 use super::commissioning::{Finding, is_looked_at};
 use crate::fieldbus::departure::Leave;
-use crate::fieldbus::error::{CallerFault, Fault};
+use crate::fieldbus::error::{CallerFault, Fault, PeerFault};
 use crate::fieldbus::line::DeviceLine;
-use crate::fieldbus::wire::{Answer, Request};
+use crate::fieldbus::wire::{Answer, CanRequest, Request};
 use crate::gateway::can::Can;
 use crate::gateway::line_handle::LineHandle;
 use crate::observe::events::Event;
 use isotherm_core::codec::Encoded;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{BusId, DeviceId, Profile};
-
-mod setup;
-
-use setup::set_up;
+use isotherm_profile::{BusId, DeviceId, Profile, Setup};
 
 /// How soon a device that could not be asked is asked again; the line's own pauses come on top.
 const ASK_AGAIN: Duration = Duration::from_secs(1);
@@ -130,6 +127,51 @@ impl Inspection {
             can.is_set_up(self.device);
         }
         Some(if wrong.is_empty() { Finding::Fit } else { Finding::Wrong(wrong.join("; ")) })
+    }
+}
+
+/// Writes the setup list of a CANopen node, in its order. A dry run writes nothing, so there it is only compared. What is
+/// wrong with it afterwards; nothing, where it is set up.
+///
+/// # Errors
+/// The node does not answer.
+async fn set_up(line: &mut DeviceLine, shared: &LineHandle, device: DeviceId) -> Result<Vec<String>, Fault> {
+    let Some(can) = &shared.profile.device(device).can else { return Ok(Vec::new()) };
+    let mut wrong = Vec::new();
+    for setup in &can.setup {
+        let value = setup.object.words(&setup.bytes());
+        let value = value.ok_or(Fault::Peer(PeerFault::Width))?;
+        let request = match shared.dry_run {
+            true => CanRequest::Read { object: setup.object },
+            false => CanRequest::Write { object: setup.object, words: value.words() },
+        };
+        match line
+            .request(device, Request::Can(request), Leave::Whenever)
+            .await
+            .map(|answered| answered.answer)
+        {
+            Ok(Answer::Words(found)) if found != value.words() => wrong.push(format!(
+                "{} is not {} yet, and nothing is set up while nothing may be written",
+                named(setup),
+                setup.value
+            )),
+            Ok(_) => {}
+            Err(fault) if fault.is_refusal() => {
+                wrong.push(format!("{} cannot be set to {}: {fault}", named(setup), setup.value));
+                // What comes after it may rely on it.
+                break;
+            }
+            Err(fault) => return Err(fault),
+        }
+    }
+    Ok(wrong)
+}
+
+/// `1800:05 (event timer)`.
+fn named(setup: &Setup) -> String {
+    match setup.what.as_str() {
+        "" => setup.object.to_string(),
+        what => format!("{} ({what})", setup.object),
     }
 }
 

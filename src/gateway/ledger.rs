@@ -5,11 +5,10 @@
 //! what became of it.
 
 use isotherm_core::quantity::Counts;
-use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use super::disk::Disk;
+use super::Options;
 use crate::clock::Clock;
 use crate::observe::events::{Event, Journal};
 use isotherm_core::output::{self, Doubt};
@@ -51,20 +50,19 @@ impl Ledger {
     /// whether an offset of this output was verified before; `had_state`: a run before this one has left a state.
     pub(super) fn open(
         profile: &Profile,
-        directory: Option<&Path>,
-        (disk, has_thread): (Arc<dyn Disk>, bool),
-        (dry_run, had_state): (bool, bool),
+        options: &Options,
+        had_state: bool,
         remembers: impl Fn(&str) -> bool,
         (journal, clock): (Arc<Journal>, &Clock),
     ) -> Ledger {
         let not_kept = |why| journal.report(clock.now(), &Event::NotKept { what: WHAT.to_owned(), why });
-        let Some(directory) = directory else {
+        let Some(directory) = &options.directory else {
             if profile.outputs.iter().any(is_shared) {
                 not_kept("there is no state directory; name one with --state".to_owned());
             }
             return Ledger { writer: None, found: Entries::new(), is_first: true, is_unmarked: true };
         };
-        let (mut file, read) = LedgerFile::open(disk, directory, profile);
+        let (mut file, read) = LedgerFile::open(options.disk.clone(), directory, profile);
         let is_first = matches!(&read, Ok(None)) && !had_state;
         let (mut before, is_readable) = match read {
             Ok(entries) => (entries.unwrap_or_default(), true),
@@ -74,7 +72,7 @@ impl Ledger {
             }
         };
         let found = found(profile, &mut before, is_readable, remembers);
-        if dry_run {
+        if options.dry_run {
             return Ledger { writer: None, found, is_first, is_unmarked: true };
         }
         let mut entries = found.clone();
@@ -82,7 +80,7 @@ impl Ledger {
         // What cannot be used does not say that anything was in order, and is first kept aside.
         let is_saved = is_readable && file.save(&entries).is_ok();
         let is_unmarked = is_saved || !is_readable || file.is_marked_begun();
-        let writer = Some(LedgerWriter::start(entries, file, (journal, clock), has_thread));
+        let writer = Some(LedgerWriter::start(entries, file, (journal, clock), options.has_threads));
         Ledger { writer, found, is_first: is_first && is_saved, is_unmarked }
     }
 

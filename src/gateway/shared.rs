@@ -11,10 +11,8 @@ use super::core::{Core, Given};
 use super::dependents::Dependents;
 use super::ledger::Ledger;
 use super::lock::Held;
-use super::storage::Storage;
 use crate::clock::{Clock, Wakeup};
 use crate::observe::events::{Event, Journal};
-use isotherm_core::compensation::Remembered;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{BusId, Profile};
 
@@ -40,9 +38,9 @@ impl Shared {
         clock: Clock,
         journal: Arc<Journal>,
         dry_run: bool,
-        remembered: Remembered,
-        (storage, ledger): (Storage, Ledger),
+        ledger: Ledger,
         wakeups: Vec<Wakeup>,
+        core: impl FnOnce(Given) -> Core,
     ) -> Shared {
         let dependents = Arc::new(Dependents::new(&profile));
         let given = Given { profile: profile.clone(), dependents: dependents.clone(), dry_run };
@@ -56,7 +54,7 @@ impl Shared {
             wakeups: Mutex::new(wakeups),
             news: counts(),
             turns: counts(),
-            core: Mutex::new(Core::new(given, remembered, storage)),
+            core: Mutex::new(core(given)),
             clock,
             profile,
         }

@@ -125,30 +125,19 @@ impl Storage {
         }
     }
 
-    /// Queues the state, if the last time was long enough ago.
+    /// Queues the state, if that is urgent or the last time was long enough ago.
     pub(super) fn remember(
         &mut self,
-        now: Moment,
+        (now, is_urgent): (Moment, bool),
         compensation: &Compensation,
         profile: &Profile,
         outputs: &[OutputState],
     ) {
-        if self.remembered.is_none_or(|last| now.since(last) >= REMEMBER_EVERY) {
-            self.remembered = Some(now);
-            self.remember_now(now, compensation, profile, outputs);
-        }
-    }
-
-    pub(super) fn remember_now(
-        &mut self,
-        now: Moment,
-        compensation: &Compensation,
-        profile: &Profile,
-        outputs: &[OutputState],
-    ) {
-        if self.queue.is_none() && self.here.is_none() {
+        let is_due = is_urgent || self.remembered.is_none_or(|last| now.since(last) >= REMEMBER_EVERY);
+        if !is_due || (self.queue.is_none() && self.here.is_none()) {
             return;
         }
+        self.remembered = Some(now);
         let verified = profile.outputs.iter().zip(outputs).filter(|(output, _)| output.writes.is_cz());
         let verified =
             verified.filter_map(|(output, state)| Some((output.name.clone(), state.cz?.get()))).collect();

@@ -138,10 +138,8 @@ fn only_a_whole_wish_for_a_wire_log_is_one() {
     for line in
         ["trace", "trace cnc", "trace cnc 5", "trace cnc x text", "trace cnc -1 text", "trace cnc 5 xml"]
     {
-        assert!(trace::TraceRequest::parse(line).is_none(), "{line}");
+        assert!(TraceRequest::parse(line).is_none(), "{line}");
     }
-    assert!(trace::TraceRequest::parse("trace cnc 0.5 json").is_some());
-    assert!(
-        trace::TraceRequest::parse("trace cnc 1e9 text").is_some_and(|request| request.span == LONGEST_TRACE)
-    );
+    assert!(TraceRequest::parse("trace cnc 0.5 json").is_some());
+    assert!(TraceRequest::parse("trace cnc 1e9 text").is_some_and(|request| request.span == LONGEST_TRACE));
 }

@@ -1,3 +1,5 @@
+use std::path::Path;
+
 use super::*;
 use crate::gateway::disk::Files;
 use isotherm_core::output::{Account, Promise, Slots};
