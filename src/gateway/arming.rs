@@ -63,7 +63,7 @@ impl Arming {
             ));
         }
         let (mut from, mut from_slope) = (None, None);
-        for (output, state) in outputs.of_axis(profile, axis) {
+        for (output, state) in outputs.of_axis(axis) {
             if !output.writes.is_scheduled() {
                 continue;
             }
@@ -104,7 +104,7 @@ impl Arming {
         if from_slope.is_some_and(|slope| slope != Micron::ZERO) {
             let displaced =
                 |(output, state): &(&Output, &OutputState)| !has_its_reference(profile, output, state);
-            if let Some((output, _)) = outputs.of_axis(profile, axis).find(displaced) {
+            if let Some((output, _)) = outputs.of_axis(axis).find(displaced) {
                 return Attempt::Refused(format!(
                     "a slope is in effect about another reference position than output {} writes; set the slope to \
                      zero at the CNC",
@@ -131,7 +131,7 @@ impl Arming {
             return Permit::Stopping;
         }
         let mut permit = Permit::Armed;
-        for (output, state) in outputs.of_axis(profile, axis) {
+        for (output, state) in outputs.of_axis(axis) {
             match state.standing {
                 Standing::Unverified => return Permit::Unverified,
                 Standing::Unknown if output.writes.is_scheduled() => return Permit::Unverified,

@@ -1,5 +1,7 @@
 //! The latest readings of the machine, filtered: what was read, whether it may be believed, and since when not.
 
+use std::sync::Arc;
+
 use isotherm_core::codec::{Motion, Tracked};
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
@@ -23,6 +25,7 @@ pub(super) struct Board {
 /// What was read last, and what can be said of it at any moment.
 #[derive(Clone, Debug)]
 pub(super) struct Latest {
+    profile: Arc<Profile>,
     /// As the lines bring them.
     readings: Vec<Reading>,
     /// Why the last attempts to read it failed; its last value serves until it is stale.
@@ -41,10 +44,14 @@ pub(super) enum Change {
 }
 
 impl Board {
-    pub(super) fn new(profile: &Profile) -> Board {
+    pub(super) fn new(profile: &Arc<Profile>) -> Board {
         let signals = profile.signals.len();
         Board {
-            latest: Latest { readings: vec![Reading::NEVER; signals], failing: vec![None; signals] },
+            latest: Latest {
+                profile: profile.clone(),
+                readings: vec![Reading::NEVER; signals],
+                failing: vec![None; signals],
+            },
             believed: vec![None; signals],
             tracked: vec![Tracked::default(); signals],
             rereferenced: vec![None; signals],
@@ -55,11 +62,10 @@ impl Board {
 
     /// Takes in what a line brought, if it can be believed: inside the signal's range, and not faster than its rate
     /// allows since the last value that was believed.
-    pub(super) fn store(&mut self, profile: &Profile, id: SignalId, value: Result<f64, Reason>, at: Moment) {
-        let signal = profile.signal(id);
+    pub(super) fn store(&mut self, id: SignalId, value: Result<f64, Reason>, at: Moment) {
         self.latest.failing[id.0] = None;
-        let believed = self.believed[id.0];
-        let position = value.and_then(|value| self.position(profile, id, value, at));
+        let position = value.and_then(|value| self.position(id, value, at));
+        let (signal, believed) = (self.latest.profile.signal(id), self.believed[id.0]);
         let judged = position.and_then(|value| {
             if signal.range.is_some_and(|(low, high)| !(low..=high).contains(&value)) {
                 return Err(Reason::OutOfRange);
@@ -83,8 +89,8 @@ impl Board {
     }
 
     /// A counter's value with its rollovers; any other value as it is.
-    fn position(&mut self, profile: &Profile, id: SignalId, value: f64, at: Moment) -> Result<f64, Reason> {
-        let signal = profile.signal(id);
+    fn position(&mut self, id: SignalId, value: f64, at: Moment) -> Result<f64, Reason> {
+        let signal = self.latest.profile.signal(id);
         let Some(counter) = &signal.counter else { return Ok(value) };
         match self.tracked[id.0].take(counter, &signal.encoding, value, at) {
             Motion::To(position) => Ok(position),
@@ -120,14 +126,14 @@ impl Board {
     }
 
     /// Until when its last reading may be used.
-    pub(super) fn usable_until(&self, profile: &Profile, id: SignalId) -> Moment {
-        self.taken(id).after(profile.signal(id).max_age)
+    pub(super) fn usable_until(&self, id: SignalId) -> Moment {
+        self.taken(id).after(self.latest.profile.signal(id).max_age)
     }
 
     /// The machine at `now`: every reading aged, and condemned where its `fault_when` holds or cannot be known.
-    pub(super) fn look(&mut self, profile: &Profile, now: Moment) -> &[Reading] {
+    pub(super) fn look(&mut self, now: Moment) -> &[Reading] {
         for place in 0..self.seen.len() {
-            self.seen[place] = self.latest.judge(profile, SignalId(place), now);
+            self.seen[place] = self.latest.judge(SignalId(place), now);
         }
         &self.seen
     }
@@ -138,13 +144,13 @@ impl Board {
     }
 
     /// Whether any reading may be used at `now`.
-    pub(super) fn has_usable(&self, profile: &Profile, now: Moment) -> bool {
-        (0..self.seen.len()).any(|place| self.value(profile, SignalId(place), now).is_some())
+    pub(super) fn has_usable(&self, now: Moment) -> bool {
+        (0..self.seen.len()).any(|place| self.value(SignalId(place), now).is_some())
     }
 
     /// A signal's value at `now`, if it may be used.
-    pub(super) fn value(&self, profile: &Profile, id: SignalId, now: Moment) -> Option<f64> {
-        self.latest.judge(profile, id, now).usable()
+    pub(super) fn value(&self, id: SignalId, now: Moment) -> Option<f64> {
+        self.latest.judge(id, now).usable()
     }
 
     /// What changed in the view since it was last asked for.
@@ -176,14 +182,14 @@ impl Latest {
     }
 
     /// Every reading at `now`: aged, and condemned where its `fault_when` holds or cannot be known.
-    pub(super) fn at(&self, profile: &Profile, now: Moment) -> Vec<Reading> {
-        (0..self.readings.len()).map(|place| self.judge(profile, SignalId(place), now)).collect()
+    pub(super) fn at(&self, now: Moment) -> Vec<Reading> {
+        (0..self.readings.len()).map(|place| self.judge(SignalId(place), now)).collect()
     }
 
-    fn judge(&self, profile: &Profile, id: SignalId, now: Moment) -> Reading {
-        let plain = |id: SignalId| self.readings[id.0].aged(now, profile.signal(id).max_age);
+    fn judge(&self, id: SignalId, now: Moment) -> Reading {
+        let plain = |id: SignalId| self.readings[id.0].aged(now, self.profile.signal(id).max_age);
         let reading = plain(id);
-        match (reading.quality, self.failing[id.0], &profile.signal(id).fault_when) {
+        match (reading.quality, self.failing[id.0], &self.profile.signal(id).fault_when) {
             (Quality::Bad(Reason::Stale | Reason::NeverRead), Some(reason), _) => {
                 Reading { quality: Quality::Bad(reason), ..reading }
             }

@@ -5,6 +5,8 @@
 //! A module that sends hexadecimal counts of its range instead of tenths of a degree sends plausible temperatures.
 //! So nothing is believed of a device whose checks have not all been read and found right.
 
+use std::sync::Arc;
+
 use isotherm_core::compensation::model::Model;
 use isotherm_core::reading::SignalId;
 use isotherm_profile::{AxisId, Device, DeviceId, Profile};
@@ -12,6 +14,7 @@ use isotherm_profile::{AxisId, Device, DeviceId, Profile};
 /// What has been found of each device, and which devices an axis depends on.
 #[derive(Clone, Debug)]
 pub(super) struct Commissioning {
+    profile: Arc<Profile>,
     devices: Vec<Finding>,
     /// By device: how often everything had to begin anew.
     rounds: Vec<u64>,
@@ -30,11 +33,12 @@ pub(super) enum Finding {
 }
 
 impl Commissioning {
-    pub(super) fn new(profile: &Profile) -> Commissioning {
+    pub(super) fn new(profile: &Arc<Profile>) -> Commissioning {
         let devices = profile.devices.iter().map(Finding::begin);
         let of_axis = (0..profile.axes.len()).map(|axis| devices_of(profile, AxisId(axis)));
         let rounds = vec![0; profile.devices.len()];
-        Commissioning { devices: devices.collect(), rounds, of_axis: of_axis.collect() }
+        let profile = profile.clone();
+        Commissioning { devices: devices.collect(), rounds, of_axis: of_axis.collect(), profile }
     }
 
     /// Whether what is read from it may be believed.
@@ -62,10 +66,10 @@ impl Commissioning {
     }
 
     /// The device was lost or restarted: it is set up, and everything is checked, anew.
-    pub(super) fn forget(&mut self, profile: &Profile, device: DeviceId) {
+    pub(super) fn forget(&mut self, device: DeviceId) {
         self.rounds[device.0] += 1;
         if self.is_fit(device) {
-            self.devices[device.0] = Finding::begin(profile.device(device));
+            self.devices[device.0] = Finding::begin(self.profile.device(device));
         }
     }
 

@@ -1,12 +1,13 @@
 //! Who answers: counted by device and line, and reported when it ends and when it begins again.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::Duration;
 
 use crate::fieldbus::error::Fault;
 use crate::observe::events::Event;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{BusId, DeviceId, Profile};
+use isotherm_profile::{BusId, Device, DeviceId, Profile};
 
 /// Consecutive failures after which a device is reported as lost: a single lost answer is only counted.
 const REPORTED_AFTER: u64 = 2;
@@ -20,6 +21,7 @@ const REPORTED_AGAIN: Duration = Duration::from_secs(600);
 
 #[derive(Clone, Debug)]
 pub(super) struct Contact {
+    profile: Arc<Profile>,
     pub(super) devices: Vec<DeviceCount>,
     pub(super) buses: Vec<BusCount>,
 }
@@ -69,15 +71,16 @@ impl BusCount {
 }
 
 impl Contact {
-    pub(super) fn new(profile: &Profile) -> Contact {
+    pub(super) fn new(profile: &Arc<Profile>) -> Contact {
         Contact {
+            profile: profile.clone(),
             devices: vec![DeviceCount::default(); profile.devices.len()],
             buses: vec![BusCount::default(); profile.buses.len()],
         }
     }
 
     /// A device has answered, or a frame of it came.
-    pub(super) fn answers(&mut self, profile: &Profile, id: DeviceId, now: Moment, events: &mut Vec<Event>) {
+    pub(super) fn answers(&mut self, id: DeviceId, now: Moment, events: &mut Vec<Event>) {
         let count = &mut self.devices[id.0];
         if count.is_here() {
             return;
@@ -90,8 +93,8 @@ impl Contact {
             _ => true,
         };
         let lost = count.lost.take_if(|_| has_returned).filter(|lost| lost.reported);
-        let device = profile.device(id);
-        self.link_is_up(profile, device.bus, events);
+        self.link_is_up(self.profile.device(id).bus, events);
+        let device = self.profile.device(id);
         events.extend(lost.map(|lost| Event::DeviceBack {
             device: device.name.clone(),
             at: device.at(),
@@ -103,7 +106,6 @@ impl Contact {
     /// that: what comes back may be another one, or one that has forgotten how it was set.
     pub(super) fn fails(
         &mut self,
-        profile: &Profile,
         id: DeviceId,
         fault: Fault,
         (attempts, refused): (u32, Fault),
@@ -112,38 +114,32 @@ impl Contact {
         // What comes after a connection was made is the device's doing.
         if fault.is_of_the_line() && attempts > 0 {
             self.devices[id.0].misses(refused.to_string());
-            self.link_is_down(profile, profile.device(id).bus, attempts.into(), refused, events);
+            self.link_is_down(self.profile.device(id).bus, attempts.into(), refused, events);
             return false;
         }
         let lost = self.devices[id.0].misses(fault.to_string());
         let is_lost = lost.missed >= REPORTED_AFTER && !lost.reported;
         if is_lost {
-            events.push(lost.report(profile, id));
+            events.push(lost.report(self.profile.device(id)));
         }
         is_lost
     }
 
     /// Nothing comes of a device any more; reported once, but for a bus that is down, which has been. Whether it was: then
     /// the device is to be looked at anew when it comes back.
-    pub(super) fn is_silent(
-        &mut self,
-        profile: &Profile,
-        id: DeviceId,
-        fault: String,
-        events: &mut Vec<Event>,
-    ) -> bool {
-        let is_down = self.buses[profile.device(id).bus.0].down.is_some();
+    pub(super) fn is_silent(&mut self, id: DeviceId, fault: String, events: &mut Vec<Event>) -> bool {
+        let is_down = self.buses[self.profile.device(id).bus.0].down.is_some();
         let lost = self.devices[id.0].misses(fault);
         let is_lost = !is_down && !lost.reported;
         if is_lost {
-            events.push(lost.report(profile, id));
+            events.push(lost.report(self.profile.device(id)));
         }
         is_lost
     }
 
     /// There is a connection, or an interface, again.
-    pub(super) fn link_is_up(&mut self, profile: &Profile, id: BusId, events: &mut Vec<Event>) {
-        let bus = profile.bus(id);
+    pub(super) fn link_is_up(&mut self, id: BusId, events: &mut Vec<Event>) {
+        let bus = self.profile.bus(id);
         events.extend(self.buses[id.0].down.take().map(|attempts| Event::LinkUp {
             bus: bus.name.clone(),
             address: bus.address.clone(),
@@ -152,16 +148,9 @@ impl Contact {
     }
 
     /// There is none, after so many attempts.
-    pub(super) fn link_is_down(
-        &mut self,
-        profile: &Profile,
-        id: BusId,
-        attempts: u64,
-        fault: Fault,
-        events: &mut Vec<Event>,
-    ) {
+    pub(super) fn link_is_down(&mut self, id: BusId, attempts: u64, fault: Fault, events: &mut Vec<Event>) {
         if self.buses[id.0].down.replace(attempts).is_none() {
-            let bus = profile.bus(id);
+            let bus = self.profile.bus(id);
             let (bus, address) = (bus.name.clone(), bus.address.clone());
             events.push(Event::LinkDown { bus, address, fault: fault.to_string() });
         }
@@ -183,9 +172,8 @@ impl DeviceCount {
 }
 
 impl Lost {
-    fn report(&mut self, profile: &Profile, id: DeviceId) -> Event {
+    fn report(&mut self, device: &Device) -> Event {
         self.reported = true;
-        let device = profile.device(id);
         Event::DeviceLost { device: device.name.clone(), at: device.at(), fault: self.fault.clone() }
     }
 }

@@ -70,7 +70,7 @@ pub(super) struct Core {
 impl Core {
     /// A core with what was remembered from before, as it stands before the first reading.
     pub(super) fn new(given: Given, remembered: Remembered, storage: Storage) -> Core {
-        let profile = &*given.profile;
+        let profile = &given.profile;
         let axes = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
         let compensation = Compensation::new(profile.machine.clone(), axes, remembered);
         Core {
@@ -107,7 +107,7 @@ impl Core {
         // Where time went back, every axis is due.
         let due = self.next_due.is_some_and(|due| now >= due) || now < self.stepped_at;
         if due {
-            self.board.look(profile, now);
+            self.board.look(now);
             self.arm_where_possible(now);
             // However quiet the line is on which they are read.
             for axis in &dependents.probed {
@@ -115,11 +115,11 @@ impl Core {
             }
         }
         let is_urgent = self.refresh_controls(now);
-        if !due && !is_urgent && !self.would_notice(profile, now) {
+        if !due && !is_urgent && !self.would_notice(now) {
             return false;
         }
         if !due {
-            self.board.look(profile, now);
+            self.board.look(now);
         }
         self.storage.prepare(now, &self.compensation);
         let snapshot = Snapshot { now, readings: self.board.seen() };
@@ -138,7 +138,7 @@ impl Core {
                 }
                 let live_until = |model: usize| {
                     let inputs = &dependents.inputs[axis][model];
-                    let until = inputs.iter().map(|id| self.board.usable_until(profile, *id));
+                    let until = inputs.iter().map(|id| self.board.usable_until(*id));
                     until.min().unwrap_or(Moment::END)
                 };
                 let soon = now.after(profile.axes[axis].settings.every);
@@ -188,9 +188,9 @@ impl Core {
     }
 
     /// Whether something was read that concerns the machine as a whole: that it runs, or a command to zero.
-    fn would_notice(&self, profile: &Profile, now: Moment) -> bool {
-        let value = |id| self.board.value(profile, id, now);
-        self.compensation.would_notice(value, || self.board.has_usable(profile, now))
+    fn would_notice(&self, now: Moment) -> bool {
+        let value = |id| self.board.value(id, now);
+        self.compensation.would_notice(value, || self.board.has_usable(now))
     }
 
     pub(super) fn arm_where_possible(&mut self, now: Moment) {
@@ -238,9 +238,10 @@ impl Core {
     }
 
     /// What an axis decided last stands in its registers, or never will.
-    pub(super) fn has_arrived(&self, profile: &Profile, axis: usize, dry_run: bool) -> bool {
+    pub(super) fn has_arrived(&self, axis: usize) -> bool {
+        let Given { profile, dry_run, .. } = &self.given;
         let Some(decision) = self.compensation.decision(axis) else { return true };
-        if decision.state == AxisState::Off || dry_run {
+        if decision.state == AxisState::Off || *dry_run {
             return true;
         }
         let settings = &profile.axes[axis].settings;
@@ -285,9 +286,9 @@ impl Core {
     }
 
     /// An output's register was found to hold this much Cz after it had not been known: the axis goes on from there.
-    pub(super) fn found(&mut self, profile: &Profile, id: OutputId, cz: Micron) {
-        let axis = profile.output(id).axis.0;
-        let writes = profile.output(id).writes;
+    pub(super) fn found(&mut self, id: OutputId, cz: Micron) {
+        let profile = &self.given.profile;
+        let Output { axis: AxisId(axis), writes, .. } = *profile.output(id);
         let first = self.outputs.ids(axis).iter().find(|id| profile.output(**id).writes == writes);
         if !self.arming[axis].armed || first != Some(&id) {
             return;
@@ -304,7 +305,7 @@ impl Core {
         let (profile, place) = (&*self.given.profile, axis.0);
         let axis = profile.axis(axis);
         let Some(input) = &axis.probe_input else { return false };
-        let acting = acting(profile, place, &self.outputs, &self.arming[place]);
+        let acting = acting(place, &self.outputs, &self.arming[place]);
         let Some(heard) = self.probing[place].look(profile, input, &self.board, now, acting) else {
             return false;
         };
@@ -352,7 +353,7 @@ impl Core {
 
     /// An axis beyond its error level is off once its fault action has come to its end, and stays so until it is armed.
     pub(super) fn disarm_tripped(&mut self) {
-        let Given { profile, dry_run, .. } = &self.given.clone();
+        let profile = &*self.given.profile.clone();
         for (place, axis) in profile.axes.iter().enumerate() {
             let Some(decision) = self.compensation.decision(place) else { continue };
             let ended = match decision.state {
@@ -366,7 +367,7 @@ impl Core {
                 self.arming[place].tripped = is_tripped;
             }
             let over = is_tripped && ended && !self.stopping;
-            if over && self.has_arrived(profile, place, *dry_run) {
+            if over && self.has_arrived(place) {
                 let why =
                     "its model asked for more than the error level; arm it again when the cause is found";
                 self.disarm(AxisId(place), why);

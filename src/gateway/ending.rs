@@ -55,7 +55,7 @@ pub(super) fn end_registers(shared: &Shared) {
             let mut kept = state.end();
             // What the control has not taken is sent again before anything else, by the next run too.
             kept.in_order &= !seen.handshake.is_untaken;
-            let _ = shared.ledger.keep(&shared.profile, output, kept, false);
+            let _ = shared.ledger.keep(output, kept, false);
         }
     }
 }
@@ -88,7 +88,7 @@ pub(super) fn at_rest(shared: &Shared) -> bool {
                 AxisState::Holding(_) => settings.settings.on_fault == OnFault::Hold,
                 _ => false,
             };
-            rested && core.has_arrived(&shared.profile, axis, shared.dry_run)
+            rested && core.has_arrived(axis)
         })
 }
 

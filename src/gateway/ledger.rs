@@ -24,6 +24,7 @@ use writer::LedgerWriter;
 const WHAT: &str = "the ledger";
 /// What of each output is on disk.
 pub(super) struct Ledger {
+    profile: Arc<Profile>,
     /// `None` where nothing is ever kept.
     writer: Option<LedgerWriter>,
     found: Entries,
@@ -49,20 +50,27 @@ impl Ledger {
     /// Opens the ledger of a machine. Without a directory nothing is kept, in a dry run nothing is changed. `remembers`:
     /// whether an offset of this output was verified before; `had_state`: a run before this one has left a state.
     pub(super) fn open(
-        profile: &Profile,
+        profile: &Arc<Profile>,
         options: &Options,
         had_state: bool,
         remembers: impl Fn(&str) -> bool,
         (journal, clock): (Arc<Journal>, &Clock),
     ) -> Ledger {
+        let profile = profile.clone();
         let not_kept = |why| journal.report(clock.now(), &Event::NotKept { what: WHAT.to_owned(), why });
         let Some(directory) = &options.directory else {
             if profile.outputs.iter().any(is_shared) {
                 not_kept("there is no state directory; name one with --state".to_owned());
             }
-            return Ledger { writer: None, found: Entries::new(), is_first: true, is_unmarked: true };
+            return Ledger {
+                profile,
+                writer: None,
+                found: Entries::new(),
+                is_first: true,
+                is_unmarked: true,
+            };
         };
-        let (mut file, read) = LedgerFile::open(options.disk.clone(), directory, profile);
+        let (mut file, read) = LedgerFile::open(options.disk.clone(), directory, &profile);
         let is_first = matches!(&read, Ok(None)) && !had_state;
         let (mut before, is_readable) = match read {
             Ok(entries) => (entries.unwrap_or_default(), true),
@@ -71,9 +79,9 @@ impl Ledger {
                 (Entries::new(), false)
             }
         };
-        let found = found(profile, &mut before, is_readable, remembers);
+        let found = found(&profile, &mut before, is_readable, remembers);
         if options.dry_run {
-            return Ledger { writer: None, found, is_first, is_unmarked: true };
+            return Ledger { profile, writer: None, found, is_first, is_unmarked: true };
         }
         let mut entries = found.clone();
         entries.values_mut().for_each(|entry| entry.kept.in_order = false);
@@ -81,7 +89,7 @@ impl Ledger {
         let is_saved = is_readable && file.save(&entries).is_ok();
         let is_unmarked = is_saved || !is_readable || file.is_marked_begun();
         let writer = Some(LedgerWriter::start(entries, file, (journal, clock), options.has_threads));
-        Ledger { writer, found, is_first: is_first && is_saved, is_unmarked }
+        Ledger { profile, writer, found, is_first: is_first && is_saved, is_unmarked }
     }
 
     /// What was on disk of this output at the start; `None` where that says nothing of its register.
@@ -94,16 +102,10 @@ impl Ledger {
 
     /// Has this put on disk. `is_needed`: a register that says itself what stands in it need not wait for the disk, once
     /// nothing there says any more that a run ended in order.
-    pub(super) fn keep(
-        &self,
-        profile: &Profile,
-        output: &Output,
-        kept: output::Kept,
-        is_needed: bool,
-    ) -> Keeping {
+    pub(super) fn keep(&self, output: &Output, kept: output::Kept, is_needed: bool) -> Keeping {
         // What is no number in the register is none here either.
         let stood = kept.stood.filter(|counts| file::fits(*counts));
-        let entry = Entry { register: register(profile, output), kept: output::Kept { stood, ..kept } };
+        let entry = Entry { register: register(&self.profile, output), kept: output::Kept { stood, ..kept } };
         match &self.writer {
             None if is_shared(output) => Keeping::Impossible,
             None => Keeping::Needless,

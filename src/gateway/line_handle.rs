@@ -69,7 +69,7 @@ impl LineHandle {
         }
         let mut core = self.core();
         let Core { restarts, board, events, .. } = &mut *core;
-        let any = restarts.look(&self.profile, board, self.bus, now, events);
+        let any = restarts.look(board, self.bus, now, events);
         drop(core);
         if any {
             self.wake();
@@ -130,14 +130,14 @@ impl Witness for LineHandle {
         }
         match outcome {
             Err(fault) if !fault.is_refusal() => {
-                if contact.fails(&self.profile, device, fault, refusals, events) {
-                    commissioning.forget(&self.profile, device);
+                if contact.fails(device, fault, refusals, events) {
+                    commissioning.forget(device);
                 }
             }
             // Nobody answers a frame: that it was sent says nothing of the device.
             Ok(()) if matches!(request, Request::Can(CanRequest::Send { .. })) => {}
             _ if contact.devices[device.0].is_here() => {}
-            _ => contact.answers(&self.profile, device, self.clock.now(), events),
+            _ => contact.answers(device, self.clock.now(), events),
         }
     }
 }

@@ -53,6 +53,7 @@ pub(super) struct OutputState {
 
 #[derive(Clone, Debug)]
 pub(super) struct Outputs {
+    profile: Arc<Profile>,
     states: Noted<OutputState>,
     /// By axis, in the profile's order.
     of_axis: Arc<Vec<Vec<OutputId>>>,
@@ -81,12 +82,13 @@ pub(super) enum Wait {
 }
 
 impl Outputs {
-    pub(super) fn new(profile: &Profile) -> Outputs {
+    pub(super) fn new(profile: &Arc<Profile>) -> Outputs {
         let mut of_axis = vec![Vec::new(); profile.axes.len()];
         for (place, output) in profile.outputs.iter().enumerate() {
             of_axis[output.axis.0].push(OutputId(place));
         }
         Outputs {
+            profile: profile.clone(),
             states: Noted::new(vec![OutputState::default(); profile.outputs.len()]),
             of_axis: Arc::new(of_axis),
         }
@@ -97,12 +99,8 @@ impl Outputs {
         &self.of_axis[axis]
     }
 
-    pub(super) fn of_axis<'a>(
-        &'a self,
-        profile: &'a Profile,
-        axis: usize,
-    ) -> impl Iterator<Item = (&'a Output, &'a OutputState)> {
-        self.of_axis[axis].iter().map(|id| (profile.output(*id), &self.states[id.0]))
+    pub(super) fn of_axis(&self, axis: usize) -> impl Iterator<Item = (&Output, &OutputState)> {
+        self.of_axis[axis].iter().map(|id| (self.profile.output(*id), &self.states[id.0]))
     }
 
     pub(super) fn states(&self) -> &[OutputState] {

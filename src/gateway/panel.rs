@@ -35,7 +35,7 @@ impl Source for Panel {
                 }
                 // At once where that can be: whoever asks hears whether he is refused.
                 let now = shared.clock.now();
-                core.board.look(&shared.profile, now);
+                core.board.look(now);
                 core.arm_where_possible(now);
                 format!("{names}: will be armed as soon as devices and readings allow it")
             }
@@ -98,13 +98,12 @@ impl Source for Panel {
                 let of_radius = if settings.diameter { 0.5 } else { 1.0 };
                 let error =
                     Micron::new(error * of_radius).ok_or("a measured error is a finite number, in µm")?;
-                let acting =
-                    acting(&shared.profile, place, &core.outputs, &core.arming[place]).ok_or_else(|| {
-                        format!("{axis}: {}; measure again when it is", Missed::Acting.message())
-                    })?;
+                let acting = acting(place, &core.outputs, &core.arming[place]).ok_or_else(|| {
+                    format!("{axis}: {}; measure again when it is", Missed::Acting.message())
+                })?;
                 let measured = Measured { error, acting: Some(acting) };
                 let now = shared.clock.now();
-                core.board.look(&shared.profile, now);
+                core.board.look(now);
                 let snapshot = Snapshot { now, readings: core.board.seen() };
                 if let Err(probed) = core.compensation.would_learn(place, &snapshot, measured) {
                     let why = probed.refused.map(|why| why_refused(&shared.profile, place, why, &probed));

@@ -61,7 +61,7 @@ impl Probing {
         acting: Option<Micron>,
     ) -> Option<Result<Measured, Missed>> {
         let watched = input.trigger.unwrap_or(input.signal);
-        let value = board.value(profile, watched, now);
+        let value = board.value(watched, now);
         let before = std::mem::replace(&mut self.seen, value);
         if let (Some(before), Some(value)) = (before, value)
             && before.to_bits() != value.to_bits()
@@ -70,7 +70,7 @@ impl Probing {
             self.begun = Some(Begun { at: board.taken(watched), acting });
         }
         let Begun { at, acting } = self.begun?;
-        let result = board.value(profile, input.signal, now).filter(|_| board.taken(input.signal) >= at);
+        let result = board.value(input.signal, now).filter(|_| board.taken(input.signal) >= at);
         let found = match result.and_then(|error| Micron::new(error * input.micron)) {
             Some(error) => acting.map(|_| Measured { error, acting }).ok_or(Missed::Acting),
             None if now.since(at) > profile.signal(input.signal).max_age => Err(Missed::NoResult),
@@ -82,10 +82,9 @@ impl Probing {
 }
 
 /// The Cz that stands in the machine: what its first output holds, as verified. Nothing acts where no output writes it.
-pub(super) fn acting(profile: &Profile, axis: usize, outputs: &Outputs, arming: &Arming) -> Option<Micron> {
-    let written = outputs
-        .of_axis(profile, axis)
-        .find(|(output, _)| output.writes.is_cz() || !output.writes.is_scheduled());
+pub(super) fn acting(axis: usize, outputs: &Outputs, arming: &Arming) -> Option<Micron> {
+    let written =
+        outputs.of_axis(axis).find(|(output, _)| output.writes.is_cz() || !output.writes.is_scheduled());
     let Some((output, state)) = written else { return Some(Micron::ZERO) };
     match state.standing {
         // Where nothing is written into a position, it is not known what the readout makes of that.

@@ -3,16 +3,20 @@
 //! Either way the registers may hold anything now. Each output counts the restarts that concern it; its writer reads the
 //! register anew, and the axis, armed as before, goes on from what stands there.
 
+use std::sync::Arc;
+
 use crate::observe::events::Event;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::SignalId;
-use isotherm_profile::{BusId, DeviceId, OutputId, Profile};
+use isotherm_profile::{BusId, DeviceId, Output, OutputId, Profile};
 
 use super::board::Board;
 
 /// Those that each output has seen, and what shows them.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct Restarts {
+    profile: Arc<Profile>,
+    /// By output.
     counts: Vec<u64>,
     /// By line: the last good reading of each boot counter that is read there.
     counters: Vec<Vec<(SignalId, Option<f64>)>>,
@@ -21,7 +25,7 @@ pub(super) struct Restarts {
 }
 
 impl Restarts {
-    pub(super) fn new(profile: &Profile) -> Restarts {
+    pub(super) fn new(profile: &Arc<Profile>) -> Restarts {
         let mut counters: Vec<Vec<(SignalId, Option<f64>)>> = vec![Vec::new(); profile.buses.len()];
         for id in profile.outputs.iter().filter_map(|output| output.boot_counter) {
             let on_line = &mut counters[profile.device(profile.signal(id).device).bus.0];
@@ -29,64 +33,44 @@ impl Restarts {
                 on_line.push((id, None));
             }
         }
-        Restarts { counts: vec![0; profile.outputs.len()], counters, was_on: None }
+        let counts = vec![0; profile.outputs.len()];
+        Restarts { profile: profile.clone(), counts, counters, was_on: None }
     }
 
     /// How many concern this output so far.
     pub(super) fn of(&self, id: OutputId) -> u64 {
-        self.counts.get(id.0).copied().unwrap_or_default()
+        self.counts[id.0]
     }
 
     /// A device was restarted, as it said itself.
-    pub(super) fn device_restarted(&mut self, profile: &Profile, device: DeviceId) {
-        for (output, count) in profile.outputs.iter().zip(&mut self.counts) {
-            *count += u64::from(output.device == device);
-        }
+    pub(super) fn device_restarted(&mut self, device: DeviceId) {
+        self.count(|output| output.device == device);
     }
 
-    /// Takes in the machine's `on` signal; whether it was off and is on. The control may have been off with it.
-    fn switched_on(&mut self, is_on: Option<bool>) -> bool {
-        let Some(is_on) = is_on else { return false };
-        let rises = self.was_on.replace(is_on) == Some(false) && is_on;
-        self.counts.iter_mut().for_each(|count| *count += u64::from(rises));
-        rises
-    }
-
-    /// Takes in a boot counter; what it was before, where it has changed. Its first reading is no restart, and one that
-    /// cannot be believed is no reading.
-    fn counted(
-        &mut self,
-        (line, place): (BusId, usize),
-        value: Option<f64>,
-        profile: &Profile,
-    ) -> Option<(SignalId, f64, f64)> {
-        let (id, last) = self.counters.get_mut(line.0)?.get_mut(place)?;
-        let (id, value) = (*id, value?);
-        let from = last.replace(value).filter(|last| (last - value).abs() > 0.0)?;
-        for (output, count) in profile.outputs.iter().zip(&mut self.counts) {
-            *count += u64::from(output.boot_counter == Some(id));
+    fn count(&mut self, concerns: impl Fn(&Output) -> bool) {
+        for (output, count) in self.profile.outputs.iter().zip(&mut self.counts) {
+            *count += u64::from(concerns(output));
         }
-        Some((id, from, value))
     }
 
     /// Looks at what has just been read on this line. Whether a control may have been restarted.
-    pub(super) fn look(
-        &mut self,
-        profile: &Profile,
-        board: &Board,
-        line: BusId,
-        now: Moment,
-        events: &mut Vec<Event>,
-    ) -> bool {
-        let is_on = profile.machine.on.and_then(|id| board.value(profile, id, now));
-        let mut any = self.switched_on(is_on.map(|level| level >= 0.5));
+    pub(super) fn look(&mut self, board: &Board, line: BusId, now: Moment, events: &mut Vec<Event>) -> bool {
+        // The control may have been off with the machine.
+        let is_on = self.profile.machine.on.and_then(|id| board.value(id, now)).map(|level| level >= 0.5);
+        let was_on = is_on.and_then(|is_on| self.was_on.replace(is_on));
+        let mut any = was_on == Some(false) && is_on == Some(true);
+        if any {
+            self.count(|_| true);
+        }
         for place in 0..self.counters[line.0].len() {
-            let value = board.value(profile, self.counters[line.0][place].0, now);
-            if let Some((id, from, to)) = self.counted((line, place), value, profile) {
-                let device = profile.device(profile.signal(id).device).name.clone();
-                events.push(Event::CncBooted { device, from, to });
-                any = true;
-            }
+            // Its first reading is no restart, and one that cannot be believed is no reading.
+            let (id, last) = &mut self.counters[line.0][place];
+            let (id, Some(to)) = (*id, board.value(*id, now)) else { continue };
+            let Some(from) = last.replace(to).filter(|from| (from - to).abs() > 0.0) else { continue };
+            self.count(|output| output.boot_counter == Some(id));
+            let device = self.profile.device(self.profile.signal(id).device).name.clone();
+            events.push(Event::CncBooted { device, from, to });
+            any = true;
         }
         any
     }

@@ -67,7 +67,7 @@ impl Picture {
             lock_times: core.lock_times,
         };
         drop(core);
-        picture.seen = picture.latest.at(&shared.profile, now);
+        picture.seen = picture.latest.at(now);
         picture
     }
 
@@ -113,9 +113,8 @@ pub(super) fn status(shared: &Shared) -> Status {
 }
 
 /// Cz as last verified in the first register of an axis that holds it, and when that was asked.
-fn verified(shared: &Shared, picture: &Picture, axis: usize) -> Option<(Micron, Moment)> {
-    let mut outputs =
-        picture.outputs.of_axis(&shared.profile, axis).filter(|(output, _)| output.writes.is_cz());
+fn verified(picture: &Picture, axis: usize) -> Option<(Micron, Moment)> {
+    let mut outputs = picture.outputs.of_axis(axis).filter(|(output, _)| output.writes.is_cz());
     outputs.find_map(|(_, state)| state.cz.zip(state.verified_at))
 }
 
@@ -131,8 +130,8 @@ fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
             .map(|model| model.name.clone()),
         raw_um: decision.raw.map(Micron::get),
         cz_um: decision.cz.get(),
-        verified_um: verified(shared, picture, place).map(|(cz, _)| cz.get()),
-        verified_age_s: verified(shared, picture, place).map(|(_, at)| picture.now.since(at).as_secs_f64()),
+        verified_um: verified(picture, place).map(|(cz, _)| cz.get()),
+        verified_age_s: verified(picture, place).map(|(_, at)| picture.now.since(at).as_secs_f64()),
         acted: Stages::ALL
             .iter()
             .filter(|(stage, _)| decision.acted.contains(*stage))

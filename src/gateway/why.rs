@@ -47,7 +47,7 @@ impl Reasons<'_> {
         };
         let troubled = self
             .outputs
-            .of_axis(profile, axis)
+            .of_axis(axis)
             .find(|(output, state)| output.writes.is_scheduled() && !is_well(state.standing))
             .map(|(output, state)| {
                 let stands = format!("output {} is {}", output.name, state.standing.name());
@@ -60,7 +60,7 @@ impl Reasons<'_> {
             });
         let displaced = self
             .outputs
-            .of_axis(profile, axis)
+            .of_axis(axis)
             .find(|(output, state)| {
                 permit == Permit::Unverified && !has_its_reference(profile, output, state)
             })

@@ -55,54 +55,54 @@ fn at(seconds: u64) -> Moment {
 
 /// A board on which both signals were good at this moment.
 fn board(profile: &Profile) -> Board {
-    let mut board = Board::new(profile);
-    board.store(profile, BED, Ok(20.0), at(0));
-    board.store(profile, OPEN, Ok(0.0), at(0));
+    let mut board = Board::new(&profile.clone().into());
+    board.store(BED, Ok(20.0), at(0));
+    board.store(OPEN, Ok(0.0), at(0));
     board
 }
 
-fn quality(board: &mut Board, profile: &Profile, now: Moment) -> Quality {
-    board.look(profile, now)[BED.0].quality
+fn quality(board: &mut Board, now: Moment) -> Quality {
+    board.look(now)[BED.0].quality
 }
 
 #[test]
 fn a_value_outside_its_range_is_no_value() {
     let profile = profile();
     let mut board = board(&profile);
-    board.store(&profile, BED, Ok(80.1), at(3600));
-    board.store(&profile, OPEN, Ok(0.0), at(3600));
-    assert_eq!(quality(&mut board, &profile, at(3600)), Quality::Bad(Reason::OutOfRange));
-    assert_eq!(board.value(&profile, BED, at(3600)), None);
+    board.store(BED, Ok(80.1), at(3600));
+    board.store(OPEN, Ok(0.0), at(3600));
+    assert_eq!(quality(&mut board, at(3600)), Quality::Bad(Reason::OutOfRange));
+    assert_eq!(board.value(BED, at(3600)), None);
 }
 
 #[test]
 fn a_value_that_changes_too_fast_is_believed_once_time_has_caught_up() {
     let profile = profile();
     let mut board = board(&profile);
-    board.store(&profile, BED, Ok(23.0), at(1));
-    assert_eq!(quality(&mut board, &profile, at(1)), Quality::Bad(Reason::TooFast));
-    board.store(&profile, BED, Ok(23.0), at(2));
-    assert_eq!(quality(&mut board, &profile, at(2)), Quality::Good);
+    board.store(BED, Ok(23.0), at(1));
+    assert_eq!(quality(&mut board, at(1)), Quality::Bad(Reason::TooFast));
+    board.store(BED, Ok(23.0), at(2));
+    assert_eq!(quality(&mut board, at(2)), Quality::Good);
 }
 
 #[test]
 fn a_status_bit_condemns_it_and_so_does_one_that_is_not_known() {
     let profile = profile();
     let mut board = board(&profile);
-    assert_eq!(quality(&mut board, &profile, at(1)), Quality::Good);
-    board.store(&profile, OPEN, Ok(1.0), at(1));
-    assert_eq!(quality(&mut board, &profile, at(1)), Quality::Bad(Reason::FaultBit));
-    board.store(&profile, OPEN, Ok(0.0), at(2));
-    board.store(&profile, BED, Ok(20.0), at(8));
-    assert_eq!(quality(&mut board, &profile, at(8)), Quality::Bad(Reason::FaultBit), "the bit is stale");
+    assert_eq!(quality(&mut board, at(1)), Quality::Good);
+    board.store(OPEN, Ok(1.0), at(1));
+    assert_eq!(quality(&mut board, at(1)), Quality::Bad(Reason::FaultBit));
+    board.store(OPEN, Ok(0.0), at(2));
+    board.store(BED, Ok(20.0), at(8));
+    assert_eq!(quality(&mut board, at(8)), Quality::Bad(Reason::FaultBit), "the bit is stale");
 }
 
 #[test]
 fn what_a_status_bit_condemns_is_no_position_to_be_corrected() {
     let profile = profile();
     let mut board = board(&profile);
-    board.store(&profile, OPEN, Ok(1.0), at(1));
-    assert_eq!(board.value(&profile, BED, at(1)), None);
+    board.store(OPEN, Ok(1.0), at(1));
+    assert_eq!(board.value(BED, at(1)), None);
 }
 
 #[test]
@@ -110,27 +110,27 @@ fn one_lost_answer_leaves_the_value_until_it_is_stale_and_then_says_why() {
     let profile = profile();
     let mut board = board(&profile);
     board.fail(BED, Reason::Timeout);
-    assert_eq!(quality(&mut board, &profile, at(5)), Quality::Good);
-    assert_eq!(quality(&mut board, &profile, at(6)), Quality::Bad(Reason::Timeout));
-    let mut fresh = Board::new(&profile);
+    assert_eq!(quality(&mut board, at(5)), Quality::Good);
+    assert_eq!(quality(&mut board, at(6)), Quality::Bad(Reason::Timeout));
+    let mut fresh = Board::new(&profile.clone().into());
     fresh.fail(BED, Reason::LinkDown);
-    assert_eq!(quality(&mut fresh, &profile, at(0)), Quality::Bad(Reason::LinkDown));
+    assert_eq!(quality(&mut fresh, at(0)), Quality::Bad(Reason::LinkDown));
 }
 
 #[test]
 fn a_change_is_told_once_each_way_with_its_reason() {
     let profile = profile();
     let mut board = board(&profile);
-    board.store(&profile, BED, Err(Reason::Sentinel), at(1));
+    board.store(BED, Err(Reason::Sentinel), at(1));
     for now in [at(1), at(2)] {
-        board.look(&profile, now);
+        board.look(now);
         let told = board.changes(now);
         let expected: &[Change] = if now == at(1) { &[Change::Lost(BED, Reason::Sentinel)] } else { &[] };
         assert_eq!(told, expected);
     }
-    board.store(&profile, BED, Ok(20.5), at(3));
-    board.look(&profile, at(3));
+    board.store(BED, Ok(20.5), at(3));
+    board.look(at(3));
     assert_eq!(board.changes(at(3)), [Change::Back(BED, Reason::Sentinel, at(1))]);
-    board.look(&profile, at(4));
+    board.look(at(4));
     assert_eq!(board.changes(at(4)), []);
 }

@@ -226,9 +226,9 @@ impl CanListener {
         let mut core = self.shared.core();
         let Core { contact, commissioning, events, .. } = &mut *core;
         contact.buses[self.bus.0].connected = true;
-        contact.link_is_up(&self.shared.profile, self.bus, events);
+        contact.link_is_up(self.bus, events);
         for device in self.nodes.devices() {
-            commissioning.forget(&self.shared.profile, device);
+            commissioning.forget(device);
         }
         drop(core);
         self.can.revive(None);
@@ -253,7 +253,7 @@ impl CanListener {
         let count = &mut contact.buses[self.bus.0];
         count.connected = false;
         let attempts = count.down.unwrap_or_default() + 1;
-        contact.link_is_down(&self.shared.profile, self.bus, attempts, fault, events);
+        contact.link_is_down(self.bus, attempts, fault, events);
         for device in self.nodes.devices() {
             let lost = contact.devices[device.0].lost.get_or_insert_default();
             lost.fault = fault.to_string();
@@ -286,7 +286,7 @@ impl CanListener {
     fn answers(&self, device: DeviceId) {
         let mut core = self.shared.core();
         let Core { contact, events, .. } = &mut *core;
-        contact.answers(&self.shared.profile, device, self.shared.clock.now(), events);
+        contact.answers(device, self.shared.clock.now(), events);
     }
 
     /// Does what follows from a frame or from time.
@@ -339,8 +339,8 @@ impl CanListener {
         self.condemn(device, Reason::Timeout);
         let mut core = self.shared.core();
         let Core { contact, commissioning, events, .. } = &mut *core;
-        if contact.is_silent(&self.shared.profile, device, what, events) {
-            commissioning.forget(&self.shared.profile, device);
+        if contact.is_silent(device, what, events) {
+            commissioning.forget(device);
         }
     }
 
@@ -351,9 +351,9 @@ impl CanListener {
             self.condemn(device, Reason::NotAsExpected);
         }
         let mut core = self.shared.core();
-        core.commissioning.forget(&self.shared.profile, device);
+        core.commissioning.forget(device);
         if was_there {
-            core.restarts.device_restarted(&self.shared.profile, device);
+            core.restarts.device_restarted(device);
         }
         drop(core);
         self.can.revive(Some(device));
@@ -364,7 +364,7 @@ impl CanListener {
         let now = self.shared.clock.now();
         let mut core = self.shared.core();
         for signal in self.routes.of_device(device) {
-            core.board.store(&self.shared.profile, signal, Err(reason), now);
+            core.board.store(signal, Err(reason), now);
             core.board.fail(signal, reason);
         }
     }
@@ -388,10 +388,10 @@ impl CanListener {
             };
             // Before it has been looked at, nothing is known of what it says, not even that it is wrong.
             if !core.commissioning.is_unknown(route.device) {
-                core.board.store(&self.shared.profile, route.signal, value, now);
+                core.board.store(route.signal, value, now);
             }
             let Core { contact, events, .. } = &mut **core;
-            contact.answers(&self.shared.profile, route.device, self.shared.clock.now(), events);
+            contact.answers(route.device, self.shared.clock.now(), events);
         }
         drop(core);
         let wakes = self.routes.of_frame(frame.id()).flat_map(|route| &route.wakes);

@@ -37,14 +37,14 @@ impl Order {
         let decision = core.compensation.decision(output.axis.0);
         let state = decision.map(|decision| decision.state);
         let arming = &core.arming[output.axis.0];
-        let value = |id: SignalId| core.board.value(&shared.profile, id, now);
+        let value = |id: SignalId| core.board.value(id, now);
         let position = output.writes.position();
         Order {
             cz: decision.map_or(Micron::ZERO, |decision| part(decision, output.writes)),
             decided: decision.map_or(Moment::default(), |decision| decision.at),
             position: position.and_then(value),
             not_after: match position {
-                Some(position) => core.board.usable_until(&shared.profile, position),
+                Some(position) => core.board.usable_until(position),
                 // A constant rests on no reading.
                 None if output.writes == Writes::Reference => Moment::END,
                 None => core.not_after[output.axis.0],

@@ -434,13 +434,13 @@ impl Register {
         let open = is_open.then_some(copies);
         if shown.verified.is_some() && std::mem::replace(&mut self.on_disk, open) != open {
             // In time for the next start, however this run ends; nobody waits for it.
-            let _ = shared.ledger.keep(&shared.profile, output, self.state.kept(), false);
+            let _ = shared.ledger.keep(output, self.state.kept(), false);
         }
         let mut core = shared.core();
         let Some(cz) = report::show(self, order, &mut core.outputs[self.id.0]) else { return };
         let goes_on = std::mem::take(&mut self.goes_on_from_there) && self.heard.is_armed;
         if goes_on && self.troubles.now.is_none() {
-            core.found(&shared.profile, self.id, cz);
+            core.found(self.id, cz);
             drop(core);
             shared.wake_others(shared.profile.device(output.device).bus);
         }
@@ -474,7 +474,7 @@ impl Register {
             None => {
                 // What is only noted is on disk before the next promise is.
                 let is_needed = self.settings.promises() && (self.state.is_promising() || self.opens);
-                match shared.ledger.keep(&shared.profile, output, self.state.kept(), is_needed) {
+                match shared.ledger.keep(output, self.state.kept(), is_needed) {
                     Keeping::Version(version) => (version, now),
                     Keeping::Needless => return Some(Fact::Kept),
                     Keeping::Impossible => {

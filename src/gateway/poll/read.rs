@@ -112,7 +112,7 @@ impl Poll {
                     let value = answered.answer.decode(field, &signal.encoding);
                     let value = value.and_then(|value| is_fit.then_some(value).ok_or(Reason::NotAsExpected));
                     let asked = captured.map_or(answered.asked, |captured| captured.min(answered.asked));
-                    core.board.store(&shared.profile, field.signal, value, asked);
+                    core.board.store(field.signal, value, asked);
                 }
                 (Err(fault), _) | (_, &Err(fault)) => core.board.fail(field.signal, fault.reason()),
             }

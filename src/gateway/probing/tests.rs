@@ -24,11 +24,11 @@ impl Bench {
         let profile = sample::profile();
         let input = ProbeInput { signal: RESULT, trigger, micron: 1000.0 };
         let now = Moment::from_nanos(1_000_000_000_000);
-        Bench { board: Board::new(&profile), profile, probing: Probing::default(), input, now }
+        Bench { board: Board::new(&profile.clone().into()), profile, probing: Probing::default(), input, now }
     }
 
     fn read(&mut self, id: SignalId, value: Result<f64, Reason>) -> &mut Bench {
-        self.board.store(&self.profile, id, value, self.now);
+        self.board.store(id, value, self.now);
         self
     }
 
@@ -127,8 +127,8 @@ fn what_acted_is_what_stood_there_when_the_trigger_came() {
 fn only_a_value_that_is_certain_is_held_against_an_error() {
     let mut profile = sample::profile();
     let off = Arming::default();
-    let none = Outputs::new(&profile);
-    assert_eq!(acting(&profile, 0, &none, &off), Some(Micron::ZERO), "nothing is written, so nothing acts");
+    let none = Outputs::new(&profile.clone().into());
+    assert_eq!(acting(0, &none, &off), Some(Micron::ZERO), "nothing is written, so nothing acts");
     profile.outputs = vec![output(isotherm_profile::Writes::Offset)];
     for (standing, wanted) in [
         (Standing::Unknown, None),
@@ -138,17 +138,17 @@ fn only_a_value_that_is_certain_is_held_against_an_error() {
         (Standing::Foreign, Micron::new(7.0)),
     ] {
         let state = OutputState { standing, cz: Micron::new(7.0), ..OutputState::default() };
-        assert_eq!(acting(&profile, 0, &all(&profile, state), &off), wanted, "{standing:?}");
+        assert_eq!(acting(0, &all(&profile, state), &off), wanted, "{standing:?}");
     }
     profile.outputs = vec![output(isotherm_profile::Writes::Corrected { position: RESULT })];
     let state = OutputState { standing: Standing::Verified, cz: Micron::new(7.0), ..OutputState::default() };
-    assert_eq!(acting(&profile, 0, &all(&profile, state), &off), None, "nobody corrects the position");
+    assert_eq!(acting(0, &all(&profile, state), &off), None, "nobody corrects the position");
     let armed = Arming { armed: true, ..Arming::default() };
-    assert_eq!(acting(&profile, 0, &all(&profile, state), &armed), Micron::new(7.0));
+    assert_eq!(acting(0, &all(&profile, state), &armed), Micron::new(7.0));
 }
 
 fn all(profile: &Profile, state: OutputState) -> Outputs {
-    let mut outputs = Outputs::new(profile);
+    let mut outputs = Outputs::new(&profile.clone().into());
     outputs[0] = state;
     outputs
 }
