@@ -142,7 +142,7 @@ fn counts(words: &[u16]) -> i32 {
 }
 
 /// "… {after}12.3 µm …" in counts of 0.1 µm.
-fn told(line: &str, after: &str) -> Option<i32> {
+fn reported(line: &str, after: &str) -> Option<i32> {
     let number = line.split(after).nth(1)?.split(' ').next()?;
     let micron: f64 = number.replace('−', "-").parse().ok()?;
     #[allow(clippy::cast_possible_truncation, reason = "a few hundred counts")]
@@ -228,7 +228,7 @@ impl Lane {
         let text = said.join("\n");
         for line in said.iter().filter(|line| line.contains("armed, starting from")) {
             self.count.armed += 1;
-            let starts = told(line, "starting from ").unwrap();
+            let starts = reported(line, "starting from ").unwrap();
             assert_eq!(starts, share, "the share that stood there, of {}\n{text}", self.base);
         }
         self.look_at_the_ledger();
@@ -250,7 +250,7 @@ impl Lane {
         self.count.questions += 1;
         let mut gateway = self.run(&self.up);
         let line = gateway.hears_one_of(&[QUESTION, FIRST]);
-        let share = if line.contains(FIRST) { 0 } else { told(&line, "of which ").unwrap() };
+        let share = if line.contains(FIRST) { 0 } else { reported(&line, "of which ").unwrap() };
         self.operator.write(self.base + share);
         self.count_on();
         assert_eq!(self.share, share, "at most one step from the truth: {line}");

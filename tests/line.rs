@@ -188,8 +188,12 @@ fn beyond_the_error_level_the_axis_goes_to_zero_and_stays_off_until_it_is_armed(
         set_bed(1000);
         wait_until(source, "it is off", |status| !status.axes[0].armed && status.axes[0].state == "off");
         assert_eq!(seen.lock().unwrap().words[10..12], [0, 0]);
-        let told = source.status().event_counts;
-        assert_eq!((told.get("beyond-error"), told.get("disarmed")), (Some(&1), Some(&1)), "{told:?}");
+        let reported = source.status().event_counts;
+        assert_eq!(
+            (reported.get("beyond-error"), reported.get("disarmed")),
+            (Some(&1), Some(&1)),
+            "{reported:?}"
+        );
         source.command(Command::Arm).unwrap();
         wait_until(source, "it says why not", |status| status.event_counts.contains_key("arm-refused"));
         set_bed(250);

@@ -185,7 +185,7 @@ struct Seen {
     armed_after: Duration,
     /// Signals that were no longer good, and why.
     spoilt: Vec<String>,
-    told: BTreeMap<String, u64>,
+    reported: BTreeMap<String, u64>,
 }
 
 /// Runs the gateway for this long after every axis is armed.
@@ -197,10 +197,10 @@ fn run(profile: isotherm_profile::Profile, span: Duration) -> Seen {
         let gateway = Gateway::new(profile, &Clock::wall(), options);
         let source = gateway.source();
         let done = tokio::task::spawn_blocking(move || watch(source.as_ref(), span));
-        let (tell, told) = tokio::sync::oneshot::channel();
+        let (tell, reported) = tokio::sync::oneshot::channel();
         let stop = async move { drop(tell.send(done.await)) };
         gateway.run(stop, std::future::ready(())).await;
-        told.await.unwrap().unwrap()
+        reported.await.unwrap().unwrap()
     })
 }
 
@@ -222,7 +222,8 @@ fn watch(source: &dyn Source, span: Duration) -> Seen {
                 seen.spoilt.push(bad);
             }
         }
-        seen.told = status.event_counts.iter().map(|(kind, count)| ((*kind).to_owned(), *count)).collect();
+        seen.reported =
+            status.event_counts.iter().map(|(kind, count)| ((*kind).to_owned(), *count)).collect();
     }
     seen
 }
@@ -232,7 +233,7 @@ fn events(status: &Status) -> Vec<&str> {
 }
 
 /// How often each axis moved, and how old the oldest reading below a move was.
-fn told(machine: &Machine, axes: u16, seen: &Seen) -> Vec<usize> {
+fn reported(machine: &Machine, axes: u16, seen: &Seen) -> Vec<usize> {
     let counts: Vec<usize> =
         (0..axes).map(|axis| machine.moves.iter().filter(|one| one.axis == axis).count()).collect();
     let old = machine.moves.iter().filter(|one| one.age > MAX_AGE + ON_THE_WAY).count();
@@ -264,7 +265,7 @@ fn sixty_axes_on_the_sensors_own_line_move_on_fresh_readings_only() {
     let machine = Machine::new(None);
     let seen = run(profile(serve(&machine), AXES, "10s"), Duration::from_secs(45));
     let machine = machine.lock().unwrap();
-    let counts = told(&machine, AXES, &seen);
+    let counts = reported(&machine, AXES, &seen);
     assert!(counts.iter().all(|count| *count >= 2), "{counts:?}");
     nothing_rests_on_old_readings(&machine, &seen);
 }
@@ -274,7 +275,7 @@ fn an_axis_whose_writes_are_refused_keeps_no_other_from_its_moves() {
     let machine = Machine::new(Some(1));
     let seen = run(profile(serve(&machine), 4, "2s"), Duration::from_secs(16));
     let machine = machine.lock().unwrap();
-    let counts = told(&machine, 4, &seen);
+    let counts = reported(&machine, 4, &seen);
     assert_eq!(counts[1], 0, "{counts:?}");
     assert!(machine.refusals >= 2, "it was tried {} times", machine.refusals);
     for other in [0, 2, 3] {

@@ -122,9 +122,9 @@ impl Lane {
     }
 
     /// How often it says that it stood still: to a program that asks, and on stderr once it has ended.
-    fn has_told(&mut self) -> (u64, usize) {
+    fn has_reported(&mut self) -> (u64, usize) {
         let status = status(&self.page);
-        let told = status["event_counts"]["stood-still"].as_u64().unwrap_or_default();
+        let reported = status["event_counts"]["stood-still"].as_u64().unwrap_or_default();
         if status.is_null() {
             self.wrong.push("its page does not answer".to_owned());
         }
@@ -135,15 +135,15 @@ impl Lane {
         if !exit.success() {
             self.wrong.push(format!("it ended with {exit}"));
         }
-        (told, self.program.said.iter().filter(|line| line.contains("stood still")).count())
+        (reported, self.program.said.iter().filter(|line| line.contains("stood still")).count())
     }
 
     /// Everything that was wrong, a line each.
     fn end(mut self) -> Vec<String> {
-        let (told, said) = self.has_told();
-        if (told, u64::try_from(said).unwrap()) != (self.stood_still, self.stood_still) {
+        let (reported, said) = self.has_reported();
+        if (reported, u64::try_from(said).unwrap()) != (self.stood_still, self.stood_still) {
             let times = self.stood_still;
-            self.wrong.push(format!("it stood still {times} times, counts {told} and has told {said}"));
+            self.wrong.push(format!("it stood still {times} times, counts {reported} and has told {said}"));
         }
         let seen = self.device.state().seen.clone();
         self.wrong.extend(device::acted_wrongly(&seen, MAX_AGE));

@@ -48,10 +48,10 @@ impl Computer {
             let gateway = Gateway::new(profile, &clock, Options::default());
             let computer = Computer { device, source: gateway.source(), slept };
             let done = tokio::task::spawn_blocking(move || script(&computer));
-            let (tell, told) = tokio::sync::oneshot::channel();
+            let (tell, reported) = tokio::sync::oneshot::channel();
             let stop = async move { drop(tell.send(done.await)) };
             gateway.run(stop, std::future::ready(())).await;
-            told.await.unwrap().unwrap();
+            reported.await.unwrap().unwrap();
         });
     }
 
@@ -63,8 +63,8 @@ impl Computer {
     fn arrives(&self, at: i16) {
         self.device.asks(at);
         let arrived = self.device.wait(PATIENCE, |state: &State| (state.offset() == at).then_some(()));
-        let told: Vec<_> = self.source.status().events.into_iter().map(|event| event.text).collect();
-        assert!(arrived.is_some(), "stands at {} and not at {at}: {told:#?}", self.device.offset());
+        let reported: Vec<_> = self.source.status().events.into_iter().map(|event| event.text).collect();
+        assert!(arrived.is_some(), "stands at {} and not at {at}: {reported:#?}", self.device.offset());
     }
 
     /// After it woke: nothing of before was acted upon, it is told once, and the axis goes where it is asked to.
@@ -78,8 +78,8 @@ impl Computer {
         assert!(wrong.is_empty(), "{wrong:#?}");
         let status = self.source.status();
         assert_eq!(status.event_counts.get("stood-still"), Some(&1), "{:?}", status.event_counts);
-        let told = status.events.iter().find(|event| event.text.contains("stood still for 6"));
-        assert!(told.is_some(), "{:?}", status.events);
+        let reported = status.events.iter().find(|event| event.text.contains("stood still for 6"));
+        assert!(reported.is_some(), "{:?}", status.events);
     }
 }
 

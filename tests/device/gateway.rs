@@ -21,10 +21,10 @@ pub(crate) fn beside(
         let source = gateway.source();
         let seen = source.clone();
         let done = tokio::task::spawn_blocking(move || script(seen.as_ref()));
-        let (tell, told) = tokio::sync::oneshot::channel();
+        let (tell, reported) = tokio::sync::oneshot::channel();
         let stop = async move { drop(tell.send(done.await)) };
         gateway.run(stop, std::future::pending()).await;
-        told.await.unwrap().unwrap();
+        reported.await.unwrap().unwrap();
         source.status()
     })
 }
@@ -51,6 +51,6 @@ pub(crate) fn events(status: &Status) -> Vec<&str> {
 }
 
 /// How often it has told this.
-pub(crate) fn told(status: &Status, kind: &str) -> u64 {
+pub(crate) fn reported(status: &Status, kind: &str) -> u64 {
     status.event_counts.get(kind).copied().unwrap_or_default()
 }

@@ -16,14 +16,14 @@ pub(crate) fn others_went_on(trace: &Trace) {
     assert_eq!(trace.states_between(285, 300), ["active"], "{}", trace.lines());
     let shown = trace.writes("readout_z");
     assert!(shown.len() > 270, "the readout was written {} times in five minutes", shown.len());
-    assert_eq!(trace.told("task-failed") + trace.told("disarmed") + trace.told("interlocked"), 0);
+    assert_eq!(trace.reported("task-failed") + trace.reported("disarmed") + trace.reported("interlocked"), 0);
 }
 
 pub(crate) fn one_line_each_way(trace: &Trace, dies: &str, returns: &str) {
-    assert_eq!((trace.told(dies), trace.told(returns)), (1, 1), "{}", trace.lines());
+    assert_eq!((trace.reported(dies), trace.reported(returns)), (1, 1), "{}", trace.lines());
     let silent = ["link-down", "link-up", "device-lost", "device-back", "signal-bad", "signal-good"];
     for kind in silent.into_iter().filter(|kind| *kind != dies && *kind != returns) {
-        assert_eq!(trace.told(kind), 0, "{kind}\n{}", trace.lines());
+        assert_eq!(trace.reported(kind), 0, "{kind}\n{}", trace.lines());
     }
 }
 
@@ -68,7 +68,7 @@ fn a_cnc_that_is_killed_and_comes_back_is_written_again_from_what_stands_in_it()
     );
     law::holds(&trace);
     one_line_each_way(&trace, "link-down", "link-up");
-    assert_eq!(trace.told("interlocked") + trace.told("cnc-restarted"), 0, "{}", trace.lines());
+    assert_eq!(trace.reported("interlocked") + trace.reported("cnc-restarted"), 0, "{}", trace.lines());
     let states = trace.states_between(50, 300);
     assert_eq!(states[..3], ["active", "holding", "ramping"], "{}", trace.lines());
     assert_eq!(trace.states_between(200, 300), ["active"], "{}", trace.lines());
@@ -88,8 +88,8 @@ fn a_cnc_that_loses_its_power_ramps_in_again() {
         at = \"100s\"";
     let trace = bench(faults, 5 * MINUTE);
     law::holds(&trace);
-    assert_eq!((trace.told("link-down"), trace.told("link-up")), (1, 1), "{}", trace.lines());
-    assert_eq!(trace.told("cnc-restarted"), 1, "{}", trace.lines());
+    assert_eq!((trace.reported("link-down"), trace.reported("link-up")), (1, 1), "{}", trace.lines());
+    assert_eq!(trace.reported("cnc-restarted"), 1, "{}", trace.lines());
     let after: Vec<f64> = trace
         .writes("cnc_z")
         .into_iter()
@@ -113,7 +113,7 @@ fn late_replies_never_become_readings_and_those_of_before_serve_meanwhile() {
 fn one_late_reply_is_counted_and_not_told() {
     let trace = thermocouples("kind = \"late\"\ndelay = \"170ms\"\nfor = 1");
     others_went_on(&trace);
-    assert_eq!(trace.told("device-lost") + trace.told("device-back"), 0, "{}", trace.lines());
+    assert_eq!(trace.reported("device-lost") + trace.reported("device-back"), 0, "{}", trace.lines());
     let failures = &trace.samples.last().unwrap().status.devices[0].failures;
     assert!(failures["timeout"] >= 1, "{failures:?}");
     assert_eq!(trace.qualities("bed", 5, 300), ["good"]);
@@ -158,8 +158,8 @@ fn a_device_that_answers_exceptions_makes_its_signals_bad_by_that_name() {
     let trace = thermocouples("kind = \"exception\"\ncode = 4\nfor_time = \"60s\"");
     others_went_on(&trace);
     assert_eq!(trace.qualities("bed", 55, 300), ["good", "exception", "good"], "{}", trace.lines());
-    assert_eq!((trace.told("signal-bad"), trace.told("signal-good")), (2, 2), "{}", trace.lines());
-    assert_eq!(trace.told("device-lost") + trace.told("link-down"), 0, "{}", trace.lines());
+    assert_eq!((trace.reported("signal-bad"), trace.reported("signal-good")), (2, 2), "{}", trace.lines());
+    assert_eq!(trace.reported("device-lost") + trace.reported("link-down"), 0, "{}", trace.lines());
 }
 
 fn is_never_believed(kind: &str, quality: &[&str]) {
@@ -219,7 +219,7 @@ fn a_half_open_connection_is_given_up_after_one_timeout_and_costs_no_reading() {
     assert_eq!(trace.qualities("bed", 5, 300), ["good"], "{}", trace.lines());
     // An RTU line is opened again at the second miss, which is told.
     let lost = usize::from(speaks_rtu(&trace.profile));
-    assert_eq!((trace.told("device-lost"), trace.told("link-down")), (lost, 0), "{}", trace.lines());
+    assert_eq!((trace.reported("device-lost"), trace.reported("link-down")), (lost, 0), "{}", trace.lines());
 }
 
 #[test]
@@ -280,7 +280,7 @@ fn a_device_that_comes_and_goes_writes_no_line_per_poll() {
         .collect();
     let trace = bench(&faults, 12 * MINUTE);
     law::holds(&trace);
-    assert!(trace.told("device-lost") >= 1, "{}", trace.lines());
-    let lines = trace.told("device-lost") + trace.told("device-back");
+    assert!(trace.reported("device-lost") >= 1, "{}", trace.lines());
+    let lines = trace.reported("device-lost") + trace.reported("device-back");
     assert!(lines <= 4, "{lines} lines in ten minutes\n{}", trace.lines());
 }

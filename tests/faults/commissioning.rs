@@ -64,7 +64,7 @@ fn set(register: &str, word: u16, at: &str) -> String {
     format!("kind = \"register\"\nregister = \"{register}\"\nwords = [{word}]\nat = \"{at}\"")
 }
 
-fn told<'t>(trace: &'t Trace, kind: &str) -> Vec<&'t str> {
+fn reported<'t>(trace: &'t Trace, kind: &str) -> Vec<&'t str> {
     trace.events.iter().filter(|event| event.kind == kind).map(|event| event.text.as_str()).collect()
 }
 
@@ -87,7 +87,7 @@ fn a_module_that_is_set_as_expected_is_armed_and_its_checks_are_read_once() {
         (1, 1, 1),
         "format, broken wires, type of channel 2"
     );
-    assert_eq!(trace.told("not-as-expected") + trace.told("as-expected"), 0);
+    assert_eq!(trace.reported("not-as-expected") + trace.reported("as-expected"), 0);
 }
 
 #[test]
@@ -96,12 +96,12 @@ fn a_module_in_the_wrong_format_is_not_armed_and_what_to_do_is_told_once() {
     assert_eq!(trace.states(), ["off"], "{}", trace.lines());
     assert_eq!(writes(&trace), 0);
     for kind in ["not-as-expected", "arm-refused"] {
-        let told = told(&trace, kind);
-        assert_eq!(told.len(), 1, "{}", trace.lines());
+        let reported = reported(&trace, kind);
+        assert_eq!(reported.len(), 1, "{}", trace.lines());
         for words in
             ["coil:268 (00269) reads 0 instead of 1", "engineering units", "set coil 268 (00269) to 1"]
         {
-            assert!(told[0].contains(words), "`{words}` is not in: {}", told[0]);
+            assert!(reported[0].contains(words), "`{words}` is not in: {}", reported[0]);
         }
     }
     assert_eq!(trace.qualities("bed", 10, 110), ["not-as-expected"], "what it sends is not believed");
@@ -117,7 +117,7 @@ fn every_mismatch_is_told_at_once_and_putting_them_right_arms() {
     let right = [set("coil:275", 1, "60s"), set("holding:258", 15, "62s")];
     let all: Vec<&str> = wrong.iter().chain(&right).map(String::as_str).collect();
     let trace = module(&all);
-    let first = told(&trace, "not-as-expected")[0];
+    let first = reported(&trace, "not-as-expected")[0];
     for words in [
         "coil:275 (00276) reads 0 instead of 1",
         "holding:258 (40259) reads 14 instead of 15 (type code of channel 2)",
@@ -125,7 +125,7 @@ fn every_mismatch_is_told_at_once_and_putting_them_right_arms() {
         assert!(first.contains(words), "`{words}` is not in: {first}");
     }
     assert_eq!(trace.states_between(0, 58), ["off"], "{}", trace.lines());
-    assert_eq!(trace.told("as-expected"), 1, "{}", trace.lines());
+    assert_eq!(trace.reported("as-expected"), 1, "{}", trace.lines());
     assert_eq!(trace.states_between(75, 118), ["active"], "{}", trace.lines());
 }
 
@@ -134,7 +134,7 @@ fn a_module_that_comes_back_set_otherwise_is_not_believed_and_the_axis_takes_its
     let silent = "kind = \"silent\"\nat = \"60s\"\nfor_time = \"3s\"";
     let trace = module(&[silent, &set("coil:268", 0, "61s")]);
     assert_eq!(trace.states_between(30, 59), ["active"], "{}", trace.lines());
-    assert_eq!(trace.told("not-as-expected"), 1, "{}", trace.lines());
+    assert_eq!(trace.reported("not-as-expected"), 1, "{}", trace.lines());
     assert_eq!(trace.states_between(65, 118), ["holding", "ramping", "zeroed"], "{}", trace.lines());
     assert_eq!(trace.qualities("bed", 75, 118), ["not-as-expected"], "{}", trace.lines());
 }
@@ -142,7 +142,7 @@ fn a_module_that_comes_back_set_otherwise_is_not_believed_and_the_axis_takes_its
 #[test]
 fn a_check_that_the_device_cannot_answer_is_told_with_its_remedy() {
     let trace = module(&["kind = \"exception\"\ncode = 2\nfor = 1"]);
-    let first = told(&trace, "not-as-expected")[0];
+    let first = reported(&trace, "not-as-expected")[0];
     for words in ["cannot be read: exception 2 (illegal data address)", "set coil 267"] {
         assert!(first.contains(words), "`{words}` is not in: {first}");
     }

@@ -54,7 +54,7 @@ fn a_counter_that_is_set_anew_is_told_as_that_and_is_believed_at_its_new_place()
         "[[fault]]\ndevice = \"counter\"\nat = \"30s\"\nkind = \"value\"\nsignal = \"scale_z\"\nvalue = 499.0\nfor_time = \"60s\"\n",
     );
     law::holds(&trace);
-    assert_eq!(trace.told("rereferenced"), 2, "there and back\n{}", trace.lines());
+    assert_eq!(trace.reported("rereferenced"), 2, "there and back\n{}", trace.lines());
     assert_eq!(shown(&trace, 60, 80).first(), Some(&499.0), "{}", trace.lines());
     let states = trace.states_between(20, 120);
     assert_eq!(states, ["active"], "the axis goes on\n{}", trace.lines());

@@ -70,7 +70,7 @@ fn ten_hours_of_every_fault_and_not_one_bad_write() {
     });
     println!("{} requests, {} lines told", trace.wire.len(), trace.events.len());
     law::holds(&trace);
-    assert_eq!(trace.told("disarmed") + trace.told("task-failed"), 0, "{}", trace.lines());
+    assert_eq!(trace.reported("disarmed") + trace.reported("task-failed"), 0, "{}", trace.lines());
     let end = HOURS * 3600;
     assert_eq!(trace.states_between(end - 300, end), ["active"], "{}", trace.lines());
     assert!(trace.outcome.rested && !trace.outcome.failed, "{:?}", trace.outcome);

@@ -100,14 +100,14 @@ fn a_value_is_written_strobed_acknowledged_and_only_then_believed() {
 #[test]
 fn an_acknowledge_that_does_not_come_is_told_and_the_axis_holds_until_it_does() {
     let trace = cut(&cnc("no-acknowledge", 60, 20));
-    let told = texts(&trace, "acknowledge-missing");
+    let reported = texts(&trace, "acknowledge-missing");
     assert_eq!(
-        told,
+        reported,
         ["acknowledge of output cnc_z did not come within 500 ms (discrete:20)"],
         "{}",
         trace.lines()
     );
-    assert_eq!(trace.told("verified"), 1, "{}", trace.lines());
+    assert_eq!(trace.reported("verified"), 1, "{}", trace.lines());
     assert_eq!(trace.states_between(55, 120), ["active", "holding", "active"], "{}", trace.lines());
     let mut tried: Vec<String> = trace
         .writes("cnc_z")
@@ -132,7 +132,7 @@ fn an_acknowledge_that_is_lost_on_the_way_in_costs_no_step_when_it_comes_back() 
     for at in [6, 7, 8, 9] {
         for seconds in [10, 60] {
             let trace = cut(&cnc("no-acknowledge", at, seconds));
-            assert_eq!(trace.told("acknowledge-missing"), 1, "{}", trace.lines());
+            assert_eq!(trace.reported("acknowledge-missing"), 1, "{}", trace.lines());
             assert_eq!(trace.states().contains(&"ramping"), seconds == 60, "{}", trace.lines());
         }
     }
@@ -141,9 +141,9 @@ fn an_acknowledge_that_is_lost_on_the_way_in_costs_no_step_when_it_comes_back() 
 #[test]
 fn an_acknowledge_that_does_not_drop_is_told_and_nothing_is_written_while_it_is_up() {
     let trace = cut(&cnc("stuck-acknowledge", 60, 20));
-    let told = texts(&trace, "acknowledge-stuck");
+    let reported = texts(&trace, "acknowledge-stuck");
     assert_eq!(
-        told,
+        reported,
         ["acknowledge of output cnc_z did not drop within 500 ms after the strobe (discrete:20)"],
         "{}",
         trace.lines()
@@ -174,9 +174,9 @@ fn a_slow_acknowledge_inside_the_timeout_is_waited_for_and_one_beyond_is_not() {
     let late = |delay: &str| cnc("late-acknowledge", 30, 60) + &format!("delay = \"{delay}\"\n");
     let trace = cut(&late("400ms"));
     assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
-    assert_eq!(trace.told("acknowledge-missing"), 0, "{}", trace.lines());
+    assert_eq!(trace.reported("acknowledge-missing"), 0, "{}", trace.lines());
     let trace = cut(&late("900ms"));
-    assert_eq!(trace.told("acknowledge-missing"), 1, "{}", trace.lines());
+    assert_eq!(trace.reported("acknowledge-missing"), 1, "{}", trace.lines());
     assert!(trace.states_between(30, 90).contains(&"holding"), "{}", trace.lines());
 }
 
@@ -190,7 +190,7 @@ fn the_line_serves_other_devices_while_it_waits() {
     let late = cnc("late-acknowledge", 0, 120) + "delay = \"400ms\"\n";
     let trace = run(&shaken().replace(module, beside), &late, MINUTE);
     holds(&trace);
-    assert_eq!(trace.told("acknowledge-missing") + trace.told("overrun"), 0, "{}", trace.lines());
+    assert_eq!(trace.reported("acknowledge-missing") + trace.reported("overrun"), 0, "{}", trace.lines());
     let read: Vec<f64> =
         (trace.wire.iter().filter(|seen| seen.address.register().unwrap().table == Table::Input))
             .map(|seen| trace.seconds(seen.at))
@@ -264,9 +264,12 @@ fn refusing(from: u32, times: u32, kind: fn(&Request<'_>) -> bool) -> Trace {
 #[test]
 fn a_strobe_that_cannot_be_raised_is_told() {
     let trace = refusing(5, 5, |request| matches!(request, Request::WriteCoil { value: true, .. }));
-    let told = texts(&trace, "strobe-not-written");
-    assert_eq!(told.len(), 1, "{}", trace.lines());
-    assert!(told[0].starts_with("strobe of output cnc_z could not be written (coil:20): "), "{told:?}");
+    let reported = texts(&trace, "strobe-not-written");
+    assert_eq!(reported.len(), 1, "{}", trace.lines());
+    assert!(
+        reported[0].starts_with("strobe of output cnc_z could not be written (coil:20): "),
+        "{reported:?}"
+    );
 }
 
 #[test]
@@ -283,9 +286,12 @@ fn a_strobe_that_cannot_be_dropped_is_told_and_dropped_as_soon_as_that_is_possib
     });
     law::holds(&trace);
     law::nothing_taken_jumps(&trace);
-    let told = texts(&trace, "strobe-not-dropped");
-    assert_eq!(told.len(), 1, "{}", trace.lines());
-    assert!(told[0].starts_with("strobe of output cnc_z could not be dropped (coil:20): "), "{told:?}");
+    let reported = texts(&trace, "strobe-not-dropped");
+    assert_eq!(reported.len(), 1, "{}", trace.lines());
+    assert!(
+        reported[0].starts_with("strobe of output cnc_z could not be dropped (coil:20): "),
+        "{reported:?}"
+    );
     assert_eq!(trace.states_between(150, 180), ["active"], "{}", trace.lines());
     let last = trace.wire.iter().rfind(|seen| seen.is_write() && seen.address == STROBE.into()).unwrap();
     assert_eq!(last.wanted, [0]);
@@ -295,9 +301,12 @@ fn a_strobe_that_cannot_be_dropped_is_told_and_dropped_as_soon_as_that_is_possib
 fn an_acknowledge_that_cannot_be_read_is_told() {
     let asks = |request: &Request<'_>| matches!(request, Request::Read { from: ACKNOWLEDGE, .. });
     let trace = refusing(30, 6, asks);
-    let told = texts(&trace, "acknowledge-not-read");
-    assert_eq!(told.len(), 1, "{}", trace.lines());
-    assert!(told[0].starts_with("acknowledge of output cnc_z could not be read (discrete:20): "), "{told:?}");
+    let reported = texts(&trace, "acknowledge-not-read");
+    assert_eq!(reported.len(), 1, "{}", trace.lines());
+    assert!(
+        reported[0].starts_with("acknowledge of output cnc_z could not be read (discrete:20): "),
+        "{reported:?}"
+    );
 }
 
 #[test]
@@ -311,7 +320,7 @@ fn a_cnc_that_dies_in_the_middle_of_a_handshake_is_taken_up_again_without_a_jump
         law::holds(&trace);
         law::nothing_taken_jumps(&trace);
         assert_eq!(trace.states_between(90, 120), ["active"], "{}", trace.lines());
-        assert_eq!(trace.told("foreign-change") + trace.told("disarmed"), 0, "{}", trace.lines());
+        assert_eq!(trace.reported("foreign-change") + trace.reported("disarmed"), 0, "{}", trace.lines());
     }
 }
 
@@ -370,7 +379,7 @@ fn a_panic_in_the_middle_of_a_handshake_leaves_no_strobe_up() {
                 world.gateway().options(|options| options.dialer = dialer).run(MINUTE).await
             });
             holds(&trace);
-            assert_eq!(trace.told("task-failed"), 1, "{}", trace.lines());
+            assert_eq!(trace.reported("task-failed"), 1, "{}", trace.lines());
             assert!(trace.outcome.failed && trace.outcome.rested, "{:?}\n{}", trace.outcome, trace.lines());
         }
     }

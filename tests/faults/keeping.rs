@@ -45,7 +45,7 @@ fn with_a_state_directory_that_is_a_file_the_first_write_waits_for_what_may_stil
     let (at_once, waited) = (first(&without), first(&with));
     assert!(at_once < 5.0 && (30.0..33.0).contains(&waited), "{at_once} {waited}");
     assert_eq!(
-        with.told("not-kept"),
+        with.reported("not-kept"),
         5,
         "state not read; state, both logs and what was sent last not kept, once each\n{}",
         with.lines()
@@ -59,7 +59,7 @@ fn a_full_disk_changes_nothing_on_the_bus_and_is_told_once() {
     std::os::unix::fs::symlink("/dev/full", &log).unwrap();
     let (without, with) = (run_with(None), run_with(Some(directory.path())));
     same_on_the_wire(&without, &with);
-    assert_eq!(with.told("not-kept"), 1, "{}", with.lines());
+    assert_eq!(with.reported("not-kept"), 1, "{}", with.lines());
     assert!(directory.path().join("bench.state.json").exists());
 }
 

@@ -99,7 +99,12 @@ fn the_share_walks_in_on_top_of_what_the_operator_has_and_leaves_it_behind() {
     near(base, BASE);
     assert!(share > 5.0, "{share}\n{}", trace.lines());
     assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
-    assert_eq!((trace.told("ledger-opened"), trace.told("operator-change")), (1, 0), "{}", trace.lines());
+    assert_eq!(
+        (trace.reported("ledger-opened"), trace.reported("operator-change")),
+        (1, 0),
+        "{}",
+        trace.lines()
+    );
     assert!(trace.outcome.rested, "{:?}", trace.outcome);
     near(left(&trace), BASE);
     assert!(trace.outcome.left.contains("cnc_z holds 0.0 µm of ours"), "{:?}", trace.outcome);
@@ -116,8 +121,8 @@ fn a_steady_share_is_looked_at_and_not_written_again() {
 fn an_operators_edit_is_kept_and_told_and_the_axis_goes_on_with_its_share() {
     let trace = run(&joint(), &(at_start() + &register(3000, "60s")), 3 * MINUTE);
     let share = shares(&trace, 58).1;
-    assert_eq!(trace.told("operator-change"), 1, "{}", trace.lines());
-    assert_eq!(trace.told("foreign-change") + trace.told("disarmed"), 0, "{}", trace.lines());
+    assert_eq!(trace.reported("operator-change"), 1, "{}", trace.lines());
+    assert_eq!(trace.reported("foreign-change") + trace.reported("disarmed"), 0, "{}", trace.lines());
     let (base, now) = shares(&trace, 75);
     // The edit said what the whole register shall be.
     near(base + share, 300.0);
@@ -143,7 +148,12 @@ fn an_operators_edit_while_nobody_looks_is_his_when_the_gateway_is_back() {
     let share = left(&traces[0]) - BASE;
     assert!((5.0..=12.0).contains(&share), "{share}\n{}", traces[0].lines());
     let again = &traces[1];
-    assert_eq!((again.told("operator-change"), again.told("ledger-opened")), (1, 0), "{}", again.lines());
+    assert_eq!(
+        (again.reported("operator-change"), again.reported("ledger-opened")),
+        (1, 0),
+        "{}",
+        again.lines()
+    );
     assert!(again.lines().contains(&format!("armed, starting from {share:.1}")), "{}", again.lines());
     near(shares(again, 30).0, 300.0 - share);
 }
@@ -162,13 +172,18 @@ fn a_restart_finds_the_share_that_is_there_and_neither_doubles_nor_drops_it() {
         let from = format!("armed, starting from {:.1} µm", left(&pair[0]) - BASE);
         assert!(pair[1].lines().contains(&from), "{from}\n{}", pair[1].lines());
     }
-    assert_eq!(traces.iter().map(|trace| trace.told("ledger-opened")).sum::<usize>(), 1);
+    assert_eq!(traces.iter().map(|trace| trace.reported("ledger-opened")).sum::<usize>(), 1);
 }
 
 #[test]
 fn a_restarted_cnc_has_lost_both_parts_and_the_share_walks_in_again() {
     let trace = run(&joint(), &(at_start() + &cnc("kind = \"restart\"\nat = \"60s\"")), 3 * MINUTE);
-    assert_eq!((trace.told("cnc-restarted"), trace.told("operator-change")), (1, 0), "{}", trace.lines());
+    assert_eq!(
+        (trace.reported("cnc-restarted"), trace.reported("operator-change")),
+        (1, 0),
+        "{}",
+        trace.lines()
+    );
     let after = writes(&trace, 61, 180);
     assert!(after[0] <= 1.0 && shares(&trace, 170).1 > 5.0, "{after:?}");
     near(shares(&trace, 170).0, 0.0);
@@ -180,8 +195,13 @@ fn what_an_operator_enters_before_a_restart_is_seen_is_a_question_where_the_boot
     let restart = cnc("kind = \"restart\"\nat = \"60500ms\"");
     let faults = at_start() + &restart + &register(2000, "60500ms");
     let trace = run(&counted, &faults, 2 * MINUTE);
-    assert_eq!((trace.told("cnc-booted"), trace.told("operator-change")), (1, 0), "{}", trace.lines());
-    assert_eq!(trace.told("ledger-doubt"), 1, "{}", trace.lines());
+    assert_eq!(
+        (trace.reported("cnc-booted"), trace.reported("operator-change")),
+        (1, 0),
+        "{}",
+        trace.lines()
+    );
+    assert_eq!(trace.reported("ledger-doubt"), 1, "{}", trace.lines());
     assert_eq!(writes(&trace, 61, 119), [0.0; 0], "nothing is written while it is in question");
 }
 
@@ -189,8 +209,8 @@ fn what_an_operator_enters_before_a_restart_is_seen_is_a_question_where_the_boot
 fn a_cnc_that_ignores_writes_is_no_operator() {
     let faults = at_start() + &cnc("kind = \"ignored-write\"\nat = \"8s\"\nfor_time = \"20s\"");
     let trace = run(&joint(), &faults, 2 * MINUTE);
-    assert_eq!((trace.told("verify-failed"), trace.told("verified")), (1, 1), "{}", trace.lines());
-    assert_eq!(trace.told("operator-change") + trace.told("ledger-doubt"), 0, "{}", trace.lines());
+    assert_eq!((trace.reported("verify-failed"), trace.reported("verified")), (1, 1), "{}", trace.lines());
+    assert_eq!(trace.reported("operator-change") + trace.reported("ledger-doubt"), 0, "{}", trace.lines());
     assert_eq!(trace.states_between(12, 27), ["holding"], "{}", trace.lines());
     near(shares(&trace, 110).0, BASE);
 }
@@ -205,7 +225,7 @@ fn an_overflow_of_the_sum_cuts_the_change_and_loses_nothing() {
     let fault = "[[fault]]\ndevice = \"cnc\"\nkind = \"register\"\nregister = \"holding:104\"\nwords = [32740]\nat = \"0s\"\n";
     let directory = tempfile::tempdir().unwrap();
     let trace = runs(&text, fault, directory.path(), &[2 * MINUTE]).remove(0);
-    assert_eq!(trace.told("saturated"), 1, "{}", trace.lines());
+    assert_eq!(trace.reported("saturated"), 1, "{}", trace.lines());
     let (base, share) = shares(&trace, 100);
     near(base, 3274.0);
     near(share, 2.7);
@@ -232,8 +252,8 @@ fn a_disk_that_takes_no_ledger_keeps_its_output_unwritten_and_changes_nothing_fo
     fs::create_dir(directory.path().join("bench.ledger.json")).unwrap();
     let trace = runs(&joint(), &at_start(), directory.path(), &[2 * MINUTE]).remove(0);
     assert_eq!(trace.writes("cnc_z").len(), 0, "{}", trace.lines());
-    assert!(trace.told("not-kept") >= 1 && trace.told("not-kept") <= 2, "{}", trace.lines());
-    assert_eq!(trace.told("ledger-doubt"), 1, "{}", trace.lines());
+    assert!(trace.reported("not-kept") >= 1 && trace.reported("not-kept") <= 2, "{}", trace.lines());
+    assert_eq!(trace.reported("ledger-doubt"), 1, "{}", trace.lines());
     assert!(trace.beats().len() > 100);
     near(left(&trace), BASE);
 }
@@ -272,7 +292,7 @@ fn a_disk_that_fails_later_stops_the_writing_and_the_axis_says_so_until_it_works
     assert_eq!(trace.states_between(120, 170), ["active"], "{}", trace.lines());
     near(shares(&trace, 170).0, BASE);
     near(left(&trace), BASE);
-    assert!(trace.told("not-kept") <= 4 && trace.told("kept-again") >= 1, "{}", trace.lines());
+    assert!(trace.reported("not-kept") <= 4 && trace.reported("kept-again") >= 1, "{}", trace.lines());
 }
 
 #[test]
@@ -287,7 +307,12 @@ fn a_spoilt_ledger_is_a_question_and_a_person_answers_it() {
     });
     law::holds(&trace);
     assert_eq!(writes(&trace, 0, 59), [0.0; 0], "{}", trace.lines());
-    assert_eq!((trace.told("ledger-doubt"), trace.told("ledger-opened")), (1, 1), "{}", trace.lines());
+    assert_eq!(
+        (trace.reported("ledger-doubt"), trace.reported("ledger-opened")),
+        (1, 1),
+        "{}",
+        trace.lines()
+    );
     assert_eq!(trace.states_between(70, 170), ["active"], "{}", trace.lines());
     near(shares(&trace, 170).0, BASE);
     let aside = fs::read_to_string(directory.path().join("bench.ledger.json.bad"));

@@ -50,7 +50,7 @@ fn a_dead_unit_costs_the_live_ones_on_its_line_one_timeout_per_breaker_window() 
     assert!(dead.len() <= 32, "{} timeouts in ten minutes: {pauses:?}", dead.len());
     assert!(lost <= dead.len(), "{lost} polls lost for {} timeouts", dead.len());
     assert_eq!(trace.qualities("scale_z", 5, 660), ["good"], "{}", trace.lines());
-    assert_eq!((trace.told("device-lost"), trace.told("link-down")), (1, 0), "{}", trace.lines());
+    assert_eq!((trace.reported("device-lost"), trace.reported("link-down")), (1, 0), "{}", trace.lines());
     // The connection that a dead unit costs is made anew for the others at once.
     assert!(trace.beats().len() > 600, "{}", trace.beats().len());
 }

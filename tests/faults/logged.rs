@@ -129,7 +129,7 @@ fn a_register_that_an_operator_writes_to_as_well_comes_out_again() {
     });
     let traces = runs(&text, &faults.concat(), directory.path(), &[2 * MINUTE, MINUTE]);
     traces.iter().for_each(law::holds);
-    assert_eq!(traces[0].told("operator-change"), 1, "{}", traces[0].lines());
+    assert_eq!(traces[0].reported("operator-change"), 1, "{}", traces[0].lines());
     let (_, text) = again(directory.path());
     has(&text, &["cnc_z,armed-by-person,", "cnc_z,kept,", ",keep,", ",write,", "\"\"is_shared\"\":true"]);
 }
@@ -170,10 +170,10 @@ fn a_row_that_was_changed_is_told_with_file_line_output_and_both_actions() {
     let output = &summary.outputs["cnc_z"];
     let first = output.first.as_ref().unwrap();
     assert_eq!((output.differing, first.line), (1, u64::try_from(place).unwrap() + 1));
-    let told = summary.to_string();
+    let reported = summary.to_string();
     let place = format!("first in {}, line {}: it is `write 11 until ", log.display(), first.line);
-    assert!(told.contains("output cnc_z: 1 of ") && told.contains(&place), "{told}");
-    assert!(told.contains("in the log, `write 10 until "), "{told}");
+    assert!(reported.contains("output cnc_z: 1 of ") && reported.contains(&place), "{reported}");
+    assert!(reported.contains("in the log, `write 10 until "), "{reported}");
 }
 
 #[test]

@@ -62,7 +62,7 @@ fn an_open_interlock_keeps_the_register_and_the_axis_waits_however_long_it_takes
     law::holds(&trace);
     assert_eq!(values(&trace, "cnc_z", 62.0, 179.0).len(), 0);
     assert_eq!(trace.states_between(50, 300), ["active", "holding", "active"], "{}", trace.lines());
-    assert_eq!((trace.told("interlocked"), trace.told("released")), (1, 1), "{}", trace.lines());
+    assert_eq!((trace.reported("interlocked"), trace.reported("released")), (1, 1), "{}", trace.lines());
     let polls = trace.wire.iter().filter(|seen| !seen.is_write()).count();
     assert!(polls < 1800, "{polls} reads in five minutes");
 }
@@ -82,7 +82,7 @@ fn a_register_changed_behind_an_open_interlock_is_a_foreign_change() {
         + &cnc("kind = \"register\"\nregister = \"holding:104\"\nwords = [0, 900]\nat = \"90s\"");
     let trace = bench(&faults, 5 * MINUTE);
     law::holds(&trace);
-    assert_eq!(trace.told("foreign-change"), 1, "{}", trace.lines());
+    assert_eq!(trace.reported("foreign-change"), 1, "{}", trace.lines());
     assert_eq!(values(&trace, "cnc_z", 91.0, 300.0).len(), 0, "beyond the limit nothing is written");
 }
 
@@ -94,7 +94,7 @@ fn a_foreign_change_is_left_alone_and_the_axis_is_off_until_a_person_arms_it() {
         world.gateway().command(2 * MINUTE, Command::Arm).run(4 * MINUTE).await
     });
     law::holds(&trace);
-    assert_eq!((trace.told("foreign-change"), trace.told("disarmed")), (1, 1), "{}", trace.lines());
+    assert_eq!((trace.reported("foreign-change"), trace.reported("disarmed")), (1, 1), "{}", trace.lines());
     assert_eq!(values(&trace, "cnc_z", 75.0, 119.0).len(), 0);
     assert_eq!(trace.states_between(80, 240), ["off", "active"], "{}", trace.lines());
     let after = values(&trace, "cnc_z", 120.0, 240.0);
@@ -105,8 +105,8 @@ fn a_foreign_change_is_left_alone_and_the_axis_is_off_until_a_person_arms_it() {
 fn a_restarted_cnc_ramps_in_again_and_neither_register_nor_readout_jumps() {
     let trace = bench(&cnc("kind = \"restart\"\nat = \"60s\""), 3 * MINUTE);
     law::holds(&trace);
-    assert_eq!(trace.told("cnc-restarted"), 1, "{}", trace.lines());
-    assert_eq!(trace.told("foreign-change") + trace.told("disarmed"), 0, "{}", trace.lines());
+    assert_eq!(trace.reported("cnc-restarted"), 1, "{}", trace.lines());
+    assert_eq!(trace.reported("foreign-change") + trace.reported("disarmed"), 0, "{}", trace.lines());
     assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
     let after = values(&trace, "cnc_z", 61.0, 180.0);
     assert!(after[0] <= 1.0 && after.last().unwrap() > &5.0, "{after:?}");
@@ -148,7 +148,7 @@ fn a_device_with_a_short_list_of_functions_never_sees_another_one() {
 fn a_cnc_that_ignores_writes_leaves_the_axis_inactive_until_a_good_one() {
     let trace = bench(&cnc("kind = \"ignored-write\"\nat = \"8s\"\nfor_time = \"20s\""), 2 * MINUTE);
     law::holds(&trace);
-    assert_eq!((trace.told("verify-failed"), trace.told("verified")), (1, 1), "{}", trace.lines());
+    assert_eq!((trace.reported("verify-failed"), trace.reported("verified")), (1, 1), "{}", trace.lines());
     assert_eq!(trace.states_between(6, 120), ["active", "holding", "active"], "{}", trace.lines());
     assert_eq!(trace.states_between(12, 27), ["holding"], "{}", trace.lines());
     let tries = values(&trace, "cnc_z", 10.0, 28.0).len();
@@ -172,7 +172,7 @@ fn a_cnc_that_is_busy_at_first_does_not_keep_its_axis_from_arming() {
     let trace = bench(&cnc("kind = \"exception\"\ncode = 6\nfor = 20"), 2 * MINUTE);
     law::holds(&trace);
     assert_eq!(trace.states_between(60, 120), ["active"], "{}", trace.lines());
-    assert!(trace.told("write-failed") <= 1, "{}", trace.lines());
+    assert!(trace.reported("write-failed") <= 1, "{}", trace.lines());
 }
 
 #[test]
@@ -192,7 +192,7 @@ fn a_register_beyond_the_limit_refuses_to_arm_with_a_sentence() {
     let faults = cnc("kind = \"register\"\nregister = \"holding:104\"\nwords = [0, 900]");
     let trace = bench(&faults, 2 * MINUTE);
     law::holds(&trace);
-    assert_eq!(trace.told("arm-refused"), 1, "{}", trace.lines());
+    assert_eq!(trace.reported("arm-refused"), 1, "{}", trace.lines());
     assert!(trace.lines().contains("holds 90.0 µm, beyond the limit"), "{}", trace.lines());
     assert_eq!(trace.writes("cnc_z").len() + trace.writes("readout_z").len(), 0);
     assert_eq!(trace.states(), ["off"]);
@@ -212,14 +212,24 @@ fn a_register_exactly_at_the_limit_is_armed_from_whatever_rounding_makes_of_it()
     let trace =
         run(&float, &cnc(&format!("kind = \"register\"\nregister = \"holding:104\"\n{words}")), MINUTE);
     law::holds(&trace);
-    assert_eq!((trace.told("arm-refused"), trace.states()), (0, vec!["off", "active"]), "{}", trace.lines());
+    assert_eq!(
+        (trace.reported("arm-refused"), trace.states()),
+        (0, vec!["off", "active"]),
+        "{}",
+        trace.lines()
+    );
     let line = include_str!("line.toml")
         .replace("limit = 40.0", "limit = 5.27")
         .replace("-350.0, 0.0", "-360.0, 0.0");
     let held = "kind = \"register\"\nregister = \"holding:10\"\nwords = [0, 17, 60536, 1]";
     let trace = run(&line, &cnc(held), MINUTE);
     law::holds(&trace);
-    assert_eq!((trace.told("arm-refused"), trace.states()), (0, vec!["off", "active"]), "{}", trace.lines());
+    assert_eq!(
+        (trace.reported("arm-refused"), trace.states()),
+        (0, vec!["off", "active"]),
+        "{}",
+        trace.lines()
+    );
 }
 
 #[test]

@@ -73,8 +73,8 @@ fn a_probing_cycle_takes_what_the_model_does_not_know_out_of_the_machine() {
             world.gateway().run(60 * MINUTE).await
         });
         law::holds(&trace);
-        assert!((25..=30).contains(&trace.told("probed")), "{key}: {}", trace.lines());
-        assert_eq!(trace.told("probe-refused"), 0, "{}", trace.lines());
+        assert!((25..=30).contains(&trace.reported("probed")), "{key}: {}", trace.lines());
+        assert_eq!(trace.reported("probe-refused"), 0, "{}", trace.lines());
         let history = &last(&trace).history;
         let (first, last) = (history[0].1.abs(), history[history.len() - 1].1.abs());
         assert!(first > 2.0 && last < 0.5, "{history:?}");
@@ -105,7 +105,7 @@ fn a_person_measures_and_takes_it_back_and_the_log_gives_it_all_again() {
     assert!(left.correction_um.abs() > 1.0 && left.gains.len() == 3, "{left:?}");
     let taken_up = status(&second.samples[1]);
     assert_eq!(taken_up.history, left.history, "kept over the restart");
-    assert_eq!(second.told("probe-forgotten"), 1, "{}", second.lines());
+    assert_eq!(second.reported("probe-forgotten"), 1, "{}", second.lines());
     assert!(last(&second).correction_um.abs() < 1e-12, "{:?}", last(&second));
     let log = std::fs::File::open(directory.path().join("bench-2026-01-05.csv")).unwrap();
     let summary = replay(&profile(&text), log, "the day", None).unwrap();
@@ -134,7 +134,7 @@ fn what_a_person_sends_is_held_against_what_stands_in_the_machine() {
         trial.run(6 * MINUTE).await
     });
     law::holds(&trace);
-    assert_eq!((trace.told("probed"), trace.told("probe-refused")), (1, 0), "{}", trace.lines());
+    assert_eq!((trace.reported("probed"), trace.reported("probe-refused")), (1, 0), "{}", trace.lines());
     let probe = last(&trace).last.clone().unwrap();
     let before: &Status = &trace.between(295, 299).last().unwrap().status;
     let written = before.outputs.iter().find(|output| output.name == "cnc_z").unwrap().value.unwrap();
@@ -162,7 +162,7 @@ fn an_axis_without_a_probe_takes_no_measured_errors_and_a_diameter_is_halved() {
     let probe = last(&trace);
     assert!((probe.last.as_ref().unwrap().error_um - 1.5).abs() < 1e-12);
     assert!((probe.correction_um + 1.5).abs() < 0.25, "{probe:?}");
-    assert_eq!(trace.told("model-ages"), 1, "{}", trace.lines());
+    assert_eq!(trace.reported("model-ages"), 1, "{}", trace.lines());
 }
 
 #[test]
@@ -183,7 +183,7 @@ fn a_result_that_cannot_be_read_and_a_machine_that_is_not_known_are_told() {
         world.gateway().run(11 * MINUTE).await
     });
     law::holds(&trace);
-    assert_eq!(trace.told("probe-refused"), 2, "{}", trace.lines());
+    assert_eq!(trace.reported("probe-refused"), 2, "{}", trace.lines());
     assert!(trace.lines().contains("its result could not be read"), "{}", trace.lines());
-    assert!(trace.told("probed") >= 2, "{}", trace.lines());
+    assert!(trace.reported("probed") >= 2, "{}", trace.lines());
 }

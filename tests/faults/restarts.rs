@@ -25,7 +25,7 @@ fn writes_after(trace: &Trace, seconds: f64) -> Vec<f64> {
 /// The axis is never switched off, and walks in again from `from` µm in steps.
 fn walks_in_from(trace: &Trace, seconds: f64, from: f64) {
     law::holds(trace);
-    assert_eq!(trace.told("foreign-change") + trace.told("disarmed"), 0, "{}", trace.lines());
+    assert_eq!(trace.reported("foreign-change") + trace.reported("disarmed"), 0, "{}", trace.lines());
     assert_eq!(trace.states_between(10, 59), ["active"], "{}", trace.lines());
     assert_eq!(trace.states_between(90, 180), ["active"], "{}", trace.lines());
     let after = writes_after(trace, seconds);
@@ -38,9 +38,9 @@ fn walks_in_from(trace: &Trace, seconds: f64, from: f64) {
 fn a_boot_counter_that_changes_tells_of_a_restart_and_the_axis_walks_in_from_zero() {
     let trace = run(&counted(), &cnc("kind = \"restart\"\nat = \"60500ms\""), 3 * MINUTE);
     walks_in_from(&trace, 60.5, 0.0);
-    let told: Vec<_> = trace.events.iter().filter(|event| event.kind == "cnc-booted").collect();
-    assert_eq!(told.len(), 1, "{}", trace.lines());
-    assert!(told[0].text.contains("its boot counter went from 1 to 2"), "{}", told[0].text);
+    let reported: Vec<_> = trace.events.iter().filter(|event| event.kind == "cnc-booted").collect();
+    assert_eq!(reported.len(), 1, "{}", trace.lines());
+    assert!(reported[0].text.contains("its boot counter went from 1 to 2"), "{}", reported[0].text);
 }
 
 #[test]
@@ -49,10 +49,10 @@ fn a_restarted_cnc_that_kept_another_value_is_gone_on_from_and_not_called_foreig
         + &cnc("kind = \"register\"\nregister = \"holding:104\"\nwords = [0, 30]\nat = \"60500ms\"");
     let trace = run(&counted(), &faults, 3 * MINUTE);
     walks_in_from(&trace, 60.5, 3.0);
-    assert_eq!((trace.told("cnc-booted"), trace.told("cnc-restarted")), (1, 0), "{}", trace.lines());
+    assert_eq!((trace.reported("cnc-booted"), trace.reported("cnc-restarted")), (1, 0), "{}", trace.lines());
     let foreign = run(BENCH, &faults, 3 * MINUTE);
     assert_eq!(
-        foreign.told("foreign-change"),
+        foreign.reported("foreign-change"),
         1,
         "without the counter it is somebody else's\n{}",
         foreign.lines()
@@ -65,7 +65,7 @@ fn a_restarted_cnc_that_holds_more_than_the_limit_is_left_alone() {
         + &cnc("kind = \"register\"\nregister = \"holding:104\"\nwords = [0, 900]\nat = \"60500ms\"");
     let trace = run(&counted(), &faults, 2 * MINUTE);
     law::holds(&trace);
-    assert_eq!((trace.told("cnc-booted"), trace.told("disarmed")), (1, 1), "{}", trace.lines());
+    assert_eq!((trace.reported("cnc-booted"), trace.reported("disarmed")), (1, 1), "{}", trace.lines());
     assert_eq!(writes_after(&trace, 61.0).len(), 0);
 }
 
@@ -74,11 +74,11 @@ fn a_boot_counter_that_cannot_be_read_is_no_restart() {
     let trace =
         run(&counted(), &cnc("kind = \"exception\"\ncode = 4\nat = \"60s\"\nfor_time = \"20s\""), 3 * MINUTE);
     law::holds(&trace);
-    assert_eq!(trace.told("cnc-booted") + trace.told("cnc-restarted"), 0, "{}", trace.lines());
+    assert_eq!(trace.reported("cnc-booted") + trace.reported("cnc-restarted"), 0, "{}", trace.lines());
     let refused = "kind = \"refuse\"\nat = \"60s\"\nfor_time = \"20s\"";
     let trace = run(&counted(), &cnc(refused), 3 * MINUTE);
     law::holds(&trace);
-    assert_eq!(trace.told("cnc-booted") + trace.told("cnc-restarted"), 0, "{}", trace.lines());
+    assert_eq!(trace.reported("cnc-booted") + trace.reported("cnc-restarted"), 0, "{}", trace.lines());
 }
 
 #[test]
@@ -87,7 +87,7 @@ fn a_cnc_that_comes_back_with_another_count_after_a_power_cut_was_restarted() {
         cnc("kind = \"refuse\"\nat = \"60s\"\nfor_time = \"20s\"") + &cnc("kind = \"restart\"\nat = \"70s\"");
     let trace = run(&counted(), &faults, 3 * MINUTE);
     law::holds(&trace);
-    assert_eq!(trace.told("cnc-booted"), 1, "{}", trace.lines());
+    assert_eq!(trace.reported("cnc-booted"), 1, "{}", trace.lines());
     assert!(writes_after(&trace, 80.0)[0] <= 1.0, "{:?}", writes_after(&trace, 80.0));
     assert_eq!(trace.states_between(150, 180), ["active"], "{}", trace.lines());
 }
@@ -108,7 +108,12 @@ fn a_machine_that_is_switched_on_again_is_gone_on_with_from_what_its_register_ho
         walks_in_from(&trace, 80.0, from);
     }
     let trace = run(BENCH, &off_and_on("[0, 30]"), 3 * MINUTE);
-    assert_eq!(trace.told("foreign-change"), 1, "without the edge it is somebody else's\n{}", trace.lines());
+    assert_eq!(
+        trace.reported("foreign-change"),
+        1,
+        "without the edge it is somebody else's\n{}",
+        trace.lines()
+    );
 }
 
 #[test]
@@ -120,5 +125,5 @@ fn an_axis_that_a_person_armed_stays_armed_over_a_restart_of_the_machine() {
         world.gateway().command(Duration::from_secs(5), Command::Arm).run(3 * MINUTE).await
     });
     walks_in_from(&trace, 80.0, 3.0);
-    assert_eq!(trace.told("armed"), 1, "{}", trace.lines());
+    assert_eq!(trace.reported("armed"), 1, "{}", trace.lines());
 }

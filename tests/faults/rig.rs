@@ -197,15 +197,15 @@ impl<'a> Trial<'a> {
         let source = gateway.source();
         let (mut watcher, mut last) = (clock.join(), clock.join());
         drop(world.hold.take());
-        let (mut samples, mut events, mut told) = (Vec::new(), Vec::new(), 0);
+        let (mut samples, mut events, mut reported) = (Vec::new(), Vec::new(), 0);
         let mut acts = acts.into_iter().peekable();
         let mut asked = begin;
         let outcome = {
             let mut look = |at: Moment| {
                 let mut status = source.status();
                 let total: u64 = status.event_counts.values().sum();
-                let new = usize::try_from(total - told).unwrap();
-                told = total;
+                let new = usize::try_from(total - reported).unwrap();
+                reported = total;
                 let kept = status.events.len();
                 events.extend(status.events.drain(kept - new.min(kept)..));
                 status.events.clear();
@@ -249,7 +249,7 @@ impl<'a> Trial<'a> {
 
 impl Trace {
     /// How often this kind of event was told.
-    pub(crate) fn told(&self, kind: &str) -> usize {
+    pub(crate) fn reported(&self, kind: &str) -> usize {
         self.events.iter().filter(|event| event.kind == kind).count()
     }
 

@@ -53,7 +53,7 @@ fn is_very_late_once(profile: Profile) {
     let trace = thermocouples(profile, "kind = \"late\"\ndelay = \"1100ms\"\nfor = 1");
     others_went_on(&trace);
     assert_eq!(trace.qualities("bed", 5, 300), ["good"], "{}", trace.lines());
-    assert_eq!(trace.told("device-lost") + trace.told("device-back"), 0, "{}", trace.lines());
+    assert_eq!(trace.reported("device-lost") + trace.reported("device-back"), 0, "{}", trace.lines());
 }
 
 fn answers_exceptions(profile: Profile) {
@@ -100,7 +100,7 @@ fn comes_one_byte_at_a_time(profile: Profile) {
 fn is_half_open(profile: Profile) {
     let trace = thermocouples(profile, "kind = \"half-open\"\nfor = 1");
     others_went_on(&trace);
-    assert_eq!(trace.told("link-down"), 0, "{}", trace.lines());
+    assert_eq!(trace.reported("link-down"), 0, "{}", trace.lines());
     let qualities = trace.qualities("bed", 5, 300);
     assert!(matches!(qualities[..], ["good"] | ["good", "timeout", "good"]), "{qualities:?}");
     let failures = &trace.samples.last().unwrap().status.devices[0].failures;

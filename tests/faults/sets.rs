@@ -118,7 +118,12 @@ fn whatever_is_lost_on_the_way_no_half_set_is_taken_and_nothing_jumps() {
             .collect();
         let trace = run(&text, &faults, 8 * MINUTE);
         holds(&trace);
-        assert_eq!(trace.told("foreign-change") + trace.told("disarmed"), 0, "{kind}\n{}", trace.lines());
+        assert_eq!(
+            trace.reported("foreign-change") + trace.reported("disarmed"),
+            0,
+            "{kind}\n{}",
+            trace.lines()
+        );
         assert!(trace.outcome.rested, "{kind} {:?}\n{}", trace.outcome, trace.lines());
     }
 }
@@ -174,7 +179,12 @@ fn hours_of_every_fault_and_no_half_set_no_jump_and_no_strobe_left_up() {
         {
             let trace = run(&text, &day(seed, with_handshake), 25 * MINUTE);
             holds(&trace);
-            assert_eq!(trace.told("disarmed") + trace.told("task-failed"), 0, "{seed}\n{}", trace.lines());
+            assert_eq!(
+                trace.reported("disarmed") + trace.reported("task-failed"),
+                0,
+                "{seed}\n{}",
+                trace.lines()
+            );
             let end: Vec<&str> =
                 trace.between(1420, 1500).map(|sample| sample.status.axes[2].state).collect();
             assert!(end.iter().all(|state| *state == "active"), "{seed} {with_handshake}\n{}", trace.lines());
@@ -200,9 +210,9 @@ fn a_missing_acknowledge_of_a_set_is_told_by_the_name_of_the_set() {
     let faults = plc("kind = \"no-acknowledge\"\nat = \"60s\"\nfor_time = \"20s\"");
     let trace = run(&shaken(BLOCK), &faults, 3 * MINUTE);
     holds(&trace);
-    let told: Vec<_> = trace.events.iter().filter(|event| event.kind == "acknowledge-missing").collect();
-    assert_eq!(told.len(), 1, "{}", trace.lines());
-    assert_eq!(told[0].text, "acknowledge of set block did not come within 400 ms (input:16.0)");
+    let reported: Vec<_> = trace.events.iter().filter(|event| event.kind == "acknowledge-missing").collect();
+    assert_eq!(reported.len(), 1, "{}", trace.lines());
+    assert_eq!(reported[0].text, "acknowledge of set block did not come within 400 ms (input:16.0)");
     for axis in 0..3 {
         let held = trace.between(73, 79).all(|sample| sample.status.axes[axis].state == "holding");
         let back = trace.between(150, 180).all(|sample| sample.status.axes[axis].state == "active");
@@ -215,7 +225,7 @@ fn a_foreign_change_of_one_output_switches_its_axis_off_and_the_others_go_on() {
     let faults = plc("kind = \"register\"\nregister = \"holding:104\"\nwords = [0, 55]\nat = \"60s\"");
     let trace = run(BLOCK, &faults, 3 * MINUTE);
     law::holds(&trace);
-    assert_eq!((trace.told("foreign-change"), trace.told("disarmed")), (1, 1), "{}", trace.lines());
+    assert_eq!((trace.reported("foreign-change"), trace.reported("disarmed")), (1, 1), "{}", trace.lines());
     let states = |axis: usize| -> Vec<&str> {
         let mut states: Vec<_> =
             trace.between(80, 180).map(|sample| sample.status.axes[axis].state).collect();
@@ -238,8 +248,8 @@ fn a_restarted_plc_gets_its_set_again_from_zero_in_steps() {
     for text in [BLOCK.to_owned(), apart(), shaken(BLOCK)] {
         let trace = run(&text, &plc("kind = \"restart\"\nat = \"60s\""), 3 * MINUTE);
         holds(&trace);
-        assert_eq!(trace.told("cnc-restarted"), 3, "{}", trace.lines());
-        assert_eq!(trace.told("foreign-change") + trace.told("disarmed"), 0, "{}", trace.lines());
+        assert_eq!(trace.reported("cnc-restarted"), 3, "{}", trace.lines());
+        assert_eq!(trace.reported("foreign-change") + trace.reported("disarmed"), 0, "{}", trace.lines());
         let z = trace.writes("plc_z");
         let after: Vec<f64> =
             z.iter().filter(|(at, _)| trace.seconds(*at) > 61.0).map(|(_, value)| *value).collect();
@@ -298,6 +308,6 @@ fn with_lost_answers_and_a_fast_heartbeat_a_set_still_follows_two_micrometres_a_
         println!("one of {one_of} lost: {behind:.1} µm behind at most; {} sets taken", trace.taken.len());
         // What is wanted goes up by one at once, every half minute.
         assert!(behind <= 3.5, "one of {one_of}: {behind:.1} µm behind\n{}", trace.lines());
-        assert_eq!(trace.told("foreign-change") + trace.told("disarmed"), 0, "{}", trace.lines());
+        assert_eq!(trace.reported("foreign-change") + trace.reported("disarmed"), 0, "{}", trace.lines());
     }
 }

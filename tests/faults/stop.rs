@@ -47,7 +47,7 @@ fn asked_to_stop_it_ramps_to_zero_and_ends_within_its_deadline() {
     );
     assert!(took(&trace) <= deadline(&trace), "{:?}", took(&trace));
     assert!(took(&trace) >= Duration::from_secs(14), "a ramp, no jump: {:?}", took(&trace));
-    assert_eq!((trace.told("stopping"), trace.told("stopped")), (1, 1));
+    assert_eq!((trace.reported("stopping"), trace.reported("stopped")), (1, 1));
 }
 
 #[test]
@@ -110,7 +110,7 @@ fn a_second_run_goes_on_from_the_references_and_the_machine_time_of_the_first() 
     let (before, after) = (on(&first, first.samples.len() - 1).unwrap(), on(&second, 1).unwrap());
     assert!(after >= before && after < before + 120.0, "{before} {after}");
     assert_eq!(second.states_between(15, 300), ["active"], "no settling again\n{}", second.lines());
-    assert_eq!(second.told("machine-started"), 0, "{}", second.lines());
+    assert_eq!(second.reported("machine-started"), 0, "{}", second.lines());
 }
 
 /// A machine whose one temperature rises by 0.001 °C a second, whatever happens, and an axis that follows it late.
@@ -298,7 +298,7 @@ fn panicking(bus: &'static str) -> Trace {
     });
     law::holds(&trace);
     assert!(trace.outcome.failed && trace.outcome.rested, "{:?}\n{}", trace.outcome, trace.lines());
-    assert_eq!(trace.told("task-failed"), 1, "{}", trace.lines());
+    assert_eq!(trace.reported("task-failed"), 1, "{}", trace.lines());
     assert!(trace.lines().contains("the wire is hot"), "{}", trace.lines());
     assert!(last_write(&trace).abs() < 1e-9, "the fault action ran: {}", last_write(&trace));
     trace

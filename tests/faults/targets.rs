@@ -197,7 +197,7 @@ fn a_set_with_an_open_interlock_goes_along_as_it_stands() {
         format!("[[fault]]\n{keys}\nvalue = {value}.0\nat = \"{at}s\"\nfor_time = \"30s\"\n")
     };
     let trace = run(&text, &(ready(1, 0) + &ready(0, 30) + &ready(1, 60)), 90 * SECOND);
-    assert_eq!((trace.told("interlocked"), trace.told("released")), (1, 1), "{}", trace.lines());
+    assert_eq!((trace.reported("interlocked"), trace.reported("released")), (1, 1), "{}", trace.lines());
     law::holds(&trace);
     let blocks = blocks(&trace, 100);
     let silence = blocks.windows(2).map(|pair| pair[1].at.since(pair[0].at)).max().unwrap();

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::control::{Control, Fate};
-use crate::device::gateway::{events, told, wait_until};
+use crate::device::gateway::{events, reported, wait_until};
 use crate::rig::{beside, nobody_is_blamed, profile_of};
 
 const APPLIED: &str = "read_back = { register = \"holding:15\", tolerance = 0.2, settle = \"200ms\" }\n";
@@ -16,7 +16,7 @@ fn what_the_control_applies_verifies_a_write_and_what_it_does_not_holds_the_axis
     let status = beside(&text, move |source| {
         wait_until(source, "it walks", |_| seen.lock().unwrap().offset() >= 20);
         seen.lock().unwrap().applies = false;
-        wait_until(source, "that is told", |status| told(status, "not-applied") == 1);
+        wait_until(source, "that is told", |status| reported(status, "not-applied") == 1);
         wait_until(source, "it holds", |status| status.axes[0].state == "holding");
         let stood = seen.lock().unwrap().offset();
         std::thread::sleep(Duration::from_millis(600));
@@ -32,5 +32,5 @@ fn what_the_control_applies_verifies_a_write_and_what_it_does_not_holds_the_axis
     let texts = events(&status);
     let words = "stand in its register, the control applies";
     assert!(texts.iter().any(|text| text.contains(words) && text.contains("holding:15")), "{texts:#?}");
-    assert_eq!((told(&status, "not-applied"), told(&status, "verified")), (1, 1), "{texts:#?}");
+    assert_eq!((reported(&status, "not-applied"), reported(&status, "verified")), (1, 1), "{texts:#?}");
 }

@@ -132,14 +132,20 @@ impl Came {
         let said = self.program.ends();
         let control = self.control.lock().unwrap();
         assert_eq!(control.offset(), stands, "{}: {said:#?}", self.name);
-        println!("{}: came as {:?}, {:?}, told {:?}", self.name, control.late, control.stood, told(&said));
+        println!(
+            "{}: came as {:?}, {:?}, told {:?}",
+            self.name,
+            control.late,
+            control.stood,
+            reported(&said)
+        );
         drop(control);
         (self.name, self.control, said)
     }
 }
 
 /// How often it said that the write came late, that it was perhaps its own, and that it waits.
-fn told(said: &[String]) -> [usize; 3] {
+fn reported(said: &[String]) -> [usize; 3] {
     let count = |text| said.iter().filter(|line| line.contains(text)).count();
     ["arrived late", "perhaps our own", "waiting for a late write"].map(count)
 }
@@ -151,9 +157,9 @@ fn in_time(span: u64, kind: Kind, killed: Killed) {
     let (name, control, said) = came.ends();
     control.lock().unwrap().never_jumped();
     blames_nobody(&name, &said);
-    assert!(told(&said)[2] > 0, "{name}: {said:#?}");
+    assert!(reported(&said)[2] > 0, "{name}: {said:#?}");
     if !matches!(kind, Kind::Unread(_)) {
-        assert!(told(&said)[0] + told(&said)[1] > 0, "{name}: {said:#?}");
+        assert!(reported(&said)[0] + reported(&said)[1] > 0, "{name}: {said:#?}");
     }
 }
 
@@ -200,7 +206,7 @@ fn too_late(kind: Kind, killed: Killed) {
     assert_eq!(control.lock().unwrap().jumps(), jumps, "{name}");
     if is_known {
         blames_nobody(&name, &said);
-        assert!(told(&said)[0] > 0, "{name}: {said:#?}");
+        assert!(reported(&said)[0] > 0, "{name}: {said:#?}");
     }
 }
 

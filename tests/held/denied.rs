@@ -1,7 +1,7 @@
 //! Writes that are done and denied, or lost; and what is told of them.
 
 use crate::control::{Control, Fate};
-use crate::device::gateway::{events, told, wait_until};
+use crate::device::gateway::{events, reported, wait_until};
 use crate::rig::{LEDGER, SET, all_at_once, beside, nobody_is_blamed, profile_of};
 
 #[test]
@@ -29,7 +29,7 @@ fn a_control_that_is_read_and_whose_writes_are_never_answered_is_told_with_cause
     let control = Control::of(|_| Fate::DoneAndSilent);
     let text = profile_of(&control, "2s", "");
     let status = beside(&text, move |source| {
-        wait_until(source, "that is told", |status| told(status, "write-failed") == 1);
+        wait_until(source, "that is told", |status| reported(status, "write-failed") == 1);
         wait_until(source, "the axis says so", |status| status.axes[0].why.contains("times"));
     });
     let texts = events(&status);

@@ -8,7 +8,7 @@ use isotherm::gateway::Options;
 use isotherm::observe::status::{Source, Status};
 
 use crate::control::{Shared, serve};
-use crate::device::gateway::{self, events, told};
+use crate::device::gateway::{self, events, reported};
 use crate::process::{PATIENCE, Running, file, isotherm};
 
 const PROFILE: &str = r#"
@@ -101,7 +101,7 @@ pub(crate) fn beside(text: &str, script: impl FnOnce(&dyn Source) + Send + 'stat
 pub(crate) fn nobody_is_blamed(control: &Shared, status: &Status, what: &str) {
     control.lock().unwrap().never_jumped();
     for kind in ["foreign-change", "disarmed", "operator-change", "ledger-doubt"] {
-        assert_eq!(told(status, kind), 0, "{what} {:#?}", events(status));
+        assert_eq!(reported(status, kind), 0, "{what} {:#?}", events(status));
     }
 }
 

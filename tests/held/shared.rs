@@ -5,7 +5,7 @@ use std::time::Duration;
 use isotherm::observe::status::Command;
 
 use crate::control::{Control, Fate};
-use crate::device::gateway::{events, told, wait_until};
+use crate::device::gateway::{events, reported, wait_until};
 use crate::rig::{LEDGER, all_at_once, beside, nobody_is_blamed, profile_of};
 
 /// Each write is done and denied, by a control whose register an operator shares: what ran away without end.
@@ -20,7 +20,7 @@ fn denied_beside_an_operator(code: u8) {
     let text = profile_of(&control, "4s", LEDGER);
     let seen = control.clone();
     let status = beside(&text, move |source| {
-        wait_until(source, "a person is asked", |status| told(status, "first-account") == 1);
+        wait_until(source, "a person is asked", |status| reported(status, "first-account") == 1);
         source.command(Command::Arm).unwrap();
         wait_until(source, "it arrives", |_| seen.lock().unwrap().offset() == 1250);
         std::thread::sleep(Duration::from_secs(1));
@@ -28,7 +28,7 @@ fn denied_beside_an_operator(code: u8) {
         assert!((shares.base - 120.0).abs() < 0.01 && (shares.share - 5.0).abs() < 0.01, "{shares:?}");
     });
     nobody_is_blamed(&control, &status, &format!("{code}"));
-    assert_eq!(told(&status, "operator-change"), 0, "{:#?}", events(&status));
+    assert_eq!(reported(&status, "operator-change"), 0, "{:#?}", events(&status));
 }
 
 #[test]
@@ -37,7 +37,7 @@ fn an_edit_while_the_fate_of_a_write_is_unknown_is_a_question_and_the_answer_mak
     let text = profile_of(&control, "2s", LEDGER);
     let seen = control.clone();
     let status = beside(&text, move |source| {
-        wait_until(source, "a person is asked", |status| told(status, "ledger-doubt") == 1);
+        wait_until(source, "a person is asked", |status| reported(status, "ledger-doubt") == 1);
         let writes = seen.lock().unwrap().writes;
         std::thread::sleep(Duration::from_millis(500));
         assert_eq!(seen.lock().unwrap().writes, writes, "nothing is written while it is in question");

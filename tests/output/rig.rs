@@ -12,7 +12,7 @@ pub(crate) struct Rig {
     pub(crate) now: Moment,
     pub(crate) register: i64,
     pub(crate) disk: Option<Kept>,
-    pub(crate) told: Vec<Event>,
+    pub(crate) reported: Vec<Event>,
 }
 
 impl Rig {
@@ -27,7 +27,7 @@ impl Rig {
             now,
             register: stood.unwrap_or(settings.bias).0,
             disk: Some(kept),
-            told: Vec::new(),
+            reported: Vec::new(),
         };
         rig.arm();
         rig
@@ -50,7 +50,7 @@ impl Rig {
     pub(crate) fn give(&mut self, fact: Fact) {
         self.now = self.now.after(Duration::from_millis(1));
         self.action = step(&mut self.state, &self.settings, fact, self.now);
-        self.told.extend(self.state.take_events().iter());
+        self.reported.extend(self.state.take_events().iter());
     }
 
     /// Reads and keeps as often as it asks for that; the write that it asks for then.
@@ -126,8 +126,8 @@ impl Rig {
     }
 
     /// Something told that looks like this.
-    pub(crate) fn has_told(&self, is_meant: impl Fn(&Event) -> bool) -> bool {
-        self.told.iter().any(is_meant)
+    pub(crate) fn has_reported(&self, is_meant: impl Fn(&Event) -> bool) -> bool {
+        self.reported.iter().any(is_meant)
     }
 
     /// The operator's part and ours, as the ledger has them.
@@ -138,6 +138,6 @@ impl Rig {
 
     /// Somebody was blamed for what we did ourselves.
     pub(crate) fn blames_others(&self) -> bool {
-        self.has_told(|event| event.switches_off() || matches!(event, Event::OperatorChanged { .. }))
+        self.has_reported(|event| event.switches_off() || matches!(event, Event::OperatorChanged { .. }))
     }
 }

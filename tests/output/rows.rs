@@ -18,7 +18,7 @@ fn shared(base: i64, share: i64) -> Rig {
 }
 
 fn doubt(rig: &Rig) -> Option<Doubt> {
-    rig.told.iter().find_map(|event| match event {
+    rig.reported.iter().find_map(|event| match event {
         Event::Doubted { doubt, .. } => Some(*doubt),
         _ => None,
     })
@@ -51,7 +51,7 @@ fn the_same_is_nothing_new_and_is_shown_with_the_moment_it_was_asked() {
     assert_eq!(rig.seconds(1, 2), None);
     let seen = rig.state.shown(&rig.settings).verified.unwrap();
     assert!(seen.value == Counts(2) && seen.asked > before && seen.asked < rig.now);
-    assert!(rig.told.is_empty());
+    assert!(rig.reported.is_empty());
 }
 
 #[test]
@@ -61,13 +61,13 @@ fn what_is_acknowledged_and_not_taken_is_tried_again_a_second_later() {
         assert!(rig.want(5).is_some());
         rig.give(Fact::Done { left: rig.now });
         assert_eq!(rig.settle(), None);
-        assert!(rig.has_told(|event| matches!(event, Event::NotTaken { .. })) && !rig.blames_others());
+        assert!(rig.has_reported(|event| matches!(event, Event::NotTaken { .. })) && !rig.blames_others());
         assert_eq!(rig.register, stands);
         assert!(rig.seconds(1, 5).is_some());
         rig.give(Fact::Done { left: rig.now });
         assert_eq!(rig.settle(), None);
-        let told = rig.told.iter().filter(|event| matches!(event, Event::NotTaken { .. })).count();
-        assert_eq!(told, 1, "once, until a write stands there");
+        let reported = rig.reported.iter().filter(|event| matches!(event, Event::NotTaken { .. })).count();
+        assert_eq!(reported, 1, "once, until a write stands there");
     }
 }
 
@@ -78,7 +78,7 @@ fn a_value_under_way_is_ours() {
     rig.answer_lost();
     assert_eq!(rig.settle(), None);
     assert_eq!(rig.parts(), (3, 2));
-    assert!(rig.told.is_empty(), "its answer was lost, and it is not late");
+    assert!(rig.reported.is_empty(), "its answer was lost, and it is not late");
 }
 
 #[test]
@@ -86,7 +86,7 @@ fn a_value_lately_sent_is_taken_over_in_a_whole_register() {
     let mut rig = whole(2);
     rig.register = lately(&mut rig, 3);
     assert_eq!(rig.seconds(2, 2), Some(2));
-    assert!(rig.has_told(|event| matches!(event, Event::OwnWriteArrivedLate { value: Counts(3), .. })));
+    assert!(rig.has_reported(|event| matches!(event, Event::OwnWriteArrivedLate { value: Counts(3), .. })));
     assert_eq!(standing(&rig), Standing::Armed);
 }
 
@@ -114,7 +114,7 @@ fn zero_is_a_restart_and_the_walk_begins_there() {
     rig.register = 0;
     assert_eq!(rig.seconds(1, 3), None, "what was decided went by what stood there before");
     assert_eq!(rig.seconds(1, 3), Some(1));
-    assert!(rig.has_told(|event| matches!(event, Event::CncRestarted { stood: Counts(3) })));
+    assert!(rig.has_reported(|event| matches!(event, Event::CncRestarted { stood: Counts(3) })));
     let mut rig = shared(3, 2);
     rig.register = 0;
     assert_eq!(rig.seconds(2, 2), Some(2));
@@ -148,7 +148,9 @@ fn anything_else_in_a_whole_register_is_somebody_else_and_switches_off() {
     let mut rig = whole(3);
     rig.register = 5;
     assert_eq!(rig.seconds(20, 3), None);
-    assert!(rig.has_told(|event| *event == Event::ForeignValue { expected: Counts(3), found: Counts(5) }));
+    assert!(
+        rig.has_reported(|event| *event == Event::ForeignValue { expected: Counts(3), found: Counts(5) })
+    );
     rig.give(Fact::Armed { by: Who::Policy });
     assert_eq!(rig.seconds(1, 3), None, "only a person arms it again");
     rig.give(Fact::Armed { by: Who::Person });
@@ -161,7 +163,7 @@ fn anything_else_in_a_shared_register_is_the_operators_change() {
     rig.register = 9;
     assert_eq!(rig.seconds(1, 2), None);
     assert_eq!(rig.parts(), (7, 2));
-    assert!(rig.has_told(|event| *event == Event::OperatorChanged { from: Counts(3), to: Counts(7) }));
+    assert!(rig.has_reported(|event| *event == Event::OperatorChanged { from: Counts(3), to: Counts(7) }));
 }
 
 #[test]
@@ -195,7 +197,7 @@ fn the_first_account_that_is_not_zero_waits_for_a_person() {
     rig.disk = None;
     rig.register = 7;
     rig.kill();
-    assert!(rig.has_told(|event| *event == Event::FirstAccount { found: Counts(7) }));
+    assert!(rig.has_reported(|event| *event == Event::FirstAccount { found: Counts(7) }));
     assert_eq!(rig.seconds(2, 2), None);
     rig.give(Fact::Armed { by: Who::Person });
     assert_eq!(rig.settle(), None);
@@ -247,8 +249,9 @@ fn a_device_that_stores_something_else_than_it_acknowledges_is_no_operator() {
         rig.give(Fact::Done { left: rig.now });
         rig.register = wrote + 1;
         assert_eq!(rig.settle(), None);
-        let is_told = rig.has_told(|event| matches!(event, Event::Doubted { doubt: Doubt::Unsteady, .. }));
-        assert_eq!(is_told, doubts);
+        let is_reported =
+            rig.has_reported(|event| matches!(event, Event::Doubted { doubt: Doubt::Unsteady, .. }));
+        assert_eq!(is_reported, doubts);
     }
 }
 
@@ -299,7 +302,7 @@ fn what_the_disk_does_not_keep_is_not_sent() {
     rig.give(Fact::Read { found: Counts(3), asked: rig.now });
     assert_eq!(rig.action, Action::Keep);
     rig.give(Fact::NotKept);
-    assert_eq!(rig.told, [Event::DiskDoesNotKeep]);
+    assert_eq!(rig.reported, [Event::DiskDoesNotKeep]);
     assert!(!matches!(rig.action, Action::Write { .. } | Action::Keep));
     assert_eq!(rig.seconds(1, 2), Some(5), "a second later it is tried again");
 }
@@ -311,7 +314,7 @@ fn a_wait_is_told_once_with_its_seconds() {
     rig.held();
     assert_eq!(rig.seconds(3, -1), None);
     let waits: Vec<_> =
-        rig.told.iter().filter(|event| matches!(event, Event::WaitingForLateWrite { .. })).collect();
+        rig.reported.iter().filter(|event| matches!(event, Event::WaitingForLateWrite { .. })).collect();
     assert_eq!(waits, [&Event::WaitingForLateWrite { seconds: 2 }]);
     assert!(rig.state.shown(&rig.settings).waits_until.is_some());
     assert_eq!(rig.seconds(3, -1), Some(-1));
@@ -354,7 +357,7 @@ fn what_cannot_be_read_is_acknowledged_and_that_is_no_trouble() {
     let settings = Settings { verify: Verify::Echo, ..settings(false, 5, 4) };
     let mut rig = Rig::new(settings, Kept { in_order: true, stood: Some(Counts(0)), ..Kept::default() });
     rig.go(3);
-    assert_eq!(rig.told, [Event::AcknowledgedNotReadBack]);
+    assert_eq!(rig.reported, [Event::AcknowledgedNotReadBack]);
     assert!(rig.state.shown(&rig.settings).is_only_acknowledged);
     assert_eq!(rig.state.copies().under_way().count(), 0);
 }

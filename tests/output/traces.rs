@@ -35,7 +35,7 @@ fn a_repeat_is_not_sent_while_what_is_two_steps_away_may_arrive() {
     assert_eq!(rig.want(-2), Some(-2));
     rig.register = 0;
     rig.held();
-    assert!(rig.has_told(|event| matches!(event, Event::CncRestarted { stood: Counts(-1) })));
+    assert!(rig.has_reported(|event| matches!(event, Event::CncRestarted { stood: Counts(-1) })));
     assert_eq!(rig.seconds(3, 0), None, "neither a repeat of zero nor anything else");
     rig.register = -2;
     assert_eq!(rig.seconds(1, 0), Some(-2), "it is ours, and stands there");
@@ -66,7 +66,7 @@ fn of_two_copies_of_a_value_a_read_ends_one() {
     assert_eq!(rig.done(), None, "the first one may still arrive");
     rig.register = -1;
     assert_eq!(rig.seconds(2, -3), Some(-2));
-    assert!(rig.has_told(is_late) && !rig.blames_others());
+    assert!(rig.has_reported(is_late) && !rig.blames_others());
 }
 
 #[test]
@@ -125,7 +125,7 @@ fn after_a_kill_nothing_is_written_before_everything_from_before_has_arrived() {
     assert_eq!(rig.seconds(3, 1), None);
     rig.register = -1;
     assert_eq!(rig.seconds(9, 1), Some(0));
-    assert!(rig.has_told(|event| *event == Event::PerhapsFromBefore { value: Counts(-1) }));
+    assert!(rig.has_reported(|event| *event == Event::PerhapsFromBefore { value: Counts(-1) }));
 }
 
 #[test]
@@ -152,7 +152,7 @@ fn what_stood_there_at_a_kill_may_still_arrive() {
     rig.register = 5;
     assert_eq!(rig.seconds(1, 1), None);
     assert_eq!(rig.parts().0, 3, "the operator's part is what it was");
-    assert!(!rig.has_told(|event| matches!(event, Event::OperatorChanged { .. })));
+    assert!(!rig.has_reported(|event| matches!(event, Event::OperatorChanged { .. })));
 }
 
 #[test]
@@ -166,7 +166,7 @@ fn a_promise_stays_what_it_is_when_the_base_moves() {
     rig.register = 5;
     rig.seconds(1, 2);
     assert_eq!(rig.parts(), (0, 5));
-    assert!(rig.has_told(is_late) && !rig.blames_others());
+    assert!(rig.has_reported(is_late) && !rig.blames_others());
 }
 
 #[test]
@@ -183,7 +183,7 @@ fn a_newer_verified_value_drops_no_promise() {
     rig.register = 6;
     rig.seconds(1, 2);
     assert_eq!(rig.parts().0, 3);
-    assert!(rig.has_told(is_late) && !rig.blames_others());
+    assert!(rig.has_reported(is_late) && !rig.blames_others());
 }
 
 #[test]
@@ -193,7 +193,9 @@ fn an_edit_on_top_of_an_unanswered_write_is_doubt() {
     rig.answer_lost();
     rig.register = 3;
     assert_eq!(rig.settle(), None);
-    assert!(rig.has_told(|event| matches!(event, Event::Doubted { found: Counts(3), share: Counts(2), .. })));
+    assert!(
+        rig.has_reported(|event| matches!(event, Event::Doubted { found: Counts(3), share: Counts(2), .. }))
+    );
     assert_eq!(rig.seconds(20, 1), None);
 }
 
@@ -223,7 +225,7 @@ fn the_sum_zero_is_never_sent_while_something_is_the_operators() {
     assert_eq!(rig.done(), None, "the count beside zero is near enough");
     rig.register = 0;
     rig.seconds(1, -2);
-    assert!(rig.has_told(|event| matches!(event, Event::CncRestarted { stood: Counts(1) })));
+    assert!(rig.has_reported(|event| matches!(event, Event::CncRestarted { stood: Counts(1) })));
     assert_eq!(rig.parts().0, 0);
 }
 

@@ -161,8 +161,8 @@ impl World {
             self.order = None;
         }
         if before == Standing::Armed && shown.standing != Standing::Armed && fact != Fact::Off {
-            let is_told = events.iter().any(|event| event.switches_off());
-            is_told.then_some(()).ok_or("switched off without a reason told")?;
+            let is_reported = events.iter().any(|event| event.switches_off());
+            is_reported.then_some(()).ok_or("switched off without a reason told")?;
         }
         let blames = |event: &Event| event.switches_off() || matches!(event, Event::OperatorChanged { .. });
         if let Some(event) = events.iter().find(|event| blames(event) && !self.is_touched) {

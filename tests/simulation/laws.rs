@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::machine::{Asked, CNC, CORRECTED, PLC, READOUT, W, X, Y, Z, value};
+use crate::machine::{CNC, CORRECTED, PLC, Question, READOUT, W, X, Y, Z, value};
 
 /// A reading is used for so long after its question; a position.
 const MAX_AGE: Duration = Duration::from_secs(3);
@@ -147,8 +147,8 @@ impl Laws {
     }
 
     /// A write leaves the gateway.
-    pub(crate) fn leaves(&mut self, line: usize, asked: Asked, now: Duration) -> Rests {
-        let Asked::Write { function, at, count, words } = asked else { return Rests::default() };
+    pub(crate) fn leaves(&mut self, line: usize, asked: Question, now: Duration) -> Rests {
+        let Question::Write { function, at, count, words } = asked else { return Rests::default() };
         let mut rests = Rests::default();
         if function == 5 {
             return rests;

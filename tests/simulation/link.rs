@@ -9,7 +9,7 @@ use rand::RngExt;
 use rand_pcg::Pcg32;
 
 use crate::laws::Rests;
-use crate::machine::{Asked, LINES, Machine, SCALE, SENSORS, value};
+use crate::machine::{LINES, Machine, Question, SCALE, SENSORS, value};
 use crate::script::left_of_storm;
 use crate::time::Passage;
 
@@ -76,7 +76,7 @@ struct Flight {
     asked_at: Duration,
     connection: u64,
     transaction: [u8; 2],
-    asked: Asked,
+    asked: Question,
     rests: Rests,
 }
 
@@ -86,7 +86,7 @@ struct Coming {
     at: Duration,
     bytes: Vec<u8>,
     asked_at: Duration,
-    asked: Asked,
+    asked: Question,
     /// When the device saw the question.
     seen_at: Duration,
     /// Nothing has changed it on its way.
@@ -297,7 +297,7 @@ impl World {
         line.weather
     }
 
-    fn fate(&mut self, line: usize, asked: Asked, now: Duration) -> Fate {
+    fn fate(&mut self, line: usize, asked: Question, now: Duration) -> Fate {
         let weather = self.weather(line, now);
         if (asked.is_write() || [SENSORS, SCALE].contains(&line))
             && let Some(fate) = self.lines[line].next.take()
@@ -334,7 +334,7 @@ impl World {
         let now = self.passage.now();
         self.pass(now);
         self.lines[line].used_at = now;
-        let asked = frame.get(HEADER..).map_or(Asked::Nonsense, Asked::of);
+        let asked = frame.get(HEADER..).map_or(Question::Nonsense, Question::of);
         let transaction = [frame[0], frame[1]];
         let fate = self.fate(line, asked, now);
         self.counts.exchanges += 1;
@@ -423,7 +423,7 @@ impl World {
     /// The gateway was answered, in time and in order.
     fn tell_laws(&mut self, line: usize, coming: &Coming) {
         let message = &coming.bytes[HEADER.min(coming.bytes.len())..];
-        let Asked::Read { function, at, .. } = coming.asked else { return };
+        let Question::Read { function, at, .. } = coming.asked else { return };
         if message.first() != Some(&function) || message.len() < 4 {
             return;
         }
@@ -456,20 +456,20 @@ pub(crate) enum Heard {
     Nothing(Option<Duration>),
 }
 
-fn brief(asked: Asked) -> Brief {
+fn brief(asked: Question) -> Brief {
     match asked {
-        Asked::Read { function, at, count } => Brief { function, at, words: [count, 0, 0, 0, 0] },
-        Asked::Write { function, at, words: [a, b, c, d, e, ..], .. } => {
+        Question::Read { function, at, count } => Brief { function, at, words: [count, 0, 0, 0, 0] },
+        Question::Write { function, at, words: [a, b, c, d, e, ..], .. } => {
             Brief { function, at, words: [a, b, c, d, e] }
         }
-        Asked::Nonsense => Brief { function: 0, at: 0, words: [0; 5] },
+        Question::Nonsense => Brief { function: 0, at: 0, words: [0; 5] },
     }
 }
 
-fn denied(asked: Asked, code: u8) -> Vec<u8> {
+fn denied(asked: Question, code: u8) -> Vec<u8> {
     let function = match asked {
-        Asked::Read { function, .. } | Asked::Write { function, .. } => function,
-        Asked::Nonsense => 0,
+        Question::Read { function, .. } | Question::Write { function, .. } => function,
+        Question::Nonsense => 0,
     };
     vec![function | 0x80, code]
 }

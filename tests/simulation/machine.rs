@@ -43,37 +43,37 @@ pub(crate) struct Machine {
 
 /// A question, as the device understands it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Asked {
+pub(crate) enum Question {
     Read { function: u8, at: u16, count: u16 },
     Write { function: u8, at: u16, count: u16, words: [u16; 8] },
     Nonsense,
 }
 
-impl Asked {
-    pub(crate) fn of(message: &[u8]) -> Asked {
+impl Question {
+    pub(crate) fn of(message: &[u8]) -> Question {
         let word = |at: usize| message.get(at..at + 2).map(|two| u16::from_be_bytes([two[0], two[1]]));
         let (Some(&function), Some(at), Some(second)) = (message.first(), word(1), word(3)) else {
-            return Asked::Nonsense;
+            return Question::Nonsense;
         };
         let mut words = [0; 8];
         match function {
-            1..=4 => Asked::Read { function, at, count: second },
+            1..=4 => Question::Read { function, at, count: second },
             5 | 6 => {
                 words[0] = second;
-                Asked::Write { function, at, count: 1, words }
+                Question::Write { function, at, count: 1, words }
             }
             16 => {
                 for (place, slot) in words.iter_mut().enumerate().take(usize::from(second)) {
                     *slot = word(6 + 2 * place).unwrap_or_default();
                 }
-                Asked::Write { function, at, count: second.min(8), words }
+                Question::Write { function, at, count: second.min(8), words }
             }
-            _ => Asked::Nonsense,
+            _ => Question::Nonsense,
         }
     }
 
     pub(crate) fn is_write(self) -> bool {
-        matches!(self, Asked::Write { .. })
+        matches!(self, Question::Write { .. })
     }
 }
 
@@ -111,31 +111,31 @@ impl Machine {
     }
 
     /// Does what a question asks for, and says what the device answers; `None` for what it does not know.
-    pub(crate) fn answer(&mut self, line: usize, asked: Asked, now: Duration) -> Option<Vec<u8>> {
+    pub(crate) fn answer(&mut self, line: usize, asked: Question, now: Duration) -> Option<Vec<u8>> {
         match asked {
-            Asked::Read { function: 3, at, count } => {
+            Question::Read { function: 3, at, count } => {
                 let words = self.holding[line].get(usize::from(at)..usize::from(at) + usize::from(count))?;
                 Some(registers(3, words))
             }
-            Asked::Read { function: 4, .. } if line == SENSORS => {
+            Question::Read { function: 4, .. } if line == SENSORS => {
                 let words = [0, 1].map(|channel| self.raw(channel, now));
                 Some(registers(4, &words))
             }
-            Asked::Read { function: 4, .. } if line == SCALE => {
+            Question::Read { function: 4, .. } if line == SCALE => {
                 let [a, b, c, d] = self.position(now).to_be_bytes();
                 Some(vec![4, 4, a, b, c, d])
             }
-            Asked::Read { function: 2, .. } if line == PLC => {
+            Question::Read { function: 2, .. } if line == PLC => {
                 self.look_at_strobe(now);
                 Some(vec![2, 1, u8::from(self.acknowledge)])
             }
-            Asked::Write { function: 5, words, at, .. } if line == PLC => {
+            Question::Write { function: 5, words, at, .. } if line == PLC => {
                 self.look_at_strobe(now);
                 self.strobe = words[0] != 0;
                 self.look_at_strobe(now);
                 Some([&[5][..], &at.to_be_bytes(), &words[0].to_be_bytes()].concat())
             }
-            Asked::Write { function, at, count, words } => {
+            Question::Write { function, at, count, words } => {
                 let words = &words[..usize::from(count)];
                 for (at, word) in (at..).zip(words) {
                     *self.holding[line].get_mut(usize::from(at))? = *word;

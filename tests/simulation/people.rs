@@ -81,7 +81,7 @@ impl People {
         let more = blames > std::mem::replace(&mut self.blames, blames) && blames > 0;
         let is_long_ago = world.passage.awake().saturating_sub(world.machine.laws.news_at) > TOLD_WITHIN;
         (more && is_long_ago)
-            .then(|| format!("R2: somebody is blamed, and nobody has touched anything; {}", told(status)))
+            .then(|| format!("R2: somebody is blamed, and nobody has touched anything; {}", reported(status)))
     }
 
     /// At the end of a calm: what is not as it should be.
@@ -93,7 +93,7 @@ impl People {
     ) -> Option<String> {
         world.pass(now);
         let status = source.status();
-        let wrong = |what: String| Some(format!("at the end of a calm {what}; {}", told(&status)));
+        let wrong = |what: String| Some(format!("at the end of a calm {what}; {}", reported(&status)));
         for (axis, register) in ["x", "y", "z", "w"].into_iter().zip(&world.machine.laws.registers) {
             if !armed(&status, axis) {
                 return wrong(format!("{axis} is off"));
@@ -124,7 +124,7 @@ fn armed(status: &Status, axis: &str) -> bool {
     status.axes.iter().any(|known| known.name == axis && known.armed)
 }
 
-fn told(status: &Status) -> String {
+fn reported(status: &Status) -> String {
     let lines = status.events.iter().rev().take(25).rev();
     lines.map(|event| format!("\n    {} {}: {}", event.at, event.kind, event.text)).collect()
 }
