@@ -48,10 +48,10 @@ impl Computer {
             let gateway = Gateway::new(profile, &clock, Options::default());
             let computer = Computer { device, source: gateway.source(), slept };
             let done = tokio::task::spawn_blocking(move || script(&computer));
-            let (tell, reported) = tokio::sync::oneshot::channel();
-            let stop = async move { drop(tell.send(done.await)) };
+            let (sender, receiver) = tokio::sync::oneshot::channel();
+            let stop = async move { drop(sender.send(done.await)) };
             gateway.run(stop, std::future::ready(())).await;
-            reported.await.unwrap().unwrap();
+            receiver.await.unwrap().unwrap();
         });
     }
 

@@ -21,10 +21,10 @@ pub(crate) fn beside(
         let source = gateway.source();
         let seen = source.clone();
         let done = tokio::task::spawn_blocking(move || script(seen.as_ref()));
-        let (tell, reported) = tokio::sync::oneshot::channel();
-        let stop = async move { drop(tell.send(done.await)) };
+        let (sender, receiver) = tokio::sync::oneshot::channel();
+        let stop = async move { drop(sender.send(done.await)) };
         gateway.run(stop, std::future::pending()).await;
-        reported.await.unwrap().unwrap();
+        receiver.await.unwrap().unwrap();
         source.status()
     })
 }
