@@ -2,16 +2,18 @@
 
 use std::path::{Path, PathBuf};
 
+use serde::Deserialize;
 use serde_json::{Map, Value};
 use toml::Spanned;
-use toml::de::{DeTable, DeValue};
+use toml::de::DeValue;
 
 use crate::error::{Errors, ProfileError, allowed};
 use crate::files::Files;
-use crate::place::{Origin, Places, Text, child};
-use crate::raw::{RawProfile, schema};
-use crate::walk::{Walk, missing, resolved, types};
-use crate::{Profile, check, merge, template};
+use crate::schema;
+use crate::span::{Spans, child};
+use crate::tables::RawProfile;
+use crate::walk::{Walk, resolved, types};
+use crate::{Profile, merge, template};
 
 /// Variables that begin with this are a layer of the profile.
 const PREFIX: &str = "ISOTHERM__";
@@ -111,7 +113,7 @@ fn layered(
     let schema = schema();
     let mut loader = Loader {
         schema: &schema,
-        places: Places::default(),
+        spans: Spans::default(),
         errors: Vec::new(),
         layers: Vec::new(),
         broken: false,
@@ -141,7 +143,7 @@ fn layered(
 
 struct Loader<'a> {
     schema: &'a Value,
-    places: Places,
+    spans: Spans,
     errors: Vec<ProfileError>,
     layers: Vec<Value>,
     /// A file is no TOML: what it would have said is unknown, so nothing is said to be missing.
@@ -149,47 +151,38 @@ struct Loader<'a> {
 }
 
 impl Loader<'_> {
+    fn walk(&mut self, layer: usize) -> Walk<'_> {
+        Walk { schema: self.schema, layer, spans: &mut self.spans, errors: &mut self.errors }
+    }
+
     fn file(&mut self, path: &Path, text: &str) {
-        let origin = Origin { name: path.display().to_string(), text: Some(Text::new(text)) };
-        let origin = self.places.add_origin(origin);
-        let (table, problems) = DeTable::parse_recoverable(text);
-        for problem in &problems {
-            let at = problem.span().map_or(0, |span| span.start);
-            self.errors.push(self.places.at_byte(origin, at, "", problem.message(), None));
-        }
-        if problems.is_empty() {
-            self.table(origin, table.get_ref());
+        let layer = self.spans.add_layer(&path.display().to_string(), Some(text));
+        let (table, is_whole) = self.walk(layer).parsed(text);
+        if is_whole {
+            let schema = self.schema;
+            let right = self.walk(layer).table(schema, "", &table);
+            self.layers.push(right);
         } else {
             self.broken = true;
         }
     }
 
-    fn table(&mut self, origin: usize, table: &DeTable<'_>) {
-        let (places, errors) = (&mut self.places, &mut self.errors);
-        let layer = Walk { schema: self.schema, origin, places, errors }.table(self.schema, "", table);
-        self.layers.push(layer);
-    }
-
     /// One value from the environment or the command line.
-    fn setting(&mut self, origin: &str, parts: &[&str], text: &str, below: &Value, any_case: bool) {
-        let id = self.places.add_origin(Origin { name: origin.to_owned(), text: None });
+    fn setting(&mut self, name: &str, parts: &[&str], text: &str, below: &Value, any_case: bool) {
+        let layer = self.spans.add_layer(name, None);
         let (keys, schema) = match find(self.schema, below, parts, any_case) {
             Ok(found) => found,
             // A file that is no TOML does not tell which names there are.
             Err(_) if self.broken => return,
             Err((message, help)) => {
-                let mut error = ProfileError::about(origin, message, Some(help));
-                error.key = parts.join(".");
-                self.errors.push(error);
-                return;
+                let error = ProfileError::about(name, message, Some(help));
+                return self.errors.push(ProfileError { key: parts.join("."), ..error });
             }
         };
         let path = keys.iter().fold(String::new(), |path, key| child(&path, key));
-        self.places.record(id, &path, 0..0, 0..0);
+        self.spans.record(layer, &path, 0..0, 0..0);
         let value = scalar(&types(self.schema, schema), text);
-        let (places, errors) = (&mut self.places, &mut self.errors);
-        let walked = Walk { schema: self.schema, origin: id, places, errors }.value(schema, &path, &value);
-        if let Some(value) = walked {
+        if let Some(value) = self.walk(layer).value(schema, &path, &value) {
             let nest = |inner, key: &String| Value::Object(Map::from_iter([(key.clone(), inner)]));
             self.layers.push(keys.iter().rev().fold(value, nest));
         }
@@ -199,36 +192,32 @@ impl Loader<'_> {
         let mut merged = merged(std::mem::take(&mut self.layers), &mut self.errors);
         let mut checked = None;
         if !self.broken {
-            let templates = template::fill(&mut merged, files, &mut self.places, &mut self.errors);
-            missing(self.schema, self.schema, "", &merged, &self.places, &mut self.errors);
-            match serde_json::from_value::<RawProfile>(merged) {
-                Ok(raw) => checked = Some(check::check(&raw, &self.places, path, files, &templates)),
+            let templates = template::fill(&mut merged, files, &mut self.spans, &mut self.errors);
+            let schema = self.schema;
+            self.walk(0).missing(schema, "", &merged);
+            match RawProfile::deserialize(&merged) {
+                Ok(raw) => checked = Some(raw.check(&merged, &self.spans, path, files, &templates)),
                 Err(why) => self.errors.push(ProfileError::about("the layers", why.to_string(), None)),
             }
         }
-        let (profile, warnings) = match checked {
+        let (profile, mut warnings) = match checked {
             Some(mut checked) => {
                 self.errors.append(&mut checked.errors);
                 (checked.profile, checked.warnings)
             }
             None => (None, Vec::new()),
         };
-        match profile {
-            Some(profile) if self.errors.is_empty() => {
-                let mut warnings = warnings;
-                self.places.sort(&mut warnings);
-                Ok(Loaded { profile, warnings })
-            }
-            _ => {
-                if self.errors.is_empty() {
-                    let message = "the profile cannot be resolved, and no key can be blamed for it";
-                    self.errors.push(ProfileError::about("the layers", message, None));
-                }
-                self.places.sort(&mut self.errors);
-                self.errors.dedup();
-                Err(Errors(self.errors))
-            }
+        if let Some(profile) = profile.filter(|_| self.errors.is_empty()) {
+            self.spans.sort(&mut warnings);
+            return Ok(Loaded { profile, warnings });
         }
+        if self.errors.is_empty() {
+            let message = "the profile cannot be resolved, and no key can be blamed for it";
+            self.errors.push(ProfileError::about("the layers", message, None));
+        }
+        self.spans.sort(&mut self.errors);
+        self.errors.dedup();
+        Err(Errors(self.errors))
     }
 }
 

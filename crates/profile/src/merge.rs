@@ -6,7 +6,7 @@
 
 use std::collections::HashMap;
 
-use config::{ConfigError, Source, ValueKind};
+use config::{ConfigError, Source};
 use serde_json::Value;
 
 /// A checked layer.
@@ -19,27 +19,7 @@ impl Source for Layer {
     }
 
     fn collect(&self) -> Result<HashMap<String, config::Value>, ConfigError> {
-        match kind(&self.0) {
-            ValueKind::Table(table) => Ok(table),
-            _ => Ok(HashMap::new()),
-        }
-    }
-}
-
-fn kind(value: &Value) -> ValueKind {
-    let inner = |value: &Value| config::Value::new(None, kind(value));
-    match value {
-        Value::Null => ValueKind::Nil,
-        Value::Bool(yes) => ValueKind::Boolean(*yes),
-        Value::Number(number) => match number.as_i64() {
-            Some(whole) => ValueKind::I64(whole),
-            None => ValueKind::Float(number.as_f64().unwrap_or(f64::NAN)),
-        },
-        Value::String(text) => ValueKind::String(text.clone()),
-        Value::Array(items) => ValueKind::Array(items.iter().map(inner).collect()),
-        Value::Object(table) => {
-            ValueKind::Table(table.iter().map(|(key, value)| (key.clone(), inner(value))).collect())
-        }
+        serde_json::from_value(self.0.clone()).map_err(|why| ConfigError::Foreign(Box::new(why)))
     }
 }
 

@@ -12,7 +12,7 @@ use serde_json::{Map, Value};
 
 use crate::error::ProfileError;
 use crate::files::Files;
-use crate::place::{Places, child};
+use crate::span::{Spans, child};
 
 mod channels;
 mod checks;
@@ -68,11 +68,11 @@ pub(crate) type Templates = BTreeMap<String, Template>;
 pub(crate) fn fill(
     profile: &mut Value,
     files: &Files<'_>,
-    places: &mut Places,
+    spans: &mut Spans,
     errors: &mut Vec<ProfileError>,
 ) -> Templates {
     let Some(profile) = profile.as_object_mut() else { return Templates::new() };
-    fill::Filling::new(profile, files, places, errors).run()
+    fill::Filling::new(profile, files, spans, errors).run()
 }
 
 /// A group of channels, checks or targets: one or several that are alike.
@@ -88,9 +88,9 @@ fn texts(table: &Group, key: &str) -> Vec<String> {
 }
 
 /// The names of one kind of thing, in the order of the file.
-fn in_order(profile: &Map<String, Value>, table: &str, places: &Places) -> Vec<String> {
+fn in_order(profile: &Map<String, Value>, table: &str, spans: &Spans) -> Vec<String> {
     let names = profile.get(table).and_then(Value::as_object);
     let mut names: Vec<String> = names.into_iter().flat_map(Map::keys).cloned().collect();
-    names.sort_by_key(|name| places.rank(&child(table, name)));
+    names.sort_by_key(|name| spans.rank(&child(table, name)));
     names
 }

@@ -5,15 +5,15 @@ use serde_json::{Map, Value};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+use crate::duration::Timespan;
 use crate::error::{ProfileError, allowed};
-use crate::place::{Places, child, element};
-use crate::raw::Span;
+use crate::span::{Spans, child, element};
 
 /// Walks one layer.
 pub(crate) struct Walk<'a> {
     pub(crate) schema: &'a Value,
-    pub(crate) origin: usize,
-    pub(crate) places: &'a mut Places,
+    pub(crate) layer: usize,
+    pub(crate) spans: &'a mut Spans,
     pub(crate) errors: &'a mut Vec<ProfileError>,
 }
 
@@ -34,6 +34,16 @@ pub(crate) fn types<'a>(root: &'a Value, schema: &'a Value) -> Vec<&'a str> {
 }
 
 impl Walk<'_> {
+    /// The text of a file, and whether all of it is TOML; where it is not, that has been reported.
+    pub(crate) fn parsed<'t>(&mut self, text: &'t str) -> (DeTable<'t>, bool) {
+        let (table, problems) = DeTable::parse_recoverable(text);
+        for problem in &problems {
+            let at = problem.span().map_or(0, |span| span.start);
+            self.error(at, "", problem.message(), None);
+        }
+        (table.into_inner(), problems.is_empty())
+    }
+
     /// What is right in a table.
     pub(crate) fn table(&mut self, schema: &Value, path: &str, table: &DeTable<'_>) -> Value {
         let schema = resolved(self.schema, schema);
@@ -45,8 +55,8 @@ impl Walk<'_> {
         for (key, value) in entries {
             let name: &str = key.get_ref();
             let path = child(path, name);
-            self.places.record(self.origin, &path, key.span(), value.span());
-            let Some(wanted) = known.and_then(|known| known.get(name)).or(free) else {
+            self.spans.record(self.layer, &path, key.span(), value.span());
+            let Some(inner) = known.and_then(|known| known.get(name)).or(free) else {
                 let words = known.into_iter().flat_map(Map::keys).map(String::as_str);
                 self.error(
                     key.span().start,
@@ -56,7 +66,7 @@ impl Walk<'_> {
                 );
                 continue;
             };
-            if let Some(value) = self.value(wanted, &path, value) {
+            if let Some(value) = self.value(inner, &path, value) {
                 right.insert(name.to_owned(), value);
             }
         }
@@ -73,51 +83,69 @@ impl Walk<'_> {
         let described = schema;
         let at = value.span().start;
         let schema = Self::choice(resolved(self.schema, schema), value.get_ref());
-        let wanted = schema.get("type").and_then(Value::as_str).unwrap_or_default();
-        let duration = schema.get("pattern").is_some_and(|pattern| pattern == Span::PATTERN);
-        match (value.get_ref(), wanted) {
-            (DeValue::Table(table), "object") => Some(self.table(schema, path, table)),
-            (DeValue::Array(items), "array") => {
-                self.places.forget_inside(path);
-                let before = self.errors.len();
-                let mut right = Vec::new();
-                for (index, item) in items.iter().enumerate() {
-                    let path = element(path, index);
-                    self.places.record(self.origin, &path, item.span(), item.span());
-                    let item_schema = schema.get("items").unwrap_or(&Value::Null);
-                    right.extend(self.value(item_schema, &path, item));
-                }
-                if right.len() == items.len() {
-                    self.length(schema, path, at, right.len())?;
-                    return Some(Value::Array(right));
-                }
-                debug_assert!(self.errors.len() > before, "an entry was dropped without a word");
-                None
-            }
-            (DeValue::String(text), "string") => self.text(schema, duration, path, at, text),
-            (DeValue::Boolean(yes), "boolean") => Some(Value::Bool(*yes)),
+        let kind = schema.get("type").and_then(Value::as_str).unwrap_or_default();
+        let is_duration = schema.get("pattern").is_some_and(|pattern| pattern == Timespan::PATTERN);
+        let wrong = match (value.get_ref(), kind) {
+            (DeValue::Table(table), "object") => return Some(self.table(schema, path, table)),
+            (DeValue::Array(items), "array") => return self.list(schema, path, at, items),
+            (DeValue::Boolean(yes), "boolean") => return Some(Value::Bool(*yes)),
+            (DeValue::String(text), "string") => match wrong_text(schema, is_duration, text) {
+                None => return Some(Value::from(&**text)),
+                Some((message, help)) => (message, Some(help)),
+            },
             (DeValue::Integer(number), "integer" | "number") => {
-                let Ok(number) = i64::from_str_radix(number.as_str(), number.radix()) else {
-                    self.error(at, path, format!("{number} is too large"), None);
-                    return None;
-                };
-                self.bounds(schema, path, at, number)?;
-                Some(Value::from(number))
+                match i64::from_str_radix(number.as_str(), number.radix()) {
+                    Err(_) => (format!("{number} is too large"), None),
+                    Ok(number) => match bounds(schema, number) {
+                        None => return Some(Value::from(number)),
+                        Some(bounds) => (
+                            format!("{number} is outside what is allowed"),
+                            Some(format!("allowed: {bounds}")),
+                        ),
+                    },
+                }
             }
             (DeValue::Float(number), "number") => {
-                let finite = number.as_str().parse::<f64>().ok().filter(|number| number.is_finite());
-                if finite.is_none() {
-                    let help = Some("a finite number is wanted".to_owned());
-                    self.error(at, path, format!("`{number}` is no number"), help);
+                match number.as_str().parse::<f64>().ok().filter(|number| number.is_finite()) {
+                    Some(number) => return Some(Value::from(number)),
+                    None => {
+                        (format!("`{number}` is no number"), Some("a finite number is wanted".to_owned()))
+                    }
                 }
-                finite.map(Value::from)
             }
             (found, _) => {
                 let help = described.get("description").or(schema.get("description")).and_then(Value::as_str);
-                let message = wrong_type(&types(self.schema, schema), found, duration);
-                self.error(at, path, message, help.map(str::to_owned));
+                (wrong_type(&types(self.schema, schema), found, is_duration), help.map(str::to_owned))
+            }
+        };
+        self.error(at, path, wrong.0, wrong.1);
+        None
+    }
+
+    /// A list in which everything is right.
+    fn list(
+        &mut self,
+        schema: &Value,
+        path: &str,
+        at: usize,
+        items: &[Spanned<DeValue<'_>>],
+    ) -> Option<Value> {
+        self.spans.forget_inside(path);
+        let item_schema = schema.get("items").unwrap_or(&Value::Null);
+        let mut right = Vec::new();
+        for (index, item) in items.iter().enumerate() {
+            let path = element(path, index);
+            self.spans.record(self.layer, &path, item.span(), item.span());
+            right.extend(self.value(item_schema, &path, item));
+        }
+        let exact = schema.get("maxItems").and_then(Value::as_u64);
+        match exact.filter(|exact| usize::try_from(*exact) != Ok(right.len())) {
+            _ if right.len() < items.len() => None,
+            Some(exact) => {
+                self.error(at, path, format!("{exact} values are wanted here, not {}", right.len()), None);
                 None
             }
+            None => Some(Value::Array(right)),
         }
     }
 
@@ -138,65 +166,70 @@ impl Walk<'_> {
         choices.iter().find(fits).unwrap_or(schema)
     }
 
-    fn text(&mut self, schema: &Value, duration: bool, path: &str, at: usize, text: &str) -> Option<Value> {
-        if let Some(words) = schema.get("enum").and_then(Value::as_array) {
-            let words: Vec<&str> = words.iter().filter_map(Value::as_str).collect();
-            if !words.contains(&text) {
-                self.error(
-                    at,
-                    path,
-                    format!("`{text}` is not a word known here"),
-                    Some(allowed(text, words)),
-                );
-                return None;
+    /// Reports the keys that the merged profile lacks. One that is there but wrong has been reported already.
+    pub(crate) fn missing(&mut self, schema: &Value, path: &str, value: &Value) {
+        let schema = resolved(self.schema, schema);
+        let property = |key: &str| schema.get("properties").and_then(|known| known.get(key));
+        match value {
+            Value::Object(table) => {
+                let required = schema.get("required").and_then(Value::as_array).into_iter().flatten();
+                for key in required.filter_map(Value::as_str) {
+                    let path = child(path, key);
+                    if !table.contains_key(key) && !self.spans.contains(&path) {
+                        let described =
+                            |schema: &Value| Some(schema.get("description")?.as_str()?.to_owned());
+                        let what = property(key)
+                            .and_then(|what| described(resolved(self.schema, what)).or(described(what)));
+                        let help = what.map(|what| format!("`{key}`: {what}"));
+                        self.errors.push(self.spans.at_key(&path, format!("`{key}` is missing"), help));
+                    }
+                }
+                for (key, value) in table {
+                    if let Some(inner) = property(key).or_else(|| schema.get("additionalProperties")) {
+                        self.missing(inner, &child(path, key), value);
+                    }
+                }
             }
+            Value::Array(items) => {
+                let Some(inner) = schema.get("items") else { return };
+                for (index, item) in items.iter().enumerate() {
+                    self.missing(inner, &element(path, index), item);
+                }
+            }
+            _ => {}
         }
-        if duration && let Err(why) = humantime::parse_duration(text) {
-            let help = Some(
-                "write a number with its unit, as \"300ms\", \"10s\", \"3min\", \"2h\" or \"90d\"".to_owned(),
-            );
-            self.error(at, path, format!("`{text}` is no duration: {why}"), help);
-            return None;
-        }
-        Some(Value::from(text))
     }
 
-    fn length(&mut self, schema: &Value, path: &str, at: usize, length: usize) -> Option<()> {
-        let exact =
-            schema.get("maxItems").and_then(Value::as_u64).and_then(|most| usize::try_from(most).ok());
-        if let Some(exact) = exact.filter(|exact| *exact != length) {
-            self.error(at, path, format!("{exact} values are wanted here, not {length}"), None);
-            return None;
-        }
-        Some(())
-    }
-
-    fn bounds(&mut self, schema: &Value, path: &str, at: usize, number: i64) -> Option<()> {
-        let bound = |name| schema.get(name).and_then(Value::as_i64);
-        let (least, most) = (bound("minimum"), bound("maximum"));
-        if least.is_some_and(|least| number < least) || most.is_some_and(|most| number > most) {
-            let range = match (least, most) {
-                (Some(least), Some(most)) => format!("{least} to {most}"),
-                (Some(least), None) => format!("{least} and more"),
-                (_, most) => format!("up to {}", most.unwrap_or(i64::MAX)),
-            };
-            self.error(
-                at,
-                path,
-                format!("{number} is outside what is allowed"),
-                Some(format!("allowed: {range}")),
-            );
-            return None;
-        }
-        Some(())
-    }
-
-    fn error(&mut self, at: usize, path: &str, message: String, help: Option<String>) {
-        self.errors.push(self.places.at_byte(self.origin, at, path, message, help));
+    fn error(&mut self, at: usize, path: &str, message: impl Into<String>, help: Option<String>) {
+        self.errors.push(self.spans.at_byte(self.layer, at, path, message, help));
     }
 }
 
-fn wrong_type(wanted: &[&str], found: &DeValue<'_>, duration: bool) -> String {
+/// What is wrong with a text, and the remedy.
+fn wrong_text(schema: &Value, is_duration: bool, text: &str) -> Option<(String, String)> {
+    let words = schema.get("enum").and_then(Value::as_array);
+    let words: Option<Vec<&str>> = words.map(|words| words.iter().filter_map(Value::as_str).collect());
+    if let Some(words) = words.filter(|words| !words.contains(&text)) {
+        return Some((format!("`{text}` is not a word known here"), allowed(text, words)));
+    }
+    let why = humantime::parse_duration(text).err().filter(|_| is_duration)?;
+    let help = "write a number with its unit, as \"300ms\", \"10s\", \"3min\", \"2h\" or \"90d\"";
+    Some((format!("`{text}` is no duration: {why}"), help.to_owned()))
+}
+
+/// What is allowed, where a number is not.
+fn bounds(schema: &Value, number: i64) -> Option<String> {
+    let bound = |name| schema.get(name).and_then(Value::as_i64);
+    let (least, most) = (bound("minimum"), bound("maximum"));
+    let is_outside = least.is_some_and(|least| number < least) || most.is_some_and(|most| number > most);
+    is_outside.then(|| match (least, most) {
+        (Some(least), Some(most)) => format!("{least} to {most}"),
+        (Some(least), None) => format!("{least} and more"),
+        (_, most) => format!("up to {}", most.unwrap_or(i64::MAX)),
+    })
+}
+
+fn wrong_type(wanted: &[&str], found: &DeValue<'_>, is_duration: bool) -> String {
     let found = match found {
         DeValue::String(text) => format!("the text \"{text}\""),
         DeValue::Integer(number) => format!("the number {number}"),
@@ -207,7 +240,7 @@ fn wrong_type(wanted: &[&str], found: &DeValue<'_>, duration: bool) -> String {
         DeValue::Table(_) => "a table".to_owned(),
     };
     let wanted = wanted.iter().map(|kind| match *kind {
-        "string" if duration => "a duration in quotes, as \"10s\",",
+        "string" if is_duration => "a duration in quotes, as \"10s\",",
         "string" => "a text in quotes",
         "integer" => "a whole number",
         "number" => "a number",
@@ -216,52 +249,4 @@ fn wrong_type(wanted: &[&str], found: &DeValue<'_>, duration: bool) -> String {
         _ => "a table",
     });
     format!("{} is wanted here, not {found}", wanted.collect::<Vec<_>>().join(" or "))
-}
-
-/// Reports the keys that the merged profile lacks. One that is there but wrong has been reported already.
-pub(crate) fn missing(
-    root: &Value,
-    schema: &Value,
-    path: &str,
-    value: &Value,
-    places: &Places,
-    errors: &mut Vec<ProfileError>,
-) {
-    let schema = resolved(root, schema);
-    match value {
-        Value::Object(table) => {
-            for key in schema
-                .get("required")
-                .and_then(Value::as_array)
-                .into_iter()
-                .flatten()
-                .filter_map(Value::as_str)
-            {
-                let path = child(path, key);
-                if !table.contains_key(key) && !places.contains(&path) {
-                    let what = schema.pointer(&format!("/properties/{key}"));
-                    let what = what
-                        .and_then(|what| resolved(root, what).get("description").or(what.get("description")));
-                    let help = what.and_then(Value::as_str).map(|what| format!("`{key}`: {what}"));
-                    errors.push(places.at_key(&path, format!("`{key}` is missing"), help));
-                }
-            }
-            for (key, value) in table {
-                let inner = schema
-                    .pointer(&format!("/properties/{key}"))
-                    .or_else(|| schema.get("additionalProperties"));
-                if let Some(inner) = inner {
-                    missing(root, inner, &child(path, key), value, places, errors);
-                }
-            }
-        }
-        Value::Array(items) => {
-            for (index, item) in items.iter().enumerate() {
-                if let Some(inner) = schema.get("items") {
-                    missing(root, inner, &element(path, index), item, places, errors);
-                }
-            }
-        }
-        _ => {}
-    }
 }

@@ -141,7 +141,7 @@ pub(super) fn device(profile: &Profile, id: DeviceId, can: &CanDevice) -> CanExp
         } else {
             format!(" in the bits of {:#06x}", known.mask)
         };
-        format!("emergency {:#06x}{mask}: {}", known.code, known.words)
+        format!("emergency {:#06x}{mask}: {}", known.code, known.meaning)
     });
     CanExplained {
         node: can.node,

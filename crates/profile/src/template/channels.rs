@@ -4,8 +4,7 @@ use serde_json::{Map, Value};
 
 use super::{Group, text, texts};
 use crate::Flag;
-use crate::raw::TypeWord;
-use isotherm_core::codec::DataType;
+use crate::tables::register::TypeWord;
 
 /// The keys of a group that say how its channels follow each other.
 pub(super) const OF_GROUP: [&str; 6] = ["name", "count", "from", "stride", "unverified", "ask"];
@@ -67,7 +66,7 @@ fn width(group: &Group) -> u16 {
         return 1;
     }
     let kind: Option<TypeWord> = group.get("type").and_then(|kind| serde_json::from_value(kind.clone()).ok());
-    kind.map_or(1, |kind| DataType::from(kind).registers())
+    kind.map_or(1, |TypeWord(kind)| kind.registers())
 }
 
 /// The bits of a frame so far behind the first channel's.

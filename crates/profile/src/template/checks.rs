@@ -6,7 +6,7 @@ use super::channels::{Channel, OF_GROUP, of_member, shifted};
 use super::fill::Filling;
 use super::text;
 use crate::error::allowed;
-use crate::place::{child, element};
+use crate::span::{child, element};
 
 impl Filling<'_> {
     /// The template's checks before what the device says itself.
@@ -19,7 +19,7 @@ impl Filling<'_> {
         for name in expect.keys().filter(|name| !names().any(|known| known == *name)) {
             let message = format!("template `{}` checks no `{name}`", self.templates[device].name);
             let at = child(&child(&path, "expect"), name);
-            self.errors.push(self.places.at_key(&at, message, Some(allowed(name, names()))));
+            self.errors.push(self.spans.at_key(&at, message, Some(allowed(name, names()))));
         }
         let base = table.get("base").and_then(Value::as_u64).and_then(|base| u16::try_from(base).ok());
         let used: Vec<&Channel> = definition
@@ -90,8 +90,8 @@ impl Filling<'_> {
         let own = table.get("verify").and_then(Value::as_array).cloned().unwrap_or_default();
         for (place, (_, at)) in verify.iter().enumerate() {
             let entry = element(&child(&path, "verify"), own.len() + place);
-            self.places.fill_in(&entry, at, &note);
-            self.places.fill_in(&child(&entry, "equals"), at, &note);
+            self.spans.fill_in(&entry, at, &note);
+            self.spans.fill_in(&child(&entry, "equals"), at, &note);
         }
         let all: Vec<Value> = own.into_iter().chain(verify.into_iter().map(|(entry, _)| entry)).collect();
         if let Some(table) = self.table_mut("device", device) {

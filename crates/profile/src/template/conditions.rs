@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::Use;
 use super::channels::Channel;
 use super::fill::Filling;
-use crate::place::child;
+use crate::span::child;
 
 impl Filling<'_> {
     /// A condition over channels, as one over signals. A channel that no signal of the profile reads becomes one.
@@ -61,7 +61,7 @@ impl Filling<'_> {
             signals.insert(name.clone(), made);
         }
         let note = self.note(device, &channel.name);
-        self.places.fill_in(&child("signal", &name), at, &note);
+        self.spans.fill_in(&child("signal", &name), at, &note);
         self.bring("signal", &name, device, channel, at);
         if let Some(template) = self.templates.get_mut(device) {
             let overridden = Vec::new();

@@ -10,12 +10,12 @@ use super::find::{Definition, find};
 use super::{Template, Templates, Use, in_order, text};
 use crate::error::{ProfileError, allowed};
 use crate::files::Files;
-use crate::place::{Places, child, element};
+use crate::span::{Spans, child, element};
 
 pub(super) struct Filling<'a> {
     pub(super) profile: &'a mut Map<String, Value>,
     files: &'a Files<'a>,
-    pub(super) places: &'a mut Places,
+    pub(super) spans: &'a mut Spans,
     pub(super) errors: &'a mut Vec<ProfileError>,
     pub(super) known: BTreeMap<String, Definition>,
     pub(super) templates: Templates,
@@ -27,19 +27,19 @@ impl<'a> Filling<'a> {
     pub(super) fn new(
         profile: &'a mut Map<String, Value>,
         files: &'a Files<'a>,
-        places: &'a mut Places,
+        spans: &'a mut Spans,
         errors: &'a mut Vec<ProfileError>,
     ) -> Filling<'a> {
         let (known, templates, broken) = (BTreeMap::new(), Templates::new(), Vec::new());
-        Filling { profile, files, places, errors, known, templates, broken }
+        Filling { profile, files, spans, errors, known, templates, broken }
     }
 
     pub(super) fn run(mut self) -> Templates {
-        for name in in_order(self.profile, "device", self.places) {
+        for name in in_order(self.profile, "device", self.spans) {
             self.device(&name);
         }
         for (table, is_signal) in [("signal", true), ("output", false)] {
-            for name in in_order(self.profile, table, self.places) {
+            for name in in_order(self.profile, table, self.spans) {
                 self.user(table, &name, is_signal);
             }
         }
@@ -113,11 +113,11 @@ impl<'a> Filling<'a> {
             let is_own = |entry: &&Value| !own.iter().any(|known| known.get(identity) == entry.get(identity));
             let more: Vec<Value> = below.iter().filter(is_own).cloned().collect();
             for place in own.len()..own.len() + more.len() {
-                self.places.fill_in(&element(&child(&child("device", name), key), place), at, note);
+                self.spans.fill_in(&element(&child(&child("device", name), key), place), at, note);
             }
             let path = child(&child("device", name), key);
-            if !self.places.contains(&path) {
-                self.places.fill_in(&path, at, note);
+            if !self.spans.contains(&path) {
+                self.spans.fill_in(&path, at, note);
             }
             if let Some(device) = self.table_mut("device", name) {
                 device.insert(key.clone(), Value::Array(own.into_iter().chain(more).collect()));
@@ -130,9 +130,9 @@ impl<'a> Filling<'a> {
         self.put("device", name, "quirks", json!({}), at, note);
         let path = child(&child("device", name), "quirks");
         for (key, value) in
-            below.iter().filter(|(key, _)| !self.places.contains(&child(&path, key))).collect::<Vec<_>>()
+            below.iter().filter(|(key, _)| !self.spans.contains(&child(&path, key))).collect::<Vec<_>>()
         {
-            self.places.fill_in(&child(&path, key), at, note);
+            self.spans.fill_in(&child(&path, key), at, note);
             let own =
                 self.table_mut("device", name).and_then(|device| device.get_mut("quirks")?.as_object_mut());
             if let Some(own) = own {
@@ -198,8 +198,8 @@ impl<'a> Filling<'a> {
         for key in
             ["register", "type", "writes", "scale", "word_order", "read_back"].map(|key| child(&path, key))
         {
-            if !self.places.contains(&key) {
-                self.places.fill_in(&key, at, "");
+            if !self.spans.contains(&key) {
+                self.spans.fill_in(&key, at, "");
             }
         }
     }
@@ -209,13 +209,13 @@ impl<'a> Filling<'a> {
         let path = child(table, name);
         for key in &channel.asks {
             let at = child(&path, key);
-            if !self.places.contains(&at) {
+            if !self.spans.contains(&at) {
                 let template = &self.templates[device].name;
                 let why = definition_text(&self.known[device], &channel.group).unwrap_or_default();
                 let message = format!("`{key}` is missing: template `{template}` leaves it to you");
                 let help = if why.is_empty() { "the device's manual says which".to_owned() } else { why };
-                self.errors.push(self.places.at_key(&at, message, Some(help)));
-                self.places.fill_in(&at, &child(&path, "channel"), "");
+                self.errors.push(self.spans.at_key(&at, message, Some(help)));
+                self.spans.fill_in(&at, &child(&path, "channel"), "");
             }
         }
     }
@@ -240,7 +240,7 @@ impl<'a> Filling<'a> {
                 continue;
             }
             let is_there = self.table(table, name).is_some_and(|user| user.contains_key(key));
-            if is_there || self.places.contains(&child(&child(table, name), key)) {
+            if is_there || self.spans.contains(&child(&child(table, name), key)) {
                 overridden.push(key.clone());
                 continue;
             }
@@ -269,15 +269,15 @@ impl<'a> Filling<'a> {
             return;
         }
         let path = child("set", device);
-        if !self.places.contains(&path) {
-            self.places.fill_in(&path, at, &note);
+        if !self.spans.contains(&path) {
+            self.spans.fill_in(&path, at, &note);
         }
         let sets = self.profile.entry("set").or_insert_with(|| json!({}));
         if let Some(sets) = sets.as_object_mut() {
             sets.entry(device.to_owned()).or_insert_with(|| json!({}));
         }
         for (key, value) in set.as_object().into_iter().flatten() {
-            if !self.places.contains(&child(&path, key)) {
+            if !self.spans.contains(&child(&path, key)) {
                 self.put("set", device, key, value.clone(), at, &note);
             }
         }
@@ -290,10 +290,10 @@ impl<'a> Filling<'a> {
             return;
         };
         let note = format!("it comes from template `{}`", self.templates[&device].name);
-        if self.places.contains("heartbeat.register") {
+        if self.spans.contains("heartbeat.register") {
             return;
         }
-        self.places.fill_in("heartbeat.register", "heartbeat.device", &note);
+        self.spans.fill_in("heartbeat.register", "heartbeat.device", &note);
         if let Some(beat) = self.profile.get_mut("heartbeat").and_then(Value::as_object_mut) {
             beat.insert("register".to_owned(), register);
         }
@@ -334,11 +334,11 @@ impl<'a> Filling<'a> {
             return;
         }
         into.insert(key.to_owned(), value);
-        self.places.fill_in(&child(&child(table, name), key), at, note);
+        self.spans.fill_in(&child(&child(table, name), key), at, note);
     }
 
     pub(super) fn wrong(&mut self, path: &str, message: impl Into<String>, help: impl Into<String>) {
-        self.errors.push(self.places.at_value(path, message, Some(help.into())));
+        self.errors.push(self.spans.at_value(path, message, Some(help.into())));
     }
 }
 

@@ -3,14 +3,13 @@
 use std::collections::BTreeMap;
 
 use serde_json::{Map, Value, json};
-use toml::de::DeTable;
 
 use super::channels::{Channel, of_group};
 use super::{Group, schema, shipped, text, texts};
 use crate::error::{ProfileError, allowed};
 use crate::files::Files;
-use crate::place::{Origin, Places, Text};
-use crate::walk::{Walk, missing};
+use crate::span::Spans;
+use crate::walk::Walk;
 
 /// Where the user's own templates lie, beside the profile.
 const DIRECTORY: &str = "devices";
@@ -88,19 +87,14 @@ fn nearest_names(name: &str, known: &[String]) -> String {
 
 fn read(shown: &str, written: &str, errors: &mut Vec<ProfileError>) -> Option<Group> {
     let schema = schema::schema();
-    let mut places = Places::default();
-    let origin = places.add_origin(Origin { name: shown.to_owned(), text: Some(Text::new(written)) });
+    let mut spans = Spans::default();
+    let layer = spans.add_layer(shown, Some(written));
     let before = errors.len();
-    let (table, problems) = DeTable::parse_recoverable(written);
-    for problem in &problems {
-        let at = problem.span().map_or(0, |span| span.start);
-        errors.push(places.at_byte(origin, at, "", problem.message(), None));
-    }
-    let mut walk = Walk { schema: &schema, origin, places: &mut places, errors };
-    let value = walk.table(&schema, "", table.get_ref());
+    let mut walk = Walk { schema: &schema, layer, spans: &mut spans, errors };
+    let (table, _) = walk.parsed(written);
+    let value = walk.table(&schema, "", &table);
     // What a group leaves out, the profile may say.
-    let shallow = json!({ "required": schema.get("required") });
-    missing(&shallow, &shallow, "", &value, &places, errors);
+    walk.missing(&json!({ "required": schema.get("required") }), "", &value);
     match value {
         Value::Object(group) if errors.len() == before => Some(group),
         _ => None,

@@ -2,8 +2,6 @@
 
 use serde_json::{Map, Value, json};
 
-use crate::raw;
-
 /// Keys of a signal that only a profile can know.
 const OF_SIGNAL: [&str; 4] = ["device", "channel", "max_rate", "merge"];
 
@@ -16,7 +14,7 @@ pub(super) const NODE: [&str; 3] = ["heartbeat", "setup", "emergency"];
 
 /// The JSON Schema of a device template, draft 2020-12.
 pub fn schema() -> Value {
-    let profile = raw::schema();
+    let profile = crate::schema();
     let keys = |table: &str, without: &[&str]| {
         let known = profile.pointer(&format!("/$defs/{table}/properties")).and_then(Value::as_object);
         let known = known.into_iter().flatten().filter(|(key, _)| !without.contains(&key.as_str()));

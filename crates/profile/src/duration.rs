@@ -1,0 +1,42 @@
+//! Durations as a profile writes them: "300ms", "10s", "3min", "2h", "90d".
+
+use std::time::Duration;
+
+use schemars::{JsonSchema, Schema};
+use serde::{Deserialize, Deserializer};
+
+/// A duration that a profile has written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Timespan(pub(crate) Duration);
+
+impl Timespan {
+    /// How editors know a duration, and how the walk knows one: a required key has this schema itself, not a `$ref`.
+    pub(crate) const PATTERN: &'static str = "^\\s*(\\d+\\s*[a-zA-Zµ]+\\s*)+$";
+}
+
+impl<'de> Deserialize<'de> for Timespan {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Timespan, D::Error> {
+        let text = String::deserialize(deserializer)?;
+        humantime::parse_duration(&text).map(Timespan).map_err(serde::de::Error::custom)
+    }
+}
+
+impl JsonSchema for Timespan {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "Duration".into()
+    }
+
+    fn json_schema(_: &mut schemars::SchemaGenerator) -> Schema {
+        schemars::json_schema!({
+            "description": "A duration with its unit, as \"300ms\", \"10s\", \"3min\", \"2h\" or \"90d\".",
+            "type": "string",
+            "pattern": Timespan::PATTERN,
+            "examples": ["300ms", "10s", "3min"],
+        })
+    }
+}
+
+/// A duration as a profile would write it.
+pub(crate) fn shown(span: Duration) -> String {
+    humantime::format_duration(span).to_string()
+}

@@ -1,0 +1,192 @@
+//! Where each key of the merged profile was written: layer, line and column.
+
+use std::collections::BTreeMap;
+use std::ops::Range;
+
+use crate::error::ProfileError;
+
+/// One layer: a file with its text, a variable or a flag.
+#[derive(Clone, Debug)]
+struct Layer {
+    /// As errors name it.
+    name: String,
+    /// The text of a file, and where each of its lines begins: a large profile may have a warning for every signal.
+    text: Option<(String, Vec<usize>)>,
+}
+
+impl Layer {
+    /// Line and column of a byte, counted from 1, and the line itself.
+    fn locate(&self, byte: usize) -> Option<(usize, usize, &str)> {
+        let (text, lines) = self.text.as_ref()?;
+        let byte = if text.is_char_boundary(byte) { byte } else { text.len() };
+        let line = lines.partition_point(|start| *start <= byte);
+        let start = lines[line - 1];
+        let end = lines.get(line).map_or(text.len(), |next| next - 1);
+        let shown = text[start..end.max(start)].trim_end_matches('\r');
+        Some((line, text[start..byte].chars().count() + 1, shown))
+    }
+}
+
+/// Where one key stands.
+#[derive(Clone, Debug)]
+struct Span {
+    layer: usize,
+    /// The bytes of its name.
+    key: Range<usize>,
+    /// The bytes of its value.
+    value: Range<usize>,
+    /// The layer and the byte in which it was first written.
+    rank: (usize, usize),
+}
+
+/// Where all keys stand. A later layer that sets a key again takes its place over, but not its rank in the order.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Spans {
+    layers: Vec<Layer>,
+    by_path: BTreeMap<String, Span>,
+    /// Where values come from that nobody wrote into a layer.
+    notes: BTreeMap<String, String>,
+}
+
+/// The path of a key in a table.
+pub(crate) fn child(path: &str, key: &str) -> String {
+    let is_plain = !key.is_empty()
+        && key.bytes().all(|byte| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'-'));
+    let key = if is_plain { key.to_owned() } else { format!("{key:?}") };
+    if path.is_empty() { key } else { format!("{path}.{key}") }
+}
+
+/// The path of an entry of a list.
+pub(crate) fn element(path: &str, index: usize) -> String {
+    format!("{path}[{index}]")
+}
+
+impl Spans {
+    /// A layer with its name, and its text where it is a file.
+    pub(crate) fn add_layer(&mut self, name: &str, text: Option<&str>) -> usize {
+        let lines = |text: &str| {
+            let after_breaks = text.match_indices('\n').map(|(at, _)| at + 1);
+            (text.to_owned(), std::iter::once(0).chain(after_breaks).collect())
+        };
+        self.layers.push(Layer { name: name.to_owned(), text: text.map(lines) });
+        self.layers.len() - 1
+    }
+
+    pub(crate) fn record(&mut self, layer: usize, path: &str, key: Range<usize>, value: Range<usize>) {
+        let rank = self.by_path.get(path).map_or((layer, key.start), |known| known.rank);
+        self.by_path.insert(path.to_owned(), Span { layer, key, value, rank });
+    }
+
+    /// A key that nobody wrote stands where `of` stands, which brought it; `note` says so.
+    pub(crate) fn fill_in(&mut self, path: &str, of: &str, note: &str) {
+        let Some(span) = self.by_path.get(of).cloned() else { return };
+        self.by_path.insert(path.to_owned(), span);
+        self.notes.insert(path.to_owned(), note.to_owned());
+    }
+
+    /// A list is replaced as a whole: what an earlier layer had inside is gone.
+    pub(crate) fn forget_inside(&mut self, path: &str) {
+        let inside = format!("{path}[");
+        self.by_path.retain(|known, _| !known.starts_with(&inside));
+    }
+
+    pub(crate) fn contains(&self, path: &str) -> bool {
+        self.by_path.contains_key(path)
+    }
+
+    /// The order in which things were first written.
+    pub(crate) fn rank(&self, path: &str) -> (usize, usize) {
+        self.by_path.get(path).map_or((usize::MAX, 0), |span| span.rank)
+    }
+
+    /// An error at the name of a key; for a key that is not there, at the table it is missing from.
+    pub(crate) fn at_key(
+        &self,
+        path: &str,
+        message: impl Into<String>,
+        help: Option<String>,
+    ) -> ProfileError {
+        let (layer, byte) = self.enclosing(path).map(|span| (span.layer, span.key.start)).unwrap_or_default();
+        self.at_byte(layer, byte, path, message, help)
+    }
+
+    /// An error at the value of a key; for a key that is not there, at the table it is missing from.
+    pub(crate) fn at_value(
+        &self,
+        path: &str,
+        message: impl Into<String>,
+        help: Option<String>,
+    ) -> ProfileError {
+        let Some(span) = self.by_path.get(path) else { return self.at_key(path, message, help) };
+        self.at_byte(span.layer, span.value.start, path, message, help)
+    }
+
+    /// An error inside a text value, `offset` bytes from its beginning.
+    pub(crate) fn inside(
+        &self,
+        path: &str,
+        text: &str,
+        offset: usize,
+        message: impl Into<String>,
+        help: Option<String>,
+    ) -> ProfileError {
+        let Some(span) = self.by_path.get(path) else { return self.at_key(path, message, help) };
+        let file = self.layers.get(span.layer).and_then(|layer| layer.text.as_ref());
+        let written = file.and_then(|(file, _)| file.get(span.value.clone()));
+        // Where the text has escapes, its bytes are not those of the file.
+        let verbatim = written.and_then(|written| written.find(text)).map(|quotes| quotes + offset);
+        self.at_byte(span.layer, span.value.start + verbatim.unwrap_or(0), path, message, help)
+    }
+
+    /// An error at a byte of a layer.
+    pub(crate) fn at_byte(
+        &self,
+        layer: usize,
+        byte: usize,
+        path: &str,
+        message: impl Into<String>,
+        help: Option<String>,
+    ) -> ProfileError {
+        let layer = self.layers.get(layer);
+        let located = layer.and_then(|layer| layer.locate(byte));
+        let help = match (self.notes.get(path), help) {
+            (Some(note), Some(help)) => Some(format!("{note}; {help}")),
+            (note, help) => help.or(note.cloned()),
+        };
+        ProfileError {
+            file: layer.map(|layer| layer.name.clone()).unwrap_or_default(),
+            line: located.map(|(line, ..)| line),
+            column: located.map(|(_, column, _)| column),
+            key: path.to_owned(),
+            message: message.into(),
+            help,
+            excerpt: located.map(|(.., line)| line.to_owned()),
+        }
+    }
+
+    /// `profiles/x.toml:41`, for a message that names a second key.
+    pub(crate) fn line_of(&self, path: &str) -> String {
+        let found = self.enclosing(path).and_then(|span| Some((self.layers.get(span.layer)?, span)));
+        match found.map(|(layer, span)| (&layer.name, layer.locate(span.key.start))) {
+            None => path.to_owned(),
+            Some((name, None)) => name.clone(),
+            Some((name, Some((line, ..)))) => format!("{name}:{line}"),
+        }
+    }
+
+    /// The order of the layers, then of their lines.
+    pub(crate) fn sort(&self, errors: &mut [ProfileError]) {
+        let layer = |error: &ProfileError| self.layers.iter().position(|layer| layer.name == error.file);
+        errors.sort_by_key(|error| (layer(error), error.line, error.column));
+    }
+
+    fn enclosing(&self, path: &str) -> Option<&Span> {
+        let mut path = path;
+        loop {
+            if let Some(span) = self.by_path.get(path) {
+                return Some(span);
+            }
+            path = &path[..path.rfind(['.', '['])?];
+        }
+    }
+}

@@ -1,0 +1,438 @@
+//! The tables of a profile, one file each: how it is written, what it becomes, what can be wrong with it, and what
+//! `isotherm check` says of it.
+//!
+//! A thing that cannot be resolved leaves a gap in its list, so that the places of the others, and the checks on
+//! them, stay right; with a single error there is no profile.
+
+use std::cell::RefCell;
+use std::collections::{BTreeMap, HashMap};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+use serde_json::Value;
+
+use crate::Profile;
+use crate::duration::Timespan;
+use crate::error::{ProfileError, allowed};
+use crate::files::Files;
+use crate::span::{Spans, child, element};
+use crate::template::Templates;
+use axis::{Axis, RawAxis};
+use bus::{Bus, RawBus};
+use device::{Device, RawDevice};
+use heartbeat::RawHeartbeat;
+use history::RawHistory;
+use isotherm_core::compensation::settings::MachineSettings;
+use isotherm_core::reading::SignalId;
+use machine::RawMachine;
+use mqtt::RawMqtt;
+use output::{Output, RawOutput};
+use set::{OutputSet, RawSet};
+use signal::{RawSignal, Signal};
+use web::RawWeb;
+
+pub(crate) mod axis;
+pub(crate) mod bus;
+pub(crate) mod can;
+mod claims;
+pub(crate) mod dbc;
+pub(crate) mod device;
+mod expression;
+pub(crate) mod handshake;
+pub(crate) mod heartbeat;
+pub(crate) mod history;
+mod line_time;
+mod loose_ends;
+pub(crate) mod machine;
+mod mqtt;
+pub(crate) mod output;
+pub(crate) mod quirks;
+pub(crate) mod register;
+mod restart;
+pub(crate) mod schema;
+pub(crate) mod set;
+pub(crate) mod signal;
+pub(crate) mod web;
+
+/// One machine: its buses, devices, signals, axes and outputs.
+///
+/// The JSON schema is generated from the `Raw…` types, and each layer is walked against that schema: their doc comments
+/// are what editors and error messages say. Every key is an `Option`, also the required ones: what is missing or wrong is
+/// reported by the walk and left out, and the rest can still be checked.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(
+    title = "isotherm machine profile",
+    description = "One machine: its buses, devices, signals, axes and outputs."
+)]
+pub(crate) struct RawProfile {
+    /// What the machine is.
+    #[schemars(required)]
+    machine: Option<RawMachine>,
+    /// The physical lines, by name.
+    #[serde(default)]
+    bus: BTreeMap<String, RawBus>,
+    /// What hangs on the lines, by name.
+    #[serde(default)]
+    device: BTreeMap<String, RawDevice>,
+    /// What is read, by name.
+    #[serde(default)]
+    signal: BTreeMap<String, RawSignal>,
+    /// What is computed, by name.
+    #[serde(default)]
+    axis: BTreeMap<String, RawAxis>,
+    /// What is written, by name.
+    #[serde(default)]
+    output: BTreeMap<String, RawOutput>,
+    /// Outputs that a control must see together or not at all, by name.
+    #[serde(default)]
+    set: BTreeMap<String, RawSet>,
+    /// A register that counts while the gateway lives, so that the CNC can see it die.
+    heartbeat: Option<RawHeartbeat>,
+    /// Page, API and metrics.
+    web: Option<RawWeb>,
+    /// Publishing to a broker.
+    mqtt: Option<RawMqtt>,
+    /// State and logs.
+    history: Option<RawHistory>,
+}
+
+/// What the check found.
+pub(crate) struct Checked {
+    pub(crate) profile: Option<Profile>,
+    pub(crate) errors: Vec<ProfileError>,
+    pub(crate) warnings: Vec<ProfileError>,
+}
+
+/// All tables of one kind: their names in the order of the file, and what has become of them so far.
+struct Tables<T> {
+    kind: &'static str,
+    names: Vec<String>,
+    places: HashMap<String, usize>,
+    /// In the same order; `None` where something is wrong with it.
+    resolved: Vec<Option<T>>,
+}
+
+/// A check under way.
+pub(crate) struct Check<'a> {
+    raw: &'a RawProfile,
+    /// The same as it was before it had types.
+    written: &'a Value,
+    spans: &'a Spans,
+    files: &'a Files<'a>,
+    templates: &'a Templates,
+    buses: Tables<Bus>,
+    devices: Tables<Device>,
+    signals: Tables<Signal>,
+    axes: Tables<Axis>,
+    outputs: Tables<Output>,
+    sets: Tables<OutputSet>,
+    errors: RefCell<Vec<ProfileError>>,
+    warnings: RefCell<Vec<ProfileError>>,
+    /// The signals that something uses.
+    used: RefCell<Vec<bool>>,
+    /// What outputs write in CAN frames.
+    written_frames: RefCell<Vec<can::Written>>,
+    dbcs: RefCell<dbc::Dbcs>,
+}
+
+/// A key of the profile under check: where it stands, and what is to be said of it.
+#[derive(Clone)]
+struct At<'c> {
+    check: &'c Check<'c>,
+    path: String,
+    written: Option<&'c Value>,
+}
+
+impl RawProfile {
+    /// Resolves the profile, which was `written` so before it had types.
+    pub(crate) fn check(
+        &self,
+        written: &Value,
+        spans: &Spans,
+        path: PathBuf,
+        files: &Files<'_>,
+        templates: &Templates,
+    ) -> Checked {
+        let mut check = Check {
+            raw: self,
+            written,
+            spans,
+            files,
+            templates,
+            buses: Tables::of("bus", &self.bus, spans),
+            devices: Tables::of("device", &self.device, spans),
+            signals: Tables::of("signal", &self.signal, spans),
+            axes: Tables::of("axis", &self.axis, spans),
+            outputs: Tables::of("output", &self.output, spans),
+            sets: Tables::of("set", &self.set, spans),
+            errors: RefCell::default(),
+            warnings: RefCell::default(),
+            used: RefCell::new(vec![false; self.signal.len()]),
+            written_frames: RefCell::default(),
+            dbcs: RefCell::default(),
+        };
+        let profile = check.profile(path);
+        let (errors, warnings) = (check.errors.into_inner(), check.warnings.into_inner());
+        Checked { profile: profile.filter(|_| errors.is_empty()), errors, warnings }
+    }
+}
+
+impl<T> Tables<T> {
+    fn of<R>(kind: &'static str, raw: &BTreeMap<String, R>, spans: &Spans) -> Tables<T> {
+        let mut names: Vec<String> = raw.keys().cloned().collect();
+        names.sort_by_key(|name| spans.rank(&child(kind, name)));
+        let places = names.iter().cloned().enumerate().map(|(place, name)| (name, place)).collect();
+        Tables { kind, names, places, resolved: Vec::new() }
+    }
+
+    fn place(&self, name: &str) -> Option<usize> {
+        self.places.get(name).copied()
+    }
+
+    /// What the table at this place has become; `None` where something is wrong with it.
+    fn get(&self, place: usize) -> Option<&T> {
+        self.resolved.get(place)?.as_ref()
+    }
+
+    /// Everything that nothing is wrong with.
+    fn right(&self) -> impl Iterator<Item = &T> {
+        self.resolved.iter().flatten()
+    }
+
+    /// All of it; `None` where something is wrong with any.
+    fn whole(&mut self) -> Option<Vec<T>> {
+        std::mem::take(&mut self.resolved).into_iter().collect()
+    }
+}
+
+impl Check<'_> {
+    /// The order matters: each step looks at what those before it have resolved.
+    fn profile(&mut self, path: PathBuf) -> Option<Profile> {
+        let raw = self.raw;
+        self.check_names();
+        let machine = machine::resolve(&self.at("machine"), raw.machine.as_ref());
+        self.buses.resolved = self.each(&self.buses, &raw.bus, RawBus::resolve);
+        bus::one_owner_each(self);
+        self.devices.resolved = self.each(&self.devices, &raw.device, RawDevice::resolve);
+        self.signals.resolved = self.each(&self.signals, &raw.signal, RawSignal::resolve);
+        self.axes.resolved = self.each(&self.axes, &raw.axis, RawAxis::resolve);
+        self.outputs.resolved = self.each(&self.outputs, &raw.output, RawOutput::resolve);
+        axis::intercept_slope::resolve(self);
+        output::note_counts(self);
+        restart::boot_counters(self);
+        set::resolve(self);
+        let heartbeat = raw.heartbeat.as_ref().and_then(|raw| raw.resolve(&self.at("heartbeat")));
+        let web = raw.web.as_ref().map(|raw| raw.resolve(&self.at("web")));
+        let history = raw.history.as_ref().map(|raw| raw.resolve(&self.at("history"))).unwrap_or_default();
+        if raw.mqtt.is_some() {
+            mqtt::refuse(&self.at("mqtt"));
+        }
+        can::written_frames(self);
+        can::conflicts(self);
+        claims::check(self, heartbeat.as_ref());
+        line_time::check(self);
+        loose_ends::warn(self);
+        Some(Profile {
+            name: machine.name,
+            description: machine.description,
+            path,
+            machine: MachineSettings { signals: self.signals.resolved.len(), ..machine.settings },
+            arm: machine.arm,
+            buses: self.buses.whole()?,
+            devices: self.devices.whole()?,
+            signals: self.signals.whole()?,
+            axes: self.axes.whole()?,
+            outputs: self.outputs.whole()?,
+            sets: self.sets.whole()?,
+            heartbeat,
+            web,
+            history,
+        })
+    }
+
+    /// What each table of a kind becomes, in the order of the file.
+    fn each<'c, R, T>(
+        &'c self,
+        tables: &Tables<T>,
+        raw: &BTreeMap<String, R>,
+        resolve: impl Fn(&R, &At<'c>, &str) -> Option<T>,
+    ) -> Vec<Option<T>> {
+        let all = self.at(tables.kind);
+        tables.names.iter().map(|name| resolve(raw.get(name)?, &all.key(name), name)).collect()
+    }
+
+    fn check_names(&self) {
+        let kinds = [
+            (self.buses.kind, &self.buses.names),
+            (self.devices.kind, &self.devices.names),
+            (self.signals.kind, &self.signals.names),
+            (self.axes.kind, &self.axes.names),
+            (self.outputs.kind, &self.outputs.names),
+            (self.sets.kind, &self.sets.names),
+        ];
+        for (kind, name) in
+            kinds.into_iter().flat_map(|(kind, names)| names.iter().map(move |name| (kind, name)))
+        {
+            let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'-');
+            if name.is_empty() || !name.bytes().all(is_plain) {
+                let help =
+                    "a name is made of letters a to z, digits, `_` and `-`; it goes into logs and metrics";
+                self.at(kind).key(name).wrong_key(format!("`{name}` cannot be a name"), help);
+            }
+        }
+        if self.signals.place("time").is_some() {
+            let message = "`time` is the first column of every log";
+            self.at("signal").key("time").wrong_key(message, "give the signal another name");
+        }
+    }
+
+    /// A key of the profile itself.
+    fn at(&self, key: &str) -> At<'_> {
+        At { check: self, path: String::new(), written: Some(self.written) }.key(key)
+    }
+
+    /// Whether a device hangs on a CAN line; `None` where it or its line is not known.
+    fn is_on_can(&self, device: Option<&String>) -> Option<bool> {
+        self.raw.device.get(device?)?.is_on_can(self)
+    }
+
+    /// The line of a device.
+    fn bus_of(&self, device: &Device) -> Option<&Bus> {
+        self.buses.get(device.bus.0)
+    }
+}
+
+impl<'c> At<'c> {
+    /// A key of this table.
+    fn key(&self, key: &str) -> At<'c> {
+        let written = self.written.and_then(|table| table.get(key));
+        At { check: self.check, path: child(&self.path, key), written }
+    }
+
+    /// An entry of this list.
+    fn item(&self, index: usize) -> At<'c> {
+        let written = self.written.and_then(|list| list.get(index));
+        At { check: self.check, path: element(&self.path, index), written }
+    }
+
+    /// Whether this table has the key, and nothing is wrong with its type.
+    fn has(&self, key: &str) -> bool {
+        self.written.is_some_and(|table| table.get(key).is_some())
+    }
+
+    /// Whether it has been written at all, rightly or wrongly.
+    fn is_written(&self) -> bool {
+        self.check.spans.contains(&self.path)
+    }
+
+    /// `profiles/x.toml:41`.
+    fn line(&self) -> String {
+        self.check.spans.line_of(&self.path)
+    }
+
+    /// Its value is wrong.
+    fn wrong(&self, message: impl Into<String>, help: impl Into<String>) {
+        self.error(self.check.spans.at_value(&self.path, message, Some(help.into())));
+    }
+
+    /// That it is there is wrong.
+    fn wrong_key(&self, message: impl Into<String>, help: impl Into<String>) {
+        self.error(self.check.spans.at_key(&self.path, message, Some(help.into())));
+    }
+
+    /// This combination needs it. Where it is there but wrong, that has been reported already.
+    fn missing(&self, message: impl Into<String>, help: impl Into<String>) {
+        if !self.is_written() {
+            self.wrong_key(message, help);
+        }
+    }
+
+    /// Keys of this table that are there and belong to something else.
+    fn foreign(&self, keys: &[&str], owner: &str, help: &str) {
+        for key in keys.iter().filter(|key| self.has(key)) {
+            self.key(key).wrong_key(format!("`{key}` belongs to {owner}"), help);
+        }
+    }
+
+    fn error(&self, error: ProfileError) {
+        self.check.errors.borrow_mut().push(error);
+    }
+
+    /// Its value is worth a second look.
+    fn warn(&self, message: impl Into<String>, help: impl Into<String>) {
+        let warning = self.check.spans.at_value(&self.path, message, Some(help.into()));
+        self.check.warnings.borrow_mut().push(warning);
+    }
+
+    /// That it is there is worth a second look.
+    fn warn_key(&self, message: impl Into<String>, help: Option<&str>) {
+        let warning = self.check.spans.at_key(&self.path, message, help.map(str::to_owned));
+        self.check.warnings.borrow_mut().push(warning);
+    }
+
+    /// The place of the table that this names.
+    fn named<T>(&self, tables: &Tables<T>, name: Option<&String>) -> Option<usize> {
+        let name = name?;
+        let found = tables.place(name);
+        // One that is there but wrong has been reported itself.
+        if found.is_none() && !self.check.spans.contains(&child(tables.kind, name)) {
+            let help = allowed(name, tables.names.iter().map(String::as_str));
+            self.wrong(format!("there is no {} named `{name}`", tables.kind), help);
+        }
+        found
+    }
+
+    /// The signal that this names; it is used now.
+    fn signal(&self, name: Option<&String>) -> Option<SignalId> {
+        let found = self.named(&self.check.signals, name)?;
+        self.check.used.borrow_mut()[found] = true;
+        Some(SignalId(found))
+    }
+
+    /// The signal that this names, which must be a position in mm.
+    fn position(&self, name: Option<&String>) -> Option<SignalId> {
+        let position = self.signal(name)?;
+        let (name, signal) = (name?, self.check.signals.get(position.0));
+        // Where the unit was a wrong word, that has been reported.
+        if let Some(unit) = signal.map(|signal| signal.unit.0).filter(|unit| *unit != "mm") {
+            let help = format!("write unit = \"mm\" and the scale in mm per count at signal `{name}`");
+            self.wrong(format!("`{name}` is in \"{unit}\"; a position is in mm"), help);
+        }
+        Some(position)
+    }
+
+    /// A duration that must be longer than nothing.
+    fn duration(&self, raw: Option<Timespan>) -> Option<Duration> {
+        let Timespan(span) = raw?;
+        if span.is_zero() {
+            self.wrong("a duration of zero makes no sense here", "write a longer one, as \"1s\"");
+            return None;
+        }
+        Some(span)
+    }
+
+    /// A number that must be above zero.
+    fn positive(&self, number: Option<f64>) -> Option<f64> {
+        let number = number?;
+        if number <= 0.0 {
+            self.wrong(format!("{number} is not above zero"), "write a number above zero");
+            return None;
+        }
+        Some(number)
+    }
+
+    /// The content of the file that this names.
+    fn file(&self, name: &str, help: &str) -> Option<Vec<u8>> {
+        self.check.files.read(name).map_err(|why| self.wrong(why, help)).ok()
+    }
+}
+
+/// The host of "host:port".
+fn host_of(address: &str) -> Option<&str> {
+    let (host, port) = address.rsplit_once(':')?;
+    port.parse::<u16>().ok()?;
+    (!host.is_empty()).then_some(host)
+}

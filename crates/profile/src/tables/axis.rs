@@ -1,0 +1,228 @@
+//! `[axis.*]`: what is computed, and how far it may go.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::At;
+use crate::duration::Timespan;
+use isotherm_core::compensation::model::Model;
+use isotherm_core::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, OnFault};
+use isotherm_core::quantity::{Micron, MicronPerSecond};
+use model::RawModel;
+use probe::{ProbeInput, RawProbe};
+
+pub(super) mod intercept_slope;
+pub(crate) mod model;
+pub(crate) mod probe;
+
+/// One compensated axis.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Axis")]
+pub(crate) struct RawAxis {
+    /// Largest |Cz|, µm.
+    #[schemars(required)]
+    limit: Option<f64>,
+    /// Largest change of one update, µm.
+    #[schemars(required)]
+    pub(super) step: Option<f64>,
+    /// Largest speed, µm/s.
+    #[schemars(required)]
+    rate: Option<f64>,
+    /// A smaller change is not made, µm. Default 0.
+    deadband: Option<f64>,
+    /// Update period.
+    #[schemars(required)]
+    pub(super) every: Option<Timespan>,
+    /// What happens when no model or no output can be used.
+    #[schemars(required)]
+    on_fault: Option<FaultAction>,
+    /// Told once when |Cz| passes it, µm; at most `limit`.
+    warn: Option<f64>,
+    /// A model that asks for more than this is not believed, µm; at least `limit`. The axis takes its fault action and
+    /// stays off until it is armed.
+    error: Option<f64>,
+    /// zero: Cz is measured from what the model asked for at the last zero. Default: from the model's own zero.
+    datum: Option<DatumWord>,
+    /// A lathe's X: the offset acts on the diameter, Cz is doubled when written. Default false.
+    diameter: Option<bool>,
+    /// Measured errors correct the models.
+    probe: Option<RawProbe>,
+    /// Models in order of preference: the first whose signals are all good is used. None yet: `record` and `identify`
+    /// find one, `run` refuses the axis.
+    pub(super) model: Option<Vec<RawModel>>,
+}
+
+/// What happens on a fault.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct FaultAction {
+    /// hold: keep the last value; ramp: keep it for `after`, then to zero at `rate`; zero: to zero at once, `step` by `step`.
+    #[schemars(required)]
+    action: Option<FaultActionWord>,
+    /// How long the last value is kept before the ramp; required for it.
+    after: Option<Timespan>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+enum FaultActionWord {
+    Hold,
+    Ramp,
+    Zero,
+}
+
+/// What Cz is measured from.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+enum DatumWord {
+    Zero,
+}
+
+/// One axis as the profile has it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Axis {
+    /// What the pure step needs.
+    pub settings: AxisSettings,
+    /// A lathe's X: the offset acts on the diameter, Cz is doubled when written.
+    pub diameter: bool,
+    /// Where its measured error is read; `None`: errors come by command only, if it takes any.
+    pub probe_input: Option<ProbeInput>,
+}
+
+impl Axis {
+    /// How much of Cz is written: twice as much where it acts on a diameter.
+    pub(super) fn factor(&self) -> f64 {
+        if self.diameter { 2.0 } else { 1.0 }
+    }
+}
+
+impl RawAxis {
+    pub(super) fn resolve(&self, at: &At<'_>, name: &str) -> Option<Axis> {
+        let guard = self.guard(at);
+        let every = at.key("every").duration(self.every);
+        let on_fault = self.on_fault.as_ref().and_then(|action| action.resolve(&at.key("on_fault")));
+        let list = at.key("model");
+        let models = self.model.as_deref().unwrap_or_default();
+        for (index, model) in models.iter().enumerate() {
+            if models[..index].iter().any(|other| other.name.is_some() && other.name == model.name) {
+                let help = "the log tells models apart by their names";
+                list.item(index).key("name").wrong("another model of this axis has this name", help);
+            }
+        }
+        let levels = self.levels(at);
+        let datum = self.datum(&at.key("datum"));
+        let probe = match &self.probe {
+            Some(probe) => probe.resolve(&at.key("probe"), self).map(Some),
+            None => Some(None),
+        };
+        // Each is looked at, also where one before it is wrong.
+        let models: Vec<Option<Model>> =
+            models.iter().enumerate().map(|(index, model)| model.resolve(&list.item(index))).collect();
+        let (probe, probe_input) = probe?.unzip();
+        let settings = AxisSettings {
+            name: name.to_owned(),
+            models: models.into_iter().collect::<Option<_>>()?,
+            guard: guard?,
+            every: every?,
+            on_fault: on_fault?,
+            levels: levels?,
+            datum,
+            intercept_slope: None,
+            probe,
+        };
+        Some(Axis { settings, diameter: self.diameter.unwrap_or(false), probe_input: probe_input.flatten() })
+    }
+
+    fn guard(&self, at: &At<'_>) -> Option<GuardSettings> {
+        let limit = at.key("limit").positive(self.limit);
+        let step = at.key("step").positive(self.step);
+        let rate = at.key("rate").positive(self.rate);
+        let deadband = self.deadband.unwrap_or(0.0);
+        if deadband < 0.0 {
+            let help = "write 0, or the smallest change in µm that is worth a write";
+            at.key("deadband").wrong(format!("{deadband} is below zero"), help);
+        }
+        if let Some(limit) = limit {
+            if deadband >= limit {
+                let message = format!("the deadband of {deadband} µm is as large as the limit of {limit} µm");
+                at.key("deadband").wrong(message, "the axis would never move: make it smaller");
+            }
+            if let Some(step) = step.filter(|step| *step > limit) {
+                let message = format!("a step of {step} µm is larger than the limit of {limit} µm");
+                at.key("step").wrong(message, "`step` is the largest change of one update: up to `limit`");
+            }
+        }
+        Some(GuardSettings {
+            limit: Micron::new(limit?)?,
+            step: Micron::new(step?)?,
+            rate: MicronPerSecond::new(rate?)?,
+            deadband: Micron::new(deadband)?,
+            count: None,
+        })
+    }
+
+    /// A reference and a datum that are both taken at zero would subtract the same drift twice.
+    fn datum(&self, at: &At<'_>) -> Datum {
+        let Some(DatumWord::Zero) = self.datum else { return Datum::Model };
+        let models = || self.model.iter().flatten();
+        let taken =
+            match (models().any(RawModel::has_term_at_zero), models().any(RawModel::has_input_at_zero)) {
+                (true, _) => Some(("a term", "terms")),
+                (false, true) => Some(("an input", "inputs")),
+                (false, false) => None,
+            };
+        if let Some((one, all)) = taken {
+            let help = format!("remove `datum`, or give the {all} a number or \"start\" as their reference");
+            at.wrong(format!("{one}'s reference is taken at zero already"), help);
+        }
+        Datum::Zero
+    }
+
+    /// warn ≤ limit ≤ error.
+    fn levels(&self, at: &At<'_>) -> Option<Levels> {
+        let warn = level(&at.key("warn"), self.warn);
+        let error = level(&at.key("error"), self.error);
+        if let Some(limit) = self.limit.filter(|limit| *limit > 0.0) {
+            if let Some(warn) = self.warn.filter(|warn| *warn > limit) {
+                let help = "Cz never gets there: make `warn` smaller, or `limit` larger";
+                at.key("warn").wrong(format!("warn at {warn} µm lies beyond the limit of {limit} µm"), help);
+            }
+            if let Some(error) = self.error.filter(|error| *error > 0.0 && *error < limit) {
+                let help = "the limit would never act: make `error` larger, or `limit` smaller";
+                let message = format!("error at {error} µm lies within the limit of {limit} µm");
+                at.key("error").wrong(message, help);
+            }
+        }
+        Some(Levels { warn: warn?, error: error? })
+    }
+}
+
+impl FaultAction {
+    fn resolve(&self, at: &At<'_>) -> Option<OnFault> {
+        let action = self.action?;
+        if action != FaultActionWord::Ramp && self.after.is_some() {
+            at.key("after").wrong("only a ramp waits", "remove `after`, or write action = \"ramp\"");
+        }
+        match action {
+            FaultActionWord::Hold => Some(OnFault::Hold),
+            FaultActionWord::Zero => Some(OnFault::Zero),
+            FaultActionWord::Ramp => {
+                if self.after.is_none() {
+                    let help =
+                        "write how long the last value is kept before the ramp, as \"60s\" (\"0s\": at once)";
+                    at.key("after").missing("`after` is missing: a ramp begins after a while", help);
+                }
+                self.after.map(|Timespan(after)| OnFault::Ramp { after })
+            }
+        }
+    }
+}
+
+/// A level that may be left out, which is `Some(None)`.
+fn level(at: &At<'_>, level: Option<f64>) -> Option<Option<Micron>> {
+    match level {
+        Some(_) => at.positive(level).map(Micron::new),
+        None => Some(None),
+    }
+}

@@ -1,0 +1,82 @@
+//! Axes whose control applies the slope itself: `ΔK = K0(T) + tanβ(T)·(P − P0)`, as a SINUMERIK does.
+
+use super::Axis;
+use crate::tables::output::Output;
+use crate::tables::output::writes::Writes;
+use crate::tables::{At, Check};
+use isotherm_core::compensation::model::{Kind, Slope};
+use isotherm_core::compensation::settings::InterceptSlope;
+use isotherm_core::quantity::Millimetre;
+
+/// Where an axis's outputs write the parts of a line, the axis knows how far its slope reaches.
+pub(in crate::tables) fn resolve(check: &mut Check<'_>) {
+    let line = |(place, axis): (usize, &Option<Axis>)| {
+        let of_axis: Vec<&Output> = check.outputs.right().filter(|output| output.axis.0 == place).collect();
+        let is_apart = of_axis.iter().any(|output| output.writes.is_apart());
+        axis.as_ref().filter(|_| is_apart).and_then(|axis| of_control(check, axis, &of_axis))
+    };
+    let lines: Vec<Option<InterceptSlope>> = check.axes.resolved.iter().enumerate().map(line).collect();
+    for (axis, line) in check.axes.resolved.iter_mut().zip(lines) {
+        if let Some(axis) = axis {
+            axis.settings.intercept_slope = line;
+        }
+    }
+}
+
+/// The line of an axis that the control is given in its parts.
+fn of_control(check: &Check<'_>, axis: &Axis, outputs: &[&Output]) -> Option<InterceptSlope> {
+    let name = &axis.settings.name;
+    let at = check.at("axis").key(name);
+    if axis.diameter {
+        let help = "remove `diameter` and write the gains for the diameter";
+        at.key("diameter").wrong_key("a control applies its own line to the radius", help);
+    }
+    for output in outputs.iter().filter(|output| !output.writes.is_apart()) {
+        let message = "the slope would act twice: in this value and in the control";
+        let help = format!("give axis `{name}` either intercept, slope and reference, or this output");
+        check.at("output").key(&output.name).key("writes").wrong(message, help);
+    }
+    for (writes, what) in [(Writes::Intercept, "K0"), (Writes::Slope, "tanβ"), (Writes::Reference, "P0")] {
+        if !outputs.iter().any(|output| output.writes == writes) {
+            let word = writes.name();
+            let message = format!("no output of `{name}` writes its {word} ({what}): a line needs all three");
+            let help = format!("add an output with axis = \"{name}\" and writes = \"{word}\"");
+            at.wrong_key(message, help);
+        }
+    }
+    reach(axis, &at.key("model"))
+}
+
+/// The slopes of all models have one reference position, and a travel that bounds what they come to.
+fn reach(axis: &Axis, list: &At<'_>) -> Option<InterceptSlope> {
+    let mut line: Option<InterceptSlope> = None;
+    for (place, model) in axis.settings.models.iter().enumerate() {
+        let Kind::Linear(linear) = &model.kind else { continue };
+        let Some(Slope { reference, travel, .. }) = linear.slope else { continue };
+        let at = list.item(place).key("slope");
+        let Some((from, to)) = travel else {
+            let message = "`travel` is missing: it bounds what a slope that is written comes to";
+            at.key("travel").missing(message, "write the ends of the axis's travel in mm, as [-300.0, 0.0]");
+            return None;
+        };
+        let reach = longer((from - reference).abs(), (to - reference).abs());
+        match &mut line {
+            None => line = Some(InterceptSlope { reference, reach, count: None }),
+            Some(first) if first.reference != reference => {
+                let message = format!("another model's slope is measured from {} mm", first.reference.get());
+                let help = "the control knows one reference position: give both slopes the same";
+                at.key("reference").wrong(message, help);
+            }
+            Some(first) => first.reach = longer(first.reach, reach),
+        }
+    }
+    if line.is_none() && !axis.settings.models.is_empty() {
+        let help = "write slope = { … } in a model, or writes = \"offset\" at the output";
+        list.wrong(format!("no model of `{}` has a slope", axis.settings.name), help);
+    }
+    line
+}
+
+fn longer(one: Millimetre, other: Millimetre) -> Millimetre {
+    if other > one { other } else { one }
+}

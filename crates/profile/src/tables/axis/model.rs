@@ -1,0 +1,124 @@
+//! `[[axis.*.model]]`: one way to compute Cz.
+
+use std::collections::BTreeMap;
+
+use schemars::{JsonSchema, Schema, SchemaGenerator};
+use serde::Deserialize;
+
+use crate::tables::At;
+use envelope::OutsideWord;
+use inputs::{Inputs, ReferenceValue};
+use isotherm_core::compensation::model::{Kind, Model};
+use linear::{RawSlope, RawTerm};
+use matrix::{Carries, Component};
+
+mod envelope;
+mod file;
+mod formula;
+mod inputs;
+mod linear;
+mod matrix;
+pub mod network;
+
+/// Every kind of model. A new one is a file beside the others and a line here.
+const KINDS: [&KindOfModel; 4] = [&linear::KIND, &formula::KIND, &matrix::KIND, &network::KIND];
+
+/// A kind of model, as a profile knows it.
+struct KindOfModel {
+    /// The word in `kind`.
+    word: &'static str,
+    /// As a message names one: "a matrix".
+    one: &'static str,
+    /// The keys that belong to it, beside those of every model.
+    keys: &'static [&'static str],
+    resolve: fn(&RawModel, &At<'_>) -> Option<Kind>,
+}
+
+/// One way to compute Cz.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Model")]
+pub(crate) struct RawModel {
+    /// For people: the page and the log say which model is used.
+    #[schemars(required)]
+    pub(super) name: Option<String>,
+    /// How it computes.
+    #[schemars(required, schema_with = "kinds")]
+    kind: Option<String>,
+    /// linear: Cz where every rise is zero, µm. Default 0.
+    offset: Option<f64>,
+    /// linear: gains times temperature rises, added up.
+    terms: Option<Vec<RawTerm>>,
+    /// formula: Cz in µm, as "Kz * (A - (b*t + c))".
+    formula: Option<String>,
+    /// formula: names and the signals they stand for; matrix: one signal per block; network: the signals in its order.
+    inputs: Option<Inputs>,
+    /// formula: names and their numbers.
+    constants: Option<BTreeMap<String, f64>>,
+    /// linear: a second sum of terms that grows with the distance from a reference position, µm/mm.
+    slope: Option<RawSlope>,
+    /// matrix, network: the file with the coefficients.
+    file: Option<String>,
+    /// A file with the temperatures the model was identified on.
+    envelope: Option<String>,
+    /// What the axis does outside its envelope: warn: follow the model; hold: keep Cz; shrink: follow it less and less.
+    outside: Option<OutsideWord>,
+    /// matrix: the signal that tells where the axis is, mm.
+    position: Option<String>,
+    /// matrix, network: what rises are measured from: a number, "start" or "zero". A network's default is 0.
+    reference: Option<ReferenceValue>,
+    /// matrix: the component of the guideway's displacement along the axis, as it moves the axis to plus.
+    component: Option<Component>,
+    /// matrix: what the guideway carries: displaced to plus, a tool is too far in plus, the work too far in minus.
+    carries: Option<Carries>,
+}
+
+fn kinds(_: &mut SchemaGenerator) -> Schema {
+    schemars::json_schema!({ "type": "string", "enum": KINDS.map(|kind| kind.word) })
+}
+
+impl RawModel {
+    pub(super) fn resolve(&self, at: &At<'_>) -> Option<Model> {
+        let own = KINDS.into_iter().find(|known| Some(known.word) == self.kind.as_deref())?;
+        for kind in KINDS {
+            for key in kind.keys.iter().filter(|key| !own.keys.contains(key)) {
+                // Of those that several kinds have, the first one speaks.
+                if owners(key).next().is_some_and(|first| first.word == kind.word) {
+                    at.foreign(&[key], &listed(key), "remove it, or change `kind`");
+                }
+            }
+        }
+        let kind = (own.resolve)(self, at);
+        let model = self.name.clone().zip(kind).map(|(name, kind)| Model { name, kind, envelope: None });
+        let envelope = envelope::resolve(self, at, model.as_ref())?;
+        Some(Model { envelope, ..model? })
+    }
+
+    pub(super) fn may_be_linear(&self) -> bool {
+        self.kind.as_deref().is_none_or(|kind| kind == linear::KIND.word)
+    }
+
+    /// Whether a term's rise is measured from its temperature at zero.
+    pub(super) fn has_term_at_zero(&self) -> bool {
+        let of_slope = self.slope.iter().flat_map(RawSlope::terms);
+        self.terms.iter().flatten().chain(of_slope).any(RawTerm::is_at_zero)
+    }
+
+    /// Whether the rise of an input of a file is measured from its value at zero.
+    pub(super) fn has_input_at_zero(&self) -> bool {
+        self.inputs.as_ref().is_some_and(|inputs| inputs.are_at_zero(self.reference))
+    }
+}
+
+fn owners(key: &str) -> impl Iterator<Item = &'static KindOfModel> {
+    KINDS.into_iter().filter(move |kind| kind.keys.contains(&key))
+}
+
+/// `a formula, a matrix or a network`.
+fn listed(key: &str) -> String {
+    let owners: Vec<&str> = owners(key).map(|kind| kind.one).collect();
+    match owners.as_slice() {
+        [before @ .., last] if !before.is_empty() => format!("{} or {last}", before.join(", ")),
+        other => other.concat(),
+    }
+}

@@ -1,0 +1,121 @@
+//! `envelope` and `outside` of a model: the region of inputs it was identified on.
+//!
+//! ```json
+//! { "format": "isotherm-envelope", "version": 1, "reach": 3.4, "covariance": [[4.0, 1.2], [1.2, 2.5]],
+//!   "inputs": [{ "signal": "bed", "mean": 24.1, "min": 20.0, "max": 30.5 }, …] }
+//! ```
+//! In the unit of each signal, less its `reference` (a number, default 0, "start" or "zero"). `reach`: the largest
+//! Mahalanobis distance that is inside; without it, that of 99 % of a normal distribution.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+use serde::de::IgnoredAny;
+
+use super::RawModel;
+use super::file::{bytes, read, taken};
+use super::inputs::ReferenceValue;
+use crate::error::allowed;
+use crate::tables::At;
+use isotherm_core::compensation::model::envelope::{BadEnvelope, Identified, MOST};
+use isotherm_core::compensation::model::{Envelope, Input, Model, Outside, Reference};
+use isotherm_core::quantity::Celsius;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum OutsideWord {
+    Warn,
+    Hold,
+    Shrink,
+}
+
+/// An envelope file.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct EnvelopeFile {
+    #[serde(rename = "format")]
+    _format: IgnoredAny,
+    #[serde(rename = "version")]
+    _version: IgnoredAny,
+    reach: Option<f64>,
+    inputs: Vec<KnownInput>,
+    covariance: Vec<Vec<f64>>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct KnownInput {
+    signal: String,
+    reference: Option<ReferenceValue>,
+    mean: f64,
+    min: f64,
+    max: f64,
+}
+
+impl EnvelopeFile {
+    /// What is wrong, with the names of the inputs.
+    fn why(&self, wrong: BadEnvelope) -> String {
+        let name = |place: usize| self.inputs.get(place).map_or("", |input| input.signal.as_str());
+        match wrong {
+            BadEnvelope::Count => format!("it has {} inputs; 1 to {MOST} are allowed", self.inputs.len()),
+            BadEnvelope::Size => format!(
+                "its covariance has {} rows of {} columns; {} inputs want as many of each",
+                self.covariance.len(),
+                self.covariance.first().map_or(0, Vec::len),
+                self.inputs.len()
+            ),
+            BadEnvelope::Range(place) => {
+                format!("{}: its mean must lie between its min and its max, which must differ", name(place))
+            }
+            BadEnvelope::NotSymmetric(first, second) => format!(
+                "its covariance is not symmetric: {} with {} is not {} with {}",
+                name(first),
+                name(second),
+                name(second),
+                name(first)
+            ),
+            BadEnvelope::NotPositiveDefinite(place) => format!(
+                "its covariance is not positive definite: {} does not vary, or is made of the inputs before it",
+                name(place)
+            ),
+            BadEnvelope::Reach => "its reach must be above zero".to_owned(),
+        }
+    }
+}
+
+/// The envelope of a model, `Some(None)` where it has none. `model` is the rest of it, if that is right.
+pub(super) fn resolve(raw: &RawModel, at: &At<'_>, model: Option<&Model>) -> Option<Option<Envelope>> {
+    let (place, outside) = (at.key("envelope"), at.key("outside"));
+    let Some(name) = raw.envelope.as_deref() else {
+        if raw.outside.is_some() && !place.is_written() {
+            let help = "name the file with `envelope`, or remove `outside`";
+            outside.wrong_key("there is no envelope to be outside of", help);
+        }
+        return Some(None);
+    };
+    if raw.outside.is_none() {
+        let help = "write outside = \"warn\" (follow the model all the same), \"hold\" (keep Cz) or \"shrink\" (follow it less and less)";
+        outside.missing("`outside` is missing: what does the axis do outside its envelope?", help);
+    }
+    let bytes = bytes(&place, name)?;
+    let file: EnvelopeFile = taken(&place, name, read(&bytes, "isotherm-envelope"))?;
+    let signals = model?.signals();
+    let names = &at.check.signals.names;
+    let mut known = Vec::new();
+    for input in &file.inputs {
+        let Some(signal) = signals.iter().copied().find(|id| names[id.0] == input.signal) else {
+            let help = allowed(&input.signal, signals.iter().map(|id| names[id.0].as_str()));
+            place.wrong(format!("{name}: the model does not read `{}`", input.signal), help);
+            return None;
+        };
+        let reference = input.reference.map_or(Reference::Fixed(Celsius::ZERO), Reference::from);
+        let input_of = Input { signal, reference, lag: None };
+        known.push(Identified { input: input_of, mean: input.mean, range: (input.min, input.max) });
+    }
+    let outside = match raw.outside? {
+        OutsideWord::Warn => Outside::Warn,
+        OutsideWord::Hold => Outside::Hold,
+        OutsideWord::Shrink => Outside::Shrink,
+    };
+    let envelope = Envelope::new(known, &file.covariance, file.reach, outside);
+    taken(&place, name, envelope.map_err(|wrong| file.why(wrong))).map(Some)
+}

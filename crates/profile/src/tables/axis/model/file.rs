@@ -1,0 +1,64 @@
+//! The files of models beside a profile, as they are written: JSON with a format and a version, unknown keys refused.
+//! Each becomes a type of the models, or a sentence that says why not; shapes are checked where they are used.
+
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+
+use crate::tables::At;
+
+/// What every file begins with.
+#[derive(Deserialize)]
+struct Head {
+    format: Option<String>,
+    version: Option<u64>,
+}
+
+/// A file of this format, in the only version there is.
+pub(super) fn read<T: DeserializeOwned>(bytes: &[u8], format: &str) -> Result<T, String> {
+    let head: Head = serde_json::from_slice(bytes).map_err(|why| format!("it is no JSON of ours: {why}"))?;
+    match head.format {
+        Some(found) if found == format => {}
+        Some(found) => return Err(format!("its format is \"{found}\", and \"{format}\" is wanted here")),
+        None => return Err(format!("it has no \"format\"; \"{format}\" is wanted here")),
+    }
+    match head.version {
+        Some(1) => {}
+        Some(other) => return Err(format!("its version is {other}; this program reads version 1")),
+        None => return Err("it has no \"version\"; this program reads version 1".to_owned()),
+    }
+    serde_json::from_slice(bytes).map_err(|why| why.to_string())
+}
+
+/// Whether a file's own names and the profile's fit each other.
+///
+/// # Errors
+/// Another number of them, or the same names in another order. Other names are fine: a file may call things what it likes.
+pub(super) fn fit(what: &str, own: &[String], given: &[&str]) -> Result<(), String> {
+    let list = |names: &[&str]| names.join(", ");
+    let names: Vec<&str> = own.iter().map(String::as_str).collect();
+    if own.len() != given.len() {
+        let (own, given_names, count) = (list(&names), list(given), given.len());
+        return Err(format!("it has {} {what} ({own}), the model names {count}: {given_names}", names.len()));
+    }
+    let sorted = |names: &[&str]| {
+        let mut names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+        names.sort();
+        names
+    };
+    if names != given && sorted(&names) == sorted(given) {
+        let (own, given) = (list(&names), list(given));
+        return Err(format!("its {what} are {own}, and the model names them in another order: {given}"));
+    }
+    Ok(())
+}
+
+/// The content of the file that is named here.
+pub(super) fn bytes(at: &At<'_>, name: &str) -> Option<Vec<u8>> {
+    at.file(name, "a file is looked for relative to the profile's directory")
+}
+
+/// What became of the file that is named here; why not, is reported.
+pub(super) fn taken<T>(at: &At<'_>, name: &str, result: Result<T, String>) -> Option<T> {
+    let report = |why| at.error(at.check.spans.at_value(&at.path, format!("{name}: {why}"), None));
+    result.map_err(report).ok()
+}

@@ -1,0 +1,176 @@
+//! What models read: signals by name or in the order of a file, what their rises are measured from, how late they act.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use schemars::{JsonSchema, Schema, SchemaGenerator};
+use serde::Deserialize;
+
+use super::RawModel;
+use crate::duration::{Timespan, shown};
+use crate::tables::At;
+use isotherm_core::compensation::model::{Input, Reference};
+use isotherm_core::quantity::Celsius;
+
+/// Longest time constant that is believed: a longer one never shows its effect in a shift.
+const LONGEST_LAG: Duration = Duration::from_hours(7 * 24);
+
+/// Signals of a model: by name, or in order.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub(super) enum Inputs {
+    ByName(BTreeMap<String, String>),
+    InOrder(Vec<InputValue>),
+}
+
+/// One input: a signal's name, or a table where it has a reference of its own.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+pub(super) enum InputValue {
+    Name(String),
+    Table(RawInput),
+}
+
+/// One input of a matrix or a network.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "InputTable")]
+pub(super) struct RawInput {
+    /// The signal.
+    #[schemars(required)]
+    signal: Option<String>,
+    /// What its rise is measured from: a number, "start" or "zero". Default: the model's `reference`.
+    reference: Option<ReferenceValue>,
+    /// It lags behind the signal: time constant C of a first-order lag, 1 − e^(−t/C); needs a `reference`.
+    lag: Option<Timespan>,
+}
+
+impl JsonSchema for InputValue {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "Input".into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        // The alternative itself, not a `$ref` to it: the walk chooses by the type it sees.
+        let table = RawInput::json_schema(generator);
+        schemars::json_schema!({ "anyOf": [{ "type": "string" }, table] })
+    }
+}
+
+/// What a rise is measured from.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(untagged)]
+pub(super) enum ReferenceValue {
+    Number(Celsius),
+    Word(ReferenceWord),
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum ReferenceWord {
+    Start,
+    Zero,
+}
+
+impl JsonSchema for ReferenceValue {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "Reference".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        schemars::json_schema!({ "anyOf": [{ "type": "number" }, { "type": "string", "enum": ["start", "zero"] }] })
+    }
+}
+
+impl ReferenceValue {
+    pub(super) fn is_zero(self) -> bool {
+        matches!(self, ReferenceValue::Word(ReferenceWord::Zero))
+    }
+}
+
+impl From<ReferenceValue> for Reference {
+    fn from(value: ReferenceValue) -> Reference {
+        match value {
+            ReferenceValue::Number(number) => Reference::Fixed(number),
+            ReferenceValue::Word(ReferenceWord::Start) => Reference::Start,
+            ReferenceValue::Word(ReferenceWord::Zero) => Reference::Zero,
+        }
+    }
+}
+
+impl Inputs {
+    /// Whether the rise of one in order is measured from its value at zero; `of_model` is the model's `reference`.
+    pub(super) fn are_at_zero(&self, of_model: Option<ReferenceValue>) -> bool {
+        let Inputs::InOrder(inputs) = self else { return false };
+        let own = inputs.iter().filter_map(|input| match input {
+            InputValue::Name(_) => None,
+            InputValue::Table(input) => input.reference,
+        });
+        own.chain(of_model).any(ReferenceValue::is_zero)
+    }
+}
+
+/// The inputs in their order, with their names. Without a default, each needs a reference.
+pub(super) fn in_order<'r>(
+    raw: &'r RawModel,
+    at: &At<'_>,
+    default: Option<Reference>,
+) -> Option<(Vec<Input>, Vec<&'r str>)> {
+    let list = at.key("inputs");
+    let inputs = match raw.inputs.as_ref()? {
+        Inputs::InOrder(inputs) => inputs,
+        Inputs::ByName(_) => {
+            let help = "write inputs = [ \"bed\", \"column\" ]: their order is that of the file";
+            list.wrong("signals by name have no order", help);
+            return None;
+        }
+    };
+    if inputs.is_empty() {
+        list.wrong("a model without inputs follows no temperature", "name at least one signal");
+        return None;
+    }
+    let of_model = raw.reference.map(Reference::from).or(default);
+    let (mut found, mut names, mut lacks_reference) = (Vec::new(), Vec::new(), false);
+    for (place, input) in inputs.iter().enumerate() {
+        let item = list.item(place);
+        let (name, own, own_lag) = match input {
+            InputValue::Name(name) => (Some(name), None, None),
+            InputValue::Table(table) => (table.signal.as_ref(), table.reference, table.lag),
+        };
+        // Where there is no default, a missing reference is reported once for all inputs.
+        let has_reference =
+            default.is_none() || own.or(raw.reference).is_some() || at.key("reference").is_written();
+        let lag = lag(&item, own_lag, has_reference);
+        let Some(name) = name else { continue };
+        names.push(name.as_str());
+        let signal = item.signal(Some(name));
+        let reference = own.map(Reference::from).or(of_model);
+        lacks_reference |= reference.is_none();
+        let input = signal.zip(reference).zip(lag);
+        found.extend(input.map(|((signal, reference), lag)| Input { signal, reference, lag }));
+    }
+    if lacks_reference {
+        let help = "write what the rises are measured from: a number in °C, \"start\" or \"zero\"";
+        at.key("reference").missing("`reference` is missing: a matrix is about rises", help);
+    }
+    (found.len() == inputs.len()).then_some((found, names))
+}
+
+/// The lag of a term or an input, which must have a reference; `Some(None)` where there is none.
+pub(super) fn lag(at: &At<'_>, raw: Option<Timespan>, has_reference: bool) -> Option<Option<Duration>> {
+    if raw.is_none() {
+        return Some(None);
+    }
+    if !has_reference {
+        let help =
+            "write \"start\", \"zero\", or the temperature at which the structure had its cold geometry";
+        let message = "`reference` is missing: what lags begins at rest on it";
+        at.key("reference").missing(message, help);
+    }
+    let lag = at.key("lag").duration(raw)?;
+    if lag > LONGEST_LAG {
+        let help = "a structure that slow does not move in a shift: leave the term out, or check the unit";
+        at.key("lag").wrong(format!("{} is longer than a week", shown(lag)), help);
+    }
+    Some(Some(lag))
+}

@@ -1,0 +1,163 @@
+//! `kind = "linear"`: gains times temperature rises, added up; a slope grows with the position.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::inputs::{ReferenceValue, lag};
+use super::{KindOfModel, RawModel};
+use crate::duration::Timespan;
+use crate::tables::At;
+use isotherm_core::compensation::model::{Input, Kind, Linear, Reference, Slope, Term};
+use isotherm_core::quantity::{Celsius, Micron, MicronPerCelsius, MicronPerMillimetreCelsius, Millimetre};
+
+/// 1 mm in µm.
+const MICRONS: f64 = 1000.0;
+
+pub(super) const KIND: KindOfModel =
+    KindOfModel { word: "linear", one: "a linear model", keys: &["offset", "terms", "slope"], resolve };
+
+/// One gain times one temperature rise.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Term")]
+pub(super) struct RawTerm {
+    /// The temperature.
+    #[schemars(required)]
+    signal: Option<String>,
+    /// µm per unit of the signal; in a slope µm/mm per unit. Either this, or `expansion` and `length` (not in a slope).
+    gain: Option<f64>,
+    /// What the rise is measured from: a number (default 0: the temperature itself), "start" or "zero".
+    reference: Option<ReferenceValue>,
+    /// Time constant C of a first-order lag, 1 − e^(−t/C); needs a `reference`.
+    lag: Option<Timespan>,
+    /// Coefficient of linear expansion, 1/K.
+    expansion: Option<f64>,
+    /// Length that expands, mm.
+    length: Option<f64>,
+}
+
+/// Terms that grow with the position.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Slope")]
+pub(super) struct RawSlope {
+    /// The signal that tells where the axis is, in mm.
+    #[schemars(required)]
+    position: Option<String>,
+    /// Where the slope adds nothing, mm.
+    #[schemars(required)]
+    reference: Option<f64>,
+    /// The ends of the axis's travel, mm; required where the control is given the slope: they bound its effect.
+    travel: Option<[f64; 2]>,
+    /// Gains in µm/mm per unit of the signal.
+    #[schemars(required)]
+    terms: Option<Vec<RawTerm>>,
+}
+
+fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
+    let list = at.key("terms");
+    let Some(own) = &raw.terms else {
+        let help = "write terms = [ { signal = \"…\", gain = … } ]";
+        list.missing("`terms` is missing: a linear model adds up terms", help);
+        return None;
+    };
+    if own.is_empty() && raw.slope.is_none() {
+        list.wrong("a model without terms follows no temperature", "write at least one term");
+    }
+    let terms = terms(&list, own, RawTerm::gain, MicronPerCelsius::new);
+    let slope = raw.slope.as_ref().map(|slope| slope.resolve(&at.key("slope")));
+    let slope = match slope {
+        Some(slope) => Some(slope?),
+        None => None,
+    };
+    let offset = Micron::new(raw.offset.unwrap_or(0.0))?;
+    Some(Kind::Linear(Linear { offset, terms: terms?, slope }))
+}
+
+/// Each is looked at, also where one before it is wrong.
+fn terms<Gain>(
+    list: &At<'_>,
+    terms: &[RawTerm],
+    gain: impl Fn(&RawTerm, &At<'_>) -> Option<f64>,
+    unit: impl Fn(f64) -> Option<Gain>,
+) -> Option<Vec<Term<Gain>>> {
+    let one = |(index, raw): (usize, &RawTerm)| {
+        let at = list.item(index);
+        let signal = at.key("signal").signal(raw.signal.as_ref());
+        let gain = gain(raw, &at);
+        let lag = lag(&at, raw.lag, raw.reference.is_some());
+        let reference = raw.reference.map_or(Reference::Fixed(Celsius::ZERO), Reference::from);
+        Some(Term { input: Input { signal: signal?, reference, lag: lag? }, gain: unit(gain?)? })
+    };
+    let terms: Vec<Option<Term<Gain>>> = terms.iter().enumerate().map(one).collect();
+    terms.into_iter().collect()
+}
+
+impl RawSlope {
+    pub(super) fn terms(&self) -> impl Iterator<Item = &RawTerm> {
+        self.terms.iter().flatten()
+    }
+
+    fn resolve(&self, at: &At<'_>) -> Option<Slope> {
+        let position = at.key("position").position(self.position.as_ref());
+        let list = at.key("terms");
+        if self.terms.as_ref().is_some_and(Vec::is_empty) {
+            let help = "write at least one term, or remove `slope`";
+            list.wrong("a slope without terms follows no temperature", help);
+        }
+        let terms = (self.terms.as_ref())
+            .and_then(|own| terms(&list, own, RawTerm::gain_of_slope, MicronPerMillimetreCelsius::new));
+        if let Some([from, to]) = self.travel.filter(|[from, to]| from >= to) {
+            let message = format!("a travel from {from} to {to} mm has no length");
+            at.key("travel").wrong(message, "write the smaller end first, as [-300.0, 0.0]");
+        }
+        let travel = self.travel.and_then(|[from, to]| Millimetre::new(from).zip(Millimetre::new(to)));
+        let reference = Millimetre::new(self.reference?)?;
+        Some(Slope { position: position?, reference, travel, terms: terms? })
+    }
+}
+
+impl RawTerm {
+    pub(super) fn is_at_zero(&self) -> bool {
+        self.reference.is_some_and(ReferenceValue::is_zero)
+    }
+
+    /// µm/mm per unit of the signal.
+    fn gain_of_slope(&self, at: &At<'_>) -> Option<f64> {
+        if self.expansion.is_some() || self.length.is_some() {
+            let key = if self.expansion.is_some() { "expansion" } else { "length" };
+            let help = "write `gain` in µm/mm per unit of the signal";
+            at.key(key).wrong_key("a slope has no length that expands", help);
+            return None;
+        }
+        self.gain(at)
+    }
+
+    /// µm per unit of the signal.
+    fn gain(&self, at: &At<'_>) -> Option<f64> {
+        match (self.gain, self.expansion, self.length) {
+            (Some(gain), None, None) => return Some(gain),
+            (None, Some(expansion), Some(length)) => return Some(expansion * length * MICRONS),
+            (Some(_), ..) => {
+                let help = "keep `gain` (µm per unit), or `expansion` (1/K) and `length` (mm)";
+                at.key("gain").wrong_key("the gain is given twice", help);
+            }
+            (None, Some(_), None) => {
+                let help = "`length` in mm goes with `expansion` in 1/K";
+                at.key("length").missing("`length` is missing", help);
+            }
+            (None, None, Some(_)) => {
+                let help = "`expansion` in 1/K goes with `length` in mm";
+                at.key("expansion").missing("`expansion` is missing", help);
+            }
+            (None, None, None) => {
+                if !at.key("expansion").is_written() && !at.key("length").is_written() {
+                    let help =
+                        "write `gain` (µm per unit of the signal), or `expansion` (1/K) and `length` (mm)";
+                    at.key("gain").missing("`gain` is missing", help);
+                }
+            }
+        }
+        None
+    }
+}

@@ -1,0 +1,138 @@
+//! `kind = "matrix"`: the displacements of a guideway, as a finite-element model gives them.
+//!
+//! ```json
+//! { "format": "isotherm-matrix", "version": 1, "blocks": ["base", "column"], "guide_mm": [0, 400, 800],
+//!   "P": [[…], …] }
+//! ```
+//! `P`: rows 3·guide + component (x, y, z), one column per block, mm/K. `guide_mm`: where the points lie along the
+//! axis, ascending. `guide_nodes` and `cases` may be there too: they are for people and not read.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+use serde::de::IgnoredAny;
+
+use super::file::{bytes, fit, read, taken};
+use super::inputs::in_order;
+use super::{KindOfModel, RawModel};
+use crate::tables::At;
+use isotherm_core::compensation::model::{Kind, Matrix};
+
+/// 1 mm in µm.
+const MICRONS: f64 = 1000.0;
+
+pub(super) const KIND: KindOfModel = KindOfModel {
+    word: "matrix",
+    one: "a matrix",
+    keys: &["inputs", "file", "reference", "position", "component", "carries"],
+    resolve,
+};
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+pub(super) enum Component {
+    #[serde(rename = "x")]
+    X,
+    #[serde(rename = "y")]
+    Y,
+    #[serde(rename = "z")]
+    Z,
+    #[serde(rename = "-x")]
+    MinusX,
+    #[serde(rename = "-y")]
+    MinusY,
+    #[serde(rename = "-z")]
+    MinusZ,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum Carries {
+    Tool,
+    Work,
+}
+
+/// A matrix file.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MatrixFile {
+    #[serde(rename = "format")]
+    _format: IgnoredAny,
+    #[serde(rename = "version")]
+    _version: IgnoredAny,
+    #[serde(rename = "guide_nodes", default)]
+    _guide_nodes: IgnoredAny,
+    #[serde(rename = "cases", default)]
+    _cases: IgnoredAny,
+    blocks: Vec<String>,
+    guide_mm: Vec<f64>,
+    #[serde(rename = "P")]
+    rows: Vec<Vec<f64>>,
+}
+
+impl MatrixFile {
+    fn parse(bytes: &[u8]) -> Result<MatrixFile, String> {
+        let file: MatrixFile = read(bytes, "isotherm-matrix")?;
+        let (rows, points) = (file.rows.len(), file.guide_mm.len());
+        if rows != 3 * points {
+            return Err(format!(
+                "P has {rows} rows; {points} points in guide_mm want {}, x, y and z of each",
+                3 * points
+            ));
+        }
+        let blocks = file.blocks.len();
+        if let Some(row) = file.rows.iter().position(|row| row.len() != blocks) {
+            let columns = file.rows[row].len();
+            return Err(format!("row {} of P has {columns} columns; there are {blocks} blocks", row + 1));
+        }
+        Ok(file)
+    }
+
+    /// One component (0 x, 1 y, 2 z) times a factor: for each point of the guideway one number per block.
+    fn component(&self, component: usize, factor: f64) -> Vec<f64> {
+        let rows = self.rows.iter().skip(component).step_by(3);
+        rows.flatten().map(|entry| entry * factor).collect()
+    }
+}
+
+fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
+    let needs = [
+        ("inputs", "write inputs = [ … ], the signal of each block in the file's order"),
+        ("file", "write file = \"column.json\", a matrix beside the profile"),
+        ("position", "name the signal that tells where the axis is, in mm"),
+        ("component", "write which displacement acts along the axis: \"x\", \"y\", \"z\" or \"-x\", …"),
+        ("carries", "write what the guideway carries: \"tool\" or \"work\""),
+    ];
+    for (key, help) in needs.into_iter().filter(|(key, _)| !at.has(key)) {
+        at.key(key).missing(format!("`{key}` is missing: a matrix needs it"), help);
+    }
+    let position = at.key("position").position(raw.position.as_ref());
+    let inputs = in_order(raw, at, None);
+    let (name, at) = (raw.file.as_deref()?, at.key("file"));
+    let bytes = bytes(&at, name)?;
+    let file = taken(&at, name, MatrixFile::parse(&bytes))?;
+    let (inputs, names) = inputs?;
+    taken(&at, name, fit("blocks", &file.blocks, &names))?;
+    let (component, along) = match raw.component? {
+        Component::X => (0, 1.0),
+        Component::Y => (1, 1.0),
+        Component::Z => (2, 1.0),
+        Component::MinusX => (0, -1.0),
+        Component::MinusY => (1, -1.0),
+        Component::MinusZ => (2, -1.0),
+    };
+    // Cz = −e, and a displaced tool is an error of the same sign, displaced work one of the other.
+    let acts = match raw.carries? {
+        Carries::Tool => -1.0,
+        Carries::Work => 1.0,
+    };
+    let gains = file.component(component, MICRONS * along * acts);
+    let position = position?;
+    let matrix = quantities(file.guide_mm)
+        .and_then(|guide| Ok((guide, quantities(gains)?)))
+        .and_then(|(guide, gains)| Matrix::new(name, inputs, position, guide, gains));
+    taken(&at, name, matrix).map(Kind::Matrix)
+}
+
+/// Numbers of a file with their unit.
+fn quantities<Q: TryFrom<f64, Error = &'static str>>(numbers: Vec<f64>) -> Result<Vec<Q>, String> {
+    numbers.into_iter().map(Q::try_from).collect::<Result<_, _>>().map_err(str::to_owned)
+}

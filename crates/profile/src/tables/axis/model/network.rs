@@ -1,0 +1,187 @@
+//! Weights of a network in the project's own format. `names` in `inputs` may be left out; activations are `tanh`,
+//! `relu` and `linear`; `output` is µm.
+//!
+//! ```json
+//! { "format": "isotherm-network", "version": 1, "type": "bp",
+//!   "inputs": { "names": ["bed", "column"], "mean": [22, 21], "scale": [4, 3] }, "output": { "mean": 0, "scale": 1 },
+//!   "layers": [{ "weights": [[0.1, 0.2], [0.3, 0.4]], "bias": [0, 0], "activation": "tanh" }, …] }
+//! { "format": "isotherm-network", "version": 1, "type": "rbf", "inputs": …, "output": …,
+//!   "centres": [[0.1, 0.2], …], "widths": [1.5, …], "weights": [3.0, …], "bias": 0 }
+//! ```
+
+use serde::Deserialize;
+use serde::de::IgnoredAny;
+
+use super::file::{bytes, fit, read, taken};
+use super::inputs::in_order;
+use super::{KindOfModel, RawModel};
+use crate::tables::At;
+use isotherm_core::compensation::model::network::{Activation, Layer, Layers, Net, Node, Radial, Scaling};
+use isotherm_core::compensation::model::{Kind, Network, Reference};
+use isotherm_core::quantity::Celsius;
+
+pub(super) const KIND: KindOfModel =
+    KindOfModel { word: "network", one: "a network", keys: &["inputs", "file", "reference"], resolve };
+
+#[derive(Debug, Deserialize)]
+struct Typed {
+    r#type: Option<String>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct LayersFile {
+    #[serde(rename = "format")]
+    _format: IgnoredAny,
+    #[serde(rename = "version")]
+    _version: IgnoredAny,
+    #[serde(rename = "type")]
+    _type: IgnoredAny,
+    inputs: RawScaling,
+    output: Output,
+    layers: Vec<RawLayer>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RadialFile {
+    #[serde(rename = "format")]
+    _format: IgnoredAny,
+    #[serde(rename = "version")]
+    _version: IgnoredAny,
+    #[serde(rename = "type")]
+    _type: IgnoredAny,
+    inputs: RawScaling,
+    output: Output,
+    centres: Vec<Vec<f64>>,
+    widths: Vec<f64>,
+    weights: Vec<f64>,
+    bias: f64,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawScaling {
+    names: Option<Vec<String>>,
+    mean: Vec<f64>,
+    scale: Vec<f64>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Output {
+    mean: f64,
+    scale: f64,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawLayer {
+    weights: Vec<Vec<f64>>,
+    bias: Vec<f64>,
+    activation: ActivationWord,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum ActivationWord {
+    Tanh,
+    Relu,
+    Linear,
+}
+
+/// A network, and what the file calls its inputs.
+pub fn parse(bytes: &[u8]) -> Result<(Net, Option<Vec<String>>), String> {
+    const FORMAT: &str = "isotherm-network";
+    let typed: Typed = read(bytes, FORMAT)?;
+    match typed.r#type.as_deref() {
+        Some("bp") => layers(read(bytes, FORMAT)?),
+        Some("rbf") => radial(read(bytes, FORMAT)?),
+        Some(other) => Err(format!("its type is \"{other}\"; there are \"bp\" and \"rbf\"")),
+        None => Err("it has no \"type\"; there are \"bp\" and \"rbf\"".to_owned()),
+    }
+}
+
+impl RawScaling {
+    fn resolved(self) -> Result<(Scaling, Option<Vec<String>>), String> {
+        let scaling = Scaling::new(&self.mean, &self.scale)?;
+        if let Some(names) = self.names.as_ref().filter(|names| names.len() != scaling.count()) {
+            return Err(format!("it names {} inputs and scales {}", names.len(), scaling.count()));
+        }
+        Ok((scaling, self.names))
+    }
+}
+
+fn layers(file: LayersFile) -> Result<(Net, Option<Vec<String>>), String> {
+    let (scaling, names) = file.inputs.resolved()?;
+    let layer = |raw: RawLayer| Layer {
+        weights: raw.weights,
+        bias: raw.bias,
+        activation: match raw.activation {
+            ActivationWord::Tanh => Activation::Tanh,
+            ActivationWord::Relu => Activation::Relu,
+            ActivationWord::Linear => Activation::Linear,
+        },
+    };
+    let layers = file.layers.into_iter().map(layer).collect();
+    Ok((Net::Layers(Layers::new(scaling, layers, (file.output.mean, file.output.scale))?), names))
+}
+
+fn radial(file: RadialFile) -> Result<(Net, Option<Vec<String>>), String> {
+    let (scaling, names) = file.inputs.resolved()?;
+    let (centres, widths, weights) = (file.centres.len(), file.widths.len(), file.weights.len());
+    if centres != widths || centres != weights {
+        return Err(format!(
+            "it has {centres} centres, {widths} widths and {weights} weights: one of each per node"
+        ));
+    }
+    let parts = file.centres.into_iter().zip(file.widths).zip(file.weights);
+    let nodes = parts.map(|((centre, width), weight)| Node { centre, width, weight }).collect();
+    let output = (file.output.mean, file.output.scale);
+    Ok((Net::Radial(Radial::new(scaling, nodes, file.bias, output)?), names))
+}
+
+fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
+    if raw.inputs.is_none() {
+        let help = "write inputs = [ … ], the signals in the network's order";
+        at.key("inputs").missing("`inputs` is missing: a network needs them", help);
+    }
+    if raw.file.is_none() {
+        let help =
+            "write file = \"spindle.onnx\", or a .json of the project's own format, beside the profile";
+        at.key("file").missing("`file` is missing: a network needs it", help);
+    }
+    let inputs = in_order(raw, at, Some(Reference::Fixed(Celsius::ZERO)));
+    let (name, at) = (raw.file.as_deref()?, at.key("file"));
+    let bytes = bytes(&at, name)?;
+    let (inputs, names) = inputs?;
+    let (net, own) = taken(&at, name, net(name, bytes, inputs.len()))?;
+    let fits = match own {
+        Some(own) => fit("inputs", &own, &names),
+        None if net.takes() == inputs.len() => Ok(()),
+        None => {
+            let (takes, count, names) = (net.takes(), inputs.len(), names.join(", "));
+            Err(format!("it takes {takes} inputs, the model names {count}: {names}"))
+        }
+    };
+    taken(&at, name, fits)?;
+    taken(&at, name, Network::new(name, net, inputs)).map(Kind::Network)
+}
+
+#[cfg(feature = "onnx")]
+fn net(name: &str, bytes: Vec<u8>, inputs: usize) -> Result<(Net, Option<Vec<String>>), String> {
+    use isotherm_core::compensation::model::network::Onnx;
+    if is_onnx(name) { Ok((Net::Onnx(Onnx::new(bytes, inputs)?), None)) } else { parse(&bytes) }
+}
+
+#[cfg(not(feature = "onnx"))]
+fn net(name: &str, bytes: Vec<u8>, _: usize) -> Result<(Net, Option<Vec<String>>), String> {
+    if is_onnx(name) {
+        return Err("this program was built without ONNX (the feature `onnx`)".to_owned());
+    }
+    parse(&bytes)
+}
+
+fn is_onnx(name: &str) -> bool {
+    std::path::Path::new(name).extension().is_some_and(|extension| extension.eq_ignore_ascii_case("onnx"))
+}

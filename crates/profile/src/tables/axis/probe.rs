@@ -1,0 +1,150 @@
+//! `probe` of an axis: what a measured error may change, and where it is read.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::{RawAxis, level};
+use crate::tables::At;
+use isotherm_core::compensation::settings::{GainSettings, ProbeSettings};
+use isotherm_core::quantity::Micron;
+use isotherm_core::reading::SignalId;
+
+/// Measured errors that correct an axis's models.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Probe")]
+pub(super) struct RawProbe {
+    /// The signal with the measured error, in um or mm: actual minus commanded, while the compensation acts. Without it
+    /// errors come by command only.
+    signal: Option<String>,
+    /// The signal that says when a new error has been measured: a flag or a counter; each change to another value than 0
+    /// counts. Default: each change of the error itself.
+    trigger: Option<String>,
+    /// Largest correction of a model's Cz, µm; at most the axis's `limit`.
+    #[schemars(required)]
+    limit: Option<f64>,
+    /// The share of a measured residual that one probing takes into the correction, above 0 and up to 1.
+    #[schemars(required)]
+    filter: Option<f64>,
+    /// A probing after which the model would be wrong by more than this is not believed, µm.
+    #[schemars(required)]
+    max_error: Option<f64>,
+    /// A residual beyond this is told, µm: the model ages. At most `max_error`.
+    warn: Option<f64>,
+    /// The gains of linear models learn as well, by recursive least squares.
+    gains: Option<RawGains>,
+}
+
+/// How gains learn.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "ProbeGains")]
+struct RawGains {
+    /// What a probing is worth at the next one, above 0 and up to 1; 1 forgets nothing.
+    #[schemars(required)]
+    forgetting: Option<f64>,
+    /// Largest change of a gain as a share of it, above 0 and below 1.
+    #[schemars(required)]
+    limit: Option<f64>,
+}
+
+/// Where a probing cycle leaves its result.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ProbeInput {
+    /// The measured error.
+    pub signal: SignalId,
+    /// Tells when there is a new one; without it each change of the error does.
+    pub trigger: Option<SignalId>,
+    /// One unit of the signal in µm of Cz: half of it where the axis acts on a diameter.
+    pub micron: f64,
+}
+
+impl RawProbe {
+    /// The bounds of a probe and where it is read, if it is.
+    pub(super) fn resolve(&self, at: &At<'_>, axis: &RawAxis) -> Option<(ProbeSettings, Option<ProbeInput>)> {
+        let limit = at.key("limit").positive(self.limit);
+        let most = axis.limit.filter(|most| *most > 0.0);
+        if let Some((limit, most)) = limit.zip(most).filter(|(limit, most)| limit > most) {
+            let message = format!("a correction of {limit} µm is larger than the axis's limit of {most} µm");
+            at.key("limit").wrong(message, "make it smaller: it trims the model, it does not replace it");
+        }
+        let filter = share(&at.key("filter"), self.filter);
+        let max_error = at.key("max_error").positive(self.max_error);
+        let warn = level(&at.key("warn"), self.warn);
+        if let Some((warn, most)) = self.warn.zip(max_error).filter(|(warn, most)| warn > most) {
+            let message = format!("warn at {warn} µm lies beyond the max_error of {most} µm");
+            at.key("warn").wrong(message, "such a probing is refused: make `warn` smaller");
+        }
+        let gains = match &self.gains {
+            Some(gains) => gains.resolve(&at.key("gains"), axis).map(Some),
+            None => Some(None),
+        };
+        let input = self.input(at, axis.diameter.unwrap_or(false));
+        let settings = ProbeSettings {
+            limit: Micron::new(limit?)?,
+            filter: filter?,
+            max_error: Micron::new(max_error?)?,
+            warn: warn?,
+            gains: gains?,
+        };
+        Some((settings, input?))
+    }
+
+    /// Where the error is read, `Some(None)` where it comes by command.
+    fn input(&self, at: &At<'_>, diameter: bool) -> Option<Option<ProbeInput>> {
+        let signal = at.key("signal").signal(self.signal.as_ref());
+        let trigger = at.key("trigger").signal(self.trigger.as_ref());
+        let Some(name) = &self.signal else {
+            if self.trigger.is_some() {
+                let help = "write `signal`, where the measured error is read, or remove `trigger`";
+                at.key("signal").missing("`signal` is missing: a trigger alone tells no error", help);
+            }
+            return Some(None);
+        };
+        let signal = signal?;
+        if self.trigger.is_some() && trigger? == signal {
+            let help = "remove `trigger`: each change of the error counts then; or name a flag or a counter";
+            at.key("trigger").wrong("the error cannot be its own trigger", help);
+        }
+        let of_unit = match at.check.signals.get(signal.0)?.unit.0 {
+            "um" => 1.0,
+            "mm" => 1000.0,
+            unit => {
+                let help = format!(
+                    "give the signal unit = \"um\" or \"mm\", with the `scale` that makes it so: signal.{name}"
+                );
+                at.key("signal").wrong(format!("`{name}` is in {unit}, not in um or mm"), help);
+                return None;
+            }
+        };
+        let of_radius = if diameter { 0.5 } else { 1.0 };
+        Some(Some(ProbeInput { signal, trigger, micron: of_radius * of_unit }))
+    }
+}
+
+impl RawGains {
+    fn resolve(&self, at: &At<'_>, axis: &RawAxis) -> Option<GainSettings> {
+        let models = axis.model.as_deref().unwrap_or_default();
+        if !models.is_empty() && !models.iter().any(|model| model.may_be_linear()) {
+            let help = "remove `gains`: only the gains of linear models learn";
+            at.wrong_key("no model of this axis is linear", help);
+        }
+        let limit = at.key("limit").positive(self.limit);
+        if let Some(limit) = limit.filter(|limit| *limit >= 1.0) {
+            let help = "write a share below 1, as 0.2: a gain never changes its sign";
+            at.key("limit").wrong(format!("{limit} would let a gain vanish"), help);
+        }
+        let forgetting = share(&at.key("forgetting"), self.forgetting);
+        Some(GainSettings { forgetting: forgetting?, limit: limit? })
+    }
+}
+
+/// A number above 0 and up to 1.
+fn share(at: &At<'_>, number: Option<f64>) -> Option<f64> {
+    let number = number?;
+    if number > 0.0 && number <= 1.0 {
+        return Some(number);
+    }
+    at.wrong(format!("{number} is no share"), "write a number above 0 and up to 1");
+    None
+}

@@ -1,0 +1,270 @@
+//! `[bus.*]`: one physical line.
+
+use std::time::Duration;
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::quirks::{Quirks, RawQuirks};
+use super::{At, Check, host_of};
+use crate::duration::{Timespan, shown};
+use isotherm_core::codec::CanId;
+use serial::{Parity, Serial};
+use tls::{RawTls, TLS_PORT, Tls};
+
+pub(crate) mod serial;
+pub(crate) mod tls;
+
+/// Longest wait for an answer, where nothing is written and no device is polled faster.
+pub(super) const TIMEOUT: Duration = Duration::from_millis(500);
+const SHORTEST_TIMEOUT: Duration = Duration::from_millis(100);
+/// A network, with the boxes in it, keeps a write at most this long where nothing else is known of it.
+const LATE: Duration = Duration::from_secs(30);
+const LATE_TIMEOUTS: u32 = 2;
+const LONGEST_LATE: Duration = Duration::from_mins(10);
+/// Longest name of a network interface on Linux.
+const LONGEST_NAME: usize = 15;
+/// SYNC, where nothing else is said.
+const SYNC: u32 = 0x80;
+
+/// One physical line.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Bus")]
+pub(crate) struct RawBus {
+    /// What it speaks.
+    #[serde(rename = "type")]
+    #[schemars(required)]
+    pub(super) kind: Option<BusType>,
+    /// Host and port of a line over TCP: "192.168.0.10:502". With `tls` the port may be left out: 802.
+    address: Option<String>,
+    /// Longest wait for one answer. Default "500ms", or half the shortest poll period of its devices if that is less.
+    pub(super) timeout: Option<Timespan>,
+    /// How long a write that was not answered may still arrive, held back on its way: `timeout` to "10min". Default "30s";
+    /// on a modbus-rtu line, where nothing holds it back, twice `timeout`.
+    late: Option<Timespan>,
+    /// Modbus/TCP Security: the certificate files of a modbus-tcp line.
+    tls: Option<RawTls>,
+    /// What all its devices need to be treated like.
+    quirks: Option<RawQuirks>,
+    /// Serial port of a modbus-rtu line: "/dev/serial/by-id/usb-…".
+    port: Option<String>,
+    /// Bits per second of a modbus-rtu line; required.
+    #[schemars(range(min = 300, max = 4_000_000))]
+    baud: Option<u32>,
+    /// Parity of a modbus-rtu line. Default "none".
+    parity: Option<Parity>,
+    /// Stop bits of a modbus-rtu line, 1 or 2. Default 1.
+    #[schemars(range(min = 1, max = 2))]
+    stop_bits: Option<u8>,
+    /// Network interface of a CAN line: "can0".
+    interface: Option<String>,
+    /// SYNC that is sent on a CAN line. Default: none.
+    sync: Option<RawSync>,
+}
+
+/// SYNC, sent to all nodes of a line.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Sync")]
+struct RawSync {
+    /// Its CAN identifier. Default 0x80.
+    #[schemars(range(min = 1, max = 2047))]
+    cob_id: Option<u32>,
+    /// How often it is sent.
+    #[schemars(required)]
+    every: Option<Timespan>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum BusType {
+    ModbusTcp,
+    ModbusRtu,
+    ModbusRtuOverTcp,
+    Can,
+}
+
+/// One line.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bus {
+    /// Its name in the profile.
+    pub name: String,
+    /// What it is made of.
+    pub transport: Transport,
+    /// Host and port, the serial port's path, or the CAN interface, as written.
+    pub address: String,
+    /// Modbus/TCP Security; `None`: in the clear.
+    pub tls: Option<Tls>,
+    /// Longest wait for one answer, and for a connection.
+    pub timeout: Duration,
+    /// How long a write that was not answered may still arrive. Never less than `timeout`.
+    pub late: Duration,
+    /// What its devices need to be treated like.
+    pub quirks: Quirks,
+    /// The SYNC that is sent on a CAN line.
+    pub sync: Option<Sync>,
+}
+
+/// What a bus is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Transport {
+    /// Modbus TCP.
+    Tcp,
+    /// RTU frames through a TCP connection, as simple gateways pass them on.
+    RtuOverTcp,
+    /// Modbus RTU on a serial port of this computer.
+    Serial(Serial),
+    /// A CAN interface of this computer.
+    Can,
+}
+
+/// Who sends SYNC on a line: we do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sync {
+    /// With this identifier.
+    pub id: CanId,
+    /// This often.
+    pub every: Duration,
+}
+
+impl Transport {
+    /// It is a CAN interface.
+    pub const fn is_can(self) -> bool {
+        matches!(self, Transport::Can)
+    }
+
+    /// How long a write that was not answered may still arrive, where the profile does not say. On a port of our own
+    /// nothing but its device holds it back.
+    pub fn late(self, timeout: Duration) -> Duration {
+        match self {
+            Transport::Serial(_) => timeout.saturating_mul(LATE_TIMEOUTS),
+            Transport::Tcp | Transport::RtuOverTcp | Transport::Can => LATE.max(timeout),
+        }
+    }
+}
+
+impl RawBus {
+    pub(super) fn resolve(&self, at: &At<'_>, name: &str) -> Option<Bus> {
+        let quirks =
+            self.quirks.as_ref().map_or_else(Quirks::default, |quirks| quirks.over(Quirks::default()));
+        let timeout =
+            at.key("timeout").duration(self.timeout).unwrap_or_else(|| default_timeout(at.check, name));
+        let kind = self.kind?;
+        foreign_keys(at, kind);
+        let (transport, address) = match kind {
+            BusType::ModbusTcp => (Transport::Tcp, self.host_and_port(at)),
+            BusType::ModbusRtuOverTcp => (Transport::RtuOverTcp, self.host_and_port(at)),
+            BusType::ModbusRtu => {
+                let (settings, port) = (serial::settings(self, at), serial::port(self, at));
+                (Transport::Serial(settings?), port)
+            }
+            BusType::Can => (Transport::Can, self.interface(at)),
+        };
+        let late = self.late(&at.key("late"), timeout, transport.late(timeout));
+        let tls = self.tls.as_ref().filter(|_| kind == BusType::ModbusTcp).map(|tls| {
+            // Its files are looked at even where the address is wrong.
+            let host = address.as_deref().and_then(host_of).unwrap_or("localhost");
+            tls.resolve(&at.key("tls"), host)
+        });
+        let tls = match tls {
+            Some(tls) => Some(tls?),
+            None => None,
+        };
+        let sync = self.sync.as_ref().filter(|_| kind == BusType::Can).and_then(|sync| {
+            let every = at.key("sync").key("every").duration(sync.every);
+            Some(Sync { id: CanId::standard(sync.cob_id.unwrap_or(SYNC))?, every: every? })
+        });
+        Some(Bus { name: name.to_owned(), transport, address: address?, tls, timeout, late, quirks, sync })
+    }
+
+    fn late(&self, at: &At<'_>, timeout: Duration, default: Duration) -> Duration {
+        let Some(late) = at.duration(self.late) else { return default };
+        let left_out = format!("or leave it out: {}", shown(default));
+        if late < timeout {
+            let (late, timeout) = (shown(late), shown(timeout));
+            let message =
+                format!("{late} is shorter than the {timeout} that an answer is waited for (`timeout`)");
+            at.wrong(message, format!("write {timeout} or more, {left_out}"));
+        } else if late > LONGEST_LATE {
+            let (late, longest) = (shown(late), shown(LONGEST_LATE));
+            let message = format!(
+                "{late} is longer than {longest}, and for that long a lost answer may keep an axis where it is"
+            );
+            at.wrong(message, format!("write {longest} or less, {left_out}"));
+        }
+        late
+    }
+
+    fn host_and_port(&self, at: &At<'_>) -> Option<String> {
+        let at = at.key("address");
+        let Some(address) = &self.address else {
+            let help = "write host and port, as \"192.168.0.10:502\"; 502 is Modbus TCP's usual port";
+            at.missing("`address` is missing: where is the line?", help);
+            return None;
+        };
+        if self.tls.is_some() && !address.is_empty() && !address.contains(':') {
+            return Some(format!("{address}:{TLS_PORT}"));
+        }
+        if host_of(address).is_none() {
+            let help = format!("write host and port, as \"{address}:502\"; 502 is Modbus TCP's usual port");
+            at.wrong(format!("`{address}` is no host and port"), help);
+            return None;
+        }
+        Some(address.clone())
+    }
+
+    fn interface(&self, at: &At<'_>) -> Option<String> {
+        let at = at.key("interface");
+        let Some(name) = &self.interface else {
+            let help = "write the network interface, as \"can0\"; `ip link` shows which there are";
+            at.missing("`interface` is missing: where is the line?", help);
+            return None;
+        };
+        let is_plain = |c: char| c != '/' && !c.is_whitespace();
+        if name.is_empty() || name.len() > LONGEST_NAME || !name.chars().all(is_plain) {
+            let help = "write its name, as \"can0\": up to 15 characters; `ip link` shows which there are";
+            at.wrong(format!("`{name}` cannot be a network interface"), help);
+            return None;
+        }
+        Some(name.clone())
+    }
+}
+
+/// Keys that belong to another type of line.
+fn foreign_keys(at: &At<'_>, kind: BusType) {
+    let owners: [(&[&str], &str, &[BusType]); 5] = [
+        (&["address"], "a TCP line", &[BusType::ModbusTcp, BusType::ModbusRtuOverTcp]),
+        (&["port", "baud", "parity", "stop_bits"], "a modbus-rtu line", &[BusType::ModbusRtu]),
+        (&["tls"], "a modbus-tcp line", &[BusType::ModbusTcp]),
+        (&["interface", "sync"], "a can line", &[BusType::Can]),
+        (&["quirks"], "a Modbus line", &[BusType::ModbusTcp, BusType::ModbusRtu, BusType::ModbusRtuOverTcp]),
+    ];
+    for (keys, owner, _) in owners.into_iter().filter(|(.., kinds)| !kinds.contains(&kind)) {
+        at.foreign(keys, owner, "remove it, or change `type`");
+    }
+}
+
+/// Where nothing is written: half a fast poll period, but never so short that a sound device is missed.
+fn default_timeout(check: &Check<'_>, bus: &str) -> Duration {
+    let devices = check.raw.device.values().filter(|device| device.bus.as_deref() == Some(bus));
+    let periods = devices.filter_map(|device| device.every.map(|Timespan(every)| every));
+    periods.map(|period| (period / 2).max(SHORTEST_TIMEOUT)).fold(TIMEOUT, Duration::min)
+}
+
+/// Two buses on one RTU line would speak at once, and take each other's answers.
+pub(super) fn one_owner_each(check: &Check<'_>) {
+    let lines: Vec<&Bus> = check.buses.right().filter(|bus| bus.transport != Transport::Tcp).collect();
+    for (place, bus) in lines.iter().enumerate() {
+        if let Some(first) = lines[..place].iter().find(|first| first.address == bus.address) {
+            let key = match bus.transport {
+                Transport::Serial(_) => "port",
+                Transport::Can => "interface",
+                Transport::Tcp | Transport::RtuOverTcp => "address",
+            };
+            let message = format!("the bus `{}` has this {key} already", first.name);
+            let help = "put all devices of one line on one bus; each has its own `every`";
+            check.at("bus").key(&bus.name).key(key).wrong(message, help);
+        }
+    }
+}

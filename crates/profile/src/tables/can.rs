@@ -1,0 +1,292 @@
+//! What is written of CAN: objects of a node, values inside process data and frames.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::At;
+use super::register::TypeWord;
+use isotherm_core::codec::{
+    Address, BitField, BitKind, ByteOrder, CanId, CanMatch, DataType, Entry, Field, Object, Selector,
+};
+
+mod conflicts;
+mod written;
+
+pub(super) use conflicts::check as conflicts;
+pub(super) use written::{Written, fill, resolve as written_frames};
+
+/// Bytes of a classic frame.
+const CLASSIC: usize = 8;
+
+/// A value inside a CANopen process data object.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Pdo")]
+pub(super) struct RawPdo {
+    /// CAN identifier. Either this or `number`.
+    #[schemars(range(min = 1, max = 2047))]
+    cob_id: Option<u32>,
+    /// Number of the process data object, where it has the usual identifier of its node: 1 is 0x180 + node for what is
+    /// read, 0x200 + node for what is written.
+    #[schemars(range(min = 1, max = 4))]
+    number: Option<u8>,
+    /// First bit, the least significant one: byte · 8 + bit.
+    #[schemars(required)]
+    start: Option<u16>,
+    /// Number of bits.
+    #[schemars(required)]
+    length: Option<u16>,
+    /// Two's complement. Default false.
+    signed: Option<bool>,
+    /// IEEE 754, 32 or 64 bits. Default false.
+    float: Option<bool>,
+    /// Written: the whole frame in hexadecimal, before the value is put in: "00 00 00 00 00 00 01 00". Default: zeros,
+    /// as many bytes as the values need.
+    pub(super) fill: Option<String>,
+}
+
+/// A value inside a raw CAN frame.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Frame")]
+pub(super) struct RawFrame {
+    /// CAN identifier; above 0x7FF it has 29 bits.
+    #[schemars(required, range(min = 0, max = 536_870_911))]
+    id: Option<u32>,
+    /// The identifier has 29 bits though it is small. Default: true above 0x7FF.
+    extended: Option<bool>,
+    /// A CAN FD frame, up to 64 bytes. Default false.
+    fd: Option<bool>,
+    /// First bit, as a DBC file counts: byte · 8 + bit; the least significant one where `order` is "little", the most
+    /// significant one where it is "big".
+    #[schemars(required)]
+    start: Option<u16>,
+    /// Number of bits.
+    #[schemars(required)]
+    length: Option<u16>,
+    /// Byte order: "little" (Intel) or "big" (Motorola). Required for more than one bit: devices differ.
+    order: Option<ByteOrderWord>,
+    /// Two's complement. Default false.
+    signed: Option<bool>,
+    /// IEEE 754, 32 or 64 bits. Default false.
+    float: Option<bool>,
+    /// Only frames in which another value says so.
+    multiplex: Option<RawMultiplex>,
+    /// Written: the whole frame in hexadecimal, before the value is put in. Default: zeros, as many bytes as the values
+    /// need.
+    pub(super) fill: Option<String>,
+}
+
+/// The value that says what else a frame holds.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Multiplex")]
+struct RawMultiplex {
+    /// First bit, counted as that of the frame's value.
+    #[schemars(required)]
+    start: Option<u16>,
+    /// Number of bits.
+    #[schemars(required)]
+    length: Option<u16>,
+    /// What it must be.
+    #[schemars(required)]
+    equals: Option<u64>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+#[schemars(rename = "ByteOrder")]
+enum ByteOrderWord {
+    Little,
+    Big,
+}
+
+/// Who sends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Sender {
+    Device,
+    Gateway,
+}
+
+impl RawPdo {
+    /// The process data of a device, with the identifier and the bits of the value.
+    pub(super) fn resolve(&self, at: &At<'_>, device: &str, sender: Sender) -> Option<Field> {
+        let bits = bits(at, (self.start, self.length), ByteOrder::Intel, (self.signed, self.float), CLASSIC);
+        let id = match (self.cob_id, self.number) {
+            (Some(id), None) => CanId::standard(id),
+            (None, Some(number)) => {
+                let node = at.check.at("device").key(device).key("node");
+                if !node.is_written() {
+                    let help = format!("write node = 5 at device `{device}`, or `cob_id` here");
+                    at.key("number").wrong("the usual identifiers are those of a CANopen node", help);
+                }
+                let node = at.check.raw.device.get(device)?.node?;
+                CanId::standard(sender.usual_identifier(number, node))
+            }
+            (Some(_), Some(_)) => {
+                let message = "`cob_id` and `number` both say which frame it is";
+                at.key("number").wrong_key(message, "keep one of them");
+                None
+            }
+            (None, None) => {
+                if !at.key("number").is_written() {
+                    let help = "write cob_id = 0x185, or number = 1 for the usual identifier of the node";
+                    at.key("cob_id").missing("`cob_id` is missing: which frame is it?", help);
+                }
+                None
+            }
+        };
+        Some(Field { frames: CanMatch::exactly(id?), is_fd: false, bits: bits?, multiplex: Vec::new() })
+    }
+}
+
+impl RawFrame {
+    /// The frame, with the bits of the value.
+    pub(super) fn resolve(&self, at: &At<'_>) -> Option<Field> {
+        let is_long = self.id.is_some_and(|id| id > CanId::LARGEST_STANDARD);
+        if is_long && self.extended == Some(false) {
+            let message = "an identifier above 0x7FF has 29 bits";
+            at.key("extended").wrong(message, "remove it, or correct `id`");
+        }
+        let needs_order = self.length.is_some_and(|length| length > 1);
+        let order = match self.order {
+            Some(ByteOrderWord::Big) => ByteOrder::Motorola,
+            None if needs_order => {
+                let message = "`order` is missing: which end of the value comes first?";
+                let help = "write \"little\" (Intel, `start` is the least significant bit) or \"big\" (Motorola, `start` is the most significant one)";
+                at.key("order").missing(message, help);
+                return None;
+            }
+            Some(ByteOrderWord::Little) | None => ByteOrder::Intel,
+        };
+        let is_fd = self.fd.unwrap_or(false);
+        let most = if is_fd { BitField::LONGEST_FRAME } else { CLASSIC };
+        let bits = bits(at, (self.start, self.length), order, (self.signed, self.float), most);
+        let multiplex = match &self.multiplex {
+            None => Vec::new(),
+            Some(multiplex) => vec![multiplex.resolve(&at.key("multiplex"), order, most)?],
+        };
+        let id = self.id?;
+        let id = if self.extended.unwrap_or(is_long) { CanId::extended(id) } else { CanId::standard(id) };
+        Some(Field { frames: CanMatch::exactly(id?), is_fd, bits: bits?, multiplex })
+    }
+}
+
+impl RawMultiplex {
+    fn resolve(&self, at: &At<'_>, order: ByteOrder, most: usize) -> Option<Selector> {
+        let bits = bits(at, (self.start, self.length), order, (None, None), most)?;
+        let equals = self.equals?;
+        let width = bits.data_type().width();
+        if width < 64 && equals >> width != 0 {
+            let message = format!("{width} bits never hold {equals}");
+            at.key("equals").wrong(message, format!("allowed: 0 to {}", (1u64 << width) - 1));
+        }
+        Some(Selector { bits, values: vec![(equals, equals)] })
+    }
+}
+
+impl Sender {
+    /// The usual identifier of a process data object, by CiA 301.
+    fn usual_identifier(self, number: u8, node: u8) -> u32 {
+        let first = match self {
+            Sender::Device => 0x180,
+            Sender::Gateway => 0x200,
+        };
+        first + 0x100 * (u32::from(number) - 1) + u32::from(node)
+    }
+}
+
+fn bits(
+    at: &At<'_>,
+    (start, length): (Option<u16>, Option<u16>),
+    order: ByteOrder,
+    (signed, float): (Option<bool>, Option<bool>),
+    most: usize,
+) -> Option<BitField> {
+    let kind = match (signed.unwrap_or(false), float.unwrap_or(false)) {
+        (true, true) => {
+            let help = "remove `signed`: a floating-point number has its sign";
+            at.key("signed").wrong_key("`signed` and `float` exclude each other", help);
+            BitKind::Float
+        }
+        (_, true) => BitKind::Float,
+        (true, _) => BitKind::Signed,
+        (false, false) => BitKind::Unsigned,
+    };
+    let (start, length) = (start?, length?);
+    let (fits_kind, allowed) = match kind {
+        BitKind::Float => (matches!(length, 32 | 64), "allowed: 32 and 64"),
+        _ => (matches!(length, 1..=64), "allowed: 1 to 64"),
+    };
+    if !fits_kind {
+        at.key("length").wrong(format!("no such value has {length} bits"), allowed);
+        return None;
+    }
+    let field = BitField::new(start, length, order, kind);
+    if let Some(field) = field.filter(|field| field.bytes() <= most) {
+        return Some(field);
+    }
+    let needed = field.map_or_else(|| "more than 64".to_owned(), |field| field.bytes().to_string());
+    let help = match most {
+        CLASSIC if at.path.ends_with("pdo") => "process data has at most 64 bits, numbered from 0",
+        CLASSIC => "bits are numbered from 0 to 63; write fd = true if it is a CAN FD frame",
+        _ => "bits are numbered from 0 to 511",
+    };
+    at.key("length").wrong(format!("the frame needs {needed} bytes, and has at most {most}"), help);
+    None
+}
+
+/// The object at this key: index and subindex, as "1800:05".
+pub(super) fn entry(at: &At<'_>, text: &str) -> Option<Entry> {
+    let parsed = text.split_once(':').and_then(|(index, sub)| {
+        let is_plain =
+            |part: &str, length| part.len() == length && part.bytes().all(|byte| byte.is_ascii_hexdigit());
+        let fits = is_plain(index, 4) && is_plain(sub, 2);
+        let numbers = (u16::from_str_radix(index, 16).ok()?, u8::from_str_radix(sub, 16).ok()?);
+        fits.then_some(Entry::new(numbers.0, numbers.1))
+    });
+    if parsed.is_none() {
+        let help = "write index and subindex in hexadecimal, four digits and two, as \"7130:01\"";
+        at.wrong(format!("`{text}` is no CANopen object"), help);
+    }
+    parsed
+}
+
+/// The type at this key as an object has it.
+pub(super) fn object_type(at: &At<'_>, TypeWord(kind): TypeWord) -> Option<DataType> {
+    match kind {
+        // A BOOLEAN takes a byte of its own.
+        DataType::Bool => Some(DataType::unsigned(8)),
+        DataType::Decimal24(_) => {
+            let help = "allowed: bool, u8, i8, u16, i16, u32, i32, u64, i64, f32, f64";
+            at.wrong("decimal24 is a type of Modbus displays", help);
+            None
+        }
+        kind => Some(kind),
+    }
+}
+
+/// The object at the key `sdo` of a signal or an output.
+pub(super) fn object(
+    at: &At<'_>,
+    sdo: &str,
+    kind: Option<TypeWord>,
+    device: &str,
+    types: &str,
+) -> Option<Address> {
+    needs_node(&at.key("sdo"), device);
+    let entry = entry(&at.key("sdo"), sdo);
+    if kind.is_none() {
+        at.key("type").missing("`type` is missing: how does the value lie in its object?", types);
+    }
+    let data_type = object_type(&at.key("type"), kind?)?;
+    Some(Address::Object(Object { entry: entry?, data_type }))
+}
+
+/// What stands here is an object: its device must be a CANopen node.
+pub(super) fn needs_node(at: &At<'_>, device: &str) {
+    if !at.check.at("device").key(device).key("node").is_written() {
+        let help = format!("write node = 5 at device `{device}`, the node number set there");
+        at.wrong(format!("an object is read of a CANopen node, and `{device}` has no `node`"), help);
+    }
+}

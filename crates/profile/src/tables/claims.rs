@@ -1,0 +1,175 @@
+//! Which registers belong to whom: two things may not half share one.
+
+use std::collections::{BTreeSet, HashMap, HashSet};
+
+use super::heartbeat::Heartbeat;
+use super::register::one;
+use super::{At, Check};
+use crate::DeviceId;
+use isotherm_core::codec::{Address, DataType, Register};
+
+/// A stretch of registers that something reads or writes.
+struct Claim<'c> {
+    /// The line's address and the unit: the same device may have two names.
+    device: (String, u8),
+    address: Register,
+    data_type: DataType,
+    /// The key that names it.
+    at: At<'c>,
+    what: String,
+    is_written: bool,
+}
+
+impl Claim<'_> {
+    fn last(&self) -> u32 {
+        u32::from(self.address.offset) + u32::from(self.data_type.registers()) - 1
+    }
+
+    /// All of its registers that there are.
+    fn registers(&self) -> impl Iterator<Item = Register> {
+        let Register { table, offset } = self.address;
+        (offset..=u16::try_from(self.last()).unwrap_or(u16::MAX))
+            .map(move |offset| Register { table, offset })
+    }
+
+    fn overlaps(&self, other: &Claim<'_>) -> bool {
+        self.device == other.device
+            && self.address.table == other.address.table
+            && u32::from(self.address.offset) <= other.last()
+            && u32::from(other.address.offset) <= self.last()
+    }
+
+    fn is_same_value(&self, other: &Claim<'_>) -> bool {
+        let is_bit = |claim: &Claim<'_>| matches!(claim.data_type, DataType::Bit(_));
+        let is_single = self.data_type.registers() == 1 && other.data_type.registers() == 1;
+        self.address == other.address
+            && (self.data_type == other.data_type || (is_single && (is_bit(self) || is_bit(other))))
+    }
+
+    fn shown(&self) -> String {
+        let Register { table, offset } = self.address;
+        let end = if self.data_type.registers() == 1 { String::new() } else { format!("..{}", self.last()) };
+        format!("{} ({} at {}:{offset}{end})", self.what, self.data_type.name(), table.name())
+    }
+}
+
+pub(super) fn check(check: &Check<'_>, heartbeat: Option<&Heartbeat>) {
+    let mut claims = claims(check, heartbeat);
+    // The later of two is the one to blame.
+    claims.sort_by_key(|claim| check.spans.rank(&claim.at.path));
+    let mut claimed: HashMap<(&str, u8, Register), Vec<usize>> = HashMap::new();
+    for (index, later) in claims.iter().enumerate() {
+        let mut earlier = BTreeSet::new();
+        for register in later.registers() {
+            let there = claimed.entry((&later.device.0, later.device.1, register)).or_default();
+            earlier.extend(there.iter().copied());
+            there.push(index);
+        }
+        for earlier in earlier {
+            collision(&claims[earlier], later);
+        }
+    }
+    runaway(check, &claims);
+}
+
+fn claims<'c>(check: &'c Check<'c>, heartbeat: Option<&Heartbeat>) -> Vec<Claim<'c>> {
+    let mut claims: Vec<Claim<'c>> = Vec::new();
+    let mut claim = |id: DeviceId, address, data_type, at, what: String, is_written| {
+        let device = check.devices.get(id.0);
+        let line = device.and_then(|device| Some((check.bus_of(device)?.address.clone(), device.unit)));
+        claims.extend(line.map(|device| Claim { device, address, data_type, at, what, is_written }));
+    };
+    let boot_counters: HashMap<usize, &str> = (check.outputs.resolved.iter().flatten().rev())
+        .filter_map(|output| Some((output.boot_counter?.0, output.name.as_str())))
+        .collect();
+    let mut captured = HashSet::new();
+    let (signal_at, output_at) =
+        (|name: &str| check.at("signal").key(name), |name: &str| check.at("output").key(name));
+    for (place, signal) in check.signals.resolved.iter().enumerate() {
+        let Some(signal) = signal else { continue };
+        let name = &signal.name;
+        if let Address::Modbus(register) = signal.address {
+            let (at, what) = match boot_counters.get(&place) {
+                Some(output) => {
+                    (output_at(output).key("restart").key("boot_counter"), "the boot counter".to_owned())
+                }
+                None => (signal_at(name).key("register"), format!("signal `{name}`")),
+            };
+            claim(signal.device, register, signal.encoding.data_type, at, what, false);
+        }
+        // Several counters of a device may be captured by one command.
+        let mut is_first = |address| captured.insert((signal.device, address));
+        if let Some(capture) = signal.capture.filter(|capture| is_first(capture.address)) {
+            let at = signal_at(name).key("counter").key("capture").key("register");
+            let what = format!("the capture command of `{name}`");
+            claim(signal.device, capture.address, one(capture.address), at, what, true);
+        }
+    }
+    for output in check.outputs.right() {
+        if let Address::Modbus(register) = output.address {
+            let (at, what) = (output_at(&output.name).key("register"), format!("output `{}`", output.name));
+            claim(output.device, register, output.encoding.data_type, at, what, true);
+        }
+    }
+    for output in check.outputs.right() {
+        for address in output.display.registers() {
+            let what = format!("the display of output `{}`", output.name);
+            claim(output.device, address, DataType::U16, output_at(&output.name).key("beside"), what, true);
+        }
+    }
+    for set in check.sets.right() {
+        let at = set.at(check);
+        let what = |key: &str| format!("the {key} of {}", set.label());
+        for (key, address) in set.own() {
+            claim(set.device, address, one(address), at.key(key), what(key), true);
+        }
+        if let Some(handshake) = set.handshake {
+            let flags = [("strobe", handshake.strobe, true), ("acknowledge", handshake.acknowledge, false)];
+            for (key, flag, is_written) in flags {
+                let at = at.key("handshake").key(key);
+                claim(set.device, flag.address, one(flag.address), at, what(key), is_written);
+            }
+        }
+    }
+    if let Some(heartbeat) = heartbeat {
+        let at = check.at("heartbeat").key("register");
+        claim(heartbeat.device, heartbeat.address, DataType::U16, at, "the heartbeat".to_owned(), true);
+    }
+    claims
+}
+
+fn collision(earlier: &Claim<'_>, later: &Claim<'_>) {
+    let both_write = earlier.is_written && later.is_written;
+    if !both_write && earlier.is_same_value(later) {
+        return;
+    }
+    let (verb, help) = if both_write {
+        ("writes the same registers as", "one register has one writer: give each its own")
+    } else {
+        (
+            "overlaps",
+            "two names for one value need the same register and the same type; else one of the two addresses is wrong",
+        )
+    };
+    let message = format!("{} {verb} {} at {}", later.shown(), earlier.shown(), earlier.at.line());
+    later.at.wrong(message, help);
+}
+
+/// A corrected position that is read back as the position grows by Cz at every write.
+fn runaway(check: &Check<'_>, claims: &[Claim<'_>]) {
+    let by_path: HashMap<&str, &Claim<'_>> =
+        claims.iter().rev().map(|claim| (claim.at.path.as_str(), claim)).collect();
+    for output in check.outputs.right() {
+        let Some(position) = output.writes.position() else { continue };
+        let Some(signal) = check.signals.get(position.0) else { continue };
+        let of =
+            |table, name: &str| by_path.get(check.at(table).key(name).key("register").path.as_str()).copied();
+        if let Some((read, written)) = of("signal", &signal.name).zip(of("output", &output.name))
+            && read.overlaps(written)
+        {
+            let message =
+                format!("the corrected position would overwrite {}, from which it is computed", read.shown());
+            written.at.wrong(message, "read the scale's own register; write another");
+        }
+    }
+}

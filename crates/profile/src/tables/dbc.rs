@@ -1,0 +1,70 @@
+//! The DBC files of a profile, each read once.
+
+use std::collections::BTreeMap;
+use std::rc::Rc;
+
+use super::At;
+use crate::dbc::{DbcFile, Described, Wrong};
+use crate::error::ProfileError;
+use crate::template;
+
+/// Files by their names; `None` where one cannot be read, which has been reported.
+pub(super) type Dbcs = BTreeMap<String, Option<Rc<DbcFile>>>;
+
+/// What the device's DBC file says of the signal that is named here.
+pub(super) fn described(at: &At<'_>, name: &str, device: &str) -> Option<Described> {
+    let key = at.check.at("device").key(device).key("dbc");
+    let raw = at.check.raw.device.get(device)?;
+    let Some(file) = &raw.dbc else {
+        if !key.is_written() {
+            let help = format!("write dbc = \"….dbc\" at device `{device}`, a file beside the profile");
+            at.wrong(format!("device `{device}` has no DBC file"), help);
+        }
+        return None;
+    };
+    let dbc = read(&key, file)?;
+    match dbc.signal(name, raw.source_address) {
+        Ok(described) => return Some(described),
+        Err(Wrong { at: None, message, help }) => at.wrong(message, help),
+        Err(wrong) => {
+            let excerpt = wrong.at.and_then(|(line, _)| dbc.line(line)).map(str::to_owned);
+            wrong_in_file(at, file, wrong, excerpt);
+        }
+    }
+    None
+}
+
+/// The file that is named here. It is read though no signal names it: it may be the only mistake.
+pub(super) fn read(at: &At<'_>, name: &str) -> Option<Rc<DbcFile>> {
+    if let Some(known) = at.check.dbcs.borrow().get(name) {
+        return known.clone();
+    }
+    let read = parse(at, name).map(Rc::new);
+    at.check.dbcs.borrow_mut().insert(name.to_owned(), read.clone());
+    read
+}
+
+fn parse(at: &At<'_>, name: &str) -> Option<DbcFile> {
+    // The user's own comes before the shipped one.
+    let bytes = match (at.check.files.read(name), template::dbc(name)) {
+        (Ok(bytes), _) => bytes,
+        (Err(_), Some(shipped)) => shipped.as_bytes().to_vec(),
+        (Err(why), None) => {
+            at.wrong(why, "give the path of a DBC file beside the profile, as \"module.dbc\"");
+            return None;
+        }
+    };
+    let report = |wrong: Wrong| {
+        let text = String::from_utf8_lossy(&bytes);
+        let excerpt =
+            wrong.at.and_then(|(line, _)| text.lines().nth(line.checked_sub(1)?)).map(str::to_owned);
+        wrong_in_file(at, name, wrong, excerpt);
+    };
+    DbcFile::read(bytes.clone()).map_err(report).ok()
+}
+
+fn wrong_in_file(at: &At<'_>, file: &str, wrong: Wrong, excerpt: Option<String>) {
+    let (line, column) = wrong.at.unzip();
+    let (file, key, help) = (at.check.files.path(file), String::new(), Some(wrong.help));
+    at.error(ProfileError { file, line, column, key, message: wrong.message, help, excerpt });
+}

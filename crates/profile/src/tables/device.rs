@@ -1,0 +1,247 @@
+//! `[device.*]`: one unit on a line.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use schemars::{JsonSchema, Schema, SchemaGenerator};
+use serde::Deserialize;
+
+use super::bus::{TIMEOUT, Transport};
+use super::quirks::{Quirks, RawQuirks};
+use super::{At, Check, dbc};
+use crate::BusId;
+use crate::duration::{Timespan, shown};
+use crate::template::Template;
+use functions::{Function, Functions};
+use isotherm_core::codec::Table;
+use node::{CanDevice, RawEmergency, RawSetup};
+use verify::{Expected, RawVerify};
+
+pub(crate) mod emergency;
+pub(crate) mod functions;
+pub(crate) mod node;
+pub(crate) mod verify;
+
+/// How often a device is polled, where nothing else is said.
+const EVERY: Duration = Duration::from_secs(1);
+
+/// One unit on a line.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Device")]
+pub(crate) struct RawDevice {
+    /// The line it hangs on.
+    #[schemars(required)]
+    pub(super) bus: Option<String>,
+    /// Modbus unit identifier; required on a Modbus line.
+    unit: Option<u8>,
+    /// Poll period of its signals. Default "1s".
+    pub(super) every: Option<Timespan>,
+    /// A device template that gives channels their registers, types and sentinels.
+    template: Option<String>,
+    /// Which of the template's variants it is, as "T" for a thermocouple's type.
+    #[allow(dead_code, reason = "resolved before the profile is checked")]
+    variant: Option<String>,
+    /// Added to every register of the template, where its maker leaves open at which register it begins.
+    #[allow(dead_code, reason = "resolved before the profile is checked")]
+    base: Option<u16>,
+    /// What the template's checks must find on this device, by their names; "unchecked" leaves one out.
+    #[allow(dead_code, reason = "resolved before the profile is checked")]
+    expect: Option<BTreeMap<String, ExpectValue>>,
+    /// The only function codes it may be sent. Default: all.
+    functions: Option<Vec<Function>>,
+    /// What it needs to be treated like, over the bus's quirks.
+    quirks: Option<RawQuirks>,
+    /// CAN: a DBC file beside the profile that describes its frames.
+    pub(super) dbc: Option<String>,
+    /// CAN, with a DBC file: its J1939 source address. Its messages are parameter groups, and only its own are taken.
+    pub(super) source_address: Option<u8>,
+    /// CANopen node number.
+    #[schemars(range(min = 1, max = 127))]
+    pub(super) node: Option<u8>,
+    /// CANopen: whether it is started by NMT, at the beginning and after each boot-up. Default true.
+    start: Option<bool>,
+    /// CANopen: its heartbeat missed this long, or never seen this long, is a fault. Default: not watched.
+    heartbeat: Option<Timespan>,
+    /// CANopen: objects written before each start, in this order.
+    setup: Option<Vec<RawSetup>>,
+    /// CANopen: what its emergency codes mean, beside those of CiA 301.
+    emergency: Option<Vec<RawEmergency>>,
+    /// Registers (CANopen: objects) read before arming; a mismatch refuses to arm.
+    verify: Option<Vec<RawVerify>>,
+}
+
+/// What a check of the template must find.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "resolved before the profile is checked")]
+enum ExpectValue {
+    Number(i64),
+    Word(ExpectWord),
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum ExpectWord {
+    Unchecked,
+}
+
+impl JsonSchema for ExpectValue {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "Expect".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        schemars::json_schema!({ "anyOf": [{ "type": "integer" }, { "type": "string", "enum": ["unchecked"] }] })
+    }
+}
+
+/// One unit on a bus.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Device {
+    /// Its name in the profile.
+    pub name: String,
+    /// Its line.
+    pub bus: BusId,
+    /// Modbus unit identifier; a CANopen node's number, and 0 for a device that only sends frames.
+    pub unit: u8,
+    /// Poll period of its signals.
+    pub every: Duration,
+    /// The function codes it may be sent.
+    pub functions: Functions,
+    /// The bus's quirks with the device's own over them.
+    pub quirks: Quirks,
+    /// What is read before anything that depends on it is armed.
+    pub verify: Vec<Expected>,
+    /// What it has from its template.
+    pub template: Option<Template>,
+    /// What it has on a CAN line.
+    pub can: Option<CanDevice>,
+}
+
+impl Device {
+    /// Where it is on its bus, behind its name: ` (unit 3)`, ` (node 5)`, nothing for one that only sends CAN frames.
+    pub fn at(&self) -> String {
+        match &self.can {
+            None => format!(" (unit {})", self.unit),
+            Some(can) => can.node.map_or(String::new(), |node| format!(" (node {node})")),
+        }
+    }
+
+    /// The most registers that one request carries, writing and reading.
+    pub fn longest_request(&self) -> u16 {
+        // Function 16 carries 123 registers, function 06 one.
+        let most = if self.functions.write_multiple { 123 } else { 1 };
+        self.quirks.max_registers_per_request.min(most)
+    }
+
+    /// So many registers of it can be written; where not, what stands here is wrong.
+    pub(super) fn must_write(&self, at: &At<'_>, registers: u16) {
+        if self.functions.writes(registers).is_none() {
+            let functions =
+                if registers == 1 { "\"write-single\" or \"write-multiple\"" } else { "\"write-multiple\"" };
+            self.lacks(at, &format!("writing {registers} register(s) needs {functions}"), functions);
+        }
+    }
+
+    /// This table of it can be read; where not, what stands here is wrong.
+    pub(super) fn must_read(&self, at: &At<'_>, table: Table) {
+        if !self.functions.reads(table) {
+            let function = match table {
+                Table::Coil => "read-coils",
+                Table::Discrete => "read-discrete",
+                Table::Holding => "read-holding",
+                Table::Input => "read-input",
+            };
+            self.lacks(at, &format!("reading this needs {function}"), &format!("\"{function}\""));
+        }
+    }
+
+    /// What stands here needs functions that it may not be sent.
+    pub(super) fn lacks(&self, at: &At<'_>, needs: &str, functions: &str) {
+        let help = format!("add {functions} to `functions` of the device, if the device can do it");
+        at.wrong(format!("{needs}, which `{}` may not be sent", self.name), help);
+    }
+}
+
+impl RawDevice {
+    pub(super) fn resolve(&self, at: &At<'_>, name: &str) -> Option<Device> {
+        let check = at.check;
+        if self.template.is_none() {
+            let help = "write template = \"…\" as well, or remove it";
+            at.foreign(&["variant", "base", "expect"], "a device template", help);
+        }
+        let every = at.key("every").duration(self.every).unwrap_or(EVERY);
+        if self.functions.as_ref().is_some_and(Vec::is_empty) {
+            let help = "name what it may be sent, as [\"read-holding\", \"write-multiple\"], or leave the key out: all";
+            at.key("functions").wrong("a device that may be sent nothing is of no use", help);
+        }
+        let functions = self.functions.as_deref().map_or(Functions::ALL, Functions::of);
+        let bus = at.key("bus").named(&check.buses, self.bus.as_ref());
+        let line = bus.and_then(|bus| check.buses.get(bus));
+        let over = line.map_or_else(Quirks::default, |line| line.quirks);
+        let quirks = self.quirks.as_ref().map_or(over, |quirks| quirks.over(over));
+        let on_can = self.is_on_can(check);
+        let can = node::resolve(self, at, on_can);
+        let unit = if on_can == Some(true) {
+            Some(self.node.unwrap_or(0))
+        } else {
+            self.unit(at, line.map(|line| line.transport))
+        };
+        let verify = at.key("verify");
+        let verify = self.verify.iter().flatten().enumerate().filter_map(|(place, raw)| match on_can {
+            Some(true) => raw.object(&verify.item(place)),
+            _ => raw.register(&verify.item(place), functions),
+        });
+        let verify = verify.collect();
+        if let Some(can) = &can {
+            node::heartbeat_produced(at, can);
+        }
+        if let Some(dbc) = self.dbc.as_ref().filter(|_| can.is_some()) {
+            dbc::read(&at.key("dbc"), dbc);
+        }
+        let template = check.templates.get(name).cloned();
+        let (bus, unit) = (BusId(bus?), unit?);
+        if let Some(line) = line.filter(|line| line.timeout >= every) {
+            let message = format!(
+                "the bus `{}` waits {} for an answer, as long as the poll period {}",
+                line.name,
+                shown(line.timeout),
+                shown(every)
+            );
+            let help = "make `timeout` of the bus shorter than `every` of each of its devices";
+            let is_written = check.raw.bus.get(&line.name).is_some_and(|raw| raw.timeout.is_some());
+            if line.timeout > TIMEOUT {
+                at.key("every").wrong(message, help);
+            } else if is_written {
+                // An ordinary timeout over a fast scale: a lost answer costs some polls, which are skipped.
+                at.key("every").warn(message, help);
+            }
+        }
+        Some(Device { name: name.to_owned(), bus, unit, every, functions, quirks, verify, template, can })
+    }
+
+    /// The unit of a Modbus device.
+    fn unit(&self, at: &At<'_>, transport: Option<Transport>) -> Option<u8> {
+        let at = at.key("unit");
+        if self.unit.is_none() {
+            let help = "write the unit identifier of the device, 0 to 255; one that is alone at its address often has 1 or 255";
+            at.missing("`unit` is missing", help);
+        }
+        let over_rtu = matches!(transport, Some(Transport::Serial(_) | Transport::RtuOverTcp));
+        if let Some(unit) = self.unit.filter(|unit| over_rtu && !(1..=247).contains(unit)) {
+            let message = if unit == 0 {
+                "unit 0 speaks to all devices of an RTU line at once, and none of them answers".to_owned()
+            } else {
+                format!("an RTU line has no unit {unit}: 248 to 255 are reserved")
+            };
+            at.wrong(message, "write the address set at the device, 1 to 247");
+        }
+        self.unit
+    }
+
+    /// Whether it hangs on a CAN line; `None` where its line is not known.
+    pub(super) fn is_on_can(&self, check: &Check<'_>) -> Option<bool> {
+        Some(check.raw.bus.get(self.bus.as_ref()?)?.kind? == super::bus::BusType::Can)
+    }
+}

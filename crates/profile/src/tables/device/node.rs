@@ -1,0 +1,189 @@
+//! What a device on a CAN line has: its node, what that is set up with, and the frames that are written to it.
+
+use std::time::Duration;
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::RawDevice;
+use super::emergency::Emergency;
+use crate::duration::shown;
+use crate::tables::register::TypeWord;
+use crate::tables::{At, can};
+use isotherm_core::codec::{CanId, Frame, Object};
+
+/// One object that is written before start.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Setup")]
+pub(super) struct RawSetup {
+    /// Index and subindex, hexadecimal: "1800:05".
+    #[schemars(required, regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
+    sdo: Option<String>,
+    /// How the value lies in the object.
+    #[serde(rename = "type")]
+    #[schemars(required)]
+    kind: Option<TypeWord>,
+    /// What is written.
+    #[schemars(required)]
+    value: Option<i64>,
+    /// What that is, for people: "TPDO1 every 100 ms".
+    what: Option<String>,
+}
+
+/// What an emergency code of the device means.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Emergency")]
+pub(super) struct RawEmergency {
+    /// The code.
+    #[schemars(required, range(min = 0, max = 65535))]
+    code: Option<u16>,
+    /// Which bits of it count: 0xFF00 for a class of codes. Default 0xFFFF.
+    #[schemars(range(min = 0, max = 65535))]
+    mask: Option<u16>,
+    /// What it means.
+    #[schemars(required)]
+    means: Option<String>,
+}
+
+/// What a device on a CAN line has beside what every device has.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CanDevice {
+    /// CANopen node number, 1 to 127; `None`: a device that only sends frames.
+    pub node: Option<u8>,
+    /// Whether it is started by NMT, at the beginning and after each of its boot-ups.
+    pub start: bool,
+    /// Its heartbeat, missed this long or never seen this long, is a fault; `None`: not watched.
+    pub heartbeat: Option<Duration>,
+    /// Objects written before each start, in this order.
+    pub setup: Vec<Setup>,
+    /// What its emergency codes mean, beside those that every device has.
+    pub emergencies: Vec<Emergency>,
+    /// The frames that are written, as they are before an output has put its value in. Two outputs may share one; it is
+    /// sent once each of them has a value.
+    pub written: Vec<Frame>,
+}
+
+/// An object that is written before the node is started.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Setup {
+    /// Which.
+    pub object: Object,
+    /// What is written; it fits the type.
+    pub value: i64,
+    /// What that is, for people; may be empty.
+    pub what: String,
+}
+
+impl CanDevice {
+    /// The frame that is written with this identifier, without the values of its outputs.
+    pub fn written(&self, id: CanId) -> Option<&Frame> {
+        self.written.iter().find(|frame| frame.id() == id)
+    }
+
+    /// What an emergency code of this device means.
+    pub fn emergency(&self, code: u16) -> String {
+        let own = self.emergencies.iter().filter(|known| known.names(code));
+        let own = own.max_by_key(|known| known.mask.count_ones());
+        own.map_or_else(|| Emergency::generic(code).to_owned(), |known| known.meaning.clone())
+    }
+}
+
+impl Setup {
+    /// The bytes that are written.
+    pub fn bytes(&self) -> Vec<u8> {
+        self.value.to_le_bytes()[..self.object.size().min(8)].to_vec()
+    }
+}
+
+impl RawSetup {
+    fn resolve(&self, at: &At<'_>) -> Option<Setup> {
+        let entry = can::entry(&at.key("sdo"), self.sdo.as_ref()?);
+        let data_type = can::object_type(&at.key("type"), self.kind?);
+        let (entry, data_type, value) = (entry?, data_type?, self.value?);
+        let Some((low, high)) = data_type.integer_range() else {
+            let help = "take an integer type: u8, u16, i16, u32, i32, …";
+            at.key("type").wrong("a floating-point object cannot be set up", help);
+            return None;
+        };
+        if !(low..=high).contains(&i128::from(value)) {
+            let message = format!("{} never holds {value}", data_type.name());
+            at.key("value").wrong(message, format!("allowed: {low} to {high}"));
+        }
+        Some(Setup {
+            object: Object { entry, data_type },
+            value,
+            what: self.what.clone().unwrap_or_default(),
+        })
+    }
+}
+
+/// What a device has on a CAN line; `None` where it hangs on another.
+pub(super) fn resolve(raw: &RawDevice, at: &At<'_>, on_can: Option<bool>) -> Option<CanDevice> {
+    if on_can? {
+        let help = "remove it; a CANopen device has a `node`, and others are known by their frames";
+        at.foreign(&["unit", "functions", "quirks"], "a Modbus device", help);
+    } else {
+        let keys = ["dbc", "source_address", "node", "start", "heartbeat", "setup", "emergency"];
+        let help = "remove it, or put the device on a bus of type \"can\"";
+        at.foreign(&keys, "a device on a CAN line", help);
+        if raw.verify.iter().flatten().any(|verify| verify.sdo.is_some()) {
+            let help = "write `register`, as \"coil:268\" or \"holding:256\"";
+            at.key("verify").wrong_key("a Modbus device has no CANopen objects", help);
+        }
+        return None;
+    }
+    if !at.key("node").is_written() {
+        let of_node = ["start", "heartbeat", "setup", "emergency", "verify"];
+        for key in of_node.into_iter().filter(|key| at.has(key)) {
+            let help = "write node = 5, the node number set at the device, 1 to 127";
+            at.key(key).wrong(format!("`{key}` needs a CANopen node"), help);
+        }
+    }
+    if raw.source_address.is_some() && raw.dbc.is_none() {
+        let help = "write dbc = \"…\" as well: parameter groups come from a DBC file";
+        at.key("source_address").wrong_key("`source_address` needs a DBC file", help);
+    }
+    let setup = at.key("setup");
+    let setup =
+        raw.setup.iter().flatten().enumerate().filter_map(|(place, raw)| raw.resolve(&setup.item(place)));
+    let emergencies = raw.emergency.iter().flatten().filter_map(|raw| {
+        let mask = raw.mask.unwrap_or(u16::MAX);
+        Some(Emergency { code: raw.code?, mask, meaning: raw.means.clone()? })
+    });
+    Some(CanDevice {
+        node: raw.node,
+        start: raw.start.unwrap_or(true),
+        heartbeat: at.key("heartbeat").duration(raw.heartbeat),
+        setup: setup.collect(),
+        emergencies: emergencies.collect(),
+        written: Vec::new(),
+    })
+}
+
+/// Heartbeats that come too rarely to be missed in time are reported, where both are known.
+pub(super) fn heartbeat_produced(at: &At<'_>, can: &CanDevice) {
+    let produced = can.setup.iter().find(|setup| setup.object.entry.index == 0x1017);
+    let Some((heartbeat, produced)) = can.heartbeat.zip(produced) else { return };
+    let every = Duration::from_millis(u64::try_from(produced.value).unwrap_or(0));
+    if every.is_zero() || every * 2 > heartbeat {
+        let pace = if every.is_zero() { "none".to_owned() } else { format!("one every {}", shown(every)) };
+        let heartbeat = shown(heartbeat);
+        let message = format!("`heartbeat` is {heartbeat}, and 1017:00 in `setup` has the node send {pace}");
+        let help = "have it sent at least twice in that time: a lost one is no fault";
+        at.key("heartbeat").wrong(message, help);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isotherm_core::codec::DataType;
+
+    #[test]
+    fn a_setup_writes_the_bytes_of_its_type() {
+        let object = Object::new(0x6150, 1, DataType::unsigned(8));
+        assert_eq!(Setup { object, value: -1, what: String::new() }.bytes(), [0xff]);
+    }
+}

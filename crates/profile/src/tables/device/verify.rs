@@ -1,0 +1,156 @@
+//! `verify` of a device: what is read of it before anything that depends on it is armed.
+
+use std::fmt;
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::functions::Functions;
+use crate::tables::register::{TypeWord, WordOrderWord, cell, fits, plain, word_order};
+use crate::tables::{At, can};
+use isotherm_core::codec::{Address, DataType, Encoding, Object};
+use isotherm_core::reading::Reason;
+
+/// One register, or one object, that is read before arming.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Verify")]
+pub(super) struct RawVerify {
+    /// A register, a bit, or one bit of a register: "holding:256", "coil:268", "holding:116.5".
+    register: Option<String>,
+    /// CANopen: index and subindex, hexadecimal: "6110:01".
+    #[schemars(regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
+    pub(super) sdo: Option<String>,
+    /// How the value lies there. Default: "bool" for a bit, else "u16".
+    #[serde(rename = "type")]
+    kind: Option<TypeWord>,
+    /// Which register comes first; required for 32 bits and more.
+    word_order: Option<WordOrderWord>,
+    /// What it must be; a mismatch refuses to arm.
+    #[schemars(required)]
+    equals: Option<i64>,
+    /// What that is, for people: "data format: engineering units".
+    what: Option<String>,
+    /// What to do where it reads something else.
+    remedy: Option<String>,
+}
+
+/// A register or an object that must read a certain value: a type code, a data format, whether a broken wire is looked for.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Expected {
+    /// Its first register or its bit; its object.
+    pub address: Address,
+    /// How it is read; scale 1.
+    pub encoding: Encoding,
+    /// What it must read.
+    pub equals: i64,
+    /// What that is, for people.
+    pub what: String,
+    /// What to do where it reads something else.
+    pub remedy: String,
+}
+
+impl Expected {
+    /// The sentence that these registers are wrong; `None` where they are as they must be.
+    pub fn mismatch(&self, registers: &[u16]) -> Option<String> {
+        let found = match self.encoding.counts(registers) {
+            Some(counts) if counts.0 == self.equals => return None,
+            Some(counts) => counts.to_string(),
+            None => Reason::BadReply.to_string(),
+        };
+        Some(format!("{self} reads {found} instead of {} ({}){}", self.equals, self.what, self.advice()))
+    }
+
+    /// The sentence that it could not be checked, and why.
+    pub fn unreadable(&self, why: impl fmt::Display) -> String {
+        format!("{self} cannot be read: {why} ({}){}", self.what, self.advice())
+    }
+
+    fn advice(&self) -> String {
+        if self.remedy.is_empty() { String::new() } else { format!(": {}", self.remedy) }
+    }
+}
+
+impl fmt::Display for Expected {
+    /// `coil:268 (00269)`, `holding:116.5 (40117.5)`, `object 6110:01`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match (&self.address, self.encoding.data_type) {
+            (Address::Modbus(register), DataType::Bit(bit)) => {
+                write!(f, "{register}.{bit} ({}.{bit})", register.modicon())
+            }
+            (address, _) => write!(f, "{address}"),
+        }
+    }
+}
+
+impl RawVerify {
+    /// A register that a Modbus device must be found to hold.
+    pub(super) fn register(&self, at: &At<'_>, functions: Functions) -> Option<Expected> {
+        if self.sdo.is_some() {
+            return None;
+        }
+        let place = at.key("register");
+        let Some(text) = &self.register else {
+            let help = "write `register`, as \"coil:268\" or \"holding:256\"";
+            place.missing("`register` is missing: what is to be read?", help);
+            return None;
+        };
+        let cell = cell(&place, text)?;
+        let table = cell.address.table;
+        if !functions.reads(table) {
+            let message = format!(
+                "{} cannot be read: reading {} registers is not among its `functions`",
+                cell.address,
+                table.name()
+            );
+            place.wrong(message, "add it, if the device can do it, or remove the check");
+        }
+        let data_type = match (self.kind, cell.bit) {
+            (_, Some(bit)) => DataType::Bit(bit),
+            (_, None) if table.is_bits() => DataType::Bool,
+            (kind, None) => kind.map_or(DataType::U16, |TypeWord(kind)| kind),
+        };
+        let equals = self.equal(at, data_type)?;
+        let word_order = word_order(&at.key("word_order"), Some(data_type), self.word_order)?;
+        fits(&place, cell.address, data_type);
+        let encoding = Encoding { word_order, ..plain(data_type) };
+        Some(self.expected(cell.address.into(), encoding, equals))
+    }
+
+    /// An object that a CANopen node must be found to hold.
+    pub(super) fn object(&self, at: &At<'_>) -> Option<Expected> {
+        at.foreign(&["register", "word_order"], "a Modbus device", "remove it, and write sdo = \"6110:01\"");
+        let Some(sdo) = &self.sdo else {
+            if self.register.is_none() {
+                at.key("sdo").missing("`sdo` is missing: what is to be read?", "write `sdo`, as \"6110:01\"");
+            }
+            return None;
+        };
+        let entry = can::entry(&at.key("sdo"), sdo);
+        let kind = self.kind.unwrap_or(TypeWord(DataType::U16));
+        let data_type = can::object_type(&at.key("type"), kind)?;
+        let equals = self.equal(at, data_type)?;
+        let address = Address::Object(Object { entry: entry?, data_type });
+        Some(self.expected(address, plain(data_type), equals))
+    }
+
+    /// What must be read, where a value of this type can ever be that.
+    fn equal(&self, at: &At<'_>, data_type: DataType) -> Option<i64> {
+        let Some((low, high)) = data_type.integer_range() else {
+            let help = "take an integer type: u16, i16, u32, i32, …";
+            at.key("type").wrong("a floating-point value is never quite equal", help);
+            return None;
+        };
+        let equals = self.equals?;
+        if !(low..=high).contains(&i128::from(equals)) {
+            let message = format!("{} never holds {equals}", data_type.name());
+            at.key("equals").wrong(message, format!("allowed: {low} to {high}"));
+        }
+        Some(equals)
+    }
+
+    fn expected(&self, address: Address, encoding: Encoding, equals: i64) -> Expected {
+        let what = self.what.clone().unwrap_or_else(|| "as the profile expects it".to_owned());
+        Expected { address, encoding, equals, what, remedy: self.remedy.clone().unwrap_or_default() }
+    }
+}

@@ -1,0 +1,104 @@
+//! Conditions and formulas: errors point into the text.
+
+use std::cell::RefCell;
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::At;
+use crate::error::allowed;
+use isotherm_core::compensation::model::{Condition, Expression, ExpressionError, Formula, Symbol};
+use isotherm_core::reading::SignalId;
+
+/// What an expression understands by itself.
+const WORDS: [&str; 9] = ["and", "or", "not", "abs", "exp", "ln", "sqrt", "min", "max"];
+
+/// The condition over signals at this key; `of` is the signal that it condemns.
+pub(super) fn condition(at: &At<'_>, text: Option<&String>, of: Option<&str>) -> Option<Condition> {
+    let (text, signals) = (text?, &at.check.signals);
+    match Condition::parse(text, &|name: &str| signals.place(name).map(SignalId)) {
+        Ok(condition) => {
+            for id in condition.signals() {
+                at.check.used.borrow_mut()[id.0] = true;
+                if of.is_some_and(|of| signals.names[id.0] == of) {
+                    let help =
+                        "name the status bit of the device; for the value itself there are `range` and `bad`";
+                    at.wrong("the signal would judge itself", help);
+                }
+            }
+            Some(condition)
+        }
+        Err(why) => {
+            in_text(at, text, &why, signals.names.iter().map(String::as_str));
+            None
+        }
+    }
+}
+
+/// The formula of the model at this table, over its inputs, its constants and the time since machine start.
+pub(super) fn formula(
+    at: &At<'_>,
+    text: &str,
+    inputs: &BTreeMap<String, String>,
+    constants: &BTreeMap<String, f64>,
+) -> Option<Formula> {
+    let mut symbols = BTreeMap::new();
+    for (name, signal) in inputs {
+        let at = at.key("inputs").key(name);
+        check_symbol(&at, name);
+        // An unknown signal is an error by now; the formula itself can still be read.
+        let id = at.signal(Some(signal)).unwrap_or(SignalId(0));
+        symbols.insert(name.as_str(), Symbol::Signal(id));
+    }
+    for (name, number) in constants {
+        let at = at.key("constants").key(name);
+        check_symbol(&at, name);
+        if symbols.insert(name.as_str(), Symbol::Constant(*number)).is_some() {
+            at.wrong_key(format!("`{name}` is an input, too"), "give one of them another name");
+        }
+    }
+    symbols.entry("t").or_insert(Symbol::Time);
+    let seen = RefCell::new(BTreeSet::new());
+    let find = |name: &str| {
+        seen.borrow_mut().insert(name.to_owned());
+        // One that is there but wrong has been reported: the rest of the formula can still be read.
+        let is_wrong = || ["inputs", "constants"].iter().any(|table| at.key(table).key(name).is_written());
+        symbols.get(name).copied().or_else(|| is_wrong().then_some(Symbol::Constant(0.0)))
+    };
+    match Expression::parse(text, &find) {
+        Ok(expression) => {
+            let seen = seen.into_inner();
+            let given = inputs.keys().map(|name| ("inputs", name));
+            for (table, name) in given.chain(constants.keys().map(|name| ("constants", name))) {
+                if !seen.contains(name) {
+                    let help = format!("the formula is `{text}`: use `{name}` in it, or remove it");
+                    at.key(table).key(name).wrong_key(format!("the formula does not use `{name}`"), help);
+                }
+            }
+            Some(Formula { expression })
+        }
+        Err(why) => {
+            in_text(&at.key("formula"), text, &why, symbols.keys().copied());
+            None
+        }
+    }
+}
+
+fn check_symbol(at: &At<'_>, name: &str) {
+    if name == "t" {
+        let help = "`t` is machine-on time in seconds, always there: choose another name";
+        at.wrong_key("`t` is taken", help);
+    }
+    let begins = name.chars().next().is_some_and(|first| first.is_alphabetic() || first == '_');
+    let is_plain = name.chars().all(|c| c.is_alphanumeric() || c == '_');
+    if !begins || !is_plain || WORDS.contains(&name) {
+        let help = "a name begins with a letter and goes on with letters, digits and `_`";
+        at.wrong_key(format!("`{name}` cannot stand in a formula"), help);
+    }
+}
+
+fn in_text<'n>(at: &At<'_>, text: &str, why: &ExpressionError, known: impl Iterator<Item = &'n str>) {
+    let rest = text.get(why.at..).unwrap_or_default();
+    let end = rest.find(|c: char| !(c.is_alphanumeric() || c == '_')).unwrap_or(rest.len());
+    let is_unknown = why.message.contains("is not known");
+    let help = is_unknown.then(|| allowed(&rest[..end], known));
+    at.error(at.check.spans.inside(&at.path, text, why.at, why.message.clone(), help));
+}

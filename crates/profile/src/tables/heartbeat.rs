@@ -1,0 +1,66 @@
+//! `[heartbeat]`: the register that counts while the gateway lives.
+
+use std::time::Duration;
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::At;
+use super::register::holding;
+use crate::DeviceId;
+use crate::duration::{Timespan, shown};
+use isotherm_core::codec::Register;
+
+/// A register that counts while the gateway lives.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Heartbeat")]
+pub(crate) struct RawHeartbeat {
+    /// The device it is written to.
+    #[schemars(required)]
+    pub(super) device: Option<String>,
+    /// A holding register, 16 bits.
+    #[schemars(required)]
+    register: Option<String>,
+    /// How often it counts.
+    #[schemars(required)]
+    every: Option<Timespan>,
+}
+
+/// The register that counts while the gateway lives.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Heartbeat {
+    /// Where.
+    pub device: DeviceId,
+    /// A holding register.
+    pub address: Register,
+    /// How often it counts.
+    pub every: Duration,
+}
+
+impl RawHeartbeat {
+    pub(super) fn resolve(&self, at: &At<'_>) -> Option<Heartbeat> {
+        let every = at.key("every").duration(self.every);
+        let index = at.key("device").named(&at.check.devices, self.device.as_ref());
+        let address = holding(&at.key("register"), self.register.as_ref());
+        if at.check.is_on_can(self.device.as_ref()) == Some(true) {
+            let help =
+                "name a Modbus device; a CANopen node is told by its own heartbeat consumer, object 1016";
+            at.key("device").wrong("the heartbeat is a register, and this device has none", help);
+            return None;
+        }
+        if let Some(device) = index.and_then(|index| at.check.devices.get(index)) {
+            device.must_write(&at.key("register"), 1);
+            if let (Some(bus), Some(every)) = (at.check.bus_of(device), every)
+                && every < bus.timeout
+            {
+                let (name, timeout, every) = (&bus.name, shown(bus.timeout), shown(every));
+                let message = format!(
+                    "the bus `{name}` waits {timeout} for an answer, longer than the heartbeat's {every}"
+                );
+                at.key("every").wrong(message, "make `timeout` of the bus shorter, or the heartbeat slower");
+            }
+        }
+        Some(Heartbeat { device: DeviceId(index?), address: address?, every: every? })
+    }
+}

@@ -1,0 +1,69 @@
+//! Serial lines, and whether what is polled fits into their time.
+
+use std::collections::BTreeSet;
+
+use super::Check;
+use super::bus::Transport;
+use super::bus::serial::Serial;
+use super::device::Device;
+use super::signal::Signal;
+use isotherm_core::codec::Table;
+
+/// Frame bytes of a read request, and of its answer beside the data: unit, function, byte count, checksum.
+const READ: usize = 8;
+const AROUND_DATA: usize = 5;
+/// Beyond this share of its time a line has no room for writes, thinking devices and repetitions.
+const FULL: f64 = 0.8;
+
+/// What is polled needs time on the line: more than there is can be told before the first poll.
+pub(super) fn check(check: &Check<'_>) {
+    for (place, bus) in check.buses.resolved.iter().enumerate() {
+        let Some(bus) = bus else { continue };
+        let Transport::Serial(serial) = bus.transport else { continue };
+        let load = |(index, device): (usize, &Option<Device>)| {
+            let device = device.as_ref().filter(|device| device.bus.0 == place)?;
+            let signals: Vec<&Signal> =
+                check.signals.right().filter(|signal| signal.device.0 == index).collect();
+            Some(least_time(serial, device, &signals) / device.every.as_secs_f64())
+        };
+        let load: f64 = check.devices.resolved.iter().enumerate().filter_map(load).sum();
+        let message = format!(
+            "polling needs at least {:.0} % of the line's time at {serial}, without the devices' own",
+            100.0 * load
+        );
+        let help = "poll less often (`every`), raise `baud` here and at the devices, or use a second line";
+        let at = check.at("bus").key(&bus.name).key("baud");
+        if load > 1.0 {
+            at.wrong(message, help);
+        } else if load > FULL {
+            at.warn(message, help);
+        }
+    }
+}
+
+/// Seconds that one poll of a device takes at the very least: every register once, in the fewest requests.
+fn least_time(serial: Serial, device: &Device, signals: &[&Signal]) -> f64 {
+    let mut seconds = 0.0;
+    for table in [Table::Coil, Table::Discrete, Table::Input, Table::Holding] {
+        let of_table = signals.iter().filter_map(|signal| {
+            let first = signal.address.register().filter(|first| first.table == table)?;
+            Some((u32::from(first.offset), u32::from(signal.encoding.data_type.registers())))
+        });
+        let distinct: BTreeSet<u32> = of_table.clone().flat_map(|(from, count)| from..from + count).collect();
+        let (per_request, bytes) = if table.is_bits() {
+            (2000, distinct.len().div_ceil(8))
+        } else {
+            (usize::from(device.quirks.max_registers_per_request).max(1), 2 * distinct.len())
+        };
+        let requests = if device.quirks.one_request_per_field {
+            of_table.count()
+        } else {
+            distinct.len().div_ceil(per_request)
+        };
+        if let Ok(count) = u32::try_from(requests) {
+            let around = serial.exchange(READ, AROUND_DATA) + device.quirks.pause_between_requests;
+            seconds += (around * count + serial.bytes(bytes)).as_secs_f64();
+        }
+    }
+    seconds
+}

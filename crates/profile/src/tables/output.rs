@@ -1,0 +1,543 @@
+//! `[output.*]`: one value that is written.
+
+use std::time::Duration;
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::can::{self, RawFrame, RawPdo, Sender, Written};
+use super::handshake::RawHandshake;
+use super::register::{self, TypeWord, WordOrderWord, plain};
+use super::restart::RawRestart;
+use super::signal::ChannelValue;
+use super::{At, Check, expression};
+use crate::duration::{Timespan, shown};
+use crate::{AxisId, DeviceId, SetId};
+use applied::{Applied, ReadBackValue};
+use display::{Display, RawBeside, RawStale};
+use isotherm_core::codec::{Address, DataType, Encoding, Object, Scale, Table};
+use isotherm_core::compensation::model::Condition;
+use isotherm_core::reading::SignalId;
+use writes::{Writes, WritesWord};
+
+pub(crate) mod applied;
+pub(crate) mod display;
+pub(crate) mod writes;
+
+/// One value that is written.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Output")]
+pub(crate) struct RawOutput {
+    /// Whose Cz.
+    #[schemars(required)]
+    axis: Option<String>,
+    /// Where it goes.
+    #[schemars(required)]
+    pub(super) device: Option<String>,
+    /// What of the device's template is written: its register, type and scale.
+    #[allow(dead_code, reason = "resolved before the profile is checked")]
+    channel: Option<ChannelValue>,
+    /// corrected: position + Cz; offset: Cz; intercept, slope, reference: K0 (µm), tanβ (µm/mm) and P0 (mm), for a
+    /// control that applies K0 + tanβ·(P − P0) itself.
+    #[schemars(required)]
+    writes: Option<WritesWord>,
+    /// corrected: the scale's signal, in mm.
+    position: Option<String>,
+    /// A holding register: "holding:104" or "40105".
+    register: Option<String>,
+    /// How the value lies in its registers or in its CANopen object; required for both.
+    #[serde(rename = "type")]
+    kind: Option<TypeWord>,
+    /// CANopen process data that is written: { cob_id = 0x20C, start = 0, length = 32, signed = true }.
+    pdo: Option<RawPdo>,
+    /// CANopen object that is written: "2000:01".
+    #[schemars(regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
+    sdo: Option<String>,
+    /// CAN frame that is written: { id = 0x300, start = 0, length = 32, order = "little", signed = true }.
+    frame: Option<RawFrame>,
+    /// register: another register, in which the control says what it applies. pdo, frame: the CANopen object that reads what
+    /// was written, of the same length: "6004:00"; required but for a display.
+    read_back: Option<ReadBackValue>,
+    /// Which register comes first; required for 32 bits and more.
+    word_order: Option<WordOrderWord>,
+    /// The two bytes inside every register are exchanged. Default false.
+    byte_swap: Option<bool>,
+    /// offset, intercept: µm per count; slope: µm/mm per count; corrected, reference: mm per count. Required for whole counts; default 1 for f32 and f64.
+    scale: Option<f64>,
+    /// Added to the raw count. Default 0.
+    bias: Option<i64>,
+    /// How a write is believed. Default "read-back".
+    verify: Option<VerifyWord>,
+    /// Written again after this long though unchanged.
+    refresh: Option<Timespan>,
+    /// Interlock, a condition on signals: otherwise held.
+    when: Option<String>,
+    /// whole: the register is ours; ledger: an operator's register, of which we own a share, kept in a ledger on disk. Default "whole".
+    share: Option<Share>,
+    /// The set it belongs to: outputs of one device that the control sees together or not at all.
+    pub(super) set: Option<String>,
+    /// A strobe and its acknowledgement around each write.
+    pub(super) handshake: Option<RawHandshake>,
+    /// How a restart of the CNC is seen, besides the register going to zero.
+    pub(super) restart: Option<RawRestart>,
+    /// The largest step that the control follows within `shortest_every`, µm; the axis's `step` must not be larger.
+    largest_step: Option<f64>,
+    /// The shortest time between two updates that the control follows; the axis's `every` must not be shorter.
+    shortest_every: Option<Timespan>,
+    /// corrected: words of a display that go beside the value, as its decimal point and its colour.
+    beside: Option<Vec<RawBeside>>,
+    /// corrected: what a display shows where there is no position to correct, or the axis is off.
+    stale: Option<RawStale>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum VerifyWord {
+    ReadBack,
+    Echo,
+}
+
+/// One value that is written.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Output {
+    /// Its name in the profile.
+    pub name: String,
+    /// Whose Cz.
+    pub axis: AxisId,
+    /// Where it goes.
+    pub device: DeviceId,
+    /// Its first register, its object, its place in a frame.
+    pub address: Address,
+    /// How the value becomes registers.
+    pub encoding: Encoding,
+    /// What is written.
+    pub writes: Writes,
+    /// How a write is believed.
+    pub verify: Verify,
+    /// Written again though unchanged.
+    pub refresh: Option<Duration>,
+    /// Interlock: otherwise held.
+    pub when: Option<Condition>,
+    /// What it is written with: a set of its own where it has a handshake of its own.
+    pub set: Option<SetId>,
+    /// The signal that changes at every start of the CNC.
+    pub boot_counter: Option<SignalId>,
+    /// Whose register it is.
+    pub share: Share,
+    /// Where the control says what it applies.
+    pub applied: Option<Applied>,
+    /// What a display shows beside the value, and instead of it.
+    pub display: Display,
+}
+
+/// Whose register an output writes to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+#[schemars(rename = "ShareWord", description = "")]
+pub enum Share {
+    /// Ours.
+    #[default]
+    Whole,
+    /// An operator's, of which we own a share; how much, a ledger says.
+    Ledger,
+}
+
+/// How a write is believed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verify {
+    /// The register is read again.
+    ReadBack,
+    /// The answer repeats address and value.
+    Echo,
+    /// This object is read, of the same type as what was written.
+    ReadBackAt(Object),
+    /// Not at all: a display shows it, and nobody acts on it.
+    Shown,
+}
+
+impl Share {
+    /// A change needs so many counts at least: the sum of a shared register is never zero, which a restarted CNC shows.
+    pub const fn counts_of_a_step(self) -> u32 {
+        match self {
+            Share::Whole => 1,
+            Share::Ledger => 2,
+        }
+    }
+}
+
+impl Verify {
+    /// What was written is read back.
+    pub const fn reads(self) -> bool {
+        matches!(self, Verify::ReadBack | Verify::ReadBackAt(_))
+    }
+}
+
+impl Output {
+    /// An offset that is written by itself, not with a set.
+    pub fn is_single_offset(&self) -> bool {
+        let is_offset = self.writes.is_scheduled();
+        is_offset && self.set.is_none()
+    }
+
+    /// These contents by the registers that they stand in; none where it is not in registers.
+    pub fn cells(&self, contents: &[u16]) -> impl Iterator<Item = (u16, u16)> {
+        let first = self.address.register().map(|register| register.offset..);
+        first.into_iter().flatten().zip(contents.iter().copied())
+    }
+
+    /// Where what stands there is read: where it is written, unless another place is said.
+    pub fn reads_at(&self) -> Address {
+        match self.verify {
+            Verify::ReadBackAt(object) => Address::Object(object),
+            _ => self.address.clone(),
+        }
+    }
+}
+
+/// Where an output goes, how its value lies there, and how it is believed.
+struct Target {
+    address: Address,
+    encoding: Encoding,
+    verify: Verify,
+    share: Share,
+    applied: Option<Applied>,
+    display: Display,
+}
+
+impl RawOutput {
+    pub(super) fn resolve(&self, at: &At<'_>, name: &str) -> Option<Output> {
+        let check = at.check;
+        let axis = at.key("axis").named(&check.axes, self.axis.as_ref());
+        self.keeps_pace(at);
+        let device = at.key("device").named(&check.devices, self.device.as_ref());
+        let writes = writes::resolve(self, at);
+        let refresh = at.key("refresh").duration(self.refresh);
+        let when = expression::condition(&at.key("when"), self.when.as_ref(), None);
+        let on_can = check.is_on_can(self.device.as_ref());
+        self.foreign_keys(at, on_can);
+        let Target { address, encoding, verify, share, applied, display } = match on_can {
+            Some(true) => self.on_can(at, name, device)?,
+            _ => self.in_registers(at, device)?,
+        };
+        if share == Share::Ledger && refresh.is_some() {
+            let message = "a shared register is not refreshed: to write the same again could only undo what an operator does \
+                           meanwhile";
+            let help = "remove `refresh`: the register is read once in each `every` of its axis all the same";
+            at.key("refresh").warn_key(message, Some(help));
+        }
+        Some(Output {
+            name: name.to_owned(),
+            axis: AxisId(axis?),
+            device: DeviceId(device?),
+            address,
+            encoding,
+            writes: writes?,
+            verify,
+            refresh: refresh.filter(|_| share == Share::Whole),
+            when,
+            set: None,
+            boot_counter: None,
+            share,
+            applied,
+            display,
+        })
+    }
+
+    /// Keys that belong to the other kind of line.
+    fn foreign_keys(&self, at: &At<'_>, on_can: Option<bool>) {
+        let (Some(on_can), Some(device)) = (on_can, &self.device) else { return };
+        if !on_can {
+            let help = format!("`{device}` hangs on a Modbus line: write register = \"holding:100\"");
+            at.foreign(&["pdo", "sdo", "frame"], "a device on a CAN line", &help);
+            register::not_smaller_than_a_register(&at.key("type"), self.kind, "take \"u16\" or \"i16\"");
+            return;
+        }
+        let of_modbus = ["register", "word_order", "byte_swap", "beside", "stale", "set", "handshake"];
+        let help =
+            format!("`{device}` hangs on a CAN line: remove it; a value is written by pdo, sdo or frame");
+        at.foreign(&of_modbus, "a Modbus device", &help);
+        if at.key("restart").has("boot_counter") {
+            at.foreign(&["restart"], "a Modbus device", &help);
+        }
+        if self.share == Some(Share::Ledger) {
+            let message = "a share of an operator's register belongs to a Modbus device";
+            at.key("share").wrong_key(message, help);
+        }
+    }
+
+    /// Whether it is said to write something else than a corrected position.
+    fn is_written_as_cz(&self) -> bool {
+        self.writes.is_some_and(|writes| writes != WritesWord::Corrected)
+    }
+
+    /// Whether it is said to write something else than an offset.
+    fn is_no_offset(&self) -> bool {
+        self.writes.is_some_and(|writes| writes != WritesWord::Offset)
+    }
+
+    pub(super) fn is_believed_by_its_echo(&self) -> bool {
+        self.verify == Some(VerifyWord::Echo)
+    }
+
+    fn in_registers(&self, at: &At<'_>, device: Option<usize>) -> Option<Target> {
+        if !["pdo", "sdo", "frame"].into_iter().any(|key| at.has(key)) {
+            if self.register.is_none() {
+                let help = "write a holding register, as \"holding:104\" or \"40105\"";
+                at.key("register").missing("`register` is missing: where is it written?", help);
+            }
+            if self.kind.is_none() {
+                let help = "allowed: u16, i16, u32, i32, u64, i64, f32, f64; the device's manual says which";
+                at.key("type").missing("`type` is missing: how does the value lie in its registers?", help);
+            }
+        }
+        let place = at.key("register");
+        let address = register::holding(&place, self.register.as_ref());
+        let data_type = display::digits(self, at);
+        not_one_bit(&at.key("type"), data_type);
+        let word_order = register::word_order(&at.key("word_order"), data_type, self.word_order);
+        let scale = self.scale(&at.key("scale"), data_type);
+        let (address, data_type) = (address?, data_type?);
+        register::fits(&place, address, data_type);
+        let verify = if self.is_believed_by_its_echo() { Verify::Echo } else { Verify::ReadBack };
+        if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
+            device.must_write(&place, data_type.registers());
+            if verify == Verify::ReadBack {
+                device.must_read(&place, Table::Holding);
+            }
+        }
+        let share = self.share(at, data_type, device);
+        let encoding = Encoding {
+            word_order: word_order?,
+            byte_swap: self.byte_swap.unwrap_or(false),
+            scale: scale?,
+            bias: self.bias(&at.key("bias"), data_type),
+            ..plain(data_type)
+        };
+        let applied = applied::resolve(self, at, share, (address, &encoding), device);
+        let display = display::resolve(self, at, device);
+        Some(Target { address: address.into(), encoding, verify, share, applied, display })
+    }
+
+    /// An operator's register, of which we own a share: what must be known of it.
+    fn share(&self, at: &At<'_>, data_type: DataType, device: Option<usize>) -> Share {
+        let share = self.share.unwrap_or_default();
+        if share == Share::Whole {
+            return share;
+        }
+        let place = at.key("share");
+        if self.is_believed_by_its_echo() {
+            let message = "a share is known only from what is read: verify = \"echo\" does not do for share = \"ledger\"";
+            at.key("verify").wrong(message, "remove `verify`, or write verify = \"read-back\"");
+            // Else the check of the read-back says so.
+            let device = device.and_then(|device| at.check.devices.get(device));
+            if device.is_some_and(|device| !device.functions.reads(Table::Holding)) {
+                let message = "a share is known only from what is read, and the device cannot be read";
+                let help = "add \"read-holding\" to `functions` of the device, if the device can do it";
+                place.wrong(message, help);
+            }
+        }
+        if self.is_no_offset() {
+            let message = "only an offset can share its register with an operator";
+            place.wrong(message, "write writes = \"offset\", or share = \"whole\"");
+        }
+        if !matches!(data_type, DataType::I16 | DataType::U16 | DataType::I32 | DataType::U32) {
+            let message = format!(
+                "{} holds no exact sum of two parts: a share is counted in whole counts of at most 32 bits",
+                data_type.name()
+            );
+            let help = "take type = \"i16\", \"u16\", \"i32\" or \"u32\", or share = \"whole\"";
+            place.wrong(message, help);
+        }
+        share
+    }
+
+    /// The worth of one count, at its key.
+    fn scale(&self, at: &At<'_>, data_type: Option<DataType>) -> Option<Scale> {
+        let is_whole = data_type?.integer_range().is_some();
+        match self.scale {
+            Some(scale) => register::scale(at, scale),
+            None if is_whole => {
+                let help = "write the value of one count: µm of an offset or intercept, µm/mm of a slope, mm of a position";
+                at.missing("`scale` is missing: what is one count worth?", help);
+                None
+            }
+            None => (!at.is_written()).then_some(Scale::ONE),
+        }
+    }
+
+    fn bias(&self, at: &At<'_>, data_type: DataType) -> i64 {
+        let bias = self.bias.unwrap_or(0);
+        if data_type.integer_range().is_none() && bias != 0 {
+            let help = "a floating-point register holds negative values as they are: remove `bias`";
+            at.wrong("a bias belongs to whole counts", help);
+        }
+        bias
+    }
+
+    fn on_can(&self, at: &At<'_>, name: &str, device: Option<usize>) -> Option<Target> {
+        let target = self.target_on_can(at, name, device);
+        let data_type = target.as_ref().map(|(address, _)| match address {
+            Address::Frame(field) => field.bits.data_type(),
+            Address::Object(object) => object.data_type,
+            Address::Modbus(register) => register::one(*register),
+        });
+        let scale = self.scale(&at.key("scale"), data_type);
+        let ((address, verify), data_type) = target.zip(data_type)?;
+        not_one_bit(&at.key("type"), Some(data_type));
+        let bias = self.bias(&at.key("bias"), data_type);
+        let encoding = Encoding { scale: scale?, bias, ..plain(data_type) };
+        let (applied, display) = (None, Display::default());
+        Some(Target { address, encoding, verify, share: Share::Whole, applied, display })
+    }
+
+    fn target_on_can(&self, at: &At<'_>, name: &str, device: Option<usize>) -> Option<(Address, Verify)> {
+        let places = ["pdo", "sdo", "frame"];
+        match places.into_iter().filter(|key| at.has(key)).count() {
+            1 => {}
+            0 => {
+                let is_wrong = places.into_iter().any(|key| at.key(key).is_written());
+                if !is_wrong && self.register.is_none() {
+                    let help = "write pdo = { … }, sdo = \"2000:01\" or frame = { … }";
+                    at.wrong_key("it is not said where the output is written", help);
+                }
+                return None;
+            }
+            _ => {
+                let help = "keep one of pdo, sdo, frame";
+                at.wrong_key("the output is written to more than one place", help);
+                return None;
+            }
+        }
+        let owner = self.device.as_deref()?;
+        if let Some(sdo) = &self.sdo {
+            if self.read_back.is_some() {
+                let help = "remove it: the object that is written is read back itself";
+                at.key("read_back").wrong_key("`read_back` belongs to pdo and frame", help);
+            }
+            let types = "allowed: u8, i8, u16, i16, u32, i32, u64, i64, f32, f64";
+            let address = can::object(at, sdo, self.kind, owner, types)?;
+            let verify = if self.is_believed_by_its_echo() { Verify::Echo } else { Verify::ReadBack };
+            return Some((address, verify));
+        }
+        if self.kind.is_some() {
+            let help = "remove it: `length`, `signed` and `float` say it";
+            at.key("type").wrong_key("`type` belongs to registers and objects", help);
+        }
+        let (place, field, fill) = if let Some(pdo) = &self.pdo {
+            let place = at.key("pdo");
+            let field = pdo.resolve(&place, owner, Sender::Gateway)?;
+            (place, field, &pdo.fill)
+        } else {
+            let (place, frame) = (at.key("frame"), self.frame.as_ref()?);
+            let mut field = frame.resolve(&place)?;
+            if !std::mem::take(&mut field.multiplex).is_empty() {
+                let help = "write the multiplexer's bits into `fill`";
+                place.key("multiplex").wrong_key("a frame that is written has no choice", help);
+            }
+            (place, field, &frame.fill)
+        };
+        let fill = match fill {
+            Some(text) => Some(can::fill(&place.key("fill"), text, &field)?),
+            None => None,
+        };
+        let verify = self.believed(at, field.bits.data_type(), owner);
+        let written = Written::of(&place, device?, name, &field, fill);
+        at.check.written_frames.borrow_mut().push(written);
+        Some((Address::Frame(field), verify?))
+    }
+
+    /// A frame has no answer: what was written is read elsewhere, or a display shows it and nobody acts on it.
+    fn believed(&self, at: &At<'_>, data_type: DataType, owner: &str) -> Option<Verify> {
+        let place = at.key("read_back");
+        let kept = |verify: &VerifyWord| *verify == VerifyWord::ReadBack && self.read_back.is_some();
+        if let Some(verify) = self.verify.filter(|verify| !kept(verify)) {
+            let word = if verify == VerifyWord::Echo { "echo" } else { "read-back" };
+            let message = format!("nothing answers a frame: verify = \"{word}\" cannot be kept");
+            let help = "remove it, and write read_back = \"6004:00\", the object that reads what was written";
+            at.key("verify").wrong(message, help);
+        }
+        let text = match &self.read_back {
+            Some(ReadBackValue::Object(text)) => text,
+            Some(ReadBackValue::Register(_)) => {
+                let help = "write read_back = \"6004:00\", the CANopen object that reads what was written";
+                place.wrong("a register is on Modbus: on CAN an object is read back", help);
+                return None;
+            }
+            None if self.is_written_as_cz() => {
+                let message = "`read_back` is missing: an offset that nobody has read back is not believed";
+                let help = "write read_back = \"6004:00\", the CANopen object that reads what was written; without one only a display of a corrected position is written";
+                place.missing(message, help);
+                return None;
+            }
+            None => return (!place.is_written()).then_some(Verify::Shown),
+        };
+        can::needs_node(&place, owner);
+        let entry = can::entry(&place, text);
+        if !data_type.width().is_multiple_of(8) {
+            let message = format!("an object has whole bytes, and {} bits are written", data_type.width());
+            place.wrong(message, "write 8, 16, 24, 32 or 64 bits, as the object has them");
+            return None;
+        }
+        Some(Verify::ReadBackAt(Object { entry: entry?, data_type }))
+    }
+
+    /// A control that follows only so fast would be behind, and nobody would see it.
+    fn keeps_pace(&self, at: &At<'_>) {
+        let most = at.key("largest_step").positive(self.largest_step);
+        let least = at.key("shortest_every").duration(self.shortest_every);
+        let Some(name) = &self.axis else { return };
+        let Some(axis) = at.check.raw.axis.get(name) else { return };
+        let device = self.device.as_deref().unwrap_or_default();
+        let of_axis = at.check.at("axis").key(name);
+        if let Some((most, step)) = most.zip(axis.step).filter(|(most, step)| step > most) {
+            let message = format!("a step of {step} µm is more than `{device}` follows at once, {most} µm");
+            of_axis.key("step").wrong(message, format!("write step = {most:?} or less"));
+        }
+        let every = axis.every.map(|Timespan(every)| every);
+        if let Some((least, every)) = least.zip(every).filter(|(least, every)| every < least) {
+            let (least, every) = (shown(least), shown(every));
+            let message = format!("`{device}` follows one update in {least}, not one in {every}");
+            of_axis.key("every").wrong(message, format!("write every = \"{least}\" or longer"));
+        }
+    }
+}
+
+fn not_one_bit(at: &At<'_>, data_type: Option<DataType>) {
+    if data_type == Some(DataType::Bool) {
+        let help = "write an integer or floating-point type: i16, i32, f32, …";
+        at.wrong("one bit cannot hold a compensation value", help);
+    }
+}
+
+/// Looks at each output together with its axis, and gives the axes the coarsest count that is written of them.
+pub(super) fn note_counts(check: &mut Check<'_>) {
+    for output in check.outputs.right() {
+        let at = check.at("output").key(&output.name);
+        if let Some(axis) = check.axes.get(output.axis.0) {
+            writes::can_move(&at, output, axis);
+        }
+        keeps_time(&at, output);
+    }
+    for output in check.outputs.resolved.iter().flatten() {
+        if let Some(Some(axis)) = check.axes.resolved.get_mut(output.axis.0) {
+            writes::note_count(axis, output);
+        }
+    }
+}
+
+/// The line's longest wait for an answer leaves time for what is asked of the output.
+fn keeps_time(at: &At<'_>, output: &Output) {
+    let device = at.check.devices.get(output.device.0);
+    let Some(bus) = device.and_then(|device| at.check.bus_of(device)) else { return };
+    let waits = format!("the bus `{}` waits {} for an answer, as long as", bus.name, shown(bus.timeout));
+    let axis = at.check.axes.get(output.axis.0).map(|axis| &axis.settings);
+    if let Some(axis) = axis.filter(|axis| axis.every <= bus.timeout) {
+        let message = format!("{waits} axis `{}`'s period {}", axis.name, shown(axis.every));
+        at.key("device").wrong(message, "make `timeout` of the bus shorter than `every` of the axis");
+    }
+    if let Some(refresh) = output.refresh.filter(|refresh| *refresh <= bus.timeout) {
+        let message = format!("{waits} `refresh` {}", shown(refresh));
+        at.key("refresh").wrong(message, "make `refresh` longer than `timeout` of the bus");
+    }
+}

@@ -1,0 +1,211 @@
+//! `beside` and `stale` of an output: what a digit display shows beside a corrected position, and where there is none.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::RawOutput;
+use crate::tables::At;
+use crate::tables::register::{TypeWord, holding};
+use isotherm_core::codec::{DataType, Register, Table};
+
+/// Most decimals that a digit display has.
+const MOST_DECIMALS: u8 = 5;
+
+/// One word of a display beside its value.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Beside")]
+pub(super) struct RawBeside {
+    /// A holding register.
+    #[schemars(required)]
+    register: Option<String>,
+    /// Always this word.
+    value: Option<u16>,
+    /// The number of decimals that `scale` has, times this.
+    decimals: Option<u16>,
+    /// The word while the axis follows its first model.
+    good: Option<u16>,
+    /// The word while it follows another one. Default: as `good`.
+    degraded: Option<u16>,
+    /// The word while it holds, ramps, is zeroed or off.
+    fault: Option<u16>,
+}
+
+/// The text that stands for no value.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Stale")]
+pub(super) struct RawStale {
+    /// The first holding register of the display's text.
+    #[schemars(required)]
+    register: Option<String>,
+    /// The text, as "----".
+    #[schemars(required)]
+    text: Option<String>,
+    /// Characters in one register: 1, or 2 with the first in the high byte. Default 2.
+    #[schemars(range(min = 1, max = 2))]
+    characters: Option<u8>,
+}
+
+/// The words of a display besides its value. An output to anything else has none.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Display {
+    /// Written with each value.
+    pub beside: Vec<Beside>,
+    /// Written where there is no position to correct, or the axis is off.
+    pub stale: Option<Stale>,
+}
+
+/// One word beside the value.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Beside {
+    /// A holding register.
+    pub register: u16,
+    /// The axis follows its first model.
+    pub good: u16,
+    /// It follows another one.
+    pub degraded: u16,
+    /// It holds, ramps, is zeroed or off.
+    pub fault: u16,
+}
+
+/// The text that stands for no value.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Stale {
+    /// For people.
+    pub text: String,
+    /// Its first holding register.
+    pub register: u16,
+    /// Its characters.
+    pub words: Vec<u16>,
+}
+
+/// How an axis does, for a display.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Shown {
+    /// It follows its first model.
+    Good,
+    /// It follows another one.
+    Degraded,
+    /// It follows none.
+    Fault,
+}
+
+impl Beside {
+    /// The word for this state.
+    pub fn word(self, shown: Shown) -> u16 {
+        match shown {
+            Shown::Good => self.good,
+            Shown::Degraded => self.degraded,
+            Shown::Fault => self.fault,
+        }
+    }
+}
+
+impl Stale {
+    /// The words of a text, `characters` to a register, filled up with blanks.
+    pub fn words(text: &str, characters: u8) -> Vec<u16> {
+        let bytes = text.as_bytes();
+        if characters == 1 {
+            return bytes.iter().map(|byte| u16::from(*byte)).collect();
+        }
+        let pair = |pair: &[u8]| u16::from_be_bytes([pair[0], pair.get(1).copied().unwrap_or(b' ')]);
+        bytes.chunks(2).map(pair).collect()
+    }
+}
+
+impl Display {
+    /// Every register that it writes, besides the value's.
+    pub fn registers(&self) -> impl Iterator<Item = Register> + '_ {
+        let texts = self.stale.iter().flat_map(|stale| (stale.register..).take(stale.words.len()));
+        let words = self.beside.iter().map(|beside| beside.register);
+        words.chain(texts).map(|offset| Register { table: Table::Holding, offset })
+    }
+}
+
+/// What a display is given besides the value.
+pub(super) fn resolve(raw: &RawOutput, at: &At<'_>, device: Option<usize>) -> Display {
+    for key in ["beside", "stale"].into_iter().filter(|key| at.has(key) && raw.is_written_as_cz()) {
+        let help = "remove it, or write writes = \"corrected\"";
+        at.key(key).wrong_key("only a display of a corrected position has this", help);
+    }
+    let list = at.key("beside");
+    let beside = raw.beside.iter().flatten().enumerate();
+    let beside =
+        beside.filter_map(|(place, raw_word)| raw_word.resolve(&list.item(place), raw.scale, device));
+    let beside = beside.collect();
+    let stale = raw.stale.as_ref().and_then(|stale| stale.resolve(&at.key("stale"), device));
+    Display { beside, stale }
+}
+
+/// The type of an output, at the key `type`: that of a digit display has as many decimals as the scale.
+pub(super) fn digits(raw: &RawOutput, at: &At<'_>) -> Option<DataType> {
+    let TypeWord(kind) = raw.kind?;
+    match (kind, raw.scale) {
+        (DataType::Decimal24(_), Some(scale)) => decimals(&at.key("scale"), scale).map(DataType::Decimal24),
+        _ => Some(kind),
+    }
+}
+
+fn decimals(at: &At<'_>, scale: f64) -> Option<u8> {
+    let is_near = |decimals: &u8| (scale * 10f64.powi(i32::from(*decimals)) - 1.0).abs() < 1e-9;
+    let found = (0..=MOST_DECIMALS).find(is_near);
+    if found.is_none() {
+        let help = "write `scale` as 1.0, 0.1, 0.01, 0.001, 0.0001 or 0.00001 mm";
+        at.wrong(format!("{scale} is no digit of a display"), help);
+    }
+    found
+}
+
+impl RawBeside {
+    fn resolve(&self, at: &At<'_>, scale: Option<f64>, device: Option<usize>) -> Option<Beside> {
+        let register = holding(&at.key("register"), self.register.as_ref())?.offset;
+        if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
+            device.must_write(&at.key("register"), 1);
+        }
+        let by_state = self.good.zip(self.fault);
+        let ways = [self.value.is_some(), self.decimals.is_some(), by_state.is_some()];
+        if ways.into_iter().filter(|is_there| *is_there).count() != 1 {
+            let help = "write one of: value = 0; decimals = 256; good = 1, degraded = 2, fault = 3";
+            at.wrong_key("it takes one way to say which word this is", help);
+            return None;
+        }
+        if let Some((good, fault)) = by_state {
+            return Some(Beside { register, good, degraded: self.degraded.unwrap_or(good), fault });
+        }
+        let word = match (self.value, self.decimals) {
+            (Some(value), _) => value,
+            (None, times) => u16::from(decimals(at, scale?)?).saturating_mul(times.unwrap_or(1)),
+        };
+        Some(Beside { register, good: word, degraded: word, fault: word })
+    }
+}
+
+impl RawStale {
+    fn resolve(&self, at: &At<'_>, device: Option<usize>) -> Option<Stale> {
+        let register = holding(&at.key("register"), self.register.as_ref())?.offset;
+        let text = self.text.clone()?;
+        if text.is_empty() || !text.bytes().all(|byte| (0x20..0x7f).contains(&byte)) {
+            let help = "write characters that a display has, as \"----\"";
+            at.key("text").wrong(format!("`{text}` cannot be shown"), help);
+            return None;
+        }
+        let words = Stale::words(&text, self.characters.unwrap_or(2));
+        if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
+            device.must_write(&at.key("register"), u16::try_from(words.len()).unwrap_or(u16::MAX));
+        }
+        Some(Stale { text, register, words })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_text_lies_in_registers_as_its_display_reads_it() {
+        assert_eq!(Stale::words("----", 2), [0x2d2d, 0x2d2d]);
+        assert_eq!(Stale::words("-a-", 2), [0x2d61, 0x2d20]);
+        assert_eq!(Stale::words("--", 1), [0x2d, 0x2d]);
+    }
+}

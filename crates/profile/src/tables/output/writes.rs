@@ -1,0 +1,180 @@
+//! `writes` of an output: what it writes, in which unit, and how far that moves.
+//!
+//! A control that applies a line itself, as a SINUMERIK does with `ΔK = K0(T) + tanβ(T)·(P − P0)`, is given K0, tanβ and
+//! P0 as three numbers and applies them at its own rate; any other is given Cz at the axis's present position.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::{Output, RawOutput, Share};
+use crate::tables::At;
+use crate::tables::axis::Axis;
+use isotherm_core::quantity::Micron;
+use isotherm_core::reading::SignalId;
+
+/// 1 mm in µm.
+const MICRONS: f64 = 1000.0;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum WritesWord {
+    Corrected,
+    Offset,
+    Intercept,
+    Slope,
+    Reference,
+}
+
+/// What an output writes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Writes {
+    /// Cz, in µm, on the axis's period.
+    Offset,
+    /// K0, in µm: Cz at the reference position, where the control applies the slope itself.
+    Intercept,
+    /// tanβ, in µm/mm: the control multiplies it by the distance from the reference position.
+    Slope,
+    /// P0, in mm: the reference position, a constant of the profile.
+    Reference,
+    /// Position + Cz, in mm, as soon as the position is read.
+    Corrected {
+        /// The scale.
+        position: SignalId,
+    },
+}
+
+impl Writes {
+    /// As the profile names it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Writes::Offset => "offset",
+            Writes::Intercept => "intercept",
+            Writes::Slope => "slope",
+            Writes::Reference => "reference",
+            Writes::Corrected { .. } => "corrected",
+        }
+    }
+
+    /// The position that it corrects, if it does.
+    pub const fn position(self) -> Option<SignalId> {
+        match self {
+            Writes::Corrected { position } => Some(position),
+            _ => None,
+        }
+    }
+
+    /// The unit of its value.
+    pub const fn unit(self) -> &'static str {
+        match self {
+            Writes::Offset | Writes::Intercept => "µm",
+            Writes::Slope => "µm/mm",
+            Writes::Reference | Writes::Corrected { .. } => "mm",
+        }
+    }
+
+    /// The axis's Cz: whole, or at the reference position.
+    pub const fn is_cz(self) -> bool {
+        matches!(self, Writes::Offset | Writes::Intercept)
+    }
+
+    /// Written on the axis's period, into a register that holds nothing but what was written there.
+    pub const fn is_scheduled(self) -> bool {
+        !matches!(self, Writes::Corrected { .. })
+    }
+
+    /// A part of the line that the control applies itself.
+    pub const fn is_apart(self) -> bool {
+        matches!(self, Writes::Intercept | Writes::Slope | Writes::Reference)
+    }
+}
+
+/// What the key `writes` means, with the position that is corrected.
+pub(super) fn resolve(raw: &RawOutput, at: &At<'_>) -> Option<Writes> {
+    let place = at.key("position");
+    let writes = match raw.writes? {
+        WritesWord::Offset => Writes::Offset,
+        WritesWord::Intercept => Writes::Intercept,
+        WritesWord::Slope => Writes::Slope,
+        WritesWord::Reference => Writes::Reference,
+        WritesWord::Corrected => {
+            if raw.position.is_none() {
+                let help = "name the scale's signal, in mm: position + Cz is written";
+                place.missing("`position` is missing: which scale is corrected?", help);
+            }
+            return Some(Writes::Corrected { position: place.position(raw.position.as_ref())? });
+        }
+    };
+    if raw.position.is_some() {
+        let help = "remove it, or write writes = \"corrected\"";
+        place.wrong_key("only a corrected position has a position", help);
+    }
+    Some(writes)
+}
+
+/// Smallest and largest value that is ever written, in the output's unit; `None` where nothing bounds it.
+fn reach(output: &Output, axis: &Axis, range: Option<(f64, f64)>) -> Option<(f64, f64)> {
+    let limit = axis.settings.guard.limit.get() * axis.factor();
+    let line = axis.settings.intercept_slope;
+    match output.writes {
+        Writes::Offset | Writes::Intercept => Some((-limit, limit)),
+        Writes::Slope => line.map(|line| (-limit / line.reach.get(), limit / line.reach.get())),
+        Writes::Reference => line.map(|line| (line.reference.get(), line.reference.get())),
+        Writes::Corrected { .. } => range.map(|(from, to)| (from - limit / MICRONS, to + limit / MICRONS)),
+    }
+}
+
+/// The register can hold every value that the axis may reach, and one step is enough to change it.
+pub(super) fn can_move(at: &At<'_>, output: &Output, axis: &Axis) {
+    let encoding = &output.encoding;
+    let Some((low, high)) = encoding.data_type.integer_range() else { return };
+    let position = output.writes.position().and_then(|position| at.check.signals.get(position.0));
+    if let Some((from, to)) = reach(output, axis, position.and_then(|signal| signal.range))
+        && (encoding.encode(from).saturated || encoding.encode(to).saturated)
+    {
+        let (unit, name) = (output.writes.unit(), encoding.data_type.name());
+        let message = format!(
+            "{from} to {to} {unit} do not fit {name} at {} {unit} per count with bias {}: it holds {low} to {high} counts",
+            encoding.scale.get(),
+            encoding.bias
+        );
+        let help = "take a wider type, a coarser `scale`, a `bias`, or a smaller `limit`";
+        at.key("type").wrong(message, help);
+    }
+    let count = encoding.scale.get().abs();
+    let count = match (output.writes, axis.settings.intercept_slope) {
+        (Writes::Offset | Writes::Intercept, _) => count,
+        (Writes::Slope, Some(line)) => count * line.reach.get(),
+        _ => return,
+    };
+    let step = axis.settings.guard.step.get() * axis.factor();
+    if step < f64::from(output.share.counts_of_a_step()) * count * (1.0 - 1e-9) {
+        let axis = &axis.settings.name;
+        let (follows, at_least) = match output.share {
+            Share::Whole => ("it could never move", "one count"),
+            Share::Ledger => (
+                "beside an operator's part it takes two counts, because their sum is never made zero",
+                "two counts",
+            ),
+        };
+        let message = format!("one count is {count} µm, one step of axis `{axis}` is {step} µm: {follows}");
+        at.key("scale").wrong(message, format!("make `step` of axis `{axis}` at least {at_least}"));
+    }
+}
+
+/// The guard decides whole counts of the coarsest register. Cz is doubled on its way to a diameter, so a count there
+/// is worth half.
+pub(super) fn note_count(axis: &mut Axis, output: &Output) {
+    if output.encoding.data_type.integer_range().is_none() {
+        return;
+    }
+    let count = output.encoding.scale.get().abs();
+    let coarser = |known: Option<Micron>, count| match known {
+        Some(known) if known.get() >= count => Some(known),
+        _ => Micron::new(count),
+    };
+    if output.writes.is_cz() {
+        axis.settings.guard.count = coarser(axis.settings.guard.count, count / axis.factor());
+    } else if let (Writes::Slope, Some(line)) = (output.writes, &mut axis.settings.intercept_slope) {
+        line.count = coarser(line.count, count * line.reach.get());
+    }
+}

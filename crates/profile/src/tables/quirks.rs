@@ -1,0 +1,76 @@
+//! `quirks` of a bus or a device: what it needs to be treated like.
+
+use std::time::Duration;
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use crate::duration::Timespan;
+
+/// Ways in which a device is peculiar.
+#[derive(Debug, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Quirks")]
+pub(crate) struct RawQuirks {
+    /// Silence after connecting. Default "0s".
+    pause_after_connect: Option<Timespan>,
+    /// Silence between two requests. Default "0s".
+    pause_between_requests: Option<Timespan>,
+    /// Reads are not merged at all. Default false.
+    one_request_per_field: Option<bool>,
+    /// Largest number of registers in one read. Default 125.
+    #[schemars(range(min = 1, max = 125))]
+    max_registers_per_request: Option<u16>,
+    /// Unused registers that a merged read may bridge; 0 for a device that refuses registers it does not have. Default 8.
+    #[schemars(range(max = 124))]
+    max_gap: Option<u16>,
+    /// The connection is closed after each answer, for a device that lets in one client at a time. Default false.
+    close_after_each: Option<bool>,
+}
+
+/// Ways in which a device is peculiar, by the names users know from Telegraf.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Quirks {
+    /// Silence after connecting.
+    pub pause_after_connect: Duration,
+    /// Silence between two requests.
+    pub pause_between_requests: Duration,
+    /// Reads are not merged at all.
+    pub one_request_per_field: bool,
+    /// Largest number of registers in one read, 1 to 125.
+    pub max_registers_per_request: u16,
+    /// Unused registers that a merged read may bridge.
+    pub max_gap: u16,
+    /// The connection is closed after each answer.
+    pub close_after_each: bool,
+}
+
+impl Default for Quirks {
+    fn default() -> Quirks {
+        Quirks {
+            pause_after_connect: Duration::ZERO,
+            pause_between_requests: Duration::ZERO,
+            one_request_per_field: false,
+            max_registers_per_request: 125,
+            max_gap: 8,
+            close_after_each: false,
+        }
+    }
+}
+
+impl RawQuirks {
+    /// What is written, over what the bus says or what is usual.
+    pub(super) fn over(&self, below: Quirks) -> Quirks {
+        let span = |raw: Option<Timespan>, below| raw.map_or(below, |Timespan(span)| span);
+        Quirks {
+            pause_after_connect: span(self.pause_after_connect, below.pause_after_connect),
+            pause_between_requests: span(self.pause_between_requests, below.pause_between_requests),
+            one_request_per_field: self.one_request_per_field.unwrap_or(below.one_request_per_field),
+            max_registers_per_request: self
+                .max_registers_per_request
+                .unwrap_or(below.max_registers_per_request),
+            max_gap: self.max_gap.unwrap_or(below.max_gap),
+            close_after_each: self.close_after_each.unwrap_or(below.close_after_each),
+        }
+    }
+}

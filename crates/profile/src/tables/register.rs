@@ -1,0 +1,249 @@
+//! Registers and types as a profile writes them: `register`, `type`, `word_order`, `scale`.
+
+use std::fmt;
+use std::str::FromStr;
+
+use schemars::{JsonSchema, Schema, SchemaGenerator};
+use serde::{Deserialize, Deserializer};
+
+use super::At;
+use isotherm_core::codec::{DataType, Encoding, Register, Scale, Table, WordOrder};
+
+/// How a value lies in its registers, as a profile names it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct TypeWord(pub(crate) DataType);
+
+impl TypeWord {
+    const ALL: [DataType; 12] = [
+        DataType::Bool,
+        DataType::unsigned(8),
+        DataType::signed(8),
+        DataType::U16,
+        DataType::I16,
+        DataType::U32,
+        DataType::I32,
+        DataType::U64,
+        DataType::I64,
+        DataType::F32,
+        DataType::F64,
+        DataType::Decimal24(0),
+    ];
+}
+
+impl<'de> Deserialize<'de> for TypeWord {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<TypeWord, D::Error> {
+        let word = String::deserialize(deserializer)?;
+        let found = TypeWord::ALL.into_iter().find(|known| known.name() == word);
+        found.map(TypeWord).ok_or_else(|| serde::de::Error::custom(format!("`{word}` is no type")))
+    }
+}
+
+impl JsonSchema for TypeWord {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "TypeWord".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        schemars::json_schema!({ "type": "string", "enum": TypeWord::ALL.map(DataType::name) })
+    }
+}
+
+/// Which register comes first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+#[schemars(description = "")]
+pub(crate) enum WordOrderWord {
+    MswFirst,
+    LswFirst,
+}
+
+/// One bit: a coil, a discrete input, a register as a whole (0 or not), or one bit of a register.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Flag {
+    /// Where.
+    pub address: Register,
+    /// Which bit of the register, 0 to 15; `None` for a coil, a discrete input, or a whole register.
+    pub bit: Option<u8>,
+}
+
+impl Flag {
+    /// What raises a strobe in a register.
+    pub const fn raised(self) -> u16 {
+        match self.bit {
+            Some(bit) => 1 << bit,
+            None => 1,
+        }
+    }
+
+    /// Whether it is up in this content of its register.
+    pub const fn is_up(self, content: u16) -> bool {
+        match self.bit {
+            Some(bit) => content >> bit & 1 == 1,
+            None => content != 0,
+        }
+    }
+
+    /// In the notation of the other world, as `30017.0`.
+    pub fn modicon(self) -> String {
+        let number = self.address.modicon();
+        self.bit.map_or_else(|| number.clone(), |bit| format!("{number}.{bit}"))
+    }
+}
+
+impl FromStr for Flag {
+    type Err = String;
+
+    /// `coil:20`, `input:16`, `input:16.0`.
+    ///
+    /// # Errors
+    /// A sentence that says what is allowed.
+    fn from_str(text: &str) -> Result<Flag, String> {
+        let (register, bit) = match text.split_once('.') {
+            Some((register, bit)) => (register, Some(bit.trim())),
+            None => (text, None),
+        };
+        let address: Register = register.parse()?;
+        let Some(bit) = bit else { return Ok(Flag { address, bit: None }) };
+        if matches!(address.table, Table::Coil | Table::Discrete) {
+            return Err(format!("{address} is one bit already: write it without `.{bit}`"));
+        }
+        match bit.parse() {
+            Ok(bit @ 0..=15) => Ok(Flag { address, bit: Some(bit) }),
+            _ => Err(format!("`{bit}` is no bit of a register; allowed: 0 to 15")),
+        }
+    }
+}
+
+impl fmt::Display for Flag {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.bit {
+            Some(bit) => write!(f, "{}.{bit}", self.address),
+            None => write!(f, "{}", self.address),
+        }
+    }
+}
+
+/// Whole counts as they stand there.
+pub(super) fn plain(data_type: DataType) -> Encoding {
+    Encoding {
+        data_type,
+        word_order: WordOrder::MswFirst,
+        byte_swap: false,
+        scale: Scale::ONE,
+        offset: 0.0,
+        bias: 0,
+        bad: Vec::new(),
+    }
+}
+
+/// What a whole register or bit holds.
+pub(super) fn one(register: Register) -> DataType {
+    if register.table.is_bits() { DataType::Bool } else { DataType::U16 }
+}
+
+/// The register at this key.
+pub(super) fn register(at: &At<'_>, text: Option<&String>) -> Option<Register> {
+    let text = text?;
+    let why = match text.parse::<Register>() {
+        Ok(address) => return Some(address),
+        Err(why) => why,
+    };
+    let (table, _) = text.split_once(':').unwrap_or_default();
+    let near = crate::error::nearest(table, &["coil", "discrete", "input", "holding"]);
+    let near = near.filter(|near| *near != table && !table.is_empty());
+    let (message, help) = why.split_once("; ").unwrap_or((&why, "write \"input:0\" or \"30001\""));
+    let near = near.map(|near| format!("did you mean `{near}`? ")).unwrap_or_default();
+    at.wrong(message, format!("{near}{help}"));
+    None
+}
+
+/// A register, or one bit of it.
+pub(super) fn cell(at: &At<'_>, text: &String) -> Option<Flag> {
+    match text.parse::<Flag>() {
+        Ok(flag) => Some(flag),
+        Err(_) if !text.contains('.') => register(at, Some(text)).map(|address| Flag { address, bit: None }),
+        Err(message) => {
+            let help = "write a register as \"input:50\", or one bit of it as \"input:50.3\"";
+            at.wrong(message, help);
+            None
+        }
+    }
+}
+
+/// A register that can be written.
+pub(super) fn holding(at: &At<'_>, text: Option<&String>) -> Option<Register> {
+    let address = register(at, text)?;
+    if address.table == Table::Holding {
+        return Some(address);
+    }
+    let message = if address.table.is_writable() {
+        format!("{address} is one bit; this does not fit into it")
+    } else {
+        format!("{address} cannot be written: {} registers are read-only", address.table.name())
+    };
+    at.wrong(message, "write to a holding register, as \"holding:100\" or \"40101\"");
+    None
+}
+
+/// The last register is one that exists.
+pub(super) fn fits(at: &At<'_>, address: Register, data_type: DataType) {
+    let last = u32::from(address.offset) + u32::from(data_type.registers()) - 1;
+    if last > u32::from(u16::MAX) {
+        let message = format!("{} at {address} ends at {last}, beyond the last register", data_type.name());
+        at.wrong(message, "allowed: addresses up to 65535");
+    }
+}
+
+/// The key `word_order`, which stands here or is missing.
+pub(super) fn word_order(
+    at: &At<'_>,
+    data_type: Option<DataType>,
+    given: Option<WordOrderWord>,
+) -> Option<WordOrder> {
+    let data_type = data_type?;
+    match given {
+        Some(WordOrderWord::LswFirst) => Some(WordOrder::LswFirst),
+        Some(WordOrderWord::MswFirst) => Some(WordOrder::MswFirst),
+        None if data_type.registers() == 1 => Some(WordOrder::MswFirst),
+        None => {
+            let (name, registers) = (data_type.name(), data_type.registers());
+            let message = format!("`word_order` is missing: {name} takes {registers} registers");
+            let help = "write \"msw-first\" (most significant register first) or \"lsw-first\"; devices differ, the manual says which";
+            at.missing(message, help);
+            None
+        }
+    }
+}
+
+pub(super) fn scale(at: &At<'_>, scale: f64) -> Option<Scale> {
+    if scale.abs() < f64::MIN_POSITIVE {
+        at.wrong("a scale of zero makes every value the same", "write the value of one count");
+        return None;
+    }
+    Some(Scale::of(scale))
+}
+
+/// A type that registers have; a smaller one has been reported.
+pub(super) fn not_smaller_than_a_register(at: &At<'_>, kind: Option<TypeWord>, help: &str) {
+    if let Some(TypeWord(small)) = kind.filter(|kind| kind.0.width() == 8) {
+        at.wrong(format!("{} is smaller than a register", small.name()), help);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_flag_is_a_bit_a_register_or_a_bit_of_a_register() {
+        let flag = |text: &str| text.parse::<Flag>().unwrap();
+        assert_eq!((flag("coil:20").raised(), flag("coil:20").to_string().as_str()), (1, "coil:20"));
+        assert_eq!((flag("holding:7").raised(), flag("holding:7.3").raised()), (1, 8));
+        assert!(flag("input:7").is_up(4) && !flag("input:7").is_up(0));
+        assert!(flag("input:7.2").is_up(4) && !flag("input:7.2").is_up(11));
+        assert_eq!((flag("30008.2"), flag("input:7.2").modicon().as_str()), (flag("input:7.2"), "30008.2"));
+        for (text, word) in [("coil:2.0", "one bit"), ("input:2.16", "0 to 15"), ("input:2.", "0 to 15")] {
+            assert!(text.parse::<Flag>().unwrap_err().contains(word), "{text}");
+        }
+    }
+}

@@ -1,0 +1,103 @@
+//! `restart` of an output: a boot counter, a register of the CNC that changes at every start, read as a signal of its
+//! device.
+
+use std::time::Duration;
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::Check;
+use super::device::Device;
+use super::register::{plain, register};
+use super::signal::{Signal, Unit};
+use crate::DeviceId;
+use isotherm_core::codec::{DataType, Register};
+use isotherm_core::reading::SignalId;
+
+/// How a restart of the CNC is seen.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Restart")]
+pub(super) struct RawRestart {
+    /// A register that changes at every start of the CNC, read with the device's signals.
+    #[schemars(required)]
+    boot_counter: Option<String>,
+}
+
+/// The boot counter of a device.
+struct Known {
+    device: DeviceId,
+    address: Register,
+    signal: SignalId,
+    /// Where the first output names it, as `profiles/x.toml:41`.
+    line: String,
+}
+
+/// Adds one signal for each device whose outputs name a boot counter.
+pub(super) fn boot_counters(check: &mut Check<'_>) {
+    let mut known: Vec<Known> = Vec::new();
+    for place in 0..check.outputs.names.len() {
+        let Some((device, address, line)) = boot_counter(check, place, &known) else { continue };
+        let signal = match known.iter().find(|known| known.device == device) {
+            Some(same) => same.signal,
+            None => {
+                let signal = SignalId(check.signals.resolved.len());
+                let Some(of) = check.devices.get(device.0) else { continue };
+                let timeout = check.bus_of(of).map_or(Duration::ZERO, |bus| bus.timeout);
+                let counter = counter(of, device, address, timeout);
+                check.signals.resolved.push(Some(counter));
+                known.push(Known { device, address, signal, line });
+                signal
+            }
+        };
+        if let Some(Some(output)) = check.outputs.resolved.get_mut(place) {
+            output.boot_counter = Some(signal);
+        }
+    }
+}
+
+/// The device, the register and the line of the boot counter that an output rightly names.
+fn boot_counter(check: &Check<'_>, place: usize, known: &[Known]) -> Option<(DeviceId, Register, String)> {
+    let name = &check.outputs.names[place];
+    let text = check.raw.output.get(name)?.restart.as_ref()?.boot_counter.as_ref()?;
+    let at = check.at("output").key(name).key("restart").key("boot_counter");
+    let address = register(&at, Some(text))?;
+    if address.table.is_bits() {
+        let help = "write a holding or input register, as \"holding:98\"; one bit is watched by machine.on";
+        at.wrong(format!("{address} is one bit: it cannot count"), help);
+        return None;
+    }
+    let output = check.outputs.get(place)?;
+    if output.writes.position().is_some() {
+        let help = "remove `restart`: nothing has to walk in again there";
+        at.wrong_key("a corrected position is written anew with each position", help);
+        return None;
+    }
+    let device = check.devices.get(output.device.0)?;
+    device.must_read(&at, address.table);
+    let other = known.iter().find(|known| known.device == output.device && known.address != address);
+    if let Some(Known { address, line, .. }) = other {
+        let message = format!("`{}` has its boot counter at {address} already ({line})", device.name);
+        at.wrong(message, "a device is started as a whole: give its outputs the same one");
+        return None;
+    }
+    Some((output.device, address, at.line()))
+}
+
+/// The dot keeps its name apart from those that a profile can give.
+fn counter(device: &Device, id: DeviceId, address: Register, timeout: Duration) -> Signal {
+    Signal {
+        name: format!("{}.boot_counter", device.name),
+        device: id,
+        address: address.into(),
+        encoding: plain(DataType::U16),
+        unit: Unit("count"),
+        range: None,
+        max_rate: None,
+        max_age: (device.every * 5).max(timeout * 3),
+        fault_when: None,
+        merge: true,
+        counter: None,
+        capture: None,
+    }
+}

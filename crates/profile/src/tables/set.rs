@@ -1,0 +1,373 @@
+//! `[set.*]`: outputs that land together, and how a control is told that they are there.
+//!
+//! A control that is given several values must never see half of them. So the values of a set are written side by side
+//! in one request where the registers allow it; a sequence word that changes last says "a new set is whole"; and a
+//! handshake (strobe up, acknowledge up, strobe down, acknowledge down) asks the control to take it.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::handshake::{Handshake, RawHandshake};
+use super::output::{Output, Share};
+use super::register::holding;
+use super::{At, Check};
+use crate::duration::shown;
+use crate::{DeviceId, OutputId, Profile, SetId};
+use isotherm_core::codec::{Register, Table};
+
+/// Outputs of one device that a control must see together or not at all.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Set")]
+pub(crate) struct RawSet {
+    /// A holding register that counts up with every whole set, written last: the control takes the set when it changes.
+    sequence: Option<String>,
+    /// A holding register that counts up with every write of the set, 0 to 32767: the control sees the gateway die.
+    heartbeat: Option<String>,
+    /// A holding register that says what the gateway does: bit 0 all its axes are armed, bit 1 one keeps its value, bit 2
+    /// one takes its fault action, bit 3 one follows a lesser model.
+    control: Option<String>,
+    /// A holding register with a number that control and profile agree on.
+    version: Option<RawVersion>,
+    /// Registers between its words that are nobody's are written as 0, so that one request carries all of it. Default false.
+    zeros: Option<bool>,
+    /// A holding register for the check word: all other words of the set summed to 16 bits, inverted.
+    complement: Option<String>,
+    /// A strobe and its acknowledgement around each write of the set.
+    handshake: Option<RawHandshake>,
+}
+
+/// A number that control and profile agree on.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Version")]
+struct RawVersion {
+    /// A holding register.
+    #[schemars(required)]
+    register: Option<String>,
+    /// The number.
+    #[schemars(required)]
+    value: Option<u16>,
+}
+
+/// Outputs of one device that are written as one. An output with a handshake of its own is a set of one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OutputSet {
+    /// Its name in the profile; that of its only output where it is no `[set.*]`.
+    pub name: String,
+    /// It stands in the profile as `[set.*]`.
+    pub is_named: bool,
+    /// Where all of it goes.
+    pub device: DeviceId,
+    /// What belongs to it, in the order of the file. Never empty.
+    pub outputs: Vec<OutputId>,
+    /// Counts up with every whole set, written last: one register, 1 to 65535, then 1 again.
+    pub sequence: Option<Register>,
+    /// All other words of the set, the sequence with them, summed to 16 bits and inverted: one register.
+    pub complement: Option<Register>,
+    /// Counts up with every write: one register, 0 to 32767.
+    pub heartbeat: Option<Register>,
+    /// What the gateway does, in bits: one register. See [`Control`].
+    pub control: Option<Register>,
+    /// A number that control and profile agree on.
+    pub version: Option<(Register, u16)>,
+    /// Registers between its words are written as 0.
+    pub zeros: bool,
+    /// How the control is asked to take it.
+    pub handshake: Option<Handshake>,
+}
+
+/// The bits of a set's control word.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Control;
+
+impl Control {
+    /// Every axis of the set is armed.
+    pub const ENABLE: u16 = 1;
+    /// One of them keeps its value.
+    pub const HOLD: u16 = 2;
+    /// One of them takes its fault action.
+    pub const FAULT: u16 = 4;
+    /// One of them follows a lesser model.
+    pub const DEGRADED: u16 = 8;
+}
+
+/// Registers side by side: one request.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Stretch {
+    /// The first one.
+    pub from: u16,
+    /// How many.
+    pub count: u16,
+}
+
+impl OutputSet {
+    /// As events and errors call it: `set plc`, `output cnc_z`.
+    pub fn label(&self) -> String {
+        format!("{} {}", if self.is_named { "set" } else { "output" }, self.name)
+    }
+
+    /// A key of it in the profile.
+    pub(super) fn at<'c>(&self, check: &'c Check<'c>) -> At<'c> {
+        check.at(if self.is_named { "set" } else { "output" }).key(&self.name)
+    }
+
+    /// The registers that it writes besides its outputs', with their keys.
+    pub(super) fn own(&self) -> impl Iterator<Item = (&'static str, Register)> {
+        let own = [
+            ("sequence", self.sequence),
+            ("complement", self.complement),
+            ("heartbeat", self.heartbeat),
+            ("control", self.control),
+            ("version", self.version.map(|(at, _)| at)),
+        ];
+        own.into_iter().filter_map(|(key, register)| Some((key, register?)))
+    }
+
+    /// How its registers are written, in this order: one stretch where all lie side by side; else the values (and the
+    /// complement) first and the sequence, alone, last. None is longer than `most` registers.
+    pub fn stretches<'a>(&self, outputs: impl Iterator<Item = &'a Output>, most: u16) -> Vec<Stretch> {
+        let values = outputs.filter_map(|output| {
+            Some((output.address.register()?.offset, output.encoding.data_type.registers()))
+        });
+        let words = [self.complement, self.heartbeat, self.control, self.version.map(|(at, _)| at)];
+        let words = words.into_iter().flatten().map(|at| (at.offset, 1));
+        let mut cells: Vec<(u16, u16)> = values.chain(words).collect();
+        let last = self.sequence.map(|at| (at.offset, 1));
+        if self.zeros {
+            let ends = cells.iter().chain(&last).map(|(from, count)| (*from, from.saturating_add(*count)));
+            let (from, to) = ends.fold((u16::MAX, 0), |(from, to), (a, b)| (from.min(a), to.max(b)));
+            return joined((from..to).map(|register| (register, 1)).collect(), most);
+        }
+        let whole = joined(cells.iter().copied().chain(last).collect(), most);
+        if whole.len() == 1 || last.is_none() {
+            return whole;
+        }
+        cells = joined(cells, most).into_iter().map(|stretch| (stretch.from, stretch.count)).collect();
+        cells.into_iter().chain(last).map(|(from, count)| Stretch { from, count }).collect()
+    }
+
+    /// Its outputs.
+    pub fn members<'a>(&'a self, profile: &'a Profile) -> impl Iterator<Item = &'a Output> {
+        self.outputs.iter().map(|id| profile.output(*id))
+    }
+}
+
+impl Stretch {
+    /// Cells (the first register of each, and how many) as the fewest stretches, none longer than `most`.
+    pub fn joined(cells: Vec<(u16, u16)>, most: u16) -> Vec<Stretch> {
+        joined(cells, most)
+    }
+}
+
+fn joined(mut cells: Vec<(u16, u16)>, most: u16) -> Vec<Stretch> {
+    cells.sort_unstable();
+    let mut stretches: Vec<Stretch> = Vec::new();
+    for (from, count) in cells {
+        match stretches.last_mut() {
+            Some(last)
+                if u32::from(last.from) + u32::from(last.count) == u32::from(from)
+                    && last.count + count <= most =>
+            {
+                last.count += count;
+            }
+            _ => stretches.push(Stretch { from, count }),
+        }
+    }
+    stretches
+}
+
+/// The named sets, and one for each output that has a handshake of its own; the outputs know then where they belong.
+pub(super) fn resolve(check: &mut Check<'_>) {
+    let members = members(check);
+    let mut sets: Vec<Option<OutputSet>> = Vec::new();
+    for (place, name) in check.sets.names.iter().enumerate() {
+        let of_set: Vec<usize> =
+            members.iter().filter(|(_, set)| *set == place).map(|(output, _)| *output).collect();
+        let is_whole = of_set.iter().all(|output| check.outputs.get(*output).is_some());
+        let raw = check.raw.set.get(name);
+        let set = raw.and_then(|raw| raw.resolve(&check.at("set").key(name), name, &of_set));
+        sets.push(set.filter(|_| is_whole));
+    }
+    for (place, name) in check.outputs.names.iter().enumerate() {
+        let Some(raw) = check.raw.output.get(name).and_then(|raw| raw.handshake.as_ref()) else { continue };
+        let at = check.at("output").key(name);
+        if members.iter().any(|(output, _)| *output == place) {
+            let help = "one strobe tells of all of it: write `handshake` at the set";
+            at.key("handshake").wrong_key("its set is written as one", help);
+            continue;
+        }
+        let Some(output) = check.outputs.get(place) else { continue };
+        can_be_exchanged(&at, "handshake", output);
+        let handshake = raw.resolve(&at.key("handshake"), Some(output.device.0));
+        sets.push(handshake.map(|handshake| OutputSet {
+            name: name.clone(),
+            is_named: false,
+            device: output.device,
+            outputs: vec![OutputId(place)],
+            sequence: None,
+            complement: None,
+            heartbeat: None,
+            control: None,
+            version: None,
+            zeros: false,
+            handshake: Some(handshake),
+        }));
+    }
+    for set in sets.iter().flatten() {
+        has_time(check, set);
+    }
+    acknowledges_apart(check, &sets);
+    for (place, set) in sets.iter().enumerate() {
+        for OutputId(output) in set.iter().flat_map(|set| &set.outputs) {
+            if let Some(Some(output)) = check.outputs.resolved.get_mut(*output) {
+                output.set = Some(SetId(place));
+            }
+        }
+    }
+    check.sets.resolved = sets;
+}
+
+/// Which output belongs to which set, by their places.
+fn members(check: &Check<'_>) -> Vec<(usize, usize)> {
+    let mut members = Vec::new();
+    for (place, name) in check.outputs.names.iter().enumerate() {
+        let Some(set) = check.raw.output.get(name).and_then(|raw| raw.set.as_ref()) else { continue };
+        let at = check.at("output").key(name);
+        let found = at.key("set").named(&check.sets, Some(set));
+        if let Some(output) = check.outputs.get(place) {
+            can_be_exchanged(&at, "set", output);
+        }
+        members.extend(found.map(|set| (place, set)));
+    }
+    members
+}
+
+/// What is compared before and after each exchange must be read, and be nobody else's.
+fn can_be_exchanged(at: &At<'_>, key: &str, output: &Output) {
+    if output.writes.position().is_some() {
+        let help = format!("remove `{key}`: the readout is written as soon as its scale is read");
+        at.key(key).wrong_key("a corrected position goes at the scale's own pace", help);
+    }
+    if at.check.raw.output.get(&output.name).is_some_and(|raw| raw.is_believed_by_its_echo()) {
+        let message = format!("with a {key} the register is read before and after each write");
+        at.key("verify").wrong(message, "write verify = \"read-back\"");
+    }
+    if output.share == Share::Ledger {
+        let message = format!("a share of an operator's register has no {key}");
+        at.key("share").wrong(message, format!("remove `{key}`, or write share = \"whole\""));
+    }
+}
+
+impl RawSet {
+    fn resolve(&self, at: &At<'_>, name: &str, members: &[usize]) -> Option<OutputSet> {
+        let check = at.check;
+        let register = |key: &str, text: &Option<String>| holding(&at.key(key), text.as_ref());
+        let sequence = register("sequence", &self.sequence);
+        let complement = register("complement", &self.complement);
+        let heartbeat = register("heartbeat", &self.heartbeat);
+        let control = register("control", &self.control);
+        let version = self.version.as_ref().and_then(|version| {
+            let register = holding(&at.key("version").key("register"), version.register.as_ref());
+            register.zip(version.value)
+        });
+        if members.is_empty() {
+            let help = format!("write set = \"{name}\" at the outputs that belong together");
+            at.wrong_key("no output belongs to this set", help);
+        }
+        let of_set: Vec<&Output> = members.iter().filter_map(|output| check.outputs.get(*output)).collect();
+        let id = of_set.first().map(|output| output.device);
+        let device = id.and_then(|id| check.devices.get(id.0));
+        let handshake =
+            self.handshake.as_ref().map(|raw| raw.resolve(&at.key("handshake"), id.map(|id| id.0)));
+        for output in of_set.iter().filter(|output| Some(output.device) != id) {
+            let there = device.map_or("", |device| device.name.as_str());
+            let message = format!("set `{name}` is at `{there}`: one request cannot reach two devices");
+            let of_output = check.at("output").key(&output.name);
+            of_output.key("device").wrong(message, "give it a set of its own");
+        }
+        let set = OutputSet {
+            name: name.to_owned(),
+            is_named: true,
+            device: id?,
+            outputs: members.iter().copied().map(OutputId).collect(),
+            sequence,
+            complement,
+            heartbeat,
+            control,
+            version,
+            zeros: self.zeros.unwrap_or(false),
+            handshake: handshake.flatten(),
+        };
+        let device = device?;
+        for (key, _) in set.own() {
+            device.must_write(&at.key(key), 1);
+            device.must_read(&at.key(key), Table::Holding);
+        }
+        let requests = set.stretches(of_set.into_iter(), device.longest_request()).len();
+        if requests > 1 && set.zeros {
+            let message = format!("with the registers between its words it takes {requests} requests");
+            at.key("zeros").wrong_key(message, "put its words nearer to each other, or remove `zeros`");
+        } else if requests > 1 && self.sequence.is_none() && self.handshake.is_none() {
+            let message = format!("it takes {requests} requests to write: the control could see half of it");
+            let help = "give it a `sequence` or a `handshake`, or registers side by side";
+            at.wrong_key(message, help);
+        }
+        (handshake != Some(None)).then_some(set)
+    }
+}
+
+/// A wait is longer than one answer, and a whole exchange shorter than what calls for the next.
+fn has_time(check: &Check<'_>, set: &OutputSet) {
+    let Some(handshake) = set.handshake else { return };
+    let at = set.at(check).key("handshake").key("timeout");
+    let bus = check.devices.get(set.device.0).and_then(|device| check.bus_of(device));
+    if let Some(bus) = bus.filter(|bus| handshake.timeout <= bus.timeout) {
+        let (name, timeout) = (&bus.name, shown(bus.timeout));
+        let message =
+            format!("the bus `{name}` waits {timeout} for an answer: no time to ask for the acknowledge");
+        at.wrong(message, "make it longer than `timeout` of the bus");
+    }
+    let whole = handshake.timeout * 2;
+    for output in set.outputs.iter().filter_map(|id| check.outputs.get(id.0)) {
+        let axis = check.axes.get(output.axis.0).map(|axis| &axis.settings);
+        let called = axis.map(|axis| (format!("axis `{}`'s period", axis.name), axis.every));
+        let refreshed =
+            output.refresh.map(|refresh| (format!("`refresh` of output `{}`", output.name), refresh));
+        for (what, every) in called.into_iter().chain(refreshed).filter(|(_, every)| *every <= whole) {
+            let message = format!(
+                "two waits of {} (for the acknowledge to come and to drop) are as long as {what}, {}",
+                shown(handshake.timeout),
+                shown(every)
+            );
+            at.wrong(message, "shorten it, or lengthen that");
+        }
+    }
+}
+
+/// An acknowledge that answers two strobes says nothing of either.
+fn acknowledges_apart(check: &Check<'_>, sets: &[Option<OutputSet>]) {
+    let answers = |set: &OutputSet| set.handshake.map(|handshake| (set.device, handshake.acknowledge));
+    for (place, set) in sets.iter().enumerate() {
+        let Some(set) = set else { continue };
+        let is_same = |other: &&OutputSet| answers(other).is_some() && answers(other) == answers(set);
+        if let Some(other) = sets.iter().take(place).flatten().find(is_same) {
+            let message = format!("{} waits for the same acknowledge", other.label());
+            let help = "give each its own, or put the outputs into one set";
+            set.at(check).key("handshake").key("acknowledge").wrong(message, help);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_side_by_side_become_one_stretch_and_no_stretch_is_too_long() {
+        let stretch = |from, count| Stretch { from, count };
+        assert_eq!(joined(vec![(6, 2), (4, 2), (8, 1)], 123), [stretch(4, 5)]);
+        assert_eq!(joined(vec![(4, 2), (7, 2)], 123), [stretch(4, 2), stretch(7, 2)]);
+        assert_eq!(joined(vec![(4, 2), (6, 2), (8, 2)], 4), [stretch(4, 4), stretch(8, 2)]);
+    }
+}

@@ -1,0 +1,487 @@
+//! `[signal.*]`: one value that is read.
+
+use std::time::Duration;
+
+use schemars::{JsonSchema, Schema, SchemaGenerator};
+use serde::Deserialize;
+
+use super::can::{self, RawFrame, RawPdo, Sender};
+use super::register::{self, Flag, TypeWord, WordOrderWord, plain};
+use super::{At, dbc, expression};
+use crate::DeviceId;
+use crate::dbc::Described;
+use crate::duration::{Timespan, shown};
+use counter::{Capture, RawCounter};
+use isotherm_core::codec::{Address, Counter, DataType, Encoding, Sentinel};
+use isotherm_core::compensation::model::Condition;
+use isotherm_core::reading::Reason;
+
+pub(crate) mod counter;
+
+/// One value that is read.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Signal")]
+pub(crate) struct RawSignal {
+    /// Where it is read.
+    #[schemars(required)]
+    pub(super) device: Option<String>,
+    /// Channel of the device's template: its number or its name.
+    #[allow(dead_code, reason = "resolved before the profile is checked")]
+    channel: Option<ChannelValue>,
+    /// "input:0", "holding:84", "coil:1", "discrete:3": table and zero-based protocol address; or the one-based Modicon
+    /// number "30001"; "input:50.3" is bit 3 of a register.
+    register: Option<String>,
+    /// How the value lies in its registers; required for input and holding registers.
+    #[serde(rename = "type")]
+    kind: Option<TypeWord>,
+    /// Which register comes first; required for 32 bits and more, because devices differ.
+    word_order: Option<WordOrderWord>,
+    /// The two bytes inside every register are exchanged. Default false.
+    byte_swap: Option<bool>,
+    /// Engineering units per count, not zero. Default 1.
+    scale: Option<f64>,
+    /// Engineering value of raw zero. Default 0.
+    offset: Option<f64>,
+    /// Raw values that mean "no measurement", compared before scaling: [-32768], or with what the device says by them,
+    /// [{ raw = -512, means = "open circuit" }].
+    bad: Option<Vec<BadValue>>,
+    /// Engineering unit. Default: "bool" for a coil or a discrete input, else "1".
+    #[serde(default)]
+    #[schemars(schema_with = "units")]
+    unit: Option<String>,
+    /// Smallest and largest believable value, in the unit; outside: bad.
+    range: Option<[f64; 2]>,
+    /// Fastest believable change, units per second; faster: bad.
+    max_rate: Option<f64>,
+    /// Older is stale. Default: five polls, and at least three timeouts.
+    max_age: Option<Timespan>,
+    /// A condition on other signals that condemns this one: "bed_open == 1".
+    fault_when: Option<String>,
+    /// May share a read request with its neighbours. Default true.
+    merge: Option<bool>,
+    /// It counts: what a rollover and a step mean.
+    counter: Option<RawCounter>,
+    /// CAN: message and signal of the device's DBC file: "Message.Signal".
+    dbc: Option<String>,
+    /// CANopen process data: { cob_id = 0x185, start = 0, length = 16, signed = true }.
+    pdo: Option<RawPdo>,
+    /// CANopen object polled every `every`: "7130:01".
+    #[schemars(regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))]
+    sdo: Option<String>,
+    /// CAN frame without a DBC file: { id = 0x100, start = 0, length = 16, order = "little", signed = true }.
+    frame: Option<RawFrame>,
+}
+
+/// A channel of a template.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+#[allow(dead_code, reason = "resolved before the profile is checked")]
+pub(super) enum ChannelValue {
+    Number(u16),
+    Name(String),
+}
+
+impl JsonSchema for ChannelValue {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "Channel".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        schemars::json_schema!({ "anyOf": [{ "type": "integer", "minimum": 0, "maximum": 65535 }, { "type": "string" }] })
+    }
+}
+
+/// A raw value that means "no measurement": the number, or what the device says by it as well.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+enum BadValue {
+    Number(i64),
+    Named(RawSentinel),
+}
+
+/// A raw value with what the device says by it.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Sentinel")]
+struct RawSentinel {
+    /// The raw count, before scaling.
+    #[schemars(required)]
+    raw: Option<i64>,
+    /// What the device says by it.
+    #[schemars(required, schema_with = "meanings")]
+    means: Option<String>,
+}
+
+impl JsonSchema for BadValue {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "Bad".into()
+    }
+
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        let named = RawSentinel::json_schema(generator);
+        schemars::json_schema!({ "anyOf": [{ "type": "integer" }, named] })
+    }
+}
+
+fn meanings(_: &mut SchemaGenerator) -> Schema {
+    let meanings = Reason::MEANINGS.map(|(meaning, _)| meaning);
+    schemars::json_schema!({ "type": "string", "enum": meanings })
+}
+
+fn units(_: &mut SchemaGenerator) -> Schema {
+    schemars::json_schema!({ "type": "string", "enum": Unit::WORDS })
+}
+
+/// One value that is read.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Signal {
+    /// Its name in the profile.
+    pub name: String,
+    /// Where it is read.
+    pub device: DeviceId,
+    /// Its first register or its bit, its object, its place in frames.
+    pub address: Address,
+    /// How registers become the value.
+    pub encoding: Encoding,
+    /// Its engineering unit.
+    pub unit: Unit,
+    /// Smallest and largest believable value.
+    pub range: Option<(f64, f64)>,
+    /// Fastest believable change per second.
+    pub max_rate: Option<f64>,
+    /// Older is stale.
+    pub max_age: Duration,
+    /// A condition on other signals that condemns this one.
+    pub fault_when: Option<Condition>,
+    /// May share a read request with its neighbours.
+    pub merge: bool,
+    /// It counts: it rolls over, and may be set anew.
+    pub counter: Option<Counter>,
+    /// Written before each read, so that there is something to read.
+    pub capture: Option<Capture>,
+}
+
+/// Engineering units.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Unit(pub &'static str);
+
+impl Unit {
+    /// The units a profile may name; "1" is a number without one.
+    pub const WORDS: [&'static str; 23] = [
+        "degC", "K", "mm", "um", "rpm", "bool", "percent", "mm/min", "m/s", "l/min", "bar", "V", "mV", "A",
+        "mA", "W", "kW", "N", "Nm", "Hz", "s", "count", "1",
+    ];
+
+    /// The unit with this name.
+    pub fn named(name: &str) -> Option<Unit> {
+        Unit::WORDS.into_iter().find(|known| *known == name).map(Unit)
+    }
+}
+
+impl std::fmt::Display for Unit {
+    /// As people write it.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self.0 {
+            "degC" => "°C",
+            "um" => "µm",
+            "percent" => "%",
+            "1" => "",
+            name => name,
+        })
+    }
+}
+
+/// Where a signal lies, and how its value lies there.
+struct Located {
+    address: Address,
+    encoding: Encoding,
+    /// The unit where the profile names none.
+    unit: Option<Unit>,
+}
+
+impl RawSignal {
+    pub(super) fn resolve(&self, at: &At<'_>, name: &str) -> Option<Signal> {
+        let check = at.check;
+        let index = at.key("device").named(&check.devices, self.device.as_ref());
+        let device = index.and_then(|index| check.devices.get(index));
+        let places = ["register", "dbc", "sdo", "pdo", "frame"];
+        if places.into_iter().filter(|key| at.has(key)).count() > 1 {
+            let help = "keep one of register, channel, dbc, pdo, sdo, frame";
+            at.wrong_key("the signal is read from more than one place", help);
+        }
+        let on_can = check.is_on_can(self.device.as_ref());
+        self.foreign_keys(at, on_can);
+        let max_age = self.max_age(at, index);
+        let range = self.range.map(|[low, high]| {
+            if low >= high {
+                let message = format!("the range {low} to {high} is empty");
+                at.key("range").wrong(message, "write the smaller value first, as [-10.0, 80.0]");
+            }
+            (low, high)
+        });
+        let max_rate = at.key("max_rate").positive(self.max_rate);
+        let fault_when = expression::condition(&at.key("fault_when"), self.fault_when.as_ref(), Some(name));
+        let on_can = on_can == Some(true);
+        let on_can_somewhere = self.comes_by_itself() || self.sdo.is_some();
+        // A channel that brought no place has been reported.
+        let is_nowhere = self.register.is_none() && !(on_can && on_can_somewhere);
+        if (is_nowhere && at.key("channel").is_written()) || (is_nowhere && !on_can && on_can_somewhere) {
+            return None;
+        }
+        let Located { address, encoding, unit } =
+            if on_can { self.on_can(at)? } else { self.in_registers(at, index)? };
+        let unit = match self.unit.as_deref() {
+            Some(unit) => Unit::named(unit),
+            None => unit.or(Some(Unit("1"))),
+        };
+        sentinels_fit(&at.key("bad"), &encoding);
+        let every = device.map_or(Duration::ZERO, |device| device.every);
+        // Of what comes by itself two values must come before it is stale.
+        let apart =
+            max_age.filter(|_| on_can && self.comes_by_itself()).map_or(every, |age| every.min(age / 2));
+        let (counter, capture) = match &self.counter {
+            Some(counter) => {
+                counter.resolve(&at.key("counter"), &encoding, index, apart, self.max_rate.is_some())
+            }
+            None => (None, None),
+        };
+        Some(Signal {
+            name: name.to_owned(),
+            device: DeviceId(index?),
+            address,
+            encoding,
+            unit: unit?,
+            range,
+            max_rate,
+            max_age: max_age?,
+            fault_when,
+            merge: on_can || self.merge.unwrap_or(true),
+            counter,
+            capture: capture.filter(|_| !on_can),
+        })
+    }
+
+    /// Keys that belong to the other kind of line.
+    fn foreign_keys(&self, at: &At<'_>, on_can: Option<bool>) {
+        let (Some(on_can), Some(device)) = (on_can, &self.device) else { return };
+        if !on_can {
+            let help = format!("`{device}` hangs on a Modbus line: write register = \"input:0\"");
+            at.foreign(&["dbc", "pdo", "sdo", "frame"], "a device on a CAN line", &help);
+            let help = "take \"u16\" or \"i16\", or one bit, as \"input:50.3\"";
+            register::not_smaller_than_a_register(&at.key("type"), self.kind, help);
+            return;
+        }
+        let help = format!(
+            "`{device}` hangs on a CAN line: remove it, and write dbc, pdo, sdo or frame to say where the value is"
+        );
+        at.foreign(&["register", "word_order", "byte_swap", "merge"], "a Modbus device", &help);
+        let help = "remove it: a CAN device sends its count by itself";
+        at.key("counter").foreign(&["capture"], "a Modbus device", help);
+    }
+
+    fn in_registers(&self, at: &At<'_>, device: Option<usize>) -> Option<Located> {
+        let cell = match &self.register {
+            Some(text) => register::cell(&at.key("register"), text),
+            None => {
+                let help =
+                    "write a zero-based protocol address (\"input:0\") or a Modicon number (\"30001\")";
+                at.key("register").missing("`register` is missing: where is the signal read?", help);
+                None
+            }
+        };
+        let data_type = cell.and_then(|cell| self.type_in(&at.key("type"), cell));
+        let word_order = register::word_order(&at.key("word_order"), data_type, self.word_order);
+        let scale = register::scale(&at.key("scale"), self.scale.unwrap_or(1.0));
+        let (Flag { address, .. }, data_type) = (cell?, data_type?);
+        register::fits(&at.key("register"), address, data_type);
+        if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
+            device.must_read(&at.key("register"), address.table);
+            // A value that comes in two answers may be two halves of different values.
+            let most = device.quirks.max_registers_per_request;
+            if data_type.registers() > most {
+                let (name, registers) = (data_type.name(), data_type.registers());
+                let message = format!("{name} takes {registers} registers, one request reads {most}");
+                let help = "raise `max_registers_per_request` in the quirks, or take a smaller type";
+                at.key("type").wrong(message, help);
+            }
+        }
+        let is_bit = matches!(data_type, DataType::Bool | DataType::Bit(_));
+        let encoding = Encoding {
+            word_order: word_order?,
+            byte_swap: self.byte_swap.unwrap_or(false),
+            scale: scale?,
+            offset: self.offset.unwrap_or(0.0),
+            bad: self.sentinels(&at.key("bad")),
+            ..plain(data_type)
+        };
+        Some(Located { address: address.into(), encoding, unit: is_bit.then_some(Unit("bool")) })
+    }
+
+    /// The type of a register or a bit.
+    fn type_in(&self, at: &At<'_>, cell: Flag) -> Option<DataType> {
+        let kind = self.kind.map(|TypeWord(kind)| kind);
+        let is_bits = cell.address.table.is_bits();
+        if is_bits || cell.bit.is_some() {
+            if let Some(wrong) = kind.filter(|kind| *kind != DataType::Bool) {
+                let message = format!("{} does not fit one bit", wrong.name());
+                if is_bits {
+                    at.wrong(message, "a coil and a discrete input are \"bool\": leave `type` out");
+                    return None;
+                }
+                at.wrong(message, "one bit is \"bool\": leave `type` out");
+            }
+            return Some(cell.bit.map_or(DataType::Bool, DataType::Bit));
+        }
+        if kind.is_none() {
+            let help =
+                "allowed: bool, u16, i16, u32, i32, u64, i64, f32, f64; the device's manual says which";
+            at.missing("`type` is missing: how does the value lie in its registers?", help);
+        }
+        kind
+    }
+
+    fn on_can(&self, at: &At<'_>) -> Option<Located> {
+        let device = self.device.as_deref()?;
+        let own = (self.scale.unwrap_or(1.0), self.offset.unwrap_or(0.0));
+        let (address, (scale, offset), unit) = if let Some(name) = &self.dbc {
+            self.no_type(at, "remove it: the DBC file says how many bits there are, and of which kind");
+            let found = dbc::described(&at.key("dbc"), name, device)?;
+            let scale = self.scale_over(at, &found)?;
+            self.agrees_with_unit(at, found.unit);
+            (Address::Frame(found.field), scale, found.unit)
+        } else if let Some(pdo) = &self.pdo {
+            self.no_type(at, OF_BITS);
+            let field = pdo.resolve(&at.key("pdo"), device, Sender::Device)?;
+            no_fill(&at.key("pdo").key("fill"), pdo.fill.is_some());
+            (Address::Frame(field), own, None)
+        } else if let Some(sdo) = &self.sdo {
+            let types = "allowed: bool, u8, i8, u16, i16, u32, i32, u64, i64, f32, f64; the device's manual says which";
+            (can::object(at, sdo, self.kind, device, types)?, own, None)
+        } else if let Some(frame) = &self.frame {
+            self.no_type(at, OF_BITS);
+            no_fill(&at.key("frame").key("fill"), frame.fill.is_some());
+            (Address::Frame(frame.resolve(&at.key("frame"))?), own, None)
+        } else {
+            let is_wrong = ["dbc", "pdo", "sdo", "frame"].into_iter().any(|key| at.key(key).is_written());
+            if self.register.is_none() && !is_wrong {
+                let help = "write dbc = \"Message.Signal\", pdo = { … }, sdo = \"7130:01\" or frame = { … }";
+                at.wrong_key("it is not said where the signal is read", help);
+            }
+            return None;
+        };
+        let data_type = match &address {
+            Address::Frame(field) => field.bits.data_type(),
+            Address::Object(object) => object.data_type,
+            Address::Modbus(register) => register::one(*register),
+        };
+        let unit = unit.or((data_type == DataType::Bool && self.dbc.is_none()).then_some(Unit("bool")));
+        let bad = self.sentinels(&at.key("bad"));
+        let scale = register::scale(&at.key("scale"), scale)?;
+        Some(Located { address, encoding: Encoding { scale, offset, bad, ..plain(data_type) }, unit })
+    }
+
+    fn no_type(&self, at: &At<'_>, help: &str) {
+        if self.kind.is_some() {
+            at.key("type").wrong_key("`type` belongs to registers and objects", help);
+        }
+    }
+
+    /// The scale and the offset go together: half of each file's makes a wrong value.
+    fn scale_over(&self, at: &At<'_>, found: &Described) -> Option<(f64, f64)> {
+        let (missing, there, is_plain) = match (self.scale, self.offset) {
+            (None, None) => return Some((found.scale, found.offset)),
+            (Some(scale), Some(offset)) => return Some((scale, offset)),
+            (None, Some(_)) => ("scale", "offset", (found.scale - 1.0).abs() == 0.0),
+            (Some(_), None) => ("offset", "scale", found.offset.abs() == 0.0),
+        };
+        if is_plain {
+            return Some((self.scale.unwrap_or(1.0), self.offset.unwrap_or(0.0)));
+        }
+        let message = format!(
+            "the DBC file has scale {} and offset {}; one of them cannot be replaced alone",
+            found.scale, found.offset
+        );
+        at.key(there).wrong(message, format!("write `{missing}` as well, or leave both to the file"));
+        None
+    }
+
+    fn agrees_with_unit(&self, at: &At<'_>, of_file: Option<Unit>) {
+        let own = self.unit.as_deref().and_then(Unit::named);
+        let Some((own, of_file)) = own.zip(of_file).filter(|(own, of_file)| own != of_file) else { return };
+        if self.scale.is_none() {
+            let help = format!(
+                "write unit = \"{}\", or `scale` and `offset` that make \"{}\" of the raw count",
+                of_file.0, own.0
+            );
+            at.key("unit").wrong(format!("the DBC file has it in \"{}\"", of_file.0), help);
+        }
+    }
+
+    /// Whether its value comes by itself: there is no poll that its age could be measured by.
+    fn comes_by_itself(&self) -> bool {
+        self.dbc.is_some() || self.pdo.is_some() || self.frame.is_some()
+    }
+
+    fn max_age(&self, at: &At<'_>, device: Option<usize>) -> Option<Duration> {
+        let at = at.key("max_age");
+        let given = at.duration(self.max_age);
+        let device = at.check.devices.get(device?)?;
+        let every = device.every;
+        let Some(age) = given else {
+            let timeout = at.check.bus_of(device).map_or(Duration::ZERO, |bus| bus.timeout);
+            return Some((5 * every).max(3 * timeout));
+        };
+        if self.comes_by_itself() {
+            return Some(age);
+        }
+        let figures =
+            format!("`max_age` is {}, `{}` is read every {}", shown(age), device.name, shown(every));
+        let help = format!("allow at least two polls, \"{}\"", shown(2 * every));
+        if age <= every {
+            at.wrong(format!("{figures}: the signal would always go stale"), help);
+        } else if age < 2 * every {
+            at.warn(format!("{figures}: one late answer makes the signal stale"), help);
+        }
+        Some(age)
+    }
+
+    /// The raw values that mean "no measurement", with what the device says by them.
+    fn sentinels(&self, at: &At<'_>) -> Vec<Sentinel> {
+        let mut sentinels = Vec::new();
+        for (place, bad) in self.bad.iter().flatten().enumerate() {
+            match bad {
+                BadValue::Number(raw) => sentinels.push(Sentinel::from(*raw)),
+                BadValue::Named(RawSentinel { raw: Some(raw), means: Some(meaning) }) => {
+                    let known = Reason::MEANINGS.iter().find(|(known, _)| known == meaning);
+                    sentinels.extend(known.map(|(_, means)| Sentinel { raw: *raw, means: *means }));
+                }
+                BadValue::Named(RawSentinel { raw, .. }) => {
+                    let key = if raw.is_none() { "raw" } else { "means" };
+                    let help = "write the raw value, or both, as { raw = -512, means = \"open circuit\" }";
+                    at.item(place).key(key).missing(format!("`{key}` is missing"), help);
+                }
+            }
+        }
+        sentinels
+    }
+}
+
+/// A sentinel that the type cannot hold is never seen: a broken sensor would be believed.
+fn sentinels_fit(at: &At<'_>, encoding: &Encoding) {
+    let Some((low, high)) = encoding.data_type.integer_range() else { return };
+    for bad in encoding.bad.iter().filter(|bad| !(low..=high).contains(&i128::from(bad.raw))) {
+        let help = format!("allowed: {low} to {high}, as the raw count reads in this type");
+        at.wrong(format!("{} never holds {}", encoding.data_type.name(), bad.raw), help);
+    }
+}
+
+/// Why a value in frames has no `type`.
+const OF_BITS: &str = "remove it: `length`, `signed` and `float` say it";
+
+fn no_fill(at: &At<'_>, is_there: bool) {
+    if is_there {
+        let help = "remove it; it belongs to an output";
+        at.wrong_key("a frame that is read is filled by its sender", help);
+    }
+}

@@ -1,0 +1,101 @@
+//! `counter` of a signal: what a rollover and a step mean.
+
+use std::time::Duration;
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use crate::duration::shown;
+use crate::tables::At;
+use crate::tables::register::register;
+use isotherm_core::codec::{Counter, Encoding, Register, Table};
+
+/// A counter of a scale or an encoder.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Counter")]
+pub(super) struct RawCounter {
+    /// Fastest motion of the axis, units per second; a larger step is a new reference and no motion.
+    #[schemars(required)]
+    max_speed: Option<f64>,
+    /// Written before each read, where a counter must be told to copy its count into its registers.
+    capture: Option<RawCapture>,
+}
+
+/// The command that captures a count.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(rename = "Capture")]
+struct RawCapture {
+    /// A coil or a holding register of the same device: "holding:132".
+    #[schemars(required)]
+    register: Option<String>,
+    /// What is written there. Default 1.
+    value: Option<u16>,
+}
+
+/// The command by which a counter copies its count into the registers that are read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Capture {
+    /// A coil or a holding register of the same device.
+    pub address: Register,
+    /// What is written there; a coil takes zero and not zero.
+    pub value: u16,
+}
+
+impl RawCounter {
+    /// The counter of a value that is read so often, and what captures its count.
+    pub(super) fn resolve(
+        &self,
+        at: &At<'_>,
+        encoding: &Encoding,
+        device: Option<usize>,
+        every: Duration,
+        has_max_rate: bool,
+    ) -> (Option<Counter>, Option<Capture>) {
+        let capture = self.capture.as_ref().and_then(|raw| raw.resolve(&at.key("capture"), device));
+        if Counter::modulus(encoding.data_type).is_none() {
+            let help =
+                "allowed: u16, i16, u32, i32, and 8 to 32 bits of a frame, which roll over; remove `counter`";
+            at.wrong_key(format!("{} is no counter", encoding.data_type.name()), help);
+        }
+        if has_max_rate {
+            let help = "keep `max_speed`: beyond it a step is a new reference, and no fault for ever";
+            at.wrong_key("`max_rate` and `counter.max_speed` both say how fast it may change", help);
+        }
+        let Some(max_speed) = at.key("max_speed").positive(self.max_speed) else { return (None, capture) };
+        let counter = Counter { max_speed, slack: every };
+        if let Some(half) = counter.half_way(encoding).filter(|half| *half <= every * 2) {
+            let message = format!(
+                "at {max_speed} per second the counter is half way round after {}, and it is read every {}",
+                shown(half),
+                shown(every)
+            );
+            let help = "read it at least twice in that time, or take the counter's 32-bit registers";
+            at.key("max_speed").wrong(message, help);
+        }
+        (Some(counter), capture)
+    }
+}
+
+impl RawCapture {
+    fn resolve(&self, at: &At<'_>, device: Option<usize>) -> Option<Capture> {
+        let at = at.key("register");
+        let address = register(&at, self.register.as_ref())?;
+        if let Some(device) = device.and_then(|device| at.check.devices.get(device)) {
+            match address.table {
+                Table::Coil if !device.functions.write_coil => {
+                    device.lacks(&at, "this command needs write-coil", "\"write-coil\"");
+                }
+                Table::Holding if device.functions.writes(1).is_none() => {
+                    device.lacks(&at, "this command needs write-single", "\"write-single\"");
+                }
+                Table::Coil | Table::Holding => {}
+                Table::Input | Table::Discrete => {
+                    at.wrong(format!("{address} is read-only"), "write \"holding:132\" or \"coil:3\"");
+                }
+            }
+        }
+        Some(Capture { address, value: self.value.unwrap_or(1) })
+    }
+}
