@@ -6,7 +6,7 @@
 //! quantity ← output                                 from a decision to the next action on a register
 //! ```
 //!
-//! - [`quantity`] — µm and moments, as types.
+//! - [`quantity`] — units as types: µm, mm, °C, gains, counts of a register, moments.
 //! - [`reading`] — a value, when it was measured, and whether it may be believed.
 //! - [`codec`] — registers and the bits of CAN frames become values, and values become registers.
 //! - [`compensation`] — the first pure step: from a snapshot of readings to a decision per axis.

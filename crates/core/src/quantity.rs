@@ -23,6 +23,12 @@
 //! }
 //! ```
 //! ```compile_fail,E0277
+//! use isotherm_core::quantity::{Counts, Micron};
+//! fn a_count_is_no_micrometre(register: Counts, cz: Micron) -> Counts {
+//!     register + cz
+//! }
+//! ```
+//! ```compile_fail,E0277
 //! use isotherm_core::quantity::{Micron, Moment};
 //! fn a_moment_is_no_length(cz: Micron, now: Moment) -> Micron {
 //!     cz - now
