@@ -139,6 +139,25 @@ fn every_room_of_the_program_and_of_core_is_in_the_table_and_on_the_map() {
 }
 
 #[test]
+fn every_source_file_belongs_to_a_module() {
+    let sources: Vec<String> = source::all(root()).iter().map(|source| source.path.to_string()).collect();
+    let text_of = |path: &str| std::fs::read_to_string(root().join(path)).unwrap_or_default();
+    let orphans = sources.iter().filter(|path| {
+        let (folder, file) = path.rsplit_once('/').unwrap();
+        let name = file.strip_suffix(".rs").unwrap();
+        let is_root = ["lib", "main", "build"].contains(&name);
+        let beside = [format!("{folder}/lib.rs"), format!("{folder}/main.rs"), format!("{folder}.rs")];
+        let declared = format!("mod {name};");
+        !is_root
+            && !beside
+                .iter()
+                .any(|parent| text_of(parent).lines().any(|line| line.trim().ends_with(&declared)))
+    });
+    let orphans: Vec<&String> = orphans.collect();
+    assert!(orphans.is_empty(), "nobody compiles these: {orphans:#?}");
+}
+
+#[test]
 fn no_more_than_three_files_import_each_other() {
     let circles = circles::larger_than(3, &source::all(root()));
     let told: Vec<String> = circles.iter().map(|circle| circle.join("\n  ")).collect();
