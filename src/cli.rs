@@ -11,6 +11,7 @@ use tracing_appender::non_blocking::{NonBlockingBuilder, WorkerGuard};
 use isotherm_profile::Profile;
 
 use crate::fieldbus::tls;
+use crate::observe::status::Command;
 
 mod check;
 mod command;
@@ -129,14 +130,10 @@ struct ProfileArguments {
     set: Vec<(String, String)>,
 }
 
-/// Why a verb ended without success.
-#[derive(Debug)]
-enum Failure {
-    /// The profile is wrong; everything about it has been printed.
-    Profile,
-    /// It ran and failed.
-    Ran(anyhow::Error),
-}
+/// The profile is wrong; everything about it has been printed.
+#[derive(Debug, thiserror::Error)]
+#[error("the profile is wrong")]
+struct WrongProfile;
 
 impl Arguments {
     /// What is logged where nothing is said.
@@ -147,18 +144,6 @@ impl Arguments {
             (None, Verb::Run(_) | Verb::Virtual(_)) => "info",
             (None, _) => "warn",
         }
-    }
-}
-
-impl From<anyhow::Error> for Failure {
-    fn from(error: anyhow::Error) -> Failure {
-        Failure::Ran(error)
-    }
-}
-
-impl From<std::io::Error> for Failure {
-    fn from(error: std::io::Error) -> Failure {
-        Failure::Ran(error.into())
     }
 }
 
@@ -183,9 +168,9 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Place(arguments) => place::run(&arguments),
         #[cfg(feature = "identify")]
         Verb::Report(arguments) => report::run(&arguments),
-        Verb::Arm(arguments) => command::run(&arguments, crate::observe::status::Command::Arm),
-        Verb::Disarm(arguments) => command::run(&arguments, crate::observe::status::Command::Disarm),
-        Verb::Zero(arguments) => command::run(&arguments, crate::observe::status::Command::Zero),
+        Verb::Arm(arguments) => command::run(&arguments, Command::Arm),
+        Verb::Disarm(arguments) => command::run(&arguments, Command::Disarm),
+        Verb::Zero(arguments) => command::run(&arguments, Command::Zero),
         Verb::Measured(arguments) => measured::run(&arguments),
         Verb::Schema => print_json(&isotherm_profile::schema()),
         Verb::Completions { shell } => {
@@ -193,16 +178,16 @@ pub fn run(arguments: Arguments) -> ExitCode {
             Ok(())
         }
         Verb::Man => {
-            clap_mangen::Man::new(Arguments::command()).render(&mut std::io::stdout()).map_err(Failure::from)
+            clap_mangen::Man::new(Arguments::command()).render(&mut std::io::stdout()).map_err(Into::into)
         }
     };
     // What has been logged stands before what is said last.
     drop(log);
     match done {
         Ok(()) => ExitCode::SUCCESS,
-        Err(Failure::Profile) => ExitCode::from(64),
-        Err(Failure::Ran(error)) if is_closed_pipe(&error) => ExitCode::SUCCESS,
-        Err(Failure::Ran(error)) => {
+        Err(error) if error.is::<WrongProfile>() => ExitCode::from(64),
+        Err(error) if is_closed_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
             eprintln!("isotherm: {error:#}");
             ExitCode::from(1)
         }
@@ -238,21 +223,21 @@ fn start_log(filter: &str) -> WorkerGuard {
     guard
 }
 
-/// Wrong arguments that only show together: told as the others are.
+/// Refuses arguments that are wrong together, as clap refuses single ones.
 fn refuse(why: &str) -> ! {
     Arguments::command().error(clap::error::ErrorKind::MissingRequiredArgument, why).exit()
 }
 
 /// Loads a profile, or prints everything that is wrong with it.
-fn load(arguments: &ProfileArguments, json: bool) -> Result<Profile, Failure> {
+fn load(arguments: &ProfileArguments, json: bool) -> anyhow::Result<Profile> {
     load_with(&arguments.path, &arguments.set, json)
 }
 
-fn load_with(path: &Path, set: &[(String, String)], json: bool) -> Result<Profile, Failure> {
+fn load_with(path: &Path, set: &[(String, String)], json: bool) -> anyhow::Result<Profile> {
     Ok(warned(load_quietly(path, set, json)?))
 }
 
-/// The profile, after its warnings have been told.
+/// The profile, its warnings printed.
 fn warned(loaded: isotherm_profile::Loaded) -> Profile {
     for warning in &loaded.warnings {
         eprintln!("warning: {warning}");
@@ -261,21 +246,18 @@ fn warned(loaded: isotherm_profile::Loaded) -> Profile {
 }
 
 /// A profile whose axes all have a model: one in the making is recorded and identified, but nothing can follow it.
-fn load_modelled(arguments: &ProfileArguments, json: bool) -> Result<Profile, Failure> {
+fn load_modelled(arguments: &ProfileArguments, json: bool) -> anyhow::Result<Profile> {
     let loaded = load_quietly(&arguments.path, &arguments.set, json)?;
-    let bare: Vec<&str> = (loaded.profile.axes.iter())
-        .filter(|axis| axis.settings.models.is_empty())
-        .map(|axis| axis.settings.name.as_str())
-        .collect();
-    let Some(first) = bare.first() else { return Ok(warned(loaded)) };
+    let unmodelled = loaded.profile.axes.iter().filter(|axis| axis.settings.models.is_empty());
+    let unmodelled: Vec<&str> = unmodelled.map(|axis| axis.settings.name.as_str()).collect();
+    let Some(first) = unmodelled.first() else { return Ok(warned(loaded)) };
     let path = arguments.path.display();
-    Err(anyhow::anyhow!(
+    anyhow::bail!(
         "{path}: axis {} has no model, so there is nothing to compensate with; record runs with `isotherm record {path} \
          --out campaign/`, find the model with `isotherm identify {path} campaign/ --axis {first} --write model.toml`, \
          and put the block of model.toml into the profile",
-        bare.join(", ")
+        unmodelled.join(", ")
     )
-    .into())
 }
 
 /// A profile, its warnings left to the caller.
@@ -283,7 +265,7 @@ fn load_quietly(
     path: &Path,
     set: &[(String, String)],
     json: bool,
-) -> Result<isotherm_profile::Loaded, Failure> {
+) -> anyhow::Result<isotherm_profile::Loaded> {
     let environment = isotherm_profile::environment();
     // A shipped machine may be named without having its file.
     let shipped = path.to_str().filter(|_| !path.exists()).and_then(machines::text);
@@ -292,25 +274,27 @@ fn load_quietly(
         None => isotherm_profile::load(path, set, &environment),
     };
     let loaded = loaded.and_then(|loaded| tls::check(&loaded.profile).map(|()| loaded));
-    match loaded {
-        Ok(loaded) => Ok(loaded),
-        Err(errors) => {
-            if json {
-                print_json(&errors)?;
-            } else {
-                eprint!("{errors}");
-            }
-            Err(Failure::Profile)
+    loaded.or_else(|errors| {
+        if json {
+            print_json(&errors)?;
+        } else {
+            eprint!("{errors}");
         }
-    }
+        Err(WrongProfile.into())
+    })
 }
 
-fn print_json(document: &impl serde::Serialize) -> Result<(), Failure> {
+fn print_json(document: &impl serde::Serialize) -> anyhow::Result<()> {
     use std::io::Write;
-    let text = serde_json::to_string_pretty(document).map_err(anyhow::Error::from)?;
+    let text = serde_json::to_string_pretty(document)?;
     Ok(writeln!(std::io::stdout(), "{text}")?)
 }
 
 fn write_file(path: &Path, text: impl AsRef<[u8]>) -> anyhow::Result<()> {
     std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
+}
+
+/// What a verb that talks to devices runs on.
+fn runtime() -> std::io::Result<tokio::runtime::Runtime> {
+    tokio::runtime::Builder::new_current_thread().enable_all().build()
 }

@@ -16,5 +16,6 @@ pub mod values;
 pub mod walk;
 
 pub use crate::fieldbus::error::Fault;
+pub use crate::fieldbus::trace::Exchange;
 pub use crate::fieldbus::wire::Answer;
 pub use isotherm_core::codec::{DataType, Register, Table, WordOrder};

@@ -2,8 +2,7 @@
 
 use std::io::Write;
 
-use super::gauge::{self, Gauge};
-use super::{Failure, ProfileArguments, load, print_json};
+use super::{ProfileArguments, gauge, load, print_json};
 use crate::discovery::can;
 use isotherm_profile::preview::Preview;
 
@@ -25,7 +24,7 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let profile = load(&arguments.profile, arguments.json)?;
     let preview = Preview::of(&profile);
     for warning in preview.warnings(&profile) {
@@ -38,7 +37,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         // Whoever looks at its beginning only, as `head` does, has closed the pipe by the end.
         return Ok(write!(std::io::stdout(), "{preview}")?);
     }
-    let lines = can::look(&profile);
+    let lines = can::inspect(&profile);
     let status = gauge::once(profile)?;
     if arguments.json {
         print_json(&serde_json::json!({ "profile": preview, "online": status, "can": lines }))?;
@@ -49,8 +48,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
             println!("  bus {}: interface {}: {}", line.bus, line.interface, line.state);
             line.advice.iter().for_each(|advice| println!("    warning: {advice}"));
         }
-        print!("{}", Gauge(&status));
-        print!("{}", gauge::Fieldbus(&status));
+        print!("{}{}", gauge::signals(&status), gauge::fieldbus(&status));
     }
     gauge::judge(&status)
 }

@@ -10,12 +10,12 @@ use serde::Serialize;
 use super::services::Sockets;
 use super::signals::Signals;
 use super::values::{self, key_and_value};
-use super::{Failure, machines, print_json};
+use super::{machines, print_json};
 use crate::clock::Clock;
 use crate::discovery::can;
 use crate::gateway::{Gateway, Options, Outcome};
 use crate::observe::status::Source;
-use crate::virtual_machine::{PlantSpec, Published, Setup, Summary, VirtualMachine, Window};
+use crate::virtual_machine::{AxisSummary, PlantSpec, Published, Setup, Summary, VirtualMachine, Window};
 use isotherm_profile::{Profile, Web};
 
 mod linuxcnc;
@@ -70,25 +70,23 @@ fn positive(text: &str) -> Result<f64, String> {
 }
 
 impl Arguments {
-    /// The log would run through the table, whose list of events has it. Elsewhere only what failed is told: that the
+    /// The log would run through the table, whose list of events has it. Elsewhere only what failed is logged: that the
     /// axes go to zero at the end of every demo is no news.
     pub(super) fn quiet_log(&self) -> &'static str {
         if std::io::stdout().is_terminal() && !self.json { "off" } else { "error" }
     }
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let (profile, plant) = machines::with_plant(&arguments.machine, &arguments.set)?;
     usable(&profile)?;
     let mill = Mill::of(&arguments.machine)?;
     let mut sockets = Sockets::default();
     let page = open_page(&mut sockets, arguments.listen.as_deref(), profile.web.as_ref())?;
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let shown = runtime.block_on(show(arguments, profile, (plant, mill), sockets, page))?;
-    report(arguments, &shown)?;
-    if shown.outcome.failed {
-        return Err(anyhow::anyhow!("something failed inside; run it again with --log info").into());
-    }
+    let published = plant.published().cloned();
+    let shown = super::runtime()?.block_on(show(arguments, profile, (plant, mill), sockets, page))?;
+    report(arguments, &shown, published.as_ref())?;
+    anyhow::ensure!(!shown.outcome.failed, "something failed inside; run it again with --log info");
     Ok(())
 }
 
@@ -97,7 +95,6 @@ struct Shown {
     summary: Summary,
     span: Duration,
     outcome: Outcome,
-    published: Option<Published>,
 }
 
 async fn show(
@@ -110,7 +107,6 @@ async fn show(
     let speed = arguments.speed.unwrap_or(if mill.is_some() { 60.0 } else { 600.0 });
     let clock = Clock::simulated(plant.start(), Some(speed));
     let begun = clock.now();
-    let published = plant.published().cloned();
     // Nobody may run ahead before everybody sits at the table.
     let hold = clock.hold();
     let mut machine =
@@ -143,13 +139,15 @@ async fn show(
     if let Some(mill) = &mut mill {
         mill.has_run_through()?;
     }
-    Ok(Shown { summary, span, outcome, published })
+    Ok(Shown { summary, span, outcome })
 }
 
 /// The devices on CAN need an interface of the kernel, which nobody can make for them.
 fn usable(profile: &Profile) -> anyhow::Result<()> {
-    let Some(looked) = can::look(profile).into_iter().find(|looked| !looked.is_up) else { return Ok(()) };
-    let can::Looked { bus, interface, state, advice, .. } = looked;
+    let Some(down) = can::inspect(profile).into_iter().find(|interface| !interface.is_up) else {
+        return Ok(());
+    };
+    let can::Inspected { bus, interface, state, advice, .. } = down;
     anyhow::bail!(
         "{} needs a CAN interface, and {interface} is not usable: {state}; {}. Another one: --set \
          bus.{bus}.interface=NAME. Where `ip` says \"Unknown device type\", the kernel has no CAN, as in most containers",
@@ -185,38 +183,31 @@ async fn draw(
     }
 }
 
-fn report(arguments: &Arguments, shown: &Shown) -> Result<(), Failure> {
-    let summary = &shown.summary;
-    let mut axes = serde_json::Map::new();
-    for axis in &summary.axes {
+fn report(arguments: &Arguments, shown: &Shown, published: Option<&Published>) -> anyhow::Result<()> {
+    let axes = &shown.summary.axes;
+    let ranges = |axis: &AxisSummary| {
         let ranges = serde_json::json!({
             "uncompensated_range_um": round(axis.uncompensated.range_um()),
             "compensated_range_um": round(axis.compensated.range_um()),
         });
-        axes.insert(axis.axis.clone(), ranges);
-    }
-    let worst = |range: fn(&crate::virtual_machine::AxisSummary) -> f64| {
-        round(summary.axes.iter().map(range).fold(0.0, f64::max))
+        (axis.axis.clone(), ranges)
     };
+    let worst = |range: fn(&AxisSummary) -> f64| round(axes.iter().map(range).fold(0.0, f64::max));
     let report = Report {
         machine: arguments.machine.clone(),
         seed: arguments.seed,
         machine_hours: round(shown.span.as_secs_f64() / 3600.0),
         uncompensated_range_um: worst(|axis| axis.uncompensated.range_um()),
         compensated_range_um: worst(|axis| axis.compensated.range_um()),
-        axes,
+        axes: axes.iter().map(ranges).collect(),
     };
     if arguments.json {
         return print_json(&report);
     }
     println!("\n{}, seed {}: {:.1} h of machine time", report.machine, report.seed, report.machine_hours);
-    for axis in &summary.axes {
-        println!(
-            "  {}: error range {:.1} µm uncompensated, {:.1} µm compensated",
-            axis.axis,
-            axis.uncompensated.range_um(),
-            axis.compensated.range_um()
-        );
+    for axis in axes {
+        let (before, after) = (axis.uncompensated.range_um(), axis.compensated.range_um());
+        println!("  {}: error range {before:.1} µm uncompensated, {after:.1} µm compensated", axis.axis);
     }
     if arguments.machine == linuxcnc::MACHINE {
         println!("Z was moved by LinuxCNC, which cut a part meanwhile; its offset is what is counted here.");
@@ -224,14 +215,12 @@ fn report(arguments: &Arguments, shown: &Shown) -> Result<(), Failure> {
     println!(
         "The virtual machine is ours; its day was not the one on which the coefficients were identified."
     );
-    for line in shown.published.iter().flat_map(told) {
-        println!("{line}");
-    }
+    published.map(source_lines).into_iter().flatten().for_each(|line| println!("{line}"));
     Ok(())
 }
 
-/// What the source of a machine reports, in words.
-fn told(published: &Published) -> Vec<String> {
+/// What the source of a machine reports.
+fn source_lines(published: &Published) -> Vec<String> {
     let micron = |value: Option<f64>| value.map_or("not told".to_owned(), |value| format!("{value} µm"));
     let mut lines = vec![format!("Its source: {}", published.text)];
     lines.extend(published.axes.iter().map(|axis| {
@@ -247,21 +236,4 @@ fn round(value: f64) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_machine_states_its_sources_figures_beside_ours() {
-        for name in machines::names() {
-            let (profile, plant) = machines::with_plant(name, &[]).unwrap();
-            let published = plant.published().unwrap_or_else(|| panic!("{name}: its source is not told"));
-            let axes: Vec<&str> = profile.axes.iter().map(|axis| axis.settings.name.as_str()).collect();
-            assert!(published.axes.iter().all(|figure| axes.contains(&figure.name.as_str())), "{name}");
-            let lines = told(published);
-            assert!(
-                lines[0].starts_with("Its source: ") && lines.len() == 1 + published.axes.len(),
-                "{lines:?}"
-            );
-        }
-    }
-}
+mod tests;

@@ -7,7 +7,7 @@ use std::time::Duration;
 use anyhow::Context;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
-use super::{Failure, load_quietly, print_json};
+use super::{load_quietly, print_json};
 use crate::clock::Clock;
 use isotherm_core::compensation::model::Outside;
 use isotherm_identify::applied::Applied;
@@ -148,16 +148,15 @@ fn outsides() -> impl TypedValueParser<Value = Outside> {
     ])
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     // A profile in the making has signals that no model uses yet: no word about them.
     let Some(path) = &arguments.path else { return balls::run(&arguments.balls, arguments.json) };
     let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
     if ["csv", "parquet"].iter().any(|log| ending.eq_ignore_ascii_case(log)) {
         let log = path.display();
-        return Err(anyhow::anyhow!(
+        anyhow::bail!(
             "{log} is a log; the machine's profile comes first: isotherm identify my-machine.toml {log} …"
-        )
-        .into());
+        );
     }
     let profile = load_quietly(path, &arguments.set, arguments.json)?.profile;
     let (found, document) = find(arguments, &profile)?;
@@ -179,12 +178,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 /// What was found, and as one document where one is asked for.
-fn find(
-    arguments: &Arguments,
-    profile: &Profile,
-) -> Result<(Identified, Option<serde_json::Value>), Failure> {
+fn find(arguments: &Arguments, profile: &Profile) -> anyhow::Result<(Identified, Option<serde_json::Value>)> {
     let split = Split { column: arguments.run_column.clone(), gap: arguments.gap };
-    let mut dataset = Dataset::read(&arguments.logs, &split, &units(profile)).map_err(anyhow::Error::from)?;
+    let mut dataset = Dataset::read(&arguments.logs, &split, &units(profile))?;
     let choice = Choice {
         axis: arguments.axis.clone(),
         error: arguments.error.clone(),
@@ -195,8 +191,8 @@ fn find(
         position: arguments.position.clone().map(|name| (name, arguments.position_reference)),
     };
     let applied = arguments.cz.as_deref().map(Applied::named).unwrap_or_default();
-    without_cz(profile, &mut dataset, &choice, &applied).map_err(anyhow::Error::from)?;
-    let ready = ready(profile, &dataset, &choice).map_err(anyhow::Error::from)?;
+    without_cz(profile, &mut dataset, &choice, &applied)?;
+    let ready = ready(profile, &dataset, &choice)?;
     let mut settings = Settings {
         method: arguments.method,
         terms: arguments.terms.map(usize::from),
@@ -221,7 +217,7 @@ fn find(
         std::fs::write(path, page).with_context(|| format!("cannot write {}", path.display()))?;
     }
     let document = || document(profile, &ready, &found, Clock::wall().now());
-    let document = arguments.json.then(document).transpose().map_err(anyhow::Error::from)?;
+    let document = arguments.json.then(document).transpose()?;
     Ok((found, document))
 }
 
@@ -236,7 +232,7 @@ pub(super) fn progress() -> impl Fn(usize, usize) + Sync {
     }
 }
 
-fn write(arguments: &Arguments, found: &Identified, path: &std::path::Path) -> Result<(), Failure> {
+fn write(arguments: &Arguments, found: &Identified, path: &std::path::Path) -> anyhow::Result<()> {
     let stem = path.file_stem().and_then(|stem| stem.to_str()).unwrap_or("model");
     let written = written(found, stem, arguments.outside);
     let beside = written.files.iter().map(|(name, text)| (path.with_file_name(name), text));

@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use super::Failure;
 use crate::virtual_machine::PlantSpec;
 use isotherm_profile::Profile;
 
@@ -37,51 +36,17 @@ pub(super) fn text(name: &str) -> Option<(PathBuf, &'static str)> {
 }
 
 /// A shipped machine, with these keys overridden, and its plant.
-pub(super) fn with_plant(name: &str, set: &[(String, String)]) -> Result<(Profile, PlantSpec), Failure> {
+pub(super) fn with_plant(name: &str, set: &[(String, String)]) -> anyhow::Result<(Profile, PlantSpec)> {
     let Some((path, text)) = text(name) else {
         let known: Vec<&str> = names().collect();
-        return Err(anyhow::anyhow!("there is no machine `{name}`; shipped are: {}", known.join(", ")).into());
+        anyhow::bail!("there is no machine `{name}`; shipped are: {}", known.join(", "));
     };
     let loaded = isotherm_profile::parse_with(&path, text, &FILES, set, &[])
         .map_err(|errors| anyhow::anyhow!("{errors}"))?;
-    let plant = PlantSpec::shipped(name)
-        .ok_or_else(|| anyhow::anyhow!("the machine `{name}` has no plant"))?
-        .map_err(anyhow::Error::from)?;
+    let plant =
+        PlantSpec::shipped(name).ok_or_else(|| anyhow::anyhow!("the machine `{name}` has no plant"))??;
     Ok((loaded.profile, plant))
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// The model of a shipped profile as it is written, line by line.
-    fn model(name: &str) -> Vec<&'static str> {
-        let (_, text) = text(name).unwrap();
-        text.lines()
-            .skip_while(|line| !line.starts_with("[[axis."))
-            .take_while(|line| *line != "]")
-            .skip(1)
-            .collect()
-    }
-
-    #[test]
-    fn the_lathe_on_can_has_the_gains_and_the_plant_of_the_lathe() {
-        assert_eq!(model("xc100-lathe-can"), model("xc100-lathe"));
-        assert_eq!(model("xc100-lathe").len(), 7);
-        let plant = |name| format!("{:?}", with_plant(name, &[]).unwrap().1);
-        assert_eq!(plant("xc100-lathe-can"), plant("xc100-lathe"));
-    }
-
-    #[test]
-    fn the_mill_under_linuxcnc_has_the_gains_of_the_spindle() {
-        assert_eq!(model("linuxcnc-mill"), model("spindle-hmc"));
-        assert_eq!(model("spindle-hmc").len(), 5);
-    }
-
-    #[test]
-    fn a_key_of_a_shipped_machine_can_be_overridden() {
-        let set = [("bus.field.interface".to_owned(), "can7".to_owned())];
-        let (profile, _) = with_plant("xc100-lathe-can", &set).unwrap();
-        assert!(profile.buses.iter().any(|bus| bus.address == "can7"));
-    }
-}
+mod tests;

@@ -1,9 +1,7 @@
 //! `isotherm measured`: an axis's measured error for the running gateway.
 
-use std::path::PathBuf;
-
-use super::run::state_directory;
-use super::{Failure, ProfileArguments, load, print_json, values};
+use super::command::RunningGateway;
+use super::{ProfileArguments, load, values};
 use crate::gateway::control;
 
 /// Hands an axis's measured error to the gateway that runs this profile on this computer, or takes back what such errors
@@ -25,27 +23,16 @@ pub(super) struct Arguments {
     /// Take back what measured errors have taught
     #[arg(long, conflicts_with = "error")]
     clear: bool,
-    /// The state directory that the gateway was started with
-    #[arg(long, value_name = "DIR")]
-    state: Option<PathBuf>,
-    /// One JSON document
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    gateway: RunningGateway,
 }
 
 fn finite(text: &str) -> Result<f64, String> {
     values::number(text, |_| true, "write a number of micrometres, as 3.2 or -0.8")
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let profile = load(&arguments.profile, arguments.json)?;
-    let directory = state_directory(arguments.state.as_deref(), &profile)?;
-    let socket = control::path(&directory, &profile.name);
-    let said =
-        control::send_measured(&socket, &arguments.axis, arguments.error).map_err(anyhow::Error::msg)?;
-    if arguments.json {
-        return print_json(&serde_json::json!({ "answer": said }));
-    }
-    println!("{said}");
-    Ok(())
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let Arguments { profile, axis, error, gateway, .. } = arguments;
+    let profile = load(profile, gateway.json)?;
+    gateway.print(control::send_measured(&gateway.socket(&profile)?, axis, *error))
 }

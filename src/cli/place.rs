@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 
-use super::{Failure, print_json, values, write_file};
+use super::{print_json, values, write_file};
 use crate::clock::Clock;
 use isotherm_placement::blocks::Cut;
 use isotherm_placement::export::{Rider, block, matrix};
@@ -143,7 +143,7 @@ fn not_negative(text: &str) -> Result<f64, String> {
     values::number(text, |value| value >= 0.0, "write a number that is not negative, with a decimal point")
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(directory) = &arguments.example {
         return plant::write_example(directory);
     }

@@ -2,9 +2,9 @@
 
 use std::io::{IsTerminal, Write};
 
-use super::gauge::{self, Gauge};
 use super::target::Target;
-use super::{Failure, print_json};
+use super::{gauge, print_json};
+use crate::observe::status::Status;
 
 mod register;
 
@@ -29,7 +29,7 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.one.is_asked_for() {
         return register::run(&arguments.target, &arguments.one, arguments.watch, arguments.json);
     }
@@ -39,23 +39,22 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     if arguments.target.bus.is_some() || arguments.target.timeout.is_some() {
         super::refuse("--bus and --timeout want --register: what to read")
     }
+    let document = |status: &Status| serde_json::json!({ "now": status.now, "signals": status.signals });
     if !arguments.watch {
         let status = gauge::once(profile)?;
         if arguments.json {
-            print_json(&serde_json::json!({ "now": status.now, "signals": status.signals }))?;
+            print_json(&document(&status))?;
         } else {
-            print!("{}", Gauge(&status));
+            print!("{}", gauge::signals(&status));
         }
         return gauge::judge(&status);
     }
-    let redraw = std::io::stdout().is_terminal() && !arguments.json;
+    let redraw = if std::io::stdout().is_terminal() { "\x1b[H\x1b[2J" } else { "" };
     gauge::watch(profile, |status| {
         let text = if arguments.json {
-            format!("{}\n", serde_json::json!({ "now": status.now, "signals": status.signals }))
-        } else if redraw {
-            format!("\x1b[H\x1b[2J{}\n{}", status.now, Gauge(&status))
+            format!("{}\n", document(&status))
         } else {
-            format!("{}\n{}", status.now, Gauge(&status))
+            format!("{redraw}{}\n{}", status.now, gauge::signals(&status))
         };
         // A reader that went away ends it.
         std::io::stdout().write_all(text.as_bytes()).and_then(|()| std::io::stdout().flush()).is_ok()

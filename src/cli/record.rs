@@ -8,18 +8,18 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::signals::Signals;
-use super::{Failure, ProfileArguments, load, machines, values};
+use super::{ProfileArguments, load, machines, values};
 use crate::clock::Clock;
 use crate::gateway::{Gateway, Options};
 use crate::virtual_machine::{Setup, VirtualMachine, Window};
 use isotherm_profile::Profile;
 
-mod sheet;
+mod recording;
 
-use sheet::Sheet;
+use recording::Recording;
 
-/// How often progress is told where no terminal redraws it.
-const TOLD_EVERY: Duration = Duration::from_secs(600);
+/// How often progress is shown where no terminal redraws it.
+const SHOWN_EVERY: Duration = Duration::from_secs(600);
 
 /// Logs readings, and displacement signals among them, for `identify` and `select`. Reads only.
 ///
@@ -58,9 +58,9 @@ fn positive(text: &str) -> Result<Duration, String> {
     values::span(text, Duration::MAX, "write a time above zero, such as 10s")
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let sheet = if arguments.on_plant {
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let runtime = super::runtime()?;
+    let recording = if arguments.on_plant {
         let (profile, plant) =
             machines::with_plant(&arguments.profile.path.to_string_lossy(), &arguments.profile.set)?;
         runtime.block_on(async {
@@ -71,7 +71,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
             let profile = machine.serving(profile);
             let window = machine.window();
             tokio::select! {
-                sheet = record(arguments, profile, &clock, Some(&window), hold) => sheet,
+                recording = record(arguments, profile, &clock, Some(&window), hold) => recording,
                 error = machine.failure() => Err(error.into()),
             }
         })?
@@ -79,7 +79,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let profile = load(&arguments.profile, false)?;
         runtime.block_on(record(arguments, profile, &Clock::wall(), None, ()))?
     };
-    print!("{sheet}");
+    print!("{recording}");
     Ok(())
 }
 
@@ -90,10 +90,10 @@ async fn record(
     clock: &Clock,
     window: Option<&Window>,
     ready: impl Sized,
-) -> anyhow::Result<Sheet> {
+) -> anyhow::Result<Recording> {
     let axes = window.map(|window| window.summary().axes).unwrap_or_default();
-    let mut sheet = Sheet::begin(&arguments.out, &profile, &axes, clock.now())?;
-    eprintln!("recording {} signals into {}; end it with Ctrl-C", profile.signals.len(), sheet.path());
+    let mut recording = Recording::begin(&arguments.out, &profile, &axes, clock.now())?;
+    eprintln!("recording {} signals into {}; end it with Ctrl-C", profile.signals.len(), recording.path());
     let mut signals = Signals::listen()?;
     let gateway = Gateway::new(profile, clock, Options { dry_run: true, ..Options::default() });
     let source = gateway.source();
@@ -101,8 +101,8 @@ async fn record(
     drop(ready);
     let begun = clock.now();
     let mut done = Ok(());
-    let recording = async {
-        let mut progress = Progress::default();
+    let until_done = async {
+        let mut shown = Duration::ZERO;
         let rows = async {
             loop {
                 let now = sleeper.sleep_until(clock.now().next_tick(begun, arguments.every)).await;
@@ -110,10 +110,10 @@ async fn record(
                 if arguments.span.is_some_and(|span| spent > span) {
                     return Ok(());
                 }
-                sheet.rotate(now, arguments.rotate)?;
+                recording.rotate(now, arguments.rotate)?;
                 let truth = window.and_then(Window::latest_truth);
-                sheet.row(now, &source.status(), truth.as_ref())?;
-                progress.tell(spent, arguments.span, &sheet);
+                recording.row(now, &source.status(), truth.as_ref())?;
+                show_progress(&mut shown, spent, arguments.span, &recording);
             }
         };
         done = tokio::select! {
@@ -121,31 +121,24 @@ async fn record(
             () = signals.next() => Ok(()),
         };
     };
-    gateway.run(recording, std::future::ready(())).await;
-    done.map(|()| sheet)
+    gateway.run(until_done, std::future::ready(())).await;
+    done.map(|()| recording)
 }
 
-/// What a person sees meanwhile, on stderr.
-#[derive(Default)]
-struct Progress {
-    told: Duration,
-}
-
-impl Progress {
-    fn tell(&mut self, spent: Duration, span: Option<Duration>, sheet: &Sheet) {
-        let of = span.map_or(String::new(), |span| format!(" of {}", humantime::format_duration(span)));
-        let whole = humantime::format_duration(Duration::from_secs(spent.as_secs()));
-        let missing = sheet.missing_now();
-        let missing =
-            if missing.is_empty() { String::new() } else { format!(", without {}", missing.join(", ")) };
-        let words = format!("{whole}{of}, {} rows{missing}", sheet.rows());
-        // A closed stderr is no reason to lose a run.
-        let mut stderr = std::io::stderr();
-        if stderr.is_terminal() {
-            let _ = write!(stderr, "\r\x1b[K{words}");
-        } else if spent >= self.told + TOLD_EVERY {
-            self.told = spent;
-            let _ = writeln!(stderr, "{words}");
-        }
+/// What a person sees meanwhile, on stderr. `shown` is when that was last, where no terminal redraws it.
+fn show_progress(shown: &mut Duration, spent: Duration, span: Option<Duration>, recording: &Recording) {
+    let of = span.map_or(String::new(), |span| format!(" of {}", humantime::format_duration(span)));
+    let whole = humantime::format_duration(Duration::from_secs(spent.as_secs()));
+    let missing = recording.missing_now();
+    let missing =
+        if missing.is_empty() { String::new() } else { format!(", without {}", missing.join(", ")) };
+    let progress = format!("{whole}{of}, {} rows{missing}", recording.rows());
+    // A closed stderr is no reason to lose a run.
+    let mut stderr = std::io::stderr();
+    if stderr.is_terminal() {
+        let _ = write!(stderr, "\r\x1b[K{progress}");
+    } else if spent >= *shown + SHOWN_EVERY {
+        *shown = spent;
+        let _ = writeln!(stderr, "{progress}");
     }
 }

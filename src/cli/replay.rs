@@ -19,7 +19,7 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 
-use super::{Failure, ProfileArguments, load_modelled, print_json};
+use super::{ProfileArguments, load_modelled, print_json};
 use crate::gateway::log::{LogReader, LogRow, number};
 use isotherm_core::compensation::{Compensation, Decision, Remembered, Snapshot};
 use isotherm_core::quantity::Micron;
@@ -55,7 +55,7 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let profile = load_modelled(&arguments.profile, arguments.json)?;
     let name = arguments.recording.display().to_string();
     let log = File::open(&arguments.recording).with_context(|| format!("the log {name} cannot be read"))?;
@@ -78,12 +78,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-fn run_outputs(arguments: &Arguments, log: impl Read, name: &str) -> Result<(), Failure> {
+fn run_outputs(arguments: &Arguments, log: impl Read, name: &str) -> anyhow::Result<()> {
     if arguments.out.is_some() {
         let why = format!(
             "{name} is a log of outputs, which has no stages of Cz: leave --out away, or name the log of the decisions"
         );
-        return Err(anyhow::anyhow!(why).into());
+        anyhow::bail!(why);
     }
     let summary = replay_outputs(log, name)?;
     if arguments.json {

@@ -8,7 +8,7 @@ use anyhow::Context;
 use clap::builder::TypedValueParser;
 
 use super::identify::one_of;
-use super::{Failure, load_with, print_json};
+use super::{load_with, print_json};
 use crate::clock::Clock;
 use isotherm_identify::applied::{Applied, add_without_cz};
 use isotherm_identify::dataset::{Dataset, Split};
@@ -68,19 +68,18 @@ fn tests() -> impl TypedValueParser<Value = Test> {
     ])
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let profile = match &arguments.profile {
         Some(path) => Some(load_with(path, &[], arguments.json)?),
         None => None,
     };
     let unit = |name: &str| profile.as_ref().and_then(|profile| units(profile)(name));
     let split = Split { column: arguments.run_column.clone(), gap: arguments.gap };
-    let mut dataset = Dataset::read(&arguments.logs, &split, &unit).map_err(anyhow::Error::from)?;
+    let mut dataset = Dataset::read(&arguments.logs, &split, &unit)?;
     let applied = arguments.cz.as_deref().map(Applied::named).unwrap_or_default();
     let mut displacements = arguments.displacement.clone();
-    add_without_cz(&mut dataset, profile.as_ref(), &mut displacements, &applied)
-        .map_err(anyhow::Error::from)?;
-    let drifts = drift(&dataset, &displacements, arguments.test, &unit).map_err(anyhow::Error::from)?;
+    add_without_cz(&mut dataset, profile.as_ref(), &mut displacements, &applied)?;
+    let drifts = drift(&dataset, &displacements, arguments.test, &unit)?;
     if let Some(path) = &arguments.report {
         let page = report::drifted(&dataset, &drifts, profile.as_ref(), Clock::wall().now());
         std::fs::write(path, page).with_context(|| format!("cannot write {}", path.display()))?;

@@ -8,7 +8,7 @@ use anyhow::Context;
 
 use super::services::Sockets;
 use super::signals::Signals;
-use super::{Failure, ProfileArguments, load_modelled};
+use super::{ProfileArguments, load_modelled};
 use crate::clock::Clock;
 use crate::gateway::{Gateway, Options};
 use isotherm_profile::preview::Preview;
@@ -39,7 +39,7 @@ pub(super) struct Arguments {
     dry_run: bool,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let profile = load_modelled(&arguments.profile, false)?;
     let directory = state_directory(arguments.state.as_deref(), &profile)?;
     let mut sockets = Sockets::default();
@@ -63,8 +63,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         }),
         ..Options::default()
     };
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let outcome = runtime.block_on(async {
+    let outcome = super::runtime()?.block_on(async {
         let signals = Signals::listen()?.count();
         // An error would mean that nobody counts any more.
         let after = |times: u32| {
@@ -75,27 +74,20 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         let _services = sockets.serve(&gateway.source(), gateway.wire_log())?;
         anyhow::Ok(gateway.run(after(1), after(2)).await)
     })?;
-    if outcome.failed {
-        return Err(anyhow::anyhow!("something failed inside (see above); {}", outcome.left).into());
-    }
-    if !outcome.rested {
-        return Err(anyhow::anyhow!(
-            "stopped before the fault actions had come to their end; {}",
-            outcome.left
-        )
-        .into());
-    }
+    anyhow::ensure!(!outcome.failed, "something failed inside (see above); {}", outcome.left);
+    anyhow::ensure!(
+        outcome.rested,
+        "stopped before the fault actions had come to their end; {}",
+        outcome.left
+    );
     Ok(())
 }
 
+/// The page of the profile, at another address where one is given.
 fn web(listen: Option<&str>, profile: &Profile) -> Option<Web> {
-    match (listen, &profile.web) {
-        (Some(listen), web) => Some(Web {
-            listen: listen.to_owned(),
-            token_file: web.as_ref().and_then(|web| web.token_file.clone()),
-        }),
-        (None, web) => web.clone(),
-    }
+    let Some(listen) = listen else { return profile.web.clone() };
+    let token_file = profile.web.as_ref().and_then(|web| web.token_file.clone());
+    Some(Web { listen: listen.to_owned(), token_file })
 }
 
 /// The option, the profile, or where the platform keeps such things; made if it is not there.

@@ -3,19 +3,18 @@
 use std::io::{IsTerminal, Write};
 use std::time::Duration;
 
+use super::print_json;
 use super::signals::Signals;
 use super::target::{self, Target};
-use super::{Failure, print_json};
 use crate::clock::Clock;
-use crate::discovery::Register;
-use crate::discovery::ask::Asker;
-use crate::discovery::bus::{Parity, Place, Transport, baud};
-use crate::discovery::remedy::{Asked, remedy};
-use crate::discovery::scan::{Found, How, Scan, Stopped, Told};
-use crate::discovery::walk::{Walked, walk};
+use crate::discovery::bus::{LineAddress, Parity, Serial, Transport, baud};
+use crate::discovery::remedy::{Question, remedy};
+use crate::discovery::scan::{Event, How, Responder, Scan, Stopped};
+use crate::discovery::walk::{RegisterRange, walk};
+use crate::discovery::{Exchange, Register};
 use isotherm_core::quantity::Moment;
 
-mod told;
+mod text;
 
 /// Asks every unit of a line once, for one register, and tells which answer. An exception is an answer too. Reads only.
 ///
@@ -41,7 +40,7 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "PARITY", value_delimiter = ',')]
     parity: Vec<Parity>,
     /// Then reads these registers of every unit that answers, in steps of 16, and tells which it has
-    #[arg(long, value_name = "holding:0..99", value_parser = target::stretch)]
+    #[arg(long, value_name = "holding:0..99", value_parser = target::range)]
     registers: Option<(Register, u16)>,
     /// The bytes of each frame, on stderr
     #[arg(long)]
@@ -51,156 +50,142 @@ pub(super) struct Arguments {
     json: bool,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.target.bus.is_none() && arguments.target.profile.is_none() {
         super::refuse("name the line: --bus tcp://192.168.0.10:502, or a PROFILE with --bus NAME");
     }
-    let found = arguments.target.find(arguments.json)?;
-    let is_serial = matches!(found.place.transport, Transport::Serial(_));
+    let line = arguments.target.find(arguments.json)?;
+    let is_serial = matches!(line.address.transport, Transport::Serial(_));
     let has_settings = !arguments.baud.is_empty() || !arguments.parity.is_empty();
     if has_settings && !is_serial {
         super::refuse("--baud and --parity are for a serial line: rtu:///dev/ttyUSB0");
     }
     let scan = Scan {
-        places: places(&found.place, &arguments.baud, &arguments.parity),
-        bus: found.bus.clone(),
-        quirks: found.quirks,
+        lines: settings(&line.address, &arguments.baud, &arguments.parity),
+        bus: line.bus.clone(),
+        quirks: line.quirks,
         units: arguments.units.0..=arguments.units.1,
         registers: arguments.register.clone(),
-        traced: arguments.trace,
+        trace: arguments.trace.then_some(print_exchange),
     };
-    eprintln!("{}", told::plan(&scan));
-    let mut seen = Seen { json: arguments.json, ..Seen::default() };
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    let stopped = runtime.block_on(async {
+    eprintln!("{}", text::plan(&scan));
+    let runtime = super::runtime()?;
+    let (seen, stopped) = runtime.block_on(async {
         let mut signals = Signals::listen()?;
         let clock = Clock::wall();
-        seen.progress =
-            Some(Progress { clock: clock.clone(), begun: clock.now(), questions: scan.questions() });
+        let mut seen = Seen::new(&scan, &clock, arguments.json);
         let all = async {
-            scan.run(|told| seen.take(told)).await?;
-            if let Some(stretch) = arguments.registers {
-                registers(&scan, stretch, &mut seen).await;
+            scan.run(|event| seen.take(event)).await?;
+            if let Some(range) = arguments.registers {
+                seen.walk(&scan, range).await;
             }
             Ok(())
         };
-        let stopped = tokio::select! {
-            done = all => done.err().map(|stopped| in_words(&scan, stopped)),
-            () = signals.next() => Some(String::new()),
+        let stopped: Option<Option<Stopped>> = tokio::select! {
+            done = all => done.err().map(Some),
+            () = signals.next() => Some(None),
         };
-        anyhow::Ok(stopped)
+        anyhow::Ok((seen, stopped))
     })?;
-    seen.clear();
-    let stopped = stopped.map(|why| match (why.as_str(), seen.last) {
-        ("", asked) => format!("stopped after {asked} of {} questions", scan.questions()),
-        _ => why,
+    clear_line();
+    let stopped = stopped.map(|stopped| match stopped {
+        None => format!("stopped after {} of {} questions", seen.asked, scan.questions()),
+        Some(Stopped { unit, fault }) => {
+            let (line, from) = (&scan.lines[0], scan.registers[0]);
+            remedy(fault, Question { line, unit, from, count: 1, timeout: scan.bus.timeout })
+        }
     });
     if arguments.json {
-        print_json(&told::document(&scan, &seen.found, &seen.stretches, stopped.as_deref()))?;
+        print_json(&text::document(&scan, &seen.found, &seen.ranges, stopped.as_deref()))?;
     } else {
-        let bus = found.known.as_ref().map(|(profile, bus)| (profile, *bus));
-        print!("{}", told::summary(&scan, &seen.found, bus));
+        let bus = line.known.as_ref().map(|(profile, bus)| (profile, *bus));
+        print!("{}", text::summary(&scan, &seen.found, bus));
     }
     match stopped {
-        Some(why) => Err(anyhow::anyhow!(why).into()),
-        None if seen.found.is_empty() => Err(anyhow::anyhow!(told::nobody(&scan)).into()),
+        Some(why) => anyhow::bail!(why),
+        None if seen.found.is_empty() => anyhow::bail!(text::nobody(&scan)),
         None => Ok(()),
     }
 }
 
 /// The line in every setting that is to be tried.
-fn places(place: &Place, bauds: &[u32], parities: &[Parity]) -> Vec<Place> {
-    let Transport::Serial(serial) = place.transport else { return vec![place.clone()] };
+fn settings(line: &LineAddress, bauds: &[u32], parities: &[Parity]) -> Vec<LineAddress> {
+    let Transport::Serial(serial) = line.transport else { return vec![line.clone()] };
     let bauds = if bauds.is_empty() { &[serial.baud] } else { bauds };
     let parities = if parities.is_empty() { &[serial.parity] } else { parities };
     let each = bauds.iter().flat_map(|baud| parities.iter().map(move |parity| (*baud, *parity)));
-    each.map(|(baud, parity)| {
-        place.with_serial(|mut serial| {
-            serial.baud = baud;
-            serial.parity = parity;
-            serial
-        })
-    })
-    .collect()
-}
-
-fn in_words(scan: &Scan, Stopped { unit, fault }: Stopped) -> String {
-    let (place, from) = (&scan.places[0], scan.registers[0]);
-    remedy(fault, Asked { place, unit, from, count: 1, timeout: scan.bus.timeout })
-}
-
-/// Walks the registers of every unit that has been found.
-async fn registers(scan: &Scan, (from, count): (Register, u16), seen: &mut Seen) {
-    for (place, found) in seen.found.clone() {
-        if matches!(found.how, How::Garbled(_)) {
-            continue;
-        }
-        let mut asker = Asker::new(&place, &scan.bus, scan.quirks);
-        if scan.traced {
-            asker = asker.listened_to();
-        }
-        let unit = found.unit;
-        let walked = walk(&mut asker, unit, from, count, |walked| match walked {
-            Walked::Exchange(exchange) => seen.exchange(&exchange),
-            Walked::Stretch(stretch) => {
-                seen.say(&told::stretch(unit, &stretch));
-                seen.stretches.push((unit, stretch));
-            }
-        });
-        if let Err(fault) = walked.await {
-            seen.say(&format!("unit {unit}: given up: {fault}"));
-        }
-    }
+    each.map(|(baud, parity)| line.with_serial(|serial| Serial { baud, parity, ..serial })).collect()
 }
 
 /// What has been seen so far.
-#[derive(Default)]
 struct Seen {
-    found: Vec<(Place, Found)>,
-    stretches: Vec<(u8, crate::discovery::walk::Stretch)>,
-    /// Questions put.
-    last: usize,
-    json: bool,
+    found: Vec<(LineAddress, Responder)>,
+    ranges: Vec<(u8, RegisterRange)>,
+    /// Questions put, and all there are.
+    asked: usize,
+    questions: usize,
     several: bool,
-    progress: Option<Progress>,
-}
-
-struct Progress {
+    json: bool,
     clock: Clock,
     begun: Moment,
-    questions: usize,
 }
 
 impl Seen {
-    fn take(&mut self, told: Told) {
-        match told {
-            Told::Place(place) => {
-                if self.several || matches!(place.transport, Transport::Serial(_)) {
-                    self.clear();
-                    eprintln!("{place}");
-                }
-                self.several = true;
-            }
-            Told::Found(place, found) => {
-                self.say(&told::found(&place, &found));
-                self.found.push((place, found));
-            }
-            Told::Asked(asked) => {
-                self.last = asked;
-                self.show();
-            }
-            Told::Exchange(exchange) => self.exchange(&exchange),
+    fn new(scan: &Scan, clock: &Clock, json: bool) -> Seen {
+        let (found, ranges, questions) = (Vec::new(), Vec::new(), scan.questions());
+        Seen {
+            found,
+            ranges,
+            asked: 0,
+            questions,
+            several: false,
+            json,
+            clock: clock.clone(),
+            begun: clock.now(),
         }
     }
 
-    fn exchange(&self, exchange: &impl std::fmt::Display) {
-        self.clear();
-        eprintln!("{exchange}");
+    fn take(&mut self, event: Event) {
+        match event {
+            Event::Line(line) => {
+                if self.several || matches!(line.transport, Transport::Serial(_)) {
+                    clear_line();
+                    eprintln!("{line}");
+                }
+                self.several = true;
+            }
+            Event::Found(line, found) => {
+                self.say(&text::found(&line, &found));
+                self.found.push((line, found));
+            }
+            Event::Asked(asked) => {
+                self.asked = asked;
+                self.show();
+            }
+        }
+    }
+
+    /// Walks the registers of every unit that has been found.
+    async fn walk(&mut self, scan: &Scan, (from, count): (Register, u16)) {
+        for (line, found) in self.found.clone() {
+            if matches!(found.how, How::Garbled(_)) {
+                continue;
+            }
+            let unit = found.unit;
+            let mut asker = scan.asker(&line);
+            let walked = walk(&mut asker, unit, from, count, |range| {
+                self.say(&text::range(unit, &range));
+                self.ranges.push((unit, range));
+            });
+            if let Err(fault) = walked.await {
+                self.say(&format!("unit {unit}: given up: {fault}"));
+            }
+        }
     }
 
     /// A line of the result. A closed stdout ends the program soon enough.
     fn say(&self, line: &str) {
-        self.clear();
+        clear_line();
         if !self.json {
             let _ = writeln!(std::io::stdout(), "{line}").and_then(|()| std::io::stdout().flush());
         }
@@ -209,23 +194,31 @@ impl Seen {
     /// The line that a terminal redraws.
     fn show(&self) {
         let mut stderr = std::io::stderr();
-        let Some(progress) = self.progress.as_ref().filter(|_| stderr.is_terminal()) else { return };
-        let spent = progress.clock.now().since(progress.begun);
-        let share = self.last.max(1).min(progress.questions);
-        let left = spent.mul_f64((progress.questions - share) as f64 / share as f64);
+        if !stderr.is_terminal() {
+            return;
+        }
+        let spent = self.clock.now().since(self.begun);
+        let share = self.asked.max(1).min(self.questions);
+        let left = spent.mul_f64((self.questions - share) as f64 / share as f64);
         let _ = write!(
             stderr,
             "\r\x1b[K{} of {} asked, {} found, some {} left",
-            self.last,
-            progress.questions,
+            self.asked,
+            self.questions,
             self.found.len(),
             humantime::format_duration(Duration::from_secs(left.as_secs()))
         );
     }
+}
 
-    fn clear(&self) {
-        if std::io::stderr().is_terminal() {
-            eprint!("\r\x1b[K");
-        }
+fn print_exchange(exchange: &Exchange) {
+    clear_line();
+    eprintln!("{exchange}");
+}
+
+/// Takes away what a terminal shows of the progress.
+fn clear_line() {
+    if std::io::stderr().is_terminal() {
+        eprint!("\r\x1b[K");
     }
 }

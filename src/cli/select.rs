@@ -7,7 +7,7 @@ use std::time::Duration;
 use anyhow::Context;
 
 use super::identify::progress;
-use super::{Failure, print_json};
+use super::print_json;
 use crate::clock::Clock;
 use isotherm_identify::applied::{Applied, without_cz};
 use isotherm_identify::dataset::{Dataset, Split};
@@ -84,11 +84,11 @@ fn correlation(text: &str) -> Result<f64, String> {
     }
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let split = Split { column: arguments.run_column.clone(), gap: arguments.gap };
-    let mut dataset = Dataset::read(&arguments.logs, &split, &|_| None).map_err(anyhow::Error::from)?;
+    let mut dataset = Dataset::read(&arguments.logs, &split, &|_| None)?;
     let applied = arguments.cz.as_deref().map(Applied::named).unwrap_or_default();
-    without_cz(&mut dataset, &arguments.error, None, None, &applied).map_err(anyhow::Error::from)?;
+    without_cz(&mut dataset, &arguments.error, None, None, &applied)?;
     let choice = Choice {
         error: Some(arguments.error.clone()),
         inputs: arguments.inputs.clone(),
@@ -97,7 +97,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
         resample: arguments.resample,
         ..Choice::default()
     };
-    let pointed = points(&dataset, &choice).map_err(anyhow::Error::from)?;
+    let pointed = points(&dataset, &choice)?;
     let mut settings = Settings {
         groups: arguments.group.clone(),
         most: usize::from(arguments.most),

@@ -71,7 +71,7 @@ impl Sockets {
         let (stop, stopped) = watch::channel(false);
         let source = source.clone();
         let control = self.control.as_ref().map(|(_, path)| path.clone());
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        let runtime = super::runtime()?;
         let thread = std::thread::Builder::new().name("services".to_owned()).spawn(move || {
             runtime.block_on(self.all(source, wire_log, stopped));
         })?;

@@ -6,7 +6,7 @@ use std::time::Duration;
 use anyhow::Context;
 
 use super::signals::Signals;
-use super::{Failure, ProfileArguments, load};
+use super::{ProfileArguments, load};
 use crate::clock::Clock;
 use crate::virtual_machine::{FaultScript, PlantSpec, Setup, VirtualMachine};
 use isotherm_profile::{Device, Profile, Transport};
@@ -38,7 +38,7 @@ pub(super) struct Arguments {
     from: Duration,
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let profile = load(&arguments.profile, false)?;
     let faults = match &arguments.faults {
         Some(path) => {
@@ -53,46 +53,40 @@ pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let with =
         if plant.is_some() { "its plant" } else { "wandering values (no plant file beside the profile)" };
     let setup = Setup { plant, seed: arguments.seed, faults, lived: arguments.from, ..Setup::default() };
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    runtime.block_on(async {
+    super::runtime()?.block_on(async {
         let mut signals = Signals::listen()?;
-        let mut machine =
-            VirtualMachine::start(&profile, setup, &Clock::wall()).await.map_err(anyhow::Error::from)?;
+        let mut machine = VirtualMachine::start(&profile, setup, &Clock::wall()).await?;
         println!("{} with {with}, seed {}", profile.name, arguments.seed);
         for (bus, address) in machine.addresses() {
             let devices = profile.devices.iter().filter(|device| device.bus == *bus);
             let devices: Vec<String> = devices.map(named).collect();
             let bus = profile.bus(*bus);
             let name = &bus.name;
-            if matches!(bus.transport, Transport::Serial(_)) {
-                println!("bus {name} is the serial port {address}: {}", devices.join(", "));
-                if *address != bus.address {
-                    println!("  the gateway finds it with --set bus.{name}.port={address}");
-                }
-            } else if bus.transport == Transport::Can {
-                println!("bus {name} is on the CAN interface {address}: {}", devices.join(", "));
-            } else {
-                println!("bus {name} listens on {address}: {}", devices.join(", "));
+            let is = match bus.transport {
+                Transport::Serial(_) => "is the serial port",
+                Transport::Can => "is on the CAN interface",
+                Transport::Tcp | Transport::RtuOverTcp => "listens on",
+            };
+            println!("bus {name} {is} {address}: {}", devices.join(", "));
+            if matches!(bus.transport, Transport::Serial(_)) && *address != bus.address {
+                println!("  the gateway finds it with --set bus.{name}.port={address}");
             }
         }
         println!("stop with Ctrl-C");
         tokio::select! {
             () = signals.next() => Ok(()),
-            error = machine.failure() => Err(anyhow::Error::from(error)),
+            error = machine.failure() => Err(error.into()),
         }
-    })?;
-    Ok(())
+    })
 }
 
 /// A device and how it is addressed.
 fn named(device: &Device) -> String {
-    match &device.can {
-        None => format!("{} (unit {})", device.name, device.unit),
-        Some(can) => match can.node {
-            Some(node) => format!("{} (node {node})", device.name),
-            None => format!("{} (frames)", device.name),
-        },
-    }
+    let address = match &device.can {
+        None => format!("unit {}", device.unit),
+        Some(can) => can.node.map_or("frames".to_owned(), |node| format!("node {node}")),
+    };
+    format!("{} ({address})", device.name)
 }
 
 /// The plant beside the profile, or of the shipped machine of the same name.

@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use super::load_with;
 use super::values::{self, key_and_value};
-use super::{Failure, load_with};
 use crate::discovery::Register;
-use crate::discovery::bus::Place;
+use crate::discovery::bus::LineAddress;
 use isotherm_profile::{BusId, Profile, Quirks};
 
 /// How long an answer is waited for where nothing is said.
@@ -31,8 +31,8 @@ pub(super) struct Target {
 }
 
 /// A line that has been found.
-pub(super) struct Found {
-    pub(super) place: Place,
+pub(super) struct Line {
+    pub(super) address: LineAddress,
     pub(super) bus: isotherm_profile::Bus,
     pub(super) quirks: Quirks,
     /// The bus of the profile, and its name there.
@@ -41,45 +41,46 @@ pub(super) struct Found {
 
 impl Target {
     /// The profile, if one is named.
-    pub(super) fn load(&self, json: bool) -> Result<Option<Profile>, Failure> {
+    pub(super) fn load(&self, json: bool) -> anyhow::Result<Option<Profile>> {
         self.profile.as_ref().map(|path| load_with(path, &self.set, json)).transpose()
     }
 
     /// The line.
-    pub(super) fn find(&self, json: bool) -> Result<Found, Failure> {
+    pub(super) fn find(&self, json: bool) -> anyhow::Result<Line> {
         let Some(profile) = self.load(json)? else {
-            let place: Place = self.bus.as_deref().unwrap_or_default().parse().map_err(anyhow::Error::msg)?;
-            let bus = place.bus(self.timeout.unwrap_or(TIMEOUT));
-            return Ok(Found { place, bus, quirks: Quirks::default(), known: None });
+            let address: LineAddress =
+                self.bus.as_deref().unwrap_or_default().parse().map_err(anyhow::Error::msg)?;
+            let bus = address.bus(self.timeout.unwrap_or(TIMEOUT));
+            return Ok(Line { address, bus, quirks: Quirks::default(), known: None });
         };
         let names: Vec<&str> = profile.buses.iter().map(|bus| bus.name.as_str()).collect();
-        let bus = match (&self.bus, names.len()) {
-            (Some(name), _) => names.iter().position(|known| known == name),
-            (None, 1) => Some(0),
-            (None, _) => None,
+        let bus = match &self.bus {
+            Some(name) => names.iter().position(|known| known == name),
+            None => (names.len() == 1).then_some(0),
         };
-        let Some(bus) = bus.map(BusId) else {
-            let wanted = self
-                .bus
-                .as_deref()
-                .map_or("--bus is missing".to_owned(), |name| format!("the profile has no bus `{name}`"));
-            return Err(anyhow::anyhow!("{wanted}; it has: {}", names.join(", ")).into());
-        };
+        let bus = bus.map(BusId).ok_or_else(|| {
+            let why = self.bus.as_ref().map(|name| format!("the profile has no bus `{name}`"));
+            let why = why.unwrap_or("--bus is missing".to_owned());
+            anyhow::anyhow!("{why}; it has: {}", names.join(", "))
+        })?;
         Target::of(profile, bus, self.timeout)
     }
 
     /// A bus of a profile; on CAN nothing has registers.
-    pub(super) fn of(profile: Profile, id: BusId, timeout: Option<Duration>) -> Result<Found, Failure> {
-        if profile.bus(id).transport.is_can() {
-            let name = &profile.bus(id).name;
-            return Err(anyhow::anyhow!(
-                "bus {name} is a CAN line, where nothing has registers; `isotherm read PROFILE` reads its signals"
-            )
-            .into());
-        }
+    pub(super) fn of(profile: Profile, id: BusId, timeout: Option<Duration>) -> anyhow::Result<Line> {
         let mut bus = profile.bus(id).clone();
+        anyhow::ensure!(
+            !bus.transport.is_can(),
+            "bus {} is a CAN line, where nothing has registers; `isotherm read PROFILE` reads its signals",
+            bus.name
+        );
         bus.timeout = timeout.unwrap_or(bus.timeout);
-        Ok(Found { place: Place::of(&bus), bus, quirks: Quirks::default(), known: Some((profile, id)) })
+        Ok(Line {
+            address: LineAddress::of(&bus),
+            bus,
+            quirks: Quirks::default(),
+            known: Some((profile, id)),
+        })
     }
 }
 
@@ -98,24 +99,23 @@ pub(super) fn units(text: &str) -> Result<(u8, u8), String> {
 }
 
 /// `holding:0..99` or `40001..40100`, both ends included: the first and how many.
-pub(super) fn stretch(text: &str) -> Result<(Register, u16), String> {
-    let (from, to) =
-        text.split_once("..").ok_or_else(|| format!("`{text}` is no stretch; write holding:0..99"))?;
+pub(super) fn range(text: &str) -> Result<(Register, u16), String> {
+    const FORM: &str = "write holding:0..99";
+    let (from, to) = text.split_once("..").ok_or_else(|| format!("`{text}` is no stretch; {FORM}"))?;
     let first: Register = from.trim().parse()?;
     let to = to.trim();
     let last = match to.parse() {
         Ok(last) if from.contains(':') => last,
         _ => {
-            to.parse::<Register>()
-                .map_err(|_| format!("`{to}` is no end of a stretch; write holding:0..99"))?
-                .offset
+            let last = to.parse::<Register>();
+            last.map_err(|_| format!("`{to}` is no end of a stretch; {FORM}"))?.offset
         }
     };
-    let count = u32::from(last).checked_sub(u32::from(first.offset)).map(|count| count + 1);
-    let count = count.and_then(|count| u16::try_from(count).ok()).filter(|count| *count <= MOST);
+    let count = last.checked_sub(first.offset).and_then(|more| more.checked_add(1));
+    let count = count.filter(|count| *count <= MOST);
     count
         .map(|count| (first, count))
-        .ok_or_else(|| format!("`{text}` is no stretch of 1 to {MOST} registers; write holding:0..99"))
+        .ok_or_else(|| format!("`{text}` is no stretch of 1 to {MOST} registers; {FORM}"))
 }
 
 /// Registers that are walked at once: at 9600 baud, some minutes.

@@ -4,8 +4,8 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::run::state_directory;
-use super::{Failure, ProfileArguments, load, values};
+use super::command::RunningGateway;
+use super::{ProfileArguments, load, values};
 use crate::gateway::control;
 
 /// Shows what passes between the running gateway and one of its devices: the bytes of each frame, what they mean, how long
@@ -14,6 +14,7 @@ use crate::gateway::control;
 /// It changes nothing on the wire, and costs nothing before and after. Times are UTC.
 #[derive(clap::Args, Debug)]
 #[command(
+    mut_arg("json", |json| json.help("One JSON document a line")),
     after_help = "Examples:\n  isotherm trace my-machine.toml --device cnc\n  isotherm trace my-machine.toml --device cnc \
                   --for 10min --out cnc.log"
 )]
@@ -29,38 +30,29 @@ pub(super) struct Arguments {
     /// Into a new file, instead of to stdout
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
-    /// The state directory that the gateway was started with
-    #[arg(long, value_name = "DIR")]
-    state: Option<PathBuf>,
-    /// One JSON document a line
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    gateway: RunningGateway,
 }
 
 fn span(text: &str) -> Result<Duration, String> {
     values::span(text, control::LONGEST_TRACE, "write a time above zero and of at most 24h, such as 60s")
 }
 
-pub(super) fn run(arguments: &Arguments) -> Result<(), Failure> {
-    let profile = load(&arguments.profile, arguments.json)?;
-    let directory = state_directory(arguments.state.as_deref(), &profile)?;
-    let mut out: Box<dyn Write> = match &arguments.out {
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let Arguments { profile, device, span, out, gateway } = arguments;
+    let profile = load(profile, gateway.json)?;
+    let socket = gateway.socket(&profile)?;
+    let mut out: Box<dyn Write> = match out {
         Some(path) => Box::new(std::fs::File::create_new(path).map_err(|error| {
             anyhow::anyhow!("{} cannot be written ({error}); nothing is overwritten", path.display())
         })?),
         None => Box::new(std::io::stdout()),
     };
     let mut written = Ok(());
-    let said = control::trace(
-        &control::path(&directory, &profile.name),
-        &arguments.device,
-        arguments.span,
-        arguments.json,
-        |line| {
-            written = writeln!(out, "{line}").and_then(|()| out.flush());
-            written.is_ok()
-        },
-    );
+    let said = control::trace(&socket, device, *span, gateway.json, |line| {
+        written = writeln!(out, "{line}").and_then(|()| out.flush());
+        written.is_ok()
+    });
     written?;
     eprintln!("{}", said.map_err(anyhow::Error::msg)?);
     Ok(())

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::clock::Clock;
-use crate::discovery::bus::Place;
+use crate::discovery::bus::LineAddress;
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::dial;
 use crate::fieldbus::error::{CallerFault, Fault};
@@ -17,17 +17,21 @@ use isotherm_profile::{Bus, BusId, Device, DeviceId, Functions, Quirks};
 const DIALS: u32 = 3;
 const BETWEEN_DIALS: Duration = Duration::from_millis(300);
 
+/// Is given every exchange.
+pub type Trace = fn(&Exchange);
+
 /// Puts questions to the units of a line. Reads only.
 pub struct Asker {
     /// `None` where nothing has registers: a CAN interface.
     line: Option<DeviceLine>,
-    listening: Option<Listening>,
+    trace: Option<(Listening, Trace)>,
 }
 
 impl Asker {
-    /// The line at this place, with the timeout and quirks of this bus; not connected yet.
-    pub fn new(place: &Place, bus: &Bus, quirks: Quirks) -> Asker {
-        let bus = Bus { transport: place.transport, address: place.address.clone(), ..bus.clone() };
+    /// The line at this address, with the timeout and quirks of this bus; not connected yet. `trace` is given every
+    /// exchange.
+    pub fn new(line: &LineAddress, bus: &Bus, quirks: Quirks, trace: Option<Trace>) -> Asker {
+        let bus = Bus { transport: line.transport, address: line.address.clone(), ..bus.clone() };
         let device = |unit| Device {
             name: format!("unit{unit}"),
             bus: BusId(0),
@@ -48,22 +52,9 @@ impl Asker {
         let devices: Vec<Device> = (0..=u8::MAX).map(device).collect();
         let units: Vec<(DeviceId, &Device)> =
             devices.iter().map(|device| (DeviceId(usize::from(device.unit)), device)).collect();
-        let line = dial(&bus).map(|dial| DeviceLine::new(&bus, &units, dial, &Clock::wall()));
-        Asker { line, listening: None }
-    }
-
-    /// The same, with every exchange to be had from [`Asker::heard`].
-    #[must_use]
-    pub fn listened_to(mut self) -> Asker {
         let tap = Tap::default();
-        self.line = self.line.map(|line| line.tapped(&tap));
-        self.listening = tap.listen(None).ok();
-        self
-    }
-
-    /// The next exchange that has not been had yet.
-    pub fn heard(&mut self) -> Option<Exchange> {
-        self.listening.as_mut()?.next_now()
+        let line = dial(&bus).map(|dial| DeviceLine::new(&bus, &units, dial, &Clock::wall()).tapped(&tap));
+        Asker { line, trace: trace.and_then(|show| Some((tap.listen(None).ok()?, show))) }
     }
 
     /// Reads registers or bits of a unit. Where the line cannot be connected it is tried three times.
@@ -79,6 +70,9 @@ impl Asker {
             line.revive(None);
             let request = Request::Read { from, count };
             let answer = line.request(device, request, Leave::Whenever).await.map(|found| found.answer);
+            if let Some((listening, show)) = &mut self.trace {
+                std::iter::from_fn(|| listening.next_now()).for_each(|exchange| show(&exchange));
+            }
             match answer {
                 Err(fault) if fault.is_of_the_line() && dials < DIALS => {
                     dials += 1;

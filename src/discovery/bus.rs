@@ -16,29 +16,29 @@ const SHIPPED_WITH: Serial = Serial { baud: 9600, parity: Parity::None, stop_bit
 
 /// A line and where it is.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Place {
+pub struct LineAddress {
     /// What it is made of.
     pub transport: Transport,
     /// Host and port, or the path of the serial port.
     pub address: String,
 }
 
-impl Place {
+impl LineAddress {
     /// The line of a profile.
-    pub fn of(bus: &Bus) -> Place {
-        Place { transport: bus.transport, address: bus.address.clone() }
+    pub fn of(bus: &Bus) -> LineAddress {
+        LineAddress { transport: bus.transport, address: bus.address.clone() }
     }
 
-    /// It with other settings of its serial port; as it is where it has none.
-    pub fn with_serial(&self, change: impl FnOnce(Serial) -> Serial) -> Place {
+    /// The same line with other settings of its serial port, where it has one.
+    pub fn with_serial(&self, change: impl FnOnce(Serial) -> Serial) -> LineAddress {
         let transport = match self.transport {
             Transport::Serial(serial) => Transport::Serial(change(serial)),
             other => other,
         };
-        Place { transport, address: self.address.clone() }
+        LineAddress { transport, address: self.address.clone() }
     }
 
-    /// It as a bus, by itself.
+    /// A bus of this line alone.
     pub fn bus(&self, timeout: Duration) -> Bus {
         Bus {
             name: "line".to_owned(),
@@ -52,7 +52,7 @@ impl Place {
         }
     }
 
-    /// The lines of a profile for it, without a name.
+    /// What a profile says of it, without the name of a bus.
     pub fn profile_lines(&self) -> String {
         let (kind, key) = match self.transport {
             Transport::Tcp => ("modbus-tcp", "address"),
@@ -71,7 +71,7 @@ impl Place {
 }
 
 /// `tcp://192.168.0.10:502`, `/dev/ttyUSB0 at 9600 baud 8N1`.
-impl fmt::Display for Place {
+impl fmt::Display for LineAddress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.transport {
             Transport::Tcp => write!(f, "tcp://{}", self.address),
@@ -82,18 +82,18 @@ impl fmt::Display for Place {
     }
 }
 
-impl FromStr for Place {
+impl FromStr for LineAddress {
     type Err = String;
 
     /// # Errors
     /// A sentence that says how to write it.
-    fn from_str(text: &str) -> Result<Place, String> {
+    fn from_str(text: &str) -> Result<LineAddress, String> {
         const FORMS: &str = "write tcp://192.168.0.10:502, rtu:///dev/ttyUSB0?baud=9600&parity=none or \
                              rtu+tcp://192.168.0.11:4001";
         let (scheme, rest) = text.split_once("://").ok_or_else(|| format!("`{text}` is no line; {FORMS}"))?;
         match scheme {
-            "tcp" => Ok(Place { transport: Transport::Tcp, address: host(rest, Some(PORT))? }),
-            "rtu+tcp" => Ok(Place { transport: Transport::RtuOverTcp, address: host(rest, None)? }),
+            "tcp" => Ok(LineAddress { transport: Transport::Tcp, address: host(rest, Some(PORT))? }),
+            "rtu+tcp" => Ok(LineAddress { transport: Transport::RtuOverTcp, address: host(rest, None)? }),
             "rtu" => serial(rest),
             _ => Err(format!("`{scheme}` is no kind of line; {FORMS}")),
         }
@@ -103,8 +103,8 @@ impl FromStr for Place {
 /// Host and port; without a port the usual one, where there is one.
 fn host(text: &str, usual: Option<u16>) -> Result<String, String> {
     let text = text.strip_suffix('/').unwrap_or(text);
-    let is_bare_v6 = text.starts_with('[') && text.ends_with(']');
-    let port = if is_bare_v6 { None } else { text.rsplit_once(':') };
+    let is_v6_alone = text.starts_with('[') && text.ends_with(']');
+    let port = if is_v6_alone { None } else { text.rsplit_once(':') };
     match (port, usual) {
         (Some((host, port)), _) if !host.is_empty() && port.parse::<u16>().is_ok_and(|port| port > 0) => {
             Ok(text.to_owned())
@@ -118,7 +118,7 @@ fn host(text: &str, usual: Option<u16>) -> Result<String, String> {
     }
 }
 
-fn serial(text: &str) -> Result<Place, String> {
+fn serial(text: &str) -> Result<LineAddress, String> {
     let (path, settings) = text.split_once('?').unwrap_or((text, ""));
     if !path.starts_with('/') {
         return Err(format!("`{path}` is no serial port; write three slashes: rtu:///dev/ttyUSB0"));
@@ -141,7 +141,7 @@ fn serial(text: &str) -> Result<Place, String> {
             }
         }
     }
-    Ok(Place { transport: Transport::Serial(serial), address: path.to_owned() })
+    Ok(LineAddress { transport: Transport::Serial(serial), address: path.to_owned() })
 }
 
 /// Bits per second of a serial port.
@@ -154,43 +154,4 @@ pub fn baud(text: &str) -> Result<u32, String> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_line_is_read_as_people_type_it() {
-        for (text, shown) in [
-            ("tcp://192.168.0.10:502", "tcp://192.168.0.10:502"),
-            ("tcp://plc.cell", "tcp://plc.cell:502"),
-            ("tcp://plc.cell:1502/", "tcp://plc.cell:1502"),
-            ("tcp://[fe80::1]", "tcp://[fe80::1]:502"),
-            ("tcp://[fe80::1]:503", "tcp://[fe80::1]:503"),
-            ("rtu+tcp://10.0.0.7:4001", "rtu+tcp://10.0.0.7:4001"),
-            ("rtu:///dev/ttyUSB0", "/dev/ttyUSB0 at 9600 baud 8N1"),
-            ("rtu:///dev/ttyS1?baud=1200&parity=even&stop_bits=2", "/dev/ttyS1 at 1200 baud 8E2"),
-        ] {
-            assert_eq!(text.parse::<Place>().map(|place| place.to_string()), Ok(shown.to_owned()), "{text}");
-        }
-    }
-
-    #[test]
-    fn what_is_no_line_is_told_how_to_write_one() {
-        for (text, word) in [
-            ("192.168.0.10", "tcp://192.168.0.10:502"),
-            ("http://x", "rtu+tcp://"),
-            ("tcp://", "the host is missing"),
-            ("tcp://x:0", "no host and port"),
-            ("tcp://:502", "no host and port"),
-            ("tcp://x:99999", "99999"),
-            ("rtu+tcp://x", "rtu+tcp://x:4001"),
-            ("rtu://dev/ttyUSB0", "three slashes"),
-            ("rtu:///dev/ttyUSB0?baud=9", "300"),
-            ("rtu:///dev/ttyUSB0?parity=mark", "none, even, odd"),
-            ("rtu:///dev/ttyUSB0?stop_bits=3", "1, 2"),
-            ("rtu:///dev/ttyUSB0?speed=9600", "baud, parity, stop_bits"),
-        ] {
-            let why = text.parse::<Place>().unwrap_err();
-            assert!(why.contains(word), "{text}: {why}");
-        }
-    }
-}
+mod tests;

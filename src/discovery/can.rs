@@ -7,9 +7,9 @@ use crate::fieldbus::error::{CanFault, Fault, LinkFault};
 use isotherm_core::codec::{Address, Frame};
 use isotherm_profile::{Bus, Profile, Signal};
 
-/// What was found of an interface.
+/// An interface as it was found.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Looked {
+pub struct Inspected {
     /// Its bus in the profile.
     pub bus: String,
     /// Its name.
@@ -23,9 +23,9 @@ pub struct Looked {
 }
 
 /// Looks at the interface of each CAN line of a profile. Asks the kernel, sends nothing.
-pub fn look(profile: &Profile) -> Vec<Looked> {
+pub fn inspect(profile: &Profile) -> Vec<Inspected> {
     let lines = profile.buses.iter().filter(|bus| bus.transport.is_can());
-    lines.map(|bus| looked(bus, wants_fd(profile, bus), Interface::look(&bus.address))).collect()
+    lines.map(|bus| inspected(bus, wants_fd(profile, bus), Interface::look(&bus.address))).collect()
 }
 
 fn wants_fd(profile: &Profile, bus: &Bus) -> bool {
@@ -37,7 +37,7 @@ fn wants_fd(profile: &Profile, bus: &Bus) -> bool {
     is_written || profile.signals.iter().filter(is_here).any(is_fd)
 }
 
-fn looked(bus: &Bus, wants_fd: bool, found: Result<Interface, CanFault>) -> Looked {
+fn inspected(bus: &Bus, wants_fd: bool, found: Result<Interface, CanFault>) -> Inspected {
     let name = &bus.address;
     let is_virtual = name.starts_with("vcan");
     let mut advice = Vec::new();
@@ -85,78 +85,8 @@ fn looked(bus: &Bus, wants_fd: bool, found: Result<Interface, CanFault>) -> Look
             found.to_string()
         }
     };
-    Looked { bus: bus.name.clone(), interface: name.clone(), is_up, state, advice }
+    Inspected { bus: bus.name.clone(), interface: name.clone(), is_up, state, advice }
 }
 
 #[cfg(test)]
-mod tests {
-    use std::time::Duration;
-
-    use super::*;
-    use crate::discovery::bus::{Place, Transport};
-
-    fn found(name: &str, wants_fd: bool, found: Result<Interface, CanFault>) -> Looked {
-        let place = Place { transport: Transport::Can, address: name.to_owned() };
-        looked(&place.bus(Duration::from_secs(1)), wants_fd, found)
-    }
-
-    const WELL: Interface = Interface {
-        is_up: true,
-        does_fd: false,
-        bitrate: Some(250_000),
-        restart_ms: Some(100),
-        state: Some("well"),
-        errors: Some((0, 0)),
-    };
-
-    #[test]
-    fn each_trouble_of_an_interface_has_its_command() {
-        let vcan =
-            Interface { bitrate: None, restart_ms: None, state: None, errors: None, does_fd: true, ..WELL };
-        for (name, wants_fd, given, state, advice) in [
-            (
-                "can0",
-                false,
-                Ok(WELL),
-                "up, 250000 bit/s, restart 100 ms after bus-off, controller well",
-                None,
-            ),
-            ("vcan0", true, Ok(vcan.clone()), "up, CAN FD", None),
-            ("can0", false, Err(CanFault::NoInterface), "no such interface", Some("type can bitrate")),
-            (
-                "vcan0",
-                false,
-                Err(CanFault::NoInterface),
-                "no such",
-                Some("`ip link add dev vcan0 type vcan`"),
-            ),
-            (
-                "vcan0",
-                false,
-                Ok(Interface { is_up: false, ..vcan }),
-                "down",
-                Some("`ip link set dev vcan0 up`"),
-            ),
-            (
-                "can0",
-                false,
-                Ok(Interface { is_up: false, bitrate: None, ..WELL }),
-                "down",
-                Some("bitrate 250000` with the bitrate of the bus, then `ip link set dev can0 up`"),
-            ),
-            (
-                "can0",
-                false,
-                Ok(Interface { restart_ms: Some(0), errors: Some((130, 2)), ..WELL }),
-                "no restart after bus-off, controller well, errors 130 sending and 2 receiving",
-                Some("type can restart-ms 100`"),
-            ),
-            ("can0", true, Ok(WELL), "up", Some("type can fd on`, `ip link set dev can0 mtu 72`")),
-        ] {
-            let looked = found(name, wants_fd, given);
-            assert!(looked.state.contains(state), "{looked:?}");
-            assert_eq!(looked.advice.len(), usize::from(advice.is_some()), "{looked:?}");
-            assert!(advice.is_none_or(|part| looked.advice[0].contains(part)), "{looked:?}");
-        }
-    }
-}
+mod tests;

@@ -5,10 +5,9 @@ use std::time::Duration;
 
 use serde::Serialize;
 
-use crate::discovery::ask::Asker;
-use crate::discovery::bus::{Place, Transport};
+use crate::discovery::ask::{Asker, Trace};
+use crate::discovery::bus::{LineAddress, Transport};
 use crate::fieldbus::error::Fault;
-use crate::fieldbus::trace::Exchange;
 use crate::fieldbus::wire::Answer;
 use isotherm_core::codec::Register;
 use isotherm_profile::{Bus, Quirks};
@@ -21,7 +20,7 @@ const ANSWER: usize = 7;
 #[derive(Clone, Debug)]
 pub struct Scan {
     /// The line; a serial one in each of the settings that are to be tried, one after the other.
-    pub places: Vec<Place>,
+    pub lines: Vec<LineAddress>,
     /// Its timeout and quirks.
     pub bus: Bus,
     /// How each of its units is to be treated.
@@ -30,13 +29,13 @@ pub struct Scan {
     pub units: RangeInclusive<u8>,
     /// What each of them is asked for: the first of these registers, and the next only where nothing came.
     pub registers: Vec<Register>,
-    /// Every exchange is told as well.
-    pub traced: bool,
+    /// Is given every exchange.
+    pub trace: Option<Trace>,
 }
 
 /// A unit that answers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Found {
+pub struct Responder {
     /// Its number.
     pub unit: u8,
     /// What it was asked for.
@@ -60,72 +59,69 @@ pub enum How {
 
 /// What happens meanwhile.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Told {
+pub enum Event {
     /// The line in these settings, from now on.
-    Place(Place),
+    Line(LineAddress),
     /// This unit answers.
-    Found(Place, Found),
+    Found(LineAddress, Responder),
     /// So many of all questions have been put.
     Asked(usize),
-    /// What passed on the wire.
-    Exchange(Exchange),
 }
 
 impl Scan {
     /// How many questions there are at most.
     pub fn questions(&self) -> usize {
-        self.places.len() * self.units.len() * self.registers.len()
+        self.lines.len() * self.units.len() * self.registers.len()
     }
 
     /// How long it can take: for every question the answer, and the connection that is made anew after a miss, are waited
     /// for in vain.
     pub fn at_worst(&self) -> Duration {
         let pauses = self.quirks.pause_between_requests + self.quirks.pause_after_connect;
-        let each_place = self.places.iter().map(|place| {
-            let under_way = match place.transport {
+        let each_line = self.lines.iter().map(|line| {
+            let under_way = match line.transport {
                 Transport::Serial(serial) => serial.exchange(REQUEST, ANSWER),
                 _ => Duration::ZERO,
             };
             self.bus.timeout * 2 + pauses + under_way
         });
         let questions = self.units.len() * self.registers.len();
-        each_place.sum::<Duration>() * u32::try_from(questions).unwrap_or(u32::MAX)
+        each_line.sum::<Duration>() * u32::try_from(questions).unwrap_or(u32::MAX)
     }
 
     /// Asks them all. Dropping it ends it: nothing is under way that would have to be taken back.
     ///
     /// # Errors
     /// The line cannot be connected, or not any more.
-    pub async fn run(&self, mut tell: impl FnMut(Told)) -> Result<(), Stopped> {
+    pub async fn run(&self, mut report: impl FnMut(Event)) -> Result<(), Stopped> {
         let mut asked = 0;
-        for place in &self.places {
-            tell(Told::Place(place.clone()));
-            let mut asker = Asker::new(place, &self.bus, self.quirks);
-            if self.traced {
-                asker = asker.listened_to();
-            }
+        for line in &self.lines {
+            report(Event::Line(line.clone()));
+            let mut asker = self.asker(line);
             for unit in self.units.clone() {
                 for register in &self.registers {
                     let answer = asker.read(unit, *register, 1).await;
                     asked += 1;
-                    while let Some(exchange) = asker.heard() {
-                        tell(Told::Exchange(exchange));
-                    }
                     if let Err(fault) = answer
                         && fault.is_of_the_line()
                     {
                         return Err(Stopped { unit, fault });
                     }
-                    tell(Told::Asked(asked));
+                    report(Event::Asked(asked));
                     if let Some(how) = how(&answer) {
                         let register = register.to_string();
-                        tell(Told::Found(place.clone(), Found { unit, register, how }));
+                        report(Event::Found(line.clone(), Responder { unit, register, how }));
                         break;
                     }
                 }
             }
         }
         Ok(())
+    }
+
+    /// What asks the units of one of the lines.
+    pub fn asker(&self, line: &LineAddress) -> Asker {
+        Asker::new(line, &self.bus, self.quirks, self.trace)
     }
 }
 
@@ -142,7 +138,7 @@ pub struct Stopped {
 /// connection for a number that is not its own says it in that way.
 fn how(answer: &Result<Answer, Fault>) -> Option<How> {
     match answer {
-        Ok(Answer::Words(words)) => words.first().copied().map(How::Value),
+        Ok(Answer::Words(registers)) => registers.first().copied().map(How::Value),
         Ok(Answer::Bits(bits)) => bits.first().map(|bit| How::Value(u16::from(*bit))),
         Ok(Answer::Done) => None,
         Err(Fault::Exception(10 | 11)) => None,
@@ -153,6 +149,6 @@ fn how(answer: &Result<Answer, Fault>) -> Option<How> {
 }
 
 /// A device that heeds no unit number answers to all of them: many TCP devices do, as their one unit needs none.
-pub fn heeds_no_number(found: &[Found], asked: usize) -> bool {
+pub fn heeds_no_number(found: &[&Responder], asked: usize) -> bool {
     asked > 3 && found.len() == asked && found.windows(2).all(|pair| pair[0].how == pair[1].how)
 }

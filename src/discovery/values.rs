@@ -22,7 +22,7 @@ pub struct Form {
 
 /// One value and what it was made of.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Shown {
+pub struct RegisterValue {
     /// Zero-based, with its table.
     pub register: String,
     /// One-based.
@@ -30,12 +30,12 @@ pub struct Shown {
     /// The registers in hexadecimal, lowest address first; of a bit 0 or 1.
     pub raw: String,
     /// The value; more than one where it could be read in more than one way.
-    pub readings: Vec<AsRead>,
+    pub readings: Vec<Reading>,
 }
 
 /// A value, read in one way.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct AsRead {
+pub struct Reading {
     /// `msw-first`, `lsw-first`, `u16`, `i16`; empty where there is only one way.
     pub way: &'static str,
     /// The value, or in words why there is none.
@@ -54,28 +54,28 @@ impl Form {
     }
 
     /// The values in an answer that begins at `from`.
-    pub fn values(&self, from: Register, answer: &Answer) -> Vec<Shown> {
+    pub fn values(&self, from: Register, answer: &Answer) -> Vec<RegisterValue> {
         let width = usize::from(self.registers());
         match answer {
-            Answer::Words(words) => words
+            Answer::Words(registers) => registers
                 .chunks_exact(width)
                 .enumerate()
-                .map(|(place, words)| shown(from, place * width, hex(words), self.readings(words)))
+                .map(|(place, words)| register_value(from, place * width, hex(words), self.readings(words)))
                 .collect(),
             Answer::Bits(bits) => bits
                 .iter()
                 .enumerate()
                 .map(|(place, bit)| {
                     let bit = u8::from(*bit).to_string();
-                    shown(from, place, bit.clone(), vec![AsRead { way: "", value: bit }])
+                    register_value(from, place, bit.clone(), vec![Reading { way: "", value: bit }])
                 })
                 .collect(),
             Answer::Done => Vec::new(),
         }
     }
 
-    fn readings(&self, words: &[u16]) -> Vec<AsRead> {
-        let read = |way, data_type, order| AsRead { way, value: self.value(data_type, order, words) };
+    fn readings(&self, words: &[u16]) -> Vec<Reading> {
+        let read = |way, data_type, order| Reading { way, value: self.value(data_type, order, words) };
         let msw = WordOrder::MswFirst;
         match (self.data_type, self.word_order) {
             (None, _) if words.iter().all(|word| *word < 0x8000) => vec![read("", DataType::U16, msw)],
@@ -111,10 +111,10 @@ impl Form {
     }
 }
 
-fn shown(from: Register, place: usize, raw: String, readings: Vec<AsRead>) -> Shown {
+fn register_value(from: Register, place: usize, raw: String, readings: Vec<Reading>) -> RegisterValue {
     let offset = from.offset.saturating_add(u16::try_from(place).unwrap_or(u16::MAX));
     let address = Register { offset, ..from };
-    Shown { register: address.to_string(), modicon: address.modicon(), raw, readings }
+    RegisterValue { register: address.to_string(), modicon: address.modicon(), raw, readings }
 }
 
 fn hex(words: &[u16]) -> String {
@@ -123,64 +123,4 @@ fn hex(words: &[u16]) -> String {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn form(data_type: Option<DataType>, word_order: Option<WordOrder>, scale: f64) -> Form {
-        Form { data_type, word_order, byte_swap: false, scale, offset: 0.0 }
-    }
-
-    fn read(form: &Form, words: &[u16]) -> Vec<String> {
-        let values = form.values("holding:100".parse().unwrap(), &Answer::Words(words.to_vec()));
-        let way = |read: &AsRead| format!("{} {}", read.way, read.value).trim().to_owned();
-        values
-            .iter()
-            .map(|shown| {
-                let readings: Vec<String> = shown.readings.iter().map(way).collect();
-                format!("{} {} [{}] {}", shown.register, shown.modicon, shown.raw, readings.join(", "))
-            })
-            .collect()
-    }
-
-    #[test]
-    fn a_value_is_shown_with_both_its_numbers_and_its_registers() {
-        let tenths = form(Some(DataType::I32), Some(WordOrder::MswFirst), 0.1);
-        assert_eq!(
-            read(&tenths, &[1, 0x86a0, 0xffff, 0xfffe]),
-            ["holding:100 40101 [0001 86A0] 10000", "holding:102 40103 [FFFF FFFE] -0.2"]
-        );
-        assert_eq!(read(&form(Some(DataType::F32), Some(WordOrder::LswFirst), 1.0), &[0, 0x7fc0]).len(), 1);
-    }
-
-    #[test]
-    fn without_an_order_both_are_shown() {
-        let unordered = form(Some(DataType::I32), None, 1.0);
-        assert!(unordered.lacks_order());
-        assert_eq!(read(&unordered, &[0, 1]), ["holding:100 40101 [0000 0001] msw-first 1, lsw-first 65536"]);
-        let single = form(Some(DataType::I16), None, 1.0);
-        assert!(!single.lacks_order());
-        assert_eq!(read(&single, &[0xffec]), ["holding:100 40101 [FFEC] -20"]);
-    }
-
-    #[test]
-    fn without_a_type_a_register_is_unsigned_and_signed_where_that_differs() {
-        let plain = form(None, None, 1.0);
-        assert_eq!(
-            read(&plain, &[7, 0xffec]),
-            ["holding:100 40101 [0007] 7", "holding:101 40102 [FFEC] u16 65516, i16 -20"]
-        );
-    }
-
-    #[test]
-    fn sixty_four_bits_keep_every_digit() {
-        let long = form(Some(DataType::I64), Some(WordOrder::MswFirst), 1.0);
-        assert!(read(&long, &[0x7fff, 0xffff, 0xffff, 0xffff])[0].ends_with(" 9223372036854775807"));
-    }
-
-    #[test]
-    fn bits_are_counted_one_by_one() {
-        let bits = form(None, None, 1.0).values("coil:19".parse().unwrap(), &Answer::Bits(vec![true, false]));
-        assert_eq!((bits[1].modicon.as_str(), bits[1].raw.as_str()), ("00021", "0"));
-        assert_eq!(bits[0].readings[0].value, "1");
-    }
-}
+mod tests;

@@ -4,7 +4,6 @@ use serde::Serialize;
 
 use crate::discovery::ask::Asker;
 use crate::fieldbus::error::Fault;
-use crate::fieldbus::trace::Exchange;
 use crate::fieldbus::wire::Answer;
 use isotherm_core::codec::Register;
 
@@ -15,7 +14,7 @@ pub const STEP: u16 = 16;
 
 /// Some registers of a unit, and what came of reading them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Stretch {
+pub struct RegisterRange {
     /// The first register.
     pub register: String,
     /// Its one-based number.
@@ -24,20 +23,18 @@ pub struct Stretch {
     pub count: u16,
     /// Their values; `None` where they cannot be read.
     pub values: Option<Vec<u16>>,
-    /// Why not, in words; empty where they can.
+    /// Why they cannot be read; empty where they can.
     pub why: String,
 }
 
-/// What a walk tells.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Walked {
-    /// The next registers.
-    Stretch(Stretch),
-    /// What passed on the wire.
-    Exchange(Exchange),
+impl RegisterRange {
+    fn new(first: Register, count: u16, read: Result<Vec<u16>, Fault>) -> RegisterRange {
+        let why = read.as_ref().err().map_or(String::new(), Fault::to_string);
+        RegisterRange { register: first.to_string(), modicon: first.modicon(), count, values: read.ok(), why }
+    }
 }
 
-/// Reads `count` registers from `from` on, and tells each stretch that can or cannot be read, in their order.
+/// Reads `count` registers from `from` on, and hands out each range that can or cannot be read, in their order.
 ///
 /// # Errors
 /// The fault that made it give up.
@@ -46,29 +43,19 @@ pub async fn walk(
     unit: u8,
     from: Register,
     count: u16,
-    mut tell: impl FnMut(Walked),
+    mut take: impl FnMut(RegisterRange),
 ) -> Result<(), Fault> {
     let mut silences = 0;
-    // What is still to be read, the nearest last.
-    let mut left = Vec::new();
     let end = (u32::from(from.offset) + u32::from(count)).min(65_536);
-    let mut start = u32::from(from.offset);
-    while start < end {
-        let step = u32::from(STEP).min(end - start);
-        left.push((start, step));
-        start += step;
-    }
-    left.reverse();
-    let mut missing: Option<Stretch> = None;
+    // What is still to be read, the nearest last: where each begins, and how many.
+    let starts = (u32::from(from.offset)..end).step_by(usize::from(STEP)).rev();
+    let mut left: Vec<(u32, u32)> = starts.map(|start| (start, u32::from(STEP).min(end - start))).collect();
+    let mut missing: Option<RegisterRange> = None;
     while let Some((start, count)) = left.pop() {
         let (Ok(offset), Ok(length)) = (u16::try_from(start), u16::try_from(count)) else { continue };
         let first = Register { offset, ..from };
         let answer = asker.read(unit, first, length).await;
-        while let Some(exchange) = asker.heard() {
-            tell(Walked::Exchange(exchange));
-        }
-        let refused = matches!(answer, Err(Fault::Exception(2 | 3)));
-        if refused && count > 1 {
+        if count > 1 && matches!(answer, Err(Fault::Exception(2 | 3))) {
             let half = count / 2;
             left.push((start + half, count - half));
             left.push((start, half));
@@ -77,10 +64,8 @@ pub async fn walk(
         silences = if answer == Err(Fault::Timeout) { silences + 1 } else { 0 };
         match answer {
             Ok(answer) => {
-                if let Some(stretch) = missing.take() {
-                    tell(Walked::Stretch(stretch));
-                }
-                tell(Walked::Stretch(stretch(first, length, Ok(words(answer)))));
+                missing.take().into_iter().for_each(&mut take);
+                take(RegisterRange::new(first, length, Ok(registers(answer))));
             }
             Err(fault) if silences >= SILENCES || !matches!(fault, Fault::Timeout | Fault::Exception(_)) => {
                 return Err(fault);
@@ -88,29 +73,20 @@ pub async fn walk(
             Err(fault) => match &mut missing {
                 Some(before) if before.why == fault.to_string() => before.count += length,
                 _ => {
-                    if let Some(stretch) = missing.take() {
-                        tell(Walked::Stretch(stretch));
-                    }
-                    missing = Some(stretch(first, length, Err(fault)));
+                    let next = RegisterRange::new(first, length, Err(fault));
+                    missing.replace(next).into_iter().for_each(&mut take);
                 }
             },
         }
     }
-    if let Some(stretch) = missing {
-        tell(Walked::Stretch(stretch));
-    }
+    missing.into_iter().for_each(take);
     Ok(())
 }
 
-fn words(answer: Answer) -> Vec<u16> {
+fn registers(answer: Answer) -> Vec<u16> {
     match answer {
-        Answer::Words(words) => words,
+        Answer::Words(registers) => registers,
         Answer::Bits(bits) => bits.into_iter().map(u16::from).collect(),
         Answer::Done => Vec::new(),
     }
-}
-
-fn stretch(first: Register, count: u16, read: Result<Vec<u16>, Fault>) -> Stretch {
-    let why = read.as_ref().err().map_or(String::new(), Fault::to_string);
-    Stretch { register: first.to_string(), modicon: first.modicon(), count, values: read.ok(), why }
 }

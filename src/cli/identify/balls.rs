@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Context;
 
-use super::super::{Failure, print_json};
+use super::super::print_json;
 use isotherm_identify::balls::{DIRECTIONS, Terms, log, terms};
 use isotherm_identify::dataset::{Dataset, Split};
 
@@ -25,16 +25,16 @@ pub(super) struct Touches {
     origin: Option<f64>,
 }
 
-pub(super) fn run(arguments: &Touches, json: bool) -> Result<(), Failure> {
+pub(super) fn run(arguments: &Touches, json: bool) -> anyhow::Result<()> {
     let (Some(balls), Some(out)) = (&arguments.balls, &arguments.out) else {
-        return Err(anyhow::anyhow!("name a profile and logs, or --balls and --out").into());
+        anyhow::bail!("name a profile and logs, or --balls and --out");
     };
     let read = |path: &PathBuf| Dataset::read(std::slice::from_ref(path), &Split::default(), &|_| None);
-    let touches = read(balls).map_err(anyhow::Error::from)?;
+    let touches = read(balls)?;
     let in_file = || balls.display().to_string();
     let found = terms(&touches, arguments.origin).map_err(anyhow::Error::from).with_context(in_file)?;
-    let recorded = arguments.recorded.as_ref().map(read).transpose().map_err(anyhow::Error::from)?;
-    let text = log(&found, recorded.as_ref()).map_err(anyhow::Error::from)?;
+    let recorded = arguments.recorded.as_ref().map(read).transpose()?;
+    let text = log(&found, recorded.as_ref())?;
     std::fs::write(out, text).with_context(|| format!("cannot write {}", out.display()))?;
     if json {
         return print_json(&found);

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::Context;
 
-use super::{Engine, Failure};
+use super::Engine;
 use crate::cli::write_file;
 use isotherm_placement::body::Progress;
 use isotherm_placement::example;
@@ -45,7 +45,7 @@ pub(super) fn write_modes(
 }
 
 /// Writes the example's files, and says what to do with them.
-pub(super) fn write_example(directory: &Path) -> Result<(), Failure> {
+pub(super) fn write_example(directory: &Path) -> anyhow::Result<()> {
     let place = directory.display();
     std::fs::create_dir_all(directory).with_context(|| format!("cannot make the directory {place}"))?;
     let files: Vec<_> =
@@ -54,9 +54,7 @@ pub(super) fn write_example(directory: &Path) -> Result<(), Failure> {
     for (path, text) in &files {
         if std::fs::read(path).is_ok_and(|there| there != text.as_bytes()) {
             let path = path.display();
-            return Err(
-                anyhow::anyhow!("{path} is there already, and is another: name another directory").into()
-            );
+            anyhow::bail!("{path} is there already, and is another: name another directory");
         }
     }
     for (path, text) in files {

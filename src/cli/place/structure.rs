@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
-use super::{Arguments, Engine, Failure};
+use super::{Arguments, Engine};
 use isotherm_placement::blocks::{Part, Reach, parts};
 use isotherm_placement::body::Progress;
 use isotherm_placement::ccx::Ccx;
@@ -20,7 +20,7 @@ pub(super) fn study(
     arguments: &Arguments,
     plant: Option<&FeInput>,
     progress: Progress<'_>,
-) -> Result<Study, Failure> {
+) -> anyhow::Result<Study> {
     let mut inputs = read(&arguments.inputs, plant, progress)?;
     let mut wrong = Vec::new();
     let first = &inputs[0];
@@ -41,9 +41,7 @@ pub(super) fn study(
         mesh.skin().iter().filter(|node| chosen.contains(node)).for_each(|node| allowed[*node] = true);
     }
     guide.iter().chain(&fixed).for_each(|node| allowed[*node] = false);
-    if !wrong.is_empty() {
-        return Err(anyhow::anyhow!("{}: {}", arguments.inputs[0].display(), wrong.join("\n")).into());
-    }
+    anyhow::ensure!(wrong.is_empty(), "{}: {}", arguments.inputs[0].display(), wrong.join("\n"));
     let Computed { p, adjoint, loads } = match arguments.engine {
         Engine::Own => own(&inputs, &fixed, &guide, &parts, progress),
         Engine::Ccx => calculix(&inputs, &fixed, &guide, &parts, progress),
@@ -117,7 +115,7 @@ fn calculix(
 }
 
 /// Every file, all of one structure, which is the plant's.
-fn read(paths: &[PathBuf], plant: Option<&FeInput>, progress: Progress<'_>) -> Result<Vec<FeInput>, Failure> {
+fn read(paths: &[PathBuf], plant: Option<&FeInput>, progress: Progress<'_>) -> anyhow::Result<Vec<FeInput>> {
     let mut inputs: Vec<FeInput> = Vec::new();
     let mut wrong = Vec::new();
     for (place, path) in paths.iter().enumerate() {
@@ -136,7 +134,8 @@ fn read(paths: &[PathBuf], plant: Option<&FeInput>, progress: Progress<'_>) -> R
     if let Some((first, others)) = inputs.split_first() {
         wrong.extend(others.iter().chain(plant).filter_map(|other| differs(first, other)));
     }
-    if wrong.is_empty() { Ok(inputs) } else { Err(anyhow::anyhow!("{}", wrong.join("\n")).into()) }
+    anyhow::ensure!(wrong.is_empty(), "{}", wrong.join("\n"));
+    Ok(inputs)
 }
 
 /// Why two files are not of one structure, if they are not.

@@ -3,13 +3,13 @@
 use std::io::Write;
 use std::time::Duration;
 
-use crate::cli::target::{self, Target};
-use crate::cli::{Failure, print_json, refuse, values};
+use crate::cli::target::{Line, Target};
+use crate::cli::{print_json, refuse, values};
 use crate::clock::Clock;
-use crate::discovery::ask::Asker;
-use crate::discovery::remedy::{Asked, remedy};
-use crate::discovery::values::{Form, Shown};
-use crate::discovery::{DataType, Fault, Register, WordOrder};
+use crate::discovery::ask::{Asker, Trace};
+use crate::discovery::remedy::{Question, remedy};
+use crate::discovery::values::{Form, RegisterValue};
+use crate::discovery::{DataType, Exchange, Register, WordOrder};
 
 /// Registers and bits that one request carries, by the protocol.
 const MOST_REGISTERS: u16 = 125;
@@ -86,7 +86,7 @@ impl One {
 }
 
 /// The line and the unit that are meant.
-fn found(target: &Target, one: &One, json: bool) -> Result<(target::Found, u8), Failure> {
+fn line(target: &Target, one: &One, json: bool) -> anyhow::Result<(Line, u8)> {
     let Some(name) = &one.device else {
         if target.bus.is_none() {
             refuse(
@@ -97,18 +97,15 @@ fn found(target: &Target, one: &One, json: bool) -> Result<(target::Found, u8), 
         return Ok((target.find(json)?, unit));
     };
     let Some(profile) = target.load(json)? else { refuse("--device wants a PROFILE") };
-    let Some(device) = profile.devices.iter().find(|device| device.name == *name).cloned() else {
+    let device = profile.devices.iter().find(|device| device.name == *name).cloned().ok_or_else(|| {
         let known: Vec<&str> = profile.devices.iter().map(|device| device.name.as_str()).collect();
-        return Err(
-            anyhow::anyhow!("the profile has no device `{name}`; it has: {}", known.join(", ")).into()
-        );
-    };
-    let mut found = Target::of(profile, device.bus, target.timeout)?;
-    found.quirks = device.quirks;
-    Ok((found, device.unit))
+        anyhow::anyhow!("the profile has no device `{name}`; it has: {}", known.join(", "))
+    })?;
+    let line = Target::of(profile, device.bus, target.timeout)?;
+    Ok((Line { quirks: device.quirks, ..line }, device.unit))
 }
 
-pub(super) fn run(target: &Target, one: &One, watch: bool, json: bool) -> Result<(), Failure> {
+pub(super) fn run(target: &Target, one: &One, watch: bool, json: bool) -> anyhow::Result<()> {
     let Some(from) = one.register else { return Ok(()) };
     let form = one.form();
     let is_bits = from.table.is_bits();
@@ -123,26 +120,30 @@ pub(super) fn run(target: &Target, one: &One, watch: bool, json: bool) -> Result
     if u32::from(from.offset) + u32::from(count) > 65_536 {
         refuse(&format!("{count} registers from {from} on go beyond the last one, 65535"));
     }
-    let (found, unit) = found(target, one, json)?;
-    let asked = Asked { place: &found.place, unit, from, count, timeout: found.bus.timeout };
-    let mut asker = Asker::new(&found.place, &found.bus, found.quirks);
-    if one.trace {
-        asker = asker.listened_to();
-    }
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-    runtime.block_on(async {
+    let (line, unit) = line(target, one, json)?;
+    let question = Question { line: &line.address, unit, from, count, timeout: line.bus.timeout };
+    let trace = one.trace.then_some(print_exchange as Trace);
+    let mut asker = Asker::new(&line.address, &line.bus, line.quirks, trace);
+    crate::cli::runtime()?.block_on(async {
         let clock = Clock::wall();
         let begun = clock.now();
         loop {
             let answer = asker.read(unit, from, count).await;
-            while let Some(exchange) = asker.heard() {
-                eprintln!("{exchange}");
-            }
-            let values = answer.map(|answer| form.values(from, &answer));
+            let values = answer
+                .map(|answer| form.values(from, &answer))
+                .map_err(|fault| remedy(fault, question));
             let now = watch.then(|| clock.now().to_string());
-            tell(&values, asked, &form, now.as_deref(), json)?;
+            let why = values.as_ref().err();
+            if json {
+                let document = serde_json::json!({
+                    "now": now, "bus": line.address.to_string(), "unit": unit, "values": values.as_ref().ok(), "fault": why,
+                });
+                if watch { writeln!(std::io::stdout(), "{document}")? } else { print_json(&document)? }
+            } else {
+                print(&values, &form, now.as_deref())?;
+            }
             if !watch {
-                return values.map(|_| ()).map_err(|fault| anyhow::anyhow!(remedy(fault, asked)).into());
+                return values.map(|_| ()).map_err(anyhow::Error::msg);
             }
             let next = clock.now().next_tick(begun, one.every.max(Duration::from_millis(10)));
             tokio::time::sleep(next.since(clock.now())).await;
@@ -150,45 +151,24 @@ pub(super) fn run(target: &Target, one: &One, watch: bool, json: bool) -> Result
     })
 }
 
-/// One reading on stdout. With `now`, one of many: a fault of it is told and does not end them.
-fn tell(
-    values: &Result<Vec<Shown>, Fault>,
-    asked: Asked<'_>,
-    form: &Form,
-    now: Option<&str>,
-    json: bool,
-) -> Result<(), Failure> {
+fn print_exchange(exchange: &Exchange) {
+    eprintln!("{exchange}");
+}
+
+/// One reading on stdout. With `now`, one of many: a fault of it is printed and does not end them.
+fn print(values: &Result<Vec<RegisterValue>, String>, form: &Form, now: Option<&str>) -> std::io::Result<()> {
     let mut out = std::io::stdout();
-    if json {
-        let fault = values.as_ref().err().map(|fault| remedy(*fault, asked));
-        let document = serde_json::json!({
-            "now": now, "bus": asked.place.to_string(), "unit": asked.unit,
-            "values": values.as_ref().ok(), "fault": fault,
-        });
-        match now {
-            Some(_) => writeln!(out, "{document}")?,
-            // The fault itself is told as every verb's is.
-            None => print_json(&document)?,
-        }
-        return Ok(());
-    }
     if let Some(now) = now {
         writeln!(out, "{now}")?;
     }
     match values {
         Ok(values) => {
-            let width = values.iter().map(|shown| shown.register.len()).max().unwrap_or(0);
-            for Shown { register, modicon, raw, readings } in values {
-                let read: Vec<String> = readings
+            let width = values.iter().map(|value| value.register.len()).max().unwrap_or(0);
+            for RegisterValue { register, modicon, raw, readings } in values {
+                let read = readings
                     .iter()
-                    .map(|read| {
-                        if read.way.is_empty() {
-                            read.value.clone()
-                        } else {
-                            format!("{} {}", read.way, read.value)
-                        }
-                    })
-                    .collect();
+                    .map(|read| format!("{} {}", read.way, read.value).trim_start().to_owned());
+                let read: Vec<String> = read.collect();
                 writeln!(out, "  {register:<width$} ({modicon})  {raw}  {}", read.join("   "))?;
             }
             if form.lacks_order() && now.is_none() {
@@ -197,9 +177,9 @@ fn tell(
                 );
             }
         }
-        Err(fault) if now.is_some() => writeln!(out, "  {}", remedy(*fault, asked))?,
+        // What is read once ends with its fault, as every verb does.
+        Err(why) if now.is_some() => writeln!(out, "  {why}")?,
         Err(_) => {}
     }
-    out.flush()?;
-    Ok(())
+    out.flush()
 }

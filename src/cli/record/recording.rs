@@ -15,16 +15,17 @@ use isotherm_core::quantity::Moment;
 use isotherm_profile::Profile;
 
 /// The file that is being written, and the sums over all of them.
-pub(super) struct Sheet {
+pub(super) struct Recording {
     out: PathBuf,
     machine: String,
     header: String,
-    path: PathBuf,
+    /// The last one is being written.
+    files: Vec<PathBuf>,
     file: File,
+    /// When it was begun.
     begun: Moment,
     first: Moment,
     last: Moment,
-    files: Vec<PathBuf>,
     rows: u64,
     columns: Vec<Column>,
 }
@@ -38,13 +39,13 @@ struct Column {
     missing: bool,
 }
 
-impl Sheet {
+impl Recording {
     pub(super) fn begin(
         out: &Path,
         profile: &Profile,
         on_plant: &[AxisSummary],
         now: Moment,
-    ) -> anyhow::Result<Sheet> {
+    ) -> anyhow::Result<Recording> {
         let mut header = csv::Writer::from_writer(Vec::new());
         let errors = on_plant.iter().map(|axis| format!("{}_error_um", axis.axis));
         let names = profile.signals.iter().map(|signal| signal.name.clone());
@@ -57,22 +58,19 @@ impl Sheet {
             range: (f64::INFINITY, f64::NEG_INFINITY),
             missing: false,
         });
-        let columns = columns.collect();
-        let machine = profile.name.clone();
-        let path = place(out, &machine, now, 1);
+        let (out, machine, columns) = (out.to_owned(), profile.name.clone(), columns.collect());
+        let path = place(&out, &machine, now, 1);
         let file = open(&path, &header)?;
-        let files = vec![path.clone()];
-        let out = out.to_owned();
-        Ok(Sheet {
+        let files = vec![path];
+        Ok(Recording {
             out,
             machine,
             header,
-            path,
+            files,
             file,
             begun: now,
             first: now,
             last: now,
-            files,
             rows: 0,
             columns,
         })
@@ -80,13 +78,12 @@ impl Sheet {
 
     /// Begins a new file where this one has lasted long enough.
     pub(super) fn rotate(&mut self, now: Moment, after: Duration) -> anyhow::Result<()> {
-        if now.since(self.begun) < after {
-            return Ok(());
+        if now.since(self.begun) >= after {
+            let path = place(&self.out, &self.machine, now, self.files.len() + 1);
+            self.file = open(&path, &self.header)?;
+            self.files.push(path);
+            self.begun = now;
         }
-        self.path = place(&self.out, &self.machine, now, self.files.len() + 1);
-        self.file = open(&self.path, &self.header)?;
-        self.begun = now;
-        self.files.push(self.path.clone());
         Ok(())
     }
 
@@ -122,8 +119,9 @@ impl Sheet {
         Ok(())
     }
 
+    /// The file that is being written.
     pub(super) fn path(&self) -> std::path::Display<'_> {
-        self.path.display()
+        self.files.last().unwrap_or(&self.out).display()
     }
 
     pub(super) fn rows(&self) -> u64 {
@@ -141,14 +139,12 @@ fn place(out: &Path, machine: &str, now: Moment, part: usize) -> PathBuf {
         let stamp = now.to_string().chars().take(19).collect::<String>().replace(':', "");
         return out.join(format!("{machine}-{stamp}.csv"));
     }
-    match part {
-        1 => out.to_owned(),
-        part => {
-            let stem = out.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            let end = out.extension().map_or(String::new(), |end| format!(".{}", end.to_string_lossy()));
-            out.with_file_name(format!("{stem}-{part}{end}"))
-        }
+    if part == 1 {
+        return out.to_owned();
     }
+    let stem = out.file_stem().unwrap_or_default().to_string_lossy();
+    let end = out.extension().map_or(String::new(), |end| format!(".{}", end.to_string_lossy()));
+    out.with_file_name(format!("{stem}-{part}{end}"))
 }
 
 fn open(path: &Path, header: &str) -> anyhow::Result<File> {
@@ -165,7 +161,7 @@ fn open(path: &Path, header: &str) -> anyhow::Result<File> {
 }
 
 /// What a person wants to know before the probe is taken off.
-impl fmt::Display for Sheet {
+impl fmt::Display for Recording {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let span = Duration::from_secs(self.last.since(self.first).as_secs());
         let files: Vec<String> = self.files.iter().map(|path| path.display().to_string()).collect();
@@ -173,14 +169,11 @@ impl fmt::Display for Sheet {
         let width = self.columns.iter().map(|column| column.name.len()).max().unwrap_or(0);
         for Column { name, unit, rows, range: (low, high), .. } in &self.columns {
             let missing = self.rows - rows;
-            let range =
-                if *rows == 0 { "never read".to_owned() } else { format!("{low:.4} … {high:.4} {unit}") };
-            let missing = if missing == 0 || *rows == 0 {
-                String::new()
-            } else {
-                format!(", missing in {missing} rows")
-            };
-            writeln!(f, "  {name:<width$}  {range}{missing}")?;
+            match (*rows, missing) {
+                (0, _) => writeln!(f, "  {name:<width$}  never read")?,
+                (_, 0) => writeln!(f, "  {name:<width$}  {low:.4} … {high:.4} {unit}")?,
+                _ => writeln!(f, "  {name:<width$}  {low:.4} … {high:.4} {unit}, missing in {missing} rows")?,
+            }
         }
         Ok(())
     }

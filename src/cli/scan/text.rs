@@ -1,11 +1,13 @@
-//! A scan in words, as a document, and as lines of a profile.
+//! A scan as text, as a JSON document, and as lines of a profile.
 
 use std::fmt::Write;
 use std::time::Duration;
 
-use crate::discovery::bus::{Place, Transport};
-use crate::discovery::scan::{Found, How, Scan, heeds_no_number};
-use crate::discovery::walk::Stretch;
+use serde_json::json;
+
+use crate::discovery::bus::{LineAddress, Transport};
+use crate::discovery::scan::{How, Responder, Scan, heeds_no_number};
+use crate::discovery::walk::RegisterRange;
 use isotherm_profile::{BusId, Profile};
 
 /// What is about to be asked, and how long that can take.
@@ -14,23 +16,23 @@ pub(super) fn plan(scan: &Scan) -> String {
         scan.registers.iter().map(|address| format!("{address} ({})", address.modicon())).collect();
     let (first, last) = (scan.units.start(), scan.units.end());
     let units = if first == last { format!("unit {first}") } else { format!("units {first} to {last}") };
-    let settings = match scan.places.len() {
+    let settings = match scan.lines.len() {
         1 => String::new(),
         count => format!(", in {count} settings"),
     };
     format!(
         "asking {units} on {} for {}, reading only{settings}; {} for each answer, {} at worst; Ctrl-C ends it",
-        scan.places[0],
+        scan.lines[0],
         registers.join(", then "),
         humantime::format_duration(scan.bus.timeout),
         humantime::format_duration(Duration::from_secs(scan.at_worst().as_secs() + 1)),
     )
 }
 
-pub(super) fn found(place: &Place, found: &Found) -> String {
-    let Found { unit, register, how } = found;
-    let serial = match place.transport {
-        Transport::Serial(_) => format!(" on {place}"),
+pub(super) fn found(line: &LineAddress, found: &Responder) -> String {
+    let Responder { unit, register, how } = found;
+    let serial = match line.transport {
+        Transport::Serial(_) => format!(" on {line}"),
         _ => String::new(),
     };
     match how {
@@ -51,67 +53,71 @@ fn meaning(code: u8) -> &'static str {
     }
 }
 
-pub(super) fn stretch(unit: u8, stretch: &Stretch) -> String {
-    let Stretch { register, modicon, count, values, why } = stretch;
-    let registers = if *count == 1 { String::new() } else { format!(", {count} of them") };
+pub(super) fn range(unit: u8, range: &RegisterRange) -> String {
+    let RegisterRange { register, modicon, count, values, why } = range;
     match values {
         Some(values) => {
             let values: Vec<String> = values.iter().map(u16::to_string).collect();
             format!("unit {unit}  {register} ({modicon})  {}", values.join(" "))
         }
-        None => format!("unit {unit}  {register} ({modicon}){registers}: {why}"),
+        None => {
+            let registers = if *count == 1 { String::new() } else { format!(", {count} of them") };
+            format!("unit {unit}  {register} ({modicon}){registers}: {why}")
+        }
     }
 }
 
 /// What can be pasted into a profile, and what is to be known about it.
-pub(super) fn summary(scan: &Scan, found: &[(Place, Found)], known: Option<(&Profile, BusId)>) -> String {
-    let mut text = String::new();
-    let answering: Vec<&(Place, Found)> =
+pub(super) fn summary(
+    scan: &Scan,
+    found: &[(LineAddress, Responder)],
+    known: Option<(&Profile, BusId)>,
+) -> String {
+    let mut answering: Vec<&(LineAddress, Responder)> =
         found.iter().filter(|(_, found)| !matches!(found.how, How::Garbled(_))).collect();
-    let all: Vec<Found> = answering.iter().map(|(_, found)| found.clone()).collect();
-    if scan.places.len() == 1 && heeds_no_number(&all, scan.units.len()) {
-        let _ = writeln!(
-            text,
-            "\nEvery unit gave the same answer: this is one device that heeds no unit number. Use 1, or 255."
+    let all: Vec<&Responder> = answering.iter().map(|(_, found)| found).collect();
+    let mut text = String::new();
+    if scan.lines.len() == 1 && heeds_no_number(&all, scan.units.len()) {
+        text.push_str(
+            "\nEvery unit gave the same answer: this is one device that heeds no unit number. Use 1, or 255.\n",
         );
-        return text + &lines(&answering[..1], known);
+        answering.truncate(1);
     }
-    text + &lines(&answering, known)
+    text + &profile_lines(&answering, known)
 }
 
-fn lines(found: &[&(Place, Found)], known: Option<(&Profile, BusId)>) -> String {
+fn profile_lines(found: &[&(LineAddress, Responder)], known: Option<(&Profile, BusId)>) -> String {
     let mut text = String::new();
-    let mut places: Vec<&Place> = Vec::new();
-    for (place, found) in found.iter().copied() {
+    let mut lines: Vec<&LineAddress> = Vec::new();
+    for (line, Responder { unit, .. }) in found.iter().copied() {
         let own = known.and_then(|(profile, bus)| {
-            profile.devices.iter().find(|device| device.bus == bus && device.unit == found.unit)
+            profile.devices.iter().find(|device| device.bus == bus && device.unit == *unit)
         });
         if let Some(device) = own {
-            let _ = writeln!(text, "# unit {} is the profile's device {}", found.unit, device.name);
+            let _ = writeln!(text, "# unit {unit} is the profile's device {}", device.name);
             continue;
         }
-        let number = places.iter().position(|seen| *seen == place).unwrap_or_else(|| {
-            places.push(place);
-            places.len() - 1
-        });
+        let place = lines.iter().position(|seen| *seen == line);
+        let number = place.unwrap_or(lines.len());
         let bus = match (known, number) {
             (Some((profile, bus)), _) => profile.bus(bus).name.clone(),
             (None, 0) => "line".to_owned(),
             (None, number) => format!("line{}", number + 1),
         };
-        let is_new = known.is_none() && !text.contains(&format!("[bus.{bus}]"));
-        if is_new {
-            let _ = write!(text, "\n[bus.{bus}]\n{}", place.profile_lines());
+        if place.is_none() {
+            lines.push(line);
+            if known.is_none() {
+                let _ = write!(text, "\n[bus.{bus}]\n{}", line.profile_lines());
+            }
         }
-        let name =
-            if number == 0 { format!("unit{}", found.unit) } else { format!("unit{}_{bus}", found.unit) };
-        let _ = write!(text, "\n[device.{name}]\nbus = \"{bus}\"\nunit = {}\nevery = \"1s\"\n", found.unit);
+        let name = if number == 0 { format!("unit{unit}") } else { format!("unit{unit}_{bus}") };
+        let _ = write!(text, "\n[device.{name}]\nbus = \"{bus}\"\nunit = {unit}\nevery = \"1s\"\n");
     }
     if text.is_empty() { text } else { format!("\n# for a profile:\n{text}") }
 }
 
 pub(super) fn nobody(scan: &Scan) -> String {
-    let wiring = match scan.places[0].transport {
+    let wiring = match scan.lines[0].transport {
         Transport::Tcp => {
             "Is it another port, or another --register? Behind a gateway: its baud rate, parity and wiring"
         }
@@ -124,19 +130,16 @@ pub(super) fn nobody(scan: &Scan) -> String {
 
 pub(super) fn document(
     scan: &Scan,
-    found: &[(Place, Found)],
-    stretches: &[(u8, Stretch)],
+    found: &[(LineAddress, Responder)],
+    ranges: &[(u8, RegisterRange)],
     stopped: Option<&str>,
 ) -> serde_json::Value {
-    let units: Vec<serde_json::Value> = found
-        .iter()
-        .map(|(place, found)| serde_json::json!({ "line": place.to_string(), "found": found }))
-        .collect();
-    let registers: Vec<serde_json::Value> = stretches
-        .iter()
-        .map(|(unit, stretch)| serde_json::json!({ "unit": unit, "stretch": stretch }))
-        .collect();
-    serde_json::json!({
-        "questions": scan.questions(), "units": units, "registers": registers, "stopped": stopped,
+    let units = found.iter().map(|(line, found)| json!({ "line": line.to_string(), "found": found }));
+    let registers = ranges.iter().map(|(unit, range)| json!({ "unit": unit, "stretch": range }));
+    json!({
+        "questions": scan.questions(),
+        "units": units.collect::<Vec<_>>(),
+        "registers": registers.collect::<Vec<_>>(),
+        "stopped": stopped,
     })
 }

@@ -1,0 +1,32 @@
+use super::*;
+
+/// The model of a shipped profile as it is written, line by line.
+fn model(name: &str) -> Vec<&'static str> {
+    let (_, text) = text(name).unwrap();
+    text.lines()
+        .skip_while(|line| !line.starts_with("[[axis."))
+        .take_while(|line| *line != "]")
+        .skip(1)
+        .collect()
+}
+
+#[test]
+fn the_lathe_on_can_has_the_gains_and_the_plant_of_the_lathe() {
+    assert_eq!(model("xc100-lathe-can"), model("xc100-lathe"));
+    assert_eq!(model("xc100-lathe").len(), 7);
+    let plant = |name| format!("{:?}", with_plant(name, &[]).unwrap().1);
+    assert_eq!(plant("xc100-lathe-can"), plant("xc100-lathe"));
+}
+
+#[test]
+fn the_mill_under_linuxcnc_has_the_gains_of_the_spindle() {
+    assert_eq!(model("linuxcnc-mill"), model("spindle-hmc"));
+    assert_eq!(model("spindle-hmc").len(), 5);
+}
+
+#[test]
+fn a_key_of_a_shipped_machine_can_be_overridden() {
+    let set = [("bus.field.interface".to_owned(), "can7".to_owned())];
+    let (profile, _) = with_plant("xc100-lathe-can", &set).unwrap();
+    assert!(profile.buses.iter().any(|bus| bus.address == "can7"));
+}

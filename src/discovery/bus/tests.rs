@@ -1,0 +1,42 @@
+use super::*;
+
+#[test]
+fn a_line_is_read_as_people_type_it() {
+    for (text, shown) in [
+        ("tcp://192.168.0.10:502", "tcp://192.168.0.10:502"),
+        ("tcp://plc.cell", "tcp://plc.cell:502"),
+        ("tcp://plc.cell:1502/", "tcp://plc.cell:1502"),
+        ("tcp://[fe80::1]", "tcp://[fe80::1]:502"),
+        ("tcp://[fe80::1]:503", "tcp://[fe80::1]:503"),
+        ("rtu+tcp://10.0.0.7:4001", "rtu+tcp://10.0.0.7:4001"),
+        ("rtu:///dev/ttyUSB0", "/dev/ttyUSB0 at 9600 baud 8N1"),
+        ("rtu:///dev/ttyS1?baud=1200&parity=even&stop_bits=2", "/dev/ttyS1 at 1200 baud 8E2"),
+    ] {
+        assert_eq!(
+            text.parse::<LineAddress>().map(|place| place.to_string()),
+            Ok(shown.to_owned()),
+            "{text}"
+        );
+    }
+}
+
+#[test]
+fn what_is_no_line_is_told_how_to_write_one() {
+    for (text, word) in [
+        ("192.168.0.10", "tcp://192.168.0.10:502"),
+        ("http://x", "rtu+tcp://"),
+        ("tcp://", "the host is missing"),
+        ("tcp://x:0", "no host and port"),
+        ("tcp://:502", "no host and port"),
+        ("tcp://x:99999", "99999"),
+        ("rtu+tcp://x", "rtu+tcp://x:4001"),
+        ("rtu://dev/ttyUSB0", "three slashes"),
+        ("rtu:///dev/ttyUSB0?baud=9", "300"),
+        ("rtu:///dev/ttyUSB0?parity=mark", "none, even, odd"),
+        ("rtu:///dev/ttyUSB0?stop_bits=3", "1, 2"),
+        ("rtu:///dev/ttyUSB0?speed=9600", "baud, parity, stop_bits"),
+    ] {
+        let why = text.parse::<LineAddress>().unwrap_err();
+        assert!(why.contains(word), "{text}: {why}");
+    }
+}
