@@ -111,7 +111,10 @@ async fn a_secured_line_reads_over_either_version_of_tls() {
         let (address, _machine) = serve(&device, &authority, &[version]).await;
         let profile = secured(&address.to_string(), "", &authority.cert, &ours).unwrap();
         let answer = asked(&profile).await;
-        assert!(matches!(&answer, Ok(Answer::Words(words)) if words.len() == 2), "{version:?}: {answer:?}");
+        assert!(
+            matches!(&answer, Ok(Answer::Registers(words)) if words.len() == 2),
+            "{version:?}: {answer:?}"
+        );
     }
 }
 

@@ -138,7 +138,7 @@ pub struct Stopped {
 /// connection for a number that is not its own says it in that way.
 fn how(answer: &Result<Answer, Fault>) -> Option<How> {
     match answer {
-        Ok(Answer::Words(registers)) => registers.first().copied().map(How::Value),
+        Ok(Answer::Registers(registers)) => registers.first().copied().map(How::Value),
         Ok(Answer::Bits(bits)) => bits.first().map(|bit| How::Value(u16::from(*bit))),
         Ok(Answer::Done) => None,
         Err(Fault::Exception(10 | 11)) => None,

@@ -57,7 +57,7 @@ impl Form {
     pub fn values(&self, from: Register, answer: &Answer) -> Vec<RegisterValue> {
         let width = usize::from(self.registers());
         match answer {
-            Answer::Words(registers) => registers
+            Answer::Registers(registers) => registers
                 .chunks_exact(width)
                 .enumerate()
                 .map(|(place, words)| register_value(from, place * width, hex(words), self.readings(words)))

@@ -85,7 +85,7 @@ pub async fn walk(
 
 fn registers(answer: Answer) -> Vec<u16> {
     match answer {
-        Answer::Words(registers) => registers,
+        Answer::Registers(registers) => registers,
         Answer::Bits(bits) => bits.into_iter().map(u16::from).collect(),
         Answer::Done => Vec::new(),
     }

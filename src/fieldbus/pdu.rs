@@ -25,17 +25,17 @@ pub(super) fn question(request: Request<'_>, bytes: &mut Vec<u8>) {
     let (at, second) = match request {
         Request::Read { from, count } => (from.offset, count),
         Request::WriteCoil { at, value } => (at, if value { 0xff00 } else { 0 }),
-        Request::WriteSingle { at, word } => (at, word),
-        Request::WriteMultiple { at, words } => (at, u16::try_from(words.len()).unwrap_or(u16::MAX)),
+        Request::WriteSingle { at, value } => (at, value),
+        Request::WriteMultiple { at, values } => (at, u16::try_from(values.len()).unwrap_or(u16::MAX)),
         // Refused before.
         Request::Can(_) => return,
     };
     bytes.push(request.function());
     bytes.extend(at.to_be_bytes());
     bytes.extend(second.to_be_bytes());
-    if let Request::WriteMultiple { words, .. } = request {
-        bytes.push(u8::try_from(2 * words.len()).unwrap_or(u8::MAX));
-        bytes.extend(words.iter().flat_map(|word| word.to_be_bytes()));
+    if let Request::WriteMultiple { values, .. } = request {
+        bytes.push(u8::try_from(2 * values.len()).unwrap_or(u8::MAX));
+        bytes.extend(values.iter().flat_map(|value| value.to_be_bytes()));
     }
 }
 
@@ -70,10 +70,10 @@ fn compare(request: Request<'_>, response: Response) -> Result<Answer, Fault> {
     match (request, response) {
         (
             Request::Read { count, .. },
-            Response::ReadInputRegisters(words) | Response::ReadHoldingRegisters(words),
+            Response::ReadInputRegisters(registers) | Response::ReadHoldingRegisters(registers),
         ) => {
-            if words.len() == usize::from(count) {
-                Ok(Answer::Words(words))
+            if registers.len() == usize::from(count) {
+                Ok(Answer::Registers(registers))
             } else {
                 Err(Fault::Peer(PeerFault::Length))
             }
@@ -92,11 +92,11 @@ fn compare(request: Request<'_>, response: Response) -> Result<Answer, Fault> {
         (Request::WriteCoil { at, value }, Response::WriteSingleCoil(echoed, to)) => {
             echo(at == echoed && value == to)
         }
-        (Request::WriteSingle { at, word }, Response::WriteSingleRegister(echoed, to)) => {
-            echo(at == echoed && word == to)
+        (Request::WriteSingle { at, value }, Response::WriteSingleRegister(echoed, to)) => {
+            echo(at == echoed && value == to)
         }
-        (Request::WriteMultiple { at, words }, Response::WriteMultipleRegisters(echoed, count)) => {
-            echo(at == echoed && words.len() == usize::from(count))
+        (Request::WriteMultiple { at, values }, Response::WriteMultipleRegisters(echoed, count)) => {
+            echo(at == echoed && values.len() == usize::from(count))
         }
         _ => Err(Fault::Peer(PeerFault::Function)),
     }

@@ -27,14 +27,14 @@ pub enum Request<'a> {
         /// Zero-based holding register.
         at: u16,
         /// Its new value.
-        word: u16,
+        value: u16,
     },
     /// Function 16.
     WriteMultiple {
         /// Zero-based holding register.
         at: u16,
         /// The new values, lowest address first.
-        words: &'a [u16],
+        values: &'a [u16],
     },
     /// Of a CAN line, where nothing is a register.
     Can(CanRequest<'a>),
@@ -53,7 +53,7 @@ pub enum CanRequest<'a> {
         /// Which.
         object: Object,
         /// Its new value, the most significant register first.
-        words: &'a [u16],
+        values: &'a [u16],
     },
     /// A value in a frame is sent, with what else is in there.
     Send {
@@ -62,7 +62,7 @@ pub enum CanRequest<'a> {
         /// Where in there.
         bits: BitField,
         /// Its new value, the most significant register first.
-        words: &'a [u16],
+        values: &'a [u16],
     },
 }
 
@@ -70,7 +70,7 @@ pub enum CanRequest<'a> {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Answer {
     /// Exactly as many registers as were asked for.
-    Words(Vec<u16>),
+    Registers(Vec<u16>),
     /// Exactly as many bits as were asked for.
     Bits(Vec<bool>),
     /// A write, repeated as it was sent.
@@ -90,7 +90,7 @@ impl Answer {
     /// The registers that it brings; none where it brings something else.
     pub fn registers(&self) -> &[u16] {
         match self {
-            Answer::Words(words) => words,
+            Answer::Registers(registers) => registers,
             Answer::Bits(_) | Answer::Done => &[],
         }
     }
@@ -102,7 +102,7 @@ impl Answer {
     pub fn decode(&self, field: &plan::Field, encoding: &Encoding) -> Result<f64, Reason> {
         let (from, to) = (usize::from(field.at), usize::from(field.at) + usize::from(field.len));
         match self {
-            Answer::Words(words) => encoding.decode(words.get(from..to).ok_or(Reason::BadReply)?),
+            Answer::Registers(registers) => encoding.decode(registers.get(from..to).ok_or(Reason::BadReply)?),
             Answer::Bits(bits) => encoding.decode_bit(*bits.get(from).ok_or(Reason::BadReply)?),
             Answer::Done => Err(Reason::BadReply),
         }
@@ -115,22 +115,22 @@ impl<'a> Request<'a> {
         Asked::of(at, data_type).map(Request::from)
     }
 
-    /// What writes these words there, by the functions that the device may be sent.
-    pub fn write(at: &Address, words: &'a [u16], functions: Functions) -> Request<'a> {
+    /// What writes these values there, by the functions that the device may be sent.
+    pub fn write(at: &Address, values: &'a [u16], functions: Functions) -> Request<'a> {
         match at {
-            Address::Modbus(Register { offset, .. }) => Request::write_holding(*offset, words, functions),
-            Address::Object(object) => Request::Can(CanRequest::Write { object: *object, words }),
+            Address::Modbus(Register { offset, .. }) => Request::write_holding(*offset, values, functions),
+            Address::Object(object) => Request::Can(CanRequest::Write { object: *object, values }),
             Address::Frame(Field { frames, bits, .. }) => {
-                Request::Can(CanRequest::Send { id: frames.id, bits: *bits, words })
+                Request::Can(CanRequest::Send { id: frames.id, bits: *bits, values })
             }
         }
     }
 
     /// What writes holding registers from this one on.
-    pub const fn write_holding(at: u16, words: &'a [u16], functions: Functions) -> Request<'a> {
-        match words {
-            [word] if functions.write_single => Request::WriteSingle { at, word: *word },
-            words => Request::WriteMultiple { at, words },
+    pub const fn write_holding(at: u16, values: &'a [u16], functions: Functions) -> Request<'a> {
+        match values {
+            [value] if functions.write_single => Request::WriteSingle { at, value: *value },
+            values => Request::WriteMultiple { at, values },
         }
     }
 
@@ -157,7 +157,9 @@ impl<'a> Request<'a> {
                 (from.offset, count, if from.table.is_bits() { 2000 } else { 125 })
             }
             Request::WriteCoil { at, .. } | Request::WriteSingle { at, .. } => (at, 1, 1),
-            Request::WriteMultiple { at, words } => (at, u16::try_from(words.len()).unwrap_or(u16::MAX), 123),
+            Request::WriteMultiple { at, values } => {
+                (at, u16::try_from(values.len()).unwrap_or(u16::MAX), 123)
+            }
             Request::Can(_) => return true,
         };
         (1..=most).contains(&count) && u32::from(at) + u32::from(count) <= 65536

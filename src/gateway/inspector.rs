@@ -112,7 +112,7 @@ impl Inspection {
                 continue;
             };
             match line.request(self.device, request, Leave::Whenever).await {
-                Ok(found) => wrong.extend(expected.mismatch(registers(&found.answer).words())),
+                Ok(found) => wrong.extend(expected.mismatch(registers(&found.answer).registers())),
                 Err(fault) if fault.is_refusal() => wrong.push(expected.unreadable(fault)),
                 Err(fault) => {
                     self.missed += 1;
@@ -139,18 +139,18 @@ async fn set_up(line: &mut DeviceLine, shared: &LineHandle, device: DeviceId) ->
     let Some(can) = &shared.profile.device(device).can else { return Ok(Vec::new()) };
     let mut wrong = Vec::new();
     for setup in &can.setup {
-        let value = setup.object.words(&setup.bytes());
+        let value = setup.object.registers(&setup.bytes());
         let value = value.ok_or(Fault::Peer(PeerFault::Width))?;
         let request = match shared.dry_run {
             true => CanRequest::Read { object: setup.object },
-            false => CanRequest::Write { object: setup.object, words: value.words() },
+            false => CanRequest::Write { object: setup.object, values: value.registers() },
         };
         match line
             .request(device, Request::Can(request), Leave::Whenever)
             .await
             .map(|answered| answered.answer)
         {
-            Ok(Answer::Words(found)) if found != value.words() => wrong.push(format!(
+            Ok(Answer::Registers(found)) if found != value.registers() => wrong.push(format!(
                 "{} is not {} yet, and nothing is set up while nothing may be written",
                 named(setup),
                 setup.value
@@ -177,7 +177,7 @@ fn named(setup: &Setup) -> String {
 
 fn registers(answer: &Answer) -> Encoded {
     match answer {
-        Answer::Words(registers) => Encoded::of(registers),
+        Answer::Registers(registers) => Encoded::of(registers),
         Answer::Bits(bits) => {
             Encoded::of(&bits.iter().take(1).map(|bit| u16::from(*bit)).collect::<Vec<_>>())
         }

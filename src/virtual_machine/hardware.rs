@@ -263,7 +263,7 @@ impl Hardware {
             };
             if let Some(value) = self.decoded(output.device, &output.address, &output.encoding) {
                 let words = applied.encoding.encode(value);
-                self.units[place].bank.set(&applied.address.into(), words.words());
+                self.units[place].bank.set(&applied.address.into(), words.registers());
             }
         }
     }
@@ -354,7 +354,7 @@ fn cells(signal: &Signal, reads: Reads) -> Vec<u16> {
         }
         Reads::Nan => return not_a_number(encoding),
     };
-    let mut words = encoded.words().to_vec();
+    let mut words = encoded.registers().to_vec();
     if signal.address.is_bit() {
         words.iter_mut().for_each(|word| *word = (*word).min(1));
     }

@@ -80,7 +80,7 @@ impl Bytes<'_> {
         match count % 3 {
             0 => Answer::Bits((0..count).map(|_| self.byte() & 1 == 1).collect()),
             1 => Answer::Done,
-            _ => Answer::Words((0..count).map(|_| self.word()).collect()),
+            _ => Answer::Registers((0..count).map(|_| self.word()).collect()),
         }
     }
 }
@@ -94,14 +94,14 @@ pub(crate) fn codec(data: &[u8]) {
     if let Ok(value) = encoding.decode(&words) {
         assert!(value.is_finite(), "{encoding:?} made {value} of {words:?}");
         let again = encoding.encode(value);
-        assert_eq!(again.words().len(), count);
+        assert_eq!(again.registers().len(), count);
     }
     if let Some(counts) = encoding.counts(&words).filter(|_| encoding.data_type != DataType::Bool) {
         let again = encoding.encode_counts(counts);
-        assert_eq!((again.words(), again.saturated), (words.as_slice(), false), "{encoding:?}");
+        assert_eq!((again.registers(), again.saturated), (words.as_slice(), false), "{encoding:?}");
     }
     let any = f64::from_bits(u64::from_be_bytes(bytes.take()));
-    assert_eq!(encoding.encode(any).words().len(), usize::from(encoding.data_type.registers()));
+    assert_eq!(encoding.encode(any).registers().len(), usize::from(encoding.data_type.registers()));
     if let Ok(text) = std::str::from_utf8(bytes.0)
         && let Ok(address) = text.parse::<Register>()
     {
@@ -202,7 +202,7 @@ pub(crate) fn dbc(data: &[u8]) {
                 let Address::Frame(field) = &signal.address else { panic!("it is on CAN") };
                 for length in 0..=data.len().min(64) {
                     if let Some(Ok(words)) = field.read(&data[..length])
-                        && let Ok(value) = signal.encoding.decode(words.words())
+                        && let Ok(value) = signal.encoding.decode(words.registers())
                     {
                         assert!(value.is_finite(), "{field}");
                     }
@@ -260,8 +260,8 @@ pub(crate) fn client(data: &[u8]) {
     let count = u16::from(bytes.byte() % 125) + 1;
     let words = [bytes.word(), bytes.word()];
     let request = match how % 8 {
-        0 => Request::WriteSingle { at: from.offset, word: words[0] },
-        1 => Request::WriteMultiple { at: from.offset, words: &words },
+        0 => Request::WriteSingle { at: from.offset, value: words[0] },
+        1 => Request::WriteMultiple { at: from.offset, values: &words },
         2 => Request::WriteCoil { at: from.offset, value: words[0] & 1 == 1 },
         _ => Request::Read { from, count },
     };
@@ -279,7 +279,7 @@ pub(crate) fn client(data: &[u8]) {
         runtime.block_on(Rtu::new(peer, None, &tap).exchange(unit, request, &mut departure))
     };
     match (answer, request) {
-        (Ok(Answer::Words(words)), Request::Read { from, count }) => {
+        (Ok(Answer::Registers(words)), Request::Read { from, count }) => {
             assert!(!from.table.is_bits() && words.len() == usize::from(count), "{words:?}");
         }
         (Ok(Answer::Bits(bits)), Request::Read { from, count }) => {

@@ -45,11 +45,11 @@ fn read(profile: &Profile, name: &str, id: u32, bytes: &[u8]) -> Result<f64, Rea
         }
         Address::Object(object) => {
             assert_eq!(u32::from(object.entry.index), id, "{object}");
-            object.words(bytes).ok_or(Reason::BadReply)?
+            object.registers(bytes).ok_or(Reason::BadReply)?
         }
         Address::Modbus(register) => panic!("{register}"),
     };
-    signal.encoding.decode(words.words())
+    signal.encoding.decode(words.registers())
 }
 
 /// Whether the first signal is condemned where the others have these values.

@@ -345,7 +345,7 @@ fn a_ditel_display_shows_value_point_and_colour_in_one_request_red_on_a_fault_an
 fn the_example_of_the_displays_manual_is_what_is_encoded() {
     let machine = crate::rig::profile(&display("ditel-dn-nb"));
     let output = &machine.outputs[0];
-    assert_eq!(output.encoding.encode(-32.70).words(), [0xffff, 0xf33a]);
+    assert_eq!(output.encoding.encode(-32.70).registers(), [0xffff, 0xf33a]);
     assert_eq!((output.display.beside[0].register, output.display.beside[0].good), (12, 0x0200));
     let finer = display("ditel-dn-nb").replace("channel = \"value\"", "channel = \"value\"\nscale = 0.001");
     assert_eq!(crate::rig::profile(&finer).outputs[0].display.beside[0].good, 0x0300, "three decimals");

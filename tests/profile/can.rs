@@ -91,7 +91,7 @@ fn frames_become_values_with_the_shared_sentinels_scales_and_conditions() {
     let read = |name: &str, frame: &[u8]| {
         let signal = profile.signals.iter().find(|signal| signal.name == name).unwrap();
         let words = field(&profile, name).read(frame).unwrap()?;
-        signal.encoding.decode(words.words())
+        signal.encoding.decode(words.registers())
     };
     // 22 bits at bit 18: (25 + 16384) · 128 = 2,100,352 counts, and 2 in the status before them.
     let bits = (2_100_352u64 << 18 | 2 << 16).to_le_bytes();

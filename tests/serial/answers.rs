@@ -100,7 +100,7 @@ async fn polls(seed: u64) -> Count {
             let answer = port::asked(&mut line, DeviceId(usize::from(unit) - 1), read(from, words)).await;
             let mut count = count.borrow_mut();
             match answer {
-                Ok(answer) if answer == Answer::Words(expected) => count.good += 1,
+                Ok(answer) if answer == Answer::Registers(expected) => count.good += 1,
                 Ok(answer) => {
                     eprintln!("unit {unit}, {words} from {from}: {answer:x?}");
                     count.wrong += 1;

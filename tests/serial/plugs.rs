@@ -16,7 +16,7 @@ const TIMEOUT: Duration = Duration::from_millis(50);
 const UNIT: DeviceId = DeviceId(0);
 
 fn good() -> Result<Answer, Fault> {
-    Ok(Answer::Words(vec![word(1, 7)]))
+    Ok(Answer::Registers(vec![word(1, 7)]))
 }
 
 /// Answers every question.

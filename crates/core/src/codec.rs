@@ -70,7 +70,7 @@ pub struct Sentinel {
 /// Registers ready to be written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Encoded {
-    words: [u16; 4],
+    registers: [u16; 4],
     len: usize,
     /// The value did not fit its type and was cut to the nearest one that does.
     pub saturated: bool,
@@ -78,21 +78,21 @@ pub struct Encoded {
 
 impl Encoded {
     /// Registers as they were read: at most four, lowest address first.
-    pub fn of(words: &[u16]) -> Encoded {
+    pub fn of(registers: &[u16]) -> Encoded {
         let mut kept = [0; 4];
-        let len = words.len().min(kept.len());
-        kept[..len].copy_from_slice(&words[..len]);
-        Encoded { words: kept, len, saturated: false }
+        let len = registers.len().min(kept.len());
+        kept[..len].copy_from_slice(&registers[..len]);
+        Encoded { registers: kept, len, saturated: false }
     }
 
     /// The registers, lowest address first.
-    pub fn words(&self) -> &[u16] {
-        &self.words[..self.len]
+    pub fn registers(&self) -> &[u16] {
+        &self.registers[..self.len]
     }
 
-    /// The bits of registers whose most significant comes first, as [`DataType::words`] makes them.
+    /// The bits of registers whose most significant comes first, as [`DataType::encode`] makes them.
     pub fn bits(&self) -> u64 {
-        self.words().iter().fold(0, |bits, word| bits << 16 | u64::from(*word))
+        self.registers().iter().fold(0, |bits, word| bits << 16 | u64::from(*word))
     }
 }
 
@@ -110,8 +110,8 @@ impl Encoding {
     ///
     /// # Errors
     /// The reason why there is no value: a sentinel, NaN or infinity, or the wrong number of registers.
-    pub fn decode(&self, words: &[u16]) -> Result<f64, Reason> {
-        let bits = self.gather(words)?;
+    pub fn decode(&self, registers: &[u16]) -> Result<f64, Reason> {
+        let bits = self.gather(registers)?;
         let raw = match self.data_type {
             DataType::F32 | DataType::F64 => {
                 let value = float_of(self.data_type, bits);
@@ -149,9 +149,9 @@ impl Encoding {
 
     /// The whole counts in these registers, without the bias; `None` for a floating-point type and for the wrong number
     /// of registers.
-    pub fn counts(&self, words: &[u16]) -> Option<Counts> {
+    pub fn counts(&self, registers: &[u16]) -> Option<Counts> {
         self.data_type.integer_range()?;
-        let raw = integer_of(self.data_type, self.gather(words).ok()?);
+        let raw = integer_of(self.data_type, self.gather(registers).ok()?);
         i64::try_from(raw - i128::from(self.bias)).ok().map(Counts)
     }
 
@@ -192,29 +192,25 @@ impl Encoding {
         }
     }
 
-    fn gather(&self, words: &[u16]) -> Result<u64, Reason> {
-        if words.len() != usize::from(self.data_type.registers()) {
+    fn gather(&self, registers: &[u16]) -> Result<u64, Reason> {
+        if registers.len() != usize::from(self.data_type.registers()) {
             return Err(Reason::BadReply);
         }
         let join = |bits: u64, word: &u16| (bits << 16) | u64::from(self.swap(*word));
         Ok(match self.word_order {
-            WordOrder::MswFirst => words.iter().fold(0, join),
-            WordOrder::LswFirst => words.iter().rev().fold(0, join),
+            WordOrder::MswFirst => registers.iter().fold(0, join),
+            WordOrder::LswFirst => registers.iter().rev().fold(0, join),
         })
     }
 
     fn scatter(&self, bits: u64, saturated: bool) -> Encoded {
-        let len = usize::from(self.data_type.registers());
-        let mut words = [0u16; 4];
-        for (place, word) in words.iter_mut().take(len).enumerate() {
-            let rank = match self.word_order {
-                WordOrder::MswFirst => len - 1 - place,
-                WordOrder::LswFirst => place,
-            };
-            let [low, high, ..] = (bits >> (16 * rank)).to_le_bytes();
-            *word = self.swap(u16::from_le_bytes([low, high]));
+        let mut encoded = Encoded { saturated, ..self.data_type.encode(bits) };
+        let registers = &mut encoded.registers[..encoded.len];
+        if self.word_order == WordOrder::LswFirst {
+            registers.reverse();
         }
-        Encoded { words, len, saturated }
+        registers.iter_mut().for_each(|register| *register = self.swap(*register));
+        encoded
     }
 
     fn swap(&self, word: u16) -> u16 {

@@ -41,21 +41,21 @@ impl Images {
     ///
     /// # Errors
     /// No such frame; or another of its values is not known yet, and a zero in its place would be one that nobody wants.
-    pub fn put(&mut self, id: CanId, bits: BitField, words: &[u16]) -> Result<Frame, Fault> {
+    pub fn put(&mut self, id: CanId, bits: BitField, registers: &[u16]) -> Result<Frame, Fault> {
         let image = self.0.iter_mut().find(|image| image.frame.id() == id);
         let image = image.ok_or(Fault::Caller(CallerFault::Extent))?;
-        image.put(bits, Encoded::of(words).bits())?;
+        image.put(bits, Encoded::of(registers).bits())?;
         let is_whole = image.values.iter().all(|value| value.is_known);
         if is_whole { Ok(image.frame) } else { Err(Fault::Caller(CallerFault::Incomplete)) }
     }
 
     /// An object was read: a value that stands there, and was not known yet, is now.
-    pub fn found(&mut self, node: u8, object: Object, words: &[u16]) {
+    pub fn was_read(&mut self, node: u8, object: Object, registers: &[u16]) {
         for image in &mut self.0 {
             let read = |value: &&Value| !value.is_known && value.read_at == Some((node, object));
             if let Some(bits) = image.values.iter().find(read).map(|value| value.bits) {
                 // Where it does not fit, it stays unknown.
-                let _ = image.put(bits, Encoded::of(words).bits());
+                let _ = image.put(bits, Encoded::of(registers).bits());
             }
         }
     }
@@ -87,13 +87,13 @@ mod tests {
         images.add(frame, vec![Value::new(bits(8), None), Value::new(bits(24), Some((5, object)))]);
         let incomplete = Err(Fault::Caller(CallerFault::Incomplete));
         assert_eq!(images.put(id, bits(8), &[0x0102]), incomplete);
-        images.found(6, object, &[9]);
+        images.was_read(6, object, &[9]);
         assert_eq!(images.put(id, bits(8), &[0x0102]), incomplete);
-        images.found(5, object, &[0xfffe]);
+        images.was_read(5, object, &[0xfffe]);
         let whole = images.put(id, bits(8), &[0x0103]).unwrap();
         assert_eq!(whole.data(), [0xaa, 0x03, 0x01, 0xfe, 0xff, 0xbb]);
         // What is known is not overwritten by what was read a moment earlier.
-        images.found(5, object, &[7]);
+        images.was_read(5, object, &[7]);
         assert_eq!(images.put(id, bits(8), &[1]).unwrap().data(), [0xaa, 1, 0, 0xfe, 0xff, 0xbb]);
         let other = CanId::standard(0x20d).unwrap();
         assert_eq!(images.put(other, bits(8), &[1]), Err(Fault::Caller(CallerFault::Extent)));

@@ -37,7 +37,7 @@ impl Interface {
             does_fd: details.mtu == Some(Mtu::Fd),
             bitrate: details.can.bit_timing.map(|timing| timing.bitrate).filter(|rate| *rate > 0),
             restart_ms: details.can.restart_ms,
-            state: details.can.state.map(words),
+            state: details.can.state.map(state_name),
             errors: details.can.berr_counter.map(|count| (count.txerr, count.rxerr)),
         })
     }
@@ -48,7 +48,7 @@ impl Interface {
     }
 }
 
-const fn words(state: CanState) -> &'static str {
+const fn state_name(state: CanState) -> &'static str {
     match state {
         CanState::ErrorActive => "well",
         CanState::ErrorWarning => "warning: many errors",

@@ -78,22 +78,22 @@ impl Wire for CanWire {
                     let data = self.transfer(node, first, departure).await?;
                     let bytes = data.as_ref().ok_or(Fault::Peer(PeerFault::Malformed))?;
                     let bytes = bytes.of_width(object.size())?;
-                    let words = object.words(bytes).ok_or(Fault::Caller(CallerFault::Extent))?;
-                    self.link.images(|images| images.found(unit, object, words.words()));
-                    Ok(Answer::Words(words.words().to_vec()))
+                    let registers = object.registers(bytes).ok_or(Fault::Caller(CallerFault::Extent))?;
+                    self.link.images(|images| images.was_read(unit, object, registers.registers()));
+                    Ok(Answer::Registers(registers.registers().to_vec()))
                 }
-                CanRequest::Write { object, words } => {
+                CanRequest::Write { object, values } => {
                     let node = node(unit)?;
-                    let bytes = object.bytes(words);
+                    let bytes = object.bytes(values);
                     self.discard_unasked(node);
                     departure.leave()?;
                     let first = self.link.client(node, |client| client.write(object.entry, &bytes));
                     self.transfer(node, first, departure).await.map(|_| Answer::Done)
                 }
-                CanRequest::Send { id, bits, words } => {
+                CanRequest::Send { id, bits, values } => {
                     // What does not leave must not leave with another value of the same frame either.
                     departure.leave()?;
-                    let frame = self.link.images(|images| images.put(id, bits, words))?;
+                    let frame = self.link.images(|images| images.put(id, bits, values))?;
                     self.send(&frame, Some(departure)).await.map(|()| Answer::Done)
                 }
             }

@@ -25,7 +25,7 @@ impl AbortCode {
     pub const NO_SUB_INDEX: AbortCode = AbortCode(0x0609_0011);
 
     /// What CiA 301 says of it; a code of the maker's own has no words there.
-    pub const fn words(self) -> &'static str {
+    const fn message(self) -> &'static str {
         match self.0 {
             0x0503_0000 => "the toggle bit did not alternate",
             0x0504_0000 => "the transfer took too long",
@@ -65,6 +65,6 @@ impl AbortCode {
 
 impl fmt::Display for AbortCode {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} (abort {:04X} {:04X}h)", self.words(), self.0 >> 16, self.0 & 0xffff)
+        write!(f, "{} (abort {:04X} {:04X}h)", self.message(), self.0 >> 16, self.0 & 0xffff)
     }
 }

@@ -94,12 +94,12 @@ impl Wire for Scripted {
 }
 
 fn good() -> Answer {
-    Answer::Words(vec![7])
+    Answer::Registers(vec![7])
 }
 
 const READ: Request<'static> =
     Request::Read { from: Register { table: Table::Holding, offset: 1 }, count: 1 };
-const WRITE: Request<'static> = Request::WriteSingle { at: 1, word: 9 };
+const WRITE: Request<'static> = Request::WriteSingle { at: 1, value: 9 };
 
 /// A line and its time, which runs as the test says.
 struct Rig {

@@ -8,8 +8,8 @@ use isotherm_core::codec::{Register, Table};
 
 const READ: Request<'static> =
     Request::Read { from: Register { table: Table::Holding, offset: 4 }, count: 2 };
-const WRITE: Request<'static> = Request::WriteSingle { at: 4, word: 9 };
-const WRITE_TWO: Request<'static> = Request::WriteMultiple { at: 4, words: &[1, 2] };
+const WRITE: Request<'static> = Request::WriteSingle { at: 4, value: 9 };
+const WRITE_TWO: Request<'static> = Request::WriteMultiple { at: 4, values: &[1, 2] };
 
 /// A frame around these bytes, with what is added to its transaction and unit.
 fn frame(asked: &[u8], transaction: u8, unit: u8, pdu: &[u8]) -> Vec<u8> {
@@ -51,7 +51,7 @@ const fn peer(fault: PeerFault) -> Result<Answer, Fault> {
 
 #[tokio::test]
 async fn registers_arrive_in_their_order() {
-    assert_eq!(plain(READ, &[3, 4, 0, 1, 2, 3]).await, Ok(Answer::Words(vec![1, 0x0203])));
+    assert_eq!(plain(READ, &[3, 4, 0, 1, 2, 3]).await, Ok(Answer::Registers(vec![1, 0x0203])));
 }
 
 #[tokio::test]

@@ -39,7 +39,7 @@ pub(super) fn lengths(request: Request<'_>) -> (usize, usize) {
         Request::Read { from, count } if from.table.is_bits() => (8, 5 + usize::from(count.div_ceil(8))),
         Request::Read { count, .. } => (8, 5 + 2 * usize::from(count)),
         Request::WriteCoil { .. } | Request::WriteSingle { .. } => (8, 8),
-        Request::WriteMultiple { words, .. } => (9 + 2 * words.len(), 8),
+        Request::WriteMultiple { values, .. } => (9 + 2 * values.len(), 8),
         Request::Can(_) => (0, 0),
     }
 }

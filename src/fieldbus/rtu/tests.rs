@@ -12,7 +12,7 @@ use isotherm_profile::Parity;
 
 const READ: Request<'static> =
     Request::Read { from: Register { table: Table::Holding, offset: 4 }, count: 2 };
-const WRITE: Request<'static> = Request::WriteSingle { at: 4, word: 9 };
+const WRITE: Request<'static> = Request::WriteSingle { at: 4, value: 9 };
 const SLOW: Serial = Serial { baud: 9600, parity: Parity::None, stop_bits: 1 };
 
 fn line() -> (Rtu, DuplexStream) {
@@ -26,7 +26,7 @@ fn framed(unit: u8, pdu: &[u8]) -> Vec<u8> {
     bytes
 }
 
-fn words(high: u8, low: u8) -> Vec<u8> {
+fn registers(high: u8, low: u8) -> Vec<u8> {
     framed(3, &[3, 4, 0, high, 0, low])
 }
 
@@ -57,13 +57,13 @@ fn whenever() -> Departure {
 }
 
 fn good() -> Result<Answer, Fault> {
-    Ok(Answer::Words(GOOD.to_vec()))
+    Ok(Answer::Registers(GOOD.to_vec()))
 }
 
 #[tokio::test(start_paused = true)]
 async fn registers_arrive_in_their_order_and_an_exception_with_its_code() {
     let (mut wire, mut device) = line();
-    assert_eq!(asked(&mut wire, &mut device, READ, &words(1, 2)).await, good());
+    assert_eq!(asked(&mut wire, &mut device, READ, &registers(1, 2)).await, good());
     let refusal = framed(3, &[0x83, 2]);
     assert_eq!(asked(&mut wire, &mut device, READ, &refusal).await, Err(Fault::Exception(2)));
     let echo = framed(3, &[6, 0, 4, 0, 9]);
@@ -76,7 +76,7 @@ async fn an_answer_may_come_one_byte_at_a_time() {
     let piecemeal = async {
         let mut question = [0; 8];
         device.read_exact(&mut question).await.unwrap();
-        for byte in words(1, 2) {
+        for byte in registers(1, 2) {
             device.write_all(&[byte]).await.unwrap();
             tokio::time::sleep(Duration::from_millis(20)).await;
         }
@@ -88,20 +88,20 @@ async fn an_answer_may_come_one_byte_at_a_time() {
 #[tokio::test(start_paused = true)]
 async fn what_came_before_the_question_is_never_its_answer() {
     let (mut wire, mut device) = line();
-    device.write_all(&words(7, 7)).await.unwrap();
+    device.write_all(&registers(7, 7)).await.unwrap();
     assert_eq!(
         wire.exchange(3, READ, &mut whenever()).await,
         Err(Fault::UNASKED),
         "something answers out of turn"
     );
-    device.write_all(&words(8, 8)[..4]).await.unwrap();
-    assert_eq!(asked(&mut wire, &mut device, READ, &words(1, 2)).await, good(), "noise does not");
+    device.write_all(&registers(8, 8)[..4]).await.unwrap();
+    assert_eq!(asked(&mut wire, &mut device, READ, &registers(1, 2)).await, good(), "noise does not");
 }
 
 #[tokio::test(start_paused = true)]
 async fn of_two_answers_in_one_neither_is_believed() {
     let (mut wire, mut device) = line();
-    let both = [words(1, 2), words(7, 7)].concat();
+    let both = [registers(1, 2), registers(7, 7)].concat();
     assert_eq!(asked(&mut wire, &mut device, READ, &both).await, Err(Fault::UNASKED));
 }
 
@@ -109,7 +109,7 @@ async fn of_two_answers_in_one_neither_is_believed() {
 async fn a_late_answer_of_another_unit_and_noise_are_passed_over() {
     let (mut wire, mut device) = line();
     let late = framed(8, &[3, 4, 0, 7, 0, 7]);
-    let noisy = [&late, [0, 0xff].as_slice(), &words(1, 2)].concat();
+    let noisy = [&late, [0, 0xff].as_slice(), &registers(1, 2)].concat();
     assert_eq!(asked(&mut wire, &mut device, READ, &noisy).await, good());
     let foreign = asked(&mut wire, &mut device, READ, &late).await;
     assert_eq!(foreign, Err(Fault::Peer(PeerFault::Foreign)));
@@ -118,14 +118,14 @@ async fn a_late_answer_of_another_unit_and_noise_are_passed_over() {
 #[tokio::test(start_paused = true)]
 async fn a_wrong_checksum_a_torn_frame_and_garbage_are_no_answer() {
     let (mut wire, mut device) = line();
-    let mut wrong = words(1, 2);
+    let mut wrong = registers(1, 2);
     *wrong.last_mut().unwrap() ^= 1;
     let malformed = Err(Fault::Peer(PeerFault::Malformed));
     assert_eq!(asked(&mut wire, &mut device, READ, &wrong).await, malformed);
     assert_eq!(asked(&mut wire, &mut device, READ, &[0x55; 600]).await, malformed);
     assert!(wire.received.len() <= MOST_KEPT, "{} bytes are kept", wire.received.len());
-    assert_eq!(asked(&mut wire, &mut device, READ, &words(1, 2)[..6]).await, Err(Fault::Timeout));
-    assert_eq!(asked(&mut wire, &mut device, READ, &words(1, 2)).await, good());
+    assert_eq!(asked(&mut wire, &mut device, READ, &registers(1, 2)[..6]).await, Err(Fault::Timeout));
+    assert_eq!(asked(&mut wire, &mut device, READ, &registers(1, 2)).await, good());
 }
 
 #[tokio::test(start_paused = true)]
@@ -153,15 +153,15 @@ fn tokio_time() -> impl Fn() -> Duration {
 #[tokio::test(start_paused = true)]
 async fn silence_is_kept_after_an_answer_and_after_bytes_that_nobody_asked_for() {
     let (mut wire, mut device) = line();
-    assert_eq!(asked(&mut wire, &mut device, READ, &words(1, 2)).await, good());
+    assert_eq!(asked(&mut wire, &mut device, READ, &registers(1, 2)).await, good());
     let since = tokio_time();
-    assert_eq!(asked(&mut wire, &mut device, READ, &words(1, 2)).await, good());
+    assert_eq!(asked(&mut wire, &mut device, READ, &registers(1, 2)).await, good());
     let waited = since();
     assert!(waited >= SLOW.silence() && waited < SLOW.silence() + Duration::from_millis(2), "{waited:?}");
     tokio::time::sleep(Duration::from_millis(50)).await;
     device.write_all(&[0]).await.unwrap();
     let since = tokio_time();
-    assert_eq!(asked(&mut wire, &mut device, READ, &words(1, 2)).await, good());
+    assert_eq!(asked(&mut wire, &mut device, READ, &registers(1, 2)).await, good());
     assert!(since() >= SLOW.silence());
 }
 
@@ -170,7 +170,7 @@ async fn an_adapter_that_lets_us_hear_ourselves_is_seen_at_the_first_read_and_no
  {
     let (mut wire, mut device) = line();
     let heard = |request, answer: &[u8]| [&frame::request(3, request), answer].concat();
-    let answer = heard(READ, &words(1, 2));
+    let answer = heard(READ, &registers(1, 2));
     assert_eq!(asked(&mut wire, &mut device, READ, &answer).await, good());
     let nobody = heard(WRITE, &[]);
     assert_eq!(asked(&mut wire, &mut device, WRITE, &nobody).await, Err(Fault::Timeout));
@@ -198,12 +198,12 @@ async fn while_listening_a_late_answer_is_discarded() {
     let (mut wire, mut device) = line();
     let late = async {
         tokio::time::sleep(Duration::from_millis(200)).await;
-        device.write_all(&words(7, 7)).await.unwrap();
+        device.write_all(&registers(7, 7)).await.unwrap();
     };
     let (heard, ()) =
         tokio::join!(wire.listen(3, Duration::from_millis(300), Duration::from_millis(100)), late);
     assert_eq!(heard, Ok(()));
-    assert_eq!(asked(&mut wire, &mut device, READ, &words(1, 2)).await, good());
+    assert_eq!(asked(&mut wire, &mut device, READ, &registers(1, 2)).await, good());
 }
 
 /// A line on which something always waits.

@@ -21,7 +21,7 @@ pub struct Exchange {
     pub took: Duration,
     /// Modbus unit.
     pub unit: u8,
-    /// What was asked, in words; empty for what came by itself.
+    /// What was asked, for people; empty for what came by itself.
     pub asked: String,
     /// The bytes that went out; none where there was no connection.
     #[serde(serialize_with = "hex")]
@@ -31,7 +31,7 @@ pub struct Exchange {
     pub received: Vec<u8>,
     /// Bytes that passed beyond those two.
     pub more: usize,
-    /// What was answered, or what was wrong with it, in words.
+    /// What was answered, or what was wrong with it, for people.
     pub answered: String,
     /// It is the answer that was asked for.
     pub is_good: bool,
@@ -65,21 +65,25 @@ pub(super) fn asked(request: Request<'_>) -> String {
         Request::WriteCoil { at: coil, value } => {
             format!("write {} = {}", at(Table::Coil, coil), u8::from(value))
         }
-        Request::WriteSingle { at: register, word } => {
-            format!("write {} = {word}", at(Table::Holding, register))
+        Request::WriteSingle { at: register, value } => {
+            format!("write {} = {value}", at(Table::Holding, register))
         }
-        Request::WriteMultiple { at: register, words } => {
-            format!("write {} ={}", at(Table::Holding, register), listed(words))
+        Request::WriteMultiple { at: register, values } => {
+            format!("write {} ={}", at(Table::Holding, register), listed(values))
         }
         Request::Can(CanRequest::Read { object }) => format!("read {object}"),
-        Request::Can(CanRequest::Write { object, words }) => format!("write {object} ={}", listed(words)),
-        Request::Can(CanRequest::Send { id, bits, words }) => format!("send {id}, {bits} ={}", listed(words)),
+        Request::Can(CanRequest::Write { object, values }) => format!("write {object} ={}", listed(values)),
+        Request::Can(CanRequest::Send { id, bits, values }) => {
+            format!("send {id}, {bits} ={}", listed(values))
+        }
     }
 }
 
 pub(super) fn answered(answer: &Result<Answer, Fault>) -> String {
     match answer {
-        Ok(Answer::Words(words)) => format!("{}:{}", counted(words.len(), "register"), listed(words)),
+        Ok(Answer::Registers(registers)) => {
+            format!("{}:{}", counted(registers.len(), "register"), listed(registers))
+        }
         Ok(Answer::Bits(bits)) => {
             let digits: Vec<u8> = bits.iter().map(|bit| u8::from(*bit)).collect();
             format!("{}:{}", counted(bits.len(), "bit"), listed(&digits))

@@ -38,7 +38,7 @@ const GOOD: [u8; 11] = [0, 0, 0, 7, 1, 4, 4, 0, 251, 0, 249];
 async fn an_exchange_is_shown_with_its_bytes_and_its_meaning() {
     let tap = Tap::default();
     let mut listening = tap.listen(None).unwrap();
-    assert_eq!(asked(&tap, &GOOD).await, Ok(Answer::Words(vec![251, 249])));
+    assert_eq!(asked(&tap, &GOOD).await, Ok(Answer::Registers(vec![251, 249])));
     let exchange = listening.next_now().unwrap();
     assert_eq!(exchange.sent[2..], [0, 0, 0, 6, 1, 4, 0, 0, 0, 2]);
     assert_eq!(exchange.received[2..], GOOD);
@@ -141,9 +141,9 @@ fn each_kind_of_request_is_named_with_its_place_and_its_words() {
     let read = |count| exchange::asked(Request::Read { from: "coil:65535".parse().unwrap(), count });
     assert_eq!(read(1), "read coil:65535");
     assert_eq!(exchange::asked(Request::WriteCoil { at: 3, value: true }), "write coil:3 = 1");
-    assert_eq!(exchange::asked(Request::WriteSingle { at: 104, word: 7 }), "write holding:104 = 7");
+    assert_eq!(exchange::asked(Request::WriteSingle { at: 104, value: 7 }), "write holding:104 = 7");
     assert_eq!(
-        exchange::asked(Request::WriteMultiple { at: 104, words: &[1, 65535] }),
+        exchange::asked(Request::WriteMultiple { at: 104, values: &[1, 65535] }),
         "write holding:104 = 1 65535"
     );
     assert_eq!(exchange::answered(&Ok(Answer::Bits(vec![true, false]))), "2 bits: 1 0");

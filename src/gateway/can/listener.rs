@@ -381,7 +381,7 @@ impl CanListener {
             self.nodes.heard(route.device, now);
             let Some(read) = route.field.read(frame.data()) else { continue };
             let encoding = &self.shared.profile.signal(route.signal).encoding;
-            let value = match read.and_then(|read| encoding.decode(read.words())) {
+            let value = match read.and_then(|read| encoding.decode(read.registers())) {
                 _ if self.nodes.is_lost(route.device) => Err(Reason::Timeout),
                 Ok(_) if !core.commissioning.is_fit(route.device) => Err(Reason::NotAsExpected),
                 value => value,

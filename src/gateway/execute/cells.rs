@@ -35,7 +35,7 @@ pub(super) fn cells(profile: &Profile, set: &OutputSet, values: &[Encoded], own:
         }
     }
     for (output, value) in set.members(profile).zip(values) {
-        cells.extend(output.cells(value.words()));
+        cells.extend(output.cells(value.registers()));
     }
     let own = [
         (set.sequence, own.sequence),

@@ -104,7 +104,7 @@ impl Position {
         let target = self.encode(shared, output, position + cz.get() * factor / 1000.0);
         let asked = turn.line.looked();
         match write(turn, output, &target, order.not_after).await {
-            Ok(found) if found.is_none_or(|found| found.words() == target.words()) => {}
+            Ok(found) if found.is_none_or(|found| found.registers() == target.registers()) => {}
             Ok(found) => {
                 self.sent = Some(cz);
                 return self.is_not_shown(shared, output, &target, found);
@@ -124,7 +124,7 @@ impl Position {
         state.standing = Standing::Verified;
         state.writes += 1;
         state.cz = Some(cz);
-        state.value = output.encoding.decode(target.words()).ok();
+        state.value = output.encoding.decode(target.registers()).ok();
         state.verified_at = Some(asked);
         core.storage.outputs.wrote(Steady::Position(self.id), Some(cz), asked);
         if self.trouble.take() == Some(Trouble::Untaken) {
@@ -161,8 +161,8 @@ impl Position {
         found: Option<Encoded>,
     ) {
         if self.trouble.replace(Trouble::Untaken) != Some(Trouble::Untaken) {
-            let found = found.map_or(String::new(), |found| registers_in_text(output, found.words()));
-            let wrote = registers_in_text(output, wrote.words());
+            let found = found.map_or(String::new(), |found| registers_in_text(output, found.registers()));
+            let wrote = registers_in_text(output, wrote.registers());
             shared.report(&Event::VerifyFailed { output: output.name.clone(), wrote, found });
         }
         self.is_unverified(shared, &"something else is read back than was written");
@@ -222,13 +222,13 @@ async fn write(
     let leave = Leave::By(not_after);
     if output.display.beside.is_empty() {
         let functions = turn.shared.profile.device(output.device).functions;
-        let request = Request::write(&output.address, target.words(), functions);
+        let request = Request::write(&output.address, target.registers(), functions);
         let sent = turn.line.request(output.device, request, leave).await;
         sent.map_err(|fault| (fault, fault.outcome()))?;
     } else {
         let shown = shown(turn.shared, output);
         let beside = output.display.beside.iter().map(|beside| (beside.register, beside.word(shown)));
-        send(turn, output, output.cells(target.words()).chain(beside).collect(), leave).await?;
+        send(turn, output, output.cells(target.registers()).chain(beside).collect(), leave).await?;
     }
     if !output.verify.reads() {
         return Ok(None);

@@ -281,7 +281,7 @@ impl Set {
                     register.comes_of(turn, Fact::NoAnswer);
                 }
                 Ok(asked) if register.may_hear_a_read() => {
-                    let found = register.units.found(found.words());
+                    let found = register.units.found(found.registers());
                     register.comes_of(turn, Fact::Read { found, asked });
                 }
                 _ => {}
@@ -315,7 +315,7 @@ impl Set {
         for ((register, order), value) in self.registers.iter_mut().zip(orders).zip(&values) {
             if !register.is_writing() {
                 if may_have_arrived {
-                    let value = register.units.found(value.words());
+                    let value = register.units.found(value.registers());
                     register.step(shared, Fact::WentAlong { value, left, is_done: fault.is_none() }, left);
                 }
                 continue;
@@ -375,12 +375,12 @@ impl Set {
                     register.step(shared, Fact::GoesAlong, now);
                 }
             }
-            let is_as_known = register.units.found(stands.words()) == register.stands();
+            let is_as_known = register.units.found(stands.registers()) == register.stands();
             values.push(match register.action {
                 Action::Write { value, not_after, is_repeat: false } => {
                     last = last.min(not_after);
                     register.is_to_be_changed = false;
-                    Encoded::of(register.units.registers(value).words())
+                    Encoded::of(register.units.registers(value).registers())
                 }
                 Action::Write { .. } if is_as_known => stands,
                 _ => return None,

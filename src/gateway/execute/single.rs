@@ -92,7 +92,7 @@ impl Single {
         }
         let registers = self.register.units.registers(value);
         let functions = turn.shared.profile.device(output.device).functions;
-        let request = Request::write(&output.address, registers.words(), functions);
+        let request = Request::write(&output.address, registers.registers(), functions);
         let leave = match self.register.settings.verify {
             Verify::Reading => Leave::Here(not_after),
             Verify::Echo => Leave::By(not_after),

@@ -95,8 +95,11 @@ impl Taking {
     /// What was sent, in counts, where some of it stands there and some does not.
     fn half_sent(&self, registers: &[Register]) -> Option<Vec<Counts>> {
         let sent = self.sent.as_ref().filter(|_| registers.iter().any(|register| register.is_bound))?;
-        let values: Vec<Counts> =
-            registers.iter().zip(sent).map(|(register, sent)| register.units.found(sent.words())).collect();
+        let values: Vec<Counts> = registers
+            .iter()
+            .zip(sent)
+            .map(|(register, sent)| register.units.found(sent.registers()))
+            .collect();
         let is_new = |place: usize| self.taken.as_ref().is_none_or(|taken| taken[place] != sent[place]);
         let mut has = (false, false);
         for (place, (register, value)) in registers.iter().zip(&values).enumerate() {

@@ -79,8 +79,8 @@ pub(crate) fn node(profile: &Profile, id: DeviceId, bank: &mut Bank) -> Option<N
     for object in &in_use {
         let (entry, cell) = (object.entry, &Address::Object(*object));
         bank.reserve(cell, object.data_type.registers());
-        match objects.get(entry).and_then(|bytes| object.words(bytes)) {
-            Some(words) if !is_verified(entry) && !is_written(entry) => bank.set(cell, words.words()),
+        match objects.get(entry).and_then(|bytes| object.registers(bytes)) {
+            Some(words) if !is_verified(entry) && !is_written(entry) => bank.set(cell, words.registers()),
             stands => {
                 let bytes = object.bytes(bank.read(cell, object.data_type.registers()).unwrap_or_default());
                 objects.put(entry, &bytes, is_written(entry) || (stands.is_some() && is_set_up(entry)));

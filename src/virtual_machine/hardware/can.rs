@@ -49,7 +49,7 @@ impl CanUnit {
     /// The objects in use of which this holds, with what stands in them.
     fn standing(&self, which: impl Fn(Entry) -> bool) -> Vec<(Address, Encoded)> {
         let objects = self.objects.iter().filter(|object| which(object.entry));
-        let stands = |object: &Object| object.words(self.node.objects.get(object.entry)?);
+        let stands = |object: &Object| object.registers(self.node.objects.get(object.entry)?);
         objects.filter_map(|object| Some((Address::Object(*object), stands(object)?))).collect()
     }
 }
@@ -187,7 +187,7 @@ impl Hardware {
             let Some(can) = &self.units[place].can else { return };
             let shown: Vec<_> = can.taken.iter().filter_map(|value| value.shown_at(&cell)).collect();
             let cells: Vec<_> = std::iter::once(cell).chain(shown).collect();
-            self.put(place, &cells, words.words(), now);
+            self.put(place, &cells, words.registers(), now);
         }
     }
 
@@ -196,7 +196,7 @@ impl Hardware {
         let unit = &mut self.units[place];
         let Some(can) = &unit.can else { return };
         for (cell, words) in can.standing(which) {
-            unit.bank.set(&cell, words.words());
+            unit.bank.set(&cell, words.registers());
         }
     }
 
@@ -218,7 +218,7 @@ impl Hardware {
         match delivery {
             Delivery::Taken(values) => {
                 for (cells, words) in values {
-                    self.put(place, &cells, words.words(), now);
+                    self.put(place, &cells, words.registers(), now);
                 }
             }
             _ => {

@@ -69,7 +69,7 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
         let place = unit_of[device.0];
         let width = encoding.data_type.registers();
         let bank = &mut units[place].bank;
-        bank.set(address, encoding.encode(0.0).words());
+        bank.set(address, encoding.encode(0.0).registers());
         owned.push((place, address.clone(), width));
         if let Some(applied) = applied {
             bank.reserve(&applied.address.into(), applied.encoding.data_type.registers());
@@ -91,7 +91,7 @@ pub(super) fn units(profile: &Profile) -> (Vec<Unit>, Vec<usize>) {
     owned.extend(single.map(|(device, register)| (unit_of[device.0], register.into(), 1)));
     for (device, place) in profile.devices.iter().zip(&unit_of) {
         for Expected { address, encoding, equals, .. } in &device.verify {
-            units[*place].bank.put(address, encoding, encoding.encode_counts(Counts(*equals)).words());
+            units[*place].bank.put(address, encoding, encoding.encode_counts(Counts(*equals)).registers());
         }
     }
     for output in &profile.outputs {

@@ -90,8 +90,8 @@ impl BitField {
     ///
     /// # Errors
     /// The frame is too short to hold it.
-    pub fn words(&self, frame: &[u8]) -> Result<Encoded, Reason> {
-        Ok(self.data_type().words(self.bits(frame)?))
+    pub fn registers(&self, frame: &[u8]) -> Result<Encoded, Reason> {
+        Ok(self.data_type().encode(self.bits(frame)?))
     }
 
     /// Puts bits into a frame, of which it has as many as the field; nothing else in the frame changes.

@@ -92,14 +92,14 @@ impl DataType {
     }
 
     /// These bits as registers, the most significant first.
-    pub fn words(self, bits: u64) -> Encoded {
+    pub fn encode(self, bits: u64) -> Encoded {
         let len = usize::from(self.registers());
-        let mut words = [0u16; 4];
-        for (place, word) in words.iter_mut().take(len).enumerate() {
+        let mut registers = [0u16; 4];
+        for (place, word) in registers.iter_mut().take(len).enumerate() {
             let [low, high, ..] = (bits >> (16 * (len - 1 - place))).to_le_bytes();
             *word = u16::from_le_bytes([low, high]);
         }
-        Encoded { words, len, saturated: false }
+        Encoded { registers, len, saturated: false }
     }
 
     /// The word of the profile for it.

@@ -37,7 +37,7 @@ impl Field {
                 Err(short) => return Some(Err(short)),
             }
         }
-        Some(self.bits.words(frame))
+        Some(self.bits.registers(frame))
     }
 }
 
@@ -83,7 +83,7 @@ mod tests {
         let field = Field { frames, is_fd: false, bits: bits(8, 16), multiplex: vec![selector] };
         assert_eq!(field.read(&[0xf1, 0x34, 0x12]), None);
         for chosen in [0xf2, 0x05, 0x07] {
-            assert_eq!(field.read(&[chosen, 0x34, 0x12]).unwrap().unwrap().words(), [0x1234]);
+            assert_eq!(field.read(&[chosen, 0x34, 0x12]).unwrap().unwrap().registers(), [0x1234]);
         }
         assert_eq!(field.read(&[2, 0x34]), Some(Err(Reason::ShortFrame)));
         assert_eq!(field.read(&[]), Some(Err(Reason::ShortFrame)));

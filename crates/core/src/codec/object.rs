@@ -47,18 +47,18 @@ impl Object {
     }
 
     /// Its value as registers, the most significant first; `None` where it is not its size.
-    pub fn words(&self, bytes: &[u8]) -> Option<Encoded> {
+    pub fn registers(&self, bytes: &[u8]) -> Option<Encoded> {
         if bytes.len() != self.size() || bytes.len() > 8 {
             return None;
         }
         let mut eight = [0; 8];
         eight[..bytes.len()].copy_from_slice(bytes);
-        Some(self.data_type.words(u64::from_le_bytes(eight)))
+        Some(self.data_type.encode(u64::from_le_bytes(eight)))
     }
 
     /// The bytes of such registers, as they go over the line.
-    pub fn bytes(&self, words: &[u16]) -> Vec<u8> {
-        Encoded::of(words).bits().to_le_bytes()[..self.size().min(8)].to_vec()
+    pub fn bytes(&self, registers: &[u16]) -> Vec<u8> {
+        Encoded::of(registers).bits().to_le_bytes()[..self.size().min(8)].to_vec()
     }
 }
 
@@ -76,11 +76,11 @@ mod tests {
     #[test]
     fn an_object_s_bytes_are_its_registers_turned_round() {
         let position = Object::new(0x6004, 0, DataType::I32);
-        assert_eq!(position.words(&[0x78, 0x56, 0x34, 0x12]).unwrap().words(), [0x1234, 0x5678]);
+        assert_eq!(position.registers(&[0x78, 0x56, 0x34, 0x12]).unwrap().registers(), [0x1234, 0x5678]);
         assert_eq!(position.bytes(&[0x1234, 0x5678]), [0x78, 0x56, 0x34, 0x12]);
-        assert_eq!(position.words(&[0x78, 0x56]), None);
+        assert_eq!(position.registers(&[0x78, 0x56]), None);
         let status = Object::new(0x6150, 1, DataType::unsigned(8));
-        assert_eq!((status.size(), status.words(&[3]).unwrap().words()), (1, [3].as_slice()));
+        assert_eq!((status.size(), status.registers(&[3]).unwrap().registers()), (1, [3].as_slice()));
         assert_eq!((position.to_string(), status.to_string()), ("6004:00".to_owned(), "6150:01".to_owned()));
     }
 }

@@ -87,10 +87,10 @@ fn the_wrong_number_of_registers_is_a_bad_reply() {
 #[test]
 fn what_does_not_fit_is_cut_and_reported() {
     let tenth = Encoding { scale: Scale::of(0.1), ..encoding(DataType::I16, WordOrder::MswFirst) };
-    assert_eq!(tenth.encode(8.4).words(), [84]);
+    assert_eq!(tenth.encode(8.4).registers(), [84]);
     assert!(!tenth.encode(8.4).saturated);
     let cut = tenth.encode(1e9);
-    assert_eq!((cut.words(), cut.saturated), ([0x7FFF].as_slice(), true));
+    assert_eq!((cut.registers(), cut.saturated), ([0x7FFF].as_slice(), true));
     assert!(tenth.encode(f64::NAN).saturated);
 }
 
@@ -101,8 +101,8 @@ fn tenths_and_thousandths_come_out_as_they_are_written() {
     {
         let encoding = Encoding { scale: Scale::of(scale), ..encoding(DataType::I32, WordOrder::MswFirst) };
         let words = encoding.encode(value);
-        assert_eq!(encoding.decode(words.words()), Ok(value), "{raw} counts of {scale}");
-        assert_eq!(Encoding { scale: Scale::ONE, ..encoding }.decode(words.words()), Ok(f64::from(raw)));
+        assert_eq!(encoding.decode(words.registers()), Ok(value), "{raw} counts of {scale}");
+        assert_eq!(Encoding { scale: Scale::ONE, ..encoding }.decode(words.registers()), Ok(f64::from(raw)));
     }
 }
 
@@ -110,8 +110,8 @@ fn tenths_and_thousandths_come_out_as_they_are_written() {
 fn a_bias_keeps_a_negative_offset_above_zero_on_the_wire() {
     let linuxcnc =
         Encoding { scale: Scale::of(0.1), bias: 32768, ..encoding(DataType::U16, WordOrder::MswFirst) };
-    assert_eq!(linuxcnc.encode(-0.1).words(), [32767]);
-    assert_eq!(linuxcnc.encode(0.0).words(), [32768]);
+    assert_eq!(linuxcnc.encode(-0.1).registers(), [32767]);
+    assert_eq!(linuxcnc.encode(0.0).registers(), [32768]);
     assert!((linuxcnc.decode(&[32767]).unwrap() + 0.1).abs() < 1e-12);
 }
 
@@ -130,7 +130,7 @@ proptest! {
         let encoding = Encoding { byte_swap, ..encoding(DataType::I32, order) };
         let encoded = encoding.encode(f64::from(raw));
         prop_assert!(!encoded.saturated);
-        prop_assert_eq!(encoding.decode(encoded.words()), Ok(f64::from(raw)));
+        prop_assert_eq!(encoding.decode(encoded.registers()), Ok(f64::from(raw)));
     }
 
     #[test]
@@ -146,7 +146,7 @@ proptest! {
 fn a_bit_of_a_register_is_read_alone() {
     let bit = |bit| encoding(DataType::Bit(bit), WordOrder::MswFirst);
     assert_eq!((bit(5).decode(&[0x0021]), bit(4).decode(&[0x0021])), (Ok(1.0), Ok(0.0)));
-    assert_eq!((bit(15).decode(&[0x8000]), bit(15).encode(1.0).words()), (Ok(1.0), [0x8000].as_slice()));
+    assert_eq!((bit(15).decode(&[0x8000]), bit(15).encode(1.0).registers()), (Ok(1.0), [0x8000].as_slice()));
 }
 
 /// DM36B06: high nibble the sign, next nibble the decimals, then 24 bits.
@@ -156,7 +156,7 @@ fn a_digit_display_is_given_sign_decimals_and_magnitude() {
         Encoding { scale: Scale::of(0.01), ..encoding(DataType::Decimal24(2), WordOrder::MswFirst) };
     for (value, words) in [(32.70, [0x0200, 0x0cc6]), (-32.70, [0x1200, 0x0cc6]), (1310.72, [0x0202, 0x0000])]
     {
-        assert_eq!(display.encode(value).words(), words, "{value}");
+        assert_eq!(display.encode(value).registers(), words, "{value}");
         assert_eq!(display.decode(&words), Ok(value));
     }
     assert!(display.encode(10_000.0).saturated && !display.encode(-9_999.99).saturated);

@@ -62,12 +62,12 @@ fn a_signal_is_where_its_file_says_with_scale_offset_and_unit() {
 fn multiplexers_are_followed_through_each_other() {
     let two = file().signal("Muxed.Two", None).unwrap();
     assert_eq!(two.unit, Unit::named("um"));
-    assert_eq!(two.field.read(&[2, 0xfe, 0xff]).unwrap().unwrap().words(), [0xfffe]);
+    assert_eq!(two.field.read(&[2, 0xfe, 0xff]).unwrap().unwrap().registers(), [0xfffe]);
     assert_eq!(two.field.read(&[3, 0xfe, 0xff]), None);
     let deep = file().signal("Muxed.Deep", None).unwrap().field;
     assert_eq!(deep.multiplex.len(), 2);
     assert_eq!(deep.multiplex[1].values, [(5, 5), (16, 24)]);
-    assert_eq!(deep.read(&[3, 20, 7, 0]).unwrap().unwrap().words(), [7]);
+    assert_eq!(deep.read(&[3, 20, 7, 0]).unwrap().unwrap().registers(), [7]);
     assert_eq!((deep.read(&[3, 6, 7, 0]), deep.read(&[2, 20, 7, 0])), (None, None));
     assert_eq!(deep.read(&[3, 20, 7]), Some(Err(Reason::ShortFrame)));
 }

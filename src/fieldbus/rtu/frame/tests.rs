@@ -23,8 +23,8 @@ fn each_request_has_the_bytes_of_the_specification_and_the_length_that_was_foret
         (read(Table::Input, 0x0102, 7), &[9, 4, 1, 2, 0, 7]),
         (read(Table::Coil, 3, 11), &[9, 1, 0, 3, 0, 11]),
         (Request::WriteCoil { at: 2, value: true }, &[9, 5, 0, 2, 0xff, 0]),
-        (Request::WriteSingle { at: 2, word: 0x1234 }, &[9, 6, 0, 2, 0x12, 0x34]),
-        (Request::WriteMultiple { at: 2, words: &[1, 0xfffe] }, &[9, 16, 0, 2, 0, 2, 4, 0, 1, 0xff, 0xfe]),
+        (Request::WriteSingle { at: 2, value: 0x1234 }, &[9, 6, 0, 2, 0x12, 0x34]),
+        (Request::WriteMultiple { at: 2, values: &[1, 0xfffe] }, &[9, 16, 0, 2, 0, 2, 4, 0, 1, 0xff, 0xfe]),
     ];
     for (asked, body) in cases {
         let bytes = request(9, asked);

@@ -22,7 +22,7 @@ fn value(field: BitField, scale: f64, offset: f64, frame: &[u8]) -> Result<f64, 
         bias: 0,
         bad: Vec::new(),
     };
-    encoding.decode(field.words(frame)?.words())
+    encoding.decode(field.registers(frame)?.registers())
 }
 
 #[test]
@@ -114,7 +114,7 @@ fn a_value_that_does_not_fit_its_field_is_cut_and_told() {
     let written = encoding.encode(-3.2);
     assert_eq!((written.bits(), written.saturated), (0xfe0, false));
     assert_eq!((encoding.encode(-205.0).bits(), encoding.encode(-205.0).saturated), (0x800, true));
-    assert_eq!(encoding.decode(written.words()), Ok(-3.2));
+    assert_eq!(encoding.decode(written.registers()), Ok(-3.2));
 }
 
 fn any_field() -> impl Strategy<Value = BitField> {
@@ -137,7 +137,7 @@ proptest! {
         let old = field.bits(&frame).unwrap();
         field.insert(&mut frame, bits).unwrap();
         prop_assert_eq!(field.bits(&frame), Ok(bits));
-        prop_assert_eq!(field.words(&frame).unwrap().bits(), bits);
+        prop_assert_eq!(field.registers(&frame).unwrap().bits(), bits);
         prop_assert_eq!(field.bits(&frame[..field.bytes()]), Ok(bits));
         prop_assert!(field.bits(&frame[..field.bytes() - 1]).is_err());
         field.insert(&mut frame, old).unwrap();
@@ -151,8 +151,8 @@ proptest! {
             data_type, word_order: WordOrder::MswFirst, byte_swap: false, scale: Scale::ONE, offset: 0.0, bias: 0, bad: Vec::new(),
         };
         let bits = bits & (u64::MAX >> (64 - u32::from(data_type.width())));
-        let words = data_type.words(bits);
-        if let Some(counts) = encoding.counts(words.words()) {
+        let words = data_type.encode(bits);
+        if let Some(counts) = encoding.counts(words.registers()) {
             let (low, high) = data_type.integer_range().unwrap();
             prop_assert!((low..=high).contains(&i128::from(counts.0)));
             prop_assert_eq!(encoding.encode_counts(counts), words);
