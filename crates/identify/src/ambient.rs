@@ -4,7 +4,7 @@
 //! What it tells of the error goes with the clock rather than with the machine. Only what all of these say is told; a hall
 //! that warms while the machine does cannot be told apart from it.
 
-use crate::dataset::{Column, Dataset, Kind, Run};
+use crate::dataset::{Dataset, Kind, Run};
 use crate::faults::Finding;
 use crate::minutes::Minutes;
 use crate::statistics::{count, mean, median, range};
@@ -102,13 +102,11 @@ pub(crate) fn find(dataset: &Dataset, columns: &[usize], error: usize) -> Vec<Fi
 
 /// The speed that turns most often.
 fn load(dataset: &Dataset) -> Option<usize> {
-    let turns = |column: usize| {
-        let values = dataset.runs.iter().flat_map(|run| &run.values[column]);
+    let turns = |column: &usize| {
+        let values = dataset.runs.iter().flat_map(|run| &run.values[*column]);
         values.filter(|value| value.abs() > 1.0).count()
     };
-    let is_speed = |(place, column): (usize, &Column)| (column.kind == Kind::Speed).then_some(place);
-    let speeds = dataset.columns.iter().enumerate().filter_map(is_speed);
-    speeds.filter(|column| turns(*column) > 0).max_by_key(|column| turns(*column))
+    dataset.of_kind(Kind::Speed).filter(|column| turns(column) > 0).max_by_key(turns)
 }
 
 fn courses(run: &Run, load: usize, error: usize, columns: &[usize]) -> Courses {
@@ -146,31 +144,29 @@ fn starts(run: &Courses) -> Vec<usize> {
 }
 
 fn figures(runs: &[Courses], sensor: usize) -> Figures {
-    let mut kicks = Vec::new();
-    let (mut fastest, mut widest) = (0.0_f64, 0.0_f64);
-    for run in runs {
+    let own = |run: &Courses| run.sensors[sensor].clone();
+    let kick = |run: &Courses, start: usize| {
         let own = &run.sensors[sensor];
-        for start in starts(run) {
-            let (before, at, after) = (own[start - AFTER_START], own[start], own[start + AFTER_START]);
-            kicks.push((after - at) - (at - before));
-        }
-        let ahead = own.iter().zip(own.iter().skip(AFTER_START));
-        fastest = ahead.map(|(now, then)| (then - now).abs()).fold(fastest, f64::max);
-        widest = widest.max(range(own));
-    }
-    let rises: Vec<Vec<f64>> = runs.iter().map(|run| centred(&run.sensors[sensor])).collect();
-    let errors: Vec<Vec<f64>> = runs.iter().map(|run| centred(&run.error)).collect();
-    let by_lag = |minutes: &f64| {
-        let follow = |run: &Courses| centred(&lagged(&run.load, *minutes));
-        correlation(&rises, &runs.iter().map(follow).collect::<Vec<_>>()).powi(2)
+        let (before, at, after) = (own[start - AFTER_START], own[start], own[start + AFTER_START]);
+        (after - at) - (at - before)
     };
+    let kicks = runs.iter().flat_map(|run| starts(run).into_iter().map(|start| kick(run, start)));
+    let changes = runs.iter().flat_map(|run| {
+        let own = &run.sensors[sensor];
+        own.iter().zip(own.iter().skip(AFTER_START)).map(|(now, then)| (then - now).abs())
+    });
+    let centred = |of: &dyn Fn(&Courses) -> Vec<f64>| -> Vec<Vec<f64>> {
+        runs.iter().map(|run| self::centred(&of(run))).collect()
+    };
+    let rises = centred(&own);
+    let by_lag = |minutes: &f64| correlation(&rises, &centred(&|run| lagged(&run.load, *minutes))).powi(2);
     Figures {
-        start: median(kicks),
-        fastest,
+        start: median(kicks.collect()),
+        fastest: changes.fold(0.0, f64::max),
         load: LAGS_MIN.iter().map(by_lag).fold(0.0, f64::max),
         time: parabolic(&rises),
-        error: correlation(&rises, &errors),
-        range: widest,
+        error: correlation(&rises, &centred(&|run| run.error.clone())),
+        range: runs.iter().map(|run| range(&run.sensors[sensor])).fold(0.0, f64::max),
     }
 }
 
@@ -202,17 +198,16 @@ fn correlation(one: &[Vec<f64>], other: &[Vec<f64>]) -> f64 {
 
 /// The share of the variance that a parabola over each run's time takes: by the first two Legendre polynomials.
 fn parabolic(rises: &[Vec<f64>]) -> f64 {
-    let taken = |values: &Vec<f64>| {
+    let taken = |values: &Vec<f64>| -> f64 {
         let last = count(values.len().max(2) - 1);
-        let places = || (0..values.len()).map(|place| 2.0 * count(place) / last - 1.0);
-        let line: Vec<f64> = centred(&places().collect::<Vec<f64>>());
-        let bow: Vec<f64> = centred(&places().map(|place| 1.5 * place * place - 0.5).collect::<Vec<f64>>());
-        let along = |shape: &[f64]| {
+        let along = |shape: fn(f64) -> f64| {
+            let places = (0..values.len()).map(|place| shape(2.0 * count(place) / last - 1.0));
+            let shape = centred(&places.collect::<Vec<f64>>());
             let own: f64 = shape.iter().map(|value| value * value).sum();
             let with: f64 = shape.iter().zip(values).map(|(shape, value)| shape * value).sum();
             if own > 0.0 { with * with / own } else { 0.0 }
         };
-        along(&line) + along(&bow)
+        along(|place| place) + along(|place| 1.5 * place * place - 0.5)
     };
     let all = product(rises, rises);
     if all > 0.0 { rises.iter().map(taken).sum::<f64>() / all } else { 0.0 }

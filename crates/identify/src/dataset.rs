@@ -73,6 +73,13 @@ pub struct Split {
 #[error("{}", .0.join("\n"))]
 pub struct BadLog(pub Vec<String>);
 
+impl BadLog {
+    /// This where nothing is wrong.
+    pub(crate) fn unless<T>(wrong: Vec<String>, good: T) -> Result<T, BadLog> {
+        if wrong.is_empty() { Ok(good) } else { Err(BadLog(wrong)) }
+    }
+}
+
 /// The unit of a column, where a profile knows it.
 pub type Units<'a> = &'a dyn Fn(&str) -> Option<&'static str>;
 
@@ -82,42 +89,41 @@ impl Dataset {
     /// # Errors
     /// Everything that cannot be read, with file, line and column.
     pub fn read(files: &[PathBuf], split: &Split, units: Units<'_>) -> Result<Dataset, BadLog> {
-        let mut wrong = Vec::new();
-        let mut tables = Vec::new();
+        let (mut tables, mut wrong) = (Vec::new(), Vec::new());
         for file in files::logs(files, &mut wrong) {
             match read_table(&file) {
                 Ok(table) => tables.push(table),
                 Err(BadLog(found)) => wrong.extend(found),
             }
         }
-        if !wrong.is_empty() {
-            return Err(BadLog(wrong));
-        }
-        Dataset::from_tables(&tables, split, units)
+        Dataset::from_tables(&BadLog::unless(wrong, tables)?, split, units)
     }
 
     fn from_tables(tables: &[Table], split: &Split, units: Units<'_>) -> Result<Dataset, BadLog> {
-        let names = shared_names(tables);
-        let mut remarks = Vec::new();
-        for table in tables {
-            let lacking = |name: &&str| table.numbers(name).is_none();
-            let lacks: Vec<&str> = names.iter().copied().filter(lacking).collect();
-            if !lacks.is_empty() {
-                remarks.push(format!("{} has no column {}", table.file.display(), lacks.join(", ")));
+        // Every name that has numbers in some file, in the order in which they are met.
+        let mut names: Vec<&str> = Vec::new();
+        for name in tables.iter().flat_map(Table::names_of_numbers) {
+            if !names.contains(&name) {
+                names.push(name);
             }
         }
+        let lacks = |table: &Table| {
+            let lacking = names.iter().copied().filter(|name| table.numbers(name).is_none());
+            let lacking: Vec<&str> = lacking.collect();
+            let remark = format!("{} has no column {}", table.file.display(), lacking.join(", "));
+            (!lacking.is_empty()).then_some(remark)
+        };
         let runs = split::runs(tables, &names, split)?;
         let column = |(place, name): (usize, &&str)| {
-            let values = runs.iter().map(|run| run.values[place].as_slice());
             let has_acted = |table: &Table| table.acted.iter().any(|known| known == name);
             let kind = match tables.iter().any(has_acted) {
                 true => Kind::Compensation,
-                false => Kind::guess(name, units(name), values),
+                false => Kind::guess(name, units(name), runs.iter().map(|run| run.values[place].as_slice())),
             };
             Column { name: (*name).to_owned(), kind }
         };
         let columns = names.iter().enumerate().map(column).collect();
-        Ok(Dataset { columns, runs, remarks })
+        Ok(Dataset { columns, remarks: tables.iter().filter_map(lacks).collect(), runs })
     }
 
     /// The names of the columns.
@@ -165,17 +171,6 @@ impl Run {
             _ => Duration::ZERO,
         }
     }
-}
-
-/// Every name that has numbers in some file, in the order in which they are met.
-fn shared_names(tables: &[Table]) -> Vec<&str> {
-    let mut names: Vec<&str> = Vec::new();
-    for name in tables.iter().flat_map(Table::names_of_numbers) {
-        if !names.contains(&name) {
-            names.push(name);
-        }
-    }
-    names
 }
 
 fn read_table(file: &Path) -> Result<Table, BadLog> {

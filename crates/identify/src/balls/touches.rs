@@ -73,9 +73,5 @@ pub(super) fn rounds(dataset: &Dataset) -> Result<Vec<Round>, BadLog> {
             }
         }
     }
-    if wrong.is_empty() {
-        Ok(rounds.into_iter().map(|(_, round)| round).collect())
-    } else {
-        Err(BadLog(wrong))
-    }
+    BadLog::unless(wrong, rounds.into_iter().map(|(_, round)| round).collect())
 }

@@ -1,6 +1,6 @@
 //! The Cz that acted while the gateway logged: its log has every decision, and a measured error has Cz in it.
 
-use super::table::{Cells, Table, Wrong};
+use super::table::{Cells, Table};
 
 /// What a log of the gateway has of an axis besides `cz_um` and `slope_um`; nothing to learn from.
 const DECIDED: [&str; 8] =
@@ -10,8 +10,10 @@ const MACHINE: [&str; 3] = ["machine_memory", "machine_zero", DRY_RUN];
 const DRY_RUN: &str = "machine_dry_run";
 
 /// Leaves of the gateway's decisions what acted: `<axis>_cz_um`, and `<axis>_slope_um` where the control is given the
-/// slope, each as it stood in the registers when the row was read. The table notes their names.
-pub(super) fn keep_what_acted(table: &mut Table, wrong: &mut Wrong) {
+/// slope, each as it stood in the registers when the row was read. The table notes their names. Returns the columns of
+/// axes of which nobody knows what acted.
+pub(super) fn keep_what_acted(table: &mut Table) -> Vec<String> {
+    let mut unknown = Vec::new();
     let axes: Vec<String> = (table.columns.iter())
         .filter_map(|(name, _)| name.strip_suffix("_permit").map(str::to_owned))
         .filter(|axis| table.numbers(&format!("{axis}_cz_um")).is_some())
@@ -20,21 +22,15 @@ pub(super) fn keep_what_acted(table: &mut Table, wrong: &mut Wrong) {
     for axis in &axes {
         let acted = acted(table, axis);
         if !acted.iter().any(|cz| cz.is_finite()) && !was_dry {
-            let column = format!("{axis}_permit");
-            let message = "no row in which what stood in the register was verified: what acted is not known; leave this \
-                           log out";
-            wrong.at("every line", Some(&column), message);
+            unknown.push(format!("{axis}_permit"));
         }
         for (what, values) in [("cz_um", acted), ("slope_um", before(table, &format!("{axis}_slope_um")))] {
             let name = format!("{axis}_{what}");
-            let place = table.columns.iter().position(|(known, _)| *known == name);
-            match place {
-                Some(place) if was_dry => drop(table.columns.remove(place)),
-                Some(place) => {
-                    table.columns[place].1 = Cells::Numbers(values);
-                    table.acted.push(name);
-                }
-                None => {}
+            if was_dry {
+                table.columns.retain(|(known, _)| *known != name);
+            } else if let Some((_, cells)) = table.columns.iter_mut().find(|(known, _)| *known == name) {
+                *cells = Cells::Numbers(values);
+                table.acted.push(name);
             }
         }
         table.columns.retain(|(name, _)| !DECIDED.iter().any(|what| *name == format!("{axis}_{what}")));
@@ -42,6 +38,7 @@ pub(super) fn keep_what_acted(table: &mut Table, wrong: &mut Wrong) {
     if !axes.is_empty() {
         table.columns.retain(|(name, _)| !MACHINE.contains(&name.as_str()));
     }
+    unknown
 }
 
 /// A row's readings are older than its decision: what acted is what the row before had decided. Before the first
@@ -65,6 +62,5 @@ fn acted(table: &Table, axis: &str) -> Vec<f64> {
 
 fn before(table: &Table, name: &str) -> Vec<f64> {
     let decided = table.numbers(name).unwrap_or_default();
-    let first = decided.first().copied();
-    first.into_iter().chain(decided.iter().copied()).take(decided.len()).collect()
+    decided.first().into_iter().chain(decided).take(decided.len()).copied().collect()
 }

@@ -1,12 +1,10 @@
 //! Which files are meant.
 
+use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
 use super::BadLog;
-
-/// What a gateway did with its decisions, beside the log of these: no measurement.
-const OF_OUTPUTS: &str = ".outputs.csv";
 
 /// The files as they are named; of a directory, those that end with .csv or .parquet, by name, but no logs of outputs.
 pub(super) fn logs(named: &[PathBuf], wrong: &mut Vec<String>) -> Vec<PathBuf> {
@@ -25,7 +23,8 @@ pub(super) fn logs(named: &[PathBuf], wrong: &mut Vec<String>) -> Vec<PathBuf> {
         }
         let found = if name.is_dir() { inside(name, wrong) } else { vec![name.clone()] };
         for file in found {
-            if files.iter().any(|known| is_same(known, &file)) {
+            let path = file.canonicalize().ok();
+            if path.is_some() && files.iter().any(|known| known.canonicalize().ok() == path) {
                 wrong.push(format!(
                     "{} is named twice: a run would be judged by a model that had seen it; name each log once",
                     file.display()
@@ -38,15 +37,9 @@ pub(super) fn logs(named: &[PathBuf], wrong: &mut Vec<String>) -> Vec<PathBuf> {
     files
 }
 
+/// What a gateway did with its decisions, beside the log of these: no measurement.
 fn is_of_outputs(path: &Path) -> bool {
-    path.to_str().is_some_and(|path| path.ends_with(OF_OUTPUTS))
-}
-
-fn is_same(one: &Path, other: &Path) -> bool {
-    match (one.canonicalize(), other.canonicalize()) {
-        (Ok(one), Ok(other)) => one == other,
-        _ => false,
-    }
+    path.to_str().is_some_and(|path| path.ends_with(".outputs.csv"))
 }
 
 fn inside(directory: &Path, wrong: &mut Vec<String>) -> Vec<PathBuf> {
@@ -54,14 +47,13 @@ fn inside(directory: &Path, wrong: &mut Vec<String>) -> Vec<PathBuf> {
         let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
         !is_of_outputs(path) && ["csv", "parquet"].iter().any(|known| ending.eq_ignore_ascii_case(known))
     };
-    let entries = match std::fs::read_dir(directory) {
-        Ok(entries) => entries,
+    let mut files: Vec<PathBuf> = match std::fs::read_dir(directory) {
+        Ok(entries) => entries.flatten().map(|entry| entry.path()).filter(is_log).collect(),
         Err(why) => {
-            wrong.push(format!("{}: {}", directory.display(), cannot_be_read(&why)));
+            wrong.push(cannot_be_read(directory, &why));
             return Vec::new();
         }
     };
-    let mut files: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).filter(is_log).collect();
     files.sort();
     if files.is_empty() {
         wrong.push(format!(
@@ -73,14 +65,13 @@ fn inside(directory: &Path, wrong: &mut Vec<String>) -> Vec<PathBuf> {
 }
 
 /// Opens a log.
-pub(super) fn open(file: &Path) -> Result<std::fs::File, BadLog> {
-    std::fs::File::open(file)
-        .map_err(|why| BadLog(vec![format!("{}: {}", file.display(), cannot_be_read(&why))]))
+pub(super) fn open(file: &Path) -> Result<File, BadLog> {
+    File::open(file).map_err(|why| BadLog(vec![cannot_be_read(file, &why)]))
 }
 
-fn cannot_be_read(why: &io::Error) -> String {
+fn cannot_be_read(path: &Path, why: &io::Error) -> String {
     match why.kind() {
-        io::ErrorKind::NotFound => "there is no such file".to_owned(),
-        _ => format!("it cannot be read: {why}"),
+        io::ErrorKind::NotFound => format!("{}: there is no such file", path.display()),
+        _ => format!("{}: it cannot be read: {why}", path.display()),
     }
 }

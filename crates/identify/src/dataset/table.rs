@@ -6,9 +6,6 @@ use std::path::{Path, PathBuf};
 use super::{BadLog, acted};
 use isotherm_core::quantity::{Moment, time};
 
-/// Most mistakes of one file that are listed.
-const MOST_LISTED: usize = 20;
-
 /// The rows of one file, column by column.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Table {
@@ -30,39 +27,6 @@ pub(super) enum Cells {
     Text(Vec<String>),
 }
 
-/// How the time column counts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum TimeUnit {
-    /// Seconds or RFC 3339.
-    Seconds,
-    /// Minutes.
-    Minutes,
-}
-
-impl TimeUnit {
-    /// What a column of this name counts; `None`: it is not the time.
-    fn of(name: &str) -> Option<TimeUnit> {
-        match name {
-            "time" | "time_s" => Some(TimeUnit::Seconds),
-            "time_min" => Some(TimeUnit::Minutes),
-            _ => None,
-        }
-    }
-
-    fn moment(self, text: &str) -> Result<Moment, String> {
-        let read = time::parse(text)?;
-        match self {
-            TimeUnit::Seconds => Ok(read),
-            // A minute is sixty of the seconds that were read: exact to the nanosecond.
-            TimeUnit::Minutes if text.contains(':') => {
-                Err(format!("`{text}` is a date, and `time_min` counts minutes; name the column `time`"))
-            }
-            TimeUnit::Minutes => (read.as_nanos().checked_mul(60).map(Moment::from_nanos))
-                .ok_or_else(|| format!("`{text}` minutes is beyond the end of time")),
-        }
-    }
-}
-
 impl Table {
     pub(super) fn cells(&self, name: &str) -> Option<&Cells> {
         self.columns.iter().find(|(known, _)| known == name).map(|(_, cells)| cells)
@@ -81,68 +45,93 @@ impl Table {
     }
 }
 
-/// A table while it is read, row by row.
+/// Reads a cell of the time.
+type ReadTime = fn(&str) -> Result<Moment, String>;
+
+/// A table while it is read, row by row, with the mistakes that are found.
 pub(super) struct Reader {
     table: Table,
-    names: Vec<String>,
-    /// The place of the time, and how it counts.
-    time: (usize, TimeUnit),
-    /// By column.
-    texts: Vec<Vec<String>>,
+    columns: Vec<(String, Vec<String>)>,
+    /// The place of the time, and what reads its cells.
+    time: (usize, ReadTime),
     /// What the file calls a row: line, row.
     row: &'static str,
-    wrong: Wrong,
+    listed: Vec<String>,
+    unlisted: usize,
 }
 
 impl Reader {
     /// `None` where no column is the time.
     pub(super) fn new(file: &Path, names: Vec<String>, row: &'static str) -> Option<Reader> {
-        let time = names.iter().enumerate().find_map(|(place, name)| Some((place, TimeUnit::of(name)?)))?;
+        let unit = |name: &str| -> Option<ReadTime> {
+            match name {
+                "time" | "time_s" => Some(time::parse),
+                "time_min" => Some(minutes),
+                _ => None,
+            }
+        };
         Some(Reader {
             table: Table { file: file.to_owned(), ..Table::default() },
-            time,
-            texts: vec![Vec::new(); names.len()],
-            names,
+            time: names.iter().enumerate().find_map(|(place, name)| Some((place, unit(name)?)))?,
+            columns: names.into_iter().map(|name| (name, Vec::new())).collect(),
             row,
-            wrong: Wrong::in_file(file.to_owned()),
+            listed: Vec::new(),
+            unlisted: 0,
         })
     }
 
     /// Adds a mistake in a row of the file.
     pub(super) fn refuse(&mut self, number: u64, column: Option<&str>, message: impl Display) {
-        self.wrong.at(&format!("{} {number}", self.row), column, message);
+        self.refuse_at(&format!("{} {number}", self.row), column, message);
+    }
+
+    fn refuse_at(&mut self, place: &str, column: Option<&str>, message: impl Display) {
+        const MOST_LISTED: usize = 20;
+        if self.listed.len() == MOST_LISTED {
+            self.unlisted += 1;
+            return;
+        }
+        let column = column.map(|name| format!(", column {name}")).unwrap_or_default();
+        self.listed.push(format!("{}, {place}{column}: {message}", self.table.file.display()));
     }
 
     /// Adds a row: a text for each column.
     pub(super) fn add(&mut self, number: u64, cells: Vec<String>) {
-        let (time, unit) = self.time;
-        match unit.moment(cells.get(time).map_or("", String::as_str)) {
+        let (time, read) = self.time;
+        match read(cells.get(time).map_or("", String::as_str)) {
             Ok(moment) => self.table.times.push(moment),
             Err(why) => {
-                let name = self.names[time].clone();
+                let name = self.columns[time].0.clone();
                 return self.refuse(number, Some(&name), why);
             }
         }
         self.table.lines.push(number);
-        self.texts.iter_mut().zip(cells).for_each(|(texts, cell)| texts.push(cell));
+        self.columns.iter_mut().zip(cells).for_each(|((_, texts), cell)| texts.push(cell));
     }
 
     /// The table as it is learnt from. `empty`: what is said of a file without rows, and of which of its rows.
     pub(super) fn finish(mut self, empty: (u64, &str)) -> Result<Table, BadLog> {
-        if self.table.times.is_empty() && self.wrong.is_empty() {
+        if self.table.times.is_empty() && self.listed.is_empty() {
             self.refuse(empty.0, None, empty.1);
         }
-        for (place, name) in std::mem::take(&mut self.names).into_iter().enumerate() {
-            let texts = std::mem::take(&mut self.texts[place]);
+        for (place, (name, texts)) in std::mem::take(&mut self.columns).into_iter().enumerate() {
             if place != self.time.0 && !name.is_empty() {
                 let cells = self.cells(&name, texts);
                 self.table.columns.push((name, cells));
             }
         }
-        if self.wrong.is_empty() {
-            acted::keep_what_acted(&mut self.table, &mut self.wrong);
+        if self.listed.is_empty() {
+            for column in acted::keep_what_acted(&mut self.table) {
+                let message = "no row in which what stood in the register was verified: what acted is not known; leave \
+                               this log out";
+                self.refuse_at("every line", Some(&column), message);
+            }
         }
-        self.wrong.or(self.table)
+        if self.unlisted > 0 {
+            let more = format!("{}: {} more of this kind", self.table.file.display(), self.unlisted);
+            self.listed.push(more);
+        }
+        BadLog::unless(self.listed, self.table)
     }
 
     /// Texts become numbers where they all are. A column with both is a mistake, named at its first text.
@@ -157,49 +146,24 @@ impl Reader {
         if !has_comma && !numbers.iter().flatten().any(|value| value.is_finite()) {
             return Cells::Text(texts);
         }
-        let hint = if has_comma {
-            format!("`{text}` has a decimal comma; write {dotted}")
-        } else {
-            format!("`{text}` is no number; leave the cell empty where the value is missing")
+        let hint = match has_comma {
+            true => format!("`{text}` has a decimal comma; write {dotted}"),
+            false => format!("`{text}` is no number; leave the cell empty where the value is missing"),
         };
         self.refuse(self.table.lines[first], Some(name), hint);
         Cells::Numbers(numbers.into_iter().map(|value| value.unwrap_or(f64::NAN)).collect())
     }
 }
 
-/// The mistakes of one file, as they are found.
-#[derive(Debug)]
-pub(super) struct Wrong {
-    file: PathBuf,
-    listed: Vec<String>,
-    count: usize,
-}
-
-impl Wrong {
-    fn in_file(file: PathBuf) -> Wrong {
-        Wrong { file, listed: Vec::new(), count: 0 }
+/// A time in minutes.
+fn minutes(text: &str) -> Result<Moment, String> {
+    let read = time::parse(text)?;
+    if text.contains(':') {
+        return Err(format!("`{text}` is a date, and `time_min` counts minutes; name the column `time`"));
     }
-
-    /// Adds a mistake; `what` names the row, as "line 3".
-    pub(super) fn at(&mut self, what: &str, column: Option<&str>, message: impl Display) {
-        self.count += 1;
-        if self.listed.len() < MOST_LISTED {
-            let column = column.map(|name| format!(", column {name}")).unwrap_or_default();
-            self.listed.push(format!("{}, {what}{column}: {message}", self.file.display()));
-        }
-    }
-
-    fn is_empty(&self) -> bool {
-        self.count == 0
-    }
-
-    fn or<T>(mut self, good: T) -> Result<T, BadLog> {
-        if self.count > self.listed.len() {
-            let more = self.count - self.listed.len();
-            self.listed.push(format!("{}: {more} more of this kind", self.file.display()));
-        }
-        if self.is_empty() { Ok(good) } else { Err(BadLog(self.listed)) }
-    }
+    // A minute is sixty of the seconds that were read: exact to the nanosecond.
+    let nanos = read.as_nanos().checked_mul(60);
+    nanos.map(Moment::from_nanos).ok_or_else(|| format!("`{text}` minutes is beyond the end of time"))
 }
 
 /// One cell as a number: NaN where it is empty; `None` where it is none.
