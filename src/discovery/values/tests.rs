@@ -5,7 +5,7 @@ fn form(data_type: Option<DataType>, word_order: Option<WordOrder>, scale: f64) 
 }
 
 fn read(form: &Form, words: &[u16]) -> Vec<String> {
-    let values = form.values("holding:100".parse().unwrap(), &Answer::Words(words.to_vec()));
+    let values = form.values("holding:100".parse().unwrap(), &Answer::Registers(words.to_vec()));
     let way = |read: &Reading| format!("{} {}", read.way, read.value).trim().to_owned();
     values
         .iter()
