@@ -272,6 +272,26 @@ fn nothing_is_sent_that_the_register_cannot_hold() {
 }
 
 #[test]
+fn what_is_wanted_is_cut_to_what_the_register_holds_wherever_its_zero_is() {
+    let bias = Counts(100);
+    let around = Settings { bias, range: (Counts(0), Counts(200)), ..settings(false, 5, 4) };
+    for offset in [3, -3] {
+        let kept = Kept { in_order: true, stood: Some(bias), ..Kept::default() };
+        Rig::new(around, kept).go(offset);
+    }
+    let kept = Kept {
+        in_order: true,
+        account: Some(Account { base: Counts(5), ..Account::default() }),
+        ..Kept::default()
+    };
+    let narrow = Settings { step: Counts(4), range: (Counts(0), Counts(11)), ..settings(true, 40, 4) };
+    let mut rig = Rig::new(narrow, kept);
+    assert_eq!((rig.want(20), rig.done()), (Some(9), None));
+    assert_eq!((rig.want(20), rig.done()), (Some(11), None));
+    assert_eq!(rig.want(20), None);
+}
+
+#[test]
 fn whatever_interrupts_a_decision_ends_it() {
     let interruptions = [Fact::Paused, Fact::Interlocked, Fact::Off, Fact::NotSent, Fact::Refused];
     for fact in interruptions {

@@ -43,7 +43,7 @@ impl Settings {
     /// What should stand there for this offset from the bias, or from the operator's part.
     pub(super) fn target(&self, centre: Counts, offset: Counts) -> Counts {
         let (lowest, highest) = self.range;
-        centre + offset.clamp(lowest, highest)
+        (centre + offset).clamp(lowest, highest)
     }
 
     /// What is on disk before a value is sent: a register that says itself what stands in it needs no promise.
