@@ -124,5 +124,5 @@ pub fn read(path: &Path) -> Result<FeInput, Faults> {
     if cards.is_empty() && faults.is_empty() {
         faults.push(Fault::of_file(path, "the FE input file is empty"));
     }
-    reader::read(path, &cards, faults).map_err(Faults)
+    keywords::read(path, &cards, faults).map_err(Faults)
 }

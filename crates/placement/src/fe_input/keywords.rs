@@ -1,13 +1,14 @@
 //! Which keywords there are, when each is read, and what is said of all others.
 
-use super::Fault;
+use std::path::Path;
+
 use super::card::{Card, INCLUDED, plain};
 use super::reader::Reader;
-use super::{load, material, mesh};
+use super::{Fault, FeInput, load, material, mesh};
 
 /// When a card is read: after all that it may name, wherever that stands. Cards of one stage are read in their order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Stage {
+enum Stage {
     Nodes,
     Elements,
     Sets,
@@ -56,8 +57,47 @@ const KEYWORDS: [Keyword; 27] = [
 const CONSTANTS: &str = "ABSOLUTEZERO STEFANBOLTZMANN NEWTONGRAVITY";
 const PRINTED: &str = "NSET ELSET FREQUENCY FREQUENCYF TOTALS GLOBAL OUTPUT TIMEPOINTS NODES 2D 3D";
 
+/// The file whose cards these are, where nothing is wrong, these faults included.
+pub(super) fn read(path: &Path, cards: &[Card], mut faults: Vec<Fault>) -> Result<FeInput, Vec<Fault>> {
+    let known = known(cards, &mut faults);
+    let before = faults.len();
+    let mut reader = Reader::default();
+    reader.faults = faults;
+    let read = |reader: &mut Reader, stage: Stage| {
+        for (_, card, read) in known.iter().filter(|(known, ..)| *known == stage) {
+            let done = read(reader, card);
+            reader.faults.extend(done.err());
+        }
+    };
+    read(&mut reader, Stage::Nodes);
+    reader.sort_nodes();
+    read(&mut reader, Stage::Elements);
+    if reader.mesh.elements.is_empty() && reader.faults.is_empty() {
+        reader.faults.push(Fault::of_file(path, "the file has no elements: does it include its mesh?"));
+    }
+    reader.is_spoiled |= reader.faults.len() > before || reader.mesh.elements.is_empty();
+    reader.begin_sets();
+    read(&mut reader, Stage::Sets);
+    reader.find_surfaces();
+    reader.check_mesh();
+    for stage in [Stage::Surfaces, Stage::Materials, Stage::Sections, Stage::Boundary, Stage::Step] {
+        read(&mut reader, stage);
+    }
+    let materials = material::finish(&mut reader);
+    let supports = load::supports(&mut reader);
+    let load = load::finish(path, &mut reader);
+    let Reader { mesh, faults, .. } = reader;
+    match (materials, load) {
+        (Some(materials), Some((load, surfaces))) if faults.is_empty() => {
+            let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            Ok(FeInput { name, mesh, materials, load, surfaces, supports })
+        }
+        _ => Err(faults),
+    }
+}
+
 /// The cards with their stages and what reads them. What is not understood or stands in a wrong place goes to `faults`.
-pub(super) fn known<'a>(cards: &'a [Card], faults: &mut Vec<Fault>) -> Vec<(Stage, &'a Card, Read)> {
+fn known<'a>(cards: &'a [Card], faults: &mut Vec<Fault>) -> Vec<(Stage, &'a Card, Read)> {
     let mut known = Vec::new();
     // The card that began the step; whether it has ended.
     let (mut began, mut ended) = (None, false);

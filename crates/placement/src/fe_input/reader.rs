@@ -1,12 +1,10 @@
 //! What has been read so far, and what names mean in it.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
-use std::path::Path;
 
 use super::card::{Card, Line, Location};
-use super::keywords::{Stage, known};
 use super::material::Draft;
-use super::{Fault, FeInput, SurfaceNames, load, material};
+use super::{Fault, SurfaceNames};
 use crate::body::{Case, Film, Flux};
 use crate::mesh::{Face, Mesh, NodeId};
 
@@ -48,44 +46,6 @@ pub(super) struct Reader {
     pub(super) names: SurfaceNames,
     /// What may be said only once, and the line that said it.
     once: HashMap<(u8, usize, usize), usize>,
-}
-
-/// The file whose cards these are, where nothing is wrong, these faults included.
-pub(super) fn read(path: &Path, cards: &[Card], mut faults: Vec<Fault>) -> Result<FeInput, Vec<Fault>> {
-    let known = known(cards, &mut faults);
-    let before = faults.len();
-    let mut reader = Reader { faults, ..Reader::default() };
-    let read = |reader: &mut Reader, stage: Stage| {
-        for (_, card, read) in known.iter().filter(|(known, ..)| *known == stage) {
-            let done = read(reader, card);
-            reader.faults.extend(done.err());
-        }
-    };
-    read(&mut reader, Stage::Nodes);
-    reader.sort_nodes();
-    read(&mut reader, Stage::Elements);
-    if reader.mesh.elements.is_empty() && reader.faults.is_empty() {
-        reader.faults.push(Fault::of_file(path, "the file has no elements: does it include its mesh?"));
-    }
-    reader.is_spoiled |= reader.faults.len() > before || reader.mesh.elements.is_empty();
-    reader.begin_sets();
-    read(&mut reader, Stage::Sets);
-    reader.find_surfaces();
-    reader.check_mesh();
-    for stage in [Stage::Surfaces, Stage::Materials, Stage::Sections, Stage::Boundary, Stage::Step] {
-        read(&mut reader, stage);
-    }
-    let materials = material::finish(&mut reader);
-    let supports = load::supports(&mut reader);
-    let load = load::finish(path, &mut reader);
-    let Reader { mesh, faults, .. } = reader;
-    match (materials, load) {
-        (Some(materials), Some((load, surfaces))) if faults.is_empty() => {
-            let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            Ok(FeInput { name, mesh, materials, load, surfaces, supports })
-        }
-        _ => Err(faults),
-    }
 }
 
 impl Reader {
@@ -180,7 +140,7 @@ impl Reader {
         set.retain(|place| seen.insert(*place));
     }
 
-    fn sort_nodes(&mut self) {
+    pub(super) fn sort_nodes(&mut self) {
         self.nodes.sort_by_key(|(id, ..)| *id);
         for pair in self.nodes.windows(2) {
             let [(id, _, first), (again, _, at)] = [&pair[0], &pair[1]];
@@ -193,7 +153,7 @@ impl Reader {
     }
 
     /// Sets that nodes and elements were put into as they were read.
-    fn begin_sets(&mut self) {
+    pub(super) fn begin_sets(&mut self) {
         let outlines = self.outlines.iter().enumerate();
         self.outline_numbers = outlines.map(|(place, (id, _))| (*id, place)).collect();
         self.initial = vec![None; self.mesh.nodes.len()];
@@ -206,7 +166,7 @@ impl Reader {
 
     /// Sets that hold outlines become surfaces, and node sets, where there is none of that name; what they hold of
     /// elements they keep. A surface that lies inside is none: it has nodes, but nothing flows past it.
-    fn find_surfaces(&mut self) {
+    pub(super) fn find_surfaces(&mut self) {
         let mesh = &mut self.mesh;
         let outer = mesh.outer_faces().into_iter();
         self.outer =
@@ -233,7 +193,7 @@ impl Reader {
     }
 
     /// Refuses nodes without elements, faces with too many, neighbours of different kinds.
-    fn check_mesh(&mut self) {
+    pub(super) fn check_mesh(&mut self) {
         if self.is_spoiled {
             return;
         }
