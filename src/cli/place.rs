@@ -2,9 +2,11 @@
 
 use std::collections::BTreeSet;
 use std::io::{IsTerminal, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use super::{print_json, values, write_file};
+use anyhow::Context;
+
+use super::{print_json, values};
 use crate::clock::Clock;
 use isotherm_placement::blocks::Cut;
 use isotherm_placement::export::{Rider, block, matrix};
@@ -198,4 +200,8 @@ fn progress() -> impl Fn(&str, usize, usize) {
             eprint!("\r{what}: {done} of {all}\u{1b}[K{end}");
         }
     }
+}
+
+fn write_file(path: &Path, text: impl AsRef<[u8]>) -> anyhow::Result<()> {
+    std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
 }

@@ -123,7 +123,7 @@ fn take_out(dataset: &mut Dataset, error: usize, column: usize) -> Option<(f64, 
 }
 
 /// The error as it is without the Cz that acted on it; a sentence among the remarks says so. `axis` where it is known;
-/// `moves` as [`moves_the_machine`] says.
+/// `moves` as `moves_the_machine` says.
 ///
 /// # Errors
 /// What acted cannot be known: a sentence that says which option names it.

@@ -4,8 +4,7 @@ use std::path::Path;
 
 use anyhow::Context;
 
-use super::Engine;
-use crate::cli::write_file;
+use super::{Engine, write_file};
 use isotherm_placement::body::Progress;
 use isotherm_placement::example;
 use isotherm_placement::export::signals;

@@ -1,4 +1,4 @@
-//! The models: from a snapshot to a raw Cz. Each kind is one file behind [`Evaluate`], and one line in [`Kind::model`].
+//! The models: from a snapshot to a raw Cz. Each kind is one file behind [`Evaluate`], and one line in `Kind::model`.
 
 use crate::reading::SignalId;
 
@@ -39,7 +39,7 @@ pub struct Model {
     pub envelope: Option<Envelope>,
 }
 
-/// The kinds of models. A new one is a file beside the others, a variant here and its line in [`Kind::model`].
+/// The kinds of models. A new one is a file beside the others, a variant here and its line in `Kind::model`.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Kind {
     /// A sum of gains times temperature rises.
