@@ -191,7 +191,7 @@ impl Gateway {
 
     /// Who shows its state and takes commands, from any thread.
     pub fn source(&self) -> Arc<dyn Source> {
-        Arc::new(Panel(self.shared.clone()))
+        Arc::new(Panel::new(self.shared.clone()))
     }
 
     /// Runs until `shutdown` is ready or something fails inside, then runs the fault actions, and returns when the axes

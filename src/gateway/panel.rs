@@ -12,14 +12,49 @@ use isotherm_core::compensation::{Measured, Snapshot};
 use isotherm_core::quantity::Micron;
 use isotherm_profile::AxisId;
 
-/// A person's hold on what the lines share.
-pub(super) struct Panel(pub(super) Arc<Shared>);
+/// What page, API and command socket have at hand: one hold to look, one to command.
+pub(super) struct Panel {
+    page: PageHandle,
+    commands: CommandHandle,
+}
+
+/// Whoever looks: it sees the state, and touches nothing.
+struct PageHandle(Arc<Shared>);
+
+/// Whoever commands.
+struct CommandHandle(Arc<Shared>);
+
+impl Panel {
+    pub(super) fn new(shared: Arc<Shared>) -> Panel {
+        Panel { page: PageHandle(Arc::clone(&shared)), commands: CommandHandle(shared) }
+    }
+}
 
 impl Source for Panel {
     fn status(&self) -> Status {
-        status(&self.0)
+        self.page.status()
     }
 
+    fn command(&self, command: Command) -> Result<String, String> {
+        self.commands.command(command)
+    }
+
+    fn arming(&self) -> Option<Result<String, String>> {
+        self.commands.arming()
+    }
+
+    fn measured(&self, axis: &str, error: Option<f64>) -> Result<String, String> {
+        self.commands.measured(axis, error)
+    }
+}
+
+impl PageHandle {
+    fn status(&self) -> Status {
+        status(&self.0)
+    }
+}
+
+impl CommandHandle {
     fn command(&self, command: Command) -> Result<String, String> {
         let shared = &*self.0;
         let mut core = shared.core();
