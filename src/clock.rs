@@ -12,7 +12,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use isotherm_core::quantity::Moment;
+use isotherm_core::quantity::{Moment, Shift, Shifted};
 
 mod inlet;
 mod looks;
@@ -20,6 +20,7 @@ mod passing;
 mod patience;
 mod silence;
 mod simulated;
+mod stamp;
 mod wall;
 
 pub use inlet::{Inlet, Taking};
@@ -27,13 +28,21 @@ pub use looks::Looks;
 pub use passing::Passing;
 pub use patience::Patience;
 pub use silence::Silence;
+pub use stamp::{Correction, SMALLEST_CORRECTION, Synchronised};
+pub use wall::TimeOfDay;
 
 use simulated::Simulated;
+use stamp::Followed;
 use wall::Wall;
 
 /// A clock that tasks share.
 #[derive(Clone, Debug)]
-pub struct Clock(Source);
+pub struct Clock {
+    source: Source,
+    followed: Arc<Followed>,
+    /// How far the time of day of a virtual clock is from what it counts.
+    set_to: Arc<Followed>,
+}
 
 #[derive(Clone, Debug)]
 enum Source {
@@ -73,33 +82,70 @@ pub struct Hold {
 impl Clock {
     /// The wall's time. Anchored once; from there it counts what passes, a computer's suspension included.
     pub fn wall() -> Clock {
-        Clock::wall_by(Passing::default())
+        Clock::wall_by(Passing::default(), TimeOfDay::default())
     }
 
-    /// The wall's time as this counts it.
-    pub fn wall_by(passing: Passing) -> Clock {
-        Clock(Source::Wall(Arc::new(Wall::start(passing))))
+    /// The wall's time as these count it, and say it.
+    pub fn wall_by(passing: Passing, time_of_day: TimeOfDay) -> Clock {
+        let clock = Clock::of(Source::Wall(Arc::new(Wall::start(passing, time_of_day))));
+        // How far apart the two begin is no correction.
+        clock.look_at_the_time_of_day();
+        clock
     }
 
     /// A wall's time that is `anchor` now, right or wrong, and goes on as this counts it.
     pub fn set_to(anchor: Moment, passing: Passing) -> Clock {
-        Clock(Source::Wall(Arc::new(Wall::from(anchor, passing))))
+        let (started, day) = (passing.passed(), passing.clone());
+        let time_of_day = move || anchor.after(day.passed().saturating_sub(started));
+        Clock::wall_by(passing, TimeOfDay::by(time_of_day))
+    }
+
+    fn of(source: Source) -> Clock {
+        Clock { source, followed: Arc::default(), set_to: Arc::default() }
+    }
+
+    /// What brings a counted moment to the time of day, as that was when it was looked at last.
+    pub fn shift(&self) -> Shift {
+        self.followed.shift()
+    }
+
+    /// A moment as people are told it.
+    pub fn stamp(&self, moment: Moment) -> Moment {
+        moment.shifted(self.shift())
+    }
+
+    /// Looks whether the computer's clock says what it should. Stamps follow it.
+    pub fn look_at_the_time_of_day(&self) -> Option<Correction> {
+        match &self.source {
+            Source::Wall(wall) => self.followed.look(wall.now(), wall.time_of_day.now()),
+            Source::Simulated(simulated) => {
+                let now = simulated.now();
+                self.followed.look(now, now.shifted(self.set_to.shift()))
+            }
+        }
+    }
+
+    /// Sets the time of day of a virtual clock, as a person or a network sets a computer's.
+    pub fn set_time_of_day(&self, time_of_day: Moment) {
+        if let Source::Simulated(_) = &self.source {
+            self.set_to.follow(Shift::between(self.now(), time_of_day));
+        }
     }
 
     /// Its time passes only as its sleepers sleep: it never stands still, and nothing comes too late.
     pub fn is_virtual(&self) -> bool {
-        matches!(self.0, Source::Simulated(_))
+        matches!(self.source, Source::Simulated(_))
     }
 
     /// A virtual time that begins at `start` and runs at most `speed` times as fast as the wall; `None`: as fast as
     /// its sleepers allow.
     pub fn simulated(start: Moment, speed: Option<f64>) -> Clock {
-        Clock(Source::Simulated(Simulated::start(start, speed)))
+        Clock::of(Source::Simulated(Simulated::start(start, speed)))
     }
 
     /// The present moment.
     pub fn now(&self) -> Moment {
-        match &self.0 {
+        match &self.source {
             Source::Wall(wall) => wall.now(),
             Source::Simulated(simulated) => simulated.now(),
         }
@@ -108,7 +154,7 @@ impl Clock {
     /// A hold for one more task. Join before the task is started, in the order in which simultaneous sleepers shall
     /// act.
     pub fn join(&self) -> Sleeper {
-        let place = match &self.0 {
+        let place = match &self.source {
             Source::Wall(_) => Place::Wall(Arc::new(tokio::sync::Notify::new())),
             Source::Simulated(simulated) => Place::Simulated(simulated.sit_down()),
         };
@@ -117,7 +163,7 @@ impl Clock {
 
     /// Stops a virtual clock until the hold is dropped.
     pub fn hold(&self) -> Hold {
-        match &self.0 {
+        match &self.source {
             Source::Wall(_) => Hold { _membership: None },
             Source::Simulated(simulated) => Hold { _membership: Some(simulated.sit_down()) },
         }
@@ -125,7 +171,7 @@ impl Clock {
 
     /// Moves a virtual clock ahead at once, as a suspended computer finds it on waking. The wall's is not moved.
     pub fn skip(&self, span: Duration) {
-        if let Source::Simulated(simulated) = &self.0 {
+        if let Source::Simulated(simulated) = &self.source {
             simulated.skip(span);
         }
     }

@@ -13,12 +13,13 @@ use std::time::Duration;
 use tokio::sync::Notify;
 use tokio::task::{Id, JoinError, JoinSet};
 
-use crate::clock::{Clock, Sleeper};
+use crate::clock::{Clock, Correction, Sleeper};
 use crate::fieldbus::connection::Dial;
 use crate::fieldbus::dial;
 use crate::fieldbus::line::DeviceLine;
 use crate::observe::events::{Event, Journal};
 use crate::observe::status::Source;
+use isotherm_core::compensation::Stop;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Bus, BusId, Profile};
 
@@ -64,7 +65,7 @@ use memory::Memory;
 use panel::Panel;
 use poll::LineTask;
 use shared::Shared;
-use storage::Storage;
+use storage::{Began, Storage, newest_stamp};
 use watch::Watch;
 
 pub use disk::{Disk, Files};
@@ -157,17 +158,32 @@ impl Gateway {
             profile.axes.iter_mut().for_each(|axis| axis.settings.every = axes);
         }
         let profile = Arc::new(profile);
-        let journal = Arc::new(Journal::default());
+        let journal = Arc::new(Journal::by(clock));
         let mut recalled = memory::Recalled::default();
         let mut storage = Storage::default();
         let mut had_state = false;
+        let now = clock.now();
         if let Some(directory) = options.directory.as_deref() {
             let (state, disk) = (Memory::path(directory, &profile), &options.disk);
             had_state = disk.has(&state);
             recalled = Memory::recall(&**disk, &state, &profile);
+            let by_the_clock = clock.stamp(now);
+            let logged = newest_stamp(directory, &profile.name, by_the_clock, recalled.clock_set.as_ref());
+            let last = recalled.at.max(logged);
+            let began = Began::at(by_the_clock, last, recalled.clock_set);
+            if let Some(Correction { from: last, .. }) = began.correction {
+                journal.report(now, &Event::ClockDoubtful { last });
+            }
+            if let Some(at) = recalled.at {
+                let stop = match began.correction {
+                    None => Stop::between(at, by_the_clock),
+                    Some(_) => Stop::default(),
+                };
+                recalled.remembered = std::mem::take(&mut recalled.remembered).going_on(at, now, stop);
+            }
             storage = match options.has_threads {
-                true => Storage::start(&profile, directory, options.dry_run, journal.clone()),
-                false => Storage::without_log(disk.clone(), state),
+                true => Storage::start(&profile, directory, options.dry_run, journal.clone(), (clock, began)),
+                false => Storage::without_log(disk.clone(), state, (clock, began)),
             };
         }
         let remembers = |output: &str| recalled.verified.contains(output);

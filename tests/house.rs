@@ -20,7 +20,7 @@ const ARROWS: [(&str, &str, &[&str]); 12] = [
     ("crates/core", "output", &["quantity"]),
     ("", "clock", &[]),
     ("", "fieldbus", &["clock"]),
-    ("", "observe", &[]),
+    ("", "observe", &["clock"]),
     ("", "gateway", &["fieldbus", "clock", "observe::events", "observe::status"]),
     ("", "discovery", &["clock", "fieldbus"]),
     (

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use isotherm::clock::{Clock, Passing};
+use isotherm::clock::{Clock, Passing, TimeOfDay};
 use isotherm::gateway::{Gateway, Options};
 use isotherm::observe::status::Source;
 
@@ -36,9 +36,9 @@ impl Computer {
         let slept = Arc::new(AtomicU64::new(0));
         let counted = slept.clone();
         let passing = Passing::default();
-        let clock = Clock::wall_by(Passing::by(move || {
-            passing.passed() + Duration::from_millis(counted.load(Ordering::SeqCst))
-        }));
+        let passing =
+            Passing::by(move || passing.passed() + Duration::from_millis(counted.load(Ordering::SeqCst)));
+        let clock = Clock::wall_by(passing, TimeOfDay::default());
         let device = Device::by(clock.clone(), TcpListener::bind("127.0.0.1:0").unwrap(), Duration::ZERO);
         let text = device::profile(device.address(), TIMES);
         let loaded = isotherm_profile::parse(Path::new("walker.toml"), &text, &[], &[]);

@@ -32,7 +32,7 @@ impl Clock {
     /// # Errors
     /// The process has no descriptor left.
     pub fn inlet(&self, socket: &impl AsFd) -> io::Result<Inlet> {
-        let Source::Simulated(clock) = &self.0 else { return Ok(Inlet(None)) };
+        let Source::Simulated(clock) = &self.source else { return Ok(Inlet(None)) };
         let from = socket.as_fd().try_clone_to_owned()?;
         Ok(Inlet(Some((clock.clone(), clock.watch(from)))))
     }

@@ -145,6 +145,7 @@ impl Tap {
     }
 
     fn show(&self, device: DeviceId, exchange: &Exchange) {
+        let exchange = Exchange { asked_at: self.0.clock.stamp(exchange.asked_at), ..exchange.clone() };
         let listeners = locked(&self.0.listeners);
         for listener in listeners.iter().filter(|listener| listener.device.is_none_or(|one| one == device)) {
             if listener.to.try_send(exchange.clone()).is_err() {

@@ -4,7 +4,7 @@
 //! One JSON file in the state directory (`file.rs`). A thread of its own puts it on disk; whoever depends on that asks
 //! what became of it.
 
-use isotherm_core::quantity::Counts;
+use isotherm_core::quantity::{Counts, Shifted};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -25,6 +25,8 @@ const WHAT: &str = "the ledger";
 /// What of each output is on disk.
 pub(super) struct Ledger {
     profile: Arc<Profile>,
+    /// On disk there are stamps.
+    clock: Clock,
     /// `None` where nothing is ever kept.
     writer: Option<LedgerWriter>,
     found: Entries,
@@ -64,6 +66,7 @@ impl Ledger {
             }
             return Ledger {
                 profile,
+                clock: clock.clone(),
                 writer: None,
                 found: Entries::new(),
                 is_first: true,
@@ -81,7 +84,8 @@ impl Ledger {
         };
         let found = found(&profile, &mut before, is_readable, remembers);
         if options.dry_run {
-            return Ledger { profile, writer: None, found, is_first, is_unmarked: true };
+            let clock = clock.clone();
+            return Ledger { profile, clock, writer: None, found, is_first, is_unmarked: true };
         }
         let mut entries = found.clone();
         entries.values_mut().for_each(|entry| entry.kept.in_order = false);
@@ -89,7 +93,8 @@ impl Ledger {
         let is_saved = is_readable && file.save(&entries).is_ok();
         let is_unmarked = is_saved || !is_readable || file.is_marked_begun();
         let writer = Some(LedgerWriter::start(entries, file, (journal, clock), options.has_threads));
-        Ledger { profile, writer, found, is_first: is_first && is_saved, is_unmarked }
+        let clock = clock.clone();
+        Ledger { profile, clock, writer, found, is_first: is_first && is_saved, is_unmarked }
     }
 
     /// What was on disk of this output at the start; `None` where that says nothing of its register.
@@ -97,7 +102,8 @@ impl Ledger {
         if self.is_first && !is_shared(output) {
             return Some(output::Kept { in_order: true, ..output::Kept::default() });
         }
-        self.found.get(&output.name).map(|entry| entry.kept)
+        let counted = self.clock.shift().reversed();
+        self.found.get(&output.name).map(|entry| entry.kept.shifted(counted))
     }
 
     /// Has this put on disk. `is_needed`: a register that says itself what stands in it need not wait for the disk, once
@@ -105,7 +111,10 @@ impl Ledger {
     pub(super) fn keep(&self, output: &Output, kept: output::Kept, is_needed: bool) -> Keeping {
         // What is no number in the register is none here either.
         let stood = kept.stood.filter(|counts| file::fits(*counts));
-        let entry = Entry { register: register(&self.profile, output), kept: output::Kept { stood, ..kept } };
+        let entry = Entry {
+            register: register(&self.profile, output),
+            kept: output::Kept { stood, ..kept }.shifted(self.clock.shift()),
+        };
         match &self.writer {
             None if is_shared(output) => Keeping::Impossible,
             None => Keeping::Needless,

@@ -41,6 +41,9 @@ impl LineHandle {
         let stepped = core.advance(now);
         let due = core.next_due;
         drop(core);
+        if stepped {
+            self.look_at_the_time_of_day();
+        }
         if stepped && self.profile.buses.len() > 1 {
             self.wake_others(self.bus);
         }

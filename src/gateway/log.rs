@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! time, <signal>…, then per axis z: z_permit, z_from_um, z_raw_um, z_cz_um, z_model, z_state, z_acted,
-//! and at the end: machine_memory, machine_zero
+//! and at the end: machine_memory, machine_zero, machine_clock
 //! ```
 //!
 //! - `time`: RFC 3339 in UTC with every nanosecond. A log from elsewhere may count seconds.
@@ -16,6 +16,8 @@
 //!   A log from elsewhere may have `z_measured_um` alone: what was decided last acts.
 //! - `machine_memory`: at the first row of a run, what was remembered from before (JSON).
 //! - `machine_zero`: the moment of a command to zero that was given since the row before.
+//! - `machine_clock`: at the first row after the computer's clock was set, from when to when. All moments of a file are
+//!   stamped alike, so that the spans between them are the counted ones.
 //! - `machine_dry_run`: 1, and only in the log of a dry run: no Cz in it ever acted.
 //!
 //! What the outputs make of the decisions stands in [a log of its own](outputs) beside this one, so that this one stays
@@ -38,6 +40,8 @@ const TIME: &str = "time";
 const MEMORY: &str = "machine_memory";
 const ZERO: &str = "machine_zero";
 /// In the log of a dry run.
+/// What the first row of a file says where the computer's clock was set before it.
+const CLOCK: &str = "machine_clock";
 const DRY_RUN: &str = "machine_dry_run";
 
 const PERMIT: &str = "permit";

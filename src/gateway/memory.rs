@@ -10,8 +10,9 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::disk::Disk;
+use crate::clock::Correction;
 use isotherm_core::compensation::Remembered;
-use isotherm_core::quantity::Moment;
+use isotherm_core::quantity::{Moment, Shift, Shifted};
 use isotherm_profile::Profile;
 
 /// The layout of the file. One of a later layout is set aside; the first had no lags and no datums, the
@@ -29,11 +30,18 @@ pub(super) struct Memory {
     pub(super) remembered: Remembered,
     /// Cz as last verified in each offset output, µm.
     pub(super) verified_um: BTreeMap<String, f64>,
+    /// The computer's clock was set so far that days before and after are not days of one row.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) clock_set: Option<Correction>,
 }
 
 #[derive(Debug, Default)]
 pub(super) struct Recalled {
+    /// Its moments are stamps, as the clock of that run had them.
     pub(super) remembered: Remembered,
+    /// When it was kept.
+    pub(super) at: Option<Moment>,
+    pub(super) clock_set: Option<Correction>,
     /// The outputs that an offset was verified in.
     pub(super) verified: BTreeSet<String>,
     /// A sentence where a file was set aside.
@@ -48,7 +56,13 @@ impl Memory {
         verified_um: BTreeMap<String, f64>,
     ) -> Memory {
         let signals = profile.signals.iter().map(|signal| signal.name.clone()).collect();
-        Memory { version: VERSION, at, signals, remembered, verified_um }
+        Memory { version: VERSION, at, signals, remembered, verified_um, clock_set: None }
+    }
+
+    /// The same as the computer's clock has it.
+    pub(super) fn stamped(self, shift: Shift, clock_set: Option<Correction>) -> Memory {
+        let remembered = self.remembered.counted_until(self.at).shifted(shift);
+        Memory { at: self.at.shifted(shift), remembered, clock_set, ..self }
     }
 
     /// The file of a machine in a state directory.
@@ -81,7 +95,8 @@ impl Memory {
                     profile.signals.iter().map(|signal| signal.name.as_str()),
                 );
                 let verified = memory.verified_um.into_keys().collect();
-                Recalled { remembered, verified, trouble: None }
+                let (at, clock_set) = (Some(memory.at), memory.clock_set);
+                Recalled { remembered, at, clock_set, verified, trouble: None }
             }
             Ok(memory) => set_aside(
                 disk,

@@ -126,6 +126,14 @@ impl Shared {
         self.core().pauses.count()
     }
 
+    /// Looks whether the computer's clock was set. What is stamped follows it; nothing else looks at it.
+    pub(super) fn look_at_the_time_of_day(&self) {
+        let Some(correction) = self.clock.look_at_the_time_of_day() else { return };
+        let mut core = self.core();
+        core.storage.clock_was_set(correction);
+        core.events.push(Event::ClockSet(correction));
+    }
+
     /// Somebody has not been able to look at the clock since then. Each notices by himself; the first one reports it.
     pub(super) fn stood_still(&self, since: Moment) {
         let now = self.clock.now();

@@ -13,6 +13,7 @@ use super::probing::why_refused;
 use super::reported::Reported;
 use super::shared::Shared;
 use super::why::Reasons;
+use crate::clock::Synchronised;
 use crate::observe::status::{
     AxisStatus, BusStatus, DeviceStatus, GainStatus, OutputStatus, ProbeStatus, ProbedStatus, SharesStatus,
     SignalStatus, Status,
@@ -94,7 +95,11 @@ pub(super) fn status(shared: &Shared) -> Status {
         machine: shared.profile.name.clone(),
         description: shared.profile.description.clone(),
         version: env!("CARGO_PKG_VERSION"),
-        now: picture.now.to_string(),
+        now: shared.clock.stamp(picture.now).to_string(),
+        clock: match shared.clock.is_virtual() {
+            true => "virtual",
+            false => Synchronised::by_the_kernel().display(),
+        },
         uptime_s: picture.now.since(shared.started).as_secs_f64(),
         machine_on_s: picture.machine_on.map(|span| span.as_secs_f64()),
         dry_run: shared.dry_run,
@@ -163,13 +168,15 @@ fn probe(shared: &Shared, picture: &Picture, place: usize) -> Option<ProbeStatus
         warn_um: bounds.warn.map(Micron::get),
         max_error_um: bounds.max_error.get(),
         last: probe.last().map(|last| ProbedStatus {
-            at: last.at.to_string(),
+            at: shared.clock.stamp(last.at).to_string(),
             error_um: last.error.get(),
             acting_um: last.acting.get(),
             residual_um: last.residual.map(Micron::get),
             refused: last.refused.map(|why| why_refused(&shared.profile, place, why, last)),
         }),
-        history: probe.history().map(|entry| (entry.at.to_string(), entry.residual.get())).collect(),
+        history: (probe.history())
+            .map(|entry| (shared.clock.stamp(entry.at).to_string(), entry.residual.get()))
+            .collect(),
         gains: (settings.models.iter().enumerate())
             .flat_map(|(place, model)| {
                 model.correctable().iter().zip(probe.gains(place)).map(|(term, change)| GainStatus {

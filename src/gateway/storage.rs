@@ -6,26 +6,32 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::time::Duration;
 
+use jiff::civil::Date;
+
 use super::disk::Disk;
 use super::log::Recorder;
+use super::log::outputs::ENDING;
 use super::memory::Memory;
 use super::output::OutputState;
+use crate::clock::{Clock, Correction};
 use crate::observe::events::Journal;
-use isotherm_core::compensation::{Compensation, Control, Snapshot};
-use isotherm_core::quantity::Moment;
+use isotherm_core::compensation::{Compensation, Control, Snapshot, Stop};
+use isotherm_core::quantity::{Moment, Shifted};
 use isotherm_profile::Profile;
 
+mod keeping;
 mod outputs;
+mod stamps;
 mod thread;
 
+use keeping::breaks_the_days;
 use outputs::OutputsLog;
 pub(super) use outputs::{Steady, Stepped};
+use stamps::{Stamped, Stamps};
 use thread::StorageThread;
 
 /// The state is written at most this often, and once at the end.
 const REMEMBER_EVERY: Duration = Duration::from_secs(10);
-/// The logs begin new files at midnight, UTC; in nanoseconds.
-const A_DAY: u64 = 86_400_000_000_000;
 /// How long the end of a run waits for the disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
 /// Rows of decisions that may wait for a slow disk; more are dropped, and that is counted.
@@ -42,8 +48,11 @@ pub(super) struct Storage {
     /// Rows of decisions and states that found the queue full.
     dropped: u64,
     remembered: Option<Moment>,
-    /// The day of the file in which the rows of decisions stand.
-    day: Option<u64>,
+    stamps: Stamps,
+    /// The day and the file in which the rows of decisions stand.
+    begun: Option<(Date, Stamped)>,
+    /// The clock was set so far that days before and after are not days of one row.
+    clock_set: Option<Correction>,
     /// Rows of decisions are missing on disk: what follows them can be replayed only from where the axes stand then.
     torn: Arc<AtomicBool>,
     /// Ends with the thread.
@@ -52,16 +61,58 @@ pub(super) struct Storage {
     here: Option<(Arc<dyn Disk>, PathBuf)>,
 }
 
+/// How the clock of this run goes on from where the last one ended.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Began {
+    /// It does not: it is behind, or too far ahead.
+    pub(super) correction: Option<Correction>,
+    /// By so much that days before and after are not days of one row; also in a run before the last.
+    pub(super) clock_set: Option<Correction>,
+}
+
+impl Began {
+    /// `last`: the newest stamp in state or log. `clock_set` is of the runs before.
+    pub(super) fn at(now: Moment, last: Option<Moment>, clock_set: Option<Correction>) -> Began {
+        let correction = last.filter(|last| Stop::between(*last, now).by_the_clock.is_none());
+        let correction = correction.map(|from| Correction { from, to: now });
+        Began { correction, clock_set: correction.filter(breaks_the_days).or(clock_set) }
+    }
+}
+
+/// The newest stamp in the logs of this machine, of the days that its clock is in; `None` where there is none.
+pub(super) fn newest_stamp(
+    directory: &Path,
+    machine: &str,
+    now: Moment,
+    clock_set: Option<&Correction>,
+) -> Option<Moment> {
+    let logs = keeping::logs(directory, machine);
+    let of_decisions = |log: &&keeping::DayLog| log.name.ends_with(".csv") && !log.name.ends_with(ENDING);
+    let logs = keeping::of_these_days(&logs, keeping::day(now), clock_set).filter(of_decisions);
+    let newest = logs.clone().map(|log| log.day).max()?;
+    logs.filter(|log| log.day == newest)
+        .filter_map(|log| thread::last_stamp(&directory.join(&log.name)))
+        .max()
+}
+
 #[derive(Debug)]
 enum Job {
-    Row(Moment, Vec<u8>),
+    Row {
+        at: Moment,
+        stamped: Stamped,
+        row: Vec<u8>,
+    },
     OutputRow {
         at: Moment,
+        stamped: Stamped,
         row: Vec<u8>,
         /// How often rows of outputs had been lost before it was made.
         tear: u64,
     },
-    State(Box<Memory>),
+    State {
+        at: Moment,
+        memory: Box<Memory>,
+    },
 }
 
 impl Storage {
@@ -71,10 +122,12 @@ impl Storage {
         directory: &Path,
         dry_run: bool,
         journal: Arc<Journal>,
+        (clock, began): (&Clock, Began),
     ) -> Storage {
         let (queue, jobs) = sync_channel(QUEUE + OUTPUT_QUEUE);
         let torn = Arc::new(AtomicBool::new(false));
-        let outputs = OutputsLog::new(profile, queue.clone());
+        let stamps = || Stamps::by(clock, began.correction);
+        let outputs = OutputsLog::new(profile, queue.clone(), stamps());
         let header = if dry_run { Recorder::dry_header(profile) } else { Recorder::header(profile) };
         let mut thread =
             StorageThread::new(profile, directory, header, (Arc::clone(&torn), outputs.tears()), journal);
@@ -87,23 +140,31 @@ impl Storage {
         let _ = std::thread::Builder::new().name("storage".to_owned()).spawn(work);
         let recorder = Some(Recorder::new(profile).of_dry_run(dry_run));
         let (queue, working) = (Some(queue), Some(working));
-        Storage { queue, recorder, outputs, torn, working, ..Storage::default() }
+        let (stamps, clock_set) = (stamps(), began.clock_set);
+        Storage { queue, recorder, outputs, torn, working, stamps, clock_set, ..Storage::default() }
     }
 
     /// Keeps the state alone, at once, on this disk.
-    pub(super) fn without_log(disk: Arc<dyn Disk>, state: PathBuf) -> Storage {
-        Storage { here: Some((disk, state)), ..Storage::default() }
+    pub(super) fn without_log(
+        disk: Arc<dyn Disk>,
+        state: PathBuf,
+        (clock, began): (&Clock, Began),
+    ) -> Storage {
+        let stamps = Stamps::by(clock, None);
+        Storage { here: Some((disk, state)), stamps, clock_set: began.clock_set, ..Storage::default() }
     }
 
     /// Before a step: where its row is the first of a file, or rows before it are lost, the row says where the axes
     /// stood, so that it can be replayed without them.
     pub(super) fn prepare(&mut self, now: Moment, compensation: &Compensation) {
         let Some(recorder) = &mut self.recorder else { return };
-        let day = Some(now.as_nanos() / A_DAY);
-        if self.day != day || self.torn.load(Ordering::Relaxed) {
-            self.day = day;
+        let stamped = self.stamps.look(now);
+        let begun = Some((keeping::day(now.shifted(stamped.shift)), stamped));
+        if self.begun != begun || self.torn.load(Ordering::Relaxed) {
+            self.begun = begun;
             self.torn.store(false, Ordering::Relaxed);
-            recorder.begin(&compensation.running());
+            recorder.stamp_by(stamped.shift, self.stamps.correction());
+            recorder.begin(&compensation.running().counted_until(now));
         }
     }
 
@@ -115,7 +176,17 @@ impl Storage {
     ) {
         if let Some(recorder) = &mut self.recorder {
             let row = recorder.row(snapshot, controls, compensation.decisions()).to_vec();
-            self.hand_over(Job::Row(snapshot.now, row));
+            let stamped = self.begun.map_or_else(Stamped::default, |(_, stamped)| stamped);
+            if self.hand_over(Job::Row { at: snapshot.now, stamped, row }) {
+                self.stamps.said();
+            }
+        }
+    }
+
+    /// The computer's clock was set.
+    pub(super) fn clock_was_set(&mut self, correction: Correction) {
+        if breaks_the_days(&correction) {
+            self.clock_set = Some(correction);
         }
     }
 
@@ -142,10 +213,14 @@ impl Storage {
         let verified =
             verified.filter_map(|(output, state)| Some((output.name.clone(), state.cz?.get()))).collect();
         let memory = Memory::new(profile, now, compensation.remembered(), verified);
+        let memory = memory.stamped(self.stamps.of_the_clock(), self.clock_set);
         match &self.here {
             // The next one comes soon.
             Some((disk, state)) => drop(memory.save(&**disk, state)),
-            None => self.hand_over(Job::State(Box::new(memory))),
+            // What does not fit is counted, and the next one comes soon.
+            None => {
+                self.hand_over(Job::State { at: now, memory: Box::new(memory) });
+            }
         }
     }
 
@@ -162,17 +237,19 @@ impl Storage {
         self.dropped + self.outputs.dropped
     }
 
-    fn hand_over(&mut self, job: Job) {
+    /// Whether there was room for it.
+    fn hand_over(&mut self, job: Job) -> bool {
         // A full queue means a disk that has been failing for long, which its own event has reported.
-        let Some(queue) = &self.queue else { return };
+        let Some(queue) = &self.queue else { return false };
         match queue.try_send(job) {
-            Ok(()) => {}
+            Ok(()) => return true,
             Err(TrySendError::Full(_)) => {
                 self.dropped += 1;
                 self.torn.store(true, Ordering::Relaxed);
             }
             Err(TrySendError::Disconnected(_)) => self.queue = None,
         }
+        false
     }
 }
 

@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use serde::Serialize;
 
+use crate::clock::{Clock, Correction};
 use isotherm_core::quantity::{Micron, Moment};
 
 /// How many events are kept for the page.
@@ -129,6 +130,12 @@ pub enum Event {
     StoodStill { span: Duration },
     /// A task of the gateway failed inside; its axes take the fault action.
     TaskFailed { task: String, why: String },
+    /// The computer's clock was set: stamps follow it, and nothing that is counted does.
+    ClockSet(Correction),
+    /// It does not go on where the last run ended: how long that is ago is not known.
+    ClockDoubtful { last: Moment },
+    /// Logs were deleted.
+    LogsDeleted { names: Vec<String>, why: String },
     /// The state or the log could not be kept on disk.
     NotKept { what: String, why: String },
     /// The state or the log is kept again.
@@ -164,6 +171,15 @@ const fn error(kind: &'static str, text: String) -> Described {
 
 fn seconds(span: &Duration) -> humantime::FormattedDuration {
     humantime::format_duration(Duration::from_secs(span.as_secs()))
+}
+
+/// A few of them by name, the others by their number.
+fn listed(names: &[String]) -> String {
+    let named = names.iter().take(5).map(String::as_str).collect::<Vec<_>>().join(", ");
+    match names.len().saturating_sub(5) {
+        0 => named,
+        more => format!("{named} and {more} more"),
+    }
 }
 
 impl Event {
@@ -388,6 +404,19 @@ impl Event {
                 ),
             ),
             Event::TaskFailed { task, why } => error("task-failed", format!("{task} failed: {why}")),
+            Event::ClockSet(Correction { from, to }) => {
+                warning("clock-set", format!("the computer's clock was set, from {from} to {to}"))
+            }
+            Event::ClockDoubtful { last } => warning(
+                "clock-doubtful",
+                format!(
+                    "the computer's clock does not go on from {last}, the newest stamp in state and log: how long nothing \
+                     was measured is not known, and it is taken for long"
+                ),
+            ),
+            Event::LogsDeleted { names, why } => {
+                info("logs-deleted", format!("deleted {}: {why}", listed(names)))
+            }
             Event::NotKept { what, why } => warning("not-kept", format!("{what} cannot be kept: {why}")),
             Event::KeptAgain { what } => info("kept-again", format!("{what} is kept again")),
         }
@@ -473,8 +502,12 @@ pub struct Entry {
 }
 
 /// The events of a run: a line in the log and a count of each, the last ones kept.
-#[derive(Debug, Default)]
-pub struct Journal(Mutex<Pages>);
+#[derive(Debug)]
+pub struct Journal {
+    /// Stamps what is reported.
+    clock: Clock,
+    pages: Mutex<Pages>,
+}
 
 #[derive(Debug, Default)]
 struct Pages {
@@ -483,16 +516,21 @@ struct Pages {
 }
 
 impl Journal {
+    /// Nothing has happened yet.
+    pub fn by(clock: &Clock) -> Journal {
+        Journal { clock: clock.clone(), pages: Mutex::default() }
+    }
+
     /// Reports an event: log, count, page.
     pub fn report(&self, at: Moment, event: &Event) {
-        let entry = event.entry(at);
+        let entry = event.entry(self.clock.stamp(at));
         let Entry { kind, level, text, .. } = &entry;
         match level {
             Level::Info => tracing::info!(kind, "{text}"),
             Level::Warning => tracing::warn!(kind, "{text}"),
             Level::Error => tracing::error!(kind, "{text}"),
         }
-        let mut pages = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut pages = self.pages.lock().unwrap_or_else(PoisonError::into_inner);
         *pages.counts.entry(entry.kind).or_default() += 1;
         if pages.last.len() == KEPT {
             pages.last.pop_front();
@@ -502,7 +540,7 @@ impl Journal {
 
     /// The last events, oldest first, and how often each kind happened since the start.
     pub fn read(&self) -> (Vec<Entry>, BTreeMap<&'static str, u64>) {
-        let pages = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let pages = self.pages.lock().unwrap_or_else(PoisonError::into_inner);
         (pages.last.iter().cloned().collect(), pages.counts.clone())
     }
 }

@@ -9,7 +9,7 @@ use super::status::{AxisStatus, BusStatus, DeviceStatus, OutputStatus, SignalSta
 use isotherm_core::compensation::{AxisState, Stages};
 
 /// What each number is that goes up and down.
-const GAUGES: [(&str, &str); 22] = [
+const GAUGES: [(&str, &str); 23] = [
     ("isotherm_axis_cz_micrometers", "Compensation after the guard."),
     ("isotherm_axis_raw_micrometers", "Compensation as the model computes it."),
     ("isotherm_axis_state", "1 for the state the axis is in, 0 for the others."),
@@ -34,6 +34,10 @@ const GAUGES: [(&str, &str); 22] = [
         "How long a change still waits for what may arrive late, at most.",
     ),
     ("isotherm_output_verified", "1 when the last write was read back as written."),
+    (
+        "isotherm_clock_synchronised",
+        "1 when the computer's clock is held to the right time; no line where that is not known.",
+    ),
     ("isotherm_build_info", "Always 1; the version is the label."),
 ];
 
@@ -63,6 +67,14 @@ pub(super) fn exposition(status: &Status) -> String {
 
 fn record(status: &Status) {
     let of = |more: &[(&'static str, &str)]| labels(&status.machine, more);
+    let is_synchronised = match status.clock {
+        "synchronised" => Some(1.0),
+        "not synchronised" => Some(0.0),
+        _ => None,
+    };
+    if let Some(is_synchronised) = is_synchronised {
+        gauge!("isotherm_clock_synchronised", of(&[])).set(is_synchronised);
+    }
     gauge!("isotherm_build_info", of(&[("version", status.version)])).set(1.0);
     for (kind, count) in &status.event_counts {
         counter!("isotherm_events_total", of(&[("kind", kind)])).absolute(*count);

@@ -72,6 +72,7 @@ fn head(status: &Status) -> Markup {
             }
             dl .times {
                 div { dt { "Machine time" } dd #machine-time { "–" } }
+                div { dt { "Clock" } dd #clock-word { "–" } }
                 div { dt { "Since machine start" } dd #machine-on { "–" } }
                 div { dt { "Gateway up for" } dd #uptime { "–" } }
             }

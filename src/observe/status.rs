@@ -58,6 +58,8 @@ pub struct Status {
     pub version: &'static str,
     /// RFC 3339; the machine's time, which in a demo is not the wall's.
     pub now: String,
+    /// Whether the computer's clock is held to the right time: synchronised, not synchronised, not known; virtual in a demo.
+    pub clock: &'static str,
     /// Seconds since the gateway started.
     pub uptime_s: f64,
     /// Seconds since the machine was switched on, once it was.

@@ -15,7 +15,7 @@ use crate::rig::{Trace, World, block_on, patient, profile};
 
 const MINUTE: Duration = Duration::from_secs(60);
 
-fn kept_in(directory: Option<PathBuf>) -> impl FnOnce(&mut Options) {
+pub(crate) fn kept_in(directory: Option<PathBuf>) -> impl FnOnce(&mut Options) {
     move |options| options.directory = directory
 }
 
@@ -26,7 +26,7 @@ fn run_with(directory: Option<&Path>) -> Trace {
     })
 }
 
-fn same_on_the_wire(one: &Trace, other: &Trace) {
+pub(crate) fn same_on_the_wire(one: &Trace, other: &Trace) {
     assert_eq!(one.wire.len(), other.wire.len());
     for (one, other) in one.wire.iter().zip(&other.wire) {
         assert_eq!(one, other);

@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "these are tests")]
 
 mod answers;
+mod clocks;
 mod commissioning;
 mod counters;
 mod day;

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, UNIX_EPOCH};
 
 use isotherm::clock::{Clock, Hold};
 use isotherm::gateway::{Gateway, Options, Outcome};
@@ -48,6 +48,7 @@ pub(crate) struct Trial<'a> {
     world: &'a mut World,
     options: Options,
     acts: Vec<(Duration, Act<'a>)>,
+    is_killed: bool,
 }
 
 /// The state at one moment.
@@ -109,6 +110,14 @@ pub(crate) fn run(text: &str, faults: &str, span: Duration) -> Trace {
     block_on(async { World::new(text, faults).await.gateway().run(span).await })
 }
 
+/// Changes with every row and every state.
+fn bytes_written(directory: &Path) -> u128 {
+    let files = std::fs::read_dir(directory).unwrap().filter_map(|entry| entry.ok()?.metadata().ok());
+    let changed =
+        |file: &std::fs::Metadata| file.modified().unwrap().duration_since(UNIX_EPOCH).unwrap().as_nanos();
+    files.map(|file| changed(&file) + u128::from(file.len())).sum()
+}
+
 impl World {
     pub(crate) async fn new(text: &str, faults: &str) -> World {
         World::of(profile(text), faults).await
@@ -166,7 +175,7 @@ impl World {
     }
 
     pub(crate) fn gateway(&mut self) -> Trial<'_> {
-        Trial { world: self, options: Options::default(), acts: Vec::new() }
+        Trial { world: self, options: Options::default(), acts: Vec::new(), is_killed: false }
     }
 }
 
@@ -188,11 +197,17 @@ impl<'a> Trial<'a> {
         })
     }
 
+    /// Runs the gateway for this long; then it is gone, without a stop.
+    pub(crate) async fn killed_after(self, span: Duration) -> Trace {
+        Trial { is_killed: true, ..self }.run(span).await
+    }
+
     /// Runs the gateway for this long and lets it come to rest.
     pub(crate) async fn run(self, span: Duration) -> Trace {
-        let Trial { world, options, acts } = self;
+        let Trial { world, options, acts, is_killed } = self;
         let clock = world.clock.clone();
         let begin = clock.now();
+        let directory = options.directory.clone();
         let gateway = Gateway::new(world.profile.clone(), &clock, options);
         let source = gateway.source();
         let (mut watcher, mut last) = (clock.join(), clock.join());
@@ -227,8 +242,17 @@ impl<'a> Trial<'a> {
                     asked = last.now();
                     drop(last);
                 };
+                let run = async {
+                    if !is_killed {
+                        return gateway.run(over, std::future::pending()).await;
+                    }
+                    tokio::select! {
+                        outcome = gateway.run(std::future::pending(), std::future::pending()) => outcome,
+                        () = over => Outcome { failed: false, rested: false, left: String::new() },
+                    }
+                };
                 tokio::select! {
-                    outcome = gateway.run(over, std::future::pending()) => outcome,
+                    outcome = run => outcome,
                     never = watch => never,
                     error = world.machine.failure() => panic!("{error}"),
                 }
@@ -237,6 +261,15 @@ impl<'a> Trial<'a> {
             outcome
         };
         world.hold = Some(clock.hold());
+        if is_killed {
+            // No time passes, and what its disk had been given is on it.
+            let written = || directory.as_deref().map_or(0, bytes_written);
+            let mut before = 0;
+            while before != written() {
+                before = written();
+                std::thread::sleep(Duration::from_millis(500));
+            }
+        }
         let ended = clock.now();
         let wire = world.machine.window().requests();
         let wire = wire.into_iter().filter(|seen| seen.at >= begin).collect();

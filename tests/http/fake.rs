@@ -100,6 +100,7 @@ pub(crate) fn status() -> Status {
         description: String::new(),
         version: "1.2.3",
         now: "2026-07-02T12:00:00Z".into(),
+        clock: "synchronised",
         uptime_s: 61.0,
         machine_on_s: None,
         dry_run: false,

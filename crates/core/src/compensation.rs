@@ -32,7 +32,7 @@ mod state;
 pub use guard::Stages;
 pub use model::{CLEARLY_INSIDE, Extrapolation, Unusable};
 pub use probe::{Measured, Probe, Probed, Refused, Residual};
-pub use remembered::{AxisRemembered, Remembered};
+pub use remembered::{AxisRemembered, Remembered, Stop};
 pub use running::AxisRunning;
 pub use state::AxisState;
 

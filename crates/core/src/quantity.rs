@@ -51,7 +51,11 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
+mod shift;
 pub mod time;
+
+pub(crate) use shift::shifted;
+pub use shift::{Shift, Shifted};
 
 /// A finite number with its unit: constructor, arithmetic with its own kind, and how it prints.
 macro_rules! quantity {
@@ -239,7 +243,8 @@ impl fmt::Display for Counts {
 }
 
 /// A point on the machine's time line: nanoseconds since the Unix epoch, taken once from the wall at start
-/// and advanced monotonically from there, so that a clock adjustment never moves it.
+/// and advanced monotonically from there, so that a clock adjustment never moves it. What it is by a clock that was set
+/// meanwhile says a [`Shift`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Moment(u64);

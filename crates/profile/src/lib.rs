@@ -24,6 +24,7 @@ mod load;
 mod merge;
 pub mod plan;
 pub mod preview;
+mod size;
 mod span;
 mod tables;
 pub mod template;

@@ -2,7 +2,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
 
 use super::*;
-use crate::clock::Passing;
+use crate::clock::{Passing, TimeOfDay};
 use crate::fieldbus::wire::Boxed;
 use crate::fieldbus::wire::Wire;
 use isotherm_core::codec::{Register, Table};
@@ -169,7 +169,7 @@ fn line_of(timeout: Duration, change: impl Fn(&mut Device)) -> (Rig, Shared) {
     let script = Shared::default();
     let time = Arc::new(Mutex::new(Duration::ZERO));
     let passed = time.clone();
-    let clock = Clock::wall_by(Passing::by(move || *passed.lock().unwrap()));
+    let clock = Clock::wall_by(Passing::by(move || *passed.lock().unwrap()), TimeOfDay::default());
     let devices = [(DeviceId(0), &one), (DeviceId(1), &two)];
     let line = DeviceLine::new(&bus, &devices, Box::new(Scripted(script.clone())), &clock);
     (Rig { line, begun: clock.now(), time }, script)
@@ -493,7 +493,7 @@ async fn stands_still(
 ) -> Vec<Moment> {
     let (rig, script) = line_of(timeout, change);
     let begun = tokio_time::Instant::now();
-    let clock = Clock::wall_by(Passing::by(move || begun.elapsed()));
+    let clock = Clock::wall_by(Passing::by(move || begun.elapsed()), TimeOfDay::default());
     let mut line = rig.line;
     line.departure = Departure::whenever(&clock).aged(Duration::from_secs(5));
     let mut gaps = Vec::new();

@@ -2,6 +2,7 @@
 
 use super::order::Order;
 use super::register::Register;
+use crate::clock::Clock;
 use crate::gateway::output::{OutputState, Standing};
 use crate::observe::events::Event;
 use isotherm_core::output::{self, Account, State};
@@ -9,13 +10,13 @@ use isotherm_core::quantity::{Counts, Micron};
 use isotherm_profile::Output;
 
 /// What the step has found out, for people; `None` where they hear of it otherwise.
-pub(super) fn event(register: &Register, output: &str, event: output::Event) -> Option<Event> {
+pub(super) fn event(register: &Register, output: &str, event: output::Event, clock: &Clock) -> Option<Event> {
     let output = output.to_owned();
     let in_text = |counts| register.units.in_text(counts);
     let shown = register.state.shown(&register.settings);
     Some(match event {
         output::Event::OwnWriteArrivedLate { value, sent } => {
-            Event::OwnWriteLate { output, value: in_text(value), sent: sent.to_string() }
+            Event::OwnWriteLate { output, value: in_text(value), sent: clock.stamp(sent).to_string() }
         }
         output::Event::PerhapsFromBefore { value } => {
             Event::PerhapsFromBefore { output, value: in_text(value) }

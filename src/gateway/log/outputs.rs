@@ -26,7 +26,8 @@
 //!
 //! Positions, heartbeats and control words are written again and again, whatever came of the last time. Of these there are
 //! the rows `cz` (in `value`, µm, where it has changed), `fault` (in `detail`, once until a write is answered),
-//! and `writes` and `failures` (how many since `moment`, a minute or more). A replay passes over them.
+//! and `writes` and `failures` (how many since `moment`, a minute or more). A file that begins because the computer's clock
+//! was set says in its first row, `clock`, from when to when. A replay passes over them.
 
 use serde::{Deserialize, Serialize};
 
@@ -53,6 +54,7 @@ const CZ: &str = "cz";
 const FAULT: &str = "fault";
 const WRITES: &str = "writes";
 const FAILURES: &str = "failures";
+const CLOCK: &str = "clock";
 
 /// From what an output goes on.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]

@@ -3,11 +3,12 @@
 use std::io::Write;
 
 use super::{
-    ACTING, CORRECTION, DECIDED, DRY_RUN, FORGET, FROM, MEASURED, MEMORY, PERMIT, SLOPE, SLOPE_FROM, TIME,
-    ZERO,
+    ACTING, CLOCK, CORRECTION, DECIDED, DRY_RUN, FORGET, FROM, MEASURED, MEMORY, PERMIT, SLOPE, SLOPE_FROM,
+    TIME, ZERO,
 };
+use crate::clock::Correction;
 use isotherm_core::compensation::{Control, Decision, Remembered, Snapshot};
-use isotherm_core::quantity::{Moment, time};
+use isotherm_core::quantity::{Moment, Shift, Shifted, time};
 use isotherm_profile::{Axis, Profile};
 
 /// Turns steps into rows.
@@ -21,6 +22,9 @@ pub struct Recorder {
     probed: Vec<bool>,
     memory: Option<String>,
     zeroed: Option<Moment>,
+    /// What brings counted moments to the stamps of the file.
+    shift: Shift,
+    correction: Option<Correction>,
     /// Nothing that is decided is written to a device.
     dry_run: bool,
     line: Vec<u8>,
@@ -39,6 +43,8 @@ impl Recorder {
             probed,
             memory: None,
             zeroed: None,
+            shift: Shift::default(),
+            correction: None,
             dry_run: false,
             line: Vec::with_capacity(512),
         }
@@ -66,7 +72,7 @@ impl Recorder {
                 header += &cell(&format!("{}_{column}", axis.settings.name));
             }
         }
-        header + "," + MEMORY + "," + ZERO + "\n"
+        header + "," + MEMORY + "," + ZERO + "," + CLOCK + "\n"
     }
 
     /// The same of a dry run, which says so: no Cz in it ever acted.
@@ -74,9 +80,15 @@ impl Recorder {
         format!("{},{DRY_RUN}\n", Recorder::header(profile).trim_end())
     }
 
+    /// How the rows of the file are stamped that begins now, and whether the clock was set before.
+    pub(in crate::gateway) fn stamp_by(&mut self, shift: Shift, correction: Option<Correction>) {
+        (self.shift, self.correction) = (shift, correction);
+    }
+
     /// A run or a file begins with the next row, from this.
     pub fn begin(&mut self, remembered: &Remembered) {
-        self.memory = serde_json::to_string(remembered).ok().map(|json| cell(&json));
+        self.memory =
+            serde_json::to_string(&remembered.clone().shifted(self.shift)).ok().map(|json| cell(&json));
     }
 
     /// "Zero" was commanded, at this moment, before the next row.
@@ -92,7 +104,7 @@ impl Recorder {
         decisions: impl IntoIterator<Item = &'a Decision>,
     ) -> &[u8] {
         self.line.clear();
-        time::write(&mut self.line, snapshot.now);
+        time::write(&mut self.line, snapshot.now.shifted(self.shift));
         for reading in snapshot.readings {
             optional(&mut self.line, reading.usable());
         }
@@ -123,7 +135,11 @@ impl Recorder {
         text(&mut self.line, self.memory.take().as_deref().unwrap_or_default());
         text(&mut self.line, "");
         if let Some(at) = self.zeroed.take() {
-            time::write(&mut self.line, at);
+            time::write(&mut self.line, at.shifted(self.shift));
+        }
+        text(&mut self.line, "");
+        if let Some(correction) = self.correction.take() {
+            let _ = write!(self.line, "{correction}");
         }
         if self.dry_run {
             text(&mut self.line, "1");

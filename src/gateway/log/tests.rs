@@ -160,7 +160,7 @@ fn a_recorded_row_reads_as_what_was_recorded() {
     let log = String::from_utf8(log).unwrap();
     // Of a dry run each row says so.
     let mut dry = recorder.clone().of_dry_run(true);
-    assert!(Recorder::dry_header(&profile).ends_with(",machine_zero,machine_dry_run\n"));
+    assert!(Recorder::dry_header(&profile).ends_with(",machine_zero,machine_clock,machine_dry_run\n"));
     assert!(dry.row(&snapshot, &controls, compensation.decisions()).ends_with(b",,,1\n"));
     assert!(log.contains("2023-11-14T22:13:20.000000007Z,27.3,,1,-0,armed,0.30000000000000004,"), "{log}");
 

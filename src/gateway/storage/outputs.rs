@@ -6,10 +6,13 @@ use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{SyncSender, TrySendError};
 use std::time::Duration;
 
-use super::{A_DAY, Job, OUTPUT_QUEUE};
+use jiff::civil::Date;
+
+use super::stamps::{Stamped, Stamps};
+use super::{Job, OUTPUT_QUEUE, keeping};
 use crate::gateway::log::outputs::{Beginning, OutputRecorder};
 use isotherm_core::output::{Action, Fact, Settings, State};
-use isotherm_core::quantity::{Micron, Moment};
+use isotherm_core::quantity::{Micron, Moment, Shifted};
 use isotherm_profile::{OutputId, Profile, SetId};
 
 /// What is written again and again is counted for so long.
@@ -60,7 +63,8 @@ impl Tears {
 /// Rows that belong together: those of one file, without any missing between them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Stretch {
-    day: u64,
+    day: Date,
+    stamped: Stamped,
     tear: u64,
 }
 
@@ -69,6 +73,7 @@ struct Stretch {
 pub(in crate::gateway) struct OutputsLog {
     queue: Option<SyncSender<Job>>,
     recorder: OutputRecorder,
+    stamps: Stamps,
     tears: Arc<Tears>,
     counts: (usize, usize),
     /// By output, by set, and of the heartbeat.
@@ -94,11 +99,12 @@ struct Line {
 }
 
 impl OutputsLog {
-    pub(super) fn new(profile: &Profile, queue: SyncSender<Job>) -> OutputsLog {
+    pub(super) fn new(profile: &Profile, queue: SyncSender<Job>, stamps: Stamps) -> OutputsLog {
         let outputs = profile.outputs.iter().map(|output| output.name.clone());
         let sets = profile.sets.iter().map(|set| set.label());
         let names = outputs.chain(sets).chain(["heartbeat".to_owned()]);
-        OutputsLog::of(names, (profile.outputs.len(), profile.sets.len()), queue)
+        let counts = (profile.outputs.len(), profile.sets.len());
+        OutputsLog { stamps, ..OutputsLog::of(names, counts, queue) }
     }
 
     pub(super) fn of(
@@ -131,13 +137,13 @@ impl OutputsLog {
         if line.begun.replace(stretch).is_none() {
             let beginning = Beginning { settings: *stepped.settings, state: *stepped.before };
             let row = self.recorder.begin(now, &line.name, &beginning).to_vec();
-            if !self.hand_over(now, row, stretch.tear) {
+            if !self.hand_over(now, row, stretch) {
                 return;
             }
         }
         let name = &self.lines[stepped.id.0].name;
         let row = self.recorder.step(now, name, stepped.fact, stepped.action).to_vec();
-        self.hand_over(now, row, stretch.tear);
+        self.hand_over(now, row, stretch);
     }
 
     /// A write of what is only counted was answered as done, with this Cz in it.
@@ -151,12 +157,12 @@ impl OutputsLog {
             line.cz = Some(cz);
             let name = &self.lines[self.place(steady)].name;
             let row = self.recorder.cz(now, name, cz).to_vec();
-            self.hand_over(now, row, stretch.tear);
+            self.hand_over(now, row, stretch);
         }
     }
 
     pub(in crate::gateway) fn not_written(&mut self, steady: Steady, why: &dyn Display, now: Moment) {
-        let tear = self.stretch(now).tear;
+        let stretch = self.stretch(now);
         let mut message = std::mem::take(&mut self.message);
         message.clear();
         // Writing to a string never fails.
@@ -167,7 +173,7 @@ impl OutputsLog {
                 line.fault.clone_from(&message);
                 let name = &self.lines[self.place(steady)].name;
                 let row = self.recorder.fault(now, name, &message).to_vec();
-                self.hand_over(now, row, tear);
+                self.hand_over(now, row, stretch);
             }
         }
         self.message = message;
@@ -178,8 +184,19 @@ impl OutputsLog {
         (0..self.lines.len()).for_each(|place| self.record_counts(place, now));
     }
 
-    fn stretch(&self, now: Moment) -> Stretch {
-        Stretch { day: now.as_nanos() / A_DAY, tear: self.tears.count.load(Ordering::Relaxed) }
+    /// What a row of now belongs to. Where the clock was set, the file's first row says so.
+    fn stretch(&mut self, now: Moment) -> Stretch {
+        let stamped = self.stamps.look(now);
+        self.recorder.shift = stamped.shift;
+        let day = keeping::day(now.shifted(stamped.shift));
+        let stretch = Stretch { day, stamped, tear: self.tears.count.load(Ordering::Relaxed) };
+        if let Some(correction) = self.stamps.correction() {
+            let row = self.recorder.clock(now, correction).to_vec();
+            if self.hand_over(now, row, stretch) {
+                self.stamps.said();
+            }
+        }
+        stretch
     }
 
     fn place(&self, steady: Steady) -> usize {
@@ -202,7 +219,7 @@ impl OutputsLog {
     }
 
     fn record_counts(&mut self, place: usize, now: Moment) {
-        let tear = self.stretch(now).tear;
+        let stretch = self.stretch(now);
         let line = &mut self.lines[place];
         let Some(since) = line.since.replace(now) else { return };
         let (writes, failures) = (std::mem::take(&mut line.writes), std::mem::take(&mut line.failures));
@@ -210,15 +227,15 @@ impl OutputsLog {
         let wrote = (writes > 0).then(|| recorder.writes(now, &line.name, writes, since).to_vec());
         let failed = (failures > 0).then(|| recorder.failures(now, &line.name, failures, since).to_vec());
         for row in wrote.into_iter().chain(failed) {
-            self.hand_over(now, row, tear);
+            self.hand_over(now, row, stretch);
         }
     }
 
     /// Whether there was room for it.
-    fn hand_over(&mut self, at: Moment, row: Vec<u8>, tear: u64) -> bool {
+    fn hand_over(&mut self, at: Moment, row: Vec<u8>, Stretch { stamped, tear, .. }: Stretch) -> bool {
         let Some(queue) = &self.queue else { return false };
         if self.tears.waiting.fetch_add(1, Ordering::Relaxed) < OUTPUT_QUEUE {
-            match queue.try_send(Job::OutputRow { at, row, tear }) {
+            match queue.try_send(Job::OutputRow { at, stamped, row, tear }) {
                 Ok(()) => return true,
                 Err(TrySendError::Full(_)) => {}
                 Err(TrySendError::Disconnected(_)) => {

@@ -1,9 +1,10 @@
 use super::thread::DayFile;
 use super::*;
-use isotherm_core::quantity::Counts;
+use crate::clock::Clock;
+use isotherm_core::quantity::{Counts, time};
 
 fn file(directory: &Path, header: &str) -> DayFile {
-    DayFile::new(directory, "m", ".csv", header.to_owned(), Duration::from_secs(2 * 86400))
+    DayFile::new(directory, "m", ".csv", header.to_owned())
 }
 
 const DAY: Duration = Duration::from_secs(86400);
@@ -20,28 +21,42 @@ fn names(directory: &Path) -> Vec<String> {
     names
 }
 
+fn nothing() -> Job {
+    Job::Row { at: noon(), stamped: Stamped::default(), row: Vec::new() }
+}
+
 #[test]
-fn each_day_has_its_own_file_and_old_ones_go() {
+fn each_day_has_its_own_file() {
     let directory = tempfile::tempdir().unwrap();
-    let other = directory.path().join("other-2001-01-01.csv");
-    std::fs::write(&other, "not ours").unwrap();
     let mut log = file(directory.path(), "time,a\n");
-    for day in 0..5 {
-        log.write(noon().after(DAY * day), b"row\n").unwrap();
+    for day in 0..3 {
+        log.write(noon().after(DAY * day), Stamped::default(), b"row\n").unwrap();
     }
     let names = names(directory.path());
-    assert_eq!(names.len(), 4, "three days and what is not ours: {names:?}");
-    assert!(other.exists());
+    assert_eq!(names, ["m-2024-10-04.csv", "m-2024-10-05.csv", "m-2024-10-06.csv"]);
     let text = std::fs::read_to_string(directory.path().join(&names[0])).unwrap();
     assert_eq!(text, "time,a\nrow\n");
 }
 
 #[test]
+fn a_run_whose_clock_is_behind_the_last_row_begins_a_file_of_its_own() {
+    let directory = tempfile::tempdir().unwrap();
+    for (stamp, files) in
+        [("2024-10-04T12:00:00Z", 1), ("2024-10-04T13:00:00Z", 1), ("2024-10-04T12:30:00Z", 2)]
+    {
+        let row = format!("{stamp},20.5\n");
+        let at = time::parse(stamp).unwrap();
+        file(directory.path(), "time,a\n").write(at, Stamped::default(), row.as_bytes()).unwrap();
+        assert_eq!(names(directory.path()).len(), files, "{stamp}");
+    }
+}
+
+#[test]
 fn a_log_with_other_columns_is_left_as_it_is_and_a_new_one_begins_beside_it() {
     let directory = tempfile::tempdir().unwrap();
-    file(directory.path(), "time,a\n").write(noon(), b"old\n").unwrap();
-    file(directory.path(), "time,a,b\n").write(noon(), b"new\n").unwrap();
-    file(directory.path(), "time,a,b\n").write(noon(), b"more\n").unwrap();
+    file(directory.path(), "time,a\n").write(noon(), Stamped::default(), b"old\n").unwrap();
+    file(directory.path(), "time,a,b\n").write(noon(), Stamped::default(), b"new\n").unwrap();
+    file(directory.path(), "time,a,b\n").write(noon(), Stamped::default(), b"more\n").unwrap();
     let names = names(directory.path());
     let read = |name: &String| std::fs::read_to_string(directory.path().join(name)).unwrap();
     let texts: Vec<String> = names.iter().map(read).collect();
@@ -55,9 +70,9 @@ fn a_log_with_other_columns_is_left_as_it_is_and_a_new_one_begins_beside_it() {
 fn a_row_that_a_power_cut_left_half_written_does_not_swallow_the_next() {
     let directory = tempfile::tempdir().unwrap();
     let mut first = file(directory.path(), "time,a\n");
-    first.write(noon(), b"row\n").unwrap();
-    first.write(noon(), b"hal").unwrap();
-    file(directory.path(), "time,a\n").write(noon(), b"row\n").unwrap();
+    first.write(noon(), Stamped::default(), b"row\n").unwrap();
+    first.write(noon(), Stamped::default(), b"hal").unwrap();
+    file(directory.path(), "time,a\n").write(noon(), Stamped::default(), b"row\n").unwrap();
     assert_eq!(names(directory.path()).len(), 2);
 }
 
@@ -66,7 +81,7 @@ fn what_a_full_queue_costs_is_counted() {
     let (queue, jobs) = sync_channel(1);
     let mut storage = Storage { queue: Some(queue), ..Storage::default() };
     for _ in 0..4 {
-        storage.hand_over(Job::Row(noon(), Vec::new()));
+        storage.hand_over(nothing());
     }
     assert_eq!(storage.dropped(), 3);
     assert!(storage.torn.load(Ordering::Relaxed), "the next row tells where the axes stand");
@@ -103,7 +118,7 @@ mod outputs {
         let (queue, jobs) = sync_channel(QUEUE + OUTPUT_QUEUE);
         let outputs = OutputsLog::of(["cnc_z", "heartbeat"].map(str::to_owned), (1, 0), queue.clone());
         let header = Recorder::header(&profile);
-        let journal = Arc::new(Journal::default());
+        let journal = Arc::new(Journal::by(&Clock::simulated(noon(), None)));
         let thread =
             StorageThread::new(&profile, directory, header, (Arc::default(), outputs.tears()), journal);
         let storage = Storage { queue: Some(queue), outputs, ..Storage::default() };
@@ -253,7 +268,8 @@ mod outputs {
         let mut bench = bench(directory.path());
         bench.seconds(3000);
         let dropped = bench.storage.dropped();
-        (0..QUEUE).for_each(|_| bench.storage.hand_over(Job::Row(noon(), Vec::new())));
+        let has_room = (0..QUEUE).all(|_| bench.storage.hand_over(nothing()));
+        assert!(has_room);
         assert_eq!(bench.storage.dropped(), dropped);
     }
 

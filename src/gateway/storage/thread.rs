@@ -2,21 +2,29 @@
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
-use std::io::{Read, Seek, SeekFrom, Write};
+use std::io::{BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
 use std::time::Duration;
 
+use jiff::civil::Date;
+
+use super::Job;
+use super::keeping::{Keep, day, logs, superfluous};
 use super::outputs::Tears;
-use super::{A_DAY, Job};
+use super::stamps::Stamped;
+use crate::clock::Correction;
 use crate::gateway::disk::Files;
 use crate::gateway::log::outputs::{ENDING, HEADER};
 use crate::gateway::memory::Memory;
 use crate::observe::events::{Event, Journal};
-use isotherm_core::quantity::Moment;
+use isotherm_core::quantity::{Moment, Shifted, time};
 use isotherm_profile::Profile;
+
+/// How often it is looked for logs that need not be kept.
+const TIDY_EVERY: Duration = Duration::from_hours(1);
 
 /// Whether a log has this header and ends with a whole row: one that a power cut left half-written would swallow the
 /// next.
@@ -33,11 +41,33 @@ fn continues(path: &Path, header: &[u8]) -> std::io::Result<bool> {
     Ok(begins == header && last == *b"\n")
 }
 
+/// The longest last row that is looked at.
+const LAST_ROW: u64 = 65_536;
+
+/// The time of a log's last row; `None` where that cannot be read.
+pub(super) fn last_stamp(path: &Path) -> Option<Moment> {
+    let mut file = File::open(path).ok()?;
+    let length = file.metadata().ok()?.len();
+    file.seek(SeekFrom::Start(length.saturating_sub(LAST_ROW))).ok()?;
+    let rows = BufReader::new(file).split(b'\n').map_while(Result::ok);
+    let last = rows.filter_map(|row| {
+        let first = row.split(|byte| *byte == b',').next()?;
+        time::parse(std::str::from_utf8(first).ok()?).ok()
+    });
+    last.last()
+}
+
 pub(super) struct StorageThread {
     directory: PathBuf,
     state: PathBuf,
+    machine: String,
     log: DayFile,
     outputs: DayFile,
+    keep: Keep,
+    /// When it was last looked for logs that need not be kept.
+    tidied: Option<Moment>,
+    /// The computer's clock was set so far that days before and after are not days of one row.
+    set: Option<Correction>,
     /// Rows of outputs that were made before so many were lost stand behind missing ones.
     whole_since: u64,
     failing: BTreeMap<&'static str, ()>,
@@ -54,12 +84,16 @@ impl StorageThread {
         (torn, tears): (Arc<AtomicBool>, Arc<Tears>),
         journal: Arc<Journal>,
     ) -> StorageThread {
-        let (machine, keep) = (profile.name.as_str(), profile.history.keep);
+        let machine = profile.name.as_str();
         StorageThread {
             directory: directory.to_owned(),
             state: Memory::path(directory, profile),
-            log: DayFile::new(directory, machine, ".csv", header, keep),
-            outputs: DayFile::new(directory, machine, ENDING, HEADER.to_owned(), keep),
+            machine: machine.to_owned(),
+            log: DayFile::new(directory, machine, ".csv", header),
+            outputs: DayFile::new(directory, machine, ENDING, HEADER.to_owned()),
+            keep: Keep { span: profile.history.keep, size: profile.history.max_size },
+            tidied: None,
+            set: None,
             whole_since: 0,
             failing: BTreeMap::new(),
             torn,
@@ -76,35 +110,61 @@ impl StorageThread {
 
     pub(super) fn take(&mut self, job: Job) {
         match job {
-            Job::Row(at, row) => {
-                let done = self.log.write(at, &row);
+            Job::Row { at, stamped, row } => {
+                let done = self.log.write(at.shifted(stamped.shift), stamped, &row);
                 if done.is_err() {
                     self.torn.store(true, Ordering::Relaxed);
                 }
                 self.report(at, "the log", done);
+                self.tidy(at, stamped);
             }
-            Job::OutputRow { at, row, tear } => {
+            Job::OutputRow { at, stamped, row, tear } => {
                 self.tears.has_left_the_queue();
-                self.write_output(at, &row, tear);
+                self.write_output((at, stamped), &row, tear);
+                self.tidy(at, stamped);
             }
-            Job::State(memory) => {
+            Job::State { at, memory } => {
+                self.set = memory.clock_set;
                 let done = memory.save(&Files, &self.state);
-                self.report(memory.at, "the state", done);
+                self.report(at, "the state", done);
             }
         }
     }
 
     /// What stands behind missing rows can be replayed only from where its output begins anew: until then it is left out.
-    fn write_output(&mut self, at: Moment, row: &[u8], tear: u64) {
+    fn write_output(&mut self, (at, stamped): (Moment, Stamped), row: &[u8], tear: u64) {
         if tear < self.whole_since {
             return;
         }
-        let done = self.outputs.write(at, row);
+        let done = self.outputs.write(at.shifted(stamped.shift), stamped, row);
         if done.is_err() {
             self.whole_since = self.tears.tear();
         }
         self.report(at, "the log of the outputs", done);
     }
+
+    /// Deletes what need not be kept, once an hour, and says so.
+    fn tidy(&mut self, at: Moment, stamped: Stamped) {
+        if self.tidied.is_some_and(|last| at.since(last) < TIDY_EVERY) {
+            return;
+        }
+        self.tidied = Some(at);
+        let logs = logs(&self.directory, &self.machine);
+        let found = superfluous(&logs, self.keep, day(at.shifted(stamped.shift)), self.set.as_ref());
+        let why = [
+            (found.too_old, format!("older than {}", humantime::format_duration(self.keep.span))),
+            (found.too_large, format!("all logs together are larger than {} MB", self.keep.size / 1_000_000)),
+        ];
+        for (names, why) in why {
+            let gone =
+                names.into_iter().filter(|name| std::fs::remove_file(self.directory.join(name)).is_ok());
+            let names: Vec<String> = gone.collect();
+            if !names.is_empty() {
+                self.journal.report(at, &Event::LogsDeleted { names, why });
+            }
+        }
+    }
+
     fn report(&mut self, at: Moment, what: &'static str, done: std::io::Result<()>) {
         match done {
             Ok(()) => {
@@ -129,48 +189,43 @@ pub(super) struct DayFile {
     /// What stands behind the day in its name.
     ending: &'static str,
     header: String,
-    keep: Duration,
-    day: u64,
+    of: Option<(Date, Stamped)>,
     file: Option<File>,
 }
 
 impl DayFile {
-    pub(super) fn new(
-        directory: &Path,
-        machine: &str,
-        ending: &'static str,
-        header: String,
-        keep: Duration,
-    ) -> DayFile {
+    pub(super) fn new(directory: &Path, machine: &str, ending: &'static str, header: String) -> DayFile {
         let (directory, machine) = (directory.to_owned(), machine.to_owned());
-        DayFile { directory, machine, ending, header, keep, day: 0, file: None }
+        DayFile { directory, machine, ending, header, of: None, file: None }
     }
 
     /// Writes a row into the file of its day. After a failure a file is looked for anew: half of a row may stand there.
-    pub(super) fn write(&mut self, at: Moment, row: &[u8]) -> std::io::Result<()> {
-        let written = self.file_of(at).and_then(|file| file.write_all(row));
+    pub(super) fn write(&mut self, stamp: Moment, stamped: Stamped, row: &[u8]) -> std::io::Result<()> {
+        let written = self.file_of(stamp, stamped).and_then(|file| file.write_all(row));
         if written.is_err() {
             self.file = None;
         }
         written
     }
 
-    fn file_of(&mut self, at: Moment) -> std::io::Result<&mut File> {
-        let day = at.as_nanos() / A_DAY;
-        let file = match self.file.take().filter(|_| day == self.day) {
+    fn file_of(&mut self, stamp: Moment, stamped: Stamped) -> std::io::Result<&mut File> {
+        let of = (day(stamp), stamped);
+        let file = match self.file.take().filter(|_| self.of == Some(of)) {
             Some(file) => file,
             None => {
-                let file = self.open(&date(at))?;
-                self.day = day;
-                self.discard_old(at);
+                let is_set = self.of.is_some_and(|(_, before)| before != stamped);
+                let file = self.open(stamp, is_set)?;
+                self.of = Some(of);
                 file
             }
         };
         Ok(self.file.insert(file))
     }
 
-    /// The day's file. One that was begun with other columns is left as it is and a new one is begun beside it.
-    fn open(&self, day: &str) -> std::io::Result<File> {
+    /// The day's file. One that was begun with other columns, or whose last row is later, is left as it is and a new one is
+    /// begun beside it; so is one from before the clock was set.
+    fn open(&self, stamp: Moment, is_set: bool) -> std::io::Result<File> {
+        let day = day(stamp);
         std::fs::create_dir_all(&self.directory)?;
         for part in 1.. {
             let suffix = if part == 1 { String::new() } else { format!(".{part}") };
@@ -180,31 +235,11 @@ impl DayFile {
                 file.write_all(self.header.as_bytes())?;
                 return Ok(file);
             }
-            if continues(&path, self.header.as_bytes())? {
+            let is_earlier = || last_stamp(&path).is_none_or(|last| last <= stamp);
+            if !is_set && continues(&path, self.header.as_bytes())? && is_earlier() {
                 return Ok(file);
             }
         }
         Err(std::io::Error::other("no free name for the log"))
     }
-
-    /// Every log of this machine that is older than it is kept, of whatever kind.
-    fn discard_old(&self, now: Moment) {
-        let oldest = Moment::from_nanos(
-            now.as_nanos().saturating_sub(u64::try_from(self.keep.as_nanos()).unwrap_or(u64::MAX)),
-        );
-        let oldest = date(oldest);
-        let Ok(entries) = std::fs::read_dir(&self.directory) else { return };
-        for entry in entries.flatten() {
-            let name = entry.file_name();
-            let day = name.to_str().and_then(|name| name.strip_prefix(&format!("{}-", self.machine)));
-            let day = day.filter(|rest| rest.ends_with(".csv")).and_then(|rest| rest.get(..10));
-            if day.is_some_and(|day| day.as_bytes()[4] == b'-' && day < oldest.as_str()) {
-                let _ = std::fs::remove_file(entry.path());
-            }
-        }
-    }
-}
-
-fn date(at: Moment) -> String {
-    at.to_string().chars().take(10).collect()
 }

@@ -32,6 +32,7 @@ function show(status) {
   say(by("sentence"), sentence);
   const now = new Date(status.now);
   say(by("machine-time"), `${day(now)} ${clock(now)}`);
+  say(by("clock-word"), status.clock);
   say(by("machine-on"), status.machine_on_s === null ? "not on" : span(status.machine_on_s));
   say(by("uptime"), span(status.uptime_s));
   showAxes(by("axes"), status);

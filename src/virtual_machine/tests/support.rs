@@ -107,7 +107,7 @@ pub(crate) fn profile() -> Profile {
             every: Duration::from_secs(1),
         }),
         web: None,
-        history: History { directory: None, keep: Duration::ZERO },
+        history: History { directory: None, keep: Duration::ZERO, max_size: u64::MAX },
     }
 }
 

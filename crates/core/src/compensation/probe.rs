@@ -25,7 +25,7 @@ use serde::{Deserialize, Serialize};
 use super::Control;
 use super::model::Model;
 use super::settings::ProbeSettings;
-use crate::quantity::{Micron, Moment};
+use crate::quantity::{Micron, Moment, shifted};
 
 mod gains;
 mod learned;
@@ -84,6 +84,9 @@ pub struct Residual {
     /// With the sign of an error.
     pub residual: Micron,
 }
+
+shifted!(Probed: at);
+shifted!(Residual: at);
 
 /// What probings have taught one axis.
 #[derive(Clone, Debug)]

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Snapshot;
 use super::settings::MachineSettings;
-use crate::quantity::{Celsius, Moment};
+use crate::quantity::{Celsius, Moment, shifted};
 use crate::reading::SignalId;
 
 /// What ΔT is measured from.
@@ -28,6 +28,9 @@ pub enum Reference {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Machine {
     on_since: Option<Moment>,
+    /// How long it had been running then: what was counted before a restart.
+    #[serde(default)]
+    on_before: Duration,
     was_on: Option<bool>,
     was_zeroed: Option<bool>,
     start: Vec<Capture>,
@@ -84,9 +87,15 @@ impl Machine {
         Machine { start: moved(&self.start), zero: moved(&self.zero), ..self.clone() }
     }
 
+    /// The same machine, whose time since its start is counted on from this moment.
+    pub(super) fn counted_until(self, at: Moment) -> Machine {
+        let on_before = self.on_time(at).unwrap_or_default();
+        Machine { on_since: self.on_since.map(|_| at), on_before, ..self }
+    }
+
     /// How long the machine has been running; `None` before it was first seen running.
     pub fn on_time(&self, now: Moment) -> Option<Duration> {
-        self.on_since.map(|since| now.since(since))
+        self.on_since.map(|since| self.on_before + now.since(since))
     }
 
     /// The reference value of a term; `None` while it has not been captured.
@@ -124,7 +133,7 @@ impl Machine {
         self.zero.resize(settings.signals, unseen);
         let started = self.begins_to_run(settings, snapshot);
         if started {
-            self.on_since = Some(snapshot.now);
+            (self.on_since, self.on_before) = (Some(snapshot.now), Duration::ZERO);
             self.start.fill(fresh);
             // A machine that was never zeroed is zeroed by its first start.
             for capture in self.zero.iter_mut().filter(|capture| capture.value.is_none()) {
@@ -166,6 +175,10 @@ impl Machine {
         settings.on.is_none() && self.on_since.is_none()
     }
 }
+
+shifted!(Machine: on_since, start, zero);
+shifted!(Capture: at, gathering);
+shifted!(Gathering: until);
 
 impl Gathering {
     fn new(now: Moment, settings: &MachineSettings) -> Gathering {

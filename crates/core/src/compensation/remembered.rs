@@ -14,7 +14,7 @@ use super::model::{Input, Lag, Lagged, Reference};
 use super::probe::{Probe, ProbeRemembered};
 use super::reference::Machine;
 use super::settings::{AxisSettings, Datum};
-use crate::quantity::Moment;
+use crate::quantity::{Moment, Shift, Shifted, shifted};
 
 /// The memory of a machine.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -82,6 +82,26 @@ impl Remembered {
         self
     }
 
+    /// The same, whose time since machine start is counted on from this moment.
+    #[must_use]
+    pub fn counted_until(mut self, at: Moment) -> Remembered {
+        self.machine = self.machine.counted_until(at);
+        self
+    }
+
+    /// The same for a run that goes on at `now` with what was kept at `kept`, of the same clock or of another one: every
+    /// span that had been counted is as long as it was. Of the time between the two only this is believed.
+    #[must_use]
+    pub fn going_on(self, kept: Moment, now: Moment, stop: Stop) -> Remembered {
+        let mut going_on = self.counted_until(kept).shifted(Shift::between(kept, now));
+        let back = Shift::between(now, now.before(stop.by_the_clock.unwrap_or_default()));
+        for axis in &mut going_on.axes {
+            axis.lags.iter_mut().for_each(|term| term.lagged = term.lagged.away(stop.of_lags()));
+            axis.probe.iter_mut().for_each(|probe| probe.away(back));
+        }
+        going_on
+    }
+
     /// Where an axis stood.
     pub(super) fn running(&self, name: &str) -> Option<&AxisRunning> {
         self.running.iter().find(|axis| axis.axis == name)
@@ -90,6 +110,35 @@ impl Remembered {
     /// The memory of an axis.
     pub(super) fn axis(&self, name: &str) -> Option<&AxisRemembered> {
         self.axes.iter().find(|axis| axis.axis == name)
+    }
+}
+
+shifted!(Remembered: machine, axes, running);
+shifted!(AxisRemembered: lags, datum_until, probe);
+shifted!(TermRemembered: lagged);
+
+/// How long nobody counted, between two runs. The wall's clock says so, if it can be believed.
+///
+/// What follows a temperature goes on over it. The time since machine start does not: a gateway that was off for a day
+/// does not know whether the machine was on.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stop {
+    /// `None`: the clock was set meanwhile, and it was long.
+    pub by_the_clock: Option<Duration>,
+}
+
+impl Stop {
+    /// No stop that is longer is believed.
+    pub const LONGEST: Duration = Duration::from_hours(30 * 24);
+
+    /// From what was kept to now, as the wall's clock has both; not believed where that is negative, or too long.
+    pub fn between(kept: Moment, now: Moment) -> Stop {
+        let span = now.since(kept);
+        Stop { by_the_clock: (now >= kept && span <= Stop::LONGEST).then_some(span) }
+    }
+
+    fn of_lags(self) -> Duration {
+        self.by_the_clock.unwrap_or(Stop::LONGEST)
     }
 }
 

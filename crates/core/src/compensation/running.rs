@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::guard::Guard;
 use super::{AxisState, Decision, Permit};
-use crate::quantity::Moment;
+use crate::quantity::{Moment, shifted};
 
 /// Where one axis stands.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -22,3 +22,6 @@ pub struct AxisRunning {
     pub(super) due: Option<Moment>,
     pub(super) decision: Decision,
 }
+
+shifted!(AxisRunning: state, stepped, due, decision);
+shifted!(Decision: at);

@@ -24,7 +24,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::quantity::Moment;
+use crate::quantity::{Moment, Shift, Shifted};
 
 /// What an axis is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
@@ -64,6 +64,14 @@ impl AxisState {
     /// Following a model.
     pub fn is_following(self) -> bool {
         matches!(self, AxisState::Active | AxisState::Degraded)
+    }
+}
+
+impl Shifted for AxisState {
+    fn shift(&mut self, by: Shift) {
+        if let AxisState::Holding(since) = self {
+            since.shift(by);
+        }
     }
 }
 

@@ -17,7 +17,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::slots::Slots;
-use crate::quantity::{Counts, Moment};
+use crate::quantity::{Counts, Moment, shifted};
 
 /// At most so many are under way when another one is sent.
 pub const MOST_UNDER_WAY: usize = 8;
@@ -59,6 +59,10 @@ pub struct Copies {
     under_way: Slots<Sent, { MOST_UNDER_WAY + 2 }>,
     lately: Slots<LatelySent, { MOST_REMEMBERED + 2 }>,
 }
+
+shifted!(Copies: under_way, lately);
+shifted!(Sent: at, left, answered, other_seen);
+shifted!(LatelySent: at, until);
 
 /// What a read says about copies.
 #[derive(Clone, Copy, Debug)]

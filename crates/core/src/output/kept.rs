@@ -6,7 +6,7 @@ use super::copies::{Copies, LatelySent, MOST_REMEMBERED, Sent};
 use super::event::Doubt;
 use super::settings::Settings;
 use super::slots::Slots;
-use crate::quantity::{Counts, Moment};
+use crate::quantity::{Counts, Moment, shifted};
 
 /// What is on disk. Values are absolute, as the register would hold them: a base that moves does not move them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -45,6 +45,9 @@ pub struct Promise {
     /// It is under way, or is about to be; else it was lately sent.
     pub is_under_way: bool,
 }
+
+shifted!(Kept: promises);
+shifted!(Promise: at);
 
 impl Kept {
     /// For an account that was lost or cannot be read: no share of ours is taken to be in the register, and a person

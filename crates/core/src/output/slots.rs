@@ -4,6 +4,8 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use crate::quantity::{Shift, Shifted};
+
 /// At most `N` items, in the order in which they came.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(
@@ -53,6 +55,12 @@ impl<T: Copy, const N: usize> Slots<T, N> {
         for item in before.iter().filter(|item| stays(item)) {
             let _ = self.push(*item);
         }
+    }
+}
+
+impl<T: Shifted, const N: usize> Shifted for Slots<T, N> {
+    fn shift(&mut self, by: Shift) {
+        self.items.iter_mut().flatten().for_each(|item| item.shift(by));
     }
 }
 

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::kept::Account;
-use crate::quantity::{Counts, Moment};
+use crate::quantity::{Counts, Moment, Shift, Shifted, shifted};
 
 /// A value, and when the question was sent that it answers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -59,6 +59,18 @@ pub enum Standing {
     Confirming(Counts),
     /// It follows what is wanted.
     Armed,
+}
+
+shifted!(Seen: asked);
+shifted!(Order: not_after);
+
+impl Shifted for Doing {
+    fn shift(&mut self, by: Shift) {
+        if let Doing::Writing { begun, read, .. } = self {
+            begun.shift(by);
+            read.shift(by);
+        }
+    }
 }
 
 /// What people see.

@@ -12,7 +12,7 @@ use super::reports::Reports;
 use super::settings::{Settings, Verify};
 use super::slots::Slots;
 use super::standing::{Doing, Order, Seen, Shown, Standing, Untaken};
-use crate::quantity::{Counts, Moment};
+use crate::quantity::{Counts, Moment, shifted};
 
 /// What failed is tried again after this long at the earliest; and what is not certain is looked at again.
 pub(super) const RETRY: Duration = Duration::from_secs(1);
@@ -72,6 +72,9 @@ pub struct State {
     #[serde(skip)]
     pub(super) reports: Reports,
 }
+
+shifted!(State: doing, copies, verified, order, promised_until, settles_at, pairs_from, waited_at, reads_from, writes_from,
+    keeps_from, written_at);
 
 impl State {
     /// At a start, with what the last run left on disk.

@@ -3,22 +3,26 @@
 use std::fmt::Display;
 use std::io::Write;
 
-use super::{BEGIN, Beginning, CZ, FAILURES, FAULT, WRITES, cells_of_action, cells_of_fact};
+use super::{BEGIN, Beginning, CLOCK, CZ, FAILURES, FAULT, WRITES, cells_of_action, cells_of_fact};
+use crate::clock::Correction;
 use crate::gateway::log::recorder::{cell, has_to_be_quoted, number};
 use isotherm_core::output::{Action, Fact};
-use isotherm_core::quantity::{Micron, Moment, time};
+use isotherm_core::quantity::{Micron, Moment, Shift, Shifted, time};
 
 /// Turns what happens to outputs into rows, each with its line break.
 #[derive(Clone, Debug, Default)]
 pub struct OutputRecorder {
     line: Vec<u8>,
+    /// What brings counted moments to the stamps of the file.
+    pub(in crate::gateway) shift: Shift,
 }
 
 impl OutputRecorder {
     /// An output goes on from this.
     pub fn begin(&mut self, now: Moment, output: &str, beginning: &Beginning) -> &[u8] {
         // Numbers, names and lists of them always have a JSON form.
-        let detail = serde_json::to_string(beginning).unwrap_or_default();
+        let state = beginning.state.shifted(self.shift);
+        let detail = serde_json::to_string(&Beginning { state, ..*beginning }).unwrap_or_default();
         self.begins(now, output, BEGIN);
         self.ends(",,,,,,", &cell(&detail))
     }
@@ -58,6 +62,12 @@ impl OutputRecorder {
         self.count(now, output, FAILURES, count, since)
     }
 
+    /// The computer's clock was set before this file.
+    pub(in crate::gateway) fn clock(&mut self, now: Moment, correction: Correction) -> &[u8] {
+        self.begins(now, "", CLOCK);
+        self.ends(",,,,,,", &correction.to_string())
+    }
+
     fn count(&mut self, now: Moment, output: &str, what: &str, count: u64, since: Moment) -> &[u8] {
         self.begins(now, output, what);
         self.value_and_moment(Some(count), since);
@@ -66,7 +76,7 @@ impl OutputRecorder {
 
     fn begins(&mut self, now: Moment, output: &str, fact: &str) {
         self.line.clear();
-        time::write(&mut self.line, now);
+        time::write(&mut self.line, now.shifted(self.shift));
         let _ = match has_to_be_quoted(output) {
             true => write!(self.line, ",{},{fact}", cell(output)),
             false => write!(self.line, ",{output},{fact}"),
@@ -80,7 +90,7 @@ impl OutputRecorder {
         }
         self.line.push(b',');
         if moment != Moment::END {
-            time::write(&mut self.line, moment);
+            time::write(&mut self.line, moment.shifted(self.shift));
         }
     }
 

@@ -114,6 +114,6 @@ pub(crate) fn profile() -> Profile {
         sets: Vec::new(),
         heartbeat: None,
         web: None,
-        history: History { directory: None, keep: Duration::from_secs(86_400) },
+        history: History { directory: None, keep: Duration::from_secs(86_400), max_size: u64::MAX },
     }
 }

@@ -24,7 +24,7 @@ use serde::{Deserialize, Serialize};
 use super::{Input, Inputs};
 use crate::compensation::Snapshot;
 use crate::compensation::reference::{Captured, Machine, Reference};
-use crate::quantity::{Celsius, Moment};
+use crate::quantity::{Celsius, Moment, shifted};
 
 /// The lag of one term: nothing before its first reading.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -91,7 +91,14 @@ impl Lag {
     }
 }
 
+shifted!(Lagged: at, captured);
+
 impl Lagged {
+    /// The same where this much more time has passed since both held.
+    pub(in crate::compensation) fn away(self, span: Duration) -> Lagged {
+        Lagged { at: self.at.before(span), ..self }
+    }
+
     fn begin(input: f64, reference: Captured, at: Moment) -> Lagged {
         let (from, captured) = (reference.value.get(), reference.at);
         Lagged { at, input, follower: from, from, captured }

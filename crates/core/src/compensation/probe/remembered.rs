@@ -9,7 +9,7 @@ use super::gains::Gains;
 use super::{KEPT, Learned, Probe, Probed, Residual};
 use crate::compensation::model::Model;
 use crate::compensation::settings::ProbeSettings;
-use crate::quantity::Moment;
+use crate::quantity::{Moment, Shift, Shifted, shifted};
 
 /// The memory of one axis's probings.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -28,6 +28,17 @@ struct LearnedRemembered {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     gains: Option<Gains>,
     renews: Option<Moment>,
+}
+
+shifted!(ProbeRemembered: models, last, history);
+shifted!(LearnedRemembered: renews);
+
+impl ProbeRemembered {
+    /// When people measured is told by the wall's clock, by which the machine was away for so long.
+    pub(in crate::compensation) fn away(&mut self, back: Shift) {
+        self.last.shift(back);
+        self.history.shift(back);
+    }
 }
 
 impl Probe {

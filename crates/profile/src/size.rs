@@ -1,0 +1,65 @@
+//! Sizes on a disk as a profile writes them: "500MB", "2GB".
+
+use schemars::{JsonSchema, Schema};
+use serde::{Deserialize, Deserializer};
+
+/// A number of bytes that a profile has written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Size(pub(crate) u64);
+
+/// Decimal, as disks are sold.
+const UNITS: [(&str, u64); 3] = [("MB", 1_000_000), ("GB", 1_000_000_000), ("TB", 1_000_000_000_000)];
+
+impl Size {
+    fn parse(text: &str) -> Option<u64> {
+        let text = text.trim();
+        let (unit, bytes) = UNITS.into_iter().find(|(unit, _)| text.ends_with(unit))?;
+        text.strip_suffix(unit)?.trim().parse::<u64>().ok()?.checked_mul(bytes)
+    }
+}
+
+impl<'de> Deserialize<'de> for Size {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Size, D::Error> {
+        let text = String::deserialize(deserializer)?;
+        let wrong =
+            || serde::de::Error::custom(format!("`{text}` is no size; write one as \"500MB\" or \"2GB\""));
+        Size::parse(&text).map(Size).ok_or_else(wrong)
+    }
+}
+
+impl JsonSchema for Size {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "Size".into()
+    }
+
+    fn json_schema(_: &mut schemars::SchemaGenerator) -> Schema {
+        schemars::json_schema!({
+            "description": "A size on the disk with its unit, as \"500MB\" or \"2GB\".",
+            "type": "string",
+            "pattern": "^\\s*\\d+\\s*(MB|GB|TB)\\s*$",
+            "examples": ["500MB", "2GB"],
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_size_is_a_whole_number_with_its_unit() {
+        for (text, size) in [
+            ("2GB", Some(2_000_000_000)),
+            (" 500 MB ", Some(500_000_000)),
+            ("1TB", Some(1_000_000_000_000)),
+            ("2", None),
+            ("GB", None),
+            ("-2GB", None),
+            ("2gb", None),
+            ("1.5GB", None),
+            ("99999999999TB", None),
+        ] {
+            assert_eq!(Size::parse(text), size, "{text}");
+        }
+    }
+}
