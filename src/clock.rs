@@ -114,6 +114,11 @@ impl Clock {
         moment.shifted(self.shift())
     }
 
+    /// The present moment as people are told it.
+    pub fn time_of_day(&self) -> Moment {
+        self.stamp(self.now())
+    }
+
     /// Looks whether the computer's clock says what it should. Stamps follow it.
     pub fn look_at_the_time_of_day(&self) -> Option<Correction> {
         match &self.source {

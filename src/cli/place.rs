@@ -182,7 +182,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         written += &format!("the modes are in {}\n", path.display());
     }
     if let Some(path) = &arguments.report {
-        write_file(path, report(&study, &placement, &line, Clock::wall().now()))?;
+        write_file(path, report(&study, &placement, &line, Clock::wall().time_of_day()))?;
         written += &format!("the report is in {}\n", path.display());
     }
     if arguments.json {

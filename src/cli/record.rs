@@ -12,6 +12,7 @@ use super::{ProfileArguments, load, machines, values};
 use crate::clock::Clock;
 use crate::gateway::{Gateway, Options};
 use crate::virtual_machine::{Setup, VirtualMachine, Window};
+use isotherm_core::quantity::Shifted;
 use isotherm_profile::Profile;
 
 mod recording;
@@ -92,7 +93,9 @@ async fn record(
     ready: impl Sized,
 ) -> anyhow::Result<Recording> {
     let axes = window.map(|window| window.summary().axes).unwrap_or_default();
-    let mut recording = Recording::begin(&arguments.out, &profile, &axes, clock.now())?;
+    let mut recording = Recording::begin(&arguments.out, &profile, &axes, clock.time_of_day())?;
+    // Whatever becomes of the computer's clock: the spans in a recording are the counted ones.
+    let shift = clock.shift();
     eprintln!("recording {} signals into {}; end it with Ctrl-C", profile.signals.len(), recording.path());
     let mut signals = Signals::listen()?;
     let gateway = Gateway::new(profile, clock, Options { dry_run: true, ..Options::default() });
@@ -110,9 +113,10 @@ async fn record(
                 if arguments.span.is_some_and(|span| spent > span) {
                     return Ok(());
                 }
-                recording.rotate(now, arguments.rotate)?;
+                let stamp = now.shifted(shift);
+                recording.rotate(stamp, arguments.rotate)?;
                 let truth = window.and_then(Window::latest_truth);
-                recording.row(now, &source.status(), truth.as_ref())?;
+                recording.row(stamp, &source.status(), truth.as_ref())?;
                 show_progress(&mut shown, spent, arguments.span, &recording);
             }
         };

@@ -81,7 +81,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     add_without_cz(&mut dataset, profile.as_ref(), &mut displacements, &applied)?;
     let drifts = drift(&dataset, &displacements, arguments.test, &unit)?;
     if let Some(path) = &arguments.report {
-        let page = report::drifted(&dataset, &drifts, profile.as_ref(), Clock::wall().now());
+        let page = report::drifted(&dataset, &drifts, profile.as_ref(), Clock::wall().time_of_day());
         std::fs::write(path, page).with_context(|| format!("cannot write {}", path.display()))?;
     }
     if arguments.json {

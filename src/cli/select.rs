@@ -109,7 +109,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     }
     let found: Selected = select(&pointed, &settings, &progress()).map_err(anyhow::Error::msg)?;
     if let Some(path) = &arguments.report {
-        let page = report::selected(&pointed, &found, Clock::wall().now());
+        let page = report::selected(&pointed, &found, Clock::wall().time_of_day());
         std::fs::write(path, page).with_context(|| format!("cannot write {}", path.display()))?;
     }
     if arguments.json {

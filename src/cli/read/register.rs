@@ -132,7 +132,7 @@ pub(super) fn run(target: &Target, one: &One, watch: bool, json: bool) -> anyhow
             let values = answer
                 .map(|answer| form.values(from, &answer))
                 .map_err(|fault| remedy(fault, question));
-            let now = watch.then(|| clock.now().to_string());
+            let now = watch.then(|| clock.time_of_day().to_string());
             let why = values.as_ref().err();
             if json {
                 let document = serde_json::json!({

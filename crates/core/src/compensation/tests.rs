@@ -13,6 +13,7 @@ mod models;
 mod outside;
 mod probes;
 mod properties;
+mod restarted;
 mod states;
 
 const BED: SignalId = SignalId(0);
