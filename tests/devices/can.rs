@@ -8,7 +8,7 @@ use isotherm_profile::preview::Preview;
 use isotherm_profile::{DeviceId, Errors, Loaded, Profile, Verify, parse};
 
 /// Templates of devices on CAN, with the key that a CANopen node needs.
-pub(crate) const CAN: [(&str, &str); 6] = [
+const CAN: [(&str, &str); 6] = [
     ("axiomatic-axtc4co", "node = 5\n"),
     ("css-canmod-temp", ""),
     ("peak-mu-thermocouple1", ""),
