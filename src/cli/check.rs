@@ -4,7 +4,7 @@ use std::io::Write;
 
 use super::{ProfileArguments, gauge, load, print_json};
 use crate::discovery::can;
-use isotherm_profile::preview::Preview;
+use isotherm_profile::preview::{self, Preview};
 
 /// Every error of the profile with its place; then what would happen: the read plan, each register in both notations,
 /// the write list, the signs in words.
@@ -27,7 +27,7 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let profile = load(&arguments.profile, arguments.json)?;
     let preview = Preview::of(&profile);
-    for warning in preview.warnings(&profile) {
+    for warning in preview::warnings(&profile) {
         eprintln!("warning: {warning}");
     }
     if !arguments.online {

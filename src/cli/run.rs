@@ -11,8 +11,7 @@ use super::signals::Signals;
 use super::{ProfileArguments, load_modelled};
 use crate::clock::Clock;
 use crate::gateway::{Gateway, Options};
-use isotherm_profile::preview::Preview;
-use isotherm_profile::{Profile, Web};
+use isotherm_profile::{DeviceId, Profile, Web, plan};
 
 /// What the log still has to say when the program gives up.
 const LAST_WORDS: Duration = Duration::from_millis(200);
@@ -48,10 +47,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         println!("page http://{address}");
     }
     sockets.open_control(&directory, &profile.name)?;
-    for device in &Preview::of(&profile).devices {
-        tracing::info!("device {}: {}", device.name, device.summary);
-        for request in &device.requests {
-            tracing::info!("device {}: {}: {}", device.name, request.read, request.signals.join(", "));
+    for (place, device) in profile.devices.iter().enumerate() {
+        let (name, requests) = (&device.name, profile.register_requests(DeviceId(place)));
+        tracing::info!("device {name}: {}", plan::summary(&requests));
+        for request in &requests {
+            tracing::info!("device {name}: {request}: {}", request.signals(&profile).join(", "));
         }
     }
     let options = Options {

@@ -4,7 +4,8 @@
 
 use super::*;
 use crate::can::{LATHE, lathe};
-use isotherm_profile::preview::{LoadExplained, Preview, Verdict};
+use isotherm_profile::preview::{self, Load, Preview, Verdict};
+use isotherm_profile::{BusId, Profile};
 
 const TCP: &str = "type = \"modbus-tcp\"\naddress = \"127.0.0.1:1502\"";
 const THROUGH_SERVER: &str = "type = \"modbus-rtu-over-tcp\"\naddress = \"127.0.0.1:1502\"";
@@ -31,12 +32,12 @@ fn machine(line: &str, axes: u16, every: &str, output: &str, more: &str) -> Stri
     text + more
 }
 
-fn explained(text: &str) -> Preview {
-    Preview::of(&parse(text).unwrap_or_else(|errors| panic!("{errors}\n{text}")).profile)
+fn resolved(text: &str) -> Profile {
+    parse(text).unwrap_or_else(|errors| panic!("{errors}\n{text}")).profile
 }
 
-fn load(text: &str) -> LoadExplained {
-    explained(text).buses[0].load.clone().unwrap()
+fn load(text: &str) -> Load {
+    Load::of(&resolved(text), BusId(0)).unwrap()
 }
 
 #[track_caller]
@@ -139,12 +140,12 @@ fn sixty_axes_with_a_ledger_each_beside_their_sensors_are_too_much_each_second_a
     for (every, percent, verdict, full_at, words) in cases {
         let machine = parse(&ledger(every)).unwrap().profile;
         let explanation = Preview::of(&machine);
-        let found = explanation.buses[0].load.as_ref().unwrap();
+        let found = Load::of(&machine, BusId(0)).unwrap();
         is_near(found.percent, percent, every);
         is_near(found.full_at_answer_ms.unwrap(), full_at, every);
         assert_eq!(found.verdict, verdict, "{every}");
         assert!(explanation.to_string().contains(words), "`{words}` is not in:\n{explanation}");
-        let warnings = explanation.warnings(&machine);
+        let warnings = preview::warnings(&machine);
         assert_eq!(warnings.len(), usize::from(verdict == Verdict::Full), "{warnings:?}");
         for warning in warnings {
             let told = warning.to_string();
@@ -164,11 +165,10 @@ fn sixty_axes_with_a_ledger_each_beside_their_sensors_are_too_much_each_second_a
 fn a_serial_line_that_cannot_keep_up_says_so_and_one_that_polls_too_much_says_that() {
     let text = machine(SERIAL, 0, "10s", "", "").replacen("unit = 1\n", "unit = 1\nevery = \"20ms\"\n", 1);
     let machine = parse(&text.replacen(SERIAL, &format!("{SERIAL}\ntimeout = \"15ms\""), 1)).unwrap().profile;
-    let explanation = Preview::of(&machine);
-    let load = explanation.buses[0].load.as_ref().unwrap();
+    let load = Load::of(&machine, BusId(0)).unwrap();
     is_near(load.percent, 109.115, "fifty polls of 21.8 ms");
     is_near(load.full_at_answer_ms.unwrap(), 8.177, "what the bytes leave");
-    let told = explanation.warnings(&machine)[0].to_string();
+    let told = preview::warnings(&machine)[0].to_string();
     assert!(told.contains("at 10 ms for a device to begin its answer"), "{told}");
     assert!(told.contains("help: poll its devices less often"), "{told}");
 }
@@ -176,27 +176,26 @@ fn a_serial_line_that_cannot_keep_up_says_so_and_one_that_polls_too_much_says_th
 #[test]
 fn a_can_line_is_as_full_as_its_objects_make_it_and_its_frames_cost_nothing() {
     let machine = lathe(LATHE).unwrap().profile;
-    let explanation = Preview::of(&machine);
-    let load = |name: &str| {
-        explanation.buses.iter().find(|bus| bus.name == name).and_then(|bus| bus.load.clone()).unwrap()
+    let load = |machine: &Profile, name: &str| {
+        Load::of(machine, BusId(machine.buses.iter().position(|bus| bus.name == name).unwrap()))
     };
-    is_near(load("field").exchanges_per_second, 1.0, "one object each second");
-    is_near(load("cell").exchanges_per_second, 1.5, "one offset each two seconds");
-    let told = explanation.to_string();
+    is_near(load(&machine, "field").unwrap().exchanges_per_second, 1.0, "one object each second");
+    is_near(load(&machine, "cell").unwrap().exchanges_per_second, 1.5, "one offset each two seconds");
+    let told = Preview::of(&machine).to_string();
     assert!(told.contains("up to 1 exchange a second"), "{told}");
     let frames_only =
         lathe(&LATHE.replace("fault_when = \"column_status != 0\"\n", "").replace(
             "[signal.column_status]\ndevice = \"axtc\"\nsdo    = \"6150:01\"\ntype   = \"u8\"\n",
             "",
         ));
-    let explanation = Preview::of(&frames_only.unwrap().profile);
-    assert_eq!(explanation.buses.iter().find(|bus| bus.name == "field").unwrap().load, None);
+    assert_eq!(load(&frames_only.unwrap().profile, "field"), None);
 }
 
 #[test]
 fn a_program_finds_the_load_in_the_document_too() {
     let document =
-        serde_json::to_value(explained(&machine(TCP, 60, "1s", "share = \"ledger\"", ""))).unwrap();
+        serde_json::to_value(Preview::of(&resolved(&machine(TCP, 60, "1s", "share = \"ledger\"", ""))))
+            .unwrap();
     let load = &document["buses"][0]["load"];
     assert_eq!((&load["verdict"], load["answer_ms"].as_f64()), (&"full".into(), Some(10.0)));
     is_near(load["percent"].as_f64().unwrap(), 241.0, "percent");

@@ -6,8 +6,8 @@
 //! # Layout
 //! - `load`, `merge`, `walk`, `span`: the layers, each against the schema, and where every key was written.
 //! - `template`, `dbc`: what device templates and DBC files bring.
-//! - `tables`: a file for each table of the profile: as written, checked, resolved.
-//! - [`plan`], [`preview`]: which requests read a device, and what `isotherm check` says.
+//! - `tables`: a file for each table of the profile: as written, checked, resolved, and what `isotherm check` says of it.
+//! - [`plan`], [`preview`]: which requests read a device; the tables' previews and the load of each line in one document.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -17,6 +17,7 @@ use isotherm_core::compensation::settings::MachineSettings;
 use isotherm_core::reading::SignalId;
 
 mod dbc;
+mod document;
 mod duration;
 mod error;
 mod files;
@@ -47,10 +48,12 @@ pub use tables::handshake::Handshake;
 pub use tables::heartbeat::Heartbeat;
 pub use tables::history::History;
 pub use tables::machine::Arm;
+pub use tables::output::Output;
 pub use tables::output::applied::Applied;
 pub use tables::output::display::{Beside, Display, Shown, Stale};
+pub use tables::output::share::Share;
+pub use tables::output::verify::Verify;
 pub use tables::output::writes::Writes;
-pub use tables::output::{Output, Share, Verify};
 pub use tables::quirks::Quirks;
 pub use tables::register::Flag;
 pub use tables::schema::schema;
@@ -159,6 +162,16 @@ impl Profile {
     /// The set.
     pub fn set(&self, id: SetId) -> &OutputSet {
         &self.sets[id.0]
+    }
+
+    /// The requests of one poll of a device.
+    pub fn requests(&self, device: DeviceId) -> Vec<plan::ReadRequest> {
+        plan::plan(self.device(device), self.signals_of(device))
+    }
+
+    /// Those of them that read registers: without the objects of a CANopen node.
+    pub fn register_requests(&self, device: DeviceId) -> Vec<plan::ReadRequest> {
+        self.requests(device).into_iter().filter(|request| request.span().is_some()).collect()
     }
 
     /// The CANopen objects of a device that are in use, each once: as checks, signals and outputs name them, in this order.

@@ -7,7 +7,8 @@
 
 use std::fmt;
 
-use crate::{Device, Quirks, Signal};
+use crate::document::Section;
+use crate::{Device, Profile, Quirks, Signal};
 use isotherm_core::codec::{Address, DataType, Object, Register};
 use isotherm_core::reading::SignalId;
 
@@ -93,6 +94,23 @@ impl ReadRequest {
     /// The first register or bit, and how many; `None` for an object.
     pub const fn span(&self) -> Option<(Register, u16)> {
         if let Asked::Registers { from, count } = self.asks { Some((from, count)) } else { None }
+    }
+
+    /// The names of the signals in its answer.
+    pub fn signals<'a>(&self, profile: &'a Profile) -> Vec<&'a str> {
+        self.fields.iter().map(|field| profile.signal(field.signal).name.as_str()).collect()
+    }
+
+    /// The request and the signals in its answer.
+    pub(crate) fn preview(&self, profile: &Profile) -> Section {
+        let function = self.span().map_or(0, |(from, _)| from.table.read_function());
+        let signals = self.signals(profile);
+        let mut section = Section::default();
+        section.line(format!("    {self}, function {function:02}: {}", signals.join(", ")));
+        section.entry("read", self.to_string());
+        section.entry("function", function);
+        section.entry("signals", signals);
+        section
     }
 
     fn rank(&self) -> (Option<(Register, u16)>, SignalId) {

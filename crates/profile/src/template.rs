@@ -7,9 +7,9 @@
 
 use std::collections::BTreeMap;
 
-use serde::Serialize;
 use serde_json::{Map, Value};
 
+use crate::document::Section;
 use crate::error::ProfileError;
 use crate::files::Files;
 use crate::span::{Spans, child};
@@ -27,7 +27,7 @@ pub(crate) use shipped::dbc;
 pub use shipped::names;
 
 /// What a device has from its template.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Template {
     /// Its name.
     pub name: String,
@@ -46,8 +46,32 @@ pub struct Template {
     /// Checks that are left out, and why.
     pub unchecked: Vec<String>,
     /// Signals and outputs that use a channel of it.
-    #[serde(skip)]
     pub uses: Vec<Use>,
+}
+
+impl Template {
+    /// Where a device has its channels from, with what a person should know of that.
+    pub(crate) fn preview(&self) -> Section {
+        let variant = self.variant.as_ref().map_or(String::new(), |variant| format!(", variant {variant}"));
+        let mut section = Section::default();
+        section.line(format!("    template {}{variant}: {}; after {}", self.name, self.title, self.source));
+        section.lines(
+            "      ",
+            self.own_file.iter().map(|file| format!("taken from {file}, not from the shipped ones")),
+        );
+        section.lines("      note: ", &self.notes);
+        section.lines("      not verified: ", &self.unverified);
+        section.lines("      not checked before arming: ", &self.unchecked);
+        section.entry("name", &self.name);
+        section.entry("variant", &self.variant);
+        section.entry("title", &self.title);
+        section.entry("source", &self.source);
+        section.entry("own_file", &self.own_file);
+        section.entry("notes", &self.notes);
+        section.entry("unverified", &self.unverified);
+        section.entry("unchecked", &self.unchecked);
+        section
+    }
 }
 
 /// A signal or an output that has its registers from a template.

@@ -8,7 +8,7 @@ use crate::fieldbus::line::DeviceLine;
 use crate::gateway::line_handle::LineHandle;
 use isotherm_core::quantity::Moment;
 use isotherm_core::reading::Reason;
-use isotherm_profile::plan::{ReadRequest, plan};
+use isotherm_profile::plan::ReadRequest;
 use isotherm_profile::{BusId, Device, DeviceId, Profile};
 
 /// One device's reads.
@@ -42,7 +42,7 @@ pub(super) fn polls(profile: &Profile, bus: BusId, corrected: &[DeviceId], start
         read_at: start,
         max_age: profile.signals_of(id).map(|(_, signal)| signal.max_age).min().unwrap_or(Duration::MAX),
         captures: Captures::new(profile.signals_of(id).filter_map(|(_, signal)| signal.capture)),
-        requests: plan(device, profile.signals_of(id)),
+        requests: profile.requests(id),
     };
     let mut polls: Vec<Poll> =
         profile.devices_on(bus).map(poll).filter(|poll| !poll.requests.is_empty()).collect();

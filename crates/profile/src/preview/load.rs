@@ -3,18 +3,13 @@
 //! Counted is the busiest time without a fault: every axis moves at each of its updates. How long a device takes to
 //! answer no profile says, so it is assumed, and the answer time at which the line would be full is told beside it.
 
-use std::fmt;
 use std::time::Duration;
 
 use serde::Serialize;
 
-use super::Preview;
+use super::traffic::{Exchange, traffic};
+use crate::document::Section;
 use crate::{Bus, BusId, Device, Profile, ProfileError, Transport};
-
-mod traffic;
-
-pub(super) use traffic::read_frames;
-use traffic::{Asked, traffic};
 
 /// What a device of today needs to begin its answer, its network included.
 const ANSWER: Duration = Duration::from_millis(10);
@@ -25,8 +20,8 @@ const TIGHT: f64 = 80.0;
 const FULL: f64 = 100.0;
 
 /// What is asked of a line, and what that takes of its time.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct LoadExplained {
+#[derive(Clone, Debug, PartialEq)]
+pub struct Load {
     /// Questions in a second while every axis moves at each of its updates.
     pub exchanges_per_second: f64,
     /// The part of the line's time that reading signals takes, in percent.
@@ -41,9 +36,7 @@ pub struct LoadExplained {
     pub full_at_answer_ms: Option<f64>,
     /// Whether it fits.
     pub verdict: Verdict,
-    #[serde(skip)]
     timeout_ms: f64,
-    #[serde(skip)]
     is_serial: bool,
 }
 
@@ -65,45 +58,7 @@ struct Cost {
     waits: f64,
 }
 
-/// The load of a line; `None` where nobody is asked, as on a CAN line whose devices send by themselves.
-pub(super) fn of(profile: &Profile, id: BusId) -> Option<LoadExplained> {
-    let bus = profile.bus(id);
-    let asked = traffic(profile, id);
-    if asked.is_empty() {
-        return None;
-    }
-    let answer = match bus.transport {
-        Transport::RtuOverTcp => ANSWER_THROUGH_SERVER,
-        Transport::Tcp | Transport::Serial(_) | Transport::Can => ANSWER,
-    };
-    let (mut known, mut waits, mut percent) = (0.0, 0.0, [0.0; 2]);
-    for asked in &asked {
-        let cost = cost(bus, profile.device(asked.device), asked);
-        let (seconds, times) = (asked.per_second * cost.known.as_secs_f64(), asked.per_second * cost.waits);
-        known += seconds;
-        waits += times;
-        percent[usize::from(asked.writes)] += 100.0 * (seconds + times * answer.as_secs_f64());
-    }
-    let [polls_percent, writes_percent] = percent;
-    let percent = polls_percent + writes_percent;
-    Some(LoadExplained {
-        exchanges_per_second: asked.iter().map(|asked| asked.per_second).sum(),
-        polls_percent,
-        writes_percent,
-        percent,
-        answer_ms: ms(answer),
-        full_at_answer_ms: (known < 1.0).then_some(1000.0 * (1.0 - known) / waits),
-        verdict: match percent {
-            over if over > FULL => Verdict::Full,
-            over if over > TIGHT => Verdict::Tight,
-            _ => Verdict::Fits,
-        },
-        timeout_ms: ms(bus.timeout),
-        is_serial: matches!(bus.transport, Transport::Serial(_)),
-    })
-}
-
-fn cost(bus: &Bus, device: &Device, asked: &Asked) -> Cost {
+fn cost(bus: &Bus, device: &Device, asked: &Exchange) -> Cost {
     let quirks = &device.quirks;
     let bytes = match bus.transport {
         Transport::Serial(serial) => serial.exchange(asked.question, asked.answer),
@@ -117,37 +72,90 @@ fn cost(bus: &Bus, device: &Device, asked: &Asked) -> Cost {
     Cost { known, waits: 1.0 }
 }
 
-fn ms(span: Duration) -> f64 {
+pub(super) fn ms(span: Duration) -> f64 {
     1000.0 * span.as_secs_f64()
 }
 
 /// Lines of which more is asked than there is time for.
-pub(super) fn warnings(explanation: &Preview, profile: &Profile) -> Vec<ProfileError> {
-    let loads = explanation.buses.iter().filter_map(|bus| Some((bus, bus.load.as_ref()?)));
-    let full = loads.filter(|(_, load)| load.verdict == Verdict::Full);
-    let warning = full.map(|(bus, load)| {
+pub fn warnings(profile: &Profile) -> Vec<ProfileError> {
+    let loads = (0..profile.buses.len())
+        .filter_map(|place| Load::of(profile, BusId(place)).zip(profile.buses.get(place)));
+    let full = loads.filter(|(load, _)| load.verdict == Verdict::Full);
+    let warning = full.map(|(load, bus)| {
         let help = if load.polls_percent > load.writes_percent {
             "poll its devices less often (`every`), or put some of them on another line"
         } else {
             "update the axes less often (`every`; `refresh` of their outputs), or put the outputs on another line"
         };
-        ProfileError {
-            file: profile.path.display().to_string(),
-            line: None,
-            column: None,
-            key: format!("bus.{}", bus.name),
-            message: format!(
-                "{}: readings get older and corrections later than the profile says",
-                load.asked_of_it()
-            ),
-            help: Some(help.to_owned()),
-            excerpt: None,
-        }
+        let message =
+            format!("{}: readings get older and corrections later than the profile says", load.asked_of_it());
+        let about = ProfileError::about(profile.path.display().to_string(), message, Some(help.to_owned()));
+        ProfileError { key: format!("bus.{}", bus.name), ..about }
     });
     warning.collect()
 }
 
-impl LoadExplained {
+impl Load {
+    /// The load of a line; `None` where nobody is asked, as on a CAN line whose devices send by themselves.
+    pub fn of(profile: &Profile, id: BusId) -> Option<Load> {
+        let bus = profile.bus(id);
+        let asked = traffic(profile, id);
+        if asked.is_empty() {
+            return None;
+        }
+        let answer = match bus.transport {
+            Transport::RtuOverTcp => ANSWER_THROUGH_SERVER,
+            Transport::Tcp | Transport::Serial(_) | Transport::Can => ANSWER,
+        };
+        let (mut known, mut waits, mut percent) = (0.0, 0.0, [0.0; 2]);
+        for asked in &asked {
+            let cost = cost(bus, profile.device(asked.device), asked);
+            let (seconds, times) =
+                (asked.per_second * cost.known.as_secs_f64(), asked.per_second * cost.waits);
+            known += seconds;
+            waits += times;
+            percent[usize::from(asked.writes)] += 100.0 * (seconds + times * answer.as_secs_f64());
+        }
+        let [polls_percent, writes_percent] = percent;
+        let percent = polls_percent + writes_percent;
+        Some(Load {
+            exchanges_per_second: asked.iter().map(|asked| asked.per_second).sum(),
+            polls_percent,
+            writes_percent,
+            percent,
+            answer_ms: ms(answer),
+            full_at_answer_ms: (known < 1.0).then_some(1000.0 * (1.0 - known) / waits),
+            verdict: match percent {
+                over if over > FULL => Verdict::Full,
+                over if over > TIGHT => Verdict::Tight,
+                _ => Verdict::Fits,
+            },
+            timeout_ms: ms(bus.timeout),
+            is_serial: matches!(bus.transport, Transport::Serial(_)),
+        })
+    }
+
+    pub(super) fn preview(&self) -> Section {
+        let full = match self.full_at_answer_ms {
+            Some(full) if full >= self.timeout_ms => "only where it takes longer than the timeout".to_owned(),
+            Some(full) => format!("where it takes longer than {} ms", figure(full)),
+            None => "however quick its devices are".to_owned(),
+        };
+        let mut section = Section::default();
+        section.line(format!("  {}; full {full}", self.asked_of_it()));
+        if self.verdict == Verdict::Tight {
+            section.line("  note: that leaves little room for lost answers; a longer `every` makes some");
+        }
+        section.entry("exchanges_per_second", self.exchanges_per_second);
+        section.entry("polls_percent", self.polls_percent);
+        section.entry("writes_percent", self.writes_percent);
+        section.entry("percent", self.percent);
+        section.entry("answer_ms", self.answer_ms);
+        section.entry("full_at_answer_ms", self.full_at_answer_ms);
+        section.entry("verdict", self.verdict);
+        section
+    }
+
     /// `load 241 % (polls 1 %, writes 240 %), up to 241 exchanges a second at 10 ms an answer`.
     fn asked_of_it(&self) -> String {
         let answer = if self.is_serial { "for a device to begin its answer" } else { "an answer" };
@@ -170,21 +178,4 @@ fn figure(number: f64) -> String {
         return text.strip_suffix(".0").unwrap_or(&text).to_owned();
     }
     format!("{number:.0}")
-}
-
-impl fmt::Display for LoadExplained {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "  {}", self.asked_of_it())?;
-        match self.full_at_answer_ms {
-            Some(full) if full >= self.timeout_ms => {
-                writeln!(f, "; full only where it takes longer than the timeout")?
-            }
-            Some(full) => writeln!(f, "; full where it takes longer than {} ms", figure(full))?,
-            None => writeln!(f, "; full however quick its devices are")?,
-        }
-        if self.verdict == Verdict::Tight {
-            writeln!(f, "  note: that leaves little room for lost answers; a longer `every` makes some")?;
-        }
-        Ok(())
-    }
 }

@@ -4,7 +4,9 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::At;
-use crate::duration::Timespan;
+use crate::Profile;
+use crate::document::Section;
+use crate::duration::{Timespan, shown};
 use isotherm_core::compensation::model::Model;
 use isotherm_core::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, OnFault};
 use isotherm_core::quantity::{Micron, MicronPerSecond};
@@ -91,6 +93,64 @@ pub struct Axis {
 }
 
 impl Axis {
+    /// How Cz is computed, which way it moves, how far and how fast.
+    pub(crate) fn preview(&self, profile: &Profile) -> Section {
+        let AxisSettings { name, models, guard, levels, .. } = &self.settings;
+        let mut section = Section::default();
+        section.line("");
+        section.line(format!("axis {name}"));
+        if models.is_empty() {
+            section.line("  no model yet: `isotherm record` and `isotherm identify` find one; until then it cannot run");
+        }
+        section.entry("name", name);
+        let models = models.iter().enumerate();
+        section.parts("models", models.map(|(place, model)| model::preview(profile, place, model)));
+        let mut sign =
+            "Cz is added to the position: a positive Cz makes the commanded or displayed position larger"
+                .to_owned();
+        if self.diameter {
+            sign += "; it acts on a diameter, so twice Cz is written";
+        }
+        if self.settings.datum == Datum::Zero {
+            sign += "; it is measured from its value at the last zero";
+        }
+        let (limit, step, every, rate) =
+            (guard.limit.get(), guard.step.get(), shown(self.settings.every), guard.rate.get());
+        let mut bounds = format!(
+            "Cz stays within ±{limit} µm and changes by at most {step} µm every {every} and {rate} µm/s"
+        );
+        if guard.deadband.get() > 0.0 {
+            bounds += &format!("; a change of up to {} µm is not made", guard.deadband.get());
+        }
+        bounds.extend(guard.count.map(|count| format!("; it moves in counts of {} µm", count.get())));
+        bounds.extend(levels.warn.map(|warn| format!("; beyond ±{} µm it warns", warn.get())));
+        bounds.extend(levels.error.map(|error| {
+            format!(
+                "; a model that asks for more than ±{} µm switches the axis off until it is armed",
+                error.get()
+            )
+        }));
+        let on_fault = match self.settings.on_fault {
+            OnFault::Hold => "keeps the last Cz for as long as the fault lasts".to_owned(),
+            OnFault::Zero => "takes Cz to zero at once, step by step".to_owned(),
+            OnFault::Ramp { after } => {
+                format!("keeps the last Cz for {}, then takes it to zero at {rate} µm/s", shown(after))
+            }
+        };
+        for (key, label, text) in
+            [("sign", "sign", sign), ("guard", "guard", bounds), ("on_fault", "on a fault", on_fault)]
+        {
+            section.line(format!("  {label}: {text}"));
+            section.entry(key, text);
+        }
+        if let Some(settings) = &self.settings.probe {
+            let probe = probe::preview(profile, self, settings);
+            section.line(format!("  probe: {probe}"));
+            section.entry("probe", probe);
+        }
+        section
+    }
+
     /// How much of Cz is written: twice as much where it acts on a diameter.
     pub(super) fn factor(&self) -> f64 {
         if self.diameter { 2.0 } else { 1.0 }

@@ -7,6 +7,7 @@ use serde::Deserialize;
 
 use super::quirks::{Quirks, RawQuirks};
 use super::{At, Check, host_of};
+use crate::document::Section;
 use crate::duration::{Timespan, shown};
 use isotherm_core::codec::CanId;
 use serial::{Parity, Serial};
@@ -141,6 +142,40 @@ impl Transport {
             Transport::Serial(_) => timeout.saturating_mul(LATE_TIMEOUTS),
             Transport::Tcp | Transport::RtuOverTcp | Transport::Can => LATE.max(timeout),
         }
+    }
+}
+
+impl Bus {
+    /// What it is made of, and what is said of its port, of its CAN interface and of what passes on it.
+    pub(crate) fn preview(
+        &self,
+        serial: Option<Section>,
+        can: Option<Section>,
+        load: Option<Section>,
+    ) -> Section {
+        let kind = match self.transport {
+            Transport::Tcp if self.tls.is_some() => "Modbus TCP inside TLS (Modbus/TCP Security)",
+            Transport::Tcp => "Modbus TCP",
+            Transport::RtuOverTcp => "RTU over TCP",
+            Transport::Can => "CAN",
+            Transport::Serial(_) => "Modbus RTU",
+        };
+        let (name, address, timeout, late) =
+            (&self.name, &self.address, shown(self.timeout), shown(self.late));
+        let mut section = Section::default();
+        section.line("");
+        section.line(format!("bus {name}: {kind} at {address}, timeout {timeout}"));
+        section.line(format!("  a write that is not answered may still arrive for {late}"));
+        section.entry("name", name);
+        section.entry("kind", kind);
+        section.entry("address", address);
+        section.part("tls", self.tls.as_ref().map(Tls::preview));
+        section.entry("timeout", timeout);
+        section.entry("late", late);
+        section.part("serial", serial);
+        section.part("can", can);
+        section.part("load", load);
+        section
     }
 }
 

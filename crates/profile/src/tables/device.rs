@@ -9,9 +9,11 @@ use serde::Deserialize;
 use super::bus::{TIMEOUT, Transport};
 use super::quirks::{Quirks, RawQuirks};
 use super::{At, Check, dbc};
-use crate::BusId;
+use crate::document::Section;
 use crate::duration::{Timespan, shown};
+use crate::plan::summary;
 use crate::template::Template;
+use crate::{BusId, DeviceId, Profile};
 use functions::{Function, Functions};
 use isotherm_core::codec::Table;
 use node::{CanDevice, RawEmergency, RawSetup};
@@ -126,6 +128,41 @@ impl Device {
             None => format!(" (unit {})", self.unit),
             Some(can) => can.node.map_or(String::new(), |node| format!(" (node {node})")),
         }
+    }
+
+    /// What is read from it, what is read before arming, and what it has from its template.
+    pub(crate) fn preview(&self, profile: &Profile, id: DeviceId) -> Section {
+        let requests = profile.register_requests(id);
+        let (name, unit, every, summary) = (&self.name, self.unit, shown(self.every), summary(&requests));
+        let can = self.can.as_ref().map(|can| can.preview(profile, id));
+        let mut section = Section::default();
+        section.line(match self.can.as_ref().map(|can| can.node) {
+            None => format!("  {name}: unit {unit}, every {every}: {summary}"),
+            Some(Some(node)) => format!("  {name}: CANopen node {node}"),
+            Some(None) => format!("  {name}: sends frames by itself"),
+        });
+        can.iter().for_each(|can| section.lines_of(can));
+        section.entry("name", name);
+        section.entry("bus", &profile.bus(self.bus).name);
+        section.entry("unit", unit);
+        section.entry("every", every);
+        section.entry("summary", summary);
+        section.parts("requests", requests.iter().map(|request| request.preview(profile)));
+        section.parts("checks", self.verify.iter().map(Expected::preview));
+        section.part("template", self.template.as_ref().map(Template::preview));
+        section.json("can", can);
+        section
+    }
+
+    /// `channel 0 of icp-das-m7019r; the profile itself says scale`, of a signal or an output with this name.
+    pub(crate) fn channel(&self, user: &str) -> Option<String> {
+        let template = self.template.as_ref()?;
+        let used = template.uses.iter().find(|used| used.name == user)?;
+        let own = match used.overridden.as_slice() {
+            [] => String::new(),
+            keys => format!("; the profile itself says {}", keys.join(", ")),
+        };
+        Some(format!("channel {} of {}{own}", used.channel, template.name))
     }
 
     /// The most registers that one request carries, writing and reading.

@@ -6,8 +6,9 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::At;
-use super::register::Flag;
-use crate::duration::Timespan;
+use super::register::{Flag, Notation};
+use crate::document::Section;
+use crate::duration::{Timespan, shown};
 use isotherm_core::codec::Table;
 
 /// A strobe and its acknowledgement.
@@ -36,6 +37,25 @@ pub struct Handshake {
     pub acknowledge: Flag,
     /// Longest wait for the acknowledge to rise, and again for it to drop.
     pub timeout: Duration,
+}
+
+impl Handshake {
+    /// Its two exchanges; `function` writes one register of its device.
+    pub(super) fn preview(&self, function: u8) -> Section {
+        let function = if self.strobe.address.table.is_bits() { 5 } else { function };
+        let (strobe, acknowledge) = (Notation::from(self.strobe), Notation::from(self.acknowledge));
+        let timeout = shown(self.timeout);
+        let mut section = Section::default();
+        section.line(format!(
+            "    then strobe {strobe} up (function {function:02}), acknowledge {acknowledge} up within {timeout}, strobe \
+             down, acknowledge down within {timeout}"
+        ));
+        section.json("strobe", strobe);
+        section.entry("function", function);
+        section.json("acknowledge", acknowledge);
+        section.entry("timeout", timeout);
+        section
+    }
 }
 
 impl RawHandshake {

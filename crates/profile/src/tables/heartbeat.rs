@@ -6,9 +6,11 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::At;
-use super::register::holding;
-use crate::DeviceId;
+use super::device::functions::WriteFunction;
+use super::register::{Notation, holding};
+use crate::document::Section;
 use crate::duration::{Timespan, shown};
+use crate::{DeviceId, Profile};
 use isotherm_core::codec::Register;
 
 /// A register that counts while the gateway lives.
@@ -36,6 +38,24 @@ pub struct Heartbeat {
     pub address: Register,
     /// How often it counts.
     pub every: Duration,
+}
+
+impl Heartbeat {
+    /// Where it counts, and how often.
+    pub(crate) fn preview(&self, profile: &Profile) -> Section {
+        let device = profile.device(self.device);
+        let function = device.functions.writes(1).map_or(0, WriteFunction::code);
+        let (device, register, every) = (&device.name, Notation::from(self.address), shown(self.every));
+        let mut section = Section::default();
+        section.line(format!(
+            "  heartbeat: {register} of {device}, u16, counts every {every}; function {function:02}, 1 register"
+        ));
+        section.entry("device", device);
+        section.json("register", register);
+        section.entry("every", every);
+        section.entry("function", function);
+        section
+    }
 }
 
 impl RawHeartbeat {

@@ -6,22 +6,28 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::can::{self, RawFrame, RawPdo, Sender, Written};
+use super::device::functions::WriteFunction;
 use super::handshake::RawHandshake;
-use super::register::{self, TypeWord, WordOrderWord, plain};
+use super::register::{self, Notation, TypeWord, WordOrderWord, plain};
 use super::restart::RawRestart;
 use super::signal::ChannelValue;
 use super::{At, Check, expression};
+use crate::document::Section;
 use crate::duration::{Timespan, shown};
-use crate::{AxisId, DeviceId, SetId};
+use crate::{AxisId, DeviceId, Profile, SetId};
 use applied::{Applied, ReadBackValue};
 use display::{Display, RawBeside, RawStale};
-use isotherm_core::codec::{Address, DataType, Encoding, Object, Scale, Table};
+use isotherm_core::codec::{Address, DataType, Encoding, Scale, Table};
 use isotherm_core::compensation::model::Condition;
 use isotherm_core::reading::SignalId;
+use share::Share;
+use verify::{Verify, VerifyWord};
 use writes::{Writes, WritesWord};
 
 pub(crate) mod applied;
 pub(crate) mod display;
+pub(crate) mod share;
+pub(crate) mod verify;
 pub(crate) mod writes;
 
 /// One value that is written.
@@ -91,13 +97,6 @@ pub(crate) struct RawOutput {
     stale: Option<RawStale>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub(super) enum VerifyWord {
-    ReadBack,
-    Echo,
-}
-
 /// One value that is written.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Output {
@@ -131,48 +130,6 @@ pub struct Output {
     pub display: Display,
 }
 
-/// Whose register an output writes to.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-#[schemars(rename = "ShareWord", description = "")]
-pub enum Share {
-    /// Ours.
-    #[default]
-    Whole,
-    /// An operator's, of which we own a share; how much, a ledger says.
-    Ledger,
-}
-
-/// How a write is believed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verify {
-    /// The register is read again.
-    ReadBack,
-    /// The answer repeats address and value.
-    Echo,
-    /// This object is read, of the same type as what was written.
-    ReadBackAt(Object),
-    /// Not at all: a display shows it, and nobody acts on it.
-    Shown,
-}
-
-impl Share {
-    /// A change needs so many counts at least: the sum of a shared register is never zero, which a restarted CNC shows.
-    pub const fn counts_of_a_step(self) -> u32 {
-        match self {
-            Share::Whole => 1,
-            Share::Ledger => 2,
-        }
-    }
-}
-
-impl Verify {
-    /// What was written is read back.
-    pub const fn reads(self) -> bool {
-        matches!(self, Verify::ReadBack | Verify::ReadBackAt(_))
-    }
-}
-
 impl Output {
     /// An offset that is written by itself, not with a set.
     pub fn is_single_offset(&self) -> bool {
@@ -192,6 +149,95 @@ impl Output {
             Verify::ReadBackAt(object) => Address::Object(object),
             _ => self.address.clone(),
         }
+    }
+
+    /// What is written, where, how, and how it is believed.
+    pub(crate) fn preview(&self, profile: &Profile) -> Section {
+        let (axis, device, encoding) = (profile.axis(self.axis), profile.device(self.device), &self.encoding);
+        let (name, device_name) = (&self.name, &device.name);
+        let (data_type, scale) = (encoding.data_type.name(), encoding.scale.get());
+        let registers = encoding.data_type.registers();
+        let function = match self.address {
+            Address::Modbus(_) => device.functions.writes(registers).map_or(0, WriteFunction::code),
+            Address::Object(_) | Address::Frame(_) => 0,
+        };
+        let register = Notation::of(&self.address, encoding.data_type);
+        let word_order = register::shown_order(&self.address, encoding);
+        let unit = self.writes.unit();
+        let mut line = match register.is_in_frames() {
+            true => format!("  {name}: {register}, to {device_name}"),
+            false => format!("  {name}: {register} of {device_name}, {data_type}"),
+        };
+        line.extend(word_order.iter().map(|order| format!(" {order}")));
+        line += &format!(", {scale} {unit} per count");
+        if encoding.bias != 0 {
+            line += &format!(", bias {}", encoding.bias);
+        }
+        if function != 0 {
+            let plural = if registers == 1 { "" } else { "s" };
+            line += &format!("; function {function:02}, {registers} register{plural}");
+        }
+        let mut section = Section::default();
+        section.line(line);
+        section.entry("output", name);
+        section.entry("axis", &axis.settings.name);
+        section.entry("device", device_name);
+        section.json("register", register);
+        section.entry("registers", registers);
+        section.entry("data_type", data_type);
+        section.entry("word_order", word_order);
+        section.entry("scale", scale);
+        section.entry("unit", unit);
+        section.entry("bias", encoding.bias);
+        let counts = writes::counts(self, axis, profile);
+        section.entry("counts", counts);
+        section.entry("function", function);
+        let meaning = writes::meaning(self, axis, profile);
+        section.line(format!("    writes {meaning}"));
+        section.entry("meaning", meaning);
+        let display = self.display.preview();
+        section.lines("    ", &display);
+        let channel = device.channel(name);
+        section.lines("    ", &channel);
+        let is_shared = self.share == Share::Ledger;
+        section.line(match counts {
+            Some((low, high)) if is_shared => format!("    counts {low} to {high}, and the operator's part"),
+            Some((low, high)) => format!("    counts {low} to {high}"),
+            None => "    counts are bounded by the register's type alone".to_owned(),
+        });
+        let share = is_shared.then_some(
+            "what an operator writes there stays; our share is added to it, and a ledger on disk says how much that is",
+        );
+        section.lines("    ", share);
+        let verify = verify::preview(self, device);
+        section.line(format!("    believed {verify}"));
+        section.entry("verify", verify);
+        let refresh = self.refresh.map(shown);
+        let again = if is_shared { "looked at" } else { "written" };
+        section.lines(&format!("    {again} again every "), &refresh);
+        section.entry("refresh", refresh);
+        let when = self.when.as_ref().map(|condition| &condition.text);
+        section.entry("when", when);
+        let restart = self.restart(profile);
+        section.lines("    read anew, and Cz goes on from there, when ", &restart);
+        section.entry("restart", restart);
+        section.line(match when {
+            Some(when) => format!("    only when {when}, otherwise held"),
+            None => "    no interlock".to_owned(),
+        });
+        section.entry("share", share);
+        section.entry("channel", channel);
+        section.entry("display", display);
+        section
+    }
+
+    /// How a restart of the control is seen, besides the register going to zero.
+    fn restart(&self, profile: &Profile) -> Option<String> {
+        let counter = self.boot_counter.map(|id| format!("{} changes", profile.signal(id).address));
+        let on = profile.machine.on.filter(|_| self.writes.is_scheduled());
+        let on = on.map(|id| format!("{} rises", profile.signal(id).name));
+        let seen: Vec<String> = counter.into_iter().chain(on).collect();
+        (!seen.is_empty()).then(|| seen.join(", or "))
     }
 }
 
@@ -306,7 +352,7 @@ impl RawOutput {
                 device.must_read(&place, Table::Holding);
             }
         }
-        let share = self.share(at, data_type, device);
+        let share = share::resolve(self, at, data_type, device);
         let encoding = Encoding {
             word_order: word_order?,
             byte_swap: self.byte_swap.unwrap_or(false),
@@ -317,39 +363,6 @@ impl RawOutput {
         let applied = applied::resolve(self, at, share, (address, &encoding), device);
         let display = display::resolve(self, at, device);
         Some(Target { address: address.into(), encoding, verify, share, applied, display })
-    }
-
-    /// An operator's register, of which we own a share: what must be known of it.
-    fn share(&self, at: &At<'_>, data_type: DataType, device: Option<usize>) -> Share {
-        let share = self.share.unwrap_or_default();
-        if share == Share::Whole {
-            return share;
-        }
-        let place = at.key("share");
-        if self.is_believed_by_its_echo() {
-            let message = "a share is known only from what is read: verify = \"echo\" does not do for share = \"ledger\"";
-            at.key("verify").wrong(message, "remove `verify`, or write verify = \"read-back\"");
-            // Else the check of the read-back says so.
-            let device = device.and_then(|device| at.check.devices.get(device));
-            if device.is_some_and(|device| !device.functions.reads(Table::Holding)) {
-                let message = "a share is known only from what is read, and the device cannot be read";
-                let help = "add \"read-holding\" to `functions` of the device, if the device can do it";
-                place.wrong(message, help);
-            }
-        }
-        if self.is_no_offset() {
-            let message = "only an offset can share its register with an operator";
-            place.wrong(message, "write writes = \"offset\", or share = \"whole\"");
-        }
-        if !matches!(data_type, DataType::I16 | DataType::U16 | DataType::I32 | DataType::U32) {
-            let message = format!(
-                "{} holds no exact sum of two parts: a share is counted in whole counts of at most 32 bits",
-                data_type.name()
-            );
-            let help = "take type = \"i16\", \"u16\", \"i32\" or \"u32\", or share = \"whole\"";
-            place.wrong(message, help);
-        }
-        share
     }
 
     /// The worth of one count, at its key.
@@ -441,45 +454,10 @@ impl RawOutput {
             Some(text) => Some(can::fill(&place.key("fill"), text, &field)?),
             None => None,
         };
-        let verify = self.believed(at, field.bits.data_type(), owner);
+        let verify = verify::of_a_frame(self, at, field.bits.data_type(), owner);
         let written = Written::of(&place, device?, name, &field, fill);
         at.check.written_frames.borrow_mut().push(written);
         Some((Address::Frame(field), verify?))
-    }
-
-    /// A frame has no answer: what was written is read elsewhere, or a display shows it and nobody acts on it.
-    fn believed(&self, at: &At<'_>, data_type: DataType, owner: &str) -> Option<Verify> {
-        let place = at.key("read_back");
-        let kept = |verify: &VerifyWord| *verify == VerifyWord::ReadBack && self.read_back.is_some();
-        if let Some(verify) = self.verify.filter(|verify| !kept(verify)) {
-            let word = if verify == VerifyWord::Echo { "echo" } else { "read-back" };
-            let message = format!("nothing answers a frame: verify = \"{word}\" cannot be kept");
-            let help = "remove it, and write read_back = \"6004:00\", the object that reads what was written";
-            at.key("verify").wrong(message, help);
-        }
-        let text = match &self.read_back {
-            Some(ReadBackValue::Object(text)) => text,
-            Some(ReadBackValue::Register(_)) => {
-                let help = "write read_back = \"6004:00\", the CANopen object that reads what was written";
-                place.wrong("a register is on Modbus: on CAN an object is read back", help);
-                return None;
-            }
-            None if self.is_written_as_cz() => {
-                let message = "`read_back` is missing: an offset that nobody has read back is not believed";
-                let help = "write read_back = \"6004:00\", the CANopen object that reads what was written; without one only a display of a corrected position is written";
-                place.missing(message, help);
-                return None;
-            }
-            None => return (!place.is_written()).then_some(Verify::Shown),
-        };
-        can::needs_node(&place, owner);
-        let entry = can::entry(&place, text);
-        if !data_type.width().is_multiple_of(8) {
-            let message = format!("an object has whole bytes, and {} bits are written", data_type.width());
-            place.wrong(message, "write 8, 16, 24, 32 or 64 bits, as the object has them");
-            return None;
-        }
-        Some(Verify::ReadBackAt(Object { entry: entry?, data_type }))
     }
 
     /// A control that follows only so fast would be behind, and nobody would see it.

@@ -1,4 +1,4 @@
-//! Registers and types as a profile writes them: `register`, `type`, `word_order`, `scale`.
+//! Registers and types as a profile writes them: `register`, `type`, `word_order`, `scale`; and as they are shown.
 
 use std::fmt;
 use std::str::FromStr;
@@ -7,7 +7,8 @@ use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::{Deserialize, Deserializer};
 
 use super::At;
-use isotherm_core::codec::{DataType, Encoding, Register, Scale, Table, WordOrder};
+use crate::document::{Json, Section};
+use isotherm_core::codec::{Address, DataType, Encoding, Register, Scale, Table, WordOrder};
 
 /// How a value lies in its registers, as a profile names it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -121,6 +122,68 @@ impl fmt::Display for Flag {
             None => write!(f, "{}", self.address),
         }
     }
+}
+
+/// A register in both notations, or where a value is on a CAN line.
+pub(crate) struct Notation {
+    /// Zero-based: `holding:104`; `object 6150:01`; `0x185, 16 bits from 0 up (Intel), signed`.
+    protocol: String,
+    /// One-based: `40105`; empty on a CAN line.
+    modicon: String,
+}
+
+impl Notation {
+    /// Where a value of this type is.
+    pub(crate) fn of(address: &Address, data_type: DataType) -> Notation {
+        match (address, data_type) {
+            (Address::Modbus(address), DataType::Bit(bit)) => {
+                Flag { address: *address, bit: Some(bit) }.into()
+            }
+            (Address::Modbus(register), _) => (*register).into(),
+            (other, _) => Notation { protocol: other.to_string(), modicon: String::new() },
+        }
+    }
+
+    /// Neither a register nor an object, but bits that say themselves of which kind they are.
+    pub(crate) fn is_in_frames(&self) -> bool {
+        self.modicon.is_empty() && !self.protocol.starts_with("object")
+    }
+}
+
+impl From<Flag> for Notation {
+    fn from(flag: Flag) -> Notation {
+        Notation { protocol: flag.to_string(), modicon: flag.modicon() }
+    }
+}
+
+impl From<Register> for Notation {
+    fn from(address: Register) -> Notation {
+        Flag { address, bit: None }.into()
+    }
+}
+
+impl From<Notation> for Json {
+    fn from(notation: Notation) -> Json {
+        let mut section = Section::default();
+        section.entry("protocol", notation.protocol);
+        section.entry("modicon", notation.modicon);
+        section.into()
+    }
+}
+
+impl fmt::Display for Notation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.modicon.as_str() {
+            "" => f.write_str(&self.protocol),
+            modicon => write!(f, "{} ({modicon})", self.protocol),
+        }
+    }
+}
+
+/// Which register of a value comes first, where there are several.
+pub(super) fn shown_order(address: &Address, encoding: &Encoding) -> Option<String> {
+    let is_long = encoding.data_type.registers() > 1 && address.register().is_some();
+    is_long.then(|| encoding.word_order.to_string())
 }
 
 /// Whole counts as they stand there.

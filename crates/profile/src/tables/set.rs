@@ -7,10 +7,13 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use super::device::functions::WriteFunction;
 use super::handshake::{Handshake, RawHandshake};
-use super::output::{Output, Share};
-use super::register::holding;
+use super::output::Output;
+use super::output::share::Share;
+use super::register::{Notation, holding};
 use super::{At, Check};
+use crate::document::{Json, Section};
 use crate::duration::shown;
 use crate::{DeviceId, OutputId, Profile, SetId};
 use isotherm_core::codec::{Register, Table};
@@ -122,6 +125,66 @@ impl OutputSet {
             ("version", self.version.map(|(at, _)| at)),
         ];
         own.into_iter().filter_map(|(key, register)| Some((key, register?)))
+    }
+
+    /// What lands together: its requests, its sequence and check word, its handshake.
+    pub(crate) fn preview(&self, profile: &Profile) -> Section {
+        let device = profile.device(self.device);
+        let function = |registers| device.functions.writes(registers).map_or(0, WriteFunction::code);
+        let requests = self.stretches(self.members(profile), device.longest_request());
+        let requests = requests.into_iter().map(|Stretch { from, count }| {
+            let at = |offset| Register { table: Table::Holding, offset };
+            let (first, last, code) = (at(from), at(from + (count - 1)), function(count));
+            if count == 1 {
+                return format!("{first} ({}), 1 register, function {code:02}", first.modicon());
+            }
+            let modicon = format!("{}..{}", first.modicon(), last.modicon());
+            format!("{first}..{} ({modicon}), {count} registers, function {code:02}", last.offset)
+        });
+        let requests: Vec<String> = requests.collect();
+        let (what, device) = (self.label(), &device.name);
+        let outputs: Vec<&str> = self.members(profile).map(|output| output.name.as_str()).collect();
+        let mut section = Section::default();
+        if outputs.len() > 1 || self.sequence.is_some() || self.complement.is_some() {
+            section.line(format!("  {what}: {} land together in {device}", outputs.join(", ")));
+        } else {
+            section.line(format!("  {what}: taken by {device} with a handshake"));
+        }
+        match requests.as_slice() {
+            [one] => section.line(format!("    one request: {one}")),
+            several => {
+                section.line(format!("    {} requests, in this order:", several.len()));
+                section.lines("      ", several);
+            }
+        }
+        if self.zeros {
+            section.line("    registers in it that are nobody's are written as 0");
+        }
+        let version = self.version.map(|(_, number)| format!("always {number}")).unwrap_or_default();
+        for (key, meaning) in [
+            ("heartbeat", "counts up with every write, 0 to 32767"),
+            ("control", "bit 0 armed, 1 hold, 2 fault, 3 lesser model"),
+            ("version", &version),
+            ("sequence", "counts up with every whole set, 1 to 65535; take the set when it changes"),
+            ("complement", "all its other words summed to 16 bits, inverted"),
+        ] {
+            let register = self.own().find(|(own, _)| *own == key).map(|(_, register)| register);
+            let line = |register| format!("    {key} {}: {meaning}", Notation::from(register));
+            section.lines("", register.map(line));
+        }
+        section.entry("what", what);
+        section.entry("device", device);
+        section.entry("outputs", outputs);
+        section.entry("requests", requests);
+        section.json("sequence", self.sequence.map(Notation::from));
+        section.json("complement", self.complement.map(Notation::from));
+        section.json("heartbeat", self.heartbeat.map(Notation::from));
+        section.json("control", self.control.map(Notation::from));
+        let version = self.version.map(|(at, number)| vec![Notation::from(at).into(), Json::from(number)]);
+        section.json("version", version);
+        section.entry("zeros", self.zeros);
+        section.part("handshake", self.handshake.map(|handshake| handshake.preview(function(1))));
+        section
     }
 
     /// How its registers are written, in this order: one stretch where all lie side by side; else the values (and the

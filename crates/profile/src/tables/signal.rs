@@ -6,11 +6,12 @@ use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
 use super::can::{self, RawFrame, RawPdo, Sender};
-use super::register::{self, Flag, TypeWord, WordOrderWord, plain};
+use super::register::{self, Flag, Notation, TypeWord, WordOrderWord, plain};
 use super::{At, dbc, expression};
-use crate::DeviceId;
 use crate::dbc::Described;
+use crate::document::Section;
 use crate::duration::{Timespan, shown};
+use crate::{DeviceId, Profile};
 use counter::{Capture, RawCounter};
 use isotherm_core::codec::{Address, Counter, DataType, Encoding, Sentinel};
 use isotherm_core::compensation::model::Condition;
@@ -160,6 +161,76 @@ pub struct Signal {
     pub counter: Option<Counter>,
     /// Written before each read, so that there is something to read.
     pub capture: Option<Capture>,
+}
+
+impl Signal {
+    /// Where it lies, how it is read, and when it is not believed.
+    pub(crate) fn preview(&self, profile: &Profile) -> Section {
+        let (encoding, unit) = (&self.encoding, self.unit);
+        let (name, device) = (&self.name, profile.device(self.device));
+        let register = Notation::of(&self.address, encoding.data_type);
+        let (data_type, scale) = (encoding.data_type.name(), encoding.scale.get());
+        let channel = device.channel(name);
+        let device = &device.name;
+        let mut line = match register.is_in_frames() {
+            true => format!("  {name}: {register}, from {device}"),
+            false => format!("  {name}: {register} of {device}, {data_type}"),
+        };
+        let word_order = register::shown_order(&self.address, encoding);
+        line.extend(word_order.iter().map(|order| format!(" {order}")));
+        if data_type != "bool" {
+            let unit = unit.to_string();
+            let space = if unit.is_empty() { "" } else { " " };
+            line += &format!(", {scale}{space}{unit} per count");
+        }
+        if encoding.offset.abs() > 0.0 {
+            line += &format!(", plus {}", encoding.offset);
+        }
+        let doubts = self.doubts();
+        line += &format!("; not believed {}", doubts.join(", "));
+        line.extend(channel.iter().map(|channel| format!("; {channel}")));
+        let mut section = Section::default();
+        section.line(line);
+        section.entry("name", name);
+        section.entry("device", device);
+        section.json("register", register);
+        section.entry("data_type", data_type);
+        section.entry("word_order", word_order);
+        section.entry("scale", scale);
+        section.entry("offset", encoding.offset);
+        section.entry("unit", unit.0);
+        section.entry("doubts", doubts);
+        section.entry("capture", self.shown_capture());
+        section.entry("channel", channel);
+        section
+    }
+
+    /// What is written before each read: `holding:132 (40133) = 1`.
+    pub(crate) fn shown_capture(&self) -> Option<String> {
+        self.capture.map(|capture| format!("{} = {}", Notation::from(capture.address), capture.value))
+    }
+
+    fn doubts(&self) -> Vec<String> {
+        let unit = self.unit;
+        let mut doubts = Vec::new();
+        let bad = self.encoding.bad.iter().map(|bad| match bad.means {
+            Reason::Sentinel => bad.raw.to_string(),
+            means => format!("{} ({means})", bad.raw),
+        });
+        let bad: Vec<String> = bad.collect();
+        if !bad.is_empty() {
+            doubts.push(format!("at raw {}", bad.join(" or ")));
+        }
+        doubts.extend(self.range.map(|(low, high)| format!("outside {low} to {high} {unit}")));
+        doubts.extend(self.max_rate.map(|rate| format!("faster than {rate} {unit} per second")));
+        doubts.extend(self.counter.as_ref().map(|counter| {
+            let speed = counter.max_speed;
+            format!("after a step faster than {speed} {unit} per second until the next reading confirms it")
+        }));
+        doubts.push(format!("older than {}", shown(self.max_age)));
+        doubts.extend(self.fault_when.as_ref().map(|condition| format!("when {}", condition.text)));
+        doubts
+    }
 }
 
 /// Engineering units.

@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
+use crate::Profile;
+use crate::document::Section;
 use crate::tables::At;
 use envelope::OutsideWord;
 use inputs::{Inputs, ReferenceValue};
@@ -12,6 +14,7 @@ use isotherm_core::compensation::model::{Kind, Model};
 use linear::{RawSlope, RawTerm};
 use matrix::{Carries, Component};
 
+mod effect;
 mod envelope;
 mod file;
 mod formula;
@@ -32,6 +35,17 @@ struct KindOfModel {
     /// The keys that belong to it, beside those of every model.
     keys: &'static [&'static str],
     resolve: fn(&RawModel, &At<'_>) -> Option<Kind>,
+    /// `None` for a model of another kind.
+    preview: fn(&Profile, &Kind) -> Option<Computation>,
+}
+
+/// What a model computes, in words.
+#[derive(Default)]
+struct Computation {
+    /// `Cz = 2.4·(bed − 20) + 0 µm`.
+    formula: String,
+    /// What one unit more of each signal does.
+    effects: Vec<String>,
 }
 
 /// One way to compute Cz.
@@ -108,6 +122,24 @@ impl RawModel {
     pub(super) fn has_input_at_zero(&self) -> bool {
         self.inputs.as_ref().is_some_and(|inputs| inputs.are_at_zero(self.reference))
     }
+}
+
+/// What the model in this place of an axis's list computes, and where that holds.
+pub(super) fn preview(profile: &Profile, place: usize, model: &Model) -> Section {
+    let kind = KINDS.into_iter().find_map(|kind| (kind.preview)(profile, &model.kind));
+    let Computation { formula, effects } = kind.unwrap_or_default();
+    let mut section = Section::default();
+    section.line(format!("  {}. {}: {formula}", place + 1, model.name));
+    section.lines("     ", &effects);
+    section.entry("name", &model.name);
+    section.entry("formula", formula);
+    section.entry("effects", effects);
+    if let Some(envelope) = &model.envelope {
+        let envelope = envelope::preview(profile, envelope);
+        section.line(format!("     {envelope}"));
+        section.entry("envelope", envelope);
+    }
+    section
 }
 
 fn owners(key: &str) -> impl Iterator<Item = &'static KindOfModel> {

@@ -3,7 +3,8 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::{RawAxis, level};
+use super::{Axis, RawAxis, level};
+use crate::Profile;
 use crate::tables::At;
 use isotherm_core::compensation::settings::{GainSettings, ProbeSettings};
 use isotherm_core::quantity::Micron;
@@ -137,6 +138,36 @@ impl RawGains {
         let forgetting = share(&at.key("forgetting"), self.forgetting);
         Some(GainSettings { forgetting: forgetting?, limit: limit? })
     }
+}
+
+/// Where measured errors come from, their sign, and their bounds.
+pub(super) fn preview(profile: &Profile, axis: &Axis, settings: &ProbeSettings) -> String {
+    let name = |id| &profile.signal(id).name;
+    let from = match &axis.probe_input {
+        Some(input) => match input.trigger {
+            Some(trigger) => {
+                format!("{}, each time {} changes to anything but 0", name(input.signal), name(trigger))
+            }
+            None => format!("{}, each time it changes", name(input.signal)),
+        },
+        None => "commands".to_owned(),
+    };
+    let diameter = if axis.diameter { ", on the diameter" } else { "" };
+    let mut text = format!(
+        "measured errors (actual minus commanded{diameter}, with Cz acting) come from {from}; a positive one lowers the \
+         model's Cz by {} of it, in all by at most {} µm; one by which the model would be wrong by more than {} µm is refused",
+        settings.filter,
+        settings.limit.get(),
+        settings.max_error.get()
+    );
+    if let Some(warn) = settings.warn {
+        text.push_str(&format!("; beyond ±{} µm it warns", warn.get()));
+    }
+    if let Some(gains) = settings.gains {
+        let percent = 100.0 * gains.limit;
+        text.push_str(&format!("; the gains of linear models learn by up to ±{percent:.3} % each"));
+    }
+    text
 }
 
 /// A number above 0 and up to 1.

@@ -9,6 +9,7 @@ use std::fmt;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use crate::document::Section;
 use crate::error::ProfileError;
 use crate::tables::At;
 
@@ -59,6 +60,19 @@ pub struct PemFile {
 }
 
 impl Tls {
+    /// Whom a secured line trusts, and what it shows.
+    pub(super) fn preview(&self) -> Section {
+        let (name, trusts, shows) = (&self.name, &self.ca.name, &self.cert.name);
+        let mut section = Section::default();
+        section.line(format!(
+            "  trusts a certificate for {name} signed by one in {trusts}, or one in there; shows {shows}"
+        ));
+        section.entry("name", name);
+        section.entry("trusts", trusts);
+        section.entry("shows", shows);
+        section
+    }
+
     /// The error that the name can be nobody's.
     pub fn wrong_name(&self) -> ProfileError {
         let message = format!("no certificate can be for the name `{}`", self.name);

@@ -7,10 +7,12 @@ use serde::Deserialize;
 
 use super::RawDevice;
 use super::emergency::Emergency;
+use crate::document::Section;
 use crate::duration::shown;
 use crate::tables::register::TypeWord;
 use crate::tables::{At, can};
-use isotherm_core::codec::{CanId, Frame, Object};
+use crate::{DeviceId, Profile};
+use isotherm_core::codec::{Address, CanId, CanMatch, Field, Frame, Object};
 
 /// One object that is written before start.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -77,6 +79,83 @@ pub struct Setup {
 }
 
 impl CanDevice {
+    /// What it is watched for, set up with, what it sends, is asked for and is sent.
+    pub(crate) fn preview(&self, profile: &Profile, id: DeviceId) -> Section {
+        let own = || profile.signals_of(id).map(|(_, signal)| signal);
+        let watched = self.node.map(|node| {
+            let started = match self.start {
+                true => format!("node {node} is started by NMT at the beginning and after each boot-up"),
+                false => {
+                    format!(
+                        "node {node} is not started by NMT: it starts by itself, or another master starts it"
+                    )
+                }
+            };
+            let heartbeat = self.heartbeat.map_or("its heartbeat is not watched".to_owned(), |span| {
+                format!("its heartbeat is missed after {}, never seen counts as missed", shown(span))
+            });
+            [started, heartbeat]
+        });
+        let setup = self.setup.iter().map(|Setup { object, value, what }| {
+            let what = if what.is_empty() { String::new() } else { format!(": {what}") };
+            format!("before each start writes {object} = {value} ({}){what}", object.data_type.name())
+        });
+        let mut fields: Vec<(&Field, Vec<&str>)> = Vec::new();
+        for signal in own() {
+            let Address::Frame(field) = &signal.address else { continue };
+            match fields.iter_mut().find(|(known, _)| *known == field) {
+                Some((_, names)) => names.push(&signal.name),
+                None => fields.push((field, vec![&signal.name])),
+            }
+        }
+        let mut frames: Vec<(CanMatch, Vec<String>)> = Vec::new();
+        for (field, names) in fields {
+            let choice: String = field.multiplex.iter().map(|selector| format!(", {selector}")).collect();
+            let value = format!("{} ({}{choice})", names.join(" and "), field.bits);
+            match frames.iter_mut().find(|(known, _)| *known == field.frames) {
+                Some((_, values)) => values.push(value),
+                None => frames.push((field.frames, vec![value])),
+            }
+        }
+        let frames = frames.iter().map(|(frames, values)| format!("frame {frames}: {}", values.join(", ")));
+        let every = shown(profile.device(id).every);
+        let objects = profile.objects(id).into_iter().filter_map(|object| {
+            let of = own().filter(|signal| signal.address == Address::Object(object));
+            let names: Vec<&str> = of.map(|signal| signal.name.as_str()).collect();
+            let kind = object.data_type.name();
+            (!names.is_empty())
+                .then(|| format!("object {object}, {kind}, every {every}: {}", names.join(", ")))
+        });
+        let sends = self.written.iter().map(|frame| {
+            let is_in = |address: &Address| matches!(address, Address::Frame(field) if field.frames.takes(frame.id()));
+            let of = profile.outputs.iter().filter(|output| output.device == id && is_in(&output.address));
+            let names: Vec<&str> = of.map(|output| output.name.as_str()).collect();
+            let bytes: Vec<String> = frame.data().iter().map(|byte| format!("{byte:02x}")).collect();
+            let kind = if frame.is_fd() { "CAN FD, " } else { "" };
+            let (id, count, bytes, names) = (frame.id(), bytes.len(), bytes.join(" "), names.join(", "));
+            format!("sends {id}, {kind}{count} bytes, {bytes} before the values: {names}")
+        });
+        let emergencies = self.emergencies.iter().map(|Emergency { code, mask, meaning }| {
+            let bits = if *mask == u16::MAX { String::new() } else { format!(" in the bits of {mask:#06x}") };
+            format!("emergency {code:#06x}{bits}: {meaning}")
+        });
+        let mut section = Section::default();
+        section.entry("node", self.node);
+        let lists: [(&str, Vec<String>); 6] = [
+            ("watched", watched.into_iter().flatten().collect()),
+            ("setup", setup.collect()),
+            ("frames", frames.collect()),
+            ("objects", objects.collect()),
+            ("sends", sends.collect()),
+            ("emergencies", emergencies.collect()),
+        ];
+        for (key, list) in lists {
+            section.lines("    ", &list);
+            section.entry(key, list);
+        }
+        section
+    }
+
     /// The frame that is written with this identifier, without the values of its outputs.
     pub fn written(&self, id: CanId) -> Option<&Frame> {
         self.written.iter().find(|frame| frame.id() == id)

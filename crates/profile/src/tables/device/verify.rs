@@ -6,6 +6,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::functions::Functions;
+use crate::document::Section;
 use crate::tables::register::{TypeWord, WordOrderWord, cell, fits, plain, word_order};
 use crate::tables::{At, can};
 use isotherm_core::codec::{Address, DataType, Encoding, Object};
@@ -51,6 +52,17 @@ pub struct Expected {
 }
 
 impl Expected {
+    /// What is read before arming, and what it must be.
+    pub(super) fn preview(&self) -> Section {
+        let Expected { equals, what, .. } = self;
+        let mut section = Section::default();
+        section.line(format!("    before arming {self} must read {equals}: {what}"));
+        section.entry("register", self.to_string());
+        section.entry("equals", equals);
+        section.entry("what", what);
+        section
+    }
+
     /// The sentence that these registers are wrong; `None` where they are as they must be.
     pub fn mismatch(&self, registers: &[u16]) -> Option<String> {
         let found = match self.encoding.counts(registers) {

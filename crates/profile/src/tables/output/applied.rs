@@ -5,7 +5,8 @@ use std::time::Duration;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
-use super::{RawOutput, Share};
+use super::RawOutput;
+use super::share::Share;
 use crate::duration::Timespan;
 use crate::tables::At;
 use crate::tables::register::{self, TypeWord, WordOrderWord, plain};

@@ -5,7 +5,7 @@ use serde::Deserialize;
 
 use super::RawOutput;
 use crate::tables::At;
-use crate::tables::register::{TypeWord, holding};
+use crate::tables::register::{Notation, TypeWord, holding};
 use isotherm_core::codec::{DataType, Register, Table};
 
 /// Most decimals that a digit display has.
@@ -115,6 +115,26 @@ impl Stale {
 }
 
 impl Display {
+    /// What a display is given besides the value.
+    pub(super) fn preview(&self) -> Vec<String> {
+        let at = |offset| Notation::from(Register { table: Table::Holding, offset });
+        let beside = self.beside.iter().map(|word| {
+            let Beside { register, good, degraded, fault } = word;
+            let register = at(*register);
+            if good == fault {
+                return format!("with it {register}: always {good:#06x}");
+            }
+            format!(
+                "with it {register}: {good:#06x}; {degraded:#06x} by a lesser model, {fault:#06x} by none"
+            )
+        });
+        let stale = self.stale.iter().map(|Stale { text, register, .. }| {
+            let register = at(*register);
+            format!("without a position, and while the axis is off: \"{text}\" in {register} and after it")
+        });
+        beside.chain(stale).collect()
+    }
+
     /// Every register that it writes, besides the value's.
     pub fn registers(&self) -> impl Iterator<Item = Register> + '_ {
         let texts = self.stale.iter().flat_map(|stale| (stale.register..).take(stale.words.len()));

@@ -6,7 +6,10 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::{Output, RawOutput, Share};
+use super::share::Share;
+use super::{Output, RawOutput};
+use crate::Profile;
+use crate::document::figure;
 use crate::tables::At;
 use crate::tables::axis::Axis;
 use isotherm_core::quantity::Micron;
@@ -109,6 +112,56 @@ pub(super) fn resolve(raw: &RawOutput, at: &At<'_>) -> Option<Writes> {
         place.wrong_key("only a corrected position has a position", help);
     }
     Some(writes)
+}
+
+/// What an output means, and which way it moves.
+pub(super) fn meaning(output: &Output, axis: &Axis, profile: &Profile) -> String {
+    let per_count = output.encoding.scale.get();
+    let line = axis.settings.intercept_slope;
+    match output.writes {
+        Writes::Offset => {
+            let what = if axis.diameter { "twice Cz" } else { "Cz" };
+            format!("{what}: +1 µm of Cz is {} counts", signed(axis.factor() / per_count))
+        }
+        Writes::Intercept => {
+            format!("K0, Cz at the reference position: +1 µm is {} counts", signed(1.0 / per_count))
+        }
+        Writes::Slope => {
+            let limit = axis.settings.guard.limit.get() * axis.factor();
+            let reach = line.map_or(f64::INFINITY, |line| line.reach.get());
+            format!(
+                "tanβ, which the control multiplies by the distance from the reference position: +0.001 µm/mm is {} \
+                 counts; at most ±{} µm/mm, which is ±{limit} µm at {reach} mm",
+                signed(0.001 / per_count),
+                signed(limit / reach).trim_start_matches('+'),
+            )
+        }
+        Writes::Reference => {
+            let reference = line.map_or(0.0, |line| line.reference.get());
+            format!("P0, the reference position: always {reference} mm")
+        }
+        Writes::Corrected { position } => {
+            let what = if axis.diameter { "2·Cz" } else { "Cz" };
+            format!("{} + {what}, each time the scale is read", profile.signal(position).name)
+        }
+    }
+}
+
+/// Smallest and largest count that is ever written, bias included; `None` where nothing bounds it.
+pub(super) fn counts(output: &Output, axis: &Axis, profile: &Profile) -> Option<(i64, i64)> {
+    let encoding = &output.encoding;
+    encoding.data_type.integer_range()?;
+    let range = output.writes.position().and_then(|position| profile.signal(position).range);
+    // An axis without a model yet has no line, and nothing is written of it.
+    let (low, high) = reach(output, axis, range).or(output.writes.is_apart().then_some((0.0, 0.0)))?;
+    #[allow(clippy::cast_possible_truncation, reason = "the check has seen that it fits the register's type")]
+    let count = |value: f64| ((value / encoding.scale.get()).round() as i64).saturating_add(encoding.bias);
+    let (one, other) = (count(low), count(high));
+    Some((one.min(other), one.max(other)))
+}
+
+fn signed(number: f64) -> String {
+    format!("{}{}", if number < 0.0 { "−" } else { "+" }, figure(number.abs(), 6))
 }
 
 /// Smallest and largest value that is ever written, in the output's unit; `None` where nothing bounds it.

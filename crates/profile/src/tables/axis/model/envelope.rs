@@ -12,8 +12,10 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 
 use super::RawModel;
+use super::effect::{figure, rise};
 use super::file::{bytes, read, taken};
 use super::inputs::ReferenceValue;
+use crate::Profile;
 use crate::error::allowed;
 use crate::tables::At;
 use isotherm_core::compensation::model::envelope::{BadEnvelope, Identified, MOST};
@@ -118,4 +120,24 @@ pub(super) fn resolve(raw: &RawModel, at: &At<'_>, model: Option<&Model>) -> Opt
     };
     let envelope = Envelope::new(known, &file.covariance, file.reach, outside);
     taken(&place, name, envelope.map_err(|wrong| file.why(wrong))).map(Some)
+}
+
+/// The region in words, and what happens outside.
+pub(super) fn preview(profile: &Profile, envelope: &Envelope) -> String {
+    let range = |known: &Identified| {
+        let signal = profile.signal(known.input.signal);
+        let (min, max) = known.range;
+        format!("{} {} … {} {}", rise(profile, &known.input), figure(min), figure(max), signal.unit)
+    };
+    let ranges: Vec<String> = envelope.inputs().iter().map(range).collect();
+    let outside = match envelope.outside() {
+        Outside::Warn => "outside it says so and goes on",
+        Outside::Hold => "outside it keeps Cz",
+        Outside::Shrink => "outside Cz is taken down, the more the farther",
+    };
+    format!(
+        "identified on {}, within {:.2} Mahalanobis distances of their mean; {outside}",
+        ranges.join(", "),
+        envelope.reach()
+    )
 }

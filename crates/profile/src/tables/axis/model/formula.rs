@@ -2,13 +2,21 @@
 
 use std::collections::BTreeMap;
 
+use super::effect::{effect, figure, middle};
 use super::inputs::Inputs;
-use super::{KindOfModel, RawModel};
+use super::{Computation, KindOfModel, RawModel};
+use crate::Profile;
 use crate::tables::{At, expression};
-use isotherm_core::compensation::model::Kind;
+use isotherm_core::compensation::model::{Formula, Kind};
+use isotherm_core::reading::SignalId;
 
-pub(super) const KIND: KindOfModel =
-    KindOfModel { word: "formula", one: "a formula", keys: &["formula", "constants", "inputs"], resolve };
+pub(super) const KIND: KindOfModel = KindOfModel {
+    word: "formula",
+    one: "a formula",
+    keys: &["formula", "constants", "inputs"],
+    resolve,
+    preview,
+};
 
 fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
     let none = (BTreeMap::new(), BTreeMap::new());
@@ -32,4 +40,34 @@ fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
     }
     let constants = raw.constants.as_ref().unwrap_or(&none.1);
     expression::formula(at, raw.formula.as_ref()?, inputs, constants).map(Kind::Formula)
+}
+
+fn preview(profile: &Profile, kind: &Kind) -> Option<Computation> {
+    let Kind::Formula(formula) = kind else { return None };
+    let names: Vec<&str> =
+        formula.expression.signals().into_iter().map(|id| profile.signal(id).name.as_str()).collect();
+    let text = format!("Cz = {} µm, over {}", formula.expression.text(), names.join(", "));
+    Some(Computation { formula: text, effects: effects(profile, formula) })
+}
+
+/// A formula may bend: its effect is shown at one point, the machine just started and every signal in the middle of its
+/// range.
+fn effects(profile: &Profile, formula: &Formula) -> Vec<String> {
+    let middle = |id: SignalId| middle(profile, id);
+    let at = |raised: Option<SignalId>| {
+        let value = |id: SignalId| Some(middle(id) + if raised == Some(id) { 1.0 } else { 0.0 });
+        formula.expression.evaluate(&value, Some(0.0)).ok().filter(|cz| cz.is_finite())
+    };
+    let change = |id: SignalId| match (at(None), at(Some(id))) {
+        (Some(before), Some(after)) => {
+            let place = format!(" (from {} at t = 0)", figure(middle(id)));
+            effect(profile, id, after - before, &place)
+        }
+        _ => format!(
+            "at {} = {} and t = 0 the formula has no value",
+            profile.signal(id).name,
+            figure(middle(id))
+        ),
+    };
+    formula.expression.signals().into_iter().map(change).collect()
 }

@@ -3,18 +3,26 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use super::effect::{effect, figure, lagged, late, reference};
 use super::inputs::{ReferenceValue, lag};
-use super::{KindOfModel, RawModel};
+use super::{Computation, KindOfModel, RawModel};
+use crate::Profile;
 use crate::duration::Timespan;
 use crate::tables::At;
 use isotherm_core::compensation::model::{Input, Kind, Linear, Reference, Slope, Term};
 use isotherm_core::quantity::{Celsius, Micron, MicronPerCelsius, MicronPerMillimetreCelsius, Millimetre};
+use isotherm_core::reading::SignalId;
 
 /// 1 mm in µm.
 const MICRONS: f64 = 1000.0;
 
-pub(super) const KIND: KindOfModel =
-    KindOfModel { word: "linear", one: "a linear model", keys: &["offset", "terms", "slope"], resolve };
+pub(super) const KIND: KindOfModel = KindOfModel {
+    word: "linear",
+    one: "a linear model",
+    keys: &["offset", "terms", "slope"],
+    resolve,
+    preview,
+};
 
 /// One gain times one temperature rise.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -160,4 +168,101 @@ impl RawTerm {
         }
         None
     }
+}
+
+fn preview(profile: &Profile, kind: &Kind) -> Option<Computation> {
+    let Kind::Linear(linear) = kind else { return None };
+    Some(Computation { formula: text(profile, linear), effects: effects(profile, linear) })
+}
+
+/// The sum as it is written on paper.
+fn text(profile: &Profile, linear: &Linear) -> String {
+    let mut text = format!("Cz = {}", sum_text(profile, &parts(&linear.terms)));
+    let sign = if linear.offset < Micron::ZERO { "−" } else { "+" };
+    let zero = if linear.terms.is_empty() { "" } else { " " };
+    text.push_str(&format!("{zero}{sign} {} µm", figure(linear.offset.get().abs())));
+    if let Some(slope) = &linear.slope {
+        let position = &profile.signal(slope.position).name;
+        text.push_str(&format!(
+            " + ({}) µm/mm·({position} − {} mm)",
+            sum_text(profile, &parts(&slope.terms)),
+            figure(slope.reference.get())
+        ));
+    }
+    text
+}
+
+fn sum_text(profile: &Profile, parts: &[(Input, f64)]) -> String {
+    let mut text = String::new();
+    for (place, (input, gain)) in parts.iter().enumerate() {
+        let sign = match (place, *gain < 0.0) {
+            (0, false) => "",
+            (0, true) => "−",
+            (_, false) => " + ",
+            (_, true) => " − ",
+        };
+        let reference = reference(input.reference);
+        let name = &profile.signal(input.signal).name;
+        text.push_str(&format!("{sign}{}·({name} − {reference})", figure(gain.abs())));
+        text.push_str(&lagged(input));
+    }
+    text
+}
+
+fn effects(profile: &Profile, linear: &Linear) -> Vec<String> {
+    let mut effects = gains(&linear.terms)
+        .into_iter()
+        .map(|(input, gain)| effect(profile, input.signal, gain, &late(profile, &input, "")))
+        .collect::<Vec<String>>();
+    effects.extend(together(profile, &linear.terms, 1.0, ""));
+    if let Some(slope) = &linear.slope {
+        let position = &profile.signal(slope.position).name;
+        let beside = format!(" and {position} stands 100 mm above {} mm", figure(slope.reference.get()));
+        for (input, gain) in gains(&slope.terms) {
+            let place = late(profile, &input, &beside);
+            effects.push(effect(profile, input.signal, gain * 100.0, &place));
+        }
+        effects.extend(together(profile, &slope.terms, 100.0, &beside));
+    }
+    effects
+}
+
+/// The way a signal moves Cz in the end, where several lags share it: one of them alone may point the other way.
+fn together<Gain: Copy + Into<f64>>(
+    profile: &Profile,
+    terms: &[Term<Gain>],
+    times: f64,
+    beside: &str,
+) -> Vec<String> {
+    let gains = gains(terms);
+    let mut signals: Vec<SignalId> = Vec::new();
+    for (input, _) in &gains {
+        if !signals.contains(&input.signal) {
+            signals.push(input.signal);
+        }
+    }
+    let sum = |signal: SignalId| {
+        let own: Vec<f64> =
+            gains.iter().filter(|(input, _)| input.signal == signal).map(|(_, gain)| gain * times).collect();
+        let place = format!("{beside} for good (its {} terms added up)", own.len());
+        (own.len() > 1).then(|| effect(profile, signal, own.iter().sum(), &place))
+    };
+    signals.into_iter().filter_map(sum).collect()
+}
+
+/// Each input with its gain, in the unit of the sum.
+fn parts<Gain: Copy + Into<f64>>(terms: &[Term<Gain>]) -> Vec<(Input, f64)> {
+    terms.iter().map(|term| (term.input, term.gain.into())).collect()
+}
+
+/// The gains of each signal and each lag added up.
+fn gains<Gain: Copy + Into<f64>>(terms: &[Term<Gain>]) -> Vec<(Input, f64)> {
+    let mut gains: Vec<(Input, f64)> = Vec::new();
+    for (input, own) in parts(terms) {
+        match gains.iter_mut().find(|(known, _)| (known.signal, known.lag) == (input.signal, input.lag)) {
+            Some((_, gain)) => *gain += own,
+            None => gains.push((input, own)),
+        }
+    }
+    gains
 }

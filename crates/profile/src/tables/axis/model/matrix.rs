@@ -11,11 +11,14 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
+use super::effect::{effect, figure, late, rises};
 use super::file::{bytes, fit, read, taken};
 use super::inputs::in_order;
-use super::{KindOfModel, RawModel};
+use super::{Computation, KindOfModel, RawModel};
+use crate::Profile;
 use crate::tables::At;
 use isotherm_core::compensation::model::{Kind, Matrix};
+use isotherm_core::quantity::Millimetre;
 
 /// 1 mm in µm.
 const MICRONS: f64 = 1000.0;
@@ -25,6 +28,7 @@ pub(super) const KIND: KindOfModel = KindOfModel {
     one: "a matrix",
     keys: &["inputs", "file", "reference", "position", "component", "carries"],
     resolve,
+    preview,
 };
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -135,4 +139,22 @@ fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
 /// Numbers of a file with their unit.
 fn quantities<Q: TryFrom<f64, Error = &'static str>>(numbers: Vec<f64>) -> Result<Vec<Q>, String> {
     numbers.into_iter().map(Q::try_from).collect::<Result<_, _>>().map_err(str::to_owned)
+}
+
+/// What it computes, and what one unit more of each block's temperature does in the middle of the guideway.
+fn preview(profile: &Profile, kind: &Kind) -> Option<Computation> {
+    let Kind::Matrix(matrix) = kind else { return None };
+    let position = &profile.signal(matrix.position()).name;
+    let (first, last) = (matrix.ends().0.get(), matrix.ends().1.get());
+    let formula = format!(
+        "Cz = P·ΔT µm at {position}, P of {} from {first} to {last} mm (beyond them as at the end), over {}",
+        matrix.source(),
+        rises(profile, matrix.blocks())
+    );
+    let at = f64::midpoint(first, last);
+    let place = format!(" (at {position} = {} mm)", figure(at));
+    let blocks = matrix.blocks().iter().zip(matrix.gains_at(Millimetre::new(at).unwrap_or_default()));
+    let effects =
+        blocks.map(|(block, gain)| effect(profile, block.signal, gain.get(), &late(profile, block, &place)));
+    Some(Computation { formula, effects: effects.collect() })
 }

@@ -12,16 +12,23 @@
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
+use super::effect::{effect, figure, late, middle, rises};
 use super::file::{bytes, fit, read, taken};
 use super::inputs::in_order;
-use super::{KindOfModel, RawModel};
+use super::{Computation, KindOfModel, RawModel};
+use crate::Profile;
 use crate::tables::At;
 use isotherm_core::compensation::model::network::{Activation, Layer, Layers, Net, Node, Radial, Scaling};
-use isotherm_core::compensation::model::{Kind, Network, Reference};
+use isotherm_core::compensation::model::{Input, Kind, Network, Reference};
 use isotherm_core::quantity::Celsius;
 
-pub(super) const KIND: KindOfModel =
-    KindOfModel { word: "network", one: "a network", keys: &["inputs", "file", "reference"], resolve };
+pub(super) const KIND: KindOfModel = KindOfModel {
+    word: "network",
+    one: "a network",
+    keys: &["inputs", "file", "reference"],
+    resolve,
+    preview,
+};
 
 #[derive(Debug, Deserialize)]
 struct Typed {
@@ -184,4 +191,33 @@ fn net(name: &str, bytes: Vec<u8>, _: usize) -> Result<(Net, Option<Vec<String>>
 
 fn is_onnx(name: &str) -> bool {
     std::path::Path::new(name).extension().is_some_and(|extension| extension.eq_ignore_ascii_case("onnx"))
+}
+
+/// What it computes, and what one unit more of each signal does, every signal in the middle of its range and every
+/// captured reference where its signal is.
+fn preview(profile: &Profile, kind: &Kind) -> Option<Computation> {
+    let Kind::Network(network) = kind else { return None };
+    let reads = network.reads();
+    let formula =
+        format!("Cz = {} of {} µm, over {}", network.net().what(), network.source(), rises(profile, reads));
+    let rise = |input: &Input| match input.reference {
+        Reference::Fixed(number) => middle(profile, input.signal) - number.get(),
+        Reference::Start | Reference::Zero => 0.0,
+    };
+    let at: Vec<f64> = reads.iter().map(rise).collect();
+    let before = network.net().output(&at);
+    let one = |(place, input): (usize, &Input)| {
+        let mut raised = at.clone();
+        raised[place] += 1.0;
+        let change = network.net().output(&raised) - before;
+        let name = &profile.signal(input.signal).name;
+        let from = figure(middle(profile, input.signal));
+        if change.is_finite() {
+            let place = format!(" (from {from})");
+            effect(profile, input.signal, change, &late(profile, input, &place))
+        } else {
+            format!("at {name} = {from} the network has no value")
+        }
+    };
+    Some(Computation { formula, effects: reads.iter().enumerate().map(one).collect() })
 }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::plan::{ReadRequest, plan};
+use crate::plan::ReadRequest;
 use crate::{
     BusId, Capture, Device, DeviceId, Output, OutputSet, Profile, Share, Stretch, WriteFunction, Writes,
 };
@@ -15,7 +15,7 @@ const ASKS: u8 = 5;
 
 /// One question that comes again and again.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Asked {
+pub(super) struct Exchange {
     pub(super) device: DeviceId,
     pub(super) per_second: f64,
     /// Bytes of the frames on a serial line, with unit and checksum.
@@ -26,7 +26,7 @@ pub(super) struct Asked {
 }
 
 /// Everything that is asked on this line while every axis moves at each of its updates.
-pub(super) fn traffic(profile: &Profile, bus: BusId) -> Vec<Asked> {
+pub(super) fn traffic(profile: &Profile, bus: BusId) -> Vec<Exchange> {
     let mut traffic = Traffic { profile, bus, asked: Vec::new() };
     traffic.polls();
     traffic.heartbeat();
@@ -40,7 +40,7 @@ pub(super) fn traffic(profile: &Profile, bus: BusId) -> Vec<Asked> {
 struct Traffic<'a> {
     profile: &'a Profile,
     bus: BusId,
-    asked: Vec<Asked>,
+    asked: Vec<Exchange>,
 }
 
 impl Traffic<'_> {
@@ -50,19 +50,16 @@ impl Traffic<'_> {
 
     fn ask(&mut self, device: DeviceId, per_second: f64, writes: bool, (question, answer): (usize, usize)) {
         if per_second > 0.0 && self.here(device) {
-            self.asked.push(Asked { device, per_second, question, answer, writes });
+            self.asked.push(Exchange { device, per_second, question, answer, writes });
         }
     }
 
     fn polls(&mut self) {
-        let (profile, bus) = (self.profile, self.bus);
-        let devices = profile.devices.iter().enumerate();
-        for (place, device) in devices.filter(|(_, device)| device.bus == bus) {
-            let id = DeviceId(place);
-            let signals = profile.signals.iter().enumerate().filter(|(_, signal)| signal.device == id);
+        let profile = self.profile;
+        for (id, device) in profile.devices_on(self.bus) {
             let per_second = per(device.every);
             let mut captures: Vec<Capture> = Vec::new();
-            for capture in signals.clone().filter_map(|(_, signal)| signal.capture) {
+            for capture in profile.signals_of(id).filter_map(|(_, signal)| signal.capture) {
                 if !captures.contains(&capture) {
                     captures.push(capture);
                 }
@@ -70,7 +67,7 @@ impl Traffic<'_> {
             for capture in captures {
                 self.ask(id, per_second, false, write_frames(device, capture.address, 1));
             }
-            for request in plan(device, signals.map(|(place, signal)| (SignalId(place), signal))) {
+            for request in profile.requests(id) {
                 for _ in 0..transfers_of(&request) {
                     self.ask(id, per_second, false, read_frames(&request));
                 }
@@ -241,7 +238,7 @@ fn together(periods: &[Duration]) -> f64 {
 }
 
 /// Bytes of a read request's frame and of its answer's, with unit and checksum.
-pub(in crate::preview) fn read_frames(request: &ReadRequest) -> (usize, usize) {
+pub(super) fn read_frames(request: &ReadRequest) -> (usize, usize) {
     request.span().map_or((0, 0), |(from, count)| cells_read(from.table, count))
 }
 

@@ -1,0 +1,112 @@
+//! A document for two readers: lines for people, and JSON for programs.
+
+use std::fmt;
+
+use serde::{Serialize, Serializer};
+use serde_json::Value;
+
+/// A part of the document, its lines and its JSON object.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Section {
+    lines: Vec<String>,
+    json: Vec<(&'static str, Json)>,
+}
+
+/// JSON whose objects keep the order of their keys, which `serde_json::Value` sorts.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Json {
+    Value(Value),
+    List(Vec<Json>),
+    Object(Vec<(&'static str, Json)>),
+}
+
+impl Section {
+    /// A line for people.
+    pub(crate) fn line(&mut self, line: impl Into<String>) {
+        self.lines.push(line.into());
+    }
+
+    /// Lines for people that all begin with `label`; an `Option` is one line or none.
+    pub(crate) fn lines<T: fmt::Display>(&mut self, label: &str, lines: impl IntoIterator<Item = T>) {
+        self.lines.extend(lines.into_iter().map(|line| format!("{label}{line}")));
+    }
+
+    /// The lines of another section, whose JSON stands elsewhere.
+    pub(crate) fn lines_of(&mut self, other: &Section) {
+        self.lines.extend(other.lines.iter().cloned());
+    }
+
+    /// An entry of the JSON object: a scalar or a list of them.
+    pub(crate) fn entry(&mut self, key: &'static str, value: impl Serialize) {
+        self.json(key, Json::Value(serde_json::to_value(value).unwrap_or_default()));
+    }
+
+    /// An entry of the JSON object that is or holds an object.
+    pub(crate) fn json(&mut self, key: &'static str, json: impl Into<Json>) {
+        self.json.push((key, json.into()));
+    }
+
+    /// A section inside this one.
+    pub(crate) fn part(&mut self, key: &'static str, part: Option<Section>) {
+        part.iter().for_each(|part| self.lines_of(part));
+        self.json(key, part);
+    }
+
+    /// Several sections inside this one.
+    pub(crate) fn parts(&mut self, key: &'static str, parts: impl Iterator<Item = Section>) {
+        let parts: Vec<Section> = parts.collect();
+        parts.iter().for_each(|part| self.lines_of(part));
+        self.json(key, parts);
+    }
+}
+
+impl From<u16> for Json {
+    fn from(number: u16) -> Json {
+        Json::Value(number.into())
+    }
+}
+
+impl From<Section> for Json {
+    fn from(section: Section) -> Json {
+        Json::Object(section.json)
+    }
+}
+
+impl<T: Into<Json>> From<Option<T>> for Json {
+    fn from(json: Option<T>) -> Json {
+        json.map_or(Json::Value(Value::Null), T::into)
+    }
+}
+
+impl<T: Into<Json>> From<Vec<T>> for Json {
+    fn from(list: Vec<T>) -> Json {
+        Json::List(list.into_iter().map(T::into).collect())
+    }
+}
+
+impl Serialize for Json {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Json::Value(value) => value.serialize(serializer),
+            Json::List(list) => list.serialize(serializer),
+            Json::Object(entries) => serializer.collect_map(entries.iter().map(|(key, json)| (key, json))),
+        }
+    }
+}
+
+impl Serialize for Section {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(self.json.iter().map(|(key, json)| (key, json)))
+    }
+}
+
+impl fmt::Display for Section {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.lines.iter().try_for_each(|line| writeln!(f, "{line}"))
+    }
+}
+
+/// A number with at most so many digits, which hides the last ones of binary fractions, and no zeros at its end.
+pub(crate) fn figure(number: f64, digits: usize) -> String {
+    format!("{number:.digits$}").trim_end_matches('0').trim_end_matches('.').to_owned()
+}

@@ -1,0 +1,66 @@
+//! A model in words: its rises, and what one unit more of each signal does.
+
+use std::time::Duration;
+
+use crate::Profile;
+use crate::document;
+use crate::duration::shown;
+use isotherm_core::compensation::model::{Input, Reference};
+use isotherm_core::quantity::Celsius;
+use isotherm_core::reading::SignalId;
+
+/// What a change of a signal by one, at this place, does to Cz.
+pub(super) fn effect(profile: &Profile, id: SignalId, change: f64, place: &str) -> String {
+    let signal = profile.signal(id);
+    let unit = signal.unit.to_string();
+    let space = if unit.is_empty() { "" } else { " " };
+    let sign = if change < 0.0 { "−" } else { "+" };
+    let (name, change) = (&signal.name, figure(change.abs()));
+    format!("when {name} rises by 1{space}{unit}{place}, Cz changes by {sign}{change} µm")
+}
+
+/// The place of an effect, with how late it comes.
+pub(super) fn late(profile: &Profile, input: &Input, place: &str) -> String {
+    let signal = &profile.signal(input.signal).name;
+    let behind = |lag: Duration| format!("{place} (63 % of it {} after {signal} has risen)", shown(lag));
+    input.lag.map_or_else(|| place.to_owned(), behind)
+}
+
+/// Where the effect of a signal is shown: in the middle of its range.
+pub(super) fn middle(profile: &Profile, id: SignalId) -> f64 {
+    profile.signal(id).range.map_or(20.0, |(low, high)| f64::midpoint(low, high))
+}
+
+/// What a rise is measured from.
+pub(super) fn reference(reference: Reference) -> String {
+    match reference {
+        Reference::Fixed(number) => figure(number.get()),
+        Reference::Start => "its value at machine start".to_owned(),
+        Reference::Zero => "its value at zero".to_owned(),
+    }
+}
+
+/// `bed`, or `(bed − 20)`, and by how much each lags.
+pub(super) fn rises(profile: &Profile, inputs: &[Input]) -> String {
+    inputs.iter().map(|input| rise(profile, input)).collect::<Vec<_>>().join(", ")
+}
+
+/// `bed`, or `(bed − 20)`, and by how much it lags.
+pub(super) fn rise(profile: &Profile, input: &Input) -> String {
+    let name = &profile.signal(input.signal).name;
+    let rise = match input.reference {
+        Reference::Fixed(Celsius::ZERO) => name.clone(),
+        other => format!("({name} − {})", reference(other)),
+    };
+    format!("{rise}{}", lagged(input))
+}
+
+/// ` lagged by 30m`.
+pub(super) fn lagged(input: &Input) -> String {
+    input.lag.map_or_else(String::new, |lag| format!(" lagged by {}", shown(lag)))
+}
+
+/// Without the last digits, which come from binary fractions.
+pub(super) fn figure(number: f64) -> String {
+    document::figure(number, 9)
+}

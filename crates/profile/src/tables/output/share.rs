@@ -1,0 +1,64 @@
+//! `share` of an output: whose register it writes to.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::RawOutput;
+use crate::tables::At;
+use isotherm_core::codec::{DataType, Table};
+
+/// Whose register an output writes to.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+#[schemars(rename = "ShareWord", description = "")]
+pub enum Share {
+    /// Ours.
+    #[default]
+    Whole,
+    /// An operator's, of which we own a share; how much, a ledger says.
+    Ledger,
+}
+
+impl Share {
+    /// A change needs so many counts at least: the sum of a shared register is never zero, which a restarted CNC shows.
+    pub const fn counts_of_a_step(self) -> u32 {
+        match self {
+            Share::Whole => 1,
+            Share::Ledger => 2,
+        }
+    }
+}
+
+/// An operator's register, of which we own a share: what must be known of it.
+pub(super) fn resolve(raw: &RawOutput, at: &At<'_>, data_type: DataType, device: Option<usize>) -> Share {
+    let share = raw.share.unwrap_or_default();
+    if share == Share::Whole {
+        return share;
+    }
+    let place = at.key("share");
+    if raw.is_believed_by_its_echo() {
+        let message =
+            "a share is known only from what is read: verify = \"echo\" does not do for share = \"ledger\"";
+        at.key("verify").wrong(message, "remove `verify`, or write verify = \"read-back\"");
+        // Else the check of the read-back says so.
+        let device = device.and_then(|device| at.check.devices.get(device));
+        if device.is_some_and(|device| !device.functions.reads(Table::Holding)) {
+            let message = "a share is known only from what is read, and the device cannot be read";
+            let help = "add \"read-holding\" to `functions` of the device, if the device can do it";
+            place.wrong(message, help);
+        }
+    }
+    if raw.is_no_offset() {
+        let message = "only an offset can share its register with an operator";
+        place.wrong(message, "write writes = \"offset\", or share = \"whole\"");
+    }
+    if !matches!(data_type, DataType::I16 | DataType::U16 | DataType::I32 | DataType::U32) {
+        let message = format!(
+            "{} holds no exact sum of two parts: a share is counted in whole counts of at most 32 bits",
+            data_type.name()
+        );
+        let help = "take type = \"i16\", \"u16\", \"i32\" or \"u32\", or share = \"whole\"";
+        place.wrong(message, help);
+    }
+    share
+}

@@ -1,0 +1,98 @@
+//! `verify` of an output: how a write is believed.
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::applied::{Applied, ReadBackValue};
+use super::{Output, RawOutput};
+use crate::duration::shown;
+use crate::tables::device::Device;
+use crate::tables::register::Notation;
+use crate::tables::{At, can};
+use isotherm_core::codec::{Address, DataType, Object};
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum VerifyWord {
+    ReadBack,
+    Echo,
+}
+
+/// How a write is believed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verify {
+    /// The register is read again.
+    ReadBack,
+    /// The answer repeats address and value.
+    Echo,
+    /// This object is read, of the same type as what was written.
+    ReadBackAt(Object),
+    /// Not at all: a display shows it, and nobody acts on it.
+    Shown,
+}
+
+impl Verify {
+    /// What was written is read back.
+    pub const fn reads(self) -> bool {
+        matches!(self, Verify::ReadBack | Verify::ReadBackAt(_))
+    }
+}
+
+/// A frame has no answer: what was written is read elsewhere, or a display shows it and nobody acts on it.
+pub(super) fn of_a_frame(raw: &RawOutput, at: &At<'_>, data_type: DataType, owner: &str) -> Option<Verify> {
+    let place = at.key("read_back");
+    let kept = |verify: &VerifyWord| *verify == VerifyWord::ReadBack && raw.read_back.is_some();
+    if let Some(verify) = raw.verify.filter(|verify| !kept(verify)) {
+        let word = if verify == VerifyWord::Echo { "echo" } else { "read-back" };
+        let message = format!("nothing answers a frame: verify = \"{word}\" cannot be kept");
+        let help = "remove it, and write read_back = \"6004:00\", the object that reads what was written";
+        at.key("verify").wrong(message, help);
+    }
+    let text = match &raw.read_back {
+        Some(ReadBackValue::Object(text)) => text,
+        Some(ReadBackValue::Register(_)) => {
+            let help = "write read_back = \"6004:00\", the CANopen object that reads what was written";
+            place.wrong("a register is on Modbus: on CAN an object is read back", help);
+            return None;
+        }
+        None if raw.is_written_as_cz() => {
+            let message = "`read_back` is missing: an offset that nobody has read back is not believed";
+            let help = "write read_back = \"6004:00\", the CANopen object that reads what was written; without one only a display of a corrected position is written";
+            place.missing(message, help);
+            return None;
+        }
+        None => return (!place.is_written()).then_some(Verify::Shown),
+    };
+    can::needs_node(&place, owner);
+    let entry = can::entry(&place, text);
+    if !data_type.width().is_multiple_of(8) {
+        let message = format!("an object has whole bytes, and {} bits are written", data_type.width());
+        place.wrong(message, "write 8, 16, 24, 32 or 64 bits, as the object has them");
+        return None;
+    }
+    Some(Verify::ReadBackAt(Object { entry: entry?, data_type }))
+}
+
+/// How a write of this output is believed, in a sentence.
+pub(super) fn preview(output: &Output, device: &Device) -> String {
+    let is_object = matches!(output.address, Address::Object(_));
+    if let Some(Applied { address, tolerance, settle, .. }) = &output.applied {
+        let (register, settle) = (Notation::from(*address), shown(*settle));
+        return format!(
+            "once {register} says that it is applied, within {tolerance} µm after {settle} at most; the register itself \
+             is compared as well"
+        );
+    }
+    let believed = match output.verify {
+        Verify::Echo if output.is_single_offset() && device.functions.reads_at(&output.reads_at()) => {
+            "once it is read back: what can be read is read before and after, whatever the answer says"
+        }
+        Verify::ReadBack if is_object => "once the object reads back what was written",
+        Verify::Echo if is_object => "once the node has taken it; the object is not read back",
+        Verify::ReadBack => "once the register reads back what was written",
+        Verify::Echo => "once the answer repeats what was written; the register is not read back",
+        Verify::ReadBackAt(object) => return format!("once object {object} reads back what was written"),
+        Verify::Shown => "as soon as it is sent: shown, not verified, nothing reads it back",
+    };
+    believed.to_owned()
+}
