@@ -124,7 +124,7 @@ impl Reader {
             for column in acted::keep_what_acted(&mut self.table) {
                 let message = "no row in which what stood in the register was verified: what acted is not known; leave \
                                this log out";
-                self.refuse_at("every line", Some(&column), message);
+                self.refuse_at(&format!("every {}", self.row), Some(&column), message);
             }
         }
         if self.unlisted > 0 {

@@ -76,42 +76,71 @@ fn missing_cells_are_missing_and_decimal_commas_are_told() {
 }
 
 #[cfg(feature = "parquet")]
-#[test]
-fn parquet_is_read_like_csv() {
+mod of_parquet {
+    use std::fs::File;
+    use std::path::PathBuf;
     use std::sync::Arc;
 
-    use ::parquet::data_type::{ByteArray, ByteArrayType, DoubleType};
+    use ::parquet::data_type::{ByteArray, ByteArrayType, DataType, DoubleType};
     use ::parquet::file::properties::WriterProperties;
-    use ::parquet::file::writer::SerializedFileWriter;
+    use ::parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
     use ::parquet::schema::parser::parse_message_type;
 
-    let directory = tempfile::tempdir().unwrap();
-    let path = directory.path().join("day.parquet");
-    let schema = "message log { required double time; optional double t1; required binary part (UTF8); }";
-    let schema = Arc::new(parse_message_type(schema).unwrap());
-    let file = std::fs::File::create(&path).unwrap();
-    let mut writer =
-        SerializedFileWriter::new(file, schema, Arc::new(WriterProperties::builder().build())).unwrap();
-    let mut rows = writer.next_row_group().unwrap();
-    let mut column = rows.next_column().unwrap().unwrap();
-    column.typed::<DoubleType>().write_batch(&[0.5, 60.25, 120.0], None, None).unwrap();
-    column.close().unwrap();
-    let mut column = rows.next_column().unwrap().unwrap();
-    column.typed::<DoubleType>().write_batch(&[20.125, 21.1], Some(&[1, 0, 1]), None).unwrap();
-    column.close().unwrap();
-    let mut column = rows.next_column().unwrap().unwrap();
-    let parts = ["A", "A", "B"].map(ByteArray::from);
-    column.typed::<ByteArrayType>().write_batch(&parts, None, None).unwrap();
-    column.close().unwrap();
-    rows.close().unwrap();
-    writer.close().unwrap();
+    use super::*;
 
-    let split = Split { column: Some("part".to_owned()), gap: None };
-    let found = Dataset::read(&[path], &split, &|_| None).unwrap();
-    let csv = read("time,t1,part\n0.5,20.125,A\n60.25,,A\n120,21.1,B\n", &split).unwrap();
-    assert_eq!(found.columns, csv.columns);
-    for (one, other) in found.runs.iter().zip(&csv.runs) {
-        assert_eq!((&one.name, &one.times), (&other.name, &other.times));
-        assert_eq!(format!("{:?}", one.values), format!("{:?}", other.values));
+    type Rows<'a> = SerializedRowGroupWriter<'a, File>;
+
+    /// A file with these columns, which `write` fills in their order.
+    fn file(columns: &str, write: impl FnOnce(&mut Rows<'_>)) -> (tempfile::TempDir, PathBuf) {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("day.parquet");
+        let schema = Arc::new(parse_message_type(&format!("message log {{ {columns} }}")).unwrap());
+        let properties = Arc::new(WriterProperties::builder().build());
+        let mut writer = SerializedFileWriter::new(File::create(&path).unwrap(), schema, properties).unwrap();
+        let mut rows = writer.next_row_group().unwrap();
+        write(&mut rows);
+        rows.close().unwrap();
+        writer.close().unwrap();
+        (directory, path)
+    }
+
+    /// The next column; `there` is 0 where a value is missing.
+    fn column<T: DataType>(rows: &mut Rows<'_>, values: &[T::T], there: Option<&[i16]>) {
+        let mut column = rows.next_column().unwrap().unwrap();
+        column.typed::<T>().write_batch(values, there, None).unwrap();
+        column.close().unwrap();
+    }
+
+    #[test]
+    fn parquet_is_read_like_csv() {
+        let columns = "required double time; optional double t1; required binary part (UTF8);";
+        let (_directory, path) = file(columns, |rows| {
+            column::<DoubleType>(rows, &[0.5, 60.25, 120.0], None);
+            column::<DoubleType>(rows, &[20.125, 21.1], Some(&[1, 0, 1]));
+            column::<ByteArrayType>(rows, &["A", "A", "B"].map(ByteArray::from), None);
+        });
+        let split = Split { column: Some("part".to_owned()), gap: None };
+        let found = Dataset::read(&[path], &split, &|_| None).unwrap();
+        let csv = read("time,t1,part\n0.5,20.125,A\n60.25,,A\n120,21.1,B\n", &split).unwrap();
+        assert_eq!(found.columns, csv.columns);
+        for (one, other) in found.runs.iter().zip(&csv.runs) {
+            assert_eq!((&one.name, &one.times), (&other.name, &other.times));
+            assert_eq!(format!("{:?}", one.values), format!("{:?}", other.values));
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_in_parquet_is_named_by_its_row() {
+        let (_directory, path) = file("required binary time (UTF8); required binary t1 (UTF8);", |rows| {
+            column::<ByteArrayType>(rows, &["0", "later", "120", "180"].map(ByteArray::from), None);
+            column::<ByteArrayType>(rows, &["20", "21", "22,5", "23"].map(ByteArray::from), None);
+        });
+        let said = Dataset::read(&[path], &Split::default(), &|_| None).unwrap_err().to_string();
+        assert!(said.contains("day.parquet, row 2, column time: `later`"), "{said}");
+        assert!(
+            said.contains("day.parquet, row 3, column t1: `22,5` has a decimal comma; write 22.5"),
+            "{said}"
+        );
+        assert!(!said.contains("line"), "{said}");
     }
 }
