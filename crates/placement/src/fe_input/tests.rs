@@ -250,6 +250,20 @@ fn what_is_wrong_is_said_with_line_card_and_remedy() {
 }
 
 #[test]
+fn a_card_after_the_step_is_said_to_be_in_a_wrong_place_and_not_to_be_unknown() {
+    for (card, belongs) in [
+        ("*BOUNDARY\n1, 1, 3", "before *END STEP"),
+        ("*FILM\n1, F2, 25, 0.008", "between *STEP and *END STEP"),
+        ("*NSET, NSET=TOP\n4", "before *STEP"),
+    ] {
+        let said = with("*END STEP\n", &format!("*END STEP\n{card}\n"));
+        let keyword = card.split(['\n', ',']).next().unwrap();
+        assert_eq!(said.lines().next(), Some(format!("case.inp:40: {keyword}: belongs {belongs}").as_str()));
+        assert!(!said.contains("did you mean"), "{said}");
+    }
+}
+
+#[test]
 fn everything_that_is_wrong_is_said_at_once_and_the_same_only_once() {
     let input = FILE
         .replace("1, 0, 0, 0\n2, 100, 0, 0", "1, 0,0, 0, 0\n2, 100,0, 0, 0")
