@@ -4,7 +4,7 @@ use isotherm_core::output::{Action, Fact, Kept, Settings, Standing, Verify};
 
 use isotherm_core::quantity::Counts;
 
-use super::world::{Broken, NOW, World};
+use super::world::{Broken, NOW, World, holds};
 
 /// One thing that happened, for people.
 pub(crate) type Name = &'static str;
@@ -207,7 +207,7 @@ fn anywhere(world: &World, settings: &Settings, go: &mut Go<'_>) {
         for change in [-1, 1, 2].map(Counts) {
             let value = world.register + change;
             let is_avoided = settings.is_shared && settings.is_zero(value);
-            if !(is_avoided || is_of_ours(world, settings, value)) {
+            if holds(settings, value) && !(is_avoided || is_of_ours(world, settings, value)) {
                 go("the operator edits", &mut |next| {
                     (next.left.edits, next.is_touched) = (left.edits - 1, true);
                     next.register = value;

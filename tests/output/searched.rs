@@ -32,6 +32,11 @@ fn holds(what: &str, settings: &Settings, budget: Budget) {
 /// `SEARCH_STATES=2000000 WALK_STEPS=5000000 cargo test --test output searched -- --nocapture`.
 const MOST: usize = 200_000;
 
+/// A register without a sign, whose zero is at 5: an offset alone, without the bias, may lie outside of it.
+fn biased(is_shared: bool) -> Settings {
+    Settings { bias: Counts(5), range: (Counts(0), Counts(200)), ..settings(is_shared, 3, 3) }
+}
+
 #[test]
 fn a_whole_register_never_jumps() {
     let none = Budget::NONE;
@@ -49,6 +54,8 @@ fn a_whole_register_never_jumps() {
     holds("whole, refreshed", &refresh, repeats);
     let all = Budget { holds: 2, edits: 1, kills: 1, pauses: 1, restarts: 1, ..none };
     holds("whole, everything", &settings(false, 2, 3), all);
+    holds("whole, with a bias, link", &biased(false), link);
+    holds("whole, with a bias, CNC and persons", &biased(false), control);
 }
 
 #[test]
@@ -76,6 +83,8 @@ fn a_shared_register_never_jumps_and_the_operators_part_stays() {
     holds("shared, readings", &settings(true, 3, 3), readings);
     let all = Budget { holds: 2, edits: 1, kills: 1, pauses: 1, restarts: 1, ..none };
     holds("shared, everything", &settings(true, 2, 3), all);
+    holds("shared, with a bias, link", &biased(true), link);
+    holds("shared, with a bias, CNC and persons", &biased(true), control);
 }
 
 #[test]

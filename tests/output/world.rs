@@ -216,6 +216,9 @@ impl World {
         value: Counts,
         (is_excused, may_jump): (bool, bool),
     ) -> Broken {
+        if !holds(settings, value) {
+            return Err(format!("the register cannot hold {value}"));
+        }
         let before = std::mem::replace(&mut self.register, value);
         self.his = self.lost.take().unwrap_or(self.his);
         let jump = (value - before).abs();
@@ -299,7 +302,7 @@ impl World {
     /// What stands in the end, when nothing fails any more.
     pub(crate) fn is_at_rest(&self, settings: &Settings) -> bool {
         let offset = self.wanted.clamp(-settings.limit, settings.limit);
-        let sum = self.his + offset;
+        let sum = (self.his + offset).clamp(settings.range.0, settings.range.1);
         let is_avoided = settings.is_shared && settings.is_zero(sum) && self.his != sum;
         self.register == sum || (is_avoided && (self.register - sum).abs() == Counts(1))
     }
@@ -424,6 +427,12 @@ impl World {
             _ => Ok(()),
         }
     }
+}
+
+/// Whether the register's type has this count.
+pub(crate) fn holds(settings: &Settings, value: Counts) -> bool {
+    let (lowest, highest) = settings.range;
+    (lowest..=highest).contains(&value)
 }
 
 /// Step 1 for a whole register; a shared one steps by 2, so that nothing has to be sent that is zero.
