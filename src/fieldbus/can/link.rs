@@ -94,6 +94,12 @@ impl Link {
         self.inner().fault
     }
 
+    /// Whether what comes to this socket is listened to.
+    pub(super) fn hears(&self, socket: &Arc<Socket>) -> bool {
+        let inner = self.inner();
+        inner.fault.is_none() && inner.socket.as_ref().is_some_and(|heard| Arc::ptr_eq(heard, socket))
+    }
+
     /// What a call to the socket failed with. One whose interface is gone is given up.
     pub fn failed(&self, fault: Fault) {
         let mut inner = self.inner();

@@ -15,6 +15,7 @@ use std::io;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use socketcan::{
     CanAddr, CanAnyFrame, CanDataFrame, CanErrorFrame, CanFdFrame, CanFdSocket, CanFilter, EmbeddedFrame,
     Frame as _, Socket as _, SocketOptions,
@@ -95,6 +96,14 @@ impl Socket {
                 Err(error) => return Err(judge(&error)),
             }
         }
+    }
+
+    /// Whether something has come that [`Socket::hear_now`] has not taken yet.
+    pub fn has_waiting(&self) -> bool {
+        let mut polled = [PollFd::new(self, PollFlags::IN)];
+        let at_once = Timespec { tv_sec: 0, tv_nsec: 0 };
+        poll(&mut polled, Some(&at_once)).is_ok_and(|ready| ready > 0)
+            && polled[0].revents().contains(PollFlags::IN)
     }
 
     /// Puts a frame into the interface's queue, where it has room now.

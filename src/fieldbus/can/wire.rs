@@ -72,7 +72,7 @@ impl Wire for CanWire {
             match request {
                 CanRequest::Read { object } => {
                     let node = node(unit)?;
-                    self.discard_unasked(node);
+                    self.discard_unasked(node).await;
                     departure.leave()?;
                     let first = self.link.client(node, |client| client.read(object.entry));
                     let data = self.transfer(node, first, departure).await?;
@@ -85,7 +85,7 @@ impl Wire for CanWire {
                 CanRequest::Write { object, values } => {
                     let node = node(unit)?;
                     let bytes = object.bytes(values);
-                    self.discard_unasked(node);
+                    self.discard_unasked(node).await;
                     departure.leave()?;
                     let first = self.link.client(node, |client| client.write(object.entry, &bytes));
                     self.transfer(node, first, departure).await.map(|_| Answer::Done)
@@ -112,8 +112,11 @@ impl Wire for CanWire {
 
 impl CanWire {
     /// What has come before the question answers an older one, or none: whatever else of that kind is under way must not be
-    /// taken for the answer to this one.
-    fn discard_unasked(&mut self, node: NodeId) {
+    /// taken for the answer to this one. The same goes for what waits in the kernel until whoever listens has its turn.
+    async fn discard_unasked(&mut self, node: NodeId) {
+        while self.link.hears(&self.socket) && self.socket.has_waiting() {
+            tokio::task::yield_now().await;
+        }
         while let Ok(frame) = self.answers.try_recv() {
             self.tap.pass(frame.data(), false);
             self.link.client(node, |client| client.was_not_asked(&frame));
@@ -141,6 +144,7 @@ impl CanWire {
                 Progress::Send(next) => self.send(&next, None).await?,
                 // Only now does the question itself leave, if it still may.
                 Progress::Begin(first) => {
+                    self.discard_unasked(node).await;
                     departure.leave()?;
                     self.send(&first, Some(departure)).await?;
                 }
