@@ -102,25 +102,39 @@ fn a_reply_that_was_there_before_its_question_is_no_reading() {
 
 /// Every 5 ms, whether asked or not, with the transaction that comes next; twenty-five of them are an attempt, and so
 /// are fewer on a connection that is closed.
+///
+/// On a serial line it is never silent for long enough to be asked. Where it is asked all the same, the computer was too
+/// busy to say something every 5 ms, and what it said then has become an answer, which nobody can tell: it is a good
+/// device until it is believed, and begins anew.
 fn pushes(kind: Kind, answers: bool) -> Life {
     life(move |mut peer: Peer| async move {
         let (mut next, mut pushed) = (0, 0);
         loop {
-            let pause =
-                if peer.lane.behaves() { Duration::from_secs(3600) } else { Duration::from_millis(5) };
+            let is_good = |peer: &Peer| peer.lane.behaves() || peer.lane.is_void();
+            let pause = Duration::from_millis(if is_good(&peer) { 3_600_000 } else { 5 });
             tokio::select! {
                 asked = peer.asked() => {
                     let asked = asked?;
                     next = asked.transaction.wrapping_add(1);
-                    if answers || peer.lane.behaves() {
+                    if kind.is_rtu() && !is_good(&peer) {
+                        peer.lane.voids();
+                    }
+                    if answers || is_good(&peer) {
                         peer.answer(&asked).await?;
                     }
                 }
                 () = tokio::time::sleep(pause) => {
-                    peer.say(&lie(kind, next)).await?;
-                    pushed += 1;
-                    if pushed % 25 == 1 {
+                    // What is said after a question answers it.
+                    if peer.is_asked() {
+                        continue;
+                    }
+                    if pushed % 25 == 0 {
                         peer.lane.tries();
+                    }
+                    pushed += 1;
+                    peer.say(&lie(kind, next)).await?;
+                    if kind.is_rtu() && peer.is_asked() {
+                        peer.lane.voids();
                     }
                 }
             }

@@ -119,7 +119,7 @@ impl Peer {
     }
 
     /// Whether a question waits, or the other end has gone: what is said now would come after the question.
-    fn is_asked(&self) -> bool {
+    pub(crate) fn is_asked(&self) -> bool {
         let end = match &self.end {
             End::Socket(stream) => stream.as_fd(),
             End::Port(_, port) => port.as_fd(),

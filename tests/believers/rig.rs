@@ -91,7 +91,7 @@ impl Lane {
     pub(crate) fn voids(&self) {
         self.void.store(3, Ordering::SeqCst);
         self.is_open.store(false, Ordering::SeqCst);
-        self.tried.fetch_sub(1, Ordering::SeqCst);
+        let _ = self.tried.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |tried| tried.checked_sub(1));
     }
 
     pub(crate) fn is_void(&self) -> bool {
@@ -114,6 +114,9 @@ impl Lane {
     pub(crate) fn is_answered(&self, asked: &Asked) {
         let count = if asked.is_read() { &self.read } else { &self.written };
         count.fetch_add(1, Ordering::SeqCst);
+        if self.is_void() && self.source.get().is_some_and(|source| self.lie(&source.status()).is_some()) {
+            return;
+        }
         let _ = self.void.fetch_update(Ordering::SeqCst, Ordering::SeqCst, |left| left.checked_sub(1));
     }
 
@@ -129,7 +132,7 @@ impl Lane {
 
     /// Whether it shows a reading that stands on no right answer.
     fn judge(&self, status: &Status) -> bool {
-        let [signal, output, device] = &self.names;
+        let [_, output, device] = &self.names;
         let device = status.devices.iter().find(|one| one.name == *device).unwrap();
         let refusals = device.failures.get("exception").copied().unwrap_or_default();
         self.refusals.fetch_max(u32::try_from(refusals).unwrap(), Ordering::SeqCst);
@@ -137,17 +140,19 @@ impl Lane {
         let done = status.outputs.iter().find(|one| one.name == *output).map_or(0, |one| one.writes_done);
         let surplus = done.saturating_sub(u64::from(self.written.load(Ordering::SeqCst)));
         self.surplus.fetch_max(u32::try_from(surplus).unwrap(), Ordering::SeqCst);
-        let signal = status.signals.iter().find(|one| one.name == *signal).unwrap();
-        let is_true = |value: f64| (value - f64::from(TRUTH) / 10.0).abs() < 0.01;
-        let Some(value) = signal.value.filter(|value| !is_true(*value) && !self.is_void()) else {
-            return false;
-        };
-        let found = format!("{value} is {}", signal.quality);
+        let Some(found) = self.lie(status).filter(|_| !self.is_void()) else { return false };
         let mut wrong = self.wrong.lock().unwrap();
         if !wrong.contains(&found) && wrong.len() < 5 {
             wrong.push(found);
         }
         true
+    }
+
+    /// What is shown and stands on no right answer.
+    fn lie(&self, status: &Status) -> Option<String> {
+        let signal = status.signals.iter().find(|one| one.name == self.names[0]).unwrap();
+        let value = signal.value.filter(|value| (value - f64::from(TRUTH) / 10.0).abs() >= 0.01)?;
+        Some(format!("{value} is {}", signal.quality))
     }
 
     /// Attempts that were believed.
