@@ -66,7 +66,7 @@ scale = 0.1
 fn library() -> PathBuf {
     let found = std::fs::read_dir("/usr/lib").unwrap().flatten().map(|entry| entry.path());
     let mut found = found.map(|place| place.join("faketime/libfaketime.so.1")).filter(|path| path.exists());
-    found.next().expect("libfaketime is missing: apt-get install libfaketime")
+    found.next().unwrap_or_else(|| panic!("libfaketime is missing: apt-get install libfaketime"))
 }
 
 /// The devices of the machine, on a thread of their own and by the right time.

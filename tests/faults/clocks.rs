@@ -22,7 +22,7 @@ fn at(stamp: &str) -> Moment {
 }
 
 /// The bench with a lag, a datum of its start, and a share that grows with the time since then.
-fn slow() -> String {
+pub(crate) fn slow() -> String {
     let text = patient().replace("arm  = \"auto\"", "arm = \"auto\"\nsettle = \"3min\"");
     text.replace(
         "{ signal = \"bed\", gain = 2.0 },",

@@ -22,3 +22,4 @@ mod rtu;
 mod sets;
 mod stop;
 mod targets;
+mod trust;
