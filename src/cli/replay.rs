@@ -23,7 +23,7 @@ use super::{ProfileArguments, load_modelled, print_json};
 use crate::gateway::log::{LogReader, LogRow, number};
 use isotherm_core::compensation::{Compensation, Decision, Remembered, Snapshot};
 use isotherm_core::quantity::Micron;
-use isotherm_profile::Profile;
+use isotherm_profile::{Profile, regular};
 
 mod outputs;
 mod summary;
@@ -58,7 +58,8 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let profile = load_modelled(&arguments.profile, arguments.json)?;
     let name = arguments.recording.display().to_string();
-    let log = File::open(&arguments.recording).with_context(|| format!("the log {name} cannot be read"))?;
+    let log =
+        regular::open(&arguments.recording).with_context(|| format!("the log {name} cannot be read"))?;
     let mut log = BufReader::new(log);
     let first = log.fill_buf().with_context(|| format!("the log {name} cannot be read"))?;
     if outputs::is_of_outputs(first) {

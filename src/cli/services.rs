@@ -11,7 +11,7 @@ use tokio::sync::watch;
 use crate::gateway::{WireLog, control};
 use crate::observe::http;
 use crate::observe::status::Source;
-use isotherm_profile::Web;
+use isotherm_profile::{Web, regular};
 
 /// Sockets that are open and not yet served: whatever is wrong with them is known before the loop starts.
 #[derive(Debug, Default)]
@@ -32,7 +32,7 @@ impl Sockets {
     pub(super) fn open_page(&mut self, web: &Web) -> anyhow::Result<SocketAddr> {
         let token = match &web.token_file {
             Some(path) => {
-                let token = std::fs::read_to_string(path)
+                let token = regular::read_text(path)
                     .with_context(|| format!("the token file {} cannot be read", path.display()))?;
                 let token = token.trim().to_owned();
                 anyhow::ensure!(!token.is_empty(), "the token file {} is empty", path.display());

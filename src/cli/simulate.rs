@@ -9,7 +9,7 @@ use super::signals::Signals;
 use super::{ProfileArguments, load};
 use crate::clock::Clock;
 use crate::virtual_machine::{FaultScript, PlantSpec, Setup, VirtualMachine};
-use isotherm_profile::{Device, Profile, Transport};
+use isotherm_profile::{Device, Profile, Transport, regular};
 
 /// The devices of a profile as virtual hardware: Modbus servers at the addresses and serial ports of the profile, nodes
 /// on its CAN interfaces.
@@ -42,7 +42,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let profile = load(&arguments.profile, false)?;
     let faults = match &arguments.faults {
         Some(path) => {
-            let text = std::fs::read_to_string(path)
+            let text = regular::read_text(path)
                 .with_context(|| format!("the fault script {} cannot be read", path.display()))?;
             FaultScript::parse(&text, &profile)
                 .map_err(|error| anyhow::anyhow!("{}: {error}", path.display()))?
@@ -93,10 +93,10 @@ fn named(device: &Device) -> String {
 fn plant(path: &Path, profile: &Profile) -> anyhow::Result<Option<PlantSpec>> {
     let beside = path.with_extension("plant.toml");
     if beside.exists() {
-        let text = std::fs::read_to_string(&beside)
+        let text = regular::read_text(&beside)
             .with_context(|| format!("the plant {} cannot be read", beside.display()))?;
         let home = beside.parent().unwrap_or(Path::new(""));
-        let plant = PlantSpec::parse_with(&text, &|name| std::fs::read_to_string(home.join(name)).ok())
+        let plant = PlantSpec::parse_with(&text, &|name| regular::read_text(&home.join(name)).ok())
             .map_err(|error| anyhow::anyhow!("{}: {error}", beside.display()))?;
         return Ok(Some(plant));
     }

@@ -64,7 +64,7 @@ impl DbcFile {
 
     /// The line of a place in it.
     pub(crate) fn line(&self, line: usize) -> Option<&str> {
-        self.text.lines().nth(line.checked_sub(1)?)
+        shown(&self.text, line)
     }
 
     /// The signal with this name, "Message.Signal". With a J1939 source address its message is a parameter group of that
@@ -228,6 +228,15 @@ impl DbcFile {
     }
 }
 
+/// A line of a DBC file, as it may be shown. What is no entry of one is some other file's, whose content is nobody's
+/// business here.
+pub(crate) fn shown(text: &str, line: usize) -> Option<&str> {
+    const ENTRIES: [&str; 11] =
+        ["BO_", "SG_", "CM_", "BA_", "VAL_", "VERSION", "NS_", "BS_", "BU_", "EV_", "SIG_"];
+    let line = text.lines().nth(line.checked_sub(1)?)?;
+    ENTRIES.iter().any(|entry| line.trim_start().starts_with(entry)).then_some(line)
+}
+
 fn names(messages: &[Message]) -> String {
     let names: Vec<&str> = messages.iter().map(|message| message.name.as_str()).collect();
     names.join(", ")
@@ -239,15 +248,14 @@ fn place(why: &str) -> Option<(usize, usize)> {
     Some((line.trim().parse().ok()?, column.trim().parse().ok()?))
 }
 
-/// What could stand there, where that is a short list; else what the crate says.
+/// What could stand there, where that is a short list. What the crate says quotes the line.
 fn expected(why: &str) -> String {
     let wanted = why.split_once("= expected ").map(|(_, wanted)| wanted.trim());
     match wanted {
         Some(wanted) if wanted.split_whitespace().count() <= 5 => {
             format!("{} is expected here", wanted.replace('_', " "))
         }
-        Some(_) => "an entry such as `BO_ 256 Message: 8 Node` or ` SG_ Signal : 0|16@1- (0.1,0) [0|0] \"degC\" Node` is expected".to_owned(),
-        None => why.to_owned(),
+        _ => "an entry such as `BO_ 256 Message: 8 Node` or ` SG_ Signal : 0|16@1- (0.1,0) [0|0] \"degC\" Node` is expected".to_owned(),
     }
 }
 

@@ -1,10 +1,8 @@
 //! Where the files that a profile names are: beside it, or, for one that is part of the program, in the program.
 
-use std::io::Read;
 use std::path::Path;
 
-/// A larger one is not what a model of a machine tool is made of.
-const LARGEST: u64 = 64 * 1024 * 1024;
+use crate::regular;
 
 /// The files of one profile.
 #[derive(Clone, Copy, Debug)]
@@ -63,14 +61,8 @@ impl Files<'_> {
         match self {
             Files::Beside(directory) => {
                 let path = directory.join(name);
-                let unreadable = |why| format!("{} cannot be read: {why}", path.display());
-                let file = std::fs::File::open(&path).map_err(unreadable)?;
-                let mut bytes = Vec::new();
-                file.take(LARGEST + 1).read_to_end(&mut bytes).map_err(unreadable)?;
-                if bytes.len() as u64 > LARGEST {
-                    return Err(format!("{} is larger than {} MB", path.display(), LARGEST >> 20));
-                }
-                Ok(bytes)
+                regular::read(&path, regular::LARGEST)
+                    .map_err(|why| format!("{} cannot be read: {why}", path.display()))
             }
             Files::Inside(files) => match files.iter().find(|(known, _)| *known == name) {
                 Some((_, bytes)) => Ok(bytes.to_vec()),

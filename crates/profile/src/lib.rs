@@ -5,6 +5,7 @@
 //!
 //! # Layout
 //! - `load`, `merge`, `walk`, `span`: the layers, each against the schema, and where every key was written.
+//! - [`regular`]: files that a person names.
 //! - `template`, `dbc`: what device templates and DBC files bring.
 //! - `tables`: a file for each table of the profile: as written, checked, resolved, and what `isotherm check` says of it.
 //! - [`plan`], [`preview`]: which requests read a device; the tables' previews and the load of each line in one document.
@@ -25,6 +26,7 @@ mod load;
 mod merge;
 pub mod plan;
 pub mod preview;
+pub mod regular;
 mod size;
 mod span;
 mod tables;

@@ -9,6 +9,7 @@ use toml::de::DeValue;
 
 use crate::error::{Errors, ProfileError, allowed};
 use crate::files::Files;
+use crate::regular;
 use crate::schema;
 use crate::span::{Spans, child};
 use crate::tables::RawProfile;
@@ -37,10 +38,10 @@ pub fn load(
     environment: &[(String, String)],
 ) -> Result<Loaded, Errors> {
     let name = path.display().to_string();
-    let text = std::fs::read_to_string(path).map_err(|why| Errors(vec![unreadable(&name, &why)]))?;
+    let text = regular::read_text(path).map_err(|why| Errors(vec![unreadable(&name, &why)]))?;
     let mut files = vec![(path.to_owned(), text)];
     let local = local_beside(path);
-    match std::fs::read_to_string(&local) {
+    match regular::read_text(&local) {
         Ok(text) => files.push((local, text)),
         Err(why) if why.kind() == std::io::ErrorKind::NotFound => {}
         Err(why) => return Err(Errors(vec![unreadable(&local.display().to_string(), &why)])),
@@ -95,6 +96,7 @@ fn unreadable(name: &str, why: &std::io::Error) -> ProfileError {
     let help = match why.kind() {
         std::io::ErrorKind::NotFound => "give the path of a profile, as `profiles/surface-grinder.toml`",
         std::io::ErrorKind::InvalidData => "a profile is a TOML file in UTF-8",
+        std::io::ErrorKind::FileTooLarge => "is it a profile?",
         _ => "is it a file, and may this user read it?",
     };
     ProfileError::about(name, format!("the profile cannot be read: {why}"), Some(help.to_owned()))

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;
 use std::time::Duration;
@@ -13,6 +12,7 @@ use serde::Serialize;
 use super::{Difference, Reproduced};
 use crate::gateway::log::outputs::{ENDING, Entry, HEADER, OutputLogReader, OutputReplay, Replayed};
 use isotherm_core::quantity::Moment;
+use isotherm_profile::regular;
 
 /// A replayed log of outputs in numbers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -38,7 +38,7 @@ pub(super) fn is_of_outputs(first: &[u8]) -> bool {
 pub(super) fn beside(log: &Path) -> anyhow::Result<Option<OutputsSummary>> {
     let Some(stem) = log.to_str().and_then(|name| name.strip_suffix(".csv")) else { return Ok(None) };
     let name = format!("{stem}{ENDING}");
-    match File::open(&name) {
+    match regular::open(Path::new(&name)) {
         Ok(file) => {
             let replayed = replay_outputs(BufReader::new(file), &name);
             let why = "the log of the outputs beside it; move it away to replay the decisions alone";

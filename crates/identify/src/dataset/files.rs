@@ -5,6 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::BadLog;
+use isotherm_profile::regular;
 
 /// The files as they are named; of a directory, those that end with .csv or .parquet, by name, but no logs of outputs.
 pub(super) fn logs(named: &[PathBuf], wrong: &mut Vec<String>) -> Vec<PathBuf> {
@@ -66,7 +67,7 @@ fn inside(directory: &Path, wrong: &mut Vec<String>) -> Vec<PathBuf> {
 
 /// Opens a log.
 pub(super) fn open(file: &Path) -> Result<File, BadLog> {
-    File::open(file).map_err(|why| BadLog(vec![cannot_be_read(file, &why)]))
+    regular::open(file).map_err(|why| BadLog(vec![cannot_be_read(file, &why)]))
 }
 
 fn cannot_be_read(path: &Path, why: &io::Error) -> String {

@@ -143,8 +143,12 @@ fn gather(path: &Path, from: Option<&Card>, depth: usize, cards: &mut Vec<Card>,
         faults.push(refused(format!("more than {DEEPEST} files include each other: {}", path.display())));
         return;
     }
-    let bytes = match std::fs::read(path) {
-        Ok(bytes) => bytes,
+    let bytes = match std::fs::metadata(path)
+        .and_then(|found| found.is_file().then(|| std::fs::read(path)).transpose())
+    {
+        Ok(Some(bytes)) => bytes,
+        // Nobody writes into a pipe of that name, and a device has no end.
+        Ok(None) => return faults.push(refused(format!("{} is no regular file", path.display()))),
         Err(error) => return faults.push(refused(format!("cannot read {}: {error}", path.display()))),
     };
     // Comments may be in any encoding; everything else is plain.

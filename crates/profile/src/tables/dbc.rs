@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::rc::Rc;
 
 use super::At;
-use crate::dbc::{DbcFile, Described, Wrong};
+use crate::dbc::{self, DbcFile, Described, Wrong};
 use crate::error::ProfileError;
 use crate::template;
 
@@ -56,8 +56,7 @@ fn parse(at: &At<'_>, name: &str) -> Option<DbcFile> {
     };
     let report = |wrong: Wrong| {
         let text = String::from_utf8_lossy(&bytes);
-        let excerpt =
-            wrong.at.and_then(|(line, _)| text.lines().nth(line.checked_sub(1)?)).map(str::to_owned);
+        let excerpt = wrong.at.and_then(|(line, _)| dbc::shown(&text, line)).map(str::to_owned);
         wrong_in_file(at, name, wrong, excerpt);
     };
     DbcFile::read(bytes.clone()).map_err(report).ok()

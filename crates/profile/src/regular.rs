@@ -1,0 +1,96 @@
+//! Files that a person names, opened so that whatever lies there holds nobody up: a pipe without a writer, a device
+//! without an end, a directory.
+
+use std::fs::{File, FileType, Metadata, OpenOptions};
+use std::io::{self, ErrorKind, Read};
+use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
+use std::path::Path;
+
+use rustix::fs::OFlags;
+
+/// A profile, or a file that it names, is no larger than this, in bytes.
+pub const LARGEST: u64 = 64 * 1024 * 1024;
+
+/// Opens a regular file for reading. Links are followed.
+///
+/// # Errors
+/// As [`File::open`]; or what lies there is no regular file. The text does not name the path.
+pub fn open(path: &Path) -> io::Result<File> {
+    // Opening a device may already do something.
+    regular(&std::fs::metadata(path)?)?;
+    let flags = (OFlags::NONBLOCK | OFlags::NOCTTY).bits().cast_signed();
+    let file = OpenOptions::new().read(true).custom_flags(flags).open(path)?;
+    regular(&file.metadata()?)?;
+    Ok(file)
+}
+
+/// The bytes of a regular file.
+///
+/// # Errors
+/// As [`open`]; or it is larger than `largest` bytes.
+pub fn read(path: &Path, largest: u64) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    open(path)?.take(largest + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > largest {
+        let text = format!("it is larger than {} MB: name another file", largest >> 20);
+        return Err(io::Error::new(ErrorKind::FileTooLarge, text));
+    }
+    Ok(bytes)
+}
+
+/// The text of a regular file of at most [`LARGEST`] bytes, in UTF-8.
+///
+/// # Errors
+/// As [`read`]; or it is no such text.
+pub fn read_text(path: &Path) -> io::Result<String> {
+    String::from_utf8(read(path, LARGEST)?)
+        .map_err(|_| io::Error::new(ErrorKind::InvalidData, "it is no text in UTF-8"))
+}
+
+fn regular(metadata: &Metadata) -> io::Result<()> {
+    if metadata.is_file() {
+        return Ok(());
+    }
+    let text =
+        format!("it is {}, no regular file: name a file, or put one there", what(metadata.file_type()));
+    Err(io::Error::new(ErrorKind::InvalidInput, text))
+}
+
+fn what(file_type: FileType) -> &'static str {
+    match () {
+        () if file_type.is_dir() => "a directory",
+        () if file_type.is_fifo() => "a named pipe",
+        () if file_type.is_socket() => "a socket",
+        () => "a device",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_regular_file_is_refused_at_once_and_named() {
+        let directory = tempfile::tempdir().unwrap();
+        let pipe = directory.path().join("pipe");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        let socket = directory.path().join("socket");
+        let _socket = std::os::unix::net::UnixListener::bind(&socket).unwrap();
+        let link = directory.path().join("link");
+        std::os::unix::fs::symlink("/dev/zero", &link).unwrap();
+        let found = [(pipe, "a named pipe"), (socket, "a socket"), (link, "a device")];
+        for (path, what) in found.into_iter().chain([(directory.path().to_owned(), "a directory")]) {
+            let why = read(&path, 1).unwrap_err().to_string();
+            assert_eq!(why, format!("it is {what}, no regular file: name a file, or put one there"));
+        }
+    }
+
+    #[test]
+    fn a_file_may_be_as_large_as_that_and_no_larger() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("file");
+        std::fs::write(&path, [7; 9]).unwrap();
+        assert_eq!(read(&path, 9).unwrap(), [7; 9]);
+        assert_eq!(read(&path, 8).unwrap_err().kind(), ErrorKind::FileTooLarge);
+    }
+}
