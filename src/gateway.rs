@@ -13,15 +13,14 @@ use std::time::Duration;
 use tokio::sync::Notify;
 use tokio::task::{Id, JoinError, JoinSet};
 
-use crate::clock::{Clock, Correction, Sleeper};
+use crate::clock::{Clock, Sleeper};
 use crate::fieldbus::connection::Dial;
 use crate::fieldbus::dial;
 use crate::fieldbus::line::DeviceLine;
 use crate::observe::events::{Event, Journal};
 use crate::observe::status::Source;
-use isotherm_core::compensation::Stop;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{Bus, BusId, Profile};
+use isotherm_profile::{AxisId, Bus, BusId, Profile};
 
 mod arming;
 mod board;
@@ -37,6 +36,7 @@ mod execute;
 mod extrapolation;
 mod inspector;
 mod ledger;
+mod left;
 mod line_handle;
 mod lock;
 pub mod log;
@@ -49,6 +49,7 @@ mod poll;
 mod probing;
 mod reported;
 mod restart;
+mod sealed;
 mod shared;
 mod status;
 mod storage;
@@ -60,17 +61,20 @@ mod wire_log;
 use self::core::Core;
 use can::{Can, CanListener};
 use ledger::Ledger;
+use left::Left;
 use line_handle::LineHandle;
-use memory::Memory;
 use panel::Panel;
 use poll::LineTask;
 use shared::Shared;
-use storage::{Began, Storage, newest_stamp};
+use storage::Storage;
 use watch::Watch;
 
-pub use disk::{Disk, Files};
+pub use disk::{Disk, Files, make_directory};
+pub use left::may_start;
 pub use wire_log::WireLog;
 
+/// Why an axis waits for a person.
+const NOT_BELIEVED: &str = "what was saved here did not fit (see the events), and nobody has armed since";
 /// How long the end of a run waits for the ledger to be on disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
 
@@ -159,43 +163,30 @@ impl Gateway {
         }
         let profile = Arc::new(profile);
         let journal = Arc::new(Journal::by(clock));
-        let mut recalled = memory::Recalled::default();
-        let mut storage = Storage::default();
-        let mut had_state = false;
-        let now = clock.now();
-        if let Some(directory) = options.directory.as_deref() {
-            let (state, disk) = (Memory::path(directory, &profile), &options.disk);
-            had_state = disk.has(&state);
-            recalled = Memory::recall(&**disk, &state, &profile);
-            let by_the_clock = clock.stamp(now);
-            let logged = newest_stamp(directory, &profile.name, by_the_clock, recalled.clock_set.as_ref());
-            let last = recalled.at.max(logged);
-            let began = Began::at(by_the_clock, last, recalled.clock_set);
-            if let Some(Correction { from: last, .. }) = began.correction {
-                journal.report(now, &Event::ClockDoubtful { last });
+        let Left { recalled, began, state, ledger, is_first, pair } =
+            Left::open(&options, &profile, (&journal, clock));
+        let storage = match (options.directory.as_deref(), state) {
+            (Some(directory), Some(state)) if options.has_threads => {
+                let (kept, dry_run) = ((directory, state), options.dry_run);
+                Storage::start(&profile, kept, dry_run, journal.clone(), (clock, began))
             }
-            if let Some(at) = recalled.at {
-                let stop = match began.correction {
-                    None => Stop::between(at, by_the_clock),
-                    Some(_) => Stop::default(),
-                };
-                recalled.remembered = std::mem::take(&mut recalled.remembered).going_on(at, now, stop);
-            }
-            storage = match options.has_threads {
-                true => Storage::start(&profile, directory, options.dry_run, journal.clone(), (clock, began)),
-                false => Storage::without_log(disk.clone(), state, (clock, began)),
-            };
-        }
+            (_, Some(state)) => Storage::without_log(state, (clock, began)),
+            (_, None) => Storage::default(),
+        };
         let remembers = |output: &str| recalled.verified.contains(output);
-        let ledger = Ledger::open(&profile, &options, had_state, remembers, (journal.clone(), clock));
+        let ledger =
+            Ledger::open(&profile, &options, (ledger, is_first), remembers, (journal.clone(), clock));
         let sleepers: Vec<Sleeper> = profile.buses.iter().map(|_| clock.join()).collect();
         let wakeups = sleepers.iter().map(Sleeper::wakeup).collect();
-        let core = |given| Core::new(given, recalled.remembered, storage);
+        let core = |given| {
+            let mut core = Core::new(given, recalled.remembered, storage);
+            if pair.is_some_and(|pair| pair.is_in_question()) {
+                (0..core.arming.len()).for_each(|axis| core.disarm(AxisId(axis), NOT_BELIEVED));
+            }
+            core
+        };
         let shared =
             Arc::new(Shared::new(profile, clock.clone(), journal, options.dry_run, ledger, wakeups, core));
-        if let Some(why) = recalled.trouble {
-            shared.report(&Event::NotKept { what: "the saved state".to_owned(), why });
-        }
         let wire_log = WireLog::new(&shared.profile);
         Gateway { shared, options, sleepers, wire_log }
     }

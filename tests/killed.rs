@@ -198,7 +198,7 @@ impl Lane {
         let path = self.home.path().join("state/joint.ledger.json");
         let Ok(text) = std::fs::read_to_string(path) else { return };
         let ledger: serde_json::Value = serde_json::from_str(&text).unwrap();
-        let kept = &ledger["outputs"]["cnc_z"]["kept"];
+        let kept = &ledger["content"]["cnc_z"]["kept"];
         let account = &kept["account"];
         if account.is_null() {
             return;

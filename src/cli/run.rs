@@ -10,7 +10,7 @@ use super::services::Sockets;
 use super::signals::Signals;
 use super::{ProfileArguments, load_modelled};
 use crate::clock::Clock;
-use crate::gateway::{Gateway, Options};
+use crate::gateway::{Gateway, Options, make_directory, may_start};
 use isotherm_profile::{DeviceId, Profile, Web, plan};
 
 /// What the log still has to say when the program gives up.
@@ -41,6 +41,16 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let profile = load_modelled(&arguments.profile, false)?;
     let directory = state_directory(arguments.state.as_deref(), &profile)?;
+    let options = Options {
+        dry_run: arguments.dry_run,
+        directory: Some(directory.clone()),
+        give_up: Arc::new(|| {
+            std::thread::sleep(LAST_WORDS);
+            std::process::exit(1)
+        }),
+        ..Options::default()
+    };
+    may_start(&options, &profile).map_err(anyhow::Error::msg)?;
     let mut sockets = Sockets::default();
     if let Some(web) = web(arguments.listen.as_deref(), &profile) {
         let address = sockets.open_page(&web)?;
@@ -54,15 +64,6 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             tracing::info!("device {name}: {request}: {}", request.signals(&profile).join(", "));
         }
     }
-    let options = Options {
-        dry_run: arguments.dry_run,
-        directory: Some(directory),
-        give_up: Arc::new(|| {
-            std::thread::sleep(LAST_WORDS);
-            std::process::exit(1)
-        }),
-        ..Options::default()
-    };
     let outcome = super::runtime()?.block_on(async {
         let signals = Signals::listen()?.count();
         // An error would mean that nobody counts any more.
@@ -103,7 +104,7 @@ pub(super) fn state_directory(option: Option<&Path>, profile: &Profile) -> anyho
         .or_else(|| profile.history.directory.clone())
         .or_else(platform)
         .unwrap_or_else(|| PathBuf::from("/var/lib/isotherm"));
-    std::fs::create_dir_all(&directory).with_context(|| {
+    make_directory(&directory).with_context(|| {
         format!("the state directory {} cannot be made; name another with --state", directory.display())
     })?;
     Ok(directory)

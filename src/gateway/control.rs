@@ -7,8 +7,8 @@
 //! → `ok listening to cnc`, two lines an exchange (or with `json` one), and at last `end` with their number. It ends by
 //! itself after that many seconds, or as soon as the asker is gone.
 
-use std::io::{BufRead, BufReader, Lines, Write};
-use std::os::unix::fs::PermissionsExt;
+use std::io::{BufRead, BufReader, Error, ErrorKind, Lines, Write};
+use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -19,12 +19,15 @@ use tokio::net::UnixListener;
 use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 
 use super::WireLog;
+use super::disk::make_directory;
 use crate::fieldbus::trace::{Exchange, Listening};
 use crate::observe::status::{Command, Source};
 
 /// How long whoever arms waits to hear what comes of it.
 const ARMING: Duration = Duration::from_secs(3);
 const LOOK_AGAIN: Duration = Duration::from_millis(20);
+/// How long another gateway is looked for.
+const LOOK_FOR: Duration = Duration::from_secs(1);
 const LONGEST: u64 = 256;
 /// How long a gateway is waited for.
 const PATIENCE: Duration = Duration::from_secs(5);
@@ -44,19 +47,37 @@ pub fn path(directory: &Path, machine: &str) -> PathBuf {
 /// # Errors
 /// Where another gateway answers on it, or the directory cannot be written.
 pub fn open(path: &Path) -> std::io::Result<std::os::unix::net::UnixListener> {
-    if UnixStream::connect(path).is_ok() {
-        let message =
-            format!("another gateway of this machine is running (it answers on {})", path.display());
-        return Err(std::io::Error::new(std::io::ErrorKind::AddrInUse, message));
+    let refused = |kind, why: String| Error::new(kind, format!("{}: {why}", path.display()));
+    if let Ok(found) = path.symlink_metadata() {
+        if !found.file_type().is_socket() {
+            let why = "the command socket belongs here, and something else lies here: move it away";
+            return Err(refused(ErrorKind::AlreadyExists, why.to_owned()));
+        }
+        if is_answered(path) {
+            let why = "another gateway of this machine is running (it answers there)";
+            return Err(refused(ErrorKind::AddrInUse, why.to_owned()));
+        }
+        std::fs::remove_file(path).map_err(|error| refused(error.kind(), error.to_string()))?;
     }
-    let _ = std::fs::remove_file(path);
-    if let Some(directory) = path.parent() {
-        std::fs::create_dir_all(directory)?;
-    }
-    let listener = std::os::unix::net::UnixListener::bind(path)?;
-    std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o660))?;
+    let open = || {
+        path.parent().map_or(Ok(()), make_directory)?;
+        let listener = std::os::unix::net::UnixListener::bind(path)?;
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o660))?;
+        Ok(listener)
+    };
+    let listener = open().map_err(|error: Error| {
+        refused(error.kind(), format!("the command socket cannot be made: {error}"))
+    })?;
     listener.set_nonblocking(true)?;
     Ok(listener)
+}
+
+/// Somebody listens on a socket; or has so many waiting that not even that can be known in this time.
+fn is_answered(path: &Path) -> bool {
+    let (tell, answer) = std::sync::mpsc::channel();
+    let path = path.to_owned();
+    std::thread::spawn(move || tell.send(UnixStream::connect(path).is_ok()));
+    answer.recv_timeout(LOOK_FOR).unwrap_or(true)
 }
 
 /// Answers commands until the task is dropped.

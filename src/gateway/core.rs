@@ -225,6 +225,9 @@ impl Core {
                         }
                     }
                     self.was_armed = true;
+                    if by_person {
+                        self.storage.answered();
+                    }
                     self.events.push(Event::Armed { axis: name.clone(), from });
                 }
                 Attempt::Refused(why) => {

@@ -9,6 +9,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::Options;
+use super::sealed::pair::Opened;
 use crate::clock::Clock;
 use crate::observe::events::{Event, Journal};
 use isotherm_core::output::{self, Doubt};
@@ -50,17 +51,17 @@ pub(super) enum Keeping {
 
 impl Ledger {
     /// Opens the ledger of a machine. Without a directory nothing is kept, in a dry run nothing is changed. `remembers`:
-    /// whether an offset of this output was verified before; `had_state`: a run before this one has left a state.
+    /// whether an offset of this output was verified before; `is_first`: no run before this one has left anything.
     pub(super) fn open(
         profile: &Arc<Profile>,
         options: &Options,
-        had_state: bool,
+        (opened, is_first): (Option<Opened>, bool),
         remembers: impl Fn(&str) -> bool,
         (journal, clock): (Arc<Journal>, &Clock),
     ) -> Ledger {
         let profile = profile.clone();
         let not_kept = |why| journal.report(clock.now(), &Event::NotKept { what: WHAT.to_owned(), why });
-        let Some(directory) = &options.directory else {
+        let Some(opened) = opened else {
             if profile.outputs.iter().any(is_shared) {
                 not_kept("there is no state directory; name one with --state".to_owned());
             }
@@ -73,12 +74,11 @@ impl Ledger {
                 is_unmarked: true,
             };
         };
-        let (mut file, read) = LedgerFile::open(options.disk.clone(), directory, &profile);
-        let is_first = matches!(&read, Ok(None)) && !had_state;
+        let (mut file, read) = LedgerFile::open(opened);
         let (mut before, is_readable) = match read {
             Ok(entries) => (entries.unwrap_or_default(), true),
             Err(why) => {
-                not_kept(why);
+                journal.report(clock.now(), &Event::NotBelieved { why });
                 (Entries::new(), false)
             }
         };

@@ -1,6 +1,6 @@
 //! Keeps the logs and the state on disk, by a thread of its own: a full or slow disk changes nothing on the bus.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
@@ -8,11 +8,11 @@ use std::time::Duration;
 
 use jiff::civil::Date;
 
-use super::disk::Disk;
 use super::log::Recorder;
 use super::log::outputs::ENDING;
 use super::memory::Memory;
 use super::output::OutputState;
+use super::sealed::{Pair, SealedFile};
 use crate::clock::{Clock, Correction};
 use crate::observe::events::Journal;
 use isotherm_core::compensation::{Compensation, Control, Snapshot, Stop};
@@ -58,7 +58,9 @@ pub(super) struct Storage {
     /// Ends with the thread.
     working: Option<Receiver<()>>,
     /// Without a thread, and without a log: where the state is put at once.
-    here: Option<(Arc<dyn Disk>, PathBuf)>,
+    here: Option<SealedFile>,
+    /// What the documents know of each other.
+    pair: Option<Arc<Pair>>,
 }
 
 /// How the clock of this run goes on from where the last one ended.
@@ -119,7 +121,7 @@ impl Storage {
     /// Keeps the logs and the state of this machine in this directory.
     pub(super) fn start(
         profile: &Profile,
-        directory: &Path,
+        (directory, state): (&Path, SealedFile),
         dry_run: bool,
         journal: Arc<Journal>,
         (clock, began): (&Clock, Began),
@@ -129,8 +131,9 @@ impl Storage {
         let stamps = || Stamps::by(clock, began.correction);
         let outputs = OutputsLog::new(profile, queue.clone(), stamps());
         let header = if dry_run { Recorder::dry_header(profile) } else { Recorder::header(profile) };
-        let mut thread =
-            StorageThread::new(profile, directory, header, (Arc::clone(&torn), outputs.tears()), journal);
+        let pair = Some(Arc::clone(state.pair()));
+        let tears = (Arc::clone(&torn), outputs.tears());
+        let mut thread = StorageThread::new(profile, (directory, state), header, tears, journal);
         let (ends_with_the_thread, working) = sync_channel(0);
         let work = move || {
             thread.work(&jobs);
@@ -141,17 +144,14 @@ impl Storage {
         let recorder = Some(Recorder::new(profile).of_dry_run(dry_run));
         let (queue, working) = (Some(queue), Some(working));
         let (stamps, clock_set) = (stamps(), began.clock_set);
-        Storage { queue, recorder, outputs, torn, working, stamps, clock_set, ..Storage::default() }
+        Storage { queue, recorder, outputs, torn, working, stamps, clock_set, pair, ..Storage::default() }
     }
 
-    /// Keeps the state alone, at once, on this disk.
-    pub(super) fn without_log(
-        disk: Arc<dyn Disk>,
-        state: PathBuf,
-        (clock, began): (&Clock, Began),
-    ) -> Storage {
-        let stamps = Stamps::by(clock, None);
-        Storage { here: Some((disk, state)), stamps, clock_set: began.clock_set, ..Storage::default() }
+    /// Keeps the state alone, at once.
+    pub(super) fn without_log(state: SealedFile, (clock, began): (&Clock, Began)) -> Storage {
+        let (stamps, clock_set) = (Stamps::by(clock, None), began.clock_set);
+        let pair = Some(Arc::clone(state.pair()));
+        Storage { here: Some(state), stamps, clock_set, pair, ..Storage::default() }
     }
 
     /// Before a step: where its row is the first of a file, or rows before it are lost, the row says where the axes
@@ -190,6 +190,13 @@ impl Storage {
         }
     }
 
+    /// A person has armed: whatever did not fit at the start, he answers for it.
+    pub(super) fn answered(&self) {
+        if let Some(pair) = &self.pair {
+            pair.answered();
+        }
+    }
+
     pub(super) fn zeroed(&mut self, at: Moment) {
         if let Some(recorder) = &mut self.recorder {
             recorder.zeroed(at);
@@ -214,13 +221,10 @@ impl Storage {
             verified.filter_map(|(output, state)| Some((output.name.clone(), state.cz?.get()))).collect();
         let memory = Memory::new(profile, now, compensation.remembered(), verified);
         let memory = memory.stamped(self.stamps.of_the_clock(), self.clock_set);
-        match &self.here {
+        match &mut self.here {
             // The next one comes soon.
-            Some((disk, state)) => drop(memory.save(&**disk, state)),
-            // What does not fit is counted, and the next one comes soon.
-            None => {
-                self.hand_over(Job::State { at: now, memory: Box::new(memory) });
-            }
+            Some(state) => drop(state.save(&memory)),
+            None => drop(self.hand_over(Job::State { at: now, memory: Box::new(memory) })),
         }
     }
 

@@ -138,6 +138,10 @@ pub enum Event {
     LogsDeleted { names: Vec<String>, why: String },
     /// The state or the log could not be kept on disk.
     NotKept { what: String, why: String },
+    /// The state or the ledger is damaged, was changed, or is a copy from elsewhere: a sentence.
+    NotBelieved { why: String },
+    /// The state or the ledger of an earlier version of the program is used.
+    TakenFromEarlier { what: &'static str, version: u32, kept: String },
     /// The state or the log is kept again.
     KeptAgain { what: String },
 }
@@ -418,6 +422,13 @@ impl Event {
                 info("logs-deleted", format!("deleted {}: {why}", listed(names)))
             }
             Event::NotKept { what, why } => warning("not-kept", format!("{what} cannot be kept: {why}")),
+            Event::NotBelieved { why } => {
+                error("not-believed", format!("{why}; every axis is off until a person arms it"))
+            }
+            Event::TakenFromEarlier { what, version, kept } => warning(
+                "taken-from-earlier",
+                format!("the {what} of an earlier version of the program (layout {version}) is used; {kept}"),
+            ),
             Event::KeptAgain { what } => info("kept-again", format!("{what} is kept again")),
         }
     }

@@ -1,9 +1,13 @@
 //! A register that an operator writes to as well: whose part is what, whatever happens to it.
 
 use std::fs;
+use std::io;
 use std::path::Path;
+use std::sync::mpsc::{Receiver, channel};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use isotherm::gateway::{Disk, Files};
 use isotherm::observe::status::Command;
 use isotherm_core::quantity::Moment;
 
@@ -333,20 +337,48 @@ fn a_dry_run_keeps_no_ledger() {
     assert!(!directory.path().join("bench.ledger.json").exists());
 }
 
+/// It keeps nothing aside before that has no sender any more.
+struct HangingDisk(Mutex<Receiver<()>>);
+
+impl Disk for HangingDisk {
+    fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
+        Files.read(path)
+    }
+
+    fn replace(&self, path: &Path, document: &[u8]) -> io::Result<()> {
+        Files.replace(path, document)
+    }
+
+    fn keep(&self, path: &Path, aside: &Path) -> io::Result<()> {
+        let _ = self.0.lock().unwrap().recv();
+        Files.keep(path, aside)
+    }
+
+    fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
+        Files.rename(from, to)
+    }
+
+    fn forget(&self, path: &Path) {
+        Files.forget(path);
+    }
+
+    fn has(&self, path: &Path) -> bool {
+        Files.has(path)
+    }
+}
+
 #[test]
 fn a_disk_that_hangs_holds_nobody_up_and_its_output_waits_for_it() {
     let directory = tempfile::tempdir().unwrap();
     fs::write(directory.path().join("bench.ledger.json"), "{ half").unwrap();
-    // Keeping the spoilt file aside waits until somebody reads from this pipe.
-    let pipe = directory.path().join("bench.ledger.json.bad");
-    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let (hanging, again) = channel();
     let trace = block_on(async {
         let mut world = World::new(&joint(), &at_start()).await;
         let state = Some(directory.path().to_owned());
-        let trial = world.gateway().options(|options| options.directory = state);
+        let disk = Arc::new(HangingDisk(Mutex::new(again)));
+        let trial = world.gateway().options(|options| (options.directory, options.disk) = (state, disk));
         let trial = trial.command(20 * SECOND, Command::Arm);
-        let reads = move |_: &crate::rig::Stage<'_>| drop(std::thread::spawn(move || fs::read(pipe)));
-        trial.at(MINUTE, reads).run(3 * MINUTE).await
+        trial.at(MINUTE, |_| drop(hanging)).run(3 * MINUTE).await
     });
     law::holds(&trace);
     assert_eq!(writes(&trace, 0, 59), [0.0; 0], "{}", trace.lines());

@@ -1,7 +1,7 @@
 //! A disk in memory, which may be full, and outlives every gateway.
 
 use std::collections::HashMap;
-use std::io::{Error, ErrorKind, Result};
+use std::io::{ErrorKind, Result};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -32,8 +32,8 @@ impl MemoryDisk {
 }
 
 impl Disk for MemoryDisk {
-    fn read(&self, path: &Path) -> Result<String> {
-        String::from_utf8(self.find(path)?).map_err(Error::other)
+    fn read(&self, path: &Path) -> Result<Vec<u8>> {
+        self.find(path)
     }
 
     fn replace(&self, path: &Path, document: &[u8]) -> Result<()> {
@@ -42,9 +42,9 @@ impl Disk for MemoryDisk {
         Ok(())
     }
 
-    fn copy(&self, from: &Path, to: &Path) -> Result<()> {
-        let document = self.find(from)?;
-        self.replace(to, &document)
+    fn keep(&self, path: &Path, aside: &Path) -> Result<()> {
+        let document = self.find(path)?;
+        self.replace(aside, &document)
     }
 
     fn rename(&self, from: &Path, to: &Path) -> Result<()> {

@@ -1,46 +1,31 @@
-//! The ledger's file: one JSON document beside the state, sealed, replaced atomically and synced.
-//!
-//! The seal is a number that grows with every writing and a checksum of all the rest: a bit that fell over is not
-//! believed to be anybody's part.
+//! The ledger's file: one JSON document beside the state, [sealed](crate::gateway::sealed) as it is: a bit that fell over
+//! is not believed to be anybody's part.
 
 use isotherm_core::quantity::Counts;
 use std::collections::BTreeMap;
-use std::io::ErrorKind;
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use crate::gateway::disk::Disk;
+use crate::gateway::sealed::pair::{BEGUN, Opened};
+use crate::gateway::sealed::{Found, SealedFile, checksum};
 use isotherm_core::output::Kept;
 use isotherm_profile::{Output, Profile};
 
-/// The layout of the file.
-const VERSION: u32 = 2;
 /// More counts than any register holds: who says more does not speak of one of ours.
 const MOST: u64 = 1 << 40;
-/// What the name ends with of one that could not be written when a run began.
-const BEGUN: &str = "begun.json";
-/// CRC-32 as in Ethernet and gzip (ITU-T V.42).
-const CHECKSUM: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 
-#[derive(Debug, Serialize, Deserialize)]
+/// One of the second layout, which had a seal of its own.
+#[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Document {
+struct Second {
     version: u32,
-    seal: Seal,
+    seal: SecondSeal,
     outputs: Entries,
 }
 
-/// Of a document of any layout.
-#[derive(Deserialize)]
-struct Versioned {
-    version: u32,
-}
-
-#[derive(Debug, Serialize, Deserialize)]
+#[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Seal {
+struct SecondSeal {
     number: u64,
     checksum: String,
 }
@@ -58,60 +43,37 @@ pub(super) struct Entry {
 
 /// Where it is kept.
 #[derive(Debug)]
-pub(super) struct LedgerFile {
-    disk: Arc<dyn Disk>,
-    path: PathBuf,
-    /// Of the last writing.
-    number: u64,
-    /// The file that stands there cannot be used: it is kept aside before it is replaced.
-    is_spoilt: bool,
-}
+pub(super) struct LedgerFile(SealedFile);
 
 impl LedgerFile {
-    /// The file of a machine in a state directory, and what it says; `None` where there is none, a sentence where it
-    /// cannot be used.
-    pub(super) fn open(
-        disk: Arc<dyn Disk>,
-        directory: &Path,
-        profile: &Profile,
-    ) -> (LedgerFile, Result<Option<Entries>, String>) {
-        let path = directory.join(format!("{}.ledger.json", profile.name));
-        let mut read = read(&*disk, &path);
-        if let Ok(None) = read {
-            read = begun(&*disk, &path);
-        }
-        let (number, read) = match read {
-            Ok(found) => {
-                (found.as_ref().map_or(0, |(number, _)| *number), Ok(found.map(|(_, entries)| entries)))
-            }
-            Err(why) => (0, Err(format!("{} cannot be used: {why}", path.display()))),
-        };
-        (LedgerFile { disk, path, number, is_spoilt: read.is_err() }, read)
+    /// The file of a machine, and what it says; `None` where there is none, a sentence where it cannot be used.
+    pub(super) fn open(opened: Opened) -> (LedgerFile, Result<Option<Entries>, String>) {
+        let Opened { found, file, is_begun, .. } = opened;
+        let read = found.and_then(|found| {
+            let entries = found.map(entries).transpose();
+            entries.map_err(|why| file.is_not_believed(&why))
+        });
+        let read = read.map(|entries| {
+            entries.map(|mut entries| {
+                // What a run left that could write nothing when it began.
+                entries.values_mut().for_each(|entry| entry.kept.in_order &= !is_begun);
+                entries
+            })
+        });
+        (LedgerFile(file), read)
     }
 
     /// The file says no more that a run ended in order, although nothing can be written: it has another name now, under
     /// which it is still found.
     pub(super) fn is_marked_begun(&self) -> bool {
-        self.disk.rename(&self.path, &self.path.with_extension(BEGUN)).is_ok() || !self.disk.has(&self.path)
+        let (disk, path) = (self.0.disk(), self.0.path());
+        disk.rename(path, &path.with_extension(BEGUN)).is_ok() || !disk.has(path)
     }
 
     /// Puts the entries on disk: they are there when this returns.
     pub(super) fn save(&mut self, entries: &Entries) -> std::io::Result<()> {
-        if self.is_spoilt {
-            // A copy: between two renames there would be no file at all, which means that nothing is ours.
-            match self.disk.copy(&self.path, &self.path.with_extension("json.bad")) {
-                Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
-                _ => self.is_spoilt = false,
-            }
-        }
-        let number = self.number + 1;
-        let seal = Seal { number, checksum: checksum(number, entries)? };
-        let document = Document { version: VERSION, seal, outputs: entries.clone() };
-        let mut text = serde_json::to_vec_pretty(&document).map_err(std::io::Error::other)?;
-        text.push(b'\n');
-        self.disk.replace(&self.path, &text)?;
-        self.number = number;
-        self.disk.forget(&self.path.with_extension(BEGUN));
+        self.0.save(entries)?;
+        self.0.disk().forget(&self.0.path().with_extension(BEGUN));
         Ok(())
     }
 }
@@ -131,41 +93,25 @@ pub(super) fn register(profile: &Profile, output: &Output) -> String {
     )
 }
 
-fn checksum(number: u64, entries: &Entries) -> std::io::Result<String> {
-    let bytes = serde_json::to_vec(&(VERSION, number, entries)).map_err(std::io::Error::other)?;
-    Ok(format!("{:08x}", CHECKSUM.checksum(&bytes)))
-}
-
-/// What a run left that could write nothing when it began.
-fn begun(disk: &dyn Disk, path: &Path) -> Result<Option<(u64, Entries)>, String> {
-    let found = read(disk, &path.with_extension(BEGUN))?;
-    Ok(found.map(|(number, mut entries)| {
-        entries.values_mut().for_each(|entry| entry.kept.in_order = false);
-        (number, entries)
-    }))
-}
-
-fn read(disk: &dyn Disk, path: &Path) -> Result<Option<(u64, Entries)>, String> {
-    let text = match disk.read(path) {
-        Ok(text) => text,
-        Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => {
-            return Ok(None);
-        }
-        Err(error) => return Err(error.to_string()),
+fn entries(found: Found) -> Result<Entries, String> {
+    let entries: Entries = match found {
+        Found::Sealed(_, content) => serde_json::from_value(content).map_err(|error| error.to_string())?,
+        Found::Earlier(_, bytes) => earlier(&bytes)?,
     };
-    let Versioned { version } = serde_json::from_str(&text).map_err(|error| error.to_string())?;
-    if version != VERSION {
-        return Err(format!("it has version {version}, this program writes {VERSION}"));
-    }
-    let document: Document = serde_json::from_str(&text).map_err(|error| error.to_string())?;
-    let (number, entries) = (document.seal.number, document.outputs);
-    if document.seal.checksum != checksum(number, &entries).map_err(|error| error.to_string())? {
-        return Err("its checksum does not fit: it was changed, or damaged".to_owned());
-    }
     match entries.iter().find(|(_, entry)| !all_fit(&entry.kept)) {
         Some((name, _)) => Err(format!("no register holds as many counts as it says of {name}")),
-        None => Ok(Some((number, entries))),
+        None => Ok(entries),
     }
+}
+
+fn earlier(bytes: &[u8]) -> Result<Entries, String> {
+    let Second { version, seal, outputs } =
+        serde_json::from_slice(bytes).map_err(|error| error.to_string())?;
+    let sealed = serde_json::to_vec(&(version, seal.number, &outputs)).map_err(|error| error.to_string())?;
+    if version != 2 || seal.checksum != checksum(&sealed) {
+        return Err("its checksum does not fit: it was changed, or damaged".to_owned());
+    }
+    Ok(outputs)
 }
 
 /// So many counts can stand in a register of ours.

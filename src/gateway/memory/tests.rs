@@ -1,8 +1,8 @@
 use std::time::Duration;
 
 use super::*;
-use crate::gateway::disk::Files;
 use crate::gateway::log::sample;
+use crate::gateway::sealed::{Found, Which};
 use isotherm_core::compensation::model::{Kind, Reference};
 use isotherm_core::compensation::{Compensation, Control, Permit, Snapshot};
 use isotherm_core::quantity::Micron;
@@ -22,6 +22,11 @@ fn lagging() -> Profile {
 fn gateway(profile: &Profile, remembered: Remembered) -> Compensation {
     let axes = profile.axes.iter().map(|axis| axis.settings.clone()).collect();
     Compensation::new(profile.machine.clone(), axes, remembered)
+}
+
+/// As it is found again at the next start.
+fn saved(memory: Memory) -> Found {
+    crate::gateway::sealed::tests::found_again(Which::State, &memory)
 }
 
 /// Steps every 10 s from one moment to another; the values of axis z's Cz. Temperatures are straight lines.
@@ -46,17 +51,15 @@ fn run(
 #[test]
 fn an_hour_off_differs_from_an_uninterrupted_run_by_no_more_than_a_count() {
     let profile = lagging();
-    let directory = tempfile::tempdir().unwrap();
-    let path = Memory::path(directory.path(), &profile);
     let mut whole = gateway(&profile, Remembered::default());
     let uninterrupted = run(&mut whole, 0..9000, Some(Micron::ZERO));
 
     let mut before = gateway(&profile, Remembered::default());
     let last = *run(&mut before, 0..1810, Some(Micron::ZERO)).last().unwrap();
     let stopped = Moment::from_nanos(1_800_000_000_000);
-    Memory::new(&profile, stopped, before.remembered(), BTreeMap::new()).save(&Files, &path).unwrap();
-    let recalled = Memory::recall(&Files, &path, &profile);
-    assert_eq!((&recalled.remembered, recalled.trouble.as_ref()), (&before.remembered(), None));
+    let saved = saved(Memory::new(&profile, stopped, before.remembered(), BTreeMap::new()));
+    let recalled = Memory::recall(Some(saved), &profile).unwrap();
+    assert_eq!(recalled.remembered, before.remembered());
 
     let mut after = gateway(&profile, recalled.remembered);
     let resumed = run(&mut after, 5400..9000, Some(last));
@@ -72,12 +75,10 @@ fn an_hour_off_differs_from_an_uninterrupted_run_by_no_more_than_a_count() {
 #[test]
 fn a_lag_is_found_again_by_its_signals_name_when_the_list_has_changed() {
     let profile = lagging();
-    let directory = tempfile::tempdir().unwrap();
-    let path = Memory::path(directory.path(), &profile);
     let mut before = gateway(&profile, Remembered::default());
     run(&mut before, 0..1810, None);
     let stopped = Moment::from_nanos(1_800_000_000_000);
-    Memory::new(&profile, stopped, before.remembered(), BTreeMap::new()).save(&Files, &path).unwrap();
+    let saved = saved(Memory::new(&profile, stopped, before.remembered(), BTreeMap::new()));
     let mut changed = profile.clone();
     changed.signals.swap(0, 1);
     for axis in &mut changed.axes {
@@ -86,43 +87,25 @@ fn a_lag_is_found_again_by_its_signals_name_when_the_list_has_changed() {
             linear.terms.iter_mut().for_each(|term| term.input.signal.0 = 1 - term.input.signal.0);
         }
     }
-    let recalled = Memory::recall(&Files, &path, &changed).remembered;
+    let recalled = Memory::recall(Some(saved), &changed).unwrap().remembered;
     assert_eq!(gateway(&changed, recalled.clone()).remembered().axes.len(), 1);
     assert_eq!(gateway(&changed, recalled.clone()).remembered(), recalled, "nothing was forgotten");
 }
 
 #[test]
-fn a_file_of_the_first_layout_is_still_read_and_one_of_a_later_is_set_aside() {
+fn a_file_of_the_first_layout_is_still_read() {
     let profile = lagging();
-    let directory = tempfile::tempdir().unwrap();
-    let path = Memory::path(directory.path(), &profile);
-    let first = r#"{"version":1,"at":5,"signals":["bed"],"machine":{"on_since":3,"was_on":null,"was_zeroed":null,
+    let first = br#"{"version":1,"at":5,"signals":["bed"],"machine":{"on_since":3,"was_on":null,"was_zeroed":null,
         "start":[{"value":20.5,"gathering":null}],"zero":[{"value":21.5,"gathering":null}]},"verified_um":{}}"#;
-    std::fs::write(&path, first).unwrap();
-    let recalled = Memory::recall(&Files, &path, &profile);
-    assert_eq!(recalled.trouble, None);
+    let recalled = Memory::recall(Some(Found::Earlier(1, first.to_vec())), &profile).unwrap();
     let captured = recalled.remembered.machine.captured(Reference::Zero, isotherm_core::reading::SignalId(0));
     assert_eq!(captured.map(|captured| captured.value.get()), Some(21.5));
-
-    std::fs::write(&path, first.replace("\"version\":1", "\"version\":9")).unwrap();
-    let recalled = Memory::recall(&Files, &path, &profile);
-    assert!(recalled.trouble.unwrap().contains("it has version 9, this program writes 3"));
-    assert_eq!(recalled.remembered, Remembered::default());
-    assert!(!path.exists());
+    let half = first[..60].to_vec();
+    assert!(Memory::recall(Some(Found::Earlier(1, half)), &profile).is_err());
 }
 
 #[test]
-fn a_file_that_cannot_be_read_as_a_state_is_set_aside_and_kept() {
-    let profile = sample::profile();
-    let directory = tempfile::tempdir().unwrap();
-    let path = Memory::path(directory.path(), &profile);
-    assert_eq!(Memory::recall(&Files, &path, &profile).trouble, None, "a missing file is no trouble");
-    let content = "{ half a fi";
-    std::fs::write(&path, content).unwrap();
-    let recalled = Memory::recall(&Files, &path, &profile);
-    assert_eq!(recalled.remembered, Remembered::default());
-    let trouble = recalled.trouble.unwrap();
-    assert!(trouble.contains("it is kept as") && trouble.contains("begin anew"), "{trouble}");
-    assert!(!path.exists());
-    assert_eq!(std::fs::read_to_string(path.with_extension("json.bad")).unwrap(), content);
+fn without_a_file_nothing_is_remembered() {
+    let recalled = Memory::recall(None, &sample::profile()).unwrap();
+    assert_eq!((recalled.remembered, recalled.verified.len()), (Remembered::default(), 0));
 }

@@ -1,7 +1,7 @@
 //! The disk's end of the queue: files of days, and what becomes of a disk that does not keep them.
 
 use std::collections::BTreeMap;
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -16,15 +16,17 @@ use super::keeping::{Keep, day, logs, superfluous};
 use super::outputs::Tears;
 use super::stamps::Stamped;
 use crate::clock::Correction;
-use crate::gateway::disk::Files;
+use crate::gateway::disk::{append, make_directory};
 use crate::gateway::log::outputs::{ENDING, HEADER};
-use crate::gateway::memory::Memory;
+use crate::gateway::sealed::SealedFile;
 use crate::observe::events::{Event, Journal};
 use isotherm_core::quantity::{Moment, Shifted, time};
-use isotherm_profile::Profile;
+use isotherm_profile::{Profile, regular};
 
 /// How often it is looked for logs that need not be kept.
 const TIDY_EVERY: Duration = Duration::from_hours(1);
+/// The log of the outputs names the numbers of state and ledger about this often.
+const NAMED_EVERY: Duration = Duration::from_secs(60);
 
 /// Whether a log has this header and ends with a whole row: one that a power cut left half-written would swallow the
 /// next.
@@ -46,7 +48,7 @@ const LAST_ROW: u64 = 65_536;
 
 /// The time of a log's last row; `None` where that cannot be read.
 pub(super) fn last_stamp(path: &Path) -> Option<Moment> {
-    let mut file = File::open(path).ok()?;
+    let mut file = regular::open(path).ok()?;
     let length = file.metadata().ok()?.len();
     file.seek(SeekFrom::Start(length.saturating_sub(LAST_ROW))).ok()?;
     let rows = BufReader::new(file).split(b'\n').map_while(Result::ok);
@@ -59,8 +61,10 @@ pub(super) fn last_stamp(path: &Path) -> Option<Moment> {
 
 pub(super) struct StorageThread {
     directory: PathBuf,
-    state: PathBuf,
+    state: SealedFile,
     machine: String,
+    /// When the log of the outputs named the numbers of state and ledger last.
+    named: Option<Moment>,
     log: DayFile,
     outputs: DayFile,
     keep: Keep,
@@ -79,7 +83,7 @@ pub(super) struct StorageThread {
 impl StorageThread {
     pub(super) fn new(
         profile: &Profile,
-        directory: &Path,
+        (directory, state): (&Path, SealedFile),
         header: String,
         (torn, tears): (Arc<AtomicBool>, Arc<Tears>),
         journal: Arc<Journal>,
@@ -87,8 +91,9 @@ impl StorageThread {
         let machine = profile.name.as_str();
         StorageThread {
             directory: directory.to_owned(),
-            state: Memory::path(directory, profile),
+            state,
             machine: machine.to_owned(),
+            named: None,
             log: DayFile::new(directory, machine, ".csv", header),
             outputs: DayFile::new(directory, machine, ENDING, HEADER.to_owned()),
             keep: Keep { span: profile.history.keep, size: profile.history.max_size },
@@ -125,9 +130,23 @@ impl StorageThread {
             }
             Job::State { at, memory } => {
                 self.set = memory.clock_set;
-                let done = memory.save(&Files, &self.state);
+                let done = self.state.save(&memory);
+                if done.is_ok() {
+                    self.name_numbers(at);
+                }
                 self.report(at, "the state", done);
             }
+        }
+    }
+
+    /// The log of the outputs names the numbers of state and ledger, as soon as there is one.
+    fn name_numbers(&mut self, at: Moment) {
+        let is_due = self.named.is_none_or(|last| at.since(last) >= NAMED_EVERY);
+        if let Some((_, stamped)) = self.outputs.of.filter(|_| is_due) {
+            let stamp = at.shifted(stamped.shift);
+            let row = self.state.pair().named().row(stamp);
+            // Where that fails, the next row of an output tells so.
+            self.named = self.outputs.write(stamp, stamped, &row).is_ok().then_some(at);
         }
     }
 
@@ -226,11 +245,11 @@ impl DayFile {
     /// begun beside it; so is one from before the clock was set.
     fn open(&self, stamp: Moment, is_set: bool) -> std::io::Result<File> {
         let day = day(stamp);
-        std::fs::create_dir_all(&self.directory)?;
+        make_directory(&self.directory)?;
         for part in 1.. {
             let suffix = if part == 1 { String::new() } else { format!(".{part}") };
             let path = self.directory.join(format!("{}-{day}{suffix}{}", self.machine, self.ending));
-            let mut file = OpenOptions::new().create(true).append(true).open(&path)?;
+            let mut file = append(&path)?;
             if file.metadata()?.len() == 0 {
                 file.write_all(self.header.as_bytes())?;
                 return Ok(file);

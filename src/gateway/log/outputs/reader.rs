@@ -5,7 +5,7 @@ use std::io::Read;
 
 use csv::StringRecord;
 
-use super::{BEGIN, Beginning, CLOCK, CZ, FAILURES, FAULT, HEADER, WRITES, action, fact};
+use super::{BEGIN, Beginning, CLOCK, CZ, FAILURES, FAULT, HEADER, SEALED, WRITES, action, fact};
 use crate::gateway::log::LogError;
 use crate::gateway::log::reader::unreadable;
 use isotherm_core::output::{Action, Fact};
@@ -123,7 +123,7 @@ impl<R: Read> OutputLogReader<R> {
                 };
                 Entry::Begins(serde_json::from_str(self.cell(DETAIL)).map_err(wrong)?)
             }
-            CZ | FAULT | WRITES | FAILURES | CLOCK => Entry::Noted,
+            CZ | FAULT | WRITES | FAILURES | CLOCK | SEALED => Entry::Noted,
             _ => Entry::Step {
                 fact: self.named(line, (FACT, VALUE, MOMENT), fact)?,
                 action: self.named(line, (ACTION, ACTION_VALUE, ACTION_UNTIL), action)?,
