@@ -19,6 +19,7 @@ mod probing;
 mod restarts;
 mod rig;
 mod rtu;
+mod sealed;
 mod sets;
 mod stop;
 mod targets;
