@@ -26,6 +26,12 @@ const OBSTACLES: [(&str, fn(&Path)); 5] = [
     ("larger than", |path| std::fs::File::create(path).unwrap().set_len(65 << 20).unwrap()),
 ];
 
+/// The machine with one piece of text replaced.
+fn with(from: &str, to: &str) -> String {
+    assert!(MACHINE.contains(from), "{from}");
+    MACHINE.replacen(from, to, 1)
+}
+
 struct Home {
     home: tempfile::TempDir,
     profile: PathBuf,
@@ -76,15 +82,14 @@ impl Home {
 
 #[test]
 fn what_a_profile_names_is_refused_at_once_whatever_lies_there() {
-    let matrix = "kind = \"matrix\"\nfile = \"there\"";
-    let model = MACHINE.replacen("kind = \"linear\"", matrix, 1);
+    let model = with("kind  = \"linear\"", "kind = \"matrix\"\nfile = \"there\"");
     let web = format!("{MACHINE}\n[web]\nlisten = \"127.0.0.1:0\"\ntoken_file = \"HERE\"\n");
     let bus =
         "[bus.can]\ntype = \"can\"\ninterface = \"vcan0\"\n[device.node]\nbus = \"can\"\ndbc = \"there\"\n";
     let dbc = format!("{MACHINE}\n{bus}");
     let template = format!("{MACHINE}\n[device.more]\nbus = \"cell\"\nunit = 9\ntemplate = \"mine\"\n");
-    let tls = "type = \"modbus-tcp\"\ntls = { ca = \"there\", cert = \"there\", key = \"there\" }";
-    let tls = MACHINE.replacen("type = \"modbus-tcp\"", tls, 1);
+    let tls = "timeout = \"300ms\"\ntls = { ca = \"there\", cert = \"there\", key = \"there\" }";
+    let tls = with("timeout = \"300ms\"", tls);
     for (what, lay) in OBSTACLES {
         for (text, name, code) in [
             (MACHINE, "machine.local.toml", 64),
@@ -191,10 +196,10 @@ fn what_lies_in_the_place_of_the_command_socket_is_left_alone_and_named() {
 fn nothing_is_quoted_of_a_file_that_is_something_else() {
     let bus =
         "[bus.can]\ntype = \"can\"\ninterface = \"vcan0\"\n[device.node]\nbus = \"can\"\ndbc = \"there\"\n";
-    let matrix = MACHINE.replacen("kind = \"linear\"", "kind = \"matrix\"\nfile = \"there\"", 1);
-    let network = MACHINE.replacen("kind = \"linear\"", "kind = \"network\"\nfile = \"there\"", 1);
-    let tls = "type = \"modbus-tcp\"\ntls = { ca = \"there\", cert = \"there\", key = \"there\" }";
-    let tls = MACHINE.replacen("type = \"modbus-tcp\"", tls, 1);
+    let matrix = with("kind  = \"linear\"", "kind = \"matrix\"\nfile = \"there\"");
+    let network = with("kind  = \"linear\"", "kind = \"network\"\nfile = \"there\"");
+    let tls = "timeout = \"300ms\"\ntls = { ca = \"there\", cert = \"there\", key = \"there\" }";
+    let tls = with("timeout = \"300ms\"", tls);
     for text in [&format!("{MACHINE}\n{bus}"), &matrix, &network, &tls] {
         for content in [
             SECRET,

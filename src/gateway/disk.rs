@@ -154,11 +154,16 @@ pub(super) fn append(path: &Path) -> io::Result<File> {
 /// A sentence with the remedy: anybody may.
 pub(super) fn refuse_what_others_may_write(path: &Path) -> Result<(), String> {
     match std::fs::metadata(path) {
-        Ok(found) if found.permissions().mode() & OTHERS_WRITE != 0 => Err(format!(
-            "anybody may write to {0}, and what stands there moves the machine: look at it, then take that away with \
+        // What is neither is not opened at all.
+        Ok(found)
+            if (found.is_file() || found.is_dir()) && found.permissions().mode() & OTHERS_WRITE != 0 =>
+        {
+            Err(format!(
+                "anybody may write to {0}, and what stands there moves the machine: look at it, then take that away with \
              `chmod o-w {0}`",
-            path.display()
-        )),
+                path.display()
+            ))
+        }
         _ => Ok(()),
     }
 }

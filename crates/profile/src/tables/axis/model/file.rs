@@ -15,7 +15,11 @@ struct Head {
 
 /// A file of this format, in the only version there is.
 pub(super) fn read<T: DeserializeOwned>(bytes: &[u8], format: &str) -> Result<T, String> {
-    let head: Head = serde_json::from_slice(bytes).map_err(|why| format!("it is no JSON of ours: {why}"))?;
+    // What it says of itself would quote what may be some other file's.
+    let foreign = |why: serde_json::Error| {
+        format!("it is no JSON of ours (line {}, column {})", why.line(), why.column())
+    };
+    let head: Head = serde_json::from_slice(bytes).map_err(foreign)?;
     match head.format {
         Some(found) if found == format => {}
         Some(found) => return Err(format!("its format is \"{found}\", and \"{format}\" is wanted here")),
