@@ -10,11 +10,13 @@ use tracing_appender::non_blocking::{NonBlockingBuilder, WorkerGuard};
 use isotherm_profile::Profile;
 
 use crate::fieldbus::tls;
+use crate::gateway::control::Failure;
 use crate::observe::status::Command;
 
 mod check;
 mod command;
 mod demo;
+mod events;
 mod gauge;
 #[cfg(feature = "identify")]
 mod identify;
@@ -90,10 +92,12 @@ enum Verb {
     #[cfg(feature = "identify")]
     Report(report::Arguments),
     /// Let the running gateway write
-    #[command(after_help = "Example:\n  isotherm arm my-machine.toml")]
-    Arm(command::Arguments),
+    #[command(
+        after_help = "Examples:\n  isotherm arm my-machine.toml\n  isotherm arm my-machine.toml --axis z --no-wait"
+    )]
+    Arm(command::ArmArguments),
     /// Let the running gateway write no more; what stands in the registers stays
-    #[command(after_help = "Example:\n  isotherm disarm my-machine.toml")]
+    #[command(after_help = "Example:\n  isotherm disarm my-machine.toml --axis z")]
     Disarm(command::Arguments),
     /// Capture the "zero" references in the running gateway
     #[command(after_help = "Example:\n  isotherm zero my-machine.toml")]
@@ -102,6 +106,8 @@ enum Verb {
     Measured(measured::Arguments),
     /// The frames of a device of the running gateway, as they pass
     Trace(trace::Arguments),
+    /// What happened at a machine, before the last restart too
+    Events(events::Arguments),
     /// The JSON Schema of the profile, for editors
     #[command(after_help = "Example:\n  isotherm schema > isotherm.schema.json")]
     Schema,
@@ -167,10 +173,11 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Place(arguments) => place::run(&arguments),
         #[cfg(feature = "identify")]
         Verb::Report(arguments) => report::run(&arguments),
-        Verb::Arm(arguments) => command::run(&arguments, Command::Arm),
+        Verb::Arm(arguments) => command::arm(&arguments),
         Verb::Disarm(arguments) => command::run(&arguments, Command::Disarm),
         Verb::Zero(arguments) => command::run(&arguments, Command::Zero),
         Verb::Measured(arguments) => measured::run(&arguments),
+        Verb::Events(arguments) => events::run(&arguments),
         Verb::Schema => print_json(&isotherm_profile::schema()),
         Verb::Completions { shell } => {
             clap_complete::generate(shell, &mut Arguments::command(), "isotherm", &mut std::io::stdout());
@@ -185,6 +192,10 @@ pub fn run(arguments: Arguments) -> ExitCode {
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if error.is::<WrongProfile>() => ExitCode::from(64),
+        Err(error) if matches!(error.downcast_ref(), Some(Failure::NoAnswer | Failure::Ended)) => {
+            eprintln!("isotherm: {error:#}");
+            ExitCode::from(3)
+        }
         Err(error) if is_closed_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("isotherm: {error:#}");

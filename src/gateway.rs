@@ -17,10 +17,10 @@ use crate::clock::{Clock, Sleeper};
 use crate::fieldbus::connection::Dial;
 use crate::fieldbus::dial;
 use crate::fieldbus::line::DeviceLine;
-use crate::observe::events::{Event, Journal};
+use crate::observe::events::{Event, Journal, file};
 use crate::observe::status::Source;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{AxisId, Bus, BusId, Profile};
+use isotherm_profile::{AxisId, Bus, BusId, Output, Profile};
 
 mod arming;
 mod board;
@@ -77,6 +77,9 @@ pub use wire_log::WireLog;
 const NOT_BELIEVED: &str = "what was saved here did not fit (see the events), and nobody has armed since";
 /// How long the end of a run waits for the ledger to be on disk.
 const LAST_PATIENCE: Duration = Duration::from_secs(5);
+
+/// So many events from before the start are shown.
+const RECALLED: usize = 100;
 
 /// What opens the connections of a bus.
 pub type Dialer = Arc<dyn Fn(&Bus) -> Option<Box<dyn Dial>> + Send + Sync>;
@@ -163,6 +166,9 @@ impl Gateway {
         }
         let profile = Arc::new(profile);
         let journal = Arc::new(Journal::by(clock));
+        if let Some(directory) = options.directory.as_deref().filter(|_| options.has_threads) {
+            journal.recall(file::last(directory, &profile.name, RECALLED));
+        }
         let Left { recalled, began, state, ledger, is_first, pair } =
             Left::open(&options, &profile, (&journal, clock));
         let storage = match (options.directory.as_deref(), state) {
@@ -178,8 +184,14 @@ impl Gateway {
             Ledger::open(&profile, &options, (ledger, is_first), remembers, (journal.clone(), clock));
         let sleepers: Vec<Sleeper> = profile.buses.iter().map(|_| clock.join()).collect();
         let wakeups = sleepers.iter().map(Sleeper::wakeup).collect();
+        let was_driven = |axis: usize| {
+            let of_axis = |output: &&Output| output.axis.0 == axis;
+            profile.outputs.iter().filter(of_axis).any(|output| recalled.verified.contains(&output.name))
+        };
+        let was_driven = (0..profile.axes.len()).map(was_driven).collect();
         let core = |given| {
             let mut core = Core::new(given, recalled.remembered, storage);
+            core.was_driven = was_driven;
             if pair.is_some_and(|pair| pair.is_in_question()) {
                 (0..core.arming.len()).for_each(|axis| core.disarm(AxisId(axis), NOT_BELIEVED));
             }
@@ -198,7 +210,8 @@ impl Gateway {
 
     /// Who shows its state and takes commands, from any thread.
     pub fn source(&self) -> Arc<dyn Source> {
-        Arc::new(Panel::new(self.shared.clone()))
+        let directory = self.options.directory.clone().filter(|_| self.options.has_threads);
+        Arc::new(Panel::new(self.shared.clone(), directory))
     }
 
     /// Runs until `shutdown` is ready or something fails inside, then runs the fault actions, and returns when the axes

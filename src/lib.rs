@@ -17,7 +17,7 @@
 //!
 //! ```text
 //! clock ← fieldbus ← gateway ← cli        clock, fieldbus's socket of CAN and faults ← virtual_machine ← cli
-//! observe ← cli                           observe's events and status ← gateway
+//! clock ← observe ← cli                   observe's events, askers and status ← gateway
 //! fieldbus ← discovery ← cli
 //! ```
 //!

@@ -21,7 +21,7 @@ const ARROWS: [(&str, &str, &[&str]); 12] = [
     ("", "clock", &[]),
     ("", "fieldbus", &["clock"]),
     ("", "observe", &["clock"]),
-    ("", "gateway", &["fieldbus", "clock", "observe::events", "observe::status"]),
+    ("", "gateway", &["fieldbus", "clock", "observe::asker", "observe::events", "observe::status"]),
     ("", "discovery", &["clock", "fieldbus"]),
     (
         "",

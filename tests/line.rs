@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use isotherm::gateway::{Options, Pace};
+use isotherm::observe::asker::{Asker, Way};
 use isotherm::observe::status::{Command, Source};
 
 mod device;
@@ -194,9 +195,11 @@ fn beyond_the_error_level_the_axis_goes_to_zero_and_stays_off_until_it_is_armed(
             (Some(&1), Some(&1)),
             "{reported:?}"
         );
-        source.command(Command::Arm).unwrap();
-        wait_until(source, "it says why not", |status| status.event_counts.contains_key("arm-refused"));
+        let arm = || source.command(Command::Arm, None, &Arc::new(Asker::new(Way::Api, "a test")));
+        assert!(arm().unwrap_err().contains("more than axis.z.error"));
+        assert!(source.status().event_counts.contains_key("arm-refused"), "it says why not");
         set_bed(250);
+        wait_until(source, "it is armed where that can be", |_| arm().is_ok());
         wait_until(source, "it follows again", |status| status.axes[0].state == "active");
     });
 }

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use super::run::state_directory;
 use super::{ProfileArguments, load, load_modelled, print_json};
-use crate::gateway::control;
-use crate::observe::status::Command;
+use crate::gateway::control::{self, Failure};
+use crate::observe::status::{Answer, Command};
 use isotherm_profile::Profile;
 
 /// Sends a command to the gateway that runs this profile on this computer.
@@ -13,8 +13,24 @@ use isotherm_profile::Profile;
 pub(super) struct Arguments {
     #[command(flatten)]
     profile: ProfileArguments,
+    /// Only this axis; all of them where nothing is said
+    #[arg(long, value_name = "AXIS")]
+    axis: Option<String>,
     #[command(flatten)]
     gateway: RunningGateway,
+}
+
+/// Asks the gateway that runs this profile on this computer to let the axes write.
+///
+/// Where something is missing it stays, and says what is waited for, until the axes are armed, or the request is refused, is
+/// cancelled (by Ctrl-C too), or expires after `arm_timeout` of the profile.
+#[derive(clap::Args, Debug)]
+pub(super) struct ArmArguments {
+    #[command(flatten)]
+    command: Arguments,
+    /// Leave the request waiting, with exit code 1, where it cannot be served at once
+    #[arg(long)]
+    no_wait: bool,
 }
 
 /// The gateway that runs a profile on this computer.
@@ -34,22 +50,37 @@ impl RunningGateway {
         Ok(control::path(&state_directory(self.state.as_deref(), profile)?, &profile.name))
     }
 
-    /// Prints what it answered.
-    pub(super) fn print(&self, answer: Result<String, String>) -> anyhow::Result<()> {
-        let answer = answer.map_err(anyhow::Error::msg)?;
+    /// Prints what it answered. What is not done yet is a failure.
+    pub(super) fn print(&self, answer: Result<Answer, Failure>) -> anyhow::Result<()> {
+        let answer = answer?;
         if self.json {
-            return print_json(&serde_json::json!({ "answer": answer }));
+            print_json(
+                &serde_json::json!({ "answer": answer.text(), "done": matches!(answer, Answer::Done(_)) }),
+            )?;
         }
-        println!("{answer}");
-        Ok(())
+        match answer {
+            Answer::Done(_) if self.json => Ok(()),
+            Answer::Done(said) => Ok(println!("{said}")),
+            Answer::Waits(said) => anyhow::bail!(
+                "{said}; it goes on waiting (`isotherm arm` stays and tells, `isotherm disarm` ends it)"
+            ),
+        }
     }
 }
 
 pub(super) fn run(arguments: &Arguments, command: Command) -> anyhow::Result<()> {
-    let Arguments { profile, gateway } = arguments;
-    let profile = match command {
-        Command::Arm => load_modelled(profile, gateway.json)?,
-        _ => load(profile, gateway.json)?,
-    };
-    gateway.print(control::send(&gateway.socket(&profile)?, command))
+    let Arguments { profile, axis, gateway } = arguments;
+    let profile = load(profile, gateway.json)?;
+    gateway.print(control::send(&gateway.socket(&profile)?, command, axis.as_deref()))
+}
+
+pub(super) fn arm(arguments: &ArmArguments) -> anyhow::Result<()> {
+    let ArmArguments { command: Arguments { profile, axis, gateway }, no_wait } = arguments;
+    let profile = load_modelled(profile, gateway.json)?;
+    let socket = gateway.socket(&profile)?;
+    if *no_wait {
+        return gateway.print(control::send(&socket, Command::Arm, axis.as_deref()));
+    }
+    let said = control::arm(&socket, axis.as_deref(), |waits_for| eprintln!("{waits_for}"));
+    gateway.print(said.map(Answer::Done))
 }

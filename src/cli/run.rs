@@ -93,19 +93,20 @@ fn web(listen: Option<&str>, profile: &Profile) -> Option<Web> {
 
 /// The option, the profile, or where the platform keeps such things; made if it is not there.
 pub(super) fn state_directory(option: Option<&Path>, profile: &Profile) -> anyhow::Result<PathBuf> {
+    let directory = known_directory(option.or(profile.history.directory.as_deref()));
+    make_directory(&directory).with_context(|| {
+        format!("the state directory {} cannot be made; name another with --state", directory.display())
+    })?;
+    Ok(directory)
+}
+
+/// The one that is named, or where the platform keeps such things.
+pub(super) fn known_directory(named: Option<&Path>) -> PathBuf {
     let home = || std::env::var_os("HOME").map(|home| PathBuf::from(home).join(".local/state"));
     let platform = || {
         let of_service = std::env::var_os("STATE_DIRECTORY").map(PathBuf::from);
         let of_person = std::env::var_os("XDG_STATE_HOME").map(PathBuf::from).or_else(home);
         of_service.or_else(|| of_person.map(|base| base.join("isotherm")))
     };
-    let directory = option
-        .map(Path::to_owned)
-        .or_else(|| profile.history.directory.clone())
-        .or_else(platform)
-        .unwrap_or_else(|| PathBuf::from("/var/lib/isotherm"));
-    make_directory(&directory).with_context(|| {
-        format!("the state directory {} cannot be made; name another with --state", directory.display())
-    })?;
-    Ok(directory)
+    named.map(Path::to_owned).or_else(platform).unwrap_or_else(|| PathBuf::from("/var/lib/isotherm"))
 }

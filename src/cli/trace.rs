@@ -54,6 +54,6 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         written.is_ok()
     });
     written?;
-    eprintln!("{}", said.map_err(anyhow::Error::msg)?);
+    eprintln!("{}", said?);
     Ok(())
 }

@@ -1,11 +1,24 @@
 //! When an axis may decide: arming, what it takes over, and what its outputs allow.
 
+use std::sync::Arc;
+
 use isotherm_core::compensation::Permit;
-use isotherm_core::quantity::Micron;
+use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{Arm, Output, Profile, Share, Writes};
 
 use super::output::{OutputState, Outputs, Standing};
 use super::units::is_beyond_limit;
+use crate::observe::asker::Asker;
+
+/// A request to arm that could not be served yet.
+#[derive(Clone, Debug)]
+pub(super) struct Asked {
+    pub(super) by: Arc<Asker>,
+    /// When it expires.
+    pub(super) until: Moment,
+    /// What it waits for as it was reported last, and when that was.
+    pub(super) reported: (String, Moment),
+}
 
 #[derive(Clone, Debug, Default)]
 pub(super) struct Arming {
@@ -18,7 +31,7 @@ pub(super) struct Arming {
     /// Its model asked for more than the error level: it is switched off when the fault action has come to its end.
     pub(super) tripped: bool,
     /// A person asked for it and it could not be done yet.
-    pub(super) asked: bool,
+    pub(super) asked: Option<Asked>,
     /// Why the last attempt was refused; reported once.
     pub(super) refusal: Option<String>,
     /// To be taken over at the next step.
@@ -40,9 +53,14 @@ impl Arming {
     /// Whether the axis shall be armed as soon as it can be.
     pub(super) fn is_wanted(&self, profile: &Profile) -> bool {
         match profile.arm {
-            Arm::Auto => !self.latched || self.asked,
-            Arm::Manual => self.asked,
+            Arm::Auto => !self.latched || self.asked.is_some(),
+            Arm::Manual => self.asked.is_some(),
         }
+    }
+
+    /// It would be armed if that could be done.
+    pub(super) fn is_waiting(&self, profile: &Profile) -> bool {
+        !self.armed && self.is_wanted(profile)
     }
 
     pub(super) fn attempt(

@@ -1,36 +1,52 @@
-//! Commands to a running gateway over its own Unix socket in the state directory: `isotherm arm`, `disarm`, `zero`, `measured`.
+//! Commands to a running gateway over its own Unix socket in the state directory: `isotherm arm`, `disarm`,
+//! `zero`, `cancel`, `measured`.
 //!
-//! One line in, one line out: `arm` → `ok z: armed`, `ok z: will be armed …` or `error …`; `measured z 3.2`, in µm, and `measured z
-//! clear`. Who may open the file may command.
+//! One line in, one line out: `disarm` → `ok z: off …` or `error …`; `measured z 3.2`, in µm, and `measured z clear`. Who may
+//! open the file may command. A line may end with
+//!
+//! | word | means |
+//! |---|---|
+//! | `axis=z` | only this axis |
+//! | `until=8123.25` | carry it out until so many seconds after the start of this computer (CLOCK_BOOTTIME), or never |
+//! | `stay` | with `arm`: go on answering until it is armed; when I go, I do not want it any more |
+//!
+//! `arm` → `ok z: armed`, `error …`, or after a while `waits z: waiting to arm: …`. With `stay` more lines follow: `waits` with
+//! each other reason, `still` once a second, at last `ok` or `error`.
 //!
 //! One command has an answer of many lines: the exchanges of a device as they happen (`isotherm trace`). `trace cnc 60 text`
 //! → `ok listening to cnc`, two lines an exchange (or with `json` one), and at last `end` with their number. It ends by
 //! itself after that many seconds, or as soon as the asker is gone.
 
-use std::io::{BufRead, BufReader, Error, ErrorKind, Lines, Write};
+use std::io::{Error, ErrorKind};
+use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
-use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt};
-use tokio::net::UnixListener;
 use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
+use tokio::net::{UnixListener, UnixStream};
 
 use super::WireLog;
 use super::disk::make_directory;
 use crate::fieldbus::trace::{Exchange, Listening};
-use crate::observe::status::{Command, Source};
+use crate::observe::asker::{Asker, Attendance, PATIENCE, Way};
+use crate::observe::status::{Answer, Command, Source};
 
-/// How long whoever arms waits to hear what comes of it.
+mod client;
+mod user;
+
+pub use client::{Failure, arm, send, send_measured, trace};
+
+/// How long whoever arms and does not stay waits to hear what comes of it.
 const ARMING: Duration = Duration::from_secs(3);
-const LOOK_AGAIN: Duration = Duration::from_millis(20);
-/// How long another gateway is looked for.
-const LOOK_FOR: Duration = Duration::from_secs(1);
+/// How long nobody who stays is told that it waits.
+const SHORTLY: Duration = Duration::from_millis(500);
+const LOOK_AGAIN: Duration = Duration::from_millis(50);
+/// Who stays hears this often that somebody is there.
+const STILL: Duration = Duration::from_secs(1);
 const LONGEST: u64 = 256;
-/// How long a gateway is waited for.
-const PATIENCE: Duration = Duration::from_secs(5);
 
 /// No wire log is kept for longer.
 pub const LONGEST_TRACE: Duration = Duration::from_secs(24 * 3600);
@@ -53,7 +69,7 @@ pub fn open(path: &Path) -> std::io::Result<std::os::unix::net::UnixListener> {
             let why = "the command socket belongs here, and something else lies here: move it away";
             return Err(refused(ErrorKind::AlreadyExists, why.to_owned()));
         }
-        if is_answered(path) {
+        if client::answers(path) {
             let why = "another gateway of this machine is running (it answers there)";
             return Err(refused(ErrorKind::AddrInUse, why.to_owned()));
         }
@@ -72,14 +88,6 @@ pub fn open(path: &Path) -> std::io::Result<std::os::unix::net::UnixListener> {
     Ok(listener)
 }
 
-/// Somebody listens on a socket; or has so many waiting that not even that can be known in this time.
-fn is_answered(path: &Path) -> bool {
-    let (tell, answer) = std::sync::mpsc::channel();
-    let path = path.to_owned();
-    std::thread::spawn(move || tell.send(UnixStream::connect(path).is_ok()));
-    answer.recv_timeout(LOOK_FOR).unwrap_or(true)
-}
-
 /// Answers commands until the task is dropped.
 ///
 /// # Errors
@@ -90,56 +98,132 @@ pub async fn serve(
     wire_log: WireLog,
 ) -> std::io::Result<()> {
     let listener = UnixListener::from_std(listener)?;
-    loop {
-        let Ok((stream, _)) = listener.accept().await else {
-            tokio::time::sleep(Duration::from_millis(100)).await;
-            continue;
-        };
-        let (source, wire_log) = (source.clone(), wire_log.clone());
-        tokio::spawn(async move {
-            let (mut reader, mut writer) = stream.into_split();
-            let heard = tokio::time::timeout(PATIENCE, hear(&mut reader)).await;
-            let heard = heard.ok().flatten().unwrap_or_default();
-            if let Some(request) = TraceRequest::parse(heard.trim()) {
-                // It ends with its asker.
-                let _ = serve_trace(request, &wire_log, reader, writer).await;
-                return;
-            }
-            let mut done = execute(heard.trim(), source.as_ref());
-            if let (Some(Ok(_)), Some(Command::Arm)) = (&done, command(heard.trim()))
-                && let Some(became) = armed(source.as_ref()).await
-            {
-                done = Some(became);
-            }
-            let answer = match done {
-                Some(Ok(said)) => format!("ok {said}\n"),
-                Some(Err(why)) => format!("error {why}\n"),
-                None => "error this socket understands arm, disarm, zero, measured, trace\n".to_owned(),
+    let attendance = Attendance::default();
+    let accepting = async {
+        loop {
+            let Ok((stream, _)) = listener.accept().await else {
+                tokio::time::sleep(Duration::from_millis(100)).await;
+                continue;
             };
-            let _ = writer.write_all(answer.as_bytes()).await;
-        });
+            let (source, wire_log, attendance) = (source.clone(), wire_log.clone(), attendance.clone());
+            tokio::spawn(async move {
+                // It ends with its asker.
+                let _ = serve_one(stream, &source, &wire_log, &attendance).await;
+            });
+        }
+    };
+    tokio::select! {
+        () = accepting => Ok(()),
+        () = attendance.keep() => Ok(()),
     }
 }
 
-/// What comes of arming, if that is known before long.
-async fn armed(source: &dyn Source) -> Option<Result<String, String>> {
-    let known = async {
-        loop {
-            if let Some(became) = source.arming() {
-                return became;
-            }
-            tokio::time::sleep(LOOK_AGAIN).await;
-        }
+async fn serve_one(
+    stream: UnixStream,
+    source: &Arc<dyn Source>,
+    wire_log: &WireLog,
+    attendance: &Attendance,
+) -> std::io::Result<()> {
+    let who = user::name(&stream);
+    let connection = stream.as_fd().try_clone_to_owned()?;
+    let (mut reader, mut writer) = stream.into_split();
+    let heard = tokio::time::timeout(PATIENCE, hear(&mut reader)).await;
+    let heard = heard.ok().flatten().unwrap_or_default();
+    if let Some(request) = TraceRequest::parse(heard.trim()) {
+        return serve_trace(request, wire_log, reader, writer).await;
+    }
+    let Some(line) = Line::parse(heard.trim()) else {
+        let known = "error this socket understands arm, disarm, zero, cancel, measured, trace\n";
+        return writer.write_all(known.as_bytes()).await;
     };
-    tokio::time::timeout(ARMING, known).await.ok()
+    let asker = line.asker(who, connection, attendance);
+    let said = match line.execute(source.as_ref(), &asker) {
+        Ok(Answer::Waits(_)) => return follow(source.as_ref(), &line, &mut writer).await,
+        Ok(Answer::Done(said)) => format!("ok {said}\n"),
+        Err(why) => format!("error {why}\n"),
+    };
+    writer.write_all(said.as_bytes()).await
 }
 
-/// Does what a line asks for; `None` where it is not understood.
-fn execute(line: &str, source: &dyn Source) -> Option<Result<String, String>> {
-    let Some(measured) = line.strip_prefix("measured ") else { return Some(source.command(command(line)?)) };
-    let (axis, error) = measured.rsplit_once(' ')?;
-    let error = if error == "clear" { None } else { Some(error.parse().ok()?) };
-    Some(source.measured(axis, error))
+/// Says what comes of arming; to whoever stays also what it waits for.
+async fn follow(source: &dyn Source, line: &Line<'_>, writer: &mut OwnedWriteHalf) -> std::io::Result<()> {
+    let (mut waited, mut said, mut still) = (Duration::ZERO, String::new(), Duration::ZERO);
+    loop {
+        let text = match source.arming(line.axis) {
+            Ok(Answer::Done(text)) => return writer.write_all(format!("ok {text}\n").as_bytes()).await,
+            Err(why) => return writer.write_all(format!("error {why}\n").as_bytes()).await,
+            Ok(Answer::Waits(text)) => text,
+        };
+        if !line.stays && waited >= ARMING {
+            return writer.write_all(format!("waits {text}\n").as_bytes()).await;
+        }
+        if line.stays && waited >= SHORTLY && text != said {
+            writer.write_all(format!("waits {text}\n").as_bytes()).await?;
+            (said, still) = (text, Duration::ZERO);
+        } else if line.stays && still >= STILL {
+            writer.write_all(b"still\n").await?;
+            still = Duration::ZERO;
+        }
+        tokio::time::sleep(LOOK_AGAIN).await;
+        waited += LOOK_AGAIN;
+        still += LOOK_AGAIN;
+    }
+}
+
+/// What a line asks for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Line<'a> {
+    what: What<'a>,
+    axis: Option<&'a str>,
+    /// Since the computer was started.
+    until: Option<Duration>,
+    stays: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum What<'a> {
+    Command(Command),
+    /// An axis's measured error, µm; `None` takes back what such errors have taught.
+    Measured(&'a str, Option<f64>),
+}
+
+impl<'a> Line<'a> {
+    /// `None` where it is not understood.
+    fn parse(text: &'a str) -> Option<Line<'a>> {
+        let mut words = text.split(' ');
+        let what = match words.next()? {
+            "measured" => {
+                let (axis, error) = (words.next()?, words.next()?);
+                What::Measured(axis, if error == "clear" { None } else { Some(error.parse().ok()?) })
+            }
+            word => What::Command(Command::ALL.into_iter().find(|(name, _)| *name == word)?.1),
+        };
+        let mut line = Line { what, axis: None, until: None, stays: false };
+        for word in words {
+            match word.split_once('=') {
+                Some(("axis", axis)) if matches!(what, What::Command(_)) => line.axis = Some(axis),
+                Some(("until", seconds)) => {
+                    line.until = Some(Duration::try_from_secs_f64(seconds.parse().ok()?).ok()?);
+                }
+                None if word == "stay" && what == What::Command(Command::Arm) => line.stays = true,
+                _ => return None,
+            }
+        }
+        Some(line)
+    }
+
+    fn asker(&self, who: String, connection: OwnedFd, attendance: &Attendance) -> Arc<Asker> {
+        let until = self.until.unwrap_or_else(|| attendance.until());
+        let asker = Asker::new(Way::Socket, who).until(until).at(Arc::new(connection));
+        Arc::new(if self.stays { asker.staying() } else { asker })
+    }
+
+    fn execute(&self, source: &dyn Source, asker: &Arc<Asker>) -> Result<Answer, String> {
+        match self.what {
+            What::Command(command) => source.command(command, self.axis, asker),
+            What::Measured(axis, error) => source.measured(axis, error, asker).map(Answer::Done),
+        }
+    }
 }
 
 async fn hear(reader: &mut OwnedReadHalf) -> Option<String> {
@@ -148,51 +232,7 @@ async fn hear(reader: &mut OwnedReadHalf) -> Option<String> {
     Some(line)
 }
 
-/// Sends a command to the running gateway; the answer is a sentence.
-///
-/// # Errors
-/// A sentence: no gateway runs there, or what it refused and why.
-pub fn send(path: &Path, command: Command) -> Result<String, String> {
-    let name = Command::ALL.into_iter().find(|(_, known)| *known == command);
-    Ok(ask(path, name.map_or("", |(name, _)| name), PATIENCE)?.0)
-}
-
-/// Sends an axis's measured error, µm; `None` takes back what such errors have taught.
-///
-/// # Errors
-/// A sentence: no gateway runs there, or what it refused and why.
-pub fn send_measured(path: &Path, axis: &str, error_um: Option<f64>) -> Result<String, String> {
-    let error = error_um.map_or_else(|| "clear".to_owned(), |error| error.to_string());
-    Ok(ask(path, &format!("measured {axis} {error}"), PATIENCE)?.0)
-}
-
-/// Sends a line: what the first line of the answer says, and the lines behind it.
-fn ask(
-    path: &Path,
-    line: &str,
-    patience: Duration,
-) -> Result<(String, Lines<BufReader<UnixStream>>), String> {
-    let no_gateway = |error: std::io::Error| {
-        let path = path.display();
-        format!("no gateway of this machine is running here ({path}: {error}); start it with `isotherm run`")
-    };
-    let mut stream = UnixStream::connect(path).map_err(no_gateway)?;
-    stream.set_read_timeout(Some(patience)).map_err(no_gateway)?;
-    writeln!(stream, "{line}").map_err(no_gateway)?;
-    let mut lines = BufReader::new(stream).lines();
-    let answer = lines.next().transpose().map_err(no_gateway)?.unwrap_or_default();
-    match answer.split_once(' ') {
-        Some(("ok", said)) => Ok((said.to_owned(), lines)),
-        Some((_, why)) => Err(why.to_owned()),
-        None => Err("the gateway gave no answer".to_owned()),
-    }
-}
-
-fn command(name: &str) -> Option<Command> {
-    Command::ALL.into_iter().find(|(known, _)| *known == name).map(|(_, command)| command)
-}
-
-/// What a line asks for.
+/// A device to listen to.
 struct TraceRequest {
     device: String,
     span: Duration,
@@ -276,32 +316,6 @@ fn ended(count: u64, dropped: u64) -> String {
             .to_owned(),
         count => format!("end {count} exchanges{left_out}\n"),
     }
-}
-
-/// Listens to a device of the running gateway for this long; each line is shown as it comes, while `show` says so. The
-/// answer is a sentence about all of them.
-///
-/// # Errors
-/// A sentence: no gateway runs there, or what it refused and why.
-pub fn trace(
-    path: &Path,
-    device: &str,
-    span: Duration,
-    json: bool,
-    mut show: impl FnMut(&str) -> bool,
-) -> Result<String, String> {
-    let form = if json { "json" } else { "text" };
-    let request = format!("trace {device} {} {form}", span.as_secs_f64());
-    for line in ask(path, &request, span.min(LONGEST_TRACE) + SLACK)?.1 {
-        let line = line.map_err(|error| format!("the gateway fell silent: {error}"))?;
-        if let Some(said) = line.strip_prefix("end ") {
-            return Ok(said.to_owned());
-        }
-        if !show(&line) {
-            return Ok("ended".to_owned());
-        }
-    }
-    Err("the gateway has ended".to_owned())
 }
 
 #[cfg(test)]

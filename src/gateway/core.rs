@@ -1,6 +1,7 @@
 //! What stands behind the lock, and its step: one step of the axes with everything around it, from arming to the log.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use super::arming::{Arming, Attempt};
 use super::board::{Board, Change};
@@ -17,12 +18,16 @@ use super::restart::Restarts;
 use super::storage::Storage;
 use super::units::part;
 use super::why::Reasons;
+use crate::observe::asker::Way;
 use crate::observe::events::Event;
 use isotherm_core::compensation::settings::OnFault;
 use isotherm_core::compensation::{AxisState, Compensation, Control, Remembered, Snapshot};
 use isotherm_core::quantity::{Micron, Moment};
 use isotherm_core::reading::Reason;
-use isotherm_profile::{AxisId, Output, OutputId, Profile, Writes};
+use isotherm_profile::{Arm, AxisId, Output, OutputId, Profile, Writes};
+
+/// What a request to arm waits for is reported at most this often.
+const WAITING_REPORTED_EVERY: Duration = Duration::from_secs(10);
 
 /// What never changes while the gateway runs.
 #[derive(Clone)]
@@ -53,6 +58,8 @@ pub(super) struct Core {
     pub(super) leaving: bool,
     /// An axis has been armed since the start.
     pub(super) was_armed: bool,
+    /// By axis: it was driven before the start, and has not been armed since.
+    pub(super) was_driven: Vec<bool>,
     /// What an axis rests on has been read since the start.
     pub(super) has_read: bool,
     pub(super) stepped_at: Moment,
@@ -90,6 +97,7 @@ impl Core {
             stopping: false,
             leaving: false,
             was_armed: false,
+            was_driven: vec![false; profile.axes.len()],
             has_read: false,
             stepped_at: Moment::default(),
             failed: false,
@@ -198,6 +206,7 @@ impl Core {
         if self.stopping {
             return;
         }
+        self.end_requests(now);
         for axis in 0..self.arming.len() {
             if self.arming[axis].armed {
                 continue;
@@ -215,7 +224,14 @@ impl Core {
                 Attempt::NotYet => {}
                 Attempt::From(from, take_over_slope) => {
                     let take_over = Some(from);
-                    let by_person = self.arming[axis].asked;
+                    let was_driven = std::mem::take(&mut self.was_driven[axis]);
+                    let by = self.arming[axis].asked.take().map(|asked| asked.by);
+                    let by_person = by.is_some();
+                    let (way, who) = match by {
+                        Some(by) => (by.way, by.who.clone()),
+                        None if was_driven => (Way::Restart, "armed before, arm = \"auto\"".to_owned()),
+                        None => (Way::Auto, "arm = \"auto\"".to_owned()),
+                    };
                     self.arming[axis] =
                         Arming { armed: true, by_person, take_over, take_over_slope, ..Arming::default() };
                     for place in 0..self.outputs.ids(axis).len() {
@@ -228,16 +244,74 @@ impl Core {
                     if by_person {
                         self.storage.answered();
                     }
-                    self.events.push(Event::Armed { axis: name.clone(), from });
+                    self.events.push(Event::Armed { axis: name.clone(), from, way, who });
                 }
                 Attempt::Refused(why) => {
                     if self.arming[axis].refusal.as_ref() != Some(&why) {
                         self.events.push(Event::ArmRefused { axis: name.clone(), why: why.clone() });
-                        self.arming[axis].refusal = Some(why);
+                        self.arming[axis].refusal = Some(why.clone());
+                    }
+                    if self.arming[axis].asked.is_some() {
+                        self.end_request(axis, why);
                     }
                 }
             }
+            self.report_what_it_waits_for(axis, now);
         }
+    }
+
+    /// Ends the requests to arm whose asker has left, and those that are too old.
+    pub(super) fn end_requests(&mut self, now: Moment) {
+        for axis in 0..self.arming.len() {
+            let Some(asked) = &self.arming[axis].asked else { continue };
+            let why = if asked.by.has_left() {
+                format!("cancelled: whoever asked has gone ({:?})", asked.by)
+            } else if now >= asked.until {
+                let timeout = humantime::format_duration(self.given.profile.arm_timeout);
+                format!("the request to arm has expired after {timeout}: {}", self.why(axis, now))
+            } else {
+                continue;
+            };
+            self.cancel(axis, why);
+        }
+    }
+
+    /// Ends a request to arm, and reports it.
+    pub(super) fn cancel(&mut self, axis: usize, why: String) {
+        let name = self.given.profile.axes[axis].settings.name.clone();
+        self.events.push(Event::ArmEnded { axis: name, why: why.clone() });
+        self.end_request(axis, why);
+    }
+
+    /// Only where the profile says so it is still armed by itself.
+    fn end_request(&mut self, axis: usize, why: String) {
+        let arms_itself = self.given.profile.arm == Arm::Auto && !self.arming[axis].latched;
+        let arming = &mut self.arming[axis];
+        arming.asked = None;
+        arming.latched = !arming.armed && !arms_itself;
+        arming.why = why;
+    }
+
+    /// What a request to arm waits for, where that has changed and was not reported a moment ago.
+    fn report_what_it_waits_for(&mut self, axis: usize, now: Moment) {
+        let Some(asked) = &self.arming[axis].asked else { return };
+        if now.since(asked.reported.1) < WAITING_REPORTED_EVERY {
+            return;
+        }
+        let why = self.why(axis, now);
+        if why == asked.reported.0 {
+            return;
+        }
+        let name = self.given.profile.axes[axis].settings.name.clone();
+        self.events.push(Event::WaitsToArm { axis: name, why: why.clone() });
+        if let Some(asked) = &mut self.arming[axis].asked {
+            asked.reported = (why, now);
+        }
+    }
+
+    /// Why an axis does what it does.
+    pub(super) fn why(&self, axis: usize, now: Moment) -> String {
+        self.reasons(axis, now).map_or(String::new(), |reasons| reasons.message())
     }
 
     /// What an axis decided last stands in its registers, or never will.
@@ -288,19 +362,21 @@ impl Core {
         }
     }
 
-    /// An output's register was found to hold this much Cz after it had not been known: the axis goes on from there.
-    pub(super) fn found(&mut self, id: OutputId, cz: Micron) {
+    /// An output's register was found to hold this much Cz after it had not been known: the axis goes on from there. Whether
+    /// that output is the one by which it does.
+    pub(super) fn found(&mut self, id: OutputId, cz: Micron) -> bool {
         let profile = &self.given.profile;
         let Output { axis: AxisId(axis), writes, .. } = *profile.output(id);
         let first = self.outputs.ids(axis).iter().find(|id| profile.output(**id).writes == writes);
         if !self.arming[axis].armed || first != Some(&id) {
-            return;
+            return false;
         }
         if writes == Writes::Slope {
             self.arming[axis].take_over_slope = Some(cz);
         } else if writes.is_cz() {
             self.arming[axis].take_over = Some(cz);
         }
+        writes.is_cz()
     }
 
     /// Looks for a new result of this axis's probing cycle; whether something came of it.
@@ -365,7 +441,7 @@ impl Core {
                 _ => false,
             };
             let (is_tripped, asked) =
-                (self.arming[place].armed && decision.tripped, self.arming[place].asked);
+                (self.arming[place].armed && decision.tripped, self.arming[place].asked.clone());
             if self.arming[place].tripped != is_tripped {
                 self.arming[place].tripped = is_tripped;
             }
@@ -410,7 +486,7 @@ impl Core {
         for (axis, reported) in reported.iter_mut().enumerate() {
             let Some(decision) = self.compensation.decision(axis) else { continue };
             let settings = &profile.axes[axis].settings;
-            let why = || self.reasons(axis, now).map_or(String::new(), |reasons| reasons.message());
+            let why = || self.why(axis, now);
             reported.report(profile, settings, decision, why, &mut events);
         }
         (self.events, self.reported) = (events, reported);

@@ -84,7 +84,7 @@ mod tests {
     use isotherm_core::reading::{Reading, SignalId};
 
     /// A decision of a rig whose model was identified on a bed of 18 to 28 °C.
-    fn at_the_edge(beds: &[f64]) -> Vec<&'static str> {
+    fn at_the_edge(beds: &[f64]) -> Vec<std::borrow::Cow<'static, str>> {
         let mut profile = sample::profile();
         let input = Input { signal: SignalId(0), reference: Reference::Fixed(Celsius::ZERO), lag: None };
         let known = Identified { input, mean: 23.0, range: (18.0, 28.0) };

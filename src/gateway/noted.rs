@@ -20,10 +20,6 @@ impl<T> Noted<T> {
         self.items.len()
     }
 
-    pub(super) fn iter(&self) -> std::slice::Iter<'_, T> {
-        self.items.iter()
-    }
-
     pub(super) fn as_slice(&self) -> &[T] {
         &self.items
     }
@@ -70,7 +66,7 @@ mod tests {
     fn each_change_is_told_once_and_looking_is_none() {
         let mut list = Noted::new(vec![1, 2, 3]);
         while list.next_changed().is_some() {}
-        assert_eq!((list[1], list.iter().sum::<i32>()), (2, 6));
+        assert_eq!((list[1], list.as_slice().iter().sum::<i32>()), (2, 6));
         assert_eq!(list.next_changed(), None);
         list[2] += 1;
         list[2] += 1;

@@ -1,15 +1,20 @@
 //! What page, API and commands see and touch of the gateway: its state, and what a person asks for: arm, disarm, zero, a
 //! measured error.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
+use super::arming::Asked;
+use super::core::Core;
 use super::probing::{Missed, acting, why_refused};
 use super::shared::Shared;
 use super::status::status;
-use crate::observe::events::Event;
-use crate::observe::status::{Command, Source, Status};
+use crate::observe::asker::Asker;
+use crate::observe::events::file::{self, Found};
+use crate::observe::events::{Entry, Event};
+use crate::observe::status::{Answer, Command, Source, Status};
 use isotherm_core::compensation::{Measured, Snapshot};
-use isotherm_core::quantity::Micron;
+use isotherm_core::quantity::{Micron, Moment, time};
 use isotherm_profile::AxisId;
 
 /// What page, API and command socket have at hand: one hold to look, one to command.
@@ -19,137 +24,245 @@ pub(super) struct Panel {
 }
 
 /// Whoever looks: it sees the state, and touches nothing.
-struct PageHandle(Arc<Shared>);
+struct PageHandle {
+    shared: Arc<Shared>,
+    /// Where events are kept.
+    directory: Option<PathBuf>,
+}
 
 /// Whoever commands.
 struct CommandHandle(Arc<Shared>);
 
 impl Panel {
-    pub(super) fn new(shared: Arc<Shared>) -> Panel {
-        Panel { page: PageHandle(Arc::clone(&shared)), commands: CommandHandle(shared) }
+    pub(super) fn new(shared: Arc<Shared>, directory: Option<PathBuf>) -> Panel {
+        let page = PageHandle { shared: Arc::clone(&shared), directory };
+        Panel { page, commands: CommandHandle(shared) }
     }
 }
 
 impl Source for Panel {
     fn status(&self) -> Status {
-        self.page.status()
+        status(&self.page.shared)
     }
 
-    fn command(&self, command: Command) -> Result<String, String> {
-        self.commands.command(command)
+    fn command(&self, command: Command, axis: Option<&str>, asker: &Arc<Asker>) -> Result<Answer, String> {
+        self.commands.command(command, axis, asker)
     }
 
-    fn arming(&self) -> Option<Result<String, String>> {
-        self.commands.arming()
+    fn arming(&self, axis: Option<&str>) -> Result<Answer, String> {
+        self.commands.arming(axis)
     }
 
-    fn measured(&self, axis: &str, error: Option<f64>) -> Result<String, String> {
-        self.commands.measured(axis, error)
+    fn measured(&self, axis: &str, error: Option<f64>, asker: &Asker) -> Result<String, String> {
+        self.commands.measured(axis, error, asker)
+    }
+
+    fn turned_away(&self, command: &str, asker: &Asker, why: &str) {
+        self.commands.0.report(&reported(command.to_owned(), Vec::new(), asker, Err(why)));
+    }
+
+    fn events(&self, since: Moment, found: &mut dyn FnMut(Found)) -> std::io::Result<()> {
+        self.page.events(since, found)
     }
 }
 
 impl PageHandle {
-    fn status(&self) -> Status {
-        status(&self.0)
+    /// What is on disk, and what is on its way there.
+    fn events(&self, since: Moment, found: &mut dyn FnMut(Found)) -> std::io::Result<()> {
+        let journal = &self.shared.journal;
+        let is_since = |entry: &Entry| time::parse(&entry.at).is_ok_and(|at| at >= since);
+        let Some(directory) = &self.directory else {
+            journal.read().0.into_iter().filter(is_since).for_each(|entry| found(Found::Event(entry)));
+            return Ok(());
+        };
+        let unkept = journal.unkept(usize::MAX);
+        let mut kept_since = Vec::new();
+        file::since(directory, &self.shared.profile.name, since, |one| {
+            if let Found::Event(entry) = &one
+                && unkept.contains(entry)
+            {
+                kept_since.push(entry.clone());
+            }
+            found(one);
+        })?;
+        let unkept = unkept.into_iter().filter(|entry| is_since(entry) && !kept_since.contains(entry));
+        unkept.for_each(|entry| found(Found::Event(entry)));
+        Ok(())
+    }
+}
+
+/// The event of a command that was carried out, or refused.
+fn reported(command: String, axes: Vec<String>, asker: &Asker, answer: Result<&str, &str>) -> Event {
+    let (way, who) = (asker.way, asker.who.clone());
+    match answer.map(str::to_owned) {
+        Ok(answer) => Event::Command { command, axes, way, who, answer },
+        Err(why) => Event::CommandRefused { command, axes, way, who, why: why.to_owned() },
     }
 }
 
 impl CommandHandle {
-    fn command(&self, command: Command) -> Result<String, String> {
-        let shared = &*self.0;
-        let mut core = shared.core();
-        let names: Vec<&str> = shared.profile.axes.iter().map(|axis| axis.settings.name.as_str()).collect();
-        let names = names.join(", ");
-        let answer = match command {
-            Command::Arm if core.stopping => return Err("the gateway is stopping".to_owned()),
-            Command::Arm => {
-                for axis in 0..core.arming.len() {
-                    let arming = &mut core.arming[axis];
-                    arming.asked = !arming.armed || arming.tripped;
-                    arming.refusal = None;
-                }
-                // At once where that can be: whoever asks hears whether he is refused.
-                let now = shared.clock.now();
-                core.board.look(now);
-                core.arm_where_possible(now);
-                format!("{names}: will be armed as soon as devices and readings allow it")
-            }
-            Command::Disarm => {
-                for axis in 0..core.arming.len() {
-                    core.disarm(AxisId(axis), "switched off by a person");
-                }
-                format!("{names}: off; what stands in the registers stays")
-            }
-            Command::Zero => {
-                let now = shared.clock.now();
-                core.compensation.zero(now);
-                core.storage.zeroed(now);
-                core.events.push(Event::Zeroed);
-                "references are captured from now on".to_owned()
-            }
-        };
+    /// Whoever still waits for it has it carried out; it is an event in any case, and stands before what comes of it.
+    fn carry_out<T>(
+        &self,
+        (command, axes): (String, Vec<String>),
+        asker: &Asker,
+        text: impl FnOnce(&T) -> &str,
+        act: impl FnOnce(&mut Core) -> Result<T, String>,
+    ) -> Result<T, String> {
+        let mut core = self.0.core();
+        if let Some(why) = asker.has_lapsed() {
+            let (way, who, said) = (asker.way, asker.who.clone(), format!("not done: {why}"));
+            core.events.push(Event::CommandDropped { command, axes, way, who, why });
+            return Err(said);
+        }
+        let before = core.events.len();
+        let answer = act(&mut core);
+        let event = reported(command, axes, asker, answer.as_ref().map(text).map_err(String::as_str));
+        core.events.insert(before, event);
         drop(core);
-        shared.wake();
-        Ok(answer)
+        self.0.wake();
+        answer
     }
 
-    fn arming(&self) -> Option<Result<String, String>> {
-        let core = self.0.core();
-        let names = self.0.profile.axes.iter().map(|axis| axis.settings.name.as_str());
-        let refused = core.arming.iter().zip(names.clone()).find_map(|(arming, name)| {
-            let why = arming.refusal.as_ref().filter(|_| arming.asked)?;
-            Some(format!("axis {name} is not armed: {why}"))
-        });
-        if let Some(refused) = refused {
-            return Some(Err(refused));
+    fn command(&self, command: Command, axis: Option<&str>, asker: &Arc<Asker>) -> Result<Answer, String> {
+        let shared = &*self.0;
+        let chosen = self.chosen(axis);
+        let name = |place: &usize| shared.profile.axes[*place].settings.name.clone();
+        let names: Vec<String> = chosen.iter().flatten().map(name).collect();
+        let said = names.join(", ");
+        self.carry_out((command.name().to_owned(), names), asker, Answer::text, |core| {
+            let chosen = chosen?;
+            match command {
+                Command::Arm if core.stopping => Err("the gateway is stopping".to_owned()),
+                Command::Arm => self.arm(core, &chosen, asker),
+                Command::Disarm => {
+                    chosen.iter().for_each(|axis| core.disarm(AxisId(*axis), "switched off by a person"));
+                    Ok(Answer::Done(format!("{said}: off; what stands in the registers stays")))
+                }
+                Command::Zero => {
+                    let now = shared.clock.now();
+                    core.compensation.zero(now);
+                    core.storage.zeroed(now);
+                    core.events.push(Event::Zeroed);
+                    Ok(Answer::Done("references are captured from now on".to_owned()))
+                }
+                Command::Cancel => {
+                    let waiting = chosen.into_iter().filter(|axis| core.arming[*axis].asked.is_some());
+                    let waiting: Vec<usize> = waiting.collect();
+                    let by = asker.way.by(&asker.who);
+                    waiting.iter().for_each(|axis| core.cancel(*axis, format!("cancelled {by}")));
+                    match waiting.iter().map(name).collect::<Vec<_>>() {
+                        names if names.is_empty() => Err("no request to arm waits".to_owned()),
+                        names => Ok(Answer::Done(format!(
+                            "{}: the request to arm is taken back",
+                            names.join(", ")
+                        ))),
+                    }
+                }
+            }
+        })
+    }
+
+    /// The places of the axes that are meant.
+    fn chosen(&self, axis: Option<&str>) -> Result<Vec<usize>, String> {
+        let axes = &self.0.profile.axes;
+        let Some(axis) = axis else { return Ok((0..axes.len()).collect()) };
+        let place = axes.iter().position(|known| known.settings.name == axis);
+        place.map(|place| vec![place]).ok_or_else(|| {
+            let names: Vec<&str> = axes.iter().map(|axis| axis.settings.name.as_str()).collect();
+            format!("there is no axis {axis}; there are {}", names.join(", "))
+        })
+    }
+
+    /// At once where that can be: whoever asks hears whether he is refused.
+    fn arm(&self, core: &mut Core, chosen: &[usize], asker: &Arc<Asker>) -> Result<Answer, String> {
+        let now = self.0.clock.now();
+        for axis in chosen {
+            let until = now.after(self.0.profile.arm_timeout);
+            let asked = Asked { by: asker.clone(), until, reported: (String::new(), now) };
+            let arming = &mut core.arming[*axis];
+            arming.asked = (!arming.armed || arming.tripped).then_some(asked);
+            arming.refusal = None;
         }
-        let all = core.arming.iter().all(|arming| arming.armed && !arming.asked);
-        all.then(|| Ok(format!("{}: armed", names.collect::<Vec<_>>().join(", "))))
+        core.board.look(now);
+        core.arm_where_possible(now);
+        for axis in chosen {
+            let why = core.why(*axis, now);
+            if let Some(asked) = &mut core.arming[*axis].asked {
+                asked.reported = (why, now);
+            }
+        }
+        self.progress(core, chosen)
+    }
+
+    fn arming(&self, axis: Option<&str>) -> Result<Answer, String> {
+        let chosen = self.chosen(axis)?;
+        let mut core = self.0.core();
+        core.end_requests(self.0.clock.now());
+        self.progress(&core, &chosen)
+    }
+
+    fn progress(&self, core: &Core, chosen: &[usize]) -> Result<Answer, String> {
+        let (profile, now) = (&self.0.profile, self.0.clock.now());
+        let (mut armed, mut waiting) = (Vec::new(), Vec::new());
+        for axis in chosen {
+            let name = &profile.axes[*axis].settings.name;
+            let arming = &core.arming[*axis];
+            if arming.armed && arming.asked.is_none() {
+                armed.push(name.as_str());
+            } else if arming.refusal.is_some() || !(arming.asked.is_some() || arming.is_waiting(profile)) {
+                let why = arming.refusal.as_ref().unwrap_or(&arming.why);
+                return Err(format!("axis {name} is not armed: {why}"));
+            } else {
+                waiting.push(format!("{name}: waiting to arm: {}", core.why(*axis, now)));
+            }
+        }
+        if waiting.is_empty() {
+            return Ok(Answer::Done(format!("{}: armed", armed.join(", "))));
+        }
+        Ok(Answer::Waits(waiting.join("; ")))
     }
 
     /// The error is that of the diameter where the axis acts on one.
-    fn measured(&self, axis: &str, error: Option<f64>) -> Result<String, String> {
+    fn measured(&self, axis: &str, error: Option<f64>, asker: &Asker) -> Result<String, String> {
         let shared = &*self.0;
-        let axes = &shared.profile.axes;
-        let place = axes.iter().position(|known| known.settings.name == axis).ok_or_else(|| {
-            let names: Vec<&str> = axes.iter().map(|axis| axis.settings.name.as_str()).collect();
-            format!("there is no axis {axis}; there are {}", names.join(", "))
-        })?;
-        let settings = &axes[place];
-        if settings.settings.probe.is_none() {
-            return Err(format!(
-                "axis {axis} takes no measured errors: its profile has no [axis.{axis}.probe]"
-            ));
-        }
-        let mut core = shared.core();
-        let answer = match error {
-            None => {
+        let command = match error {
+            Some(error) => format!("measured {error} µm"),
+            None => "measured clear".to_owned(),
+        };
+        self.carry_out((command, vec![axis.to_owned()]), asker, String::as_str, |core| {
+            let place = self.chosen(Some(axis))?[0];
+            let settings = &shared.profile.axes[place];
+            if settings.settings.probe.is_none() {
+                return Err(format!(
+                    "axis {axis} takes no measured errors: its profile has no [axis.{axis}.probe]"
+                ));
+            }
+            let Some(error) = error else {
                 core.probing[place].forget = true;
                 core.probing[place].measured = None;
-                format!("{axis}: what probings have taught is taken back; Cz goes there step by step")
+                return Ok(format!(
+                    "{axis}: what probings have taught is taken back; Cz goes there step by step"
+                ));
+            };
+            if core.stopping {
+                return Err("the gateway is stopping".to_owned());
             }
-            Some(_) if core.stopping => return Err("the gateway is stopping".to_owned()),
-            Some(error) => {
-                let of_radius = if settings.diameter { 0.5 } else { 1.0 };
-                let error =
-                    Micron::new(error * of_radius).ok_or("a measured error is a finite number, in µm")?;
-                let acting = acting(place, &core.outputs, &core.arming[place]).ok_or_else(|| {
-                    format!("{axis}: {}; measure again when it is", Missed::Acting.message())
-                })?;
-                let measured = Measured { error, acting: Some(acting) };
-                let now = shared.clock.now();
-                core.board.look(now);
-                let snapshot = Snapshot { now, readings: core.board.seen() };
-                if let Err(probed) = core.compensation.would_learn(place, &snapshot, measured) {
-                    let why = probed.refused.map(|why| why_refused(&shared.profile, place, why, &probed));
-                    return Err(format!("{axis}: not learned from: {}", why.unwrap_or_default()));
-                }
-                core.probing[place].measured = Some(measured);
-                format!("{axis}: {error} with a Cz of {acting} acting; it is learned from at once")
+            let of_radius = if settings.diameter { 0.5 } else { 1.0 };
+            let error_of_radius =
+                Micron::new(error * of_radius).ok_or("a measured error is a finite number, in µm")?;
+            let acting = acting(place, &core.outputs, &core.arming[place])
+                .ok_or_else(|| format!("{axis}: {}; measure again when it is", Missed::Acting.message()))?;
+            let measured = Measured { error: error_of_radius, acting: Some(acting) };
+            let now = shared.clock.now();
+            core.board.look(now);
+            let snapshot = Snapshot { now, readings: core.board.seen() };
+            if let Err(probed) = core.compensation.would_learn(place, &snapshot, measured) {
+                let why = probed.refused.map(|why| why_refused(&shared.profile, place, why, &probed));
+                return Err(format!("{axis}: not learned from: {}", why.unwrap_or_default()));
             }
-        };
-        drop(core);
-        shared.wake();
-        Ok(answer)
+            core.probing[place].measured = Some(measured);
+            Ok(format!("{axis}: {error_of_radius} with a Cz of {acting} acting; it is learned from at once"))
+        })
     }
 }

@@ -16,7 +16,7 @@ use super::why::Reasons;
 use crate::clock::Synchronised;
 use crate::observe::status::{
     AxisStatus, BusStatus, DeviceStatus, GainStatus, OutputStatus, ProbeStatus, ProbedStatus, SharesStatus,
-    SignalStatus, Status,
+    SignalStatus, Status, WaitingStatus,
 };
 use isotherm_core::compensation::{Decision, Probe, Stages};
 use isotherm_core::quantity::{Micron, Moment};
@@ -70,6 +70,10 @@ impl Picture {
         drop(core);
         picture.seen = picture.latest.at(now);
         picture
+    }
+
+    fn is_waiting(&self, shared: &Shared, axis: usize) -> bool {
+        !self.stopping && self.arming[axis].is_waiting(&shared.profile)
     }
 
     fn why(&self, shared: &Shared, axis: usize) -> String {
@@ -127,7 +131,14 @@ fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
     let axes = shared.profile.axes.iter().zip(&picture.decisions).enumerate();
     axes.map(|(place, (axis, decision))| AxisStatus {
         name: axis.settings.name.clone(),
-        state: decision.state.name(),
+        state: match picture.is_waiting(shared, place) {
+            true => "waiting",
+            false => decision.state.name(),
+        },
+        waiting: picture.arming[place].asked.as_ref().map(|asked| WaitingStatus {
+            asked: asked.by.way.by(&asked.by.who),
+            expires_s: asked.until.since(picture.now).as_secs_f64(),
+        }),
         why: picture.why(shared, place),
         model: decision
             .model

@@ -19,11 +19,13 @@ use isotherm_core::compensation::{Compensation, Control, Snapshot, Stop};
 use isotherm_core::quantity::{Moment, Shifted};
 use isotherm_profile::Profile;
 
+mod events;
 mod keeping;
 mod outputs;
 mod stamps;
 mod thread;
 
+use events::EventsWake;
 use keeping::breaks_the_days;
 use outputs::OutputsLog;
 pub(super) use outputs::{Steady, Stepped};
@@ -55,6 +57,8 @@ pub(super) struct Storage {
     clock_set: Option<Correction>,
     /// Rows of decisions are missing on disk: what follows them can be replayed only from where the axes stand then.
     torn: Arc<AtomicBool>,
+    /// While it lives, events wake the thread.
+    events: Option<EventsWake>,
     /// Ends with the thread.
     working: Option<Receiver<()>>,
     /// Without a thread, and without a log: where the state is put at once.
@@ -115,6 +119,8 @@ enum Job {
         at: Moment,
         memory: Box<Memory>,
     },
+    /// There are events that are not on disk.
+    Events,
 }
 
 impl Storage {
@@ -126,14 +132,16 @@ impl Storage {
         journal: Arc<Journal>,
         (clock, began): (&Clock, Began),
     ) -> Storage {
-        let (queue, jobs) = sync_channel(QUEUE + OUTPUT_QUEUE);
+        // One more, for events.
+        let (queue, jobs) = sync_channel(QUEUE + OUTPUT_QUEUE + 1);
         let torn = Arc::new(AtomicBool::new(false));
         let stamps = || Stamps::by(clock, began.correction);
         let outputs = OutputsLog::new(profile, queue.clone(), stamps());
         let header = if dry_run { Recorder::dry_header(profile) } else { Recorder::header(profile) };
         let pair = Some(Arc::clone(state.pair()));
         let tears = (Arc::clone(&torn), outputs.tears());
-        let mut thread = StorageThread::new(profile, (directory, state), header, tears, journal);
+        let mut thread = StorageThread::new(profile, (directory, state), header, tears, journal.clone());
+        let events = Some(EventsWake::begin(journal, queue.clone(), thread.is_woken()));
         let (ends_with_the_thread, working) = sync_channel(0);
         let work = move || {
             thread.work(&jobs);
@@ -144,7 +152,18 @@ impl Storage {
         let recorder = Some(Recorder::new(profile).of_dry_run(dry_run));
         let (queue, working) = (Some(queue), Some(working));
         let (stamps, clock_set) = (stamps(), began.clock_set);
-        Storage { queue, recorder, outputs, torn, working, stamps, clock_set, pair, ..Storage::default() }
+        Storage {
+            queue,
+            recorder,
+            outputs,
+            torn,
+            events,
+            working,
+            stamps,
+            clock_set,
+            pair,
+            ..Storage::default()
+        }
     }
 
     /// Keeps the state alone, at once.
@@ -230,7 +249,7 @@ impl Storage {
 
     /// The end of a run: waits until everything queued is on disk; not for ever, where the disk hangs.
     pub(super) fn finish(&mut self) {
-        (self.queue, self.outputs) = (None, OutputsLog::default());
+        (self.queue, self.outputs, self.events) = (None, OutputsLog::default(), None);
         if let Some(working) = self.working.take() {
             let _ = working.recv_timeout(LAST_PATIENCE);
         }

@@ -1,7 +1,7 @@
 //! Why an axis does what it does.
 
 use isotherm_core::compensation::{Decision, Permit, Unusable};
-use isotherm_core::reading::{Reading, SignalId};
+use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
 use isotherm_profile::{Arm, Profile};
 
 use super::arming::{Arming, has_its_reference};
@@ -28,10 +28,10 @@ impl Reasons<'_> {
     /// Why an axis is not following its preferred model; empty where it is.
     pub(super) fn message(&self) -> String {
         let Reasons { profile, axis, arming, decision, .. } = *self;
-        if let Some(refusal) = &arming.refusal {
+        if let Some(refusal) = arming.refusal.as_ref().filter(|_| arming.is_waiting(profile)) {
             return refusal.clone();
         }
-        if arming.latched && !arming.asked {
+        if arming.latched && arming.asked.is_none() {
             return format!(
                 "{}; arm it again",
                 if arming.why.is_empty() { "switched off" } else { &arming.why }
@@ -72,7 +72,12 @@ impl Reasons<'_> {
         match (permit, troubled, decision.lacks) {
             (Permit::Unverified | Permit::Held | Permit::Off, Some(troubled), _) => troubled,
             (_, _, Some(lacks)) => self.lacks(lacks),
-            (Permit::Off, None, None) if profile.arm == Arm::Manual => "waits to be armed".to_owned(),
+            (Permit::Off, None, None) if profile.arm == Arm::Manual && arming.asked.is_none() => {
+                "nobody has armed it yet".to_owned()
+            }
+            (Permit::Off, None, None) if arming.asked.is_some() => {
+                "its devices have not all been looked at yet".to_owned()
+            }
             _ => match &decision.extrapolating {
                 Some(found) if !decision.state.is_following() => extrapolation::message(profile, found),
                 _ => String::new(),
@@ -84,8 +89,16 @@ impl Reasons<'_> {
         let name = |id: SignalId| &self.profile.signal(id).name;
         match lacks {
             Unusable::Signal(id) => {
-                let seen = self.seen.get(id.0);
-                format!("{}: {}", name(id), seen.map_or(String::new(), |reading| reading.quality.to_string()))
+                let quality = self.seen.get(id.0).map(|reading| reading.quality);
+                match quality {
+                    Some(Quality::Bad(Reason::OpenCircuit)) => format!("{} has an open circuit", name(id)),
+                    Some(Quality::Bad(Reason::ShortCircuit)) => format!("{} has a short circuit", name(id)),
+                    _ => format!(
+                        "{}: {}",
+                        name(id),
+                        quality.map_or(String::new(), |quality| quality.to_string())
+                    ),
+                }
             }
             Unusable::Reference(id) if !self.has_run => {
                 format!(

@@ -2,20 +2,25 @@
 //!
 //! An event is reported once, when a state begins or ends, with a count of what was not reported in between.
 
-use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Mutex, PoisonError};
+use std::borrow::Cow;
 use std::time::Duration;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize, Serializer};
 
-use crate::clock::{Clock, Correction};
+use super::asker::Way;
+use crate::clock::Correction;
 use isotherm_core::quantity::{Micron, Moment};
 
-/// How many events are kept for the page.
-const KEPT: usize = 200;
+pub mod file;
+mod handshake;
+mod journal;
 
-/// Something that happened, in the names of the profile.
-#[derive(Clone, Debug, PartialEq)]
+pub use handshake::HandshakeFault;
+pub use journal::{Entry, Journal};
+
+/// Something that happened, in the names of the profile. Its fields are its data for programs.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(untagged)]
 #[allow(
     missing_docs,
     reason = "each field is what its name says: a name of the profile, or a figure in its unit"
@@ -24,7 +29,10 @@ pub enum Event {
     /// The gateway runs.
     Started { machine: String, bus_requests: usize },
     /// It was asked to stop and runs the fault actions.
-    Stopping { within: Duration },
+    Stopping {
+        #[serde(rename = "within_s", serialize_with = "in_seconds")]
+        within: Duration,
+    },
     /// It has stopped; `left` says what stays in the registers.
     Stopped { left: String },
     /// A connection could not be made, or broke.
@@ -42,35 +50,99 @@ pub enum Event {
     /// A signal became unusable.
     SignalBad { signal: String, reason: String },
     /// It is usable again.
-    SignalGood { signal: String, bad_for: Duration },
+    SignalGood {
+        signal: String,
+        #[serde(rename = "bad_for_s", serialize_with = "in_seconds")]
+        bad_for: Duration,
+    },
     /// A counter was set anew, referenced or restarted: nothing moved.
     Rereferenced { signal: String, unit: String, from: f64, to: f64 },
     /// An axis changed its state.
     AxisState { axis: String, from: &'static str, to: &'static str, why: String },
+    /// What somebody asked for, and what came of it; `axes` is empty where it concerns none.
+    Command { command: String, axes: Vec<String>, way: Way, who: String, answer: String },
+    /// It was not done.
+    CommandRefused { command: String, axes: Vec<String>, way: Way, who: String, why: String },
+    /// Nobody waited for it any more when its turn came: it will never be done.
+    CommandDropped { command: String, axes: Vec<String>, way: Way, who: String, why: String },
+    /// An axis that is to be armed waits for something else now.
+    WaitsToArm { axis: String, why: String },
+    /// Nobody wants it to be armed any more.
+    ArmEnded { axis: String, why: String },
     /// An axis is armed; `from` is what stood in its register.
-    Armed { axis: String, from: Micron },
+    Armed {
+        axis: String,
+        #[serde(rename = "from_um")]
+        from: Micron,
+        way: Way,
+        who: String,
+    },
+    /// An armed axis goes on from what stands in its register after the control was restarted.
+    GoesOn {
+        axis: String,
+        #[serde(rename = "from_um")]
+        from: Micron,
+        way: Way,
+    },
     /// An axis is off.
     Disarmed { axis: String, why: String },
     /// An axis cannot be armed.
     ArmRefused { axis: String, why: String },
     /// The model asks for more than the limit.
-    AtLimit { axis: String, wanted: Micron, limit: Micron },
+    AtLimit {
+        axis: String,
+        #[serde(rename = "wanted_um")]
+        wanted: Micron,
+        #[serde(rename = "limit_um")]
+        limit: Micron,
+    },
     /// |Cz| passed the level at which people are warned.
-    Warned { axis: String, cz: Micron, warn: Micron },
+    Warned {
+        axis: String,
+        #[serde(rename = "cz_um")]
+        cz: Micron,
+        #[serde(rename = "warn_um")]
+        warn: Micron,
+    },
     /// The model asks for more than the level at which it is not believed any more.
-    BeyondError { axis: String, wanted: Micron, error: Micron },
+    BeyondError {
+        axis: String,
+        #[serde(rename = "wanted_um")]
+        wanted: Micron,
+        #[serde(rename = "error_um")]
+        error: Micron,
+    },
     /// The inputs left the region that the axis's model was identified on.
     Extrapolating { axis: String, how: String },
     /// They are inside again, or no model is in use.
     Interpolating { axis: String },
     /// A measured error was learned from.
-    Probed { axis: String, error: Micron, residual: Micron, correction: Micron },
+    Probed {
+        axis: String,
+        #[serde(rename = "error_um")]
+        error: Micron,
+        #[serde(rename = "residual_um")]
+        residual: Micron,
+        #[serde(rename = "correction_um")]
+        correction: Micron,
+    },
     /// It was not.
-    ProbeRefused { axis: String, error: Option<Micron>, why: String },
+    ProbeRefused {
+        axis: String,
+        #[serde(rename = "error_um")]
+        error: Option<Micron>,
+        why: String,
+    },
     /// What measured errors have taught was taken back.
     ProbeForgotten { axis: String },
     /// A model was wrong by more than the level at which people are warned.
-    ModelAges { axis: String, residual: Micron, warn: Micron },
+    ModelAges {
+        axis: String,
+        #[serde(rename = "residual_um")]
+        residual: Micron,
+        #[serde(rename = "warn_um")]
+        warn: Micron,
+    },
     /// A value did not fit its register and was cut.
     Saturated { output: String, wanted: f64 },
     /// What was read back is not what was written.
@@ -114,7 +186,14 @@ pub enum Event {
     /// The controller, the queue or the receiver of a CAN line is in trouble.
     BusTrouble { bus: String, address: String, what: String },
     /// It is over.
-    BusWell { bus: String, address: String, count: u64, what: &'static str, within: Duration },
+    BusWell {
+        bus: String,
+        address: String,
+        count: u64,
+        what: &'static str,
+        #[serde(rename = "within_s", serialize_with = "in_seconds")]
+        within: Duration,
+    },
     /// The output's interlock opened; nothing is written.
     Interlocked { output: String, when: String },
     /// It closed again.
@@ -125,9 +204,17 @@ pub enum Event {
     Zeroed,
     /// More is asked of a line than it can carry: something was this late when its turn came. Reported once, and again when the
     /// line had been quick enough in between.
-    Overrun { bus: String, what: String, late: Duration },
+    Overrun {
+        bus: String,
+        what: String,
+        #[serde(rename = "late_s", serialize_with = "in_seconds")]
+        late: Duration,
+    },
     /// Nobody looked at the clock for this long: the computer was stopped, suspended or had no time for us.
-    StoodStill { span: Duration },
+    StoodStill {
+        #[serde(rename = "span_s", serialize_with = "in_seconds")]
+        span: Duration,
+    },
     /// A task of the gateway failed inside; its axes take the fault action.
     TaskFailed { task: String, why: String },
     /// The computer's clock was set: stamps follow it, and nothing that is counted does.
@@ -142,12 +229,16 @@ pub enum Event {
     NotBelieved { why: String },
     /// The state or the ledger of an earlier version of the program is used.
     TakenFromEarlier { what: &'static str, version: u32, kept: String },
+    /// So many events are not on disk.
+    EventsLost { count: u64 },
+    /// The file of a day's events is full.
+    EventsFull { bytes: usize },
     /// The state or the log is kept again.
     KeptAgain { what: String },
 }
 
 /// How much an event matters.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Level {
     /// For the record.
@@ -173,6 +264,10 @@ const fn error(kind: &'static str, text: String) -> Described {
     (kind, Level::Error, text)
 }
 
+fn in_seconds<S: Serializer>(span: &Duration, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_f64(span.as_secs_f64())
+}
+
 fn seconds(span: &Duration) -> humantime::FormattedDuration {
     humantime::format_duration(Duration::from_secs(span.as_secs()))
 }
@@ -190,7 +285,14 @@ impl Event {
     /// The event as it is logged at this moment.
     pub fn entry(&self, at: Moment) -> Entry {
         let (kind, level, text) = self.described();
-        Entry { at: at.to_string(), kind, level, text }
+        // Numbers and texts always have a JSON form.
+        let data = serde_json::to_value(self).unwrap_or_default();
+        Entry { at: at.to_string(), kind: Cow::Borrowed(kind), level, text, data }
+    }
+
+    /// One word for programs.
+    fn kind(&self) -> &'static str {
+        self.described().0
     }
 
     fn described(&self) -> Described {
@@ -240,7 +342,26 @@ impl Event {
                 let level = if is_well { Level::Info } else { Level::Warning };
                 ("axis-state", level, format!("axis {axis}: {from} → {to}{why}"))
             }
-            Event::Armed { axis, from } => info("armed", format!("axis {axis}: armed, starting from {from}")),
+            Event::Command { command, way, who, answer, .. } => {
+                info("command", format!("{command}, {}: {answer}", way.by(who)))
+            }
+            Event::CommandRefused { command, way, who, why, .. } => {
+                warning("command-refused", format!("{command}, {}: refused: {why}", way.by(who)))
+            }
+            Event::CommandDropped { command, way, who, why, .. } => warning(
+                "command-dropped",
+                format!("{command}, {}: not done, and never will be: {why}", way.by(who)),
+            ),
+            Event::WaitsToArm { axis, why } => {
+                info("waits-to-arm", format!("axis {axis}: waiting to arm: {why}"))
+            }
+            Event::ArmEnded { axis, why } => warning("arm-ended", format!("axis {axis}: not armed: {why}")),
+            Event::Armed { axis, from, way, who } => {
+                info("armed", format!("axis {axis}: armed, {}, starting from {from}", way.by(who)))
+            }
+            Event::GoesOn { axis, from, .. } => {
+                info("goes-on", format!("axis {axis}: armed as before the restart, going on from {from}"))
+            }
             Event::Disarmed { axis, why } => warning("disarmed", format!("axis {axis}: off: {why}")),
             Event::ArmRefused { axis, why } => {
                 error("arm-refused", format!("axis {axis}: cannot be armed: {why}"))
@@ -429,129 +550,18 @@ impl Event {
                 "taken-from-earlier",
                 format!("the {what} of an earlier version of the program (layout {version}) is used; {kept}"),
             ),
+            Event::EventsLost { count } => warning(
+                "events-lost",
+                format!("{count} events were lost, because the disk did not keep them in time"),
+            ),
+            Event::EventsFull { bytes } => warning(
+                "events-full",
+                format!(
+                    "the file of this day's events is full ({} MB): no more of them are kept",
+                    bytes >> 20
+                ),
+            ),
             Event::KeptAgain { what } => info("kept-again", format!("{what} is kept again")),
         }
-    }
-}
-
-/// The stage at which a handshake failed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum HandshakeFault {
-    /// The acknowledge was up before the strobe, and stayed up.
-    AcknowledgeEarly,
-    /// The strobe could not be raised.
-    StrobeNotWritten,
-    /// The acknowledge did not come.
-    AcknowledgeMissing,
-    /// The acknowledge could not be read.
-    AcknowledgeNotRead,
-    /// The strobe could not be dropped.
-    StrobeNotDropped,
-    /// The acknowledge did not drop after the strobe.
-    AcknowledgeStuck,
-}
-
-impl HandshakeFault {
-    /// One word for programs: the counter's label.
-    pub const fn kind(self) -> &'static str {
-        match self {
-            HandshakeFault::AcknowledgeEarly => "acknowledge-early",
-            HandshakeFault::StrobeNotWritten => "strobe-not-written",
-            HandshakeFault::AcknowledgeMissing => "acknowledge-missing",
-            HandshakeFault::AcknowledgeNotRead => "acknowledge-not-read",
-            HandshakeFault::StrobeNotDropped => "strobe-not-dropped",
-            HandshakeFault::AcknowledgeStuck => "acknowledge-stuck",
-        }
-    }
-
-    /// What failed, for a status line.
-    pub const fn message(self) -> &'static str {
-        match self {
-            HandshakeFault::AcknowledgeEarly => "the acknowledge is up before the strobe",
-            HandshakeFault::StrobeNotWritten => "the strobe could not be written",
-            HandshakeFault::AcknowledgeMissing => "the acknowledge did not come",
-            HandshakeFault::AcknowledgeNotRead => "the acknowledge could not be read",
-            HandshakeFault::StrobeNotDropped => "the strobe could not be dropped",
-            HandshakeFault::AcknowledgeStuck => "the acknowledge did not drop",
-        }
-    }
-
-    /// It is one of the strobe, not of the acknowledge.
-    pub const fn is_of_the_strobe(self) -> bool {
-        matches!(self, HandshakeFault::StrobeNotWritten | HandshakeFault::StrobeNotDropped)
-    }
-
-    /// The sentence about `set` ("output cnc_z", "set plc"). `register`: that of the strobe or the acknowledge; `cause`:
-    /// "within 500 ms", or the fault of the request.
-    fn sentence(self, set: &str, register: &str, cause: &str) -> String {
-        let flag = if self.is_of_the_strobe() { "strobe" } else { "acknowledge" };
-        let failed = match self {
-            HandshakeFault::AcknowledgeEarly => {
-                format!("was up before the strobe and did not drop {cause} ({register})")
-            }
-            HandshakeFault::AcknowledgeMissing => format!("did not come {cause} ({register})"),
-            HandshakeFault::AcknowledgeStuck => format!("did not drop {cause} after the strobe ({register})"),
-            HandshakeFault::StrobeNotWritten => format!("could not be written ({register}): {cause}"),
-            HandshakeFault::StrobeNotDropped => format!("could not be dropped ({register}): {cause}"),
-            HandshakeFault::AcknowledgeNotRead => format!("could not be read ({register}): {cause}"),
-        };
-        format!("{flag} of {set} {failed}")
-    }
-}
-
-/// An event with its moment, as the page shows it.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Entry {
-    /// RFC 3339.
-    pub at: String,
-    /// One word for programs: the counter's label.
-    pub kind: &'static str,
-    /// How much it matters.
-    pub level: Level,
-    /// The sentence.
-    pub text: String,
-}
-
-/// The events of a run: a line in the log and a count of each, the last ones kept.
-#[derive(Debug)]
-pub struct Journal {
-    /// Stamps what is reported.
-    clock: Clock,
-    pages: Mutex<Pages>,
-}
-
-#[derive(Debug, Default)]
-struct Pages {
-    last: VecDeque<Entry>,
-    counts: BTreeMap<&'static str, u64>,
-}
-
-impl Journal {
-    /// Nothing has happened yet.
-    pub fn by(clock: &Clock) -> Journal {
-        Journal { clock: clock.clone(), pages: Mutex::default() }
-    }
-
-    /// Reports an event: log, count, page.
-    pub fn report(&self, at: Moment, event: &Event) {
-        let entry = event.entry(self.clock.stamp(at));
-        let Entry { kind, level, text, .. } = &entry;
-        match level {
-            Level::Info => tracing::info!(kind, "{text}"),
-            Level::Warning => tracing::warn!(kind, "{text}"),
-            Level::Error => tracing::error!(kind, "{text}"),
-        }
-        let mut pages = self.pages.lock().unwrap_or_else(PoisonError::into_inner);
-        *pages.counts.entry(entry.kind).or_default() += 1;
-        if pages.last.len() == KEPT {
-            pages.last.pop_front();
-        }
-        pages.last.push_back(entry);
-    }
-
-    /// The last events, oldest first, and how often each kind happened since the start.
-    pub fn read(&self) -> (Vec<Entry>, BTreeMap<&'static str, u64>) {
-        let pages = self.pages.lock().unwrap_or_else(PoisonError::into_inner);
-        (pages.last.iter().cloned().collect(), pages.counts.clone())
     }
 }

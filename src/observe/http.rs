@@ -9,27 +9,31 @@
 //! Nothing here is awaited by the loop: a slow or silent reader costs only itself.
 
 mod access;
+mod events;
 mod live;
 mod measured;
+mod peer;
 
 use std::io;
-use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Bytes;
 use axum::extract::rejection::BytesRejection;
-use axum::extract::{ConnectInfo, DefaultBodyLimit, Path, State};
-use axum::http::{HeaderName, HeaderValue, StatusCode, header};
+use axum::extract::{ConnectInfo, DefaultBodyLimit, Path, RawQuery, State};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{Html, IntoResponse, Json, Response};
 use axum::routing::{get, post};
 use axum::{Router, middleware};
+use percent_encoding::percent_decode_str;
 use serde::Serialize;
 use tokio::net::TcpListener;
 use tokio::sync::watch;
 
 use self::access::{Access, Entered};
-use super::status::{Command, Source, Status};
+use self::peer::Peer;
+use super::asker::{Asker, Attendance};
+use super::status::{Answer, Command, Source, Status};
 use super::{metrics, page};
 
 /// How long open requests may take to end once the gateway stops.
@@ -55,11 +59,18 @@ struct Room {
     source: Arc<dyn Source>,
     access: Arc<Access>,
     live: live::Live,
+    attendance: Attendance,
 }
 
-/// The answer to a command.
+impl Room {
+    fn asker(&self, peer: &Peer, headers: &HeaderMap) -> Arc<Asker> {
+        Arc::new(peer.asker(headers).until(self.attendance.until()))
+    }
+}
+
+/// The answer to a command. One that waits is not done.
 #[derive(Serialize)]
-struct Answer {
+struct Said {
     done: bool,
     answer: String,
 }
@@ -86,8 +97,9 @@ pub async fn serve(
     let access = Arc::new(Access::new(token, listener.local_addr()?.ip()));
     let (stop, stopped) = watch::channel(());
     let live = live::Live::start(Arc::clone(&source), stopped.clone());
-    let app = router(Room { source, access, live });
-    let service = app.into_make_service_with_connect_info::<SocketAddr>();
+    let attendance = Attendance::default();
+    let app = router(Room { source, access, live, attendance: attendance.clone() });
+    let service = app.into_make_service_with_connect_info::<Peer>();
     let serving = axum::serve(listener, service).with_graceful_shutdown(ended(stopped.clone()));
     // A peer that never finishes its request must not keep the gateway from stopping.
     let overdue = async {
@@ -98,6 +110,7 @@ pub async fn serve(
     tokio::select! {
         served = serving => served,
         () = overdue => Ok(()),
+        () = attendance.keep() => Ok(()),
     }
 }
 
@@ -107,9 +120,15 @@ async fn ended(mut stopped: watch::Receiver<()>) {
 }
 
 fn router(room: Room) -> Router {
-    let guard = middleware::from_fn_with_state(Arc::clone(&room.access), access::check);
+    let guard = middleware::from_fn_with_state(room.clone(), access::check);
     let commands = Command::ALL.into_iter().fold(Router::new(), |router, (name, command)| {
-        let take = move |State(room): State<Room>, body| async move { take(&room, command, body) };
+        let take = move |State(room): State<Room>,
+                         ConnectInfo(peer): ConnectInfo<Peer>,
+                         RawQuery(query): RawQuery,
+                         headers: HeaderMap,
+                         body| async move {
+            take(&room, command, query.as_deref(), &room.asker(&peer, &headers), body)
+        };
         router.route(&format!("/api/{name}"), post(take))
     });
     commands
@@ -117,6 +136,7 @@ fn router(room: Room) -> Router {
         .route("/page/{file}", get(file))
         .route("/api/status", get(status))
         .route("/api/live", get(stream))
+        .route("/api/events", get(events::since))
         .route("/api/axes/{axis}/measured", post(measured::learn).delete(measured::forget))
         .route("/metrics", get(scrape))
         .route("/healthz", get(|| async { "ok" }))
@@ -143,7 +163,7 @@ async fn with_headers(mut response: Response) -> Response {
 
 async fn front(
     State(room): State<Room>,
-    ConnectInfo(peer): ConnectInfo<SocketAddr>,
+    ConnectInfo(peer): ConnectInfo<Peer>,
     entered: Option<axum::Extension<Entered>>,
 ) -> Response {
     let shell = page::front(&room.source.status(), room.access.takes_commands_from(peer.ip()));
@@ -169,19 +189,35 @@ async fn stream(State(room): State<Room>) -> Response {
     room.live.stream().into_response()
 }
 
-fn take(room: &Room, command: Command, body: Result<Bytes, BytesRejection>) -> Response {
+fn take(
+    room: &Room,
+    command: Command,
+    query: Option<&str>,
+    asker: &Arc<Asker>,
+    body: Result<Bytes, BytesRejection>,
+) -> Response {
     if let Err(refused) = body {
         return (refused.status(), "A command needs no body, and certainly not such a long one.\n")
             .into_response();
     }
-    answered(room.source.command(command))
+    let axis = query.and_then(|query| parameter(query, "axis"));
+    answered(room.source.command(command, axis.as_deref(), asker))
 }
 
-fn answered(said: Result<String, String>) -> Response {
-    match said {
-        Ok(answer) => Json(Answer { done: true, answer }).into_response(),
-        Err(answer) => (StatusCode::CONFLICT, Json(Answer { done: false, answer })).into_response(),
-    }
+/// A parameter of the query.
+fn parameter(query: &str, name: &str) -> Option<String> {
+    let mut pairs = query.split('&').filter_map(|pair| pair.split_once('='));
+    let (_, given) = pairs.find(|(known, _)| *known == name)?;
+    Some(percent_decode_str(given).decode_utf8().ok()?.into_owned())
+}
+
+fn answered(said: Result<Answer, String>) -> Response {
+    let (code, done, answer) = match said {
+        Ok(Answer::Done(answer)) => (StatusCode::OK, true, answer),
+        Ok(Answer::Waits(answer)) => (StatusCode::ACCEPTED, false, answer),
+        Err(answer) => (StatusCode::CONFLICT, false, answer),
+    };
+    (code, Json(Said { done, answer })).into_response()
 }
 
 async fn scrape(State(room): State<Room>) -> Response {

@@ -117,7 +117,7 @@ fn record_axis(axis: &AxisStatus, of: Labels<'_>) {
     set("isotherm_axis_tripped", &named, axis.error_um.map(|_| flag(axis.tripped)));
     set("isotherm_axis_extrapolating", &named, axis.excess.map(|_| flag(axis.extrapolating.is_some())));
     set("isotherm_axis_excess_ratio", &named, axis.excess);
-    for state in AxisState::NAMES {
+    for state in AxisState::NAMES.into_iter().chain(["waiting"]) {
         let named = of(&[("axis", &axis.name), ("state", state)]);
         set("isotherm_axis_state", &named, Some(flag(axis.state == state)));
     }

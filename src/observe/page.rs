@@ -105,6 +105,7 @@ fn main(may_command: bool) -> Markup {
             }
             section .events {
                 h2 { "Events" span .quiet { " newest first" } }
+                button #older .small type="button" { "Show the last 24 hours" }
                 ol #events tabindex="0" aria-label="Events, newest first" {}
             }
         }

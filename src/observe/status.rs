@@ -1,33 +1,64 @@
 //! The state of everything at one moment: what `/api/status`, the page, the metrics and the demo's table are made of.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use serde::Serialize;
 
+use super::asker::Asker;
 use super::events::Entry;
+use super::events::file::Found;
+use isotherm_core::quantity::Moment;
 
 /// Whoever shows the state of a running gateway, from any thread, without making it wait.
 pub trait Source: Send + Sync + 'static {
     /// The state now.
     fn status(&self) -> Status;
 
-    /// Does what a person asks for; the answer is a sentence for that person.
+    /// Does what somebody asks for, of one axis or of all; the answer is a sentence for a person. What has lapsed by then is
+    /// not begun.
     ///
     /// # Errors
     /// A sentence that says why not.
-    fn command(&self, command: Command) -> Result<String, String>;
+    fn command(&self, command: Command, axis: Option<&str>, asker: &Arc<Asker>) -> Result<Answer, String>;
 
-    /// What has become of the last [`Command::Arm`]: `None` as long as an axis waits for something.
+    /// What has become of the last [`Command::Arm`].
     ///
     /// # Errors
-    /// A sentence that says why an axis is not armed.
-    fn arming(&self) -> Option<Result<String, String>>;
+    /// A sentence that says why an axis is not armed, and will not be.
+    fn arming(&self, axis: Option<&str>) -> Result<Answer, String>;
 
     /// Learns from an axis's measured error, µm; `None` takes back everything that was learned. The answer is a sentence.
     ///
     /// # Errors
     /// A sentence that says why not.
-    fn measured(&self, axis: &str, error_um: Option<f64>) -> Result<String, String>;
+    fn measured(&self, axis: &str, error_um: Option<f64>, asker: &Asker) -> Result<String, String>;
+
+    /// A command did not even come as far as that.
+    fn turned_away(&self, command: &str, asker: &Asker, why: &str);
+
+    /// What happened since this moment, before this run too, oldest first.
+    ///
+    /// # Errors
+    /// What is kept cannot be read.
+    fn events(&self, since: Moment, found: &mut dyn FnMut(Found)) -> std::io::Result<()>;
+}
+
+/// What is said to whoever gave a command.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Answer {
+    /// It is done.
+    Done(String),
+    /// It will be, once what the sentence names is over.
+    Waits(String),
+}
+
+impl Answer {
+    /// The sentence.
+    pub fn text(&self) -> &str {
+        let (Answer::Done(text) | Answer::Waits(text)) = self;
+        text
+    }
 }
 
 /// What a person may ask of a running gateway.
@@ -39,12 +70,23 @@ pub enum Command {
     Disarm,
     /// Capture the "zero" references.
     Zero,
+    /// Take back a request to arm that still waits.
+    Cancel,
 }
 
 impl Command {
     /// Each by its name in the API and at the socket.
-    pub const ALL: [(&'static str, Command); 3] =
-        [("arm", Command::Arm), ("disarm", Command::Disarm), ("zero", Command::Zero)];
+    pub const ALL: [(&'static str, Command); 4] = [
+        ("arm", Command::Arm),
+        ("disarm", Command::Disarm),
+        ("zero", Command::Zero),
+        ("cancel", Command::Cancel),
+    ];
+
+    /// Its name in the API and at the socket.
+    pub fn name(self) -> &'static str {
+        Command::ALL.into_iter().find(|(_, known)| *known == self).map_or("", |(name, _)| name)
+    }
 }
 
 /// The state of a gateway.
@@ -118,6 +160,7 @@ impl AxisStatus {
             "holding" => "frozen",
             "ramping" => "returning to zero",
             "zeroed" => "at zero",
+            "waiting" => "waiting to arm",
             state => state,
         }
     }
@@ -139,10 +182,12 @@ impl OutputStatus {
 pub struct AxisStatus {
     /// Name in the profile.
     pub name: String,
-    /// off, active, degraded, holding, ramping, zeroed.
+    /// off, waiting, active, degraded, holding, ramping, zeroed.
     pub state: &'static str,
-    /// What the preferred model lacks, in words; empty where nothing.
+    /// What it waits for, or what the preferred model lacks, in words; empty where nothing.
     pub why: String,
+    /// Somebody asked for it to be armed, which could not be done yet.
+    pub waiting: Option<WaitingStatus>,
     /// The model in use.
     pub model: Option<String>,
     /// The model's Cz, µm.
@@ -173,6 +218,15 @@ pub struct AxisStatus {
     pub extrapolating: Option<ExtrapolationStatus>,
     /// How far outside that is, as a share: above 0 outside, negative inside; `None` where the model has no region.
     pub excess: Option<f64>,
+}
+
+/// A request to arm that waits.
+#[derive(Clone, Debug, Serialize)]
+pub struct WaitingStatus {
+    /// Who asked, and by which way.
+    pub asked: String,
+    /// Seconds until it expires.
+    pub expires_s: f64,
 }
 
 /// What measured errors have taught an axis.

@@ -182,6 +182,11 @@ impl Device {
         self.state().offset()
     }
 
+    /// Somebody else puts this into the register of the offset.
+    pub(crate) fn puts(&self, offset: i16) {
+        self.state().offset = offset;
+    }
+
     /// From now on whoever asks for the temperature waits.
     pub(crate) fn hold(&self) {
         self.state().holds = true;

@@ -2,11 +2,11 @@
 
 use std::time::Duration;
 
-use isotherm::observe::status::Command;
+use isotherm::observe::status::{Answer, Command};
 use isotherm::virtual_machine::Seen;
 
 use crate::law;
-use crate::rig::{BENCH, LATHE, Stage, Trace, World, bench, block_on, patient, run};
+use crate::rig::{BENCH, LATHE, Stage, Trace, World, bench, block_on, patient, run, somebody};
 
 const MINUTE: Duration = Duration::from_secs(60);
 const SECOND: Duration = Duration::from_secs(1);
@@ -316,13 +316,16 @@ fn a_person_is_answered_in_words() {
         let mut world = World::new(BENCH, "").await;
         let ask = |command| {
             let said = &said;
-            move |stage: &Stage<'_>| said.borrow_mut().push(stage.source.command(command).unwrap())
+            move |stage: &Stage<'_>| {
+                said.borrow_mut().push(stage.source.command(command, None, &somebody()).unwrap())
+            }
         };
         let trial = world.gateway().at(10 * SECOND, ask(Command::Disarm)).at(20 * SECOND, ask(Command::Zero));
         trial.at(30 * SECOND, ask(Command::Arm)).run(MINUTE).await
     });
     let said = said.into_inner();
-    assert!(said[0].starts_with("z: off") && said[2].starts_with("z: will be armed"), "{said:?}");
+    assert!(said[0].text().starts_with("z: off"), "{said:?}");
+    assert_eq!(said[2], Answer::Done("z: armed".to_owned()));
 }
 
 #[test]

@@ -7,7 +7,7 @@ use isotherm::gateway::Options;
 use isotherm::observe::status::{ProbeStatus, Status};
 
 use crate::law;
-use crate::rig::{BENCH, LATHE, Sample, Trace, World, block_on, profile};
+use crate::rig::{BENCH, LATHE, Sample, Trace, World, block_on, profile, somebody};
 
 const MINUTE: Duration = Duration::from_secs(60);
 
@@ -88,7 +88,7 @@ fn a_person_measures_and_takes_it_back_and_the_log_gives_it_all_again() {
     let text = probing(COUNTER.0, "trigger = \"probed\"\ngains = { forgetting = 0.98, limit = 0.2 }");
     let measured = |error| {
         move |stage: &crate::rig::Stage<'_>| {
-            stage.source.measured("z", error).unwrap();
+            stage.source.measured("z", error, &somebody()).unwrap();
         }
     };
     let (first, second) = block_on(async {
@@ -120,7 +120,7 @@ fn what_a_person_sends_is_held_against_what_stands_in_the_machine() {
         let text = probing("", "").replace("signal = \"probe_z\"\n", "").replace("200.0", "20.0");
         let mut world = World::new(&text, "").await;
         let trial = world.gateway().at(5 * MINUTE, |stage| {
-            let refused = |axis, error| stage.source.measured(axis, error).unwrap_err();
+            let refused = |axis, error| stage.source.measured(axis, error, &somebody()).unwrap_err();
             assert!(refused("q", Some(1.0)).contains("there is no axis q; there are z"));
             assert!(refused("z", Some(f64::NAN)).contains("a finite number"));
             let far = refused("z", Some(400.0));
@@ -128,7 +128,7 @@ fn what_a_person_sends_is_held_against_what_stands_in_the_machine() {
                 far.contains("the model would be wrong by") && far.contains("axis.z.probe.max_error"),
                 "{far}"
             );
-            let said = stage.source.measured("z", Some(3.0)).unwrap();
+            let said = stage.source.measured("z", Some(3.0), &somebody()).unwrap();
             assert!(said.starts_with("z: 3.0 µm with a Cz of"), "{said}");
         });
         trial.run(6 * MINUTE).await
@@ -150,11 +150,11 @@ fn an_axis_without_a_probe_takes_no_measured_errors_and_a_diameter_is_halved() {
     let trace = block_on(async {
         let mut world = World::new(&text, "").await;
         let trial = world.gateway().at(3 * MINUTE, |stage| {
-            let refused = stage.source.measured("z", Some(1.0)).unwrap_err();
+            let refused = stage.source.measured("z", Some(1.0), &somebody()).unwrap_err();
             assert!(refused.contains("axis z takes no measured errors"), "{refused}");
             let status = stage.source.status();
             assert!((status.axes[0].cz_um - status.axes[0].raw_um.unwrap()).abs() < 0.2, "it has arrived");
-            stage.source.measured("x", Some(3.0)).unwrap();
+            stage.source.measured("x", Some(3.0), &somebody()).unwrap();
         });
         trial.run(4 * MINUTE).await
     });

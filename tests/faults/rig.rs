@@ -7,6 +7,7 @@ use std::time::{Duration, UNIX_EPOCH};
 
 use isotherm::clock::{Clock, Hold};
 use isotherm::gateway::{Gateway, Options, Outcome};
+use isotherm::observe::asker::{Asker, Way};
 use isotherm::observe::events::Entry;
 use isotherm::observe::status::{Command, Source, Status};
 use isotherm::virtual_machine::{
@@ -179,6 +180,11 @@ impl World {
     }
 }
 
+/// Who gives commands here.
+pub(crate) fn somebody() -> Arc<Asker> {
+    Arc::new(Asker::new(Way::Socket, "somebody"))
+}
+
 impl<'a> Trial<'a> {
     pub(crate) fn options(mut self, change: impl FnOnce(&mut Options)) -> Self {
         change(&mut self.options);
@@ -193,7 +199,7 @@ impl<'a> Trial<'a> {
 
     pub(crate) fn command(self, after: Duration, command: Command) -> Self {
         self.at(after, move |stage| {
-            stage.source.command(command).unwrap();
+            stage.source.command(command, None, &somebody()).unwrap();
         })
     }
 

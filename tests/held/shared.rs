@@ -1,7 +1,9 @@
 //! A register that an operator writes to as well.
 
+use std::sync::Arc;
 use std::time::Duration;
 
+use isotherm::observe::asker::{Asker, Way};
 use isotherm::observe::status::Command;
 
 use crate::control::{Control, Fate};
@@ -21,7 +23,7 @@ fn denied_beside_an_operator(code: u8) {
     let seen = control.clone();
     let status = beside(&text, move |source| {
         wait_until(source, "a person is asked", |status| reported(status, "first-account") == 1);
-        source.command(Command::Arm).unwrap();
+        source.command(Command::Arm, None, &Arc::new(Asker::new(Way::Api, "a test"))).unwrap();
         wait_until(source, "it arrives", |_| seen.lock().unwrap().offset() == 1250);
         std::thread::sleep(Duration::from_secs(1));
         let shares = source.status().outputs[0].shares.unwrap();
@@ -43,7 +45,7 @@ fn an_edit_while_the_fate_of_a_write_is_unknown_is_a_question_and_the_answer_mak
         assert_eq!(seen.lock().unwrap().writes, writes, "nothing is written while it is in question");
         // Two steps of ours had arrived when it was verified last, and three stand there: he makes it right.
         seen.lock().unwrap().edits(-10);
-        source.command(Command::Arm).unwrap();
+        source.command(Command::Arm, None, &Arc::new(Asker::new(Way::Api, "a test"))).unwrap();
         wait_until(source, "it goes on", |status| status.axes[0].state == "active");
         wait_until(source, "it arrives", |_| seen.lock().unwrap().offset() == 950);
     });

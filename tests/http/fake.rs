@@ -8,12 +8,15 @@ use std::net::{IpAddr, SocketAddr};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
+use isotherm::observe::asker::Asker;
+use isotherm::observe::events::file::Found;
 use isotherm::observe::events::{Entry, Level};
 use isotherm::observe::http::serve;
 use isotherm::observe::status::{
-    AxisStatus, BusStatus, Command, DeviceStatus, GainStatus, OutputStatus, ProbeStatus, ProbedStatus,
-    SignalStatus, Source, Status,
+    Answer, AxisStatus, BusStatus, Command, DeviceStatus, GainStatus, OutputStatus, ProbeStatus,
+    ProbedStatus, SignalStatus, Source, Status,
 };
+use isotherm_core::quantity::Moment;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::oneshot;
@@ -23,6 +26,7 @@ pub(crate) struct Fake {
     status: Mutex<Status>,
     commands: Mutex<Vec<Command>>,
     measured: Mutex<Vec<(String, Option<f64>)>>,
+    askers: Mutex<Vec<String>>,
     asked: AtomicUsize,
 }
 
@@ -32,6 +36,7 @@ impl Default for Fake {
             status: Mutex::new(status()),
             commands: Mutex::default(),
             measured: Mutex::default(),
+            askers: Mutex::default(),
             asked: AtomicUsize::new(0),
         }
     }
@@ -43,20 +48,37 @@ impl Source for Fake {
         self.status.lock().unwrap().clone()
     }
 
-    fn command(&self, command: Command) -> Result<String, String> {
+    fn command(&self, command: Command, axis: Option<&str>, asker: &Arc<Asker>) -> Result<Answer, String> {
         self.commands.lock().unwrap().push(command);
+        self.askers.lock().unwrap().push(format!("{asker:?} {}", axis.unwrap_or("all")));
         match command {
-            Command::Arm => Ok("axis z armed".into()),
-            Command::Disarm => Ok("axis z is off".into()),
+            Command::Arm if axis == Some("slow") => {
+                Ok(Answer::Waits("slow: waiting to arm: bed: stale".into()))
+            }
+            Command::Arm => Ok(Answer::Done("axis z armed".into())),
+            Command::Disarm => Ok(Answer::Done("axis z is off".into())),
             Command::Zero => Err("axis z moves".into()),
+            Command::Cancel => Ok(Answer::Done("z: the request to arm is taken back".into())),
         }
     }
 
-    fn arming(&self) -> Option<Result<String, String>> {
-        None
+    fn arming(&self, _: Option<&str>) -> Result<Answer, String> {
+        Err("axis z is not armed".into())
     }
 
-    fn measured(&self, axis: &str, error_um: Option<f64>) -> Result<String, String> {
+    fn turned_away(&self, command: &str, asker: &Asker, why: &str) {
+        self.askers.lock().unwrap().push(format!("{asker:?} {command} turned away: {why}"));
+    }
+
+    fn events(&self, since: Moment, found: &mut dyn FnMut(Found)) -> io::Result<()> {
+        let mut entry = self.status.lock().unwrap().events[0].clone();
+        entry.at = since.to_string();
+        found(Found::Event(entry));
+        found(Found::Damage("m.jsonl, line 3: it was changed".into()));
+        Ok(())
+    }
+
+    fn measured(&self, axis: &str, error_um: Option<f64>, _: &Asker) -> Result<String, String> {
         self.measured.lock().unwrap().push((axis.into(), error_um));
         match error_um {
             Some(error) if error.abs() > 25.0 => Err("z: not learned from".into()),
@@ -109,6 +131,7 @@ pub(crate) fn status() -> Status {
             name: "z".into(),
             state: "holding",
             why: "t1: stale".into(),
+            waiting: None,
             model: None,
             raw_um: None,
             cz_um: 12.5,
@@ -166,8 +189,9 @@ pub(crate) fn status() -> Status {
         }],
         events: vec![Entry {
             at: "2026-07-02T11:59:00Z".into(),
-            kind: "signal-bad",
+            kind: "signal-bad".into(),
             level: Level::Warning,
+            data: serde_json::Value::Null,
             text: "signal t1: stale".into(),
         }],
         log_dropped: 3,

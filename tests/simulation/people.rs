@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use isotherm::observe::asker::{Asker, Way};
 use isotherm::observe::status::{Command, Source, Status};
 
 use crate::link::{Note, World};
@@ -70,7 +71,7 @@ impl People {
             }
         }
         world.note(now, Note::Did("a person arms", 0));
-        let _ = source.command(Command::Arm);
+        let _ = source.command(Command::Arm, None, &Arc::new(Asker::new(Way::Api, "a person")));
     }
 
     /// Who is said to have changed a register has done so, or a control has restarted, not long ago.

@@ -98,6 +98,8 @@ pub struct Profile {
     pub machine: MachineSettings,
     /// When an axis may begin to write.
     pub arm: Arm,
+    /// How long a request to arm waits that cannot be served yet.
+    pub arm_timeout: Duration,
     /// The lines.
     pub buses: Vec<Bus>,
     /// What hangs on them.

@@ -241,6 +241,7 @@ impl Check<'_> {
             path,
             machine: MachineSettings { signals: self.signals.resolved.len(), ..machine.settings },
             arm: machine.arm,
+            arm_timeout: machine.arm_timeout,
             buses: self.buses.whole()?,
             devices: self.devices.whole()?,
             signals: self.signals.whole()?,

@@ -1,27 +1,47 @@
 use std::sync::Mutex;
 
 use super::*;
+use crate::observe::events::file::Found;
 use crate::observe::status::Status;
+use isotherm_core::quantity::Moment;
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::net::UnixStream;
 
 #[derive(Default)]
-struct Fake(Mutex<Vec<Command>>, Mutex<Vec<(String, Option<f64>)>>);
+struct Fake(Mutex<Vec<Command>>, Mutex<Vec<(String, Option<f64>)>>, Mutex<Vec<String>>);
 
 impl Source for Fake {
     fn status(&self) -> Status {
         panic!("nobody asks for it here")
     }
 
-    fn command(&self, command: Command) -> Result<String, String> {
+    fn command(&self, command: Command, axis: Option<&str>, asker: &Arc<Asker>) -> Result<Answer, String> {
+        self.2.lock().unwrap().push(format!("{asker:?}"));
+        if let Some(why) = asker.has_lapsed() {
+            return Err(why);
+        }
         self.0.lock().unwrap().push(command);
-        if command == Command::Zero { Err("axis z moves".to_owned()) } else { Ok("z: as you say".to_owned()) }
+        match command {
+            Command::Zero => Err("axis z moves".to_owned()),
+            Command::Arm if axis.is_some() => Ok(Answer::Waits("waiting".to_owned())),
+            _ => Ok(Answer::Done("z: as you say".to_owned())),
+        }
     }
 
-    fn arming(&self) -> Option<Result<String, String>> {
-        let asked = self.0.lock().unwrap().iter().filter(|command| **command == Command::Arm).count();
-        (asked > 1).then(|| Err("its register holds too much".to_owned()))
+    fn arming(&self, axis: Option<&str>) -> Result<Answer, String> {
+        match axis {
+            Some("refused") => Err("its register holds too much".to_owned()),
+            _ => Ok(Answer::Waits("z: waiting to arm: bed has an open circuit".to_owned())),
+        }
     }
 
-    fn measured(&self, axis: &str, error_um: Option<f64>) -> Result<String, String> {
+    fn turned_away(&self, _: &str, _: &Asker, _: &str) {}
+
+    fn events(&self, _: Moment, _: &mut dyn FnMut(Found)) -> std::io::Result<()> {
+        Ok(())
+    }
+
+    fn measured(&self, axis: &str, error_um: Option<f64>, _: &Asker) -> Result<String, String> {
         self.1.lock().unwrap().push((axis.to_owned(), error_um));
         Ok(format!("{axis}: {error_um:?}"))
     }
@@ -51,11 +71,11 @@ async fn commands_arrive_and_their_answers_return() {
     let directory = tempfile::tempdir().unwrap();
     let path = path(directory.path(), "m");
     let socket = path.clone();
-    let send_all = move || Command::ALL.map(|(_, command)| send(&socket, command));
+    let send_all = move || Command::ALL.map(|(_, command)| send(&socket, command, None));
     let (answers, commands) = beside(&path, send_all).await;
-    assert_eq!(commands, [Command::Arm, Command::Disarm, Command::Zero]);
-    assert_eq!(answers[0], Ok("z: as you say".to_owned()));
-    assert_eq!(answers[2], Err("axis z moves".to_owned()));
+    assert_eq!(commands, Command::ALL.map(|(_, command)| command));
+    assert_eq!(answers[0], Ok(Answer::Done("z: as you say".to_owned())));
+    assert_eq!(answers[2], Err(Failure::Refused("axis z moves".to_owned())));
 }
 
 #[tokio::test]
@@ -63,10 +83,13 @@ async fn who_arms_and_is_refused_is_told_why() {
     let directory = tempfile::tempdir().unwrap();
     let path = path(directory.path(), "m");
     let socket = path.clone();
-    let twice = move || [send(&socket, Command::Arm), send(&socket, Command::Arm)];
+    let twice = move || ["refused", "z"].map(|axis| send(&socket, Command::Arm, Some(axis)));
     let (answers, _) = beside(&path, twice).await;
-    let refused = Err("its register holds too much".to_owned());
-    assert_eq!(answers, [Ok("z: as you say".to_owned()), refused]);
+    let refused = Err(Failure::Refused("its register holds too much".to_owned()));
+    assert_eq!(
+        answers,
+        [refused, Ok(Answer::Waits("z: waiting to arm: bed has an open circuit".to_owned()))]
+    );
 }
 
 #[tokio::test]
@@ -76,9 +99,20 @@ async fn a_measured_error_arrives_with_every_digit() {
     let socket = path.clone();
     let said = [Some(-0.1 - 0.2), Some(1e-9), None];
     let (answers, _) = beside(&path, move || said.map(|error| send_measured(&socket, "z", error))).await;
-    assert_eq!(answers, said.map(|error| Ok(format!("z: {error:?}"))));
-    for line in ["measured", "measured z", "measured z much", "measured  ", "measuredz 1"] {
-        assert_eq!(execute(line, &Fake::default()), None, "{line}");
+    assert_eq!(answers, said.map(|error| Ok(Answer::Done(format!("z: {error:?}")))));
+    for line in [
+        "measured",
+        "measured z",
+        "measured z much",
+        "measured  ",
+        "measuredz 1",
+        "arm now",
+        "arm until=soon",
+        "arm until=-1",
+        "disarm stay",
+        "measured z 1 axis=z",
+    ] {
+        assert_eq!(Line::parse(line), None, "{line}");
     }
 }
 
@@ -126,7 +160,7 @@ async fn a_wire_log_ends_by_itself_and_one_of_an_unknown_device_is_refused_with_
     })
     .await;
     assert!(said.0.unwrap().starts_with("nothing was sent to it"));
-    let refused = said.1.unwrap_err();
+    let refused = said.1.unwrap_err().to_string();
     assert!(
         refused.starts_with("there is no device `lathe`; there are: ") && refused.contains("cnc"),
         "{refused}"

@@ -13,6 +13,7 @@ use crate::gateway::ledger::{Keeping, Kept};
 use crate::gateway::line_handle::LineHandle;
 use crate::gateway::storage::Stepped;
 use crate::gateway::units::Units;
+use crate::observe::asker::Way;
 use crate::observe::events::Event;
 use isotherm_core::output::{
     self, Action, Copies, Fact, Rules, Settings, Standing, State, Verify, Who, step,
@@ -39,6 +40,8 @@ pub(super) struct Register {
     keeping: Option<(u64, Moment)>,
     /// It goes on from what stands there, which is not what was decided.
     goes_on_from_there: bool,
+    /// The control was restarted since it last did.
+    was_restarted: bool,
     is_saturated: bool,
     /// What stood there when its axis began to hold something else.
     held_at: Option<Counts>,
@@ -95,6 +98,7 @@ impl Register {
             on_disk: None,
             keeping: None,
             goes_on_from_there: false,
+            was_restarted: false,
             is_saturated: false,
             held_at: None,
             has_asked: false,
@@ -257,7 +261,9 @@ impl Register {
                 output::Event::OwnWriteArrivedLate { .. } | output::Event::PerhapsFromBefore { .. } => {
                     self.goes_on_from_there = true;
                 }
-                output::Event::CncRestarted { .. } => (has_restarted, self.goes_on_from_there) = (true, true),
+                output::Event::CncRestarted { .. } => {
+                    (has_restarted, self.goes_on_from_there, self.was_restarted) = (true, true, true);
+                }
                 output::Event::ForeignValue { found, .. } => {
                     self.goes_on_from_there = false;
                     self.heard.is_armed = false;
@@ -440,7 +446,11 @@ impl Register {
         let Some(cz) = report::show(self, order, &mut core.outputs[self.id.0]) else { return };
         let goes_on = std::mem::take(&mut self.goes_on_from_there) && self.heard.is_armed;
         if goes_on && self.troubles.now.is_none() {
-            core.found(self.id, cz);
+            let is_taken_over = core.found(self.id, cz);
+            if std::mem::take(&mut self.was_restarted) && is_taken_over {
+                let axis = shared.profile.axis(output.axis).settings.name.clone();
+                core.events.push(Event::GoesOn { axis, from: cz, way: Way::Restart });
+            }
             drop(core);
             shared.wake_others(shared.profile.device(output.device).bus);
         }

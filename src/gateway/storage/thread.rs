@@ -12,6 +12,7 @@ use std::time::Duration;
 use jiff::civil::Date;
 
 use super::Job;
+use super::events::EventsFile;
 use super::keeping::{Keep, day, logs, superfluous};
 use super::outputs::Tears;
 use super::stamps::Stamped;
@@ -72,6 +73,9 @@ pub(super) struct StorageThread {
     tidied: Option<Moment>,
     /// The computer's clock was set so far that days before and after are not days of one row.
     set: Option<Correction>,
+    events: EventsFile,
+    /// Somebody has said that there are events.
+    is_woken: Arc<AtomicBool>,
     /// Rows of outputs that were made before so many were lost stand behind missing ones.
     whole_since: u64,
     failing: BTreeMap<&'static str, ()>,
@@ -99,6 +103,8 @@ impl StorageThread {
             keep: Keep { span: profile.history.keep, size: profile.history.max_size },
             tidied: None,
             set: None,
+            events: EventsFile::new(directory, machine, journal.clone()),
+            is_woken: Arc::default(),
             whole_since: 0,
             failing: BTreeMap::new(),
             torn,
@@ -111,10 +117,16 @@ impl StorageThread {
         while let Ok(job) = jobs.recv() {
             self.take(job);
         }
+        let _ = self.events.write_all();
+    }
+
+    pub(super) fn is_woken(&self) -> Arc<AtomicBool> {
+        self.is_woken.clone()
     }
 
     pub(super) fn take(&mut self, job: Job) {
-        match job {
+        self.is_woken.store(false, Ordering::Relaxed);
+        let at = match job {
             Job::Row { at, stamped, row } => {
                 let done = self.log.write(at.shifted(stamped.shift), stamped, &row);
                 if done.is_err() {
@@ -122,11 +134,13 @@ impl StorageThread {
                 }
                 self.report(at, "the log", done);
                 self.tidy(at, stamped);
+                Some(at)
             }
             Job::OutputRow { at, stamped, row, tear } => {
                 self.tears.has_left_the_queue();
                 self.write_output((at, stamped), &row, tear);
                 self.tidy(at, stamped);
+                Some(at)
             }
             Job::State { at, memory } => {
                 self.set = memory.clock_set;
@@ -135,7 +149,14 @@ impl StorageThread {
                     self.name_numbers(at);
                 }
                 self.report(at, "the state", done);
+                Some(at)
             }
+            Job::Events => None,
+        };
+        // They go on waiting where the disk does not take them; the next job tries again.
+        let done = self.events.write_all();
+        if let Some(at) = at {
+            self.report(at, "the events", done);
         }
     }
 

@@ -9,15 +9,19 @@
 //! it were ours (DNS rebinding), but it cannot do so with an address. `/healthz` is for everybody.
 
 use std::hint::black_box;
-use std::net::{IpAddr, SocketAddr};
-use std::sync::Arc;
+use std::net::IpAddr;
+use std::sync::atomic::{AtomicU64, Ordering};
 
+use super::peer::Peer;
+use super::{Room, parameter};
+use crate::clock::Passing;
 use axum::extract::{ConnectInfo, Request, State};
 use axum::http::{HeaderMap, Method, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
-use percent_encoding::percent_decode_str;
 
+/// How often it is reported that a command was turned away, in seconds.
+const REPORTED_EVERY_S: u64 = 10;
 const COOKIE: &str = "isotherm_token";
 
 /// This request brought the token in its address: the answer sets the cookie.
@@ -27,6 +31,8 @@ pub(super) struct Entered;
 pub(super) struct Access {
     token: Option<String>,
     listens_at: IpAddr,
+    /// When a command was turned away that was reported, in seconds since the computer was started.
+    reported: AtomicU64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,28 +45,50 @@ enum Refusal {
 
 /// Lets a request through, or answers why not.
 pub(super) async fn check(
-    State(access): State<Arc<Access>>,
-    ConnectInfo(peer): ConnectInfo<SocketAddr>,
+    State(room): State<Room>,
+    ConnectInfo(peer): ConnectInfo<Peer>,
     mut request: Request,
     next: Next,
 ) -> Response {
     if request.uri().path() == "/healthz" {
         return next.run(request).await;
     }
-    match access.judge(&request, peer.ip()) {
+    match room.access.judge(&request, peer.ip()) {
         Ok(entered) => {
             if let Some(entered) = entered {
                 request.extensions_mut().insert(entered);
             }
             next.run(request).await
         }
-        Err(refusal) => refusal.into_response(),
+        Err(refusal) => {
+            let command = request.uri().path().strip_prefix("/api/");
+            if let Some(command) = command.filter(|_| changes(&request) && room.access.may_report()) {
+                room.source.turned_away(
+                    command,
+                    &peer.asker(request.headers()),
+                    refusal.message().trim_end(),
+                );
+            }
+            refusal.into_response()
+        }
     }
+}
+
+fn changes(request: &Request) -> bool {
+    !matches!(*request.method(), Method::GET | Method::HEAD)
 }
 
 impl Access {
     pub(super) fn new(token: Option<String>, listens_at: IpAddr) -> Access {
-        Access { token, listens_at }
+        Access { token, listens_at, reported: AtomicU64::default() }
+    }
+
+    /// One that was turned away is reported once in a while: who guesses tokens must not fill the disk with it.
+    fn may_report(&self) -> bool {
+        let now = Passing::default().passed().as_secs();
+        let last = self.reported.load(Ordering::Relaxed);
+        let is_due = last == 0 || now >= last + REPORTED_EVERY_S;
+        is_due && self.reported.compare_exchange(last, now, Ordering::Relaxed, Ordering::Relaxed).is_ok()
     }
 
     /// A browser there may command, as far as one knows before it does.
@@ -76,7 +104,7 @@ impl Access {
 
     fn judge(&self, request: &Request, peer: IpAddr) -> Result<Option<Entered>, Refusal> {
         let headers = request.headers();
-        let changes = !matches!(*request.method(), Method::GET | Method::HEAD);
+        let changes = changes(request);
         let Some(token) = self.token.as_deref() else {
             return match () {
                 () if !self.knows_host(headers) => Err(Refusal::StrangeHost),
@@ -91,7 +119,7 @@ impl Access {
         if cookies(headers).any(|given| same(given, &hexadecimal(token))) {
             return if changes && !is_own_page(headers) { Err(Refusal::StrangeOrigin) } else { Ok(None) };
         }
-        let in_address = request.uri().query().and_then(token_in);
+        let in_address = request.uri().query().and_then(|query| parameter(query, "token"));
         match in_address {
             Some(given) if !changes && request.uri().path() == "/" && same(&given, token) => {
                 Ok(Some(Entered))
@@ -155,11 +183,6 @@ fn cookies(headers: &HeaderMap) -> impl Iterator<Item = &str> {
         .map(|(_, value)| value)
 }
 
-fn token_in(query: &str) -> Option<String> {
-    let given = query.split('&').find_map(|pair| pair.strip_prefix("token="))?;
-    Some(percent_decode_str(given).decode_utf8().ok()?.into_owned())
-}
-
 fn hexadecimal(token: &str) -> String {
     token.bytes().map(|byte| format!("{byte:02x}")).collect()
 }
@@ -170,32 +193,35 @@ fn same(given: &str, token: &str) -> bool {
     given.len() == token.len() && differences == 0
 }
 
+impl Refusal {
+    fn message(self) -> &'static str {
+        match self {
+            Refusal::NoToken => {
+                "This gateway wants its token: open /?token=… once in a browser, or send Authorization: Bearer.\n"
+            }
+            Refusal::StrangeHost => {
+                "Without a token this gateway answers only to localhost or to its own address. \
+                 Use the address instead of the name, or start the gateway with a token.\n"
+            }
+            Refusal::StrangeOrigin => "Commands from a browser are taken only from the gateway's own page.\n",
+            Refusal::NotFromHere => {
+                "Without a token, commands are taken only from the computer the gateway runs on. \
+                 Start the gateway with a token to command it from here.\n"
+            }
+        }
+    }
+}
+
 impl IntoResponse for Refusal {
     fn into_response(self) -> Response {
-        match self {
-            Refusal::NoToken => (
-                StatusCode::UNAUTHORIZED,
-                [(header::WWW_AUTHENTICATE, "Bearer realm=\"isotherm\"")],
-                "This gateway wants its token: open /?token=… once in a browser, or send Authorization: Bearer.\n",
-            )
-                .into_response(),
-            Refusal::StrangeHost => (
-                StatusCode::MISDIRECTED_REQUEST,
-                "Without a token this gateway answers only to localhost or to its own address. \
-                 Use the address instead of the name, or start the gateway with a token.\n",
-            )
-                .into_response(),
-            Refusal::StrangeOrigin => (
-                StatusCode::FORBIDDEN,
-                "Commands from a browser are taken only from the gateway's own page.\n",
-            )
-                .into_response(),
-            Refusal::NotFromHere => (
-                StatusCode::FORBIDDEN,
-                "Without a token, commands are taken only from the computer the gateway runs on. \
-                 Start the gateway with a token to command it from here.\n",
-            )
-                .into_response(),
-        }
+        let code = match self {
+            Refusal::NoToken => {
+                let realm = [(header::WWW_AUTHENTICATE, "Bearer realm=\"isotherm\"")];
+                return (StatusCode::UNAUTHORIZED, realm, self.message()).into_response();
+            }
+            Refusal::StrangeHost => StatusCode::MISDIRECTED_REQUEST,
+            Refusal::StrangeOrigin | Refusal::NotFromHere => StatusCode::FORBIDDEN,
+        };
+        (code, self.message()).into_response()
     }
 }

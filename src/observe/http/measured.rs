@@ -2,12 +2,15 @@
 
 use axum::body::Bytes;
 use axum::extract::rejection::BytesRejection;
-use axum::extract::{Path, State};
-use axum::http::StatusCode;
+use axum::extract::{ConnectInfo, Path, State};
+use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 
+use super::peer::Peer;
 use super::{Room, answered};
+use crate::observe::asker::Asker;
+use crate::observe::status::Answer;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -18,7 +21,9 @@ struct Measured {
 
 pub(super) async fn learn(
     State(room): State<Room>,
+    ConnectInfo(peer): ConnectInfo<Peer>,
     Path(axis): Path<String>,
+    headers: HeaderMap,
     body: Result<Bytes, BytesRejection>,
 ) -> Response {
     let body = match body {
@@ -28,7 +33,7 @@ pub(super) async fn learn(
         }
     };
     match serde_json::from_slice::<Measured>(&body) {
-        Ok(measured) => answer(&room, &axis, Some(measured.error_um)),
+        Ok(measured) => answer(&room, &axis, Some(measured.error_um), &room.asker(&peer, &headers)),
         Err(error) => {
             let text =
                 format!("Send {{ \"error_um\": 3.2 }}, a number in µm, actual minus commanded ({error}).\n");
@@ -37,16 +42,21 @@ pub(super) async fn learn(
     }
 }
 
-pub(super) async fn forget(State(room): State<Room>, Path(axis): Path<String>) -> Response {
-    answer(&room, &axis, None)
+pub(super) async fn forget(
+    State(room): State<Room>,
+    ConnectInfo(peer): ConnectInfo<Peer>,
+    Path(axis): Path<String>,
+    headers: HeaderMap,
+) -> Response {
+    answer(&room, &axis, None, &room.asker(&peer, &headers))
 }
 
-fn answer(room: &Room, axis: &str, error_um: Option<f64>) -> Response {
+fn answer(room: &Room, axis: &str, error_um: Option<f64>, asker: &Asker) -> Response {
     let axes = room.source.status().axes;
     if !axes.iter().any(|known| known.name == axis) {
         let names: Vec<&str> = axes.iter().map(|axis| axis.name.as_str()).collect();
         let text = format!("There is no axis {axis}; there are {}.\n", names.join(", "));
         return (StatusCode::NOT_FOUND, text).into_response();
     }
-    answered(room.source.measured(axis, error_um))
+    answered(room.source.measured(axis, error_um, asker).map(Answer::Done))
 }

@@ -13,7 +13,7 @@ const STAGES = [
 ];
 
 class Card {
-  constructor(name) {
+  constructor(name, command) {
     this.state = element("span", { className: "badge" });
     this.value = element("span", { className: "figure" });
     this.stands = element("span", { className: "quiet" });
@@ -23,6 +23,11 @@ class Card {
     this.levels = element("dd");
     this.levelsRow = element("div", { className: "all" }, element("dt", {}, "Levels"), this.levels);
     this.why = element("p", { className: "why" });
+    this.asked = element("span");
+    const cancel = element("button", { type: "button", ariaLabel: `Cancel the request to arm axis ${name}` }, "Cancel");
+    cancel.addEventListener("click", () => command("cancel", name));
+    this.cancel = cancel;
+    this.waiting = element("p", { className: "waiting" }, this.asked, cancel);
     this.stages = STAGES.map(([stage, title]) => element("li", { title }, stage));
     this.bar = new Bar();
     this.chart = new Chart();
@@ -30,6 +35,7 @@ class Card {
     this.root = element("article", { className: "card axis" },
       element("div", { className: "row" }, element("h2", {}, `Axis ${name}`), this.state),
       this.why,
+      this.waiting,
       element("p", { className: "cz" }, element("abbr", { title: "compensation value" }, "Cz"), " ",
         this.value, " ", element("span", { className: "unit" }, "µm"), " ", this.stands),
       this.bar.root,
@@ -52,6 +58,8 @@ class Card {
     const warned = axis.warned ? `Cz lies beyond its warning level of ±${fixed(axis.warn_um, 0)} µm` : "";
     const why = [axis.why || axis.extrapolating?.text, warned].filter(Boolean).join("; ");
     say(this.why, why ? `${sentence}: ${why}` : sentence);
+    this.waiting.hidden = axis.waiting === null;
+    if (axis.waiting) say(this.asked, `Asked for ${axis.waiting.asked}; given up in ${span(axis.waiting.expires_s)}.`);
     const levels = [
       axis.warn_um === null ? "" : `warns beyond ±${fixed(axis.warn_um, 0)} µm`,
       axis.error_um === null ? "" : `goes off where the model asks for more than ±${fixed(axis.error_um, 0)} µm`,
@@ -106,13 +114,18 @@ class Bar {
 
 const cards = new Map();
 
-export function showAxes(root, status) {
+// Commands are given by `command(word, axis)`.
+export function showAxes(root, status, command) {
   for (const axis of status.axes) {
     if (!cards.has(axis.name)) {
-      const card = new Card(axis.name);
+      const card = new Card(axis.name, command);
       cards.set(axis.name, card);
       root.append(card.root);
     }
     cards.get(axis.name).show(axis, status);
   }
+}
+
+export function enableAxes(may) {
+  for (const card of cards.values()) card.cancel.disabled = !may;
 }

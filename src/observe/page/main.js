@@ -1,13 +1,15 @@
 // Follows the gateway's live stream, shows what it says, and says when it no longer does.
 
-import { showAxes } from "./axis.js";
-import { showTables, showEvents } from "./tables.js";
+import { enableAxes, showAxes } from "./axis.js";
+import { showEvents, showOlder, showTables } from "./tables.js";
 import { SIGNS, clock, day, overall, say, span } from "./text.js";
 
 const SILENT_AFTER_MS = 3500;
 const RETRY_MS = 2000;
 // An attempt on a dead path may hang for minutes; another one may find a way that has come back.
 const GIVE_UP_MS = 10000;
+// What the gateway has not begun by then is never done: it sees that nobody waits any more.
+const PATIENCE_MS = 5000;
 const LOST_TITLE = "no connection · ";
 
 const by = (id) => document.getElementById(id);
@@ -35,7 +37,7 @@ function show(status) {
   say(by("clock-word"), status.clock);
   say(by("machine-on"), status.machine_on_s === null ? "not on" : span(status.machine_on_s));
   say(by("uptime"), span(status.uptime_s));
-  showAxes(by("axes"), status);
+  showAxes(by("axes"), status, send);
   showTables(status);
   showEvents(by("events"), status.events, now);
 }
@@ -44,8 +46,13 @@ function heard(event) {
   const status = JSON.parse(event.data);
   lastHeard = new Date();
   if (lost) setLost(false);
-  buttons.forEach((button) => (button.disabled = !mayCommand));
   show(status);
+  enable(mayCommand);
+}
+
+function enable(may) {
+  buttons.forEach((button) => (button.disabled = !may));
+  enableAxes(may);
 }
 
 function setLost(now) {
@@ -54,7 +61,7 @@ function setLost(now) {
   by("lost").hidden = !now;
   document.title = (now ? LOST_TITLE : "") + title;
   if (!now) return;
-  buttons.forEach((button) => (button.disabled = true));
+  enable(false);
   const since = lastHeard ?? opened;
   say(by("lost"), `${SIGNS.bad} No connection to the gateway since ${clock(since)}. ` +
     (lastHeard ? "The figures below are old." : "There are no figures yet."));
@@ -103,22 +110,40 @@ function ask(command) {
   dialog.addEventListener("close", () => dialog.returnValue === "yes" && send(command), { once: true });
 }
 
-async function send(command) {
+async function send(command, axis) {
   const answer = by("answer");
   say(answer, "…");
+  const only = axis ? `?axis=${encodeURIComponent(axis)}` : "";
   try {
-    const response = await fetch(`/api/${command}`, { method: "POST" });
+    const response = await fetch(`/api/${command}${only}`, {
+      method: "POST",
+      headers: { "isotherm-way": "page" },
+      signal: AbortSignal.timeout(PATIENCE_MS),
+    });
     const text = await response.text();
     const json = response.headers.get("content-type")?.startsWith("application/json");
     const sentence = json ? JSON.parse(text).answer : text.trim();
-    answer.dataset.tone = response.ok ? "good" : "bad";
+    answer.dataset.tone = response.status === 202 ? "warn" : response.ok ? "good" : "bad";
     say(answer, `${clock(new Date())} ${command}: ${sentence}`);
   } catch {
     answer.dataset.tone = "bad";
-    say(answer, `${clock(new Date())} ${command}: the gateway did not answer; it is not known whether it was done.`);
+    say(answer, `${clock(new Date())} ${command}: no answer within ${PATIENCE_MS / 1000} s; not known whether it was done.`);
   }
 }
 
+async function older() {
+  const button = by("older");
+  button.disabled = true;
+  try {
+    const response = await fetch("/api/events?since=24h");
+    showOlder(by("events"), (await response.json()).events);
+    button.hidden = true;
+  } catch {
+    button.disabled = false;
+  }
+}
+
+by("older").addEventListener("click", older);
 buttons.forEach((button) => button.addEventListener("click", () => ask(button.dataset.command)));
 document.addEventListener("visibilitychange", listenForSilence);
 setInterval(listenForSilence, 500);

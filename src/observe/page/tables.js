@@ -96,13 +96,19 @@ export function showTables(status) {
 
 const LEVELS = { info: "off", warning: "warn", error: "bad" };
 let shown = "";
+let older = [];
+let newest = [];
+const same = (one, other) => one.at === other.at && one.text === other.text;
 
 export function showEvents(list, events, now) {
-  const last = events.at(-1);
-  const mark = `${events.length} ${last?.at} ${last?.text}`;
+  if (older.length) older.push(...newest.filter((event) => !events.some((other) => same(event, other))));
+  newest = events;
+  const all = [...older, ...events];
+  const last = all.at(-1);
+  const mark = `${all.length} ${last?.at} ${last?.text}`;
   if (mark === shown) return;
   shown = mark;
-  const rows = events.map((event) => {
+  const rows = all.map((event) => {
     const at = new Date(event.at);
     const time = day(at) === day(now) ? clock(at) : `${day(at).slice(5)} ${clock(at)}`;
     const level = element("span", { className: "badge" });
@@ -110,4 +116,11 @@ export function showEvents(list, events, now) {
     return element("li", {}, element("time", { dateTime: event.at }, time), level, element("span", { className: "text" }, event.text));
   });
   list.replaceChildren(...rows.reverse());
+}
+
+// Those before the first that the gateway shows by itself.
+export function showOlder(list, events) {
+  const first = newest.length ? events.findIndex((event) => same(event, newest[0])) : -1;
+  older = first < 0 ? events.filter((event) => !newest.some((other) => same(event, other))) : events.slice(0, first);
+  showEvents(list, newest, new Date());
 }

@@ -50,15 +50,11 @@ const AXIS = {
   holding: ["warn", "frozen", "keeps its last value"],
   ramping: ["bad", "returning to zero", "goes to zero"],
   zeroed: ["bad", "at zero", "stays at zero until all is good again"],
+  waiting: ["warn", "waiting to arm", "will be armed as soon as that can be"],
   off: ["off", "off", "nothing is written"],
 };
 
-export function axisState(axis) {
-  const [tone, name, sentence] = AXIS[axis.state] ?? ["warn", axis.state, ""];
-  // Off, and nobody has switched it off: something is still missing.
-  const waits = axis.state === "off" && !axis.armed && axis.why && !axis.why.endsWith("arm it again");
-  return [tone, waits ? "waiting to arm" : name, sentence];
-}
+export const axisState = (axis) => AXIS[axis.state] ?? ["warn", axis.state, ""];
 
 const OUTPUT = {
   verified: "good", unverified: "warn", unknown: "off", interlocked: "warn", foreign: "bad", off: "off",
@@ -79,6 +75,7 @@ export function overall(status) {
   const failed = inState("ramping", "zeroed");
   const holding = inState("holding");
   const degraded = inState("degraded");
+  const waiting = inState("waiting");
   const off = inState("off");
   const problem = (() => {
     if (failed.length) return ["bad", "fault", why(failed)];
@@ -91,6 +88,7 @@ export function overall(status) {
     return ["off", "dry run", "Computes and shows; writes nothing." + (problem ? ` ${problem[2]}` : "")];
   }
   if (problem) return problem;
+  if (waiting.length) return ["warn", "waiting to arm", why(waiting)];
   if (off.length === status.axes.length) return ["off", "off", "Not armed: nothing is written."];
   const rest = off.length ? ` ${names(off)}: off.` : "";
   return ["good", "compensating", needs(status) + rest];

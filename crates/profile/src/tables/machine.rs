@@ -1,5 +1,7 @@
 //! `[machine]`.
 
+use std::time::Duration;
+
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -25,7 +27,14 @@ pub(crate) struct RawMachine {
     settle: Option<Timespan>,
     /// When an axis begins to write: by itself once all is verified and good, or when a person says so. Default "auto".
     arm: Option<Arm>,
+    /// How long a request to arm that cannot be served yet waits, visibly. Default "10min".
+    arm_timeout: Option<Timespan>,
 }
+
+/// A request to arm waits this long where nothing else is said.
+const ARM_TIMEOUT: Duration = Duration::from_secs(600);
+/// A request that is older says nothing of what a person wants now.
+const LONGEST_ARM_TIMEOUT: Duration = Duration::from_secs(24 * 3600);
 
 /// When an axis may begin to write.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -46,6 +55,7 @@ pub(super) struct Machine {
     pub(super) description: String,
     pub(super) settings: MachineSettings,
     pub(super) arm: Arm,
+    pub(super) arm_timeout: Duration,
 }
 
 pub(super) fn resolve(at: &At<'_>, raw: Option<&RawMachine>) -> Machine {
@@ -63,10 +73,16 @@ pub(super) fn resolve(at: &At<'_>, raw: Option<&RawMachine>) -> Machine {
         settle: raw.settle.map(|Timespan(span)| span).unwrap_or_default(),
         ..MachineSettings::default()
     };
+    let arm_timeout = at.key("arm_timeout").duration(raw.arm_timeout).unwrap_or(ARM_TIMEOUT);
+    if arm_timeout > LONGEST_ARM_TIMEOUT {
+        let message = "a request to arm would wait for more than a day".to_owned();
+        at.key("arm_timeout").wrong(message, "write at most \"24h\"");
+    }
     Machine {
         name,
         description: raw.description.clone().unwrap_or_default(),
         settings,
         arm: raw.arm.unwrap_or_default(),
+        arm_timeout,
     }
 }

@@ -1,0 +1,98 @@
+//! `isotherm events`: what happened, read from the state directory; nothing has to run.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use super::load_with;
+use super::run::{known_directory, state_directory};
+use super::values::key_and_value;
+use crate::clock::Clock;
+use crate::observe::events::Entry;
+use crate::observe::events::file::{self, Found, begin};
+
+/// Shows the events that are kept in the state directory, oldest first: a gateway need not run. Times are UTC.
+///
+/// Lines that were changed, cut or taken out are told on stderr.
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  isotherm events my-machine.toml --since 12h\n  isotherm events --since 2026-01-31T18:00:00Z \
+                  --state /var/lib/isotherm --json"
+)]
+pub(super) struct Arguments {
+    /// The machine's profile, or the name of a shipped one; else the one machine of the state directory
+    #[arg(value_name = "PROFILE")]
+    profile: Option<PathBuf>,
+    /// Overrides one key, as often as needed: `--set bus.cell.address=10.0.0.7:502`
+    #[arg(long, value_name = "KEY=VALUE", value_parser = key_and_value, requires = "profile")]
+    set: Vec<(String, String)>,
+    /// Since when: a span, or a moment
+    #[arg(long, value_name = "SPAN", default_value = "12h")]
+    since: String,
+    /// The state directory that the gateway was started with
+    #[arg(long, value_name = "DIR")]
+    state: Option<PathBuf>,
+    /// One JSON document a line
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let since = begin(&arguments.since, Clock::wall().now()).map_err(anyhow::Error::msg)?;
+    let (directory, machine) = match &arguments.profile {
+        Some(path) => {
+            let profile = load_with(path, &arguments.set, false)?;
+            (state_directory(arguments.state.as_deref(), &profile)?, profile.name)
+        }
+        None => {
+            let directory = known_directory(arguments.state.as_deref());
+            let machine = only_machine(&directory)?;
+            (directory, machine)
+        }
+    };
+    let (mut out, mut written, mut count) = (std::io::stdout().lock(), Ok(()), 0_u64);
+    file::since(&directory, &machine, since, |found| match found {
+        Found::Damage(what) => eprintln!("warning: {what}"),
+        Found::Event(entry) if written.is_ok() => {
+            count += 1;
+            written = writeln!(out, "{}", if arguments.json { json(&entry) } else { line(&entry) });
+        }
+        Found::Event(_) => {}
+    })
+    .map_err(|error| anyhow::anyhow!("the events in {} cannot be read: {error}", directory.display()))?;
+    written?;
+    if count == 0 && !arguments.json {
+        eprintln!("nothing happened at {machine} since {since}, as far as {} knows", directory.display());
+    }
+    Ok(())
+}
+
+/// The machine whose events lie there.
+fn only_machine(directory: &Path) -> anyhow::Result<String> {
+    let shown = directory.display();
+    let machines = file::machines(directory).map_err(|error| {
+        anyhow::anyhow!(
+            "{shown} cannot be read ({error}); name the state directory with --state, or a profile"
+        )
+    })?;
+    match machines.as_slice() {
+        [] => anyhow::bail!(
+            "there are no events in {shown}; name the state directory with --state, or a profile"
+        ),
+        [one] => Ok(one.clone()),
+        several => anyhow::bail!(
+            "there are events of several machines in {shown}: {}; name the profile of one",
+            several.join(", ")
+        ),
+    }
+}
+
+fn json(entry: &Entry) -> String {
+    // Numbers and texts always have a JSON form.
+    serde_json::to_string(entry).unwrap_or_default()
+}
+
+fn line(entry: &Entry) -> String {
+    let level = format!("{:?}", entry.level).to_lowercase();
+    let at = entry.at.get(..19).unwrap_or(&entry.at).replace('T', " ");
+    format!("{at}  {level:<7}  {}", entry.text)
+}

@@ -1,0 +1,166 @@
+//! The asker's end of the command socket.
+
+use std::io::{BufRead, BufReader, Lines, Write};
+use std::os::unix::net::UnixStream;
+use std::path::Path;
+use std::time::Duration;
+
+use socket2::{Domain, SockAddr, Socket, Type};
+
+use super::{LONGEST_TRACE, SLACK};
+use crate::clock::Passing;
+use crate::observe::asker::PATIENCE;
+use crate::observe::status::{Answer, Command};
+
+/// How much longer than what he has asked for may be carried out an asker waits: an answer is under way, too.
+const UNDER_WAY: Duration = Duration::from_millis(250);
+/// How often a gateway whose queue of askers is full is asked again.
+const ASK_AGAIN: Duration = Duration::from_millis(50);
+
+/// Why there is no answer to be glad of.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Failure {
+    /// Nobody is there to be asked.
+    #[error("no gateway of this machine is running here ({0}); start it with `isotherm run`")]
+    NoGateway(String),
+    /// The gateway says why not.
+    #[error("{0}")]
+    Refused(String),
+    /// It is there, and says nothing.
+    #[error("no answer within {} s; not known whether it was done (`isotherm events` tells, once the gateway goes on)", PATIENCE.as_secs())]
+    NoAnswer,
+    /// It has ended meanwhile.
+    #[error(
+        "the gateway has ended before it answered; not known whether it was done (`isotherm events` tells)"
+    )]
+    Ended,
+}
+
+/// Sends a command to the running gateway, for one axis or for all; the answer is a sentence.
+///
+/// # Errors
+/// No gateway runs there, it refuses, or it does not answer.
+pub fn send(path: &Path, command: Command, axis: Option<&str>) -> Result<Answer, Failure> {
+    Ok(ask(path, &with_axis(command.name(), axis), PATIENCE)?.0)
+}
+
+/// Asks the running gateway to arm, and stays until that is done or refused; `show` is told what it waits for.
+///
+/// # Errors
+/// No gateway runs there, it refuses, or it does not answer any more.
+pub fn arm(path: &Path, axis: Option<&str>, mut show: impl FnMut(&str)) -> Result<String, Failure> {
+    let (mut answer, mut lines) = ask(path, &(with_axis("arm", axis) + " stay"), PATIENCE)?;
+    loop {
+        match answer {
+            Answer::Done(said) => return Ok(said),
+            Answer::Waits(said) => show(&said),
+        }
+        let line = loop {
+            let line = lines.next().ok_or(Failure::Ended)?.map_err(silent)?;
+            if line != "still" {
+                break line;
+            }
+        };
+        answer = understand(&line)?;
+    }
+}
+
+/// Sends an axis's measured error, µm; `None` takes back what such errors have taught.
+///
+/// # Errors
+/// No gateway runs there, it refuses, or it does not answer.
+pub fn send_measured(path: &Path, axis: &str, error_um: Option<f64>) -> Result<Answer, Failure> {
+    let error = error_um.map_or_else(|| "clear".to_owned(), |error| error.to_string());
+    Ok(ask(path, &format!("measured {axis} {error}"), PATIENCE)?.0)
+}
+
+fn with_axis(command: &str, axis: Option<&str>) -> String {
+    axis.map_or_else(|| command.to_owned(), |axis| format!("{command} axis={axis}"))
+}
+
+/// Somebody is there to be asked.
+pub(super) fn answers(path: &Path) -> bool {
+    !matches!(connect(path, Duration::ZERO), Err(Failure::NoGateway(_)))
+}
+
+/// A queue that is full keeps whoever connects waiting: he asks again until `until` has passed since the computer was
+/// started.
+fn connect(path: &Path, until: Duration) -> Result<UnixStream, Failure> {
+    let no_gateway = |error: std::io::Error| Failure::NoGateway(format!("{}: {error}", path.display()));
+    let address = SockAddr::unix(path).map_err(no_gateway)?;
+    loop {
+        let socket = Socket::new(Domain::UNIX, Type::STREAM, None).map_err(no_gateway)?;
+        socket.set_nonblocking(true).map_err(no_gateway)?;
+        match socket.connect(&address) {
+            Ok(()) => {
+                socket.set_nonblocking(false).map_err(no_gateway)?;
+                return Ok(socket.into());
+            }
+            Err(error) if error.kind() != std::io::ErrorKind::WouldBlock => return Err(no_gateway(error)),
+            Err(_) if Passing::default().passed() >= until => return Err(Failure::NoAnswer),
+            Err(_) => std::thread::sleep(ASK_AGAIN),
+        }
+    }
+}
+
+/// Sends a line: what the first line of the answer says, and the lines behind it.
+fn ask(
+    path: &Path,
+    line: &str,
+    patience: Duration,
+) -> Result<(Answer, Lines<BufReader<UnixStream>>), Failure> {
+    let until = Passing::default().passed() + PATIENCE;
+    let mut stream = connect(path, until)?;
+    let sent = stream.set_read_timeout(Some(patience + UNDER_WAY)).and_then(|()| {
+        let until =
+            if line.starts_with("trace") { String::new() } else { format!(" until={}", until.as_secs_f64()) };
+        // In one piece: half a line is no command.
+        stream.write_all(format!("{line}{until}\n").as_bytes())
+    });
+    sent.map_err(|_| Failure::Ended)?;
+    let mut lines = BufReader::new(stream).lines();
+    let answer = lines.next().ok_or(Failure::Ended)?.map_err(silent)?;
+    Ok((understand(&answer)?, lines))
+}
+
+fn silent(error: std::io::Error) -> Failure {
+    match error.kind() {
+        std::io::ErrorKind::WouldBlock | std::io::ErrorKind::TimedOut => Failure::NoAnswer,
+        _ => Failure::Ended,
+    }
+}
+
+fn understand(line: &str) -> Result<Answer, Failure> {
+    match line.split_once(' ') {
+        Some(("ok", said)) => Ok(Answer::Done(said.to_owned())),
+        Some(("waits", said)) => Ok(Answer::Waits(said.to_owned())),
+        Some((_, why)) => Err(Failure::Refused(why.to_owned())),
+        None => Err(Failure::Ended),
+    }
+}
+
+/// Listens to a device of the running gateway for this long; each line is shown as it comes, while `show` says so. The
+/// answer is a sentence about all of them.
+///
+/// # Errors
+/// No gateway runs there, it refuses, or it does not answer any more.
+pub fn trace(
+    path: &Path,
+    device: &str,
+    span: Duration,
+    json: bool,
+    mut show: impl FnMut(&str) -> bool,
+) -> Result<String, Failure> {
+    let form = if json { "json" } else { "text" };
+    let request = format!("trace {device} {} {form}", span.as_secs_f64());
+    for line in ask(path, &request, span.min(LONGEST_TRACE) + SLACK)?.1 {
+        let line = line.map_err(silent)?;
+        if let Some(said) = line.strip_prefix("end ") {
+            return Ok(said.to_owned());
+        }
+        if !show(&line) {
+            return Ok("ended".to_owned());
+        }
+    }
+    Err(Failure::Ended)
+}

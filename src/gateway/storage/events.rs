@@ -1,0 +1,124 @@
+//! Events on their way to disk: they wait in the journal until their line is written.
+
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::SyncSender;
+
+use super::Job;
+use crate::gateway::disk::{append as append_to, make_directory};
+use crate::observe::events::file::{self, End, LARGEST};
+use crate::observe::events::{Entry, Event, Journal};
+use isotherm_core::quantity::Moment;
+
+/// So many are taken out of the journal at once.
+const BATCH: usize = 64;
+
+/// Events wake the thread while this lives.
+#[derive(Debug)]
+pub(super) struct EventsWake(Arc<Journal>);
+
+impl EventsWake {
+    /// `is_woken`: it has been, and has not looked since.
+    pub(super) fn begin(
+        journal: Arc<Journal>,
+        queue: SyncSender<Job>,
+        is_woken: Arc<AtomicBool>,
+    ) -> EventsWake {
+        journal.keep(move || {
+            // Where there is no room, the thread has jobs enough, and looks after each.
+            if !is_woken.swap(true, Ordering::Relaxed) && queue.try_send(Job::Events).is_err() {
+                is_woken.store(false, Ordering::Relaxed);
+            }
+        });
+        EventsWake(journal)
+    }
+}
+
+impl Drop for EventsWake {
+    fn drop(&mut self) {
+        self.0.wake_nobody();
+    }
+}
+
+/// The disk's end: a file a day.
+pub(super) struct EventsFile {
+    directory: PathBuf,
+    machine: String,
+    journal: Arc<Journal>,
+    open: Option<(String, File, End)>,
+    /// Those that found the file of their day full.
+    skipped: u64,
+}
+
+impl EventsFile {
+    pub(super) fn new(directory: &Path, machine: &str, journal: Arc<Journal>) -> EventsFile {
+        let (directory, machine) = (directory.to_owned(), machine.to_owned());
+        EventsFile { directory, machine, journal, open: None, skipped: 0 }
+    }
+
+    /// Puts on disk what waits. What cannot be written goes on waiting.
+    pub(super) fn write_all(&mut self) -> std::io::Result<()> {
+        loop {
+            let entries = self.journal.unkept(BATCH);
+            if entries.is_empty() {
+                return Ok(());
+            }
+            for entry in &entries {
+                self.write(entry)?;
+                self.journal.kept();
+            }
+        }
+    }
+
+    fn write(&mut self, entry: &Entry) -> std::io::Result<()> {
+        let day = file::day(entry);
+        let (mut file, end) = match self.open.take().filter(|(open, ..)| open == day) {
+            Some((_, file, end)) => (file, end),
+            None => {
+                let (mut file, mut end) = self.open_day(day)?;
+                let lost = Event::EventsLost { count: self.skipped };
+                if self.skipped > 0 && end.length() < LARGEST {
+                    end = append(&mut file, end, &beside(entry, &lost))?;
+                    self.skipped = 0;
+                }
+                (file, end)
+            }
+        };
+        let end = if end.length() >= LARGEST {
+            self.skipped += 1;
+            end
+        } else {
+            let end = append(&mut file, end, entry)?;
+            if end.length() >= LARGEST {
+                let full = Event::EventsFull { bytes: LARGEST };
+                append(&mut file, end, &beside(entry, &full))?
+            } else {
+                end
+            }
+        };
+        self.open = Some((day.to_owned(), file, end));
+        Ok(())
+    }
+
+    fn open_day(&self, day: &str) -> std::io::Result<(File, End)> {
+        make_directory(&self.directory)?;
+        let path = file::path(&self.directory, &self.machine, day);
+        let end = file::read(&path, |_| {})?;
+        Ok((append_to(&path)?, end))
+    }
+}
+
+/// An event at the moment of another one.
+fn beside(entry: &Entry, event: &Event) -> Entry {
+    Entry { at: entry.at.clone(), ..event.entry(Moment::default()) }
+}
+
+/// Whatever is written of it, the next one reads the file's end anew after a failure.
+fn append(file: &mut File, end: End, entry: &Entry) -> std::io::Result<End> {
+    let (line, end) = end.line(entry);
+    file.write_all(line.as_bytes())?;
+    Ok(end)
+}

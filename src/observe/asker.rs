@@ -1,0 +1,219 @@
+//! Who asks for something, by which way, and whether he still wants it.
+//!
+//! **A command is begun within its deadline or never.** Whoever asks waits [`PATIENCE`] for an answer. What he has asked for
+//! may lie in a socket for longer than that, where the gateway stands still: it is dropped then. Our own program says until
+//! when it waits, by a clock that it shares with the gateway. Of others it is known that they have gone, or that nobody
+//! looked at the sockets for so long ([`Attendance`]).
+
+use std::fmt;
+use std::os::fd::{AsFd, OwnedFd};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use serde::Serialize;
+
+use crate::clock::Passing;
+
+/// How long an answer is waited for.
+pub const PATIENCE: Duration = Duration::from_secs(5);
+/// How often it is noted that somebody looks.
+const LOOK_EVERY: Duration = Duration::from_millis(250);
+
+/// The way of a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Way {
+    /// The buttons of the page.
+    Page,
+    /// The command socket: `isotherm arm`.
+    Socket,
+    /// HTTP, by something else than the page.
+    Api,
+    /// The profile says so.
+    Auto,
+    /// What was so before a restart goes on.
+    Restart,
+}
+
+impl Way {
+    /// Who, and by which way, as it stands in a sentence.
+    pub fn by(self, who: &str) -> String {
+        match self {
+            Way::Page => format!("by {who} on the page"),
+            Way::Socket => format!("by {who} over the socket"),
+            Way::Api => format!("by {who} over the API"),
+            Way::Auto => format!("by itself ({who})"),
+            Way::Restart => format!("after a restart ({who})"),
+        }
+    }
+}
+
+/// Whoever asks.
+pub struct Asker {
+    /// By which way.
+    pub way: Way,
+    /// An address, or a user with his number.
+    pub who: String,
+    /// Until when he waits, in time since the computer was started.
+    until: Option<Duration>,
+    /// He has gone when its other end is closed.
+    connection: Option<Arc<OwnedFd>>,
+    stays: bool,
+}
+
+impl fmt::Debug for Asker {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.way.by(&self.who))
+    }
+}
+
+impl Asker {
+    /// Somebody who waits for as long as it takes.
+    pub fn new(way: Way, who: impl Into<String>) -> Asker {
+        Asker { way, who: who.into(), until: None, connection: None, stays: false }
+    }
+
+    /// He waits no longer than until this much time has passed since the computer was started; never longer than
+    /// [`PATIENCE`] from now.
+    #[must_use]
+    pub fn until(self, until: Duration) -> Asker {
+        let longest = Passing::default().passed() + PATIENCE;
+        Asker { until: Some(until.min(longest)), ..self }
+    }
+
+    /// He waits at the other end of this connection.
+    #[must_use]
+    pub fn at(self, connection: Arc<OwnedFd>) -> Asker {
+        Asker { connection: Some(connection), ..self }
+    }
+
+    /// What he asks for ends when he goes, however late that is.
+    #[must_use]
+    pub fn staying(self) -> Asker {
+        Asker { stays: true, ..self }
+    }
+
+    /// Why what he asked for is not begun any more, as a sentence.
+    pub fn has_lapsed(&self) -> Option<String> {
+        if self.until.is_some_and(|until| Passing::default().passed() >= until) {
+            return Some(format!("its turn came later than {} s after it was asked for", PATIENCE.as_secs()));
+        }
+        self.is_gone().then(|| "whoever asked for it has gone".to_owned())
+    }
+
+    /// He had to stay, and has not.
+    pub fn has_left(&self) -> bool {
+        self.stays && self.is_gone()
+    }
+
+    /// The other end of the connection is closed. One that only says no more is not: `echo arm | nc -U` waits for the answer;
+    /// over TCP the two look alike, and nobody does that there.
+    fn is_gone(&self) -> bool {
+        let Some(connection) = &self.connection else { return false };
+        let mut one = [PollFd::from_borrowed_fd(connection.as_fd(), PollFlags::RDHUP)];
+        if poll(&mut one, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })).is_err() {
+            return false;
+        }
+        let closed = PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL;
+        let also = if self.way == Way::Socket { PollFlags::empty() } else { PollFlags::RDHUP };
+        one[0].revents().intersects(closed | also)
+    }
+}
+
+/// That somebody looks at the sockets: what is found there has waited no longer than since the look before.
+#[derive(Clone, Debug, Default)]
+pub struct Attendance(Arc<Looks>);
+
+#[derive(Debug, Default)]
+struct Looks {
+    /// Milliseconds since the computer was started.
+    last: AtomicU64,
+    /// Before a gap, and at its end.
+    before: AtomicU64,
+    after: AtomicU64,
+}
+
+fn now() -> u64 {
+    u64::try_from(Passing::default().passed().as_millis()).unwrap_or(u64::MAX)
+}
+
+impl Attendance {
+    /// Looks for ever.
+    pub async fn keep(&self) {
+        loop {
+            self.look(now());
+            tokio::time::sleep(LOOK_EVERY).await;
+        }
+    }
+
+    fn look(&self, now: u64) {
+        let last = self.0.last.swap(now, Ordering::Relaxed);
+        if last > 0 && now.saturating_sub(last) > 1000 {
+            self.0.before.store(last, Ordering::Relaxed);
+            self.0.after.store(now, Ordering::Relaxed);
+        }
+    }
+
+    /// For how long at most something has waited that is found now. Right after a gap nobody knows what came in it.
+    fn longest_wait(&self, now: u64) -> Duration {
+        let [last, before, after] =
+            [&self.0.last, &self.0.before, &self.0.after].map(|moment| moment.load(Ordering::Relaxed));
+        let since = if after > 0 && now.saturating_sub(after) < 1000 { before } else { last };
+        Duration::from_millis(if since == 0 { 0 } else { now.saturating_sub(since) })
+    }
+
+    /// Until when whoever asked is waiting who does not say so himself.
+    pub fn until(&self) -> Duration {
+        let now = now();
+        (Duration::from_millis(now) + PATIENCE).saturating_sub(self.longest_wait(now))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::net::UnixStream;
+
+    fn asker(way: Way) -> (Asker, UnixStream) {
+        let (here, there) = UnixStream::pair().unwrap();
+        (Asker::new(way, "somebody").at(Arc::new(here.into())), there)
+    }
+
+    #[test]
+    fn who_waits_is_there_who_has_gone_is_not_and_who_only_says_no_more_waits() {
+        let (asker, there) = asker(Way::Socket);
+        assert_eq!(asker.has_lapsed(), None);
+        there.shutdown(std::net::Shutdown::Write).unwrap();
+        assert_eq!(asker.has_lapsed(), None);
+        drop(there);
+        assert_eq!(asker.has_lapsed().unwrap(), "whoever asked for it has gone");
+        assert!(!asker.has_left() && asker.staying().has_left());
+    }
+
+    #[test]
+    fn nobody_waits_longer_than_he_says_nor_than_five_seconds() {
+        let now = Passing::default().passed();
+        let (asker, _there) = asker(Way::Socket);
+        let asker = asker.until(now);
+        assert_eq!(asker.has_lapsed().unwrap(), "its turn came later than 5 s after it was asked for");
+        let patient = Asker::new(Way::Api, "somebody").until(now + Duration::from_secs(3600));
+        assert!(patient.until.unwrap() <= Passing::default().passed() + PATIENCE);
+    }
+
+    #[test]
+    fn what_is_found_after_a_gap_may_have_waited_since_before_it() {
+        let attendance = Attendance::default();
+        assert_eq!(attendance.longest_wait(100_000), Duration::ZERO);
+        attendance.look(100_000);
+        assert_eq!(attendance.longest_wait(100_200), Duration::from_millis(200));
+        // It is found before anybody has looked again, and after.
+        assert_eq!(attendance.longest_wait(108_000), Duration::from_secs(8));
+        attendance.look(108_000);
+        assert_eq!(attendance.longest_wait(108_010), Duration::from_millis(8010));
+        attendance.look(108_250);
+        attendance.look(109_000);
+        assert_eq!(attendance.longest_wait(109_100), Duration::from_millis(100));
+    }
+}

@@ -1,0 +1,207 @@
+//! The events of a run: each is a line in the log, counted, shown, and waits until it is on disk.
+
+use std::borrow::Cow;
+use std::collections::{BTreeMap, VecDeque};
+use std::fmt;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use serde::{Deserialize, Serialize};
+
+use super::{Event, Level};
+use crate::clock::Clock;
+use isotherm_core::quantity::Moment;
+
+/// How many events are shown.
+const SHOWN: usize = 200;
+/// How many wait for a disk that does not keep them; what happens then is lost, and that is counted.
+const UNKEPT: usize = 10_000;
+
+/// An event with its moment, as it is shown and kept.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Entry {
+    /// RFC 3339.
+    pub at: String,
+    /// One word for programs: the counter's label.
+    pub kind: Cow<'static, str>,
+    /// How much it matters.
+    pub level: Level,
+    /// The sentence.
+    pub text: String,
+    /// What the sentence is made of, for programs.
+    #[serde(default, skip_serializing_if = "serde_json::Value::is_null")]
+    pub data: serde_json::Value,
+}
+
+/// The events of a run, and the last ones of the runs before it.
+#[derive(Debug)]
+pub struct Journal {
+    /// Stamps what is reported.
+    clock: Clock,
+    pages: Mutex<Pages>,
+}
+
+#[derive(Debug, Default)]
+struct Pages {
+    last: VecDeque<Entry>,
+    counts: BTreeMap<&'static str, u64>,
+    /// So many of the last are from before the start.
+    recalled: usize,
+    unkept: Option<Unkept>,
+}
+
+/// What is not on disk yet.
+struct Unkept {
+    entries: VecDeque<Entry>,
+    lost: u64,
+    wake: Option<Box<dyn Fn() + Send>>,
+}
+
+impl fmt::Debug for Unkept {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Unkept({} waiting, {} lost)", self.entries.len(), self.lost)
+    }
+}
+
+impl Unkept {
+    fn push(&mut self, at: Moment, entry: Entry) {
+        // Once there is room again, the first to know of those that were lost is the file.
+        let is_full = self.entries.len() + 2 > UNKEPT;
+        if !is_full && self.lost > 0 {
+            let lost = Event::EventsLost { count: std::mem::take(&mut self.lost) };
+            self.entries.push_back(lost.entry(at));
+        }
+        if is_full {
+            self.lost += 1;
+        } else {
+            self.entries.push_back(entry);
+        }
+        self.wake.iter().for_each(|wake| wake());
+    }
+}
+
+impl Journal {
+    /// Nothing has happened yet.
+    pub fn by(clock: &Clock) -> Journal {
+        Journal { clock: clock.clone(), pages: Mutex::default() }
+    }
+
+    /// Reports an event: log, count, page, disk.
+    pub fn report(&self, at: Moment, event: &Event) {
+        let at = self.clock.stamp(at);
+        let entry = event.entry(at);
+        let (kind, text) = (event.kind(), &entry.text);
+        match entry.level {
+            Level::Info => tracing::info!(kind, "{text}"),
+            Level::Warning => tracing::warn!(kind, "{text}"),
+            Level::Error => tracing::error!(kind, "{text}"),
+        }
+        let mut pages = self.pages();
+        *pages.counts.entry(kind).or_default() += 1;
+        if let Some(unkept) = &mut pages.unkept {
+            unkept.push(at, entry.clone());
+        }
+        pages.show(entry);
+    }
+
+    /// The last events, oldest first, and how often each kind happened since the start.
+    pub fn read(&self) -> (Vec<Entry>, BTreeMap<&'static str, u64>) {
+        let pages = self.pages();
+        (pages.last.iter().cloned().collect(), pages.counts.clone())
+    }
+
+    /// Events from before the start, oldest first: they are shown, and neither counted nor kept again.
+    pub fn recall(&self, before: Vec<Entry>) {
+        let mut pages = self.pages();
+        let since = std::mem::take(&mut pages.last);
+        pages.recalled = before.len();
+        before.into_iter().chain(since).for_each(|entry| pages.show(entry));
+    }
+
+    /// From now on events wait for the disk, those that have been reported already first. `wake` says to it that one does.
+    pub fn keep(&self, wake: impl Fn() + Send + 'static) {
+        let mut pages = self.pages();
+        let entries: VecDeque<Entry> = pages.last.iter().skip(pages.recalled).cloned().collect();
+        if !entries.is_empty() {
+            wake();
+        }
+        pages.unkept = Some(Unkept { entries, lost: 0, wake: Some(Box::new(wake)) });
+    }
+
+    /// What puts them there comes to its end: it takes what there is, and nobody has to wake it.
+    pub fn wake_nobody(&self) {
+        if let Some(unkept) = &mut self.pages().unkept {
+            unkept.wake = None;
+        }
+    }
+
+    /// The first that are not on disk yet, at most so many.
+    pub fn unkept(&self, most: usize) -> Vec<Entry> {
+        let pages = self.pages();
+        pages.unkept.iter().flat_map(|unkept| &unkept.entries).take(most).cloned().collect()
+    }
+
+    /// The first of them is on disk.
+    pub fn kept(&self) {
+        if let Some(unkept) = &mut self.pages().unkept {
+            unkept.entries.pop_front();
+        }
+    }
+
+    fn pages(&self) -> MutexGuard<'_, Pages> {
+        self.pages.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Pages {
+    fn show(&mut self, entry: Entry) {
+        if self.last.len() == SHOWN {
+            self.last.pop_front();
+            self.recalled = self.recalled.saturating_sub(1);
+        }
+        self.last.push_back(entry);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn report(journal: &Journal, second: u64) {
+        let at = Moment::from_nanos(second * 1_000_000_000);
+        journal.report(at, &Event::KeptAgain { what: format!("number {second}") });
+    }
+
+    #[test]
+    fn what_happened_before_the_disk_was_there_is_kept_and_what_a_hanging_disk_costs_is_told() {
+        let journal = Journal::by(&Clock::simulated(Moment::default(), None));
+        report(&journal, 1);
+        journal.keep(|| {});
+        let many = u64::try_from(UNKEPT).unwrap() + 5;
+        (2..=many).for_each(|second| report(&journal, second));
+        let texts = |journal: &Journal| -> Vec<String> {
+            journal.unkept(usize::MAX).into_iter().map(|entry| entry.text).collect()
+        };
+        assert_eq!(texts(&journal)[0], "number 1 is kept again");
+        assert_eq!(texts(&journal).len(), UNKEPT - 1);
+        (0..10).for_each(|_| journal.kept());
+        report(&journal, many + 1);
+        let left = texts(&journal);
+        assert_eq!(left[left.len() - 2], "6 events were lost, because the disk did not keep them in time");
+        assert_eq!(left[left.len() - 1], format!("number {} is kept again", many + 1));
+    }
+
+    #[test]
+    fn what_happened_before_the_start_is_shown_before_the_rest_and_not_counted() {
+        let (before, journal) = (
+            Journal::by(&Clock::simulated(Moment::default(), None)),
+            Journal::by(&Clock::simulated(Moment::default(), None)),
+        );
+        (1..=SHOWN as u64).for_each(|second| report(&before, second));
+        report(&journal, 1000);
+        journal.recall(before.read().0);
+        let (shown, counts) = journal.read();
+        assert_eq!((shown.len(), counts["kept-again"]), (SHOWN, 1));
+        assert_eq!(shown[0].text, "number 2 is kept again");
+        assert_eq!(shown[SHOWN - 1].text, "number 1000 is kept again");
+    }
+}

@@ -1,0 +1,57 @@
+//! `GET /api/events?since=12h`: what happened, before the last restart too.
+
+use std::collections::VecDeque;
+
+use axum::extract::{RawQuery, State};
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Json, Response};
+use serde::Serialize;
+
+use super::{Room, parameter};
+use crate::observe::events::Entry;
+use crate::observe::events::file::{Found, begin};
+use isotherm_core::quantity::time;
+
+/// Since when, where nothing is said.
+const SINCE: &str = "12h";
+/// So many of the last ones are shown; `isotherm events` shows all.
+const MOST: usize = 10_000;
+
+#[derive(Default, Serialize)]
+struct Events {
+    /// Oldest first.
+    events: VecDeque<Entry>,
+    /// So many older ones were left out.
+    left_out: usize,
+    /// What is wrong with the files they are kept in.
+    damage: Vec<String>,
+}
+
+pub(super) async fn since(State(room): State<Room>, RawQuery(query): RawQuery) -> Response {
+    let since = query.and_then(|query| parameter(&query, "since")).unwrap_or_else(|| SINCE.to_owned());
+    // Files are read where nobody else waits.
+    let read = tokio::task::spawn_blocking(move || read(&room, &since)).await;
+    match read {
+        Ok(Ok(events)) => Json(events).into_response(),
+        Ok(Err((code, why))) => (code, format!("{why}\n")).into_response(),
+        Err(error) => (StatusCode::INTERNAL_SERVER_ERROR, format!("{error}\n")).into_response(),
+    }
+}
+
+fn read(room: &Room, since: &str) -> Result<Events, (StatusCode, String)> {
+    let now = time::parse(&room.source.status().now).unwrap_or_default();
+    let since = begin(since, now).map_err(|why| (StatusCode::BAD_REQUEST, why))?;
+    let mut found = Events::default();
+    let read = room.source.events(since, &mut |one| match one {
+        Found::Damage(what) => found.damage.push(what),
+        Found::Event(entry) => {
+            if found.events.len() == MOST {
+                found.events.pop_front();
+                found.left_out += 1;
+            }
+            found.events.push_back(entry);
+        }
+    });
+    read.map_err(|error| (StatusCode::INTERNAL_SERVER_ERROR, format!("the events cannot be read: {error}")))?;
+    Ok(found)
+}

@@ -1,0 +1,76 @@
+//! What happened is known after a restart, and what somebody did to the file is told.
+
+use std::io::Write;
+
+use crate::bench::Bench;
+use crate::process::{isotherm, until};
+
+#[test]
+fn what_happened_before_a_restart_stands_in_the_verb_the_api_and_the_page() {
+    let mut bench = Bench::manual();
+    bench.ask(&["disarm"]);
+    bench.restart();
+    bench.ask(&["disarm"]);
+
+    let kinds = |bench: &Bench| -> Vec<String> {
+        bench.events(&[]).iter().map(|event| event["kind"].as_str().unwrap().to_owned()).collect()
+    };
+    let wanted = ["started", "command", "stopping", "stopped", "started", "command"];
+    until("all is kept", || {
+        let kinds = kinds(&bench);
+        let mut left = kinds.iter();
+        match wanted.iter().all(|kind| left.any(|known| known == kind)) {
+            true => Ok(()),
+            false => Err(format!("{kinds:?}")),
+        }
+    });
+    let status = bench.status();
+    let stopped = |events: &serde_json::Value| {
+        events.as_array().unwrap().iter().filter(|event| event["kind"] == "stopped").count()
+    };
+    assert_eq!(stopped(&status["events"]), 1, "the page shows what was before");
+    assert_eq!(status["event_counts"]["stopped"], serde_json::Value::Null, "and counts from the start");
+    let (code, events) = bench.http("GET", "/api/events?since=1h", "");
+    let events: serde_json::Value = serde_json::from_str(&events).unwrap();
+    assert_eq!((code, stopped(&events["events"])), (200, 1));
+    assert_eq!(events["damage"], serde_json::json!([]));
+    let (code, _) = bench.http("GET", "/api/events?since=soon", "");
+    assert_eq!(code, 400);
+
+    assert!(bench.events(&["--since", "2099-01-01T00:00:00Z"]).is_empty());
+    let (code, said) = bench.ask(&["events", "--since", "yesterday"]);
+    assert_eq!((code, said.contains("write a span, as 12h, or a moment")), (1, true), "{said}");
+    // Without a profile, and for a person.
+    let state = bench.home.path().join("state");
+    let said = isotherm(bench.home.path()).args(["events", "--state"]).arg(&state).output().unwrap();
+    let said = String::from_utf8(said.stdout).unwrap();
+    assert!(said.contains("info     walker: the gateway runs"), "{said}");
+    let empty = isotherm(bench.home.path()).arg("events").output().unwrap();
+    assert!(!empty.status.success());
+}
+
+#[test]
+fn a_line_that_somebody_changed_is_told_and_the_gateway_goes_on_behind_half_a_line() {
+    let mut bench = Bench::manual();
+    bench.ask(&["disarm"]);
+    bench.restart();
+    until("the second start is kept", || match bench.told("started").len() {
+        2 => Ok(()),
+        count => Err(count.to_string()),
+    });
+    bench.gateway.signal("KILL");
+    bench.gateway.ends_within(std::time::Duration::from_secs(10));
+    let state = bench.home.path().join("state");
+    let is_of_events = |path: &std::path::Path| path.to_string_lossy().ends_with(".events.jsonl");
+    let files = std::fs::read_dir(&state).unwrap().map(|entry| entry.unwrap().path());
+    let path = files.filter(|path| is_of_events(path)).max().unwrap();
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.replacen("disarm", "disaRm", 1)).unwrap();
+    let mut file = std::fs::OpenOptions::new().append(true).open(&path).unwrap();
+    file.write_all(b"{\"n\":99,\"after\":\"00").unwrap();
+    bench.restart_killed();
+    let events = bench.events_and_warnings();
+    assert!(events.contains("it was changed: its checksum does not fit"), "{events}");
+    assert!(events.contains("no event: cut, or overwritten"), "{events}");
+    assert_eq!(events.matches("\"kind\":\"started\"").count(), 3, "{events}");
+}

@@ -1,0 +1,13 @@
+//! Commands to a running gateway, as people and programs give them: each is an event, is carried out within its deadline or
+//! never, and one that waits is seen to wait. What happened is known after a restart.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+mod bench;
+mod deadline;
+#[path = "../device/mod.rs"]
+mod device;
+mod kept;
+#[path = "../process/mod.rs"]
+mod process;
+mod told;
+mod waiting;

@@ -1,0 +1,67 @@
+//! Every command is an event: what, by which way, who, what came of it.
+
+use std::time::Duration;
+
+use serde_json::json;
+
+use crate::bench::Bench;
+use crate::process::until;
+
+#[test]
+fn whoever_commands_by_whatever_way_is_told() {
+    let bench = Bench::manual();
+    until("a good reading", || match bench.axis() {
+        axis if axis["raw_um"].is_number() => Ok(()),
+        axis => Err(axis.to_string()),
+    });
+    assert_eq!(bench.ask(&["arm"]).0, 0);
+    assert_eq!(bench.http("POST", "/api/disarm", "").0, 200);
+    assert_eq!(bench.http("POST", "/api/arm?axis=z", "isotherm-way: page\r\n").0, 200);
+    assert_eq!(bench.http("POST", "/api/arm?axis=q", "").0, 409);
+    assert_eq!(bench.ask(&["measured", "--axis", "z", "--error", "3.2"]).0, 1);
+    assert_eq!(bench.http("POST", "/api/zero", "Origin: http://elsewhere.example\r\n").0, 403);
+
+    let events = bench.events(&[]);
+    let of_commands = events.iter().filter(|event| event["kind"].as_str().unwrap().starts_with("command"));
+    let told: Vec<_> = of_commands.map(|event| (event["kind"].clone(), event["data"].clone())).collect();
+    let uid = rustix::process::getuid().as_raw();
+    let word = |place: usize, word: &str| told[place].1[word].as_str().unwrap().to_owned();
+    assert!(word(0, "who").ends_with(&format!("uid {uid})")) || word(0, "who") == format!("uid {uid}"));
+    assert_eq!([word(0, "command"), word(0, "way"), word(0, "answer")], ["arm", "socket", "z: armed"]);
+    assert_eq!(told[0].1["axes"], json!(["z"]));
+    assert_eq!([word(1, "command"), word(1, "way"), word(1, "who")], ["disarm", "api", "127.0.0.1"]);
+    assert_eq!([word(2, "command"), word(2, "way"), word(2, "answer")], ["arm", "page", "z: armed"]);
+    let refused: Vec<&str> = told[3..].iter().map(|(kind, _)| kind.as_str().unwrap()).collect();
+    assert_eq!(refused, ["command-refused"; 3]);
+    assert_eq!(word(3, "why"), "there is no axis q; there are z");
+    assert_eq!(word(4, "command"), "measured 3.2 µm");
+    assert_eq!(word(5, "command"), "zero");
+    assert!(word(5, "why").starts_with("Commands from a browser"));
+    let armed: Vec<_> = events.iter().filter(|event| event["kind"] == "armed").collect();
+    assert_eq!([&armed[0]["data"]["way"], &armed[1]["data"]["way"]], ["socket", "page"]);
+}
+
+#[test]
+fn arming_by_the_profile_and_after_a_restart_are_told_apart() {
+    let mut bench = Bench::of(|text| text);
+    bench.device.asks(30);
+    bench.is_in_state("active");
+    until("it has arrived", || match bench.device.offset() {
+        30 => Ok(()),
+        offset => Err(format!("{offset}")),
+    });
+    // What was verified is on disk at the end.
+    bench.restart();
+    bench.is_in_state("active");
+    let armed = bench.events(&[]).into_iter().filter(|event| event["kind"] == "armed");
+    let ways: Vec<_> = armed.map(|event| event["data"]["way"].as_str().unwrap().to_owned()).collect();
+    assert_eq!(ways, ["auto", "restart"]);
+
+    // The control is switched off and on: its register is at zero again.
+    bench.device.puts(0);
+    until("it goes on", || match bench.told("goes-on").len() {
+        1 => Ok(()),
+        _ => Err(format!("{:?}", bench.told("cnc-restarted"))),
+    });
+    std::thread::sleep(Duration::from_millis(100));
+}
