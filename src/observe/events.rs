@@ -357,7 +357,7 @@ impl Event {
             }
             Event::ArmEnded { axis, why } => warning("arm-ended", format!("axis {axis}: not armed: {why}")),
             Event::Armed { axis, from, way, who } => {
-                info("armed", format!("axis {axis}: armed, {}, starting from {from}", way.by(who)))
+                info("armed", format!("axis {axis}: armed, starting from {from}, {}", way.by(who)))
             }
             Event::GoesOn { axis, from, .. } => {
                 info("goes-on", format!("axis {axis}: armed as before the restart, going on from {from}"))

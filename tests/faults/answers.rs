@@ -35,7 +35,7 @@ fn thermocouples(keys: &str) -> Trace {
 fn without_faults_the_axis_arms_steps_up_to_its_model_and_follows_it() {
     let trace = bench("", 3 * MINUTE);
     law::holds(&trace);
-    assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
+    assert_eq!(trace.states(), ["waiting", "active"], "{}", trace.lines());
     assert!(trace.writes("cnc_z").iter().any(|(_, value)| *value > 5.0), "{:?}", trace.writes("cnc_z"));
     assert!(trace.outcome.rested && !trace.outcome.failed, "{:?}", trace.outcome);
 }

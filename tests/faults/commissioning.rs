@@ -75,7 +75,7 @@ fn writes(trace: &Trace) -> usize {
 #[test]
 fn a_module_that_is_set_as_expected_is_armed_and_its_checks_are_read_once() {
     let trace = module(&[]);
-    assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
+    assert_eq!(trace.states(), ["waiting", "active"], "{}", trace.lines());
     let reads = |register: u16, function: u8| {
         let same = |seen: &&isotherm::virtual_machine::Seen| {
             seen.function == function && seen.address.register().unwrap().offset == register
@@ -93,7 +93,7 @@ fn a_module_that_is_set_as_expected_is_armed_and_its_checks_are_read_once() {
 #[test]
 fn a_module_in_the_wrong_format_is_not_armed_and_what_to_do_is_told_once() {
     let trace = module(&[&set("coil:268", 0, "0s")]);
-    assert_eq!(trace.states(), ["off"], "{}", trace.lines());
+    assert_eq!(trace.states(), ["waiting"], "{}", trace.lines());
     assert_eq!(writes(&trace), 0);
     for kind in ["not-as-expected", "arm-refused"] {
         let reported = reported(&trace, kind);
@@ -124,7 +124,7 @@ fn every_mismatch_is_told_at_once_and_putting_them_right_arms() {
     ] {
         assert!(first.contains(words), "`{words}` is not in: {first}");
     }
-    assert_eq!(trace.states_between(0, 58), ["off"], "{}", trace.lines());
+    assert_eq!(trace.states_between(0, 58), ["waiting"], "{}", trace.lines());
     assert_eq!(trace.reported("as-expected"), 1, "{}", trace.lines());
     assert_eq!(trace.states_between(75, 118), ["active"], "{}", trace.lines());
 }
@@ -146,5 +146,5 @@ fn a_check_that_the_device_cannot_answer_is_told_with_its_remedy() {
     for words in ["cannot be read: exception 2 (illegal data address)", "set coil 267"] {
         assert!(first.contains(words), "`{words}` is not in: {first}");
     }
-    assert_eq!(trace.states(), ["off", "active"], "looked at again, and well: {}", trace.lines());
+    assert_eq!(trace.states(), ["waiting", "active"], "looked at again, and well: {}", trace.lines());
 }

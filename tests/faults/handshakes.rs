@@ -91,7 +91,7 @@ fn a_value_is_written_strobed_acknowledged_and_only_then_believed() {
         let exchange = exchange.trim_start_matches('r');
         assert!(exchange.starts_with("ar") && exchange.contains("rvrS"), "{exchange} in {story}");
     }
-    assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
+    assert_eq!(trace.states(), ["waiting", "active"], "{}", trace.lines());
     assert!(trace.taken.len() > 15, "{}", trace.taken.len());
     let last = trace.writes("cnc_z").last().unwrap().1;
     assert!(last.abs() < 1e-9 && trace.outcome.left.contains("cnc_z holds 0.0"), "{:?}", trace.outcome);
@@ -173,7 +173,7 @@ fn a_strobe_that_rises_late_is_dropped_and_the_axis_follows_again() {
 fn a_slow_acknowledge_inside_the_timeout_is_waited_for_and_one_beyond_is_not() {
     let late = |delay: &str| cnc("late-acknowledge", 30, 60) + &format!("delay = \"{delay}\"\n");
     let trace = cut(&late("400ms"));
-    assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
+    assert_eq!(trace.states(), ["waiting", "active"], "{}", trace.lines());
     assert_eq!(trace.reported("acknowledge-missing"), 0, "{}", trace.lines());
     let trace = cut(&late("900ms"));
     assert_eq!(trace.reported("acknowledge-missing"), 1, "{}", trace.lines());
@@ -393,7 +393,7 @@ fn a_strobe_that_an_earlier_gateway_left_up_is_dropped_before_anything_is_writte
     let story = story(&trace, 0.0, 20.0);
     let (first, value) = (story.find('s').unwrap(), story.find('v').unwrap());
     assert!(first < value, "{story}");
-    assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
+    assert_eq!(trace.states(), ["waiting", "active"], "{}", trace.lines());
     let manual = shaken().replace("arm  = \"auto\"", "arm  = \"manual\"");
     let trace = run(&manual, up, MINUTE);
     assert_eq!(trace.wire.iter().filter(|seen| seen.is_write()).count(), 0, "nothing before a person arms");
@@ -407,7 +407,7 @@ fn a_dry_run_raises_no_strobe() {
     });
     holds(&trace);
     assert_eq!(trace.wire.iter().filter(|seen| seen.is_write()).count(), 0);
-    assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
+    assert_eq!(trace.states(), ["waiting", "active"], "{}", trace.lines());
 }
 
 #[test]
@@ -416,7 +416,7 @@ fn a_strobe_and_an_acknowledge_may_be_bits_of_registers() {
     let trace = run(&text, "", 2 * MINUTE);
     law::holds(&trace);
     law::nothing_taken_jumps(&trace);
-    assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
+    assert_eq!(trace.states(), ["waiting", "active"], "{}", trace.lines());
     assert!(trace.taken.len() > 10, "{}", trace.taken.len());
     let mut strobes: Vec<u16> = trace
         .wire

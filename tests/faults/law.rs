@@ -148,7 +148,7 @@ fn is_inside(
 
 fn was_off(trace: &Trace, output: &Output, from: Moment, to: Moment) -> bool {
     let between = trace.samples.iter().filter(|sample| sample.at >= from && sample.at <= to);
-    between.into_iter().any(|sample| sample.status.axes[output.axis.0].state == "off")
+    between.into_iter().any(|sample| matches!(sample.status.axes[output.axis.0].state, "off" | "waiting"))
 }
 
 /// What a device had in a signal's registers when they were read, not longer ago than `age` before this request.

@@ -102,7 +102,7 @@ fn the_share_walks_in_on_top_of_what_the_operator_has_and_leaves_it_behind() {
     let (base, share) = shares(&trace, 120);
     near(base, BASE);
     assert!(share > 5.0, "{share}\n{}", trace.lines());
-    assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
+    assert_eq!(trace.states(), ["waiting", "off", "active"], "{}", trace.lines());
     assert_eq!(
         (trace.reported("ledger-opened"), trace.reported("operator-change")),
         (1, 0),
@@ -131,7 +131,7 @@ fn an_operators_edit_is_kept_and_told_and_the_axis_goes_on_with_its_share() {
     // The edit said what the whole register shall be.
     near(base + share, 300.0);
     assert!((now - share).abs() < 2.0, "{share} → {now}");
-    assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
+    assert_eq!(trace.states(), ["waiting", "off", "active"], "{}", trace.lines());
     near(left(&trace), base);
 }
 
@@ -333,7 +333,7 @@ fn a_dry_run_keeps_no_ledger() {
         trial.run(MINUTE).await
     });
     law::holds(&trace);
-    assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
+    assert_eq!(trace.states(), ["waiting", "active"], "{}", trace.lines());
     assert!(!directory.path().join("bench.ledger.json").exists());
 }
 

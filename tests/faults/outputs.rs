@@ -28,7 +28,7 @@ fn a_dry_run_writes_nothing_at_all_not_even_the_heartbeat() {
     });
     law::holds(&trace);
     assert_eq!(trace.wire.iter().filter(|seen| seen.is_write()).count(), 0);
-    assert_eq!(trace.states(), ["off", "active"], "it shows what it would do\n{}", trace.lines());
+    assert_eq!(trace.states(), ["waiting", "active"], "it shows what it would do\n{}", trace.lines());
     let polls = trace.wire.len();
     assert!(polls < 1200, "{polls} requests in two minutes");
 }
@@ -107,7 +107,7 @@ fn a_restarted_cnc_ramps_in_again_and_neither_register_nor_readout_jumps() {
     law::holds(&trace);
     assert_eq!(trace.reported("cnc-restarted"), 1, "{}", trace.lines());
     assert_eq!(trace.reported("foreign-change") + trace.reported("disarmed"), 0, "{}", trace.lines());
-    assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
+    assert_eq!(trace.states(), ["waiting", "active"], "{}", trace.lines());
     let after = values(&trace, "cnc_z", 61.0, 180.0);
     assert!(after[0] <= 1.0 && after.last().unwrap() > &5.0, "{after:?}");
 }
@@ -140,7 +140,7 @@ fn a_device_with_a_short_list_of_functions_never_sees_another_one() {
     let functions: std::collections::BTreeSet<u8> =
         trace.wire.iter().filter(|seen| seen.device.0 == cnc).map(|seen| seen.function).collect();
     assert_eq!(functions.into_iter().collect::<Vec<_>>(), [3, 16]);
-    assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
+    assert_eq!(trace.states(), ["waiting", "active"], "{}", trace.lines());
     assert!(trace.beats().len() > 100);
 }
 
@@ -195,7 +195,7 @@ fn a_register_beyond_the_limit_refuses_to_arm_with_a_sentence() {
     assert_eq!(trace.reported("arm-refused"), 1, "{}", trace.lines());
     assert!(trace.lines().contains("holds 90.0 µm, beyond the limit"), "{}", trace.lines());
     assert_eq!(trace.writes("cnc_z").len() + trace.writes("readout_z").len(), 0);
-    assert_eq!(trace.states(), ["off"]);
+    assert_eq!(trace.states(), ["waiting"]);
 }
 
 /// 40.2 µm in 32 bits reads as 40.200001; 17 counts of 0.001 µm/mm at 310 mm come to 5.270000000000001 µm.
@@ -214,7 +214,7 @@ fn a_register_exactly_at_the_limit_is_armed_from_whatever_rounding_makes_of_it()
     law::holds(&trace);
     assert_eq!(
         (trace.reported("arm-refused"), trace.states()),
-        (0, vec!["off", "active"]),
+        (0, vec!["waiting", "active"]),
         "{}",
         trace.lines()
     );
@@ -226,7 +226,7 @@ fn a_register_exactly_at_the_limit_is_armed_from_whatever_rounding_makes_of_it()
     law::holds(&trace);
     assert_eq!(
         (trace.reported("arm-refused"), trace.states()),
-        (0, vec!["off", "active"]),
+        (0, vec!["waiting", "active"]),
         "{}",
         trace.lines()
     );
@@ -240,7 +240,7 @@ fn a_dry_run_does_not_wait_for_a_reference_position_that_it_never_writes() {
     });
     law::holds(&trace);
     assert_eq!(trace.wire.iter().filter(|seen| seen.is_write()).count(), 0);
-    assert_eq!(trace.states(), ["off", "active"], "it shows what it would do\n{}", trace.lines());
+    assert_eq!(trace.states(), ["waiting", "active"], "it shows what it would do\n{}", trace.lines());
 }
 
 #[test]
@@ -248,7 +248,7 @@ fn a_step_that_is_no_multiple_of_the_count_is_never_exceeded_by_rounding() {
     let text = BENCH.replace("step = 1.0", "step = 0.25");
     let trace = run(&text, &cnc("kind = \"restart\"\nat = \"60s\""), 3 * MINUTE);
     law::holds(&trace);
-    assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
+    assert_eq!(trace.states(), ["waiting", "active"], "{}", trace.lines());
 }
 
 #[test]
@@ -258,7 +258,7 @@ fn an_axis_with_nothing_but_a_corrected_position_starts_from_zero() {
     let text = format!("{}{}", &BENCH[..from], &BENCH[to..]);
     let trace = run(&text, "", 2 * MINUTE);
     law::holds(&trace);
-    assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
+    assert_eq!(trace.states(), ["waiting", "active"], "{}", trace.lines());
     assert!(trace.writes("readout_z").len() > 100);
     assert!(trace.outcome.rested, "{:?}", trace.outcome);
 }

@@ -78,7 +78,7 @@ fn a_probing_cycle_takes_what_the_model_does_not_know_out_of_the_machine() {
         let history = &last(&trace).history;
         let (first, last) = (history[0].1.abs(), history[history.len() - 1].1.abs());
         assert!(first > 2.0 && last < 0.5, "{history:?}");
-        assert_eq!(trace.states(), ["off", "active"]);
+        assert_eq!(trace.states(), ["waiting", "active"]);
     }
 }
 

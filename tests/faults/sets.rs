@@ -52,7 +52,7 @@ fn writes(trace: &Trace) -> impl Iterator<Item = &Seen> {
 fn a_set_side_by_side_is_one_request_with_its_sequence_and_its_complement() {
     let trace = run(BLOCK, "", 2 * MINUTE);
     holds(&trace);
-    assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
+    assert_eq!(trace.states(), ["waiting", "active"], "{}", trace.lines());
     let mut last = 0;
     for seen in writes(&trace) {
         assert_eq!(
@@ -96,7 +96,7 @@ fn a_set_that_lies_apart_has_its_sequence_written_last_and_is_never_taken_by_hal
     for set in offsets.chunks(4) {
         assert_eq!(set, [106, 120, 130, 140], "{offsets:?}");
     }
-    assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
+    assert_eq!(trace.states(), ["waiting", "active"], "{}", trace.lines());
 }
 
 /// Requests are lost one after the other at every place of an exchange: before, inside and after a set.
@@ -198,7 +198,7 @@ fn hours_of_every_fault_and_no_half_set_no_jump_and_no_strobe_left_up() {
 fn a_set_with_a_handshake_has_one_strobe_for_all_of_it() {
     let trace = run(&shaken(BLOCK), "", 2 * MINUTE);
     holds(&trace);
-    assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
+    assert_eq!(trace.states(), ["waiting", "active"], "{}", trace.lines());
     let mut count: HashMap<u16, usize> = HashMap::new();
     writes(&trace).for_each(|seen| *count.entry(seen.address.register().unwrap().offset).or_default() += 1);
     // One strobe up and one down for each set; one more down before the first.

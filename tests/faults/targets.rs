@@ -215,7 +215,7 @@ fn a_plc_with_one_axis_is_given_zeros_for_the_others() {
     for seen in blocks(&trace, 100) {
         assert_eq!(seen.wanted[4..8], [0; 4], "{seen:?}");
     }
-    assert_eq!(trace.states(), ["off", "active"], "{}", trace.lines());
+    assert_eq!(trace.states(), ["waiting", "active"], "{}", trace.lines());
 }
 
 #[test]
@@ -381,7 +381,7 @@ fn linuxcnc_with_plain_zeros_in_its_words_is_not_armed_and_the_count_to_put_ther
     let zero = "[[fault]]\ndevice = \"cnc\"\nkind = \"register\"\nregister = \"holding:2\"\nwords = [0]\nat = \"0s\"\n";
     let trace = run(&text, zero, MINUTE);
     law::holds(&trace);
-    assert_eq!((trace.states(), trace.writes("cnc_z").len()), (vec!["off"], 0), "{}", trace.lines());
+    assert_eq!((trace.states(), trace.writes("cnc_z").len()), (vec!["waiting"], 0), "{}", trace.lines());
     let refused = trace.events.iter().find(|event| event.kind == "arm-refused").unwrap();
     for words in ["holds -3276.8 µm", "set it to zero, which is 32768 there"] {
         assert!(refused.text.contains(words), "`{words}` is not in: {}", refused.text);
