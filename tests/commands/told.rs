@@ -10,8 +10,8 @@ use crate::process::until;
 #[test]
 fn whoever_commands_by_whatever_way_is_told() {
     let bench = Bench::manual();
-    until("a good reading", || match bench.axis() {
-        axis if axis["raw_um"].is_number() => Ok(()),
+    until("a good reading, and the register is known", || match bench.axis() {
+        axis if axis["raw_um"].is_number() && axis["verified_um"].is_number() => Ok(()),
         axis => Err(axis.to_string()),
     });
     assert_eq!(bench.ask(&["arm"]).0, 0);
