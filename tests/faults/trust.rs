@@ -15,7 +15,7 @@ use rand_pcg::Pcg32;
 use crate::clocks::slow;
 use crate::keeping::kept_in;
 use crate::law;
-use crate::rig::{Trace, World, block_on};
+use crate::rig::{Trace, World, block_on, somebody};
 
 /// How long; three days with `tests/run long`.
 const HOURS: &str = "TEST_TRUST_HOURS";
@@ -126,7 +126,7 @@ impl Computer {
                 }
                 if let Some(command) = command {
                     // Where it is armed already, or still waits, the answer says so.
-                    let _ = stage.source.command(command);
+                    let _ = stage.source.command(command, None, &somebody());
                 }
             });
         }
