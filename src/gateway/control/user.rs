@@ -1,12 +1,15 @@
 //! Who is at the other end of the socket.
 
+use std::path::Path;
+
+use isotherm_profile::regular;
 use tokio::net::UnixStream;
 
 /// The name of a user, and his number.
 pub(super) fn name(stream: &UnixStream) -> String {
     let Ok(peer) = stream.peer_cred() else { return "somebody".to_owned() };
     let uid = peer.uid();
-    let users = std::fs::read_to_string("/etc/passwd").unwrap_or_default();
+    let users = regular::read_text(Path::new("/etc/passwd")).unwrap_or_default();
     match found(&users, uid) {
         Some(name) => format!("{name} (uid {uid})"),
         None => format!("uid {uid}"),

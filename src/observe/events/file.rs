@@ -4,15 +4,14 @@
 //! the file's name), `seal` the checksum of all of the line before it. So whoever reads finds lines that were changed, cut
 //! or taken out, and files that stand in the place of another's. He is told, and reads on.
 
-use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom};
-use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
 use super::Entry;
 use isotherm_core::quantity::{Moment, time};
+use isotherm_profile::regular;
 
 /// What stands behind the day in the name of a file.
 const ENDING: &str = ".events.jsonl";
@@ -106,7 +105,7 @@ impl End {
 pub fn read(path: &Path, mut found: impl FnMut(Found)) -> std::io::Result<End> {
     let mut end = End::of_nothing(path);
     let mut text = Vec::new();
-    match open(path) {
+    match regular::open(path) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(end),
         Err(error) => return Err(error),
         Ok(file) => file.take(2 * LARGEST as u64).read_to_end(&mut text)?,
@@ -139,12 +138,6 @@ pub fn read(path: &Path, mut found: impl FnMut(Found)) -> std::io::Result<End> {
         found(Found::Event(line.entry));
     }
     Ok(end)
-}
-
-fn open(path: &Path) -> std::io::Result<File> {
-    // A pipe must not keep anybody waiting.
-    let file = OpenOptions::new().read(true).custom_flags(libc::O_NONBLOCK).open(path)?;
-    if file.metadata()?.is_file() { Ok(file) } else { Err(std::io::Error::other("it is no regular file")) }
 }
 
 /// A line and its seal; where that does not fit, as an error.
@@ -245,7 +238,7 @@ pub fn last(directory: &Path, machine: &str, most: usize) -> Vec<Entry> {
 
 /// The events at the end of a file.
 fn tail(path: &Path) -> std::io::Result<Vec<Entry>> {
-    let mut file = open(path)?;
+    let mut file = regular::open(path)?;
     let length = file.metadata()?.len();
     file.seek(SeekFrom::Start(length.saturating_sub(TAIL)))?;
     let mut text = Vec::new();
