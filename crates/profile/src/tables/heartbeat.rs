@@ -6,7 +6,6 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::At;
-use super::device::functions::WriteFunction;
 use super::register::{Notation, holding};
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
@@ -44,7 +43,7 @@ impl Heartbeat {
     /// Where it counts, and how often.
     pub(crate) fn preview(&self, profile: &Profile) -> Section {
         let device = profile.device(self.device);
-        let function = device.functions.writes(1).map_or(0, WriteFunction::code);
+        let function = device.functions.write_code(1);
         let (device, register, every) = (&device.name, Notation::from(self.address), shown(self.every));
         let mut section = Section::default();
         section.line(format!(

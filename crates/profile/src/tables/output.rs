@@ -6,7 +6,6 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::can::{self, RawFrame, RawPdo, Sender, Written};
-use super::device::functions::WriteFunction;
 use super::handshake::RawHandshake;
 use super::register::{self, Notation, TypeWord, WordOrderWord, plain};
 use super::restart::RawRestart;
@@ -158,7 +157,7 @@ impl Output {
         let (data_type, scale) = (encoding.data_type.name(), encoding.scale.get());
         let registers = encoding.data_type.registers();
         let function = match self.address {
-            Address::Modbus(_) => device.functions.writes(registers).map_or(0, WriteFunction::code),
+            Address::Modbus(_) => device.functions.write_code(registers),
             Address::Object(_) | Address::Frame(_) => 0,
         };
         let register = Notation::of(&self.address, encoding.data_type);

@@ -7,7 +7,6 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::device::functions::WriteFunction;
 use super::handshake::{Handshake, RawHandshake};
 use super::output::Output;
 use super::output::share::Share;
@@ -130,7 +129,7 @@ impl OutputSet {
     /// What lands together: its requests, its sequence and check word, its handshake.
     pub(crate) fn preview(&self, profile: &Profile) -> Section {
         let device = profile.device(self.device);
-        let function = |registers| device.functions.writes(registers).map_or(0, WriteFunction::code);
+        let function = |registers| device.functions.write_code(registers);
         let requests = self.stretches(self.members(profile), device.longest_request());
         let requests = requests.into_iter().map(|Stretch { from, count }| {
             let at = |offset| Register { table: Table::Holding, offset };

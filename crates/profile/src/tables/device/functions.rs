@@ -134,4 +134,9 @@ impl Functions {
             None
         }
     }
+
+    /// The function code of that; 0 where nothing writes it.
+    pub(crate) fn write_code(self, registers: u16) -> u8 {
+        self.writes(registers).map_or(0, WriteFunction::code)
+    }
 }

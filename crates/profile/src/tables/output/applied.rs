@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use schemars::{JsonSchema, Schema, SchemaGenerator};
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::RawOutput;
@@ -16,17 +16,19 @@ use isotherm_core::codec::{Encoding, Register, Scale};
 const SETTLE: Duration = Duration::from_secs(1);
 
 /// What reads back an output: an object on CAN, a register on Modbus.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(untagged)]
+#[schemars(rename = "ReadBackPlace", description = "")]
 pub(super) enum ReadBackValue {
-    Object(String),
+    Object(#[schemars(regex(pattern = "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$"))] String),
     Register(RawReadBack),
 }
 
 /// The register in which a control says what it applies of an offset.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(rename = "ReadBack")]
+// The walk chooses among alternatives by the types that it sees: not a `$ref` to it.
+#[schemars(rename = "ReadBack", inline)]
 pub(super) struct RawReadBack {
     /// An input or holding register: "input:12" or "30013".
     #[schemars(required)]
@@ -44,19 +46,6 @@ pub(super) struct RawReadBack {
     tolerance: Option<f64>,
     /// How long the control may take to apply a change. Default 1s.
     settle: Option<Timespan>,
-}
-
-impl JsonSchema for ReadBackValue {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        "ReadBackPlace".into()
-    }
-
-    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
-        // The alternative itself, not a `$ref` to it: the walk chooses by the type it sees.
-        let table = RawReadBack::json_schema(generator);
-        let object = serde_json::json!({ "type": "string", "pattern": "^[0-9A-Fa-f]{4}:[0-9A-Fa-f]{2}$" });
-        schemars::json_schema!({ "anyOf": [object, table] })
-    }
 }
 
 /// What the control applies of an offset, where it says so in a register beside the one that is written.

@@ -24,8 +24,9 @@ pub(super) enum Inputs {
 }
 
 /// One input: a signal's name, or a table where it has a reference of its own.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(untagged)]
+#[schemars(rename = "Input", description = "")]
 pub(super) enum InputValue {
     Name(String),
     Table(RawInput),
@@ -34,7 +35,8 @@ pub(super) enum InputValue {
 /// One input of a matrix or a network.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(rename = "InputTable")]
+// The walk chooses among alternatives by the types that it sees: not a `$ref` to it.
+#[schemars(rename = "InputTable", inline)]
 pub(super) struct RawInput {
     /// The signal.
     #[schemars(required)]
@@ -43,18 +45,6 @@ pub(super) struct RawInput {
     reference: Option<ReferenceValue>,
     /// It lags behind the signal: time constant C of a first-order lag, 1 − e^(−t/C); needs a `reference`.
     lag: Option<Timespan>,
-}
-
-impl JsonSchema for InputValue {
-    fn schema_name() -> std::borrow::Cow<'static, str> {
-        "Input".into()
-    }
-
-    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
-        // The alternative itself, not a `$ref` to it: the walk chooses by the type it sees.
-        let table = RawInput::json_schema(generator);
-        schemars::json_schema!({ "anyOf": [{ "type": "string" }, table] })
-    }
 }
 
 /// What a rise is measured from.
