@@ -117,7 +117,7 @@ pub struct Fallback {
     /// Where its inputs were; none where they are too many, or one never moved.
     #[serde(rename = "envelope")]
     pub region: Option<Region>,
-    /// The sensor that is left, with machine-on time.
+    /// The sensor that is left, with the time since machine start.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub alone: Option<Alone>,
     /// Held out.
@@ -129,7 +129,7 @@ impl Fallback {
     /// The method, or what the sensor that is left goes with.
     pub fn kind(&self) -> String {
         match &self.alone {
-            Some(alone) => format!("{} alone, with machine-on time", alone.signal),
+            Some(alone) => format!("{} alone, with the time since machine start", alone.signal),
             None => self.method.to_owned(),
         }
     }

@@ -115,7 +115,7 @@ impl Method {
         (
             Method::Difference,
             "difference",
-            "One gain for the difference of two sensors, and each of them alone with machine-on time (JP H07-61598 B2)",
+            "One gain for the difference of two sensors, and each of them alone with the time since machine start (JP H07-61598 B2)",
         ),
         (Method::Rbf, "rbf", "Radial basis functions about --centres that k-means finds"),
         (
@@ -123,7 +123,7 @@ impl Method {
             "network",
             "A network of --neurons in one layer, by back-propagation that stops where days left out say so",
         ),
-        (Method::None, "none", "No model: the bare machine, or a probe alone"),
+        (Method::None, "none", "No model: the uncompensated machine, or a probe alone"),
     ];
 
     /// The word for it on the command line and in JSON.

@@ -69,7 +69,7 @@ fn head(found: &Identified) -> Vec<String> {
     let mut lines = vec![
         format!("Cz = −e, e being {}: found by isotherm identify --method {}.", found.error, found.method),
         format!(
-            "Each of {} runs held out in turn: mean range {:.1} µm ({:.1} µm bare), worst run {:.1} µm ({:.1} µm), mean RMS \
+            "Each of {} runs held out in turn: mean range {:.1} µm ({:.1} µm uncompensated), worst run {:.1} µm ({:.1} µm), mean RMS \
              {:.1} µm ({:.1} µm).",
             found.runs.len(),
             means.mean_range_um,

@@ -93,7 +93,7 @@ pub struct LoadCase {
     pub held: Vec<(usize, f64)>,
 }
 
-/// Is told what is being computed, how much of it is done, and of how much.
+/// Hears what is being computed, how much of it is done, and of how much.
 pub type Progress<'a> = &'a dyn Fn(&str, usize, usize);
 
 /// Nobody listens.

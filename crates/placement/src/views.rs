@@ -100,7 +100,7 @@ impl View {
     #[must_use]
     pub fn sees(&self, xyz: &[f64; 3]) -> bool {
         let [right, up] = self.place(xyz);
-        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "pixels of the sheet")]
+        #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "pixels of the drawing")]
         let (right, up) = (right.round().max(0.0) as usize, up.round().max(0.0) as usize);
         let around = [(0, 0), (1, 0), (0, 1), (1, 1)];
         around.iter().any(|(dx, dy)| {
@@ -121,7 +121,11 @@ impl View {
             let places = at.map(|at| at[way]);
             let low = places.iter().copied().fold(f64::INFINITY, f64::min).floor().max(0.0);
             let high = places.iter().copied().fold(0.0, f64::max).ceil();
-            #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "pixels of the sheet")]
+            #[allow(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "pixels of the drawing"
+            )]
             let ends = (low as usize, (high as usize).min(self.size[way] - 1));
             ends
         };

@@ -133,7 +133,7 @@ impl Counts {
         let why = if k == 0 {
             format!(
                 "no choice of up to {most} points is clearly better on a run that was held out than no compensation: a mean \
-                 range of {:.2} µm at best, {:.2} µm bare; record more runs, or points nearer to the heat",
+                 range of {:.2} µm at best, {:.2} µm uncompensated; record more runs, or points nearer to the heat",
                 range(best),
                 range(0)
             )

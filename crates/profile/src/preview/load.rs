@@ -1,7 +1,7 @@
 //! How full a line is: what is asked on it in a second, and what part of its time that takes.
 //!
 //! Counted is the busiest time without a fault: every axis moves at each of its updates. How long a device takes to
-//! answer no profile says, so it is assumed, and the answer time at which the line would be full is told beside it.
+//! answer no profile says, so it is assumed, and the answer time at which the line would be full stands beside it.
 
 use std::time::Duration;
 

@@ -15,7 +15,7 @@ const AROUND_DATA: usize = 5;
 /// Beyond this share of its time a line has no room for writes, thinking devices and repetitions.
 const FULL: f64 = 0.8;
 
-/// What is polled needs time on the line: more than there is can be told before the first poll.
+/// What is polled needs time on the line: that it is more than there is shows before the first poll.
 pub(super) fn check(check: &Check<'_>) {
     for (place, bus) in check.buses.resolved.iter().enumerate() {
         let Some(bus) = bus else { continue };

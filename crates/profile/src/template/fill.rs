@@ -19,7 +19,7 @@ pub(super) struct Filling<'a> {
     pub(super) errors: &'a mut Vec<ProfileError>,
     pub(super) known: BTreeMap<String, Definition>,
     pub(super) templates: Templates,
-    /// Devices whose template could not be used, which has been told.
+    /// Devices whose template could not be used, which has been reported.
     broken: Vec<String>,
 }
 
@@ -192,7 +192,7 @@ impl<'a> Filling<'a> {
         }
     }
 
-    /// What a channel would have brought is not told to be missing: that it cannot has been told.
+    /// What a channel would have brought is not reported as missing: that it cannot has been reported.
     fn nothing_missing(&mut self, table: &str, name: &str, at: &str) {
         let path = child(table, name);
         for key in

@@ -41,7 +41,7 @@ pub(super) struct Definition {
 /// What is wrong with a choice: the device's key that is to blame, what, and the remedy.
 pub(super) type Wrong = (&'static str, String, String);
 
-/// The text of a template, strictly read. The last is `None` where something is wrong with it, which has been told.
+/// The text of a template, strictly read. The last is `None` where something is wrong with it, which has been reported.
 pub(super) fn find(
     name: &str,
     files: &Files<'_>,
