@@ -68,7 +68,7 @@ impl Computer {
             self.world.clock.look_at_the_time_of_day();
             self.count("clock set between two runs");
         }
-        match self.random.random_range(0..8) {
+        match self.random.random_range(0..6) {
             0 => {
                 for path in self.documents() {
                     let mut bytes = fs::read(&path).unwrap();
@@ -97,7 +97,7 @@ impl Computer {
 
     /// One life of a gateway. Somebody looks after it, and arms it where it asks for that.
     async fn lives(&mut self, left: Duration) -> Trace {
-        let span = (SECOND * self.random.random_range(300..5400)).min(left);
+        let span = (SECOND * self.random.random_range(300..3600)).min(left);
         let is_killed = self.random.random_range(0..5) < 3;
         let mut acts: Vec<(Duration, Option<i64>, Option<Command>)> = Vec::new();
         for minute in 1..=5 {
@@ -191,7 +191,7 @@ fn covered(log: &Path) -> (Duration, u32) {
 
 #[test]
 fn days_of_wrong_clocks_kills_and_lost_state_lose_no_row_no_event_and_no_micrometre() {
-    let hours = std::env::var(HOURS).map_or(4, |hours| hours.parse().unwrap());
+    let hours = std::env::var(HOURS).map_or(12, |hours| hours.parse().unwrap());
     let mut left = Duration::from_hours(hours);
     let home = tempfile::tempdir().unwrap();
     fs::create_dir(home.path().join("state")).unwrap();
