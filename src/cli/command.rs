@@ -60,7 +60,10 @@ impl RunningGateway {
         }
         match answer {
             Answer::Done(_) if self.json => Ok(()),
-            Answer::Done(said) => Ok(println!("{said}")),
+            Answer::Done(said) => {
+                println!("{said}");
+                Ok(())
+            }
             Answer::Waits(said) => anyhow::bail!(
                 "{said}; it goes on waiting (`isotherm arm` stays and tells, `isotherm disarm` ends it)"
             ),

@@ -218,9 +218,12 @@ pub enum Event {
     /// A task of the gateway failed inside; its axes take the fault action.
     TaskFailed { task: String, why: String },
     /// The computer's clock was set: stamps follow it, and nothing that is counted does.
-    ClockSet(Correction),
+    ClockSet(#[serde(serialize_with = "both_in_text")] Correction),
     /// It does not go on where the last run ended: how long that is ago is not known.
-    ClockDoubtful { last: Moment },
+    ClockDoubtful {
+        #[serde(serialize_with = "in_text")]
+        last: Moment,
+    },
     /// Logs were deleted.
     LogsDeleted { names: Vec<String>, why: String },
     /// The state or the log could not be kept on disk.
@@ -262,6 +265,14 @@ const fn warning(kind: &'static str, text: String) -> Described {
 
 const fn error(kind: &'static str, text: String) -> Described {
     (kind, Level::Error, text)
+}
+
+fn in_text<S: Serializer>(moment: &Moment, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(moment)
+}
+
+fn both_in_text<S: Serializer>(set: &Correction, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map([("from", set.from.to_string()), ("to", set.to.to_string())])
 }
 
 fn in_seconds<S: Serializer>(span: &Duration, serializer: S) -> Result<S::Ok, S::Error> {

@@ -7,6 +7,7 @@ mod deadline;
 #[path = "../device/mod.rs"]
 mod device;
 mod kept;
+mod page;
 #[path = "../process/mod.rs"]
 mod process;
 mod told;

@@ -1,6 +1,7 @@
 """Opens a page in a real browser and prints the text that a person sees there.
 
-Takes URL and the words to wait for. Prints the text once all of them are there; after a minute it prints what is there
+Takes URL and the words to wait for, and of these "click:Cancel" presses a button with that text once all words before it are
+there. Prints the text once all of them are there; after a minute it prints what is there
 and exits with 1. Speaks the browser's own debugging protocol; needs nothing but Python and chromium.
 """
 
@@ -91,15 +92,31 @@ def look(home, url, words):
         return pages and pages[0]["webSocketDebuggerUrl"]
 
     tab = Tab(wait_for("the page", page))
+    waiting = []
+    for word in words:
+        if not word.startswith("click:"):
+            waiting.append(word)
+            continue
+        if not shows(tab, waiting):
+            return 1
+        name, waiting = json.dumps(word.removeprefix("click:")), []
+        tab.evaluate(f"[...document.querySelectorAll('button')].find((button) => button.textContent === {name}).click()")
+    is_there = shows(tab, waiting)
+    print(tab.evaluate("document.body.innerText"))
+    return 0 if is_there else 1
+
+
+def shows(tab, words):
     deadline = time.monotonic() + PATIENCE
     while True:
         text = tab.evaluate("document.body.innerText") or ""
         missing = [word for word in words if word not in text]
-        if not missing or time.monotonic() > deadline:
+        if not missing:
+            return True
+        if time.monotonic() > deadline:
             print(text)
-            if missing:
-                print("missing:", missing, file=sys.stderr)
-            return 1 if missing else 0
+            print("missing:", missing, file=sys.stderr)
+            return False
         time.sleep(0.2)
 
 

@@ -50,7 +50,7 @@ const AXIS = {
   holding: ["warn", "frozen", "keeps its last value"],
   ramping: ["bad", "returning to zero", "goes to zero"],
   zeroed: ["bad", "at zero", "stays at zero until all is good again"],
-  waiting: ["warn", "waiting to arm", "will be armed as soon as that can be"],
+  waiting: ["warn", "waiting to arm", "waiting to arm"],
   off: ["off", "off", "nothing is written"],
 };
 
