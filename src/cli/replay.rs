@@ -125,8 +125,11 @@ pub fn replay(
         if let Some(memory) = &row.begins {
             compensation = from(profile, memory.clone());
         }
-        if let Some(at) = row.zeroed {
-            compensation.zero(at);
+        for (at, axis) in &row.zeroed {
+            match axis {
+                Some(axis) => drop(compensation.zero_axis(*axis, *at)),
+                None => compensation.zero(*at),
+            }
         }
         let snapshot = Snapshot { now: row.now, readings: &row.readings };
         if !compensation.step(&snapshot, &row.controls).anything {

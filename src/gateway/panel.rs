@@ -140,11 +140,20 @@ impl CommandHandle {
                     Ok(Answer::Done(format!("{said}: off; what stands in the registers stays")))
                 }
                 Command::Zero => {
-                    let now = shared.clock.now();
-                    core.compensation.zero(now);
-                    core.storage.zeroed(now);
+                    let (now, only) = (shared.clock.now(), axis.map(|_| chosen[0]));
+                    match only {
+                        None => core.compensation.zero(now),
+                        Some(place) if core.compensation.zero_axis(place, now) => {}
+                        Some(_) => {
+                            return Err(format!(
+                                "another axis counts from the zero of a signal of axis {said} too: zero all of them"
+                            ));
+                        }
+                    }
+                    core.storage.zeroed(now, only);
                     core.events.push(Event::Zeroed);
-                    Ok(Answer::Done("references are captured from now on".to_owned()))
+                    let of = if only.is_some() { format!("{said}: ") } else { String::new() };
+                    Ok(Answer::Done(format!("{of}references are captured from now on")))
                 }
                 Command::Cancel => {
                     let waiting = chosen.into_iter().filter(|axis| core.arming[*axis].asked.is_some());

@@ -216,9 +216,9 @@ impl Storage {
         }
     }
 
-    pub(super) fn zeroed(&mut self, at: Moment) {
+    pub(super) fn zeroed(&mut self, at: Moment, axis: Option<usize>) {
         if let Some(recorder) = &mut self.recorder {
-            recorder.zeroed(at);
+            recorder.zeroed(at, axis);
         }
     }
 

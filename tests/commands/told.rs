@@ -21,6 +21,11 @@ fn whoever_commands_by_whatever_way_is_told() {
     assert_eq!(bench.ask(&["measured", "--axis", "z", "--error", "3.2"]).0, 1);
     assert_eq!(bench.http("POST", "/api/zero", "Origin: http://elsewhere.example\r\n").0, 403);
 
+    let (code, said) = bench.ask(&["zero", "--axis", "z"]);
+    assert_eq!((code, said.trim()), (0, "z: references are captured from now on"));
+    let (code, said) = bench.ask(&["zero", "--axis", "q"]);
+    assert_eq!((code, said.contains("there is no axis q; there are z")), (1, true), "{said}");
+
     let events = bench.events(&[]);
     let of_commands = events.iter().filter(|event| event["kind"].as_str().unwrap().starts_with("command"));
     let told: Vec<_> = of_commands.map(|event| (event["kind"].clone(), event["data"].clone())).collect();
@@ -32,7 +37,10 @@ fn whoever_commands_by_whatever_way_is_told() {
     assert_eq!([word(1, "command"), word(1, "way"), word(1, "who")], ["disarm", "api", "127.0.0.1"]);
     assert_eq!([word(2, "command"), word(2, "way"), word(2, "answer")], ["arm", "page", "z: armed"]);
     let refused: Vec<&str> = told[3..].iter().map(|(kind, _)| kind.as_str().unwrap()).collect();
-    assert_eq!(refused, ["command-refused"; 3]);
+    assert_eq!(
+        refused,
+        ["command-refused", "command-refused", "command-refused", "command", "command-refused"]
+    );
     assert_eq!(word(3, "why"), "there is no axis q; there are z");
     assert_eq!(word(4, "command"), "measured 3.2 µm");
     assert_eq!(word(5, "command"), "zero");

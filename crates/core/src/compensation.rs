@@ -37,7 +37,8 @@ pub use running::AxisRunning;
 pub use state::AxisState;
 
 use axis::Axis;
-use reference::{Machine, Noticed};
+use model::Model;
+use reference::{Machine, Noticed, Reference};
 use settings::{AxisSettings, MachineSettings};
 
 /// The machine at one moment: one reading per signal of the profile, already aged.
@@ -314,6 +315,22 @@ impl Compensation {
         for axis in &mut self.axes {
             axis.zero(&self.settings, now);
         }
+    }
+
+    /// The same for one axis; nothing, and `false`, where another axis counts from the "zero" of the same signal.
+    pub fn zero_axis(&mut self, place: usize, now: Moment) -> bool {
+        let from_zero = |axis: &Axis| -> Vec<SignalId> {
+            let rises = axis.settings.models.iter().flat_map(Model::rises);
+            rises.filter(|input| input.reference == Reference::Zero).map(|input| input.signal).collect()
+        };
+        let Some(signals) = self.axes.get(place).map(from_zero) else { return false };
+        let mut others = self.axes.iter().enumerate().filter(|(other, _)| *other != place);
+        if others.any(|(_, axis)| from_zero(axis).iter().any(|signal| signals.contains(signal))) {
+            return false;
+        }
+        self.machine.zero_of(&signals, &self.settings, now);
+        self.axes[place].zero(&self.settings, now);
+        true
     }
 }
 

@@ -186,8 +186,14 @@ fn logs_of(profile: &Profile, days: &[Event]) -> Vec<String> {
         }
         if event.zero {
             let asked = Moment::from_nanos(nanos - 1);
-            compensation.zero(asked);
-            recorder.zeroed(asked);
+            // Of the machine, or of one axis, where it counts from signals of its own.
+            let only = nanos.is_multiple_of(2).then_some(0);
+            if only.is_none_or(|axis| compensation.zero_axis(axis, asked)) {
+                if only.is_none() {
+                    compensation.zero(asked);
+                }
+                recorder.zeroed(asked, only);
+            }
         }
         let reading = |value: Option<f64>| {
             value.map_or(Reading::bad(now, Reason::Timeout), |value| Reading::good(value, now))

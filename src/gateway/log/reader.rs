@@ -45,8 +45,8 @@ pub struct LogRow {
     pub decided: Vec<Option<Decided>>,
     /// A run of the gateway or a file of it begins here, from this.
     pub begins: Option<Remembered>,
-    /// "Zero" was commanded at this moment, before this row.
-    pub zeroed: Option<Moment>,
+    /// "Zero" was commanded at these moments, before this row; of one axis, or of the machine.
+    pub zeroed: Vec<(Moment, Option<usize>)>,
 }
 
 /// A decision as a log tells it.
@@ -70,6 +70,7 @@ pub struct LogReader<R> {
     csv: csv::Reader<R>,
     file: String,
     names: Vec<String>,
+    axes: Vec<String>,
     columns: Columns,
     ranges: Vec<Option<(f64, f64)>>,
     record: StringRecord,
@@ -143,7 +144,9 @@ impl<R: Read> LogReader<R> {
         };
         let ranges = profile.signals.iter().map(|signal| signal.range).collect();
         let record = StringRecord::new();
-        Ok(LogReader { csv, file: file.to_owned(), names, columns, ranges, record, last: None, warnings })
+        let axes = profile.axes.iter().map(|axis| axis.settings.name.clone()).collect();
+        let file = file.to_owned();
+        Ok(LogReader { csv, file, names, axes, columns, ranges, record, last: None, warnings })
     }
 
     /// What is odd about the log, but did not keep it from being read.
@@ -219,9 +222,22 @@ impl<R: Read> LogReader<R> {
             row.begins = Some(remembered);
         }
         if let Some((place, text)) = self.filled(self.columns.zero) {
-            row.zeroed = Some(time::parse(text).map_err(|message| self.error(line, place, message))?);
+            for text in text.split(';') {
+                let zeroed = self.zeroed(text).map_err(|message| self.error(line, place, message))?;
+                row.zeroed.push(zeroed);
+            }
         }
         Ok(row)
+    }
+
+    /// A moment, and the name of an axis behind it, if it was of one.
+    fn zeroed(&self, text: &str) -> Result<(Moment, Option<usize>), String> {
+        let (at, name) = text.split_once(' ').map_or((text, None), |(at, name)| (at, Some(name)));
+        let place = |name| {
+            let place = self.axes.iter().position(|axis| axis == name);
+            place.ok_or_else(|| format!("there is no axis {name}; there are {}", self.axes.join(", ")))
+        };
+        Ok((time::parse(at)?, name.map(place).transpose()?))
     }
 
     /// An axis without a permit in the log is armed, and at the first row finds its register at zero.

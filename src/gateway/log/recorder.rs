@@ -21,7 +21,8 @@ pub struct Recorder {
     /// By axis: errors are measured.
     probed: Vec<bool>,
     memory: Option<String>,
-    zeroed: Option<Moment>,
+    axes: Vec<String>,
+    zeroed: Vec<(Moment, Option<usize>)>,
     /// What brings counted moments to the stamps of the file.
     shift: Shift,
     correction: Option<Correction>,
@@ -42,7 +43,8 @@ impl Recorder {
             apart,
             probed,
             memory: None,
-            zeroed: None,
+            axes: profile.axes.iter().map(|axis| axis.settings.name.clone()).collect(),
+            zeroed: Vec::new(),
             shift: Shift::default(),
             correction: None,
             dry_run: false,
@@ -91,9 +93,9 @@ impl Recorder {
             serde_json::to_string(&remembered.clone().shifted(self.shift)).ok().map(|json| cell(&json));
     }
 
-    /// "Zero" was commanded, at this moment, before the next row.
-    pub fn zeroed(&mut self, at: Moment) {
-        self.zeroed = Some(at);
+    /// "Zero" was commanded, at this moment, before the next row; of one axis, or of the machine.
+    pub fn zeroed(&mut self, at: Moment, axis: Option<usize>) {
+        self.zeroed.push((at, axis));
     }
 
     /// The row of a step, with its line break. Control and decision: one for each axis, in the profile's order.
@@ -134,8 +136,15 @@ impl Recorder {
         }
         text(&mut self.line, self.memory.take().as_deref().unwrap_or_default());
         text(&mut self.line, "");
-        if let Some(at) = self.zeroed.take() {
+        for (place, (at, axis)) in self.zeroed.drain(..).enumerate() {
+            if place > 0 {
+                self.line.push(b';');
+            }
             time::write(&mut self.line, at.shifted(self.shift));
+            if let Some(name) = axis.and_then(|axis| self.axes.get(axis)) {
+                self.line.push(b' ');
+                self.line.extend_from_slice(name.as_bytes());
+            }
         }
         text(&mut self.line, "");
         if let Some(correction) = self.correction.take() {

@@ -141,7 +141,8 @@ fn a_recorded_row_reads_as_what_was_recorded() {
     let mut compensation = Compensation::new(profile.machine.clone(), axes, Remembered::default());
     let mut recorder = Recorder::new(&profile);
     recorder.begin(&compensation.remembered());
-    recorder.zeroed(Moment::from_nanos(41));
+    recorder.zeroed(Moment::from_nanos(41), None);
+    recorder.zeroed(Moment::from_nanos(43), Some(1));
     let now = Moment::from_nanos(1_700_000_000_000_000_007);
     let readings = [
         Reading::good(27.1 + 0.2, now),
@@ -168,8 +169,8 @@ fn a_recorded_row_reads_as_what_was_recorded() {
     let row = &rows[0];
     assert!(warnings.is_empty());
     assert_eq!(
-        (row.now, row.zeroed, row.controls.as_slice()),
-        (now, Some(Moment::from_nanos(41)), &controls[..])
+        (row.now, row.zeroed.as_slice(), row.controls.as_slice()),
+        (now, &[(Moment::from_nanos(41), None), (Moment::from_nanos(43), Some(1))][..], &controls[..])
     );
     assert_eq!(row.begins, Some(Remembered::default()));
     let usable =

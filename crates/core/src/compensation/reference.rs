@@ -163,6 +163,16 @@ impl Machine {
         }
     }
 
+    /// The same for these signals.
+    pub(super) fn zero_of(&mut self, signals: &[SignalId], settings: &MachineSettings, now: Moment) {
+        self.zero.resize(settings.signals, Capture::default());
+        for signal in signals {
+            if let Some(capture) = self.zero.get_mut(signal.0) {
+                capture.gathering = Some(Gathering::new(now, settings));
+            }
+        }
+    }
+
     fn begins_to_run(&mut self, settings: &MachineSettings, snapshot: &Snapshot<'_>) -> bool {
         if settings.on.is_some() {
             return rising(&mut self.was_on, settings.on, snapshot);

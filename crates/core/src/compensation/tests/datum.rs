@@ -68,3 +68,28 @@ fn a_datum_survives_a_restart_one_being_taken_too() {
         assert!(raw(rig.step()).abs() < 1e-9, "complete: {complete}");
     }
 }
+
+#[test]
+fn one_axis_is_zeroed_alone_where_no_other_counts_from_the_same_signals() {
+    let from_zero = |signal, name: &str| AxisSettings {
+        name: name.to_owned(),
+        ..axis(vec![linear("rise", 0.0, &[term(signal, 1.0, Reference::Zero)])])
+    };
+    let machine = || MachineSettings { signals: 4, ..MachineSettings::default() };
+    let zeroed = |axes: Vec<AxisSettings>| {
+        let mut compensation = Compensation::new(machine(), axes, Remembered::default());
+        let at = |second: f64| Moment::default().after(seconds(second));
+        let step = |compensation: &mut Compensation, second, values: [f64; 4]| {
+            let readings = values.map(|value| Reading::good(value, at(second)));
+            let controls = [Control { permit: Permit::Armed, ..Control::default() }; 2];
+            compensation.step(&Snapshot { now: at(second), readings: &readings }, &controls);
+        };
+        step(&mut compensation, 10.0, [20.0, 20.0, 0.0, 0.0]);
+        let is_done = compensation.zero_axis(0, at(15.0));
+        step(&mut compensation, 20.0, [25.0, 26.0, 0.0, 0.0]);
+        let raw = |axis| compensation.decision(axis).unwrap().raw.unwrap().get();
+        (is_done, raw(0), raw(1))
+    };
+    assert_eq!(zeroed(vec![from_zero(BED, "z"), from_zero(WHEELHEAD, "x")]), (true, 0.0, 6.0));
+    assert_eq!(zeroed(vec![from_zero(BED, "z"), from_zero(BED, "x")]), (false, 5.0, 5.0));
+}
