@@ -322,6 +322,24 @@ fn everything_wrong_on_a_can_line_is_told_at_once() {
     );
 }
 
+/// One's name may be the beginning of the other's.
+#[test]
+fn two_devices_with_values_in_one_frame_are_both_named() {
+    let device = |name: &str, start: u8| {
+        format!(
+            "[device.{name}]\nbus = \"field\"\n[signal.of_{name}]\ndevice = \"{name}\"\nscale = 0.1\nunit = \"degC\"\n\
+             frame = {{ id = 0x300, start = {start}, length = 16, order = \"little\", signed = true }}\n"
+        )
+    };
+    let text = format!(
+        "[machine]\nname = \"bench\"\n[bus.field]\ntype = \"can\"\ninterface = \"vcan0\"\n{}{}",
+        device("axtc", 0),
+        device("ax", 16)
+    );
+    let told = isotherm_profile::preview::Preview::of(&parse(&text).unwrap().profile).to_string();
+    assert!(told.contains("    0x300: values of axtc, values of ax\n"), "{told}");
+}
+
 #[test]
 fn a_can_line_is_explained_in_words_and_figures() {
     let machine = lathe(LATHE).unwrap().profile;

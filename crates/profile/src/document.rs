@@ -110,3 +110,15 @@ impl fmt::Display for Section {
 pub(crate) fn figure(number: f64, digits: usize) -> String {
     format!("{number:.digits$}").trim_end_matches('0').trim_end_matches('.').to_owned()
 }
+
+/// Values under their keys, in the order in which each key first comes.
+pub(crate) fn grouped<K: PartialEq, V>(pairs: impl IntoIterator<Item = (K, V)>) -> Vec<(K, Vec<V>)> {
+    let mut groups: Vec<(K, Vec<V>)> = Vec::new();
+    for (key, value) in pairs {
+        match groups.iter_mut().find(|(known, _)| *known == key) {
+            Some((_, values)) => values.push(value),
+            None => groups.push((key, vec![value])),
+        }
+    }
+    groups
+}

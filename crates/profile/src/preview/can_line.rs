@@ -1,38 +1,38 @@
 //! What the kernel lets through of a CAN line, and what is sent to all of its nodes. Everything else on the line costs
 //! nothing but this.
 
-use crate::document::Section;
+use crate::document::{Section, grouped};
 use crate::duration::shown;
 use crate::{BusId, Profile};
 use isotherm_core::codec::{Address, CanId, CanMatch};
 
+/// What a CANopen node sends beside its values: from which identifier on, and what.
+const SERVICES: [(u32, &str); 3] =
+    [(0x80, "emergencies"), (0x580, "SDO answers"), (0x700, "boot-up and heartbeat")];
+
 pub(super) fn preview(profile: &Profile, id: BusId) -> Section {
-    let mut filters: Vec<(CanMatch, String)> = Vec::new();
-    let mut add = |frames: CanMatch, what: String| {
-        let known = filters.iter_mut().find(|(known, _)| *known == frames);
-        match known {
-            Some((_, there)) if there.contains(&what) => {}
-            Some((_, there)) => *there = format!("{there}, {what}"),
-            None => filters.push((frames, what)),
-        }
-    };
-    for signal in &profile.signals {
-        let device = profile.device(signal.device);
-        if let (Address::Frame(field), true) = (&signal.address, device.bus == id) {
-            add(field.frames, format!("values of {}", device.name));
-        }
-    }
-    for (_, device) in profile.devices_on(id) {
-        let Some(node) = device.can.as_ref().and_then(|can| can.node) else { continue };
-        for (base, what) in [(0x80, "emergencies"), (0x580, "SDO answers"), (0x700, "boot-up and heartbeat")]
-        {
-            if let Some(id) = CanId::standard(base + u32::from(node)) {
-                add(CanMatch::exactly(id), format!("{what} of {}", device.name));
-            }
-        }
-    }
+    let values = profile.signals.iter().filter_map(|signal| match &signal.address {
+        Address::Frame(field) => Some((field.frames, profile.device(signal.device))),
+        _ => None,
+    });
+    let values = values.filter(|(_, device)| device.bus == id);
+    let values = values.map(|(frames, device)| (frames, format!("values of {}", device.name)));
+    let services = profile.devices_on(id).flat_map(|(_, device)| {
+        let node = device.can.as_ref().and_then(|can| can.node);
+        node.into_iter().flat_map(move |node| {
+            SERVICES.into_iter().filter_map(move |(base, what)| {
+                let id = CanId::standard(base + u32::from(node))?;
+                Some((CanMatch::exactly(id), format!("{what} of {}", device.name)))
+            })
+        })
+    });
+    // A device may have many values in one frame.
+    let once =
+        grouped(values.chain(services).map(|filter| (filter, ()))).into_iter().map(|(filter, _)| filter);
+    let mut filters = grouped(once);
     filters.sort_by_key(|(frames, _)| *frames);
-    let filters: Vec<String> = filters.iter().map(|(frames, what)| format!("{frames}: {what}")).collect();
+    let filters: Vec<String> =
+        filters.iter().map(|(frames, what)| format!("{frames}: {}", what.join(", "))).collect();
     let sync = profile.bus(id).sync.map(|sync| format!("SYNC {} every {}", sync.id, shown(sync.every)));
     let mut section = Section::default();
     section.lines("  sends ", &sync);

@@ -7,12 +7,12 @@ use serde::Deserialize;
 
 use super::RawDevice;
 use super::emergency::Emergency;
-use crate::document::Section;
+use crate::document::{Section, grouped};
 use crate::duration::shown;
 use crate::tables::register::TypeWord;
 use crate::tables::{At, can};
 use crate::{DeviceId, Profile};
-use isotherm_core::codec::{Address, CanId, CanMatch, Field, Frame, Object};
+use isotherm_core::codec::{Address, CanId, Frame, Object};
 
 /// One object that is written before start.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -100,24 +100,16 @@ impl CanDevice {
             let what = if what.is_empty() { String::new() } else { format!(": {what}") };
             format!("before each start writes {object} = {value} ({}){what}", object.data_type.name())
         });
-        let mut fields: Vec<(&Field, Vec<&str>)> = Vec::new();
-        for signal in own() {
-            let Address::Frame(field) = &signal.address else { continue };
-            match fields.iter_mut().find(|(known, _)| *known == field) {
-                Some((_, names)) => names.push(&signal.name),
-                None => fields.push((field, vec![&signal.name])),
-            }
-        }
-        let mut frames: Vec<(CanMatch, Vec<String>)> = Vec::new();
-        for (field, names) in fields {
+        let fields = own().filter_map(|signal| match &signal.address {
+            Address::Frame(field) => Some((field, signal.name.as_str())),
+            _ => None,
+        });
+        let values = grouped(fields).into_iter().map(|(field, names)| {
             let choice: String = field.multiplex.iter().map(|selector| format!(", {selector}")).collect();
-            let value = format!("{} ({}{choice})", names.join(" and "), field.bits);
-            match frames.iter_mut().find(|(known, _)| *known == field.frames) {
-                Some((_, values)) => values.push(value),
-                None => frames.push((field.frames, vec![value])),
-            }
-        }
-        let frames = frames.iter().map(|(frames, values)| format!("frame {frames}: {}", values.join(", ")));
+            (field.frames, format!("{} ({}{choice})", names.join(" and "), field.bits))
+        });
+        let frames = grouped(values).into_iter();
+        let frames = frames.map(|(frames, values)| format!("frame {frames}: {}", values.join(", ")));
         let every = shown(profile.device(id).every);
         let objects = profile.objects(id).into_iter().filter_map(|object| {
             let of = own().filter(|signal| signal.address == Address::Object(object));

@@ -7,6 +7,7 @@ use super::effect::{effect, figure, lagged, late, reference};
 use super::inputs::{ReferenceValue, lag};
 use super::{Computation, KindOfModel, RawModel};
 use crate::Profile;
+use crate::document::grouped;
 use crate::duration::Timespan;
 use crate::tables::At;
 use isotherm_core::compensation::model::{Input, Kind, Linear, Reference, Slope, Term};
@@ -234,20 +235,12 @@ fn together<Gain: Copy + Into<f64>>(
     times: f64,
     beside: &str,
 ) -> Vec<String> {
-    let gains = gains(terms);
-    let mut signals: Vec<SignalId> = Vec::new();
-    for (input, _) in &gains {
-        if !signals.contains(&input.signal) {
-            signals.push(input.signal);
-        }
-    }
-    let sum = |signal: SignalId| {
-        let own: Vec<f64> =
-            gains.iter().filter(|(input, _)| input.signal == signal).map(|(_, gain)| gain * times).collect();
+    let own = gains(terms).into_iter().map(|(input, gain)| (input.signal, gain * times));
+    let sum = |(signal, own): (SignalId, Vec<f64>)| {
         let place = format!("{beside} for good (its {} terms added up)", own.len());
         (own.len() > 1).then(|| effect(profile, signal, own.iter().sum(), &place))
     };
-    signals.into_iter().filter_map(sum).collect()
+    grouped(own).into_iter().filter_map(sum).collect()
 }
 
 /// Each input with its gain, in the unit of the sum.
@@ -257,12 +250,7 @@ fn parts<Gain: Copy + Into<f64>>(terms: &[Term<Gain>]) -> Vec<(Input, f64)> {
 
 /// The gains of each signal and each lag added up.
 fn gains<Gain: Copy + Into<f64>>(terms: &[Term<Gain>]) -> Vec<(Input, f64)> {
-    let mut gains: Vec<(Input, f64)> = Vec::new();
-    for (input, own) in parts(terms) {
-        match gains.iter_mut().find(|(known, _)| (known.signal, known.lag) == (input.signal, input.lag)) {
-            Some((_, gain)) => *gain += own,
-            None => gains.push((input, own)),
-        }
-    }
-    gains
+    let keyed = parts(terms).into_iter().map(|part| ((part.0.signal, part.0.lag), part));
+    let sum = |parts: Vec<(Input, f64)>| (parts[0].0, parts.iter().map(|(_, gain)| gain).sum());
+    grouped(keyed).into_iter().map(|(_, parts)| sum(parts)).collect()
 }
