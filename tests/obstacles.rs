@@ -10,15 +10,18 @@ use std::time::Duration;
 
 mod process;
 
-use process::{Running, file, isotherm, until};
+use process::{Running, file, isotherm};
 
 const MACHINE: &str = include_str!("interop/machine.toml");
 /// Start and end take no longer.
 const SOON: Duration = Duration::from_secs(2);
 const SECRET: &str = "root:$6$nobody$knows:20228:0:99999:7:::";
 
-/// What may lie in the place of a file, and what is said of it.
-const OBSTACLES: [(&str, fn(&Path)); 5] = [
+/// What is said of it, and how it is laid there.
+type Obstacle = (&'static str, fn(&Path));
+
+/// What may lie in the place of a file.
+const OBSTACLES: [Obstacle; 5] = [
     ("a named pipe", |path| assert!(Command::new("mkfifo").arg(path).status().unwrap().success())),
     ("a device", |path| symlink("/dev/zero", path).unwrap()),
     ("a directory", |path| std::fs::create_dir(path).unwrap()),
@@ -271,60 +274,4 @@ fn what_a_later_version_has_written_is_refused_and_left_as_it_is() {
         home.refuses(1, &["a later version of this program", "layout 77", name, "run that version, or move"]);
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "{ \"version\": 77, \"content\": 5 }");
     }
-}
-
-/// The program as somebody who is not root: a copy of it, from where anybody may start it.
-fn as_nobody(home: &Home) -> Command {
-    let run = home.run();
-    let program = home.path("isotherm");
-    std::fs::copy(run.get_program(), &program).unwrap();
-    let open = |path: &Path, mode| {
-        std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode)).unwrap();
-    };
-    open(home.home.path(), 0o755);
-    open(&program, 0o755);
-    let is_root = std::fs::metadata("/proc/self/root/root").is_ok_and(|_| std::fs::read_dir("/root").is_ok());
-    let mut command = if is_root {
-        std::os::unix::fs::chown(&home.state, Some(65534), Some(65534)).unwrap();
-        let mut command = Command::new("setpriv");
-        command.args(["--reuid", "65534", "--regid", "65534", "--clear-groups"]).arg(&program);
-        command
-    } else {
-        Command::new(&program)
-    };
-    command.envs(run.get_envs().filter_map(|(name, value)| Some((name, value?))));
-    command.args(run.get_args());
-    command
-}
-
-#[test]
-fn a_directory_that_becomes_read_only_is_told_and_what_is_kept_again_too() {
-    let home = Home::new(MACHINE);
-    let mut program = Running::start(&mut as_nobody(&home));
-    program.hears("the gateway runs");
-    let state = home.state.join("interop.state.json");
-    until("the state is kept", || state.exists().then_some(()).ok_or_else(String::new));
-    std::fs::set_permissions(&home.state, std::fs::Permissions::from_mode(0o550)).unwrap();
-    let said = program.hears("the state cannot be kept");
-    assert!(said.contains(home.state.to_str().unwrap()) && said.contains("Permission denied"), "{said}");
-    std::fs::set_permissions(&home.state, std::fs::Permissions::from_mode(0o750)).unwrap();
-    program.hears("the state is kept again");
-    program.signal("TERM");
-    program.ends_within(SOON);
-}
-
-#[test]
-fn a_directory_that_is_deleted_while_running_is_made_again() {
-    let home = Home::new(MACHINE);
-    let mut program = Running::start(&mut home.run());
-    program.hears("the gateway runs");
-    let state = home.state.join("interop.state.json");
-    until("the state is kept", || state.exists().then_some(()).ok_or_else(String::new));
-    std::fs::remove_dir_all(&home.state).unwrap();
-    until("the state is there again", || state.exists().then_some(()).ok_or_else(String::new));
-    assert_eq!(mode(&home.state), 0o750);
-    program.signal("TERM");
-    program.ends_within(SOON);
-    let again = home.runs_and_ends();
-    assert!(!again.contains("is not believed"), "{again}");
 }

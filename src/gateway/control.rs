@@ -47,6 +47,8 @@ const LOOK_AGAIN: Duration = Duration::from_millis(50);
 /// Who stays hears this often that somebody is there.
 const STILL: Duration = Duration::from_secs(1);
 const LONGEST: u64 = 256;
+/// It is looked this often whether somebody has deleted the socket.
+const DELETED: Duration = Duration::from_secs(1);
 
 /// No wire log is kept for longer.
 pub const LONGEST_TRACE: Duration = Duration::from_secs(24 * 3600);
@@ -97,11 +99,18 @@ pub async fn serve(
     source: Arc<dyn Source>,
     wire_log: WireLog,
 ) -> std::io::Result<()> {
-    let listener = UnixListener::from_std(listener)?;
+    let mut listener = UnixListener::from_std(listener)?;
     let attendance = Attendance::default();
     let accepting = async {
         loop {
-            let Ok((stream, _)) = listener.accept().await else {
+            let accepted = tokio::select! {
+                accepted = listener.accept() => accepted,
+                () = tokio::time::sleep(DELETED) => {
+                    listener = made_again(listener);
+                    continue;
+                }
+            };
+            let Ok((stream, _)) = accepted else {
                 tokio::time::sleep(Duration::from_millis(100)).await;
                 continue;
             };
@@ -116,6 +125,14 @@ pub async fn serve(
         () = accepting => Ok(()),
         () = attendance.keep() => Ok(()),
     }
+}
+
+/// The same, where its file is there; else, where that can be, another: somebody has deleted the directory.
+fn made_again(listener: UnixListener) -> UnixListener {
+    let address = listener.local_addr().ok();
+    let gone = address.as_ref().and_then(|address| address.as_pathname()).filter(|path| !path.exists());
+    let again = gone.and_then(|path| open(path).ok()).and_then(|again| UnixListener::from_std(again).ok());
+    again.unwrap_or(listener)
 }
 
 async fn serve_one(

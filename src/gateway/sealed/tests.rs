@@ -255,6 +255,20 @@ fn one_of_a_later_version_is_refused_with_words_and_never_replaced() {
 }
 
 #[test]
+fn what_a_power_cut_left_of_a_writing_is_no_part_of_the_next() {
+    let bench = Bench::new(2);
+    let whole = bench.bytes(Which::State);
+    let new = bench.path(Which::State).with_added_extension("new");
+    for cut in 0..=whole.len() {
+        std::fs::write(&new, &whole[..cut]).unwrap();
+        let [mut state, _] = bench.open(None);
+        assert!(state.found.is_ok() && !state.file.pair().is_in_question());
+        state.file.save(&7).unwrap();
+        assert!(!new.exists());
+    }
+}
+
+#[test]
 fn a_named_row_is_believed_only_as_it_was_written() {
     let named = Bench::new(3).named();
     let row = String::from_utf8(named.row(Moment::from_nanos(9))).unwrap();

@@ -1,8 +1,9 @@
 //! The disk's end of the queue: files of days, and what becomes of a disk that does not keep them.
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{BufRead, BufReader, Read, Seek, SeekFrom, Write};
+use std::fs::{File, Metadata};
+use std::io::{BufRead, BufReader, ErrorKind, Read, Seek, SeekFrom, Write};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -42,6 +43,29 @@ fn continues(path: &Path, header: &[u8]) -> std::io::Result<bool> {
     file.seek(SeekFrom::End(-1))?;
     file.read_exact(&mut last)?;
     Ok(begins == header && last == *b"\n")
+}
+
+/// A file of whole rows.
+struct WholeRows {
+    path: PathBuf,
+    file: File,
+    length: u64,
+}
+
+impl WholeRows {
+    /// All of it or nothing: half a row of a disk that is full now would swallow the next.
+    fn append(&mut self, row: &[u8]) -> std::io::Result<()> {
+        self.file.write_all(row).inspect_err(|_| drop(self.file.set_len(self.length)))?;
+        self.length += row.len() as u64;
+        Ok(())
+    }
+
+    /// It is still what lies at its path.
+    fn is_there(&self) -> bool {
+        let place = |found: Metadata| (found.dev(), found.ino());
+        let there = std::fs::metadata(&self.path).map(place).ok();
+        there.is_some() && there == self.file.metadata().map(place).ok()
+    }
 }
 
 /// The longest last row that is looked at.
@@ -143,6 +167,7 @@ impl StorageThread {
                 Some(at)
             }
             Job::State { at, memory } => {
+                self.look_for_logs(at);
                 self.set = memory.clock_set;
                 let done = self.state.save(&memory);
                 if done.is_ok() {
@@ -157,6 +182,18 @@ impl StorageThread {
         let done = self.events.write_all();
         if let Some(at) = at {
             self.report(at, "the events", done);
+        }
+    }
+
+    /// Where one was removed, what comes next stands in a new one, and says from where it goes on.
+    fn look_for_logs(&mut self, at: Moment) {
+        if let Err(gone) = self.log.look() {
+            self.torn.store(true, Ordering::Relaxed);
+            self.report(at, "the log", Err(gone));
+        }
+        if let Err(gone) = self.outputs.look() {
+            self.whole_since = self.tears.tear();
+            self.report(at, "the log of the outputs", Err(gone));
         }
     }
 
@@ -230,7 +267,7 @@ pub(super) struct DayFile {
     ending: &'static str,
     header: String,
     of: Option<(Date, Stamped)>,
-    file: Option<File>,
+    file: Option<WholeRows>,
 }
 
 impl DayFile {
@@ -239,24 +276,31 @@ impl DayFile {
         DayFile { directory, machine, ending, header, of: None, file: None }
     }
 
-    /// Writes a row into the file of its day. After a failure a file is looked for anew: half of a row may stand there.
+    /// Writes a row into the file of its day. After a failure a file is looked for anew.
     pub(super) fn write(&mut self, stamp: Moment, stamped: Stamped, row: &[u8]) -> std::io::Result<()> {
-        let written = self.file_of(stamp, stamped).and_then(|file| file.write_all(row));
+        let written = self.file_of(stamp, stamped).and_then(|file| file.append(row));
         if written.is_err() {
             self.file = None;
         }
         written
     }
 
-    fn file_of(&mut self, stamp: Moment, stamped: Stamped) -> std::io::Result<&mut File> {
+    /// Looks whether somebody has removed the file, or its directory: then the next row begins another.
+    fn look(&mut self) -> std::io::Result<()> {
+        let Some(file) = self.file.take_if(|file| !file.is_there()) else { return Ok(()) };
+        let text = format!("{} was removed", file.path.display());
+        Err(std::io::Error::new(ErrorKind::NotFound, text))
+    }
+
+    fn file_of(&mut self, stamp: Moment, stamped: Stamped) -> std::io::Result<&mut WholeRows> {
         let of = (day(stamp), stamped);
         let file = match self.file.take().filter(|_| self.of == Some(of)) {
             Some(file) => file,
             None => {
                 let is_set = self.of.is_some_and(|(_, before)| before != stamped);
-                let file = self.open(stamp, is_set)?;
+                let opened = self.open(stamp, is_set)?;
                 self.of = Some(of);
-                file
+                opened
             }
         };
         Ok(self.file.insert(file))
@@ -264,20 +308,21 @@ impl DayFile {
 
     /// The day's file. One that was begun with other columns, or whose last row is later, is left as it is and a new one is
     /// begun beside it; so is one from before the clock was set.
-    fn open(&self, stamp: Moment, is_set: bool) -> std::io::Result<File> {
+    fn open(&self, stamp: Moment, is_set: bool) -> std::io::Result<WholeRows> {
         let day = day(stamp);
         make_directory(&self.directory)?;
         for part in 1.. {
             let suffix = if part == 1 { String::new() } else { format!(".{part}") };
             let path = self.directory.join(format!("{}-{day}{suffix}{}", self.machine, self.ending));
-            let mut file = append(&path)?;
-            if file.metadata()?.len() == 0 {
-                file.write_all(self.header.as_bytes())?;
-                return Ok(file);
+            let file = append(&path)?;
+            let mut rows = WholeRows { length: file.metadata()?.len(), file, path };
+            if rows.length == 0 {
+                rows.append(self.header.as_bytes())?;
+                return Ok(rows);
             }
-            let is_earlier = || last_stamp(&path).is_none_or(|last| last <= stamp);
-            if !is_set && continues(&path, self.header.as_bytes())? && is_earlier() {
-                return Ok(file);
+            let is_earlier = || last_stamp(&rows.path).is_none_or(|last| last <= stamp);
+            if !is_set && continues(&rows.path, self.header.as_bytes())? && is_earlier() {
+                return Ok(rows);
             }
         }
         Err(std::io::Error::other("no free name for the log"))
