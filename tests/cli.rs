@@ -15,7 +15,7 @@ use process::{PATIENCE, Running, file, free_port, isotherm};
 
 const MACHINE: &str = include_str!("interop/machine.toml");
 
-const VERBS: [&str; 20] = [
+const VERBS: [&str; 21] = [
     "demo",
     "run",
     "check",
@@ -36,6 +36,7 @@ const VERBS: [&str; 20] = [
     "schema",
     "completions",
     "man",
+    "events",
 ];
 
 /// A verb that has ended.

@@ -122,3 +122,43 @@ fn append(file: &mut File, end: End, entry: &Entry) -> std::io::Result<End> {
     file.write_all(line.as_bytes())?;
     Ok(end)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::Clock;
+    use crate::observe::events::file::Found;
+    use std::time::Duration;
+
+    #[test]
+    fn what_a_disk_did_not_take_waits_and_stands_in_the_file_once_and_in_order() {
+        let home = tempfile::tempdir().unwrap();
+        let directory = home.path().join("state");
+        std::fs::write(&directory, "not a directory").unwrap();
+        let journal = Arc::new(Journal::by(&Clock::simulated(Moment::default(), None)));
+        journal.keep(|| {});
+        let mut file = EventsFile::new(&directory, "m", journal.clone());
+        let mut report = |number: u64| {
+            let at = Moment::default().after(Duration::from_hours(number * 5));
+            journal.report(at, &Event::KeptAgain { what: format!("number {number}") });
+            file.write_all().is_ok()
+        };
+        assert!(!report(1) && !report(2));
+        std::fs::remove_file(&directory).unwrap();
+        assert!(report(3) && report(4));
+        // The directory is taken away, and made again: what is in an open file goes with it.
+        std::fs::rename(&directory, home.path().join("aside")).unwrap();
+        assert!((5..8).all(&mut report));
+
+        let mut texts = Vec::new();
+        for directory in [home.path().join("aside"), directory] {
+            let read = file::since(&directory, "m", Moment::default(), |found| match found {
+                Found::Event(entry) => texts.push(entry.text),
+                Found::Damage(what) => panic!("{what}"),
+            });
+            read.unwrap();
+        }
+        let wanted: Vec<String> = (1..8).map(|number| format!("number {number} is kept again")).collect();
+        assert_eq!(texts, wanted);
+    }
+}
