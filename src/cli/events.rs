@@ -37,7 +37,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let since = begin(&arguments.since, Clock::wall().now()).map_err(anyhow::Error::msg)?;
+    let since = begin(&arguments.since, Clock::wall().time_of_day()).map_err(anyhow::Error::msg)?;
     let (directory, machine) = match &arguments.profile {
         Some(path) => {
             let profile = load_with(path, &arguments.set, false)?;
