@@ -1,6 +1,6 @@
 //! The verbs: one small file each. Results go to stdout, diagnostics to stderr.
 
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -9,6 +9,7 @@ use tracing_appender::non_blocking::{NonBlockingBuilder, WorkerGuard};
 
 use isotherm_profile::Profile;
 
+use crate::cli::say::{Out, say, say_beside, say_progress};
 use crate::fieldbus::tls;
 use crate::gateway::control::Failure;
 use crate::observe::status::Command;
@@ -30,6 +31,7 @@ pub mod replay;
 #[cfg(feature = "identify")]
 mod report;
 mod run;
+mod say;
 mod scan;
 #[cfg(feature = "identify")]
 mod select;
@@ -180,11 +182,14 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Events(arguments) => events::run(&arguments),
         Verb::Schema => print_json(&isotherm_profile::schema()),
         Verb::Completions { shell } => {
-            clap_complete::generate(shell, &mut Arguments::command(), "isotherm", &mut std::io::stdout());
-            Ok(())
+            let mut script = Vec::new();
+            clap_complete::generate(shell, &mut Arguments::command(), "isotherm", &mut script);
+            Out.write_all(&script).map_err(Into::into)
         }
         Verb::Man => {
-            clap_mangen::Man::new(Arguments::command()).render(&mut std::io::stdout()).map_err(Into::into)
+            let mut manual = Vec::new();
+            let rendered = clap_mangen::Man::new(Arguments::command()).render(&mut manual);
+            rendered.and_then(|()| Out.write_all(&manual)).map_err(Into::into)
         }
     };
     // What has been logged stands before what is said last.
@@ -193,12 +198,12 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if error.is::<WrongProfile>() => ExitCode::from(64),
         Err(error) if matches!(error.downcast_ref(), Some(Failure::NoAnswer | Failure::Ended)) => {
-            eprintln!("isotherm: {error:#}");
+            say_beside!("isotherm: {error:#}");
             ExitCode::from(3)
         }
         Err(error) if is_closed_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("isotherm: {error:#}");
+            say_beside!("isotherm: {error:#}");
             ExitCode::from(1)
         }
     }
@@ -250,7 +255,7 @@ fn load_with(path: &Path, set: &[(String, String)], json: bool) -> anyhow::Resul
 /// The profile, its warnings printed.
 fn warned(loaded: isotherm_profile::Loaded) -> Profile {
     for warning in &loaded.warnings {
-        eprintln!("warning: {warning}");
+        say_beside!("warning: {warning}");
     }
     loaded.profile
 }
@@ -288,16 +293,14 @@ fn load_quietly(
         if json {
             print_json(&errors)?;
         } else {
-            eprint!("{errors}");
+            say_progress!("{errors}");
         }
         Err(WrongProfile.into())
     })
 }
 
 fn print_json(document: &impl serde::Serialize) -> anyhow::Result<()> {
-    use std::io::Write;
-    let text = serde_json::to_string_pretty(document)?;
-    Ok(writeln!(std::io::stdout(), "{text}")?)
+    Ok(say!("{}", serde_json::to_string_pretty(document)?)?)
 }
 
 /// What a verb that talks to devices runs on.

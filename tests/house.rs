@@ -189,6 +189,19 @@ fn only_the_clock_knows_what_time_it_is() {
     assert!(wrong.is_empty(), "the time comes from crate::clock, not here: {wrong:?}");
 }
 
+/// `println!` and its like panic where nobody takes what they print.
+#[test]
+fn what_a_verb_prints_goes_through_one_place() {
+    let words = ["println!", "print!(", "stdout().write"];
+    let wrong: Vec<String> = source::all(root())
+        .iter()
+        .filter(|source| source.home().is_empty() && source.path != "src/cli/say.rs")
+        .filter(|source| words.iter().any(|word| source.code.contains(word)))
+        .map(|source| source.path.clone())
+        .collect();
+    assert!(wrong.is_empty(), "what is printed is said by crate::cli::say: {wrong:?}");
+}
+
 #[test]
 fn the_two_pure_steps_touch_nothing_outside_themselves() {
     let outside = ["tokio", "std::fs", "std::net", "std::io", "std::thread", "std::env", "tracing", "rand"];

@@ -1,8 +1,7 @@
 //! `isotherm check`: what a profile says, and what is wrong with it.
 
-use std::io::Write;
-
 use super::{ProfileArguments, gauge, load, print_json};
+use crate::cli::say::{say, say_all, say_beside};
 use crate::discovery::can;
 use isotherm_profile::preview::{self, Preview};
 
@@ -28,27 +27,27 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let profile = load(&arguments.profile, arguments.json)?;
     let preview = Preview::of(&profile);
     for warning in preview::warnings(&profile) {
-        eprintln!("warning: {warning}");
+        say_beside!("warning: {warning}");
     }
     if !arguments.online {
         if arguments.json {
             return print_json(&preview);
         }
         // Whoever looks at its beginning only, as `head` does, has closed the pipe by the end.
-        return Ok(write!(std::io::stdout(), "{preview}")?);
+        return Ok(say_all!("{preview}")?);
     }
     let lines = can::inspect(&profile);
     let status = gauge::once(profile)?;
     if arguments.json {
         print_json(&serde_json::json!({ "profile": preview, "online": status, "can": lines }))?;
     } else {
-        print!("{preview}");
-        println!("\nOnline");
+        say_all!("{preview}")?;
+        say!("\nOnline")?;
         for line in &lines {
-            println!("  bus {}: interface {}: {}", line.bus, line.interface, line.state);
-            line.advice.iter().for_each(|advice| println!("    warning: {advice}"));
+            say!("  bus {}: interface {}: {}", line.bus, line.interface, line.state)?;
+            line.advice.iter().try_for_each(|advice| say!("    warning: {advice}"))?;
         }
-        print!("{}{}", gauge::signals(&status), gauge::fieldbus(&status));
+        say_all!("{}{}", gauge::signals(&status), gauge::fieldbus(&status))?;
     }
     gauge::judge(&status)
 }

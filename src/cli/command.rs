@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use super::run::state_directory;
 use super::{ProfileArguments, load, load_modelled, print_json};
+use crate::cli::say::{say, say_beside};
 use crate::gateway::control::{self, Failure};
 use crate::observe::status::{Answer, Command};
 use isotherm_profile::Profile;
@@ -61,7 +62,7 @@ impl RunningGateway {
         match answer {
             Answer::Done(_) if self.json => Ok(()),
             Answer::Done(said) => {
-                println!("{said}");
+                say!("{said}")?;
                 Ok(())
             }
             Answer::Waits(said) => anyhow::bail!(
@@ -84,6 +85,6 @@ pub(super) fn arm(arguments: &ArmArguments) -> anyhow::Result<()> {
     if *no_wait {
         return gateway.print(control::send(&socket, Command::Arm, axis.as_deref()));
     }
-    let said = control::arm(&socket, axis.as_deref(), |waits_for| eprintln!("{waits_for}"));
+    let said = control::arm(&socket, axis.as_deref(), |waits_for| say_beside!("{waits_for}"));
     gateway.print(said.map(Answer::Done))
 }

@@ -11,6 +11,7 @@ use super::services::Sockets;
 use super::signals::Signals;
 use super::values::{self, key_and_value};
 use super::{machines, print_json};
+use crate::cli::say::say;
 use crate::clock::Clock;
 use crate::discovery::can;
 use crate::gateway::{Gateway, Options, Outcome};
@@ -133,7 +134,7 @@ async fn show(
     let outcome = tokio::select! {
         outcome = gateway.run(over, std::future::pending()) => outcome,
         error = machine.failure() => return Err(error.into()),
-        never = draw(arguments, &source, &window, page) => match never {},
+        error = draw(arguments, &source, &window, page) => return Err(error.into()),
     };
     let (summary, span) = seen.unwrap_or_else(|| (window.summary(), clock.now().since(begun)));
     if let Some(mill) = &mut mill {
@@ -166,18 +167,17 @@ fn open_page(sockets: &mut Sockets, listen: Option<&str>, web: Option<&Web>) -> 
     sockets.open_page(&at(usual)).or_else(|_| sockets.open_page(&at("127.0.0.1:0")))
 }
 
-/// Draws until the demo is over.
+/// Draws until the demo is over, or nobody reads it.
 async fn draw(
     arguments: &Arguments,
     source: &Arc<dyn Source>,
     window: &Window,
     page: SocketAddr,
-) -> std::convert::Infallible {
+) -> std::io::Error {
     let mut table = Table::new(arguments.json, page, arguments.span);
     loop {
         if let Err(error) = table.draw(&source.status(), window.latest_truth().as_ref(), &window.summary()) {
-            // Nobody reads it; the demo goes on.
-            tracing::debug!("the table cannot be drawn: {error}");
+            return error;
         }
         tokio::time::sleep(Duration::from_millis(200)).await;
     }
@@ -204,18 +204,16 @@ fn report(arguments: &Arguments, shown: &Shown, published: Option<&Published>) -
     if arguments.json {
         return print_json(&report);
     }
-    println!("\n{}, seed {}: {:.1} h of machine time", report.machine, report.seed, report.machine_hours);
+    say!("\n{}, seed {}: {:.1} h of machine time", report.machine, report.seed, report.machine_hours)?;
     for axis in axes {
         let (before, after) = (axis.uncompensated.range_um(), axis.compensated.range_um());
-        println!("  {}: error range {before:.1} µm uncompensated, {after:.1} µm compensated", axis.axis);
+        say!("  {}: error range {before:.1} µm uncompensated, {after:.1} µm compensated", axis.axis)?;
     }
     if arguments.machine == linuxcnc::MACHINE {
-        println!("Z was moved by LinuxCNC, which cut a part meanwhile; its offset is what is counted here.");
+        say!("Z was moved by LinuxCNC, which cut a part meanwhile; its offset is what is counted here.")?;
     }
-    println!(
-        "The virtual machine is ours; its day was not the one on which the coefficients were identified."
-    );
-    published.map(source_lines).into_iter().flatten().for_each(|line| println!("{line}"));
+    say!("The virtual machine is ours; its day was not the one on which the coefficients were identified.")?;
+    published.map(source_lines).into_iter().flatten().try_for_each(|line| say!("{line}"))?;
     Ok(())
 }
 

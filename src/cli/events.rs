@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use super::load_with;
 use super::run::{known_directory, state_directory};
 use super::values::key_and_value;
+use crate::cli::say::{Out, say_beside};
 use crate::clock::Clock;
 use crate::observe::events::Entry;
 use crate::observe::events::file::{self, Found, begin};
@@ -49,9 +50,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             (directory, machine)
         }
     };
-    let (mut out, mut written, mut count) = (std::io::stdout().lock(), Ok(()), 0_u64);
+    let (mut out, mut written, mut count) = (Out, Ok(()), 0_u64);
     file::since(&directory, &machine, since, |found| match found {
-        Found::Damage(what) => eprintln!("warning: {what}"),
+        Found::Damage(what) => say_beside!("warning: {what}"),
         Found::Event(entry) if written.is_ok() => {
             count += 1;
             written = writeln!(out, "{}", if arguments.json { json(&entry) } else { line(&entry) });
@@ -61,7 +62,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     .map_err(|error| anyhow::anyhow!("the events in {} cannot be read: {error}", directory.display()))?;
     written?;
     if count == 0 && !arguments.json {
-        eprintln!("nothing happened at {machine} since {since}, as far as {} knows", directory.display());
+        say_beside!("nothing happened at {machine} since {since}, as far as {} knows", directory.display());
     }
     Ok(())
 }

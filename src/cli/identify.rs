@@ -8,6 +8,7 @@ use anyhow::Context;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use super::{load_quietly, print_json};
+use crate::cli::say::{Out, say_progress};
 use crate::clock::Clock;
 use isotherm_core::compensation::model::Outside;
 use isotherm_identify::applied::Applied;
@@ -166,7 +167,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(document) = document {
         return print_json(&document);
     }
-    let mut out = std::io::stdout();
+    let mut out = Out;
     text::render(&mut out, &found, arguments.probe)?;
     if let Some(path) = &arguments.write {
         writeln!(out, "the block is in {}", path.display())?;
@@ -227,7 +228,7 @@ pub(super) fn progress() -> impl Fn(usize, usize) + Sync {
     move |done, all| {
         if shows {
             let end = if done == all { "\n" } else { "" };
-            eprint!("\rheld out: {done} of {all} runs{end}");
+            say_progress!("\rheld out: {done} of {all} runs{end}");
         }
     }
 }

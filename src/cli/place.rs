@@ -1,12 +1,13 @@
 //! `isotherm place`: where the temperature sensors of a structure belong.
 
 use std::collections::BTreeSet;
-use std::io::{IsTerminal, Write};
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 
 use super::{print_json, values};
+use crate::cli::say::{say_all, say_progress};
 use crate::clock::Clock;
 use isotherm_placement::blocks::Cut;
 use isotherm_placement::export::{Rider, block, matrix};
@@ -188,7 +189,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.json {
         return print_json(&placement);
     }
-    Ok(write!(std::io::stdout(), "{}{written}", Text(&placement, &study.parts))?)
+    Ok(say_all!("{}{written}", Text(&placement, &study.parts))?)
 }
 
 /// Shows what is being computed, where somebody watches.
@@ -197,7 +198,7 @@ fn progress() -> impl Fn(&str, usize, usize) {
     move |what, done, all| {
         if shows {
             let end = if done == all { "\n" } else { "" };
-            eprint!("\r{what}: {done} of {all}\u{1b}[K{end}");
+            say_progress!("\r{what}: {done} of {all}\u{1b}[K{end}");
         }
     }
 }

@@ -1,9 +1,10 @@
 //! `isotherm read`: one reading of every signal, or of one register without a signal.
 
-use std::io::{IsTerminal, Write};
+use std::io::IsTerminal;
 
 use super::target::Target;
 use super::{gauge, print_json};
+use crate::cli::say::say_all;
 use crate::observe::status::Status;
 
 mod register;
@@ -45,7 +46,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         if arguments.json {
             print_json(&document(&status))?;
         } else {
-            print!("{}", gauge::signals(&status));
+            say_all!("{}", gauge::signals(&status))?;
         }
         return gauge::judge(&status);
     }
@@ -57,6 +58,6 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             format!("{redraw}{}\n{}", status.now, gauge::signals(&status))
         };
         // A reader that went away ends it.
-        std::io::stdout().write_all(text.as_bytes()).and_then(|()| std::io::stdout().flush()).is_ok()
+        say_all!("{text}").is_ok()
     })
 }

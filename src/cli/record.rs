@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use super::signals::Signals;
 use super::{ProfileArguments, load, machines, values};
+use crate::cli::say::{say_all, say_beside};
 use crate::clock::Clock;
 use crate::gateway::{Gateway, Options};
 use crate::virtual_machine::{Setup, VirtualMachine, Window};
@@ -80,7 +81,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         let profile = load(&arguments.profile, false)?;
         runtime.block_on(record(arguments, profile, &Clock::wall(), None, ()))?
     };
-    print!("{recording}");
+    say_all!("{recording}")?;
     Ok(())
 }
 
@@ -96,7 +97,7 @@ async fn record(
     let mut recording = Recording::begin(&arguments.out, &profile, &axes, clock.time_of_day())?;
     // Whatever becomes of the computer's clock: the spans in a recording are the counted ones.
     let shift = clock.shift();
-    eprintln!("recording {} signals into {}; end it with Ctrl-C", profile.signals.len(), recording.path());
+    say_beside!("recording {} signals into {}; end it with Ctrl-C", profile.signals.len(), recording.path());
     let mut signals = Signals::listen()?;
     let gateway = Gateway::new(profile, clock, Options { dry_run: true, ..Options::default() });
     let source = gateway.source();

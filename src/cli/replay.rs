@@ -20,6 +20,7 @@ use std::path::PathBuf;
 use anyhow::Context;
 
 use super::{ProfileArguments, load_modelled, print_json};
+use crate::cli::say::say_all;
 use crate::gateway::log::{LogReader, LogRow, number};
 use isotherm_core::compensation::{Compensation, Decision, Remembered, Snapshot};
 use isotherm_core::quantity::Micron;
@@ -75,7 +76,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.json {
         return print_json(&summary);
     }
-    print!("{summary}");
+    say_all!("{summary}")?;
     Ok(())
 }
 
@@ -90,7 +91,7 @@ fn run_outputs(arguments: &Arguments, log: impl Read, name: &str) -> anyhow::Res
     if arguments.json {
         return print_json(&summary);
     }
-    print!("{summary}");
+    say_all!("{summary}")?;
     Ok(())
 }
 

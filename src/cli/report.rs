@@ -9,6 +9,7 @@ use clap::builder::TypedValueParser;
 
 use super::identify::one_of;
 use super::{load_with, print_json};
+use crate::cli::say::Out;
 use crate::clock::Clock;
 use isotherm_identify::applied::{Applied, add_without_cz};
 use isotherm_identify::dataset::{Dataset, Split};
@@ -87,7 +88,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.json {
         return print_json(&serde_json::json!({ "runs": drifts }));
     }
-    let mut out = std::io::stdout();
+    let mut out = Out;
     for (place, drift) in drifts.iter().enumerate() {
         if place > 0 {
             writeln!(out)?;

@@ -9,6 +9,7 @@ use anyhow::Context;
 use super::services::Sockets;
 use super::signals::Signals;
 use super::{ProfileArguments, load_modelled};
+use crate::cli::say::say;
 use crate::clock::Clock;
 use crate::gateway::{Gateway, Options, make_directory, may_start};
 use isotherm_profile::{DeviceId, Profile, Web, plan};
@@ -54,7 +55,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut sockets = Sockets::default();
     if let Some(web) = web(arguments.listen.as_deref(), &profile) {
         let address = sockets.open_page(&web)?;
-        println!("page http://{address}");
+        // A machine does not stand still because nobody reads this.
+        let _ = say!("page http://{address}");
     }
     sockets.open_control(&directory, &profile.name)?;
     for (place, device) in profile.devices.iter().enumerate() {

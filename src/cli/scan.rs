@@ -6,6 +6,7 @@ use std::time::Duration;
 use super::print_json;
 use super::signals::Signals;
 use super::target::{self, Target};
+use crate::cli::say::{say, say_all, say_beside, say_progress};
 use crate::clock::Clock;
 use crate::discovery::bus::{LineAddress, Parity, Serial, Transport, baud};
 use crate::discovery::remedy::{Question, remedy};
@@ -68,7 +69,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         registers: arguments.register.clone(),
         trace: arguments.trace.then_some(print_exchange),
     };
-    eprintln!("{}", text::plan(&scan));
+    say_beside!("{}", text::plan(&scan));
     let runtime = super::runtime()?;
     let (seen, stopped) = runtime.block_on(async {
         let mut signals = Signals::listen()?;
@@ -99,7 +100,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         print_json(&text::document(&scan, &seen.found, &seen.ranges, stopped.as_deref()))?;
     } else {
         let bus = line.known.as_ref().map(|(profile, bus)| (profile, *bus));
-        print!("{}", text::summary(&scan, &seen.found, bus));
+        say_all!("{}", text::summary(&scan, &seen.found, bus))?;
     }
     match stopped {
         Some(why) => anyhow::bail!(why),
@@ -150,7 +151,7 @@ impl Seen {
             Event::Line(line) => {
                 if self.several || matches!(line.transport, Transport::Serial(_)) {
                     clear_line();
-                    eprintln!("{line}");
+                    say_beside!("{line}");
                 }
                 self.several = true;
             }
@@ -187,7 +188,7 @@ impl Seen {
     fn say(&self, line: &str) {
         clear_line();
         if !self.json {
-            let _ = writeln!(std::io::stdout(), "{line}").and_then(|()| std::io::stdout().flush());
+            let _ = say!("{line}");
         }
     }
 
@@ -213,12 +214,12 @@ impl Seen {
 
 fn print_exchange(exchange: &Exchange) {
     clear_line();
-    eprintln!("{exchange}");
+    say_beside!("{exchange}");
 }
 
 /// Takes away what a terminal shows of the progress.
 fn clear_line() {
     if std::io::stderr().is_terminal() {
-        eprint!("\r\x1b[K");
+        say_progress!("\r\x1b[K");
     }
 }

@@ -8,6 +8,7 @@ use anyhow::Context;
 
 use super::identify::progress;
 use super::print_json;
+use crate::cli::say::Out;
 use crate::clock::Clock;
 use isotherm_identify::applied::{Applied, without_cz};
 use isotherm_identify::dataset::{Dataset, Split};
@@ -115,7 +116,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if arguments.json {
         return print_json(&found);
     }
-    let mut out = std::io::stdout();
+    let mut out = Out;
     text::render(&mut out, &found)?;
     if let Some(path) = &arguments.report {
         writeln!(out, "the report is in {}", path.display())?;

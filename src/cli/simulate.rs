@@ -7,6 +7,7 @@ use anyhow::Context;
 
 use super::signals::Signals;
 use super::{ProfileArguments, load};
+use crate::cli::say::say;
 use crate::clock::Clock;
 use crate::virtual_machine::{FaultScript, PlantSpec, Setup, VirtualMachine};
 use isotherm_profile::{Device, Profile, Transport, regular};
@@ -56,7 +57,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     super::runtime()?.block_on(async {
         let mut signals = Signals::listen()?;
         let mut machine = VirtualMachine::start(&profile, setup, &Clock::wall()).await?;
-        println!("{} with {with}, seed {}", profile.name, arguments.seed);
+        say!("{} with {with}, seed {}", profile.name, arguments.seed)?;
         for (bus, address) in machine.addresses() {
             let devices = profile.devices.iter().filter(|device| device.bus == *bus);
             let devices: Vec<String> = devices.map(named).collect();
@@ -67,12 +68,12 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
                 Transport::Can => "is on the CAN interface",
                 Transport::Tcp | Transport::RtuOverTcp => "listens on",
             };
-            println!("bus {name} {is} {address}: {}", devices.join(", "));
+            say!("bus {name} {is} {address}: {}", devices.join(", "))?;
             if matches!(bus.transport, Transport::Serial(_)) && *address != bus.address {
-                println!("  the gateway finds it with --set bus.{name}.port={address}");
+                say!("  the gateway finds it with --set bus.{name}.port={address}")?;
             }
         }
-        println!("stop with Ctrl-C");
+        say!("stop with Ctrl-C")?;
         tokio::select! {
             () = signals.next() => Ok(()),
             error = machine.failure() => Err(error.into()),

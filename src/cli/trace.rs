@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use super::command::RunningGateway;
 use super::{ProfileArguments, load, values};
+use crate::cli::say::{Out, say_beside};
 use crate::gateway::control;
 
 /// Shows what passes between the running gateway and one of its devices: the bytes of each frame, what they mean, how long
@@ -46,7 +47,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         Some(path) => Box::new(std::fs::File::create_new(path).map_err(|error| {
             anyhow::anyhow!("{} cannot be written ({error}); nothing is overwritten", path.display())
         })?),
-        None => Box::new(std::io::stdout()),
+        None => Box::new(Out),
     };
     let mut written = Ok(());
     let said = control::trace(&socket, device, *span, gateway.json, |line| {
@@ -54,6 +55,6 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         written.is_ok()
     });
     written?;
-    eprintln!("{}", said?);
+    say_beside!("{}", said?);
     Ok(())
 }

@@ -5,6 +5,7 @@ use std::io::{IsTerminal, Write};
 use std::net::SocketAddr;
 use std::time::Duration;
 
+use crate::cli::say::Out;
 use crate::observe::status::{AxisStatus, Status};
 use crate::virtual_machine::{Summary, TruthRow};
 
@@ -77,7 +78,7 @@ impl Table {
             let _ = writeln!(text, "\x1b[2K{line}");
         }
         self.drawn = lines.len();
-        let mut out = std::io::stdout().lock();
+        let mut out = Out;
         out.write_all(text.as_bytes())?;
         out.flush()
     }
@@ -136,7 +137,7 @@ impl Table {
         if status.uptime_s < self.next_row {
             return Ok(());
         }
-        let mut out = std::io::stdout().lock();
+        let mut out = Out;
         if self.next_row < ROW_EVERY {
             writeln!(out, "{} — {}\npage  http://{}\n", status.machine, status.description, self.page)?;
             writeln!(

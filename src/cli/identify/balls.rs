@@ -1,5 +1,6 @@
 //! `isotherm identify --balls`: a ball array's touches into a log of drifts and tilts.
 
+use crate::cli::say::say;
 use std::path::PathBuf;
 
 use anyhow::Context;
@@ -39,20 +40,20 @@ pub(super) fn run(arguments: &Touches, json: bool) -> anyhow::Result<()> {
     if json {
         return print_json(&found);
     }
-    tell(&found);
-    println!("the terms and errors (e = −d) are in {}", out.display());
+    tell(&found)?;
+    say!("the terms and errors (e = −d) are in {}", out.display())?;
     Ok(())
 }
 
-fn tell(found: &Terms) {
-    println!(
+fn tell(found: &Terms) -> std::io::Result<()> {
+    say!(
         "balls along {}, {} rounds; how far the coordinates have moved since the first, with the origin at {} mm",
         found.array,
         found.rounds.len(),
         found.origin_mm
-    );
+    )?;
     for remark in &found.remarks {
-        println!("  note: {remark}");
+        say!("  note: {remark}")?;
     }
     let slopes: String = DIRECTIONS
         .iter()
@@ -61,14 +62,14 @@ fn tell(found: &Terms) {
             format!("  {:>10}", format!("{}_{axis} µm/m", if place == found.along { "k" } else { "A" }))
         })
         .collect();
-    println!("  {:>6}  {:>8}  {:>8}  {:>8}{slopes}  {:>8}", "hour", "d_x µm", "d_y µm", "d_z µm", "left µm");
+    say!("  {:>6}  {:>8}  {:>8}  {:>8}{slopes}  {:>8}", "hour", "d_x µm", "d_y µm", "d_z µm", "left µm")?;
     for round in &found.rounds {
         let [x, y, z] = round.drift_um;
         let slopes = round.slope_um_per_mm.map(|slope| format!("  {:10.2}", 1000.0 * slope)).concat();
-        println!("  {:6.2}  {x:8.2}  {y:8.2}  {z:8.2}{slopes}  {:8.2}", round.hours, round.rms_um);
+        say!("  {:6.2}  {x:8.2}  {y:8.2}  {z:8.2}{slopes}  {:8.2}", round.hours, round.rms_um)?;
     }
     if found.rounds.iter().any(|round| round.spindle_um_per_mm.is_some()) {
-        println!("  {:>6}  tilt B of the spindle, µm/m of stylus", "hour");
+        say!("  {:>6}  tilt B of the spindle, µm/m of stylus", "hour")?;
         for round in &found.rounds {
             let tilts = round.spindle_um_per_mm.map_or("not told".to_owned(), |tilts| {
                 let across = (0..3).filter(|place| *place != found.along);
@@ -77,7 +78,8 @@ fn tell(found: &Terms) {
                     .collect::<Vec<_>>()
                     .join("  ")
             });
-            println!("  {:6.2}  {tilts}", round.hours);
+            say!("  {:6.2}  {tilts}", round.hours)?;
         }
     }
+    Ok(())
 }

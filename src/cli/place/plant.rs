@@ -1,5 +1,6 @@
 //! What a plant is made from: the structure's modes; and an example to begin with.
 
+use crate::cli::say::say;
 use std::path::Path;
 
 use anyhow::Context;
@@ -60,10 +61,10 @@ pub(super) fn write_example(directory: &Path) -> anyhow::Result<()> {
         write_file(&path, text)?;
     }
     let cases: Vec<String> = example::cases().map(|case| format!("{place}/{case}.inp")).collect();
-    println!("the column is in {place}/mesh.inp, its load cases beside it; where its sensors belong:");
-    println!(
+    say!("the column is in {place}/mesh.inp, its load cases beside it; where its sensors belong:")?;
+    say!(
         "isotherm place {} --blocks COLUMN_ --candidates REACHED --component y,z --report sensors.html",
         cases.join(" ")
-    );
+    )?;
     Ok(())
 }

@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::time::Duration;
 
+use crate::cli::say::{Out, say, say_beside};
 use crate::cli::target::{Line, Target};
 use crate::cli::{print_json, refuse, values};
 use crate::clock::Clock;
@@ -138,7 +139,7 @@ pub(super) fn run(target: &Target, one: &One, watch: bool, json: bool) -> anyhow
                 let document = serde_json::json!({
                     "now": now, "bus": line.address.to_string(), "unit": unit, "values": values.as_ref().ok(), "fault": why,
                 });
-                if watch { writeln!(std::io::stdout(), "{document}")? } else { print_json(&document)? }
+                if watch { say!("{document}")? } else { print_json(&document)? }
             } else {
                 print(&values, &form, now.as_deref())?;
             }
@@ -152,12 +153,12 @@ pub(super) fn run(target: &Target, one: &One, watch: bool, json: bool) -> anyhow
 }
 
 fn print_exchange(exchange: &Exchange) {
-    eprintln!("{exchange}");
+    say_beside!("{exchange}");
 }
 
 /// One reading on stdout. With `now`, one of many: a fault of it is printed and does not end them.
 fn print(values: &Result<Vec<RegisterValue>, String>, form: &Form, now: Option<&str>) -> std::io::Result<()> {
-    let mut out = std::io::stdout();
+    let mut out = Out;
     if let Some(now) = now {
         writeln!(out, "{now}")?;
     }
@@ -172,7 +173,7 @@ fn print(values: &Result<Vec<RegisterValue>, String>, form: &Form, now: Option<&
                 writeln!(out, "  {register:<width$} ({modicon})  {raw}  {}", read.join("   "))?;
             }
             if form.lacks_order() && now.is_none() {
-                eprintln!(
+                say_beside!(
                     "no word order was given, and 32 and 64 bits have none by default: add --word-order"
                 );
             }

@@ -1,0 +1,66 @@
+//! What a verb prints. Nobody may be there to read it, and a disk may be full: that is an error of the verb, never a panic.
+
+use std::fmt::Arguments;
+use std::io::{Error, Result, Write, stdout};
+
+/// Standard output, which says so where it cannot be written.
+pub(crate) struct Out;
+
+impl Write for Out {
+    fn write(&mut self, text: &[u8]) -> Result<usize> {
+        stdout().write(text).map_err(not_taken)
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        stdout().flush().map_err(not_taken)
+    }
+}
+
+/// A line of what the verb is for.
+///
+/// # Errors
+/// Nobody takes it.
+pub(crate) fn line(text: Arguments<'_>) -> Result<()> {
+    all(format_args!("{text}\n"))
+}
+
+/// The same without a line break.
+///
+/// # Errors
+/// Nobody takes it.
+pub(crate) fn all(text: Arguments<'_>) -> Result<()> {
+    Out.write_fmt(text).and_then(|()| Out.flush())
+}
+
+fn not_taken(error: Error) -> Error {
+    Error::new(error.kind(), format!("what is printed (standard output) cannot be written: {error}"))
+}
+
+/// A line beside that: a warning, or how far something is. It is lost where nobody takes it.
+pub(crate) fn beside(text: Arguments<'_>) {
+    let _ = std::io::stderr().write_fmt(format_args!("{text}\n"));
+}
+
+/// What stands in the last line of a terminal, and is written over by the next.
+pub(crate) fn progress(text: Arguments<'_>) {
+    let mut err = std::io::stderr();
+    let _ = err.write_fmt(text).and_then(|()| err.flush());
+}
+
+/// `println!` that fails instead of panicking.
+macro_rules! say {
+    ($($text:tt)*) => { $crate::cli::say::line(format_args!($($text)*)) };
+}
+/// `print!` that fails instead of panicking.
+macro_rules! say_all {
+    ($($text:tt)*) => { $crate::cli::say::all(format_args!($($text)*)) };
+}
+/// Beside what is printed; lost where nobody takes it.
+macro_rules! say_beside {
+    ($($text:tt)*) => { $crate::cli::say::beside(format_args!($($text)*)) };
+}
+/// Written over by the next.
+macro_rules! say_progress {
+    ($($text:tt)*) => { $crate::cli::say::progress(format_args!($($text)*)) };
+}
+pub(crate) use {say, say_all, say_beside, say_progress};
