@@ -9,7 +9,7 @@ use tracing_appender::non_blocking::{NonBlockingBuilder, WorkerGuard};
 
 use isotherm_profile::Profile;
 
-use crate::cli::say::{Out, say, say_beside, say_progress};
+use crate::cli::say::{Out, say, say_beside};
 use crate::fieldbus::tls;
 use crate::gateway::control::Failure;
 use crate::observe::status::Command;
@@ -38,6 +38,7 @@ mod select;
 mod services;
 mod signals;
 mod simulate;
+mod status;
 mod target;
 mod trace;
 mod values;
@@ -56,7 +57,7 @@ use values::key_and_value;
 )]
 pub struct Arguments {
     /// What is logged to stderr: error, warn, info, debug, or a filter such as `isotherm=debug`
-    #[arg(long, global = true, value_name = "FILTER", env = "ISOTHERM_LOG")]
+    #[arg(long, global = true, value_name = "FILTER", env = "ISOTHERM_LOG", value_parser = values::log_filter)]
     log: Option<String>,
     /// The verb.
     #[command(subcommand)]
@@ -110,6 +111,8 @@ enum Verb {
     Trace(trace::Arguments),
     /// What happened at a machine, before the last restart too
     Events(events::Arguments),
+    /// What the running gateway does: the content of its page
+    Status(status::Arguments),
     /// The JSON Schema of the profile, for editors
     #[command(after_help = "Example:\n  isotherm schema > isotherm.schema.json")]
     Schema,
@@ -180,6 +183,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Zero(arguments) => command::run(&arguments, Command::Zero),
         Verb::Measured(arguments) => measured::run(&arguments),
         Verb::Events(arguments) => events::run(&arguments),
+        Verb::Status(arguments) => status::run(&arguments),
         Verb::Schema => print_json(&isotherm_profile::schema()),
         Verb::Completions { shell } => {
             let mut script = Vec::new();
@@ -289,11 +293,14 @@ fn load_quietly(
         None => isotherm_profile::load(path, set, &environment),
     };
     let loaded = loaded.and_then(|loaded| tls::check(&loaded.profile).map(|()| loaded));
-    loaded.or_else(|errors| {
+    loaded.or_else(|mut errors| {
+        if let (Some(meant), [error]) = (machines::meant(path), errors.0.as_mut_slice()) {
+            error.help = Some(format!("did you mean the shipped machine `{meant}`?"));
+        }
         if json {
             print_json(&errors)?;
         } else {
-            say_progress!("{errors}");
+            say_beside!("{errors}");
         }
         Err(WrongProfile.into())
     })

@@ -15,7 +15,7 @@ use process::{PATIENCE, Running, file, free_port, isotherm};
 
 const MACHINE: &str = include_str!("interop/machine.toml");
 
-const VERBS: [&str; 21] = [
+const VERBS: [&str; 22] = [
     "demo",
     "run",
     "check",
@@ -37,6 +37,7 @@ const VERBS: [&str; 21] = [
     "completions",
     "man",
     "events",
+    "status",
 ];
 
 /// A verb that has ended.
@@ -421,8 +422,91 @@ fn a_recording_on_a_plant_is_the_same_for_the_same_seed_and_turns_to_a_new_file_
     }
 }
 
+#[test]
+fn a_shipped_machine_that_was_mistyped_is_named() {
+    for verb in ["demo", "check"] {
+        let Ended { code, said, .. } = run(&[verb, "surface-grindr"]);
+        assert!(
+            code != Some(0) && said.contains("did you mean") && said.contains("`surface-grinder`"),
+            "{said}"
+        );
+    }
+    let Ended { code, said, .. } = run(&["--log", "verbose", "schema"]);
+    assert!(code == Some(2) && said.contains("allowed: error, warn, info, debug, trace"), "{said}");
+}
+
+#[test]
+fn what_is_said_of_a_wrong_profile_ends_its_last_line() {
+    let home = tempfile::tempdir().unwrap();
+    let profile = file(home.path(), "wrong.toml", "[machine]\nname = 5\n");
+    let Ended { code, said, .. } = ended(isotherm(home.path()).arg("check").arg(profile));
+    assert!(code == Some(64) && said.ends_with("in the profile\n"), "{said:?}");
+}
+
+#[test]
+fn check_says_what_keeps_a_profile_from_running_on_this_computer() {
+    let home = tempfile::tempdir().unwrap();
+    let deep = "a".repeat(100);
+    let more = format!(
+        "[web]\nlisten = \"127.0.0.1:0\"\ntoken_file = \"nothing.token\"\n[history]\ndirectory = \"{deep}\"\n"
+    );
+    let profile = file(home.path(), "machine.toml", &(machine(home.path()).0 + &more));
+    let Ended { code, said, .. } = ended(isotherm(home.path()).arg("check").arg(&profile));
+    assert_eq!(code, Some(0), "{said}");
+    assert!(
+        said.contains("nothing.token is not there") && said.contains("no socket's may be longer than 107"),
+        "{said}"
+    );
+    let mut run = isotherm(home.path());
+    let Ended { code, said, .. } =
+        ended(run.arg("run").arg(&profile).current_dir(home.path()).args(["--state", &deep]));
+    assert!(code == Some(1) && !said.contains("SUN_LEN"), "{said}");
+}
+
+#[test]
+fn status_has_the_content_of_the_page_for_people_programs_and_a_watchdog() {
+    let home = tempfile::tempdir().unwrap();
+    let (text, _) = machine(home.path());
+    let profile = file(home.path(), "machine.toml", &text);
+    let _devices = devices(home.path(), &profile);
+    let state = home.path().join("state");
+    let status =
+        |more: &[&str]| ended(isotherm(home.path()).args(["status", "--state"]).arg(&state).args(more));
+    let nobody = status(&[]);
+    assert!(nobody.code == Some(1) && nobody.said.contains("no gateway runs"), "{}", nobody.said);
+    let mut gateway =
+        Running::start(isotherm(home.path()).arg("run").arg(&profile).arg("--state").arg(&state));
+    gateway.hears("the gateway runs");
+    process::until("every device has answered", || {
+        let Ended { out, .. } = status(&[]);
+        if out.contains("19.8") || out.contains("20.") { Ok(()) } else { Err(out) }
+    });
+    let Ended { code, out, said } = status(&[]);
+    assert_eq!(code, Some(0), "{said}");
+    for part in ["axis z: ", "Cz ", "signals\n", "devices\n", "clock "] {
+        assert!(out.contains(part), "{part}: {out}");
+    }
+    let json: Value = serde_json::from_str(&status(&["--json"]).out).unwrap();
+    let axis = &json["axes"]["z"];
+    for key in ["state", "display", "why", "cz_um", "verified_um", "verified_age_s"] {
+        assert!(axis.get(key).is_some(), "{key}: {axis}");
+    }
+    assert!(json["devices"].is_array() && json["signals"].is_array() && json["clock"].is_string(), "{json}");
+    let healthy = status(&["--healthy"]);
+    let missing = json["missing"].as_array().unwrap().len();
+    assert!(
+        matches!(healthy.code, Some(0 | 1)) && (missing == 0 || healthy.said.contains("not healthy: ")),
+        "{}",
+        healthy.said
+    );
+    gateway.stands_still();
+    let silent = status(&["--healthy"]);
+    assert!(silent.code == Some(3) && silent.said.contains("no answer"), "{:?} {}", silent.code, silent.said);
+    gateway.goes_on();
+}
+
 /// Each verb as somebody may call it; what it needs lies in its directory.
-const CALLS: [&[&str]; 28] = [
+const CALLS: [&[&str]; 29] = [
     &["--help"],
     &["demo", "--for", "10min", "--speed", "100000", "--listen", "127.0.0.1:0"],
     &["demo", "--for", "10min", "--speed", "100000", "--listen", "127.0.0.1:0", "--json"],
@@ -448,6 +532,7 @@ const CALLS: [&[&str]; 28] = [
     &["measured", "machine.toml", "z", "1.5"],
     &["trace", "machine.toml", "thermocouples", "--for", "1s"],
     &["events", "machine.toml", "--state", "state"],
+    &["status", "machine.toml", "--state", "state"],
     &["schema"],
     &["completions", "bash"],
     &["man"],

@@ -1,8 +1,11 @@
 //! `isotherm check`: what a profile says, and what is wrong with it.
 
+use super::run::known_directory;
 use super::{ProfileArguments, gauge, load, print_json};
 use crate::cli::say::{say, say_all, say_beside};
 use crate::discovery::can;
+use crate::gateway::control;
+use isotherm_profile::Profile;
 use isotherm_profile::preview::{self, Preview};
 
 /// Every error of the profile with its place; then what would happen: the read plan, each register in both notations,
@@ -29,6 +32,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     for warning in preview::warnings(&profile) {
         say_beside!("warning: {warning}");
     }
+    for warning in unlike_run(&profile) {
+        say_beside!("warning: {warning}");
+    }
     if !arguments.online {
         if arguments.json {
             return print_json(&preview);
@@ -50,4 +56,16 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         say_all!("{}{}", gauge::signals(&status), gauge::fieldbus(&status))?;
     }
     gauge::judge(&status)
+}
+
+/// What keeps this profile from being run on this computer as it is.
+fn unlike_run(profile: &Profile) -> Vec<String> {
+    let socket = control::path(&known_directory(profile.history.directory.as_deref()), &profile.name);
+    let token = profile.web.as_ref().and_then(|web| web.token_file.as_ref());
+    let token = token.filter(|token| !token.exists());
+    let token = token.map(|token| {
+        format!("web.token_file: {} is not there, and the page is not served without it", token.display())
+    });
+    let socket = control::too_long(&socket).map(|why| format!("{}: {why}", socket.display()));
+    token.into_iter().chain(socket).collect()
 }

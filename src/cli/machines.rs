@@ -35,11 +35,16 @@ pub(super) fn text(name: &str) -> Option<(PathBuf, &'static str)> {
     Some((Path::new("profiles").join(format!("{name}.toml")), text))
 }
 
+/// The shipped machine whose name was probably meant by what is no file.
+pub(super) fn meant(path: &Path) -> Option<&'static str> {
+    let name = path.to_str().filter(|_| !path.exists())?;
+    isotherm_profile::nearest(name, &names().collect::<Vec<_>>())
+}
+
 /// A shipped machine, with these keys overridden, and its plant.
 pub(super) fn with_plant(name: &str, set: &[(String, String)]) -> anyhow::Result<(Profile, PlantSpec)> {
     let Some((path, text)) = text(name) else {
-        let known: Vec<&str> = names().collect();
-        anyhow::bail!("there is no machine `{name}`; shipped are: {}", known.join(", "));
+        anyhow::bail!("there is no machine `{name}`; {}", isotherm_profile::allowed(name, names()));
     };
     let loaded = isotherm_profile::parse_with(&path, text, &FILES, set, &[])
         .map_err(|errors| anyhow::anyhow!("{errors}"))?;

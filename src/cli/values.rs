@@ -19,3 +19,35 @@ pub(super) fn span(text: &str, most: Duration, hint: &str) -> Result<Duration, S
     let span = humantime::parse_duration(text).map_err(|error| error.to_string())?;
     if span.is_zero() || span > most { Err(hint.to_owned()) } else { Ok(span) }
 }
+
+/// What is logged: a level, or a filter. A word that is neither would be taken for the name of something, and log nothing.
+pub(super) fn log_filter(text: &str) -> Result<String, String> {
+    const LEVELS: [&str; 6] = ["error", "warn", "info", "debug", "trace", "off"];
+    let is_level = |text: &str| LEVELS.contains(&text.to_lowercase().as_str());
+    let is_part =
+        |part: &str| is_level(part) || part.split_once('=').is_some_and(|(_, level)| is_level(level));
+    if text.split(',').all(|part| is_part(part.trim())) {
+        return Ok(text.to_owned());
+    }
+    Err(format!("{}; or a filter such as `isotherm=debug`", isotherm_profile::allowed(text, LEVELS)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_log_filter_is_a_level_or_names_one() {
+        for good in ["info", "DEBUG", "isotherm=debug", "warn,isotherm::gateway=trace", "off"] {
+            assert_eq!(log_filter(good).as_deref(), Ok(good));
+        }
+        for (bad, meant) in [
+            ("verbose", "allowed: error"),
+            ("debgu", "did you mean `debug`"),
+            ("", "allowed"),
+            ("isotherm=loud", "allowed"),
+        ] {
+            assert!(log_filter(bad).is_err_and(|why| why.contains(meant)), "{bad}");
+        }
+    }
+}

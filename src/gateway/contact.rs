@@ -18,6 +18,8 @@ const BELIEVED_AFTER: Duration = Duration::from_secs(10);
 
 /// What was late is reported again after so long without.
 const REPORTED_AGAIN: Duration = Duration::from_secs(600);
+/// Nobody can do anything about less: it is counted.
+const WORTH_A_WORD: Duration = Duration::from_millis(10);
 
 #[derive(Clone, Debug)]
 pub(super) struct Contact {
@@ -62,9 +64,12 @@ pub(super) struct BusCount {
 pub(super) const JITTER_MS: [f64; 7] = [0.5, 1.0, 2.0, 5.0, 10.0, 50.0, 200.0];
 
 impl BusCount {
-    /// So many more times something was late. Whether that is to be reported.
-    pub(super) fn overrun(&mut self, count: u64, now: Moment) -> bool {
+    /// So many more times something was late, by this at most. Whether that is to be reported.
+    pub(super) fn overrun(&mut self, count: u64, late: Duration, now: Moment) -> bool {
         self.overruns += count;
+        if late < WORTH_A_WORD {
+            return false;
+        }
         let before = self.overrun_at.replace(now);
         before.is_none_or(|before| now.since(before) >= REPORTED_AGAIN)
     }
@@ -175,5 +180,20 @@ impl Lost {
     fn report(&mut self, device: &Device) -> Event {
         self.reported = true;
         Event::DeviceLost { device: device.name.clone(), at: device.at(), fault: self.fault.clone() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_late_by_less_than_anybody_can_mend_is_counted_and_not_reported() {
+        let (mut bus, now) = (BusCount::default(), Moment::from_nanos(1));
+        assert!(!bus.overrun(1, Duration::from_millis(9), now));
+        assert!(bus.overrun(2, Duration::from_millis(10), now));
+        assert!(!bus.overrun(1, Duration::from_secs(1), now), "it was a moment ago");
+        assert!(bus.overrun(1, Duration::from_secs(1), now.after(REPORTED_AGAIN + Duration::from_secs(1))));
+        assert_eq!(bus.overruns, 5);
     }
 }

@@ -13,6 +13,8 @@
 //! `arm` → `ok z: armed`, `error …`, or after a while `waits z: waiting to arm: …`. With `stay` more lines follow: `waits` with
 //! each other reason, `still` once a second, at last `ok` or `error`.
 //!
+//! `status` → `ok` and the state as one line of JSON.
+//!
 //! One command has an answer of many lines: the exchanges of a device as they happen (`isotherm trace`). `trace cnc 60 text`
 //! → `ok listening to cnc`, two lines an exchange (or with `json` one), and at last `end` with their number. It ends by
 //! itself after that many seconds, or as soon as the asker is gone.
@@ -32,12 +34,12 @@ use super::WireLog;
 use super::disk::make_directory;
 use crate::fieldbus::trace::{Exchange, Listening};
 use crate::observe::asker::{Asker, Attendance, PATIENCE, Way};
-use crate::observe::status::{Answer, Command, Source};
+use crate::observe::status::{Answer, Command, Source, Status};
 
 mod client;
 mod user;
 
-pub use client::{Failure, arm, send, send_measured, trace};
+pub use client::{Failure, arm, send, send_measured, status, trace};
 
 /// How long whoever arms and does not stay waits to hear what comes of it.
 const ARMING: Duration = Duration::from_secs(3);
@@ -50,6 +52,9 @@ const LONGEST: u64 = 256;
 /// It is looked this often whether somebody has deleted the socket.
 const DELETED: Duration = Duration::from_secs(1);
 
+/// Who only looks.
+const STATUS: &str = "status";
+
 /// No wire log is kept for longer.
 pub const LONGEST_TRACE: Duration = Duration::from_secs(24 * 3600);
 /// How much longer than the log itself its last line may take.
@@ -60,12 +65,28 @@ pub fn path(directory: &Path, machine: &str) -> PathBuf {
     directory.join(format!("{machine}.sock"))
 }
 
+/// What to do where this is no path that a socket can have.
+pub fn too_long(path: &Path) -> Option<String> {
+    /// What `sockaddr_un` has room for.
+    const LONGEST_PATH: usize = 107;
+    let length = path.as_os_str().len();
+    (length > LONGEST_PATH).then(|| {
+        format!(
+            "the path of the command socket is {length} bytes long, and no socket's may be longer than {LONGEST_PATH}: choose a \
+             shorter state directory (--state, or [history] directory) or a shorter machine name"
+        )
+    })
+}
+
 /// Opens the socket, for the owner and its group only. One left behind by a gateway that is gone is replaced.
 ///
 /// # Errors
 /// Where another gateway answers on it, or the directory cannot be written.
 pub fn open(path: &Path) -> std::io::Result<std::os::unix::net::UnixListener> {
     let refused = |kind, why: String| Error::new(kind, format!("{}: {why}", path.display()));
+    if let Some(why) = too_long(path) {
+        return Err(refused(ErrorKind::InvalidInput, why));
+    }
     if let Ok(found) = path.symlink_metadata() {
         if !found.file_type().is_socket() {
             let why = "the command socket belongs here, and something else lies here: move it away";
@@ -149,8 +170,11 @@ async fn serve_one(
     if let Some(request) = TraceRequest::parse(heard.trim()) {
         return serve_trace(request, wire_log, reader, writer).await;
     }
+    if heard.trim() == STATUS {
+        return writer.write_all(format!("ok {}\n", document(&source.status())).as_bytes()).await;
+    }
     let Some(line) = Line::parse(heard.trim()) else {
-        let known = "error this socket understands arm, disarm, zero, cancel, measured, trace\n";
+        let known = "error this socket understands arm, disarm, zero, cancel, measured, trace, status\n";
         return writer.write_all(known.as_bytes()).await;
     };
     let asker = line.asker(who, connection, attendance);
@@ -241,6 +265,17 @@ impl<'a> Line<'a> {
             What::Measured(axis, error) => source.measured(axis, error, asker).map(Answer::Done),
         }
     }
+}
+
+/// The state as one line of JSON, with what people see of each axis and what keeps the machine from being held.
+fn document(status: &Status) -> serde_json::Value {
+    // Numbers and texts always have a JSON form.
+    let mut document = serde_json::to_value(status).unwrap_or_default();
+    for (place, axis) in status.axes.iter().enumerate() {
+        document["axes"][place]["display"] = axis.display().into();
+    }
+    document["missing"] = status.missing().into();
+    document
 }
 
 async fn hear(reader: &mut OwnedReadHalf) -> Option<String> {

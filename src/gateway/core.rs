@@ -16,7 +16,7 @@ use super::probing::{Probing, acting, why_refused};
 use super::reported::Reported;
 use super::restart::Restarts;
 use super::storage::Storage;
-use super::units::part;
+use super::units::{cz_factor, is_near, part};
 use super::why::Reasons;
 use crate::observe::asker::Way;
 use crate::observe::events::Event;
@@ -331,12 +331,10 @@ impl Core {
                 .or_else(|| Micron::new(settings.guard.step.get() * 1e-3))
                 .unwrap_or_default(),
         };
-        // What is nearest is at most half a count away; beside an operator's part, whose sum is never made zero, one.
-        let slack =
-            |state: &OutputState| if state.shares.is_some_and(|(base, _)| base != 0.0) { 1.1 } else { 0.6 };
         let is_there = |output: &Output, state: &OutputState, cz: Micron| {
-            let distance = (cz - part(decision, output.writes)).abs().get();
-            output.writes == Writes::Reference || distance <= slack(state) * grain(output).get()
+            let (wanted, grain) = (part(decision, output.writes), grain(output).get());
+            let base = state.shares.map(|(base, _)| base / cz_factor(profile, output));
+            output.writes == Writes::Reference || is_near(cz, wanted, grain, base.unwrap_or_default())
         };
         let is_held =
             |id: &OutputId| self.registers[id.0].is_some() && matches!(decision.state, AxisState::Holding(_));

@@ -95,7 +95,7 @@ impl LineHandle {
     pub(super) fn overrun(&self, bus: BusId, count: u64, late: Duration, what: impl FnOnce() -> String) {
         let now = self.clock.now();
         let mut core = self.core();
-        if core.contact.buses[bus.0].overrun(count, now) {
+        if core.contact.buses[bus.0].overrun(count, late, now) {
             let bus = self.profile.bus(bus).name.clone();
             core.events.push(Event::Overrun { bus, what: what(), late });
         }

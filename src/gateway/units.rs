@@ -135,6 +135,13 @@ pub(super) fn part(decision: &Decision, writes: Writes) -> Micron {
     if writes == Writes::Slope { decision.slope } else { decision.cz }
 }
 
+/// What stands in a register is what is wanted there, to half a count of this size. Beside an operator's part, `base`, their
+/// sum is never made zero: where it would be, the count beside it is as near as it gets.
+pub(super) fn is_near(cz: Micron, wanted: Micron, grain: f64, base: f64) -> bool {
+    let would_be_zero = base != 0.0 && (base + wanted.get()).abs() < 0.6 * grain;
+    (cz - wanted).abs().get() <= if would_be_zero { 1.1 } else { 0.6 } * grain
+}
+
 /// What 1 µm is in the register's unit. A diameter changes by twice what the radius does; a slope is its effect at the
 /// axis's reach, divided by that.
 pub(super) fn cz_factor(profile: &Profile, output: &Output) -> f64 {
@@ -180,4 +187,28 @@ fn nearest(counts: f64) -> Counts {
 #[allow(clippy::cast_precision_loss, reason = "no register holds 2^53 counts")]
 fn as_float(counts: Counts) -> f64 {
     counts.0 as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_wanted_is_near_to_half_a_count_and_to_one_only_where_the_sum_would_be_zero() {
+        let micron = |value| Micron::new(value).unwrap_or_default();
+        for (cz, wanted, base, near) in [
+            (0.0, 0.04, 0.0, true),
+            (0.1, 0.0, 0.0, false),
+            // A count of ours beside an operator's part is one too many.
+            (0.1, 0.0, 200.0, false),
+            (-0.1, 0.0, 200.0, false),
+            (0.0, 0.0, 200.0, true),
+            // His part is just what would make the sum zero.
+            (4.9, 5.0, -5.0, true),
+            (5.1, 5.0, -5.0, true),
+            (4.8, 5.0, -5.0, false),
+        ] {
+            assert_eq!(is_near(micron(cz), micron(wanted), 0.1, base), near, "{cz} {wanted} {base}");
+        }
+    }
 }

@@ -395,6 +395,21 @@ fn an_sdo_answer_that_was_there_before_its_question_is_no_reading() {
 
 const OF_NODE_1: Question = Question { node: 1, index: OBJECT.0, sub: OBJECT.1 };
 
+/// Whether the node, on a busy computer, came to its lie after the question itself had passed: then that is an answer, which
+/// nobody can tell. What has passed is in the order of the line.
+fn was_late_itself(line: &CanSocket) -> bool {
+    line.set_nonblocking(true).unwrap();
+    let lie = OF_NODE_1.lie_after(Duration::ZERO)[0].1;
+    let [low, high] = OBJECT.0.to_le_bytes();
+    let mut was_asked = false;
+    let mut is_late = false;
+    while let Ok(passed) = line.read_frame() {
+        was_asked |= passed.raw_id() == 0x601 && passed.data().starts_with(&[0x40, low, high, OBJECT.1]);
+        is_late |= was_asked && passed.raw_id() == lie.raw_id() && passed.data() == lie.data();
+    }
+    is_late
+}
+
 /// The computer stands still while it comes: it waits in the kernel when the question leaves, and whoever listens has
 /// not had a turn to take it from there.
 #[test]
@@ -440,12 +455,17 @@ fn an_sdo_answer_that_waits_in_the_kernel_before_its_question_is_no_reading() {
         let dial = Box::new(CanDial::new(link, bus.timeout));
         let mut line = DeviceLine::new(bus, &[(DeviceId(0), machine.device(DeviceId(0)))], dial, &clock);
         let asked = machine.requests(DeviceId(0))[0].asks.into();
+        let mut tried = 0;
         for _ in 0..20 {
             other.write_frame(&OF_NODE_1.lie_after(Duration::ZERO)[0].1).unwrap();
             std::thread::sleep(Duration::from_millis(30));
             let answered = line.request(DeviceId(0), asked, Leave::Whenever).await.unwrap();
-            assert_eq!(answered.answer.registers(), [215]);
+            if !was_late_itself(&other) {
+                assert_eq!(answered.answer.registers(), [215]);
+                tried += 1;
+            }
         }
+        assert!(tried >= 10, "{tried} of 20");
     });
     is_over.store(true, Ordering::SeqCst);
     living.join().unwrap();

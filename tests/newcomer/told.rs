@@ -85,7 +85,7 @@ fn a_profile_without_a_model_is_identified_and_refused_by_what_would_follow_it()
         "{}",
         checked.said
     );
-    assert!(!checked.said.contains("it is only recorded"), "{}", checked.said);
+    assert!(!checked.out.contains("only recorded"), "{}", checked.out);
     for arguments in
         [&["run", path][..], &["run", path, "--dry-run"], &["arm", path], &["replay", path, "day.csv"]]
     {

@@ -163,3 +163,60 @@ fn text_that_is_no_toml_is_told_with_line_and_column() {
     let twice = errors(parse("[machine]\nname = \"a\"\nname = \"b\"\n"));
     assert_eq!((twice[0].line, twice[0].column), (Some(3), Some(1)));
 }
+
+#[test]
+fn what_is_no_table_is_answered_with_one_to_copy() {
+    let on_fault = "on_fault = { action = \"ramp\", after = \"60s\" }";
+    for (written, wanted) in [
+        ("on_fault = \"hold\"", "write on_fault = { action = \"hold\" }"),
+        ("on_fault = 5", "write on_fault = { action = "),
+    ] {
+        let error = only_error(
+            &GRINDER.replacen(on_fault, written, 1),
+            "axis.z.on_fault",
+            written.split("= ").nth(1).unwrap(),
+        );
+        assert!(error.help.as_ref().is_some_and(|help| help.starts_with(wanted)), "{error}");
+    }
+}
+
+#[test]
+fn a_decimal_comma_is_answered_with_a_point() {
+    let found = errors(with("limit = 40.0", "limit = 40,0  # µm"));
+    let helped = found.iter().any(|error| error.help.as_deref() == Some("write a decimal point: 40.0"));
+    assert!(helped, "{found:?}");
+}
+
+#[test]
+fn a_wrong_register_hides_no_missing_word_order() {
+    let text =
+        GRINDER.replacen("word_order = \"lsw-first\"\n", "", 1).replacen("holding:84", "holding:70000", 1);
+    let mut keys: Vec<String> = errors(parse(&text)).into_iter().map(|error| error.key).collect();
+    keys.sort();
+    assert_eq!(keys, ["signal.scale_z.register", "signal.scale_z.word_order"]);
+}
+
+#[test]
+fn what_people_write_for_a_unit_is_answered_with_its_word() {
+    for (written, meant) in
+        [("C", "`degC`"), ("°C", "`degC`"), ("%", "`percent`"), ("µm", "`um`"), ("k", "`K`")]
+    {
+        let error = only_error(
+            &GRINDER.replacen("unit = \"degC\"", &format!("unit = \"{written}\""), 1),
+            "signal.wheelhead.unit",
+            &format!("\"{written}\""),
+        );
+        assert!(
+            error.help.as_ref().is_some_and(|help| help.contains(&format!("did you mean {meant}"))),
+            "{error}"
+        );
+    }
+}
+
+#[test]
+fn a_machines_name_is_no_longer_than_its_files_may_be() {
+    let named = |length: usize| with("name = \"grinder-1\"", &format!("name = \"{}\"", "a".repeat(length)));
+    assert!(named(64).is_ok());
+    let found = errors(named(300));
+    assert!(found.len() == 1 && found[0].message.contains("300 characters"), "{found:?}");
+}

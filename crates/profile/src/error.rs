@@ -84,7 +84,7 @@ impl fmt::Display for Errors {
 impl std::error::Error for Errors {}
 
 /// "did you mean `step`? allowed: …", from the words that are allowed.
-pub(crate) fn allowed<'a>(word: &str, words: impl IntoIterator<Item = &'a str>) -> String {
+pub fn allowed<'a>(word: &str, words: impl IntoIterator<Item = &'a str>) -> String {
     let words: Vec<&str> = words.into_iter().collect();
     let list = if words.is_empty() { "nothing".to_owned() } else { words.join(", ") };
     match nearest(word, &words) {
@@ -93,11 +93,32 @@ pub(crate) fn allowed<'a>(word: &str, words: impl IntoIterator<Item = &'a str>) 
     }
 }
 
+/// What people write for some of the words.
+const ALSO: [(&str, &str); 9] = [
+    ("c", "degC"),
+    ("°c", "degC"),
+    ("celsius", "degC"),
+    ("µm", "um"),
+    ("micron", "um"),
+    ("%", "percent"),
+    ("1/min", "rpm"),
+    ("min-1", "rpm"),
+    ("float", "f32"),
+];
+
 /// The word that was probably meant.
-pub(crate) fn nearest<'a>(word: &str, words: &[&'a str]) -> Option<&'a str> {
+pub fn nearest<'a>(word: &str, words: &[&'a str]) -> Option<&'a str> {
     let lower = word.to_lowercase();
+    let also = ALSO.iter().find(|(written, _)| *written == lower).map(|(_, meant)| *meant);
+    if let Some(meant) = also.and_then(|meant| words.iter().find(|known| **known == meant)) {
+        return Some(meant);
+    }
     // One slip in a short word, more in a longer one.
-    let far = ((word.chars().count() + 1) / 3).max(1);
+    let far = match word.chars().count() {
+        // Any other letter is one slip away: that says something only where there is one.
+        ..=1 => usize::from(words.len() == 1),
+        length => ((length + 1) / 3).max(1),
+    };
     let distance = |known: &str| strsim::damerau_levenshtein(&lower, &known.to_lowercase());
     words
         .iter()

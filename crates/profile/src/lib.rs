@@ -33,7 +33,7 @@ mod tables;
 pub mod template;
 mod walk;
 
-pub use error::{Errors, ProfileError};
+pub use error::{Errors, ProfileError, allowed, nearest};
 pub use load::{Loaded, environment, load, parse, parse_with};
 pub use tables::axis::Axis;
 pub use tables::axis::model::network;
@@ -106,6 +106,8 @@ pub struct Profile {
     pub devices: Vec<Device>,
     /// What is read. `SignalId` counts here.
     pub signals: Vec<Signal>,
+    /// The names of those that nothing uses: they are recorded.
+    pub only_recorded: Vec<String>,
     /// What is computed. Same order as [`Profile::outputs`]' `axis`.
     pub axes: Vec<Axis>,
     /// What is written.

@@ -52,6 +52,13 @@ impl Preview {
         section.line("");
         section.line("signals");
         section.parts("signals", profile.signals.iter().map(|signal| signal.preview(profile)));
+        if !profile.only_recorded.is_empty() {
+            let names = profile.only_recorded.join(", ");
+            section.line(format!(
+                "  only recorded (no model, condition, output or machine state uses them): {names}"
+            ));
+        }
+        section.entry("only_recorded", &profile.only_recorded);
         section.parts("axes", profile.axes.iter().map(|axis| axis.preview(profile)));
         section.line("");
         section.line("writes");

@@ -235,6 +235,7 @@ impl Check<'_> {
         claims::check(self, heartbeat.as_ref());
         line_time::check(self);
         loose_ends::warn(self);
+        let only_recorded = loose_ends::only_recorded(self);
         Some(Profile {
             name: machine.name,
             description: machine.description,
@@ -245,6 +246,7 @@ impl Check<'_> {
             buses: self.buses.whole()?,
             devices: self.devices.whole()?,
             signals: self.signals.whole()?,
+            only_recorded,
             axes: self.axes.whole()?,
             outputs: self.outputs.whole()?,
             sets: self.sets.whole()?,

@@ -39,7 +39,7 @@ impl Walk<'_> {
         let (table, problems) = DeTable::parse_recoverable(text);
         for problem in &problems {
             let at = problem.span().map_or(0, |span| span.start);
-            self.error(at, "", problem.message(), None);
+            self.error(at, "", problem.message(), decimal_comma(text, at));
         }
         (table.into_inner(), problems.is_empty())
     }
@@ -115,7 +115,10 @@ impl Walk<'_> {
             }
             (found, _) => {
                 let help = described.get("description").or(schema.get("description")).and_then(Value::as_str);
-                (wrong_type(&types(self.schema, schema), found, is_duration), help.map(str::to_owned))
+                let written = written(self.schema, schema, path, found);
+                let help = written.into_iter().chain(help.map(str::to_owned)).collect::<Vec<_>>().join("; ");
+                let help = Some(help).filter(|help| !help.is_empty());
+                (wrong_type(&types(self.schema, schema), found, is_duration), help)
             }
         };
         self.error(at, path, wrong.0, wrong.1);
@@ -215,6 +218,58 @@ fn wrong_text(schema: &Value, is_duration: bool, text: &str) -> Option<(String, 
     let why = humantime::parse_duration(text).err().filter(|_| is_duration)?;
     let help = "write a number with its unit, as \"300ms\", \"10s\", \"3min\", \"2h\" or \"90d\"";
     Some((format!("`{text}` is no duration: {why}"), help.to_owned()))
+}
+
+/// How a table is written that something else stands for: with the keys that it must have, and the word that was written
+/// where that is one of them.
+fn written(root: &Value, schema: &Value, path: &str, found: &DeValue<'_>) -> Option<String> {
+    if types(root, schema) != ["object"] {
+        return None;
+    }
+    let word = found.as_str();
+    let properties = schema.get("properties").and_then(Value::as_object)?;
+    let required = schema.get("required").and_then(Value::as_array).into_iter().flatten();
+    let required: Vec<&str> = required.filter_map(Value::as_str).collect();
+    let one = |(name, of): (&String, &Value)| {
+        let of = resolved(root, of);
+        let words = of.get("enum").and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str);
+        let meant = words.clone().find(|known| Some(*known) == word);
+        if meant.is_none() && !required.contains(&name.as_str()) {
+            return None;
+        }
+        let kind = types(root, of).first().copied().unwrap_or_default();
+        let value = match (meant.or(words.clone().next()), kind) {
+            (Some(word), _) => format!("\"{word}\""),
+            (None, _) if of.get("pattern").is_some_and(|pattern| pattern == Timespan::PATTERN) => {
+                "\"10s\"".to_owned()
+            }
+            (None, "string") => "\"…\"".to_owned(),
+            (None, "boolean") => "true".to_owned(),
+            (None, "integer") => "1".to_owned(),
+            (None, "number") => "1.0".to_owned(),
+            (None, "array") => "[ … ]".to_owned(),
+            _ => "{ … }".to_owned(),
+        };
+        Some(format!("{name} = {value}"))
+    };
+    let keys: Vec<String> = properties.iter().filter_map(one).collect();
+    let name = path.rsplit('.').next().unwrap_or(path);
+    Some(match keys.as_slice() {
+        [] => format!("write a table: [{path}], and its keys below"),
+        keys => format!("write {name} = {{ {} }}", keys.join(", ")),
+    })
+}
+
+/// `limit = 40,0`: the remedy, where that is what is wrong at this place.
+fn decimal_comma(text: &str, at: usize) -> Option<String> {
+    let begin = text.get(..at)?.rfind('\n').map_or(0, |end| end + 1);
+    let line = text.get(begin..)?.lines().next()?;
+    let (_, value) = line.split_once('=')?;
+    let value = value.split('#').next().unwrap_or_default().trim();
+    let (whole, fraction) = value.split_once(',')?;
+    let is_digits = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    let is_number = is_digits(whole.trim_start_matches(['-', '+'])) && is_digits(fraction);
+    is_number.then(|| format!("write a decimal point: {whole}.{fraction}"))
 }
 
 /// What is allowed, where a number is not.

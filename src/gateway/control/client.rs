@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use socket2::{Domain, SockAddr, Socket, Type};
 
-use super::{LONGEST_TRACE, SLACK};
+use super::{LONGEST_TRACE, SLACK, STATUS};
 use crate::clock::Passing;
 use crate::observe::asker::PATIENCE;
 use crate::observe::status::{Answer, Command};
@@ -74,6 +74,14 @@ pub fn send_measured(path: &Path, axis: &str, error_um: Option<f64>) -> Result<A
     Ok(ask(path, &format!("measured {axis} {error}"), PATIENCE)?.0)
 }
 
+/// The state of the running gateway, as JSON.
+///
+/// # Errors
+/// No gateway runs there, or it does not answer.
+pub fn status(path: &Path) -> Result<String, Failure> {
+    Ok(ask(path, STATUS, PATIENCE)?.0.text().to_owned())
+}
+
 fn with_axis(command: &str, axis: Option<&str>) -> String {
     axis.map_or_else(|| command.to_owned(), |axis| format!("{command} axis={axis}"))
 }
@@ -112,8 +120,11 @@ fn ask(
     let until = Passing::default().passed() + PATIENCE;
     let mut stream = connect(path, until)?;
     let sent = stream.set_read_timeout(Some(patience + UNDER_WAY)).and_then(|()| {
-        let until =
-            if line.starts_with("trace") { String::new() } else { format!(" until={}", until.as_secs_f64()) };
+        let until = if line == STATUS || line.starts_with("trace") {
+            String::new()
+        } else {
+            format!(" until={}", until.as_secs_f64())
+        };
         // In one piece: half a line is no command.
         stream.write_all(format!("{line}{until}\n").as_bytes())
     });

@@ -87,6 +87,7 @@ pub(crate) fn profile() -> Profile {
         path: "small.toml".into(),
         machine,
         arm: Arm::Auto,
+        only_recorded: Vec::new(),
         arm_timeout: Duration::from_secs(600),
         buses: vec![bus("cell", "127.0.0.1:1502"), bus("control", "127.0.0.1:1503")],
         devices: vec![

@@ -208,9 +208,11 @@ impl RawAxis {
                 let message = format!("the deadband of {deadband} µm is as large as the limit of {limit} µm");
                 at.key("deadband").wrong(message, "the axis would never move: make it smaller");
             }
-            if let Some(step) = step.filter(|step| *step > limit) {
-                let message = format!("a step of {step} µm is larger than the limit of {limit} µm");
-                at.key("step").wrong(message, "`step` is the largest change of one update: up to `limit`");
+            if let Some(step) = step.filter(|step| *step > 2.0 * limit) {
+                let message =
+                    format!("a step of {step} µm is more than from one limit of {limit} µm to the other");
+                at.key("step")
+                    .wrong(message, "`step` is the largest change of one update: up to twice `limit`");
             }
         }
         Some(GuardSettings {

@@ -1,28 +1,31 @@
-//! What leads nowhere: signals that nobody uses, axes without a model or an output, silent devices. A warning, because a
-//! profile grows piece by piece.
+//! What leads nowhere: axes without a model or an output, silent devices. A warning, because a profile grows piece by
+//! piece. Signals that nobody uses are recorded, which is what many are for: `check` lists them.
 
 use std::collections::HashSet;
 
 use super::Check;
 
+/// The signals that no model, condition, output or machine state uses.
+pub(super) fn only_recorded(check: &Check<'_>) -> Vec<String> {
+    // Which of them a model will use is not known before there is one.
+    if check.axes.names.iter().any(|name| lacks_model(check, name)) {
+        return Vec::new();
+    }
+    let names = check.signals.names.iter().zip(check.used.borrow().clone());
+    names.filter(|(_, is_used)| !is_used).map(|(name, _)| name.clone()).collect()
+}
+
+fn lacks_model(check: &Check<'_>, name: &str) -> bool {
+    check.raw.axis.get(name).is_some_and(|axis| axis.model.as_ref().is_none_or(Vec::is_empty))
+}
+
 pub(super) fn warn(check: &Check<'_>) {
     let raw = check.raw;
-    let lacks_model =
-        |name: &String| raw.axis.get(name).is_some_and(|axis| axis.model.as_ref().is_none_or(Vec::is_empty));
-    // Which signals a model will use is not known before there is one.
-    if !check.axes.names.iter().any(lacks_model) {
-        let names = check.signals.names.iter().zip(check.used.borrow().clone());
-        for (name, _) in names.filter(|(_, is_used)| !is_used) {
-            let message =
-                format!("no model, condition, output or machine state uses `{name}`; it is only recorded");
-            check.at("signal").key(name).warn_key(message, None);
-        }
-    }
     let is_complete = check.outputs.resolved.iter().all(Option::is_some);
     let written: HashSet<usize> = check.outputs.right().map(|output| output.axis.0).collect();
     for (index, name) in check.axes.names.iter().enumerate() {
         let at = check.at("axis").key(name);
-        if lacks_model(name) {
+        if lacks_model(check, name) {
             let message = format!("`{name}` has no model yet: `isotherm run` refuses it");
             let help = "record runs with `isotherm record`, find the model with `isotherm identify`, and put its block here";
             at.warn_key(message, Some(help));

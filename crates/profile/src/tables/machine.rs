@@ -31,6 +31,8 @@ pub(crate) struct RawMachine {
     arm_timeout: Option<Timespan>,
 }
 
+/// With a date and an ending it is the name of a file.
+const LONGEST_NAME: usize = 64;
 /// A request to arm waits this long where nothing else is said.
 const ARM_TIMEOUT: Duration = Duration::from_secs(600);
 /// A request that is older says nothing of what a person wants now.
@@ -66,6 +68,9 @@ pub(super) fn resolve(at: &At<'_>, raw: Option<&RawMachine>) -> Machine {
         let help =
             "allowed: small letters a to z, digits and `-`; it goes into topics, metrics and file names";
         at.key("name").wrong(format!("`{name}` cannot be a machine's name"), help);
+    } else if name.len() > LONGEST_NAME {
+        let message = format!("a machine's name of {} characters does not fit into file names", name.len());
+        at.key("name").wrong(message, format!("allowed: up to {LONGEST_NAME}"));
     }
     let settings = MachineSettings {
         on: at.key("on").signal(raw.on.as_ref()),

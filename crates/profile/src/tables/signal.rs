@@ -361,7 +361,11 @@ impl RawSignal {
                 None
             }
         };
-        let data_type = cell.and_then(|cell| self.type_in(&at.key("type"), cell));
+        // What is wrong with the register hides nothing of what is wrong beside it.
+        let data_type = match cell {
+            Some(cell) => self.type_in(&at.key("type"), cell),
+            None => self.kind.map(|TypeWord(kind)| kind),
+        };
         let word_order = register::word_order(&at.key("word_order"), data_type, self.word_order);
         let scale = register::scale(&at.key("scale"), self.scale.unwrap_or(1.0));
         let (Flag { address, .. }, data_type) = (cell?, data_type?);

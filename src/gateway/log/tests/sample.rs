@@ -103,6 +103,7 @@ pub(crate) fn profile() -> Profile {
             signals: 4,
         },
         arm: Arm::Auto,
+        only_recorded: Vec::new(),
         arm_timeout: Duration::from_secs(600),
         buses: Vec::new(),
         devices: Vec::new(),
