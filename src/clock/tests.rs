@@ -1,4 +1,5 @@
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::*;
 
@@ -188,4 +189,51 @@ async fn an_inlet_that_is_gone_holds_nobody_up() {
     drop(inlet);
     task.await.unwrap();
     assert_eq!(clock.now().since(noon()), SECOND);
+}
+
+/// A computer whose monotonic clock and time of day are given, in nanoseconds.
+fn computer() -> (Clock, Arc<AtomicU64>, Arc<AtomicU64>) {
+    let (passed, day) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicU64::new(noon_today())));
+    let (counted, said) = (passed.clone(), day.clone());
+    let passing = Passing::by(move || Duration::from_nanos(counted.load(Ordering::Relaxed)));
+    let time_of_day = TimeOfDay::by(move || Moment::from_nanos(said.load(Ordering::Relaxed)));
+    (Clock::wall_by(passing, time_of_day), passed, day)
+}
+
+/// 2026-01-31, 12:00.
+const fn noon_today() -> u64 {
+    1_769_860_800_000_000_000
+}
+
+#[test]
+fn a_rate_that_is_five_hundred_millionths_off_is_followed_without_a_word() {
+    for rate in [999_500_000, 1_000_500_000] {
+        let (clock, passed, day) = computer();
+        for _ in 0..86_400 {
+            passed.fetch_add(1_000_000_000, Ordering::Relaxed);
+            day.fetch_add(rate, Ordering::Relaxed);
+            assert_eq!(clock.look_at_the_time_of_day(), None);
+        }
+        assert_eq!(clock.now().since(Moment::from_nanos(noon_today())), Duration::from_secs(86_400));
+        assert_eq!(clock.time_of_day(), Moment::from_nanos(day.load(Ordering::Relaxed)));
+    }
+}
+
+#[test]
+fn while_the_monotonic_clock_stands_still_no_time_is_counted_and_stamps_follow_the_day() {
+    let (clock, _, day) = computer();
+    let before = clock.now();
+    day.fetch_add(60_000_000_000, Ordering::Relaxed);
+    let correction = clock.look_at_the_time_of_day().unwrap();
+    assert_eq!(correction.to.since(correction.from), Duration::from_secs(60));
+    assert_eq!((clock.now(), clock.look_at_the_time_of_day()), (before, None));
+    assert_eq!(clock.time_of_day(), before.after(Duration::from_secs(60)));
+}
+
+#[test]
+fn a_computer_that_starts_in_1970_counts_from_a_later_year_and_says_1970() {
+    let day = Moment::from_nanos(30_000_000_000);
+    let clock = Clock::wall_by(Passing::by(|| Duration::ZERO), TimeOfDay::by(move || day));
+    assert!(clock.now() > Moment::from_nanos(1_500_000_000_000_000_000));
+    assert_eq!((clock.time_of_day(), clock.look_at_the_time_of_day()), (day, None));
 }
