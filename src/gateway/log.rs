@@ -41,7 +41,7 @@ const MEMORY: &str = "machine_memory";
 const ZERO: &str = "machine_zero";
 /// In the log of a dry run.
 /// What the first row of a file says where the computer's clock was set before it.
-const CLOCK: &str = "machine_clock";
+pub(super) const CLOCK: &str = "machine_clock";
 const DRY_RUN: &str = "machine_dry_run";
 
 const PERMIT: &str = "permit";

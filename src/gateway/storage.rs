@@ -93,8 +93,10 @@ pub(super) fn newest_stamp(
     clock_set: Option<&Correction>,
 ) -> Option<Moment> {
     let logs = keeping::logs(directory, machine);
+    let mut set = keeping::breaks(directory, &logs);
+    set.extend(clock_set.copied());
     let of_decisions = |log: &&keeping::DayLog| log.name.ends_with(".csv") && !log.name.ends_with(ENDING);
-    let logs = keeping::of_these_days(&logs, keeping::day(now), clock_set).filter(of_decisions);
+    let logs = keeping::of_these_days(&logs, keeping::day(now), &set).filter(of_decisions);
     let newest = logs.clone().map(|log| log.day).max()?;
     logs.filter(|log| log.day == newest)
         .filter_map(|log| thread::last_stamp(&directory.join(&log.name)))

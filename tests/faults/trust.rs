@@ -136,6 +136,7 @@ impl Computer {
     fn lived_well(&mut self, trace: &Trace) {
         law::holds(trace);
         assert!(!trace.outcome.failed, "{}", trace.lines());
+        assert_eq!(trace.reported("logs-deleted"), 0, "{}", trace.lines());
         for event in &trace.events {
             *self.seen.entry((event.kind.to_string(), event.text.clone())).or_default() += 1;
         }

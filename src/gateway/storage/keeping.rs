@@ -10,8 +10,10 @@ use std::time::Duration;
 use jiff::civil::Date;
 
 use crate::clock::Correction;
+use crate::gateway::log::CLOCK;
+use crate::gateway::log::outputs::ENDING;
 use isotherm_core::compensation::Stop;
-use isotherm_core::quantity::Moment;
+use isotherm_core::quantity::{Moment, time};
 
 /// A clock that goes back by less belongs to the same days.
 const A_DAY: Duration = Duration::from_hours(24);
@@ -68,23 +70,38 @@ pub(super) fn logs(directory: &Path, machine: &str) -> Vec<DayLog> {
     logs
 }
 
+/// When the clock was set so far, as the first rows of the logs have it: the state that knew it may be lost.
+pub(super) fn breaks(directory: &Path, logs: &[DayLog]) -> Vec<Correction> {
+    let of_decisions = logs.iter().filter(|log| log.name.ends_with(".csv") && !log.name.ends_with(ENDING));
+    let found = of_decisions.filter_map(|log| {
+        let mut reader =
+            csv::ReaderBuilder::new().flexible(true).from_path(directory.join(&log.name)).ok()?;
+        let place = reader.headers().ok()?.iter().position(|name| name == CLOCK)?;
+        let row = reader.records().next()?.ok()?;
+        let (from, to) = row.get(place)?.split_once(" → ")?;
+        Some(Correction { from: time::parse(from).ok()?, to: time::parse(to).ok()? })
+    });
+    found.filter(breaks_the_days).collect()
+}
+
 /// Those of the days that the computer's clock is in: all of them where it was never set far.
 pub(super) fn of_these_days<'a>(
     logs: &'a [DayLog],
     today: Date,
-    set: Option<&Correction>,
-) -> impl Iterator<Item = &'a DayLog> + Clone {
-    let set = set.map(|set| (day(set.from), day(set.to)));
+    set: &[Correction],
+) -> impl Iterator<Item = &'a DayLog> + Clone + use<'a> {
+    let set: Vec<(Date, Date)> = set.iter().map(|set| (day(set.from), day(set.to))).collect();
     logs.iter().filter(move |log| {
-        set.is_none_or(|(from, to)| {
-            let is_from_before = from > to && log.day > today && log.day <= from;
-            log.day >= to && !is_from_before
+        // One that led to a day that has not come is over.
+        set.iter().filter(|(_, to)| *to <= today).all(|(from, to)| {
+            let is_from_before = from > to && log.day > today && log.day <= *from;
+            log.day >= *to && !is_from_before
         })
     })
 }
 
 /// What need not be kept any longer, where it is `today` by the computer's clock. `set`: it was set then.
-pub(super) fn superfluous(logs: &[DayLog], keep: Keep, today: Date, set: Option<&Correction>) -> Superfluous {
+pub(super) fn superfluous(logs: &[DayLog], keep: Keep, today: Date, set: &[Correction]) -> Superfluous {
     let mut found = Superfluous::default();
     let of_these_days = of_these_days(logs, today, set);
     let newest = of_these_days.clone().map(|log| log.day).filter(|day| *day != today).max();
@@ -126,7 +143,7 @@ mod tests {
         logs.sort();
         let keep = Keep { span: 10 * A_DAY, size };
         let set = set.map(|(from, to)| Correction { from: stamp(from), to: stamp(to) });
-        superfluous(&logs, keep, today.parse().unwrap(), set.as_ref())
+        superfluous(&logs, keep, today.parse().unwrap(), set.as_slice())
     }
 
     #[test]

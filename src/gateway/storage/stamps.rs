@@ -25,7 +25,8 @@ pub(in crate::gateway) struct Stamped {
 impl Stamps {
     /// As this clock has it; `correction`: it does not go on where the last run ended.
     pub(super) fn by(clock: &Clock, correction: Option<Correction>) -> Stamps {
-        let of = Stamped { file: 0, shift: clock.shift() };
+        // Then the first file of the run is one of its own, whose first row says so.
+        let of = Stamped { file: u64::from(correction.is_some()), shift: clock.shift() };
         Stamps { clock: Some(clock.clone()), of, correction }
     }
 

@@ -14,7 +14,7 @@ use jiff::civil::Date;
 
 use super::Job;
 use super::events::EventsFile;
-use super::keeping::{Keep, day, logs, superfluous};
+use super::keeping::{Keep, breaks, day, logs, superfluous};
 use super::outputs::Tears;
 use super::stamps::Stamped;
 use crate::clock::Correction;
@@ -227,7 +227,9 @@ impl StorageThread {
         }
         self.tidied = Some(at);
         let logs = logs(&self.directory, &self.machine);
-        let found = superfluous(&logs, self.keep, day(at.shifted(stamped.shift)), self.set.as_ref());
+        let mut set = breaks(&self.directory, &logs);
+        set.extend(self.set);
+        let found = superfluous(&logs, self.keep, day(at.shifted(stamped.shift)), &set);
         let why = [
             (found.too_old, format!("older than {}", humantime::format_duration(self.keep.span))),
             (found.too_large, format!("all logs together are larger than {} MB", self.keep.size / 1_000_000)),
@@ -297,7 +299,7 @@ impl DayFile {
         let file = match self.file.take().filter(|_| self.of == Some(of)) {
             Some(file) => file,
             None => {
-                let is_set = self.of.is_some_and(|(_, before)| before != stamped);
+                let is_set = self.of.map_or(stamped.file > 0, |(_, before)| before != stamped);
                 let opened = self.open(stamp, is_set)?;
                 self.of = Some(of);
                 opened
