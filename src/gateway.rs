@@ -169,14 +169,14 @@ impl Gateway {
         if let Some(directory) = options.directory.as_deref().filter(|_| options.has_threads) {
             journal.recall(file::last(directory, &profile.name, RECALLED));
         }
-        let Left { recalled, began, state, ledger, is_first, pair } =
+        let Left { recalled, correction, state, ledger, is_first, pair } =
             Left::open(&options, &profile, (&journal, clock));
         let storage = match (options.directory.as_deref(), state) {
             (Some(directory), Some(state)) if options.has_threads => {
                 let (kept, dry_run) = ((directory, state), options.dry_run);
-                Storage::start(&profile, kept, dry_run, journal.clone(), (clock, began))
+                Storage::start(&profile, kept, dry_run, journal.clone(), (clock, correction))
             }
-            (_, Some(state)) => Storage::without_log(state, (clock, began)),
+            (_, Some(state)) => Storage::without_log(state, clock),
             (_, None) => Storage::default(),
         };
         let remembers = |output: &str| recalled.verified.contains(output);

@@ -8,7 +8,7 @@ use super::disk::{Disk, refuse_what_others_may_write};
 use super::memory::{Memory, Recalled};
 use super::sealed::pair::{Opened, open_both, refuse_later};
 use super::sealed::{Pair, SealedFile, Which, named};
-use super::storage::{Began, newest_stamp};
+use super::storage::{newest_stamp, not_going_on};
 use crate::clock::{Clock, Correction};
 use crate::observe::events::{Event, Journal};
 use isotherm_core::compensation::Stop;
@@ -17,7 +17,8 @@ use isotherm_profile::Profile;
 #[derive(Default)]
 pub(super) struct Left {
     pub(super) recalled: Recalled,
-    pub(super) began: Began,
+    /// The clock does not go on where the last run ended.
+    pub(super) correction: Option<Correction>,
     /// Where the state is kept, if it is.
     pub(super) state: Option<SealedFile>,
     pub(super) ledger: Option<Opened>,
@@ -48,9 +49,9 @@ impl Left {
             journal.report(now, &Event::NotBelieved { why });
             Recalled::default()
         });
-        let began = recalled.goes_on((directory, machine), (journal, clock));
+        let correction = recalled.goes_on((directory, machine), (journal, clock));
         let pair = Some(Arc::clone(file.pair()));
-        Left { recalled, began, state: Some(file), ledger: Some(ledger), is_first, pair }
+        Left { recalled, correction, state: Some(file), ledger: Some(ledger), is_first, pair }
     }
 }
 
@@ -60,23 +61,22 @@ impl Recalled {
         &mut self,
         (directory, machine): (&Path, &str),
         (journal, clock): (&Journal, &Clock),
-    ) -> Began {
+    ) -> Option<Correction> {
         let now = clock.now();
         let by_the_clock = clock.stamp(now);
-        let logged = newest_stamp(directory, machine, by_the_clock, self.clock_set.as_ref());
-        let last = self.at.max(logged);
-        let began = Began::at(by_the_clock, last, self.clock_set);
-        if let Some(Correction { from: last, .. }) = began.correction {
+        let logged = newest_stamp(directory, machine, by_the_clock);
+        let correction = not_going_on(by_the_clock, self.at.max(logged));
+        if let Some(Correction { from: last, .. }) = correction {
             journal.report(now, &Event::ClockDoubtful { last });
         }
         if let Some(at) = self.at {
-            let stop = match began.correction {
+            let stop = match correction {
                 None => Stop::between(at, by_the_clock),
                 Some(_) => Stop::default(),
             };
             self.remembered = std::mem::take(&mut self.remembered).going_on(at, now, stop);
         }
-        began
+        correction
     }
 }
 

@@ -9,7 +9,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::{Deserialize, Serialize};
 
 use super::sealed::Found;
-use crate::clock::Correction;
 use isotherm_core::compensation::Remembered;
 use isotherm_core::quantity::{Moment, Shift, Shifted};
 use isotherm_profile::Profile;
@@ -24,9 +23,6 @@ pub(super) struct Memory {
     pub(super) remembered: Remembered,
     /// Cz as last verified in each offset output, µm.
     pub(super) verified_um: BTreeMap<String, f64>,
-    /// The computer's clock was set so far that days before and after are not days of one row.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(super) clock_set: Option<Correction>,
 }
 
 #[derive(Debug, Default)]
@@ -35,7 +31,6 @@ pub(super) struct Recalled {
     pub(super) remembered: Remembered,
     /// When it was kept.
     pub(super) at: Option<Moment>,
-    pub(super) clock_set: Option<Correction>,
     /// The outputs that an offset was verified in.
     pub(super) verified: BTreeSet<String>,
 }
@@ -48,13 +43,13 @@ impl Memory {
         verified_um: BTreeMap<String, f64>,
     ) -> Memory {
         let signals = profile.signals.iter().map(|signal| signal.name.clone()).collect();
-        Memory { at, signals, remembered, verified_um, clock_set: None }
+        Memory { at, signals, remembered, verified_um }
     }
 
     /// The same as the computer's clock has it.
-    pub(super) fn stamped(self, shift: Shift, clock_set: Option<Correction>) -> Memory {
+    pub(super) fn stamped(self, shift: Shift) -> Memory {
         let remembered = self.remembered.counted_until(self.at).shifted(shift);
-        Memory { at: self.at.shifted(shift), remembered, clock_set, ..self }
+        Memory { at: self.at.shifted(shift), remembered, ..self }
     }
 
     /// What was saved.
@@ -73,8 +68,7 @@ impl Memory {
             profile.signals.iter().map(|signal| signal.name.as_str()),
         );
         let verified = memory.verified_um.into_keys().collect();
-        let (at, clock_set) = (Some(memory.at), memory.clock_set);
-        Ok(Recalled { remembered, at, clock_set, verified })
+        Ok(Recalled { remembered, at: Some(memory.at), verified })
     }
 }
 

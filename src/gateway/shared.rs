@@ -129,9 +129,7 @@ impl Shared {
     /// Looks whether the computer's clock was set. What is stamped follows it; nothing else looks at it.
     pub(super) fn look_at_the_time_of_day(&self) {
         let Some(correction) = self.clock.look_at_the_time_of_day() else { return };
-        let mut core = self.core();
-        core.storage.clock_was_set(correction);
-        core.events.push(Event::ClockSet(correction));
+        self.report(&Event::ClockSet(correction));
     }
 
     /// Somebody has not been able to look at the clock since then. Each notices by himself; the first one reports it.

@@ -20,13 +20,12 @@ use isotherm_core::quantity::{Moment, Shifted};
 use isotherm_profile::Profile;
 
 mod events;
-mod keeping;
+pub(super) mod keeping;
 mod outputs;
 mod stamps;
 mod thread;
 
 use events::EventsWake;
-use keeping::breaks_the_days;
 use outputs::OutputsLog;
 pub(super) use outputs::{Steady, Stepped};
 use stamps::{Stamped, Stamps};
@@ -53,8 +52,6 @@ pub(super) struct Storage {
     stamps: Stamps,
     /// The day and the file in which the rows of decisions stand.
     begun: Option<(Date, Stamped)>,
-    /// The clock was set so far that days before and after are not days of one row.
-    clock_set: Option<Correction>,
     /// Rows of decisions are missing on disk: what follows them can be replayed only from where the axes stand then.
     torn: Arc<AtomicBool>,
     /// While it lives, events wake the thread.
@@ -67,34 +64,17 @@ pub(super) struct Storage {
     pair: Option<Arc<Pair>>,
 }
 
-/// How the clock of this run goes on from where the last one ended.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Began {
-    /// It does not: it is behind, or too far ahead.
-    pub(super) correction: Option<Correction>,
-    /// By so much that days before and after are not days of one row; also in a run before the last.
-    pub(super) clock_set: Option<Correction>,
-}
-
-impl Began {
-    /// `last`: the newest stamp in state or log. `clock_set` is of the runs before.
-    pub(super) fn at(now: Moment, last: Option<Moment>, clock_set: Option<Correction>) -> Began {
-        let correction = last.filter(|last| Stop::between(*last, now).by_the_clock.is_none());
-        let correction = correction.map(|from| Correction { from, to: now });
-        Began { correction, clock_set: correction.filter(breaks_the_days).or(clock_set) }
-    }
+/// What a run's clock says, where it does not go on from `last`, the newest stamp in state or log: it is behind, or too far
+/// ahead.
+pub(super) fn not_going_on(now: Moment, last: Option<Moment>) -> Option<Correction> {
+    let last = last.filter(|last| Stop::between(*last, now).by_the_clock.is_none());
+    last.map(|from| Correction { from, to: now })
 }
 
 /// The newest stamp in the logs of this machine, of the days that its clock is in; `None` where there is none.
-pub(super) fn newest_stamp(
-    directory: &Path,
-    machine: &str,
-    now: Moment,
-    clock_set: Option<&Correction>,
-) -> Option<Moment> {
+pub(super) fn newest_stamp(directory: &Path, machine: &str, now: Moment) -> Option<Moment> {
     let logs = keeping::logs(directory, machine);
-    let mut set = keeping::breaks(directory, &logs);
-    set.extend(clock_set.copied());
+    let set = keeping::breaks(directory, &logs);
     let of_decisions = |log: &&keeping::DayLog| log.name.ends_with(".csv") && !log.name.ends_with(ENDING);
     let logs = keeping::of_these_days(&logs, keeping::day(now), &set).filter(of_decisions);
     let newest = logs.clone().map(|log| log.day).max()?;
@@ -132,12 +112,12 @@ impl Storage {
         (directory, state): (&Path, SealedFile),
         dry_run: bool,
         journal: Arc<Journal>,
-        (clock, began): (&Clock, Began),
+        (clock, correction): (&Clock, Option<Correction>),
     ) -> Storage {
         // One more, for events.
         let (queue, jobs) = sync_channel(QUEUE + OUTPUT_QUEUE + 1);
         let torn = Arc::new(AtomicBool::new(false));
-        let stamps = || Stamps::by(clock, began.correction);
+        let stamps = || Stamps::by(clock, correction);
         let outputs = OutputsLog::new(profile, queue.clone(), stamps());
         let header = if dry_run { Recorder::dry_header(profile) } else { Recorder::header(profile) };
         let pair = Some(Arc::clone(state.pair()));
@@ -153,26 +133,15 @@ impl Storage {
         let _ = std::thread::Builder::new().name("storage".to_owned()).spawn(work);
         let recorder = Some(Recorder::new(profile).of_dry_run(dry_run));
         let (queue, working) = (Some(queue), Some(working));
-        let (stamps, clock_set) = (stamps(), began.clock_set);
-        Storage {
-            queue,
-            recorder,
-            outputs,
-            torn,
-            events,
-            working,
-            stamps,
-            clock_set,
-            pair,
-            ..Storage::default()
-        }
+        let stamps = stamps();
+        Storage { queue, recorder, outputs, torn, events, working, stamps, pair, ..Storage::default() }
     }
 
     /// Keeps the state alone, at once.
-    pub(super) fn without_log(state: SealedFile, (clock, began): (&Clock, Began)) -> Storage {
-        let (stamps, clock_set) = (Stamps::by(clock, None), began.clock_set);
+    pub(super) fn without_log(state: SealedFile, clock: &Clock) -> Storage {
+        let stamps = Stamps::by(clock, None);
         let pair = Some(Arc::clone(state.pair()));
-        Storage { here: Some(state), stamps, clock_set, pair, ..Storage::default() }
+        Storage { here: Some(state), stamps, pair, ..Storage::default() }
     }
 
     /// Before a step: where its row is the first of a file, or rows before it are lost, the row says where the axes
@@ -201,13 +170,6 @@ impl Storage {
             if self.hand_over(Job::Row { at: snapshot.now, stamped, row }) {
                 self.stamps.said();
             }
-        }
-    }
-
-    /// The computer's clock was set.
-    pub(super) fn clock_was_set(&mut self, correction: Correction) {
-        if breaks_the_days(&correction) {
-            self.clock_set = Some(correction);
         }
     }
 
@@ -241,7 +203,7 @@ impl Storage {
         let verified =
             verified.filter_map(|(output, state)| Some((output.name.clone(), state.cz?.get()))).collect();
         let memory = Memory::new(profile, now, compensation.remembered(), verified);
-        let memory = memory.stamped(self.stamps.of_the_clock(), self.clock_set);
+        let memory = memory.stamped(self.stamps.of_the_clock());
         match &mut self.here {
             // The next one comes soon.
             Some(state) => drop(state.save(&memory)),

@@ -3,10 +3,11 @@
 
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use super::checksum;
 use crate::gateway::log::outputs::{ENDING, SEALED};
+use crate::gateway::storage::keeping::logs;
 use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::regular;
 
@@ -49,15 +50,9 @@ impl Named {
 
 /// What the newest of the logs of a machine says, as far as its end tells.
 pub(in crate::gateway) fn newest(directory: &Path, machine: &str) -> Option<Named> {
-    let begins = format!("{machine}-");
-    let is_log = |path: &PathBuf| {
-        let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
-        name.starts_with(&begins) && name.ends_with(ENDING)
-    };
-    let entries = std::fs::read_dir(directory).ok()?;
-    let mut logs: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).filter(is_log).collect();
-    logs.sort();
-    let mut all = logs.iter().rev().take(LOGS).filter_map(|log| last_of(log));
+    let logs = logs(directory, machine);
+    let of_outputs = logs.iter().rev().filter(|log| log.name.ends_with(ENDING));
+    let mut all = of_outputs.take(LOGS).filter_map(|log| last_of(&directory.join(&log.name)));
     let newest = all.next()?;
     // A clock that was wrong has named one of them after a day that has not come.
     let greatest =
@@ -73,4 +68,26 @@ fn last_of(log: &Path) -> Option<Named> {
     let mut tail = Vec::new();
     file.take(TAIL).read_to_end(&mut tail).ok()?;
     String::from_utf8_lossy(&tail).lines().rev().find_map(Named::read)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_logs_of_a_machine_whose_name_begins_alike_say_nothing_of_this_one() {
+        let directory = tempfile::tempdir().unwrap();
+        let of = |second: u64| Named {
+            since: Moment::from_nanos(second * 1_000_000_000),
+            numbers: [second, second],
+        };
+        for (name, second) in [("press-2026-01-31", 7), ("press-7-2026-02-01", 9), ("press-2026-01-30.2", 5)]
+        {
+            let row = of(second).row(Moment::from_nanos(1));
+            std::fs::write(directory.path().join(format!("{name}{ENDING}")), row).unwrap();
+        }
+        assert_eq!(newest(directory.path(), "press"), Some(of(7)));
+        assert_eq!(newest(directory.path(), "press-7"), Some(of(9)));
+        assert_eq!(newest(directory.path(), "pres"), None);
+    }
 }

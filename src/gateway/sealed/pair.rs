@@ -281,7 +281,7 @@ fn opened(
     Opened { found, file, earlier, is_begun: looked.is_begun }
 }
 
-/// A name beside it that nothing else has; or that of the same content, which is kept already.
+/// A name beside it that nothing else has.
 fn free(disk: &dyn Disk, path: &Path, suffix: &str) -> PathBuf {
     let first = path.with_extension(suffix);
     let numbered = |number: u32| match number {

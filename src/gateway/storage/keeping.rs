@@ -4,6 +4,7 @@
 //! long as the computer's day is that one or the next. Logs from before the clock was set by more than it could have
 //! gone on by itself are not counted by days at all: they go only where all of them need too much room, the oldest first.
 
+use std::io::Read;
 use std::path::Path;
 use std::time::Duration;
 
@@ -14,9 +15,13 @@ use crate::gateway::log::CLOCK;
 use crate::gateway::log::outputs::ENDING;
 use isotherm_core::compensation::Stop;
 use isotherm_core::quantity::{Moment, time};
+use isotherm_profile::regular;
 
 /// A clock that goes back by less belongs to the same days.
 const A_DAY: Duration = Duration::from_hours(24);
+
+/// The longest header and first row that are looked at: what is remembered of a machine stands there.
+const FIRST_ROW: u64 = 4 * 1024 * 1024;
 
 /// How long, and how much.
 #[derive(Clone, Copy, Debug)]
@@ -28,9 +33,9 @@ pub(super) struct Keep {
 
 /// A log of one day.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct DayLog {
+pub(in crate::gateway) struct DayLog {
     pub(super) day: Date,
-    pub(super) name: String,
+    pub(in crate::gateway) name: String,
     pub(super) size: u64,
 }
 
@@ -48,12 +53,12 @@ pub(super) fn day(stamp: Moment) -> Date {
 }
 
 /// The clock was set so far that days before and after are not days of one row.
-pub(in crate::gateway) fn breaks_the_days(correction: &Correction) -> bool {
+fn breaks_the_days(correction: &Correction) -> bool {
     correction.from.since(correction.to) > A_DAY || correction.to.since(correction.from) > Stop::LONGEST
 }
 
 /// The logs of this machine, of whatever kind, the oldest first.
-pub(super) fn logs(directory: &Path, machine: &str) -> Vec<DayLog> {
+pub(in crate::gateway) fn logs(directory: &Path, machine: &str) -> Vec<DayLog> {
     let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
     let mut logs: Vec<DayLog> = entries
         .filter_map(|entry| {
@@ -70,12 +75,12 @@ pub(super) fn logs(directory: &Path, machine: &str) -> Vec<DayLog> {
     logs
 }
 
-/// When the clock was set so far, as the first rows of the logs have it: the state that knew it may be lost.
+/// When the clock was set so far, as the first rows of the logs have it.
 pub(super) fn breaks(directory: &Path, logs: &[DayLog]) -> Vec<Correction> {
     let of_decisions = logs.iter().filter(|log| log.name.ends_with(".csv") && !log.name.ends_with(ENDING));
     let found = of_decisions.filter_map(|log| {
-        let mut reader =
-            csv::ReaderBuilder::new().flexible(true).from_path(directory.join(&log.name)).ok()?;
+        let begins = regular::open(&directory.join(&log.name)).ok()?.take(FIRST_ROW);
+        let mut reader = csv::ReaderBuilder::new().flexible(true).from_reader(begins);
         let place = reader.headers().ok()?.iter().position(|name| name == CLOCK)?;
         let row = reader.records().next()?.ok()?;
         let (from, to) = row.get(place)?.split_once(" → ")?;

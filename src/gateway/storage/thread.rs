@@ -17,7 +17,6 @@ use super::events::EventsFile;
 use super::keeping::{Keep, breaks, day, logs, superfluous};
 use super::outputs::Tears;
 use super::stamps::Stamped;
-use crate::clock::Correction;
 use crate::gateway::disk::{append, make_directory};
 use crate::gateway::log::outputs::{ENDING, HEADER};
 use crate::gateway::sealed::SealedFile;
@@ -95,8 +94,6 @@ pub(super) struct StorageThread {
     keep: Keep,
     /// When it was last looked for logs that need not be kept.
     tidied: Option<Moment>,
-    /// The computer's clock was set so far that days before and after are not days of one row.
-    set: Option<Correction>,
     events: EventsFile,
     /// Somebody has said that there are events.
     is_woken: Arc<AtomicBool>,
@@ -126,7 +123,6 @@ impl StorageThread {
             outputs: DayFile::new(directory, machine, ENDING, HEADER.to_owned()),
             keep: Keep { span: profile.history.keep, size: profile.history.max_size },
             tidied: None,
-            set: None,
             events: EventsFile::new(directory, machine, journal.clone()),
             is_woken: Arc::default(),
             whole_since: 0,
@@ -168,7 +164,6 @@ impl StorageThread {
             }
             Job::State { at, memory } => {
                 self.look_for_logs(at);
-                self.set = memory.clock_set;
                 let done = self.state.save(&memory);
                 if done.is_ok() {
                     self.name_numbers(at);
@@ -227,8 +222,7 @@ impl StorageThread {
         }
         self.tidied = Some(at);
         let logs = logs(&self.directory, &self.machine);
-        let mut set = breaks(&self.directory, &logs);
-        set.extend(self.set);
+        let set = breaks(&self.directory, &logs);
         let found = superfluous(&logs, self.keep, day(at.shifted(stamped.shift)), &set);
         let why = [
             (found.too_old, format!("older than {}", humantime::format_duration(self.keep.span))),
