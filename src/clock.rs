@@ -109,12 +109,12 @@ impl Clock {
         self.followed.shift()
     }
 
-    /// A moment as people are told it.
+    /// A moment as people read it.
     pub fn stamp(&self, moment: Moment) -> Moment {
         moment.shifted(self.shift())
     }
 
-    /// The present moment as people are told it.
+    /// The present moment as people read it.
     pub fn time_of_day(&self) -> Moment {
         self.stamp(self.now())
     }

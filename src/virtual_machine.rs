@@ -59,11 +59,11 @@ pub use truth::{AxisSummary, AxisTruth, Extent, Summary, TruthRow};
 
 use can::line::{CanLine, Port};
 use fault::Faults;
-use gate::{Gate, live};
+use gate::{ListenerSwitch, live};
 use hardware::Hardware;
 use modbus::Framing;
 use probing::Cycle;
-use server::{Door, Line, Shared};
+use server::{Line, OpenOrClose, Shared};
 
 /// How often the truth is sampled and faults that come by themselves are looked for.
 pub const TICK: Duration = Duration::from_secs(1);
@@ -217,16 +217,16 @@ impl VirtualMachine {
                 Transport::Tcp | Transport::RtuOverTcp => {
                     let listener = listen(bus, setup.ports).await?;
                     let address = listener.local_addr().map_err(|source| refused(bus, source))?;
-                    let (gate, line, doors) = machine.gate(profile, index, setup.unknown_unit);
-                    let serving = server::serve(listener, line, doors, stop);
+                    let (gate, line, switched) = machine.gate(profile, index, setup.unknown_unit);
+                    let serving = server::serve(listener, line, switched, stop);
                     machine.keep(address.to_string(), serving);
                     (address.to_string(), gate)
                 }
                 Transport::Serial(serial) => {
                     let name = name(bus, setup.ports).map_err(|source| refused(bus, source))?;
                     let path = name.path().display().to_string();
-                    let (gate, line, doors) = machine.gate(profile, index, UnknownUnit::Silence);
-                    machine.keep(path.clone(), port::serve(name, serial, line, doors, stop));
+                    let (gate, line, switched) = machine.gate(profile, index, UnknownUnit::Silence);
+                    machine.keep(path.clone(), port::serve(name, serial, line, switched, stop));
                     (path, gate)
                 }
                 Transport::Can => {
@@ -252,13 +252,14 @@ impl VirtualMachine {
         profile: &Profile,
         bus: usize,
         unknown_unit: UnknownUnit,
-    ) -> (Gate, Arc<Line>, mpsc::Receiver<Door>) {
+    ) -> (ListenerSwitch, Arc<Line>, mpsc::Receiver<OpenOrClose>) {
         let units: Vec<_> = on_line(profile, bus).collect();
-        let (door, doors) = mpsc::channel(1);
-        let gate = Gate { devices: units.iter().map(|(_, id)| *id).collect(), door, is_open: true };
+        let (switch, switched) = mpsc::channel(1);
+        let gate =
+            ListenerSwitch { devices: units.iter().map(|(_, id)| *id).collect(), switch, is_open: true };
         let is_tcp = profile.buses[bus].transport == Transport::Tcp;
         let framing = if is_tcp { Framing::Tcp } else { Framing::Rtu };
-        (gate, Arc::new(Line { units, framing, unknown_unit, shared: self.shared.clone() }), doors)
+        (gate, Arc::new(Line { units, framing, unknown_unit, shared: self.shared.clone() }), switched)
     }
 
     fn can_line(&self, profile: &Profile, bus: usize, begin: Moment) -> CanLine {

@@ -189,14 +189,14 @@ fn a_short_demo_gives_one_json_document_the_same_for_the_same_seed() {
 }
 
 #[test]
-fn an_unknown_machine_is_told_the_known_ones() {
+fn an_unknown_machine_is_reported_the_known_ones() {
     let demo = run(&["demo", "lathe"]);
     assert_eq!(demo.code, Some(1));
     assert!(demo.said.contains("surface-grinder, sinker-edm"), "{}", demo.said);
 }
 
 #[test]
-fn a_taken_port_and_a_missing_gateway_are_told_in_words() {
+fn a_taken_port_and_a_missing_gateway_are_reported_in_words() {
     let home = tempfile::tempdir().unwrap();
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap().to_string();

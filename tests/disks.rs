@@ -84,7 +84,7 @@ fn is_there(path: &Path) {
 }
 
 #[test]
-fn a_full_disk_is_told_and_when_there_is_room_again_everything_goes_on_whole() {
+fn a_full_disk_is_reported_and_when_there_is_room_again_everything_goes_on_whole() {
     let home = Home::new();
     // So much fits into a file, and no more: what is over it is written in part, as on a disk that is full.
     let mut program = Running::start(&mut home.run_after("trap '' XFSZ; ulimit -S -f 3"));
@@ -156,7 +156,7 @@ fn as_nobody(home: &Home) -> Command {
 }
 
 #[test]
-fn a_directory_that_becomes_read_only_is_told_and_what_is_kept_again_too() {
+fn a_directory_that_becomes_read_only_is_reported_and_what_is_kept_again_too() {
     let home = Home::new();
     let mut program = Running::start(&mut as_nobody(&home));
     program.hears("the gateway runs");

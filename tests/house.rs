@@ -160,8 +160,8 @@ fn every_source_file_belongs_to_a_module() {
 #[test]
 fn no_more_than_three_files_import_each_other() {
     let circles = circles::larger_than(3, &source::all(root()));
-    let told: Vec<String> = circles.iter().map(|circle| circle.join("\n  ")).collect();
-    assert!(told.is_empty(), "circles of imports:\n  {}", told.join("\nand\n  "));
+    let reported: Vec<String> = circles.iter().map(|circle| circle.join("\n  ")).collect();
+    assert!(reported.is_empty(), "circles of imports:\n  {}", reported.join("\nand\n  "));
 }
 
 /// What decides, and what a profile means, is the same wherever it runs.
@@ -305,9 +305,9 @@ fn the_serial_lines_in_the_readme_are_taken_and_explained_as_it_shows() {
     let profile = isotherm_profile::parse(Path::new("README.md"), &text, &[], &[])
         .unwrap_or_else(|errors| panic!("{errors}"))
         .profile;
-    let told = isotherm_profile::preview::Preview::of(&profile).to_string();
+    let reported = isotherm_profile::preview::Preview::of(&profile).to_string();
     let readme = std::fs::read_to_string(root().join("README.md")).unwrap();
     let shown = readme.split("```text\n").find(|text| text.starts_with("bus rs485")).unwrap();
     let shown = shown.split("```").next().unwrap();
-    assert!(told.contains(shown), "{shown} is not in\n{told}");
+    assert!(reported.contains(shown), "{shown} is not in\n{reported}");
 }

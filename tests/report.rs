@@ -181,8 +181,8 @@ fn the_report_of_a_model_is_one_file_with_every_run_and_the_figures_of_the_json(
     for (row, run) in table.iter().zip(json["runs"].as_array().unwrap()) {
         let figures = ["range_um", "uncompensated_range_um", "rmse_um", "uncompensated_rmse_um", "p95_um"];
         assert_eq!(row[0], run["name"].as_str().unwrap());
-        let told = [&row[1], &row[2], &row[4], &row[5], &row[6]];
-        assert_eq!(told.map(String::clone), figures.map(|figure| shown(&run[figure])), "{row:?}");
+        let reported = [&row[1], &row[2], &row[4], &row[5], &row[6]];
+        assert_eq!(reported.map(String::clone), figures.map(|figure| shown(&run[figure])), "{row:?}");
     }
     let mean = table.last().unwrap();
     assert_eq!(mean[1], shown(&json["mean_range_um"]));
@@ -262,7 +262,7 @@ fn the_drift_report_has_every_run_and_the_figures_of_the_json() {
 }
 
 #[test]
-fn the_groups_asked_for_are_the_groups_told_and_nonsense_is_refused() {
+fn the_groups_asked_for_are_the_groups_reported_and_nonsense_is_refused() {
     let home = tempfile::tempdir().unwrap();
     let (_, json) = made(home.path(), &["select"], &["--error", "z_error_um", "--group", "0.5"]);
     assert_eq!(json["groups"].as_array().unwrap().len(), 1);

@@ -35,12 +35,12 @@ fn the_grinders_numbers_are_found_again_but_for_a_gain_that_was_changed() {
     std::fs::write(&profile, text.replacen(gain, &changed, 1)).unwrap();
     let checked = check(&profiles, "surface-grinder");
     let said = String::from_utf8(checked.stdout).unwrap();
-    let told = String::from_utf8(checked.stderr).unwrap();
+    let reported = String::from_utf8(checked.stderr).unwrap();
     let (wrong, right): (Vec<&str>, Vec<&str>) =
         said.lines().filter(|line| line.contains("shipped")).partition(|line| line.starts_with("  !"));
-    assert_eq!((wrong.len(), right.len()), (1, 7), "{said}{told}");
+    assert_eq!((wrong.len(), right.len()), (1, 7), "{said}{reported}");
     assert!(wrong[0].starts_with("  ! bed") && wrong[0].contains(&changed), "{said}");
-    assert!(!checked.status.success() && told.contains("a profile differs"), "{told}");
+    assert!(!checked.status.success() && reported.contains("a profile differs"), "{reported}");
 }
 
 #[test]
@@ -48,7 +48,7 @@ fn what_the_screw_was_recorded_and_identified_with_is_found_again() {
     let home = tempfile::tempdir().unwrap();
     let checked = check(&copied(home.path()), "screw-axis");
     let said = String::from_utf8(checked.stdout).unwrap();
-    let told = String::from_utf8(checked.stderr).unwrap();
-    assert!(checked.status.success(), "{said}{told}");
+    let reported = String::from_utf8(checked.stderr).unwrap();
+    assert!(checked.status.success(), "{said}{reported}");
     assert_eq!(said.lines().filter(|line| line.contains("found ")).count(), 3, "{said}");
 }

@@ -200,7 +200,7 @@ fn reading_one_register_again_and_again_goes_on_after_a_fault() {
 }
 
 #[test]
-fn what_is_wrong_with_a_reading_is_told_with_a_remedy() {
+fn what_is_wrong_with_a_reading_is_reported_with_a_remedy() {
     let bench = Bench::start();
     for (arguments, code, words) in [
         (

@@ -162,7 +162,7 @@ async fn a_device_is_known_by_the_name_that_the_profile_says_or_by_its_very_cert
 }
 
 #[tokio::test]
-async fn a_device_that_does_not_take_our_certificate_is_told_as_such() {
+async fn a_device_that_does_not_take_our_certificate_is_reported_as_such() {
     let (authority, stranger) = (Authority::new(), Authority::new());
     let device = authority.signs("127.0.0.1", NOW);
     let cases = [
@@ -198,16 +198,16 @@ fn the_port_of_a_secured_line_is_802_where_none_is_written() {
     let ours = authority.signs("gateway", NOW);
     let profile = secured("plc.local", "", &authority.cert, &ours).unwrap();
     assert_eq!(profile.buses[0].address, "plc.local:802");
-    let told = Preview::of(&profile).to_string();
+    let reported = Preview::of(&profile).to_string();
     for words in
         ["Modbus TCP inside TLS (Modbus/TCP Security) at plc.local:802", "for plc.local", "ca.pem", "gw.pem"]
     {
-        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+        assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
 }
 
 #[test]
-fn files_of_no_use_are_told_at_their_keys_all_at_once() {
+fn files_of_no_use_are_reported_at_their_keys_all_at_once() {
     let authority = Authority::new();
     let (ours, others) = (authority.signs("gateway", NOW), authority.signs("gateway", NOW));
     let mixed = Signed { cert: ours.cert.clone(), key: others.key };

@@ -224,7 +224,7 @@ enum Traffic {
 const TURNS: [Traffic; 3] = [Traffic::None, Traffic::Elsewhere, Traffic::Here];
 
 /// Sends foreign frames where it is told, at most [`FOREIGN`] a second, until nobody tells it any more; gives how many.
-fn babble(interface: &str, told: &Receiver<Traffic>) -> u64 {
+fn babble(interface: &str, reported: &Receiver<Traffic>) -> u64 {
     let [here, elsewhere] = [interface, OTHER].map(|name| {
         let socket = CanSocket::open(name).unwrap();
         socket.set_filter_drop_all().unwrap();
@@ -233,7 +233,7 @@ fn babble(interface: &str, told: &Receiver<Traffic>) -> u64 {
     let clock = Clock::wall();
     let (mut last, mut traffic, mut sent) = (clock.now(), Traffic::None, 0);
     loop {
-        traffic = match told.recv_timeout(Duration::from_millis(2)) {
+        traffic = match reported.recv_timeout(Duration::from_millis(2)) {
             Ok(traffic) => traffic,
             Err(RecvTimeoutError::Timeout) => traffic,
             Err(RecvTimeoutError::Disconnected) => return sent,
@@ -275,8 +275,8 @@ fn foreign(interface: &str, running: &mut Running, machine: &mut Machine) -> boo
     let mut sending = Duration::ZERO;
     let clock = Clock::wall();
     let sent = std::thread::scope(|scope| {
-        let (tell, told) = mpsc::channel();
-        let sender = scope.spawn(move || babble(interface, &told));
+        let (tell, reported) = mpsc::channel();
+        let sender = scope.spawn(move || babble(interface, &reported));
         for _ in 0..ROUNDS {
             for (traffic, spent) in TURNS.into_iter().zip(&mut spent) {
                 tell.send(traffic).unwrap();

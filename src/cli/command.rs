@@ -66,7 +66,7 @@ impl RunningGateway {
                 Ok(())
             }
             Answer::Waits(said) => anyhow::bail!(
-                "{said}; it goes on waiting (`isotherm arm` stays and tells, `isotherm disarm` ends it)"
+                "{said}; it goes on waiting (`isotherm arm` stays and shows it, `isotherm disarm` ends it)"
             ),
         }
     }

@@ -13,7 +13,7 @@ use crate::observe::events::file::{self, Found, begin};
 
 /// Shows the events that are kept in the state directory, oldest first: a gateway need not run. Times are UTC.
 ///
-/// Lines that were changed, cut or taken out are told on stderr.
+/// Lines that were changed, cut or taken out are reported on stderr.
 #[derive(clap::Args, Debug)]
 #[command(
     after_help = "Examples:\n  isotherm events my-machine.toml --since 12h\n  isotherm events --since 2026-01-31T18:00:00Z \

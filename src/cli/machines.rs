@@ -29,7 +29,7 @@ pub(super) fn names() -> impl Iterator<Item = &'static str> {
     SHIPPED.iter().map(|(name, _)| *name)
 }
 
-/// The text of a shipped profile, and the path under which its errors are told.
+/// The text of a shipped profile, and the path that its errors name.
 pub(super) fn text(name: &str) -> Option<(PathBuf, &'static str)> {
     let (name, text) = SHIPPED.iter().find(|(shipped, _)| *shipped == name)?;
     Some((Path::new("profiles").join(format!("{name}.toml")), text))

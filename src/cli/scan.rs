@@ -17,7 +17,7 @@ use isotherm_core::quantity::Moment;
 
 mod text;
 
-/// Asks every unit of a line once, for one register, and tells which answer. An exception is an answer too. Reads only.
+/// Asks every unit of a line once, for one register, and prints which answer. An exception is an answer too. Reads only.
 ///
 /// A device that is there but answers nothing at all for a register it does not have is found only with another
 /// --register.
@@ -40,7 +40,7 @@ pub(super) struct Arguments {
     /// Parities to try on a serial line: none, even, odd
     #[arg(long, value_name = "PARITY", value_delimiter = ',')]
     parity: Vec<Parity>,
-    /// Then reads these registers of every unit that answers, in steps of 16, and tells which it has
+    /// Then reads these registers of every unit that answers, in steps of 16, and prints which it has
     #[arg(long, value_name = "holding:0..99", value_parser = target::range)]
     registers: Option<(Register, u16)>,
     /// The bytes of each frame, on stderr

@@ -16,7 +16,7 @@ use isotherm_profile::{Device, Profile, Transport, regular};
 /// on its CAN interfaces.
 ///
 /// A serial port is a pseudo-terminal under the profile's path, or, where that is taken or cannot be made, under one of
-/// its own, which is told. A CAN interface must be there: `ip link add dev vcan0 type vcan && ip link set vcan0 up`.
+/// its own, which is printed. A CAN interface must be there: `ip link add dev vcan0 type vcan && ip link set vcan0 up`.
 ///
 /// Values come from the plant beside the profile (`<name>.plant.toml`) or of the shipped machine of that name; without
 /// one they wander plausibly.

@@ -3,7 +3,7 @@
 use isotherm_core::codec::{Address, BitField, CanId, DataType, Encoding, Field, Object, Register};
 use isotherm_core::reading::Reason;
 use isotherm_profile::Functions;
-use isotherm_profile::plan::{self, Asked};
+use isotherm_profile::plan::{self, ReadTarget};
 
 /// One request to one unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -77,11 +77,11 @@ pub enum Answer {
     Done,
 }
 
-impl From<Asked> for Request<'static> {
-    fn from(asked: Asked) -> Request<'static> {
+impl From<ReadTarget> for Request<'static> {
+    fn from(asked: ReadTarget) -> Request<'static> {
         match asked {
-            Asked::Registers { from, count } => Request::Read { from, count },
-            Asked::Object(object) => Request::Can(CanRequest::Read { object }),
+            ReadTarget::Registers { from, count } => Request::Read { from, count },
+            ReadTarget::Object(object) => Request::Can(CanRequest::Read { object }),
         }
     }
 }
@@ -112,7 +112,7 @@ impl Answer {
 impl<'a> Request<'a> {
     /// What reads a value of this type there; `None` where nobody can be asked for it.
     pub fn read(at: &Address, data_type: DataType) -> Option<Request<'static>> {
-        Asked::of(at, data_type).map(Request::from)
+        ReadTarget::of(at, data_type).map(Request::from)
     }
 
     /// What writes these values there, by the functions that the device may be sent.

@@ -1,5 +1,5 @@
 //! Modbus/TCP Security: Modbus TCP inside TLS, as the Modbus Organization specifies it (MB-TCP-Security v2.1), by
-//! rustls. What the two ends hold against each other's certificates is told in words.
+//! rustls. What the two ends hold against each other's certificates is said in words.
 
 use std::io;
 use std::time::Duration;

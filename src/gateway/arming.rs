@@ -12,7 +12,7 @@ use crate::observe::asker::Asker;
 
 /// A request to arm that could not be served yet.
 #[derive(Clone, Debug)]
-pub(super) struct Asked {
+pub(super) struct ArmRequest {
     pub(super) by: Arc<Asker>,
     /// When it expires.
     pub(super) until: Moment,
@@ -31,7 +31,7 @@ pub(super) struct Arming {
     /// Its model asked for more than the error level: it is switched off when the fault action has come to its end.
     pub(super) tripped: bool,
     /// A person asked for it and it could not be done yet.
-    pub(super) asked: Option<Asked>,
+    pub(super) asked: Option<ArmRequest>,
     /// Why the last attempt was refused; reported once.
     pub(super) refusal: Option<String>,
     /// To be taken over at the next step.

@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn what_trembles_at_the_edge_is_told_once_and_ends_clearly_inside() {
+    fn what_trembles_at_the_edge_is_reported_once_and_ends_clearly_inside() {
         let trembling: Vec<f64> = (0..100).map(|row| if row % 2 == 0 { 28.05 } else { 27.95 }).collect();
         assert_eq!(at_the_edge(&trembling), ["extrapolating"]);
         assert_eq!(

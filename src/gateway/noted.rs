@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_change_is_told_once_and_looking_is_none() {
+    fn each_change_is_reported_once_and_looking_is_none() {
         let mut list = Noted::new(vec![1, 2, 3]);
         while list.next_changed().is_some() {}
         assert_eq!((list[1], list.as_slice().iter().sum::<i32>()), (2, 6));

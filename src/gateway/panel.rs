@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use super::arming::Asked;
+use super::arming::ArmRequest;
 use super::core::Core;
 use super::probing::{Missed, acting, why_refused};
 use super::shared::Shared;
@@ -188,7 +188,7 @@ impl CommandHandle {
         let now = self.0.clock.now();
         for axis in chosen {
             let until = now.after(self.0.profile.arm_timeout);
-            let asked = Asked { by: asker.clone(), until, reported: (String::new(), now) };
+            let asked = ArmRequest { by: asker.clone(), until, reported: (String::new(), now) };
             let arming = &mut core.arming[*axis];
             arming.asked = (!arming.armed || arming.tripped).then_some(asked);
             arming.refusal = None;

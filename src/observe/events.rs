@@ -526,7 +526,7 @@ impl Event {
             Event::Overrun { bus, what, late } => warning(
                 "overrun",
                 format!(
-                    "bus {bus}: more is asked of it than it can carry: {what} was {} ms late; `isotherm check` tells \
+                    "bus {bus}: more is asked of it than it can carry: {what} was {} ms late; `isotherm check` shows \
                      the load of each line",
                     late.as_millis()
                 ),

@@ -3,15 +3,15 @@
 use tokio::sync::{mpsc, oneshot, watch};
 
 use super::TICK;
-use super::server::{Door, Shared};
+use super::server::{OpenOrClose, Shared};
 use crate::clock::Sleeper;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::DeviceId;
 
 /// A listener as the plant's task sees it: its devices, and the way to close and open it.
-pub(super) struct Gate {
+pub(super) struct ListenerSwitch {
     pub(super) devices: Vec<DeviceId>,
-    pub(super) door: mpsc::Sender<Door>,
+    pub(super) switch: mpsc::Sender<OpenOrClose>,
     pub(super) is_open: bool,
 }
 
@@ -20,7 +20,7 @@ pub(super) async fn live(
     shared: Shared,
     mut sleeper: Sleeper,
     begin: Moment,
-    mut gates: Vec<Gate>,
+    mut gates: Vec<ListenerSwitch>,
     mut stop: watch::Receiver<bool>,
 ) -> Result<(), String> {
     loop {
@@ -46,14 +46,14 @@ pub(super) async fn live(
     }
 }
 
-impl Gate {
+impl ListenerSwitch {
     /// Opens or closes the listener, and returns when that is done: the clock stands meanwhile.
     async fn turn(&mut self, shall_be_open: bool) -> Result<(), String> {
         if self.is_open == shall_be_open {
             return Ok(());
         }
         let (done, is_done) = oneshot::channel();
-        let sent = self.door.send(Door { is_open: shall_be_open, done }).await;
+        let sent = self.switch.send(OpenOrClose { is_open: shall_be_open, done }).await;
         if sent.is_err() || is_done.await.is_err() {
             return Err("a listener is gone".to_owned());
         }

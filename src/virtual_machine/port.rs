@@ -16,7 +16,7 @@ use rustix::termios::OptionalActions;
 use tokio::net::unix::pipe::{Receiver, Sender};
 use tokio::sync::{mpsc, watch};
 
-use super::server::{Door, Line, converse};
+use super::server::{Line, OpenOrClose, converse};
 use isotherm_profile::Serial;
 
 /// How often it is looked whether somebody has opened the port again.
@@ -79,15 +79,15 @@ pub(super) async fn serve(
     name: Name,
     serial: Serial,
     line: Arc<Line>,
-    mut doors: mpsc::Receiver<Door>,
+    mut switched: mpsc::Receiver<OpenOrClose>,
     mut stop: watch::Receiver<bool>,
 ) -> io::Result<()> {
     let mut port = Some(plug_in(&name)?);
     loop {
         tokio::select! {
             _ = stop.changed() => return Ok(()),
-            door = doors.recv() => {
-                let Some(Door { is_open, done }) = door else { return Ok(()) };
+            switch = switched.recv() => {
+                let Some(OpenOrClose { is_open, done }) = switch else { return Ok(()) };
                 if is_open {
                     port = Some(plug_in(&name)?);
                 } else {

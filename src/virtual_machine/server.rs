@@ -38,7 +38,7 @@ pub(super) struct Line {
 
 /// Asks a listener to listen, or to close itself and every connection; it answers when it has done so.
 #[derive(Debug)]
-pub(super) struct Door {
+pub(super) struct OpenOrClose {
     pub(super) is_open: bool,
     pub(super) done: oneshot::Sender<()>,
 }
@@ -63,7 +63,7 @@ impl Shared {
 pub(super) async fn serve(
     listener: TcpListener,
     line: Arc<Line>,
-    mut doors: mpsc::Receiver<Door>,
+    mut switched: mpsc::Receiver<OpenOrClose>,
     mut stop: watch::Receiver<bool>,
 ) -> io::Result<()> {
     let address = listener.local_addr()?;
@@ -74,8 +74,8 @@ pub(super) async fn serve(
     loop {
         tokio::select! {
             _ = stop.changed() => return Ok(()),
-            door = doors.recv() => {
-                let Some(Door { is_open, done }) = door else { return Ok(()) };
+            switch = switched.recv() => {
+                let Some(OpenOrClose { is_open, done }) = switch else { return Ok(()) };
                 if is_open {
                     if let Some(socket) = closed.take() {
                         listener = Some(socket.listen(1024)?);
@@ -143,7 +143,7 @@ where
     S: AsyncRead + AsyncWrite + Unpin,
 {
     let framing = line.framing;
-    let mut mouth = Mouth::new(framing);
+    let mut responder = Responder::new(framing);
     let mut received = Vec::new();
     let mut late: JoinSet<Vec<u8>> = JoinSet::new();
     loop {
@@ -159,7 +159,7 @@ where
         while let Some((header, pdu)) = framing.request(&received).map_err(|_| io::ErrorKind::InvalidData)? {
             let reply = line.answer(header.unit, &received[pdu.clone()]);
             let asked = received.drain(..pdu.end + framing.trailer()).len();
-            let bytes = match mouth.say(header, &reply) {
+            let bytes = match responder.say(header, &reply) {
                 Say::Bytes(bytes) => bytes,
                 // A serial line has nothing that could be closed.
                 Say::Goodbye if pace.is_none() => return Ok(()),
@@ -206,7 +206,7 @@ impl Line {
 
 /// What goes out on one connection.
 #[derive(Debug)]
-pub(super) struct Mouth {
+pub(super) struct Responder {
     framing: Framing,
     is_mute: bool,
     /// The honest answer to the request before: its transaction and protocol data unit.
@@ -219,9 +219,9 @@ pub(super) enum Say {
     Goodbye,
 }
 
-impl Mouth {
-    pub(super) fn new(framing: Framing) -> Mouth {
-        Mouth { framing, is_mute: false, before: None }
+impl Responder {
+    pub(super) fn new(framing: Framing) -> Responder {
+        Responder { framing, is_mute: false, before: None }
     }
 
     pub(super) fn say(&mut self, header: Header, reply: &Reply) -> Say {

@@ -13,7 +13,7 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::net::unix::pipe::Receiver;
 
-use crate::question::{Asked, Kind};
+use crate::question::{Kind, Question};
 use crate::rig::Lane;
 
 /// After so long what was said or asked has surely come to the other end.
@@ -76,9 +76,9 @@ impl Peer {
     }
 
     /// The next question. What came of the one before it is looked at first.
-    pub(crate) async fn asked(&mut self) -> io::Result<Asked> {
+    pub(crate) async fn asked(&mut self) -> io::Result<Question> {
         loop {
-            if let Some((asked, end)) = Asked::find(self.kind(), &self.received) {
+            if let Some((asked, end)) = Question::find(self.kind(), &self.received) {
                 self.received.drain(..end);
                 self.lane.look();
                 return Ok(asked);
@@ -130,7 +130,7 @@ impl Peer {
     }
 
     /// The right answer.
-    pub(crate) async fn answer(&mut self, asked: &Asked) -> io::Result<()> {
+    pub(crate) async fn answer(&mut self, asked: &Question) -> io::Result<()> {
         self.lane.is_answered(asked);
         self.say(&asked.right()).await
     }

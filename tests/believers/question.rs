@@ -47,29 +47,29 @@ pub(crate) fn reading(function: u8, tenths: i32) -> Vec<u8> {
 }
 
 #[derive(Clone, Debug)]
-pub(crate) struct Asked {
+pub(crate) struct Question {
     pub(crate) kind: Kind,
     pub(crate) transaction: u16,
     pub(crate) unit: u8,
     pub(crate) pdu: Vec<u8>,
 }
 
-impl Asked {
+impl Question {
     /// The first whole question among these bytes, and where it ends.
-    pub(crate) fn find(kind: Kind, bytes: &[u8]) -> Option<(Asked, usize)> {
+    pub(crate) fn find(kind: Kind, bytes: &[u8]) -> Option<(Question, usize)> {
         if !kind.is_rtu() {
             let header = bytes.first_chunk::<7>()?;
             let length = usize::from(u16::from_be_bytes([header[4], header[5]]));
             let pdu = bytes.get(7..6 + length)?.to_vec();
             let transaction = u16::from_be_bytes([header[0], header[1]]);
-            return Some((Asked { kind, transaction, unit: header[6], pdu }, 6 + length));
+            return Some((Question { kind, transaction, unit: header[6], pdu }, 6 + length));
         }
         (0..bytes.len()).find_map(|from| {
             let rest = &bytes[from..];
             let length = if *rest.get(1)? == 16 { 9 + usize::from(*rest.get(6)?) } else { 8 };
             let (frame, sum) = rest.get(..length)?.split_at(length - 2);
             let is_whole = checksum(frame).to_le_bytes() == sum;
-            let asked = || Asked { kind, transaction: 0, unit: frame[0], pdu: frame[1..].to_vec() };
+            let asked = || Question { kind, transaction: 0, unit: frame[0], pdu: frame[1..].to_vec() };
             is_whole.then(|| (asked(), from + length))
         })
     }

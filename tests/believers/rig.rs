@@ -15,7 +15,7 @@ use isotherm::observe::status::{Source, Status};
 use tokio::net::TcpListener;
 
 use crate::peer::{Peer, Plug};
-use crate::question::{Asked, Kind, TRUTH};
+use crate::question::{Kind, Question, TRUTH};
 
 pub(crate) const TIMEOUT: Duration = Duration::from_millis(50);
 /// Lines of a gateway, and what each of them is tried with: a hundred attempts.
@@ -111,7 +111,7 @@ impl Lane {
         self.owed.lock().unwrap().take()
     }
 
-    pub(crate) fn is_answered(&self, asked: &Asked) {
+    pub(crate) fn is_answered(&self, asked: &Question) {
         let count = if asked.is_read() { &self.read } else { &self.written };
         count.fetch_add(1, Ordering::SeqCst);
         if self.is_void() && self.source.get().is_some_and(|source| self.lie(&source.status()).is_some()) {
@@ -280,7 +280,7 @@ fn serve(
     ended: tokio::sync::oneshot::Receiver<()>,
 ) -> (Vec<String>, std::thread::JoinHandle<()>) {
     let lanes = lanes.to_vec();
-    let (tell, told) = std::sync::mpsc::channel();
+    let (tell, reported) = std::sync::mpsc::channel();
     let thread = std::thread::spawn(move || {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         runtime.block_on(async {
@@ -291,7 +291,7 @@ fn serve(
             let _ = ended.await;
         });
     });
-    (told.iter().collect(), thread)
+    (reported.iter().collect(), thread)
 }
 
 async fn settle(lane: Arc<Lane>, life: Life) -> String {

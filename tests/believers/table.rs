@@ -3,35 +3,35 @@
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg32;
 
-use crate::question::{Asked, rtu, tcp};
+use crate::question::{Question, rtu, tcp};
 
 /// What is wrong with a reply, and how it comes about; the number of the attempt makes it another one each time.
 pub(crate) struct Wrong {
     pub(crate) name: &'static str,
-    pub(crate) made: fn(&Asked, u32) -> Vec<u8>,
+    pub(crate) made: fn(&Question, u32) -> Vec<u8>,
 }
 
-const fn wrong(name: &'static str, made: fn(&Asked, u32) -> Vec<u8>) -> Wrong {
+const fn wrong(name: &'static str, made: fn(&Question, u32) -> Vec<u8>) -> Wrong {
     Wrong { name, made }
 }
 
 /// The answer, changed by hand, in its own envelope.
-fn changed(asked: &Asked, change: impl FnOnce(&mut Vec<u8>)) -> Vec<u8> {
+fn changed(asked: &Question, change: impl FnOnce(&mut Vec<u8>)) -> Vec<u8> {
     let mut pdu = asked.content();
     change(&mut pdu);
     asked.framed(&pdu)
 }
 
 /// In a header with this transaction, this protocol, and a length that is wrong by so much.
-fn headed(asked: &Asked, transaction: u16, protocol: u16, length: usize) -> Vec<u8> {
+fn headed(asked: &Question, transaction: u16, protocol: u16, length: usize) -> Vec<u8> {
     tcp(transaction, protocol, length, asked.unit, &asked.content())
 }
 
-fn whole(asked: &Asked) -> Vec<u8> {
+fn whole(asked: &Question) -> Vec<u8> {
     asked.framed(&asked.content())
 }
 
-fn length(asked: &Asked) -> usize {
+fn length(asked: &Question) -> usize {
     asked.content().len() + 1
 }
 
@@ -138,7 +138,7 @@ pub(crate) const CHECKSUM: [Wrong; 11] = [
     }),
 ];
 
-fn flipped(asked: &Asked, from_end: usize, seed: u32) -> Vec<u8> {
+fn flipped(asked: &Question, from_end: usize, seed: u32) -> Vec<u8> {
     let mut bytes = whole(asked);
     let place = bytes.len() - from_end;
     bytes[place] ^= 1 << (seed % 8);

@@ -309,7 +309,7 @@ fn run(case: &Case, interface: &Interface) -> (u32, u32, String) {
     std::thread::scope(|scope| {
         let living = nodes.clone();
         scope.spawn(move || living.live(&socket, case));
-        let (tell, told) = std::sync::mpsc::channel();
+        let (tell, reported) = std::sync::mpsc::channel();
         let (watched, each) = (nodes.clone(), (case.nodes, case.tries));
         with_source(profile(interface, case), false, move |source| {
             drop(watched.source.set(source.clone()));
@@ -317,7 +317,7 @@ fn run(case: &Case, interface: &Interface) -> (u32, u32, String) {
         });
         nodes.is_over.store(true, Ordering::SeqCst);
         let tried = (1..=case.nodes).map(|node| nodes.count(node)[1]).sum();
-        (tried, nodes.believed.load(Ordering::SeqCst), told.recv().unwrap_or_default())
+        (tried, nodes.believed.load(Ordering::SeqCst), reported.recv().unwrap_or_default())
     })
 }
 
@@ -351,18 +351,18 @@ fn watch(source: &dyn Source, nodes: &Nodes, (number, tries): (u32, u32)) -> Str
             signal.quality == "good" && nodes.count(node)[2] > before + 1
         })
     });
-    let mut told = String::new();
+    let mut reported = String::new();
     if !wrong.is_empty() {
-        write!(told, "read {wrong:?}").unwrap();
+        write!(reported, "read {wrong:?}").unwrap();
     }
     if !is_tried {
-        told.push_str(" asked too seldom");
+        reported.push_str(" asked too seldom");
     }
     if !is_believed {
         let faults: Vec<_> = source.status().devices.into_iter().map(|device| device.fault).collect();
-        write!(told, " good nodes are not believed: {faults:?}").unwrap();
+        write!(reported, " good nodes are not believed: {faults:?}").unwrap();
     }
-    told
+    reported
 }
 
 fn none_is_believed(letter: char, cases: &[Case]) {
@@ -378,10 +378,10 @@ fn none_is_believed(letter: char, cases: &[Case]) {
             running.into_iter().map(|one| one.join().unwrap()).collect()
         });
         for (case, (tried, believed, wrong)) in cases.iter().zip(ended) {
-            let told = format!("SDO, {}: {believed} of {tried} believed {wrong}", case.name);
-            println!("{told}");
+            let reported = format!("SDO, {}: {believed} of {tried} believed {wrong}", case.name);
+            println!("{reported}");
             if !wrong.is_empty() || believed > 0 || tried < 100 {
-                failed.push(told);
+                failed.push(reported);
             }
         }
     }

@@ -54,7 +54,7 @@ fn a_seed_is_the_same_day_again_on_can() {
 
 #[test]
 fn without_its_interface_the_demo_says_what_to_do() {
-    for (name, down, told) in [
+    for (name, down, message) in [
         ("vcan77", false, ["vcan77 is not usable: no such interface", "ip link add dev vcan77 type vcan"]),
         ("vcan78", true, ["vcan78 is not usable: down", "ip link set dev vcan78 up"]),
     ] {
@@ -66,6 +66,6 @@ fn without_its_interface_the_demo_says_what_to_do() {
         let output = demo("xc100-lathe-can", &["--set", &format!("bus.field.interface={name}")]);
         let said = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(1), "{said}");
-        assert!(told.iter().all(|part| said.contains(part)), "{said}");
+        assert!(message.iter().all(|part| said.contains(part)), "{said}");
     }
 }

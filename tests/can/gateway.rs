@@ -6,7 +6,7 @@ use std::time::Duration;
 use isotherm::observe::status::{Source, Status};
 
 use crate::node::{Node, State};
-use crate::rig::{Interface, beside, count, events, load, shell, signal, told, wait_until};
+use crate::rig::{Interface, beside, count, events, load, reported, shell, signal, wait_until};
 
 pub(crate) const PROFILE: &str = r#"
 [machine]
@@ -183,7 +183,7 @@ fn a_node_that_is_reset_is_set_up_and_started_again_within_a_heartbeat_and_the_a
         wait_until(source, "it does without", |status| status.axes[0].state == "degraded");
         let status = wait_until(source, "it follows again", is_active);
         assert_eq!(cell.heard(), ["reset", "1800:05=1400", "1017:00=6400", "start"]);
-        told(&status, "device module (node 5): was reset");
+        reported(&status, "device module (node 5): was reset");
         assert_eq!(count(&status, "node-reset"), 1, "{:#?}", events(&status));
         assert_eq!(count(&status, "device-lost"), 0, "{:#?}", events(&status));
         let written = cell.written();
@@ -193,12 +193,12 @@ fn a_node_that_is_reset_is_set_up_and_started_again_within_a_heartbeat_and_the_a
 }
 
 #[test]
-fn a_silent_node_is_told_once_its_readings_are_bad_and_it_returns_by_itself() {
+fn a_silent_node_is_reported_once_its_readings_are_bad_and_it_returns_by_itself() {
     Cell::new("silent", module()).run(|cell, source| {
         wait_until(source, "the axis follows", is_active);
         cell.module.state().is_mute = true;
         let status = wait_until(source, "it is missed", |status| count(status, "device-lost") == 1);
-        told(&status, "device module");
+        reported(&status, "device module");
         wait_until(source, "its reading is bad", |status| signal(status, "bed").value.is_none());
         wait_until(source, "the axis does without", |status| status.axes[0].state == "degraded");
         std::thread::sleep(Duration::from_secs(1));
@@ -220,7 +220,7 @@ fn a_node_that_never_was_there_is_missed_like_one_that_is_there_no_more() {
         // A sensor without a heartbeat is missed when its values are too old.
         cell.sender.state().is_mute = true;
         let status = wait_until(source, "both are missed", |status| count(status, "device-lost") == 2);
-        told(&status, "device sender");
+        reported(&status, "device sender");
         cell.sender.state().is_mute = false;
         cell.module.state().is_mute = false;
         wait_until(source, "both are back", is_active);
@@ -240,7 +240,7 @@ fn a_frame_that_is_too_short_is_bad_and_one_that_is_longer_is_fine() {
 }
 
 #[test]
-fn answers_to_another_question_are_not_taken_and_a_refusal_is_told_in_words() {
+fn answers_to_another_question_are_not_taken_and_a_refusal_is_reported_in_words() {
     let state = State { speaks_of_others: true, ..module() };
     Cell::new("others", state).run(|cell, source| {
         let status = wait_until(source, "the axis follows", is_active);
@@ -256,8 +256,8 @@ fn answers_to_another_question_are_not_taken_and_a_refusal_is_told_in_words() {
     Cell::new("refused", state).run(|cell, source| {
         let kind = "not-as-expected";
         let status = wait_until(source, "the setup is refused", |status| count(status, kind) == 1);
-        told(&status, "1800:05");
-        told(&status, "the value is not allowed");
+        reported(&status, "1800:05");
+        reported(&status, "the value is not allowed");
         assert_eq!(cell.module.times("start"), 0, "it is not started before it is set up");
         cell.module.state().refuses = None;
         wait_until(source, "somebody has put it right", is_active);
@@ -270,7 +270,7 @@ fn a_node_that_is_set_otherwise_is_not_believed() {
     state.objects.insert((0x6110, 1), vec![11, 0]);
     Cell::new("otherwise", state).run(|_, source| {
         let status = wait_until(source, "it is told", |status| count(status, "not-as-expected") == 1);
-        told(&status, "6110:01");
+        reported(&status, "6110:01");
         wait_until(source, "the reading says so", |status| {
             signal(status, "bed").quality == "not-as-expected"
         });
@@ -278,28 +278,28 @@ fn a_node_that_is_set_otherwise_is_not_believed() {
 }
 
 #[test]
-fn an_emergency_is_told_once_in_the_device_s_words_until_it_is_over() {
+fn an_emergency_is_reported_once_in_the_device_s_words_until_it_is_over() {
     Cell::new("emergency", module()).run(|cell, source| {
         wait_until(source, "the axis follows", is_active);
         for _ in 0..5 {
             cell.interface.send("085#3150010000000000");
         }
         let status = wait_until(source, "it is told", |status| count(status, "emergency") == 1);
-        told(&status, "sensor 1 broken");
+        reported(&status, "sensor 1 broken");
         cell.interface.send("085#0000000000000000");
         let status = wait_until(source, "it is over", |status| count(status, "emergency-over") == 1);
-        told(&status, "5 messages");
+        reported(&status, "5 messages");
         assert_eq!(count(&status, "emergency"), 1, "{:#?}", events(&status));
     });
 }
 
 #[test]
-fn an_interface_that_goes_down_is_told_once_and_everything_on_it_returns_when_it_is_up() {
+fn an_interface_that_goes_down_is_reported_once_and_everything_on_it_returns_when_it_is_up() {
     Cell::new("down", module()).run(|cell, source| {
         wait_until(source, "the axis follows", |status| is_active(status) && cell.offset() == 50);
         cell.interface.down();
         let status = wait_until(source, "it is told", |status| count(status, "link-down") == 1);
-        told(&status, "the interface is down");
+        reported(&status, "the interface is down");
         wait_until(source, "the readings are bad", |status| {
             signal(status, "bed").quality == "link-down" && signal(status, "room").quality == "link-down"
         });
@@ -319,7 +319,7 @@ fn an_interface_that_is_missing_at_the_start_or_taken_away_is_taken_up_when_it_i
     let interface = Interface::absent("missing");
     beside(load(PROFILE, &interface), false, move |source| {
         let status = wait_until(source, "it is told", |status| count(status, "link-down") == 1);
-        told(&status, "no such interface");
+        reported(&status, "no such interface");
         interface.appears();
         let nodes = [module(), sender(), cnc()].map(|state| Node::new(interface.name(), state));
         wait_until(source, "the axis follows", is_active);
@@ -334,26 +334,26 @@ fn an_interface_that_is_missing_at_the_start_or_taken_away_is_taken_up_when_it_i
 }
 
 #[test]
-fn error_frames_are_told_when_they_begin_and_counted() {
+fn error_frames_are_reported_when_they_begin_and_counted() {
     Cell::new("errors", module()).run(|cell, source| {
         wait_until(source, "the axis follows", is_active);
         for _ in 0..20 {
             cell.interface.send("20000008#0000801900000000");
         }
         let status = wait_until(source, "it is told", |status| count(status, "bus-trouble") == 1);
-        told(&status, "nobody acknowledges");
+        reported(&status, "nobody acknowledges");
         cell.interface.send("20000040#0000000000000000");
         let status = wait_until(source, "it is worse", |status| count(status, "bus-trouble") == 2);
-        told(&status, "bus-off");
+        reported(&status, "bus-off");
         cell.interface.send("20000100#0000000000000000");
         let status = wait_until(source, "it is over", |status| count(status, "bus-well") == 1);
-        told(&status, "21 error frames");
+        reported(&status, "21 error frames");
         assert_eq!(count(&status, "bus-trouble"), 2, "{:#?}", events(&status));
     });
 }
 
 #[test]
-fn a_full_queue_is_told_once_and_what_waits_in_it_arrives() {
+fn a_full_queue_is_reported_once_and_what_waits_in_it_arrives() {
     Cell::new("full", module()).run(|cell, source| {
         wait_until(source, "the axis follows", |status| is_active(status) && cell.offset() == 50);
         // As a bus on which hardly anything gets through.
@@ -362,15 +362,15 @@ fn a_full_queue_is_told_once_and_what_waits_in_it_arrives() {
         let load = "insmod /usr/lib/uml/modules/$(uname -r)/kernel/net/sched/sch_tbf.ko";
         shell(&format!("{slow} 2>/dev/null || {{ {load}; {slow}; }}"));
         let status = wait_until(source, "it is told", |status| count(status, "bus-trouble") >= 1);
-        told(&status, "queue is full");
+        reported(&status, "queue is full");
         std::thread::sleep(Duration::from_secs(2));
         shell(&format!("tc qdisc del dev {name} root"));
         wait_until(source, "the axis follows", is_active);
         cell.module.state().pdos.insert(0x185, vec![255, 0]);
         wait_until(source, "the offset is written", |_| cell.offset() == 55);
         let status = wait_until(source, "it is over", |status| count(status, "bus-well") >= 1);
-        let told = (count(&status, "bus-trouble"), count(&status, "bus-well"));
-        assert_eq!(told, (1, 1), "{:#?}", events(&status));
+        let reported = (count(&status, "bus-trouble"), count(&status, "bus-well"));
+        assert_eq!(reported, (1, 1), "{:#?}", events(&status));
     });
 }
 
@@ -384,7 +384,7 @@ fn in_a_dry_run_a_node_is_started_and_read_but_nothing_is_set_or_written() {
         let status = wait_until(source, "it says what is not set", |status| {
             count(status, "not-as-expected") == 1 && signal(status, "bed").quality == "not-as-expected"
         });
-        told(&status, "1017:00");
+        reported(&status, "1017:00");
         wait_until(source, "the other is read", |status| signal(status, "room").value == Some(24.0));
         nodes[0].state().objects.insert((0x1017, 0), vec![100, 0]);
         nodes[0].reset();
@@ -441,7 +441,7 @@ fn a_position_that_comes_in_a_frame_is_corrected_in_a_frame_and_read_back() {
         wait_until(source, "it is shown", |_| shown() == 100_005);
         interface.send("300#6079FEFF");
         let status = wait_until(source, "it is shown", |_| shown() == -99_995);
-        let told = ["verify-failed", "write-failed"].map(|kind| count(&status, kind));
-        assert_eq!(told, [0, 0], "{:#?}", events(&status));
+        let reported = ["verify-failed", "write-failed"].map(|kind| count(&status, kind));
+        assert_eq!(reported, [0, 0], "{:#?}", events(&status));
     });
 }

@@ -195,12 +195,12 @@ fn a_node_that_is_reset_in_the_middle_of_a_run_is_started_again_and_the_axis_mak
     let interface = Interface::new("vm-reset");
     let reset = "[[fault]]\ndevice = \"module\"\nkind = \"restart\"\nat = \"900s\"\n";
     let run = Run::of(&interface, reset, 1200);
-    let told = events(&run.status);
-    assert_eq!(count(&run.status, "node-reset"), 1, "{told:#?}");
-    assert_eq!(run.states[890..899], ["active"; 9], "{told:#?}");
+    let reported = events(&run.status);
+    assert_eq!(count(&run.status, "node-reset"), 1, "{reported:#?}");
+    assert_eq!(run.states[890..899], ["active"; 9], "{reported:#?}");
     // Within a heartbeat of three seconds; the axis decides every ten.
-    assert_eq!(run.states[915..], ["active"; 285], "{:?} {told:#?}", &run.states[895..930]);
-    assert_eq!(count(&run.status, "device-lost"), 0, "{told:#?}");
+    assert_eq!(run.states[915..], ["active"; 285], "{:?} {reported:#?}", &run.states[895..930]);
+    assert_eq!(count(&run.status, "device-lost"), 0, "{reported:#?}");
     run.no_step_is_larger_than_one_micrometre();
 }
 
@@ -209,11 +209,11 @@ fn a_node_that_is_silent_for_a_while_is_missed_and_followed_again() {
     let interface = Interface::new("vm-silent");
     let silent = "[[fault]]\ndevice = \"module\"\nkind = \"silent\"\nat = \"900s\"\nfor_time = \"60s\"\n";
     let run = Run::of(&interface, silent, 1200);
-    let told = events(&run.status);
+    let reported = events(&run.status);
     let counts = ["device-lost", "device-back"].map(|kind| count(&run.status, kind));
-    assert_eq!(counts, [1, 1], "{told:#?}");
+    assert_eq!(counts, [1, 1], "{reported:#?}");
     assert!(run.states[920..955].iter().all(|state| *state == "degraded"), "{:?}", &run.states[900..960]);
-    assert_eq!(run.states[1000..], ["active"; 200], "{told:#?}");
+    assert_eq!(run.states[1000..], ["active"; 200], "{reported:#?}");
     run.no_step_is_larger_than_one_micrometre();
 }
 
@@ -333,11 +333,11 @@ fn isotherm_virtual_serves_the_nodes_of_a_profile_and_says_where() {
         .spawn()
         .unwrap();
     let lines = BufReader::new(virtual_machine.stdout.take().unwrap()).lines();
-    let told: Vec<String> =
+    let reported: Vec<String> =
         lines.map_while(Result::ok).take_while(|line| !line.starts_with("stop")).collect();
     let named = "bus can is on the CAN interface vm-cli: module (node 5), sender (frames), encoder (node 7), \
                  display (node 12), cnc (node 9)";
-    assert!(told.contains(&named.to_owned()), "{told:#?}");
+    assert!(reported.contains(&named.to_owned()), "{reported:#?}");
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     let name = runtime.block_on(async {
         let socket = Socket::open(interface.name(), &[exactly(standard(0x585))]).unwrap();
@@ -362,14 +362,14 @@ fn a_machine_whose_interface_is_missing_says_how_to_make_one() {
     let started = VirtualMachine::start(&profile, Setup::default(), &clock);
     let error = runtime.block_on(started).unwrap_err();
     // With what the system says, where that is told apart.
-    let mut told = error.to_string();
+    let mut reported = error.to_string();
     let mut cause = std::error::Error::source(&error);
     while let Some(error) = cause {
-        told += &format!(": {error}");
+        reported += &format!(": {error}");
         cause = error.source();
     }
     assert_eq!(
-        told,
+        reported,
         "cannot listen at vm-none (bus `can`): there is no such interface; a virtual one is made by: \
          ip link add dev vm-none type vcan && ip link set vm-none up"
     );

@@ -111,10 +111,10 @@ pub(crate) fn with_source(
         let gateway = Gateway::new(profile, &Clock::wall(), Options { dry_run, ..Options::default() });
         let source = gateway.source();
         let done = tokio::task::spawn_blocking(move || script(source));
-        let (tell, told) = tokio::sync::oneshot::channel();
+        let (tell, reported) = tokio::sync::oneshot::channel();
         let stop = async move { drop(tell.send(done.await)) };
         gateway.run(stop, std::future::ready(())).await;
-        if let Err(failed) = told.await.unwrap() {
+        if let Err(failed) = reported.await.unwrap() {
             std::panic::resume_unwind(failed.into_panic());
         }
     });
@@ -153,7 +153,7 @@ pub(crate) fn signal<'a>(status: &'a Status, name: &str) -> &'a SignalStatus {
 
 /// The event that has this in it.
 #[track_caller]
-pub(crate) fn told<'a>(status: &'a Status, part: &str) -> &'a str {
+pub(crate) fn reported<'a>(status: &'a Status, part: &str) -> &'a str {
     let events = events(status);
     let found = events.iter().find(|event| event.contains(part));
     found.unwrap_or_else(|| panic!("{part} was not told: {events:#?}"))

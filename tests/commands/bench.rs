@@ -92,7 +92,7 @@ impl Bench {
     }
 
     /// The sentences of the events of a kind.
-    pub(crate) fn told(&self, kind: &str) -> Vec<String> {
+    pub(crate) fn reported(&self, kind: &str) -> Vec<String> {
         let events = self.events(&[]).into_iter().filter(|event| event["kind"] == kind);
         events.map(|event| event["text"].as_str().unwrap().to_owned()).collect()
     }

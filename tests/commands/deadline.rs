@@ -142,7 +142,7 @@ fn where_no_gateway_runs_that_is_what_is_said() {
 }
 
 #[test]
-fn who_waits_while_the_gateway_stops_for_long_is_told_and_does_not_want_it_any_more() {
+fn who_waits_while_the_gateway_stops_for_long_is_reported_and_does_not_want_it_any_more() {
     let bench = Bench::manual();
     bench.device.asks(crate::bench::OPEN_CIRCUIT);
     bench.why("bed has an open circuit");
@@ -152,7 +152,7 @@ fn who_waits_while_the_gateway_stops_for_long_is_told_and_does_not_want_it_any_m
     bench.device.asks(0);
     assert_eq!(asker.ends_within(Duration::from_secs(10)).code(), Some(3));
     bench.gateway.goes_on();
-    until("it is told", || match bench.told("arm-ended").len() {
+    until("it is told", || match bench.reported("arm-ended").len() {
         1 => Ok(()),
         _ => Err("nothing is told".to_owned()),
     });

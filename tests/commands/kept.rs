@@ -49,11 +49,11 @@ fn what_happened_before_a_restart_stands_in_the_verb_the_api_and_the_page() {
 }
 
 #[test]
-fn a_line_that_somebody_changed_is_told_and_the_gateway_goes_on_behind_half_a_line() {
+fn a_line_that_somebody_changed_is_reported_and_the_gateway_goes_on_behind_half_a_line() {
     let mut bench = Bench::manual();
     bench.ask(&["disarm"]);
     bench.restart();
-    until("the second start is kept", || match bench.told("started").len() {
+    until("the second start is kept", || match bench.reported("started").len() {
         2 => Ok(()),
         count => Err(count.to_string()),
     });

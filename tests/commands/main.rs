@@ -10,5 +10,5 @@ mod kept;
 mod page;
 #[path = "../process/mod.rs"]
 mod process;
-mod told;
+mod reported;
 mod waiting;

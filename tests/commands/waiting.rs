@@ -19,7 +19,7 @@ fn who_arms_with_a_broken_sensor_hears_what_is_waited_for_until_the_axis_is_arme
     let asked = axis["waiting"]["asked"].as_str().unwrap();
     assert!(asked.starts_with("by ") && asked.ends_with(" over the socket"), "{asked}");
     assert!((60.0..120.1).contains(&axis["waiting"]["expires_s"].as_f64().unwrap()), "{axis}");
-    assert!(bench.told("command")[0].contains("z: waiting to arm: bed has an open circuit"));
+    assert!(bench.reported("command")[0].contains("z: waiting to arm: bed has an open circuit"));
     let (_, metrics) = bench.http("GET", "/metrics", "");
     assert!(metrics.contains("state=\"waiting\"} 1"), "{metrics}");
 
@@ -28,7 +28,7 @@ fn who_arms_with_a_broken_sensor_hears_what_is_waited_for_until_the_axis_is_arme
     assert_eq!(asker.ends_within(SOON).code(), Some(0));
     let axis = bench.is_in_state("active");
     assert_eq!(axis["waiting"], serde_json::Value::Null);
-    assert!(bench.told("armed")[0].contains("over the socket"), "{:?}", bench.told("armed"));
+    assert!(bench.reported("armed")[0].contains("over the socket"), "{:?}", bench.reported("armed"));
 }
 
 #[test]
@@ -61,7 +61,7 @@ fn who_waits_and_goes_does_not_want_it_any_more() {
         bench.device.asks(0);
         std::thread::sleep(Duration::from_secs(2));
         assert_eq!(bench.axis()["armed"], false, "{signal}");
-        assert!(bench.told("arm-ended")[0].contains("cancelled: whoever asked has gone"), "{signal}");
+        assert!(bench.reported("arm-ended")[0].contains("cancelled: whoever asked has gone"), "{signal}");
     }
 }
 
@@ -100,7 +100,7 @@ fn a_request_that_waits_for_too_long_expires() {
     let expired = "the request to arm has expired after 2s: bed has an open circuit";
     assert_eq!((code, said.contains(expired)), (1, true), "{said}");
     assert!(bench.axis()["why"].as_str().unwrap().starts_with(expired));
-    assert!(bench.told("arm-ended")[0].contains(expired));
+    assert!(bench.reported("arm-ended")[0].contains(expired));
     bench.device.asks(0);
     std::thread::sleep(Duration::from_secs(2));
     assert_eq!(bench.axis()["armed"], false);
@@ -116,7 +116,7 @@ fn who_is_refused_hears_why_at_once_and_nothing_is_armed_later() {
     });
     let (code, said) = bench.ask(&["arm"]);
     assert_eq!((code, said.contains("holds 3000.0 µm, beyond the limit")), (1, true), "{said}");
-    assert!(bench.told("command-refused")[0].contains("beyond the limit"));
+    assert!(bench.reported("command-refused")[0].contains("beyond the limit"));
     bench.device.puts(0);
     std::thread::sleep(Duration::from_secs(2));
     assert_eq!(bench.axis()["armed"], false);

@@ -232,8 +232,8 @@ fn a_siko_indicator_is_written_with_its_control_word_and_condemned_by_its_status
     let Address::Frame(field) = &output.address else { panic!("{}", output.address) };
     field.bits.insert(frame.data_mut(), words.bits()).unwrap();
     assert_eq!(frame.to_string(), "20C#2EFBFFFF00000000");
-    let told = Preview::of(&machine).to_string();
-    assert!(told.contains("not verified: the control word in bytes 6 and 7 of RPDO1"), "{told}");
+    let reported = Preview::of(&machine).to_string();
+    assert!(reported.contains("not verified: the control word in bytes 6 and 7 of RPDO1"), "{reported}");
     let marked = rest.to_owned() + "\npdo = { fill = \"00 00 00 00 00 00 04 00\" }";
     let machine = on_can("node = 12\ntemplate = \"siko-ap10\"", &marked)
         .unwrap_or_else(|errors| panic!("{errors}"))
@@ -249,6 +249,6 @@ fn a_template_for_one_kind_of_line_is_refused_on_the_other() {
     assert!(errors.to_string().contains("it comes from channel `0` of template `icp-das-m7018`"), "{errors}");
     let errors =
         super::taken("template = \"peak-mu-thermocouple1\"", "[signal.s]\ndevice = \"d\"\nchannel = \"1A\"");
-    let told = errors.unwrap_err().to_string();
-    assert!(told.contains("`frame` belongs to a device on a CAN line"), "{told}");
+    let reported = errors.unwrap_err().to_string();
+    assert!(reported.contains("`frame` belongs to a device on a CAN line"), "{reported}");
 }

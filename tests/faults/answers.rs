@@ -51,7 +51,7 @@ fn a_silent_device_makes_its_axis_hold_then_ramp_to_zero_and_return() {
 }
 
 #[test]
-fn a_server_that_is_killed_and_comes_back_is_told_once_each_way_and_nothing_jumps() {
+fn a_server_that_is_killed_and_comes_back_is_reported_once_each_way_and_nothing_jumps() {
     let trace = thermocouples("kind = \"refuse\"\nfor_time = \"100s\"");
     others_went_on(&trace);
     one_line_each_way(&trace, "link-down", "link-up");
@@ -110,7 +110,7 @@ fn late_replies_never_become_readings_and_those_of_before_serve_meanwhile() {
 }
 
 #[test]
-fn one_late_reply_is_counted_and_not_told() {
+fn one_late_reply_is_counted_and_not_reported() {
     let trace = thermocouples("kind = \"late\"\ndelay = \"170ms\"\nfor = 1");
     others_went_on(&trace);
     assert_eq!(trace.reported("device-lost") + trace.reported("device-back"), 0, "{}", trace.lines());
@@ -234,7 +234,7 @@ fn a_wrong_echo_leaves_the_axis_inactive_until_a_good_one() {
 }
 
 #[test]
-fn a_nan_is_no_value_and_the_lesser_model_stands_in() {
+fn a_nan_is_no_value_and_the_fallback_model_stands_in() {
     let trace = thermocouples("kind = \"nan\"\nsignal = \"wheelhead\"\nfor_time = \"60s\"");
     others_went_on(&trace);
     one_line_each_way(&trace, "signal-bad", "signal-good");

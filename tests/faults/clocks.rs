@@ -207,7 +207,7 @@ fn a_start_with_a_wrong_clock_deletes_no_log() {
 }
 
 #[test]
-fn logs_that_are_older_than_they_are_kept_are_deleted_and_that_is_told() {
+fn logs_that_are_older_than_they_are_kept_are_deleted_and_that_is_reported() {
     let directory = tempfile::tempdir().unwrap();
     let log = |days: u32| {
         let stamp = at(TODAY).before(DAY * days).to_string();

@@ -91,7 +91,7 @@ fn a_module_that_is_set_as_expected_is_armed_and_its_checks_are_read_once() {
 }
 
 #[test]
-fn a_module_in_the_wrong_format_is_not_armed_and_what_to_do_is_told_once() {
+fn a_module_in_the_wrong_format_is_not_armed_and_what_to_do_is_reported_once() {
     let trace = module(&[&set("coil:268", 0, "0s")]);
     assert_eq!(trace.states(), ["waiting"], "{}", trace.lines());
     assert_eq!(writes(&trace), 0);
@@ -112,7 +112,7 @@ fn a_module_in_the_wrong_format_is_not_armed_and_what_to_do_is_told_once() {
 }
 
 #[test]
-fn every_mismatch_is_told_at_once_and_putting_them_right_arms() {
+fn every_mismatch_is_reported_at_once_and_putting_them_right_arms() {
     let wrong = [set("coil:275", 0, "0s"), set("holding:258", 14, "0s")];
     let right = [set("coil:275", 1, "60s"), set("holding:258", 15, "62s")];
     let all: Vec<&str> = wrong.iter().chain(&right).map(String::as_str).collect();
@@ -140,7 +140,7 @@ fn a_module_that_comes_back_set_otherwise_is_not_believed_and_the_axis_takes_its
 }
 
 #[test]
-fn a_check_that_the_device_cannot_answer_is_told_with_its_remedy() {
+fn a_check_that_the_device_cannot_answer_is_reported_with_its_remedy() {
     let trace = module(&["kind = \"exception\"\ncode = 2\nfor = 1"]);
     let first = reported(&trace, "not-as-expected")[0];
     for words in ["cannot be read: exception 2 (illegal data address)", "set coil 267"] {

@@ -49,7 +49,7 @@ fn a_count_that_could_not_be_captured_is_no_reading() {
 }
 
 #[test]
-fn a_counter_that_is_set_anew_is_told_as_that_and_is_believed_at_its_new_place() {
+fn a_counter_that_is_set_anew_is_reported_as_that_and_is_believed_at_its_new_place() {
     let trace = counting(
         "[[fault]]\ndevice = \"counter\"\nat = \"30s\"\nkind = \"value\"\nsignal = \"scale_z\"\nvalue = 499.0\nfor_time = \"60s\"\n",
     );

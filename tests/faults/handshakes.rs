@@ -98,7 +98,7 @@ fn a_value_is_written_strobed_acknowledged_and_only_then_believed() {
 }
 
 #[test]
-fn an_acknowledge_that_does_not_come_is_told_and_the_axis_holds_until_it_does() {
+fn an_acknowledge_that_does_not_come_is_reported_and_the_axis_holds_until_it_does() {
     let trace = cut(&cnc("no-acknowledge", 60, 20));
     let reported = texts(&trace, "acknowledge-missing");
     assert_eq!(
@@ -139,7 +139,7 @@ fn an_acknowledge_that_is_lost_on_the_way_in_costs_no_step_when_it_comes_back() 
 }
 
 #[test]
-fn an_acknowledge_that_does_not_drop_is_told_and_nothing_is_written_while_it_is_up() {
+fn an_acknowledge_that_does_not_drop_is_reported_and_nothing_is_written_while_it_is_up() {
     let trace = cut(&cnc("stuck-acknowledge", 60, 20));
     let reported = texts(&trace, "acknowledge-stuck");
     assert_eq!(
@@ -262,7 +262,7 @@ fn refusing(from: u32, times: u32, kind: fn(&Request<'_>) -> bool) -> Trace {
 }
 
 #[test]
-fn a_strobe_that_cannot_be_raised_is_told() {
+fn a_strobe_that_cannot_be_raised_is_reported() {
     let trace = refusing(5, 5, |request| matches!(request, Request::WriteCoil { value: true, .. }));
     let reported = texts(&trace, "strobe-not-written");
     assert_eq!(reported.len(), 1, "{}", trace.lines());
@@ -273,7 +273,7 @@ fn a_strobe_that_cannot_be_raised_is_told() {
 }
 
 #[test]
-fn a_strobe_that_cannot_be_dropped_is_told_and_dropped_as_soon_as_that_is_possible() {
+fn a_strobe_that_cannot_be_dropped_is_reported_and_dropped_as_soon_as_that_is_possible() {
     let counted = Arc::new(std::sync::Mutex::new(0));
     let kind: fn(&Request<'_>) -> bool = |request| matches!(request, Request::WriteCoil { value: false, .. });
     let dialer: Dialer = Arc::new(move |bus: &Bus| {
@@ -298,7 +298,7 @@ fn a_strobe_that_cannot_be_dropped_is_told_and_dropped_as_soon_as_that_is_possib
 }
 
 #[test]
-fn an_acknowledge_that_cannot_be_read_is_told() {
+fn an_acknowledge_that_cannot_be_read_is_reported() {
     let asks = |request: &Request<'_>| matches!(request, Request::Read { from: ACKNOWLEDGE, .. });
     let trace = refusing(30, 6, asks);
     let reported = texts(&trace, "acknowledge-not-read");

@@ -53,7 +53,7 @@ fn with_a_state_directory_that_is_a_file_the_first_write_waits_for_what_may_stil
 }
 
 #[test]
-fn a_full_disk_changes_nothing_on_the_bus_and_is_told_once() {
+fn a_full_disk_changes_nothing_on_the_bus_and_is_reported_once() {
     let directory = tempfile::tempdir().unwrap();
     let log = directory.path().join("bench-2026-01-05.csv");
     std::os::unix::fs::symlink("/dev/full", &log).unwrap();

@@ -122,7 +122,7 @@ fn a_steady_share_is_looked_at_and_not_written_again() {
 }
 
 #[test]
-fn an_operators_edit_is_kept_and_told_and_the_axis_goes_on_with_its_share() {
+fn an_operators_edit_is_kept_and_reported_and_the_axis_goes_on_with_its_share() {
     let trace = run(&joint(), &(at_start() + &register(3000, "60s")), 3 * MINUTE);
     let share = shares(&trace, 58).1;
     assert_eq!(trace.reported("operator-change"), 1, "{}", trace.lines());
@@ -263,7 +263,7 @@ fn a_disk_that_takes_no_ledger_keeps_its_output_unwritten_and_changes_nothing_fo
 }
 
 #[test]
-fn without_a_state_directory_nothing_is_written_and_that_is_told() {
+fn without_a_state_directory_nothing_is_written_and_that_is_reported() {
     let trace = crate::rig::run(&joint(), &at_start(), MINUTE);
     assert_eq!(trace.writes("cnc_z").len(), 0, "{}", trace.lines());
     assert!(trace.lines().contains("there is no state directory"), "{}", trace.lines());

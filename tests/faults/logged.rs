@@ -159,7 +159,7 @@ fn a_set_with_a_handshake_and_lost_answers_comes_out_again() {
 }
 
 #[test]
-fn a_row_that_was_changed_is_told_with_file_line_output_and_both_actions() {
+fn a_row_that_was_changed_is_reported_with_file_line_output_and_both_actions() {
     let directory = tempfile::tempdir().unwrap();
     runs(BENCH, "", directory.path(), &[MINUTE]);
     let log = logs(directory.path()).remove(0);

@@ -166,7 +166,7 @@ fn an_axis_without_a_probe_takes_no_measured_errors_and_a_diameter_is_halved() {
 }
 
 #[test]
-fn a_result_that_cannot_be_read_and_a_machine_that_is_not_known_are_told() {
+fn a_result_that_cannot_be_read_and_a_machine_that_is_not_known_are_reported() {
     let faults = "
         [[fault]]
         device = \"cnc\"

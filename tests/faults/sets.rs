@@ -206,7 +206,7 @@ fn a_set_with_a_handshake_has_one_strobe_for_all_of_it() {
 }
 
 #[test]
-fn a_missing_acknowledge_of_a_set_is_told_by_the_name_of_the_set() {
+fn a_missing_acknowledge_of_a_set_is_reported_by_the_name_of_the_set() {
     let faults = plc("kind = \"no-acknowledge\"\nat = \"60s\"\nfor_time = \"20s\"");
     let trace = run(&shaken(BLOCK), &faults, 3 * MINUTE);
     holds(&trace);

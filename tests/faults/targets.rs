@@ -374,7 +374,7 @@ fn a_dm36_display_is_given_sign_decimals_and_digits() {
 }
 
 #[test]
-fn linuxcnc_with_plain_zeros_in_its_words_is_not_armed_and_the_count_to_put_there_is_told() {
+fn linuxcnc_with_plain_zeros_in_its_words_is_not_armed_and_the_count_to_put_there_is_reported() {
     let heartbeat = "[heartbeat]\ndevice = \"cnc\"\nevery = \"500ms\"\n";
     let outputs = outputs(&[("z", "z")]) + heartbeat;
     let text = machine("template = \"linuxcnc-classicladder\"", &["z"], &outputs);

@@ -25,7 +25,7 @@ fn denied(fate: Fate, more: &str) {
 }
 
 #[test]
-fn a_control_that_is_read_and_whose_writes_are_never_answered_is_told_with_cause_and_count() {
+fn a_control_that_is_read_and_whose_writes_are_never_answered_is_reported_with_cause_and_count() {
     let control = Control::of(|_| Fate::DoneAndSilent);
     let text = profile_of(&control, "2s", "");
     let status = beside(&text, move |source| {

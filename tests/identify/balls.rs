@@ -97,7 +97,7 @@ proptest! {
 }
 
 #[test]
-fn what_one_touch_is_off_by_is_shared_by_the_balls_and_told_as_what_is_left() {
+fn what_one_touch_is_off_by_is_shared_by_the_balls_and_reported_as_what_is_left() {
     let truth = Truth { slope: [0.0, 0.0, 0.05], ..STILL };
     let text = touches(2, &[STILL, truth], &[80.0]);
     let last = text.lines().last().unwrap().to_owned();
@@ -166,9 +166,9 @@ fn a_table_that_is_no_ball_array_is_told_what_it_lacks() {
             vec!["along z", "70 mm across", "clamp"],
         ),
     ] {
-        let told = refused(text);
+        let reported = refused(text);
         for part in parts {
-            assert!(told.contains(part), "`{part}` is not in: {told}");
+            assert!(reported.contains(part), "`{part}` is not in: {reported}");
         }
     }
 }

@@ -16,7 +16,7 @@ fn dataset(text: &str) -> Dataset {
     Dataset::read(&[path], &Split::default(), &|_| None).unwrap()
 }
 
-fn told(text: &str, test: Option<Test>) -> Drift {
+fn reported(text: &str, test: Option<Test>) -> Drift {
     drift(&dataset(text), &[], test, &|_| None).unwrap_or_else(|wrong| panic!("{wrong}")).remove(0)
 }
 
@@ -31,7 +31,7 @@ fn a_night_in_which_nothing_moves_is_an_etve_test() {
         let step = ((minute - 180.0) / 30.0).clamp(0.0, 1.0);
         format!("{},{}", 20.0 + 0.01 * minute, minute / 60.0 + 12.0 * step)
     });
-    let drift = told(&text, None);
+    let drift = reported(&text, None);
     assert_eq!(drift.test, Test::Etve);
     assert!(near(drift.hours, 6.0) && drift.rows == 361 && drift.stages.is_empty(), "{drift:?}");
     let y = &drift.displacements[0];
@@ -59,7 +59,7 @@ fn a_spindle_that_turns_makes_stages_with_what_each_of_them_moved() {
         let wander = if speed(minute) > 0.0 { 3.0 * (minute * 1.7).sin() } else { 0.0 };
         format!("21,{},{}", speed(minute) + wander, 0.1 * minute)
     });
-    let drift = told(&text, None);
+    let drift = reported(&text, None);
     assert_eq!(drift.test, Test::Spindle);
     let stages: Vec<(f64, f64, f64)> = (drift.stages.iter())
         .map(|stage| (stage.from_h * 60.0, stage.to_h * 60.0, stage.speed.unwrap().round()))
@@ -76,30 +76,30 @@ fn a_spindle_that_turns_makes_stages_with_what_each_of_them_moved() {
 #[test]
 fn a_moving_axis_and_a_turning_table_are_known_by_their_positions() {
     let moving = |minute: f64| if minute < 60.0 { 100.0 * (minute % 2.0) } else { 0.0 };
-    let axis = told(&log("scale_mm,z_um", 120, |minute| format!("{},{minute}", moving(minute))), None);
+    let axis = reported(&log("scale_mm,z_um", 120, |minute| format!("{},{minute}", moving(minute))), None);
     assert_eq!(axis.test, Test::Axis);
     let moves: Vec<bool> = axis.stages.iter().map(|stage| stage.moves).collect();
     assert_eq!(moves, [true, false], "{:?}", axis.stages);
-    let table = told(&log("table_deg,z_um", 120, |minute| format!("{},{minute}", 3.0 * minute)), None);
+    let table = reported(&log("table_deg,z_um", 120, |minute| format!("{},{minute}", 3.0 * minute)), None);
     assert_eq!(table.test, Test::Rotary);
     assert!(table.remarks.is_empty(), "{:?}", table.remarks);
 }
 
 #[test]
-fn a_test_that_is_asked_for_is_taken_and_what_does_not_fit_is_told() {
+fn a_test_that_is_asked_for_is_taken_and_what_does_not_fit_is_reported() {
     let spindle = log("spindle_rpm,z_um", 120, |minute| format!("3000,{minute}"));
-    let etve = told(&spindle, Some(Test::Etve));
+    let etve = reported(&spindle, Some(Test::Etve));
     assert_eq!((etve.test, etve.because.as_str()), (Test::Etve, "that was asked for"));
     assert_eq!(etve.remarks, ["spindle_rpm moved: what that warmed is in these figures"]);
-    let table = told(&spindle, Some(Test::Rotary));
+    let table = reported(&spindle, Some(Test::Rotary));
     assert_eq!(table.stages.len(), 1, "a table's speed is a speed too");
-    let still = told(&log("hall_c,z_um", 120, |minute| format!("20,{minute}")), Some(Test::Spindle));
+    let still = reported(&log("hall_c,z_um", 120, |minute| format!("20,{minute}")), Some(Test::Spindle));
     assert_eq!(still.remarks, ["no column says what turned or moved: the stages are not known"]);
 }
 
 #[test]
 fn a_log_shorter_than_an_hour_has_no_figures_of_an_hour() {
-    let drift = told(&log("z_um", 40, |minute| format!("{minute}")), None);
+    let drift = reported(&log("z_um", 40, |minute| format!("{minute}")), None);
     let z = &drift.displacements[0];
     assert_eq!((z.first_hour_um, z.last_hour_um, z.largest_60min_um), (None, None, None));
     assert!(near(z.range_um, 39.0), "{z:?}");
@@ -112,19 +112,19 @@ fn missing_cells_are_no_movement() {
         180,
         |minute| if (60.0..90.0).contains(&minute) { String::new() } else { "2".to_owned() },
     );
-    assert!(near(told(&text, None).displacements[0].range_um, 0.0));
+    assert!(near(reported(&text, None).displacements[0].range_um, 0.0));
 }
 
 #[test]
 fn a_log_without_a_displacement_is_told_what_to_do() {
     let dataset = dataset(&log("hall_c,probe", 120, |minute| format!("20,{}", 200.0 + minute)));
     let refused = |names: &[String]| drift(&dataset, names, None, &|_| None).unwrap_err().to_string();
-    let told = refused(&[]);
+    let reported = refused(&[]);
     assert!(
-        told.contains("ends with _um, or give it with --displacement; there are hall_c, probe"),
-        "{told}"
+        reported.contains("ends with _um, or give it with --displacement; there are hall_c, probe"),
+        "{reported}"
     );
-    let told = refused(&["prob".to_owned()]);
-    assert!(told.contains("no log has a column `prob`; there are hall_c, probe"), "{told}");
+    let reported = refused(&["prob".to_owned()]);
+    assert!(reported.contains("no log has a column `prob`; there are hall_c, probe"), "{reported}");
     assert!(drift(&dataset, &["probe".to_owned()], None, &|_| None).is_ok());
 }

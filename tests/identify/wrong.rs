@@ -15,9 +15,9 @@ fn each(change: impl Fn(&str) -> String) -> Vec<String> {
 }
 
 #[track_caller]
-fn says(told: &str, parts: &[&str]) {
+fn says(reported: &str, parts: &[&str]) {
     for part in parts {
-        assert!(told.contains(part), "`{part}` is not in: {told}");
+        assert!(reported.contains(part), "`{part}` is not in: {reported}");
     }
 }
 
@@ -51,13 +51,13 @@ fn one_run_alone_cannot_be_validated() {
 }
 
 #[test]
-fn fahrenheit_is_told_by_its_numbers() {
+fn fahrenheit_is_reported_by_its_numbers() {
     let logs = each(|log| cells(&cells(log, 1, |c| c * 1.8 + 32.0), 2, |c| c * 1.8 + 32.0));
     says(&refused(2, &logs, &choice()), &["°F", "(F − 32) / 1.8"]);
 }
 
 #[test]
-fn minutes_that_are_called_seconds_and_seconds_that_are_called_minutes_are_told() {
+fn minutes_that_are_called_seconds_and_seconds_that_are_called_minutes_are_reported() {
     let logs_of_minutes = each(|log| cells(log, 0, |time| time / 60.0));
     says(
         &refused(2, &logs_of_minutes, &choice()),
@@ -73,7 +73,7 @@ fn minutes_that_are_called_seconds_and_seconds_that_are_called_minutes_are_told(
 }
 
 #[test]
-fn an_error_that_stands_still_or_is_in_millimetres_is_told() {
+fn an_error_that_stands_still_or_is_in_millimetres_is_reported() {
     says(
         &refused(2, &each(|log| cells(log, 3, |_| 0.25)), &choice()),
         &["z_error_um stands still in every run"],
@@ -82,7 +82,7 @@ fn an_error_that_stands_still_or_is_in_millimetres_is_told() {
 }
 
 #[test]
-fn cells_that_are_no_numbers_are_told_with_file_line_and_column_all_at_once() {
+fn cells_that_are_no_numbers_are_reported_with_file_line_and_column_all_at_once() {
     let mut logs = logs();
     logs[0] = logs[0]
         .lines()
@@ -94,14 +94,14 @@ fn cells_that_are_no_numbers_are_told_with_file_line_and_column_all_at_once() {
         .collect();
     logs[1] = logs[1].replace("s1", "s0");
     logs[2] = logs[2].replace("\n180,", "\nnoon,");
-    let told = refused(2, &logs, &choice());
-    says(&told, &["day0.csv, line 7, column s0: `oops", "is no number; leave the cell empty"]);
-    says(&told, &["day1.csv, line 1: the column s0 is there twice"]);
-    says(&told, &["day2.csv, line 5, column time: `noon` is no time"]);
+    let reported = refused(2, &logs, &choice());
+    says(&reported, &["day0.csv, line 7, column s0: `oops", "is no number; leave the cell empty"]);
+    says(&reported, &["day1.csv, line 1: the column s0 is there twice"]);
+    says(&reported, &["day2.csv, line 5, column time: `noon` is no time"]);
 }
 
 #[test]
-fn names_that_do_not_meet_are_told_from_both_sides() {
+fn names_that_do_not_meet_are_reported_from_both_sides() {
     let logs = each(|log| log.replace("s0", "bed").replace("s1", "column"));
     says(
         &refused(2, &logs, &choice()),
@@ -110,7 +110,7 @@ fn names_that_do_not_meet_are_told_from_both_sides() {
 }
 
 #[test]
-fn an_axis_or_an_input_that_is_not_there_is_told() {
+fn an_axis_or_an_input_that_is_not_there_is_reported() {
     let wrong = Choice { axis: Some("y".to_owned()), inputs: vec!["s7".to_owned()], ..choice() };
     says(
         &refused(2, &logs(), &wrong),
@@ -119,7 +119,7 @@ fn an_axis_or_an_input_that_is_not_there_is_told() {
 }
 
 #[test]
-fn fewer_rows_than_terms_are_told_with_what_to_do() {
+fn fewer_rows_than_terms_are_reported_with_what_to_do() {
     // Five rows, six minutes apart, in each of two days; twelve sensors.
     let machine = Machine {
         sensors: 12,
@@ -138,6 +138,6 @@ fn fewer_rows_than_terms_are_told_with_what_to_do() {
         method: isotherm_identify::method::Method::Ols,
         ..Default::default()
     };
-    let told = isotherm_identify::identify(&ready, &settings, None, false, &|_, _| {}).unwrap_err();
-    says(&told, &["12 terms cannot be learnt from 5 rows", "--inputs", "--method sparse-lag"]);
+    let reported = isotherm_identify::identify(&ready, &settings, None, false, &|_, _| {}).unwrap_err();
+    says(&reported, &["12 terms cannot be learnt from 5 rows", "--inputs", "--method sparse-lag"]);
 }

@@ -14,7 +14,7 @@ fn comes_back(goes: &[&str], comes: &[&str]) -> Samples {
     bench.arrives_at(20.0);
     bench.mill.records();
     for line in goes {
-        bench.mill.told(line);
+        bench.mill.reported(line);
     }
     let port = bench.mill.port;
     until("the register is zero", || match modbus::z(&modbus::block(port)) {
@@ -23,7 +23,7 @@ fn comes_back(goes: &[&str], comes: &[&str]) -> Samples {
     });
     std::thread::sleep(Duration::from_millis(1500));
     for line in comes {
-        bench.mill.told(line);
+        bench.mill.reported(line);
     }
     bench.arrives_at(20.0);
     let samples = bench.mill.recorded();
@@ -51,7 +51,7 @@ fn a_machine_that_is_not_homed_waits() {
     let mut bench = Bench::start();
     bench.wants(8.0);
     bench.arrives_at(8.0);
-    bench.mill.told("unhome");
+    bench.mill.reported("unhome");
     bench.wants(14.0);
     // What was on its way when it was told.
     std::thread::sleep(Duration::from_millis(300));
@@ -64,7 +64,7 @@ fn a_machine_that_is_not_homed_waits() {
         "it moves unhomed: {first:?}"
     );
     assert!(first.request < 0.0135, "{first:?}");
-    bench.mill.told("home");
+    bench.mill.reported("home");
     bench.mill.records();
     bench.arrives_at(14.0);
     bench.mill.recorded().never_jump();

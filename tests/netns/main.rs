@@ -101,10 +101,10 @@ impl Lane {
         runtime.block_on(async {
             let gateway = Gateway::new(profile, &Clock::wall(), Options { dialer, ..Options::default() });
             let done = tokio::task::spawn_blocking(move || script(self));
-            let (tell, told) = tokio::sync::oneshot::channel();
+            let (tell, reported) = tokio::sync::oneshot::channel();
             let stop = async move { drop(tell.send(done.await)) };
             gateway.run(stop, std::future::pending()).await;
-            told.await.unwrap().unwrap()
+            reported.await.unwrap().unwrap()
         })
     }
 
@@ -191,9 +191,9 @@ fn what_was_given_up_while_the_way_was_cut_never_arrives_though_the_kernel_would
     let lanes: Vec<_> = (0u8..)
         .zip(CUTS)
         .map(|(place, seconds)| {
-            let (span, (tell, told)) = (Duration::from_secs(seconds), channel());
+            let (span, (tell, reported)) = (Duration::from_secs(seconds), channel());
             let twin = std::thread::spawn(move || lingering(2 * place, span, tell));
-            (seconds, std::thread::spawn(move || as_it_is(2 * place + 1, span, told)), twin)
+            (seconds, std::thread::spawn(move || as_it_is(2 * place + 1, span, reported)), twin)
         })
         .collect();
     let found: Vec<_> = lanes

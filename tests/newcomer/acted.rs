@@ -37,21 +37,21 @@ fn a_log_written_while_compensating_gives_the_model_of_the_bare_machine() {
     let of =
         |log: &dyn Fn(u32) -> String| vec![("one.csv", log(1)), ("two.csv", log(2)), ("three.csv", log(3))];
     let profile = format!("{PROFILE}{OUTPUT}");
-    let told = |profile: &str, logs: &[(&str, String)], more: &[&str]| {
+    let reported = |profile: &str, logs: &[(&str, String)], more: &[&str]| {
         let answer = identify(home.path(), profile, logs, &[&["--method", "ols", "--json"], more].concat());
         assert_eq!(answer.code, Some(0), "{}", answer.said);
         answer.out
     };
-    let bare = gains(&told(&profile, &of(&day), &[]));
+    let bare = gains(&reported(&profile, &of(&day), &[]));
     let near = |found: &[f64]| bare.iter().zip(found).all(|(one, other)| (one - other).abs() < 1e-6);
-    let while_active = told(&profile, &of(&|number| compensated(number, false)), &[]);
+    let while_active = reported(&profile, &of(&|number| compensated(number, false)), &[]);
     assert!(near(&gains(&while_active)), "{bare:?} {while_active}");
     assert!(while_active.contains("it was taken out again"), "{while_active}");
     // What it decided in a dry run never acted.
-    let dry = told(&profile, &of(&|number| compensated(number, true)), &[]);
+    let dry = reported(&profile, &of(&|number| compensated(number, true)), &[]);
     assert!(near(&gains(&dry)) && !dry.contains("taken out"), "{dry}");
     // Taken as it is, it is another machine.
-    let as_is = told(&profile, &of(&|number| compensated(number, false)), &["--cz", "none"]);
+    let as_is = reported(&profile, &of(&|number| compensated(number, false)), &["--cz", "none"]);
     assert!(!near(&gains(&as_is)), "{bare:?} {as_is}");
     // Without its other columns nobody knows, and a readout moves nothing by itself.
     let foreign = of(&|number| compensated(number, false).replace("z_permit", "permission"));
@@ -65,7 +65,7 @@ fn a_log_written_while_compensating_gives_the_model_of_the_bare_machine() {
             "{}",
             refused.said
         );
-        let named = told(profile, logs, &["--cz", "z_cz_um"]);
+        let named = reported(profile, logs, &["--cz", "z_cz_um"]);
         assert!(gains(&named).len() == bare.len() && named.contains("it was taken out again"), "{named}");
     }
     let refused = asked(home.path(), &["select", "--error", "z_error_um"], &logged, &[]);

@@ -6,5 +6,5 @@ mod acted;
 mod plant;
 #[path = "../process/mod.rs"]
 mod process;
-mod told;
+mod reported;
 mod wrong;

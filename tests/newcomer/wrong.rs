@@ -26,7 +26,7 @@ fn all_refuse(log: &str, words: &[&str]) {
 }
 
 #[test]
-fn a_log_that_is_no_such_csv_is_told_with_what_to_write() {
+fn a_log_that_is_no_such_csv_is_reported_with_what_to_write() {
     all_refuse("", &["wrong.csv, line 1", "the log is empty"]);
     all_refuse("time,bearing,z_error_um\n", &["there are no rows under the header"]);
     let with_semicolons = day(1).replace(',', ";").replace('.', ",");
@@ -51,7 +51,7 @@ fn a_log_that_is_no_such_csv_is_told_with_what_to_write() {
 }
 
 #[test]
-fn a_file_in_another_encoding_is_told_so() {
+fn a_file_in_another_encoding_is_reported_so() {
     let home = tempfile::tempdir().unwrap();
     let wide: Vec<u8> =
         std::iter::once(0xFEFF).chain(day(1).encode_utf16()).flat_map(u16::to_le_bytes).collect();
@@ -65,21 +65,21 @@ fn a_file_in_another_encoding_is_told_so() {
 fn a_byte_order_mark_windows_line_ends_and_a_time_that_stands_twice_change_nothing() {
     let home = tempfile::tempdir().unwrap();
     let others = [("two.csv", day(2)), ("three.csv", day(3))];
-    let told = |first: String| {
+    let reported = |first: String| {
         let logs = [&[("one.csv", first)], others.as_slice()].concat();
         let answer = identify(home.path(), PROFILE, &logs, &["--method", "ols"]);
         assert_eq!(answer.code, Some(0), "{}", answer.said);
         answer.out
     };
-    let plain = told(day(1));
-    assert_eq!(told(format!("\u{feff}{}", day(1).replace('\n', "\r\n"))), plain);
+    let plain = reported(day(1));
+    assert_eq!(reported(format!("\u{feff}{}", day(1).replace('\n', "\r\n"))), plain);
     let line = day(1).lines().nth(100).unwrap().to_owned() + "\n";
-    let twice = told(day(1).replace(&line, &format!("{line}{line}")));
+    let twice = reported(day(1).replace(&line, &format!("{line}{line}")));
     assert_eq!(twice.lines().next(), plain.lines().next());
 }
 
 #[test]
-fn files_that_are_not_there_directories_and_the_same_file_twice_are_told() {
+fn files_that_are_not_there_directories_and_the_same_file_twice_are_reported() {
     let home = tempfile::tempdir().unwrap();
     file(home.path(), "plant.toml", PROFILE);
     let campaign = home.path().join("campaign");
@@ -114,7 +114,7 @@ fn files_that_are_not_there_directories_and_the_same_file_twice_are_told() {
 }
 
 #[test]
-fn what_cannot_be_learnt_from_is_told_by_identify_and_select() {
+fn what_cannot_be_learnt_from_is_reported_by_identify_and_select() {
     let home = tempfile::tempdir().unwrap();
     let of = |log: fn(u32) -> String| -> Logs { vec![("one.csv", log(1)), ("two.csv", log(2))] };
     let fahrenheit = |number: u32| {

@@ -182,7 +182,7 @@ fn twice_a_change_of_just_the_size_of_a_refused_write_is_doubt() {
 }
 
 #[test]
-fn a_restart_that_was_told_and_another_value_is_doubt_where_something_was_ours() {
+fn a_restart_that_was_reported_and_another_value_is_doubt_where_something_was_ours() {
     let mut rig = shared(3, 2);
     rig.register = 4;
     rig.give(Fact::Restarted);
@@ -328,7 +328,7 @@ fn what_the_disk_does_not_keep_is_not_sent() {
 }
 
 #[test]
-fn a_wait_is_told_once_with_its_seconds() {
+fn a_wait_is_reported_once_with_its_seconds() {
     let mut rig = whole(0);
     assert_eq!(rig.want(1), Some(1));
     rig.held();

@@ -22,7 +22,7 @@ fn refused(home: &Path, arguments: &[&str], words: &[&str]) {
 }
 
 #[test]
-fn a_set_that_is_not_there_is_told_with_those_that_are() {
+fn a_set_that_is_not_there_is_reported_with_those_that_are() {
     let home = home();
     refused(home.path(), &["air.inp", "--guide", "RAIL"], &["no node set RAIL", "GUIDE", "--guide"]);
     refused(home.path(), &["air.inp", "--fixed", "FOOT"], &["no node set FOOT", "BASE", "--fixed"]);
@@ -31,7 +31,7 @@ fn a_set_that_is_not_there_is_told_with_those_that_are() {
 }
 
 #[test]
-fn a_cut_that_is_none_is_told_with_what_would_be_one() {
+fn a_cut_that_is_none_is_reported_with_what_would_be_one() {
     let home = home();
     refused(home.path(), &["air.inp", "--cut", "height=3"], &["is no cut", "z=450"]);
     refused(home.path(), &["air.inp", "--cut", "y=3,5"], &["is no cut"]);
@@ -40,7 +40,7 @@ fn a_cut_that_is_none_is_told_with_what_would_be_one() {
 }
 
 #[test]
-fn blocks_that_overlap_or_leave_nodes_out_are_told_by_their_nodes() {
+fn blocks_that_overlap_or_leave_nodes_out_are_reported_by_their_nodes() {
     let home = home();
     // The first line of the first block stands in the second as well; then it stands in none.
     let line = |text: &str| {
@@ -73,7 +73,7 @@ fn a_block_too_small_for_the_margin_says_what_helps() {
 }
 
 #[test]
-fn files_of_other_structures_or_of_one_name_are_told() {
+fn files_of_other_structures_or_of_one_name_are_reported() {
     let home = home();
     let input = std::fs::read_to_string(home.path().join("air.inp")).unwrap();
     let mesh = std::fs::read_to_string(home.path().join("structure.inc")).unwrap();
@@ -94,7 +94,7 @@ fn files_of_other_structures_or_of_one_name_are_told() {
 }
 
 #[test]
-fn a_rider_and_a_plant_that_are_none_are_told() {
+fn a_rider_and_a_plant_that_are_none_are_reported() {
     let home = home();
     refused(home.path(), &["air.inp", "--rider", "head"], &["`head` is no rider", "head:z=-4.95"]);
     refused(home.path(), &["air.inp", "--rider", "head:w=1"], &["is no rider"]);

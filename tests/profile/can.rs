@@ -191,7 +191,7 @@ fn what_only_a_node_has_needs_a_node_number() {
 }
 
 #[test]
-fn a_field_that_no_frame_holds_is_told_with_how_many_bytes_it_needs() {
+fn a_field_that_no_frame_holds_is_reported_with_how_many_bytes_it_needs() {
     wrong(
         "start = 0, length = 16",
         "start = 56, length = 16",
@@ -246,7 +246,7 @@ fn two_signals_may_overlap_and_one_frame_may_hold_many() {
 }
 
 #[test]
-fn what_a_dbc_file_does_not_have_is_told_with_the_nearest_word() {
+fn what_a_dbc_file_does_not_have_is_reported_with_the_nearest_word() {
     wrong("\"Top.TL_Temp\"", "\"Top.TL_Tmp\"", "signal.wheelhead.dbc", &["did you mean `TL_Temp`?"]);
     wrong("\"Top.TL_Temp\"", "\"Tpo.TL_Temp\"", "signal.wheelhead.dbc", &["did you mean `Top`?", "ET1"]);
     wrong("\"Top.TL_Temp\"", "\"TL_Temp\"", "signal.wheelhead.dbc", &["write \"Message.Signal\""]);
@@ -264,7 +264,7 @@ fn the_units_and_scales_of_a_dbc_file_are_not_half_replaced() {
 }
 
 #[test]
-fn a_dbc_file_that_cannot_be_read_is_told_at_its_own_line() {
+fn a_dbc_file_that_cannot_be_read_is_reported_at_its_own_line() {
     let found = errors(lathe_with_dbc(LATHE, &DBC.replace("16|2@1+", "16;2@1+")));
     assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
     assert_eq!((found[0].file.as_str(), found[0].line), ("module.dbc", Some(10)));
@@ -303,7 +303,7 @@ fn a_parameter_group_is_taken_from_any_sender_or_from_the_one_that_the_device_is
 }
 
 #[test]
-fn everything_wrong_on_a_can_line_is_told_at_once() {
+fn everything_wrong_on_a_can_line_is_reported_at_once() {
     let text = LATHE
         .replace("node = 127", "node = 5")
         .replace("\"Top.TL_Temp\"", "\"Top.TL_Tmp\"")
@@ -338,15 +338,15 @@ fn two_devices_with_values_in_one_frame_are_both_named() {
         device("axtc", 0),
         device("ax", 16)
     );
-    let told = isotherm_profile::preview::Preview::of(&parse(&text).unwrap().profile).to_string();
-    assert!(told.contains("    0x300: values of axtc, values of ax\n"), "{told}");
+    let reported = isotherm_profile::preview::Preview::of(&parse(&text).unwrap().profile).to_string();
+    assert!(reported.contains("    0x300: values of axtc, values of ax\n"), "{reported}");
 }
 
 #[test]
 fn a_can_line_is_explained_in_words_and_figures() {
     let machine = lathe(LATHE).unwrap().profile;
     let explanation = isotherm_profile::preview::Preview::of(&machine);
-    let told = explanation.to_string();
+    let reported = explanation.to_string();
     for words in [
         "bus field: CAN at vcan0, timeout 500ms",
         "sends SYNC 0x080 every 100ms",
@@ -369,7 +369,7 @@ fn a_can_line_is_explained_in_words_and_figures() {
         "  shown_x: 0x20c, 32 bits from 0 up (Intel), signed, to display, 0.001 mm per count\n",
         "    believed as soon as it is sent: shown, not verified, nothing reads it back",
     ] {
-        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+        assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
     let document = serde_json::to_value(&explanation).unwrap();
     assert_eq!(document["devices"][1]["can"]["node"], 5);

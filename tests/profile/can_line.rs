@@ -65,8 +65,8 @@ fn an_offset_over_can_is_read_back_and_a_display_need_not_be() {
     let loaded = lathe(&text).unwrap();
     let Verify::ReadBackAt(object) = loaded.profile.outputs[1].verify else { panic!("read back") };
     assert_eq!((object.to_string().as_str(), object.data_type.name()), ("2000:01", "i32"));
-    let told = "verify   = \"echo\"\nwrites   = \"corrected\"\nposition = \"scale_x\"";
-    wrong(display, told, "output.shown_x.verify", &["nothing answers a frame"]);
+    let reported = "verify   = \"echo\"\nwrites   = \"corrected\"\nposition = \"scale_x\"";
+    wrong(display, reported, "output.shown_x.verify", &["nothing answers a frame"]);
     let by_object = changed(
         "pdo      = { cob_id = 0x20C, start = 0, length = 32, signed = true, fill = \"00 00 00 00 00 00 01 00\" }",
         "sdo      = \"2000:01\"\ntype     = \"i32\"",

@@ -3,7 +3,7 @@
 use super::*;
 
 #[test]
-fn registers_that_collide_are_told_with_both_places() {
+fn registers_that_collide_are_reported_with_both_places() {
     let line =
         |what: &str| format!("machine.toml:{}", GRINDER.lines().position(|line| line == what).unwrap() + 1);
     refused(
@@ -65,7 +65,7 @@ fn a_corrected_position_never_overwrites_its_own_scale() {
 }
 
 #[test]
-fn figures_that_contradict_each_other_are_told_with_both() {
+fn figures_that_contradict_each_other_are_reported_with_both() {
     refused("step = 1.0", "step = 80.5", "axis.z.step", "80.5", &["80.5", "40"]);
     assert!(with("step = 1.0", "step = 80.0").is_ok(), "from −limit to +limit");
     refused("deadband = 0.1", "deadband = 40.0", "axis.z.deadband", "40.0", &["never move"]);
@@ -243,10 +243,12 @@ fn what_a_control_applies_is_read_elsewhere_and_of_a_whole_offset_alone() {
     let applied = output.applied.as_ref().unwrap();
     assert_eq!((applied.address.to_string(), applied.settle.as_millis()), ("input:112".to_owned(), 500));
     assert_eq!(applied.encoding.scale, output.encoding.scale, "as the output's, where nothing else is said");
-    let told = |text: &str| parse(text).unwrap_err().to_string();
-    assert!(told(&with("\"6004:00\"")).contains("on CAN"));
-    assert!(told(&with("{ register = \"coil:3\" }")).contains("no offset"));
-    assert!(told(&with("{ tolerance = 0.2 }")).contains("`register` is missing"));
-    assert!(told(&with(table).replacen("share = \"whole\"", "share = \"ledger\"", 1)).contains("the sum"));
-    assert!(told(&with("{ register = \"input:112\", tolerance = -1.0 }")).contains("more than zero"));
+    let reported = |text: &str| parse(text).unwrap_err().to_string();
+    assert!(reported(&with("\"6004:00\"")).contains("on CAN"));
+    assert!(reported(&with("{ register = \"coil:3\" }")).contains("no offset"));
+    assert!(reported(&with("{ tolerance = 0.2 }")).contains("`register` is missing"));
+    assert!(
+        reported(&with(table).replacen("share = \"whole\"", "share = \"ledger\"", 1)).contains("the sum")
+    );
+    assert!(reported(&with("{ register = \"input:112\", tolerance = -1.0 }")).contains("more than zero"));
 }

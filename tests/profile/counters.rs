@@ -13,12 +13,12 @@ fn a_counter_and_its_capture_command_are_explained() {
     let (from, to) = counting("{ max_speed = 500, capture = { register = \"holding:132\" } }");
     let loaded = with(&from, &to).unwrap();
     assert_eq!(loaded.warnings, []);
-    let told = isotherm_profile::preview::Preview::of(&loaded.profile).to_string();
+    let reported = isotherm_profile::preview::Preview::of(&loaded.profile).to_string();
     for words in [
         "after a step faster than 500 mm per second until the next reading confirms it",
         "holding:132 (40133) = 1 of counter: before each read of scale_z, in a dry run too",
     ] {
-        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+        assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
 }
 

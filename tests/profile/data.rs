@@ -51,7 +51,7 @@ fn refused_at(keys: &str, files: &[File<'_>], key: &str, words: &[&str]) {
     }
 }
 
-fn told(loaded: &Loaded) -> String {
+fn reported(loaded: &Loaded) -> String {
     Preview::of(&loaded.profile).to_string()
 }
 
@@ -64,17 +64,17 @@ fn a_matrix_becomes_gains_of_cz_along_the_guideway() {
     for (gain, expected) in gains.iter().zip([-1.5, -2.5]) {
         assert!((gain - expected).abs() < 1e-9, "{gains:?}");
     }
-    let told = told(&loaded);
+    let reported = reported(&loaded);
     for words in [
         "Cz = P·ΔT µm at scale_z, P of c.json from 0 to 400 mm (beyond them as at the end)",
         "over (bed − 20), (wheelhead − its value at machine start)",
         "when bed rises by 1 °C (at scale_z = 200 mm), Cz changes by −2 µm",
     ] {
-        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+        assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
     for (from, to) in [("\"z\"\n", "\"-z\"\n"), ("\"tool\"", "\"work\"")] {
         let other = machine(&MATRIX_KEYS.replace(from, to), &[("c.json", MATRIX.as_bytes())]).unwrap();
-        assert!(self::told(&other).contains("(at scale_z = 200 mm), Cz changes by +2 µm"), "{to}");
+        assert!(self::reported(&other).contains("(at scale_z = 200 mm), Cz changes by +2 µm"), "{to}");
     }
 }
 
@@ -149,8 +149,11 @@ fn networks_of_our_own_format_are_taken_and_explained() {
         (NETWORK, "Cz = back-propagation network 2-1 of n.json µm, over bed, wheelhead"),
         (RADIAL, "Cz = radial-basis network of 1 nodes of n.json µm, over bed, wheelhead"),
     ] {
-        let told = told(&machine(NETWORK_KEYS, &[("n.json", file.as_bytes())]).unwrap());
-        assert!(told.contains(words) && told.contains("when bed rises by 1 °C (from 20)"), "{told}");
+        let reported = reported(&machine(NETWORK_KEYS, &[("n.json", file.as_bytes())]).unwrap());
+        assert!(
+            reported.contains(words) && reported.contains("when bed rises by 1 °C (from 20)"),
+            "{reported}"
+        );
     }
 }
 
@@ -191,17 +194,17 @@ fn an_input_may_lag_behind_its_signal_and_begins_at_rest_on_its_reference() {
     let Kind::Network(network) = &loaded.profile.axes[0].settings.models[0].kind else { panic!("a network") };
     let lags: Vec<_> = network.reads().iter().map(|input| input.lag.map(|lag| lag.as_secs())).collect();
     assert_eq!(lags, [None, Some(720)]);
-    let told = told(&loaded);
+    let reported = reported(&loaded);
     for words in [
         "over bed, (wheelhead − its value at machine start) lagged by 12m",
         "when wheelhead rises by 1 °C (from 35) (63 % of it 12m after wheelhead has risen), Cz changes by",
     ] {
-        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+        assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
     let later = MATRIX_KEYS.replace("\"bed\"", "{ signal = \"bed\", lag = \"2h\" }");
     let words = "over (bed − 20) lagged by 2h, (wheelhead";
     let loaded = machine(&later, &[("c.json", MATRIX.as_bytes())]).unwrap();
-    assert!(self::told(&loaded).contains(words), "{}", self::told(&loaded));
+    assert!(self::reported(&loaded).contains(words), "{}", self::reported(&loaded));
     for (rest, key, words) in [
         ("lag = \"12min\"", ".inputs[1].reference", "begins at rest on it"),
         ("reference = 20, lag = \"30d\"", ".inputs[1].lag", "longer than a week"),
@@ -232,7 +235,7 @@ fn an_onnx_file_is_found_beside_its_profile_and_must_fit_it() {
     std::fs::write(directory.path().join("nets/n.onnx"), &file).unwrap();
     let loaded = load(&keys).unwrap();
     assert_eq!(loaded, load(&keys).unwrap(), "the same files are the same profile");
-    assert!(told(&loaded).contains("Cz = ONNX network of nets/n.onnx µm, over bed, wheelhead"));
+    assert!(reported(&loaded).contains("Cz = ONNX network of nets/n.onnx µm, over bed, wheelhead"));
     let one = errors(load(&keys.replace(", \"wheelhead\"", ""))).remove(0).to_string();
     assert!(one.contains("nets/n.onnx: it takes 2 inputs, the model names 1: bed"), "{one}");
     std::fs::write(directory.path().join("nets/n.onnx"), &file[..file.len() / 2]).unwrap();
@@ -248,9 +251,9 @@ fn an_envelope_belongs_to_any_model_and_says_what_happens_outside() {
     let loaded = e(ENVELOPE).unwrap();
     let envelope = loaded.profile.axes[0].settings.models[0].envelope.as_ref().unwrap();
     assert_eq!((envelope.outside(), envelope.inputs().len()), (Outside::Shrink, 2));
-    let told = told(&loaded);
+    let reported = reported(&loaded);
     let words = "identified on bed 20 … 30 °C, (wheelhead − its value at machine start) 0 … 9 °C, within 3.0";
-    assert!(told.contains(words) && told.contains("Cz is taken down"), "{told}");
+    assert!(reported.contains(words) && reported.contains("Cz is taken down"), "{reported}");
     for (from, to, words) in [
         ("[[4, 1], [1, 4]]", "[[4, 4], [4, 4]]", "not positive definite: wheelhead"),
         ("[[4, 1], [1, 4]]", "[[4]]", "1 rows of 1 columns; 2 inputs want as many of each"),

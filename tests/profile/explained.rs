@@ -36,7 +36,7 @@ fn an_error_is_a_document_for_programs_too() {
 fn a_good_profile_is_explained_in_words_and_figures() {
     let machine = parse(GRINDER).unwrap().profile;
     let explanation = isotherm_profile::preview::Preview::of(&machine);
-    let told = explanation.to_string();
+    let reported = explanation.to_string();
     for words in [
         "read input:0..1 (30001..30002), 2 registers, function 04: bed, wheelhead",
         "module: unit 1, every 1s: 2 requests touching 2 registers and 1 bit for 3 signals",
@@ -52,7 +52,7 @@ fn a_good_profile_is_explained_in_words_and_figures() {
         "only when cnc_on == 1",
         "heartbeat: holding:100 (40101) of cnc, u16, counts every 500ms; function 06",
     ] {
-        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+        assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
     let document = serde_json::to_value(&explanation).unwrap();
     assert_eq!(document["writes"][1]["register"]["modicon"], "40105");
@@ -61,27 +61,27 @@ fn a_good_profile_is_explained_in_words_and_figures() {
 #[test]
 fn an_operators_register_is_explained_as_his() {
     let machine = with("share = \"whole\"", "share = \"ledger\"").unwrap().profile;
-    let told = isotherm_profile::preview::Preview::of(&machine).to_string();
+    let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
     for words in [
         "what an operator writes there stays; our share is added to it",
         "counts -400 to 400, and the operator's part",
     ] {
-        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+        assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
 }
 
 #[test]
-fn of_several_lags_of_one_signal_the_sum_is_told_because_one_may_point_the_other_way() {
+fn of_several_lags_of_one_signal_the_sum_is_reported_because_one_may_point_the_other_way() {
     let term = "{ signal = \"bed\", gain = 2.4 },";
     let slow = "{ signal = \"bed\", gain = 3.5 }, { signal = \"bed\", gain = -1.1, reference = 20.0, lag = \"1h\" },";
     let machine = with(term, slow).unwrap().profile;
-    let told = isotherm_profile::preview::Preview::of(&machine).to_string();
+    let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
     for words in [
         "when bed rises by 1 °C, Cz changes by +3.5 µm",
         "when bed rises by 1 °C (63 % of it 1h after bed has risen), Cz changes by −1.1 µm",
         "when bed rises by 1 °C for good (its 2 terms added up), Cz changes by +2.4 µm",
     ] {
-        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+        assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
-    assert!(!told.contains("wheelhead rises by 1 °C for good"), "{told}");
+    assert!(!reported.contains("wheelhead rises by 1 °C for good"), "{reported}");
 }

@@ -37,7 +37,7 @@ fn later_layers_win_file_local_environment_flag() {
 }
 
 #[test]
-fn an_error_in_the_local_file_is_told_there() {
+fn an_error_in_the_local_file_is_reported_there() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("machine.toml");
     std::fs::write(&path, GRINDER).unwrap();
@@ -52,7 +52,7 @@ fn an_error_in_the_local_file_is_told_there() {
 }
 
 #[test]
-fn a_profile_that_cannot_be_read_is_told_as_such() {
+fn a_profile_that_cannot_be_read_is_reported_as_such() {
     let found = errors(isotherm_profile::load(Path::new("/nowhere/machine.toml"), &[], &[]));
     assert_eq!(found.len(), 1);
     assert!(

@@ -148,12 +148,12 @@ fn sixty_axes_with_a_ledger_each_beside_their_sensors_are_too_much_each_second_a
         let warnings = preview::warnings(&machine);
         assert_eq!(warnings.len(), usize::from(verdict == Verdict::Full), "{warnings:?}");
         for warning in warnings {
-            let told = warning.to_string();
+            let reported = warning.to_string();
             assert!(
-                told.starts_with("machine.toml: bus.cell: load 241 % (polls 1 %, writes 240 %)"),
-                "{told}"
+                reported.starts_with("machine.toml: bus.cell: load 241 % (polls 1 %, writes 240 %)"),
+                "{reported}"
             );
-            assert!(told.contains("help: update the axes less often"), "{told}");
+            assert!(reported.contains("help: update the axes less often"), "{reported}");
         }
     }
     // What a device of 30 ms makes of it, as the last figure foretells.
@@ -168,9 +168,9 @@ fn a_serial_line_that_cannot_keep_up_says_so_and_one_that_polls_too_much_says_th
     let load = Load::of(&machine, BusId(0)).unwrap();
     is_near(load.percent, 109.115, "fifty polls of 21.8 ms");
     is_near(load.full_at_answer_ms.unwrap(), 8.177, "what the bytes leave");
-    let told = preview::warnings(&machine)[0].to_string();
-    assert!(told.contains("at 10 ms for a device to begin its answer"), "{told}");
-    assert!(told.contains("help: poll its devices less often"), "{told}");
+    let reported = preview::warnings(&machine)[0].to_string();
+    assert!(reported.contains("at 10 ms for a device to begin its answer"), "{reported}");
+    assert!(reported.contains("help: poll its devices less often"), "{reported}");
 }
 
 #[test]
@@ -181,8 +181,8 @@ fn a_can_line_is_as_full_as_its_objects_make_it_and_its_frames_cost_nothing() {
     };
     is_near(load(&machine, "field").unwrap().exchanges_per_second, 1.0, "one object each second");
     is_near(load(&machine, "cell").unwrap().exchanges_per_second, 1.5, "one offset each two seconds");
-    let told = Preview::of(&machine).to_string();
-    assert!(told.contains("up to 1 exchange a second"), "{told}");
+    let reported = Preview::of(&machine).to_string();
+    assert!(reported.contains("up to 1 exchange a second"), "{reported}");
     let frames_only =
         lathe(&LATHE.replace("fault_when = \"column_status != 0\"\n", "").replace(
             "[signal.column_status]\ndevice = \"axtc\"\nsdo    = \"6150:01\"\ntype   = \"u8\"\n",

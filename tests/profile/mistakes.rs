@@ -24,7 +24,7 @@ fn a_wrong_profile_shows_all_its_errors_at_their_places() {
         (line_of("[signal.scale_z]"), 9, "signal.scale_z.word_order"),
     ];
     assert_eq!(places, expected, "{}", Errors(found.clone()));
-    let told = Errors(found).to_string();
+    let reported = Errors(found).to_string();
     for words in [
         "did you mean `degC`?",
         "did you mean `max_rate`?",
@@ -33,9 +33,9 @@ fn a_wrong_profile_shows_all_its_errors_at_their_places() {
         "\"lsw-first\"",
         "\n    unit = \"degc\"\n           ^\n",
     ] {
-        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+        assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
-    assert!(told.ends_with("4 errors in the profile"), "{told}");
+    assert!(reported.ends_with("4 errors in the profile"), "{reported}");
 }
 
 #[test]
@@ -57,7 +57,7 @@ fn nothing_is_coerced() {
 }
 
 #[test]
-fn a_wrong_duration_is_told_wherever_it_stands() {
+fn a_wrong_duration_is_reported_wherever_it_stands() {
     refused("every = \"10s\"", "every = \"10\"", "axis.z.every", "\"10\"", &["is no duration"]);
     refused("every = \"500ms\"", "every = 500", "heartbeat.every", "500", &["a duration in quotes"]);
     refused("after = \"60s\"", "after = \"soon\"", "axis.z.on_fault.after", "\"soon\"", &["is no duration"]);
@@ -85,7 +85,7 @@ fn nan_and_infinity_are_no_numbers() {
 }
 
 #[test]
-fn a_key_that_is_missing_is_told_at_its_table() {
+fn a_key_that_is_missing_is_reported_at_its_table() {
     refused("limit = 40.0\n", "", "axis.z.limit", "z]", &["`limit` is missing", "µm"]);
     refused("unit = 3\n", "", "device.readout.unit", "readout]", &["`unit` is missing"]);
     refused("name = \"grinder-1\"\n", "", "machine.name", "machine]", &["`name` is missing"]);
@@ -103,7 +103,7 @@ fn a_key_that_is_missing_is_told_at_its_table() {
 }
 
 #[test]
-fn a_name_that_nobody_has_is_told_with_the_nearest_one() {
+fn a_name_that_nobody_has_is_reported_with_the_nearest_one() {
     refused("bus = \"cell\"", "bus = \"cel\"", "device.module.bus", "\"cel\"", &["`cell`"]);
     refused(
         "device = \"module\"",
@@ -157,7 +157,7 @@ fn an_error_in_a_condition_or_a_formula_points_into_its_text() {
 }
 
 #[test]
-fn text_that_is_no_toml_is_told_with_line_and_column() {
+fn text_that_is_no_toml_is_reported_with_line_and_column() {
     let found = errors(parse("[machine]\nname = \"a\nsecond = = 3\n"));
     assert_eq!((found[0].line, found[0].file.as_str()), (Some(2), "machine.toml"));
     let twice = errors(parse("[machine]\nname = \"a\"\nname = \"b\"\n"));

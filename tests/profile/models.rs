@@ -27,7 +27,7 @@ fn a_lag_a_slope_levels_and_a_datum_are_taken() {
     assert_eq!((slope.position.0, slope.terms[0].input.lag.map(|lag| lag.as_secs())), (6, Some(7200)));
     assert!((slope.reference.get() - -50.0).abs() < 1e-12);
 
-    let told = isotherm_profile::preview::Preview::of(&loaded.profile).to_string();
+    let reported = isotherm_profile::preview::Preview::of(&loaded.profile).to_string();
     for words in [
         "Cz = 2.4·(bed − 20) lagged by 30m + 3.45·(wheelhead − its value at machine start) + 0 µm \
          + (0.007·(bed − 20) lagged by 2h) µm/mm·(scale_z − -50 mm)",
@@ -38,7 +38,7 @@ fn a_lag_a_slope_levels_and_a_datum_are_taken() {
         "more than ±60 µm switches the axis off until it is armed",
         "measured from its value at the last zero",
     ] {
-        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+        assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
 }
 
@@ -137,14 +137,14 @@ fn a_control_that_applies_the_line_itself_is_given_its_parts() {
     let line = loaded.profile.axes[0].settings.intercept_slope.unwrap();
     assert!((line.reach.get() - 300.0).abs() < 1e-12 && (line.reference.get() - -50.0).abs() < 1e-12);
     assert!((line.count.unwrap().get() - 0.03).abs() < 1e-12);
-    let told = isotherm_profile::preview::Preview::of(&loaded.profile).to_string();
+    let reported = isotherm_profile::preview::Preview::of(&loaded.profile).to_string();
     for words in [
         "K0, Cz at the reference position: +1 µm is +10 counts",
         "tanβ, which the control multiplies by the distance from the reference position: +0.001 µm/mm is +10 counts",
         "which is ±40 µm at 300 mm",
         "P0, the reference position: always -50 mm",
     ] {
-        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+        assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
 }
 
@@ -177,9 +177,12 @@ fn an_axis_without_a_model_yet_is_taken_with_one_word_about_it() {
     let text = format!("{}{}", &GRINDER[..begin], &GRINDER[end..]);
     let loaded = parse(&text).unwrap_or_else(|errors| panic!("{errors}"));
     assert!(loaded.profile.axes[0].settings.models.is_empty());
-    let told: Vec<String> = loaded.warnings.iter().map(ToString::to_string).collect();
-    assert_eq!(told.len(), 1, "{told:?}");
-    assert!(told[0].contains("`z` has no model yet") && told[0].contains("isotherm identify"), "{told:?}");
+    let reported: Vec<String> = loaded.warnings.iter().map(ToString::to_string).collect();
+    assert_eq!(reported.len(), 1, "{reported:?}");
+    assert!(
+        reported[0].contains("`z` has no model yet") && reported[0].contains("isotherm identify"),
+        "{reported:?}"
+    );
     let explained = isotherm_profile::preview::Preview::of(&loaded.profile).to_string();
     assert!(explained.contains("no model yet"), "{explained}");
     assert!(!isotherm_profile::schema()["$defs"]["Axis"]["required"].to_string().contains("model"));

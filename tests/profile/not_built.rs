@@ -17,6 +17,6 @@ fn what_is_not_built_yet_says_so_where_it_stands() {
 #[test]
 fn what_is_not_built_yet_is_still_checked() {
     let found = errors(with("[history]", "[mqtt]\nbrokr = \"x\"\n\n[history]"));
-    let told: Vec<&str> = found.iter().map(|error| error.key.as_str()).collect();
-    assert!(told.contains(&"mqtt") && told.contains(&"mqtt.brokr"), "{told:?}");
+    let reported: Vec<&str> = found.iter().map(|error| error.key.as_str()).collect();
+    assert!(reported.contains(&"mqtt") && reported.contains(&"mqtt.brokr"), "{reported:?}");
 }

@@ -44,13 +44,13 @@ fn a_probe_becomes_final_types_and_is_explained_in_words() {
     assert_eq!(settings.warn.map(|warn| warn.get()), Some(5.0));
     assert_eq!(settings.gains.map(|gains| (gains.forgetting, gains.limit)), Some((0.98, 0.2)));
     assert_eq!((input.signal.0, input.trigger.map(|id| id.0), input.micron), (7, Some(8), 1000.0));
-    let told = isotherm_profile::preview::Preview::of(&machine).to_string();
+    let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
     for words in [
         "probe: measured errors (actual minus commanded, with Cz acting) come from probe_z, each time probed changes",
         "a positive one lowers the model's Cz by 0.5 of it, in all by at most 10 µm",
         "beyond ±5 µm it warns; the gains of linear models learn by up to ±20.000 % each",
     ] {
-        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+        assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
 }
 
@@ -63,12 +63,12 @@ fn errors_may_come_by_command_only_and_a_diameter_is_halved() {
     let text = probed(WHOLE).replacen("limit = 40.0", "limit = 40.0\ndiameter = true", 1);
     let machine = parse(&text).unwrap_or_else(|errors| panic!("{errors}")).profile;
     assert!((machine.axes[0].probe_input.unwrap().micron - 500.0).abs() < 1e-9);
-    let told = isotherm_profile::preview::Preview::of(&machine).to_string();
-    assert!(told.contains("actual minus commanded, on the diameter"), "{told}");
+    let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
+    assert!(reported.contains("actual minus commanded, on the diameter"), "{reported}");
 }
 
 #[test]
-fn each_mistake_is_told_at_its_place() {
+fn each_mistake_is_reported_at_its_place() {
     for (from, to, key, at, words) in [
         ("limit = 10.0", "limit = 50.0", "limit", "50.0", "larger than the axis's limit of 40 µm"),
         ("limit = 10.0", "limit = 0.0", "limit", "0.0", "not above zero"),
@@ -92,7 +92,7 @@ fn each_mistake_is_told_at_its_place() {
 }
 
 #[test]
-fn what_is_missing_is_told_and_all_at_once() {
+fn what_is_missing_is_reported_and_all_at_once() {
     let found = errors(parse(&probed("trigger = \"probed\"\ngains = {}\n")));
     let mut keys: Vec<&str> = found.iter().map(|error| error.key.as_str()).collect();
     keys.sort_unstable();

@@ -108,7 +108,7 @@ fn what_is_polled_and_does_not_fit_into_the_line_s_time_is_refused_and_what_hard
 fn a_serial_line_is_explained_with_its_settings_and_the_time_that_its_polls_take() {
     let machine = parse(&on(&format!("{PORT}\nbaud = 9600"))).unwrap().profile;
     let explanation = isotherm_profile::preview::Preview::of(&machine);
-    let told = explanation.to_string();
+    let reported = explanation.to_string();
     for words in [
         "bus cell: Modbus RTU at /dev/serial/by-id/usb-FTDI_FT232R-if00-port0, timeout 300ms",
         "9600 baud 8N1: 1.04 ms a character, 4.01 ms silence before a request",
@@ -116,7 +116,7 @@ fn a_serial_line_is_explained_with_its_settings_and_the_time_that_its_polls_take
         "module: 31 bytes take 58 ms of every 1000 ms",
         "% of the line; writes and the devices' own time to answer come on top",
     ] {
-        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+        assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
     let document = serde_json::to_value(&explanation).unwrap();
     let serial = &document["buses"][0]["serial"];

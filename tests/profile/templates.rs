@@ -74,14 +74,14 @@ fn what_the_profile_spells_out_wins_over_the_template() {
         ("input:5 (30006)", [7.into()].as_slice())
     );
     assert!((signal.encoding.scale.get() - 0.01).abs() < 1e-12);
-    let told = isotherm_profile::preview::Preview::of(&machine).to_string();
+    let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
     let words = "channel 0 of icp-das-m7019r; the profile itself says bad, register, scale";
-    assert!(told.contains(words), "{told}");
+    assert!(reported.contains(words), "{reported}");
 }
 
 #[test]
 fn what_a_template_fills_in_leaves_unverified_and_checks_is_explained() {
-    let told = isotherm_profile::preview::Preview::of(&parse(MACHINE).unwrap().profile).to_string();
+    let reported = isotherm_profile::preview::Preview::of(&parse(MACHINE).unwrap().profile).to_string();
     for words in [
         "template icp-das-m7019r: ICP DAS I-7019R and M-7019R, 8 thermocouples; after ICP DAS",
         "not verified: the scale of 0.1 °C per count of the channels",
@@ -91,9 +91,9 @@ fn what_a_template_fills_in_leaves_unverified_and_checks_is_explained() {
         "when module_range_0 != 0; channel 0 of icp-das-m7019r",
         "module_range_0: discrete:128 (10129) of module",
         "one request: holding:100..110 (40101..40111), 11 registers, function 16",
-        "control holding:101 (40102): bit 0 armed, 1 hold, 2 fault, 3 lesser model",
+        "control holding:101 (40102): bit 0 armed, 1 hold, 2 fault, 3 fallback model",
     ] {
-        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+        assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
 }
 
@@ -209,14 +209,18 @@ fn a_control_that_follows_only_so_fast_bounds_step_and_period_of_its_axis() {
     let fast =
         tnc.replacen("step = 1.0", "step = 2.0", 1).replacen("every = \"10s\"", "every = \"800ms\"", 1);
     let found = errors(parse(&fast));
-    let told: Vec<(&str, &str)> =
+    let reported: Vec<(&str, &str)> =
         found.iter().map(|error| (error.key.as_str(), error.message.as_str())).collect();
     assert_eq!(
-        told[0],
+        reported[0],
         ("axis.z.step", "a step of 2 µm is more than `cnc` follows at once, 1 µm"),
-        "{told:?}"
+        "{reported:?}"
     );
-    assert_eq!(told[1], ("axis.z.every", "`cnc` follows one update in 1s, not one in 800ms"), "{told:?}");
+    assert_eq!(
+        reported[1],
+        ("axis.z.every", "`cnc` follows one update in 1s, not one in 800ms"),
+        "{reported:?}"
+    );
 }
 
 #[test]
@@ -231,8 +235,8 @@ fn a_template_of_ones_own_beside_the_profile_wins_and_is_checked_like_a_profile(
     std::fs::write(&own, text).unwrap();
     let machine = isotherm_profile::load(&path, &[], &[]).unwrap_or_else(|errors| panic!("{errors}")).profile;
     assert_eq!(machine.signals[0].address.to_string(), "input:40 (30041)");
-    let told = isotherm_profile::preview::Preview::of(&machine).to_string();
-    assert!(told.contains("icp-das-m7019r.toml, not from the shipped ones"), "{told}");
+    let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
+    assert!(reported.contains("icp-das-m7019r.toml, not from the shipped ones"), "{reported}");
     std::fs::write(&own, text.replace("scale =", "scal =")).unwrap();
     let found = errors(isotherm_profile::load(&path, &[], &[]));
     assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
@@ -246,8 +250,11 @@ fn registers_of_a_device_without_a_template_are_checked_before_arming_as_well() 
     let verify =
         "unit = 4\nverify = [ { register = \"holding:90\", equals = 17, what = \"version of the ladder\" } ]";
     let machine = with("unit = 4", verify).unwrap().profile;
-    let told = isotherm_profile::preview::Preview::of(&machine).to_string();
-    assert!(told.contains("before arming holding:90 (40091) must read 17: version of the ladder"), "{told}");
+    let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
+    assert!(
+        reported.contains("before arming holding:90 (40091) must read 17: version of the ladder"),
+        "{reported}"
+    );
     let few = "unit = 4\nfunctions = [\"read-holding\", \"read-discrete\", \"read-coils\", \"write-multiple\", \"write-single\"]\n\
                verify = [ { register = \"input:1\", equals = 1 } ]";
     refused("unit = 4", few, "device.cnc.verify[0].register", "\"input:1", &["cannot be read"]);

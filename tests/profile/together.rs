@@ -12,17 +12,17 @@ const HANDSHAKE: &str =
 fn shaken_refused(from: &str, to: &str, key: &str, at: &str, words: &[&str]) {
     assert!(HANDSHAKE.contains(from), "{from}");
     let text = shaken().replacen(HANDSHAKE, &HANDSHAKE.replacen(from, to, 1), 1);
-    told(&text, key, at, words);
+    reported(&text, key, at, words);
 }
 
 #[track_caller]
 fn plc_refused(from: &str, to: &str, key: &str, at: &str, words: &[&str]) {
     assert!(PLC.contains(from), "{from}");
-    told(&PLC.replacen(from, to, 1), key, at, words);
+    reported(&PLC.replacen(from, to, 1), key, at, words);
 }
 
 #[track_caller]
-fn told(text: &str, key: &str, at: &str, words: &[&str]) {
+fn reported(text: &str, key: &str, at: &str, words: &[&str]) {
     let error = only_error(text, key, at);
     for word in words {
         assert!(error.to_string().contains(word), "`{word}` is not in: {error}");
@@ -58,15 +58,20 @@ fn a_strobe_must_be_written_and_an_acknowledge_read() {
     shaken_refused("discrete:20", "bit:20", acknowledge, "\"bit:20", &["no register table", "discrete:20"]);
     let beat = HANDSHAKE.replacen("coil:20", "holding:100", 1);
     let text = shaken().replacen(HANDSHAKE, &beat, 1);
-    told(&text, "heartbeat.register", "\"holding", &["writes the same registers", "strobe of output cnc_z"]);
+    reported(
+        &text,
+        "heartbeat.register",
+        "\"holding",
+        &["writes the same registers", "strobe of output cnc_z"],
+    );
     shaken_refused("coil:20", "holding:105", strobe, "\"holding", &["writes the same registers", "cnc_z"]);
     shaken_refused("discrete:20", "holding:104", acknowledge, "\"holding", &["overlaps", "cnc_z"]);
     let few = "unit = 4\nfunctions = [\"read-coils\", \"read-discrete\", \"read-holding\", \"write-single\", \"write-multiple\"]";
     let text = shaken().replacen("unit = 4", few, 1);
-    told(&text, strobe, "\"coil:20", &["write-coil", "`cnc`"]);
+    reported(&text, strobe, "\"coil:20", &["write-coil", "`cnc`"]);
     let few = "unit = 4\nfunctions = [\"read-coils\", \"read-holding\", \"read-discrete\", \"write-coil\", \"write-single\", \"write-multiple\"]";
     let text = shaken().replacen("unit = 4", few, 1).replacen("\"discrete:20\"", "\"input:20\"", 1);
-    told(&text, acknowledge, "\"input:20", &["read-input", "`cnc`"]);
+    reported(&text, acknowledge, "\"input:20", &["read-input", "`cnc`"]);
 }
 
 #[test]
@@ -75,15 +80,15 @@ fn a_handshake_needs_time_for_its_waits() {
     shaken_refused("800ms", "300ms", key, "\"300ms", &["waits 300ms for an answer"]);
     shaken_refused("800ms", "6s", key, "\"6s", &["two waits of 6s", "axis `z`'s period, 10s"]);
     let text = shaken().replacen(SHARE, &format!("refresh = \"1s\"\n{SHARE}"), 1);
-    told(&text, key, "\"800ms", &["`refresh` of output `cnc_z`, 1s"]);
+    reported(&text, key, "\"800ms", &["`refresh` of output `cnc_z`, 1s"]);
     let missing = shaken().replacen(", timeout = \"800ms\"", "", 1);
-    told(&missing, key, "handshake", &["`timeout` is missing"]);
+    reported(&missing, key, "handshake", &["`timeout` is missing"]);
 }
 
 #[test]
 fn what_cannot_be_exchanged_is_refused() {
     let echo = shaken().replacen(SHARE, &format!("{SHARE}\nverify = \"echo\""), 1);
-    told(&echo, "output.cnc_z.verify", "\"echo\"", &["read-back"]);
+    reported(&echo, "output.cnc_z.verify", "\"echo\"", &["read-back"]);
     let readout = "position = \"scale_z\"";
     let text = GRINDER.replacen(readout, &format!("{readout}\n{HANDSHAKE}"), 1);
     let found = errors(parse(&text));
@@ -103,14 +108,14 @@ fn a_set_must_be_whole() {
     plc_refused("holding:103", "coil:103", "set.block.sequence", "\"coil", &["one bit"]);
     plc_refused("holding:110", "holding:109", "output.plc_z.register", "\"holding", &["writes the same"]);
     let apart = PLC.replace("sequence = \"holding:103\"\n", "").replace("\"holding:104\"", "\"holding:94\"");
-    told(&apart, "set.block", "block]", &["2 requests", "half of it", "`sequence`"]);
+    reported(&apart, "set.block", "block]", &["2 requests", "half of it", "`sequence`"]);
     let side_by_side = PLC.replace("sequence = \"holding:103\"\n", "");
     assert!(parse(&side_by_side).is_ok(), "one request carries all of it");
     let device = "\n[device.other]\nbus = \"control\"\nunit = 2\n\n[signal.bed]";
     let elsewhere = PLC.replacen("\n[signal.bed]", device, 1);
     let at = elsewhere.rfind("device = \"plc\"").unwrap();
     let elsewhere = format!("{}device = \"other\"{}", &elsewhere[..at], &elsewhere[at + 14..]);
-    told(&elsewhere, "output.plc_z.device", "\"other\"", &["set `block` is at `plc`", "two devices"]);
+    reported(&elsewhere, "output.plc_z.device", "\"other\"", &["set `block` is at `plc`", "two devices"]);
     let twice = format!("set = \"block\"\n{}", HANDSHAKE.replace("800ms", "400ms"));
     plc_refused("set = \"block\"", &twice, "output.plc_x.handshake", "handshake", &["at the set"]);
 }
@@ -124,9 +129,9 @@ fn an_acknowledge_answers_one_strobe() {
     for (output, strobe) in [("plc_x", "coil:20"), ("plc_y", "coil:21")] {
         text = text.replacen(&format!("[output.{output}]"), &format!("[output.{output}]\n{}", of(strobe)), 1);
     }
-    told(&text, "output.plc_y.handshake.acknowledge", "\"discrete", &["output plc_x waits for the same"]);
+    reported(&text, "output.plc_y.handshake.acknowledge", "\"discrete", &["output plc_x waits for the same"]);
     let same = text.replace("coil:21", "coil:20").replacen("discrete:20", "discrete:19", 1);
-    told(&same, "output.plc_y.handshake.strobe", "\"coil:20", &["writes the same registers"]);
+    reported(&same, "output.plc_y.handshake.strobe", "\"coil:20", &["writes the same registers"]);
 }
 
 #[test]
@@ -137,12 +142,12 @@ fn a_boot_counter_is_one_register_that_can_be_read() {
     refused(SHARE, &restart("holding:105"), key, "\"holding", &["overlaps", "cnc_z"]);
     let few = "unit = 4\nfunctions = [\"read-coils\", \"read-discrete\", \"read-holding\", \"write-single\", \"write-multiple\"]";
     let text = GRINDER.replacen("unit = 4", few, 1).replacen(SHARE, &restart("input:98"), 1);
-    told(&text, key, "\"input:98", &["read-input", "`cnc`"]);
+    reported(&text, key, "\"input:98", &["read-input", "`cnc`"]);
     let mut two =
         PLC.replacen("set = \"block\"", "set = \"block\"\nrestart = { boot_counter = \"holding:98\" }", 1);
     let at = two.rfind("set = \"block\"").unwrap();
     two.insert_str(at, "restart = { boot_counter = \"holding:97\" }\n");
-    told(
+    reported(
         &two,
         "output.plc_z.restart.boot_counter",
         "\"holding:97",
@@ -154,7 +159,7 @@ fn a_boot_counter_is_one_register_that_can_be_read() {
         &format!("{corrected}\nrestart = {{ boot_counter = \"holding:98\" }}"),
         1,
     );
-    told(&text, "output.readout_z.restart.boot_counter", "boot_counter", &["anew with each position"]);
+    reported(&text, "output.readout_z.restart.boot_counter", "boot_counter", &["anew with each position"]);
 }
 
 #[test]
@@ -175,14 +180,14 @@ fn what_lands_together_and_how_it_is_taken_is_explained() {
         assert!(cnc.contains(words), "`{words}` is not in:\n{cnc}");
     }
     let plc = explained(PLC);
-    let told = plc.to_string();
+    let reported = plc.to_string();
     for words in [
         "set block: plc_x, plc_y, plc_z land together in plc",
         "one request: holding:103..110 (40104..40111), 8 registers, function 16",
         "sequence holding:103 (40104): counts up with every whole set",
         "complement holding:110 (40111): all its other words summed",
     ] {
-        assert!(told.contains(words), "`{words}` is not in:\n{told}");
+        assert!(reported.contains(words), "`{words}` is not in:\n{reported}");
     }
     let apart = explained(&PLC.replace("holding:103", "holding:140")).to_string();
     let order = "2 requests, in this order:\n      holding:104..110 (40105..40111), 7 registers, function 16\n      holding:140";

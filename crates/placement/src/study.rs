@@ -384,7 +384,7 @@ fn remarks(placement: &Placement) -> Vec<String> {
     let left_out = placement.cases.iter().filter_map(|case| Some((case, case.left_out_rms_um?)));
     if let Some((case, left)) = left_out.max_by(|(_, one), (_, other)| one.total_cmp(other)) {
         remarks.push(format!(
-            "A load that no case knows is told worse: placed without the case {}, the sensors leave {left:.2} µm RMS of it.",
+            "A load that no case knows is predicted worse: placed without the case {}, the sensors leave {left:.2} µm RMS of it.",
             case.name
         ));
     }

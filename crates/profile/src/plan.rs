@@ -19,14 +19,14 @@ const MAX_BITS: u16 = 2000;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReadRequest {
     /// What is asked for.
-    pub asks: Asked,
+    pub asks: ReadTarget,
     /// What the answer holds. Never empty.
     pub fields: Vec<Field>,
 }
 
 /// What one read request asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Asked {
+pub enum ReadTarget {
     /// Neighbours of one table.
     Registers {
         /// First register or bit.
@@ -61,7 +61,7 @@ pub fn plan<'a>(
     let mut together: Vec<ReadRequest> = Vec::new();
     for (id, signal) in signals {
         let data_type = signal.encoding.data_type;
-        let Some(asks) = Asked::of(&signal.address, data_type) else { continue };
+        let Some(asks) = ReadTarget::of(&signal.address, data_type) else { continue };
         let fields = vec![Field { signal: id, at: 0, len: data_type.registers() }];
         let shares = signal.merge && !quirks.one_request_per_field && signal.address.register().is_some();
         if shares { &mut together } else { &mut requests }.push(ReadRequest { asks, fields });
@@ -79,12 +79,14 @@ pub fn plan<'a>(
     requests
 }
 
-impl Asked {
+impl ReadTarget {
     /// What reads a value of this type there; `None` where nobody can be asked for it.
-    pub const fn of(at: &Address, data_type: DataType) -> Option<Asked> {
+    pub const fn of(at: &Address, data_type: DataType) -> Option<ReadTarget> {
         match at {
-            Address::Modbus(from) => Some(Asked::Registers { from: *from, count: data_type.registers() }),
-            Address::Object(object) => Some(Asked::Object(*object)),
+            Address::Modbus(from) => {
+                Some(ReadTarget::Registers { from: *from, count: data_type.registers() })
+            }
+            Address::Object(object) => Some(ReadTarget::Object(*object)),
             Address::Frame(_) => None,
         }
     }
@@ -93,7 +95,7 @@ impl Asked {
 impl ReadRequest {
     /// The first register or bit, and how many; `None` for an object.
     pub const fn span(&self) -> Option<(Register, u16)> {
-        if let Asked::Registers { from, count } = self.asks { Some((from, count)) } else { None }
+        if let ReadTarget::Registers { from, count } = self.asks { Some((from, count)) } else { None }
     }
 
     /// The names of the signals in its answer.
@@ -120,7 +122,8 @@ impl ReadRequest {
     /// Takes in the one that follows it by address, so that only its end can move; `false` where that is too far away or
     /// would make it too long.
     fn takes(&mut self, next: &ReadRequest, quirks: &Quirks) -> bool {
-        let (Asked::Registers { from, count }, Some((start, len))) = (&mut self.asks, next.span()) else {
+        let (ReadTarget::Registers { from, count }, Some((start, len))) = (&mut self.asks, next.span())
+        else {
             return false;
         };
         let limit = if from.table.is_bits() { MAX_BITS } else { quirks.max_registers_per_request };
@@ -140,8 +143,8 @@ impl ReadRequest {
 impl fmt::Display for ReadRequest {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (first, count) = match self.asks {
-            Asked::Registers { from, count } => (from, count),
-            Asked::Object(object) => return write!(f, "read {object}"),
+            ReadTarget::Registers { from, count } => (from, count),
+            ReadTarget::Object(object) => return write!(f, "read {object}"),
         };
         let last = Register { offset: first.offset.saturating_add(count - 1), ..first };
         let plural = if count == 1 { "" } else { "s" };

@@ -20,7 +20,7 @@ pub(super) const MACHINE: &str = "linuxcnc-mill";
 /// The bus of its profile at which the component listens.
 const BUS: &str = "control";
 
-/// How often the virtual plant is told what LinuxCNC applies.
+/// How often the virtual plant gets what LinuxCNC applies.
 const LOOKS: Duration = Duration::from_millis(10);
 
 macro_rules! files {

@@ -60,7 +60,7 @@ pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Dur
     let width = found.runs.iter().map(|run| run.name.chars().count()).max().unwrap_or(0).max(4);
     writeln!(
         out,
-        "\n  held out{}     range µm (bare)      RMS µm (bare)",
+        "\n  held out{}     range µm (uncomp.)   RMS µm (uncomp.)",
         " ".repeat(width.saturating_sub(6))
     )?;
     for run in &found.runs {
@@ -70,18 +70,18 @@ pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Dur
             run.name, run.range_um, run.uncompensated_range_um, run.rmse_um, run.uncompensated_rmse_um
         )?;
     }
-    let bare = &found.uncompensated;
+    let uncompensated = &found.uncompensated;
     writeln!(
         out,
         "    {:width$}  {:8.2} ({:6.2})   {:8.2} ({:6.2})\n    {:width$}  {:8.2} ({:6.2})",
         "mean",
         found.means.mean_range_um,
-        bare.mean_range_um,
+        uncompensated.mean_range_um,
         found.means.mean_rmse_um,
-        bare.mean_rmse_um,
+        uncompensated.mean_rmse_um,
         "worst",
         found.means.worst_range_um,
-        bare.worst_range_um
+        uncompensated.worst_range_um
     )?;
     for fallback in &found.fallbacks {
         writeln!(

@@ -71,17 +71,17 @@ pub fn replay_outputs(log: impl Read, name: &str) -> anyhow::Result<OutputsSumma
         if row.entry == Entry::Noted {
             continue;
         }
-        let told = outputs.entry(row.output).or_default();
-        told.rows += u64::from(replayed != Replayed::Nothing);
+        let reported = outputs.entry(row.output).or_default();
+        reported.rows += u64::from(replayed != Replayed::Nothing);
         if let Replayed::Different { recorded, replayed } = replayed {
-            told.differing += 1;
+            reported.differing += 1;
             let column = "action".to_owned();
-            told.first.get_or_insert(Difference { line: row.line, column, recorded, replayed });
+            reported.first.get_or_insert(Difference { line: row.line, column, recorded, replayed });
         }
     }
     let left_out = unknown.into_iter().map(|(output, (line, rows))| {
         format!(
-            "{name}, line {line}: nothing tells from what {output} goes on; {rows} of its rows are left out"
+            "{name}, line {line}: no row says from what {output} goes on; {rows} of its rows are left out"
         )
     });
     let warnings = reader.warnings().iter().cloned().chain(left_out).collect();

@@ -113,9 +113,9 @@ fn the_summary_tells_the_error_before_and_after() {
     assert!((axis.states["active"] - 1.0).abs() < 1e-9);
     assert_eq!(axis.reproduced, None);
     assert!(summary.axes["x"].raw_um.is_none() && summary.axes["x"].error.is_none());
-    let told = summary.to_string();
-    assert!(told.contains("200 rows over 33m 10s") && told.contains("active 100.0 %"), "{told}");
-    assert!(told.contains("never usable"), "{told}");
+    let reported = summary.to_string();
+    assert!(reported.contains("200 rows over 33m 10s") && reported.contains("active 100.0 %"), "{reported}");
+    assert!(reported.contains("never usable"), "{reported}");
     let json = serde_json::to_value(&summary).unwrap();
     assert_eq!(json["axes"]["z"]["error"]["rows"], 200);
 }
@@ -295,7 +295,7 @@ fn a_log_from_elsewhere_may_have_probings() {
 }
 
 #[test]
-fn a_decision_that_does_not_come_out_again_is_told_with_its_line() {
+fn a_decision_that_does_not_come_out_again_is_reported_with_its_line() {
     let profile = sample::profile();
     let event = Event {
         nanos: 10_000_000_000,

@@ -1,7 +1,7 @@
 use super::*;
 
 #[test]
-fn every_fault_is_told_with_what_to_do() {
+fn every_fault_is_reported_with_what_to_do() {
     let line: LineAddress = "tcp://10.0.0.7".parse().unwrap();
     let question = |register: &str| Question {
         line: &line,

@@ -1,4 +1,4 @@
-//! Whether a CAN interface is up, and how it is set, as the kernel tells by netlink. A virtual one has no settings.
+//! Whether a CAN interface is up, and how it is set, as the kernel says by netlink. A virtual one has no settings.
 
 use std::fmt;
 

@@ -107,9 +107,9 @@ mod tests {
             (0x010, [0, 0, 0, 0, 0x04, 0, 0, 0], Gravity::Error, "cable"),
             (0x200, [0, 0, 0, 0, 0, 0, 3, 9], Gravity::Over, "counted"),
         ] {
-            let told = trouble(class, data);
-            assert_eq!(told.gravity(), gravity, "{told}");
-            assert!(told.to_string().contains(words), "{told}");
+            let reported = trouble(class, data);
+            assert_eq!(reported.gravity(), gravity, "{reported}");
+            assert!(reported.to_string().contains(words), "{reported}");
         }
     }
 }

@@ -50,8 +50,9 @@ fn a_heartbeat_tells_the_state_whatever_its_top_bit() {
 }
 
 #[test]
-fn an_emergency_is_told_with_what_stands() {
-    let told = |data: &[u8]| Emergency::of(&frame(0x085, data)).map(|(_, emergency)| emergency.to_string());
+fn an_emergency_is_reported_with_what_stands() {
+    let reported =
+        |data: &[u8]| Emergency::of(&frame(0x085, data)).map(|(_, emergency)| emergency.to_string());
     for (data, words) in [
         (&[0x00, 0x00, 0x00, 0, 0, 0, 0, 0][..], "0000h"),
         (&[0x10, 0x42, 0x09, 0, 0, 0, 0, 0], "4210h; error register: generic, temperature"),
@@ -61,9 +62,9 @@ fn an_emergency_is_told_with_what_stands() {
         ),
         (&[0x01, 0xff, 0x00], "FF01h"),
     ] {
-        assert_eq!(told(data).as_deref(), Some(words));
+        assert_eq!(reported(data).as_deref(), Some(words));
     }
-    assert_eq!(told(&[0x10, 0x42]), None, "without an error register it is too short");
+    assert_eq!(reported(&[0x10, 0x42]), None, "without an error register it is too short");
     assert_eq!(Emergency::of(&frame(0x080, &[])), None, "SYNC is no emergency");
     let (_, over) = Emergency::of(&frame(0x085, &[0, 0, 0])).unwrap();
     assert!(over.is_over());
@@ -71,7 +72,7 @@ fn an_emergency_is_told_with_what_stands() {
 }
 
 #[test]
-fn an_abort_is_told_in_words_and_with_its_code() {
+fn an_abort_is_reported_in_words_and_with_its_code() {
     assert_eq!(AbortCode(0x0602_0000).to_string(), "there is no such object (abort 0602 0000h)");
     assert_eq!(AbortCode(0x0609_0030).to_string(), "the value is not allowed (abort 0609 0030h)");
     assert_eq!(AbortCode(0x1234_5678).to_string(), "a reason of the maker's own (abort 1234 5678h)");

@@ -255,7 +255,7 @@ async fn what_goes_by_what_was_read_leaves_on_no_other_connection() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_write_that_was_sent_is_never_told_as_not_done_though_the_line_gives_way() {
+async fn a_write_that_was_sent_is_never_reported_as_not_done_though_the_line_gives_way() {
     let (mut line, script) = line(|_| {});
     for second in 0..4 {
         assert_eq!(line.ask(0, READ, 10_000 * second).await, Ok(good()));

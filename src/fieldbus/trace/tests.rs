@@ -128,7 +128,7 @@ fn of_a_flood_only_the_beginning_is_kept_and_the_rest_is_counted() {
 }
 
 #[test]
-fn what_was_never_tried_is_not_told() {
+fn what_was_never_tried_is_not_reported() {
     let tap = Tap::default();
     let mut listening = tap.listen(None).unwrap();
     let begun = tap.begin().unwrap();

@@ -118,15 +118,15 @@ fn one_lost_answer_leaves_the_value_until_it_is_stale_and_then_says_why() {
 }
 
 #[test]
-fn a_change_is_told_once_each_way_with_its_reason() {
+fn a_change_is_reported_once_each_way_with_its_reason() {
     let profile = profile();
     let mut board = board(&profile);
     board.store(BED, Err(Reason::Sentinel), at(1));
     for now in [at(1), at(2)] {
         board.look(now);
-        let told = board.changes(now);
+        let reported = board.changes(now);
         let expected: &[Change] = if now == at(1) { &[Change::Lost(BED, Reason::Sentinel)] } else { &[] };
-        assert_eq!(told, expected);
+        assert_eq!(reported, expected);
     }
     board.store(BED, Ok(20.5), at(3));
     board.look(at(3));

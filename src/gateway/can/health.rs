@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn error_frames_are_told_when_they_begin_when_they_get_worse_and_when_they_are_over() {
+    fn error_frames_are_reported_when_they_begin_when_they_get_worse_and_when_they_are_over() {
         let mut health = Health::default();
         assert_eq!(health.trouble(&error(0x80), at(0)).len(), 1);
         for second in 1..5 {
@@ -132,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_queue_and_lost_frames_are_told_once_and_counted() {
+    fn a_full_queue_and_lost_frames_are_reported_once_and_counted() {
         let mut health = Health::default();
         assert_eq!(health.tick(3, 0, at(0)).len(), 1);
         assert_eq!(health.tick(8, 0, at(5)), []);

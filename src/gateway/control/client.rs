@@ -27,11 +27,11 @@ pub enum Failure {
     #[error("{0}")]
     Refused(String),
     /// It is there, and says nothing.
-    #[error("no answer within {} s; not known whether it was done (`isotherm events` tells, once the gateway goes on)", PATIENCE.as_secs())]
+    #[error("no answer within {} s; not known whether it was done (see `isotherm events` once the gateway goes on)", PATIENCE.as_secs())]
     NoAnswer,
     /// It has ended meanwhile.
     #[error(
-        "the gateway has ended before it answered; not known whether it was done (`isotherm events` tells)"
+        "the gateway has ended before it answered; not known whether it was done (see `isotherm events`)"
     )]
     Ended,
 }
@@ -44,7 +44,7 @@ pub fn send(path: &Path, command: Command, axis: Option<&str>) -> Result<Answer,
     Ok(ask(path, &with_axis(command.name(), axis), PATIENCE)?.0)
 }
 
-/// Asks the running gateway to arm, and stays until that is done or refused; `show` is told what it waits for.
+/// Asks the running gateway to arm, and stays until that is done or refused; `show` gets what it waits for.
 ///
 /// # Errors
 /// No gateway runs there, it refuses, or it does not answer any more.

@@ -6,7 +6,7 @@
 use std::time::Duration;
 
 use super::register::Register;
-use super::trouble::{Asked, Trouble};
+use super::trouble::{Access, Trouble};
 use super::{LineTurn, RETRY};
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::wire::Request;
@@ -61,7 +61,7 @@ pub(super) async fn look(register: &mut Register, turn: &mut LineTurn<'_>) -> Mo
             let is_over = now >= times.since.after(applied.settle);
             judge(register, turn.shared, output, (stands, found), is_over);
         }
-        Err(fault) => register.fail(turn.shared, fault, Asked::Read),
+        Err(fault) => register.fail(turn.shared, fault, Access::Read),
     }
     register.is_unapplied = !register.applied.is_seen && register.is_driven();
     if register.applied.is_seen {

@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::applied::AppliedOffset;
 use super::interlock::Interlock;
 use super::order::Order;
-use super::trouble::{Asked, Trouble, Troubles};
+use super::trouble::{Access, Trouble, Troubles};
 use super::{DISK_PATIENCE, LineTurn, REMEMBERED, report};
 use crate::fieldbus::error::{CallerFault, Fault, Outcome};
 use crate::gateway::ledger::{Keeping, Kept};
@@ -45,7 +45,7 @@ pub(super) struct Register {
     is_saturated: bool,
     /// What stood there when its axis began to hold something else.
     held_at: Option<Counts>,
-    /// A person was asked what is whose.
+    /// A person was access what is whose.
     has_asked: bool,
     /// It is to be reported whose part is what, as soon as that is on disk.
     opens: bool,
@@ -226,7 +226,7 @@ impl Register {
     }
 
     /// Takes a fact in: what is to be done next, unless something is to be done already. What is known afterwards outlives
-    /// this task, and what was taken and asked for is logged.
+    /// this task, and what was taken and access for is logged.
     pub(super) fn step(&mut self, shared: &LineHandle, fact: Fact, now: Moment) {
         let was_open = self.is_open();
         let before = self.is_logged.then_some(self.state);
@@ -295,7 +295,7 @@ impl Register {
     }
 
     /// It learns what a read of all of its set shows: not behind an interlock, where nothing is believed, and not while
-    /// something else that it asked for is open.
+    /// something else that it access for is open.
     pub(super) fn may_hear_a_read(&self) -> bool {
         match self.action {
             Action::Read => true,
@@ -335,12 +335,12 @@ impl Register {
     }
 
     /// A request of its own has failed.
-    pub(super) fn fail(&mut self, shared: &LineHandle, fault: Fault, asked: Asked) {
-        if asked == Asked::Write && !self.heard.is_armed {
+    pub(super) fn fail(&mut self, shared: &LineHandle, fault: Fault, access: Access) {
+        if access == Access::Write && !self.heard.is_armed {
             // It only went along.
             return;
         }
-        let reported = self.troubles.fails(fault, asked);
+        let reported = self.troubles.fails(fault, access);
         let mut core = shared.core();
         let state = &mut core.outputs[self.id.0];
         (state.failures, state.cause) = (state.failures + 1, Some(fault));
@@ -401,7 +401,7 @@ impl Register {
             }
             return Fact::NotSent;
         }
-        self.fail(shared, fault, Asked::Write);
+        self.fail(shared, fault, Access::Write);
         match outcome {
             Outcome::NotDone if matches!(fault, Fault::Exception(_) | Fault::Aborted(_)) => Fact::Refused,
             Outcome::NotDone => Fact::NotSent,
@@ -553,6 +553,6 @@ fn taken_up(mut state: State, settings: &Settings, now: Moment) -> State {
     for fact in ends {
         let _ = step(&mut state, settings, fact, now);
     }
-    debug_assert!(!state.is_asking(), "whatever it asked for has come to its end");
+    debug_assert!(!state.is_asking(), "whatever it access for has come to its end");
     state
 }

@@ -20,7 +20,7 @@ use super::order::Order;
 use super::register::Register;
 use super::strobe::{Stands, Strobe, Waited};
 use super::taking::Taking;
-use super::trouble::Asked;
+use super::trouble::Access;
 use super::{LineTurn, RETRY, applied};
 
 /// Owns the outputs of one set, and its strobe.
@@ -277,7 +277,7 @@ impl Set {
         for (register, found) in self.registers.iter_mut().zip(&values) {
             match read {
                 Err(fault) if register.action == Action::Read => {
-                    register.fail(turn.shared, fault, Asked::Read);
+                    register.fail(turn.shared, fault, Access::Read);
                     register.comes_of(turn, Fact::NoAnswer);
                 }
                 Ok(asked) if register.may_hear_a_read() => {

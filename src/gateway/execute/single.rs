@@ -2,7 +2,7 @@
 
 use super::order::Order;
 use super::register::Register;
-use super::trouble::{Asked, Trouble};
+use super::trouble::{Access, Trouble};
 use super::{LineTurn, MOST_EXCHANGES, applied};
 use crate::fieldbus::departure::Leave;
 use crate::fieldbus::error::{CallerFault, Fault};
@@ -72,7 +72,7 @@ impl Single {
                 Fact::Read { found, asked: answered.asked }
             }
             Err(fault) => {
-                self.register.fail(turn.shared, fault, Asked::Read);
+                self.register.fail(turn.shared, fault, Access::Read);
                 Fact::NoAnswer
             }
         }

@@ -13,15 +13,15 @@ pub(super) enum Trouble {
     Link,
     /// It did not answer a write, and nothing was written since.
     Unanswered,
-    /// It answered, and did not do what was asked.
+    /// It answered, and did not do what was access.
     Untaken,
     /// What must be on disk is not.
     Disk,
 }
 
-/// What a device was asked for.
+/// What a device was access for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Asked {
+pub(super) enum Access {
     Read,
     Write,
 }
@@ -31,7 +31,7 @@ pub(super) enum Asked {
 pub(super) struct Troubles {
     pub(super) now: Option<Trouble>,
     /// What failed and was reported, until it does not fail any more.
-    reported: Option<Asked>,
+    reported: Option<Access>,
     /// Writes that failed since the last one that was answered.
     failed_writes: u64,
     /// The last read was answered.
@@ -44,17 +44,17 @@ pub(super) struct Troubles {
 
 impl Troubles {
     /// A request has failed. A device that is lost is reported elsewhere; of one that refuses, what is to be reported.
-    pub(super) fn fails(&mut self, fault: Fault, asked: Asked) -> Option<String> {
-        self.failed_writes += u64::from(asked == Asked::Write);
+    pub(super) fn fails(&mut self, fault: Fault, access: Access) -> Option<String> {
+        self.failed_writes += u64::from(access == Access::Write);
         // One whose reads are answered is not lost, and nobody else reports that its writes are not.
-        let is_deaf = asked == Asked::Write && self.failed_writes >= DEAF && self.is_read;
-        let is_new = (!fault.spoils_connection() || is_deaf) && self.reported.replace(asked).is_none();
-        let trouble = match asked {
-            Asked::Read => Trouble::Link,
-            Asked::Write if fault.spoils_connection() || fault.outcome() == Outcome::Unknown => {
+        let is_deaf = access == Access::Write && self.failed_writes >= DEAF && self.is_read;
+        let is_new = (!fault.spoils_connection() || is_deaf) && self.reported.replace(access).is_none();
+        let trouble = match access {
+            Access::Read => Trouble::Link,
+            Access::Write if fault.spoils_connection() || fault.outcome() == Outcome::Unknown => {
                 Trouble::Unanswered
             }
-            Asked::Write => Trouble::Untaken,
+            Access::Write => Trouble::Untaken,
         };
         if !matches!(self.now, Some(Trouble::Untaken | Trouble::Unanswered)) {
             self.now = Some(trouble);
@@ -77,13 +77,13 @@ impl Troubles {
         match fact {
             Fact::Done { .. } => {
                 self.failed_writes = 0;
-                self.reported = self.reported.filter(|asked| *asked != Asked::Write);
+                self.reported = self.reported.filter(|access| *access != Access::Write);
                 self.is_to_be_seen = if verify == Verify::Reading { is_armed } else { self.is_to_be_seen };
                 Some(verify == Verify::Echo)
             }
             Fact::Read { .. } => {
                 self.is_read = true;
-                self.reported = self.reported.filter(|asked| *asked != Asked::Read);
+                self.reported = self.reported.filter(|access| *access != Access::Read);
                 Some(std::mem::take(&mut self.is_to_be_seen) && !is_untaken)
             }
             Fact::NoAnswer => {

@@ -49,7 +49,7 @@ pub struct LogRow {
     pub zeroed: Vec<(Moment, Option<usize>)>,
 }
 
-/// A decision as a log tells it.
+/// A decision as it stands in a log.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Decided {
     /// The model's Cz, µm.

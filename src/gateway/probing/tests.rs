@@ -87,7 +87,7 @@ fn a_result_read_before_its_trigger_is_the_old_one() {
 }
 
 #[test]
-fn a_result_that_does_not_come_is_missed_and_told_once() {
+fn a_result_that_does_not_come_is_missed_and_reported_once() {
     let mut bench = Bench::new(Some(TRIGGER));
     bench.both(0.003, 7.0);
     bench.after(1).read(RESULT, Err(Reason::Sentinel)).read(TRIGGER, Ok(8.0));

@@ -148,9 +148,9 @@ pub(in crate::gateway) fn open_both(
     let of_here = || seals.into_iter().flatten().filter(|seal| seal.since == since && seal.number < MOST);
     let greatest = |which: Which| {
         let own = of_here().filter(|seal| seal.kind == which).map(|seal| seal.number);
-        let told = of_here().filter(|seal| seal.kind != which).map(|seal| seal.other);
+        let reported = of_here().filter(|seal| seal.kind != which).map(|seal| seal.other);
         let named = named.map(|named| named.numbers[which as usize]);
-        AtomicU64::new(own.chain(told).chain(named).max().unwrap_or(0))
+        AtomicU64::new(own.chain(reported).chain(named).max().unwrap_or(0))
     };
     let is_unfit = |looked: &Looked| looked.found.is_err();
     let was_in_question = was_in_question(seals);
@@ -216,13 +216,13 @@ fn judge(seals: [Option<&Seal>; 2], is_there: [bool; 2], named: Option<Named>) -
         }
         let by_other = own(which.other()).map(|seal| (seal.other, which.other().name()));
         let by_log = named.map(|named| (named.numbers[which as usize], "newest log"));
-        let told = by_other.into_iter().chain(by_log).filter(|(number, _)| *number < MOST);
-        let (told, by) = told.max_by_key(|(number, _)| *number)?;
+        let reported = by_other.into_iter().chain(by_log).filter(|(number, _)| *number < MOST);
+        let (reported, by) = reported.max_by_key(|(number, _)| *number)?;
         let number = own(which).map_or(0, |seal| seal.number);
         match is_there[which as usize] {
-            _ if number >= told => None,
+            _ if number >= reported => None,
             true => Some(format!(
-                "it is older than the {by} says: it is a copy from another day (its number is {number}, not {told})"
+                "it is older than the {by} says: it is a copy from another day (its number is {number}, not {reported})"
             )),
             false => Some(format!("it is missing, and the {by} knows of one")),
         }

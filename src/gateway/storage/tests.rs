@@ -314,10 +314,10 @@ mod outputs {
         let name = names(directory.path()).remove(0);
         let text = std::fs::read_to_string(directory.path().join(name)).unwrap();
         let rows: Vec<_> = text.strip_prefix(HEADER).unwrap().lines().collect();
-        let told: Vec<String> =
+        let reported: Vec<String> =
             rows.iter().map(|row| row.split(',').skip(1).take(3).collect::<Vec<_>>().join(" ")).collect();
         assert_eq!(
-            told,
+            reported,
             [
                 "heartbeat writes 60",
                 "heartbeat fault ",

@@ -2,7 +2,7 @@
 //!
 //! Every line is sealed: `n` counts the lines of the file, `after` is the seal of the line before it (of the first: that of
 //! the file's name), `seal` the checksum of all of the line before it. So whoever reads finds lines that were changed, cut
-//! or taken out, and files that stand in the place of another's. He is told, and reads on.
+//! or taken out, and files that stand in the place of another's. That is reported, and the rest is read.
 
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};

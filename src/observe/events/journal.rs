@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn what_happened_before_the_disk_was_there_is_kept_and_what_a_hanging_disk_costs_is_told() {
+    fn what_happened_before_the_disk_was_there_is_kept_and_what_a_hanging_disk_costs_is_reported() {
         let journal = Journal::by(&Clock::simulated(Moment::default(), None));
         report(&journal, 1);
         journal.keep(|| {});

@@ -165,7 +165,7 @@ impl FaultFile {
                 return Err("a closed listener gives no replies to count; give `for_time`".to_owned());
             }
             Kind::Can(CanFault::Emergency(_)) if self.replies.is_some() => {
-                return Err("an emergency is told once; give `for_time`".to_owned());
+                return Err("an emergency is sent once; give `for_time`".to_owned());
             }
             Kind::Can(CanFault::Babbling { every, .. } | CanFault::Errors { every: Some(every), .. })
                 if every < Duration::from_micros(100) =>

@@ -12,7 +12,7 @@ fn one(device: &str, kind: &str, more: &str) -> String {
 }
 
 #[test]
-fn a_script_is_checked_against_the_profile_and_every_error_is_told() {
+fn a_script_is_checked_against_the_profile_and_every_error_is_reported() {
     let text = one("thermocuples", "silent", "") + &one("cnc", "sulky", "") + &one("cnc", "late", "");
     let lines: Vec<String> = complaint(&text).lines().map(str::to_owned).collect();
     assert_eq!(

@@ -59,20 +59,23 @@ fn a_file_is_split_by_a_column_or_a_gap() {
     let column = Split { column: Some("part".to_owned()), gap: None };
     assert_eq!(names(&column), owned(&[("day A 1", 2), ("day B", 2), ("day A 3", 1)]));
     let missing = Split { column: Some("cycle".to_owned()), gap: None };
-    let told = read(log, &missing).unwrap_err().to_string();
-    assert_eq!(told, "day.csv: there is no column cycle to split it by; there are t1, part");
+    let reported = read(log, &missing).unwrap_err().to_string();
+    assert_eq!(reported, "day.csv: there is no column cycle to split it by; there are t1, part");
 }
 
 #[test]
-fn missing_cells_are_missing_and_decimal_commas_are_told() {
+fn missing_cells_are_missing_and_decimal_commas_are_reported() {
     let found = read("time,t1\n0,\n60,NaN\n120,20.5\n", &Split::default()).unwrap();
     assert!(found.runs[0].values[0][0].is_nan() && found.runs[0].values[0][1].is_nan());
-    let told = read("time,t1\n0,20\n60,\"20,5\"\n", &Split::default()).unwrap_err().to_string();
-    assert_eq!(told, "day.csv, line 3, column t1: `20,5` has a decimal comma; write 20.5");
-    let told = read("time;t1\n0;20\n", &Split::default()).unwrap_err().to_string();
-    assert!(told.contains("not separated by commas"), "{told}");
-    let told = read("t1,t2\n0,20\n", &Split::default()).unwrap_err().to_string();
-    assert!(told.contains("line 1: there is no column time") && told.contains("there are t1, t2"), "{told}");
+    let reported = read("time,t1\n0,20\n60,\"20,5\"\n", &Split::default()).unwrap_err().to_string();
+    assert_eq!(reported, "day.csv, line 3, column t1: `20,5` has a decimal comma; write 20.5");
+    let reported = read("time;t1\n0;20\n", &Split::default()).unwrap_err().to_string();
+    assert!(reported.contains("not separated by commas"), "{reported}");
+    let reported = read("t1,t2\n0,20\n", &Split::default()).unwrap_err().to_string();
+    assert!(
+        reported.contains("line 1: there is no column time") && reported.contains("there are t1, t2"),
+        "{reported}"
+    );
 }
 
 #[cfg(feature = "parquet")]

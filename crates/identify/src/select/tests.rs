@@ -148,20 +148,23 @@ fn a_frozen_point_is_left_out_and_named_unless_it_is_kept() {
 }
 
 #[test]
-fn wrong_choices_are_told_all_at_once_with_what_to_do() {
+fn wrong_choices_are_reported_all_at_once_with_what_to_do() {
     let week = week();
     let said = |choice: &Choice| points(&week, choice).unwrap_err().to_string();
     let wrong = Choice { error: Some("z_eror_um".to_owned()), inputs: vec!["bering".to_owned()], ..choice() };
-    let told = said(&wrong);
+    let reported = said(&wrong);
     assert!(
-        told.contains("no log has a column of numbers `z_eror_um`; did you mean `z_error_um`?"),
-        "{told}"
+        reported.contains("no log has a column of numbers `z_eror_um`; did you mean `z_error_um`?"),
+        "{reported}"
     );
-    assert!(told.contains("`bering`; did you mean `bearing`?"), "{told}");
-    let told = said(&Choice { inputs: vec!["oil".to_owned()], ..choice() });
-    assert!(told.contains("1 temperature points are left") && told.contains("--inputs"), "{told}");
+    assert!(reported.contains("`bering`; did you mean `bearing`?"), "{reported}");
+    let reported = said(&Choice { inputs: vec!["oil".to_owned()], ..choice() });
+    assert!(
+        reported.contains("1 temperature points are left") && reported.contains("--inputs"),
+        "{reported}"
+    );
     let mut one = week.clone();
     one.runs.truncate(1);
-    let told = points(&one, &choice()).unwrap_err().to_string();
-    assert!(told.contains("one run only") && told.contains("--gap"), "{told}");
+    let reported = points(&one, &choice()).unwrap_err().to_string();
+    assert!(reported.contains("one run only") && reported.contains("--gap"), "{reported}");
 }

@@ -138,7 +138,7 @@ fn small_letters_blanks_continued_lines_and_comments_change_nothing() {
 }
 
 #[test]
-fn a_decimal_comma_is_told_as_one() {
+fn a_decimal_comma_is_reported_as_one() {
     for (from, to) in [
         ("2, 100, 0, 0", "2, 100,5, 0, 0"),
         ("110000, 0.26", "110000, 0,26"),

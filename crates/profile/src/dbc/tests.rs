@@ -82,18 +82,22 @@ fn a_parameter_group_is_taken_from_any_sender_or_from_the_device_s_own() {
 }
 
 #[test]
-fn what_the_file_does_not_have_is_told_with_the_nearest_word() {
-    let told = |name: &str| {
+fn what_the_file_does_not_have_is_reported_with_the_nearest_word() {
+    let reported = |name: &str| {
         let wrong = file().signal(name, None).unwrap_err();
         format!("{}; {}", wrong.message, wrong.help)
     };
-    assert!(told("Tpo.T_Temp").contains("no message `Tpo`; did you mean `Top`?"), "{}", told("Tpo.T_Temp"));
-    assert!(told("Top.T_temp").contains("did you mean `T_Temp`? allowed: T_Status, T_Temp, Slow"));
-    assert!(told("T_Temp").contains("write \"Message.Signal\"; messages: Top, Muxed"));
+    assert!(
+        reported("Tpo.T_Temp").contains("no message `Tpo`; did you mean `Top`?"),
+        "{}",
+        reported("Tpo.T_Temp")
+    );
+    assert!(reported("Top.T_temp").contains("did you mean `T_Temp`? allowed: T_Status, T_Temp, Slow"));
+    assert!(reported("T_Temp").contains("write \"Message.Signal\"; messages: Top, Muxed"));
 }
 
 #[test]
-fn what_is_wrong_in_the_file_is_told_at_the_file_s_own_line() {
+fn what_is_wrong_in_the_file_is_reported_at_the_file_s_own_line() {
     let long = file().signal("Muxed.Long", None).unwrap_err();
     assert_eq!(
         file().line(long.at.unwrap().0).unwrap().trim(),

@@ -58,8 +58,8 @@ fn shape(requests: &[ReadRequest]) -> Vec<String> {
     let one = |request: &ReadRequest| {
         let fields: Vec<String> = request.fields.iter().map(|field| field.signal.0.to_string()).collect();
         let span = match request.asks {
-            Asked::Registers { from, count } => format!("{from}+{count}"),
-            Asked::Object(object) => format!("read {object}"),
+            ReadTarget::Registers { from, count } => format!("{from}+{count}"),
+            ReadTarget::Object(object) => format!("read {object}"),
         };
         format!("{span} [{}]", fields.join(" "))
     };

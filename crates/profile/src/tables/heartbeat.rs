@@ -64,7 +64,7 @@ impl RawHeartbeat {
         let address = holding(&at.key("register"), self.register.as_ref());
         if at.check.is_on_can(self.device.as_ref()) == Some(true) {
             let help =
-                "name a Modbus device; a CANopen node is told by its own heartbeat consumer, object 1016";
+                "name a Modbus device; a CANopen node has a heartbeat consumer of its own, object 1016";
             at.key("device").wrong("the heartbeat is a register, and this device has none", help);
             return None;
         }

@@ -19,7 +19,7 @@ pub(crate) struct RawMachine {
     name: Option<String>,
     /// One line for people.
     description: Option<String>,
-    /// The signal whose rising edge starts machine-on time t. Default: the first good reading starts it.
+    /// The signal whose rising edge starts `t`, the time since machine start. Default: the first good reading starts it.
     on: Option<String>,
     /// The signal whose rising edge captures the references given as "zero".
     zero: Option<String>,

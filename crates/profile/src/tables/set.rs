@@ -1,4 +1,4 @@
-//! `[set.*]`: outputs that land together, and how a control is told that they are there.
+//! `[set.*]`: outputs that land together, and how a control knows that they are there.
 //!
 //! A control that is given several values must never see half of them. So the values of a set are written side by side
 //! in one request where the registers allow it; a sequence word that changes last says "a new set is whole"; and a
@@ -27,7 +27,7 @@ pub(crate) struct RawSet {
     /// A holding register that counts up with every write of the set, 0 to 32767: the control sees the gateway die.
     heartbeat: Option<String>,
     /// A holding register that says what the gateway does: bit 0 all its axes are armed, bit 1 one keeps its value, bit 2
-    /// one takes its fault action, bit 3 one follows a lesser model.
+    /// one takes its fault action, bit 3 one follows a fallback model.
     control: Option<String>,
     /// A holding register with a number that control and profile agree on.
     version: Option<RawVersion>,
@@ -90,7 +90,7 @@ impl Control {
     pub const HOLD: u16 = 2;
     /// One of them takes its fault action.
     pub const FAULT: u16 = 4;
-    /// One of them follows a lesser model.
+    /// One of them follows a fallback model.
     pub const DEGRADED: u16 = 8;
 }
 
@@ -162,7 +162,7 @@ impl OutputSet {
         let version = self.version.map(|(_, number)| format!("always {number}")).unwrap_or_default();
         for (key, meaning) in [
             ("heartbeat", "counts up with every write, 0 to 32767"),
-            ("control", "bit 0 armed, 1 hold, 2 fault, 3 lesser model"),
+            ("control", "bit 0 armed, 1 hold, 2 fault, 3 fallback model"),
             ("version", &version),
             ("sequence", "counts up with every whole set, 1 to 65535; take the set when it changes"),
             ("complement", "all its other words summed to 16 bits, inverted"),
@@ -255,7 +255,7 @@ pub(super) fn resolve(check: &mut Check<'_>) {
         let Some(raw) = check.raw.output.get(name).and_then(|raw| raw.handshake.as_ref()) else { continue };
         let at = check.at("output").key(name);
         if members.iter().any(|(output, _)| *output == place) {
-            let help = "one strobe tells of all of it: write `handshake` at the set";
+            let help = "one strobe announces all of it: write `handshake` at the set";
             at.key("handshake").wrong_key("its set is written as one", help);
             continue;
         }

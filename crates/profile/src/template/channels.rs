@@ -150,9 +150,9 @@ mod tests {
             "name": "tc{n}", "from": 1, "count": 3, "register": "input:2048", "type": "i32", "fault_when": "s{n} != 0",
         }));
         let channels = of_group("temperature", &pairs, 10).unwrap();
-        let told: Vec<_> =
+        let reported: Vec<_> =
             channels.iter().map(|c| (c.name.as_str(), c.keys["register"].as_str().unwrap())).collect();
-        assert_eq!(told, [("tc1", "input:2058"), ("tc2", "input:2060"), ("tc3", "input:2062")]);
+        assert_eq!(reported, [("tc1", "input:2058"), ("tc2", "input:2060"), ("tc3", "input:2062")]);
         assert_eq!(channels[2].keys["fault_when"], "s3 != 0");
         assert!(!channels[0].keys.contains_key("count"));
     }

@@ -223,7 +223,7 @@ proptest! {
 #[test]
 fn what_the_node_has_not_or_does_not_let_write_is_refused_in_words() {
     let mut bus = Bus::new(vec![Fate::Arrives], objects(b"x", 3));
-    let mut told = |entry, data: Option<&[u8]>| {
+    let mut reported = |entry, data: Option<&[u8]>| {
         let first = match data {
             Some(data) => bus.client.write(entry, data),
             None => bus.client.read(entry),
@@ -231,13 +231,13 @@ fn what_the_node_has_not_or_does_not_let_write_is_refused_in_words() {
         bus.run(first).unwrap_err().to_string()
     };
     let no_object = "refused: there is no such object (abort 0602 0000h)";
-    assert_eq!(told(Entry::new(0x3000, 0), None), no_object);
+    assert_eq!(reported(Entry::new(0x3000, 0), None), no_object);
     let no_sub = "refused: there is no such sub-index (abort 0609 0011h)";
-    assert_eq!(told(Entry::new(0x2000, 9), None), no_sub);
+    assert_eq!(reported(Entry::new(0x2000, 9), None), no_sub);
     let read_only = "refused: the object can only be read (abort 0601 0002h)";
-    assert_eq!(told(NAME, Some(b"y")), read_only);
-    assert_eq!(told(NAME, Some(b"a longer name")), read_only);
+    assert_eq!(reported(NAME, Some(b"y")), read_only);
+    assert_eq!(reported(NAME, Some(b"a longer name")), read_only);
     let length = "refused: the data has not the length of the object (abort 0607 0010h)";
-    assert_eq!(told(SHORT, Some(&[1, 2])), length);
-    assert_eq!(told(SHORT, Some(&[1, 2, 3, 4, 5])), length);
+    assert_eq!(reported(SHORT, Some(&[1, 2])), length);
+    assert_eq!(reported(SHORT, Some(&[1, 2, 3, 4, 5])), length);
 }

@@ -47,7 +47,7 @@ fn started(number: u8) -> Output {
     Output::Send(frame(0, &[1, number]))
 }
 
-fn told(number: u8, event: NodeEvent) -> Output {
+fn reported(number: u8, event: NodeEvent) -> Output {
     Output::Tell(node(number), event)
 }
 
@@ -64,10 +64,10 @@ fn nodes_are_started_at_the_beginning_and_after_every_boot_up() {
         "not the one that is set up first, and not the one that is left alone"
     );
     led.outputs.clear();
-    assert_eq!(led.hear(0x701, UP, 1), [told(1, NodeEvent::BootedUp { again: false }), started(1)]);
+    assert_eq!(led.hear(0x701, UP, 1), [reported(1, NodeEvent::BootedUp { again: false }), started(1)]);
     assert_eq!(led.hear(0x701, OPERATIONAL, 1), []);
-    assert_eq!(led.hear(0x701, UP, 2), [told(1, NodeEvent::BootedUp { again: true }), started(1)]);
-    assert_eq!(led.hear(0x703, UP, 2), [told(3, NodeEvent::BootedUp { again: false })]);
+    assert_eq!(led.hear(0x701, UP, 2), [reported(1, NodeEvent::BootedUp { again: true }), started(1)]);
+    assert_eq!(led.hear(0x703, UP, 2), [reported(3, NodeEvent::BootedUp { again: false })]);
     assert_eq!(led.hear(0x704, UP, 2), [], "no node of ours");
 }
 
@@ -75,12 +75,12 @@ fn nodes_are_started_at_the_beginning_and_after_every_boot_up() {
 fn a_node_with_a_setup_list_is_started_when_it_is_written() {
     let mut led = Led::new();
     led.outputs.clear();
-    assert_eq!(led.hear(0x702, UP, 1), [told(2, NodeEvent::BootedUp { again: false })]);
+    assert_eq!(led.hear(0x702, UP, 1), [reported(2, NodeEvent::BootedUp { again: false })]);
     assert_eq!(led.hear(0x702, PRE, 1), [], "it waits");
     led.master.set_up(node(2), &mut led.outputs);
     assert_eq!(std::mem::take(&mut led.outputs), [started(2)]);
     assert_eq!(led.hear(0x702, OPERATIONAL, 2), []);
-    assert_eq!(led.hear(0x702, PRE, 3), [told(2, NodeEvent::FellBack)], "it waits for its setup again");
+    assert_eq!(led.hear(0x702, PRE, 3), [reported(2, NodeEvent::FellBack)], "it waits for its setup again");
     assert_eq!(led.hear(0x702, PRE, 4), [], "told once");
 }
 
@@ -94,30 +94,30 @@ fn a_start_that_was_lost_is_sent_again_with_the_next_heartbeat() {
 }
 
 #[test]
-fn a_node_that_somebody_stopped_is_told_once_and_not_fought_for() {
+fn a_node_that_somebody_stopped_is_reported_once_and_not_fought_for() {
     let mut led = Led::new();
     led.outputs.clear();
     led.hear(0x701, OPERATIONAL, 1);
-    assert_eq!(led.hear(0x701, &[0x04], 2), [told(1, NodeEvent::Stopped)]);
+    assert_eq!(led.hear(0x701, &[0x04], 2), [reported(1, NodeEvent::Stopped)]);
     assert_eq!(led.hear(0x701, &[0x04], 3), []);
     assert_eq!(led.tick(3), []);
 }
 
 #[test]
-fn a_missed_heartbeat_and_one_that_never_came_are_told_once() {
+fn a_missed_heartbeat_and_one_that_never_came_are_reported_once() {
     let mut led = Led::new();
     led.outputs.clear();
     led.hear(0x701, OPERATIONAL, 1);
     assert_eq!(led.master.due(), Some(at(3)));
     assert_eq!(led.tick(2), []);
     let lost = NodeEvent::Lost { never_seen: false, after: SECOND * 2 };
-    assert_eq!(led.tick(3), [told(1, lost)]);
+    assert_eq!(led.tick(3), [reported(1, lost)]);
     assert!(led.master.is_lost(node(1)));
     assert_eq!(led.tick(4), []);
     let never = NodeEvent::Lost { never_seen: true, after: SECOND * 5 };
-    assert_eq!(led.tick(9), [told(2, never)]);
+    assert_eq!(led.tick(9), [reported(2, never)]);
     assert_eq!(led.master.due(), None, "there is nobody left to be missed");
-    assert_eq!(led.hear(0x701, OPERATIONAL, 11), [told(1, NodeEvent::Back { after: SECOND * 10 })]);
+    assert_eq!(led.hear(0x701, OPERATIONAL, 11), [reported(1, NodeEvent::Back { after: SECOND * 10 })]);
     assert_eq!(never.to_string(), "was never heard of: no heartbeat for 5s");
     assert_eq!(lost.to_string(), "is silent: no heartbeat for 2s");
 }
@@ -127,7 +127,7 @@ fn an_emergency_is_handed_on_with_its_node() {
     let mut led = Led::new();
     led.outputs.clear();
     let emergency = Emergency { code: 0x5030, register: ErrorRegister(0x81), detail: [1, 0, 0, 0, 0] };
-    assert_eq!(led.hear(0x083, &[0x30, 0x50, 0x81, 1, 0], 1), [told(3, NodeEvent::Emergency(emergency))]);
+    assert_eq!(led.hear(0x083, &[0x30, 0x50, 0x81, 1, 0], 1), [reported(3, NodeEvent::Emergency(emergency))]);
     assert_eq!(led.hear(0x084, &[0x30, 0x50, 0x81, 1, 0], 1), []);
 }
 

@@ -87,7 +87,7 @@ fn values_are_written_at_once_and_longer_ones_in_segments() {
 }
 
 #[test]
-fn a_refusal_is_told_in_the_words_of_its_code() {
+fn a_refusal_is_reported_in_the_words_of_its_code() {
     let mut client = client();
     client.read(SPEED);
     let progress = client.take(&answer([0x80, 0x30, 0x71, 1, 0, 0, 2, 6]));

@@ -56,7 +56,7 @@ fn frame(id: u32, data: &[u8]) -> Frame {
 }
 
 /// Each thing in a few words.
-fn told(follows: &[Reaction]) -> Vec<String> {
+fn reported(follows: &[Reaction]) -> Vec<String> {
     let words = |follow: &Reaction| match follow {
         Reaction::Send(frame) => format!("send {frame}"),
         Reaction::Node(device, event) => format!("{} {event}", device.0),
@@ -72,37 +72,37 @@ fn told(follows: &[Reaction]) -> Vec<String> {
 #[test]
 fn a_node_is_started_when_it_is_set_up_and_again_after_each_boot_up() {
     let mut nodes = nodes();
-    assert_eq!(told(&nodes.tick(vec![], at(0))), [""; 0]);
-    assert_eq!(told(&nodes.tick(vec![MODULE], at(1))), ["send 000#0105"]);
+    assert_eq!(reported(&nodes.tick(vec![], at(0))), [""; 0]);
+    assert_eq!(reported(&nodes.tick(vec![MODULE], at(1))), ["send 000#0105"]);
     assert_eq!(nodes.speaker(&frame(0x705, &[0])), Some(MODULE));
-    let booted = told(&nodes.take(&frame(0x705, &[0]), at(2)));
+    let booted = reported(&nodes.take(&frame(0x705, &[0]), at(2)));
     assert!(booted.len() == 1 && booted[0].contains("booted up"), "{booted:?}");
-    assert_eq!(told(&nodes.tick(vec![MODULE], at(2))), ["send 000#0105"]);
+    assert_eq!(reported(&nodes.tick(vec![MODULE], at(2))), ["send 000#0105"]);
 }
 
 #[test]
-fn silence_is_told_once_by_heartbeat_or_by_age_also_of_what_was_never_heard() {
+fn silence_is_reported_once_by_heartbeat_or_by_age_also_of_what_was_never_heard() {
     let mut nodes = nodes();
     assert_eq!(nodes.due(), Some(at(2)));
-    let lost = told(&nodes.tick(vec![], at(2)));
+    let lost = reported(&nodes.tick(vec![], at(2)));
     assert!(lost.len() == 1 && lost[0].starts_with("0 was never heard"), "{lost:?}");
-    assert_eq!(told(&nodes.tick(vec![], at(3))), ["1 silent for 3s, heard before: false"]);
+    assert_eq!(reported(&nodes.tick(vec![], at(3))), ["1 silent for 3s, heard before: false"]);
     assert!(nodes.is_lost(MODULE) && nodes.is_lost(SENDER));
-    assert_eq!(told(&nodes.tick(vec![], at(60))), [""; 0]);
+    assert_eq!(reported(&nodes.tick(vec![], at(60))), [""; 0]);
     nodes.heard(SENDER, at(61));
     assert!(!nodes.is_lost(SENDER));
     // Values of a node do not stand in for its heartbeat.
     nodes.heard(MODULE, at(61));
     assert!(nodes.is_lost(MODULE));
-    assert_eq!(told(&nodes.tick(vec![], at(64))), ["1 silent for 3s, heard before: true"]);
+    assert_eq!(reported(&nodes.tick(vec![], at(64))), ["1 silent for 3s, heard before: true"]);
 }
 
 #[test]
-fn an_emergency_is_told_once_a_code_until_all_are_over() {
+fn an_emergency_is_reported_once_a_code_until_all_are_over() {
     let mut nodes = nodes();
     let mut say = |code: u16| {
         let [low, high] = code.to_le_bytes();
-        told(&nodes.take(&frame(0x085, &[low, high, 1, 0, 0, 0, 0, 0]), at(1)))
+        reported(&nodes.take(&frame(0x085, &[low, high, 1, 0, 0, 0, 0, 0]), at(1)))
     };
     assert_eq!(say(0), [""; 0]);
     assert_eq!(say(0x5031), ["0 complains 5031"]);

@@ -20,11 +20,11 @@ pub struct OutputRow {
     pub now: Moment,
     /// The output's name.
     pub output: String,
-    /// What the row tells.
+    /// What the row says.
     pub entry: Entry,
 }
 
-/// What a row tells.
+/// What a row says.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Entry {
     /// The output goes on from this.

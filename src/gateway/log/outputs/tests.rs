@@ -44,7 +44,7 @@ fn facts() -> Vec<Fact> {
         Fact::Off,
         Fact::Paused,
     ];
-    let told = MOMENTS.into_iter().flat_map(|at| {
+    let reported = MOMENTS.into_iter().flat_map(|at| {
         let valued = VALUES.into_iter().flat_map(move |value| {
             [
                 Fact::Decided { offset: Counts(value), not_after: at },
@@ -55,17 +55,17 @@ fn facts() -> Vec<Fact> {
         });
         valued.chain([Fact::Done { left: at }, Fact::Unknown { left: at }])
     });
-    bare.into_iter().chain(told).collect()
+    bare.into_iter().chain(reported).collect()
 }
 
 fn actions() -> Vec<Action> {
-    let told = MOMENTS.into_iter().flat_map(|at| {
+    let reported = MOMENTS.into_iter().flat_map(|at| {
         let writes = VALUES.into_iter().flat_map(move |value| {
             [false, true].map(|is_repeat| Action::Write { value: Counts(value), not_after: at, is_repeat })
         });
         writes.chain([Action::Nothing { until: at }])
     });
-    [Action::Read, Action::Keep].into_iter().chain(told).collect()
+    [Action::Read, Action::Keep].into_iter().chain(reported).collect()
 }
 
 fn rows(log: &str) -> Result<Vec<OutputRow>, String> {
@@ -198,7 +198,7 @@ fn some_log() -> String {
 }
 
 #[test]
-fn an_action_that_was_changed_is_told_with_its_line_and_both_actions() {
+fn an_action_that_was_changed_is_reported_with_its_line_and_both_actions() {
     let log = some_log();
     let line = log.lines().position(|line| line.contains(",write,")).unwrap();
     let tampered: Vec<String> = (log.lines().enumerate())
@@ -209,19 +209,19 @@ fn an_action_that_was_changed_is_told_with_its_line_and_both_actions() {
     let came = replayed(&(tampered.join("\n") + "\n"));
     let different: Vec<_> =
         came.iter().filter(|(_, came)| matches!(came, Replayed::Different { .. })).collect();
-    let [(told, Replayed::Different { recorded, replayed })] = different.as_slice() else {
+    let [(reported, Replayed::Different { recorded, replayed })] = different.as_slice() else {
         panic!("{different:?}")
     };
-    assert_eq!(*told, u64::try_from(line).unwrap() + 1);
+    assert_eq!(*reported, u64::try_from(line).unwrap() + 1);
     assert!(recorded.starts_with("repeat ") && replayed.starts_with("write "), "{recorded} {replayed}");
     assert_eq!(recorded.trim_start_matches("repeat "), replayed.trim_start_matches("write "));
 }
 
 #[test]
-fn what_cannot_be_read_is_told_with_its_line_and_its_column() {
+fn what_cannot_be_read_is_reported_with_its_line_and_its_column() {
     let row = "2026-01-05T12:00:00Z,cnc_z,read,120,2026-01-05T12:00:00Z,nothing,,,\n";
     let wrong = |from: &str, to: &str| rows(&format!("{HEADER}{row}{}{row}", row.replace(from, to)));
-    for (from, to, told) in [
+    for (from, to, reported) in [
         (",120,", ",12O,", "day, line 3, column value: `12O` is no count of a register"),
         (",120,", ",,", "day, line 3, column value: `read` has a value, and none is here"),
         (",read,", ",reed,", "day, line 3, column fact: `reed` is nothing that is known here"),
@@ -231,7 +231,7 @@ fn what_cannot_be_read_is_told_with_its_line_and_its_column() {
         (",read,", ",begin,", "day, line 3, column detail: "),
     ] {
         let error = wrong(from, to).unwrap_err();
-        assert!(error.starts_with(told), "{error}");
+        assert!(error.starts_with(reported), "{error}");
     }
     assert!(rows("time,bed\n1,2\n").unwrap_err().starts_with("day, line 1: this is no log of outputs"));
 }

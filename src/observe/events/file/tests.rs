@@ -90,7 +90,7 @@ fn every_bit_of_a_line_that_falls_over_is_found() {
 }
 
 #[test]
-fn a_file_in_the_place_of_another_days_is_told() {
+fn a_file_in_the_place_of_another_days_is_reported() {
     let directory = tempfile::tempdir().unwrap();
     let (line, _) = End::of_nothing(&path(directory.path(), "m", "2026-01-30")).line(&entry(1));
     let other = path(directory.path(), "m", DAY);

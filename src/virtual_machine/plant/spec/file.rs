@@ -197,7 +197,7 @@ impl LinkFile {
             }
         };
         check.demand(!matches!(other, Point::Spot(_)), || {
-            format!("{place}: a place where temperature is told takes no heat; link a port")
+            format!("{place}: a place where temperature is measured takes no heat; link a port")
         });
         Link { node, other, conductance: self.conductance }
     }

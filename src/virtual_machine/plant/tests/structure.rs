@@ -103,41 +103,50 @@ fn an_axis_moves_as_the_guideway_does_where_it_stands() {
 }
 
 #[test]
-fn what_is_wrong_around_a_structure_is_told_by_name() {
+fn what_is_wrong_around_a_structure_is_reported_by_name() {
     let wrong = |changes: &[(&str, &str)]| closed(changes).unwrap_err().to_string();
     assert_eq!(
         wrong(&[("column-hmc/modes.json", "collum.json")]),
         "structure.modes: there is no file `collum.json`"
     );
-    let told =
+    let reported =
         wrong(&[("foot = \"bed\"", "feet = \"bed\""), ("air_low = \"room\"", "air_low = \"rails_1\"")]);
     for part in [
         "structure.sinks: there is no sink `feet`; there are air_high, air_low, covers, foot, inside",
         "structure.sinks.foot: is missing: a node, or ambient",
         "structure.sinks.air_low: `rails_1` is of the structure itself; name a node, or ambient",
     ] {
-        assert!(told.contains(part), "{told}");
+        assert!(reported.contains(part), "{reported}");
     }
-    let told = wrong(&[("\"rails_3\", \"head\"", "\"rails_3\", \"rails_4\"")]);
-    assert!(told.contains("link between rails_3 and rails_4: one of the two must be a node"), "{told}");
-    let told = wrong(&[("\"rails_3\", \"head\"", "\"head\", \"column_front_3\"")]);
-    assert!(told.contains("a place where temperature is told takes no heat; link a port"), "{told}");
-    let told = wrong(&[("\nroom = ", "\nrails_2 = { capacity = 1e5, initial = 20.0 }\nroom = ")]);
-    assert!(told.contains("`rails_2` is both a node and of the structure"), "{told}");
-    let told = wrong(&[("conductance = 5.0", "conductance = 5.0e5")]);
-    assert!(told.contains("structure: 500000 W/K is too much for a port that 1 W warms by"), "{told}");
-    let told = wrong(&[("position = \"scale_y\"", "position = \"scale_x\"")]);
-    assert_eq!(told, "structure.position: there is no position `scale_x`");
+    let reported = wrong(&[("\"rails_3\", \"head\"", "\"rails_3\", \"rails_4\"")]);
+    assert!(
+        reported.contains("link between rails_3 and rails_4: one of the two must be a node"),
+        "{reported}"
+    );
+    let reported = wrong(&[("\"rails_3\", \"head\"", "\"head\", \"column_front_3\"")]);
+    assert!(
+        reported.contains("a place where temperature is measured takes no heat; link a port"),
+        "{reported}"
+    );
+    let reported = wrong(&[("\nroom = ", "\nrails_2 = { capacity = 1e5, initial = 20.0 }\nroom = ")]);
+    assert!(reported.contains("`rails_2` is both a node and of the structure"), "{reported}");
+    let reported = wrong(&[("conductance = 5.0", "conductance = 5.0e5")]);
+    assert!(
+        reported.contains("structure: 500000 W/K is too much for a port that 1 W warms by"),
+        "{reported}"
+    );
+    let reported = wrong(&[("position = \"scale_y\"", "position = \"scale_x\"")]);
+    assert_eq!(reported, "structure.position: there is no position `scale_x`");
 }
 
 #[test]
 fn a_file_of_modes_that_does_not_fit_together_is_refused() {
     let modes = r#"{"format": "isotherm-modes", "version": 1, "rate_per_s": [0.1, 0.2], "uniform": [1.0],
         "ports": {}, "sinks": {}, "points": {}, "guide_mm": [2.0, 1.0], "moves_um": {"x": [], "y": [], "z": [[1.0, 2.0], [1.0, 2.0]]}}"#;
-    let told =
+    let reported =
         |text: &str| PlantSpec::parse_with(CLOSED, &|_| Some(text.to_owned())).unwrap_err().to_string();
     assert_eq!(
-        told(modes).lines().collect::<Vec<_>>(),
+        reported(modes).lines().collect::<Vec<_>>(),
         [
             "column-hmc/modes.json: uniform: 2 finite numbers, one for each mode",
             "column-hmc/modes.json: moves_um.x: 2 rows, one for each point of guide_mm",
@@ -145,5 +154,5 @@ fn a_file_of_modes_that_does_not_fit_together_is_refused() {
             "column-hmc/modes.json: guide_mm: points in mm, ascending",
         ]
     );
-    assert!(told("{}").contains("column-hmc/modes.json: missing field `format`"), "{}", told("{}"));
+    assert!(reported("{}").contains("column-hmc/modes.json: missing field `format`"), "{}", reported("{}"));
 }

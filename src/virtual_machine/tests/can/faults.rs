@@ -71,10 +71,10 @@ fn short_frames_lack_the_last_byte_and_garbage_has_them_all() {
 }
 
 #[test]
-fn an_emergency_is_told_and_told_to_be_over() {
+fn an_emergency_is_reported_and_told_to_be_over() {
     let mut rig = Rig::new(&fault("axtc", "emergency", "code = 0x5030\nat = \"1s\"\nfor_time = \"500ms\""));
-    let told = rig.heard(9000, &["085"]);
-    assert_eq!(told, ["1000 085#3050010000000000", "1500 085#0000000000000000"]);
+    let reported = rig.heard(9000, &["085"]);
+    assert_eq!(reported, ["1000 085#3050010000000000", "1500 085#0000000000000000"]);
     let mut rig = Rig::new(&fault("axtc", "emergency", "code = 0x4210"));
     assert_eq!(rig.heard(9000, &["085"]), ["0 085#1042090000000000"]);
     assert_eq!(rig.give(9000, "605#4001100000000000"), ["585#4F01100009000000"], "it stands in 1001h");
@@ -91,7 +91,7 @@ fn a_babbling_node_sends_what_nobody_asked_for() {
 }
 
 #[test]
-fn a_controller_s_trouble_is_told_once_or_again_and_again() {
+fn a_controller_s_trouble_is_reported_once_or_again_and_again() {
     let named = |name| BusError::named(name).unwrap();
     let errors = |more: &str| {
         let mut rig = Rig::new(&fault("drive", "error-frame", more));

@@ -100,7 +100,7 @@ fn a_field_beyond_a_frame_or_of_a_length_that_its_kind_has_not_does_not_exist() 
 }
 
 #[test]
-fn a_value_that_does_not_fit_its_field_is_cut_and_told() {
+fn a_value_that_does_not_fit_its_field_is_cut_and_reported() {
     let data_type = field(0, 12, INTEL, BitKind::Signed).data_type();
     let encoding = Encoding {
         data_type,

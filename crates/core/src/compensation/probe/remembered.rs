@@ -34,7 +34,7 @@ shifted!(ProbeRemembered: models, last, history);
 shifted!(LearnedRemembered: renews);
 
 impl ProbeRemembered {
-    /// When people measured is told by the wall's clock, by which the machine was away for so long.
+    /// When people measured goes by the wall clock, by which the machine was away for so long.
     pub(in crate::compensation) fn away(&mut self, back: Shift) {
         self.last.shift(back);
         self.history.shift(back);

@@ -58,7 +58,7 @@ fn a_result_that_is_no_number_leaves_the_next_model_to_serve() {
 }
 
 #[test]
-fn a_reference_is_waited_for_although_a_lesser_model_could_serve() {
+fn a_reference_is_waited_for_although_a_fallback_model_could_serve() {
     let settings = MachineSettings { settle: seconds(30.0), signals: 4, ..MachineSettings::default() };
     let rise = linear("rise", 0.0, &[term(BED, 2.0, Reference::Start)]);
     let mut rig = Rig::with(settings, axis(vec![rise, bed_only()]));

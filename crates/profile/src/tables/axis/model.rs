@@ -77,7 +77,7 @@ pub(crate) struct RawModel {
     envelope: Option<String>,
     /// What the axis does outside its envelope: warn: follow the model; hold: keep Cz; shrink: follow it less and less.
     outside: Option<OutsideWord>,
-    /// matrix: the signal that tells where the axis is, mm.
+    /// matrix: the signal with the position of the axis, mm.
     position: Option<String>,
     /// matrix, network: what rises are measured from: a number, "start" or "zero". A network's default is 0.
     reference: Option<ReferenceValue>,

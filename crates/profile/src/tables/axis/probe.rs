@@ -30,7 +30,7 @@ pub(super) struct RawProbe {
     /// A probing after which the model would be wrong by more than this is not believed, µm.
     #[schemars(required)]
     max_error: Option<f64>,
-    /// A residual beyond this is told, µm: the model ages. At most `max_error`.
+    /// A residual beyond this is reported, µm: the model ages. At most `max_error`.
     warn: Option<f64>,
     /// The gains of linear models learn as well, by recursive least squares.
     gains: Option<RawGains>,

@@ -125,7 +125,7 @@ impl Display {
                 return format!("with it {register}: always {good:#06x}");
             }
             format!(
-                "with it {register}: {good:#06x}; {degraded:#06x} by a lesser model, {fault:#06x} by none"
+                "with it {register}: {good:#06x}; {degraded:#06x} by a fallback model, {fault:#06x} by none"
             )
         });
         let stale = self.stale.iter().map(|Stale { text, register, .. }| {

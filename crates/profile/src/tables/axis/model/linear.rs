@@ -50,7 +50,7 @@ pub(super) struct RawTerm {
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Slope")]
 pub(super) struct RawSlope {
-    /// The signal that tells where the axis is, in mm.
+    /// The signal with the position of the axis, in mm.
     #[schemars(required)]
     position: Option<String>,
     /// Where the slope adds nothing, mm.

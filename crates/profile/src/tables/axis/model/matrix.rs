@@ -101,7 +101,7 @@ fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
     let needs = [
         ("inputs", "write inputs = [ … ], the signal of each block in the file's order"),
         ("file", "write file = \"column.json\", a matrix beside the profile"),
-        ("position", "name the signal that tells where the axis is, in mm"),
+        ("position", "name the signal with the position of the axis, in mm"),
         ("component", "write which displacement acts along the axis: \"x\", \"y\", \"z\" or \"-x\", …"),
         ("carries", "write what the guideway carries: \"tool\" or \"work\""),
     ];

@@ -19,8 +19,8 @@ fn a_sensor_that_hangs_in_the_hall_is_known_by_what_it_does() {
     {
         assert!(reason.contains(words), "{words}: {reason}");
     }
-    let told = asked(home.path(), &["select", "--error", "z_error_um"], &logs, &[]);
-    assert!(told.out.contains("note: post behaves like the air"), "{}", told.out);
+    let reported = asked(home.path(), &["select", "--error", "z_error_um"], &logs, &[]);
+    assert!(reported.out.contains("note: post behaves like the air"), "{}", reported.out);
 }
 
 #[test]

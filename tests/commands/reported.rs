@@ -8,7 +8,7 @@ use crate::bench::Bench;
 use crate::process::until;
 
 #[test]
-fn whoever_commands_by_whatever_way_is_told() {
+fn whoever_commands_by_whatever_way_is_reported() {
     let bench = Bench::manual();
     until("a good reading, and the register is known", || match bench.axis() {
         axis if axis["raw_um"].is_number() && axis["verified_um"].is_number() => Ok(()),
@@ -28,15 +28,15 @@ fn whoever_commands_by_whatever_way_is_told() {
 
     let events = bench.events(&[]);
     let of_commands = events.iter().filter(|event| event["kind"].as_str().unwrap().starts_with("command"));
-    let told: Vec<_> = of_commands.map(|event| (event["kind"].clone(), event["data"].clone())).collect();
+    let reported: Vec<_> = of_commands.map(|event| (event["kind"].clone(), event["data"].clone())).collect();
     let uid = rustix::process::getuid().as_raw();
-    let word = |place: usize, word: &str| told[place].1[word].as_str().unwrap().to_owned();
+    let word = |place: usize, word: &str| reported[place].1[word].as_str().unwrap().to_owned();
     assert!(word(0, "who").ends_with(&format!("uid {uid})")) || word(0, "who") == format!("uid {uid}"));
     assert_eq!([word(0, "command"), word(0, "way"), word(0, "answer")], ["arm", "socket", "z: armed"]);
-    assert_eq!(told[0].1["axes"], json!(["z"]));
+    assert_eq!(reported[0].1["axes"], json!(["z"]));
     assert_eq!([word(1, "command"), word(1, "way"), word(1, "who")], ["disarm", "api", "127.0.0.1"]);
     assert_eq!([word(2, "command"), word(2, "way"), word(2, "answer")], ["arm", "page", "z: armed"]);
-    let refused: Vec<&str> = told[3..].iter().map(|(kind, _)| kind.as_str().unwrap()).collect();
+    let refused: Vec<&str> = reported[3..].iter().map(|(kind, _)| kind.as_str().unwrap()).collect();
     assert_eq!(
         refused,
         ["command-refused", "command-refused", "command-refused", "command", "command-refused"]
@@ -67,9 +67,9 @@ fn arming_by_the_profile_and_after_a_restart_are_told_apart() {
 
     // The control is switched off and on: its register is at zero again.
     bench.device.puts(0);
-    until("it goes on", || match bench.told("goes-on").len() {
+    until("it goes on", || match bench.reported("goes-on").len() {
         1 => Ok(()),
-        _ => Err(format!("{:?}", bench.told("cnc-restarted"))),
+        _ => Err(format!("{:?}", bench.reported("cnc-restarted"))),
     });
     std::thread::sleep(Duration::from_millis(100));
 }
