@@ -68,7 +68,7 @@ on_fault = { action = "hold" }
 [[axis.z.model]]
 name = "difference"
 kind = "linear"
-terms = [ { signal = "bed", gain = 2.4 }, { signal = "wheelhead", gain = -2.4 } ]
+terms = [ { signal = "bed", gain = 2.4, reference = 0.0 }, { signal = "wheelhead", gain = -2.4, reference = 0.0 } ]
 [output.readout_z]
 axis = "z"
 device = "readout"

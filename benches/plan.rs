@@ -35,7 +35,7 @@ on_fault = { action = "hold" }
 [[axis.z.model]]
 name = "first"
 kind = "linear"
-terms = [ { signal = "input0", gain = 1.0 } ]
+terms = [ { signal = "input0", gain = 1.0, reference = 0.0 } ]
 "#,
     );
     for place in 0..30 {

@@ -325,7 +325,7 @@ fn a_second_signal_ends_it_at_once_and_says_what_is_left() {
     let (text, state) = machine(home.path());
     // Some 40 µm are asked for; at this rate the way back is as long as the way there.
     let text = text
-        .replace("  { signal = \"wheelhead\", gain = -2.4 },\n", "")
+        .replace("  { signal = \"wheelhead\", gain = -2.4, reference = 0.0 },\n", "")
         .replace("rate     = 50.0", "rate     = 0.5");
     let profile = file(home.path(), "machine.toml", &text);
     let _devices = devices(home.path(), &profile);

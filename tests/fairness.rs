@@ -49,7 +49,7 @@ on_fault = { action = "hold" }
 [[axis.z.model]]
 name = "bed"
 kind = "linear"
-terms = [ { signal = "slow0", gain = 1.0 } ]
+terms = [ { signal = "slow0", gain = 1.0, reference = 0.0 } ]
 [output.readout]
 axis = "z"
 device = "scale"

@@ -64,7 +64,7 @@ on_fault = { action = "zero" }
 name = "there"
 kind = "linear"
 offset = OFFSET
-terms = [ { signal = "bed", gain = 0.01 } ]
+terms = [ { signal = "bed", gain = 0.01, reference = 0.0 } ]
 [output.cnc_z]
 axis = "z"
 device = "cnc"

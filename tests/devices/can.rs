@@ -209,7 +209,7 @@ fn encoders_send_their_position_in_four_bytes_whatever_follows_and_are_checked_f
 fn a_siko_indicator_is_written_with_its_control_word_and_condemned_by_its_status_word() {
     let rest = "[signal.s]\ndevice = \"d\"\nchannel = \"position\"\nscale = 0.01\nrange = [-900.0, 900.0]\n\
                 [axis.z]\nlimit = 30.0\nstep = 1.0\nrate = 1.0\ndeadband = 0.0\nevery = \"2s\"\non_fault = { action = \"hold\" }\n\
-                [[axis.z.model]]\nname = \"m\"\nkind = \"linear\"\nterms = [{ signal = \"s\", gain = 0.1 }]\n\
+                [[axis.z.model]]\nname = \"m\"\nkind = \"linear\"\nterms = [{ signal = \"s\", gain = 0.1, reference = 0.0 }]\n\
                 [device.e]\nbus = \"field\"\nnode = 3\ntemplate = \"tr-la-46-k\"\n\
                 [signal.z]\ndevice = \"e\"\nchannel = \"position\"\nscale = 0.005\nrange = [-900.0, 900.0]\n\
                 [output.shown]\naxis = \"z\"\ndevice = \"d\"\nchannel = \"value\"\nposition = \"z\"\nscale = 0.01";

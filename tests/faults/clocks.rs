@@ -25,7 +25,7 @@ fn at(stamp: &str) -> Moment {
 pub(crate) fn slow() -> String {
     let text = patient().replace("arm  = \"auto\"", "arm = \"auto\"\nsettle = \"3min\"");
     text.replace(
-        "{ signal = \"bed\", gain = 2.0 },",
+        "{ signal = \"bed\", gain = 2.0, reference = 0.0 },",
         "{ signal = \"bed\", gain = 2.0, lag = \"20min\", reference = \"start\" },",
     )
 }

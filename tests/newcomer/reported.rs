@@ -59,8 +59,16 @@ fn the_document_of_a_model_has_what_its_report_says() {
     assert!(stand_ins.iter().all(|one| one["envelope"]["inputs"].as_array().unwrap().len() == 2));
     let pasted = format!("{PROFILE}{}\n{OUTPUT}", std::fs::read_to_string(&block).unwrap());
     let pasted = file(home.path(), "pasted.toml", &pasted);
-    let checked = isotherm(home.path()).arg("check").arg(pasted).output().unwrap();
-    assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stderr));
+    let checked = |pasted: &std::path::Path, settle: &str| {
+        let settle = format!("machine.settle={settle}");
+        let checked =
+            isotherm(home.path()).arg("check").arg(pasted).args(["--set", &settle]).output().unwrap();
+        assert!(checked.status.success(), "{}", String::from_utf8_lossy(&checked.stderr));
+        String::from_utf8(checked.stderr).unwrap()
+    };
+    let doubt = "was identified with `settle =";
+    assert!(!checked(&pasted, "3min").contains(doubt));
+    assert_eq!(checked(&pasted, "30s").matches(doubt).count(), 4);
     assert_eq!(
         std::fs::read_dir(home.path())
             .unwrap()

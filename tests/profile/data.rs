@@ -245,7 +245,7 @@ fn an_onnx_file_is_found_beside_its_profile_and_must_fit_it() {
 
 #[test]
 fn an_envelope_belongs_to_any_model_and_says_what_happens_outside() {
-    let linear = "kind = \"linear\"\nterms = [ { signal = \"bed\", gain = 2.4 }, { signal = \"wheelhead\", gain = 1 } ]\n\
+    let linear = "kind = \"linear\"\nterms = [ { signal = \"bed\", gain = 2.4, reference = 0.0 }, { signal = \"wheelhead\", gain = 1, reference = 0.0 } ]\n\
         envelope = \"e.json\"\noutside = \"shrink\"";
     let e = |text: &str| machine(linear, &[("e.json", text.as_bytes())]);
     let loaded = e(ENVELOPE).unwrap();

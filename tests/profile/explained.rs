@@ -41,7 +41,7 @@ fn a_good_profile_is_explained_in_words_and_figures() {
         "read input:0..1 (30001..30002), 2 registers, function 04: bed, wheelhead",
         "module: unit 1, every 1s: 2 requests touching 2 registers and 1 bit for 3 signals",
         "scale_z: holding:84 (40085) of counter, i32 lsw-first",
-        "Cz = 2.4·(bed − 0) + 3.45·(wheelhead − its value at machine start) + 0 µm",
+        "Cz = 2.4·(bed − 20) + 3.45·(wheelhead − its value at machine start) + 0 µm",
         "when bed rises by 1 °C, Cz changes by +2.4 µm",
         "Cz = Kz * (A - (b*t + c)) µm, over bed",
         "a positive Cz makes the commanded or displayed position larger",
@@ -72,8 +72,8 @@ fn an_operators_register_is_explained_as_his() {
 
 #[test]
 fn of_several_lags_of_one_signal_the_sum_is_reported_because_one_may_point_the_other_way() {
-    let term = "{ signal = \"bed\", gain = 2.4 },";
-    let slow = "{ signal = \"bed\", gain = 3.5 }, { signal = \"bed\", gain = -1.1, reference = 20.0, lag = \"1h\" },";
+    let term = "{ signal = \"bed\", gain = 2.4, reference = 20.0 },";
+    let slow = "{ signal = \"bed\", gain = 3.5, reference = 20.0 }, { signal = \"bed\", gain = -1.1, reference = 20.0, lag = \"1h\" },";
     let machine = with(term, slow).unwrap().profile;
     let reported = isotherm_profile::preview::Preview::of(&machine).to_string();
     for words in [

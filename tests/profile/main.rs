@@ -9,6 +9,7 @@ mod can_line;
 mod contradictions;
 mod counters;
 mod data;
+mod doubts;
 mod explained;
 mod late;
 mod layers;

@@ -98,7 +98,7 @@ fn a_key_that_is_missing_is_reported_at_its_table() {
         "bed]",
         &["`type` is missing"],
     );
-    refused("gain = 2.4 ", "", "axis.z.model[0].terms[0].gain", "{ signal", &["`gain` is missing"]);
+    refused("gain = 2.4, ", "", "axis.z.model[0].terms[0].gain", "{ signal", &["`gain` is missing"]);
     refused("address = \"127.0.0.1:1502\"\n", "", "bus.cell.address", "cell]", &["502"]);
 }
 

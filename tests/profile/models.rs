@@ -12,7 +12,7 @@ const SLOPE: &str = "kind = \"linear\"\nslope = { position = \"scale_z\", refere
 #[test]
 fn a_lag_a_slope_levels_and_a_datum_are_taken() {
     let text = GRINDER
-        .replacen("gain = 2.4 }", "gain = 2.4, reference = 20.0, lag = \"30min\" }", 1)
+        .replacen("reference = 20.0 }", "reference = 20.0, lag = \"30min\" }", 1)
         .replacen("kind = \"linear\"", SLOPE, 1)
         .replacen("rate = 0.5", "rate = 0.5\nwarn = 30.0\nerror = 60.0\ndatum = \"zero\"", 1);
     let loaded = parse(&text).unwrap();
@@ -45,25 +45,31 @@ fn a_lag_a_slope_levels_and_a_datum_are_taken() {
 #[test]
 fn a_lag_is_a_duration_above_zero_with_a_reference() {
     let at = "axis.z.model[0].terms[0].lag";
-    refused("gain = 2.4", "gain = 2.4, reference = 20.0, lag = 30", at, "30", &["a duration"]);
-    refused(
-        "gain = 2.4",
-        "gain = 2.4, reference = 20.0, lag = \"0s\"",
-        at,
-        "\"0s\"",
-        &["zero makes no sense"],
-    );
-    refused(
-        "gain = 2.4",
-        "gain = 2.4, reference = 20.0, lag = \"30d\"",
-        at,
-        "\"30d\"",
-        &["longer than a week"],
-    );
-    let found = errors(with("gain = 2.4", "gain = 2.4, lag = \"30min\""));
+    refused("gain = 2.4", "gain = 2.4, lag = 30", at, "30", &["a duration"]);
+    refused("gain = 2.4", "gain = 2.4, lag = \"0s\"", at, "\"0s\"", &["zero makes no sense"]);
+    refused("gain = 2.4", "gain = 2.4, lag = \"30d\"", at, "\"30d\"", &["longer than a week"]);
+}
+
+#[test]
+fn what_a_rise_is_measured_from_is_always_written() {
+    for lag in ["", ", lag = \"30min\""] {
+        let found = errors(with("gain = 2.4, reference = 20.0", &format!("gain = 2.4{lag}")));
+        assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
+        assert_eq!(found[0].key, "axis.z.model[0].terms[0].reference");
+        let told = found[0].to_string();
+        for words in
+            ["`reference` is missing", "gain = 2.4", "reference = 20.0", "\"start\"", "\"zero\"", "0.0"]
+        {
+            assert!(told.contains(words), "`{words}` is not in: {told}");
+        }
+    }
+    let of_slope = SLOPE.replacen("gain = 0.007, reference = 20.0, lag = \"2h\"", "gain = 0.007", 1);
+    let found = errors(with("kind = \"linear\"", &of_slope));
     assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
-    assert_eq!(found[0].key, "axis.z.model[0].terms[0].reference");
-    assert!(found[0].to_string().contains("begins at rest on it"), "{}", found[0]);
+    assert_eq!(found[0].key, "axis.z.model[0].slope.terms[0].reference");
+    let schema = isotherm_profile::schema();
+    assert!(schema["$defs"]["Term"]["required"].to_string().contains("reference"));
+    assert!(with("gain = 2.4, reference = 20.0", "gain = 0.1, reference = 0.0").is_ok());
 }
 
 #[test]

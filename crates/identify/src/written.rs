@@ -23,12 +23,18 @@ pub struct Written {
 /// The block of a model; its files are called `<stem>.envelope.json` and `<stem>.network.json`.
 pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
     let (position, mut files) = (found.position.as_ref(), Vec::new());
+    let settle = settle(found);
+    // What its rises are measured from, for `check` to compare.
+    let with = format!("identified_with = {{ settle = \"{settle}\" }}");
     let body = match &found.learned {
-        Learned::Sum(_) => sum(&found.terms, position),
+        Learned::Sum(_) => format!("{}\n{with}", sum(&found.terms, position)),
         Learned::Net { file, inputs, .. } => {
             let name = format!("{stem}.network.json");
             let inputs = network_inputs(file, inputs);
-            let body = format!("kind = \"network\"\nfile = {}\n{inputs}\nreference = \"start\"", json!(name));
+            let body = format!(
+                "kind = \"network\"\nfile = {}\n{inputs}\nreference = \"start\"\n{with}",
+                json!(name)
+            );
             files.push((name, format!("{file:#}\n")));
             body
         }
@@ -50,7 +56,10 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
         let (without, means) = (&fallback.without, &fallback.means);
         let (body, file) = match &fallback.alone {
             Some(alone) => (formula(alone), format!("{stem}.{}-alone.envelope.json", alone.signal)),
-            None => (sum(&fallback.terms, position), format!("{stem}.without-{without}.envelope.json")),
+            None => (
+                format!("{}\n{with}", sum(&fallback.terms, position)),
+                format!("{stem}.without-{without}.envelope.json"),
+            ),
         };
         block += &format!(
             "\n# Where {without} is lost; held out: mean range {:.1} µm, worst {:.1} µm.\n",
@@ -62,10 +71,15 @@ pub fn written(found: &Identified, stem: &str, outside: Outside) -> Written {
     Written { block, files }
 }
 
+/// What references are the mean over, as a profile writes it.
+fn settle(found: &Identified) -> humantime::FormattedDuration {
+    format_duration(Duration::from_secs_f64(found.settle_s))
+}
+
 /// What a person must know of the model, line by line.
 fn head(found: &Identified) -> Vec<String> {
     let (means, before) = (&found.means, &found.uncompensated);
-    let settle = format_duration(Duration::from_secs_f64(found.settle_s));
+    let settle = settle(found);
     let mut lines = vec![
         format!("Cz = −e, e being {}: found by isotherm identify --method {}.", found.error, found.method),
         format!(

@@ -7,6 +7,7 @@ use std::fmt;
 use serde::Serialize;
 
 use crate::document::Section;
+use crate::tables::axis::model::all_over::AllOver;
 use crate::tables::bus::Transport;
 use crate::{BusId, DeviceId, Profile};
 
@@ -59,7 +60,8 @@ impl Preview {
             ));
         }
         section.entry("only_recorded", &profile.only_recorded);
-        section.parts("axes", profile.axes.iter().map(|axis| axis.preview(profile)));
+        let all_over = AllOver::shown(profile);
+        section.parts("axes", profile.axes.iter().map(|axis| axis.preview(profile, &all_over)));
         section.line("");
         section.line("writes");
         section.parts("writes", profile.outputs.iter().map(|output| output.preview(profile)));

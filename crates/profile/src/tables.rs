@@ -236,7 +236,7 @@ impl Check<'_> {
         line_time::check(self);
         loose_ends::warn(self);
         let only_recorded = loose_ends::only_recorded(self);
-        Some(Profile {
+        let profile = Profile {
             name: machine.name,
             description: machine.description,
             path,
@@ -253,7 +253,9 @@ impl Check<'_> {
             heartbeat,
             web,
             history,
-        })
+        };
+        axis::doubts::warn(self, &profile);
+        Some(profile)
     }
 
     /// What each table of a kind becomes, in the order of the file.
@@ -405,6 +407,12 @@ impl<'c> At<'c> {
             self.wrong(format!("`{name}` is in \"{unit}\"; a position is in mm"), help);
         }
         Some(position)
+    }
+
+    /// Whether this signal is a temperature.
+    fn is_temperature(&self, signal: Option<SignalId>) -> bool {
+        let signal = signal.and_then(|id| self.check.signals.get(id.0));
+        signal.is_some_and(|signal| matches!(signal.unit.0, "degC" | "K"))
     }
 
     /// A duration that must be longer than nothing.

@@ -116,7 +116,11 @@ impl Walk<'_> {
             (found, _) => {
                 let help = described.get("description").or(schema.get("description")).and_then(Value::as_str);
                 let written = written(self.schema, schema, path, found);
-                let help = written.into_iter().chain(help.map(str::to_owned)).collect::<Vec<_>>().join("; ");
+                let help = written
+                    .into_iter()
+                    .chain(help.map(|help| help.replace('\n', " ")))
+                    .collect::<Vec<_>>()
+                    .join("; ");
                 let help = Some(help).filter(|help| !help.is_empty());
                 (wrong_type(&types(self.schema, schema), found, is_duration), help)
             }
@@ -180,7 +184,7 @@ impl Walk<'_> {
                     let path = child(path, key);
                     if !table.contains_key(key) && !self.spans.contains(&path) {
                         let described =
-                            |schema: &Value| Some(schema.get("description")?.as_str()?.to_owned());
+                            |schema: &Value| Some(schema.get("description")?.as_str()?.replace('\n', " "));
                         let what = property(key)
                             .and_then(|what| described(resolved(self.schema, what)).or(described(what)));
                         let help = what.map(|what| format!("`{key}`: {what}"));

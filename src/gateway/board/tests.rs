@@ -38,7 +38,7 @@ on_fault = { action = "hold" }
 [[axis.z.model]]
 name = "one"
 kind = "linear"
-terms = [{ signal = "bed", gain = 1.0 }]
+terms = [{ signal = "bed", gain = 1.0, reference = 0.0 }]
 "#;
 
 const BED: SignalId = SignalId(0);

@@ -11,8 +11,10 @@ use isotherm_core::compensation::model::Model;
 use isotherm_core::compensation::settings::{AxisSettings, Datum, GuardSettings, Levels, OnFault};
 use isotherm_core::quantity::{Micron, MicronPerSecond};
 use model::RawModel;
+use model::all_over::AllOver;
 use probe::{ProbeInput, RawProbe};
 
+pub(super) mod doubts;
 pub(super) mod intercept_slope;
 pub(crate) mod model;
 pub(crate) mod probe;
@@ -94,7 +96,7 @@ pub struct Axis {
 
 impl Axis {
     /// How Cz is computed, which way it moves, how far and how fast.
-    pub(crate) fn preview(&self, profile: &Profile) -> Section {
+    pub(crate) fn preview(&self, profile: &Profile, all_over: &[AllOver]) -> Section {
         let AxisSettings { name, models, guard, levels, .. } = &self.settings;
         let mut section = Section::default();
         section.line("");
@@ -104,7 +106,7 @@ impl Axis {
         }
         section.entry("name", name);
         let models = models.iter().enumerate();
-        section.parts("models", models.map(|(place, model)| model::preview(profile, place, model)));
+        section.parts("models", models.map(|(place, model)| model::preview(profile, place, model, all_over)));
         let mut sign =
             "Cz is added to the position: a positive Cz makes the commanded or displayed position larger"
                 .to_owned();

@@ -24,7 +24,7 @@ pub(crate) struct RawMachine {
     /// The signal whose rising edge captures the references given as "zero".
     zero: Option<String>,
     /// Captured references are the mean over this long. Default "0s": the first good reading.
-    settle: Option<Timespan>,
+    pub(super) settle: Option<Timespan>,
     /// When an axis begins to write: by itself once all is verified and good, or when a person says so. Default "auto".
     arm: Option<Arm>,
     /// How long a request to arm that cannot be served yet waits, visibly. Default "10min".

@@ -8,16 +8,21 @@ use serde::Deserialize;
 use crate::Profile;
 use crate::document::Section;
 use crate::tables::At;
+use all_over::AllOver;
 use envelope::OutsideWord;
+use identified_with::RawIdentifiedWith;
 use inputs::{Inputs, ReferenceValue};
 use isotherm_core::compensation::model::{Kind, Model};
+use isotherm_core::reading::SignalId;
 use linear::{RawSlope, RawTerm};
 use matrix::{Carries, Component};
 
+pub(crate) mod all_over;
 mod effect;
 mod envelope;
 mod file;
 mod formula;
+mod identified_with;
 mod inputs;
 mod linear;
 mod matrix;
@@ -37,7 +42,12 @@ struct KindOfModel {
     resolve: fn(&RawModel, &At<'_>) -> Option<Kind>,
     /// `None` for a model of another kind.
     preview: fn(&Profile, &Kind) -> Option<Computation>,
+    /// `None` for a model that knows no position, or of another kind.
+    places: fn(&Kind) -> Option<Places>,
 }
+
+/// The signal of the position that a model depends on, and where the axis may be, mm.
+type Places = (SignalId, Vec<f64>);
 
 /// What a model computes, in words.
 #[derive(Default)]
@@ -75,6 +85,8 @@ pub(crate) struct RawModel {
     file: Option<String>,
     /// A file with the temperatures the model was identified on.
     envelope: Option<String>,
+    /// How it was identified; `isotherm identify` writes it.
+    identified_with: Option<RawIdentifiedWith>,
     /// What the axis does outside its envelope: warn: follow the model; hold: keep Cz; shrink: follow it less and less.
     outside: Option<OutsideWord>,
     /// matrix: the signal with the position of the axis, mm.
@@ -102,6 +114,9 @@ impl RawModel {
                 }
             }
         }
+        if let Some(identified_with) = &self.identified_with {
+            identified_with.doubt(&at.key("identified_with"));
+        }
         let kind = (own.resolve)(self, at);
         let model = self.name.clone().zip(kind).map(|(name, kind)| Model { name, kind, envelope: None });
         let envelope = envelope::resolve(self, at, model.as_ref())?;
@@ -125,7 +140,7 @@ impl RawModel {
 }
 
 /// What the model in this place of an axis's list computes, and where that holds.
-pub(super) fn preview(profile: &Profile, place: usize, model: &Model) -> Section {
+pub(super) fn preview(profile: &Profile, place: usize, model: &Model, all_over: &[AllOver]) -> Section {
     let kind = KINDS.into_iter().find_map(|kind| (kind.preview)(profile, &model.kind));
     let Computation { formula, effects } = kind.unwrap_or_default();
     let mut section = Section::default();
@@ -134,6 +149,7 @@ pub(super) fn preview(profile: &Profile, place: usize, model: &Model) -> Section
     section.entry("name", &model.name);
     section.entry("formula", formula);
     section.entry("effects", effects);
+    all_over::preview(&mut section, profile, model, all_over);
     if let Some(envelope) = &model.envelope {
         let envelope = envelope::preview(profile, envelope);
         section.line(format!("     {envelope}"));

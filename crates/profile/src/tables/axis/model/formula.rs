@@ -16,6 +16,7 @@ pub(super) const KIND: KindOfModel = KindOfModel {
     keys: &["formula", "constants", "inputs"],
     resolve,
     preview,
+    places: |_| None,
 };
 
 fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {

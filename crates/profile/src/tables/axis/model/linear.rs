@@ -3,15 +3,16 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use super::all_over::signed;
 use super::effect::{effect, figure, lagged, late, reference};
 use super::inputs::{ReferenceValue, lag};
-use super::{Computation, KindOfModel, RawModel};
+use super::{Computation, KindOfModel, Places, RawModel};
 use crate::Profile;
 use crate::document::grouped;
 use crate::duration::Timespan;
 use crate::tables::At;
 use isotherm_core::compensation::model::{Input, Kind, Linear, Reference, Slope, Term};
-use isotherm_core::quantity::{Celsius, Micron, MicronPerCelsius, MicronPerMillimetreCelsius, Millimetre};
+use isotherm_core::quantity::{Micron, MicronPerCelsius, MicronPerMillimetreCelsius, Millimetre};
 use isotherm_core::reading::SignalId;
 
 /// 1 mm in µm.
@@ -23,7 +24,13 @@ pub(super) const KIND: KindOfModel = KindOfModel {
     keys: &["offset", "terms", "slope"],
     resolve,
     preview,
+    places,
 };
+
+/// A gain of a term that a machine can have, µm/°C.
+const LARGE_GAIN: f64 = 100.0;
+/// The same of a slope, µm/mm per °C: ten times what aluminium expands by is 0.24.
+const LARGE_SLOPE: f64 = 0.24;
 
 /// One gain times one temperature rise.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -35,9 +42,11 @@ pub(super) struct RawTerm {
     signal: Option<String>,
     /// µm per unit of the signal; in a slope µm/mm per unit. Either this, or `expansion` and `length` (not in a slope).
     gain: Option<f64>,
-    /// What the rise is measured from: a number (default 0: the temperature itself), "start" or "zero".
+    /// What the rise is measured from. Write reference = 20.0 (a number in the signal's unit: where the structure had its
+    /// cold geometry), "start" (its value at machine start), "zero" (its value at the last zero), or 0.0 (the value itself).
+    #[schemars(required)]
     reference: Option<ReferenceValue>,
-    /// Time constant C of a first-order lag, 1 − e^(−t/C); needs a `reference`.
+    /// Time constant C of a first-order lag, 1 − e^(−t/C).
     lag: Option<Timespan>,
     /// Coefficient of linear expansion, 1/K.
     expansion: Option<f64>,
@@ -66,14 +75,14 @@ pub(super) struct RawSlope {
 fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
     let list = at.key("terms");
     let Some(own) = &raw.terms else {
-        let help = "write terms = [ { signal = \"…\", gain = … } ]";
+        let help = "write terms = [ { signal = \"…\", gain = …, reference = … } ]";
         list.missing("`terms` is missing: a linear model adds up terms", help);
         return None;
     };
     if own.is_empty() && raw.slope.is_none() {
         list.wrong("a model without terms follows no temperature", "write at least one term");
     }
-    let terms = terms(&list, own, RawTerm::gain, MicronPerCelsius::new);
+    let terms = terms(&list, own, (RawTerm::gain, LARGE_GAIN, "µm/°C"), MicronPerCelsius::new);
     let slope = raw.slope.as_ref().map(|slope| slope.resolve(&at.key("slope")));
     let slope = match slope {
         Some(slope) => Some(slope?),
@@ -87,16 +96,20 @@ fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
 fn terms<Gain>(
     list: &At<'_>,
     terms: &[RawTerm],
-    gain: impl Fn(&RawTerm, &At<'_>) -> Option<f64>,
+    (gain, large, per): (impl Fn(&RawTerm, &At<'_>) -> Option<f64>, f64, &str),
     unit: impl Fn(f64) -> Option<Gain>,
 ) -> Option<Vec<Term<Gain>>> {
     let one = |(index, raw): (usize, &RawTerm)| {
         let at = list.item(index);
         let signal = at.key("signal").signal(raw.signal.as_ref());
         let gain = gain(raw, &at);
-        let lag = lag(&at, raw.lag, raw.reference.is_some());
-        let reference = raw.reference.map_or(Reference::Fixed(Celsius::ZERO), Reference::from);
-        Some(Term { input: Input { signal: signal?, reference, lag: lag? }, gain: unit(gain?)? })
+        if let Some(gain) = gain.filter(|gain| gain.abs() > large && at.is_temperature(signal)) {
+            raw.doubt(&at, gain, per);
+        }
+        // A missing reference has been reported as every missing key is.
+        let lag = lag(&at, raw.lag, true);
+        let reference = raw.reference.map(Reference::from);
+        Some(Term { input: Input { signal: signal?, reference: reference?, lag: lag? }, gain: unit(gain?)? })
     };
     let terms: Vec<Option<Term<Gain>>> = terms.iter().enumerate().map(one).collect();
     terms.into_iter().collect()
@@ -114,8 +127,10 @@ impl RawSlope {
             let help = "write at least one term, or remove `slope`";
             list.wrong("a slope without terms follows no temperature", help);
         }
-        let terms = (self.terms.as_ref())
-            .and_then(|own| terms(&list, own, RawTerm::gain_of_slope, MicronPerMillimetreCelsius::new));
+        let terms = (self.terms.as_ref()).and_then(|own| {
+            let gain = (RawTerm::gain_of_slope, LARGE_SLOPE, "µm/mm per °C");
+            terms(&list, own, gain, MicronPerMillimetreCelsius::new)
+        });
         if let Some([from, to]) = self.travel.filter(|[from, to]| from >= to) {
             let message = format!("a travel from {from} to {to} mm has no length");
             at.key("travel").wrong(message, "write the smaller end first, as [-300.0, 0.0]");
@@ -129,6 +144,15 @@ impl RawSlope {
 impl RawTerm {
     pub(super) fn is_at_zero(&self) -> bool {
         self.reference.is_some_and(ReferenceValue::is_zero)
+    }
+
+    fn doubt(&self, at: &At<'_>, gain: f64, per: &str) {
+        let key = if self.gain.is_some() { "gain" } else { "expansion" };
+        let message = format!("{} {per} is more than a machine moves by", signed(gain));
+        at.key(key).warn(
+            message,
+            "`gain` is in µm per unit of the signal; steel: expansion = 11.5e-6, and `length` in mm",
+        );
     }
 
     /// µm/mm per unit of the signal.
@@ -174,6 +198,13 @@ impl RawTerm {
 fn preview(profile: &Profile, kind: &Kind) -> Option<Computation> {
     let Kind::Linear(linear) = kind else { return None };
     Some(Computation { formula: text(profile, linear), effects: effects(profile, linear) })
+}
+
+/// The ends of the travel of a slope, and where it adds nothing.
+fn places(kind: &Kind) -> Option<Places> {
+    let Kind::Linear(Linear { slope: Some(slope), .. }) = kind else { return None };
+    let travel = slope.travel.iter().flat_map(|(from, to)| [from.get(), to.get()]);
+    Some((slope.position, [slope.reference.get()].into_iter().chain(travel).collect()))
 }
 
 /// The sum as it is written on paper.

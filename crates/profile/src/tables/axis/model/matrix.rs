@@ -14,7 +14,7 @@ use serde::de::IgnoredAny;
 use super::effect::{effect, figure, late, rises};
 use super::file::{bytes, fit, read, taken};
 use super::inputs::in_order;
-use super::{Computation, KindOfModel, RawModel};
+use super::{Computation, KindOfModel, Places, RawModel};
 use crate::Profile;
 use crate::tables::At;
 use isotherm_core::compensation::model::{Kind, Matrix};
@@ -29,6 +29,7 @@ pub(super) const KIND: KindOfModel = KindOfModel {
     keys: &["inputs", "file", "reference", "position", "component", "carries"],
     resolve,
     preview,
+    places,
 };
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -139,6 +140,12 @@ fn resolve(raw: &RawModel, at: &At<'_>) -> Option<Kind> {
 /// Numbers of a file with their unit.
 fn quantities<Q: TryFrom<f64, Error = &'static str>>(numbers: Vec<f64>) -> Result<Vec<Q>, String> {
     numbers.into_iter().map(Q::try_from).collect::<Result<_, _>>().map_err(str::to_owned)
+}
+
+/// The ends of the guideway.
+fn places(kind: &Kind) -> Option<Places> {
+    let Kind::Matrix(matrix) = kind else { return None };
+    Some((matrix.position(), vec![matrix.ends().0.get(), matrix.ends().1.get()]))
 }
 
 /// What it computes, and what one unit more of each block's temperature does in the middle of the guideway.

@@ -28,6 +28,7 @@ pub(super) const KIND: KindOfModel = KindOfModel {
     keys: &["inputs", "file", "reference"],
     resolve,
     preview,
+    places: |_| None,
 };
 
 #[derive(Debug, Deserialize)]
