@@ -22,6 +22,7 @@ mod silence;
 mod simulated;
 mod stamp;
 mod wall;
+mod zone;
 
 pub use inlet::{Inlet, Taking};
 pub use looks::Looks;
@@ -30,6 +31,7 @@ pub use patience::Patience;
 pub use silence::Silence;
 pub use stamp::{Correction, SMALLEST_CORRECTION, Synchronised};
 pub use wall::TimeOfDay;
+pub use zone::zone;
 
 use simulated::Simulated;
 use stamp::Followed;

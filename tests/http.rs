@@ -28,12 +28,27 @@ async fn the_page_and_its_files_come_from_the_gateway_alone() {
         let file = door.get(link).await;
         assert_eq!((file.code, file.header("x-content-type-options")), (200, "nosniff"), "{link}");
     }
-    for module in ["text.js", "axis.js", "chart.js", "probe.js", "tables.js"] {
+    for module in
+        ["words.js", "text.js", "states.js", "live.js", "axis.js", "chart.js", "probe.js", "tables.js"]
+    {
         let file = door.get(&format!("/page/{module}")).await;
         assert_eq!(file.header("content-type"), "text/javascript; charset=utf-8", "{module}");
     }
     assert_eq!(door.get("/page/../Cargo.toml").await.code, 404);
     assert_eq!(door.get("/page/%2e%2e%2fCargo.toml").await.code, 404);
+}
+
+#[tokio::test]
+async fn the_wall_has_no_buttons_and_says_no_more_than_is_read_from_three_metres() {
+    let door = Door::open(None).await;
+    let wall = door.get("/?view=wall").await;
+    assert_eq!((wall.code, wall.body.contains("<button"), wall.body.contains("<table")), (200, false, false));
+    assert!(wall.body.contains("/page/wall.js") && !wall.body.contains("/page/main.js"), "{}", wall.body);
+    assert!(door.get("/?view=else").await.body.contains("<button"));
+    let door = Door::open(Some("s3cret")).await;
+    assert_eq!(door.get("/?view=wall").await.code, 401);
+    let entered = door.get("/?view=wall&token=s3cret").await;
+    assert_eq!((entered.code, entered.header("set-cookie").is_empty()), (200, false));
 }
 
 #[tokio::test]
@@ -253,8 +268,10 @@ async fn the_live_stream_tells_the_status_every_second_and_ends_with_the_gateway
         assert!(event.contains("event: status"), "{event}");
         assert_eq!(serde_json::from_str::<serde_json::Value>(data).unwrap()["axes"][0]["name"], "z");
     }
+    door.change(|status| status.stopping = true);
     timeout(SECOND, door.shut()).await.expect("stops within a second").unwrap();
-    timeout(SECOND, stream.rest()).await.expect("and the stream is at its end");
+    let last = timeout(SECOND, stream.rest()).await.expect("and the stream is at its end");
+    assert!(last.contains(r#""stopping":true"#), "the last status says that it was stopped: {last}");
 }
 
 #[tokio::test]
@@ -331,7 +348,7 @@ async fn metrics_are_valid_and_leave_out_what_is_not_known() {
     expect("isotherm_axis_excess_ratio", r#",axis="z""#, "-0.2");
     expect("isotherm_guard_acting", r#",axis="z",stage="limit""#, "1");
     expect("isotherm_guard_acting", r#",axis="z",stage="round""#, "0");
-    expect("isotherm_signal_value", r#",signal="t2",unit="°C""#, "21.25");
+    expect("isotherm_signal_value", r#",signal="t2",unit="degC""#, "21.25");
     expect("isotherm_signal_good", r#",signal="t1""#, "0");
     expect("isotherm_signal_age_seconds", r#",signal="t2""#, "0.5");
     expect("isotherm_device_up", r#",device="rtd",bus="cell""#, "0");

@@ -8,24 +8,64 @@ mod process;
 
 use process::{Running, isotherm};
 
-#[test]
-fn a_browser_shows_the_running_machine() {
+/// What a person sees of a demo: the text of its page once the words are there.
+fn looked_at(demo: &[&str], view: &str, words: &[&str]) -> String {
     let home = tempfile::tempdir().unwrap();
-    let mut demo = isotherm(home.path());
-    let mut demo =
-        Running::start(demo.args(["demo", "--listen", "127.0.0.1:0", "--speed", "600", "--for", "24h"]));
-    let address = demo.hears("page  http://").trim_start_matches("page  ").to_owned();
-    // The first word is there once figures have arrived, the last one once the axis is armed.
-    let words = ["Axis z", "compensating", "scale_z", "cnc_z", "verified", "holding:104", "armed"];
+    let mut running = isotherm(home.path());
+    let mut running = Running::start(running.args(["demo", "--listen", "127.0.0.1:0"]).args(demo));
+    let address = running.hears("page  http://").trim_start_matches("page  ").to_owned();
     let look = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/interop/look.py");
-    let seen = Command::new("python3").arg(look).arg(address).args(words).output();
+    let seen = Command::new("python3").arg(look).arg(format!("{address}{view}")).args(words).output();
     let seen = seen.unwrap_or_else(|error| panic!("no python3 ({error}): `tests/run page` installs it"));
-    let text = String::from_utf8_lossy(&seen.stdout);
+    let text = String::from_utf8_lossy(&seen.stdout).into_owned();
     let said = String::from_utf8_lossy(&seen.stderr);
     assert!(
         seen.status.success(),
         "the page says:\n{text}\nthe browser says:\n{said}\n(without chromium: `tests/run page`)"
     );
+    text
+}
+
+const DAY: [&str; 4] = ["--speed", "600", "--for", "24h"];
+
+#[test]
+fn a_browser_shows_the_running_machine() {
+    // The first word is there once figures have arrived, the last one once the axis is armed.
+    let words = ["Axis z", "compensating", "scale_z", "cnc_z", "verified", "holding:104", "armed"];
+    let text = looked_at(&DAY, "", &words);
     assert!(text.contains("Not a safety function"), "{text}");
     assert!(!text.contains("This page needs JavaScript"), "{text}");
+}
+
+#[test]
+fn units_are_written_as_people_do_a_bit_is_on_or_off_and_a_time_has_its_zone() {
+    let bit = "eval:[...document.querySelectorAll('td span')].some((cell) => cell.textContent === 'on')";
+    let text = looked_at(&DAY, "", &["Axis z", " °C", " µm", bit, " UTC"]);
+    for word in ["degC", " C\n", "bool"] {
+        assert!(!text.contains(word), "{word} in {text}");
+    }
+}
+
+/// CSS counts 96 pixels an inch; a figure has 0.7 of its font's size.
+#[test]
+fn the_wall_is_one_colour_with_figures_of_twenty_millimetres_and_no_buttons() {
+    let figures = "eval:[...document.querySelectorAll('.figure')].length > 0 && [...document.querySelectorAll('.figure')]\
+                   .every((figure) => parseFloat(getComputedStyle(figure).fontSize) * 0.7 / 96 * 25.4 >= 20)";
+    let colour = "eval:getComputedStyle(document.body).backgroundColor === 'rgb(0, 112, 47)' && \
+                  document.body.clientWidth === innerWidth && document.body.clientHeight >= innerHeight";
+    let whole = "eval:document.documentElement.scrollWidth <= innerWidth";
+    let buttons = "eval:document.querySelectorAll('button').length === 0";
+    let words = ["compensating", "Axis z", figures, colour, whole, buttons, "size:390x844", figures, whole];
+    looked_at(&DAY, "/?view=wall", &words);
+}
+
+#[test]
+fn an_orderly_stop_is_no_fault_neither_while_it_runs_nor_after_it() {
+    let calm = "eval:!document.querySelector('[data-tone=bad], [data-tone=warn]')";
+    let banner = "eval:document.querySelector('#lost').classList.contains('stopped')";
+    let end = ["--speed", "600", "--for", "2h"];
+    let words = ["compensating", "size:1280x900", "The gateway was stopped at", calm, banner];
+    let text = looked_at(&end, "", &words);
+    assert!(text.contains("→ returning to zero"), "{text}");
+    assert!(!text.contains("No connection"), "{text}");
 }

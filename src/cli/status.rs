@@ -10,6 +10,7 @@ use super::load_quietly;
 use super::run::{known_directory, state_directory};
 use crate::cli::say::{say, say_all};
 use crate::gateway::control;
+use isotherm_profile::Unit;
 
 /// How often `--watch` looks.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
@@ -134,9 +135,14 @@ fn text(status: &Value) -> String {
     };
     text += "\nsignals\n";
     text += &rows("signals", &|signal| {
-        let value = signal["value"].as_f64().map_or("—".to_owned(), |value| format!("{value:.3}"));
+        let unit = Unit::named(word(&signal["unit"])).map_or(String::new(), |unit| unit.to_string());
+        let (value, unit) = match signal["value"].as_f64() {
+            Some(value) if unit == "bool" => (if value > 0.0 { "on" } else { "off" }.to_owned(), ""),
+            Some(value) => (format!("{value:.3}"), unit.as_str()),
+            None => ("—".to_owned(), unit.as_str()),
+        };
         let quality = if signal["quality"] == "good" { "good" } else { word(&signal["reason"]) };
-        format!("  {:<16}{value:>12} {:<6} {quality}\n", word(&signal["name"]), word(&signal["unit"]))
+        format!("  {:<16}{value:>12} {unit:<6} {quality}\n", word(&signal["name"]))
     });
     text += "\ndevices\n";
     text += &rows("devices", &|device| {

@@ -485,7 +485,7 @@ impl Core {
             let Some(decision) = self.compensation.decision(axis) else { continue };
             let settings = &profile.axes[axis].settings;
             let why = || self.why(axis, now);
-            reported.report(profile, settings, decision, why, &mut events);
+            reported.report(profile, settings, decision, (why, self.stopping), &mut events);
         }
         (self.events, self.reported) = (events, reported);
     }

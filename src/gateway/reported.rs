@@ -64,7 +64,7 @@ impl Reported {
         profile: &Profile,
         axis: &AxisSettings,
         decision: &Decision,
-        why: impl FnOnce() -> String,
+        (why, stopping): (impl FnOnce() -> String, bool),
         events: &mut Vec<Event>,
     ) {
         if self.state.name() != decision.state.name() {
@@ -73,6 +73,7 @@ impl Reported {
                 from: self.state.name(),
                 to: decision.state.name(),
                 why: why(),
+                stopping,
             });
             self.state = decision.state;
         }

@@ -13,7 +13,7 @@ use super::probing::why_refused;
 use super::reported::Reported;
 use super::shared::Shared;
 use super::why::Reasons;
-use crate::clock::Synchronised;
+use crate::clock::{Synchronised, zone};
 use crate::observe::status::{
     AxisStatus, BusStatus, DeviceStatus, GainStatus, OutputStatus, ProbeStatus, ProbedStatus, SharesStatus,
     SignalStatus, Status, WaitingStatus,
@@ -100,6 +100,7 @@ pub(super) fn status(shared: &Shared) -> Status {
         description: shared.profile.description.clone(),
         version: env!("CARGO_PKG_VERSION"),
         now: shared.clock.stamp(picture.now).to_string(),
+        zone: zone(),
         clock: match shared.clock.is_virtual() {
             true => "virtual",
             false => Synchronised::by_the_kernel().display(),
@@ -107,6 +108,7 @@ pub(super) fn status(shared: &Shared) -> Status {
         uptime_s: picture.now.since(shared.started).as_secs_f64(),
         machine_on_s: picture.machine_on.map(|span| span.as_secs_f64()),
         dry_run: shared.dry_run,
+        stopping: picture.stopping,
         ready: picture.contact.devices.iter().all(|device| device.answered)
             && picture.decisions.iter().all(|decision| decision.at > Moment::default()),
         axes: axes(shared, &picture),

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize, Serializer};
 
 use super::asker::Way;
 use crate::clock::Correction;
+use isotherm_core::compensation::AxisState;
 use isotherm_core::quantity::{Micron, Moment};
 
 pub mod file;
@@ -58,7 +59,15 @@ pub enum Event {
     /// A counter was set anew, referenced or restarted: nothing moved.
     Rereferenced { signal: String, unit: String, from: f64, to: f64 },
     /// An axis changed its state.
-    AxisState { axis: String, from: &'static str, to: &'static str, why: String },
+    AxisState {
+        axis: String,
+        from: &'static str,
+        to: &'static str,
+        why: String,
+        /// The gateway was asked to stop: what the axis does is no fault.
+        #[serde(skip)]
+        stopping: bool,
+    },
     /// What somebody asked for, and what came of it; `axes` is empty where it concerns none.
     Command { command: String, axes: Vec<String>, way: Way, who: String, answer: String },
     /// It was not done.
@@ -347,8 +356,9 @@ impl Event {
                      cannot make is no motion"
                 ),
             ),
-            Event::AxisState { axis, from, to, why } => {
-                let is_well = !matches!(*to, "holding" | "ramping" | "degraded" | "zeroed");
+            Event::AxisState { axis, from, to, why, stopping } => {
+                let is_well = *stopping || !matches!(*to, "holding" | "ramping" | "degraded" | "zeroed");
+                let [from, to] = [from, to].map(|name| AxisState::display_of(name));
                 let why = if why.is_empty() { String::new() } else { format!(": {why}") };
                 let level = if is_well { Level::Info } else { Level::Warning };
                 ("axis-state", level, format!("axis {axis}: {from} → {to}{why}"))

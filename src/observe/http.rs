@@ -33,6 +33,7 @@ use tokio::sync::watch;
 use self::access::{Access, Entered};
 use self::peer::Peer;
 use super::asker::{Asker, Attendance};
+use super::page::Words;
 use super::status::{Answer, Command, Source, Status};
 use super::{metrics, page};
 
@@ -165,8 +166,16 @@ async fn front(
     State(room): State<Room>,
     ConnectInfo(peer): ConnectInfo<Peer>,
     entered: Option<axum::Extension<Entered>>,
+    RawQuery(query): RawQuery,
+    headers: HeaderMap,
 ) -> Response {
-    let shell = page::front(&room.source.status(), room.access.takes_commands_from(peer.ip()));
+    let accepted = headers.get(header::ACCEPT_LANGUAGE).and_then(|given| given.to_str().ok());
+    let words = Words::choose(None, accepted.unwrap_or_default());
+    let status = room.source.status();
+    let shell = match query.and_then(|query| parameter(&query, "view")).as_deref() {
+        Some("wall") => page::wall(words, &status),
+        _ => page::front(words, &status, room.access.takes_commands_from(peer.ip())),
+    };
     let shell = Html(shell.into_string());
     match entered.and_then(|entered| room.access.cookie(&entered)) {
         Some(cookie) => ([(header::SET_COOKIE, cookie)], shell).into_response(),

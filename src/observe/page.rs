@@ -2,19 +2,27 @@
 //!
 //! Everything is in the program; the page works on a machine network without any other.
 
-use maud::{DOCTYPE, Markup, html};
+mod words;
+
+use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use super::status::Status;
+pub(super) use words::Words;
 
 const STYLE: &str = "text/css; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// Name, content type and text of each file under `/page/`.
-const FILES: [(&str, &str, &str); 9] = [
+const FILES: [(&str, &str, &str); 14] = [
     ("page.css", STYLE, include_str!("page/page.css")),
     ("axis.css", STYLE, include_str!("page/axis.css")),
+    ("wall.css", STYLE, include_str!("page/wall.css")),
     ("main.js", SCRIPT, include_str!("page/main.js")),
+    ("wall.js", SCRIPT, include_str!("page/wall.js")),
+    ("live.js", SCRIPT, include_str!("page/live.js")),
+    ("words.js", SCRIPT, include_str!("page/words.js")),
     ("text.js", SCRIPT, include_str!("page/text.js")),
+    ("states.js", SCRIPT, include_str!("page/states.js")),
     ("axis.js", SCRIPT, include_str!("page/axis.js")),
     ("chart.js", SCRIPT, include_str!("page/chart.js")),
     ("probe.js", SCRIPT, include_str!("page/probe.js")),
@@ -28,37 +36,83 @@ pub(super) fn file(name: &str) -> Option<(&'static str, &'static str)> {
 }
 
 /// The shell. `may_command` is false where commands would be refused anyway.
-pub(super) fn front(status: &Status, may_command: bool) -> Markup {
+pub(super) fn front(words: &Words, status: &Status, may_command: bool) -> Markup {
+    let files = html! {
+        link rel="stylesheet" href="/page/page.css";
+        link rel="stylesheet" href="/page/axis.css";
+        script type="module" src="/page/main.js" {}
+    };
+    document(
+        words,
+        status,
+        &files,
+        &html! {
+            body {
+                (head(words, status))
+                (main(words, may_command))
+                footer {
+                    p {
+                        "isotherm " (status.version) " · "
+                        a href="/api/status" { (words.get("status_as_json")) } " · "
+                        a href="/metrics" { (words.get("metrics")) } " · "
+                        a href="/?view=wall" { (words.get("wall_view")) }
+                    }
+                    p { (words.get("not_safety")) }
+                }
+                (question(words))
+            }
+        },
+    )
+}
+
+/// The shell of what is read from three metres. It has no buttons.
+pub(super) fn wall(words: &Words, status: &Status) -> Markup {
+    let files = html! {
+        link rel="stylesheet" href="/page/wall.css";
+        script type="module" src="/page/wall.js" {}
+    };
+    document(
+        words,
+        status,
+        &files,
+        &html! {
+            body data-tone="off" {
+                header {
+                    h1 { (status.machine) }
+                    p #time {}
+                }
+                main {
+                    noscript { p { (words.get("no_script")) } }
+                    p #lost role="alert" hidden {}
+                    p #word role="status" { (words.get("connecting")) }
+                    p #sentence { (words.get("waiting_for_figures")) }
+                }
+                div #axes {}
+            }
+        },
+    )
+}
+
+fn document(words: &Words, status: &Status, files: &Markup, body: &Markup) -> Markup {
     html! {
         (DOCTYPE)
-        html lang="en" {
+        html lang=(words.language) {
             head {
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 meta name="color-scheme" content="light dark";
                 title { (status.machine) " · isotherm" }
                 link rel="icon" href="/page/icon.svg" type="image/svg+xml";
-                link rel="stylesheet" href="/page/page.css";
-                link rel="stylesheet" href="/page/axis.css";
-                script type="module" src="/page/main.js" {}
+                // Our own file, which has no `<` in it.
+                script type="application/json" id="words" { (PreEscaped(words.json)) }
+                (files)
             }
-            body {
-                (head(status))
-                (main(may_command))
-                footer {
-                    p {
-                        "isotherm " (status.version) " · "
-                        a href="/api/status" { "status as JSON" } " · " a href="/metrics" { "metrics" }
-                    }
-                    p { "Not a safety function: a machine's guards and stops never depend on this gateway." }
-                }
-                (question())
-            }
+            (body)
         }
     }
 }
 
-fn head(status: &Status) -> Markup {
+fn head(words: &Words, status: &Status) -> Markup {
     html! {
         p #lost .lost role="alert" hidden {}
         header {
@@ -67,57 +121,58 @@ fn head(status: &Status) -> Markup {
                 p .quiet { (status.description) }
             }
             div #overall .overall data-tone="off" {
-                p .word role="status" { span .sign aria-hidden="true" { "○" } " " span #word { "connecting" } }
-                p #sentence .sentence { "Waiting for the first figures." }
+                p .word role="status" {
+                    span .sign aria-hidden="true" { "○" } " " span #word { (words.get("connecting")) }
+                }
+                p #sentence .sentence { (words.get("waiting_for_figures")) }
             }
             dl .times {
-                div { dt { "Machine time" } dd #machine-time { "–" } }
-                div { dt { "Clock" } dd #clock-word { "–" } }
-                div { dt { "Since machine start" } dd #machine-on { "–" } }
-                div { dt { "Gateway up for" } dd #uptime { "–" } }
+                div { dt { (words.get("machine_time")) } dd { span #machine-time { "–" } small #utc {} } }
+                div { dt { (words.get("clock")) } dd #clock-word { "–" } }
+                div { dt { (words.get("machine_on")) } dd #machine-on { "–" } }
+                div { dt { (words.get("uptime")) } dd #uptime { "–" } }
             }
         }
     }
 }
 
-fn main(may_command: bool) -> Markup {
+fn main(words: &Words, may_command: bool) -> Markup {
     html! {
         main {
-            noscript { p .lost { "This page needs JavaScript. The same figures stand in /api/status." } }
-            section .commands aria-label="Commands" {
+            noscript { p .lost { (words.get("no_script")) } }
+            section .commands aria-label=(words.get("commands")) {
                 div .buttons data-may=(may_command) {
-                    button type="button" data-command="arm" disabled { "Arm" }
-                    button type="button" data-command="disarm" disabled { "Disarm" }
-                    button type="button" data-command="zero" disabled { "Zero" }
-                }
-                p #answer role="status" {
-                    @if !may_command {
-                        "Without a token, commands are taken only at the gateway's own computer."
+                    @for command in ["arm", "disarm", "zero"] {
+                        button type="button" data-command=(command) disabled { (words.get(command)) }
                     }
                 }
+                p #answer role="status" {
+                    @if !may_command { (words.get("commands_only_here")) }
+                }
             }
-            section #axes .axes aria-label="Axes" {}
-            (table("signals", "Signals", &["Signal", "Value", "Quality", "Age"]))
+            section #axes .axes aria-label=(words.get("axes_title")) {}
+            (table(words, "signals", &["signal", "value", "quality", "age"]))
             div .stack {
-                (table("outputs", "Outputs", &["Output", "Value", "State", "Age"]))
-                (table("devices", "Devices", &["Device", "State", "Requests", "Failed"]))
-                (table("buses", "Buses", &["Bus", "State", "Cycles", "Late"]))
+                (table(words, "outputs", &["output", "value", "state", "age"]))
+                (table(words, "devices", &["device", "state", "requests", "failed"]))
+                (table(words, "buses", &["bus", "state", "cycles", "late"]))
             }
             section .events {
-                h2 { "Events" span .quiet { " newest first" } }
-                button #older .small type="button" { "Show the last 24 hours" }
-                ol #events tabindex="0" aria-label="Events, newest first" {}
+                h2 { (words.get("events")) " " span .quiet { (words.get("newest_first")) } }
+                button #older .small type="button" { (words.get("last_24_hours")) }
+                ol #events tabindex="0" aria-label=(words.get("events")) {}
             }
         }
     }
 }
 
-fn table(id: &str, title: &str, columns: &[&str]) -> Markup {
+/// Its id is the key of its title.
+fn table(words: &Words, id: &'static str, columns: &[&'static str]) -> Markup {
     html! {
         section .list {
-            h2 { (title) }
+            h2 { (words.get(id)) }
             table id=(id) role="table" {
-                thead { tr { @for column in columns { th scope="col" { (column) } } } }
+                thead { tr { @for column in columns { th scope="col" { (words.get(column)) } } } }
                 tbody role="rowgroup" {}
             }
         }
@@ -125,14 +180,14 @@ fn table(id: &str, title: &str, columns: &[&str]) -> Markup {
 }
 
 /// Asked before every command.
-fn question() -> Markup {
+fn question(words: &Words) -> Markup {
     html! {
         dialog #question aria-labelledby="question-title" {
             form method="dialog" {
                 h2 #question-title {}
                 p #question-text {}
                 menu {
-                    button type="submit" value="no" autofocus { "Cancel" }
+                    button type="submit" value="no" autofocus { (words.get("cancel")) }
                     button #question-yes type="submit" value="yes" .yes {}
                 }
             }

@@ -8,6 +8,7 @@ use serde::Serialize;
 use super::asker::Asker;
 use super::events::Entry;
 use super::events::file::Found;
+use isotherm_core::compensation::AxisState;
 use isotherm_core::quantity::Moment;
 
 /// Whoever shows the state of a running gateway, from any thread, without making it wait.
@@ -100,6 +101,8 @@ pub struct Status {
     pub version: &'static str,
     /// RFC 3339; the machine's time, which in a demo is not the wall's.
     pub now: String,
+    /// The zone of the computer's clock, by its IANA name.
+    pub zone: String,
     /// Whether the computer's clock is held to the right time: synchronised, not synchronised, not known; virtual in a demo.
     pub clock: &'static str,
     /// Seconds since the gateway started.
@@ -108,6 +111,8 @@ pub struct Status {
     pub machine_on_s: Option<f64>,
     /// Nothing is written.
     pub dry_run: bool,
+    /// It was asked to stop: what the axes do now is no fault.
+    pub stopping: bool,
     /// Every device answered at least once, and every axis has decided.
     pub ready: bool,
     /// In the profile's order.
@@ -155,13 +160,8 @@ impl AxisStatus {
     /// The word for its state that people see.
     pub fn display(&self) -> &'static str {
         match self.state {
-            "active" => "compensating",
-            "degraded" => "fallback model",
-            "holding" => "frozen",
-            "ramping" => "returning to zero",
-            "zeroed" => "at zero",
             "waiting" => "waiting to arm",
-            state => state,
+            state => AxisState::display_of(state),
         }
     }
 }

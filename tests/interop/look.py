@@ -1,8 +1,16 @@
 """Opens a page in a real browser and prints the text that a person sees there.
 
-Takes URL and the words to wait for, and of these "click:Cancel" presses a button with that text once all words before it are
-there. Prints the text once all of them are there; after a minute it prints what is there
-and exits with 1. Speaks the browser's own debugging protocol; needs nothing but Python and chromium.
+Takes URL and the words to wait for. Prints the text once all of them are there; after a minute it prints what is there
+and exits with 1. Some of the words are things to do, once all words before them are there:
+
+  click:Cancel     presses the button with that text
+  eval:EXPRESSION  waits until that is true in the page
+  size:390x844     looks at the page in a window of that size from then on
+  dark             the same in dark colours
+  shot:FILE        keeps a picture of the whole page
+  language:de      the browser of somebody who wants that language (wherever it stands)
+
+Speaks the browser's own debugging protocol; needs nothing but Python and chromium.
 """
 
 import base64
@@ -35,15 +43,32 @@ class Tab:
             pass
         self.asked = 0
 
-    def evaluate(self, expression):
+    def ask(self, method, **parameters):
         self.asked += 1
-        parameters = {"expression": expression, "returnByValue": True}
-        question = {"id": self.asked, "method": "Runtime.evaluate", "params": parameters}
-        self.send(json.dumps(question).encode())
+        self.send(json.dumps({"id": self.asked, "method": method, "params": parameters}).encode())
         while True:
             answer = json.loads(self.receive())
             if answer.get("id") == self.asked:
-                return answer["result"]["result"].get("value")
+                return answer["result"]
+
+    def evaluate(self, expression):
+        return self.ask("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
+
+    def resize(self, size):
+        width, height = map(int, size.split("x"))
+        self.ask("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=width < 600)
+
+    def darken(self):
+        self.ask("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": "dark"}])
+
+    def keep_picture(self, path):
+        picture = self.ask("Page.captureScreenshot", captureBeyondViewport=True)["data"]
+        with open(path, "wb") as file:
+            file.write(base64.b64decode(picture))
+
+    def click(self, name):
+        named = f"[...document.querySelectorAll('button')].find((button) => button.textContent === {json.dumps(name)})"
+        self.evaluate(f"{named}.click()")
 
     def send(self, payload):
         mask = os.urandom(4)
@@ -72,6 +97,9 @@ def wait_for(what, look):
 def main(url, words):
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as home:
         command = ["chromium", "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
+        languages = [word.removeprefix("language:") for word in words if word.startswith("language:")]
+        words = [word for word in words if not word.startswith("language:")]
+        command += [f"--accept-lang={language}" for language in languages]
         command += ["--remote-debugging-port=0", f"--user-data-dir={home}", url]
         log = open(os.path.join(home, "log"), "w")
         browser = subprocess.Popen(command, stdout=log, stderr=log)
@@ -92,15 +120,17 @@ def look(home, url, words):
         return pages and pages[0]["webSocketDebuggerUrl"]
 
     tab = Tab(wait_for("the page", page))
+    does = {"click": tab.click, "size": tab.resize, "shot": tab.keep_picture, "dark": lambda _: tab.darken()}
     waiting = []
     for word in words:
-        if not word.startswith("click:"):
+        kind, _, what = word.partition(":")
+        if kind not in does:
             waiting.append(word)
             continue
         if not shows(tab, waiting):
             return 1
-        name, waiting = json.dumps(word.removeprefix("click:")), []
-        tab.evaluate(f"[...document.querySelectorAll('button')].find((button) => button.textContent === {name}).click()")
+        does[kind](what)
+        waiting = []
     is_there = shows(tab, waiting)
     print(tab.evaluate("document.body.innerText"))
     return 0 if is_there else 1
@@ -110,7 +140,7 @@ def shows(tab, words):
     deadline = time.monotonic() + PATIENCE
     while True:
         text = tab.evaluate("document.body.innerText") or ""
-        missing = [word for word in words if word not in text]
+        missing = [word for word in words if not is_true(tab, word, text)]
         if not missing:
             return True
         if time.monotonic() > deadline:
@@ -118,6 +148,12 @@ def shows(tab, words):
             print("missing:", missing, file=sys.stderr)
             return False
         time.sleep(0.2)
+
+
+def is_true(tab, word, text):
+    if word.startswith("eval:"):
+        return tab.evaluate(word.removeprefix("eval:")) is True
+    return word in text
 
 
 sys.exit(main(sys.argv[1], sys.argv[2:]))

@@ -48,7 +48,11 @@ async fn tick(source: Arc<dyn Source>, sender: watch::Sender<Arc<str>>, mut stop
     loop {
         tokio::select! {
             _ = ticks.tick() => {}
-            _ = stopped.changed() => return,
+            _ = stopped.changed() => {
+                // The last one says that the gateway stops.
+                sender.send_replace(to_json(source.as_ref()));
+                return;
+            }
         }
         if sender.receiver_count() > 1 {
             sender.send_replace(to_json(source.as_ref()));

@@ -2,15 +2,11 @@
 
 import { Chart } from "./chart.js";
 import { Probe } from "./probe.js";
-import { axisState, badge, element, say, signed, fixed, span } from "./text.js";
+import { axisState, badge } from "./states.js";
+import { element, fixed, say, signed, span } from "./text.js";
+import { english, known, t } from "./words.js";
 
-const STAGES = [
-  ["limit", "more than the limit was asked for"],
-  ["deadband", "the change was too small to be made"],
-  ["step", "the change was cut to the largest step"],
-  ["rate", "the change was cut to the largest speed"],
-  ["round", "rounded to whole counts"],
-];
+const STAGES = ["limit", "deadband", "step", "rate", "round"];
 
 class Card {
   constructor(name, command) {
@@ -21,48 +17,49 @@ class Card {
     this.model = element("dd");
     this.armed = element("dd");
     this.levels = element("dd");
-    this.levelsRow = element("div", { className: "all" }, element("dt", {}, "Levels"), this.levels);
-    this.why = element("p", { className: "why" });
+    this.levelsRow = element("div", { className: "all" }, element("dt", {}, t("levels")), this.levels);
+    this.does = element("span");
+    this.why = english(element("span"));
     this.asked = element("span");
-    const cancel = element("button", { type: "button", ariaLabel: `Cancel the request to arm axis ${name}` }, "Cancel");
+    const cancel = element("button", { type: "button", ariaLabel: t("cancel_axis", { axis: name }) }, t("cancel"));
     cancel.addEventListener("click", () => command("cancel", name));
     this.cancel = cancel;
     this.waiting = element("p", { className: "waiting" }, this.asked, cancel);
-    this.stages = STAGES.map(([stage, title]) => element("li", { title }, stage));
+    this.stages = STAGES.map((stage) => element("li", { title: known("guard_does", stage) }, known("guard", stage)));
     this.bar = new Bar();
     this.chart = new Chart();
     this.probe = new Probe();
     this.root = element("article", { className: "card axis" },
-      element("div", { className: "row" }, element("h2", {}, `Axis ${name}`), this.state),
-      this.why,
+      element("div", { className: "row" }, element("h2", {}, t("axis", { names: name })), this.state),
+      element("p", { className: "why" }, this.does, " ", this.why),
       this.waiting,
-      element("p", { className: "cz" }, element("abbr", { title: "compensation value" }, "Cz"), " ",
+      element("p", { className: "cz" }, element("abbr", { title: t("cz_title") }, "Cz"), " ",
         this.value, " ", element("span", { className: "unit" }, "µm"), " ", this.stands),
       this.bar.root,
       element("dl", { className: "facts" },
-        element("div", {}, element("dt", {}, "Model asks for"), this.raw),
-        element("div", { className: "wide" }, element("dt", {}, "Model in use"), this.model),
-        element("div", {}, element("dt", {}, "Writing"), this.armed),
+        element("div", {}, element("dt", {}, t("raw")), this.raw),
+        element("div", { className: "wide" }, element("dt", {}, t("model")), this.model),
+        element("div", {}, element("dt", {}, t("writing")), this.armed),
         this.levelsRow),
-      element("p", { className: "label" }, "Guard: ",
-        element("span", { className: "quiet" }, "● changed the last value, ○ let it pass")),
-      element("ol", { className: "chain", ariaLabel: "Stages of the guard" }, ...this.stages),
+      element("p", { className: "label" }, t("guard"), " ", element("span", { className: "quiet" }, t("guard_legend"))),
+      element("ol", { className: "chain", ariaLabel: t("guard_stages") }, ...this.stages),
       this.chart.root,
       this.probe.root);
   }
 
   show(axis, status) {
-    const [tone, name, sentence] = axisState(axis);
+    const [tone, name, sentence] = axisState(axis, status);
     const uneasy = tone === "good" && (axis.warned || axis.extrapolating);
     badge(this.state, uneasy ? "warn" : tone, name);
-    const warned = axis.warned ? `Cz lies beyond its warning level of ±${fixed(axis.warn_um, 0)} µm` : "";
+    const warned = axis.warned ? t("warned", { um: fixed(axis.warn_um, 0) }) : "";
     const why = [axis.why || axis.extrapolating?.text, warned].filter(Boolean).join("; ");
-    say(this.why, why ? `${sentence}: ${why}` : sentence);
+    say(this.does, why ? `${sentence}:` : sentence);
+    say(this.why, why);
     this.waiting.hidden = axis.waiting === null;
-    if (axis.waiting) say(this.asked, `Asked for ${axis.waiting.asked}; given up in ${span(axis.waiting.expires_s)}.`);
+    if (axis.waiting) say(this.asked, t("asked", { by: axis.waiting.asked, span: span(axis.waiting.expires_s) }));
     const levels = [
-      axis.warn_um === null ? "" : `warns beyond ±${fixed(axis.warn_um, 0)} µm`,
-      axis.error_um === null ? "" : `goes off where the model asks for more than ±${fixed(axis.error_um, 0)} µm`,
+      axis.warn_um === null ? "" : t("warns_beyond", { um: fixed(axis.warn_um, 0) }),
+      axis.error_um === null ? "" : t("off_beyond", { um: fixed(axis.error_um, 0) }),
     ].filter(Boolean).join(", ");
     this.levelsRow.hidden = levels === "";
     say(this.levels, levels);
@@ -70,15 +67,15 @@ class Card {
     const isKnown = axis.verified_um !== null;
     say(this.value, signed(isKnown ? axis.verified_um : axis.cz_um, 1));
     say(this.stands, isKnown
-      ? `verified ${span(axis.verified_age_s)} ago; wanted ${signed(axis.cz_um, 1)} µm`
-      : "wanted; nothing was verified yet");
-    say(this.raw, axis.raw_um === null ? "nothing" : `${signed(axis.raw_um, 2)} µm`);
-    say(this.model, axis.model ?? "none");
-    say(this.armed, status.dry_run ? "nothing (dry run)" : axis.armed ? "armed" : "not armed");
+      ? t("verified_ago", { span: span(axis.verified_age_s), um: signed(axis.cz_um, 1) })
+      : t("not_verified"));
+    say(this.raw, axis.raw_um === null ? t("nothing") : `${signed(axis.raw_um, 2)} µm`);
+    say(this.model, axis.model ?? t("none"));
+    say(this.armed, t(status.dry_run ? "nothing_dry_run" : axis.armed ? "armed" : "not_armed"));
     this.stages.forEach((node, index) => {
-      const acted = axis.acted.includes(STAGES[index][0]);
+      const acted = axis.acted.includes(STAGES[index]);
       node.classList.toggle("acted", acted);
-      say(node, `${acted ? "●" : "○"} ${STAGES[index][0]}`);
+      say(node, `${acted ? "●" : "○"} ${known("guard", STAGES[index])}`);
     });
     this.bar.show(axis);
     this.probe.show(axis.probe);
@@ -89,7 +86,7 @@ class Card {
 class Bar {
   constructor() {
     this.fill = element("div", { className: "fill" });
-    this.wish = element("div", { className: "wish", title: "what the model asks for" });
+    this.wish = element("div", { className: "wish", title: t("raw") });
     this.low = element("span");
     this.high = element("span");
     this.track = element("div", { className: "track", role: "img" },
@@ -108,7 +105,7 @@ class Bar {
     this.wish.style.left = `${place(axis.raw_um ?? 0)}%`;
     say(this.low, `${signed(-axis.limit_um, 0)}`);
     say(this.high, `${signed(axis.limit_um, 0)} µm`);
-    this.track.ariaLabel = `${signed(axis.cz_um, 1)} of ±${fixed(axis.limit_um, 0)} micrometres`;
+    this.track.ariaLabel = t("of_limit", { um: signed(axis.cz_um, 1), limit: fixed(axis.limit_um, 0) });
   }
 }
 

@@ -1,6 +1,7 @@
 // What probings taught an axis: the last one, the correction, and the residuals with the level at which people are warned.
 
 import { clock, day, element, fixed, say, signed, svg } from "./text.js";
+import { t } from "./words.js";
 
 const HEIGHT = 90;
 const LEFT = 46;
@@ -16,14 +17,14 @@ export class Probe {
     this.gains = element("dd");
     this.svg = svg("svg", { role: "img", height: HEIGHT });
     this.figure = element("figure", { className: "chart residuals" },
-      element("figcaption", {}, element("span", {}, "Residuals of the model, probing by probing"),
+      element("figcaption", {}, element("span", {}, t("residuals")),
         element("span", { className: "quiet" }, "µm")),
       this.svg);
-    this.changed = element("div", { className: "wide" }, element("dt", {}, "Gains changed by"), this.gains);
-    this.root = element("section", { className: "probe", ariaLabel: "Probe", hidden: true },
+    this.changed = element("div", { className: "wide" }, element("dt", {}, t("gains_changed")), this.gains);
+    this.root = element("section", { className: "probe", ariaLabel: t("probe"), hidden: true },
       element("dl", { className: "facts" },
-        element("div", {}, element("dt", {}, "Correction by probing"), this.correction),
-        element("div", { className: "wide" }, element("dt", {}, "Last probing"), this.last),
+        element("div", {}, element("dt", {}, t("correction")), this.correction),
+        element("div", { className: "wide" }, element("dt", {}, t("last_probing")), this.last),
         this.changed),
       this.figure);
     new ResizeObserver(() => this.draw()).observe(this.figure);
@@ -32,12 +33,13 @@ export class Probe {
   show(probe) {
     this.root.hidden = !probe;
     if (!probe) return;
-    say(this.correction, `${signed(probe.correction_um, 2)} of ±${fixed(probe.limit_um, 0)} µm`);
+    say(this.correction, t("of_limit", { um: signed(probe.correction_um, 2), limit: fixed(probe.limit_um, 0) }));
     const { last } = probe;
-    const learned = last?.refused ? `not learned from: ${last.refused}` : `residual ${signed(last?.residual_um, 1)} µm`;
+    const learned = last?.refused
+      ? t("not_learned", { why: last.refused }) : t("residual", { um: signed(last?.residual_um, 1) });
     say(this.last, last
-      ? `${stamp(last.at)}: ${signed(last.error_um, 1)} µm with Cz ${signed(last.acting_um, 1)} µm; ${learned}`
-      : "none yet");
+      ? `${stamp(last.at)}: ${t("probed", { um: signed(last.error_um, 1), cz: signed(last.acting_um, 1) })}; ${learned}`
+      : t("none_yet"));
     this.changed.hidden = probe.gains.length === 0;
     say(this.gains, probe.gains.map((gain) => `${gain.signal} ${signed(100 * gain.change, 1)} %`).join(", "));
     const mark = JSON.stringify([probe.history, probe.warn_um]);
@@ -70,7 +72,7 @@ export class Probe {
     });
     this.svg.setAttribute("viewBox", `0 0 ${width} ${HEIGHT}`);
     const last = history.at(-1)[1];
-    this.svg.setAttribute("aria-label", `${history.length} residuals, the last ${signed(last, 1)} micrometres`);
+    this.svg.setAttribute("aria-label", `${t("residuals")}: ${signed(last, 1)} µm`);
     this.svg.replaceChildren(...parts);
   }
 }

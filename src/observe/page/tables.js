@@ -1,13 +1,15 @@
 // The lists: signals, outputs, devices, buses, events. A row is made once and then only its text changes.
 
-import { badge, clock, day, element, outputTone, quantity, say, signed, span } from "./text.js";
+import { badge, outputTone } from "./states.js";
+import { clock, day, element, quantity, say, signed, span } from "./text.js";
+import { english, known, t } from "./words.js";
 
 const count = (number) => number.toLocaleString("en").replaceAll(",", "\u202f");
 
 class Table {
   constructor(id) {
     this.body = document.querySelector(`#${id} tbody`);
-    this.labels = [...document.querySelectorAll(`#${id} th`)].map((head) => head.textContent.toLowerCase());
+    this.labels = [...document.querySelectorAll(`#${id} th`)].map((head) => head.textContent);
     this.rows = new Map();
   }
 
@@ -35,51 +37,56 @@ class Table {
   }
 }
 
-// What an output writes, and in which unit.
-const OUTPUTS = {
-  corrected: ["corrected position", "mm"], intercept: ["K0", "µm"], slope: ["tanβ", "µm/mm"], reference: ["P0", "mm"],
-};
+// The unit of what an output writes, where that is not µm.
+const OUTPUTS = { corrected: "mm", slope: "µm/mm", reference: "mm" };
 
 const signals = new Table("signals");
 // Of a register that an operator writes to as well: his part and ours.
 function shares({ shares }) {
-  return shares ? `operator ${signed(shares.base, 1)}, ours ${signed(shares.share, 1)} µm` : null;
+  return shares ? t("shares", { base: signed(shares.base, 1), share: signed(shares.share, 1) }) : null;
 }
 
 const outputs = new Table("outputs");
 const devices = new Table("devices");
 const buses = new Table("buses");
 
+// The gateway's own sentence says more where the device says a number with it.
+const reason = ({ quality, reason }) => (/\d/.test(reason) ? reason : known("reason", quality));
+
 export function showTables(status) {
   for (const signal of status.signals) {
     const good = signal.quality === "good";
     signals.row(signal.name, [
       { text: signal.name, small: signal.device },
-      { text: signal.value === null ? "–" : `${quantity(signal.value, signal.unit)} ${signal.unit}`, figure: true },
-      { text: good ? "good" : "not usable", tone: good ? "good" : "bad", small: good ? "" : signal.reason || signal.quality },
-      { text: signal.age_s === null ? "never" : span(signal.age_s), figure: true },
+      { text: quantity(signal.value, signal.unit), figure: true },
+      { text: t(good ? "good" : "not_usable"), tone: good ? "good" : "bad", small: good ? "" : reason(signal) },
+      { text: signal.age_s === null ? t("never") : span(signal.age_s), figure: true },
     ]);
   }
   for (const output of status.outputs) {
-    const [kind, unit] = OUTPUTS[output.writes] ?? ["offset", "µm"];
+    const unit = OUTPUTS[output.writes] ?? "µm";
     const value = `${signed(output.value, unit === "µm" ? 1 : 4)} ${unit}`;
     outputs.row(output.name, [
-      { text: output.name, small: `axis ${output.axis} → ${output.device}, ${output.register}` },
-      { text: output.value === null ? "–" : value, small: shares(output) ?? kind, figure: true },
-      { text: output.state, tone: outputTone(output.state), small: output.handshake || output.note || `${count(output.writes_done)} writes` },
-      { text: output.age_s === null ? "never" : span(output.age_s), figure: true },
+      { text: output.name, small: `${t("axis", { names: output.axis })} → ${output.device}, ${output.register}` },
+      { text: output.value === null ? "–" : value, small: shares(output) ?? known("writes", output.writes), figure: true },
+      {
+        text: known("output", output.state),
+        tone: outputTone(output.state),
+        small: output.handshake || output.note || t("writes_done", { count: count(output.writes_done) }),
+      },
+      { text: output.age_s === null ? t("never") : span(output.age_s), figure: true },
     ]);
   }
   for (const device of status.devices) {
     const failures = Object.entries(device.failures).filter(([, times]) => times > 0);
     const tone = device.state === "ok" ? "good" : "bad";
     devices.row(device.name, [
-      { text: device.name, small: `unit ${device.unit} on ${device.bus}` },
-      { text: device.state.replace("-", " "), tone, small: device.fault },
+      { text: device.name, small: t("unit_on_bus", { unit: device.unit, bus: device.bus }) },
+      { text: known("device", device.state), tone, small: device.fault },
       { text: count(device.requests), figure: true },
       {
         text: count(failures.reduce((sum, [, times]) => sum + times, 0)),
-        small: failures.map(([blame, times]) => `${blame}\u00a0${count(times)}`).join(", "),
+        small: failures.map(([blame, times]) => `${known("blame", blame)}\u00a0${count(times)}`).join(", "),
         figure: true,
       },
     ]);
@@ -87,7 +94,7 @@ export function showTables(status) {
   for (const bus of status.buses) {
     buses.row(bus.name, [
       { text: bus.name, small: bus.address },
-      { text: bus.connected ? "connected" : "no connection", tone: bus.connected ? "good" : "bad" },
+      { text: t(bus.connected ? "connected" : "no_connection"), tone: bus.connected ? "good" : "bad" },
       { text: count(bus.cycles), figure: true },
       { text: count(bus.overruns), figure: true },
     ]);
@@ -112,8 +119,9 @@ export function showEvents(list, events, now) {
     const at = new Date(event.at);
     const time = day(at) === day(now) ? clock(at) : `${day(at).slice(5)} ${clock(at)}`;
     const level = element("span", { className: "badge" });
-    badge(level, LEVELS[event.level] ?? "off", event.level);
-    return element("li", {}, element("time", { dateTime: event.at }, time), level, element("span", { className: "text" }, event.text));
+    badge(level, LEVELS[event.level] ?? "off", known("level", event.level));
+    return element("li", {}, element("time", { dateTime: event.at, title: event.at }, time), level,
+      english(element("span", { className: "text" }, event.text)));
   });
   list.replaceChildren(...rows.reverse());
 }

@@ -1,107 +1,84 @@
-// Numbers, times and states as a person reads them; and small helpers for elements.
+// Numbers and times as a person reads them; and small helpers for elements.
+
+import { t } from "./words.js";
 
 const MINUS = "\u2212";
 
 export function fixed(value, digits) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const text = Math.abs(value).toFixed(digits);
-  return (value < 0 && Number(text) !== 0 ? MINUS : "") + text;
+  return (value < 0 && Number(text) !== 0 ? MINUS : "") + text.replace(".", t("decimal_mark"));
 }
 
 // With its sign always: an offset without one is half a figure.
 export function signed(value, digits) {
   const text = fixed(value, digits);
-  return value > 0 && Number(text) !== 0 ? "+" + text : text;
+  return value > 0 && /[1-9]/.test(text) ? "+" + text : text;
 }
 
-const DIGITS = { "°C": 2, "K": 2, "mm": 4, "µm": 1, "rpm": 0 };
+// Units as people write them, where that is not how programs do.
+const UNITS = { degC: "°C", um: "µm", percent: "%", 1: "", count: "" };
+const DIGITS = { degC: 2, K: 2, mm: 4, um: 1, rpm: 0, count: 0 };
 
+// A value with its unit; what is only true or false is on or off.
 export function quantity(value, unit) {
+  if (value === null) return "–";
+  if (unit === "bool") return t(value ? "on" : "off");
   const digits = DIGITS[unit] ?? (Math.abs(value) >= 100 ? 0 : 2);
-  return fixed(value, digits);
+  return `${fixed(value, digits)} ${UNITS[unit] ?? unit}`.trim();
 }
 
 export function span(seconds) {
   if (seconds === null || seconds === undefined || !Number.isFinite(seconds)) return "–";
-  const whole = Math.floor(Math.max(0, seconds));
-  if (whole < 60) return `${whole} s`;
-  if (whole < 3600) return `${Math.floor(whole / 60)} min ${whole % 60} s`;
-  if (whole < 48 * 3600) return `${Math.floor(whole / 3600)} h ${Math.floor((whole % 3600) / 60)} min`;
-  return `${Math.floor(whole / 86400)} d ${Math.floor((whole % 86400) / 3600)} h`;
+  const s = Math.floor(Math.max(0, seconds));
+  if (s < 60) return t("span_s", { s });
+  if (s < 3600) return t("span_min", { min: Math.floor(s / 60), s: s % 60 });
+  if (s < 48 * 3600) return t("span_h", { h: Math.floor(s / 3600), min: Math.floor((s % 3600) / 60) });
+  return t("span_d", { d: Math.floor(s / 86400), h: Math.floor((s % 86400) / 3600) });
 }
 
-const two = (number) => String(number).padStart(2, "0");
+// Times are those of the machine's zone, wherever the page is looked at.
+let zone = "UTC";
 
-export function clock(date, seconds = true) {
-  const time = `${two(date.getHours())}:${two(date.getMinutes())}`;
-  return seconds ? `${time}:${two(date.getSeconds())}` : time;
-}
-
-export function day(date) {
-  return `${date.getFullYear()}-${two(date.getMonth() + 1)}-${two(date.getDate())}`;
-}
-
-// A sign, a tone, a name and a sentence for every state. The sign and the text carry the meaning, the tone repeats it.
-export const SIGNS = { good: "●", warn: "▲", bad: "■", off: "○" };
-
-const AXIS = {
-  active: ["good", "compensating", "follows its model"],
-  degraded: ["warn", "fallback model", "follows a fallback model"],
-  holding: ["warn", "frozen", "keeps its last value"],
-  ramping: ["bad", "returning to zero", "goes to zero"],
-  zeroed: ["bad", "at zero", "stays at zero until all is good again"],
-  waiting: ["warn", "waiting to arm", "waiting to arm"],
-  off: ["off", "off", "nothing is written"],
-};
-
-export const axisState = (axis) => AXIS[axis.state] ?? ["warn", axis.state, ""];
-
-const OUTPUT = {
-  verified: "good", unverified: "warn", unknown: "off", interlocked: "warn", foreign: "bad", off: "off",
-};
-
-export const outputTone = (state) => OUTPUT[state] ?? "warn";
-
-// The one word for the machine, and the sentence below it.
-export function overall(status) {
-  const inState = (...states) => status.axes.filter((axis) => states.includes(axis.state));
-  const names = (axes) => (axes.length === 1 ? "Axis " : "Axes ") + axes.map((axis) => axis.name).join(", ");
-  const why = (axes) => {
-    const [, name, sentence] = axisState(axes[0]);
-    const reason = axes.map((axis) => axis.why).find((text) => text) ?? "";
-    return `${names(axes)}: ${axes.length === 1 ? sentence : name}${reason ? ` (${reason})` : ""}.`;
-  };
-  const foreign = status.outputs.filter((output) => output.state === "foreign");
-  const failed = inState("ramping", "zeroed");
-  const holding = inState("holding");
-  const degraded = inState("degraded");
-  const waiting = inState("waiting");
-  const off = inState("off");
-  const problem = (() => {
-    if (failed.length) return ["bad", "fault", why(failed)];
-    if (foreign.length) return ["bad", "fault", `Somebody else writes to ${foreign[0].name}.`];
-    if (holding.length) return ["warn", "frozen", why(holding)];
-    if (degraded.length) return ["warn", "fallback model", why(degraded)];
-    return null;
-  })();
-  if (status.dry_run) {
-    return ["off", "dry run", "Computes and shows; writes nothing." + (problem ? ` ${problem[2]}` : "")];
+export function showIn(name) {
+  if (name === zone) return;
+  try {
+    new Intl.DateTimeFormat("en", { timeZone: name });
+    zone = name;
+  } catch {
+    zone = "UTC";
   }
-  if (problem) return problem;
-  if (waiting.length) return ["warn", "waiting to arm", why(waiting)];
-  if (off.length === status.axes.length) return ["off", "off", "Not armed: nothing is written."];
-  const rest = off.length ? ` ${names(off)}: off.` : "";
-  return ["good", "compensating", needs(status) + rest];
 }
 
-function needs(status) {
-  const lost = status.devices.filter((device) => device.state !== "ok").length;
-  const bad = status.signals.filter((signal) => signal.quality !== "good").length;
-  const parts = [];
-  if (lost) parts.push(lost === 1 ? "1 device does not answer" : `${lost} devices do not answer`);
-  if (bad) parts.push(bad === 1 ? "1 signal is not usable" : `${bad} signals are not usable`);
-  return parts.length ? `Every armed axis follows its model, but ${parts.join(" and ")}.`
-    : "Every armed axis follows its model.";
+const formats = new Map();
+
+function parts(date, timeZone, extra = {}) {
+  const key = timeZone + Object.keys(extra);
+  if (!formats.has(key)) {
+    const fields = { year: "numeric", month: "2-digit", day: "2-digit", hour: "2-digit", minute: "2-digit", second: "2-digit" };
+    formats.set(key, new Intl.DateTimeFormat("en", { ...fields, ...extra, timeZone, hourCycle: "h23" }));
+  }
+  return Object.fromEntries(formats.get(key).formatToParts(date).map(({ type, value }) => [type, value]));
+}
+
+export function clock(date, seconds = true, timeZone = zone) {
+  const { hour, minute, second } = parts(date, timeZone);
+  return seconds ? `${hour}:${minute}:${second}` : `${hour}:${minute}`;
+}
+
+export function day(date, timeZone = zone) {
+  const { year, month, day } = parts(date, timeZone);
+  return `${year}-${month}-${day}`;
+}
+
+// UTC+2
+export const offset = (date) => parts(date, zone, { timeZoneName: "shortOffset" }).timeZoneName.replace("GMT", "UTC").replace(/[+-]0$/, "");
+
+// The machine's time with its zone, and the same in UTC; the second is empty where both are one.
+export function bothTimes(date) {
+  const of = (timeZone) => `${day(date, timeZone)} ${clock(date, true, timeZone)}`;
+  const here = offset(date);
+  return [`${of(zone)} ${here}`, here === "UTC" ? "" : `${of("UTC")} UTC`];
 }
 
 const SVG = "http://www.w3.org/2000/svg";
@@ -126,9 +103,4 @@ export function element(name, properties = {}, ...children) {
 // Writes only what changed, so that a screen reader or a selection is not disturbed every second.
 export function say(node, text) {
   if (node.textContent !== text) node.textContent = text;
-}
-
-export function badge(node, tone, word) {
-  if (node.dataset.tone !== tone) node.dataset.tone = tone;
-  say(node, `${SIGNS[tone]} ${word}`);
 }

@@ -61,6 +61,16 @@ impl AxisState {
     /// Every name, for those who count them.
     pub const NAMES: [&'static str; 6] = ["off", "active", "degraded", "holding", "ramping", "zeroed"];
 
+    /// The words that people see for them, on the page and in events.
+    const DISPLAYED: [&'static str; 6] =
+        ["off", "compensating", "fallback model", "frozen", "returning to zero", "at zero"];
+
+    /// The word that people see for the state of this name; a name that is none is its own word.
+    pub fn display_of(name: &str) -> &str {
+        let found = AxisState::NAMES.iter().zip(AxisState::DISPLAYED).find(|(known, _)| **known == name);
+        found.map_or(name, |(_, word)| word)
+    }
+
     /// Following a model.
     pub fn is_following(self) -> bool {
         matches!(self, AxisState::Active | AxisState::Degraded)

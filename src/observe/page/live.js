@@ -1,0 +1,73 @@
+// Follows the gateway's live stream, and says when it no longer does.
+
+import { SIGNS } from "./states.js";
+import { clock, offset, showIn } from "./text.js";
+import { t } from "./words.js";
+
+const SILENT_AFTER_MS = 3500;
+const RETRY_MS = 2000;
+// An attempt on a dead path may hang for minutes; another one may find a way that has come back.
+const GIVE_UP_MS = 10000;
+
+const title = document.title;
+// Stylesheets show these beside what is old.
+document.documentElement.style.setProperty("--old", JSON.stringify(t("old")));
+document.documentElement.style.setProperty("--last-known", JSON.stringify(t("last_known")));
+const opened = new Date();
+
+let stream = null;
+let tried = 0;
+let lastHeard = null;
+let last = null;
+let lost = false;
+
+// `show(status)` once a second; `setLost(sentence, stopped)` when nothing comes any more, and `setLost(null)` when it does
+// again. A gateway that was stopped has said so.
+export function follow(show, setLost) {
+  const change = (now) => {
+    lost = now;
+    document.body.classList.toggle("stale", now);
+    document.title = (now ? `${t("no_connection")} · ` : "") + title;
+    if (!now) return setLost(null);
+    const since = lastHeard ?? opened;
+    const time = `${clock(since)} ${offset(since)}`;
+    const stopped = last?.stopping ?? false;
+    const sentence = t(stopped ? "was_stopped" : "lost_since", { time });
+    const figures = t(lastHeard ? "figures_old" : "figures_none");
+    setLost(`${SIGNS[stopped ? "off" : "bad"]} ${sentence} ${figures}`, stopped);
+  };
+
+  const connect = () => {
+    stream?.close();
+    tried = Date.now();
+    stream = new EventSource("/api/live");
+    stream.addEventListener("status", (event) => {
+      last = JSON.parse(event.data);
+      lastHeard = new Date();
+      showIn(last.zone);
+      if (lost) change(false);
+      show(last);
+    });
+    // A browser gives up by itself after some kinds of failure; coming back is decided here.
+    stream.addEventListener("error", () => {
+      stream.close();
+      change(true);
+      setTimeout(connect, RETRY_MS);
+    });
+  };
+
+  // A broken network path closes nothing: silence counts as lost too.
+  const listenForSilence = () => {
+    const since = lastHeard ?? opened;
+    if (!lost && Date.now() - since.getTime() > SILENT_AFTER_MS) {
+      change(true);
+      connect();
+    } else if (lost && Date.now() - tried > GIVE_UP_MS) {
+      connect();
+    }
+  };
+
+  document.addEventListener("visibilitychange", listenForSilence);
+  setInterval(listenForSilence, 500);
+  connect();
+}

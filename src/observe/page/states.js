@@ -1,0 +1,66 @@
+// A sign, a tone, a word and a sentence for every state. The sign and the text carry the meaning, the tone repeats it.
+
+import { say } from "./text.js";
+import { known, t } from "./words.js";
+
+export const SIGNS = { good: "●", warn: "▲", bad: "■", off: "○" };
+
+const AXIS = {
+  active: "good", degraded: "warn", holding: "warn", ramping: "bad", zeroed: "bad", waiting: "warn", off: "off",
+};
+
+// What an axis does because the gateway was asked to stop is no fault.
+export function axisState(axis, status) {
+  const tone = status.stopping ? "off" : AXIS[axis.state] ?? "warn";
+  return [tone, known("state", axis.state), known("does", axis.state)];
+}
+
+const OUTPUT = {
+  verified: "good", unverified: "warn", unknown: "off", interlocked: "warn", foreign: "bad", off: "off",
+};
+
+export const outputTone = (state) => OUTPUT[state] ?? "warn";
+
+export function badge(node, tone, word) {
+  if (node.dataset.tone !== tone) node.dataset.tone = tone;
+  say(node, `${SIGNS[tone]} ${word}`);
+}
+
+// In which order an axis speaks for the machine.
+const WORST = ["zeroed", "ramping", "holding", "degraded", "waiting"];
+
+// The one word for the machine, and the sentence below it.
+export function overall(status) {
+  const inState = (state) => status.axes.filter((axis) => axis.state === state);
+  const names = (axes) => t(axes.length === 1 ? "axis" : "axes", { names: axes.map((axis) => axis.name).join(", ") });
+  const worst = WORST.find((state) => inState(state).length);
+  const off = inState("off");
+  const why = (state) => {
+    const reason = inState(state).map((axis) => axis.why).find((text) => text) ?? "";
+    return `${names(inState(state))}: ${known("does", state)}${reason ? ` (${reason})` : ""}.`;
+  };
+  const foreign = status.outputs.find((output) => output.state === "foreign");
+  if (status.stopping) return ["off", known("state", worst ?? "off"), t("stopping")];
+  const problem = (() => {
+    const others = foreign ? t("foreign", { output: foreign.name }) : "";
+    if (foreign || AXIS[worst] === "bad") {
+      const word = worst && worst !== "waiting" ? known("state", worst) : t("foreign_word");
+      return ["bad", word, [worst ? why(worst) : "", others].filter(Boolean).join(" ")];
+    }
+    return worst && worst !== "waiting" ? ["warn", known("state", worst), why(worst)] : null;
+  })();
+  if (status.dry_run) return ["off", t("dry_run"), `${t("dry_run_does")} ${problem ? problem[2] : ""}`.trim()];
+  if (problem) return problem;
+  if (worst) return ["warn", known("state", worst), why(worst)];
+  if (off.length === status.axes.length) return ["off", known("state", "off"), t("not_armed_sentence")];
+  const rest = off.length ? ` ${names(off)}: ${known("state", "off")}.` : "";
+  return ["good", known("state", "active"), needs(status) + rest];
+}
+
+function needs(status) {
+  const lost = status.devices.filter((device) => device.state !== "ok").length;
+  const bad = status.signals.filter((signal) => signal.quality !== "good").length;
+  const lacks = [lost ? t("lacks_devices", { count: lost }) : "", bad ? t("lacks_signals", { count: bad }) : ""];
+  const parts = lacks.filter(Boolean).join(t("and"));
+  return parts ? t("follows_but", { parts }) : t("follows");
+}
