@@ -2,6 +2,8 @@
 //!
 //! Needs chromium and python3; `tests/run page` installs both. Without them this test fails and says so.
 
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
 use std::process::Command;
 
 mod process;
