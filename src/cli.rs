@@ -21,6 +21,7 @@ mod events;
 mod gauge;
 #[cfg(feature = "identify")]
 mod identify;
+mod logs;
 mod machines;
 mod measured;
 #[cfg(feature = "place")]

@@ -7,12 +7,12 @@ use std::time::Duration;
 use anyhow::Context;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
+use super::logs::Runs;
 use super::{load_quietly, print_json};
 use crate::cli::say::{Out, say_progress};
 use crate::clock::Clock;
 use isotherm_core::compensation::model::Outside;
 use isotherm_identify::applied::Applied;
-use isotherm_identify::dataset::{Dataset, Split};
 use isotherm_identify::facts::document;
 use isotherm_identify::method::{Method, Settings};
 use isotherm_identify::report::{self, Subject};
@@ -26,7 +26,7 @@ mod text;
 
 /// Finds the model of an axis from logs: coefficients with their uncertainty, and how it fares on days it never saw.
 ///
-/// A log is CSV or Parquet: a column `time` (seconds, or RFC 3339), `time_s` or `time_min`, one column per signal of the
+/// A log is CSV or Parquet: a column `time` (seconds, RFC 3339, or `05.01.2026 06:00:10` by the clock of --zone), `time_s` or `time_min`, one column per signal of the
 /// profile, and the measured displacement error in µm. One file is one run: a warm-up from a cold machine on. Faulty
 /// sensors are found, told and left out. Each run is held out in turn.
 #[derive(clap::Args, Debug)]
@@ -106,12 +106,8 @@ pub(super) struct Arguments {
     /// two-source: the sensors of the second
     #[arg(long, value_name = "SIGNAL", value_delimiter = ',')]
     second: Vec<String>,
-    /// A new run begins where this column changes
-    #[arg(long, value_name = "COLUMN")]
-    run_column: Option<String>,
-    /// A new run begins after so long without a row
-    #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
-    gap: Option<Duration>,
+    #[command(flatten)]
+    runs: Runs,
     /// Writes the [[axis.…model]] block, with its envelope beside it
     #[arg(long, value_name = "MODEL.toml")]
     write: Option<PathBuf>,
@@ -180,8 +176,6 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 
 /// What was found, and as one document where one is asked for.
 fn find(arguments: &Arguments, profile: &Profile) -> anyhow::Result<(Identified, Option<serde_json::Value>)> {
-    let split = Split { column: arguments.run_column.clone(), gap: arguments.gap };
-    let mut dataset = Dataset::read(&arguments.logs, &split, &units(profile))?;
     let choice = Choice {
         axis: arguments.axis.clone(),
         error: arguments.error.clone(),
@@ -191,6 +185,8 @@ fn find(arguments: &Arguments, profile: &Profile) -> anyhow::Result<(Identified,
         resample: arguments.resample,
         position: arguments.position.clone().map(|name| (name, arguments.position_reference)),
     };
+    let error = choice.error_column(profile);
+    let mut dataset = arguments.runs.read(&arguments.logs, &error, &units(profile))?;
     let applied = arguments.cz.as_deref().map(Applied::named).unwrap_or_default();
     without_cz(profile, &mut dataset, &choice, &applied)?;
     let ready = ready(profile, &dataset, &choice)?;

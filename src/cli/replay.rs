@@ -18,7 +18,9 @@ use std::fs::File;
 use std::path::PathBuf;
 
 use anyhow::Context;
+use jiff::tz::TimeZone;
 
+use super::logs::LogZone;
 use super::{ProfileArguments, load_modelled, print_json};
 use crate::cli::say::say_all;
 use crate::gateway::log::{LogReader, LogRow, number};
@@ -37,8 +39,8 @@ pub use summary::{AxisSummary, Difference, ErrorSummary, Range, Reproduced, Summ
 
 /// The gateway's own step over a recorded log: every stage of Cz, and the error before and after where the log has one.
 ///
-/// A log is CSV: first column `time` (seconds, or RFC 3339), one column per signal in its unit, `<axis>_error_um` where
-/// the error was measured. Missing values are empty. What the outputs of a gateway did (`NAME-DATE.outputs.csv`) is
+/// A log is CSV: a column `time` (seconds, RFC 3339, or `05.01.2026 06:00:10` by the clock of --zone), one column per signal in
+/// its unit, `<axis>_error_um` where the error was measured. Missing values are empty. What the outputs of a gateway did (`NAME-DATE.outputs.csv`) is
 /// replayed with the log that it stands beside, or alone.
 #[derive(clap::Args, Debug)]
 #[command(after_help = "Example:\n  isotherm replay my-machine.toml monday.csv --out replayed.csv")]
@@ -48,6 +50,8 @@ pub(super) struct Arguments {
     /// The log
     #[arg(value_name = "LOG.csv")]
     recording: PathBuf,
+    #[command(flatten)]
+    zone: LogZone,
     /// Where the replayed rows go
     #[arg(long, value_name = "FILE.csv")]
     out: Option<PathBuf>,
@@ -71,7 +75,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         None => None,
     };
     let out = out.as_mut().map(|file| file as &mut dyn Write);
-    let mut summary = replay(&profile, log, &name, out)?;
+    let recording = Recording { name: &name, zone: Some(arguments.zone.of_the_log()) };
+    let mut summary = replay(&profile, log, recording, out)?;
     summary.outputs = outputs::beside(&arguments.recording)?;
     if arguments.json {
         return print_json(&summary);
@@ -104,17 +109,33 @@ struct Outcome<'a> {
     error: Option<f64>,
 }
 
-/// Replays a log, writes a row for each of its rows to `out`, and sums up. `name` is the log's name in messages.
+/// What is known of a log from elsewhere than itself.
+#[derive(Clone, Debug)]
+pub struct Recording<'a> {
+    /// Its name in messages.
+    pub name: &'a str,
+    /// Where the clock hung whose times have no offset from UTC; none: such times are refused.
+    pub zone: Option<TimeZone>,
+}
+
+impl<'a> From<&'a str> for Recording<'a> {
+    fn from(name: &'a str) -> Recording<'a> {
+        Recording { name, zone: None }
+    }
+}
+
+/// Replays a log, writes a row for each of its rows to `out`, and sums up.
 ///
 /// # Errors
 /// A log that cannot be read, with the place; an output that cannot be written.
-pub fn replay(
+pub fn replay<'a>(
     profile: &Profile,
     log: impl Read,
-    name: &str,
+    recording: impl Into<Recording<'a>>,
     out: Option<&mut dyn Write>,
 ) -> anyhow::Result<Summary> {
-    let mut reader = LogReader::open(profile, log, name)?;
+    let Recording { name, zone } = recording.into();
+    let mut reader = LogReader::open(profile, log, (name, zone))?;
     let mut table = out.map(csv::Writer::from_writer);
     if let Some(table) = &mut table {
         table.write_record(header(profile, &reader))?;

@@ -2,17 +2,16 @@
 
 use std::io::Write;
 use std::path::PathBuf;
-use std::time::Duration;
 
 use anyhow::Context;
 use clap::builder::TypedValueParser;
 
 use super::identify::one_of;
+use super::logs::Runs;
 use super::{load_with, print_json};
 use crate::cli::say::Out;
 use crate::clock::Clock;
 use isotherm_identify::applied::{Applied, add_without_cz};
-use isotherm_identify::dataset::{Dataset, Split};
 use isotherm_identify::drift::{Test, drift};
 use isotherm_identify::report;
 use isotherm_identify::setup::units;
@@ -22,7 +21,7 @@ mod text;
 /// Drift of logs in the terms of ISO 230-3: how far each displacement went, when, and what the machine did meanwhile.
 ///
 /// It describes a log; the durations and limits of the standard are yours to keep. A log is CSV: a column `time`
-/// (seconds, or RFC 3339), `time_s` or `time_min`, displacements in columns that end with `_um`, temperatures, and what
+/// (seconds, RFC 3339, or `05.01.2026 06:00:10` by the clock of --zone), `time_s` or `time_min`, displacements in columns that end with `_um`, temperatures, and what
 /// turned or moved: speeds (`_rpm`), positions (`_mm`), angles (`_deg`).
 #[derive(clap::Args, Debug)]
 #[command(
@@ -48,12 +47,8 @@ pub(super) struct Arguments {
     /// The machine's profile, which knows the units of its signals
     #[arg(long, value_name = "PROFILE")]
     profile: Option<PathBuf>,
-    /// A new run begins where this column changes
-    #[arg(long, value_name = "COLUMN")]
-    run_column: Option<String>,
-    /// A new run begins after so long without a row
-    #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
-    gap: Option<Duration>,
+    #[command(flatten)]
+    runs: Runs,
     /// One JSON document
     #[arg(long)]
     json: bool,
@@ -75,8 +70,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         None => None,
     };
     let unit = |name: &str| profile.as_ref().and_then(|profile| units(profile)(name));
-    let split = Split { column: arguments.run_column.clone(), gap: arguments.gap };
-    let mut dataset = Dataset::read(&arguments.logs, &split, &unit)?;
+    let mut dataset = arguments.runs.read(&arguments.logs, "gauge_um", &unit)?;
     let applied = arguments.cz.as_deref().map(Applied::named).unwrap_or_default();
     let mut displacements = arguments.displacement.clone();
     add_without_cz(&mut dataset, profile.as_ref(), &mut displacements, &applied)?;

@@ -7,11 +7,11 @@ use std::time::Duration;
 use anyhow::Context;
 
 use super::identify::progress;
+use super::logs::Runs;
 use super::print_json;
 use crate::cli::say::Out;
 use crate::clock::Clock;
 use isotherm_identify::applied::{Applied, without_cz};
-use isotherm_identify::dataset::{Dataset, Split};
 use isotherm_identify::report;
 use isotherm_identify::select::{Selected, Settings, points, select};
 use isotherm_identify::setup::Choice;
@@ -62,12 +62,8 @@ pub(super) struct Arguments {
     /// Rows are averaged over this long, after the lags; 0s leaves them as they are
     #[arg(long, value_name = "TIME", default_value = "1min", value_parser = humantime::parse_duration)]
     resample: Duration,
-    /// A new run begins where this column changes
-    #[arg(long, value_name = "COLUMN")]
-    run_column: Option<String>,
-    /// A new run begins after so long without a row
-    #[arg(long, value_name = "TIME", value_parser = humantime::parse_duration)]
-    gap: Option<Duration>,
+    #[command(flatten)]
+    runs: Runs,
     /// Writes a page with pictures: one file, to be opened anywhere
     #[arg(long, value_name = "OUT.html")]
     report: Option<PathBuf>,
@@ -86,8 +82,7 @@ fn correlation(text: &str) -> Result<f64, String> {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let split = Split { column: arguments.run_column.clone(), gap: arguments.gap };
-    let mut dataset = Dataset::read(&arguments.logs, &split, &|_| None)?;
+    let mut dataset = arguments.runs.read(&arguments.logs, &arguments.error, &|_| None)?;
     let applied = arguments.cz.as_deref().map(Applied::named).unwrap_or_default();
     without_cz(&mut dataset, &arguments.error, None, None, &applied)?;
     let choice = Choice {

@@ -57,7 +57,7 @@ fn replays(text: &str, directory: &Path, trace: &Trace) -> u64 {
     let mut rows = 0;
     for log in logs(directory, ".csv") {
         let name = log.display().to_string();
-        let summary = replay(&profile(text), fs::File::open(&log).unwrap(), &name, None).unwrap();
+        let summary = replay(&profile(text), fs::File::open(&log).unwrap(), name.as_str(), None).unwrap();
         let again = summary.axes["z"].reproduced.as_ref().unwrap();
         assert_eq!(again.first, None, "{summary}\n{}", trace.lines());
         rows += again.rows;

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 mod acted;
+mod elsewhere;
 mod plant;
 #[path = "../process/mod.rs"]
 mod process;

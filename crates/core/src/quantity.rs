@@ -51,9 +51,11 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
+mod dialect;
 mod shift;
 pub mod time;
 
+pub use dialect::Dialect;
 pub(crate) use shift::shifted;
 pub use shift::{Shift, Shifted};
 

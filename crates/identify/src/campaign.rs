@@ -11,7 +11,7 @@ use isotherm_core::compensation::settings::{
 };
 use isotherm_core::quantity::{Micron, MicronPerSecond, Moment};
 use isotherm_core::reading::{Reading, Reason, SignalId};
-use isotherm_profile::{Axis, Profile};
+use isotherm_profile::{Axis, Profile, Unit};
 
 /// What a reference is the mean over where the profile does not say.
 pub(crate) const USUAL_SETTLE: Duration = Duration::from_secs(180);
@@ -48,6 +48,7 @@ pub(crate) struct Input {
     pub(crate) signal: SignalId,
     /// In the dataset.
     pub(crate) column: usize,
+    pub(crate) unit: Unit,
 }
 
 /// The signal that says where the axis is.

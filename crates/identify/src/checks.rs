@@ -12,6 +12,8 @@ const COLD_SHOP: f64 = 45.0;
 const SHORTEST_RUN: Duration = Duration::from_secs(20 * 60);
 /// Four hours of seconds that are called minutes.
 const LONGEST_RUN: Duration = Duration::from_secs(10 * 24 * 3600);
+/// A probe that comes back to one place finds it to this, mm.
+const LONGEST_AT_ONE_PLACE: f64 = 1.0;
 /// An error that moves less is noise or a column of zeros, µm.
 const STANDS_STILL: f64 = 1e-6;
 
@@ -75,6 +77,26 @@ pub(super) fn check_error(dataset: &Dataset, error: usize, wrong: &mut Vec<Strin
         let mean = mean(&ranges);
         wrong.push(format!("{name} moves by {mean:.4} over {rows} rows: that looks like mm; write µm"));
     }
+}
+
+/// A recorded position that the error may go with, and that no model was asked to look at.
+pub(super) fn unused_position(dataset: &Dataset, error: usize) -> Option<String> {
+    let moved = |column: &usize| {
+        let places = dataset.runs.iter().flat_map(|run| {
+            let measured = run.values[*column].iter().zip(&run.values[error]);
+            measured.filter(|(_, error)| error.is_finite()).map(|(place, _)| *place)
+        });
+        least_and_most(places.filter(|place| place.is_finite())).map_or(0.0, |(least, most)| most - least)
+    };
+    let widest = dataset.of_kind(Kind::Position).max_by(|one, other| moved(one).total_cmp(&moved(other)))?;
+    let name = &dataset.columns[widest].name;
+    let travel = moved(&widest);
+    (travel > LONGEST_AT_ONE_PLACE).then(|| {
+        format!(
+            "the error was measured over {travel:.0} mm of {name}, which no term uses: --method position --position {name} finds \
+             how it changes along the axis"
+        )
+    })
 }
 
 /// The column of this name.

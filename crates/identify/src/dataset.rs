@@ -3,11 +3,14 @@
 //! ```text
 //! file ── table (cells by column) ── split ── runs        kinds guessed from names, units and values
 //! ```
-//! CSV or Parquet. The first column named `time` (seconds or RFC 3339), `time_s` or `time_min` orders the rows; every
-//! other column is a number per row (NaN where it is missing) or text.
+//! CSV, with whatever a spreadsheet separates columns by, or Parquet. The first column named `time` (seconds, RFC 3339, or a
+//! date and time of the zone), `time_s` or `time_min` orders the rows; every other column is a number per row (NaN where it
+//! is missing) or text.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
+
+use jiff::tz::TimeZone;
 
 use crate::statistics::range;
 use isotherm_core::quantity::Moment;
@@ -15,6 +18,7 @@ use isotherm_core::quantity::Moment;
 mod acted;
 mod csv;
 mod files;
+mod gauge;
 mod kind;
 #[cfg(feature = "parquet")]
 mod parquet;
@@ -66,6 +70,8 @@ pub struct Split {
     pub column: Option<String>,
     /// A new run begins after so long without a row.
     pub gap: Option<Duration>,
+    /// Where the clock hung whose times have no offset from UTC; none: such times are refused.
+    pub zone: Option<TimeZone>,
 }
 
 /// Everything that is wrong with the logs, each with its place.
@@ -91,12 +97,26 @@ impl Dataset {
     pub fn read(files: &[PathBuf], split: &Split, units: Units<'_>) -> Result<Dataset, BadLog> {
         let (mut tables, mut wrong) = (Vec::new(), Vec::new());
         for file in files::logs(files, &mut wrong) {
-            match read_table(&file) {
+            match read_table(&file, split.zone.clone()) {
                 Ok(table) => tables.push(table),
                 Err(BadLog(found)) => wrong.extend(found),
             }
         }
         Dataset::from_tables(&BadLog::unless(wrong, tables)?, split, units)
+    }
+
+    /// Adds the readings of a small file, `time` and one column of µm (or, named `…_mm`, of mm), as the column `error`: each in
+    /// the row that is nearest in time, at most `within` away.
+    ///
+    /// # Errors
+    /// A file that is none of these; none of its readings lies near a row; the logs have that column, or are of one time.
+    pub fn add_gauge(
+        &mut self,
+        file: &Path,
+        (error, within): (&str, Duration),
+        zone: Option<TimeZone>,
+    ) -> Result<(), BadLog> {
+        gauge::add(self, file, (error, within), zone)
     }
 
     fn from_tables(tables: &[Table], split: &Split, units: Units<'_>) -> Result<Dataset, BadLog> {
@@ -173,13 +193,13 @@ impl Run {
     }
 }
 
-fn read_table(file: &Path) -> Result<Table, BadLog> {
+fn read_table(file: &Path, zone: Option<TimeZone>) -> Result<Table, BadLog> {
     let ending = file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
     if !ending.eq_ignore_ascii_case("parquet") {
-        return csv::read(file);
+        return csv::read(file, zone);
     }
     #[cfg(feature = "parquet")]
-    return parquet::read(file);
+    return parquet::read(file, zone);
     #[cfg(not(feature = "parquet"))]
     return Err(BadLog(vec![format!(
         "{}: this program was built without Parquet; write CSV, or build it with --features parquet",

@@ -76,8 +76,10 @@ pub struct TermFound {
     pub signal: String,
     /// Time constant, s; 0: it acts at once.
     pub lag_s: f64,
-    /// µm per unit of the signal, for Cz = −e; a term of the slope: µm/mm per unit.
+    /// For Cz = −e.
     pub gain: f64,
+    /// The gain's unit: µm/°C, or as the profile has the signal; a term of the slope: µm/mm/°C.
+    pub unit: String,
     /// The gain's standard error.
     pub se: f64,
     /// How many times the variance of the gain is what it were if no other term resembled it; none as for the condition.
@@ -216,7 +218,12 @@ fn check_count(bank: &Bank, method: Method) -> Result<(), String> {
 }
 
 fn terms_of(campaign: &Campaign<'_>, gains: &[(Candidate, f64)]) -> Vec<TermFound> {
+    let unit = |candidate: &Candidate| {
+        let (of, per) = (if candidate.along { "µm/mm" } else { "µm" }, campaign.inputs[candidate.input].unit);
+        if per.0 == "1" { of.to_owned() } else { format!("{of}/{per}") }
+    };
     let term = |(candidate, gain): &(Candidate, f64)| TermFound {
+        unit: unit(candidate),
         signal: campaign.inputs[candidate.input].name.clone(),
         lag_s: candidate.lag.map_or(0.0, |lag| lag.as_secs_f64()),
         gain: *gain,

@@ -5,7 +5,7 @@ use std::time::Duration;
 use crate::ambient;
 use crate::applied::{self, Applied};
 use crate::campaign::{Campaign, Input, Position, temperatures_of};
-use crate::checks::{check_error, check_runs, fahrenheit, nearest, stays};
+use crate::checks::{check_error, check_runs, fahrenheit, nearest, stays, unused_position};
 use crate::dataset::{BadLog, Dataset, Kind};
 use crate::faults::mend::{Mended, mend};
 use crate::faults::{self, Notes, Repaired};
@@ -63,6 +63,13 @@ pub fn without_cz(
 }
 
 impl Choice {
+    /// The column with the measured error: that which is named, or `<axis>_error_um`.
+    #[must_use]
+    pub fn error_column(&self, profile: &Profile) -> String {
+        // `ready` says so where the axis is not there.
+        self.error_of(&axis(profile, self, &mut Vec::new()).unwrap_or_default())
+    }
+
     fn error_of(&self, axis: &str) -> String {
         self.error.clone().unwrap_or_else(|| format!("{axis}_error_um"))
     }
@@ -107,6 +114,9 @@ pub fn ready<'a>(profile: &Profile, dataset: &'a Dataset, choice: &Choice) -> Re
         check_error(dataset, error, &mut wrong);
     }
     let (Some(axis), Some(error), true) = (axis, error, wrong.is_empty()) else { return Err(BadLog(wrong)) };
+    if position.is_none() {
+        remarks.extend(unused_position(dataset, error));
+    }
     let is_kept = |column: &usize| choice.keep.contains(&dataset.columns[*column].name);
     let (kept, judged): (Vec<usize>, Vec<usize>) = temperatures.iter().partition(|column| is_kept(column));
     if !kept.is_empty() {
@@ -184,7 +194,8 @@ fn input(
     if column.is_none() {
         wrong.push(format!("no log has a column `{name}`{what}"));
     }
-    Some(Input { name: name.to_owned(), signal, column: column? })
+    let unit = profile.signals[signal.0].unit;
+    Some(Input { name: name.to_owned(), signal, column: column?, unit })
 }
 
 fn inputs(

@@ -2,7 +2,7 @@
 //! without an end, a directory.
 
 use std::fs::{File, FileType, Metadata, OpenOptions};
-use std::io::{self, ErrorKind, Read};
+use std::io::{self, BufRead, BufReader, Chain, Cursor, ErrorKind, Read};
 use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
 use std::path::Path;
 
@@ -45,6 +45,52 @@ pub fn read(path: &Path, largest: u64) -> io::Result<Vec<u8>> {
 pub fn read_text(path: &Path) -> io::Result<String> {
     String::from_utf8(read(path, LARGEST)?)
         .map_err(|_| io::Error::new(ErrorKind::InvalidData, "it is no text in UTF-8"))
+}
+
+/// The first line, and all of it, with every line ended by a line feed alone. Of a line without an end its beginning.
+///
+/// # Errors
+/// As reading it.
+pub fn first_line<R: Read>(input: R) -> io::Result<(String, Lines<R>)> {
+    const LONGEST: u64 = 1024 * 1024;
+    let (mut reader, mut first) = (BufReader::new(input), Vec::new());
+    reader.by_ref().take(LONGEST).read_until(b'\n', &mut first)?;
+    let text = String::from_utf8_lossy(&first).into_owned();
+    Ok((text, Lines { input: Cursor::new(first).chain(reader), last: b'\n' }))
+}
+
+/// Ends every line with a line feed, as nothing else counts lines alike.
+#[derive(Debug)]
+pub struct Lines<R> {
+    input: Chain<Cursor<Vec<u8>>, BufReader<R>>,
+    /// The last byte that was taken.
+    last: u8,
+}
+
+impl<R: Read> Read for Lines<R> {
+    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+        let mut filled = 0;
+        while filled == 0 && !out.is_empty() {
+            let found = self.input.fill_buf()?;
+            if found.is_empty() {
+                if matches!(self.last, b'\n' | b'\r') {
+                    return Ok(0);
+                }
+                (self.last, out[0]) = (b'\n', b'\n');
+                return Ok(1);
+            }
+            let taken = found.len().min(out.len());
+            for byte in &found[..taken] {
+                if (self.last, *byte) != (b'\r', b'\n') {
+                    out[filled] = if *byte == b'\r' { b'\n' } else { *byte };
+                    filled += 1;
+                }
+                self.last = *byte;
+            }
+            self.input.consume(taken);
+        }
+        Ok(filled)
+    }
 }
 
 fn regular(metadata: &Metadata) -> io::Result<()> {

@@ -47,11 +47,10 @@ pub(super) fn render(out: &mut impl Write, found: &Identified, probe: Option<Dur
             lag if lag > 0.0 => format!("lag {}", humantime::format_duration(Duration::from_secs_f64(lag))),
             _ => "at once".to_owned(),
         };
-        let unit = if term.slope { "µm/mm" } else { "µm" };
         writeln!(
             out,
-            "    {:+10.4} ± {:<8.4} {unit} per unit of {:width$}  {lag}",
-            term.gain, term.se, term.signal
+            "    {:+10.4} ± {:<8.4} {:5}  {:width$}  {lag}",
+            term.gain, term.se, term.unit, term.signal
         )?;
     }
     if terms.len() > MOST_TERMS {

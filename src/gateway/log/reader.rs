@@ -5,12 +5,14 @@ use std::fmt::Display;
 use std::io::Read;
 
 use csv::StringRecord;
+use jiff::tz::TimeZone;
 
 use super::{ACTING, DECIDED, ERROR, FORGET, FROM, MEASURED, MEMORY, PERMIT, SLOPE_FROM, TIME, ZERO};
 use isotherm_core::compensation::{Control, Measured, Permit, Remembered};
-use isotherm_core::quantity::{Micron, Moment, time};
+use isotherm_core::quantity::{Dialect, Micron, Moment, time};
 use isotherm_core::reading::{Reading, Reason};
 use isotherm_profile::Profile;
+use isotherm_profile::regular::{self, Lines};
 
 /// A log that cannot be read, with the place.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -67,8 +69,9 @@ pub struct Decided {
 /// Gives the rows of a log, one after the other.
 #[derive(Debug)]
 pub struct LogReader<R> {
-    csv: csv::Reader<R>,
+    csv: csv::Reader<Lines<R>>,
     file: String,
+    dialect: Dialect,
     names: Vec<String>,
     axes: Vec<String>,
     columns: Columns,
@@ -104,24 +107,26 @@ struct AxisColumns {
 const MOST_WARNINGS: usize = 20;
 
 impl<R: Read> LogReader<R> {
-    /// Reads the header. `file` is the log's name in messages.
+    /// Reads the header. `file` is the log's name in messages; `zone`: of times that have no offset from UTC, which are refused
+    /// without it.
     ///
     /// # Errors
     /// A header that is none: no `time`, no signal of the profile, a name twice.
-    pub fn open(profile: &Profile, input: R, file: &str) -> Result<LogReader<R>, LogError> {
-        let mut csv = csv::ReaderBuilder::new().flexible(true).from_reader(input);
+    pub fn open(
+        profile: &Profile,
+        input: R,
+        (file, zone): (&str, Option<TimeZone>),
+    ) -> Result<LogReader<R>, LogError> {
         let error = |message: String| LogError { file: file.to_owned(), line: 1, column: None, message };
+        let (first, input) = regular::first_line(input).map_err(|cause| error(cause.to_string()))?;
+        let dialect = Dialect::of(&first, zone);
+        let mut csv =
+            csv::ReaderBuilder::new().flexible(true).delimiter(dialect.separator()).from_reader(input);
         let header = csv.headers().map_err(|cause| error(cause.to_string()))?;
-        let names: Vec<String> = header.iter().map(|name| name.trim().to_owned()).collect();
+        let names: Vec<String> =
+            header.iter().map(|name| name.trim().trim_start_matches('\u{feff}').to_owned()).collect();
         if names.iter().all(String::is_empty) {
             return Err(error("the log is empty; its first line names the columns".to_owned()));
-        }
-        if let [only] = names.as_slice()
-            && only.contains([';', '\t'])
-        {
-            return Err(error(
-                "the columns are not separated by commas; write commas, and decimal points".to_owned(),
-            ));
         }
         let mut places = HashMap::new();
         for (place, name) in names.iter().enumerate() {
@@ -146,7 +151,7 @@ impl<R: Read> LogReader<R> {
         let record = StringRecord::new();
         let axes = profile.axes.iter().map(|axis| axis.settings.name.clone()).collect();
         let file = file.to_owned();
-        Ok(LogReader { csv, file, names, axes, columns, ranges, record, last: None, warnings })
+        Ok(LogReader { csv, file, dialect, names, axes, columns, ranges, record, last: None, warnings })
     }
 
     /// What is odd about the log, but did not keep it from being read.
@@ -178,6 +183,7 @@ impl<R: Read> LogReader<R> {
             let message = format!("{found} cells under {wanted} column names{hint}");
             return Err(LogError { file: self.file.clone(), line, column: None, message });
         }
+        self.point()?;
         let row = self.row(line)?;
         if self.last.is_some_and(|last| row.now < last) {
             self.warn(format!("line {line}: time runs back, to {}", row.time));
@@ -187,12 +193,36 @@ impl<R: Read> LogReader<R> {
     }
 
     fn read_record(&mut self) -> Result<bool, LogError> {
-        let read = self.csv.read_record(&mut self.record);
-        read.map_err(|cause| unreadable(&self.file, self.csv.position().line(), &cause))
+        loop {
+            let read = self.csv.read_record(&mut self.record);
+            let read = read.map_err(|cause| unreadable(&self.file, self.csv.position().line(), &cause))?;
+            // Spreadsheets end with thousands of empty rows.
+            if !read || self.record.iter().any(|cell| !cell.trim().is_empty()) {
+                return Ok(read);
+            }
+        }
     }
 
+    /// Decimal commas of the row become points, where commas separate nothing.
+    fn point(&mut self) -> Result<(), LogError> {
+        if self.dialect.separator() == b',' {
+            return Ok(());
+        }
+        let mut pointed = StringRecord::new();
+        for (place, cell) in self.record.iter().enumerate() {
+            match self.dialect.number(cell.trim()) {
+                Ok(number) => pointed.push_field(&number),
+                Err(message) => return Err(self.error(self.line(), place, message)),
+            }
+        }
+        self.record = pointed;
+        Ok(())
+    }
+
+    /// The line that the row begins in. A record says where the one before ended, empty lines or not.
     fn line(&self) -> u64 {
-        self.record.position().map_or(0, csv::Position::line)
+        let inside = self.record.iter().flat_map(str::bytes).filter(|byte| *byte == b'\n').count();
+        self.csv.position().line().saturating_sub(1 + inside as u64)
     }
 
     fn warn(&mut self, warning: String) {
@@ -205,10 +235,11 @@ impl<R: Read> LogReader<R> {
         }
     }
 
-    fn row(&self, line: u64) -> Result<LogRow, LogError> {
-        let time = self.cell(self.columns.time);
-        let now = time::parse(time).map_err(|message| self.error(line, self.columns.time, message))?;
-        let mut row = LogRow { line, time: time.to_owned(), now, ..LogRow::default() };
+    fn row(&mut self, line: u64) -> Result<LogRow, LogError> {
+        let time = self.cell(self.columns.time).to_owned();
+        let now = self.dialect.moment(&time, self.last);
+        let now = now.map_err(|message| self.error(line, self.columns.time, message))?;
+        let mut row = LogRow { line, time, now, ..LogRow::default() };
         for (place, range) in self.columns.signals.iter().zip(&self.ranges) {
             row.readings.push(reading(self.number(line, *place)?, *range, now));
         }

@@ -8,7 +8,7 @@ use isotherm_core::quantity::{Micron, Moment, time};
 use isotherm_core::reading::{Quality, Reading, Reason};
 
 fn rows(log: &str) -> Result<(Vec<LogRow>, Vec<String>), LogError> {
-    let mut reader = LogReader::open(&sample::profile(), log.as_bytes(), "day.csv")?;
+    let mut reader = LogReader::open(&sample::profile(), log.as_bytes(), ("day.csv", None))?;
     let mut rows = Vec::new();
     while let Some(row) = reader.next_row()? {
         rows.push(row);
@@ -88,7 +88,7 @@ fn what_cannot_be_read_is_named_with_its_place() {
     for (log, words) in [
         ("", "line 1: the log is empty"),
         ("zeit,bed\n0,1\n", "there is no column time; there are zeit, bed"),
-        ("time;bed\n0;1\n", "not separated by commas"),
+        ("time;bed\n0;1,5\n5;1.5\n", "line 3, column bed: `1.5` beside `1,5`"),
         ("time,oil\n0,1\n", "none of the profile's signals is in the log: bed,"),
         ("time,bed,bed\n0,1,1\n", "the column bed is there twice"),
         (
@@ -97,6 +97,7 @@ fn what_cannot_be_read_is_named_with_its_place() {
         ),
         ("time,bed\n0,27,5\n", "line 2: 3 cells under 2 column names; are there decimal commas?"),
         ("time,bed\n0,1\n5,warm\n", "line 3, column bed: `warm` is no number"),
+        ("time,bed\r\n\r\n\r\n0,1\r\n5,warm", "line 5, column bed: `warm` is no number"),
         ("time,bed\n0,1\nnoon,1\n", "line 3, column time: `noon` is no time"),
         ("time,bed\n,1\n", "line 2, column time: the time is missing"),
         ("time,bed,wheelhead\n0,1\n5,1,1\n", "line 2: 2 cells under 3"),
@@ -107,7 +108,7 @@ fn what_cannot_be_read_is_named_with_its_place() {
         assert!(message.contains(words), "{log:?}: {message}");
     }
     let latin: &[u8] = b"time,bed\n0,1\n5,27\xb0\n";
-    let mut reader = LogReader::open(&sample::profile(), latin, "day.csv").unwrap();
+    let mut reader = LogReader::open(&sample::profile(), latin, ("day.csv", None)).unwrap();
     reader.next_row().unwrap();
     assert!(reader.next_row().unwrap_err().to_string().contains("line 3: this is not text in UTF-8"));
 }

@@ -51,7 +51,7 @@ fn inside(directory: &Path, wrong: &mut Vec<String>) -> Vec<PathBuf> {
     let mut files: Vec<PathBuf> = match std::fs::read_dir(directory) {
         Ok(entries) => entries.flatten().map(|entry| entry.path()).filter(is_log).collect(),
         Err(why) => {
-            wrong.push(cannot_be_read(directory, &why));
+            wrong.extend(cannot_be_read(directory, &why).0);
             return Vec::new();
         }
     };
@@ -67,12 +67,12 @@ fn inside(directory: &Path, wrong: &mut Vec<String>) -> Vec<PathBuf> {
 
 /// Opens a log.
 pub(super) fn open(file: &Path) -> Result<File, BadLog> {
-    regular::open(file).map_err(|why| BadLog(vec![cannot_be_read(file, &why)]))
+    regular::open(file).map_err(|why| cannot_be_read(file, &why))
 }
 
-fn cannot_be_read(path: &Path, why: &io::Error) -> String {
-    match why.kind() {
+pub(super) fn cannot_be_read(path: &Path, why: &io::Error) -> BadLog {
+    BadLog(vec![match why.kind() {
         io::ErrorKind::NotFound => format!("{}: there is no such file", path.display()),
         _ => format!("{}: it cannot be read: {why}", path.display()),
-    }
+    }])
 }

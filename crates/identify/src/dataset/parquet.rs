@@ -5,18 +5,22 @@ use std::path::Path;
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::Field;
 
+use jiff::tz::TimeZone;
+
 use super::table::{Reader, Table};
 use super::{BadLog, files};
+use isotherm_core::quantity::Dialect;
 
 /// Reads a file; the messages name its rows, counted from one.
-pub(super) fn read(file: &Path) -> Result<Table, BadLog> {
+pub(super) fn read(file: &Path, zone: Option<TimeZone>) -> Result<Table, BadLog> {
     let refused = |why: String| BadLog(vec![format!("{}: {why}", file.display())]);
     let reader = SerializedFileReader::new(files::open(file)?)
         .map_err(|why| refused(format!("it is no Parquet file: {why}")))?;
     let schema = reader.metadata().file_metadata().schema_descr();
     let names: Vec<String> = schema.columns().iter().map(|column| column.name().to_owned()).collect();
     let no_time = format!("there is no column time, time_s or time_min; there are {}", names.join(", "));
-    let mut table = Reader::new(file, names, "row").ok_or_else(|| refused(no_time))?;
+    let mut table =
+        Reader::new(file, names, ("row", Dialect::of("", zone))).ok_or_else(|| refused(no_time))?;
     let rows = reader.get_row_iter(None).map_err(|why| refused(why.to_string()))?;
     for (number, row) in (1..).zip(rows) {
         // What follows a broken page is broken too.

@@ -4,7 +4,7 @@ use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use super::{BadLog, acted};
-use isotherm_core::quantity::{Moment, time};
+use isotherm_core::quantity::{Dialect, Moment, time};
 
 /// The rows of one file, column by column.
 #[derive(Clone, Debug, Default)]
@@ -45,8 +45,8 @@ impl Table {
     }
 }
 
-/// Reads a cell of the time.
-type ReadTime = fn(&str) -> Result<Moment, String>;
+/// Reads a cell of the time, behind the time of the row before.
+type ReadTime = fn(&mut Dialect, &str, Option<Moment>) -> Result<Moment, String>;
 
 /// A table while it is read, row by row, with the mistakes that are found.
 pub(super) struct Reader {
@@ -56,16 +56,21 @@ pub(super) struct Reader {
     time: (usize, ReadTime),
     /// What the file calls a row: line, row.
     row: &'static str,
+    dialect: Dialect,
     listed: Vec<String>,
     unlisted: usize,
 }
 
 impl Reader {
     /// `None` where no column is the time.
-    pub(super) fn new(file: &Path, names: Vec<String>, row: &'static str) -> Option<Reader> {
+    pub(super) fn new(
+        file: &Path,
+        names: Vec<String>,
+        (row, dialect): (&'static str, Dialect),
+    ) -> Option<Reader> {
         let unit = |name: &str| -> Option<ReadTime> {
             match name {
-                "time" | "time_s" => Some(time::parse),
+                "time" | "time_s" => Some(Dialect::moment),
                 "time_min" => Some(minutes),
                 _ => None,
             }
@@ -75,6 +80,7 @@ impl Reader {
             time: names.iter().enumerate().find_map(|(place, name)| Some((place, unit(name)?)))?,
             columns: names.into_iter().map(|name| (name, Vec::new())).collect(),
             row,
+            dialect,
             listed: Vec::new(),
             unlisted: 0,
         })
@@ -98,7 +104,8 @@ impl Reader {
     /// Adds a row: a text for each column.
     pub(super) fn add(&mut self, number: u64, cells: Vec<String>) {
         let (time, read) = self.time;
-        match read(cells.get(time).map_or("", String::as_str)) {
+        let last = self.table.times.last().copied();
+        match read(&mut self.dialect, cells.get(time).map_or("", String::as_str), last) {
             Ok(moment) => self.table.times.push(moment),
             Err(why) => {
                 let name = self.columns[time].0.clone();
@@ -136,7 +143,16 @@ impl Reader {
 
     /// Texts become numbers where they all are. A column with both is a mistake, named at its first text.
     fn cells(&mut self, name: &str, texts: Vec<String>) -> Cells {
-        let numbers: Vec<Option<f64>> = texts.iter().map(|text| number(text)).collect();
+        let mut numbers = Vec::with_capacity(texts.len());
+        for (row, text) in texts.iter().enumerate() {
+            match self.dialect.number(text.trim()) {
+                Ok(text) => numbers.push(number(&text)),
+                Err(why) => {
+                    self.refuse(self.table.lines[row], Some(name), why);
+                    return Cells::Numbers(Vec::new());
+                }
+            }
+        }
         let Some(first) = numbers.iter().position(Option::is_none) else {
             return Cells::Numbers(numbers.into_iter().flatten().collect());
         };
@@ -156,8 +172,8 @@ impl Reader {
 }
 
 /// A time in minutes.
-fn minutes(text: &str) -> Result<Moment, String> {
-    let read = time::parse(text)?;
+fn minutes(dialect: &mut Dialect, text: &str, _: Option<Moment>) -> Result<Moment, String> {
+    let read = time::parse(&dialect.number(text.trim())?)?;
     if text.contains(':') {
         return Err(format!("`{text}` is a date, and `time_min` counts minutes; name the column `time`"));
     }

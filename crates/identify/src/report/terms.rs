@@ -47,7 +47,7 @@ pub(super) fn terms(found: &Identified) -> Markup {
             lag(term),
             three_digits(term.gain),
             three_digits(term.se),
-            if term.slope { "µm/mm" } else { "µm" }.to_owned(),
+            term.unit.clone(),
             // Beyond a thousand it only says that the term cannot be told from the others.
             optional(
                 term.inflation,
@@ -59,20 +59,20 @@ pub(super) fn terms(found: &Identified) -> Markup {
     html! {
         h2 { "The model" }
         p {
-            "Cz = −e is the sum of these: each the rise of a sensor since the start of the run, in °C, through a lag with this \
+            "Cz = −e is the sum of these: each the rise of a sensor since the start of the run, in its unit, through a lag with this \
              time constant, times its gain. The whisker is one standard error to either side."
         }
         div .gallery {
-            (figure("Terms", &chart::bars("gains with their standard errors", &plain), "µm per °C ± standard error"))
+            (figure("Terms", &chart::bars("gains with their standard errors", &plain), &format!("{} ± standard error", units(&order, false))))
             @if !slopes.is_empty() {
-                (figure("Terms of the slope", &chart::bars("gains of the slope with their standard errors", &slopes), "µm/mm per °C ± standard error"))
+                (figure("Terms of the slope", &chart::bars("gains of the slope with their standard errors", &slopes), &format!("{} ± standard error", units(&order, true))))
             }
             (at_rest(&found.terms))
         }
         @if order.len() > MOST_BARS { p .quiet { "The " (MOST_BARS) " largest of " (order.len()) " terms." } }
         details open[order.len() <= MOST_BARS] {
             summary { "All " (order.len()) " terms in figures" }
-            (table(&["sensor", "time constant τ", "gain per °C", "standard error", "of", "variance inflation"], &rows))
+            (table(&["sensor", "time constant τ", "gain", "standard error", "unit", "variance inflation"], &rows))
         }
         @if let Some(condition) = found.condition {
             p {
@@ -84,13 +84,22 @@ pub(super) fn terms(found: &Identified) -> Markup {
     }
 }
 
+/// The units of these gains.
+fn units(terms: &[&TermFound], slope: bool) -> String {
+    let mut units: Vec<&str> =
+        terms.iter().filter(|term| term.slope == slope).map(|term| term.unit.as_str()).collect();
+    units.sort_unstable();
+    units.dedup();
+    units.join(", ")
+}
+
 /// What a sensor does once all its lags have come to rest: the sum of its gains.
 fn at_rest(terms: &[TermFound]) -> Markup {
-    let mut sums: Vec<(&str, f64)> = Vec::new();
+    let mut sums: Vec<(&TermFound, f64)> = Vec::new();
     for term in terms.iter().filter(|term| !term.slope) {
-        match sums.iter_mut().find(|(signal, _)| *signal == term.signal) {
+        match sums.iter_mut().find(|(first, _)| first.signal == term.signal) {
             Some((_, sum)) => *sum += term.gain,
-            None => sums.push((&term.signal, term.gain)),
+            None => sums.push((term, term.gain)),
         }
     }
     let plain = terms.iter().filter(|term| !term.slope).count();
@@ -98,10 +107,10 @@ fn at_rest(terms: &[TermFound]) -> Markup {
         return html! {};
     }
     sums.sort_by(|one, other| other.1.abs().total_cmp(&one.1.abs()));
-    let bar = |(signal, sum): &(&str, f64)| Bar {
-        name: (*signal).to_owned(),
+    let bar = |(term, sum): &(&TermFound, f64)| Bar {
+        name: term.signal.clone(),
         value: *sum,
-        figure: format!("{} µm/°C", three_digits(*sum)),
+        figure: format!("{} {}", three_digits(*sum), term.unit),
         ..Bar::default()
     };
     let bars: Vec<Bar> = sums.iter().map(bar).collect();

@@ -7,6 +7,7 @@ use crate::dataset::{BadLog, Column, Dataset, Kind};
 use crate::faults::{self, Finding, Notes};
 use crate::setup::Choice;
 use isotherm_core::reading::SignalId;
+use isotherm_profile::Unit;
 
 /// Points that can be looked at.
 #[derive(Clone, Debug)]
@@ -69,6 +70,7 @@ fn inputs(dataset: &Dataset, choice: &Choice, error: Option<usize>, wrong: &mut 
         name: column.name.clone(),
         signal: SignalId(place),
         column: place,
+        unit: Unit("degC"),
     };
     let found: Vec<Input> = columns.map(input).collect();
     if found.is_empty() && choice.inputs.is_empty() {

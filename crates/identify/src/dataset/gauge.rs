@@ -1,0 +1,110 @@
+//! What a person read from a dial gauge, put into the rows that the machine recorded meanwhile.
+
+use std::path::Path;
+use std::time::Duration;
+
+use isotherm_core::quantity::{Moment, time};
+use jiff::tz::TimeZone;
+
+use super::{BadLog, Column, Dataset, Kind, Run, read_table};
+
+/// As [`Dataset::add_gauge`].
+pub(super) fn add(
+    dataset: &mut Dataset,
+    file: &Path,
+    (error, within): (&str, Duration),
+    zone: Option<TimeZone>,
+) -> Result<(), BadLog> {
+    let refused = |why: String| BadLog(vec![format!("{}: {why}", file.display())]);
+    if dataset.column(error).is_some() {
+        let why = "already: leave --gauge out, or name another column with --error";
+        return Err(refused(format!("the logs have a column {error} {why}")));
+    }
+    let gauge = read_table(file, zone)?;
+    let columns: Vec<&str> = gauge.names_of_numbers().collect();
+    let [column] = columns.as_slice() else {
+        let there = if columns.is_empty() { "none of numbers".to_owned() } else { columns.join(", ") };
+        let why = "a gauge's file has two columns, time and error; here are beside the time:";
+        return Err(refused(format!("{why} {there}")));
+    };
+    if let Some((one, other)) = overlapping(&dataset.runs) {
+        return Err(refused(format!(
+            "{one} and {other} are of the same time, so that a reading could be of either: name one of them, or logs \
+             with dates"
+        )));
+    }
+    let per_unit = if column.ends_with("_mm") { 1000.0 } else { 1.0 };
+    let mut added: Vec<Vec<f64>> = dataset.runs.iter().map(|run| vec![f64::NAN; run.times.len()]).collect();
+    let (mut read, mut far) = (0, Vec::new());
+    let values = gauge.numbers(column).unwrap_or_default();
+    for ((at, line), value) in gauge.times.iter().zip(&gauge.lines).zip(values) {
+        if !value.is_finite() {
+            continue;
+        }
+        read += 1;
+        match nearest_row(&dataset.runs, *at, within) {
+            // Of two readings at one row the later stays.
+            Some((run, row)) => added[run][row] = value * per_unit,
+            None => far.push(*line),
+        }
+    }
+    let shown = humantime::format_duration(within);
+    if far.len() == read {
+        let [of_gauge, of_logs] =
+            [span(&mut gauge.times.iter()), span(&mut dataset.runs.iter().flat_map(|run| &run.times))];
+        return Err(refused(format!(
+            "no row of the logs within {shown} of any reading: the gauge's times are {of_gauge}, the logs' {of_logs}; is \
+             the zone right (--zone), and the clock?"
+        )));
+    }
+    if let Some(first) = far.first() {
+        let remark = format!(
+            "{}: {} of {read} readings have no row within {shown}, the first in line {first}; they are left out \
+             (--within takes more)",
+            file.display(),
+            far.len()
+        );
+        dataset.remarks.push(remark);
+    }
+    dataset.columns.push(Column { name: error.to_owned(), kind: Kind::Displacement });
+    dataset.runs.iter_mut().zip(added).for_each(|(run, column)| run.values.push(column));
+    Ok(())
+}
+
+/// The run and the row that are nearest to a moment, where they are near enough.
+fn nearest_row(runs: &[Run], at: Moment, within: Duration) -> Option<(usize, usize)> {
+    let near = runs.iter().enumerate().flat_map(|(run, recorded)| {
+        let times = &recorded.times;
+        let next = times.partition_point(|time| *time < at);
+        let away = move |row: usize| {
+            let time = *times.get(row)?;
+            Some((if time < at { at.since(time) } else { time.since(at) }, run, row))
+        };
+        [next.checked_sub(1).and_then(away), away(next)].into_iter().flatten()
+    });
+    near.min().filter(|(away, ..)| *away <= within).map(|(_, run, row)| (run, row))
+}
+
+/// Two runs that were recorded at the same time, as those are whose times begin at nought.
+fn overlapping(runs: &[Run]) -> Option<(&str, &str)> {
+    let span = |run| {
+        let Run { name, times, .. }: &Run = run;
+        Some((*times.first()?, *times.last()?, name.as_str()))
+    };
+    let mut spans: Vec<(Moment, Moment, &str)> = runs.iter().filter_map(span).collect();
+    spans.sort_unstable();
+    spans.windows(2).find(|pair| pair[1].0 < pair[0].1).map(|pair| (pair[0].2, pair[1].2))
+}
+
+/// From when to when, for a person.
+fn span(times: &mut dyn Iterator<Item = &Moment>) -> String {
+    let text = |at: Moment| {
+        let mut text = Vec::new();
+        time::write(&mut text, Moment::from_nanos(at.as_nanos() / 1_000_000_000 * 1_000_000_000));
+        String::from_utf8_lossy(&text).replace(".000000000", "")
+    };
+    let ends = times.fold(None, |ends: Option<(Moment, Moment)>, at| {
+        Some(ends.map_or((*at, *at), |(first, last)| (first.min(*at), last.max(*at))))
+    });
+    ends.map(|(first, last)| format!("{} to {}", text(first), text(last))).unwrap_or_default()
+}
