@@ -7,11 +7,12 @@ use std::process::ExitCode;
 use clap::{Args, CommandFactory, Parser, Subcommand};
 use tracing_appender::non_blocking::{NonBlockingBuilder, WorkerGuard};
 
-use isotherm_profile::Profile;
+use isotherm_profile::{Axis, Loaded, Profile};
 
 use crate::cli::say::{Out, say, say_beside};
 use crate::fieldbus::tls;
 use crate::gateway::control::Failure;
+use crate::gateway::how_to_find_a_model;
 use crate::observe::status::Command;
 
 mod check;
@@ -254,38 +255,36 @@ fn load(arguments: &ProfileArguments, json: bool) -> anyhow::Result<Profile> {
 }
 
 fn load_with(path: &Path, set: &[(String, String)], json: bool) -> anyhow::Result<Profile> {
-    Ok(warned(load_quietly(path, set, json)?))
+    Ok(load_quietly(path, set, json)?.profile)
 }
 
-/// The profile, its warnings printed.
-fn warned(loaded: isotherm_profile::Loaded) -> Profile {
+/// The profile, its warnings printed: by the verbs that are about the profile, `check` and `run`.
+fn warned(loaded: Loaded) -> Profile {
     for warning in &loaded.warnings {
         say_beside!("warning: {warning}");
     }
     loaded.profile
 }
 
-/// A profile whose axes all have a model: one in the making is recorded and identified, but nothing can follow it.
-fn load_modelled(arguments: &ProfileArguments, json: bool) -> anyhow::Result<Profile> {
+/// A profile with a model for one of its axes at least: one in the making is recorded and identified, but nothing can
+/// follow it.
+fn load_modelled(arguments: &ProfileArguments, json: bool) -> anyhow::Result<Loaded> {
     let loaded = load_quietly(&arguments.path, &arguments.set, json)?;
-    let unmodelled = loaded.profile.axes.iter().filter(|axis| axis.settings.models.is_empty());
-    let unmodelled: Vec<&str> = unmodelled.map(|axis| axis.settings.name.as_str()).collect();
-    let Some(first) = unmodelled.first() else { return Ok(warned(loaded)) };
-    let path = arguments.path.display();
+    let axes = &loaded.profile.axes;
+    let unmodelled: Vec<&str> = axes.iter().map(|axis| axis.settings.name.as_str()).collect();
+    if axes.is_empty() || axes.iter().any(Axis::has_model) {
+        return Ok(loaded);
+    }
     anyhow::bail!(
-        "{path}: axis {} has no model, so there is nothing to compensate with; record runs with `isotherm record {path} \
-         --out campaign/`, find the model with `isotherm identify {path} campaign/ --axis {first} --write model.toml`, \
-         and put the block of model.toml into the profile",
-        unmodelled.join(", ")
+        "{}: axis {} has no model, so there is nothing to compensate with; {}",
+        arguments.path.display(),
+        unmodelled.join(", "),
+        how_to_find_a_model(&loaded.profile, 0)
     )
 }
 
 /// A profile, its warnings left to the caller.
-fn load_quietly(
-    path: &Path,
-    set: &[(String, String)],
-    json: bool,
-) -> anyhow::Result<isotherm_profile::Loaded> {
+fn load_quietly(path: &Path, set: &[(String, String)], json: bool) -> anyhow::Result<Loaded> {
     let environment = isotherm_profile::environment();
     // A shipped machine may be named without having its file.
     let shipped = path.to_str().filter(|_| !path.exists()).and_then(machines::text);

@@ -71,6 +71,7 @@ use watch::Watch;
 
 pub use disk::{Disk, Files, make_directory};
 pub use left::may_start;
+pub use why::how_to_find_a_model;
 pub use wire_log::WireLog;
 
 /// Why an axis waits for a person.

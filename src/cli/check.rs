@@ -1,7 +1,7 @@
 //! `isotherm check`: what a profile says, and what is wrong with it.
 
 use super::run::known_directory;
-use super::{ProfileArguments, gauge, load, print_json};
+use super::{ProfileArguments, gauge, load_quietly, print_json, warned};
 use crate::cli::say::{say, say_all, say_beside};
 use crate::discovery::can;
 use crate::gateway::control;
@@ -27,7 +27,8 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let profile = load(&arguments.profile, arguments.json)?;
+    let ProfileArguments { path, set } = &arguments.profile;
+    let profile = warned(load_quietly(path, set, arguments.json)?);
     let preview = Preview::of(&profile);
     for warning in preview::warnings(&profile) {
         say_beside!("warning: {warning}");

@@ -80,7 +80,7 @@ pub(super) fn run(arguments: &Arguments, command: Command) -> anyhow::Result<()>
 
 pub(super) fn arm(arguments: &ArmArguments) -> anyhow::Result<()> {
     let ArmArguments { command: Arguments { profile, axis, gateway }, no_wait } = arguments;
-    let profile = load_modelled(profile, gateway.json)?;
+    let profile = load_modelled(profile, gateway.json)?.profile;
     let socket = gateway.socket(&profile)?;
     if *no_wait {
         return gateway.print(control::send(&socket, Command::Arm, axis.as_deref()));

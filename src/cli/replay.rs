@@ -61,7 +61,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let profile = load_modelled(&arguments.profile, arguments.json)?;
+    let profile = load_modelled(&arguments.profile, arguments.json)?.profile;
     let name = arguments.recording.display().to_string();
     let log =
         regular::open(&arguments.recording).with_context(|| format!("the log {name} cannot be read"))?;

@@ -9,7 +9,7 @@ use anyhow::Context;
 
 use super::services::Sockets;
 use super::signals::Signals;
-use super::{ProfileArguments, load_modelled};
+use super::{ProfileArguments, load_modelled, warned};
 use crate::cli::say::say;
 use crate::clock::Clock;
 use crate::gateway::{Gateway, Options, make_directory, may_start};
@@ -41,7 +41,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let profile = load_modelled(&arguments.profile, false)?;
+    let profile = warned(load_modelled(&arguments.profile, false)?);
     let directory = state_directory(arguments.state.as_deref(), &profile)?;
     let options = Options {
         dry_run: arguments.dry_run,

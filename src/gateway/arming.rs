@@ -50,17 +50,18 @@ pub(super) enum Attempt {
 }
 
 impl Arming {
-    /// Whether the axis shall be armed as soon as it can be.
-    pub(super) fn is_wanted(&self, profile: &Profile) -> bool {
+    /// Whether the axis shall be armed as soon as it can be. One without a model never is.
+    pub(super) fn is_wanted(&self, profile: &Profile, axis: usize) -> bool {
         match profile.arm {
+            _ if !profile.axes[axis].has_model() => false,
             Arm::Auto => !self.latched || self.asked.is_some(),
             Arm::Manual => self.asked.is_some(),
         }
     }
 
     /// It would be armed if that could be done.
-    pub(super) fn is_waiting(&self, profile: &Profile) -> bool {
-        !self.armed && self.is_wanted(profile)
+    pub(super) fn is_waiting(&self, profile: &Profile, axis: usize) -> bool {
+        !self.armed && self.is_wanted(profile, axis)
     }
 
     pub(super) fn attempt(
@@ -71,7 +72,7 @@ impl Arming {
         ready: bool,
         beyond_error: Option<Micron>,
     ) -> Attempt {
-        if self.armed || !self.is_wanted(profile) || !ready {
+        if self.armed || !self.is_wanted(profile, axis) || !ready {
             return Attempt::NotYet;
         }
         if let Some(wanted) = beyond_error {

@@ -217,7 +217,9 @@ impl Core {
             let beyond = self.compensation.beyond_error(axis, &snapshot);
             let name = &profile.axes[axis].settings.name;
             let attempt = match found {
-                Finding::Wrong(why) if self.arming[axis].is_wanted(profile) => Attempt::Refused(why.clone()),
+                Finding::Wrong(why) if self.arming[axis].is_wanted(profile, axis) => {
+                    Attempt::Refused(why.clone())
+                }
                 _ => self.arming[axis].attempt(profile, axis, &self.outputs, ready, beyond),
             };
             match attempt {

@@ -9,6 +9,7 @@ use super::core::Core;
 use super::probing::{Missed, acting, why_refused};
 use super::shared::Shared;
 use super::status::status;
+use super::why;
 use crate::observe::asker::Asker;
 use crate::observe::events::file::{self, Found};
 use crate::observe::events::{Entry, Event};
@@ -134,7 +135,7 @@ impl CommandHandle {
             let chosen = chosen?;
             match command {
                 Command::Arm if core.stopping => Err("the gateway is stopping".to_owned()),
-                Command::Arm => self.arm(core, &chosen, asker),
+                Command::Arm => self.arm(core, axis, asker),
                 Command::Disarm => {
                     chosen.iter().for_each(|axis| core.disarm(AxisId(*axis), "switched off by a person"));
                     Ok(Answer::Done(format!("{said}: off; what stands in the registers stays")))
@@ -184,9 +185,9 @@ impl CommandHandle {
     }
 
     /// At once where that can be: whoever asks hears whether he is refused.
-    fn arm(&self, core: &mut Core, chosen: &[usize], asker: &Arc<Asker>) -> Result<Answer, String> {
-        let now = self.0.clock.now();
-        for axis in chosen {
+    fn arm(&self, core: &mut Core, axis: Option<&str>, asker: &Arc<Asker>) -> Result<Answer, String> {
+        let (now, chosen) = (self.0.clock.now(), self.armable(axis)?.0);
+        for axis in &chosen {
             let until = now.after(self.0.profile.arm_timeout);
             let asked = ArmRequest { by: asker.clone(), until, reported: (String::new(), now) };
             let arming = &mut core.arming[*axis];
@@ -195,39 +196,56 @@ impl CommandHandle {
         }
         core.board.look(now);
         core.arm_where_possible(now);
-        for axis in chosen {
+        for axis in &chosen {
             let why = core.why(*axis, now);
             if let Some(asked) = &mut core.arming[*axis].asked {
                 asked.reported = (why, now);
             }
         }
-        self.progress(core, chosen)
+        self.progress(core, axis)
     }
 
     fn arming(&self, axis: Option<&str>) -> Result<Answer, String> {
-        let chosen = self.chosen(axis)?;
         let mut core = self.0.core();
         core.end_requests(self.0.clock.now());
-        self.progress(&core, &chosen)
+        self.progress(&core, axis)
     }
 
-    fn progress(&self, core: &Core, chosen: &[usize]) -> Result<Answer, String> {
+    /// Those that are meant and can be armed, and the names of those that cannot because they have no model yet.
+    fn armable(&self, axis: Option<&str>) -> Result<(Vec<usize>, Vec<&str>), String> {
+        let profile = &self.0.profile;
+        let (armable, unmodelled): (Vec<usize>, Vec<usize>) =
+            self.chosen(axis)?.into_iter().partition(|axis| profile.axes[*axis].has_model());
+        let name = |axis: &usize| profile.axes[*axis].settings.name.as_str();
+        match unmodelled.first() {
+            Some(first) if armable.is_empty() => {
+                Err(format!("axis {} is not armed: {}", name(first), why::unmodelled(profile, *first)))
+            }
+            _ => Ok((armable, unmodelled.iter().map(name).collect())),
+        }
+    }
+
+    fn progress(&self, core: &Core, axis: Option<&str>) -> Result<Answer, String> {
         let (profile, now) = (&self.0.profile, self.0.clock.now());
+        let (chosen, unmodelled) = self.armable(axis)?;
         let (mut armed, mut waiting) = (Vec::new(), Vec::new());
         for axis in chosen {
-            let name = &profile.axes[*axis].settings.name;
-            let arming = &core.arming[*axis];
+            let name = &profile.axes[axis].settings.name;
+            let arming = &core.arming[axis];
             if arming.armed && arming.asked.is_none() {
                 armed.push(name.as_str());
-            } else if arming.refusal.is_some() || !(arming.asked.is_some() || arming.is_waiting(profile)) {
+            } else if arming.refusal.is_some()
+                || !(arming.asked.is_some() || arming.is_waiting(profile, axis))
+            {
                 let why = arming.refusal.as_ref().unwrap_or(&arming.why);
                 return Err(format!("axis {name} is not armed: {why}"));
             } else {
-                waiting.push(format!("{name}: waiting to arm: {}", core.why(*axis, now)));
+                waiting.push(format!("{name}: waiting to arm: {}", core.why(axis, now)));
             }
         }
         if waiting.is_empty() {
-            return Ok(Answer::Done(format!("{}: armed", armed.join(", "))));
+            let others = unmodelled.iter().map(|axis| format!("; {axis}: no model yet")).collect::<String>();
+            return Ok(Answer::Done(format!("{}: armed{others}", armed.join(", "))));
         }
         Ok(Answer::Waits(waiting.join("; ")))
     }

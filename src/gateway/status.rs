@@ -73,7 +73,7 @@ impl Picture {
     }
 
     fn is_waiting(&self, shared: &Shared, axis: usize) -> bool {
-        !self.stopping && self.arming[axis].is_waiting(&shared.profile)
+        !self.stopping && self.arming[axis].is_waiting(&shared.profile, axis)
     }
 
     fn why(&self, shared: &Shared, axis: usize) -> String {
@@ -141,6 +141,7 @@ fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
             asked: asked.by.way.by(&asked.by.who),
             expires_s: asked.until.since(picture.now).as_secs_f64(),
         }),
+        has_model: axis.has_model(),
         why: picture.why(shared, place),
         model: decision
             .model

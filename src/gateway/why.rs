@@ -24,11 +24,28 @@ pub(super) struct Reasons<'a> {
     pub(super) dry_run: bool,
 }
 
+/// Why an axis without a model is off.
+pub(super) fn unmodelled(profile: &Profile, axis: usize) -> String {
+    format!("no model yet: {}", how_to_find_a_model(profile, axis))
+}
+
+/// How an axis gets its model.
+pub fn how_to_find_a_model(profile: &Profile, axis: usize) -> String {
+    let (path, name) = (profile.path.display(), &profile.axes[axis].settings.name);
+    format!(
+        "record runs with `isotherm record {path} --out campaign/`, find the model with `isotherm identify {path} campaign/ \
+         --axis {name} --write model.toml`, and put the block of model.toml into the profile"
+    )
+}
+
 impl Reasons<'_> {
     /// Why an axis is not following its preferred model; empty where it is.
     pub(super) fn message(&self) -> String {
         let Reasons { profile, axis, arming, decision, .. } = *self;
-        if let Some(refusal) = arming.refusal.as_ref().filter(|_| arming.is_waiting(profile)) {
+        if !profile.axes[axis].has_model() {
+            return unmodelled(profile, axis);
+        }
+        if let Some(refusal) = arming.refusal.as_ref().filter(|_| arming.is_waiting(profile, axis)) {
             return refusal.clone();
         }
         if arming.latched && arming.asked.is_none() {

@@ -13,7 +13,7 @@ const STYLE: &str = "text/css; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// Name, content type and text of each file under `/page/`.
-const FILES: [(&str, &str, &str); 14] = [
+const FILES: [(&str, &str, &str); 15] = [
     ("page.css", STYLE, include_str!("page/page.css")),
     ("axis.css", STYLE, include_str!("page/axis.css")),
     ("wall.css", STYLE, include_str!("page/wall.css")),
@@ -22,6 +22,7 @@ const FILES: [(&str, &str, &str); 14] = [
     ("live.js", SCRIPT, include_str!("page/live.js")),
     ("words.js", SCRIPT, include_str!("page/words.js")),
     ("text.js", SCRIPT, include_str!("page/text.js")),
+    ("which.js", SCRIPT, include_str!("page/which.js")),
     ("states.js", SCRIPT, include_str!("page/states.js")),
     ("axis.js", SCRIPT, include_str!("page/axis.js")),
     ("chart.js", SCRIPT, include_str!("page/chart.js")),
@@ -186,6 +187,7 @@ fn question(words: &Words) -> Markup {
             form method="dialog" {
                 h2 #question-title {}
                 p #question-text {}
+                label #question-which hidden { (words.get("which_axis")) " " select #question-axis {} }
                 menu {
                     button type="submit" value="no" autofocus { (words.get("cancel")) }
                     button #question-yes type="submit" value="yes" .yes {}

@@ -144,7 +144,9 @@ impl Status {
             why => format!("{kind} {name}: {state}: {why}"),
         };
         let devices = self.devices.iter().filter(|device| device.state != "ok");
-        let axes = self.axes.iter().filter(|axis| !matches!(axis.state, "active" | "degraded"));
+        // An axis without a model is not meant to be held yet.
+        let axes =
+            self.axes.iter().filter(|axis| axis.has_model && !matches!(axis.state, "active" | "degraded"));
         let mut missing: Vec<String> = devices
             .map(|device| sentence("device", &device.name, device.state, &device.fault))
             .chain(axes.map(|axis| sentence("axis", &axis.name, axis.state, &axis.why)))
@@ -161,6 +163,7 @@ impl AxisStatus {
     pub fn display(&self) -> &'static str {
         match self.state {
             "waiting" => "waiting to arm",
+            "off" if !self.has_model => "no model yet",
             state => AxisState::display_of(state),
         }
     }
@@ -184,6 +187,8 @@ pub struct AxisStatus {
     pub name: String,
     /// off, waiting, active, degraded, holding, ramping, zeroed.
     pub state: &'static str,
+    /// The profile has a model for it; without one it stays off.
+    pub has_model: bool,
     /// What it waits for, or what the preferred model lacks, in words; empty where nothing.
     pub why: String,
     /// Somebody asked for it to be armed, which could not be done yet.

@@ -11,4 +11,5 @@ mod page;
 #[path = "../process/mod.rs"]
 mod process;
 mod reported;
+mod unmodelled;
 mod waiting;

@@ -130,6 +130,7 @@ pub(crate) fn status() -> Status {
         stopping: false,
         ready: false,
         axes: vec![AxisStatus {
+            has_model: true,
             name: "z".into(),
             state: "holding",
             why: "t1: stale".into(),

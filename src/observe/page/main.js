@@ -5,6 +5,7 @@ import { follow } from "./live.js";
 import { SIGNS, overall } from "./states.js";
 import { showEvents, showOlder, showTables } from "./tables.js";
 import { bothTimes, clock, say, span } from "./text.js";
+import * as which from "./which.js";
 import { known, t } from "./words.js";
 
 // What the gateway has not begun by then is never done: it sees that nobody waits any more.
@@ -31,6 +32,7 @@ function show(status) {
   say(by("machine-on"), status.machine_on_s === null ? t("machine_not_on") : span(status.machine_on_s));
   say(by("uptime"), span(status.uptime_s));
   showAxes(by("axes"), status, send);
+  which.offer(status.axes);
   showTables(status);
   showEvents(by("events"), status.events, now);
   enable(mayCommand && !status.stopping);
@@ -54,9 +56,10 @@ function ask(command) {
   say(by("question-title"), t(`ask_${command}`));
   say(by("question-text"), t(`ask_${command}_text`));
   say(by("question-yes"), t(command));
+  which.reset();
   dialog.returnValue = "no";
   dialog.showModal();
-  dialog.addEventListener("close", () => dialog.returnValue === "yes" && send(command), { once: true });
+  dialog.addEventListener("close", () => dialog.returnValue === "yes" && send(command, which.chosen()), { once: true });
 }
 
 async function send(command, axis) {

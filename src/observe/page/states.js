@@ -9,10 +9,13 @@ const AXIS = {
   active: "good", degraded: "warn", holding: "warn", ramping: "bad", zeroed: "bad", waiting: "warn", off: "off",
 };
 
+// An axis without a model is off until it has one.
+const stateOf = (axis) => (axis.state === "off" && !axis.has_model ? "unmodelled" : axis.state);
+
 // What an axis does because the gateway was asked to stop is no fault.
 export function axisState(axis, status) {
   const tone = status.stopping ? "off" : AXIS[axis.state] ?? "warn";
-  return [tone, known("state", axis.state), known("does", axis.state)];
+  return [tone, known("state", stateOf(axis)), known("does", stateOf(axis))];
 }
 
 const OUTPUT = {
@@ -31,10 +34,10 @@ const WORST = ["zeroed", "ramping", "holding", "degraded", "waiting"];
 
 // The one word for the machine, and the sentence below it.
 export function overall(status) {
-  const inState = (state) => status.axes.filter((axis) => axis.state === state);
+  const inState = (state) => status.axes.filter((axis) => stateOf(axis) === state);
   const names = (axes) => t(axes.length === 1 ? "axis" : "axes", { names: axes.map((axis) => axis.name).join(", ") });
   const worst = WORST.find((state) => inState(state).length);
-  const off = inState("off");
+  const [off, unmodelled] = [inState("off"), inState("unmodelled")];
   const why = (state) => {
     const reason = inState(state).map((axis) => axis.why).find((text) => text) ?? "";
     return `${names(inState(state))}: ${known("does", state)}${reason ? ` (${reason})` : ""}.`;
@@ -52,8 +55,9 @@ export function overall(status) {
   if (status.dry_run) return ["off", t("dry_run"), `${t("dry_run_does")} ${problem ? problem[2] : ""}`.trim()];
   if (problem) return problem;
   if (worst) return ["warn", known("state", worst), why(worst)];
-  if (off.length === status.axes.length) return ["off", known("state", "off"), t("not_armed_sentence")];
-  const rest = off.length ? ` ${names(off)}: ${known("state", "off")}.` : "";
+  if (off.length + unmodelled.length === status.axes.length) return ["off", known("state", "off"), t("not_armed_sentence")];
+  const rest = [off, unmodelled].filter((axes) => axes.length)
+    .map((axes) => ` ${names(axes)}: ${known("state", stateOf(axes[0]))}.`).join("");
   return ["good", known("state", "active"), needs(status) + rest];
 }
 

@@ -14,7 +14,7 @@ pub use machine::MachineSettings;
 pub struct AxisSettings {
     /// The axis's name in the profile.
     pub name: String,
-    /// The first whose signals are all good is used. Never empty.
+    /// The first whose signals are all good is used. Empty where none has been found yet.
     pub models: Vec<Model>,
     /// Bounds of the offset.
     pub guard: GuardSettings,

@@ -53,7 +53,7 @@ pub(crate) struct RawAxis {
     /// Measured errors correct the models.
     probe: Option<RawProbe>,
     /// Models in order of preference: the first whose signals are all good is used. None yet: `record` and `identify`
-    /// find one, `run` refuses the axis.
+    /// find one, and the axis stays off until then.
     pub(super) model: Option<Vec<RawModel>>,
 }
 
@@ -102,7 +102,9 @@ impl Axis {
         section.line("");
         section.line(format!("axis {name}"));
         if models.is_empty() {
-            section.line("  no model yet: `isotherm record` and `isotherm identify` find one; until then it cannot run");
+            section.line(
+                "  no model yet: `isotherm record` and `isotherm identify` find one; until then it stays off",
+            );
         }
         section.entry("name", name);
         let models = models.iter().enumerate();
@@ -151,6 +153,11 @@ impl Axis {
             section.entry("probe", probe);
         }
         section
+    }
+
+    /// Whether there is a way to compute its Cz yet; without one it stays off.
+    pub fn has_model(&self) -> bool {
+        !self.settings.models.is_empty()
     }
 
     /// How much of Cz is written: twice as much where it acts on a diameter.

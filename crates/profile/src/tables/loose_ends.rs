@@ -26,7 +26,7 @@ pub(super) fn warn(check: &Check<'_>) {
     for (index, name) in check.axes.names.iter().enumerate() {
         let at = check.at("axis").key(name);
         if lacks_model(check, name) {
-            let message = format!("`{name}` has no model yet: `isotherm run` refuses it");
+            let message = format!("`{name}` has no model yet: it stays off");
             let help = "record runs with `isotherm record`, find the model with `isotherm identify`, and put its block here";
             at.warn_key(message, Some(help));
         }
