@@ -20,6 +20,7 @@ async fn the_page_and_its_files_come_from_the_gateway_alone() {
     assert_eq!(page.code, 200);
     assert!(page.header("content-security-policy").starts_with("default-src 'self'"));
     assert!(page.body.contains("Grinder &quot;3&quot; &lt;west&gt;"), "the name is escaped");
+    assert!(page.body.contains("<h1>研削盤 &quot;3&quot;</h1>"), "and so is what people call it");
     assert!(!page.body.contains("http://") && !page.body.contains("https://"));
     assert!(!page.body.contains("style="), "the policy forbids inline style");
     let links = page.body.split(['"']).filter(|text| text.starts_with("/page/")).collect::<Vec<_>>();
@@ -49,6 +50,25 @@ async fn the_wall_has_no_buttons_and_says_no_more_than_is_read_from_three_metres
     assert_eq!(door.get("/?view=wall").await.code, 401);
     let entered = door.get("/?view=wall&token=s3cret").await;
     assert_eq!((entered.code, entered.header("set-cookie").is_empty()), (200, false));
+}
+
+#[tokio::test]
+async fn the_page_speaks_the_profiles_language_else_the_browsers() {
+    let door = Door::open(None).await;
+    for (accepted, words) in [
+        ("de-AT,de;q=0.9", ["<html lang=\"de\">", "Keine Sicherheitsfunktion"]),
+        ("ja", ["<html lang=\"ja\">", "安全機能ではありません"]),
+        ("zh-CN", ["<html lang=\"zh\">", "本网关不是安全功能"]),
+        ("fr", ["<html lang=\"en\">", "Not a safety function"]),
+    ] {
+        let page = door.send("GET", "/", &[("Accept-Language", accepted)], "").await;
+        words.into_iter().for_each(|word| assert!(page.body.contains(word), "{word} in {}", page.body));
+        let wall = door.send("GET", "/?view=wall", &[("Accept-Language", accepted)], "").await;
+        assert!(wall.body.contains(words[0]), "{}", wall.body);
+    }
+    door.change(|status| status.language = Some(isotherm_profile::Language::Zh));
+    let page = door.send("GET", "/", &[("Accept-Language", "de")], "").await;
+    assert!(page.body.contains("<html lang=\"zh\">"), "{}", page.body);
 }
 
 #[tokio::test]

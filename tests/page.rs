@@ -48,6 +48,21 @@ fn units_are_written_as_people_do_a_bit_is_on_or_off_and_a_time_has_its_zone() {
     }
 }
 
+#[test]
+fn the_page_and_the_wall_speak_the_languages_of_the_browser() {
+    for (language, words) in [
+        ("language:de", ["kompensiert", "Achse z", "bestätigt", "Korrekturwert"]),
+        ("language:ja", ["補正中", "軸 z", "確認済み", "補正値"]),
+        ("language:zh", ["补偿中", "轴 z", "已验证", "补偿值"]),
+    ] {
+        let whole = "eval:document.documentElement.scrollWidth <= innerWidth";
+        let words = [&[language][..], &words, &["size:390x844", whole]].concat();
+        let text = looked_at(&DAY, "", &words);
+        assert!(!text.contains("compensating\n"), "{text}");
+        looked_at(&DAY, "/?view=wall", &[&[language][..], &words[1..3]].concat());
+    }
+}
+
 /// CSS counts 96 pixels an inch; a figure has 0.7 of its font's size.
 #[test]
 fn the_wall_is_one_colour_with_figures_of_twenty_millimetres_and_no_buttons() {

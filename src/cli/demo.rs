@@ -159,7 +159,7 @@ fn usable(profile: &Profile) -> anyhow::Result<()> {
 
 /// The page is worth having, but no reason to refuse a demo: where its port is taken, any other will do.
 fn open_page(sockets: &mut Sockets, listen: Option<&str>, web: Option<&Web>) -> anyhow::Result<SocketAddr> {
-    let at = |listen: &str| Web { listen: listen.to_owned(), token_file: None };
+    let at = |listen: &str| Web { listen: listen.to_owned(), ..Web::default() };
     if let Some(listen) = listen {
         return sockets.open_page(&at(listen));
     }

@@ -90,8 +90,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
 /// The page of the profile, at another address where one is given.
 fn web(listen: Option<&str>, profile: &Profile) -> Option<Web> {
     let Some(listen) = listen else { return profile.web.clone() };
-    let token_file = profile.web.as_ref().and_then(|web| web.token_file.clone());
-    Some(Web { listen: listen.to_owned(), token_file })
+    Some(Web { listen: listen.to_owned(), ..profile.web.clone().unwrap_or_default() })
 }
 
 /// The option, the profile, or where the platform keeps such things; made if it is not there.

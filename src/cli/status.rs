@@ -10,7 +10,7 @@ use super::load_quietly;
 use super::run::{known_directory, state_directory};
 use crate::cli::say::{say, say_all};
 use crate::gateway::control;
-use isotherm_profile::Unit;
+use isotherm_profile::{Unit, labelled};
 
 /// How often `--watch` looks.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
@@ -110,18 +110,26 @@ fn span(value: &Value) -> String {
     humantime::format_duration(Duration::from_secs(span.as_secs())).to_string()
 }
 
+/// What people call it, at the end of its line: characters of some scripts are wider than others.
+fn aside(what: &Value) -> String {
+    match word(&what["label"]) {
+        "" => String::new(),
+        label => format!("  ({label})"),
+    }
+}
+
 /// As a person reads it.
 fn text(status: &Value) -> String {
     let mut text = format!(
         "{} at {}, clock {}, up for {}\n",
-        word(&status["machine"]),
+        labelled(word(&status["machine"]), word(&status["label"])),
         word(&status["now"]).get(..19).unwrap_or_default().replace('T', " "),
         word(&status["clock"]),
         span(&status["uptime_s"])
     );
     // Writing to a string never fails.
     for (name, axis) in status["axes"].as_object().into_iter().flatten() {
-        let _ = writeln!(text, "\naxis {name}: {}", word(&axis["display"]));
+        let _ = writeln!(text, "\naxis {}: {}", labelled(name, word(&axis["label"])), word(&axis["display"]));
         let why = word(&axis["why"]);
         if !why.is_empty() {
             let _ = writeln!(text, "  {why}");
@@ -142,13 +150,13 @@ fn text(status: &Value) -> String {
             None => ("—".to_owned(), unit.as_str()),
         };
         let quality = if signal["quality"] == "good" { "good" } else { word(&signal["reason"]) };
-        format!("  {:<16}{value:>12} {unit:<6} {quality}\n", word(&signal["name"]))
+        format!("  {:<16}{value:>12} {unit:<6} {quality}{}\n", word(&signal["name"]), aside(signal))
     });
     text += "\ndevices\n";
     text += &rows("devices", &|device| {
         let fault = word(&device["fault"]);
         let fault = if fault.is_empty() { String::new() } else { format!(": {fault}") };
-        format!("  {:<16}{}{fault}\n", word(&device["name"]), word(&device["state"]))
+        format!("  {:<16}{}{fault}{}\n", word(&device["name"]), word(&device["state"]), aside(device))
     });
     text
 }

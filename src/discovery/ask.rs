@@ -33,6 +33,7 @@ impl Asker {
     pub fn new(line: &LineAddress, bus: &Bus, quirks: Quirks, trace: Option<Trace>) -> Asker {
         let bus = Bus { transport: line.transport, address: line.address.clone(), ..bus.clone() };
         let device = |unit| Device {
+            label: String::new(),
             name: format!("unit{unit}"),
             bus: BusId(0),
             unit,

@@ -97,6 +97,7 @@ pub(super) fn status(shared: &Shared) -> Status {
     let picture = Picture::of(shared);
     Status {
         machine: shared.profile.name.clone(),
+        label: shared.profile.label.clone(),
         description: shared.profile.description.clone(),
         version: env!("CARGO_PKG_VERSION"),
         now: shared.clock.stamp(picture.now).to_string(),
@@ -107,6 +108,7 @@ pub(super) fn status(shared: &Shared) -> Status {
         },
         uptime_s: picture.now.since(shared.started).as_secs_f64(),
         machine_on_s: picture.machine_on.map(|span| span.as_secs_f64()),
+        language: shared.profile.web.as_ref().and_then(|web| web.language),
         dry_run: shared.dry_run,
         stopping: picture.stopping,
         ready: picture.contact.devices.iter().all(|device| device.answered)
@@ -133,6 +135,7 @@ fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
     let axes = shared.profile.axes.iter().zip(&picture.decisions).enumerate();
     axes.map(|(place, (axis, decision))| AxisStatus {
         name: axis.settings.name.clone(),
+        label: axis.label.clone(),
         state: match picture.is_waiting(shared, place) {
             true => "waiting",
             false => decision.state.name(),
@@ -210,6 +213,7 @@ fn signals(shared: &Shared, picture: &Picture) -> Vec<SignalStatus> {
             let taken = picture.latest.taken(SignalId(place));
             SignalStatus {
                 name: signal.name.clone(),
+                label: signal.label.clone(),
                 device: shared.profile.device(signal.device).name.clone(),
                 value: reading.usable(),
                 unit: signal.unit.0,
@@ -248,6 +252,7 @@ fn devices(shared: &Shared, picture: &Picture) -> Vec<DeviceStatus> {
     devices
         .map(|(place, (device, count))| DeviceStatus {
             name: device.name.clone(),
+            label: device.label.clone(),
             bus: shared.profile.bus(device.bus).name.clone(),
             unit: device.unit,
             at: device.at(),

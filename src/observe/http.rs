@@ -170,8 +170,8 @@ async fn front(
     headers: HeaderMap,
 ) -> Response {
     let accepted = headers.get(header::ACCEPT_LANGUAGE).and_then(|given| given.to_str().ok());
-    let words = Words::choose(None, accepted.unwrap_or_default());
     let status = room.source.status();
+    let words = Words::choose(status.language, accepted.unwrap_or_default());
     let shell = match query.and_then(|query| parameter(&query, "view")).as_deref() {
         Some("wall") => page::wall(words, &status),
         _ => page::front(words, &status, room.access.takes_commands_from(peer.ip())),

@@ -79,7 +79,7 @@ pub(super) fn wall(words: &Words, status: &Status) -> Markup {
         &html! {
             body data-tone="off" {
                 header {
-                    h1 { (status.machine) }
+                    h1 { (title(status)) }
                     p #time {}
                 }
                 main {
@@ -102,7 +102,7 @@ fn document(words: &Words, status: &Status, files: &Markup, body: &Markup) -> Ma
                 meta charset="utf-8";
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 meta name="color-scheme" content="light dark";
-                title { (status.machine) " · isotherm" }
+                title { (title(status)) " · isotherm" }
                 link rel="icon" href="/page/icon.svg" type="image/svg+xml";
                 // Our own file, which has no `<` in it.
                 script type="application/json" id="words" { (PreEscaped(words.json)) }
@@ -113,12 +113,18 @@ fn document(words: &Words, status: &Status, files: &Markup, body: &Markup) -> Ma
     }
 }
 
+/// What people call the machine, else its name.
+fn title(status: &Status) -> &str {
+    if status.label.is_empty() { &status.machine } else { &status.label }
+}
+
 fn head(words: &Words, status: &Status) -> Markup {
     html! {
         p #lost .lost role="alert" hidden {}
         header {
             div .who {
-                h1 { (status.machine) }
+                h1 { (title(status)) }
+                @if !status.label.is_empty() { p .quiet { (status.machine) } }
                 p .quiet { (status.description) }
             }
             div #overall .overall data-tone="off" {

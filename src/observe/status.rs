@@ -10,6 +10,7 @@ use super::events::Entry;
 use super::events::file::Found;
 use isotherm_core::compensation::AxisState;
 use isotherm_core::quantity::Moment;
+use isotherm_profile::Language;
 
 /// Whoever shows the state of a running gateway, from any thread, without making it wait.
 pub trait Source: Send + Sync + 'static {
@@ -95,6 +96,8 @@ impl Command {
 pub struct Status {
     /// The machine's name.
     pub machine: String,
+    /// What people call it; empty where the profile does not say.
+    pub label: String,
     /// Its description.
     pub description: String,
     /// Program version.
@@ -109,6 +112,9 @@ pub struct Status {
     pub uptime_s: f64,
     /// Seconds since the machine was switched on, once it was.
     pub machine_on_s: Option<f64>,
+    /// The language of the page; `None`: the browser's.
+    #[serde(skip)]
+    pub language: Option<Language>,
     /// Nothing is written.
     pub dry_run: bool,
     /// It was asked to stop: what the axes do now is no fault.
@@ -185,6 +191,8 @@ impl OutputStatus {
 pub struct AxisStatus {
     /// Name in the profile.
     pub name: String,
+    /// What people call it; empty where the profile does not say.
+    pub label: String,
     /// off, waiting, active, degraded, holding, ramping, zeroed.
     pub state: &'static str,
     /// The profile has a model for it; without one it stays off.
@@ -303,6 +311,8 @@ pub struct ExtrapolationStatus {
 pub struct SignalStatus {
     /// Name in the profile.
     pub name: String,
+    /// What people call it; empty where the profile does not say.
+    pub label: String,
     /// Device in the profile.
     pub device: String,
     /// The last value, where it may be used.
@@ -340,6 +350,8 @@ pub struct BusStatus {
 pub struct DeviceStatus {
     /// Name in the profile.
     pub name: String,
+    /// What people call it; empty where the profile does not say.
+    pub label: String,
     /// Bus in the profile.
     pub bus: String,
     /// Modbus unit, or CANopen node.

@@ -110,6 +110,7 @@ fn probe() -> ProbeStatus {
 pub(crate) fn status() -> Status {
     let signal = |name: &str, value, quality, reason: &str, age_s| SignalStatus {
         name: name.into(),
+        label: if name == "t2" { "床温 <t2>" } else { "" }.into(),
         device: "rtd".into(),
         value,
         unit: "degC",
@@ -119,6 +120,7 @@ pub(crate) fn status() -> Status {
     };
     Status {
         machine: "Grinder \"3\" <west>\n\\x".into(),
+        label: "研削盤 \"3\"".into(),
         description: String::new(),
         version: "1.2.3",
         now: "2026-07-02T12:00:00Z".into(),
@@ -126,12 +128,14 @@ pub(crate) fn status() -> Status {
         clock: "synchronised",
         uptime_s: 61.0,
         machine_on_s: None,
+        language: None,
         dry_run: false,
         stopping: false,
         ready: false,
         axes: vec![AxisStatus {
             has_model: true,
             name: "z".into(),
+            label: String::new(),
             state: "holding",
             why: "t1: stale".into(),
             waiting: None,
@@ -166,6 +170,7 @@ pub(crate) fn status() -> Status {
         }],
         devices: vec![DeviceStatus {
             name: "rtd".into(),
+            label: String::new(),
             bus: "cell".into(),
             unit: 1,
             at: " (unit 1)".into(),

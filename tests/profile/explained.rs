@@ -24,6 +24,53 @@ fn the_schema_describes_every_key_and_forbids_the_others() {
 }
 
 #[test]
+fn a_label_stands_beside_its_name_and_nowhere_in_its_place() {
+    let text = GRINDER
+        .replacen("[machine]\n", "[machine]\nlabel = \"研削盤 3号\"\n", 1)
+        .replacen("[device.module]\n", "[device.module]\nlabel = \"Klemmkasten Süd\"\n", 1)
+        .replacen("[signal.bed]\n", "[signal.bed]\nlabel = \" 床温 \"\n", 1)
+        .replacen("[axis.z]\n", "[axis.z]\nlabel = \"Spindelkopf\"\n", 1);
+    let profile = parse(&text).unwrap().profile;
+    assert_eq!((profile.label.as_str(), profile.axes[0].label.as_str()), ("研削盤 3号", "Spindelkopf"));
+    let preview = isotherm_profile::preview::Preview::of(&profile);
+    let shown = preview.to_string();
+    for words in [
+        " (研削盤 3号)",
+        "  module (Klemmkasten Süd): unit 1",
+        "  bed (床温): input:0",
+        "axis z (Spindelkopf)",
+    ] {
+        assert!(shown.contains(words), "`{words}` is not in:\n{shown}");
+    }
+    let document = serde_json::to_value(preview).unwrap();
+    let bed = document["signals"].as_array().unwrap().iter().find(|signal| signal["name"] == "bed").unwrap();
+    assert_eq!((&bed["label"], &document["axes"][0]["label"]), (&"床温".into(), &"Spindelkopf".into()));
+    let schema = isotherm_profile::schema();
+    for table in ["Axis", "Signal", "Device"] {
+        assert_eq!(schema["$defs"][table]["properties"]["label"]["type"], "string", "{table}");
+    }
+    assert_eq!(schema["properties"]["machine"]["properties"]["label"]["type"], "string");
+}
+
+#[test]
+fn a_label_that_is_none_and_a_language_that_the_page_does_not_speak_are_refused() {
+    let refuse = |label: &str, words: &[&str]| {
+        refused("limit = 40.0", &format!("limit = 40.0\nlabel = {label}"), "axis.z.label", label, words);
+    };
+    refuse("\"  \"", &["empty", "remove `label`"]);
+    refuse(&format!("\"{}\"", "床".repeat(61)), &["61 characters", "up to 60"]);
+    for unseen in ["\\n", "\\u202E", "\\u0007"] {
+        refuse(&format!("\"a{unseen}b\""), &["not seen"]);
+    }
+    let listen = "listen = \"127.0.0.1:0\"";
+    let web = |language: &str| with(listen, &format!("{listen}\nlanguage = \"{language}\""));
+    let german = web("de").unwrap().profile.web.unwrap().language;
+    assert_eq!(german, Some(isotherm_profile::Language::De));
+    let wrong = Errors(errors(web("fr"))).to_string();
+    assert!(wrong.contains("web.language") && wrong.contains("en, de, ja, zh"), "{wrong}");
+}
+
+#[test]
 fn an_error_is_a_document_for_programs_too() {
     let found = errors(with("limit = 40.0", "limt = 40.0"));
     let document = serde_json::to_value(Errors(found)).unwrap();

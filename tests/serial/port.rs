@@ -115,6 +115,7 @@ pub(crate) fn serial(baud: u32) -> Transport {
 /// A line with units 1 to `count`, as devices in this order.
 pub(crate) fn line(bus: &Bus, count: u8) -> DeviceLine {
     let device = |unit: u8| Device {
+        label: String::new(),
         verify: Vec::new(),
         template: None,
         can: None,

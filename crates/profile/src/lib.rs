@@ -49,6 +49,7 @@ pub use tables::device::verify::Expected;
 pub use tables::handshake::Handshake;
 pub use tables::heartbeat::Heartbeat;
 pub use tables::history::History;
+pub use tables::label::labelled;
 pub use tables::machine::Arm;
 pub use tables::output::Output;
 pub use tables::output::applied::Applied;
@@ -62,7 +63,7 @@ pub use tables::schema::schema;
 pub use tables::set::{Control, OutputSet, Stretch};
 pub use tables::signal::counter::Capture;
 pub use tables::signal::{Signal, Unit};
-pub use tables::web::Web;
+pub use tables::web::{Language, Web};
 pub use template::Template;
 
 /// One physical line: its place in the profile's list.
@@ -92,6 +93,8 @@ pub struct Profile {
     pub name: String,
     /// One line for people.
     pub description: String,
+    /// What people call it; empty where the profile does not say.
+    pub label: String,
     /// The file it came from.
     pub path: PathBuf,
     /// Time since machine start, and references.

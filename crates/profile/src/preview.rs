@@ -9,6 +9,7 @@ use serde::Serialize;
 use crate::document::Section;
 use crate::tables::axis::model::all_over::AllOver;
 use crate::tables::bus::Transport;
+use crate::tables::label::labelled;
 use crate::{BusId, DeviceId, Profile};
 
 mod can_line;
@@ -31,8 +32,10 @@ impl Preview {
             devices.map(|(place, device)| (device.bus, device.preview(profile, DeviceId(place)))).collect();
         let mut section = Section::default();
         let (name, description) = (&profile.name, &profile.description);
-        section.line(if description.is_empty() { name.clone() } else { format!("{name}: {description}") });
+        let shown = labelled(name, &profile.label);
+        section.line(if description.is_empty() { shown } else { format!("{shown}: {description}") });
         section.entry("machine", name);
+        section.entry("label", &profile.label);
         section.entry("description", description);
         let buses = profile.buses.iter().enumerate().map(|(place, bus)| {
             let id = BusId(place);

@@ -43,6 +43,7 @@ mod expression;
 pub(crate) mod handshake;
 pub(crate) mod heartbeat;
 pub(crate) mod history;
+pub(crate) mod label;
 mod line_time;
 mod loose_ends;
 pub(crate) mod machine;
@@ -238,6 +239,7 @@ impl Check<'_> {
         let only_recorded = loose_ends::only_recorded(self);
         let profile = Profile {
             name: machine.name,
+            label: machine.label,
             description: machine.description,
             path,
             machine: MachineSettings { signals: self.signals.resolved.len(), ..machine.settings },

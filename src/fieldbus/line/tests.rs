@@ -152,6 +152,7 @@ fn line_of(timeout: Duration, change: impl Fn(&mut Device)) -> (Rig, Shared) {
     };
     let device = |unit| {
         let mut device = Device {
+            label: String::new(),
             name: format!("unit{unit}"),
             bus: BusId(0),
             unit,

@@ -3,13 +3,14 @@
 import { Chart } from "./chart.js";
 import { Probe } from "./probe.js";
 import { axisState, badge } from "./states.js";
-import { element, fixed, say, signed, span } from "./text.js";
+import { element, fixed, say, signed, span, titled } from "./text.js";
 import { english, known, t } from "./words.js";
 
 const STAGES = ["limit", "deadband", "step", "rate", "round"];
 
 class Card {
-  constructor(name, command) {
+  constructor(axis, command) {
+    const { name } = axis;
     this.state = element("span", { className: "badge" });
     this.value = element("span", { className: "figure" });
     this.stands = element("span", { className: "quiet" });
@@ -30,7 +31,7 @@ class Card {
     this.chart = new Chart();
     this.probe = new Probe();
     this.root = element("article", { className: "card axis" },
-      element("div", { className: "row" }, element("h2", {}, t("axis", { names: name })), this.state),
+      element("div", { className: "row" }, element("h2", {}, titled(t("axis", { names: name }), axis)), this.state),
       element("p", { className: "why" }, this.does, " ", this.why),
       this.waiting,
       element("p", { className: "cz" }, element("abbr", { title: t("cz_title") }, "Cz"), " ",
@@ -115,7 +116,7 @@ const cards = new Map();
 export function showAxes(root, status, command) {
   for (const axis of status.axes) {
     if (!cards.has(axis.name)) {
-      const card = new Card(axis.name, command);
+      const card = new Card(axis, command);
       cards.set(axis.name, card);
       root.append(card.root);
     }

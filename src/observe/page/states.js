@@ -1,6 +1,6 @@
 // A sign, a tone, a word and a sentence for every state. The sign and the text carry the meaning, the tone repeats it.
 
-import { say } from "./text.js";
+import { labelled, say } from "./text.js";
 import { known, t } from "./words.js";
 
 export const SIGNS = { good: "●", warn: "▲", bad: "■", off: "○" };
@@ -35,7 +35,7 @@ const WORST = ["zeroed", "ramping", "holding", "degraded", "waiting"];
 // The one word for the machine, and the sentence below it.
 export function overall(status) {
   const inState = (state) => status.axes.filter((axis) => stateOf(axis) === state);
-  const names = (axes) => t(axes.length === 1 ? "axis" : "axes", { names: axes.map((axis) => axis.name).join(", ") });
+  const names = (axes) => t(axes.length === 1 ? "axis" : "axes", { names: axes.map(labelled).join(", ") });
   const worst = WORST.find((state) => inState(state).length);
   const [off, unmodelled] = [inState("off"), inState("unmodelled")];
   const why = (state) => {

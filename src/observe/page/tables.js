@@ -37,6 +37,9 @@ class Table {
   }
 }
 
+// What people call it stands first, its name below.
+const title = ({ name, label }, small) => ({ text: label || name, small: label ? `${name} · ${small}` : small });
+
 // The unit of what an output writes, where that is not µm.
 const OUTPUTS = { corrected: "mm", slope: "µm/mm", reference: "mm" };
 
@@ -57,7 +60,7 @@ export function showTables(status) {
   for (const signal of status.signals) {
     const good = signal.quality === "good";
     signals.row(signal.name, [
-      { text: signal.name, small: signal.device },
+      title(signal, signal.device),
       { text: quantity(signal.value, signal.unit), figure: true },
       { text: t(good ? "good" : "not_usable"), tone: good ? "good" : "bad", small: good ? "" : reason(signal) },
       { text: signal.age_s === null ? t("never") : span(signal.age_s), figure: true },
@@ -81,7 +84,7 @@ export function showTables(status) {
     const failures = Object.entries(device.failures).filter(([, times]) => times > 0);
     const tone = device.state === "ok" ? "good" : "bad";
     devices.row(device.name, [
-      { text: device.name, small: t("unit_on_bus", { unit: device.unit, bus: device.bus }) },
+      title(device, t("unit_on_bus", { unit: device.unit, bus: device.bus })),
       { text: known("device", device.state), tone, small: device.fault },
       { text: count(device.requests), figure: true },
       {

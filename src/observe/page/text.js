@@ -100,6 +100,10 @@ export function element(name, properties = {}, ...children) {
   return made;
 }
 
+// A name with what people call it.
+export const labelled = ({ name, label }) => (label ? `${label} (${name})` : name);
+export const titled = (title, { label }) => (label ? `${title} · ${label}` : title);
+
 // Writes only what changed, so that a screen reader or a selection is not disturbed every second.
 export function say(node, text) {
   if (node.textContent !== text) node.textContent = text;

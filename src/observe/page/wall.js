@@ -2,7 +2,7 @@
 
 import { follow } from "./live.js";
 import { SIGNS, axisState, overall } from "./states.js";
-import { bothTimes, element, say, signed } from "./text.js";
+import { bothTimes, element, say, signed, titled } from "./text.js";
 import { t } from "./words.js";
 
 const by = (id) => document.getElementById(id);
@@ -13,7 +13,7 @@ if (location.search !== "?view=wall") history.replaceState(null, "", "/?view=wal
 function panel(axis) {
   const parts = { figure: element("span", { className: "figure" }), state: element("p", { className: "state" }) };
   by("axes").append(element("section", {},
-    element("h2", {}, t("axis", { names: axis.name })),
+    element("h2", {}, titled(t("axis", { names: axis.name }), axis)),
     element("p", { className: "cz" }, parts.figure, " ", element("span", { className: "unit" }, "µm")),
     parts.state));
   axes.set(axis.name, parts);

@@ -84,6 +84,7 @@ pub(crate) fn profile() -> Profile {
     Profile {
         name: "small".to_owned(),
         description: String::new(),
+        label: String::new(),
         path: "small.toml".into(),
         machine,
         arm: Arm::Auto,
@@ -97,7 +98,7 @@ pub(crate) fn profile() -> Profile {
             device("cnc", 1, CNC),
         ],
         signals,
-        axes: vec![Axis { settings: axis, diameter: false, probe_input: None }],
+        axes: vec![Axis { settings: axis, label: String::new(), diameter: false, probe_input: None }],
         outputs: vec![
             output("readout_z", 2, "holding:10", 0.0001, Writes::Corrected { position: SignalId(3) }),
             output("cnc_z", 3, "holding:104", 0.1, Writes::Offset),
@@ -165,6 +166,7 @@ pub(super) fn device(name: &str, bus: usize, unit: u8) -> Device {
     let (name, every) = (name.to_owned(), Duration::from_secs(1));
     Device {
         name,
+        label: String::new(),
         bus: BusId(bus),
         unit,
         every,
@@ -178,6 +180,7 @@ pub(super) fn device(name: &str, bus: usize, unit: u8) -> Device {
 
 fn signal(name: &str, device: usize, register: &str, encoding: Encoding, unit: &'static str) -> Signal {
     Signal {
+        label: String::new(),
         name: name.to_owned(),
         device: DeviceId(device),
         address: Address::Modbus(register.parse().unwrap()),

@@ -11,6 +11,7 @@ use isotherm_core::codec::{
 
 fn device(quirks: Quirks) -> Device {
     Device {
+        label: String::new(),
         name: "module".to_owned(),
         bus: BusId(0),
         unit: 1,
@@ -34,6 +35,7 @@ fn signal(register: &str, data_type: DataType, merge: bool) -> Signal {
         bad: Vec::new(),
     };
     Signal {
+        label: String::new(),
         name: register.to_owned(),
         device: DeviceId(0),
         address: Address::Modbus(register.parse().unwrap()),

@@ -4,6 +4,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::At;
+use super::label::{self, labelled};
 use crate::Profile;
 use crate::document::Section;
 use crate::duration::{Timespan, shown};
@@ -24,6 +25,8 @@ pub(crate) mod probe;
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Axis")]
 pub(crate) struct RawAxis {
+    /// What people call it, in any script: shown beside the name.
+    label: Option<String>,
     /// Largest |Cz|, µm.
     #[schemars(required)]
     limit: Option<f64>,
@@ -88,6 +91,8 @@ enum DatumWord {
 pub struct Axis {
     /// What the pure step needs.
     pub settings: AxisSettings,
+    /// What people call it; empty where the profile does not say.
+    pub label: String,
     /// A lathe's X: the offset acts on the diameter, Cz is doubled when written.
     pub diameter: bool,
     /// Where its measured error is read; `None`: errors come by command only, if it takes any.
@@ -100,13 +105,14 @@ impl Axis {
         let AxisSettings { name, models, guard, levels, .. } = &self.settings;
         let mut section = Section::default();
         section.line("");
-        section.line(format!("axis {name}"));
+        section.line(format!("axis {}", labelled(name, &self.label)));
         if models.is_empty() {
             section.line(
                 "  no model yet: `isotherm record` and `isotherm identify` find one; until then it stays off",
             );
         }
         section.entry("name", name);
+        section.entry("label", &self.label);
         let models = models.iter().enumerate();
         section.parts("models", models.map(|(place, model)| model::preview(profile, place, model, all_over)));
         let mut sign =
@@ -200,7 +206,9 @@ impl RawAxis {
             intercept_slope: None,
             probe,
         };
-        Some(Axis { settings, diameter: self.diameter.unwrap_or(false), probe_input: probe_input.flatten() })
+        let label = label::resolve(&at.key("label"), self.label.as_ref());
+        let diameter = self.diameter.unwrap_or(false);
+        Some(Axis { settings, label, diameter, probe_input: probe_input.flatten() })
     }
 
     fn guard(&self, at: &At<'_>) -> Option<GuardSettings> {

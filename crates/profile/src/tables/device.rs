@@ -7,6 +7,7 @@ use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
 use super::bus::{TIMEOUT, Transport};
+use super::label::{self, labelled};
 use super::quirks::{Quirks, RawQuirks};
 use super::{At, Check, dbc};
 use crate::document::Section;
@@ -32,6 +33,8 @@ const EVERY: Duration = Duration::from_secs(1);
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Device")]
 pub(crate) struct RawDevice {
+    /// What people call it, in any script: shown beside the name.
+    label: Option<String>,
     /// The line it hangs on.
     #[schemars(required)]
     pub(super) bus: Option<String>,
@@ -103,6 +106,8 @@ impl JsonSchema for ExpectValue {
 pub struct Device {
     /// Its name in the profile.
     pub name: String,
+    /// What people call it; empty where the profile does not say.
+    pub label: String,
     /// Its line.
     pub bus: BusId,
     /// Modbus unit identifier; a CANopen node's number, and 0 for a device that only sends frames.
@@ -135,14 +140,16 @@ impl Device {
         let requests = profile.register_requests(id);
         let (name, unit, every, summary) = (&self.name, self.unit, shown(self.every), summary(&requests));
         let can = self.can.as_ref().map(|can| can.preview(profile, id));
+        let shown = labelled(name, &self.label);
         let mut section = Section::default();
         section.line(match self.can.as_ref().map(|can| can.node) {
-            None => format!("  {name}: unit {unit}, every {every}: {summary}"),
-            Some(Some(node)) => format!("  {name}: CANopen node {node}"),
-            Some(None) => format!("  {name}: sends frames by itself"),
+            None => format!("  {shown}: unit {unit}, every {every}: {summary}"),
+            Some(Some(node)) => format!("  {shown}: CANopen node {node}"),
+            Some(None) => format!("  {shown}: sends frames by itself"),
         });
         can.iter().for_each(|can| section.lines_of(can));
         section.entry("name", name);
+        section.entry("label", &self.label);
         section.entry("bus", &profile.bus(self.bus).name);
         section.entry("unit", unit);
         section.entry("every", every);
@@ -255,7 +262,19 @@ impl RawDevice {
                 at.key("every").warn(message, help);
             }
         }
-        Some(Device { name: name.to_owned(), bus, unit, every, functions, quirks, verify, template, can })
+        let label = label::resolve(&at.key("label"), self.label.as_ref());
+        Some(Device {
+            name: name.to_owned(),
+            label,
+            bus,
+            unit,
+            every,
+            functions,
+            quirks,
+            verify,
+            template,
+            can,
+        })
     }
 
     /// The unit of a Modbus device.

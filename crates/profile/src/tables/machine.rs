@@ -5,7 +5,7 @@ use std::time::Duration;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::At;
+use super::{At, label};
 use crate::duration::Timespan;
 use isotherm_core::compensation::settings::MachineSettings;
 
@@ -19,6 +19,8 @@ pub(crate) struct RawMachine {
     name: Option<String>,
     /// One line for people.
     description: Option<String>,
+    /// What people call it, in any script: shown beside the name.
+    label: Option<String>,
     /// The signal whose rising edge starts `t`, the time since machine start. Default: the first good reading starts it.
     on: Option<String>,
     /// The signal whose rising edge captures the references given as "zero".
@@ -55,6 +57,7 @@ pub enum Arm {
 pub(super) struct Machine {
     pub(super) name: String,
     pub(super) description: String,
+    pub(super) label: String,
     pub(super) settings: MachineSettings,
     pub(super) arm: Arm,
     pub(super) arm_timeout: Duration,
@@ -86,6 +89,7 @@ pub(super) fn resolve(at: &At<'_>, raw: Option<&RawMachine>) -> Machine {
     Machine {
         name,
         description: raw.description.clone().unwrap_or_default(),
+        label: label::resolve(&at.key("label"), raw.label.as_ref()),
         settings,
         arm: raw.arm.unwrap_or_default(),
         arm_timeout,

@@ -87,6 +87,7 @@ fn boot_counter(check: &Check<'_>, place: usize, known: &[Known]) -> Option<(Dev
 /// The dot keeps its name apart from those that a profile can give.
 fn counter(device: &Device, id: DeviceId, address: Register, timeout: Duration) -> Signal {
     Signal {
+        label: String::new(),
         name: format!("{}.boot_counter", device.name),
         device: id,
         address: address.into(),

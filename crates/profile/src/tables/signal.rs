@@ -6,6 +6,7 @@ use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
 use super::can::{self, RawFrame, RawPdo, Sender};
+use super::label::{self, labelled};
 use super::register::{self, Flag, Notation, TypeWord, WordOrderWord, plain};
 use super::{At, dbc, expression};
 use crate::dbc::Described;
@@ -24,6 +25,8 @@ pub(crate) mod counter;
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Signal")]
 pub(crate) struct RawSignal {
+    /// What people call it, in any script: shown beside the name.
+    label: Option<String>,
     /// Where it is read.
     #[schemars(required)]
     pub(super) device: Option<String>,
@@ -139,6 +142,8 @@ fn units(_: &mut SchemaGenerator) -> Schema {
 pub struct Signal {
     /// Its name in the profile.
     pub name: String,
+    /// What people call it; empty where the profile does not say.
+    pub label: String,
     /// Where it is read.
     pub device: DeviceId,
     /// Its first register or its bit, its object, its place in frames.
@@ -172,9 +177,10 @@ impl Signal {
         let (data_type, scale) = (encoding.data_type.name(), encoding.scale.get());
         let channel = device.channel(name);
         let device = &device.name;
+        let shown = labelled(name, &self.label);
         let mut line = match register.is_in_frames() {
-            true => format!("  {name}: {register}, from {device}"),
-            false => format!("  {name}: {register} of {device}, {data_type}"),
+            true => format!("  {shown}: {register}, from {device}"),
+            false => format!("  {shown}: {register} of {device}, {data_type}"),
         };
         let word_order = register::shown_order(&self.address, encoding);
         line.extend(word_order.iter().map(|order| format!(" {order}")));
@@ -192,6 +198,7 @@ impl Signal {
         let mut section = Section::default();
         section.line(line);
         section.entry("name", name);
+        section.entry("label", &self.label);
         section.entry("device", device);
         section.json("register", register);
         section.entry("data_type", data_type);
@@ -319,6 +326,7 @@ impl RawSignal {
         };
         Some(Signal {
             name: name.to_owned(),
+            label: label::resolve(&at.key("label"), self.label.as_ref()),
             device: DeviceId(index?),
             address,
             encoding,

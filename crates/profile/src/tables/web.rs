@@ -17,15 +17,46 @@ pub(crate) struct RawWeb {
     listen: Option<String>,
     /// A file with the token that clients must send; required as soon as it listens beyond loopback.
     token_file: Option<String>,
+    /// The language of the page. Default: the first that the browser wants and the page speaks, else English.
+    language: Option<Language>,
+}
+
+/// A language that the page speaks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+#[schemars(rename = "LanguageWord", description = "")]
+pub enum Language {
+    /// English.
+    En,
+    /// German.
+    De,
+    /// Japanese.
+    Ja,
+    /// Chinese, in simplified characters.
+    Zh,
+}
+
+impl Language {
+    /// As the profile, HTML and browsers write it.
+    pub fn code(self) -> &'static str {
+        match self {
+            Language::En => "en",
+            Language::De => "de",
+            Language::Ja => "ja",
+            Language::Zh => "zh",
+        }
+    }
 }
 
 /// Page, API, metrics.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Web {
     /// Host and port; port 0 takes any free one.
     pub listen: String,
     /// A file with the token that is asked for; required beyond loopback.
     pub token_file: Option<PathBuf>,
+    /// The language of the page; `None`: the browser's.
+    pub language: Option<Language>,
 }
 
 impl RawWeb {
@@ -44,7 +75,7 @@ impl RawWeb {
             }
             Some(_) => {}
         }
-        Web { listen, token_file: self.token_file.clone().map(PathBuf::from) }
+        Web { listen, token_file: self.token_file.clone().map(PathBuf::from), language: self.language }
     }
 }
 

@@ -19,6 +19,7 @@ pub(crate) fn of<Quantity: TryFrom<f64, Error = &'static str>>(value: f64) -> Qu
 
 fn signal(name: &str) -> Signal {
     Signal {
+        label: String::new(),
         name: name.to_owned(),
         device: DeviceId(0),
         address: Address::Modbus(Register { table: Table::Input, offset: 0 }),
@@ -76,7 +77,7 @@ fn axis(name: &str, every: u64, count: f64, on_fault: OnFault, models: Vec<Model
         intercept_slope: None,
         probe: None,
     };
-    Axis { settings, diameter: false, probe_input: None }
+    Axis { settings, label: String::new(), diameter: false, probe_input: None }
 }
 
 /// `bed`, `wheelhead`, `hydraulics_on`, `zero_button`; z every 10 s (M1, then M2), x every 7 s (rises over zero and start).
@@ -95,6 +96,7 @@ pub(crate) fn profile() -> Profile {
     Profile {
         name: "sample".to_owned(),
         description: String::new(),
+        label: String::new(),
         path: "sample.toml".into(),
         machine: MachineSettings {
             on: Some(SignalId(2)),
