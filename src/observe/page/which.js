@@ -1,6 +1,6 @@
 // Which axis a command means: all of them, or one.
 
-import { element } from "./text.js";
+import { element, labelled } from "./text.js";
 import { t } from "./words.js";
 
 const label = document.getElementById("question-which");
@@ -12,7 +12,7 @@ export function offer(axes) {
   label.hidden = names.length < 2;
   if (choice.options.length === names.length + 1) return;
   choice.replaceChildren(element("option", { value: "" }, t("every_axis")),
-    ...names.map((name) => element("option", { value: name }, name)));
+    ...axes.map((axis) => element("option", { value: axis.name }, labelled(axis))));
 }
 
 // All of them, until a person says another thing.

@@ -66,19 +66,14 @@ fn preferred(accepted: &str) -> Vec<&str> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::observe::page::FILES as FILES_OF_THE_PAGE;
 
     /// Everything of the page that uses words.
-    const USES: [&str; 9] = [
-        include_str!("../page.rs"),
-        include_str!("main.js"),
-        include_str!("wall.js"),
-        include_str!("live.js"),
-        include_str!("text.js"),
-        include_str!("states.js"),
-        include_str!("axis.js"),
-        include_str!("probe.js"),
-        include_str!("tables.js"),
-    ];
+    fn uses() -> String {
+        let scripts =
+            FILES_OF_THE_PAGE.iter().filter(|(name, ..)| name.ends_with(".js")).map(|(.., text)| *text);
+        scripts.chain([include_str!("../page.rs")]).collect()
+    }
 
     fn named(text: &str) -> Vec<&str> {
         text.split('{').skip(1).filter_map(|rest| Some(rest.split_once('}')?.0)).collect()
@@ -107,7 +102,7 @@ mod tests {
 
     #[test]
     fn every_word_is_used_and_every_word_that_is_used_is_there() {
-        let all = USES.concat();
+        let all = uses();
         for key in ALL[0].by_key.keys() {
             // Of a kind of words one is chosen by what the gateway says.
             let used = match key.split_once('.') {
