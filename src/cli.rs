@@ -33,6 +33,7 @@ pub mod replay;
 #[cfg(feature = "identify")]
 mod report;
 mod run;
+mod running;
 mod say;
 mod scan;
 #[cfg(feature = "identify")]

@@ -1,9 +1,8 @@
-//! `isotherm arm`, `disarm`, `zero`: commands to the running gateway; and how verbs find it.
+//! `isotherm arm`, `disarm`, `zero`: commands to the running gateway.
 
 use std::path::PathBuf;
 
-use super::run::state_directory;
-use super::{ProfileArguments, load, load_modelled, print_json};
+use super::{ProfileArguments, load, load_modelled, print_json, running};
 use crate::cli::say::{say, say_beside};
 use crate::gateway::control::{self, Failure};
 use crate::observe::status::{Answer, Command};
@@ -37,7 +36,7 @@ pub(super) struct ArmArguments {
 /// The gateway that runs a profile on this computer.
 #[derive(clap::Args, Debug)]
 pub(super) struct RunningGateway {
-    /// The state directory that the gateway was started with
+    /// The state directory that the gateway was started with, where several of one machine run on this computer
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
     /// One JSON document
@@ -48,7 +47,7 @@ pub(super) struct RunningGateway {
 impl RunningGateway {
     /// Its command socket.
     pub(super) fn socket(&self, profile: &Profile) -> anyhow::Result<PathBuf> {
-        Ok(control::path(&state_directory(self.state.as_deref(), profile)?, &profile.name))
+        running::socket(self.state.as_deref(), profile)
     }
 
     /// Prints what it answered. What is not done yet is a failure.

@@ -3,9 +3,9 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use super::load_with;
-use super::run::{known_directory, state_directory};
+use super::run::known_directory;
 use super::values::key_and_value;
+use super::{load_with, running};
 use crate::cli::say::{Out, say_beside};
 use crate::clock::Clock;
 use crate::observe::events::Entry;
@@ -42,7 +42,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let (directory, machine) = match &arguments.profile {
         Some(path) => {
             let profile = load_with(path, &arguments.set, false)?;
-            (state_directory(arguments.state.as_deref(), &profile)?, profile.name)
+            (running::directory(arguments.state.as_deref(), &profile)?, profile.name)
         }
         None => {
             let directory = known_directory(arguments.state.as_deref());

@@ -12,6 +12,7 @@ use super::signals::Signals;
 use super::{ProfileArguments, load_modelled, warned};
 use crate::cli::say::say;
 use crate::clock::Clock;
+use crate::gateway::control;
 use crate::gateway::{Gateway, Options, make_directory, may_start};
 use isotherm_profile::{DeviceId, Profile, Web, plan};
 
@@ -93,9 +94,13 @@ fn web(listen: Option<&str>, profile: &Profile) -> Option<Web> {
     Some(Web { listen: listen.to_owned(), ..profile.web.clone().unwrap_or_default() })
 }
 
-/// The option, the profile, or where the platform keeps such things; made if it is not there.
-pub(super) fn state_directory(option: Option<&Path>, profile: &Profile) -> anyhow::Result<PathBuf> {
+/// The option, the profile, or where the platform keeps such things; made if it is not there. From the root on, so that
+/// others find the command socket by the kernel's list, unless no socket's path may be as long.
+fn state_directory(option: Option<&Path>, profile: &Profile) -> anyhow::Result<PathBuf> {
     let directory = known_directory(option.or(profile.history.directory.as_deref()));
+    let from_root = std::path::absolute(&directory).ok();
+    let from_root = from_root.filter(|path| control::too_long(&control::path(path, &profile.name)).is_none());
+    let directory = from_root.unwrap_or(directory);
     make_directory(&directory).with_context(|| {
         format!("the state directory {} cannot be made; name another with --state", directory.display())
     })?;

@@ -6,8 +6,7 @@ use std::time::Duration;
 
 use serde_json::{Map, Value};
 
-use super::load_quietly;
-use super::run::{known_directory, state_directory};
+use super::{load_quietly, running};
 use crate::cli::say::{say, say_all};
 use crate::gateway::control;
 use isotherm_profile::{Unit, labelled};
@@ -37,7 +36,11 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
-    let socket = socket(arguments)?;
+    let state = arguments.state.as_deref();
+    let socket = match &arguments.profile {
+        Some(path) => running::socket(state, &load_quietly(path, &[], arguments.json)?.profile)?,
+        None => running::only(state)?,
+    };
     loop {
         let status = document(&control::status(&socket)?)?;
         if arguments.healthy {
@@ -56,30 +59,6 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             return Ok(());
         }
         std::thread::sleep(LOOK_EVERY);
-    }
-}
-
-fn socket(arguments: &Arguments) -> anyhow::Result<PathBuf> {
-    if let Some(path) = &arguments.profile {
-        let profile = load_quietly(path, &[], arguments.json)?.profile;
-        return Ok(control::path(&state_directory(arguments.state.as_deref(), &profile)?, &profile.name));
-    }
-    let directory = known_directory(arguments.state.as_deref());
-    let entries = std::fs::read_dir(&directory).into_iter().flatten().flatten().map(|entry| entry.path());
-    let mut sockets: Vec<PathBuf> =
-        entries.filter(|path| path.extension().is_some_and(|end| end == "sock")).collect();
-    sockets.sort();
-    let shown = directory.display();
-    match sockets.as_slice() {
-        [] => anyhow::bail!(
-            "no gateway runs with the state directory {shown}; name another with --state, or a profile"
-        ),
-        [one] => Ok(one.clone()),
-        several => {
-            let name = |path: &PathBuf| path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            let names: Vec<String> = several.iter().map(name).collect();
-            anyhow::bail!("several gateways run with {shown}: {}; name the profile of one", names.join(", "))
-        }
     }
 }
 

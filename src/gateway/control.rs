@@ -39,7 +39,7 @@ use crate::observe::status::{Answer, Command, Source, Status};
 mod client;
 mod user;
 
-pub use client::{Failure, arm, send, send_measured, status, trace};
+pub use client::{Failure, answers, arm, send, send_measured, status, trace};
 
 /// How long whoever arms and does not stay waits to hear what comes of it.
 const ARMING: Duration = Duration::from_secs(3);
@@ -92,7 +92,7 @@ pub fn open(path: &Path) -> std::io::Result<std::os::unix::net::UnixListener> {
             let why = "the command socket belongs here, and something else lies here: move it away";
             return Err(refused(ErrorKind::AlreadyExists, why.to_owned()));
         }
-        if client::answers(path) {
+        if answers(path) {
             let why = "another gateway of this machine is running (it answers there)";
             return Err(refused(ErrorKind::AddrInUse, why.to_owned()));
         }

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use crate::bench::{Bench, OPEN_CIRCUIT};
-use crate::process::{Running, until};
+use crate::process::{Running, isotherm, until};
 
 const SOON: Duration = Duration::from_secs(20);
 
@@ -121,4 +121,32 @@ fn who_is_refused_hears_why_at_once_and_nothing_is_armed_later() {
     std::thread::sleep(Duration::from_secs(2));
     assert_eq!(bench.axis()["armed"], false);
     assert_eq!(bench.ask(&["arm"]).0, 0);
+}
+
+#[test]
+fn verbs_find_the_gateway_that_was_started_with_another_state_directory() {
+    let bench = Bench::of(|text| {
+        text.replace("arm = \"auto\"", "arm = \"manual\"").replacen("name = \"", "name = \"elsewhere-", 1)
+    });
+    let asked = |words: &[&str]| {
+        let (verb, options) = words.split_first().unwrap();
+        let mut command = isotherm(bench.home.path());
+        let output = command.arg(verb).arg(&bench.profile).args(options).output().unwrap();
+        let said = [output.stdout, output.stderr].map(|said| String::from_utf8(said).unwrap()).concat();
+        (output.status.code(), said)
+    };
+    let (code, said) = asked(&["arm"]);
+    let state = format!("runs with --state {}", bench.home.path().join("state").display());
+    assert!(code == Some(0) && said.contains(&state) && said.contains("armed"), "{code:?} {said}");
+    let (code, said) = asked(&["events"]);
+    assert!(code == Some(0) && said.contains("arm"), "{code:?} {said}");
+    let (code, said) = asked(&["status"]);
+    assert!(code == Some(0) && said.contains("axis "), "{code:?} {said}");
+    // Nobody makes a directory by asking.
+    assert!(!bench.home.path().join(".local").exists());
+    let (code, said) = asked(&["disarm", "--state", "nowhere"]);
+    assert!(
+        code == Some(1) && said.contains("no gateway of this machine is running here"),
+        "{code:?} {said}"
+    );
 }

@@ -87,7 +87,7 @@ fn with_axis(command: &str, axis: Option<&str>) -> String {
 }
 
 /// Somebody is there to be asked.
-pub(super) fn answers(path: &Path) -> bool {
+pub fn answers(path: &Path) -> bool {
     !matches!(connect(path, Duration::ZERO), Err(Failure::NoGateway(_)))
 }
 
