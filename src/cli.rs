@@ -22,6 +22,7 @@ mod events;
 mod gauge;
 #[cfg(feature = "identify")]
 mod identify;
+mod init;
 mod logs;
 mod machines;
 mod measured;
@@ -73,6 +74,8 @@ enum Verb {
     Demo(demo::Arguments),
     /// The gateway
     Run(run::Arguments),
+    /// A first profile, from a few answers
+    Init(Box<init::Arguments>),
     /// Every error of a profile with its place; then what would be read and written
     Check(check::Arguments),
     /// One reading of every signal, with its quality; or of one register, without a signal
@@ -166,6 +169,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
     let done = match arguments.verb {
         Verb::Demo(arguments) => demo::run(&arguments),
         Verb::Run(arguments) => run::run(&arguments),
+        Verb::Init(arguments) => init::run(&arguments),
         Verb::Check(arguments) => check::run(&arguments),
         Verb::Read(arguments) => read::run(&arguments),
         Verb::Scan(arguments) => scan::run(&arguments),

@@ -19,9 +19,11 @@ mod checks;
 mod conditions;
 mod fill;
 mod find;
+mod outline;
 mod schema;
 mod shipped;
 
+pub use outline::{Outline, on_modbus};
 pub use schema::schema;
 pub(crate) use shipped::dbc;
 pub use shipped::names;

@@ -1,0 +1,94 @@
+//! What a shipped template offers, for whoever writes a profile with it.
+
+use toml::{Table, Value};
+
+use super::shipped;
+
+/// The parts of a template that a new profile names.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Outline {
+    /// Its name.
+    pub name: &'static str,
+    /// Make and kind.
+    pub title: String,
+    /// The channels with temperatures, as a profile writes them: `3`, `"TL"`.
+    pub temperatures: Vec<String>,
+    /// What a Cz can be written to: x, y, z.
+    pub targets: Vec<String>,
+    /// One of these must be chosen, if there are any.
+    pub variants: Vec<String>,
+    /// The profile says where its registers begin (`base`).
+    pub is_movable: bool,
+}
+
+/// The shipped templates of devices on Modbus.
+pub fn on_modbus() -> impl Iterator<Item = Outline> {
+    shipped::names().filter_map(|name| {
+        let text: Table = shipped::text(name)?.parse().ok()?;
+        let groups = ["channel", "target"].map(|key| text.get(key).and_then(Value::as_table));
+        let mut groups = groups.into_iter().flatten().flat_map(Table::values);
+        groups.any(|group| group.get("register").is_some()).then(|| outline(name, &text))
+    })
+}
+
+fn outline(name: &'static str, text: &Table) -> Outline {
+    let table = |key: &str| text.get(key).and_then(Value::as_table);
+    let keys = |key: &str| -> Vec<String> { table(key).into_iter().flat_map(Table::keys).cloned().collect() };
+    let targets = table("target").into_iter().flatten();
+    let takes_cz = |target: &Value| target.get("writes").and_then(Value::as_str) == Some("offset");
+    Outline {
+        name,
+        title: text.get("title").and_then(Value::as_str).unwrap_or_default().to_owned(),
+        temperatures: table("channel").map(temperatures).unwrap_or_default(),
+        targets: targets.filter(|(_, target)| takes_cz(target)).map(|(name, _)| name.clone()).collect(),
+        variants: keys("variant"),
+        is_movable: text.get("movable").and_then(Value::as_bool) == Some(true),
+    }
+}
+
+/// The channels whose unit is °C, but for those beside the measuring ones.
+fn temperatures(channels: &Table) -> Vec<String> {
+    let of_group = |(name, channel): (&String, &Value)| -> Vec<String> {
+        let number = |key: &str| channel.get(key).and_then(Value::as_integer);
+        match (channel.get("name").and_then(Value::as_str), number("count")) {
+            (Some("{n}"), Some(count)) => {
+                let from = number("from").unwrap_or(0);
+                (from..from + count).map(|channel| channel.to_string()).collect()
+            }
+            (None, None) => vec![format!("\"{name}\"")],
+            _ => Vec::new(),
+        }
+    };
+    let is_beside = |name: &str| ["cjc", "cold_junction"].iter().any(|beside| name.starts_with(beside));
+    let measures = |(name, channel): &(&String, &Value)| {
+        channel.get("unit").and_then(Value::as_str) == Some("degC") && !is_beside(name)
+    };
+    channels.iter().filter(measures).flat_map(of_group).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(name: &str) -> Outline {
+        on_modbus().find(|outline| outline.name == name).unwrap()
+    }
+
+    #[test]
+    fn a_module_says_its_channels_and_a_control_what_it_takes() {
+        let wago = of("wago-750-469");
+        assert_eq!((wago.temperatures, wago.is_movable), (vec!["1".to_owned(), "2".to_owned()], true));
+        let plc = of("plc-block");
+        assert_eq!((plc.targets, plc.temperatures), (["x", "y", "z"].map(str::to_owned).to_vec(), vec![]));
+        assert!(of("advantech-adam-6018").variants.contains(&"K".to_owned()));
+        assert!(on_modbus().all(|outline| outline.name != "axiomatic-axtc4co"), "it is on CAN");
+    }
+
+    #[test]
+    fn every_thermocouple_module_has_channels_that_measure() {
+        for outline in on_modbus() {
+            let measures = outline.title.contains("thermocouple") || outline.title.contains("temperatures");
+            assert!(!measures || !outline.temperatures.is_empty(), "{outline:?}");
+        }
+    }
+}

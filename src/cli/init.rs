@@ -1,0 +1,175 @@
+//! `isotherm init`: a first profile, from a few answers.
+
+use std::io::{BufRead, Write};
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+
+use super::say::{Out, say, say_beside};
+use isotherm_profile::template::{Outline, on_modbus};
+
+mod answers;
+mod questions;
+#[cfg(test)]
+mod tests;
+mod text;
+
+use answers::{Answers, Line, Module, Target};
+use questions::Questions;
+
+/// Asks for machine, bus, thermocouple module, axis and output, and writes a commented profile, which `check` takes.
+///
+/// What is given as an option is not asked for. The coefficients of the axis come later: `isotherm record` and `isotherm
+/// identify` find them.
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  isotherm init\n  isotherm init press-7.toml --yes --machine press-7 --bus 192.168.0.10:502 --module \
+                  icp-das-m7018 --signals bed,column --output plc-block --control 192.168.0.20:502"
+)]
+pub(super) struct Arguments {
+    /// The profile to be written [default: <machine>.toml]
+    #[arg(value_name = "PROFILE.toml")]
+    file: Option<PathBuf>,
+    /// The machine's name, in file names and on the page
+    #[arg(long, value_name = "NAME")]
+    machine: Option<String>,
+    /// Where the thermocouple module is: 192.168.0.10:502, or a serial port: /dev/ttyUSB0
+    #[arg(long, value_name = "ADDRESS|PORT")]
+    bus: Option<String>,
+    /// The module's device template, or `none`: its registers are spelled out
+    #[arg(long, value_name = "TEMPLATE")]
+    module: Option<String>,
+    /// The variant of the module's template, such as the type of thermocouple
+    #[arg(long, value_name = "VARIANT")]
+    variant: Option<String>,
+    /// The module's unit
+    #[arg(long, value_name = "N")]
+    unit: Option<String>,
+    /// The names of what is measured, in the order of the module's channels
+    #[arg(long, value_name = "NAMES")]
+    signals: Option<String>,
+    /// The axis that grows
+    #[arg(long, value_name = "AXIS")]
+    axis: Option<String>,
+    /// The most that Cz may ever be, µm
+    #[arg(long, value_name = "UM")]
+    limit: Option<String>,
+    /// Where Cz goes: the control's device template, or a register as holding:104
+    #[arg(long, value_name = "TEMPLATE|REGISTER")]
+    output: Option<String>,
+    /// Where the control is, if not on the module's line
+    #[arg(long, value_name = "ADDRESS|PORT")]
+    control: Option<String>,
+    /// The control's unit
+    #[arg(long, value_name = "N")]
+    control_unit: Option<String>,
+    /// Asks nothing: what is not given has its default
+    #[arg(long, short)]
+    yes: bool,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let answers = ask(arguments, &mut std::io::stdin().lock(), &mut Out)?;
+    let file = arguments.file.clone().unwrap_or_else(|| format!("{}.toml", answers.machine).into());
+    let text = text::profile(&answers);
+    isotherm_profile::parse(&file, &text, &[], &[]).map_err(|errors| {
+        anyhow::anyhow!("{errors}\nwith these answers the profile would have errors; it is not written")
+    })?;
+    write(&file, &text)?;
+    let shown = file.display();
+    say!("{shown} is written. Next:")?;
+    for (verb, what) in [
+        ("check", "what it says, and what would be read and written"),
+        ("check --online", "asks every device; reads only"),
+        ("record --out day-1.csv", "records a day; measure the error meanwhile"),
+        ("identify day-1.csv day-2.csv", "finds the coefficients; paste its block over the one in comments"),
+    ] {
+        let (verb, more) = verb.split_once(' ').unwrap_or((verb, ""));
+        let command = format!("isotherm {verb} {shown} {more}");
+        say!("  {:<44} {what}", command.trim_end())?;
+    }
+    Ok(())
+}
+
+/// Nothing is overwritten.
+fn write(file: &Path, text: &str) -> anyhow::Result<()> {
+    let made = std::fs::File::create_new(file).and_then(|mut made| made.write_all(text.as_bytes()));
+    made.with_context(|| {
+        format!("{} cannot be written; nothing is overwritten: name another file", file.display())
+    })
+}
+
+fn ask(arguments: &Arguments, input: &mut dyn BufRead, out: &mut dyn Write) -> anyhow::Result<Answers> {
+    let mut questions = Questions { input, out, takes_defaults: arguments.yes };
+    let given = |option: &Option<String>| option.clone();
+    let machine = questions.ask(
+        "machine",
+        given(&arguments.machine),
+        ("The machine's name", "my-machine"),
+        answers::machine,
+    )?;
+    let where_ = "The thermocouple module's address (192.168.0.10:502) or serial port (/dev/ttyUSB0)";
+    let line = questions.ask("bus", given(&arguments.bus), (where_, "192.168.0.10:502"), Line::parse)?;
+    if arguments.module.is_none() && !arguments.yes {
+        questions.show("Modules that are known, by their templates:")?;
+        for outline in on_modbus().filter(|outline| !outline.temperatures.is_empty()) {
+            questions.show(&format!("  {:<26} {}", outline.name, outline.title))?;
+        }
+    }
+    let what = "The module's template, or none";
+    let module = questions.ask("module", given(&arguments.module), (what, "none"), Module::parse)?;
+    let variant = variant(&mut questions, module.outline(), given(&arguments.variant))?;
+    let unit = questions.ask("unit", given(&arguments.unit), ("Its unit", "1"), answers::unit)?;
+    let most = module.channels();
+    let what = format!("What it measures, in the order of its channels, at most {most} names");
+    let names = |text: &str| answers::signals(text, most);
+    let signals = questions.ask("signals", given(&arguments.signals), (&what, "bed,column"), names)?;
+    let axis = questions.ask("axis", given(&arguments.axis), ("The axis that grows", "z"), answers::name)?;
+    let most = "The most that its Cz may ever be, µm";
+    let limit = questions.ask("limit", given(&arguments.limit), (most, "40"), answers::limit)?;
+    if arguments.output.is_none() && !arguments.yes {
+        questions.show(
+            "Controls that are known, by their templates; any other takes a register, as holding:104:",
+        )?;
+        for outline in on_modbus().filter(|outline| !outline.targets.is_empty()) {
+            questions.show(&format!(
+                "  {:<26} {} ({})",
+                outline.name,
+                outline.title,
+                outline.targets.join(", ")
+            ))?;
+        }
+    }
+    let target = |text: &str| Target::parse(text, &axis);
+    let what = "Where Cz goes: the control's template, or its register";
+    let target = questions.ask("output", given(&arguments.output), (what, "holding:104"), target)?;
+    let what = "The control's address or serial port, or `same` for the module's line";
+    let same = |text: &str| if text == "same" { Ok(None) } else { Line::parse(text).map(Some) };
+    let control = questions.ask("control", given(&arguments.control), (what, "same"), same)?;
+    let other = if control.is_none() && unit == 1 { "2" } else { "1" };
+    let control_unit =
+        questions.ask("control-unit", given(&arguments.control_unit), ("Its unit", other), answers::unit)?;
+    if control.is_none() && control_unit == unit {
+        say_beside!(
+            "module and control are both unit {unit} of one line: that works only where they are one device"
+        );
+    }
+    Ok(Answers { machine, line, module, variant, unit, signals, axis, limit, target, control, control_unit })
+}
+
+fn variant(
+    questions: &mut Questions<'_>,
+    outline: Option<&Outline>,
+    given: Option<String>,
+) -> anyhow::Result<Option<String>> {
+    let Some(outline) = outline.filter(|outline| !outline.variants.is_empty()) else { return Ok(None) };
+    let variants = &outline.variants;
+    let usual = variants.iter().find(|variant| *variant == "K").or_else(|| variants.first());
+    let what = format!("Its variant: {}", variants.join(", "));
+    let known = |text: &str| {
+        let found = variants.iter().find(|variant| variant.eq_ignore_ascii_case(text));
+        found.cloned().ok_or_else(|| isotherm_profile::allowed(text, variants.iter().map(String::as_str)))
+    };
+    let usual = usual.map(String::as_str).unwrap_or_default();
+    questions.ask("variant", given, (&what, usual), known).map(Some)
+}

@@ -1,0 +1,53 @@
+//! One question after the other.
+
+use std::io::{BufRead, Write};
+
+use anyhow::Context;
+
+/// Whoever answers, and whoever is shown the questions.
+pub(super) struct Questions<'a> {
+    pub(super) input: &'a mut dyn BufRead,
+    pub(super) out: &'a mut dyn Write,
+    /// Nobody is asked.
+    pub(super) takes_defaults: bool,
+}
+
+impl Questions<'_> {
+    /// What was given as the option of this name, or is answered; an answer that is none is asked for again.
+    pub(super) fn ask<T>(
+        &mut self,
+        option: &str,
+        given: Option<String>,
+        (question, usual): (&str, &str),
+        understand: impl Fn(&str) -> Result<T, String>,
+    ) -> anyhow::Result<T> {
+        if let Some(given) = given {
+            return understand(given.trim()).map_err(|why| anyhow::anyhow!("--{option} {given}: {why}"));
+        }
+        if self.takes_defaults {
+            return understand(usual).map_err(|why| anyhow::anyhow!("--{option} is needed: {why}"));
+        }
+        loop {
+            write!(self.out, "{question} [{usual}]: ")?;
+            self.out.flush()?;
+            let mut line = String::new();
+            let read = self.input.read_line(&mut line).context("the answer cannot be read")?;
+            if read == 0 {
+                writeln!(self.out)?;
+                anyhow::bail!(
+                    "the answers ended before `{question}`; nothing is written. --yes takes the defaults"
+                );
+            }
+            let answer = if line.trim().is_empty() { usual } else { line.trim() };
+            match understand(answer) {
+                Ok(understood) => return Ok(understood),
+                Err(why) => writeln!(self.out, "  {why}")?,
+            }
+        }
+    }
+
+    /// Shows a line.
+    pub(super) fn show(&mut self, line: &str) -> std::io::Result<()> {
+        writeln!(self.out, "{line}")
+    }
+}
