@@ -15,7 +15,7 @@ use process::{PATIENCE, Running, file, free_port, isotherm};
 
 const MACHINE: &str = include_str!("interop/machine.toml");
 
-const VERBS: [&str; 22] = [
+const VERBS: [&str; 23] = [
     "demo",
     "run",
     "check",
@@ -38,6 +38,7 @@ const VERBS: [&str; 22] = [
     "man",
     "events",
     "status",
+    "init",
 ];
 
 /// A verb that has ended.
@@ -533,6 +534,8 @@ const CALLS: [&[&str]; 29] = [
     &["trace", "machine.toml", "thermocouples", "--for", "1s"],
     &["events", "machine.toml", "--state", "state"],
     &["status", "machine.toml", "--state", "state"],
+    &["init"],
+    &["init", "--yes"],
     &["schema"],
     &["completions", "bash"],
     &["man"],

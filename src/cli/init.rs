@@ -69,6 +69,9 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    if let Some(file) = arguments.file.as_deref().filter(|file| file.exists()) {
+        anyhow::bail!("{} is there already, and nothing is overwritten: name another file", file.display());
+    }
     let answers = ask(arguments, &mut std::io::stdin().lock(), &mut Out)?;
     let file = arguments.file.clone().unwrap_or_else(|| format!("{}.toml", answers.machine).into());
     let text = text::profile(&answers);
@@ -86,7 +89,7 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     ] {
         let (verb, more) = verb.split_once(' ').unwrap_or((verb, ""));
         let command = format!("isotherm {verb} {shown} {more}");
-        say!("  {:<44} {what}", command.trim_end())?;
+        say!("  {:<56} {what}", command.trim_end())?;
     }
     Ok(())
 }

@@ -36,7 +36,7 @@ fn write_profile(text: &mut String, answers: &Answers) -> std::fmt::Result {
         if outline.is_movable {
             writeln!(
                 text,
-                "base  = \"holding:0\"                  # where its registers begin: the machine builder says"
+                "base  = 0                           # where its registers begin: the machine builder says"
             )?;
         }
     }
@@ -91,14 +91,20 @@ fn module(text: &mut String, answers: &Answers) -> std::fmt::Result {
         if outline.is_movable {
             writeln!(
                 text,
-                "base  = \"input:0\"                    # where its registers begin: the node's build says"
+                "base  = 0                           # where its registers begin: the node's build says"
             )?;
         }
     }
     for (place, signal) in answers.signals.iter().enumerate() {
         writeln!(text, "\n[signal.{signal}]\ndevice   = \"module\"")?;
         match answers.module.outline().and_then(|outline| outline.temperatures.get(place)) {
-            Some(channel) => writeln!(text, "channel  = {channel}")?,
+            Some(channel) => {
+                writeln!(text, "channel  = {channel}")?;
+                for (key, why) in answers.module.outline().into_iter().flat_map(|outline| &outline.asks) {
+                    let guess = if key == "word_order" { "\"msw-first\"" } else { "0.1" };
+                    writeln!(text, "{key:<8} = {guess}   # A GUESS, to be tried: {why}")?;
+                }
+            }
             None => writeln!(
                 text,
                 "register = \"input:{place}\"                # zero-based; \"3{:04}\" means the same\ntype     = \"i16\"\n\
@@ -128,5 +134,12 @@ fn output(text: &mut String, answers: &Answers) -> std::fmt::Result {
              default order\nscale    = 0.1                      # µm per count; negative where the control subtracts it"
         )?,
     }
-    writeln!(text, "verify   = \"read-back\"\n")
+    writeln!(text, "verify   = \"read-back\"\n")?;
+    match &answers.target {
+        Target::Template(outline, _) if outline.has_heartbeat => writeln!(
+            text,
+            "[heartbeat]                          # the control takes the gateway for dead without it\ndevice = \"cnc\"\nevery  = \"500ms\"\n"
+        ),
+        _ => Ok(()),
+    }
 }

@@ -13,10 +13,14 @@ pub struct Outline {
     pub title: String,
     /// The channels with temperatures, as a profile writes them: `3`, `"TL"`.
     pub temperatures: Vec<String>,
+    /// What the template leaves to the profile of each of them, and why: `word_order`, `scale`.
+    pub asks: Vec<(String, String)>,
     /// What a Cz can be written to: x, y, z.
     pub targets: Vec<String>,
     /// One of these must be chosen, if there are any.
     pub variants: Vec<String>,
+    /// It wants a heartbeat, and takes its register for granted.
+    pub has_heartbeat: bool,
     /// The profile says where its registers begin (`base`).
     pub is_movable: bool,
 }
@@ -35,35 +39,45 @@ fn outline(name: &'static str, text: &Table) -> Outline {
     let table = |key: &str| text.get(key).and_then(Value::as_table);
     let keys = |key: &str| -> Vec<String> { table(key).into_iter().flat_map(Table::keys).cloned().collect() };
     let targets = table("target").into_iter().flatten();
+    let first = measuring(text);
     let takes_cz = |target: &Value| target.get("writes").and_then(Value::as_str) == Some("offset");
     Outline {
         name,
         title: text.get("title").and_then(Value::as_str).unwrap_or_default().to_owned(),
-        temperatures: table("channel").map(temperatures).unwrap_or_default(),
+        temperatures: first.map(|(name, group)| channels(name, group)).unwrap_or_default(),
+        asks: first.map(|(_, group)| asks(group)).unwrap_or_default(),
         targets: targets.filter(|(_, target)| takes_cz(target)).map(|(name, _)| name.clone()).collect(),
         variants: keys("variant"),
+        has_heartbeat: text.contains_key("heartbeat"),
         is_movable: text.get("movable").and_then(Value::as_bool) == Some(true),
     }
 }
 
-/// The channels whose unit is °C, but for those beside the measuring ones.
-fn temperatures(channels: &Table) -> Vec<String> {
-    let of_group = |(name, channel): (&String, &Value)| -> Vec<String> {
-        let number = |key: &str| channel.get(key).and_then(Value::as_integer);
-        match (channel.get("name").and_then(Value::as_str), number("count")) {
-            (Some("{n}"), Some(count)) => {
-                let from = number("from").unwrap_or(0);
-                (from..from + count).map(|channel| channel.to_string()).collect()
-            }
-            (None, None) => vec![format!("\"{name}\"")],
-            _ => Vec::new(),
+/// The first group of channels whose unit is °C, but for those beside the measuring ones.
+fn measuring(text: &Table) -> Option<(&String, &Value)> {
+    let mut groups = text.get("channel").and_then(Value::as_table).into_iter().flatten();
+    let is_beside =
+        |name: &str| ["cjc", "cold_junction", "fine"].iter().any(|beside| name.starts_with(beside));
+    groups.find(|(name, group)| group.get("unit").and_then(Value::as_str) == Some("degC") && !is_beside(name))
+}
+
+/// The channels of a group, as a profile writes them.
+fn channels(name: &str, group: &Value) -> Vec<String> {
+    let number = |key: &str| group.get(key).and_then(Value::as_integer);
+    match (group.get("name").and_then(Value::as_str), number("count")) {
+        (Some("{n}"), Some(count)) => {
+            let from = number("from").unwrap_or(0);
+            (from..from + count).map(|channel| channel.to_string()).collect()
         }
-    };
-    let is_beside = |name: &str| ["cjc", "cold_junction"].iter().any(|beside| name.starts_with(beside));
-    let measures = |(name, channel): &(&String, &Value)| {
-        channel.get("unit").and_then(Value::as_str) == Some("degC") && !is_beside(name)
-    };
-    channels.iter().filter(measures).flat_map(of_group).collect()
+        (None, None) => vec![format!("\"{name}\"")],
+        _ => Vec::new(),
+    }
+}
+
+fn asks(group: &Value) -> Vec<(String, String)> {
+    let why = group.get("unverified").and_then(Value::as_str).unwrap_or("the manual does not say it");
+    let keys = group.get("ask").and_then(Value::as_array).into_iter().flatten().filter_map(Value::as_str);
+    keys.map(|key| (key.to_owned(), why.to_owned())).collect()
 }
 
 #[cfg(test)]
