@@ -507,7 +507,7 @@ fn status_has_the_content_of_the_page_for_people_programs_and_a_watchdog() {
 }
 
 /// Each verb as somebody may call it; what it needs lies in its directory.
-const CALLS: [&[&str]; 29] = [
+const CALLS: [&[&str]; 31] = [
     &["--help"],
     &["demo", "--for", "10min", "--speed", "100000", "--listen", "127.0.0.1:0"],
     &["demo", "--for", "10min", "--speed", "100000", "--listen", "127.0.0.1:0", "--json"],
