@@ -38,6 +38,9 @@ pub enum CallerFault {
     /// Of a frame that several values share, another is not known yet.
     #[error("another value in the same frame is not known yet; sent as soon as it is")]
     Incomplete,
+    /// An answer that would look like its own may still come, to a question before it.
+    #[error("waits: the answer to a question before it may still come, and would look like its own")]
+    Owed,
     /// What it rests on has become too old before it could be sent.
     #[error("too late: what it rests on is too old by now")]
     TooLate,
@@ -256,9 +259,13 @@ impl Fault {
         }
     }
 
-    /// Nothing was sent, and nobody is to blame: its moment was over, or the connection on which it was decided is lost.
+    /// Nothing was sent, and nobody is to blame: its moment was over or has not come, or the connection on which it was
+    /// decided is lost.
     pub const fn has_lapsed(self) -> bool {
-        matches!(self, Fault::Caller(CallerFault::TooLate) | Fault::Link(LinkFault::Closed))
+        matches!(
+            self,
+            Fault::Caller(CallerFault::TooLate | CallerFault::Owed) | Fault::Link(LinkFault::Closed)
+        )
     }
 
     /// Whether the connection can no longer be trusted: what still arrives on it may answer an older question.

@@ -12,12 +12,14 @@
 //! After a timeout or a wrong answer the connection is dropped: a reused one would stay one reply behind for ever.
 //! On a line whose answers do not name their question (RTU) a new connection would not help, as the late answer may
 //! arrive on it: there the unit, under whatever name the profile has it, is not asked again before its answer has had
-//! [`GRACE`] timeouts more, and whatever came until then is discarded. An answer that is later still cannot be told from
-//! the next one: the timeout must be at least a quarter of the longest that a device ever takes. Two misses in a row
-//! open the port again, for an adapter that has lost itself.
+//! [`GRACE`] timeouts more, and whatever came until then is discarded; unless it is known to be prompt, see
+//! [`super::owed`]. An answer that is later still cannot be told from the next one: the timeout must be at least a
+//! quarter of the longest that a device ever takes. Two misses in a row open the port again, for an adapter that has lost
+//! itself.
 //! A device that failed is left alone for a pause that doubles; while it rests, the others on the line are served, so
 //! a dead unit costs them at most one timeout per pause. A line that cannot be connected rests in the same way.
 
+use std::collections::BTreeMap;
 use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
@@ -26,9 +28,10 @@ use super::backoff::Backoff;
 use super::connection::{Connection, Dial};
 use super::departure::{Departure, Leave};
 use super::error::{CallerFault, Fault, LinkFault, PeerFault};
+use super::owed::{Owed, Spans};
 use super::trace::Tap;
 use super::wire::{Answer, Request};
-use crate::clock::{Clock, Patience, Silence};
+use crate::clock::{Clock, Patience};
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Bus, Device, DeviceId, Functions, Quirks};
 
@@ -36,6 +39,10 @@ use isotherm_profile::{Bus, Device, DeviceId, Functions, Quirks};
 pub const GRACE: u32 = 3;
 /// Misses in a row after which a line without transactions is opened again.
 const MISSES: u32 = 2;
+/// No such unit is left alone for less after a miss: where timeouts are short, an answer may be later than four of them.
+const SHORTEST_REST: Duration = Duration::from_millis(750);
+/// Misses in a row of a unit that has answered before, on such a line, that make no pause longer.
+const PATIENT: u32 = 3;
 /// A connection that lives for less than this, after it has brought answers, was taken away by somebody.
 const SHORT_LIFE: Duration = Duration::from_secs(5);
 /// Short lives in a row after which we give way: a device that accepts one client drops the first for the second, and
@@ -57,6 +64,10 @@ pub struct DeviceLine {
     redial: Backoff,
     refused: Fault,
     units: Vec<Unit>,
+    /// What the units still owe, by their numbers.
+    owed: BTreeMap<u8, Owed>,
+    /// Answers do not name their questions.
+    is_nameless: bool,
     spoke: bool,
     misses: u32,
     /// Closed by us after an answer.
@@ -102,8 +113,6 @@ struct Unit {
     quirks: Quirks,
     breaker: Backoff,
     last_fault: Fault,
-    /// Since when it may owe an answer that could be taken for another; `None` when that is over.
-    owes: Option<Silence>,
 }
 
 impl DeviceLine {
@@ -120,10 +129,9 @@ impl DeviceLine {
                 quirks: device.quirks,
                 breaker: Backoff::new(FIRST_PAUSE, seed(&device.name)),
                 last_fault: Fault::Link(LinkFault::Down),
-                // Its answer to a gateway that ended a moment ago may be under way.
-                owes: Some(Silence::begin()),
             })
             .collect();
+        let owed = devices.iter().map(|(_, device)| (device.unit, Owed::unknown())).collect();
         DeviceLine {
             dial,
             departure: Departure::whenever(clock),
@@ -135,6 +143,8 @@ impl DeviceLine {
             redial: Backoff::new(FIRST_PAUSE, seed(&bus.name)),
             refused: Fault::Link(LinkFault::Down),
             units,
+            owed,
+            is_nameless: false,
             spoke: false,
             misses: 0,
             is_put_down: false,
@@ -208,6 +218,19 @@ impl DeviceLine {
         self.units.iter().any(|unit| unit.device == device && !unit.breaker.allows(now))
     }
 
+    /// When a request to this device that was not answered may be asked again, on a line where that says nothing yet of
+    /// the device: an RTU line loses an answer now and then.
+    pub fn again_at(&self, device: DeviceId) -> Option<Moment> {
+        let unit = self.units.iter().find(|unit| unit.device == device).filter(|_| self.is_nameless)?;
+        let owed = self.owed.get(&unit.number).and_then(|owed| owed.again_at(self.spans()));
+        let rests = unit.breaker.not_before().max(self.redial.not_before());
+        Some(owed.max(rests).unwrap_or_default().max(self.looked()))
+    }
+
+    fn spans(&self) -> Spans {
+        Spans { timeout: self.timeout, grace: self.timeout * GRACE }
+    }
+
     /// Asks a device and waits for its answer, at most for the line's timeout (twice, where it must connect first). The
     /// question leaves as `leave` says, or not at all: that is looked at right before its first byte does.
     ///
@@ -238,11 +261,16 @@ impl DeviceLine {
             return Err(Fault::CLOSED);
         }
         let number = unit.number;
+        let not_before = self.owed.get(&number).and_then(|owed| owed.not_before(request, self.spans()));
+        if not_before.is_some_and(|moment| now < moment) {
+            return Err(if request.is_read() { unit.last_fault } else { Fault::Caller(CallerFault::Owed) });
+        }
         let mut was_connected = self.wire.is_some();
+        let mut first_asked = None;
         let answer = loop {
             let begun = self.tap.begin();
             self.departure.next(request, leave);
-            let mut answer = self.make_ready(place, now).await;
+            let mut answer = self.make_ready(place, request, now).await;
             if answer.is_ok()
                 && let Some(connection) = &mut self.wire
             {
@@ -254,20 +282,30 @@ impl DeviceLine {
                     self.patience.within(span, exchange).await
                 };
                 let took = self.departure.took();
+                for late in connection.wire().heard_late() {
+                    self.owed.entry(late).and_modify(Owed::distrust);
+                }
+                let owed = self.owed.entry(number).or_insert_with(Owed::unknown);
+                first_asked = owed.first_asked(request);
                 answer = match exchanged {
                     // One that was found after its time comes too late, also where nobody looked in between.
-                    Some(Ok(_) | Err(Fault::Exception(_) | Fault::Aborted(_))) if took > span => {
+                    Some(Ok(_) | Err(Fault::Exception(_) | Fault::Aborted(_)))
+                        if took > span || (first_asked.is_some() && !owed.is_likely_after(took)) =>
+                    {
                         Err(connection.wire().missed())
                     }
                     Some(answer) => answer,
                     None => Err(connection.wire().missed()),
                 };
+                if matches!(answer, Ok(_) | Err(Fault::Exception(_))) {
+                    owed.answers(request, took);
+                }
             }
             if let Some(begun) = begun {
                 self.tap.tell(begun, (device, number), request, &answer);
             }
             if !std::mem::take(&mut was_connected) || !matches!(answer, Err(Fault::BROKEN | Fault::CLOSED)) {
-                break self.settle(place, answer, now);
+                break self.settle(place, request, answer, now);
             }
             // Some gateways close a connection that was idle for a while: that is no reason to lose a reading. What may
             // have been sent is not sent again, and nothing that goes by what was read on a connection which is lost.
@@ -295,13 +333,21 @@ impl DeviceLine {
             witness.note(device, request, outcome, self.refusals());
         }
         // One that never left has no answer.
-        Ok(Answered { answer: answer?, asked: self.departure.asked().unwrap_or(now) })
+        // One that was asked twice may answer the first question.
+        Ok(Answered { answer: answer?, asked: first_asked.or(self.departure.asked()).unwrap_or(now) })
     }
 
     /// What an answer, or its absence, means for the connection and the unit.
-    fn settle(&mut self, place: usize, answer: Result<Answer, Fault>, now: Moment) -> Result<Answer, Fault> {
+    fn settle(
+        &mut self,
+        place: usize,
+        request: Request<'_>,
+        answer: Result<Answer, Fault>,
+        now: Moment,
+    ) -> Result<Answer, Fault> {
         let Some(connection) = &mut self.wire else { return answer };
         let has_ids = connection.wire().has_transaction_id();
+        self.is_nameless = !has_ids;
         let has_left = self.departure.asked().is_some();
         let is_first = has_left && !self.has_answered;
         self.has_answered |= has_left;
@@ -325,7 +371,7 @@ impl DeviceLine {
                     self.units[place].breaker.fail(now.after(waited));
                     self.units[place].last_fault = *fault;
                 } else {
-                    self.rest(place, *fault, now);
+                    self.misses(place, request, *fault, now);
                 }
             }
             _ => {
@@ -344,7 +390,7 @@ impl DeviceLine {
     /// Hangs up: what is on its way on the connection belongs to a time that is over.
     pub fn hang_up(&mut self) {
         self.wire = None;
-        self.units.iter_mut().for_each(|unit| unit.owes = Some(Silence::begin()));
+        self.owed.values_mut().for_each(Owed::anything);
     }
 
     /// The connection was closed by the other end: whether that happens too often to come back at once.
@@ -362,36 +408,46 @@ impl DeviceLine {
         is_contested
     }
 
+    /// No answer, where a late one would not say what it answers: of a prompt unit it is lost, and it may be asked again;
+    /// another is left alone until what it owes has had its time.
+    fn misses(&mut self, place: usize, request: Request<'_>, fault: Fault, now: Moment) {
+        let asked = self.departure.asked().unwrap_or(now);
+        let owed = self.owed.entry(self.units[place].number).or_insert_with(Owed::unknown);
+        let is_lost =
+            matches!(fault, Fault::Timeout | Fault::Peer(PeerFault::Malformed | PeerFault::Foreign));
+        if !is_lost {
+            owed.distrust();
+        }
+        self.units[place].last_fault = fault;
+        if !owed.misses(request, asked, now.after(self.timeout)) {
+            self.rest(place, fault, now);
+        }
+    }
+
     /// A unit whose answer may still come, and would not say what it answers, is left alone for as long as that takes:
-    /// by each of the devices that are this unit.
+    /// by each of the devices that are this unit. Where that is longer than a miss or two are worth, for a pause that
+    /// doubles.
     fn rest(&mut self, place: usize, fault: Fault, now: Moment) {
-        let quiet = now.after(self.timeout * (1 + GRACE));
-        self.units[place].breaker.fail(now.after(self.timeout));
+        let quiet = now.after((self.timeout * (1 + GRACE)).max(self.timeout + SHORTEST_REST));
         let number = self.units[place].number;
+        let owed = self.owed.entry(number).or_insert_with(Owed::unknown);
+        owed.anything();
+        if !owed.has_answered() || !(1..=PATIENT).contains(&owed.missed()) {
+            self.units[place].breaker.fail(now.after(self.timeout));
+        }
         for unit in self.units.iter_mut().filter(|unit| unit.number == number) {
-            unit.owes = Some(Silence::begin());
             unit.breaker.not_before_either(quiet);
             unit.last_fault = fault;
         }
     }
 
     /// There is a connection, nothing is on its way to us, and the unit has had its pause. `Done`, to begin with.
-    async fn make_ready(&mut self, place: usize, now: Moment) -> Result<Answer, Fault> {
+    async fn make_ready(&mut self, place: usize, request: Request<'_>, now: Moment) -> Result<Answer, Fault> {
         if self.wire.is_none() {
             self.connect(now).await?;
         }
-        let unit = &mut self.units[place];
-        let Some(connection) = &mut self.wire else { return Err(Fault::Link(LinkFault::Down)) };
-        if let Some(quiet) = unit.owes {
-            // On a new connection nothing waits yet of what is said out of turn.
-            let least = if self.has_answered { Duration::ZERO } else { self.timeout };
-            let owed = quiet.left_of(self.timeout * GRACE).max(least);
-            self.departure.away_for(owed + self.timeout);
-            let heard = connection.wire().listen(unit.number, owed, self.timeout).await;
-            self.departure.look();
-            heard?;
-            unit.owes = None;
-        }
+        self.hear_out(self.units[place].number, request).await?;
+        let unit = &self.units[place];
         let pause = unit.quirks.pause_between_requests;
         if self.spoke && !pause.is_zero() {
             self.departure.away_for(pause);
@@ -400,6 +456,38 @@ impl DeviceLine {
         }
         self.spoke = true;
         Ok(Answer::Done)
+    }
+
+    /// Listens until nothing that may still come of the unit could be taken for the answer to this.
+    async fn hear_out(&mut self, number: u8, request: Request<'_>) -> Result<(), Fault> {
+        let spans = self.spans();
+        let Some(connection) = &mut self.wire else { return Err(Fault::Link(LinkFault::Down)) };
+        let owed = self.owed.entry(number).or_insert_with(Owed::unknown);
+        loop {
+            // On a new connection nothing waits yet of what is said out of turn.
+            let least = if self.has_answered { Duration::ZERO } else { self.timeout };
+            let anything = owed.left_of_anything(spans).map(|left| left.max(least));
+            let left = anything.unwrap_or_else(|| owed.left(request, spans));
+            if anything.is_none() && left.is_zero() {
+                break;
+            }
+            self.departure.away_for(left + self.timeout);
+            let heard = connection.wire().listen(number, left, self.timeout).await;
+            self.departure.look();
+            if connection.wire().heard_late().contains(&number) {
+                owed.distrust();
+            }
+            heard?;
+            if anything.is_some() {
+                owed.is_quiet();
+            }
+        }
+        if !connection.wire().has_transaction_id() {
+            let owed = self.owed.iter().flat_map(|(unit, owed)| owed.marks().map(|mark| (*unit, mark)));
+            connection.wire().pass_over(owed.collect());
+            self.owed.values_mut().for_each(|owed| owed.forget(spans));
+        }
+        Ok(())
     }
 
     async fn connect(&mut self, now: Moment) -> Result<(), Fault> {

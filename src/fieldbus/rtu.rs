@@ -5,8 +5,8 @@
 //!   is asked before that is over.
 //! - An answer is told by its unit, length and checksum. Noise before it and answers of other units are passed over; where
 //!   a second one lies behind it, neither is believed.
-//! - RTU has no transaction number: after a miss, [`super::line`] listens until a late answer has had its time and the
-//!   line is quiet, and only then asks that unit again.
+//! - RTU has no transaction number: after a miss, [`super::line`] asks that unit nothing to which its late answer could be
+//!   taken for the answer ([`super::owed`]). What it owes is passed over here when it comes.
 //! - Where an adapter without echo suppression lets us hear ourselves, the first read shows it, and from then on every
 //!   request is expected back before its answer.
 
@@ -15,6 +15,7 @@ use std::time::Duration;
 
 use super::departure::Departure;
 use super::error::{CallerFault, Fault, PeerFault};
+use super::owed::Mark;
 use super::pdu;
 use super::port::{Port, Tapped};
 use super::trace::Tap;
@@ -43,6 +44,9 @@ pub struct Rtu {
     echoes: bool,
     /// What has been discarded since the last answer: whole frames in there are no noise.
     discarded: Vec<u8>,
+    /// What units may still answer to questions that were given up, and those that have.
+    owed: Vec<(u8, Mark)>,
+    late: Vec<u8>,
 }
 
 impl Rtu {
@@ -57,6 +61,8 @@ impl Rtu {
             heard: None,
             echoes: false,
             discarded: Vec::new(),
+            owed: Vec::new(),
+            late: Vec::new(),
         }
     }
 
@@ -65,15 +71,29 @@ impl Rtu {
         loop {
             match frame::find(&self.received, unit) {
                 Reply::Own { pdu, end } => {
-                    let answer = match frame::find(&self.received[end..], unit) {
-                        Reply::Own { .. } => Err(Fault::UNASKED),
-                        _ => pdu::answer(request, &self.received[pdu]),
+                    let own = Mark::of(request);
+                    if self.is_owed(unit, &self.received[pdu.clone()], Some(own)) {
+                        self.late.push(unit);
+                        self.received.drain(..end);
+                        continue;
+                    }
+                    let behind = self.received.split_off(end);
+                    let answer = if self.is_unasked(&behind, unit) {
+                        Err(Fault::UNASKED)
+                    } else {
+                        pdu::answer(request, &self.received[pdu])
                     };
                     self.received.clear();
                     return Some(answer);
                 }
                 Reply::Foreign { end } => {
-                    self.heard = Some(PeerFault::Foreign);
+                    let frame = frame::all(&self.received[..end]).last();
+                    match frame
+                        .filter(|(unit, pdu, _)| self.is_owed(*unit, &self.received[pdu.clone()], None))
+                    {
+                        Some((unit, ..)) => self.late.push(unit),
+                        None => self.heard = Some(PeerFault::Foreign),
+                    }
                     self.received.drain(..end);
                 }
                 Reply::Incomplete => {
@@ -148,11 +168,31 @@ impl Rtu {
         self.discarded.drain(..surplus);
     }
 
+    /// Whether this may be what the unit owes: no answer to a question whose answers bear the mark `own`.
+    fn is_owed(&self, unit: u8, pdu: &[u8], own: Option<Mark>) -> bool {
+        let owed = self.owed.iter().filter(|(owing, mark)| *owing == unit && Some(*mark) != own);
+        owed.into_iter().any(|(_, mark)| mark.is_on(pdu) || mark.is_refused_by(pdu))
+    }
+
+    /// Whether a whole frame of the unit is among these bytes that nobody has asked for. What is owed is noted.
+    fn is_unasked(&mut self, bytes: &[u8], unit: u8) -> bool {
+        let mut is_unasked = false;
+        for (speaker, pdu, _) in frame::all(bytes) {
+            if self.is_owed(speaker, &bytes[pdu], None) {
+                self.late.push(speaker);
+            } else {
+                is_unasked |= speaker == unit;
+            }
+        }
+        is_unasked
+    }
+
     /// Whether a whole frame of the unit is among what was discarded. It is forgotten with that.
     fn has_spoken(&mut self, unit: u8) -> bool {
         let has_spoken = matches!(frame::find(&self.discarded, unit), Reply::Own { .. });
         if has_spoken {
             self.discarded.clear();
+            self.late.push(unit);
         }
         has_spoken
     }
@@ -172,10 +212,10 @@ impl Wire for Rtu {
             // Where the line behind the connection is not ours, the other end keeps the silence.
             let silence = self.serial.map_or(Duration::ZERO, |serial| serial.silence());
             self.wait_for_silence(silence).await?;
-            if self.has_spoken(unit) {
+            let discarded = std::mem::take(&mut self.discarded);
+            if self.is_unasked(&discarded, unit) {
                 return Err(Fault::UNASKED);
             }
-            self.discarded.clear();
             self.heard = None;
             let question = frame::request(unit, request);
             departure.leave()?;
@@ -214,6 +254,14 @@ impl Wire for Rtu {
     fn missed(&mut self) -> Fault {
         self.port.discard_unsent();
         self.heard.take().map_or(Fault::Timeout, Fault::Peer)
+    }
+
+    fn pass_over(&mut self, owed: Vec<(u8, Mark)>) {
+        self.owed = owed;
+    }
+
+    fn heard_late(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.late)
     }
 
     fn listen(&mut self, unit: u8, span: Duration, quiet: Duration) -> Boxed<'_, Result<(), Fault>> {

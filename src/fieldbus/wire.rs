@@ -9,6 +9,7 @@ use std::time::Duration;
 
 use super::departure::Departure;
 use super::error::Fault;
+use super::owed::Mark;
 
 pub use super::request::{Answer, CanRequest, Request};
 
@@ -40,6 +41,14 @@ pub trait Wire: Send {
     /// The last call was given up: what it waited for in vain, or what came instead.
     fn missed(&mut self) -> Fault {
         Fault::Timeout
+    }
+
+    /// What units may still answer to questions that were given up: it is passed over when it comes.
+    fn pass_over(&mut self, _owed: Vec<(u8, Mark)>) {}
+
+    /// The units that have answered such a question since this was last asked.
+    fn heard_late(&mut self) -> Vec<u8> {
+        Vec::new()
     }
 
     /// Discards whatever comes for this long, and until nothing has come from the unit for a while.

@@ -7,10 +7,12 @@ use std::time::Duration;
 use crate::fieldbus::error::Fault;
 use crate::observe::events::Event;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{BusId, Device, DeviceId, Profile};
+use isotherm_profile::{BusId, Device, DeviceId, Profile, Transport};
 
-/// Consecutive failures after which a device is reported as lost: a single lost answer is only counted.
+/// Consecutive failures after which a device is reported as lost: a single lost answer is only counted. On an RTU line,
+/// where answers are lost now and then and asked for again at once, more of them are.
 const REPORTED_AFTER: u64 = 2;
+const REPORTED_AFTER_RTU: u64 = 3;
 
 /// A device that was lost has returned when it has answered for this long: one that comes and goes is reported
 /// once.
@@ -122,8 +124,13 @@ impl Contact {
             self.link_is_down(self.profile.device(id).bus, attempts.into(), refused, events);
             return false;
         }
-        let lost = self.devices[id.0].misses(fault.to_string());
-        let is_lost = lost.missed >= REPORTED_AFTER && !lost.reported;
+        let count = &mut self.devices[id.0];
+        let reported_after = match self.profile.bus(self.profile.device(id).bus).transport {
+            Transport::Serial(_) | Transport::RtuOverTcp if count.answered => REPORTED_AFTER_RTU,
+            _ => REPORTED_AFTER,
+        };
+        let lost = count.misses(fault.to_string());
+        let is_lost = lost.missed >= reported_after && !lost.reported;
         if is_lost {
             events.push(lost.report(self.profile.device(id)));
         }

@@ -33,6 +33,8 @@ mod captures;
 mod outputs;
 mod pulse;
 mod read;
+#[cfg(test)]
+mod tests;
 
 use pulse::Pulse;
 

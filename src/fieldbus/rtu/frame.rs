@@ -68,6 +68,24 @@ pub(super) fn find(bytes: &[u8], unit: u8) -> Reply {
     foreign
 }
 
+/// Every whole frame, one after another: its unit, its protocol data unit, and the byte behind it.
+pub(super) fn all(bytes: &[u8]) -> impl Iterator<Item = (u8, std::ops::Range<usize>, usize)> {
+    let mut start = 0;
+    std::iter::from_fn(move || {
+        while start < bytes.len() {
+            let here = start;
+            match whole(&bytes[here..]) {
+                Some(length) => {
+                    start += length;
+                    return Some((bytes[here], here + 1..start - 2, start));
+                }
+                None => start += 1,
+            }
+        }
+        None
+    })
+}
+
 /// The length of the answer that begins here, if it is there to its end and its checksum is right.
 fn whole(bytes: &[u8]) -> Option<usize> {
     let data = match *bytes.get(1)? {

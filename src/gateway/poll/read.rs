@@ -11,6 +11,9 @@ use isotherm_core::reading::Reason;
 use isotherm_profile::plan::ReadRequest;
 use isotherm_profile::{BusId, Device, DeviceId, Profile};
 
+/// So often a round asks once more what was not answered, where that says nothing yet of the device.
+const REPEATS: u32 = 3;
+
 /// One device's reads.
 pub(super) struct Poll {
     pub(super) device: DeviceId,
@@ -19,6 +22,9 @@ pub(super) struct Poll {
     next: Moment,
     /// The round that is under way: when it was due, and the request that comes next.
     under_way: Option<(Moment, usize)>,
+    /// When that request, which was not answered, is asked once more; how often one was in this round.
+    again: Option<Moment>,
+    repeats: u32,
     /// A position that is corrected is among them.
     pub(super) reads_position: bool,
     /// It was read to its end, or could not be.
@@ -37,6 +43,8 @@ pub(super) fn polls(profile: &Profile, bus: BusId, corrected: &[DeviceId], start
         every: device.every,
         next: start,
         under_way: None,
+        again: None,
+        repeats: 0,
         reads_position: corrected.contains(&id),
         has_been_read: false,
         read_at: start,
@@ -55,9 +63,9 @@ impl Poll {
         self.requests.len()
     }
 
-    /// When the round that is under way was due, else when the next one is.
+    /// When what was not answered is asked again, or the round that is under way was due; else when the next one is.
     pub(super) fn due(&self) -> Moment {
-        self.under_way.map_or(self.next, |(due, _)| due)
+        self.again.or(self.under_way.map(|(due, _)| due)).unwrap_or(self.next)
     }
 
     /// It was due by then and has not been read since.
@@ -77,7 +85,7 @@ impl Poll {
 
     /// It is read at once, from its first request on.
     pub(super) fn begin_anew(&mut self, now: Moment) {
-        (self.next, self.under_way) = (now, None);
+        (self.next, self.under_way, self.again) = (now, None, None);
     }
 
     /// One request, and what it brings. The commands that must come before go with the first. Whether it was the last of
@@ -90,19 +98,27 @@ impl Poll {
         now: Moment,
     ) -> bool {
         let (due, place) = self.under_way.unwrap_or((self.next, 0));
-        if place == 0 {
-            self.next = now.next_tick(due, self.every);
+        let is_repeated = self.again.take().is_some();
+        if place == 0 && !is_repeated {
+            (self.next, self.repeats) = (now.next_tick(due, self.every), 0);
             self.read_at = now;
             let late = now.since(due);
             if late >= self.every {
                 overruns.note(late, self.device);
             }
+        }
+        if place == 0 {
             self.captures.send(line, shared, self.device).await;
         }
-        let is_last = place + 1 == self.requests.len();
-        self.under_way = (!is_last).then_some((due, place + 1));
         let request = &self.requests[place];
         let answer = line.request(self.device, request.asks.into(), Leave::Whenever).await;
+        let is_missed = answer.as_ref().is_err_and(|fault| fault.spoils_connection());
+        let again = line.again_at(self.device).filter(|again| is_missed && *again < self.next);
+        self.again = again.filter(|_| self.repeats < REPEATS);
+        let is_last = self.again.is_none() && place + 1 == self.requests.len();
+        let next = if self.again.is_some() { place } else { place + 1 };
+        self.repeats += u32::from(next == place);
+        self.under_way = (!is_last).then_some((due, next));
         let mut core = shared.core();
         let is_fit = core.commissioning.is_fit(self.device);
         for field in &request.fields {
