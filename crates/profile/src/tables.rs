@@ -217,6 +217,7 @@ impl Check<'_> {
         let machine = machine::resolve(&self.at("machine"), raw.machine.as_ref());
         self.buses.resolved = self.each(&self.buses, &raw.bus, RawBus::resolve);
         bus::one_owner_each(self);
+        bus::none_waits_for_a_period(self);
         self.devices.resolved = self.each(&self.devices, &raw.device, RawDevice::resolve);
         self.signals.resolved = self.each(&self.signals, &raw.signal, RawSignal::resolve);
         self.axes.resolved = self.each(&self.axes, &raw.axis, RawAxis::resolve);

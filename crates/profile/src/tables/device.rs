@@ -6,7 +6,7 @@ use std::time::Duration;
 use schemars::{JsonSchema, Schema, SchemaGenerator};
 use serde::Deserialize;
 
-use super::bus::{TIMEOUT, Transport};
+use super::bus::Transport;
 use super::label::{self, labelled};
 use super::quirks::{Quirks, RawQuirks};
 use super::{At, Check, dbc};
@@ -26,7 +26,7 @@ pub(crate) mod node;
 pub(crate) mod verify;
 
 /// How often a device is polled, where nothing else is said.
-const EVERY: Duration = Duration::from_secs(1);
+pub(super) const EVERY: Duration = Duration::from_secs(1);
 
 /// One unit on a line.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -246,22 +246,6 @@ impl RawDevice {
         }
         let template = check.templates.get(name).cloned();
         let (bus, unit) = (BusId(bus?), unit?);
-        if let Some(line) = line.filter(|line| line.timeout >= every) {
-            let message = format!(
-                "the bus `{}` waits {} for an answer, as long as the poll period {}",
-                line.name,
-                shown(line.timeout),
-                shown(every)
-            );
-            let help = "make `timeout` of the bus shorter than `every` of each of its devices";
-            let is_written = check.raw.bus.get(&line.name).is_some_and(|raw| raw.timeout.is_some());
-            if line.timeout > TIMEOUT {
-                at.key("every").wrong(message, help);
-            } else if is_written {
-                // An ordinary timeout over a fast scale: a lost answer costs some polls, which are skipped.
-                at.key("every").warn(message, help);
-            }
-        }
         let label = label::resolve(&at.key("label"), self.label.as_ref());
         Some(Device {
             name: name.to_owned(),

@@ -25,7 +25,7 @@ pub(crate) struct RawHeartbeat {
     register: Option<String>,
     /// How often it counts.
     #[schemars(required)]
-    every: Option<Timespan>,
+    pub(super) every: Option<Timespan>,
 }
 
 /// The register that counts while the gateway lives.
@@ -70,15 +70,6 @@ impl RawHeartbeat {
         }
         if let Some(device) = index.and_then(|index| at.check.devices.get(index)) {
             device.must_write(&at.key("register"), 1);
-            if let (Some(bus), Some(every)) = (at.check.bus_of(device), every)
-                && every < bus.timeout
-            {
-                let (name, timeout, every) = (&bus.name, shown(bus.timeout), shown(every));
-                let message = format!(
-                    "the bus `{name}` waits {timeout} for an answer, longer than the heartbeat's {every}"
-                );
-                at.key("every").wrong(message, "make `timeout` of the bus shorter, or the heartbeat slower");
-            }
         }
         Some(Heartbeat { device: DeviceId(index?), address: address?, every: every? })
     }

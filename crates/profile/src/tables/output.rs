@@ -36,7 +36,7 @@ pub(crate) mod writes;
 pub(crate) struct RawOutput {
     /// Whose Cz.
     #[schemars(required)]
-    axis: Option<String>,
+    pub(super) axis: Option<String>,
     /// Where it goes.
     #[schemars(required)]
     pub(super) device: Option<String>,
@@ -75,7 +75,7 @@ pub(crate) struct RawOutput {
     /// How a write is believed. Default "read-back".
     verify: Option<VerifyWord>,
     /// Written again after this long though unchanged.
-    refresh: Option<Timespan>,
+    pub(super) refresh: Option<Timespan>,
     /// Interlock, a condition on signals: otherwise held.
     when: Option<String>,
     /// whole: the register is ours; ledger: an operator's register, of which we own a share, kept in a ledger on disk. Default "whole".
@@ -494,27 +494,10 @@ pub(super) fn note_counts(check: &mut Check<'_>) {
         if let Some(axis) = check.axes.get(output.axis.0) {
             writes::can_move(&at, output, axis);
         }
-        keeps_time(&at, output);
     }
     for output in check.outputs.resolved.iter().flatten() {
         if let Some(Some(axis)) = check.axes.resolved.get_mut(output.axis.0) {
             writes::note_count(axis, output);
         }
-    }
-}
-
-/// The line's longest wait for an answer leaves time for what is asked of the output.
-fn keeps_time(at: &At<'_>, output: &Output) {
-    let device = at.check.devices.get(output.device.0);
-    let Some(bus) = device.and_then(|device| at.check.bus_of(device)) else { return };
-    let waits = format!("the bus `{}` waits {} for an answer, as long as", bus.name, shown(bus.timeout));
-    let axis = at.check.axes.get(output.axis.0).map(|axis| &axis.settings);
-    if let Some(axis) = axis.filter(|axis| axis.every <= bus.timeout) {
-        let message = format!("{waits} axis `{}`'s period {}", axis.name, shown(axis.every));
-        at.key("device").wrong(message, "make `timeout` of the bus shorter than `every` of the axis");
-    }
-    if let Some(refresh) = output.refresh.filter(|refresh| *refresh <= bus.timeout) {
-        let message = format!("{waits} `refresh` {}", shown(refresh));
-        at.key("refresh").wrong(message, "make `refresh` longer than `timeout` of the bus");
     }
 }
