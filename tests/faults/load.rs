@@ -44,8 +44,10 @@ fn a_dead_unit_costs_the_live_ones_on_its_line_one_timeout_per_breaker_window() 
     );
     // Of a unit that answered before, an RTU line may have lost three.
     let spared = if speaks_rtu(&trace.profile) { 3 } else { 0 };
-    for (pause, full) in
-        pauses.iter().skip(spared).zip([1.0f64, 2.0, 4.0, 8.0, 16.0].into_iter().chain(std::iter::repeat(30.0)))
+    for (pause, full) in pauses
+        .iter()
+        .skip(spared)
+        .zip([1.0f64, 2.0, 4.0, 8.0, 16.0].into_iter().chain(std::iter::repeat(30.0)))
     {
         assert!(*pause >= 0.75 * full - 1.0, "{pauses:?}");
     }
