@@ -40,6 +40,7 @@ mod scan;
 #[cfg(feature = "identify")]
 mod select;
 mod services;
+mod sign;
 mod signals;
 mod simulate;
 mod status;
@@ -111,6 +112,8 @@ enum Verb {
     /// Capture the "zero" references in the running gateway
     #[command(after_help = "Example:\n  isotherm zero my-machine.toml")]
     Zero(command::Arguments),
+    /// A guided check with a dial gauge: does an axis move the way it must?
+    Sign(sign::Arguments),
     /// An axis's measured error, for the running gateway to learn from
     Measured(measured::Arguments),
     /// The frames of a device of the running gateway, as they pass
@@ -188,6 +191,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Verb::Arm(arguments) => command::arm(&arguments),
         Verb::Disarm(arguments) => command::run(&arguments, Command::Disarm),
         Verb::Zero(arguments) => command::run(&arguments, Command::Zero),
+        Verb::Sign(arguments) => sign::run(&arguments),
         Verb::Measured(arguments) => measured::run(&arguments),
         Verb::Events(arguments) => events::run(&arguments),
         Verb::Status(arguments) => status::run(&arguments),

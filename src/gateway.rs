@@ -51,6 +51,8 @@ mod reported;
 mod restart;
 mod sealed;
 mod shared;
+mod sign;
+mod signing;
 mod status;
 mod storage;
 mod units;
@@ -193,6 +195,7 @@ impl Gateway {
         let core = |given| {
             let mut core = Core::new(given, recalled.remembered, storage);
             core.was_driven = was_driven;
+            core.storage.signs = recalled.signs;
             if pair.is_some_and(|pair| pair.is_in_question()) {
                 (0..core.arming.len()).for_each(|axis| core.disarm(AxisId(axis), NOT_BELIEVED));
             }

@@ -7,6 +7,7 @@ use isotherm_core::quantity::{Micron, Moment};
 use isotherm_profile::{Arm, Output, Profile, Share, Writes};
 
 use super::output::{OutputState, Outputs, Standing};
+use super::sign::SignCheck;
 use super::units::is_beyond_limit;
 use crate::observe::asker::Asker;
 
@@ -32,6 +33,8 @@ pub(super) struct Arming {
     pub(super) tripped: bool,
     /// A person asked for it and it could not be done yet.
     pub(super) asked: Option<ArmRequest>,
+    /// Its sign is being checked with a dial gauge.
+    pub(super) sign: Option<SignCheck>,
     /// Why the last attempt was refused; reported once.
     pub(super) refusal: Option<String>,
     /// To be taken over at the next step.

@@ -8,10 +8,13 @@
 //! |---|---|
 //! | `axis=z` | only this axis |
 //! | `until=8123.25` | carry it out until so many seconds after the start of this computer (CLOCK_BOOTTIME), or never |
-//! | `stay` | with `arm`: go on answering until it is armed; when I go, I do not want it any more |
+//! | `stay` | with `arm` and `sign`: go on answering until it is done; when I go, I do not want it any more |
 //!
 //! `arm` → `ok z: armed`, `error …`, or after a while `waits z: waiting to arm: …`. With `stay` more lines follow: `waits` with
 //! each other reason, `still` once a second, at last `ok` or `error`.
+//!
+//! `sign axis=z stay` takes Cz a little way to plus: `waits …`, and `ok` with which way a gauge must have moved when it is there;
+//! `sign-plus`, `sign-minus`, `sign-none` say which way it did, and Cz goes back. So it does when the asker goes.
 //!
 //! `status` → `ok` and the state as one line of JSON.
 //!
@@ -39,7 +42,7 @@ use crate::observe::status::{Answer, Command, Source, Status};
 mod client;
 mod user;
 
-pub use client::{Failure, answers, arm, send, send_measured, status, trace};
+pub use client::{Failure, answers, arm, send, send_measured, sign, status, trace};
 
 /// How long whoever arms and does not stay waits to hear what comes of it.
 const ARMING: Duration = Duration::from_secs(3);
@@ -174,7 +177,8 @@ async fn serve_one(
         return writer.write_all(format!("ok {}\n", document(&source.status())).as_bytes()).await;
     }
     let Some(line) = Line::parse(heard.trim()) else {
-        let known = "error this socket understands arm, disarm, zero, cancel, measured, trace, status\n";
+        let known =
+            "error this socket understands arm, disarm, zero, cancel, sign, measured, trace, status\n";
         return writer.write_all(known.as_bytes()).await;
     };
     let asker = line.asker(who, connection, attendance);
@@ -190,7 +194,11 @@ async fn serve_one(
 async fn follow(source: &dyn Source, line: &Line<'_>, writer: &mut OwnedWriteHalf) -> std::io::Result<()> {
     let (mut waited, mut said, mut still) = (Duration::ZERO, String::new(), Duration::ZERO);
     loop {
-        let text = match source.arming(line.axis) {
+        let progress = match line.what {
+            What::Command(Command::Sign) => source.signing(line.axis),
+            _ => source.arming(line.axis),
+        };
+        let text = match progress {
             Ok(Answer::Done(text)) => return writer.write_all(format!("ok {text}\n").as_bytes()).await,
             Err(why) => return writer.write_all(format!("error {why}\n").as_bytes()).await,
             Ok(Answer::Waits(text)) => text,
@@ -246,11 +254,16 @@ impl<'a> Line<'a> {
                 Some(("until", seconds)) => {
                     line.until = Some(Duration::try_from_secs_f64(seconds.parse().ok()?).ok()?);
                 }
-                None if word == "stay" && what == What::Command(Command::Arm) => line.stays = true,
+                None if word == "stay" && line.may_stay() => line.stays = true,
                 _ => return None,
             }
         }
         Some(line)
+    }
+
+    /// There is something to stay for.
+    fn may_stay(&self) -> bool {
+        matches!(self.what, What::Command(Command::Arm | Command::Sign))
     }
 
     fn asker(&self, who: String, connection: OwnedFd, attendance: &Attendance) -> Arc<Asker> {

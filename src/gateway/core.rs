@@ -38,7 +38,7 @@ pub(super) struct Given {
 }
 
 pub(super) struct Core {
-    given: Given,
+    pub(super) given: Given,
     pub(super) board: Board,
     pub(super) compensation: Compensation,
     pub(super) arming: Noted<Arming>,
@@ -189,8 +189,9 @@ impl Core {
             let arming = &self.arming[axis];
             let permit = arming.permit(profile, axis, &self.outputs, self.stopping, *dry_run);
             let Arming { take_over, take_over_slope, .. } = *arming;
+            let sign = arming.sign.as_ref().map(|check| check.to);
             let Probing { forget, measured, .. } = self.probing[axis];
-            self.controls[axis] = Control { permit, take_over, take_over_slope, forget, measured };
+            self.controls[axis] = Control { permit, take_over, take_over_slope, forget, measured, sign };
             is_urgent |= self.compensation.is_due(axis, now, &self.controls[axis]);
         }
     }

@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use super::core::Core;
 use super::shared::Shared;
+use super::signing;
 use crate::fieldbus::error::Fault;
 use crate::fieldbus::line::Witness;
 use crate::fieldbus::wire::{CanRequest, Request};
@@ -39,6 +40,9 @@ impl LineHandle {
     pub(super) fn advance(&self, now: Moment) -> Option<Moment> {
         let mut core = self.core();
         let stepped = core.advance(now);
+        if stepped {
+            signing::follow(&mut core, now);
+        }
         let due = core.next_due;
         drop(core);
         if stepped {

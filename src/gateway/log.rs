@@ -14,6 +14,7 @@
 //! - `z_measured_um`, `z_acting_um`: an error measured at this row, and the Cz that acted; `z_forget`: 1 where what
 //!   probings taught was taken back; `z_correction_um`: what they add to the model's Cz. Only on an axis with a probe.
 //!   A log from elsewhere may have `z_measured_um` alone: what was decided last acts.
+//! - `z_sign_um`: where Cz is taken while the sign of the axis is checked with a dial gauge, else empty.
 //! - `machine_memory`: at the first row of a run, what was remembered from before (JSON).
 //! - `machine_zero`: the moment of a command to zero that was given since the row before.
 //! - `machine_clock`: at the first row after the computer's clock was set, from when to when. All moments of a file are
@@ -46,6 +47,8 @@ const DRY_RUN: &str = "machine_dry_run";
 
 const PERMIT: &str = "permit";
 const FROM: &str = "from_um";
+/// Of every axis, behind what was decided.
+const SIGN: &str = "sign_um";
 const ERROR: &str = "error_um";
 /// Of a slope that the control applies: what was taken over and what was decided, as its effect at the axis's reach.
 const SLOPE_FROM: &str = "slope_from_um";

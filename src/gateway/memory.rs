@@ -9,6 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::{Deserialize, Serialize};
 
 use super::sealed::Found;
+use super::sign::SignMemory;
 use isotherm_core::compensation::Remembered;
 use isotherm_core::quantity::{Moment, Shift, Shifted};
 use isotherm_profile::Profile;
@@ -23,6 +24,9 @@ pub(super) struct Memory {
     pub(super) remembered: Remembered,
     /// Cz as last verified in each offset output, µm.
     pub(super) verified_um: BTreeMap<String, f64>,
+    /// By axis: what is known of its sign.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub(super) signs: BTreeMap<String, SignMemory>,
 }
 
 #[derive(Debug, Default)]
@@ -33,6 +37,8 @@ pub(super) struct Recalled {
     pub(super) at: Option<Moment>,
     /// The outputs that an offset was verified in.
     pub(super) verified: BTreeSet<String>,
+    /// By axis: what is known of its sign.
+    pub(super) signs: BTreeMap<String, SignMemory>,
 }
 
 impl Memory {
@@ -41,9 +47,10 @@ impl Memory {
         at: Moment,
         remembered: Remembered,
         verified_um: BTreeMap<String, f64>,
+        signs: BTreeMap<String, SignMemory>,
     ) -> Memory {
         let signals = profile.signals.iter().map(|signal| signal.name.clone()).collect();
-        Memory { at, signals, remembered, verified_um }
+        Memory { at, signals, remembered, verified_um, signs }
     }
 
     /// The same as the computer's clock has it.
@@ -68,7 +75,7 @@ impl Memory {
             profile.signals.iter().map(|signal| signal.name.as_str()),
         );
         let verified = memory.verified_um.into_keys().collect();
-        Ok(Recalled { remembered, at: Some(memory.at), verified })
+        Ok(Recalled { remembered, at: Some(memory.at), verified, signs: memory.signs })
     }
 }
 

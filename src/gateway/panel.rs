@@ -8,6 +8,7 @@ use super::arming::ArmRequest;
 use super::core::Core;
 use super::probing::{Missed, acting, why_refused};
 use super::shared::Shared;
+use super::signing;
 use super::status::status;
 use super::why;
 use crate::observe::asker::Asker;
@@ -47,11 +48,19 @@ impl Source for Panel {
     }
 
     fn command(&self, command: Command, axis: Option<&str>, asker: &Arc<Asker>) -> Result<Answer, String> {
-        self.commands.command(command, axis, asker)
+        let answer = self.commands.command(command, axis, asker)?;
+        Ok(if command == Command::Arm { self.commands.reminding(answer, axis) } else { answer })
     }
 
     fn arming(&self, axis: Option<&str>) -> Result<Answer, String> {
-        self.commands.arming(axis)
+        Ok(self.commands.reminding(self.commands.arming(axis)?, axis))
+    }
+
+    fn signing(&self, axis: Option<&str>) -> Result<Answer, String> {
+        let axis = one(&self.commands.chosen(axis)?)?;
+        let mut core = self.commands.0.core();
+        signing::follow(&mut core, self.commands.0.clock.now());
+        signing::progress(&core, axis)
     }
 
     fn measured(&self, axis: &str, error: Option<f64>, asker: &Asker) -> Result<String, String> {
@@ -89,6 +98,14 @@ impl PageHandle {
         let unkept = unkept.into_iter().filter(|entry| is_since(entry) && !kept_since.contains(entry));
         unkept.for_each(|entry| found(Found::Event(entry)));
         Ok(())
+    }
+}
+
+/// The axis that is meant, where only one can be.
+fn one(chosen: &[usize]) -> Result<usize, String> {
+    match chosen {
+        [one] => Ok(*one),
+        _ => Err("there are several axes: name the one that is meant (--axis)".to_owned()),
     }
 }
 
@@ -156,13 +173,26 @@ impl CommandHandle {
                     let of = if only.is_some() { format!("{said}: ") } else { String::new() };
                     Ok(Answer::Done(format!("{of}references are captured from now on")))
                 }
+                Command::Sign => signing::begin(core, one(&chosen)?, asker, shared.clock.now()),
+                Command::Signed(moved) => {
+                    let stamp = shared.clock.stamp(shared.clock.now()).to_string();
+                    signing::answer(core, one(&chosen)?, moved, (asker, stamp))
+                }
                 Command::Cancel => {
+                    let by = asker.way.by(&asker.who);
+                    let mut signs = chosen.clone();
+                    signs.retain(|axis| signing::end(core, *axis, format!("cancelled {by}")));
                     let waiting = chosen.into_iter().filter(|axis| core.arming[*axis].asked.is_some());
                     let waiting: Vec<usize> = waiting.collect();
-                    let by = asker.way.by(&asker.who);
                     waiting.iter().for_each(|axis| core.cancel(*axis, format!("cancelled {by}")));
                     match waiting.iter().map(name).collect::<Vec<_>>() {
-                        names if names.is_empty() => Err("no request to arm waits".to_owned()),
+                        names if names.is_empty() && signs.is_empty() => {
+                            Err("no request to arm waits".to_owned())
+                        }
+                        names if names.is_empty() => Ok(Answer::Done(format!(
+                            "{}: Cz goes back to what the model asks for",
+                            signs.iter().map(name).collect::<Vec<_>>().join(", ")
+                        ))),
                         names => Ok(Answer::Done(format!(
                             "{}: the request to arm is taken back",
                             names.join(", ")
@@ -248,6 +278,23 @@ impl CommandHandle {
             return Ok(Answer::Done(format!("{}: armed{others}", armed.join(", "))));
         }
         Ok(Answer::Waits(waiting.join("; ")))
+    }
+
+    /// The same; whoever has armed hears once of each axis whose sign was never checked.
+    fn reminding(&self, answer: Answer, axis: Option<&str>) -> Answer {
+        let Answer::Done(mut said) = answer else { return answer };
+        let profile = &self.0.profile;
+        let mut core = self.0.core();
+        for axis in self.armable(axis).unwrap_or_default().0 {
+            let (name, path) = (&profile.axes[axis].settings.name, profile.path.display());
+            if core.storage.signs.entry(name.clone()).or_default().reminds() {
+                core.storage.remember_soon();
+                said += &format!(
+                    "; the sign of {name} was never checked with a dial gauge: isotherm sign {path} --axis {name}"
+                );
+            }
+        }
+        Answer::Done(said)
     }
 
     /// The error is that of the diameter where the axis acts on one.

@@ -1,6 +1,7 @@
 //! The state of the gateway as people and programs see it, worked out from a copy: the lock is held only while that is
 //! made.
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use super::arming::Arming;
@@ -12,6 +13,7 @@ use super::output::Outputs;
 use super::probing::why_refused;
 use super::reported::Reported;
 use super::shared::Shared;
+use super::sign::SignMemory;
 use super::why::Reasons;
 use crate::clock::{Synchronised, zone};
 use crate::observe::status::{
@@ -31,6 +33,7 @@ struct Picture {
     decisions: Vec<Decision>,
     arming: Vec<Arming>,
     is_warned: Vec<bool>,
+    signs: BTreeMap<String, SignMemory>,
     probes: Vec<Option<Probe>>,
     outputs: Outputs,
     latest: Latest,
@@ -53,6 +56,7 @@ impl Picture {
             stopping: core.stopping,
             decisions: core.compensation.decisions().copied().collect(),
             arming: core.arming.as_slice().to_vec(),
+            signs: core.storage.signs.clone(),
             is_warned: core.reported.iter().map(Reported::is_warned).collect(),
             probes: (0..shared.profile.axes.len())
                 .map(|axis| core.compensation.probe(axis).cloned())
@@ -165,6 +169,11 @@ fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
         error_um: axis.settings.levels.error.map(Micron::get),
         tripped: decision.tripped,
         armed: picture.arming[place].armed,
+        sign: picture.arming[place]
+            .sign
+            .as_ref()
+            .map(|sign| sign.status(&shared.profile, place, picture.now)),
+        sign_checked: picture.signs.get(&axis.settings.name).and_then(|sign| sign.checked.clone()),
         probe: probe(shared, picture, place),
         extrapolating: decision
             .extrapolating

@@ -1,5 +1,6 @@
 //! Keeps the logs and the state on disk, by a thread of its own: a full or slow disk changes nothing on the bus.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -13,6 +14,7 @@ use super::log::outputs::ENDING;
 use super::memory::Memory;
 use super::output::OutputState;
 use super::sealed::{Pair, SealedFile};
+use super::sign::SignMemory;
 use crate::clock::{Clock, Correction};
 use crate::observe::events::Journal;
 use isotherm_core::compensation::{Compensation, Control, Snapshot, Stop};
@@ -49,6 +51,8 @@ pub(super) struct Storage {
     /// Rows of decisions and states that found the queue full.
     dropped: u64,
     remembered: Option<Moment>,
+    /// By axis: what is known of its sign.
+    pub(super) signs: BTreeMap<String, SignMemory>,
     stamps: Stamps,
     /// The day and the file in which the rows of decisions stand.
     begun: Option<(Date, Stamped)>,
@@ -186,6 +190,11 @@ impl Storage {
         }
     }
 
+    /// The state is queued with the next step.
+    pub(super) fn remember_soon(&mut self) {
+        self.remembered = None;
+    }
+
     /// Queues the state, if that is urgent or the last time was long enough ago.
     pub(super) fn remember(
         &mut self,
@@ -202,7 +211,7 @@ impl Storage {
         let verified = profile.outputs.iter().zip(outputs).filter(|(output, _)| output.writes.is_cz());
         let verified =
             verified.filter_map(|(output, state)| Some((output.name.clone(), state.cz?.get()))).collect();
-        let memory = Memory::new(profile, now, compensation.remembered(), verified);
+        let memory = Memory::new(profile, now, compensation.remembered(), verified, self.signs.clone());
         let memory = memory.stamped(self.stamps.of_the_clock());
         match &mut self.here {
             // The next one comes soon.

@@ -8,6 +8,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize, Serializer};
 
 use super::asker::Way;
+use super::status::Moved;
 use crate::clock::Correction;
 use isotherm_core::compensation::AxisState;
 use isotherm_core::quantity::{Micron, Moment};
@@ -93,6 +94,10 @@ pub enum Event {
         from: Micron,
         way: Way,
     },
+    /// A person looked which way a gauge moved when Cz went to plus.
+    SignChecked { axis: String, moved: Moved, way: Way, who: String },
+    /// Cz goes back, and nobody has said which way the gauge moved.
+    SignEnded { axis: String, why: String },
     /// An axis is off.
     Disarmed { axis: String, why: String },
     /// An axis cannot be armed.
@@ -382,6 +387,13 @@ impl Event {
             }
             Event::GoesOn { axis, from, .. } => {
                 info("goes-on", format!("axis {axis}: armed as before the restart, going on from {from}"))
+            }
+            Event::SignChecked { axis, moved, way, who } => {
+                let text = format!("axis {axis}: {} ({})", moved.sentence(axis), way.by(who));
+                if *moved == Moved::Plus { info("sign-checked", text) } else { error("sign-checked", text) }
+            }
+            Event::SignEnded { axis, why } => {
+                warning("sign-ended", format!("axis {axis}: its sign check is over, Cz goes back: {why}"))
             }
             Event::Disarmed { axis, why } => warning("disarmed", format!("axis {axis}: off: {why}")),
             Event::ArmRefused { axis, why } => {

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::asker::Asker;
 use super::events::Entry;
@@ -29,6 +29,12 @@ pub trait Source: Send + Sync + 'static {
     /// # Errors
     /// A sentence that says why an axis is not armed, and will not be.
     fn arming(&self, axis: Option<&str>) -> Result<Answer, String>;
+
+    /// What has become of the last [`Command::Sign`]: done when the offset is there.
+    ///
+    /// # Errors
+    /// A sentence that says why it is over.
+    fn signing(&self, axis: Option<&str>) -> Result<Answer, String>;
 
     /// Learns from an axis's measured error, µm; `None` takes back everything that was learned. The answer is a sentence.
     ///
@@ -72,17 +78,58 @@ pub enum Command {
     Disarm,
     /// Capture the "zero" references.
     Zero,
-    /// Take back a request to arm that still waits.
+    /// Take back a request to arm that still waits, and a check of a sign.
     Cancel,
+    /// Take the Cz of one axis a little way to plus, for a dial gauge.
+    Sign,
+    /// Say which way the gauge has moved.
+    Signed(Moved),
+}
+
+/// Which way a dial gauge moved when Cz went to plus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Moved {
+    /// As it must.
+    Plus,
+    /// The other way.
+    Minus,
+    /// Not at all.
+    None,
+}
+
+impl Moved {
+    /// Each by its name.
+    pub const ALL: [(&'static str, Moved); 3] =
+        [("plus", Moved::Plus), ("minus", Moved::Minus), ("none", Moved::None)];
+
+    /// What that means for an axis, and what to do.
+    pub fn sentence(self, axis: &str) -> String {
+        match self {
+            Moved::Plus => "the gauge moved to plus: the sign is right".to_owned(),
+            Moved::Minus => format!(
+                "the gauge moved to minus: the sign is WRONG, and every µm makes the error larger; disarm {axis}, turn the \
+                 sign of `scale` at its output (or the sign in the control), and check again"
+            ),
+            Moved::None => format!(
+                "the gauge did not move: the control does not apply the offset, or the gauge does not stand along {axis}; \
+                 disarm {axis} and look for the cause"
+            ),
+        }
+    }
 }
 
 impl Command {
     /// Each by its name in the API and at the socket.
-    pub const ALL: [(&'static str, Command); 4] = [
+    pub const ALL: [(&'static str, Command); 8] = [
         ("arm", Command::Arm),
         ("disarm", Command::Disarm),
         ("zero", Command::Zero),
         ("cancel", Command::Cancel),
+        ("sign", Command::Sign),
+        ("sign-plus", Command::Signed(Moved::Plus)),
+        ("sign-minus", Command::Signed(Moved::Minus)),
+        ("sign-none", Command::Signed(Moved::None)),
     ];
 
     /// Its name in the API and at the socket.
@@ -225,12 +272,31 @@ pub struct AxisStatus {
     pub tripped: bool,
     /// It may write.
     pub armed: bool,
+    /// Its sign is being checked with a dial gauge.
+    pub sign: Option<SignStatus>,
+    /// When its sign was checked last, RFC 3339, and which way the gauge moved.
+    pub sign_checked: Option<(String, Moved)>,
     /// What measured errors have taught it; `None` where the profile has no probe.
     pub probe: Option<ProbeStatus>,
     /// The inputs lie outside what the model in use was identified on.
     pub extrapolating: Option<ExtrapolationStatus>,
     /// How far outside that is, as a share: above 0 outside, negative inside; `None` where the model has no region.
     pub excess: Option<f64>,
+}
+
+/// A check of the sign of an axis.
+#[derive(Clone, Debug, Serialize)]
+pub struct SignStatus {
+    /// Who asked, and by which way.
+    pub asked: String,
+    /// How far Cz is taken, µm.
+    pub by_um: f64,
+    /// The offset is there: a person may look.
+    pub there: bool,
+    /// Seconds until it is taken back.
+    pub expires_s: f64,
+    /// Which way what must have moved, in words.
+    pub must: String,
 }
 
 /// A request to arm that waits.

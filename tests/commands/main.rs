@@ -11,5 +11,6 @@ mod page;
 #[path = "../process/mod.rs"]
 mod process;
 mod reported;
+mod sign;
 mod unmodelled;
 mod waiting;

@@ -59,11 +59,16 @@ impl Source for Fake {
             Command::Disarm => Ok(Answer::Done("axis z is off".into())),
             Command::Zero => Err("axis z moves".into()),
             Command::Cancel => Ok(Answer::Done("z: the request to arm is taken back".into())),
+            Command::Sign | Command::Signed(_) => Ok(Answer::Done("z: as you say".into())),
         }
     }
 
     fn arming(&self, _: Option<&str>) -> Result<Answer, String> {
         Err("axis z is not armed".into())
+    }
+
+    fn signing(&self, axis: Option<&str>) -> Result<Answer, String> {
+        self.arming(axis)
     }
 
     fn turned_away(&self, command: &str, asker: &Asker, why: &str) {
@@ -134,6 +139,8 @@ pub(crate) fn status() -> Status {
         ready: false,
         axes: vec![AxisStatus {
             has_model: true,
+            sign: None,
+            sign_checked: None,
             name: "z".into(),
             label: String::new(),
             state: "holding",

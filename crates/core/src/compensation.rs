@@ -80,6 +80,8 @@ pub struct Control {
     pub forget: bool,
     /// An error that was measured, to learn from.
     pub measured: Option<Measured>,
+    /// Cz goes there, within the guard, while the axis would follow its model: its sign is checked with a dial gauge.
+    pub sign: Option<Micron>,
 }
 
 impl Control {

@@ -131,7 +131,7 @@ fn a_log_without_rows_is_replayed_as_nothing() {
 struct Event {
     nanos: i64,
     values: [Option<f64>; 4],
-    controls: [(Permit, Option<f64>); 2],
+    controls: [(Permit, Option<f64>, Option<f64>); 2],
     /// For the first axis: an error with the Cz that acted, and whether everything learned is taken back.
     probing: (Option<(f64, Option<f64>)>, bool),
     zero: bool,
@@ -151,7 +151,8 @@ fn any_event() -> impl Strategy<Value = Event> {
     let permit = prop_oneof![
         8 => Just(Permit::Armed), 1 => Just(Permit::Off), 1 => Just(Permit::Unverified), 1 => Just(Permit::Stopping)
     ];
-    let control = (permit, prop::option::weighted(0.1, -50.0..50.0f64));
+    let found = prop::option::weighted(0.1, -50.0..50.0f64);
+    let control = (permit, found.clone(), found);
     let values = (value(), value(), level(), level()).prop_map(|(a, b, on, zero)| [a, b, on, zero]);
     let commands = (prop::bool::weighted(0.05), prop::bool::weighted(0.03), prop::bool::weighted(0.05));
     let acting = prop::option::weighted(0.8, -40.0..40.0f64);
@@ -199,10 +200,11 @@ fn logs_of(profile: &Profile, days: &[Event]) -> Vec<String> {
             value.map_or(Reading::bad(now, Reason::Timeout), |value| Reading::good(value, now))
         };
         let readings = event.values.map(reading);
-        let mut controls = event.controls.map(|(permit, found)| Control {
+        let mut controls = event.controls.map(|(permit, found, sign)| Control {
             permit,
             take_over: found.and_then(Micron::new),
             take_over_slope: found.and_then(|found| Micron::new(-0.5 * found)),
+            sign: sign.and_then(Micron::new),
             ..Control::default()
         });
         if profile.axes[0].settings.probe.is_some() {
@@ -300,7 +302,7 @@ fn a_decision_that_does_not_come_out_again_is_reported_with_its_line() {
     let event = Event {
         nanos: 10_000_000_000,
         values: [Some(27.5), Some(24.0), Some(1.0), Some(0.0)],
-        controls: [(Permit::Armed, None); 2],
+        controls: [(Permit::Armed, None, None); 2],
         probing: (None, false),
         zero: false,
         restart: false,

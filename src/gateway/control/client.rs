@@ -48,11 +48,18 @@ pub fn send(path: &Path, command: Command, axis: Option<&str>) -> Result<Answer,
 ///
 /// # Errors
 /// No gateway runs there, it refuses, or it does not answer any more.
-pub fn arm(path: &Path, axis: Option<&str>, mut show: impl FnMut(&str)) -> Result<String, Failure> {
-    let (mut answer, mut lines) = ask(path, &(with_axis("arm", axis) + " stay"), PATIENCE)?;
+pub fn arm(path: &Path, axis: Option<&str>, show: impl FnMut(&str)) -> Result<String, Failure> {
+    Ok(stay(ask(path, &(with_axis("arm", axis) + " stay"), PATIENCE)?, show)?.0)
+}
+
+/// What it says at last, with the connection.
+fn stay(
+    (mut answer, mut lines): Answered,
+    mut show: impl FnMut(&str),
+) -> Result<(String, impl Sized), Failure> {
     loop {
         match answer {
-            Answer::Done(said) => return Ok(said),
+            Answer::Done(said) => return Ok((said, lines)),
             Answer::Waits(said) => show(&said),
         }
         let line = loop {
@@ -63,6 +70,19 @@ pub fn arm(path: &Path, axis: Option<&str>, mut show: impl FnMut(&str)) -> Resul
         };
         answer = understand(&line)?;
     }
+}
+
+/// Asks the running gateway to take an axis's Cz a little way to plus, and stays until it is there; `show` gets what happens
+/// until then. The answer says what a gauge must show. When what is behind it is dropped, Cz goes back.
+///
+/// # Errors
+/// No gateway runs there, it refuses, or it does not answer any more.
+pub fn sign(
+    path: &Path,
+    axis: Option<&str>,
+    show: impl FnMut(&str),
+) -> Result<(String, impl Sized), Failure> {
+    stay(ask(path, &(with_axis("sign", axis) + " stay"), PATIENCE)?, show)
 }
 
 /// Sends an axis's measured error, µm; `None` takes back what such errors have taught.
@@ -81,6 +101,9 @@ pub fn send_measured(path: &Path, axis: &str, error_um: Option<f64>) -> Result<A
 pub fn status(path: &Path) -> Result<String, Failure> {
     Ok(ask(path, STATUS, PATIENCE)?.0.text().to_owned())
 }
+
+/// What the first line of the answer says, and the lines behind it.
+type Answered = (Answer, Lines<BufReader<UnixStream>>);
 
 fn with_axis(command: &str, axis: Option<&str>) -> String {
     axis.map_or_else(|| command.to_owned(), |axis| format!("{command} axis={axis}"))
@@ -112,11 +135,7 @@ fn connect(path: &Path, until: Duration) -> Result<UnixStream, Failure> {
 }
 
 /// Sends a line: what the first line of the answer says, and the lines behind it.
-fn ask(
-    path: &Path,
-    line: &str,
-    patience: Duration,
-) -> Result<(Answer, Lines<BufReader<UnixStream>>), Failure> {
+fn ask(path: &Path, line: &str, patience: Duration) -> Result<Answered, Failure> {
     let until = Passing::default().passed() + PATIENCE;
     let mut stream = connect(path, until)?;
     let sent = stream.set_read_timeout(Some(patience + UNDER_WAY)).and_then(|()| {

@@ -35,6 +35,10 @@ impl Source for Fake {
         }
     }
 
+    fn signing(&self, axis: Option<&str>) -> Result<Answer, String> {
+        self.arming(axis)
+    }
+
     fn turned_away(&self, _: &str, _: &Asker, _: &str) {}
 
     fn events(&self, _: Moment, _: &mut dyn FnMut(Found)) -> std::io::Result<()> {

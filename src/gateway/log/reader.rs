@@ -7,7 +7,7 @@ use std::io::Read;
 use csv::StringRecord;
 use jiff::tz::TimeZone;
 
-use super::{ACTING, DECIDED, ERROR, FORGET, FROM, MEASURED, MEMORY, PERMIT, SLOPE_FROM, TIME, ZERO};
+use super::{ACTING, DECIDED, ERROR, FORGET, FROM, MEASURED, MEMORY, PERMIT, SIGN, SLOPE_FROM, TIME, ZERO};
 use isotherm_core::compensation::{Control, Measured, Permit, Remembered};
 use isotherm_core::quantity::{Dialect, Micron, Moment, time};
 use isotherm_core::reading::{Reading, Reason};
@@ -99,6 +99,7 @@ struct AxisColumns {
     measured: Option<usize>,
     acting: Option<usize>,
     forget: Option<usize>,
+    sign: Option<usize>,
     error: Option<usize>,
     decided: Option<[usize; 5]>,
 }
@@ -278,6 +279,7 @@ impl<R: Read> LogReader<R> {
         let acting = self.micron(line, columns.acting)?;
         let measured = self.micron(line, columns.measured)?.map(|error| Measured { error, acting });
         let forget = self.filled(columns.forget).is_some();
+        let sign = self.micron(line, columns.sign)?;
         let Some(place) = columns.permit else {
             let at_rest = self.last.is_none().then_some(Micron::ZERO);
             return Ok(Control {
@@ -285,6 +287,7 @@ impl<R: Read> LogReader<R> {
                 take_over: take_over.or(at_rest),
                 forget,
                 measured,
+                sign,
                 ..Control::default()
             });
         };
@@ -292,7 +295,7 @@ impl<R: Read> LogReader<R> {
         let permit = Permit::from_name(word).ok_or_else(|| {
             self.error(line, place, format!("`{word}` is none of off, armed, unverified, stopping"))
         })?;
-        Ok(Control { permit, take_over, take_over_slope, forget, measured })
+        Ok(Control { permit, take_over, take_over_slope, forget, measured, sign })
     }
 
     fn decided(&self, line: u64, columns: &AxisColumns) -> Result<Option<Decided>, LogError> {
@@ -369,6 +372,7 @@ impl Columns {
                 measured: of(MEASURED),
                 acting: of(ACTING),
                 forget: of(FORGET),
+                sign: of(SIGN),
                 error: of(ERROR),
                 decided,
             }

@@ -3,8 +3,8 @@
 use std::io::Write;
 
 use super::{
-    ACTING, CLOCK, CORRECTION, DECIDED, DRY_RUN, FORGET, FROM, MEASURED, MEMORY, PERMIT, SLOPE, SLOPE_FROM,
-    TIME, ZERO,
+    ACTING, CLOCK, CORRECTION, DECIDED, DRY_RUN, FORGET, FROM, MEASURED, MEMORY, PERMIT, SIGN, SLOPE,
+    SLOPE_FROM, TIME, ZERO,
 };
 use crate::clock::Correction;
 use isotherm_core::compensation::{Control, Decision, Remembered, Snapshot};
@@ -69,7 +69,7 @@ impl Recorder {
             let slope = axis.settings.intercept_slope.map(|_| [SLOPE_FROM, SLOPE]);
             let probe = axis.settings.probe.map(|_| [MEASURED, ACTING, FORGET, CORRECTION]);
             let more = slope.into_iter().flatten().chain(probe.into_iter().flatten());
-            for column in [PERMIT, FROM].into_iter().chain(DECIDED).chain(more) {
+            for column in [PERMIT, FROM].into_iter().chain(DECIDED).chain([SIGN]).chain(more) {
                 header += ",";
                 header += &cell(&format!("{}_{column}", axis.settings.name));
             }
@@ -122,6 +122,7 @@ impl Recorder {
             text(line, decision.state.name());
             // Writing to a vector never fails.
             let _ = write!(line, ",{}", decision.acted);
+            optional(line, control.sign.map(|place| place.get()));
             if *apart {
                 optional(line, control.take_over_slope.map(|found| found.get()));
                 optional(line, Some(decision.slope.get()));

@@ -57,7 +57,7 @@ fn an_hour_off_differs_from_an_uninterrupted_run_by_no_more_than_a_count() {
     let mut before = gateway(&profile, Remembered::default());
     let last = *run(&mut before, 0..1810, Some(Micron::ZERO)).last().unwrap();
     let stopped = Moment::from_nanos(1_800_000_000_000);
-    let saved = saved(Memory::new(&profile, stopped, before.remembered(), BTreeMap::new()));
+    let saved = saved(Memory::new(&profile, stopped, before.remembered(), BTreeMap::new(), BTreeMap::new()));
     let recalled = Memory::recall(Some(saved), &profile).unwrap();
     assert_eq!(recalled.remembered, before.remembered());
 
@@ -78,7 +78,7 @@ fn a_lag_is_found_again_by_its_signals_name_when_the_list_has_changed() {
     let mut before = gateway(&profile, Remembered::default());
     run(&mut before, 0..1810, None);
     let stopped = Moment::from_nanos(1_800_000_000_000);
-    let saved = saved(Memory::new(&profile, stopped, before.remembered(), BTreeMap::new()));
+    let saved = saved(Memory::new(&profile, stopped, before.remembered(), BTreeMap::new(), BTreeMap::new()));
     let mut changed = profile.clone();
     changed.signals.swap(0, 1);
     for axis in &mut changed.axes {

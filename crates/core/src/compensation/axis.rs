@@ -243,7 +243,7 @@ impl Axis {
             control.permit == Permit::Armed && followed.is_some_and(|chosen| self.keeps_outside(&chosen));
         self.state = self.next_state(now, followed.map(|chosen| chosen.model), control.permit, keeps);
         self.kept_outside = keeps;
-        let (cz, slope, acted) = self.guarded(followed, dt);
+        let (cz, slope, acted) = self.guarded(followed, control.sign, dt);
         if self.state == AxisState::Ramping && cz == Micron::ZERO && slope == Micron::ZERO {
             self.state = AxisState::Zeroed;
         }
@@ -261,7 +261,7 @@ impl Axis {
             extrapolating: chosen.and_then(|chosen| chosen.coverage?.extrapolating),
             excess: chosen.and_then(|chosen| chosen.coverage).map(|coverage| coverage.excess),
         };
-        self.due = Some(self.next_due(now));
+        self.due = Some(self.next_due(now, control.sign.is_some()));
         self.permit = control.permit;
         self.stepped = Some(now);
     }
@@ -278,10 +278,15 @@ impl Axis {
     }
 
     /// Cz and the slope's effect after the guard, and the stages that acted on either.
-    fn guarded(&mut self, followed: Option<Chosen>, dt: Duration) -> (Micron, Micron, Stages) {
+    fn guarded(
+        &mut self,
+        followed: Option<Chosen>,
+        sign: Option<Micron>,
+        dt: Duration,
+    ) -> (Micron, Micron, Stages) {
         let (target, pace) = match (self.state, followed, self.settings.on_fault) {
             (AxisState::Active | AxisState::Degraded, Some(chosen), _) => {
-                (Some((chosen.raw, chosen.slope)), Pace::Follow)
+                (Some((sign.unwrap_or(chosen.raw), chosen.slope)), Pace::Follow)
             }
             (AxisState::Ramping, _, OnFault::Zero) => (Some((Micron::ZERO, Micron::ZERO)), Pace::Steps),
             (AxisState::Ramping, _, _) => (Some((Micron::ZERO, Micron::ZERO)), Pace::Ramp),
@@ -307,8 +312,9 @@ impl Axis {
     }
 
     /// The next tick of the period, or the end of a hold that comes before it.
-    fn next_due(&self, now: Moment) -> Moment {
-        let period = self.period();
+    fn next_due(&self, now: Moment, is_checked: bool) -> Moment {
+        // A person waits at the machine: the axis goes as fast as it may.
+        let period = if is_checked { self.settings.ramp_period() } else { self.period() };
         let tick = match self.due {
             // It acted before its time, or time went back.
             Some(due) if due > now => due.min(now.after(period)),

@@ -14,6 +14,7 @@ mod outside;
 mod probes;
 mod properties;
 mod restarted;
+mod signs;
 mod states;
 
 const BED: SignalId = SignalId(0);

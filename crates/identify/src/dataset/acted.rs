@@ -3,8 +3,8 @@
 use super::table::{Cells, Table};
 
 /// What a log of the gateway has of an axis besides `cz_um` and `slope_um`; nothing to learn from.
-const DECIDED: [&str; 8] =
-    ["permit", "from_um", "raw_um", "model", "state", "acted", "slope_from_um", "correction_um"];
+const DECIDED: [&str; 9] =
+    ["permit", "from_um", "raw_um", "model", "state", "acted", "sign_um", "slope_from_um", "correction_um"];
 /// The same of the machine; the last one stands in the log of a dry run, which writes nothing.
 const MACHINE: [&str; 3] = ["machine_memory", "machine_zero", DRY_RUN];
 const DRY_RUN: &str = "machine_dry_run";

@@ -1,0 +1,84 @@
+//! `isotherm sign`: a guided check with a dial gauge, whether an axis moves the way it must.
+
+use std::io::BufRead;
+
+use super::command::RunningGateway;
+use super::{ProfileArguments, load, print_json};
+use crate::cli::say::{say, say_beside};
+use crate::gateway::control;
+use crate::observe::status::{Command, Moved};
+
+/// Checks with a dial gauge that an axis moves the way it must: the running gateway takes its Cz by +5 µm and back, within
+/// the limits of the profile, and you say which way the gauge moved.
+///
+/// The axis must be armed and compensating. Until you have answered nothing else moves it; when you do not answer in time, or
+/// leave, the offset goes back.
+#[derive(clap::Args, Debug)]
+#[command(
+    after_help = "Examples:\n  isotherm sign my-machine.toml --axis z\n  isotherm sign my-machine.toml --axis z --answer plus"
+)]
+pub(super) struct Arguments {
+    #[command(flatten)]
+    profile: ProfileArguments,
+    /// The axis; needed where there are several
+    #[arg(long, value_name = "AXIS")]
+    axis: Option<String>,
+    /// Which way the gauge moved, for scripts: it is not asked then
+    #[arg(long, value_name = "WAY", value_parser = clap::builder::PossibleValuesParser::new(["plus", "minus", "none"]))]
+    answer: Option<String>,
+    #[command(flatten)]
+    gateway: RunningGateway,
+}
+
+pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let Arguments { profile, axis, answer, gateway } = arguments;
+    let profile = load(profile, gateway.json)?;
+    let (socket, axis) = (gateway.socket(&profile)?, axis.as_deref());
+    let named = axis.or(profile.axes.first().map(|axis| axis.settings.name.as_str())).unwrap_or_default();
+    if answer.is_none() {
+        say_beside!(
+            "Put a dial gauge between tool and work, along {named}, and set it to zero (or look at the readout). Nobody is to \
+             be at the machine's movements. Enter moves the offset by +5 µm, Ctrl-C ends it."
+        );
+        line()?;
+    }
+    let (must, _while_it_is_there) = control::sign(&socket, axis, |said| say_beside!("{said}"))?;
+    say_beside!("{must}");
+    let moved = match answer.as_deref() {
+        Some(word) => moved(word),
+        None => ask()?,
+    };
+    let moved = moved.ok_or_else(|| anyhow::anyhow!("no answer; the offset goes back"))?;
+    let said = control::send(&socket, Command::Signed(moved), axis)?;
+    if gateway.json {
+        print_json(&serde_json::json!({
+            "axis": named, "must": must, "moved": moved, "right": moved == Moved::Plus, "answer": said.text(),
+        }))?;
+    } else if moved == Moved::Plus {
+        say!("{}", said.text())?;
+    }
+    anyhow::ensure!(moved == Moved::Plus, "{}", said.text());
+    Ok(())
+}
+
+/// A line from stdin; `None` at its end.
+fn line() -> anyhow::Result<Option<String>> {
+    let mut text = String::new();
+    let read = std::io::stdin().lock().read_line(&mut text)?;
+    Ok((read > 0).then_some(text))
+}
+
+fn moved(word: &str) -> Option<Moved> {
+    Moved::ALL.into_iter().find(|(name, _)| *name == word).map(|(_, moved)| moved)
+}
+
+/// Asks until the answer is one.
+fn ask() -> anyhow::Result<Option<Moved>> {
+    loop {
+        say_beside!("Which way did it move? plus, minus or none (Ctrl-C takes it back):");
+        let Some(text) = line()? else { return Ok(None) };
+        if let Some(moved) = moved(text.trim()) {
+            return Ok(Some(moved));
+        }
+    }
+}

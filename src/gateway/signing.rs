@@ -1,0 +1,142 @@
+//! The sign of an axis, checked with a dial gauge: Cz is taken a little way to plus and back, and a person says which way
+//! the gauge moved. What may move, how far and how fast is decided where it always is.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::core::Core;
+use super::sign::{PATIENCE, SignCheck, WAY, is_at, must, refused};
+use super::why;
+use crate::observe::asker::Asker;
+use crate::observe::events::Event;
+use crate::observe::status::{Answer, Moved};
+use isotherm_core::compensation::AxisState;
+use isotherm_core::quantity::{Micron, Moment};
+use isotherm_profile::Profile;
+
+/// Begins a check of this axis.
+pub(super) fn begin(core: &mut Core, axis: usize, asker: &Arc<Asker>, now: Moment) -> Result<Answer, String> {
+    let (profile, dry_run) = given(core);
+    let settings = &profile.axes[axis].settings;
+    let (name, guard) = (&settings.name, &settings.guard);
+    if !profile.axes[axis].has_model() {
+        return Err(format!("axis {name}: {}", why::unmodelled(&profile, axis)));
+    }
+    if dry_run || core.stopping {
+        let why = if dry_run { "nothing is written in a dry run" } else { "the gateway is stopping" };
+        return Err(why.to_owned());
+    }
+    if !profile.outputs.iter().any(|output| output.axis.0 == axis && output.writes.is_cz()) {
+        return Err(format!("no output writes the Cz of axis {name}: nothing would move"));
+    }
+    if core.arming[axis].sign.is_some() {
+        return Err(format!("the sign of axis {name} is being checked already"));
+    }
+    let decision = core.compensation.decision(axis).filter(|_| core.arming[axis].armed);
+    let Some(decision) = decision else {
+        return Err(format!("axis {name} is off: arm it first (`isotherm arm --axis {name}`)"));
+    };
+    if !decision.state.is_following() || !core.has_arrived(axis) {
+        let why = core.why(axis, now);
+        let does = AxisState::display_of(decision.state.name());
+        let why = if why.is_empty() { "its offset is on its way".to_owned() } else { why };
+        return Err(format!(
+            "axis {name} is {does}: {why}; check its sign when it stands still and compensates"
+        ));
+    }
+    let from = decision.cz;
+    if let Some(why) = refused(guard, from, name) {
+        return Err(format!("the sign of axis {name} cannot be checked now: {why}"));
+    }
+    let to = Micron::new(from.get() + WAY).unwrap_or(from);
+    let steps = (WAY / guard.step.get()).ceil() + 2.0;
+    let way = Duration::try_from_secs_f64(steps * settings.ramp_period().as_secs_f64()).unwrap_or(PATIENCE);
+    let until =
+        now.after(settings.every + way.max(Duration::from_secs_f64(WAY / guard.rate.get())) + PATIENCE);
+    core.arming[axis].sign = Some(SignCheck { by: asker.clone(), from, to, until, is_there: false });
+    progress(core, axis)
+}
+
+/// What a check has come to: done when the offset is there, and a person may look.
+pub(super) fn progress(core: &Core, axis: usize) -> Result<Answer, String> {
+    let (profile, _) = given(core);
+    let name = &profile.axes[axis].settings.name;
+    let Some(check) = &core.arming[axis].sign else {
+        return Err(format!("the sign of axis {name} is not being checked any more (see `isotherm events`)"));
+    };
+    let way = check.to - check.from;
+    Ok(match check.is_there {
+        true => Answer::Done(format!("{name}: {}", must(&profile, axis, way))),
+        false => Answer::Waits(format!("{name}: Cz goes from {} to {}", check.from, check.to)),
+    })
+}
+
+/// A person has looked. The offset goes back to what the model asks for.
+pub(super) fn answer(
+    core: &mut Core,
+    axis: usize,
+    moved: Moved,
+    (asker, stamp): (&Asker, String),
+) -> Result<Answer, String> {
+    let (profile, _) = given(core);
+    let name = profile.axes[axis].settings.name.clone();
+    match &core.arming[axis].sign {
+        None => return Err(format!("no check of the sign of axis {name} is under way: begin one")),
+        Some(check) if !check.is_there => return Err(format!("{name}: the offset is not there yet")),
+        Some(_) => {}
+    }
+    core.arming[axis].sign = None;
+    core.storage.signs.entry(name.clone()).or_default().checked = Some((stamp, moved));
+    core.storage.remember_soon();
+    let said = moved.sentence(&name);
+    let (way, who) = (asker.way, asker.who.clone());
+    core.events.push(Event::SignChecked { axis: name.clone(), moved, way, who });
+    Ok(Answer::Done(format!("{name}: {said}")))
+}
+
+/// Notes where the offset has arrived, and takes back what nobody waits for any more.
+pub(super) fn follow(core: &mut Core, now: Moment) {
+    for axis in 0..core.arming.len() {
+        let (Some(check), Some(decision)) = (&core.arming[axis].sign, core.compensation.decision(axis))
+        else {
+            continue;
+        };
+        let (profile, _) = given(core);
+        let guard = &profile.axes[axis].settings.guard;
+        let why = if !decision.state.is_following() {
+            Some(format!(
+                "the axis is {}: {}",
+                AxisState::display_of(decision.state.name()),
+                core.why(axis, now)
+            ))
+        } else if check.by.has_left() {
+            Some("whoever asked has gone".to_owned())
+        } else {
+            (now >= check.until).then(|| "nobody has said in time which way the gauge moved".to_owned())
+        };
+        if let Some(why) = why {
+            end(core, axis, why);
+        } else if !check.is_there
+            && is_at(guard, decision.cz, check.to)
+            && core.has_arrived(axis)
+            && let Some(check) = &mut core.arming[axis].sign
+        {
+            check.is_there = true;
+        }
+    }
+}
+
+/// Takes a check back; whether there was one.
+pub(super) fn end(core: &mut Core, axis: usize, why: String) -> bool {
+    let (profile, _) = given(core);
+    let was = core.arming[axis].sign.is_some();
+    if was {
+        core.arming[axis].sign = None;
+        core.events.push(Event::SignEnded { axis: profile.axes[axis].settings.name.clone(), why });
+    }
+    was
+}
+
+fn given(core: &Core) -> (Arc<Profile>, bool) {
+    (core.given.profile.clone(), core.given.dry_run)
+}
