@@ -3,13 +3,14 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
+use std::io::{Read, Write};
 use std::sync::Mutex;
 
 use serde_json::Value;
 
 mod process;
 
-use process::isotherm;
+use process::{Running, isotherm};
 
 /// One run of the demo, as fast as it goes.
 fn demo(machine: &str, span: &str, seed: u64) -> Value {
@@ -156,4 +157,29 @@ fn a_machine_on_can_says_what_it_lacks_where_there_is_no_interface() {
     {
         assert!(said.contains(part), "{said}");
     }
+}
+
+#[test]
+fn after_the_day_the_page_stays_open_until_somebody_presses_enter() {
+    let home = tempfile::tempdir().unwrap();
+    let mut command = isotherm(home.path());
+    command.args(["demo", "--for", "20min", "--speed", "100000", "--stay", "--listen", "127.0.0.1:0"]);
+    let mut demo = Running::start(&mut command);
+    let page = demo.hears("the page stays open at http://");
+    assert!(demo.said.iter().any(|line| line.contains("µm compensated")), "{:?}", demo.said);
+    let address = page.rsplit("http://").next().unwrap().split(' ').next().unwrap().to_owned();
+    let status = || {
+        let mut stream = std::net::TcpStream::connect(&address).unwrap();
+        let head = format!("GET /api/status HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n");
+        stream.write_all(head.as_bytes()).unwrap();
+        let mut text = String::new();
+        stream.read_to_string(&mut text).unwrap();
+        let status: Value = serde_json::from_str(text.split_once("\r\n\r\n").unwrap().1).unwrap();
+        status["uptime_s"].as_f64().unwrap()
+    };
+    let first = status();
+    std::thread::sleep(std::time::Duration::from_millis(300));
+    assert!((status() - first).abs() < 1e-9, "the day is over, and nothing goes on");
+    demo.stdin().write_all(b"\n").unwrap();
+    assert!(demo.ends_within(process::PATIENCE).success(), "{:?}", demo.said);
 }

@@ -1,5 +1,6 @@
 //! `isotherm demo`: the main job with no hardware.
 
+use std::cell::Cell;
 use std::io::IsTerminal;
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -11,7 +12,7 @@ use super::services::Sockets;
 use super::signals::Signals;
 use super::values::{self, key_and_value};
 use super::{machines, print_json};
-use crate::cli::say::say;
+use crate::cli::say::{say, say_beside};
 use crate::clock::Clock;
 use crate::discovery::can;
 use crate::gateway::{Gateway, Options, Outcome};
@@ -50,6 +51,9 @@ pub(super) struct Arguments {
     /// Where the page listens; port 0 takes any free one. Default 127.0.0.1:8080, or any free one where that is taken
     #[arg(long, value_name = "ADDR")]
     listen: Option<String>,
+    /// The page stays open after the day, which stands still then, until Enter or Ctrl-C
+    #[arg(long)]
+    stay: bool,
     /// One JSON document at the end, nothing else on stdout
     #[arg(long)]
     json: bool,
@@ -84,18 +88,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mill = Mill::of(&arguments.machine)?;
     let mut sockets = Sockets::default();
     let page = open_page(&mut sockets, arguments.listen.as_deref(), profile.web.as_ref())?;
-    let published = plant.published().cloned();
-    let shown = super::runtime()?.block_on(show(arguments, profile, (plant, mill), sockets, page))?;
-    report(arguments, &shown, published.as_ref())?;
-    anyhow::ensure!(!shown.outcome.failed, "something failed inside; run it again with --log info");
+    let outcome = super::runtime()?.block_on(show(arguments, profile, (plant, mill), sockets, page))?;
+    anyhow::ensure!(!outcome.failed, "something failed inside; run it again with --log info");
     Ok(())
-}
-
-/// What was seen until the end of the span, or until a person ended it.
-struct Shown {
-    summary: Summary,
-    span: Duration,
-    outcome: Outcome,
 }
 
 async fn show(
@@ -104,7 +99,8 @@ async fn show(
     (plant, mill): (PlantSpec, Option<Mill>),
     sockets: Sockets,
     page: SocketAddr,
-) -> anyhow::Result<Shown> {
+) -> anyhow::Result<Outcome> {
+    let published = plant.published().cloned();
     let speed = arguments.speed.unwrap_or(if mill.is_some() { 60.0 } else { 600.0 });
     let clock = Clock::simulated(plant.start(), Some(speed));
     let begun = clock.now();
@@ -121,26 +117,54 @@ async fn show(
     let source = gateway.source();
     let _services = sockets.serve(&source, gateway.wire_log())?;
     drop(hold);
-    let mut seen = None;
+    let is_over = Cell::new(false);
+    let mut reported = Ok(());
     let over = async {
-        tokio::select! {
-            _ = last.sleep_until(begun.after(arguments.span)) => {}
-            () = signals.next() => {}
-        }
+        let is_whole = tokio::select! {
+            _ = last.sleep_until(begun.after(arguments.span)) => true,
+            () = signals.next() => false,
+        };
         // Before the fault actions take Cz away again.
-        seen = Some((window.summary(), clock.now().since(begun)));
+        let _still = (is_whole && arguments.stay).then(|| clock.hold());
+        is_over.set(true);
         drop(last);
+        reported = report(arguments, &window.summary(), clock.now().since(begun), published.as_ref());
+        if is_whole && arguments.stay && reported.is_ok() {
+            let stays = format!("the page stays open at http://{page} until Enter or Ctrl-C");
+            if arguments.json {
+                say_beside!("{stays}");
+            } else {
+                reported = say!("{stays}").map_err(Into::into);
+            }
+            tokio::select! {
+                () = signals.next() => {}
+                () = enter() => {}
+            }
+        }
     };
     let outcome = tokio::select! {
         outcome = gateway.run(over, std::future::pending()) => outcome,
         error = machine.failure() => return Err(error.into()),
-        error = draw(arguments, &source, &window, page) => return Err(error.into()),
+        error = draw(arguments, &source, &window, (page, &is_over)) => return Err(error.into()),
     };
-    let (summary, span) = seen.unwrap_or_else(|| (window.summary(), clock.now().since(begun)));
+    reported?;
     if let Some(mill) = &mut mill {
         mill.has_run_through()?;
     }
-    Ok(Shown { summary, span, outcome })
+    Ok(outcome)
+}
+
+/// Returns when somebody has pressed Enter. Where nobody can, never.
+async fn enter() {
+    let (tell, pressed) = tokio::sync::oneshot::channel();
+    std::thread::spawn(move || {
+        if std::io::stdin().read_line(&mut String::new()).is_ok_and(|read| read > 0) {
+            let _ = tell.send(());
+        }
+    });
+    if pressed.await.is_err() {
+        std::future::pending().await
+    }
 }
 
 /// The devices on CAN need an interface of the kernel, which nobody can make for them.
@@ -172,19 +196,28 @@ async fn draw(
     arguments: &Arguments,
     source: &Arc<dyn Source>,
     window: &Window,
-    page: SocketAddr,
+    (page, is_over): (SocketAddr, &Cell<bool>),
 ) -> std::io::Error {
     let mut table = Table::new(arguments.json, page, arguments.span);
     loop {
-        if let Err(error) = table.draw(&source.status(), window.latest_truth().as_ref(), &window.summary()) {
+        if !is_over.get()
+            && let Err(error) =
+                table.draw(&source.status(), window.latest_truth().as_ref(), &window.summary())
+        {
             return error;
         }
         tokio::time::sleep(Duration::from_millis(200)).await;
     }
 }
 
-fn report(arguments: &Arguments, shown: &Shown, published: Option<&Published>) -> anyhow::Result<()> {
-    let axes = &shown.summary.axes;
+/// What was seen until the end of the span, or until a person ended it.
+fn report(
+    arguments: &Arguments,
+    summary: &Summary,
+    span: Duration,
+    published: Option<&Published>,
+) -> anyhow::Result<()> {
+    let axes = &summary.axes;
     let ranges = |axis: &AxisSummary| {
         let ranges = serde_json::json!({
             "uncompensated_range_um": round(axis.uncompensated.range_um()),
@@ -196,7 +229,7 @@ fn report(arguments: &Arguments, shown: &Shown, published: Option<&Published>) -
     let report = Report {
         machine: arguments.machine.clone(),
         seed: arguments.seed,
-        machine_hours: round(shown.span.as_secs_f64() / 3600.0),
+        machine_hours: round(span.as_secs_f64() / 3600.0),
         uncompensated_range_um: worst(|axis| axis.uncompensated.range_um()),
         compensated_range_um: worst(|axis| axis.compensated.range_um()),
         axes: axes.iter().map(ranges).collect(),

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use crate::cli::say::Out;
 use crate::observe::status::{AxisStatus, Status};
-use crate::virtual_machine::{Summary, TruthRow};
+use crate::virtual_machine::{AxisTruth, Summary, TruthRow};
 
 /// Where no terminal redraws, a row this often.
 const ROW_EVERY: f64 = 1800.0;
@@ -54,7 +54,7 @@ impl Table {
         }
         match self.mode {
             Mode::Live => self.live(status, truth, summary),
-            Mode::Rows => self.row(status, truth),
+            Mode::Rows => self.row(status, truth, summary),
             Mode::Progress => {
                 let share = 100.0 * status.uptime_s / self.span.as_secs_f64();
                 write!(
@@ -96,20 +96,17 @@ impl Table {
             ),
             String::new(),
             format!(
-                "{:<6}{:>13}{:>11}{:>13}   {:<18}{}",
-                "axis", "error", "Cz", "what is left", "state", "guard"
+                "{:<6}{:>11}{:>11}{:>16}   {:<18}{}",
+                "axis", "error", "+ Cz", "= what is left", "state", "guard"
             ),
         ];
-        for (place, axis) in status.axes.iter().enumerate() {
-            let known = truth.and_then(|truth| truth.axes.get(place));
-            let micron =
-                |value: Option<f64>| value.map_or("—".to_owned(), |value| format!("{value:+.1} µm"));
+        for axis in &status.axes {
+            let micron = |value: f64| format!("{value:+.1} µm");
+            let [error, cz, left] =
+                figures(truth_of(axis, truth, summary)).map(|value| value.map_or("—".to_owned(), micron));
             lines.push(format!(
-                "{:<6}{:>13}{:>11}{:>13}   {:<18}{}",
+                "{:<6}{error:>11}{cz:>11}{left:>16}   {:<18}{}",
                 axis.name,
-                micron(known.map(|known| known.error_um)),
-                micron(Some(axis.cz_um)),
-                micron(known.map(|known| known.residual_um())),
                 axis.display(),
                 axis.acted.join(" ")
             ));
@@ -133,7 +130,7 @@ impl Table {
         lines.iter().map(|line| line.chars().take(100).collect()).collect()
     }
 
-    fn row(&mut self, status: &Status, truth: Option<&TruthRow>) -> std::io::Result<()> {
+    fn row(&mut self, status: &Status, truth: Option<&TruthRow>, summary: &Summary) -> std::io::Result<()> {
         if status.uptime_s < self.next_row {
             return Ok(());
         }
@@ -142,22 +139,36 @@ impl Table {
             writeln!(out, "{} — {}\npage  http://{}\n", status.machine, status.description, self.page)?;
             writeln!(
                 out,
-                "{:>6}  {:<5}{:>10}{:>10}{:>14}   state",
-                "hours", "axis", "error", "Cz", "what is left"
+                "{:>6}  {:<5}{:>12}{:>12}{:>20}   state",
+                "hours", "axis", "error, µm", "+ Cz, µm", "= what is left, µm"
             )?;
         }
         self.next_row = (status.uptime_s / ROW_EVERY).floor() * ROW_EVERY + ROW_EVERY;
-        for (place, axis) in status.axes.iter().enumerate() {
-            let known = truth.and_then(|truth| truth.axes.get(place));
-            let micron = |value: Option<f64>| value.map_or("—".to_owned(), |value| format!("{value:.1}"));
-            let (error, left) =
-                (micron(known.map(|known| known.error_um)), micron(known.map(|known| known.residual_um())));
-            let AxisStatus { name, cz_um, state, .. } = axis;
+        for axis in &status.axes {
+            let micron = |value: f64| format!("{value:.1}");
+            let [error, cz, left] =
+                figures(truth_of(axis, truth, summary)).map(|value| value.map_or("—".to_owned(), micron));
+            let AxisStatus { name, state, .. } = axis;
             let hours = status.uptime_s / 3600.0;
-            writeln!(out, "{hours:>6.1}  {name:<5}{error:>10}{cz_um:>10.1}{left:>14}   {state}")?;
+            writeln!(out, "{hours:>6.1}  {name:<5}{error:>12}{cz:>12}{left:>20}   {state}")?;
         }
         out.flush()
     }
+}
+
+/// What is true of an axis; the plant may not know it of each.
+fn truth_of<'a>(axis: &AxisStatus, truth: Option<&'a TruthRow>, summary: &Summary) -> Option<&'a AxisTruth> {
+    let place = summary.axes.iter().position(|known| known.axis == axis.name)?;
+    truth?.axes.get(place)
+}
+
+/// Error, the Cz that acts, and what is left, in tenths of a micrometre that add up.
+fn figures(truth: Option<&AxisTruth>) -> [Option<f64>; 3] {
+    let Some(truth) = truth else { return [None; 3] };
+    let tenths = |value: f64| (value * 10.0).round();
+    let (error, left) = (tenths(truth.error_um), tenths(truth.residual_um()));
+    // Adding 0.0 makes a zero of what was a negative zero.
+    [error, left - error, left].map(|tenths| Some(tenths / 10.0 + 0.0))
 }
 
 /// `14:05:00` of an RFC 3339 time.
@@ -168,4 +179,26 @@ fn clock(time: &str) -> &str {
 fn bar(share: f64) -> String {
     let tenths = (0..30u8).filter(|tenth| f64::from(*tenth) < share * 30.0).count();
     format!("{}{}", "█".repeat(tenths), "░".repeat(30 - tenths))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_columns_add_up_as_they_are_printed() {
+        for (error_um, cz_um) in
+            [(-3.24, 1.26), (0.05, 0.05), (12.349, -12.351), (0.04, -0.04), (-0.049, 0.0)]
+        {
+            let [error, cz, left] = figures(Some(&AxisTruth { error_um, cz_um }));
+            let printed = [error, cz, left].map(|value| format!("{:.1}", value.unwrap()));
+            let [error, cz, left] = printed.each_ref().map(|text| text.parse::<f64>().unwrap());
+            assert!((error + cz - left).abs() < 1e-9, "{printed:?}");
+            assert!(
+                (cz - cz_um).abs() <= 0.1 + 1e-9 && (error - error_um).abs() <= 0.05 + 1e-9,
+                "{printed:?}"
+            );
+            assert!(printed.iter().all(|text| text != "-0.0"), "{printed:?}");
+        }
+    }
 }
