@@ -13,7 +13,7 @@ const STYLE: &str = "text/css; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// Name, content type and text of each file under `/page/`.
-const FILES: [(&str, &str, &str); 15] = [
+const FILES: [(&str, &str, &str); 16] = [
     ("page.css", STYLE, include_str!("page/page.css")),
     ("axis.css", STYLE, include_str!("page/axis.css")),
     ("wall.css", STYLE, include_str!("page/wall.css")),
@@ -26,6 +26,7 @@ const FILES: [(&str, &str, &str); 15] = [
     ("states.js", SCRIPT, include_str!("page/states.js")),
     ("axis.js", SCRIPT, include_str!("page/axis.js")),
     ("chart.js", SCRIPT, include_str!("page/chart.js")),
+    ("sign.js", SCRIPT, include_str!("page/sign.js")),
     ("probe.js", SCRIPT, include_str!("page/probe.js")),
     ("tables.js", SCRIPT, include_str!("page/tables.js")),
     ("icon.svg", "image/svg+xml", include_str!("page/icon.svg")),

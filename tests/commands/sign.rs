@@ -132,3 +132,25 @@ fn arm_reminds_once_of_a_check_that_there_never_was() {
     let (code, said) = bench.ask(&["arm"]);
     assert!(code == 0 && !said.contains("gauge"), "{said}");
 }
+
+/// Needs chromium and python3, as `tests/page.rs`.
+#[test]
+fn a_person_is_guided_on_the_page() {
+    let bench = bench();
+    let look = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/interop/look.py");
+    let words =
+        ["never checked with a dial gauge", "click:Check sign", "set it to zero", "click:Move by +5 µm"];
+    let seen = std::process::Command::new("python3")
+        .arg(look)
+        .arg(format!("http://{}/", bench.page))
+        .args(words)
+        .args(["must have moved by 5.0 µm to plus of z", "Which way did the gauge move?"])
+        .args(["click:Moved to plus", "the sign is right", "Sign checked 2"])
+        .output()
+        .unwrap_or_else(|error| panic!("no python3 ({error}): `tests/run page` installs it"));
+    let said = [seen.stdout, seen.stderr].map(|said| String::from_utf8(said).unwrap()).concat();
+    assert!(seen.status.success(), "{said}\n(without chromium: `tests/run page`)");
+    assert_eq!(bench.axis()["sign_checked"][1], "plus");
+    let event = bench.events(&[]).into_iter().find(|event| event["kind"] == "sign-checked").unwrap();
+    assert_eq!(event["data"]["way"], "page");
+}

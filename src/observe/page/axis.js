@@ -2,6 +2,7 @@
 
 import { Chart } from "./chart.js";
 import { Probe } from "./probe.js";
+import { Sign } from "./sign.js";
 import { axisState, badge } from "./states.js";
 import { element, fixed, say, signed, span, titled } from "./text.js";
 import { english, known, t } from "./words.js";
@@ -30,6 +31,7 @@ class Card {
     this.bar = new Bar();
     this.chart = new Chart();
     this.probe = new Probe();
+    this.sign = new Sign(name, command);
     this.root = element("article", { className: "card axis" },
       element("div", { className: "row" }, element("h2", {}, titled(t("axis", { names: name }), axis)), this.state),
       element("p", { className: "why" }, this.does, " ", this.why),
@@ -45,6 +47,7 @@ class Card {
       element("p", { className: "label" }, t("guard"), " ", element("span", { className: "quiet" }, t("guard_legend"))),
       element("ol", { className: "chain", ariaLabel: t("guard_stages") }, ...this.stages),
       this.chart.root,
+      this.sign.root,
       this.probe.root);
   }
 
@@ -79,6 +82,7 @@ class Card {
       say(node, `${acted ? "●" : "○"} ${known("guard", STAGES[index])}`);
     });
     this.bar.show(axis);
+    this.sign.show(axis);
     this.probe.show(axis.probe);
     this.chart.add(new Date(status.now).getTime(), axis);
   }
@@ -125,5 +129,8 @@ export function showAxes(root, status, command) {
 }
 
 export function enableAxes(may) {
-  for (const card of cards.values()) card.cancel.disabled = !may;
+  for (const card of cards.values()) {
+    card.cancel.disabled = !may;
+    card.sign.enable(may);
+  }
 }

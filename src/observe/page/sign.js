@@ -1,0 +1,56 @@
+// The guided check of an axis's sign with a dial gauge: prepare, move, look, answer.
+
+import { bothTimes, element, say, span } from "./text.js";
+import { english, t } from "./words.js";
+
+const WAYS = ["sign-plus", "sign-minus", "sign-none"];
+
+export class Sign {
+  constructor(name, command) {
+    const button = (key, act) => {
+      const made = element("button", { type: "button" }, t(key));
+      made.addEventListener("click", act);
+      return made;
+    };
+    this.prepares = false;
+    this.text = element("span");
+    this.must = english(element("span"));
+    this.begin = button("sign", () => { this.prepares = true; this.arrange(null); });
+    this.move = button("sign_move", () => { this.prepares = false; command("sign", name); });
+    this.ways = WAYS.map((way) => button(way, () => command(way, name)));
+    this.cancel = button("cancel", () => {
+      if (this.axis?.sign) command("cancel", name);
+      this.prepares = false;
+      this.arrange(null);
+    });
+    this.root = element("p", { className: "waiting" }, this.text, " ", this.must, " ",
+      this.begin, this.move, ...this.ways, this.cancel);
+    this.name = name;
+  }
+
+  show(axis) {
+    this.axis = axis;
+    this.root.hidden = !axis.armed && !axis.sign_checked;
+    this.arrange(axis.sign);
+  }
+
+  arrange(sign) {
+    this.begin.hidden = this.prepares || Boolean(sign) || !this.axis?.armed;
+    this.move.hidden = !this.prepares || Boolean(sign);
+    this.ways.forEach((way) => (way.hidden = !sign?.there));
+    this.cancel.hidden = !this.prepares && !sign;
+    say(this.must, sign?.there ? `${sign.must}.` : "");
+    say(this.text, this.sentence(sign));
+  }
+
+  sentence(sign) {
+    if (sign) return sign.there ? t("sign_which", { span: span(sign.expires_s) }) : t("sign_moving");
+    if (this.prepares) return t("sign_prepare", { axis: this.name });
+    const last = this.axis?.sign_checked;
+    return last ? t("sign_last", { when: bothTimes(new Date(last[0]))[0], moved: t(`sign-${last[1]}`) }) : t("sign_never");
+  }
+
+  enable(may) {
+    [this.begin, this.move, this.cancel, ...this.ways].forEach((button) => (button.disabled = !may));
+  }
+}
