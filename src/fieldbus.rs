@@ -7,6 +7,7 @@
 //! - [`canopen`] — what a CANopen master needs, frames in and frames out.
 //! - [`can`] — one CAN interface: frames, error frames, its state, what is asked and written there.
 //! - [`tcp`] — sockets that keep nothing back, and Modbus TCP on them; [`tls`] — the same inside TLS.
+//! - [`mod@error`] — what can be wrong, by who is to blame; [`mod@explain`] — what to do about it, in the words that people read.
 //! - [`owed`] — what a unit may still say after a miss on a serial line, and what it may be asked meanwhile.
 //! - [`mod@line`] — the one way to ask a device: one request at a time, timeout, last moment, breaker, reconnection.
 
@@ -17,6 +18,7 @@ pub mod connection;
 pub mod departure;
 mod eager;
 pub mod error;
+pub mod explain;
 pub mod line;
 pub mod modbus;
 pub mod owed;

@@ -28,7 +28,19 @@ const ARROWS: [(&str, &str, &[&str]); 12] = [
         "virtual_machine",
         &["clock", "fieldbus::can::socket", "fieldbus::canopen::abort", "fieldbus::error"],
     ),
-    ("", "cli", &["clock", "fieldbus::tls", "gateway", "observe", "virtual_machine", "discovery"]),
+    (
+        "",
+        "cli",
+        &[
+            "clock",
+            "fieldbus::explain",
+            "fieldbus::tls",
+            "gateway",
+            "observe",
+            "virtual_machine",
+            "discovery",
+        ],
+    ),
 ];
 
 const TOP: [&str; 15] = [

@@ -126,7 +126,7 @@ fn where_nobody_answers_a_scan_fails_and_says_what_to_try() {
     let line = format!("tcp://127.0.0.1:{}", free_port());
     let refused = ended(isotherm(home.path()).args(["scan", "--bus", &line]));
     assert_eq!(refused.code, Some(1));
-    assert!(refused.said.contains(&format!("nothing listens on {line}")), "{}", refused.said);
+    assert!(refused.said.contains(&format!("{line}: nothing listens there")), "{}", refused.said);
 }
 
 /// Answers the units up to this one alike, and the others not at all.
@@ -195,8 +195,8 @@ fn reading_one_register_again_and_again_goes_on_after_a_fault() {
     let mut missing = isotherm(bench.home());
     let place = ["--unit", "1", "--register", "input:9", "--watch", "--every", "50ms"];
     let mut missing = Running::start(missing.args(["read", "--bus", &bench.line]).args(place));
-    missing.hears("has no input:9 (30010)");
-    missing.hears("has no input:9 (30010)");
+    missing.hears("input:9 (30010): exception 2");
+    missing.hears("input:9 (30010): exception 2");
 }
 
 #[test]
@@ -206,9 +206,9 @@ fn what_is_wrong_with_a_reading_is_reported_with_a_remedy() {
         (
             &["--unit", "1", "--register", "30010"][..],
             1,
-            "unit 1 answers, but has no input:9 (30010). Is the number",
+            "unit 1, input:9 (30010): exception 2 (illegal data address): the device has no such register",
         ),
-        (&["--unit", "9", "--register", "input:0", "--timeout", "50ms"], 1, "nobody behind it as unit 9"),
+        (&["--unit", "9", "--register", "input:0", "--timeout", "50ms"], 1, "unit 9: exception 11"),
         (&["--unit", "1", "--register", "input:0", "--type", "i32", "--count", "63"], 2, "at most 62 values"),
         (&["--unit", "1", "--register", "coil:0", "--type", "i16"], 2, "a single bit"),
         (&["--unit", "1", "--register", "input:65535", "--count", "2"], 2, "beyond the last one"),

@@ -8,6 +8,7 @@ use std::thread::JoinHandle;
 use anyhow::Context;
 use tokio::sync::watch;
 
+use crate::fieldbus::explain;
 use crate::gateway::{WireLog, control};
 use crate::observe::http;
 use crate::observe::status::Source;
@@ -50,8 +51,9 @@ impl Sockets {
             "the page may listen on {} only with web.token_file in the profile; without one, on loopback",
             web.listen
         );
-        let listener = TcpListener::bind(addresses.as_slice()).with_context(|| {
-            format!("the page cannot listen on {}; choose another address with --listen", web.listen)
+        let listener = TcpListener::bind(addresses.as_slice()).map_err(|error| {
+            let why = explain::system(&error);
+            anyhow::anyhow!("the page cannot listen on {} (another address: --listen): {why}", web.listen)
         })?;
         listener.set_nonblocking(true)?;
         let address = listener.local_addr()?;

@@ -3,7 +3,8 @@
 use std::time::Duration;
 
 use crate::discovery::bus::{LineAddress, Transport};
-use crate::fieldbus::error::{Fault, LinkFault, PeerFault};
+use crate::fieldbus::error::{Fault, PeerFault};
+use crate::fieldbus::explain::explain;
 use isotherm_core::codec::{Register, Table};
 
 /// What was asked when the fault came.
@@ -21,15 +22,10 @@ pub struct Question<'a> {
     pub timeout: Duration,
 }
 
-/// What is wrong and what to do, in a sentence or two.
+/// What is wrong and what to do, in the words of [`explain`], with what they come to for this question.
 pub fn remedy(fault: Fault, question: Question<'_>) -> String {
     let Question { line, unit, from, count, timeout } = question;
-    let is_serial = line.transport != Transport::Tcp;
-    let wiring = if is_serial {
-        "; on a serial line also baud rate and parity, A and B exchanged, termination"
-    } else {
-        "; behind a gateway to a serial line also its baud rate and wiring"
-    };
+    let said = explain(fault);
     let other = match from.table {
         Table::Holding => Table::Input,
         Table::Input => Table::Holding,
@@ -37,81 +33,26 @@ pub fn remedy(fault: Fault, question: Question<'_>) -> String {
         Table::Discrete => Table::Coil,
     };
     match fault {
-        Fault::Timeout => format!(
-            "unit {unit} does not answer within {}. Is the unit number right (`isotherm scan` finds it), is it powered{wiring}? \
-             Some devices answer nothing at all for a register they do not have",
-            humantime::format_duration(timeout)
-        ),
-        Fault::Exception(1) => format!(
-            "unit {unit} answers, but does not know function {:02}, which reads {} registers. Try {}:{}",
-            from.table.read_function(),
-            from.table.name(),
-            other.name(),
-            from.offset
-        ),
+        Fault::Timeout => format!("unit {unit} within {}: {said}", humantime::format_duration(timeout)),
+        Fault::Exception(1) => format!("unit {unit}: {said} Try {}:{}", other.name(), from.offset),
         Fault::Exception(2) => {
             let last = u32::from(from.offset) + u32::from(count).saturating_sub(1);
             let span = if count > 1 { format!("{from}..{last}") } else { from.to_string() };
+            let modicon = from.modicon();
             let below = from.offset.checked_sub(1).map_or(String::new(), |below| {
                 format!(
-                    " Is the number in its manual one-based? Then try {}:{below}; a Modicon number such as {} can be \
-                     written as it is",
-                    from.table.name(),
-                    from.modicon()
+                    ": try {}:{below}; a Modicon number such as {modicon} can be written as it is",
+                    from.table.name()
                 )
             });
-            format!("unit {unit} answers, but has no {span} ({}).{below}", from.modicon())
+            format!("unit {unit}, {span} ({modicon}): {said}{below}")
         }
-        Fault::Exception(3) => {
-            format!(
-                "unit {unit} answers, but does not take a request for {count} at once. Try a smaller --count"
-            )
+        Fault::Exception(3) => format!("unit {unit}, {count} at once: {said}. Try a smaller --count"),
+        Fault::Peer(PeerFault::Malformed) if line.transport == Transport::Tcp => {
+            format!("{line}: {said} Write rtu+tcp://")
         }
-        Fault::Exception(5 | 6) => format!("unit {unit} is busy ({fault}). Try again"),
-        Fault::Exception(10 | 11) => format!(
-            "the gateway answers, but nobody behind it as unit {unit} ({fault}). Is the unit number right \
-             (`isotherm scan` finds it), is it powered{wiring}?"
-        ),
-        Fault::Exception(_) => format!("unit {unit} answers, but says no: {fault}"),
-        Fault::Link(LinkFault::Refused) => format!(
-            "nothing listens on {line}. Is the port right (Modbus TCP has 502), is Modbus switched on in the device, is another \
-             master holding its only connection?"
-        ),
-        Fault::Link(LinkFault::Unreachable) => format!(
-            "{line} cannot be reached within {}. Are name and address right, is it powered and on this network, is a \
-             firewall between?",
-            humantime::format_duration(timeout)
-        ),
-        Fault::Link(LinkFault::Broken) => format!(
-            "{line} closed the connection instead of answering. Many devices take one client at a time: is another master \
-             connected? Some close it for a unit number that is not theirs"
-        ),
-        Fault::Link(LinkFault::Absent) => {
-            format!(
-                "there is no {}. Is the adapter plugged in? Its lasting name is below /dev/serial/by-id",
-                line.address
-            )
-        }
-        Fault::Link(LinkFault::Forbidden) => format!(
-            "{} may not be opened by this user: add him to the group that owns it (often dialout)",
-            line.address
-        ),
-        Fault::Link(LinkFault::Busy) => {
-            format!("another program has {}: end it, the gateway itself included", line.address)
-        }
-        Fault::Link(LinkFault::Unsuited) => format!("{line}: {fault}. Does the adapter know this speed?"),
-        Fault::Peer(PeerFault::Malformed) => format!(
-            "what {line} answers is not Modbus{}",
-            if is_serial {
-                ": baud rate, parity, or two units with one number"
-            } else {
-                " TCP. Is it RTU over TCP? Write rtu+tcp://"
-            }
-        ),
-        Fault::Peer(PeerFault::Foreign) => {
-            format!("something else answers than unit {unit}: {fault}. Is another master on the line?")
-        }
-        fault => format!("unit {unit}: {fault}"),
+        Fault::Link(_) | Fault::Peer(PeerFault::Malformed) => format!("{line}: {said}"),
+        _ => format!("unit {unit}: {said}"),
     }
 }
 

@@ -1,7 +1,7 @@
 //! What went wrong on the fieldbus, by who is to blame.
 
 use super::canopen::abort::AbortCode;
-use isotherm_core::reading::Reason;
+use isotherm_core::reading::{Reason, exception};
 
 /// Why a request has no answer. Small, so that a test is one comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
@@ -16,7 +16,7 @@ pub enum Fault {
     #[error("{0}")]
     Peer(PeerFault),
     /// The device says no, with this Modbus exception code.
-    #[error("exception {0} ({name})", name = exception_name(*.0))]
+    #[error("exception {0} ({name})", name = exception(*.0))]
     Exception(u8),
     /// The device says no, with this SDO abort code.
     #[error("refused: {0}")]
@@ -50,9 +50,12 @@ pub enum CallerFault {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, thiserror::Error)]
 pub enum LinkFault {
     /// Nobody listens there.
-    #[error("connection refused: nobody listens there")]
+    #[error("nothing listens there")]
     Refused,
-    /// The host cannot be reached, or has no such name.
+    /// There is no host of this name.
+    #[error("no such host name")]
+    Unresolved,
+    /// The host cannot be reached.
     #[error("host not reachable")]
     Unreachable,
     /// It was closed or broke in the middle.
@@ -62,13 +65,13 @@ pub enum LinkFault {
     #[error("connection closed while idle")]
     Closed,
     /// There is no such serial port: not plugged in, or under another name.
-    #[error("no such serial port: is the adapter plugged in?")]
+    #[error("no such serial port: is the adapter plugged in? Its lasting name is below /dev/serial/by-id")]
     Absent,
     /// The serial port may not be opened by this user.
     #[error("no permission for the serial port: the user must be in its group, often `dialout`")]
     Forbidden,
     /// Another program has the serial port.
-    #[error("another program uses the serial port")]
+    #[error("another program has the serial port")]
     Busy,
     /// The port is no serial port, or cannot do these settings.
     #[error("no serial port, or one that cannot do these settings")]
@@ -235,6 +238,11 @@ impl Fault {
         matches!(self, Fault::Exception(_) | Fault::Aborted(_))
     }
 
+    /// A gateway in between has answered for a device that does not.
+    pub const fn is_of_a_gateway(self) -> bool {
+        matches!(self, Fault::Exception(10 | 11))
+    }
+
     /// What it says of a write: whether that may have been done all the same.
     ///
     /// Only a device that refuses in words which mean "not done" is believed: a TCP-to-RTU gateway says 11 of a write that
@@ -246,6 +254,7 @@ impl Fault {
             Fault::Aborted(AbortCode(code)) if code >> 24 == 0x06 => Outcome::NotDone,
             Fault::Link(
                 LinkFault::Refused
+                | LinkFault::Unresolved
                 | LinkFault::Unreachable
                 | LinkFault::Closed
                 | LinkFault::Absent
@@ -287,21 +296,5 @@ impl Fault {
             Fault::Link(_) => Reason::LinkDown,
             Fault::Peer(_) | Fault::Caller(_) => Reason::BadReply,
         }
-    }
-}
-
-/// The names of the Modbus specification.
-const fn exception_name(code: u8) -> &'static str {
-    match code {
-        1 => "illegal function",
-        2 => "illegal data address",
-        3 => "illegal data value",
-        4 => "device failure",
-        5 => "acknowledge",
-        6 => "device busy",
-        8 => "memory parity error",
-        10 => "gateway path unavailable",
-        11 => "gateway target does not respond",
-        _ => "unknown code",
     }
 }

@@ -4,6 +4,7 @@
 //! minutes, after newer ones on the next connection.
 
 use std::io;
+use std::net::SocketAddr;
 use std::time::Duration;
 
 use socket2::SockRef;
@@ -14,7 +15,15 @@ use super::error::{Fault, LinkFault};
 /// A TCP connection to `host:port`, which breaks where the other end has not confirmed something within the timeout.
 /// Closing it throws away what has not been sent and what was not confirmed.
 pub(super) async fn connected(address: &str, timeout: Duration) -> Result<TcpStream, Fault> {
-    let stream = TcpStream::connect(address).await.map_err(|error| dial_fault(&error))?;
+    // An address needs nobody to look it up.
+    let found = match address.parse::<SocketAddr>() {
+        Ok(address) => vec![address],
+        Err(_) => {
+            let found = tokio::net::lookup_host(address).await;
+            found.map_err(|_| Fault::Link(LinkFault::Unresolved))?.collect()
+        }
+    };
+    let stream = TcpStream::connect(&found[..]).await.map_err(|error| dial_fault(&error))?;
     let socket = SockRef::from(&stream);
     let set = socket
         .set_linger(Some(Duration::ZERO))

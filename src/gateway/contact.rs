@@ -5,9 +5,11 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::fieldbus::error::Fault;
+use crate::fieldbus::explain::explain;
 use crate::observe::events::Event;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::{BusId, Device, DeviceId, Profile, Transport};
+use isotherm_core::reading::Reason;
+use isotherm_profile::{BusId, Device, DeviceId, Profile, Signal, Transport};
 
 /// Consecutive failures after which a device is reported as lost: a single lost answer is only counted. On an RTU line,
 /// where answers are lost now and then and asked for again at once, more of them are.
@@ -86,6 +88,24 @@ impl Contact {
         }
     }
 
+    /// Why a signal may not be used: by the raw value with which the device says so, or by what is wrong with the device or
+    /// its line.
+    pub(super) fn why(&self, signal: &Signal, reason: Reason) -> String {
+        let said = signal.encoding.bad.iter().filter(|sentinel| sentinel.means == reason);
+        let raw: Vec<String> = said.map(|sentinel| sentinel.raw.to_string()).collect();
+        if !raw.is_empty() {
+            return format!("{reason} (raw {})", raw.join(" or "));
+        }
+        let lost = self.devices[signal.device.0].lost.as_ref().filter(|lost| !lost.fault.is_empty());
+        match (reason, lost) {
+            (Reason::LinkDown | Reason::Timeout | Reason::BadReply | Reason::NeverRead, Some(lost)) => {
+                lost.fault.clone()
+            }
+            (Reason::Exception(code), _) => explain(Fault::Exception(code)),
+            _ => reason.to_string(),
+        }
+    }
+
     /// A device has answered, or a frame of it came.
     pub(super) fn answers(&mut self, id: DeviceId, now: Moment, events: &mut Vec<Event>) {
         let count = &mut self.devices[id.0];
@@ -120,7 +140,7 @@ impl Contact {
     ) -> bool {
         // What comes after a connection was made is the device's doing.
         if fault.is_of_the_line() && attempts > 0 {
-            self.devices[id.0].misses(refused.to_string());
+            self.devices[id.0].misses(explain(refused));
             self.link_is_down(self.profile.device(id).bus, attempts.into(), refused, events);
             return false;
         }
@@ -129,7 +149,7 @@ impl Contact {
             Transport::Serial(_) | Transport::RtuOverTcp if count.answered => REPORTED_AFTER_RTU,
             _ => REPORTED_AFTER,
         };
-        let lost = count.misses(fault.to_string());
+        let lost = count.misses(explain(fault));
         let is_lost = lost.missed >= reported_after && !lost.reported;
         if is_lost {
             events.push(lost.report(self.profile.device(id)));
@@ -164,7 +184,7 @@ impl Contact {
         if self.buses[id.0].down.replace(attempts).is_none() {
             let bus = self.profile.bus(id);
             let (bus, address) = (bus.name.clone(), bus.address.clone());
-            events.push(Event::LinkDown { bus, address, fault: fault.to_string() });
+            events.push(Event::LinkDown { bus, address, fault: explain(fault) });
         }
     }
 }

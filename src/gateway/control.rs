@@ -35,6 +35,7 @@ use tokio::net::{UnixListener, UnixStream};
 
 use super::WireLog;
 use super::disk::make_directory;
+use crate::fieldbus::explain::system;
 use crate::fieldbus::trace::{Exchange, Listening};
 use crate::observe::asker::{Asker, Attendance, PATIENCE, Way};
 use crate::observe::status::{Answer, Command, Source, Status};
@@ -99,7 +100,7 @@ pub fn open(path: &Path) -> std::io::Result<std::os::unix::net::UnixListener> {
             let why = "another gateway of this machine is running (it answers there)";
             return Err(refused(ErrorKind::AddrInUse, why.to_owned()));
         }
-        std::fs::remove_file(path).map_err(|error| refused(error.kind(), error.to_string()))?;
+        std::fs::remove_file(path).map_err(|error| refused(error.kind(), system(&error)))?;
     }
     let open = || {
         path.parent().map_or(Ok(()), make_directory)?;
@@ -108,7 +109,7 @@ pub fn open(path: &Path) -> std::io::Result<std::os::unix::net::UnixListener> {
         Ok(listener)
     };
     let listener = open().map_err(|error: Error| {
-        refused(error.kind(), format!("the command socket cannot be made: {error}"))
+        refused(error.kind(), format!("the command socket cannot be made: {}", system(&error)))
     })?;
     listener.set_nonblocking(true)?;
     Ok(listener)

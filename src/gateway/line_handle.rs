@@ -136,7 +136,8 @@ impl Witness for LineHandle {
             *count.failures.entry(fault.blame()).or_default() += 1;
         }
         match outcome {
-            Err(fault) if !fault.is_refusal() => {
+            // It is the gateway before it that says so: of the device nothing came.
+            Err(fault) if !fault.is_refusal() || fault.is_of_a_gateway() => {
                 if contact.fails(device, fault, refusals, events) {
                     commissioning.forget(device);
                 }

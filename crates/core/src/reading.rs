@@ -149,12 +149,28 @@ impl Reason {
     }
 }
 
+/// A Modbus exception in the words of its specification.
+pub const fn exception(code: u8) -> &'static str {
+    match code {
+        1 => "illegal function",
+        2 => "illegal data address",
+        3 => "illegal data value",
+        4 => "device failure",
+        5 => "acknowledge",
+        6 => "device busy",
+        8 => "memory parity error",
+        10 => "gateway path unavailable",
+        11 => "gateway target does not respond",
+        _ => "unknown code",
+    }
+}
+
 impl fmt::Display for Reason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Reason::NeverRead => "never read",
             Reason::Stale => "stale",
-            Reason::Sentinel => "sensor fault (sentinel value)",
+            Reason::Sentinel => "no measurement",
             Reason::OpenCircuit => "open circuit",
             Reason::ShortCircuit => "short circuit",
             Reason::SwitchedOff => "channel switched off",
@@ -166,7 +182,7 @@ impl fmt::Display for Reason {
             Reason::NotANumber => "not a number",
             Reason::OutOfRange => "out of range",
             Reason::TooFast => "changing too fast",
-            Reason::Exception(code) => return write!(f, "device exception {code}"),
+            Reason::Exception(code) => return write!(f, "exception {code} ({})", exception(*code)),
             Reason::Refused => "the node refuses to give it",
             Reason::Timeout => "no answer in time",
             Reason::LinkDown => "no connection",

@@ -23,6 +23,11 @@ pub enum Failure {
     /// Nobody is there to be asked.
     #[error("no gateway of this machine is running here ({0}); start it with `isotherm run`")]
     NoGateway(String),
+    /// Its socket is another user's.
+    #[error(
+        "{0}: this user may not ask the gateway there: run this as the user who runs it, or as a member of the group of that file"
+    )]
+    Forbidden(String),
     /// The gateway says why not.
     #[error("{0}")]
     Refused(String),
@@ -111,14 +116,25 @@ fn with_axis(command: &str, axis: Option<&str>) -> String {
 
 /// Somebody is there to be asked.
 pub fn answers(path: &Path) -> bool {
-    !matches!(connect(path, Duration::ZERO), Err(Failure::NoGateway(_)))
+    !matches!(connect(path, Duration::ZERO), Err(Failure::NoGateway(_) | Failure::Forbidden(_)))
 }
 
 /// A queue that is full keeps whoever connects waiting: he asks again until `until` has passed since the computer was
 /// started.
 fn connect(path: &Path, until: Duration) -> Result<UnixStream, Failure> {
-    let no_gateway = |error: std::io::Error| Failure::NoGateway(format!("{}: {error}", path.display()));
-    let address = SockAddr::unix(path).map_err(no_gateway)?;
+    let no_gateway = |error: std::io::Error| {
+        let path = path.display();
+        match error.kind() {
+            std::io::ErrorKind::PermissionDenied => Failure::Forbidden(path.to_string()),
+            std::io::ErrorKind::NotFound => Failure::NoGateway(format!("there is no {path}")),
+            std::io::ErrorKind::ConnectionRefused => Failure::NoGateway(format!("nobody answers at {path}")),
+            _ => Failure::NoGateway(format!("{path}: {error}")),
+        }
+    };
+    let address = match super::too_long(path) {
+        Some(why) => return Err(Failure::NoGateway(format!("{}: {why}", path.display()))),
+        None => SockAddr::unix(path).map_err(no_gateway)?,
+    };
     loop {
         let socket = Socket::new(Domain::UNIX, Type::STREAM, None).map_err(no_gateway)?;
         socket.set_nonblocking(true).map_err(no_gateway)?;

@@ -246,6 +246,20 @@ impl RawBus {
             at.missing("`address` is missing: where is the line?", help);
             return None;
         };
+        if let Some((scheme, rest)) = address.split_once("://") {
+            let host = rest.split(['/', '?']).next().unwrap_or_default();
+            let host = if host_of(host).is_some() { host.to_owned() } else { format!("{host}:502") };
+            let help = format!("write host and port alone, as \"{host}\"; `type` says what the line speaks");
+            at.wrong(format!("`{address}` is a URL (`{scheme}`), and no host and port"), help);
+            return None;
+        }
+        let host = host_of(address).unwrap_or(address);
+        let is_numbers = host.contains('.') && host.chars().all(|c| c.is_ascii_digit() || c == '.');
+        if is_numbers && host.parse::<std::net::Ipv4Addr>().is_err() {
+            let help = "write four numbers of 0 to 255, as \"192.168.0.10:502\"";
+            at.wrong(format!("`{host}` is no address"), help);
+            return None;
+        }
         if self.tls.is_some() && !address.is_empty() && !address.contains(':') {
             return Some(format!("{address}:{TLS_PORT}"));
         }

@@ -1,0 +1,126 @@
+//! What is wrong and what to do about it, in the same words wherever a person reads of it: `scan`, `read`, `check --online`,
+//! events, the log, the page.
+//!
+//! A [`Fault`] shows what is wrong; [`remedy`] is the table of what to do, [`explain`] both in one sentence.
+
+use std::io::{Error, ErrorKind};
+
+use super::error::{Fault, LinkFault, PeerFault};
+
+/// What to do, where the fault itself does not say it.
+pub const fn remedy(fault: Fault) -> Option<&'static str> {
+    Some(match fault {
+        Fault::Timeout => {
+            "is the unit number right (`isotherm scan` finds it), is the device powered? On a serial line also baud rate \
+             and parity, A and B exchanged, termination. Some devices answer nothing at all for a register they do not have"
+        }
+        Fault::Exception(1) => {
+            "the device does not know this function: is the register in another table (input, holding)?"
+        }
+        Fault::Exception(2) => {
+            "the device has no such register: is the number in its manual one-based? Then it is one less here"
+        }
+        Fault::Exception(3) => "the device does not take this value, or not so many registers at once",
+        Fault::Exception(4) => "the device could not do it: its own display or log says why",
+        Fault::Exception(5) => "the device has taken it and needs long for it: ask again later",
+        Fault::Exception(6) => "the device is busy with something else: ask again later, or less often",
+        Fault::Exception(8) => "the device's memory is faulty: switch it off and on, then have it repaired",
+        Fault::Exception(10 | 11) => {
+            "the gateway answers, but not the device behind it: is the unit number right (`isotherm scan` finds it), is it \
+             powered, are baud rate and wiring behind the gateway right?"
+        }
+        Fault::Exception(_) => "the device's manual says what it means",
+        Fault::Link(LinkFault::Refused) => {
+            "is the port right (Modbus TCP has 502), is Modbus switched on in the device, is another master holding its \
+             only connection?"
+        }
+        Fault::Link(LinkFault::Unresolved) => {
+            "is it written right, and does this computer know it (`getent hosts NAME`)? An address such as 192.168.0.10 \
+             needs no name"
+        }
+        Fault::Link(LinkFault::Unreachable) => {
+            "is the address right, is the device powered and on this network, is a firewall between?"
+        }
+        Fault::Link(LinkFault::Broken) => {
+            "many devices take one client at a time: is another master connected? Some close it for a unit number that is \
+             not theirs"
+        }
+        Fault::Link(LinkFault::Busy) => {
+            "end it, a gateway that is running included (`isotherm status` shows it)"
+        }
+        Fault::Link(LinkFault::Unsuited) => "does the adapter know this speed?",
+        Fault::Peer(PeerFault::Malformed) => {
+            "on a serial line: baud rate, parity, or two units with one number; over TCP: is it RTU over TCP?"
+        }
+        Fault::Peer(PeerFault::Foreign) => "is another master on the line?",
+        _ => return None,
+    })
+}
+
+/// What is wrong, and what to do.
+pub fn explain(fault: Fault) -> String {
+    remedy(fault).map_or_else(|| fault.to_string(), |remedy| format!("{fault}: {remedy}"))
+}
+
+/// What the system says of a file, a socket or a port, without its numbers, and what to do.
+pub fn system(error: &Error) -> String {
+    match error.kind() {
+        ErrorKind::PermissionDenied => {
+            "this user may not: take another directory (`--state`), port or user, or let its owner give access".to_owned()
+        }
+        ErrorKind::AddrInUse => {
+            "another program has this port, perhaps a gateway that is running: end it, or choose another \
+             (`ss -ltnp` shows who has it)"
+                .to_owned()
+        }
+        ErrorKind::AddrNotAvailable => "this computer has no such address: `ip address` lists its own".to_owned(),
+        ErrorKind::StorageFull => "the disk is full".to_owned(),
+        ErrorKind::ReadOnlyFilesystem => "the disk is read-only: take another directory (`--state`)".to_owned(),
+        _ => error.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fieldbus::error::{CanFault, TlsFault};
+
+    /// Whoever reads it knows what to look at: it asks, names a command, or says what to do.
+    #[test]
+    fn every_fault_is_shown_with_what_to_do() {
+        let link = [
+            LinkFault::Refused,
+            LinkFault::Unresolved,
+            LinkFault::Unreachable,
+            LinkFault::Broken,
+            LinkFault::Absent,
+            LinkFault::Forbidden,
+            LinkFault::Busy,
+            LinkFault::Unsuited,
+            LinkFault::TurnedAway,
+            LinkFault::Contested,
+            LinkFault::Tls(TlsFault::Expired),
+            LinkFault::Can(CanFault::Down),
+        ];
+        let codes = [1, 2, 3, 4, 5, 6, 8, 10, 11].map(Fault::Exception);
+        let peer = [PeerFault::Malformed, PeerFault::Foreign, PeerFault::Unasked].map(Fault::Peer);
+        for fault in link.map(Fault::Link).into_iter().chain(codes).chain(peer).chain([Fault::Timeout]) {
+            let said = explain(fault);
+            assert!(said.contains(": ") || said.contains(", or "), "{fault:?}: {said}");
+            assert!(said.starts_with(&fault.to_string()), "{said}");
+            assert!(!said.contains("unknown"), "{said}");
+        }
+        for code in [1, 2, 3, 4, 5, 6, 8, 10, 11] {
+            assert!(explain(Fault::Exception(code)).starts_with(&format!("exception {code} (")));
+        }
+        assert!(explain(Fault::Link(LinkFault::Forbidden)).contains("dialout"));
+    }
+
+    #[test]
+    fn what_the_system_says_is_said_without_its_numbers() {
+        for code in [13, 98, 99, 28, 30] {
+            let said = system(&Error::from_raw_os_error(code));
+            assert!(!said.contains("os error"), "{said}");
+        }
+    }
+}
