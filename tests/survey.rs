@@ -315,5 +315,9 @@ fn on_a_serial_line_scan_finds_units_and_settings_and_the_frames_are_shown_with_
     assert!(read.said.contains("← 01 04 04 ") && read.said.contains("2 registers: "), "{}", read.said);
     let absent = ["read", "--bus", "rtu:///dev/not-there", "--unit", "1", "--register", "input:0"];
     let absent = ended(isotherm(home.path()).args(absent));
-    assert!(absent.code == Some(1) && absent.said.contains("there is no /dev/not-there"), "{}", absent.said);
+    assert!(
+        absent.code == Some(1) && absent.said.contains("/dev/not-there at 9600 baud 8N1: no such"),
+        "{}",
+        absent.said
+    );
 }

@@ -137,7 +137,7 @@ impl Witness for LineHandle {
         }
         match outcome {
             // It is the gateway before it that says so: of the device nothing came.
-            Err(fault) if !fault.is_refusal() || fault.is_of_a_gateway() => {
+            Err(fault) if !fault.is_refusal() || (fault.is_of_a_gateway() && request.is_read()) => {
                 if contact.fails(device, fault, refusals, events) {
                     commissioning.forget(device);
                 }
