@@ -5,4 +5,5 @@ pub mod events;
 pub mod http;
 mod metrics;
 mod page;
+mod past;
 pub mod status;

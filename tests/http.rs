@@ -29,9 +29,18 @@ async fn the_page_and_its_files_come_from_the_gateway_alone() {
         let file = door.get(link).await;
         assert_eq!((file.code, file.header("x-content-type-options")), (200, "nosniff"), "{link}");
     }
-    for module in
-        ["words.js", "text.js", "states.js", "live.js", "axis.js", "chart.js", "probe.js", "tables.js"]
-    {
+    for module in [
+        "words.js",
+        "text.js",
+        "states.js",
+        "live.js",
+        "axis.js",
+        "past.js",
+        "alarms.js",
+        "uPlot.js",
+        "probe.js",
+        "tables.js",
+    ] {
         let file = door.get(&format!("/page/{module}")).await;
         assert_eq!(file.header("content-type"), "text/javascript; charset=utf-8", "{module}");
     }
@@ -156,6 +165,129 @@ async fn a_long_body_is_refused_and_nothing_done() {
     let door = Door::open(None).await;
     let reply = door.send("POST", "/api/arm", &[], &"x".repeat(2000)).await;
     assert_eq!((reply.code, door.commands().len()), (413, 0));
+}
+
+/// A row a second from 10:00 on, for two hours.
+fn log(directory: &std::path::Path) -> std::path::PathBuf {
+    let path = directory.join("m-2026-07-02.csv");
+    let rows = (0..7200).map(|second| {
+        let (hour, minute) = (10 + second / 3600, second / 60 % 60);
+        let peak = if second == 5000 { 99.5 } else { 21.0 };
+        format!("2026-07-02T{hour}:{minute:02}:{:02}Z,,{peak},off,,,-1.5,,off,\n", second % 60)
+    });
+    let header = "time,t1,t2,z_permit,z_from_um,z_raw_um,z_cz_um,z_model,z_state,z_acted\n";
+    std::fs::write(&path, std::iter::once(header.to_owned()).chain(rows).collect::<String>()).unwrap();
+    path
+}
+
+#[tokio::test]
+async fn what_was_comes_from_the_logs_in_few_points_with_every_peak() {
+    let home = tempfile::tempdir().unwrap();
+    let door = Door::open(None).await;
+    assert_eq!(door.get("/api/history").await.code, 404, "nothing is kept");
+    door.keeps(vec![log(home.path())]);
+    let reply = door.get("/api/history?from=2h&columns=t2,z_cz_um&points=100").await;
+    assert_eq!(reply.code, 200, "{}", reply.body);
+    let found: serde_json::Value = serde_json::from_str(&reply.body).unwrap();
+    let values = |place: usize, key: &str| found["columns"][place][key].as_array().unwrap().clone();
+    assert_eq!((found["rows"].as_u64(), found["time"].as_array().unwrap().len()), (Some(7200), 100));
+    let peaks = values(0, "max").iter().filter(|value| **value == 99.5).count();
+    assert_eq!((peaks, values(0, "min").iter().all(|value| *value == 21.0)), (1, true));
+    assert_eq!((values(1, "min")[0].as_f64(), &found["columns"][1]["unit"]), (Some(-1.5), &"um".into()));
+    let all: serde_json::Value = serde_json::from_str(&door.get("/api/history").await.body).unwrap();
+    let names = all["columns"].as_array().unwrap().iter().map(|column| column["name"].as_str().unwrap());
+    assert_eq!(names.collect::<Vec<_>>(), ["z_cz_um", "z_raw_um", "t1", "t2", "t3"]);
+}
+
+#[tokio::test]
+async fn a_span_that_is_none_is_refused_in_words() {
+    let door = Door::open(None).await;
+    door.keeps(Vec::new());
+    for (query, word) in [
+        ("from=yesterday", "from: `yesterday` is no time"),
+        ("from=1h&to=2h", "ends before it begins"),
+        ("columns=t9", "no column t9; there are z_cz_um, z_raw_um, t1"),
+        ("columns=", "no column ;"),
+        ("points=1", "2 to 4000"),
+        ("points=9999999", "2 to 4000"),
+        ("points=x", "2 to 4000"),
+    ] {
+        let reply = door.get(&format!("/api/history?{query}")).await;
+        assert_eq!((reply.code, reply.body.contains(word)), (400, true), "{query}: {}", reply.body);
+    }
+    let nothing = door.get("/api/history").await;
+    assert_eq!((nothing.code, nothing.body.contains(r#""time":[]"#)), (200, true), "{}", nothing.body);
+    let door = Door::open(Some("s3cret")).await;
+    assert_eq!(door.get("/api/history").await.code, 401);
+    assert_eq!(door.get("/api/history.csv").await.code, 401);
+}
+
+#[tokio::test]
+async fn the_same_span_is_downloaded_as_rows() {
+    let home = tempfile::tempdir().unwrap();
+    let door = Door::open(None).await;
+    door.keeps(vec![log(home.path())]);
+    let query = "from=2026-07-02T10:59:58Z&to=2026-07-02T11:00:00Z&columns=t2,z_cz_um";
+    let reply = door.get(&format!("/api/history.csv?{query}")).await;
+    assert_eq!(reply.header("content-type"), "text/csv; charset=utf-8");
+    assert!(
+        reply.header("content-disposition").starts_with("attachment; filename=\"Grinder__3_"),
+        "{:?}",
+        reply.header("content-disposition")
+    );
+    for line in ["time,t2,z_cz_um\n", "2026-07-02T10:59:58Z,21,-1.5\n", "2026-07-02T11:00:00Z,21,-1.5\n"] {
+        assert!(reply.body.contains(line), "{line} in {}", reply.body);
+    }
+    assert_eq!(reply.body.matches("2026-07-02T").count(), 3);
+}
+
+/// Somebody who takes nothing of what he downloads keeps a turn for as long as he is there, and no longer.
+#[tokio::test]
+async fn few_read_at_once_and_who_has_gone_gives_his_turn_back() {
+    let home = tempfile::tempdir().unwrap();
+    let path = log(home.path());
+    let rows = std::fs::read_to_string(&path).unwrap();
+    let (header, rows) = rows.split_once('\n').unwrap();
+    std::fs::write(&path, format!("{header}\n{}", rows.repeat(60))).unwrap();
+    let door = Door::open(None).await;
+    door.keeps(vec![path]);
+    let query = "/api/history.csv?from=12h&to=2026-07-02T13:00:00Z";
+    let mut idle = Vec::new();
+    for _ in 0..2 {
+        let mut line = door.connect().await;
+        line.write(&format!("GET {query} HTTP/1.1\r\nHost: {}\r\n\r\n", door.address)).await;
+        line.until("time,").await;
+        idle.push(line);
+    }
+    let refused = door.get("/api/history?from=2h").await;
+    assert_eq!((refused.code, refused.header("retry-after")), (503, "2"), "{}", refused.body);
+    assert_eq!(door.get("/api/status").await.code, 200);
+    drop(idle);
+    for _ in 0..50 {
+        tokio::time::sleep(SECOND / 10).await;
+        if door.get("/api/history?from=2h").await.code == 200 {
+            return;
+        }
+    }
+    panic!("the turns never came back");
+}
+
+#[tokio::test]
+async fn to_acknowledge_an_alarm_wants_what_commands_want() {
+    let door = Door::open(Some("s3cret")).await;
+    let bearer = [("Authorization", "Bearer s3cret"), ("isotherm-way", "page")];
+    assert_eq!(door.send("POST", "/api/acknowledge?alarm=signal%20bed", &[], "").await.code, 401);
+    assert_eq!(door.send("GET", "/api/acknowledge", &bearer, "").await.code, 405);
+    let done = door.send("POST", "/api/acknowledge?alarm=signal%20bed", &bearer, "").await;
+    assert_eq!((done.code, done.body.as_str()), (200, r#"{"done":true,"answer":"one alarm is seen"}"#));
+    assert_eq!(door.send("POST", "/api/acknowledge?alarm=nothing", &bearer, "").await.code, 409);
+    assert_eq!(
+        door.askers()[1..],
+        ["by 127.0.0.1 on the page has seen signal bed", "by 127.0.0.1 on the page has seen nothing"]
+    );
+    let door = Door::open(None).await;
+    let foreign = [("Origin", "http://evil.example")];
+    assert_eq!(door.send("POST", "/api/acknowledge", &foreign, "").await.code, 403);
 }
 
 #[tokio::test]

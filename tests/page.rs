@@ -48,6 +48,25 @@ fn units_are_written_as_people_do_a_bit_is_on_or_off_and_a_time_has_its_zone() {
     }
 }
 
+/// Nothing of it comes from the page: it has only just been opened.
+#[test]
+fn the_past_comes_from_the_logs_with_zoom_and_as_a_file() {
+    let two = "eval:document.querySelectorAll('.uplot').length === 2 && document.querySelector('#past-note').textContent === ''";
+    let span = |test: &str| {
+        format!(
+            "eval:(({{searchParams: p}}) => (new Date(p.get('to')) - new Date(p.get('from'))) / 1000 {test})\
+             (new URL(document.querySelector('#past-download').href))"
+        )
+    };
+    let file = "eval:(() => { const ask = new XMLHttpRequest(); ask.open('GET', document.querySelector('#past-download').href, \
+                false); ask.send(); return ask.responseText.startsWith('time,z_cz_um,z_raw_um,bed,wheelhead\\n2026-') })()";
+    let steps =
+        ["compensating", "size:1280x900", two, &span("=== 28800"), "click:1 h", two, &span("=== 3600")];
+    let hours = "eval:document.querySelector('#uptime').textContent.includes(' h ')";
+    let closer = [hours, "click:+", &span("=== 1800"), "drag:.u-over", &span("< 300"), two, file];
+    looked_at(&["--speed", "600", "--for", "24h"], "", &[&steps[..], &closer].concat());
+}
+
 #[test]
 fn the_page_and_the_wall_speak_the_languages_of_the_browser() {
     for (language, words) in [

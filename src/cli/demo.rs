@@ -21,9 +21,11 @@ use crate::virtual_machine::{AxisSummary, PlantSpec, Published, Setup, Summary, 
 use isotherm_profile::{Profile, Web};
 
 mod linuxcnc;
+mod logs;
 mod table;
 
 use linuxcnc::Mill;
+use logs::{Forgetful, Logs};
 use table::Table;
 
 /// The main job with no hardware: starts the virtual machine's devices on real loopback sockets, runs the gateway
@@ -113,7 +115,10 @@ async fn show(
     let mut mill = mill.map(|mill| mill.takes_the_place_of_the_control(&mut profile, &window)).transpose()?;
     let mut signals = Signals::listen()?;
     let mut last = clock.join();
-    let gateway = Gateway::new(profile, &clock, Options::default());
+    let logs = Logs::make();
+    let directory = logs.as_ref().map(Logs::path);
+    let options = Options { directory, disk: Arc::new(Forgetful), ..Options::default() };
+    let gateway = Gateway::new(profile, &clock, options);
     let source = gateway.source();
     let _services = sockets.serve(&source, gateway.wire_log())?;
     drop(hold);

@@ -10,6 +10,7 @@ use super::probing::{Missed, acting, why_refused};
 use super::shared::Shared;
 use super::signing;
 use super::status::status;
+use super::storage::keeping::of_decisions;
 use super::why;
 use crate::observe::asker::Asker;
 use crate::observe::events::file::{self, Found};
@@ -65,6 +66,15 @@ impl Source for Panel {
 
     fn measured(&self, axis: &str, error: Option<f64>, asker: &Asker) -> Result<String, String> {
         self.commands.measured(axis, error, asker)
+    }
+
+    fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<String, String> {
+        self.commands.acknowledge(alarm, asker)
+    }
+
+    fn logs(&self, from: Moment, to: Moment) -> Option<Vec<PathBuf>> {
+        let machine = &self.page.shared.profile.name;
+        self.page.directory.as_deref().map(|directory| of_decisions(directory, machine, from, to))
     }
 
     fn turned_away(&self, command: &str, asker: &Asker, why: &str) {
@@ -295,6 +305,27 @@ impl CommandHandle {
             }
         }
         Answer::Done(said)
+    }
+
+    /// A person has seen it: an event, and nothing else. The state of the machine is not even locked for it.
+    fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<String, String> {
+        let shared = &*self.0;
+        let command = alarm.map_or("acknowledge".to_owned(), |alarm| format!("acknowledge {alarm}"));
+        if let Some(why) = asker.has_lapsed() {
+            let (way, who, said) = (asker.way, asker.who.clone(), format!("not done: {why}"));
+            shared.report(&Event::CommandDropped { command, axes: Vec::new(), way, who, why });
+            return Err(said);
+        }
+        let by = asker.way.by(&asker.who);
+        let answer = match shared.journal.acknowledge(shared.clock.now(), alarm, by) {
+            Some(0) => Ok("somebody had seen it before".to_owned()),
+            Some(1) => Ok("one alarm is seen".to_owned()),
+            Some(count) => Ok(format!("{count} alarms are seen")),
+            None => Err("no such alarm stands".to_owned()),
+        };
+        let answered = answer.as_ref().map(String::as_str).map_err(String::as_str);
+        shared.report(&reported(command, Vec::new(), asker, answered));
+        answer
     }
 
     /// The error is that of the diameter where the axis acts on one.

@@ -99,7 +99,7 @@ impl Picture {
 pub(super) fn status(shared: &Shared) -> Status {
     let (events, event_counts) = shared.journal.read();
     let picture = Picture::of(shared);
-    Status {
+    let mut status = Status {
         machine: shared.profile.name.clone(),
         label: shared.profile.label.clone(),
         description: shared.profile.description.clone(),
@@ -122,11 +122,28 @@ pub(super) fn status(shared: &Shared) -> Status {
         buses: buses(shared, &picture),
         devices: devices(shared, &picture),
         outputs: outputs(shared, &picture),
+        alarms: shared.journal.alarms(),
         events,
         log_dropped: picture.log_dropped,
         event_counts,
         lock_held: picture.lock_times.read(),
-    }
+    };
+    let ended = ended(&status);
+    status.alarms.retain(|alarm| !ended.contains(&alarm.id));
+    status
+}
+
+/// Alarms whose end is no event.
+fn ended(status: &Status) -> Vec<String> {
+    let calm = status.axes.iter().filter(|axis| !axis.warned);
+    let good = status.signals.iter().filter(|signal| signal.quality == "good");
+    let verified = status.outputs.iter().filter(|output| output.state == "verified");
+    let ours = status.outputs.iter().filter(|output| output.state != "foreign");
+    (calm.map(|axis| format!("level of axis {}", axis.name)))
+        .chain(good.map(|signal| format!("signal {}", signal.name)))
+        .chain(verified.map(|output| format!("output {}", output.name)))
+        .chain(ours.map(|output| format!("foreign write to {}", output.name)))
+        .collect()
 }
 
 /// Cz as last verified in the first register of an axis that holds it, and when that was asked.

@@ -13,10 +13,12 @@ use crate::clock::Correction;
 use isotherm_core::compensation::AxisState;
 use isotherm_core::quantity::{Micron, Moment};
 
+mod alarms;
 pub mod file;
 mod handshake;
 mod journal;
 
+pub use alarms::{Alarm, Seen};
 pub use handshake::HandshakeFault;
 pub use journal::{Entry, Journal};
 

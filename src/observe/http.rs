@@ -9,7 +9,9 @@
 //! Nothing here is awaited by the loop: a slow or silent reader costs only itself.
 
 mod access;
+mod alarms;
 mod events;
+mod history;
 mod live;
 mod measured;
 mod peer;
@@ -28,7 +30,7 @@ use axum::{Router, middleware};
 use percent_encoding::percent_decode_str;
 use serde::Serialize;
 use tokio::net::TcpListener;
-use tokio::sync::watch;
+use tokio::sync::{Semaphore, watch};
 
 use self::access::{Access, Entered};
 use self::peer::Peer;
@@ -61,6 +63,8 @@ struct Room {
     access: Arc<Access>,
     live: live::Live,
     attendance: Attendance,
+    /// Turns to read what was.
+    readers: Arc<Semaphore>,
 }
 
 impl Room {
@@ -99,7 +103,8 @@ pub async fn serve(
     let (stop, stopped) = watch::channel(());
     let live = live::Live::start(Arc::clone(&source), stopped.clone());
     let attendance = Attendance::default();
-    let app = router(Room { source, access, live, attendance: attendance.clone() });
+    let readers = Arc::new(Semaphore::new(history::AT_ONCE));
+    let app = router(Room { source, access, live, attendance: attendance.clone(), readers });
     let service = app.into_make_service_with_connect_info::<Peer>();
     let serving = axum::serve(listener, service).with_graceful_shutdown(ended(stopped.clone()));
     // A peer that never finishes its request must not keep the gateway from stopping.
@@ -138,6 +143,9 @@ fn router(room: Room) -> Router {
         .route("/api/status", get(status))
         .route("/api/live", get(stream))
         .route("/api/events", get(events::since))
+        .route("/api/history", get(history::course))
+        .route("/api/history.csv", get(history::download))
+        .route("/api/acknowledge", post(alarms::acknowledge))
         .route("/api/axes/{axis}/measured", post(measured::learn).delete(measured::forget))
         .route("/metrics", get(scrape))
         .route("/healthz", get(|| async { "ok" }))

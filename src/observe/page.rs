@@ -13,9 +13,10 @@ const STYLE: &str = "text/css; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 
 /// Name, content type and text of each file under `/page/`.
-const FILES: [(&str, &str, &str); 16] = [
+const FILES: [(&str, &str, &str); 20] = [
     ("page.css", STYLE, include_str!("page/page.css")),
     ("axis.css", STYLE, include_str!("page/axis.css")),
+    ("past.css", STYLE, include_str!("page/past.css")),
     ("wall.css", STYLE, include_str!("page/wall.css")),
     ("main.js", SCRIPT, include_str!("page/main.js")),
     ("wall.js", SCRIPT, include_str!("page/wall.js")),
@@ -25,8 +26,11 @@ const FILES: [(&str, &str, &str); 16] = [
     ("which.js", SCRIPT, include_str!("page/which.js")),
     ("states.js", SCRIPT, include_str!("page/states.js")),
     ("axis.js", SCRIPT, include_str!("page/axis.js")),
-    ("chart.js", SCRIPT, include_str!("page/chart.js")),
     ("sign.js", SCRIPT, include_str!("page/sign.js")),
+    ("past.js", SCRIPT, include_str!("page/past.js")),
+    ("alarms.js", SCRIPT, include_str!("page/alarms.js")),
+    ("uPlot.js", SCRIPT, include_str!("page/uplot/uPlot.iife.min.js")),
+    ("uPlot.css", STYLE, include_str!("page/uplot/uPlot.min.css")),
     ("probe.js", SCRIPT, include_str!("page/probe.js")),
     ("tables.js", SCRIPT, include_str!("page/tables.js")),
     ("icon.svg", "image/svg+xml", include_str!("page/icon.svg")),
@@ -42,6 +46,9 @@ pub(super) fn front(words: &Words, status: &Status, may_command: bool) -> Markup
     let files = html! {
         link rel="stylesheet" href="/page/page.css";
         link rel="stylesheet" href="/page/axis.css";
+        link rel="stylesheet" href="/page/uPlot.css";
+        link rel="stylesheet" href="/page/past.css";
+        script defer src="/page/uPlot.js" {}
         script type="module" src="/page/main.js" {}
     };
     document(
@@ -158,7 +165,18 @@ fn main(words: &Words, may_command: bool) -> Markup {
                     @if !may_command { (words.get("commands_only_here")) }
                 }
             }
+            section #alarms .alarms hidden {
+                h2 { (words.get("alarms")) " " span .quiet { (words.get("alarms_stand")) } }
+                ol {}
+            }
             section #axes .axes aria-label=(words.get("axes_title")) {}
+            section .list .past {
+                h2 { (words.get("past")) " " span .quiet { (words.get("past_from_logs")) } }
+                div #past-tools role="group" aria-label=(words.get("past")) {}
+                p #past-note .quiet role="status" {}
+                div #past-charts {}
+                p { a #past-download href="/api/history.csv" download { (words.get("past_download")) } }
+            }
             (table(words, "signals", &["signal", "value", "quality", "age"]))
             div .stack {
                 (table(words, "outputs", &["output", "value", "state", "age"]))

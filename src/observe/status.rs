@@ -1,13 +1,14 @@
 //! The state of everything at one moment: what `/api/status`, the page, the metrics and the demo's table are made of.
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
 use super::asker::Asker;
-use super::events::Entry;
 use super::events::file::Found;
+use super::events::{Alarm, Entry};
 use isotherm_core::compensation::AxisState;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::Language;
@@ -41,6 +42,15 @@ pub trait Source: Send + Sync + 'static {
     /// # Errors
     /// A sentence that says why not.
     fn measured(&self, axis: &str, error_um: Option<f64>, asker: &Asker) -> Result<String, String>;
+
+    /// Somebody has seen an alarm, or all that stand. The answer is a sentence.
+    ///
+    /// # Errors
+    /// A sentence that says why not.
+    fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<String, String>;
+
+    /// The logs of decisions that may have rows of this span; `None` where none are kept.
+    fn logs(&self, from: Moment, to: Moment) -> Option<Vec<PathBuf>>;
 
     /// A command did not even come as far as that.
     fn turned_away(&self, command: &str, asker: &Asker, why: &str);
@@ -180,6 +190,8 @@ pub struct Status {
     pub outputs: Vec<OutputStatus>,
     /// Rows of the log and states that found the queue to the disk full, and are lost.
     pub log_dropped: u64,
+    /// What went wrong and has not come to its end, the newest first.
+    pub alarms: Vec<Alarm>,
     /// The last events, oldest first.
     pub events: Vec<Entry>,
     /// How often each kind of event happened.

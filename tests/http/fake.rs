@@ -5,6 +5,7 @@
 use std::collections::BTreeMap;
 use std::io;
 use std::net::{IpAddr, SocketAddr};
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex};
 
@@ -28,6 +29,7 @@ pub(crate) struct Fake {
     measured: Mutex<Vec<(String, Option<f64>)>>,
     askers: Mutex<Vec<String>>,
     asked: AtomicUsize,
+    logs: Mutex<Option<Vec<PathBuf>>>,
 }
 
 impl Default for Fake {
@@ -38,6 +40,7 @@ impl Default for Fake {
             measured: Mutex::default(),
             askers: Mutex::default(),
             asked: AtomicUsize::new(0),
+            logs: Mutex::default(),
         }
     }
 }
@@ -69,6 +72,18 @@ impl Source for Fake {
 
     fn signing(&self, axis: Option<&str>) -> Result<Answer, String> {
         self.arming(axis)
+    }
+
+    fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<String, String> {
+        self.askers.lock().unwrap().push(format!("{asker:?} has seen {}", alarm.unwrap_or("all")));
+        match alarm {
+            Some("nothing") => Err("no such alarm stands".into()),
+            _ => Ok("one alarm is seen".into()),
+        }
+    }
+
+    fn logs(&self, _: Moment, _: Moment) -> Option<Vec<PathBuf>> {
+        self.logs.lock().unwrap().clone()
     }
 
     fn turned_away(&self, command: &str, asker: &Asker, why: &str) {
@@ -202,6 +217,7 @@ pub(crate) fn status() -> Status {
             writes_done: 9,
             age_s: Some(2.0),
         }],
+        alarms: Vec::new(),
         events: vec![Entry {
             at: "2026-07-02T11:59:00Z".into(),
             kind: "signal-bad".into(),
@@ -258,6 +274,14 @@ impl Door {
 
     pub(crate) fn change(&self, change: impl FnOnce(&mut Status)) {
         change(&mut self.fake.status.lock().unwrap());
+    }
+
+    pub(crate) fn keeps(&self, logs: Vec<PathBuf>) {
+        *self.fake.logs.lock().unwrap() = Some(logs);
+    }
+
+    pub(crate) fn askers(&self) -> Vec<String> {
+        self.fake.askers.lock().unwrap().clone()
     }
 
     pub(crate) async fn shut(&mut self) -> io::Result<()> {

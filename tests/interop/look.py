@@ -4,6 +4,7 @@ Takes URL and the words to wait for. Prints the text once all of them are there;
 and exits with 1. Some of the words are things to do, once all words before them are there:
 
   click:Cancel     presses the button with that text
+  drag:SELECTOR    draws with the mouse over a tenth of what that selects
   eval:EXPRESSION  waits until that is true in the page
   size:390x844     looks at the page in a window of that size from then on
   dark             the same in dark colours
@@ -66,6 +67,17 @@ class Tab:
         with open(path, "wb") as file:
             file.write(base64.b64decode(picture))
 
+    def drag(self, selector):
+        place = f"document.querySelector({json.dumps(selector)})"
+        self.evaluate(f"{place}.scrollIntoView({{block: 'center'}})")
+        box = self.evaluate(f"JSON.stringify({place}.getBoundingClientRect())")
+        box = json.loads(box)
+        y = box["y"] + box["height"] / 2
+        for kind, share in [("mouseMoved", 0.3), ("mousePressed", 0.3), ("mouseMoved", 0.35), ("mouseMoved", 0.4), ("mouseReleased", 0.4)]:
+            x = box["x"] + box["width"] * share
+            buttons = 0 if (kind, share) == ("mouseMoved", 0.3) else 1
+            self.ask("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=buttons, clickCount=1)
+
     def click(self, name):
         named = f"[...document.querySelectorAll('button')].find((button) => button.textContent === {json.dumps(name)})"
         self.evaluate(f"{named}.click()")
@@ -120,7 +132,7 @@ def look(home, url, words):
         return pages and pages[0]["webSocketDebuggerUrl"]
 
     tab = Tab(wait_for("the page", page))
-    does = {"click": tab.click, "size": tab.resize, "shot": tab.keep_picture, "dark": lambda _: tab.darken()}
+    does = {"click": tab.click, "drag": tab.drag, "size": tab.resize, "shot": tab.keep_picture, "dark": lambda _: tab.darken()}
     waiting = []
     for word in words:
         kind, _, what = word.partition(":")

@@ -1,3 +1,4 @@
+use std::path::PathBuf;
 use std::sync::Mutex;
 
 use super::*;
@@ -37,6 +38,14 @@ impl Source for Fake {
 
     fn signing(&self, axis: Option<&str>) -> Result<Answer, String> {
         self.arming(axis)
+    }
+
+    fn acknowledge(&self, _: Option<&str>, _: &Asker) -> Result<String, String> {
+        Err("no such alarm stands".to_owned())
+    }
+
+    fn logs(&self, _: Moment, _: Moment) -> Option<Vec<PathBuf>> {
+        None
     }
 
     fn turned_away(&self, _: &str, _: &Asker, _: &str) {}

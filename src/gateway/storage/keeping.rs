@@ -5,7 +5,7 @@
 //! gone on by itself are not counted by days at all: they go only where all of them need too much room, the oldest first.
 
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use jiff::civil::Date;
@@ -73,6 +73,20 @@ pub(in crate::gateway) fn logs(directory: &Path, machine: &str) -> Vec<DayLog> {
         .collect();
     logs.sort();
     logs
+}
+
+/// The logs of decisions of the days of this span, by the stamps in them.
+pub(in crate::gateway) fn of_decisions(
+    directory: &Path,
+    machine: &str,
+    from: Moment,
+    to: Moment,
+) -> Vec<PathBuf> {
+    let days = day(from)..=day(to);
+    let logs = logs(directory, machine).into_iter();
+    logs.filter(|log| log.name.ends_with(".csv") && !log.name.ends_with(ENDING) && days.contains(&log.day))
+        .map(|log| directory.join(log.name))
+        .collect()
 }
 
 /// When the clock was set so far, as the first rows of the logs have it.

@@ -7,7 +7,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use serde::{Deserialize, Serialize};
 
-use super::{Event, Level};
+use super::alarms::Alarms;
+use super::{Alarm, Event, Level, Seen};
 use crate::clock::Clock;
 use isotherm_core::quantity::Moment;
 
@@ -44,6 +45,7 @@ pub struct Journal {
 struct Pages {
     last: VecDeque<Entry>,
     counts: BTreeMap<&'static str, u64>,
+    alarms: Alarms,
     /// So many of the last are from before the start.
     recalled: usize,
     unkept: Option<Unkept>,
@@ -97,6 +99,7 @@ impl Journal {
         }
         let mut pages = self.pages();
         *pages.counts.entry(kind).or_default() += 1;
+        pages.alarms.note(event, &entry);
         if let Some(unkept) = &mut pages.unkept {
             unkept.push(at, entry.clone());
         }
@@ -107,6 +110,17 @@ impl Journal {
     pub fn read(&self) -> (Vec<Entry>, BTreeMap<&'static str, u64>) {
         let pages = self.pages();
         (pages.last.iter().cloned().collect(), pages.counts.clone())
+    }
+
+    /// What stands, the newest first.
+    pub fn alarms(&self) -> Vec<Alarm> {
+        self.pages().alarms.all()
+    }
+
+    /// Somebody has seen one alarm, or all that stand; how many of them nobody had seen. `None`: there is none.
+    pub fn acknowledge(&self, at: Moment, id: Option<&str>, by: String) -> Option<usize> {
+        let seen = Seen { at: self.clock.stamp(at).to_string(), by };
+        self.pages().alarms.acknowledge(id, &seen)
     }
 
     /// Events from before the start, oldest first: they are shown, and neither counted nor kept again.

@@ -1,6 +1,5 @@
-// One card for each axis: its value, where it stands in its limit, what the guard did, and its course.
+// One card for each axis: its value, where it stands in its limit, and what the guard did.
 
-import { Chart } from "./chart.js";
 import { Probe } from "./probe.js";
 import { Sign } from "./sign.js";
 import { axisState, badge } from "./states.js";
@@ -29,7 +28,6 @@ class Card {
     this.waiting = element("p", { className: "waiting" }, this.asked, cancel);
     this.stages = STAGES.map((stage) => element("li", { title: known("guard_does", stage) }, known("guard", stage)));
     this.bar = new Bar();
-    this.chart = new Chart();
     this.probe = new Probe();
     this.sign = new Sign(name, command);
     this.root = element("article", { className: "card axis" },
@@ -46,7 +44,6 @@ class Card {
         this.levelsRow),
       element("p", { className: "label" }, t("guard"), " ", element("span", { className: "quiet" }, t("guard_legend"))),
       element("ol", { className: "chain", ariaLabel: t("guard_stages") }, ...this.stages),
-      this.chart.root,
       this.sign.root,
       this.probe.root);
   }
@@ -84,7 +81,6 @@ class Card {
     this.bar.show(axis);
     this.sign.show(axis);
     this.probe.show(axis.probe);
-    this.chart.add(new Date(status.now).getTime(), axis);
   }
 }
 

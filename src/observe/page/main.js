@@ -1,7 +1,9 @@
 // Shows what the gateway says, and gives it commands.
 
+import { enableAlarms, showAlarms } from "./alarms.js";
 import { enableAxes, showAxes } from "./axis.js";
 import { follow } from "./live.js";
+import { showPast } from "./past.js";
 import { SIGNS, overall } from "./states.js";
 import { showEvents, showOlder, showTables } from "./tables.js";
 import { bothTimes, clock, say, span } from "./text.js";
@@ -33,6 +35,8 @@ function show(status) {
   say(by("uptime"), span(status.uptime_s));
   showAxes(by("axes"), status, send);
   which.offer(status.axes);
+  showAlarms(by("alarms"), status, acknowledge, mayCommand);
+  showPast(status);
   showTables(status);
   showEvents(by("events"), status.events, now);
   enable(mayCommand && !status.stopping);
@@ -41,6 +45,7 @@ function show(status) {
 function enable(may) {
   buttons.forEach((button) => (button.disabled = !may));
   enableAxes(may);
+  enableAlarms(may);
 }
 
 function setLost(sentence, stopped) {
@@ -62,10 +67,12 @@ function ask(command) {
   dialog.addEventListener("close", () => dialog.returnValue === "yes" && send(command, which.chosen()), { once: true });
 }
 
-async function send(command, axis) {
+const acknowledge = (alarm) => send("acknowledge", null, alarm);
+
+async function send(command, axis, alarm) {
   const answer = by("answer");
   say(answer, "…");
-  const only = axis ? `?axis=${encodeURIComponent(axis)}` : "";
+  const only = axis ? `?axis=${encodeURIComponent(axis)}` : alarm ? `?alarm=${encodeURIComponent(alarm)}` : "";
   const said = (tone, sentence) => {
     answer.dataset.tone = tone;
     say(answer, `${clock(new Date())} ${t(command)}: ${sentence}`);

@@ -50,6 +50,8 @@ export function showIn(name) {
   }
 }
 
+export const zoneName = () => zone;
+
 const formats = new Map();
 
 function parts(date, timeZone, extra = {}) {

@@ -107,6 +107,7 @@ mod tests {
             // Of a kind of words one is chosen by what the gateway says.
             let used = match key.split_once('.') {
                 Some((kind, _)) => format!("known(\"{kind}\""),
+                None if key.starts_with("past_") && key.ends_with(['h', 'd']) => "`past_${name}`".to_owned(),
                 None if key.starts_with("ask_") => "`ask_${command}".to_owned(),
                 None => format!("\"{key}\""),
             };

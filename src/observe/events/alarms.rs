@@ -1,0 +1,179 @@
+//! Alarms: what went wrong and has not come to its end. An event raises one, another ends it.
+//!
+//! Acknowledged means that a person has seen it. It changes nothing else; an alarm that is raised anew is a new one.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::{Entry, Event, Level};
+
+/// One that stands.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Alarm {
+    /// What it is about: by this it is acknowledged.
+    pub id: String,
+    /// The kind of the event that raised it.
+    pub kind: String,
+    /// How much it matters.
+    pub level: Level,
+    /// Since when, RFC 3339.
+    pub since: String,
+    /// The sentence.
+    pub text: String,
+    /// Who has seen it, and when.
+    pub acknowledged: Option<Seen>,
+}
+
+/// That a person has seen it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Seen {
+    /// RFC 3339.
+    pub at: String,
+    /// Who, and by which way.
+    pub by: String,
+}
+
+/// All that stand, by what they are about.
+#[derive(Debug, Default)]
+pub(super) struct Alarms(BTreeMap<String, Alarm>);
+
+impl Alarms {
+    pub(super) fn note(&mut self, event: &Event, entry: &Entry) {
+        let (raised, ended) = event.about();
+        ended.iter().for_each(|id| drop(self.0.remove(id)));
+        if let Some(id) = raised {
+            let alarm = Alarm {
+                id: id.clone(),
+                kind: entry.kind.to_string(),
+                level: entry.level,
+                since: entry.at.clone(),
+                text: entry.text.clone(),
+                acknowledged: None,
+            };
+            self.0.insert(id, alarm);
+        }
+    }
+
+    /// The newest first.
+    pub(super) fn all(&self) -> Vec<Alarm> {
+        let mut all: Vec<Alarm> = self.0.values().cloned().collect();
+        all.sort_by(|one, other| other.since.cmp(&one.since));
+        all
+    }
+
+    /// Somebody has seen one, or all of them; how many he had not seen before.
+    pub(super) fn acknowledge(&mut self, id: Option<&str>, seen: &Seen) -> Option<usize> {
+        let meant = self.0.values_mut().filter(|alarm| id.is_none_or(|id| id == alarm.id));
+        let mut meant = meant.peekable();
+        meant.peek()?;
+        let new = meant.filter(|alarm| alarm.acknowledged.is_none());
+        Some(new.map(|alarm| alarm.acknowledged = Some(seen.clone())).count())
+    }
+}
+
+impl Event {
+    /// The alarm that it raises, and those that it ends.
+    fn about(&self) -> (Option<String>, Vec<String>) {
+        let raises = |what: &str, name: &str| (Some(format!("{what} {name}")), Vec::new());
+        let ends =
+            |all: &[(&str, &str)]| (None, all.iter().map(|(what, name)| format!("{what} {name}")).collect());
+        match self {
+            Event::LinkDown { bus, .. } => raises("bus", bus),
+            Event::LinkUp { bus, .. } => ends(&[("bus", bus)]),
+            Event::BusTrouble { bus, .. } => raises("trouble of bus", bus),
+            Event::BusWell { bus, .. } => ends(&[("trouble of bus", bus)]),
+            Event::DeviceLost { device, .. } => raises("device", device),
+            Event::DeviceBack { device, .. } => ends(&[("device", device)]),
+            Event::NotAsExpected { device, .. } => raises("settings of device", device),
+            Event::AsExpected { device } => ends(&[("settings of device", device)]),
+            Event::Emergency { device, .. } => raises("emergency of device", device),
+            Event::EmergencyOver { device, .. } => ends(&[("emergency of device", device)]),
+            Event::SignalBad { signal, .. } => raises("signal", signal),
+            Event::SignalGood { signal, .. } => ends(&[("signal", signal)]),
+            // What is switched off or stopped on purpose is no alarm.
+            Event::AxisState { axis, to, stopping, .. } => match *to {
+                "degraded" | "holding" | "ramping" | "zeroed" if !stopping => raises("axis", axis),
+                _ => ends(&[("axis", axis), ("level of axis", axis)]),
+            },
+            Event::Warned { axis, .. } => raises("level of axis", axis),
+            Event::BeyondError { axis, .. } => raises("model of axis", axis),
+            Event::ArmRefused { axis, .. } => raises("arming of axis", axis),
+            Event::Armed { axis, .. } => {
+                ends(&[("model of axis", axis), ("arming of axis", axis), ("belief in", "state and ledger")])
+            }
+            Event::WaitsToArm { axis, .. } | Event::ArmEnded { axis, .. } => {
+                ends(&[("arming of axis", axis)])
+            }
+            Event::Extrapolating { axis, .. } => raises("inputs of axis", axis),
+            Event::Interpolating { axis } => ends(&[("inputs of axis", axis)]),
+            Event::VerifyFailed { output, .. } | Event::WriteFailed { output, .. } => {
+                raises("output", output)
+            }
+            Event::NotApplied { output, .. } => raises("output", output),
+            Event::ForeignChange { output, .. } => raises("foreign write to", output),
+            Event::Verified { output, .. } => ends(&[("output", output), ("foreign write to", output)]),
+            Event::LedgerDoubt { output, .. } | Event::FirstAccount { output, .. } => {
+                raises("ledger of", output)
+            }
+            Event::LedgerOpened { output, .. } => ends(&[("ledger of", output)]),
+            Event::NotBelieved { .. } => raises("belief in", "state and ledger"),
+            Event::NotKept { what, .. } => raises("keeping", what),
+            Event::KeptAgain { what } => ends(&[("keeping", what)]),
+            Event::TaskFailed { task, .. } => raises("task", task),
+            _ => (None, Vec::new()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use isotherm_core::quantity::Moment;
+
+    fn seen(by: &str) -> Seen {
+        Seen { at: "2026-07-02T12:00:00Z".to_owned(), by: by.to_owned() }
+    }
+
+    fn bad() -> Event {
+        Event::SignalBad { signal: "bed".into(), reason: "open circuit".into() }
+    }
+
+    fn state(to: &'static str, stopping: bool) -> Event {
+        Event::AxisState { axis: "z".into(), from: "active", to, why: String::new(), stopping }
+    }
+
+    #[test]
+    fn an_alarm_stands_until_its_end_and_one_that_is_raised_anew_was_not_seen() {
+        let mut alarms = Alarms::default();
+        let note = |alarms: &mut Alarms, event: &Event| alarms.note(event, &event.entry(Moment::default()));
+        note(&mut alarms, &bad());
+        note(&mut alarms, &state("holding", false));
+        let ids = |alarms: &Alarms| alarms.all().into_iter().map(|alarm| alarm.id).collect::<Vec<_>>();
+        assert_eq!(ids(&alarms), ["axis z", "signal bed"]);
+        assert_eq!(alarms.acknowledge(Some("signal bad"), &seen("a")), None);
+        assert_eq!(alarms.acknowledge(Some("signal bed"), &seen("a")), Some(1));
+        assert_eq!(alarms.acknowledge(None, &seen("b")), Some(1), "the other one");
+        assert_eq!(alarms.acknowledge(None, &seen("c")), Some(0));
+        let by = |alarms: &Alarms| -> Vec<_> {
+            alarms.all().into_iter().map(|alarm| alarm.acknowledged.map(|seen| seen.by)).collect()
+        };
+        assert_eq!(by(&alarms), [Some("b".to_owned()), Some("a".to_owned())]);
+        note(&mut alarms, &Event::SignalGood { signal: "bed".into(), bad_for: std::time::Duration::ZERO });
+        note(&mut alarms, &state("active", false));
+        assert_eq!(ids(&alarms), Vec::<String>::new());
+        note(&mut alarms, &bad());
+        assert_eq!(by(&alarms), [None]);
+    }
+
+    #[test]
+    fn an_orderly_stop_raises_none_and_ends_those_of_the_axes() {
+        let mut alarms = Alarms::default();
+        for (event, count) in
+            [(state("holding", false), 1), (state("ramping", true), 0), (state("zeroed", true), 0)]
+        {
+            alarms.note(&event, &event.entry(Moment::default()));
+            assert_eq!(alarms.all().len(), count, "{event:?}");
+        }
+    }
+}

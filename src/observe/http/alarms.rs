@@ -1,0 +1,19 @@
+//! `POST /api/acknowledge?alarm=signal%20bed`: somebody has seen it; without a name, all that stand.
+
+use axum::extract::{ConnectInfo, RawQuery, State};
+use axum::http::HeaderMap;
+use axum::response::Response;
+
+use super::peer::Peer;
+use super::{Room, answered, parameter};
+use crate::observe::status::Answer;
+
+pub(super) async fn acknowledge(
+    State(room): State<Room>,
+    ConnectInfo(peer): ConnectInfo<Peer>,
+    RawQuery(query): RawQuery,
+    headers: HeaderMap,
+) -> Response {
+    let alarm = query.and_then(|query| parameter(&query, "alarm"));
+    answered(room.source.acknowledge(alarm.as_deref(), &room.asker(&peer, &headers)).map(Answer::Done))
+}

@@ -1,0 +1,183 @@
+//! `GET /api/history?from=…&to=…&columns=bed,z_cz_um&points=600`: what was, from the gateway's own logs; `/api/history.csv`
+//! has the rows themselves.
+//!
+//! The lines never notice: files are read on threads of their own, a few at once, and not for ever.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use axum::body::{Body, Bytes};
+use axum::extract::{RawQuery, State};
+use axum::http::{StatusCode, header};
+use axum::response::{IntoResponse, Json, Response};
+use tokio::sync::mpsc::error::TrySendError;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
+use tokio_stream::wrappers::ReceiverStream;
+
+use super::{Room, parameter};
+use crate::clock::Passing;
+use crate::observe::events::file::begin;
+use crate::observe::past::{self, Column, Question};
+use crate::observe::status::Status;
+use isotherm_core::quantity::{Moment, time};
+
+/// So many spans are read at once.
+pub(super) const AT_ONCE: usize = 2;
+/// Reading a span takes no longer; handing it to who downloads it may.
+const LONGEST: Duration = Duration::from_secs(60);
+/// Nobody waits longer for one who takes nothing of his download.
+const PATIENCE: Duration = Duration::from_secs(30);
+const POINTS: usize = 600;
+const MOST_POINTS: usize = 4000;
+const MOST_COLUMNS: usize = 64;
+
+type Refused = (StatusCode, String);
+
+/// Whoever asked has gone when this is dropped.
+struct Leaves(Arc<AtomicBool>);
+
+impl Drop for Leaves {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+pub(super) async fn course(State(room): State<Room>, RawQuery(query): RawQuery) -> Response {
+    let query = query.unwrap_or_default();
+    let asked = asked(&room, &query).and_then(|(question, logs)| Ok((question, logs, points(&query)?)));
+    let (question, logs, points) = match asked {
+        Ok(asked) => asked,
+        Err(refused) => return answered(refused),
+    };
+    let Some(turn) = turn(&room.readers) else { return busy() };
+    let gone = Arc::new(AtomicBool::new(false));
+    let _leaves = Leaves(Arc::clone(&gone));
+    let read = tokio::task::spawn_blocking(move || {
+        let _turn = turn;
+        let until = Passing::default().passed() + LONGEST;
+        let goes_on = || !gone.load(Ordering::Relaxed) && Passing::default().passed() < until;
+        past::course(&logs, &question, points, &goes_on)
+    });
+    match read.await {
+        Ok(Ok(course)) => Json(course).into_response(),
+        Ok(Err(error)) if error.kind() == std::io::ErrorKind::Interrupted => {
+            let text = format!("reading takes more than {} s: ask for a shorter span", LONGEST.as_secs());
+            answered((StatusCode::SERVICE_UNAVAILABLE, text))
+        }
+        Ok(Err(error)) => {
+            answered((StatusCode::INTERNAL_SERVER_ERROR, format!("a log cannot be read: {error}")))
+        }
+        Err(error) => answered((StatusCode::INTERNAL_SERVER_ERROR, error.to_string())),
+    }
+}
+
+pub(super) async fn download(State(room): State<Room>, RawQuery(query): RawQuery) -> Response {
+    let (question, logs) = match asked(&room, &query.unwrap_or_default()) {
+        Ok(asked) => asked,
+        Err(refused) => return answered(refused),
+    };
+    let Some(turn) = turn(&room.readers) else { return busy() };
+    let machine = room.source.status().machine;
+    let day = |moment: Moment| moment.to_string().get(..10).unwrap_or_default().to_owned();
+    let name = format!("{machine}-{}-{}.csv", day(question.from), day(question.to));
+    let plain: String = name
+        .chars()
+        .map(|one| if one.is_ascii_alphanumeric() || "-.".contains(one) { one } else { '_' })
+        .collect();
+    let (sender, receiver) = mpsc::channel(4);
+    tokio::task::spawn_blocking(move || {
+        let _turn = turn;
+        let mut take = |piece: Vec<u8>| hand_over(&sender, Ok(Bytes::from(piece)));
+        if let Err(error) = past::download(&logs, &question, &mut take) {
+            // What is cut off is seen to be.
+            hand_over(&sender, Err(error));
+        }
+    });
+    let headers = [
+        (header::CONTENT_TYPE, "text/csv; charset=utf-8".to_owned()),
+        (header::CONTENT_DISPOSITION, format!("attachment; filename=\"{plain}\"")),
+    ];
+    (headers, Body::from_stream(ReceiverStream::new(receiver))).into_response()
+}
+
+type Piece = std::io::Result<Bytes>;
+
+/// Whether it was taken.
+fn hand_over(sender: &mpsc::Sender<Piece>, mut piece: Piece) -> bool {
+    let until = Passing::default().passed() + PATIENCE;
+    loop {
+        match sender.try_send(piece) {
+            Ok(()) => return true,
+            Err(TrySendError::Full(back)) if Passing::default().passed() < until => piece = back,
+            Err(_) => return false,
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+fn turn(readers: &Arc<Semaphore>) -> Option<OwnedSemaphorePermit> {
+    Arc::clone(readers).try_acquire_owned().ok()
+}
+
+fn busy() -> Response {
+    let text = format!("{AT_ONCE} spans are being read already: ask again in a moment");
+    ([(header::RETRY_AFTER, "2")], answered((StatusCode::SERVICE_UNAVAILABLE, text))).into_response()
+}
+
+fn answered((code, why): Refused) -> Response {
+    (code, format!("{why}\n")).into_response()
+}
+
+/// What is asked for, and the logs that may have it.
+fn asked(room: &Room, query: &str) -> Result<(Question, Vec<PathBuf>), Refused> {
+    let wrong = |why: String| (StatusCode::BAD_REQUEST, why);
+    let status = room.source.status();
+    let now = time::parse(&status.now).unwrap_or_default();
+    let moment = |name: &str, default: Moment| match parameter(query, name) {
+        Some(text) => begin(&text, now).map_err(|why| wrong(format!("{name}: {why}"))),
+        None => Ok(default),
+    };
+    let to = moment("to", now)?;
+    let from = moment("from", to.before(Duration::from_hours(8)))?;
+    if from >= to {
+        return Err(wrong(format!("from {from} to {to}: the span ends before it begins")));
+    }
+    let columns = columns(&status, parameter(query, "columns").as_deref()).map_err(wrong)?;
+    let logs = room.source.logs(from, to);
+    let logs = logs.ok_or_else(|| (StatusCode::NOT_FOUND, "this gateway keeps no logs".to_owned()))?;
+    Ok((Question { from, to, columns }, logs))
+}
+
+fn points(query: &str) -> Result<usize, Refused> {
+    let Some(text) = parameter(query, "points") else { return Ok(POINTS) };
+    let points = text.parse().ok().filter(|points| (2..=MOST_POINTS).contains(points));
+    points.ok_or_else(|| (StatusCode::BAD_REQUEST, format!("points: write a number from 2 to {MOST_POINTS}")))
+}
+
+/// Those that are named, else all that there are.
+fn columns(status: &Status, named: Option<&str>) -> Result<Vec<Column>, String> {
+    let signals = status.signals.iter().map(|signal| Column { name: signal.name.clone(), unit: signal.unit });
+    let of_axis =
+        |name: &str| ["cz_um", "raw_um"].map(|what| Column { name: format!("{name}_{what}"), unit: "um" });
+    let mut known: Vec<Column> =
+        status.axes.iter().flat_map(|axis| of_axis(&axis.name)).chain(signals).collect();
+    let Some(named) = named else {
+        known.truncate(MOST_COLUMNS);
+        return Ok(known);
+    };
+    let chosen: Vec<Column> = named
+        .split(',')
+        .map(|name| {
+            known.iter().find(|column| column.name == name).cloned().ok_or_else(|| {
+                let names: Vec<&str> = known.iter().map(|column| column.name.as_str()).collect();
+                format!("there is no column {name}; there are {}", names.join(", "))
+            })
+        })
+        .collect::<Result<_, _>>()?;
+    if chosen.len() > MOST_COLUMNS {
+        return Err(format!("{} columns are more than {MOST_COLUMNS}: ask for them in turn", chosen.len()));
+    }
+    Ok(chosen)
+}
