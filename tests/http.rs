@@ -1,5 +1,7 @@
 //! The gateway's door, over real sockets: what it shows, whom it lets in, and that it closes in time.
 
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
 #[path = "http/fake.rs"]
 mod fake;
 

@@ -74,7 +74,8 @@ fn a_download_has_the_rows_as_they_stand_in_the_order_of_time() {
     let mut text = Vec::new();
     let mut pieces = 0;
     download(&logs, &question(3998, 8000, &["z_cz_um", "peak"]), &mut |piece| {
-        (text.extend(piece), pieces += 1);
+        text.extend(piece);
+        pieces += 1;
         true
     })
     .unwrap();
@@ -84,6 +85,9 @@ fn a_download_has_the_rows_as_they_stand_in_the_order_of_time() {
     assert_eq!(lines[..3], ["time,z_cz_um,peak", first.as_str(), second.as_str()]);
     assert_eq!((lines.len(), pieces > 1), (1 + 2 + 3001, true));
     let mut pieces = 0;
-    let refused = download(&logs, &question(0, 8000, &["bed"]), &mut |_| (pieces += 1, false).1);
+    let refused = download(&logs, &question(0, 8000, &["bed"]), &mut |_| {
+        pieces += 1;
+        false
+    });
     assert_eq!((refused.unwrap_err().kind(), pieces), (io::ErrorKind::Interrupted, 1));
 }
