@@ -5,15 +5,17 @@
 use std::borrow::Cow;
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize, Serializer};
+use serde::{Deserialize, Serialize};
 
 use super::asker::Way;
 use super::status::Moved;
 use crate::clock::Correction;
+use data::{both_in_text, in_seconds, in_text};
 use isotherm_core::compensation::AxisState;
 use isotherm_core::quantity::{Micron, Moment};
 
 mod alarms;
+mod data;
 pub mod file;
 mod handshake;
 mod journal;
@@ -281,18 +283,6 @@ const fn warning(kind: &'static str, text: String) -> Described {
 
 const fn error(kind: &'static str, text: String) -> Described {
     (kind, Level::Error, text)
-}
-
-fn in_text<S: Serializer>(moment: &Moment, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.collect_str(moment)
-}
-
-fn both_in_text<S: Serializer>(set: &Correction, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.collect_map([("from", set.from.to_string()), ("to", set.to.to_string())])
-}
-
-fn in_seconds<S: Serializer>(span: &Duration, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.serialize_f64(span.as_secs_f64())
 }
 
 fn seconds(span: &Duration) -> humantime::FormattedDuration {
