@@ -175,6 +175,11 @@ impl Window {
     pub fn latest_truth(&self) -> Option<TruthRow> {
         self.0.hardware().observer.latest.clone()
     }
+
+    /// The truth every ten seconds since this was asked last; not more than the first day of it where that is long ago.
+    pub fn take_course(&self) -> Vec<TruthRow> {
+        std::mem::take(&mut self.0.hardware().observer.course)
+    }
 }
 
 impl VirtualMachine {

@@ -17,16 +17,18 @@ use crate::clock::Clock;
 use crate::discovery::can;
 use crate::gateway::{Gateway, Options, Outcome};
 use crate::observe::status::Source;
-use crate::virtual_machine::{AxisSummary, PlantSpec, Published, Setup, Summary, VirtualMachine, Window};
+use crate::virtual_machine::{AxisSummary, PlantSpec, Published, Setup, Summary, VirtualMachine};
 use isotherm_profile::{Profile, Web};
 
 mod linuxcnc;
 mod logs;
 mod table;
+mod truth;
 
 use linuxcnc::Mill;
 use logs::{Forgetful, Logs};
 use table::Table;
+use truth::WithTruth;
 
 /// The main job with no hardware: starts the virtual machine's devices on real loopback sockets, runs the gateway
 /// against them, serves the page, and ends with what the compensation was worth.
@@ -119,7 +121,9 @@ async fn show(
     let directory = logs.as_ref().map(Logs::path);
     let options = Options { directory, disk: Arc::new(Forgetful), ..Options::default() };
     let gateway = Gateway::new(profile, &clock, options);
-    let source = gateway.source();
+    let log = logs.as_ref().map(|logs| logs.path().join("truth.csv"));
+    let with_truth = Arc::new(WithTruth { source: gateway.source(), window: window.clone(), log });
+    let source: Arc<dyn Source> = with_truth.clone();
     let _services = sockets.serve(&source, gateway.wire_log())?;
     drop(hold);
     let is_over = Cell::new(false);
@@ -132,6 +136,7 @@ async fn show(
         // Before the fault actions take Cz away again.
         let _still = (is_whole && arguments.stay).then(|| clock.hold());
         is_over.set(true);
+        with_truth.keep(&clock);
         drop(last);
         reported = report(arguments, &window.summary(), clock.now().since(begun), published.as_ref());
         if is_whole && arguments.stay && reported.is_ok() {
@@ -150,7 +155,7 @@ async fn show(
     let outcome = tokio::select! {
         outcome = gateway.run(over, std::future::pending()) => outcome,
         error = machine.failure() => return Err(error.into()),
-        error = draw(arguments, &source, &window, (page, &is_over)) => return Err(error.into()),
+        error = draw(arguments, (&with_truth, &clock), (page, &is_over)) => return Err(error.into()),
     };
     reported?;
     if let Some(mill) = &mut mill {
@@ -199,17 +204,16 @@ fn open_page(sockets: &mut Sockets, listen: Option<&str>, web: Option<&Web>) -> 
 /// Draws until the demo is over, or nobody reads it.
 async fn draw(
     arguments: &Arguments,
-    source: &Arc<dyn Source>,
-    window: &Window,
+    (source, clock): (&WithTruth, &Clock),
     (page, is_over): (SocketAddr, &Cell<bool>),
 ) -> std::io::Error {
     let mut table = Table::new(arguments.json, page, arguments.span);
     loop {
-        if !is_over.get()
-            && let Err(error) =
-                table.draw(&source.status(), window.latest_truth().as_ref(), &window.summary())
-        {
-            return error;
+        if !is_over.get() {
+            source.keep(clock);
+            if let Err(error) = table.draw(&source.status(), &source.window.summary()) {
+                return error;
+            }
         }
         tokio::time::sleep(Duration::from_millis(200)).await;
     }

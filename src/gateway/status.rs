@@ -155,6 +155,7 @@ fn verified(picture: &Picture, axis: usize) -> Option<(Micron, Moment)> {
 fn axes(shared: &Shared, picture: &Picture) -> Vec<AxisStatus> {
     let axes = shared.profile.axes.iter().zip(&picture.decisions).enumerate();
     axes.map(|(place, (axis, decision))| AxisStatus {
+        truth: None,
         name: axis.settings.name.clone(),
         label: axis.label.clone(),
         state: match picture.is_waiting(shared, place) {

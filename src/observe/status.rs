@@ -288,12 +288,24 @@ pub struct AxisStatus {
     pub sign: Option<SignStatus>,
     /// When its sign was checked last, RFC 3339, and which way the gauge moved.
     pub sign_checked: Option<(String, Moved)>,
+    /// What is true of it; only a virtual machine knows that.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub truth: Option<TruthStatus>,
     /// What measured errors have taught it; `None` where the profile has no probe.
     pub probe: Option<ProbeStatus>,
     /// The inputs lie outside what the model in use was identified on.
     pub extrapolating: Option<ExtrapolationStatus>,
     /// How far outside that is, as a share: above 0 outside, negative inside; `None` where the model has no region.
     pub excess: Option<f64>,
+}
+
+/// What is true of an axis of a virtual machine.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct TruthStatus {
+    /// The error without compensation, µm.
+    pub error_um: f64,
+    /// What is left of it, µm.
+    pub left_um: f64,
 }
 
 /// A check of the sign of an axis.

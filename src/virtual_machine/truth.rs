@@ -81,7 +81,14 @@ pub(super) struct Observer {
     begin: Moment,
     pub(super) summary: Summary,
     pub(super) latest: Option<TruthRow>,
+    /// Some of the rows, until somebody takes them.
+    pub(super) course: Vec<TruthRow>,
 }
+
+/// The course has a row this often.
+const ROW_EVERY: Duration = Duration::from_secs(10);
+/// Nobody takes it where it is as long as this.
+const LONGEST_COURSE: usize = 10_000;
 
 impl Observer {
     pub(super) fn new<'a>(axes: impl IntoIterator<Item = &'a String>, begin: Moment) -> Observer {
@@ -91,7 +98,7 @@ impl Observer {
             uncompensated: Extent::NOTHING,
             compensated: Extent::NOTHING,
         });
-        Observer { begin, summary: Summary { axes: axes.collect() }, latest: None }
+        Observer { begin, summary: Summary { axes: axes.collect() }, latest: None, course: Vec::new() }
     }
 
     pub(super) fn sample(&mut self, row: TruthRow) {
@@ -101,6 +108,10 @@ impl Observer {
                 axis.uncompensated.take(truth.error_um);
                 axis.compensated.take(truth.residual_um());
             }
+        }
+        let lasts = row.at.since(self.begin).as_secs();
+        if lasts.is_multiple_of(ROW_EVERY.as_secs()) && self.course.len() < LONGEST_COURSE {
+            self.course.push(row.clone());
         }
         self.latest = Some(row);
     }

@@ -153,6 +153,7 @@ pub(crate) fn status() -> Status {
         stopping: false,
         ready: false,
         axes: vec![AxisStatus {
+            truth: None,
             has_model: true,
             sign: None,
             sign_checked: None,

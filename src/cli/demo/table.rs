@@ -6,8 +6,8 @@ use std::net::SocketAddr;
 use std::time::Duration;
 
 use crate::cli::say::Out;
-use crate::observe::status::{AxisStatus, Status};
-use crate::virtual_machine::{AxisTruth, Summary, TruthRow};
+use crate::observe::status::{AxisStatus, Status, TruthStatus};
+use crate::virtual_machine::Summary;
 
 /// Where no terminal redraws, a row this often.
 const ROW_EVERY: f64 = 1800.0;
@@ -42,19 +42,14 @@ impl Table {
         Table { mode, page, span, next_row: 0.0, drawn: 0 }
     }
 
-    pub(super) fn draw(
-        &mut self,
-        status: &Status,
-        truth: Option<&TruthRow>,
-        summary: &Summary,
-    ) -> std::io::Result<()> {
+    pub(super) fn draw(&mut self, status: &Status, summary: &Summary) -> std::io::Result<()> {
         // What follows are the fault actions of a stop, not the machine's day.
         if status.uptime_s > self.span.as_secs_f64() {
             return Ok(());
         }
         match self.mode {
-            Mode::Live => self.live(status, truth, summary),
-            Mode::Rows => self.row(status, truth, summary),
+            Mode::Live => self.live(status, summary),
+            Mode::Rows => self.row(status),
             Mode::Progress => {
                 let share = 100.0 * status.uptime_s / self.span.as_secs_f64();
                 write!(
@@ -67,10 +62,10 @@ impl Table {
         }
     }
 
-    fn live(&mut self, status: &Status, truth: Option<&TruthRow>, summary: &Summary) -> std::io::Result<()> {
+    fn live(&mut self, status: &Status, summary: &Summary) -> std::io::Result<()> {
         let mut text = String::new();
         let share = (status.uptime_s / self.span.as_secs_f64()).clamp(0.0, 1.0);
-        let lines = self.lines(status, truth, summary, share);
+        let lines = self.lines(status, summary, share);
         if self.drawn > 0 {
             let _ = write!(text, "\x1b[{}A", self.drawn);
         }
@@ -83,7 +78,7 @@ impl Table {
         out.flush()
     }
 
-    fn lines(&self, status: &Status, truth: Option<&TruthRow>, summary: &Summary, share: f64) -> Vec<String> {
+    fn lines(&self, status: &Status, summary: &Summary, share: f64) -> Vec<String> {
         let mut lines = vec![
             format!("{} — {}", status.machine, status.description),
             format!("page  http://{}", self.page),
@@ -102,8 +97,7 @@ impl Table {
         ];
         for axis in &status.axes {
             let micron = |value: f64| format!("{value:+.1} µm");
-            let [error, cz, left] =
-                figures(truth_of(axis, truth, summary)).map(|value| value.map_or("—".to_owned(), micron));
+            let [error, cz, left] = figures(axis.truth).map(|value| value.map_or("—".to_owned(), micron));
             lines.push(format!(
                 "{:<6}{error:>11}{cz:>11}{left:>16}   {:<18}{}",
                 axis.name,
@@ -130,7 +124,7 @@ impl Table {
         lines.iter().map(|line| line.chars().take(100).collect()).collect()
     }
 
-    fn row(&mut self, status: &Status, truth: Option<&TruthRow>, summary: &Summary) -> std::io::Result<()> {
+    fn row(&mut self, status: &Status) -> std::io::Result<()> {
         if status.uptime_s < self.next_row {
             return Ok(());
         }
@@ -146,8 +140,7 @@ impl Table {
         self.next_row = (status.uptime_s / ROW_EVERY).floor() * ROW_EVERY + ROW_EVERY;
         for axis in &status.axes {
             let micron = |value: f64| format!("{value:.1}");
-            let [error, cz, left] =
-                figures(truth_of(axis, truth, summary)).map(|value| value.map_or("—".to_owned(), micron));
+            let [error, cz, left] = figures(axis.truth).map(|value| value.map_or("—".to_owned(), micron));
             let AxisStatus { name, state, .. } = axis;
             let hours = status.uptime_s / 3600.0;
             writeln!(out, "{hours:>6.1}  {name:<5}{error:>12}{cz:>12}{left:>20}   {state}")?;
@@ -156,17 +149,11 @@ impl Table {
     }
 }
 
-/// What is true of an axis; the plant may not know it of each.
-fn truth_of<'a>(axis: &AxisStatus, truth: Option<&'a TruthRow>, summary: &Summary) -> Option<&'a AxisTruth> {
-    let place = summary.axes.iter().position(|known| known.axis == axis.name)?;
-    truth?.axes.get(place)
-}
-
 /// Error, the Cz that acts, and what is left, in tenths of a micrometre that add up.
-fn figures(truth: Option<&AxisTruth>) -> [Option<f64>; 3] {
+fn figures(truth: Option<TruthStatus>) -> [Option<f64>; 3] {
     let Some(truth) = truth else { return [None; 3] };
     let tenths = |value: f64| (value * 10.0).round();
-    let (error, left) = (tenths(truth.error_um), tenths(truth.residual_um()));
+    let (error, left) = (tenths(truth.error_um), tenths(truth.left_um));
     // Adding 0.0 makes a zero of what was a negative zero.
     [error, left - error, left].map(|tenths| Some(tenths / 10.0 + 0.0))
 }
@@ -190,7 +177,7 @@ mod tests {
         for (error_um, cz_um) in
             [(-3.24, 1.26), (0.05, 0.05), (12.349, -12.351), (0.04, -0.04), (-0.049, 0.0)]
         {
-            let [error, cz, left] = figures(Some(&AxisTruth { error_um, cz_um }));
+            let [error, cz, left] = figures(Some(TruthStatus { error_um, left_um: error_um + cz_um }));
             let printed = [error, cz, left].map(|value| format!("{:.1}", value.unwrap()));
             let [error, cz, left] = printed.each_ref().map(|text| text.parse::<f64>().unwrap());
             assert!((error + cz - left).abs() < 1e-9, "{printed:?}");

@@ -20,7 +20,7 @@ use super::{Room, parameter};
 use crate::clock::Passing;
 use crate::observe::events::file::begin;
 use crate::observe::past::{self, Column, Question};
-use crate::observe::status::Status;
+use crate::observe::status::{AxisStatus, Status};
 use isotherm_core::quantity::{Moment, time};
 
 /// So many spans are read at once.
@@ -159,10 +159,12 @@ fn points(query: &str) -> Result<usize, Refused> {
 /// Those that are named, else all that there are.
 fn columns(status: &Status, named: Option<&str>) -> Result<Vec<Column>, String> {
     let signals = status.signals.iter().map(|signal| Column { name: signal.name.clone(), unit: signal.unit });
-    let of_axis =
-        |name: &str| ["cz_um", "raw_um"].map(|what| Column { name: format!("{name}_{what}"), unit: "um" });
-    let mut known: Vec<Column> =
-        status.axes.iter().flat_map(|axis| of_axis(&axis.name)).chain(signals).collect();
+    let of_axis = |axis: &AxisStatus| -> Vec<Column> {
+        let truth = if axis.truth.is_some() { ["error_um", "left_um"].as_slice() } else { &[] };
+        let columns = ["cz_um", "raw_um"].iter().chain(truth);
+        columns.map(|what| Column { name: format!("{}_{what}", axis.name), unit: "um" }).collect()
+    };
+    let mut known: Vec<Column> = status.axes.iter().flat_map(of_axis).chain(signals).collect();
     let Some(named) = named else {
         known.truncate(MOST_COLUMNS);
         return Ok(known);

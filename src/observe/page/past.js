@@ -47,7 +47,10 @@ export function showPast(status) {
   view.at = new Date(status.now).getTime() / 1000;
   if (lines === null) {
     by("past-tools").append(...spans.values(), ...tools);
-    const ofAxis = (axis, index) => [["cz", "Cz", []], ["raw", t("raw"), [5, 4]]].map(([column, title, dash]) =>
+    const ofAxis = (axis, index) => [
+      ["cz", "Cz", []], ["raw", t("raw"), [5, 4]],
+      ...axis.truth ? [["error", t("true_error"), [2, 3]], ["left", t("true_left"), [9, 3]]] : [],
+    ].map(([column, title, dash]) =>
       ({ column: `${axis.name}_${column}_um`, label: `${title} ${labelled(axis)}`, unit: "um", dash, index }));
     const temperatures = status.signals.filter(({ unit }) => unit === "degC" || unit === "K");
     lines = [

@@ -1,0 +1,92 @@
+//! What only a virtual machine knows, beside what the gateway does: the error of each axis, and what is left of it. It is on the
+//! page with the rest.
+
+use std::io::Write;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use crate::clock::Clock;
+use crate::observe::asker::Asker;
+use crate::observe::events::file::Found;
+use crate::observe::status::{Answer, Command, Source, Status, TruthStatus};
+use crate::virtual_machine::Window;
+use isotherm_core::quantity::{Moment, time};
+
+/// The gateway's state, with the truth in it.
+pub(super) struct WithTruth {
+    pub(super) source: Arc<dyn Source>,
+    pub(super) window: Window,
+    /// The course of the truth, as a log beside the gateway's.
+    pub(super) log: Option<PathBuf>,
+}
+
+impl WithTruth {
+    /// Writes what is new to the log. Without room for it the page has the rest.
+    pub(super) fn keep(&self, clock: &Clock) {
+        let (Some(log), rows) = (&self.log, self.window.take_course()) else { return };
+        let axes = self.window.summary().axes;
+        let Ok(mut file) = std::fs::OpenOptions::new().create(true).append(true).open(log) else { return };
+        let mut text = Vec::new();
+        if file.metadata().is_ok_and(|metadata| metadata.len() == 0) {
+            text.extend_from_slice(b"time");
+            axes.iter().for_each(|axis| text.extend(format!(",{0}_error_um,{0}_left_um", axis.axis).bytes()));
+            text.push(b'\n');
+        }
+        for row in rows {
+            time::write(&mut text, clock.stamp(row.at));
+            for truth in row.axes {
+                text.extend(format!(",{:.3},{:.3}", truth.error_um, truth.residual_um()).bytes());
+            }
+            text.push(b'\n');
+        }
+        let _ = file.write_all(&text);
+    }
+}
+
+impl Source for WithTruth {
+    fn status(&self) -> Status {
+        let mut status = self.source.status();
+        let summary = self.window.summary();
+        let truth = self.window.latest_truth();
+        for axis in &mut status.axes {
+            let place = summary.axes.iter().position(|known| known.axis == axis.name);
+            let known = place.zip(truth.as_ref()).and_then(|(place, truth)| truth.axes.get(place));
+            axis.truth =
+                known.map(|known| TruthStatus { error_um: known.error_um, left_um: known.residual_um() });
+        }
+        status
+    }
+
+    fn logs(&self, from: Moment, to: Moment) -> Option<Vec<PathBuf>> {
+        let logs = self.source.logs(from, to)?;
+        Some(logs.into_iter().chain(self.log.clone()).collect())
+    }
+
+    fn command(&self, command: Command, axis: Option<&str>, asker: &Arc<Asker>) -> Result<Answer, String> {
+        self.source.command(command, axis, asker)
+    }
+
+    fn arming(&self, axis: Option<&str>) -> Result<Answer, String> {
+        self.source.arming(axis)
+    }
+
+    fn signing(&self, axis: Option<&str>) -> Result<Answer, String> {
+        self.source.signing(axis)
+    }
+
+    fn measured(&self, axis: &str, error_um: Option<f64>, asker: &Asker) -> Result<String, String> {
+        self.source.measured(axis, error_um, asker)
+    }
+
+    fn acknowledge(&self, alarm: Option<&str>, asker: &Asker) -> Result<String, String> {
+        self.source.acknowledge(alarm, asker)
+    }
+
+    fn turned_away(&self, command: &str, asker: &Asker, why: &str) {
+        self.source.turned_away(command, asker, why);
+    }
+
+    fn events(&self, since: Moment, found: &mut dyn FnMut(Found)) -> std::io::Result<()> {
+        self.source.events(since, found)
+    }
+}
