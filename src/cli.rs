@@ -15,6 +15,8 @@ use crate::gateway::control::Failure;
 use crate::gateway::how_to_find_a_model;
 use crate::observe::status::Command;
 
+#[cfg(any(feature = "identify", feature = "place"))]
+mod beside;
 mod check;
 mod command;
 mod demo;
@@ -28,6 +30,8 @@ mod machines;
 mod measured;
 #[cfg(feature = "place")]
 mod place;
+#[cfg(any(feature = "identify", feature = "place"))]
+mod progress;
 mod read;
 mod record;
 pub mod replay;

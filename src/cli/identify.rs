@@ -1,15 +1,15 @@
 //! `isotherm identify`: from logs with a measured error to a model, its cross-validation and its block.
 
-use std::io::{IsTerminal, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use anyhow::Context;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
+use super::beside::Beside;
 use super::logs::Runs;
+use super::progress::Progress;
 use super::{load_quietly, print_json};
-use crate::cli::say::{Out, say_progress};
+use crate::cli::say::Out;
 use crate::clock::Clock;
 use isotherm_core::compensation::model::Outside;
 use isotherm_identify::applied::Applied;
@@ -156,26 +156,24 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         );
     }
     let profile = load_quietly(path, &arguments.set, arguments.json)?.profile;
-    let (found, document) = find(arguments, &profile)?;
+    let mut beside = Beside::default();
+    let (found, document) = find(arguments, &profile, &mut beside)?;
     if let Some(path) = &arguments.write {
-        write(arguments, &found, path)?;
+        write(arguments, &found, path, &mut beside);
     }
-    if let Some(document) = document {
-        return print_json(&document);
+    match document {
+        Some(document) => print_json(&document)?,
+        None => text::render(&mut Out, &found, arguments.probe)?,
     }
-    let mut out = Out;
-    text::render(&mut out, &found, arguments.probe)?;
-    if let Some(path) = &arguments.write {
-        writeln!(out, "the block is in {}", path.display())?;
-    }
-    if let Some(path) = &arguments.report {
-        writeln!(out, "the report is in {}", path.display())?;
-    }
-    Ok(())
+    beside.end(arguments.json)
 }
 
 /// What was found, and as one document where one is asked for.
-fn find(arguments: &Arguments, profile: &Profile) -> anyhow::Result<(Identified, Option<serde_json::Value>)> {
+fn find(
+    arguments: &Arguments,
+    profile: &Profile,
+    beside: &mut Beside,
+) -> anyhow::Result<(Identified, Option<serde_json::Value>)> {
     let choice = Choice {
         axis: arguments.axis.clone(),
         error: arguments.error.clone(),
@@ -207,34 +205,25 @@ fn find(arguments: &Arguments, profile: &Profile) -> anyhow::Result<(Identified,
     }
     let probe = arguments.probe.map(|interval| interval.as_secs_f64());
     let fallbacks = arguments.write.is_some() || arguments.report.is_some();
-    let found = identify(&ready, &settings, probe, fallbacks, &progress()).map_err(anyhow::Error::msg)?;
+    let progress = Progress::begin("runs held out");
+    let note = |done, all| progress.note("runs held out", done, all);
+    let found = identify(&ready, &settings, probe, fallbacks, &note).map_err(anyhow::Error::msg)?;
+    drop(progress);
     if let Some(path) = &arguments.report {
         let subject = Subject { profile, ready: &ready, found: &found, made: Clock::wall().now() };
-        let page = report::identified(&subject);
-        std::fs::write(path, page).with_context(|| format!("cannot write {}", path.display()))?;
+        beside.write("the report", path, report::identified(&subject));
     }
     let document = || document(profile, &ready, &found, Clock::wall().now());
     let document = arguments.json.then(document).transpose()?;
     Ok((found, document))
 }
 
-/// Says on a terminal how many runs have been held out.
-pub(super) fn progress() -> impl Fn(usize, usize) + Sync {
-    let shows = std::io::stderr().is_terminal();
-    move |done, all| {
-        if shows {
-            let end = if done == all { "\n" } else { "" };
-            say_progress!("\rheld out: {done} of {all} runs{end}");
-        }
-    }
-}
-
-fn write(arguments: &Arguments, found: &Identified, path: &std::path::Path) -> anyhow::Result<()> {
+fn write(arguments: &Arguments, found: &Identified, path: &Path, beside: &mut Beside) {
     let stem = path.file_stem().and_then(|stem| stem.to_str()).unwrap_or("model");
     let written = written(found, stem, arguments.outside);
-    let beside = written.files.iter().map(|(name, text)| (path.with_file_name(name), text));
-    for (path, text) in [(path.to_owned(), &written.block)].into_iter().chain(beside) {
-        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
-    }
-    Ok(())
+    beside.write("the block", path, &written.block);
+    written
+        .files
+        .iter()
+        .for_each(|(name, text)| beside.write("a file of it", &path.with_file_name(name), text));
 }

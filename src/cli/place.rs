@@ -1,13 +1,12 @@
 //! `isotherm place`: where the temperature sensors of a structure belong.
 
 use std::collections::BTreeSet;
-use std::io::IsTerminal;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use anyhow::Context;
-
+use super::beside::Beside;
+use super::progress::Progress;
 use super::{print_json, values};
-use crate::cli::say::{say_all, say_progress};
+use crate::cli::say::say_all;
 use crate::clock::Clock;
 use isotherm_placement::blocks::Cut;
 use isotherm_placement::export::{Rider, block, matrix};
@@ -150,7 +149,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if let Some(directory) = &arguments.example {
         return plant::write_example(directory);
     }
-    let progress = progress();
+    let shown = Progress::begin("reading");
+    let progress = |what: &str, done, all| shown.note(what, done, all);
     let plant = arguments.plant.as_deref().map(|path| plant::read(path, arguments.engine)).transpose()?;
     let study = structure::study(arguments, plant.as_ref(), &progress)?;
     let case = arguments.case.as_ref().map(|name| {
@@ -170,39 +170,27 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let placement =
         place(&study, &criteria, &progress).map_err(|wrong| anyhow::anyhow!("{}", wrong.join("\n")))?;
     let line = GuideLine::new(&placement.guide_xyz, arguments.along.map(|axis| axis as usize));
-    let mut written = String::new();
+    let mut files = Beside::default();
     if let Some(path) = &arguments.write {
         let beside = path.with_extension("matrix.json");
         let name = beside.file_name().unwrap_or_default().to_string_lossy();
-        write_file(path, block(&placement, &line, &arguments.rider, &name))?;
-        write_file(&beside, matrix(&placement, &line, &arguments.rider))?;
-        written += &format!("the model's block is in {}, P in {}\n", path.display(), beside.display());
+        files.write("the model's block", path, block(&placement, &line, &arguments.rider, &name));
+        files.write("P", &beside, matrix(&placement, &line, &arguments.rider));
     }
     if let (Some(plant), Some(path), Some(adjoint)) = (&plant, &arguments.modes, &study.adjoint) {
-        plant::write_modes(plant, path, adjoint, &placement, &line, &progress)?;
-        written += &format!("the modes are in {}\n", path.display());
+        files.write(
+            "what the structure is reduced to",
+            path,
+            plant::modes(plant, adjoint, &placement, &line, &progress)?,
+        );
     }
     if let Some(path) = &arguments.report {
-        write_file(path, report(&study, &placement, &line, Clock::wall().time_of_day()))?;
-        written += &format!("the report is in {}\n", path.display());
+        files.write("the report", path, report(&study, &placement, &line, Clock::wall().time_of_day()));
     }
-    if arguments.json {
-        return print_json(&placement);
+    drop(shown);
+    match arguments.json {
+        true => print_json(&placement)?,
+        false => say_all!("{}", Text(&placement, &study.parts))?,
     }
-    Ok(say_all!("{}{written}", Text(&placement, &study.parts))?)
-}
-
-/// Shows what is being computed, where somebody watches.
-fn progress() -> impl Fn(&str, usize, usize) {
-    let shows = std::io::stderr().is_terminal();
-    move |what, done, all| {
-        if shows {
-            let end = if done == all { "\n" } else { "" };
-            say_progress!("\r{what}: {done} of {all}\u{1b}[K{end}");
-        }
-    }
-}
-
-fn write_file(path: &Path, text: impl AsRef<[u8]>) -> anyhow::Result<()> {
-    std::fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
+    files.end(arguments.json)
 }

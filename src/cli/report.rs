@@ -3,9 +3,9 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use anyhow::Context;
 use clap::builder::TypedValueParser;
 
+use super::beside::Beside;
 use super::identify::one_of;
 use super::logs::Runs;
 use super::{load_with, print_json};
@@ -75,12 +75,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let mut displacements = arguments.displacement.clone();
     add_without_cz(&mut dataset, profile.as_ref(), &mut displacements, &applied)?;
     let drifts = drift(&dataset, &displacements, arguments.test, &unit)?;
+    let mut beside = Beside::default();
     if let Some(path) = &arguments.report {
         let page = report::drifted(&dataset, &drifts, profile.as_ref(), Clock::wall().time_of_day());
-        std::fs::write(path, page).with_context(|| format!("cannot write {}", path.display()))?;
+        beside.write("the report", path, page);
     }
     if arguments.json {
-        return print_json(&serde_json::json!({ "runs": drifts }));
+        print_json(&serde_json::json!({ "runs": drifts }))?;
+        return beside.end(true);
     }
     let mut out = Out;
     for (place, drift) in drifts.iter().enumerate() {
@@ -89,8 +91,8 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         text::render(&mut out, drift)?;
     }
-    if let Some(path) = &arguments.report {
-        writeln!(out, "\nthe report is in {}", path.display())?;
+    if arguments.report.is_some() {
+        writeln!(out)?;
     }
-    Ok(())
+    beside.end(false)
 }

@@ -1,14 +1,12 @@
 //! `isotherm select`: which temperature points are worth keeping.
 
-use std::io::Write;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use anyhow::Context;
-
-use super::identify::progress;
+use super::beside::Beside;
 use super::logs::Runs;
 use super::print_json;
+use super::progress::Progress;
 use crate::cli::say::Out;
 use crate::clock::Clock;
 use isotherm_identify::applied::{Applied, without_cz};
@@ -103,18 +101,18 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     if !arguments.lags.is_empty() {
         settings.lags = arguments.lags.iter().map(|lag| (!lag.is_zero()).then_some(*lag)).collect();
     }
-    let found: Selected = select(&pointed, &settings, &progress()).map_err(anyhow::Error::msg)?;
+    let progress = Progress::begin("runs held out");
+    let note = |done, all| progress.note("runs held out", done, all);
+    let found: Selected = select(&pointed, &settings, &note).map_err(anyhow::Error::msg)?;
+    drop(progress);
+    let mut beside = Beside::default();
     if let Some(path) = &arguments.report {
         let page = report::selected(&pointed, &found, Clock::wall().time_of_day());
-        std::fs::write(path, page).with_context(|| format!("cannot write {}", path.display()))?;
+        beside.write("the report", path, page);
     }
-    if arguments.json {
-        return print_json(&found);
+    match arguments.json {
+        true => print_json(&found)?,
+        false => text::render(&mut Out, &found)?,
     }
-    let mut out = Out;
-    text::render(&mut out, &found)?;
-    if let Some(path) = &arguments.report {
-        writeln!(out, "the report is in {}", path.display())?;
-    }
-    Ok(())
+    beside.end(arguments.json)
 }

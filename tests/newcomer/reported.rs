@@ -1,9 +1,11 @@
 //! What is found is told, to people and to programs.
 
+use std::time::Duration;
+
 use serde_json::Value;
 
 use crate::plant::{OUTPUT, PROFILE, asked, day, identify};
-use crate::process::{file, isotherm};
+use crate::process::{Running, file, isotherm};
 
 #[test]
 fn a_sensor_that_hangs_in_the_hall_is_known_by_what_it_does() {
@@ -105,4 +107,46 @@ fn a_profile_without_a_model_is_identified_and_refused_by_what_would_follow_it()
             refused.said
         );
     }
+}
+
+#[test]
+fn a_report_that_cannot_be_written_does_not_throw_the_result_away() {
+    let home = tempfile::tempdir().unwrap();
+    let logs = [("one.csv", day(1)), ("two.csv", day(2)), ("three.csv", day(3))];
+    let more = ["--method", "ols", "--report", "nowhere/report.html", "--write", "z.toml"];
+    let answer = identify(home.path(), PROFILE, &logs, &more);
+    assert_eq!(answer.code, Some(1));
+    assert!(
+        answer.out.contains("Cz = −e, added up from") && answer.out.contains("the block is in z.toml"),
+        "{}",
+        answer.out
+    );
+    assert!(answer.said.contains("cannot write nowhere/report.html"), "{}", answer.said);
+    assert!(home.path().join("z.toml").exists());
+    for verb in [["select", "--error", "z_error_um"].as_slice(), &["report"]] {
+        let answer = asked(home.path(), verb, &logs, &["--report", "nowhere/report.html", "--json"]);
+        assert_eq!(answer.code, Some(1));
+        assert!(
+            answer.out.starts_with('{') && answer.said.contains("cannot write nowhere/report.html"),
+            "{}",
+            answer.said
+        );
+    }
+}
+
+#[test]
+fn ctrl_c_ends_what_computes_for_long_within_a_second() {
+    let home = tempfile::tempdir().unwrap();
+    file(home.path(), "plant.toml", PROFILE);
+    for number in 1..=3 {
+        file(home.path(), &format!("{number}.csv"), &day(number));
+    }
+    let mut command = isotherm(home.path());
+    let logs = ["1.csv", "2.csv", "3.csv"];
+    command.current_dir(home.path()).args(["identify", "plant.toml"]).args(logs);
+    let mut running = Running::start(command.args(["--method", "network", "--neurons", "64"]));
+    std::thread::sleep(Duration::from_millis(1500));
+    assert!(!running.has_ended(), "it takes longer than this");
+    running.signal("INT");
+    running.ends_within(Duration::from_secs(1));
 }

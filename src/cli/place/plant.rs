@@ -5,7 +5,7 @@ use std::path::Path;
 
 use anyhow::Context;
 
-use super::{Engine, write_file};
+use super::Engine;
 use isotherm_placement::body::Progress;
 use isotherm_placement::example;
 use isotherm_placement::export::signals;
@@ -26,14 +26,13 @@ pub(super) fn read(path: &Path, engine: Engine) -> anyhow::Result<FeInput> {
 
 /// Writes the plant's modes, with the temperatures at the sensors and at the blocks' centres (`NAME_centre`) and the
 /// displacement along the guideway.
-pub(super) fn write_modes(
+pub(super) fn modes(
     plant: &FeInput,
-    out: &Path,
     adjoint: &Adjoint,
     placement: &Placement,
     line: &GuideLine,
     progress: Progress<'_>,
-) -> anyhow::Result<()> {
+) -> anyhow::Result<String> {
     let modes = Modes::of(plant, progress).map_err(|why| anyhow::anyhow!("{}: {why}", plant.name))?;
     let names = signals(placement, &[]);
     let node = |sensor: &Sensor| plant.mesh.place(NodeId(sensor.node)).unwrap_or_default();
@@ -41,7 +40,7 @@ pub(super) fn write_modes(
     let centres = placement.centres.iter().zip(&names);
     let centres = centres.map(|(sensor, name)| (format!("{name}_centre"), node(sensor)));
     let points: Vec<(String, usize)> = placed.chain(centres).collect();
-    write_file(out, modes.to_json(&points, adjoint, line))
+    Ok(modes.to_json(&points, adjoint, line))
 }
 
 /// Writes the example's files, and says what to do with them.
@@ -58,7 +57,7 @@ pub(super) fn write_example(directory: &Path) -> anyhow::Result<()> {
         }
     }
     for (path, text) in files {
-        write_file(&path, text)?;
+        std::fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
     }
     let cases: Vec<String> = example::cases().map(|case| format!("{place}/{case}.inp")).collect();
     say!("the column is in {place}/mesh.inp, its load cases beside it; where its sensors belong:")?;

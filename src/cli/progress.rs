@@ -1,0 +1,93 @@
+//! What long work shows meanwhile, on stderr: on a terminal a line that is redrawn, elsewhere one every ten seconds.
+
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::say::say_beside;
+
+/// Where no terminal redraws it, it is said this often.
+const SAID_EVERY: Duration = Duration::from_secs(10);
+const DRAWN_EVERY: Duration = Duration::from_millis(200);
+
+/// Work that is under way, until this is dropped.
+pub(super) struct Progress {
+    bar: ProgressBar,
+    state: Arc<Mutex<String>>,
+    /// Gone when the work is over.
+    works: Option<Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Progress {
+    /// `what` is done first.
+    pub(super) fn begin(what: &str) -> Progress {
+        let bar = ProgressBar::new_spinner().with_message(what.to_owned());
+        if let Ok(style) = ProgressStyle::with_template("{spinner} {msg} ({elapsed})") {
+            bar.set_style(style);
+        }
+        if bar.is_hidden() {
+            return Progress::said(bar, what, SAID_EVERY, |line| say_beside!("{line}"));
+        }
+        bar.enable_steady_tick(DRAWN_EVERY);
+        Progress { bar, state: Arc::default(), works: None, thread: None }
+    }
+
+    fn said(
+        bar: ProgressBar,
+        what: &str,
+        every: Duration,
+        say: impl Fn(String) + Send + 'static,
+    ) -> Progress {
+        let state = Arc::new(Mutex::new(what.to_owned()));
+        let (works, is_over) = channel::<()>();
+        let shown = Arc::clone(&state);
+        let thread = std::thread::spawn(move || {
+            let mut spent = Duration::ZERO;
+            while is_over.recv_timeout(every) == Err(RecvTimeoutError::Timeout) {
+                spent += every;
+                let what = shown.lock().unwrap_or_else(PoisonError::into_inner).clone();
+                say(format!("{what} ({})", humantime::format_duration(spent)));
+            }
+        });
+        Progress { bar, state, works: Some(works), thread: Some(thread) }
+    }
+
+    /// So much of it is done.
+    pub(super) fn note(&self, what: &str, done: usize, all: usize) {
+        let line = format!("{what}: {done} of {all}");
+        self.bar.set_message(line.clone());
+        *self.state.lock().unwrap_or_else(PoisonError::into_inner) = line;
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        self.works = None;
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+        self.bar.finish_and_clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn without_a_terminal_a_line_comes_as_often_as_it_must_and_ends_with_the_work() {
+        let (tell, said) = channel();
+        let every = Duration::from_millis(5);
+        let say = move |line| drop(tell.send(line));
+        let progress = Progress::said(ProgressBar::hidden(), "reading", every, say);
+        assert_eq!(said.recv().unwrap(), "reading (5ms)");
+        progress.note("held out", 1, 5);
+        assert!(said.iter().any(|line: String| line.starts_with("held out: 1 of 5 (")));
+        drop(progress);
+        assert!(said.iter().count() < usize::MAX, "nobody says any more");
+    }
+}
