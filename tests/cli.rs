@@ -15,7 +15,7 @@ use process::{PATIENCE, Running, file, free_port, isotherm};
 
 const MACHINE: &str = include_str!("interop/machine.toml");
 
-const VERBS: [&str; 23] = [
+const VERBS: [&str; 24] = [
     "demo",
     "run",
     "check",
@@ -39,6 +39,7 @@ const VERBS: [&str; 23] = [
     "events",
     "status",
     "init",
+    "sign",
 ];
 
 /// A verb that has ended.
@@ -507,7 +508,7 @@ fn status_has_the_content_of_the_page_for_people_programs_and_a_watchdog() {
 }
 
 /// Each verb as somebody may call it; what it needs lies in its directory.
-const CALLS: [&[&str]; 31] = [
+const CALLS: [&[&str]; 32] = [
     &["--help"],
     &["demo", "--for", "10min", "--speed", "100000", "--listen", "127.0.0.1:0"],
     &["demo", "--for", "10min", "--speed", "100000", "--listen", "127.0.0.1:0", "--json"],
@@ -536,6 +537,7 @@ const CALLS: [&[&str]; 31] = [
     &["status", "machine.toml", "--state", "state"],
     &["init"],
     &["init", "--yes"],
+    &["sign", "machine.toml", "--state", "state"],
     &["schema"],
     &["completions", "bash"],
     &["man"],

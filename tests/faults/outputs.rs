@@ -325,7 +325,7 @@ fn a_person_is_answered_in_words() {
     });
     let said = said.into_inner();
     assert!(said[0].text().starts_with("z: off"), "{said:?}");
-    assert_eq!(said[2], Answer::Done("z: armed".to_owned()));
+    assert!(matches!(&said[2], Answer::Done(said) if said.starts_with("z: armed")), "{said:?}");
 }
 
 #[test]
