@@ -53,8 +53,11 @@ const outputs = new Table("outputs");
 const devices = new Table("devices");
 const buses = new Table("buses");
 
-// The gateway's own sentence says more where the device says a number with it.
-const reason = ({ quality, reason }) => (/\d/.test(reason) ? reason : known("reason", quality));
+// In English as the gateway says it, with what to do; elsewhere its word, with the raw value that the device sent. The
+// sentence stands at the device then.
+const raw = (reason) => reason.match(/\(raw [^)]+\)/)?.[0] ?? "";
+const reason = ({ quality, reason }) =>
+  document.documentElement.lang === "en" ? reason || quality : `${known("reason", quality)} ${raw(reason)}`.trim();
 
 export function showTables(status) {
   for (const signal of status.signals) {
