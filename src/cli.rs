@@ -39,6 +39,8 @@ pub mod replay;
 mod report;
 mod run;
 mod running;
+#[cfg(feature = "identify")]
+mod runs;
 mod say;
 mod scan;
 #[cfg(feature = "identify")]

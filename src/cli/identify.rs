@@ -6,8 +6,8 @@ use std::time::Duration;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use super::beside::Beside;
-use super::logs::Runs;
 use super::progress::Progress;
+use super::runs::Runs;
 use super::{load_quietly, print_json};
 use crate::cli::say::Out;
 use crate::clock::Clock;

@@ -7,7 +7,7 @@ use clap::builder::TypedValueParser;
 
 use super::beside::Beside;
 use super::identify::one_of;
-use super::logs::Runs;
+use super::runs::Runs;
 use super::{load_with, print_json};
 use crate::cli::say::Out;
 use crate::clock::Clock;

@@ -4,9 +4,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use super::beside::Beside;
-use super::logs::Runs;
 use super::print_json;
 use super::progress::Progress;
+use super::runs::Runs;
 use crate::cli::say::Out;
 use crate::clock::Clock;
 use isotherm_identify::applied::{Applied, without_cz};
