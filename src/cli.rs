@@ -10,6 +10,7 @@ use tracing_appender::non_blocking::{NonBlockingBuilder, WorkerGuard};
 use isotherm_profile::{Axis, Loaded, Profile};
 
 use crate::cli::say::{Out, say, say_beside};
+use crate::fieldbus::explain::without_numbers;
 use crate::fieldbus::tls;
 use crate::gateway::control::Failure;
 use crate::gateway::how_to_find_a_model;
@@ -219,12 +220,12 @@ pub fn run(arguments: Arguments) -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) if error.is::<WrongProfile>() => ExitCode::from(64),
         Err(error) if matches!(error.downcast_ref(), Some(Failure::NoAnswer | Failure::Ended)) => {
-            say_beside!("isotherm: {error:#}");
+            say_beside!("isotherm: {}", without_numbers(&format!("{error:#}")));
             ExitCode::from(3)
         }
         Err(error) if is_closed_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
-            say_beside!("isotherm: {error:#}");
+            say_beside!("isotherm: {}", without_numbers(&format!("{error:#}")));
             ExitCode::from(1)
         }
     }

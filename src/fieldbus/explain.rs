@@ -76,8 +76,21 @@ pub fn system(error: &Error) -> String {
         ErrorKind::AddrNotAvailable => "this computer has no such address: `ip address` lists its own".to_owned(),
         ErrorKind::StorageFull => "the disk is full".to_owned(),
         ErrorKind::ReadOnlyFilesystem => "the disk is read-only: take another directory (`--state`)".to_owned(),
-        _ => error.to_string(),
+        _ => without_numbers(&error.to_string()),
     }
+}
+
+/// A sentence in which the system's words stand, without its " (os error N)".
+pub fn without_numbers(sentence: &str) -> String {
+    let mut left = String::with_capacity(sentence.len());
+    let mut rest = sentence;
+    while let Some((before, after)) = rest.split_once(" (os error ") {
+        left.push_str(before);
+        rest = after.trim_start_matches(|digit: char| digit.is_ascii_digit());
+        rest = rest.strip_prefix(')').unwrap_or(rest);
+    }
+    left.push_str(rest);
+    left
 }
 
 #[cfg(test)]
@@ -121,6 +134,13 @@ mod tests {
         for code in [13, 98, 99, 28, 30] {
             let said = system(&Error::from_raw_os_error(code));
             assert!(!said.contains("os error"), "{said}");
+        }
+        for (said, left) in [
+            ("a.csv: No such file or directory (os error 2)", "a.csv: No such file or directory"),
+            ("a (os error 13): b (os error 5)", "a: b"),
+            ("nothing of it", "nothing of it"),
+        ] {
+            assert_eq!(without_numbers(said), left);
         }
     }
 }
