@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use clap::{Args, CommandFactory, Parser, Subcommand};
 use tracing_appender::non_blocking::{NonBlockingBuilder, WorkerGuard};
 
-use isotherm_profile::{Axis, Loaded, Profile};
+use isotherm_profile::{Axis, Loaded, Profile, one_line};
 
 use crate::cli::say::{Out, say, say_beside};
 use crate::fieldbus::explain::without_numbers;
@@ -243,11 +243,19 @@ const UNREAD: usize = 2048;
 /// it, so that nobody waits for a reader who does not read; what it has not written is written when the guard is dropped.
 fn start_log(filter: &str) -> WorkerGuard {
     use tracing_subscriber::EnvFilter;
+    use tracing_subscriber::field::MakeExt;
+    use tracing_subscriber::fmt::format::debug_fn;
     let filter = EnvFilter::try_new(filter).unwrap_or_else(|_| EnvFilter::new("info"));
     let (writer, guard) =
         NonBlockingBuilder::default().buffered_lines_limit(UNREAD).finish(std::io::stderr());
+    // What others wrote ends no line and steers no terminal. Any other value than the sentence is quoted.
+    let fields = debug_fn(|writer, field, value| match field.name() {
+        "message" => write!(writer, "{}", one_line(&format!("{value:?}"))),
+        name => write!(writer, "{name}={}", one_line(&format!("{value:?}"))),
+    });
     let log = tracing_subscriber::fmt()
         .with_env_filter(filter)
+        .fmt_fields(fields.delimited(" "))
         .with_writer(writer)
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false);

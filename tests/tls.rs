@@ -4,7 +4,7 @@
 
 use std::net::SocketAddr;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use isotherm::clock::Clock;
 use isotherm::fieldbus::departure::Leave;
@@ -52,28 +52,40 @@ fn refused(address: &str, more: &str, ca: &str, ours: &Signed) -> Vec<ProfileErr
     }
 }
 
-/// A virtual machine, and before it whoever speaks TLS for it, as stunnel does in the field.
+/// A virtual machine, and before it whoever speaks TLS for it, as stunnel does in the field. It asks for a certificate.
 async fn serve(
     ours: &Signed,
     trusts: &Authority,
+    versions: &[&'static SupportedProtocolVersion],
+) -> (SocketAddr, VirtualMachine) {
+    serve_whoever(ours, Some(trusts), versions).await
+}
+
+/// The same; where it trusts nobody, it does not ask who comes.
+async fn serve_whoever(
+    ours: &Signed,
+    trusts: Option<&Authority>,
     versions: &[&'static SupportedProtocolVersion],
 ) -> (SocketAddr, VirtualMachine) {
     let plain = isotherm_profile::parse(Path::new("machine.toml"), PROFILE, &[], &[]).unwrap().profile;
     let setup = Setup { ports: Ports::Free, ..Setup::default() };
     let machine = VirtualMachine::start(&plain, setup, &Clock::wall()).await.unwrap();
     let behind = machine.address(BusId(0)).unwrap();
-    let mut roots = RootCertStore::empty();
-    roots.add(CertificateDer::from_pem_slice(trusts.cert.as_bytes()).unwrap()).unwrap();
     let provider = Arc::new(default_provider());
-    let clients =
-        WebPkiClientVerifier::builder_with_provider(Arc::new(roots), provider.clone()).build().unwrap();
     let chain = vec![CertificateDer::from_pem_slice(ours.cert.as_bytes()).unwrap()];
-    let config = ServerConfig::builder_with_provider(provider)
-        .with_protocol_versions(versions)
-        .unwrap()
-        .with_client_cert_verifier(clients)
-        .with_single_cert(chain, PrivateKeyDer::from_pem_slice(ours.key.as_bytes()).unwrap())
-        .unwrap();
+    let key = PrivateKeyDer::from_pem_slice(ours.key.as_bytes()).unwrap();
+    let config =
+        ServerConfig::builder_with_provider(provider.clone()).with_protocol_versions(versions).unwrap();
+    let config = match trusts {
+        None => config.with_no_client_auth(),
+        Some(trusts) => {
+            let mut roots = RootCertStore::empty();
+            roots.add(CertificateDer::from_pem_slice(trusts.cert.as_bytes()).unwrap()).unwrap();
+            let clients = WebPkiClientVerifier::builder_with_provider(Arc::new(roots), provider).build();
+            config.with_client_cert_verifier(clients.unwrap())
+        }
+    };
+    let config = config.with_single_cert(chain, key).unwrap();
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap();
     tokio::spawn(async move {
@@ -240,4 +252,72 @@ fn files_of_no_use_are_reported_at_their_keys_all_at_once() {
     };
     assert_eq!(found.len(), 3, "{}", Errors(found.clone()));
     assert!(found.iter().all(|error| error.line.is_some()), "{}", Errors(found.clone()));
+}
+
+/// What is logged meanwhile, on this thread.
+#[derive(Clone, Default)]
+struct Log(Arc<Mutex<Vec<u8>>>);
+
+impl std::io::Write for Log {
+    fn write(&mut self, text: &[u8]) -> std::io::Result<usize> {
+        self.0.lock().unwrap().write(text)
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}
+
+#[tokio::test]
+async fn a_device_that_asks_for_no_certificate_is_warned_of_once() {
+    let authority = Authority::new();
+    let (device, ours) = (authority.signs("127.0.0.1", NOW), authority.signs("gateway", NOW));
+    for (version, trusts, warnings) in
+        [(&TLS12, None, 1), (&TLS13, None, 1), (&TLS12, Some(&authority), 0), (&TLS13, Some(&authority), 0)]
+    {
+        let (address, _machine) = serve_whoever(&device, trusts, &[version]).await;
+        let profile = secured(&address.to_string(), "", &authority.cert, &ours).unwrap();
+        let log = Log::default();
+        let writer = log.clone();
+        let subscriber = tracing_subscriber::fmt().with_writer(move || writer.clone()).finish();
+        let guard = tracing::subscriber::set_default(subscriber);
+        let mut device = profile.devices[0].clone();
+        device.quirks.close_after_each = true;
+        let (bus, devices) = (&profile.buses[0], [(DeviceId(0), &device)]);
+        let mut line = DeviceLine::new(bus, &devices, dial(bus).unwrap(), &Clock::wall());
+        for _ in 0..3 {
+            line.request(DeviceId(0), READ, Leave::Whenever).await.unwrap();
+        }
+        drop(guard);
+        let said = String::from_utf8(log.0.lock().unwrap().clone()).unwrap();
+        assert_eq!(
+            said.matches("127.0.0.1 asks for no certificate").count(),
+            warnings,
+            "{version:?}: {said}"
+        );
+    }
+}
+
+#[test]
+fn a_key_that_anybody_may_read_is_warned_of_at_its_place() {
+    use std::os::unix::fs::PermissionsExt;
+    let authority = Authority::new();
+    let ours = authority.signs("gateway", NOW);
+    let home = tempfile::tempdir().unwrap();
+    let file = |name: &str, text: &str| std::fs::write(home.path().join(name), text).unwrap();
+    let tls = "address = \"plc:802\"\ntls = { ca = \"ca.pem\", cert = \"gw.pem\", key = \"gw.key\" }";
+    file("machine.toml", &PROFILE.replacen("address = \"127.0.0.1:1\"", tls, 1));
+    file("ca.pem", &authority.cert);
+    file("gw.pem", &ours.cert);
+    file("gw.key", &ours.key);
+    for (mode, is_warned) in [(0o644, true), (0o602, true), (0o640, false), (0o600, false)] {
+        let key = home.path().join("gw.key");
+        std::fs::set_permissions(&key, std::fs::Permissions::from_mode(mode)).unwrap();
+        let loaded = isotherm_profile::load(&home.path().join("machine.toml"), &[], &[]).unwrap();
+        let warned = loaded.warnings.iter().find(|warning| warning.key == "bus.cell.tls.key");
+        assert_eq!(warned.is_some(), is_warned, "{mode:o}: {:?}", loaded.warnings);
+        if let Some(warning) = warned {
+            assert!(warning.line.is_some() && warning.to_string().contains("`chmod o= "), "{warning}");
+        }
+    }
 }

@@ -10,6 +10,7 @@ use crate::cli::say::{Out, say_beside};
 use crate::clock::Clock;
 use crate::observe::events::Entry;
 use crate::observe::events::file::{self, Found, begin};
+use isotherm_profile::one_line;
 
 /// Shows the events that are kept in the state directory, oldest first: a gateway need not run. Times are UTC.
 ///
@@ -95,5 +96,5 @@ fn json(entry: &Entry) -> String {
 fn line(entry: &Entry) -> String {
     let level = format!("{:?}", entry.level).to_lowercase();
     let at = entry.at.get(..19).unwrap_or(&entry.at).replace('T', " ");
-    format!("{at}  {level:<7}  {}", entry.text)
+    format!("{at}  {level:<7}  {}", one_line(&entry.text))
 }

@@ -4,7 +4,7 @@ use std::io::IsTerminal;
 
 use super::target::Target;
 use super::{gauge, print_json};
-use crate::cli::say::say_all;
+use crate::cli::say::{clear, say_all};
 use crate::observe::status::Status;
 
 mod register;
@@ -50,14 +50,14 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         }
         return gauge::judge(&status);
     }
-    let redraw = if std::io::stdout().is_terminal() { "\x1b[H\x1b[2J" } else { "" };
+    let redraws = std::io::stdout().is_terminal() && !arguments.json;
     gauge::watch(profile, |status| {
         let text = if arguments.json {
             format!("{}\n", document(&status))
         } else {
-            format!("{redraw}{}\n{}", status.now, gauge::signals(&status))
+            format!("{}\n{}", status.now, gauge::signals(&status))
         };
         // A reader that went away ends it.
-        say_all!("{text}").is_ok()
+        (!redraws || clear().is_ok()) && say_all!("{text}").is_ok()
     })
 }

@@ -43,6 +43,9 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let profile = warned(load_modelled(&arguments.profile, false)?);
+    for overridden in &profile.overridden {
+        tracing::info!("{overridden}");
+    }
     let directory = state_directory(arguments.state.as_deref(), &profile)?;
     let options = Options {
         dry_run: arguments.dry_run,

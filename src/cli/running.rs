@@ -1,15 +1,13 @@
 //! Which gateway of this computer is meant: the one with the state directory that is named, or that the profile and the
 //! platform say; else the only one of this machine that runs with another.
 
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use super::run::known_directory;
 use crate::cli::say::say_beside;
-use crate::gateway::control;
+use crate::gateway::control::{self, Presence};
 use isotherm_profile::Profile;
-
-/// What the kernel writes at a socket that accepts connections.
-const ACCEPTS: u32 = 0x1_0000;
 
 /// The command socket of the gateway that runs a profile. Where none runs, the one that it would have.
 ///
@@ -18,16 +16,20 @@ const ACCEPTS: u32 = 0x1_0000;
 pub(super) fn socket(state: Option<&Path>, profile: &Profile) -> anyhow::Result<PathBuf> {
     let named = state.or(profile.history.directory.as_deref());
     let usual = control::path(&known_directory(named), &profile.name);
-    if state.is_some() || control::answers(&usual) {
+    if state.is_some() || control::presence(&usual) != Presence::Nobody {
         return Ok(usual);
     }
-    let all = std::fs::read_to_string("/proc/net/unix").unwrap_or_default();
-    let mut others = listening(&all, &profile.name);
-    others.retain(|socket| control::answers(socket));
+    let found = control::listening(&profile.name);
+    let mut others = found.clone();
+    others.retain(|socket| control::presence(socket) == Presence::Answers);
+    if others.is_empty() {
+        // Asking it says whose it is.
+        let of_another_user = |socket: &PathBuf| control::presence(socket) == Presence::Forbidden;
+        return Ok(found.into_iter().find(of_another_user).unwrap_or(usual));
+    }
     let directory =
         |socket: &PathBuf| socket.parent().map(|path| path.display().to_string()).unwrap_or_default();
     match others.as_slice() {
-        [] => Ok(usual),
         [one] => {
             say_beside!("the gateway of {} that runs with --state {}:", profile.name, directory(one));
             Ok(one.clone())
@@ -58,7 +60,11 @@ pub(super) fn directory(state: Option<&Path>, profile: &Profile) -> anyhow::Resu
 /// There is none, or several.
 pub(super) fn only(state: Option<&Path>) -> anyhow::Result<PathBuf> {
     let directory = known_directory(state);
-    let entries = std::fs::read_dir(&directory).into_iter().flatten().flatten().map(|entry| entry.path());
+    let read = std::fs::read_dir(&directory);
+    if read.as_ref().is_err_and(|error| error.kind() == ErrorKind::PermissionDenied) {
+        anyhow::bail!("{}", control::forbidden(&directory));
+    }
+    let entries = read.into_iter().flatten().flatten().map(|entry| entry.path());
     let mut sockets: Vec<PathBuf> =
         entries.filter(|path| path.extension().is_some_and(|end| end == "sock")).collect();
     sockets.sort();
@@ -73,44 +79,5 @@ pub(super) fn only(state: Option<&Path>) -> anyhow::Result<PathBuf> {
             let names: Vec<String> = several.iter().map(name).collect();
             anyhow::bail!("several gateways run with {shown}: {}; name the profile of one", names.join(", "))
         }
-    }
-}
-
-/// The paths of the sockets that listen and are named as this machine's, in the kernel's list: `address: references protocol
-/// flags type state inode path`.
-fn listening(list: &str, machine: &str) -> Vec<PathBuf> {
-    let name = control::path(Path::new(""), machine);
-    let socket = |line: &str| {
-        let mut fields = line.splitn(8, ' ');
-        let flags = u32::from_str_radix(fields.nth(3)?, 16).ok()?;
-        // The inode is padded with blanks.
-        let path = Path::new(&line[line.find(" /")? + 1..]);
-        (flags & ACCEPTS != 0 && path.file_name() == Some(name.as_os_str())).then(|| path.to_owned())
-    };
-    let mut found: Vec<PathBuf> = list.lines().skip(1).filter_map(socket).collect();
-    found.sort();
-    found.dedup();
-    found
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_sockets_of_a_machine_that_listen_are_found_in_the_kernel_s_list() {
-        let list = "Num       RefCount Protocol Flags    Type St Inode Path\n\
-                    00000000c5ab98bd: 00000003 00000000 00000000 0001 03 4371428\n\
-                    0000000092c9f7d1: 00000002 00000000 00010000 0001 01    21 /srv/a b/press.sock\n\
-                    0000000092c9f7d2: 00000003 00000000 00000000 0001 03 4371 /srv/a b/press.sock\n\
-                    0000000092c9f7d3: 00000002 00000000 00010000 0001 01 437100 /srv/other/press-7.sock\n\
-                    0000000092c9f7d4: 00000002 00000000 00010000 0001 01 437101 @/abstract/press.sock\n\
-                    0000000092c9f7d5: 00000002 00000000 00010000 0001 01 437102 press.sock\n\
-                    0000000092c9f7d6: 00000002 00000000 00010000 0001 01 437103 /run/press.sock\n";
-        assert_eq!(
-            listening(list, "press"),
-            [PathBuf::from("/run/press.sock"), PathBuf::from("/srv/a b/press.sock")]
-        );
-        assert!(listening("", "press").is_empty());
     }
 }

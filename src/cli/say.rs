@@ -1,12 +1,29 @@
 //! What a verb prints. Nobody may be there to read it, and a disk may be full: that is an error of the verb, never a panic.
+//! What others wrote may stand in it: it steers no terminal.
 
 use std::fmt::Arguments;
 use std::io::{Error, Result, Write, stdout};
 
+use isotherm_profile::lines;
+
 /// Standard output, which says so where it cannot be written.
 pub(crate) struct Out;
 
+/// The same for a terminal that is redrawn: what steers it is our own.
+pub(crate) struct Screen;
+
 impl Write for Out {
+    fn write(&mut self, text: &[u8]) -> Result<usize> {
+        let Ok(readable) = std::str::from_utf8(text) else { return Screen.write(text) };
+        Screen.write_all(lines(readable).as_bytes()).map(|()| text.len())
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        Screen.flush()
+    }
+}
+
+impl Write for Screen {
     fn write(&mut self, text: &[u8]) -> Result<usize> {
         stdout().write(text).map_err(not_taken)
     }
@@ -32,13 +49,21 @@ pub(crate) fn all(text: Arguments<'_>) -> Result<()> {
     Out.write_fmt(text).and_then(|()| Out.flush())
 }
 
+/// Takes away what a terminal shows.
+///
+/// # Errors
+/// Nobody takes it.
+pub(crate) fn clear() -> Result<()> {
+    Screen.write_all(b"\x1b[H\x1b[2J")
+}
+
 fn not_taken(error: Error) -> Error {
     Error::new(error.kind(), format!("what is printed (standard output) cannot be written: {error}"))
 }
 
 /// A line beside that: a warning, or how far something is. It is lost where nobody takes it.
 pub(crate) fn beside(text: Arguments<'_>) {
-    let _ = std::io::stderr().write_fmt(format_args!("{text}\n"));
+    let _ = std::io::stderr().write_all(lines(&format!("{text}\n")).as_bytes());
 }
 
 /// What stands in the last line of a terminal, and is written over by the next.

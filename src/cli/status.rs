@@ -7,7 +7,7 @@ use std::time::Duration;
 use serde_json::{Map, Value};
 
 use super::{load_quietly, running};
-use crate::cli::say::{say, say_all};
+use crate::cli::say::{clear, say, say_all};
 use crate::gateway::control;
 use isotherm_profile::{Unit, labelled};
 
@@ -51,8 +51,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
         match (arguments.json, arguments.watch) {
             (true, true) => say!("{status}")?,
             (true, false) => say!("{}", serde_json::to_string_pretty(&status)?)?,
-            (false, _) => {
-                say_all!("{}{}", if arguments.watch { "\x1b[H\x1b[2J" } else { "" }, text(&status))?
+            (false, watch) => {
+                if watch {
+                    clear()?;
+                }
+                say_all!("{}", text(&status))?;
             }
         }
         if !arguments.watch {
@@ -120,6 +123,14 @@ fn text(status: &Value) -> String {
     let rows = |key: &str, row: &dyn Fn(&Value) -> String| -> String {
         status[key].as_array().into_iter().flatten().map(row).collect()
     };
+    let overridden = rows("overridden", &|one| {
+        let profile = one["profile"].as_str().unwrap_or("nothing");
+        let (key, now, from) = (word(&one["key"]), word(&one["now"]), word(&one["from"]));
+        format!("  {key} = {now}, in the profile {profile}, from {from}\n")
+    });
+    if !overridden.is_empty() {
+        text += &format!("\nset above the profile\n{overridden}");
+    }
     text += "\nsignals\n";
     text += &rows("signals", &|signal| {
         let unit = Unit::named(word(&signal["unit"])).map_or(String::new(), |unit| unit.to_string());

@@ -25,7 +25,7 @@
 use std::io::{Error, ErrorKind};
 use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -39,11 +39,15 @@ use crate::fieldbus::explain::system;
 use crate::fieldbus::trace::{Exchange, Listening};
 use crate::observe::asker::{Asker, Attendance, PATIENCE, Way};
 use crate::observe::status::{Answer, Command, Source, Status};
+use isotherm_profile::one_line;
 
 mod client;
+mod sockets;
 mod user;
 
-pub use client::{Failure, answers, arm, send, send_measured, sign, status, trace};
+pub use client::{Failure, Presence, arm, presence, send, send_measured, sign, status, trace};
+pub use sockets::{listening, path};
+pub use user::forbidden;
 
 /// How long whoever arms and does not stay waits to hear what comes of it.
 const ARMING: Duration = Duration::from_secs(3);
@@ -63,11 +67,6 @@ const STATUS: &str = "status";
 pub const LONGEST_TRACE: Duration = Duration::from_secs(24 * 3600);
 /// How much longer than the log itself its last line may take.
 const SLACK: Duration = Duration::from_secs(5);
-
-/// The socket of a machine.
-pub fn path(directory: &Path, machine: &str) -> PathBuf {
-    directory.join(format!("{machine}.sock"))
-}
 
 /// What to do where this is no path that a socket can have.
 pub fn too_long(path: &Path) -> Option<String> {
@@ -96,9 +95,16 @@ pub fn open(path: &Path) -> std::io::Result<std::os::unix::net::UnixListener> {
             let why = "the command socket belongs here, and something else lies here: move it away";
             return Err(refused(ErrorKind::AlreadyExists, why.to_owned()));
         }
-        if answers(path) {
-            let why = "another gateway of this machine is running (it answers there)";
-            return Err(refused(ErrorKind::AddrInUse, why.to_owned()));
+        match presence(path) {
+            Presence::Nobody => {}
+            Presence::Answers => {
+                let why = "another gateway of this machine is running (it answers there)";
+                return Err(refused(ErrorKind::AddrInUse, why.to_owned()));
+            }
+            Presence::Forbidden => {
+                let why = format!("perhaps another gateway of this machine is running: {}", forbidden(path));
+                return Err(refused(ErrorKind::PermissionDenied, why));
+            }
         }
         std::fs::remove_file(path).map_err(|error| refused(error.kind(), system(&error)))?;
     }
@@ -185,10 +191,15 @@ async fn serve_one(
     let asker = line.asker(who, connection, attendance);
     let said = match line.execute(source.as_ref(), &asker) {
         Ok(Answer::Waits(_)) => return follow(source.as_ref(), &line, &mut writer).await,
-        Ok(Answer::Done(said)) => format!("ok {said}\n"),
-        Err(why) => format!("error {why}\n"),
+        Ok(Answer::Done(said)) => said_in_a_line("ok", &said),
+        Err(why) => said_in_a_line("error", &why),
     };
     writer.write_all(said.as_bytes()).await
+}
+
+/// One line of an answer, whatever stands in it.
+fn said_in_a_line(word: &str, text: &str) -> String {
+    format!("{word} {}\n", one_line(text))
 }
 
 /// Says what comes of arming; to whoever stays also what it waits for.
@@ -200,15 +211,15 @@ async fn follow(source: &dyn Source, line: &Line<'_>, writer: &mut OwnedWriteHal
             _ => source.arming(line.axis),
         };
         let text = match progress {
-            Ok(Answer::Done(text)) => return writer.write_all(format!("ok {text}\n").as_bytes()).await,
-            Err(why) => return writer.write_all(format!("error {why}\n").as_bytes()).await,
+            Ok(Answer::Done(text)) => return writer.write_all(said_in_a_line("ok", &text).as_bytes()).await,
+            Err(why) => return writer.write_all(said_in_a_line("error", &why).as_bytes()).await,
             Ok(Answer::Waits(text)) => text,
         };
         if !line.stays && waited >= ARMING {
-            return writer.write_all(format!("waits {text}\n").as_bytes()).await;
+            return writer.write_all(said_in_a_line("waits", &text).as_bytes()).await;
         }
         if line.stays && waited >= SHORTLY && text != said {
-            writer.write_all(format!("waits {text}\n").as_bytes()).await?;
+            writer.write_all(said_in_a_line("waits", &text).as_bytes()).await?;
             (said, still) = (text, Duration::ZERO);
         } else if line.stays && still >= STILL {
             writer.write_all(b"still\n").await?;
@@ -329,7 +340,7 @@ async fn serve_trace(
 ) -> std::io::Result<()> {
     let mut listening = match wire_log.listen(&request.device) {
         Ok(listening) => listening,
-        Err(why) => return writer.write_all(format!("error {why}\n").as_bytes()).await,
+        Err(why) => return writer.write_all(said_in_a_line("error", &why).as_bytes()).await,
     };
     writer.write_all(format!("ok listening to {}\n", request.device).as_bytes()).await?;
     let mut count = 0_u64;

@@ -113,6 +113,7 @@ pub(super) fn status(shared: &Shared) -> Status {
         uptime_s: picture.now.since(shared.started).as_secs_f64(),
         machine_on_s: picture.machine_on.map(|span| span.as_secs_f64()),
         language: shared.profile.web.as_ref().and_then(|web| web.language),
+        overridden: shared.profile.overridden.clone(),
         dry_run: shared.dry_run,
         stopping: picture.stopping,
         ready: picture.contact.devices.iter().all(|device| device.answered)

@@ -13,6 +13,7 @@ use crate::clock::Correction;
 use data::{both_in_text, in_seconds, in_text};
 use isotherm_core::compensation::AxisState;
 use isotherm_core::quantity::{Micron, Moment};
+use isotherm_profile::one_line;
 
 mod alarms;
 mod data;
@@ -304,6 +305,7 @@ impl Event {
         let (kind, level, text) = self.described();
         // Numbers and texts always have a JSON form.
         let data = serde_json::to_value(self).unwrap_or_default();
+        let text = one_line(&text).into_owned();
         Entry { at: at.to_string(), kind: Cow::Borrowed(kind), level, text, data }
     }
 

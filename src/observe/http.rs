@@ -38,6 +38,7 @@ use super::asker::{Asker, Attendance};
 use super::page::Words;
 use super::status::{Answer, Command, Source, Status};
 use super::{metrics, page};
+use isotherm_profile::one_line;
 
 /// How long open requests may take to end once the gateway stops.
 const GRACE: Duration = Duration::from_millis(500);
@@ -234,6 +235,8 @@ fn answered(said: Result<Answer, String>) -> Response {
         Ok(Answer::Waits(answer)) => (StatusCode::ACCEPTED, false, answer),
         Err(answer) => (StatusCode::CONFLICT, false, answer),
     };
+    // What was asked for stands in it, and a person may read it on a terminal.
+    let answer = one_line(&answer).into_owned();
     (code, Json(Said { done, answer })).into_response()
 }
 

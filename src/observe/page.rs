@@ -177,6 +177,7 @@ fn main(words: &Words, may_command: bool) -> Markup {
                 div #past-charts {}
                 p { a #past-download href="/api/history.csv" download { (words.get("past_download")) } }
             }
+            div #set-above hidden { (table(words, "overridden", &["setting", "in_profile", "now", "set_by"])) }
             (table(words, "signals", &["signal", "value", "quality", "age"]))
             div .stack {
                 (table(words, "outputs", &["output", "value", "state", "age"]))

@@ -11,7 +11,7 @@ use super::events::file::Found;
 use super::events::{Alarm, Entry};
 use isotherm_core::compensation::AxisState;
 use isotherm_core::quantity::Moment;
-use isotherm_profile::Language;
+use isotherm_profile::{Language, Overridden};
 
 /// Whoever shows the state of a running gateway, from any thread, without making it wait.
 pub trait Source: Send + Sync + 'static {
@@ -172,6 +172,8 @@ pub struct Status {
     /// The language of the page; `None`: the browser's.
     #[serde(skip)]
     pub language: Option<Language>,
+    /// What layers above the profile have set.
+    pub overridden: Vec<Overridden>,
     /// Nothing is written.
     pub dry_run: bool,
     /// It was asked to stop: what the axes do now is no fault.

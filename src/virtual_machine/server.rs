@@ -16,7 +16,7 @@ use super::fault::ReplyFault;
 use super::hardware::{Hardware, Reply};
 use super::modbus::{Framing, Header, NO_SUCH_UNIT, exception};
 use super::plant::stream;
-use crate::clock::Clock;
+use crate::clock::{Clock, Passing};
 use isotherm_profile::{DeviceId, Serial};
 
 /// What every connection shares.
@@ -45,6 +45,8 @@ pub(super) struct OpenOrClose {
 
 /// RTU: bytes that have not become a request after this silence never will.
 const GAP: Duration = Duration::from_millis(20);
+/// Clients that speak no Modbus are told of once in this time.
+const AT_MOST_EVERY: Duration = Duration::from_secs(60);
 /// Between the bytes of an answer that comes one byte at a time.
 const DRIBBLE: Duration = Duration::from_millis(1);
 
@@ -71,6 +73,7 @@ pub(super) async fn serve(
     // A socket that is bound and does not listen refuses, and keeps the port from everybody else.
     let mut closed: Option<TcpSocket> = None;
     let mut connections = JoinSet::new();
+    let mut strangers = Strangers::default();
     loop {
         tokio::select! {
             _ = stop.changed() => return Ok(()),
@@ -93,7 +96,14 @@ pub(super) async fn serve(
                 tracing::debug!(%address, %peer, "connected");
                 connections.spawn(serve_client(stream, peer, line.clone()));
             }
-            Some(ended) = connections.join_next() => report(ended)?,
+            Some(ended) = connections.join_next() => {
+                if let Some(line) = report(ended)?.and_then(|peer| strangers.came(peer)) {
+                    tracing::warn!("{line}");
+                }
+            }
+            () = tokio::time::sleep(AT_MOST_EVERY), if strangers.untold > 0 => {
+                tracing::warn!("{}", strangers.told());
+            }
         }
     }
 }
@@ -114,27 +124,62 @@ async fn accept(listener: Option<&TcpListener>) -> io::Result<(TcpStream, Socket
     }
 }
 
-/// A client may go as it likes; a panic ends the machine.
-fn report(ended: Result<io::Result<()>, JoinError>) -> io::Result<()> {
+/// A client may go as it likes, and is told of where it sent what is no Modbus; a panic ends the machine.
+fn report(ended: Result<(SocketAddr, io::Result<()>), JoinError>) -> io::Result<Option<SocketAddr>> {
     match ended {
-        Ok(Ok(())) => Ok(()),
-        Ok(Err(error)) => {
+        Ok((_, Ok(()))) => Ok(None),
+        Ok((peer, Err(error))) => {
             tracing::debug!(%error, "a connection ended");
-            Ok(())
+            Ok((error.kind() == io::ErrorKind::InvalidData).then_some(peer))
         }
-        Err(error) if error.is_cancelled() => Ok(()),
+        Err(error) if error.is_cancelled() => Ok(None),
         Err(error) => Err(io::Error::other(error)),
     }
 }
 
-/// One connection, until the client closes it or sends what is no Modbus.
-async fn serve_client(stream: TcpStream, peer: SocketAddr, line: Arc<Line>) -> io::Result<()> {
-    stream.set_nodelay(true)?;
-    let ended = converse(stream, &line, None).await;
-    if ended.as_ref().is_err_and(|error| error.kind() == io::ErrorKind::InvalidData) {
-        tracing::warn!(%peer, "closed: this is no Modbus TCP");
+/// Clients that sent what is no Modbus: the first is told of at once, those after it by their number once in a while. Whoever
+/// sends such things as fast as he can fills no log.
+#[derive(Debug, Default)]
+struct Strangers {
+    passing: Passing,
+    told_at: Option<Duration>,
+    untold: u64,
+    last: Option<SocketAddr>,
+}
+
+impl Strangers {
+    /// What there is to tell now.
+    fn came(&mut self, peer: SocketAddr) -> Option<String> {
+        self.untold += 1;
+        self.last = Some(peer);
+        let now = self.passing.passed();
+        let is_due = self.told_at.is_none_or(|told| now.saturating_sub(told) >= AT_MOST_EVERY);
+        is_due.then(|| self.told())
     }
-    ended
+
+    fn told(&mut self) -> String {
+        let last = self.last.map_or_else(String::new, |peer| format!(" of {peer}"));
+        let is_first = self.told_at.replace(self.passing.passed()).is_none();
+        match std::mem::take(&mut self.untold) {
+            _ if is_first => {
+                format!(
+                    "closed a connection{last}: this is no Modbus TCP; more of them are counted, and told once a minute"
+                )
+            }
+            count => {
+                format!("closed {count} more connections: this is no Modbus TCP; the last one was{last}")
+            }
+        }
+    }
+}
+
+/// One connection, until the client closes it or sends what is no Modbus.
+async fn serve_client(stream: TcpStream, peer: SocketAddr, line: Arc<Line>) -> (SocketAddr, io::Result<()>) {
+    let ended = async {
+        stream.set_nodelay(true)?;
+        converse(stream, &line, None).await
+    };
+    (peer, ended.await)
 }
 
 /// Answers requests until the stream ends or brings what is no Modbus. A serial line takes its time for each byte.
@@ -284,4 +329,33 @@ fn resized(pdu: &[u8], by: isize) -> Vec<u8> {
         bytes[1] = count;
     }
     bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicU64, Ordering};
+
+    use super::*;
+
+    #[test]
+    fn clients_that_speak_no_modbus_are_told_of_once_and_then_counted_once_a_minute() {
+        let seconds = Arc::new(AtomicU64::new(1000));
+        let shown = seconds.clone();
+        let passing = Passing::by(move || Duration::from_secs(shown.load(Ordering::Relaxed)));
+        let mut strangers = Strangers { passing, ..Strangers::default() };
+        let peer: SocketAddr = "127.0.0.1:40000".parse().unwrap();
+        assert!(
+            strangers
+                .came(peer)
+                .unwrap()
+                .starts_with("closed a connection of 127.0.0.1:40000: this is no Modbus")
+        );
+        assert!((0..100_000).all(|_| strangers.came(peer).is_none()));
+        seconds.store(1059, Ordering::Relaxed);
+        assert_eq!(strangers.came(peer), None);
+        seconds.store(1060, Ordering::Relaxed);
+        let line = strangers.came(peer).unwrap();
+        assert!(line.starts_with("closed 100002 more connections: this is no Modbus TCP"), "{line}");
+        assert_eq!((strangers.came(peer), strangers.untold), (None, 1));
+    }
 }

@@ -149,6 +149,7 @@ pub(crate) fn status() -> Status {
         uptime_s: 61.0,
         machine_on_s: None,
         language: None,
+        overridden: Vec::new(),
         dry_run: false,
         stopping: false,
         ready: false,

@@ -118,3 +118,128 @@ fn a_variable_or_a_flag_that_means_nothing_is_an_error_with_its_name() {
         assert!(found[0].to_string().contains(words), "{}", found[0]);
     }
 }
+
+#[test]
+fn a_layer_above_the_profile_tightens_a_guard_and_never_loosens_it() {
+    for (key, tighter, looser, words) in [
+        ("axis.z.limit", "39.5", "40.5", "40.5 is more than the 40.0 of the profile"),
+        ("axis.z.step", "1", "2", "2 is more than the 1.0 of the profile"),
+        ("axis.z.rate", "0.5", "0.51", "0.51 is more than the 0.5 of the profile"),
+        ("axis.z.on_fault.after", "60s", "61s", "\"61s\" is not the \"60s\" of the profile"),
+        ("axis.z.on_fault.action", "ramp", "hold", "\"hold\" is not the \"ramp\" of the profile"),
+        ("axis.z.on_fault", "{ action = \"ramp\" }", "{ action = \"zero\" }", "\"zero\" is not the \"ramp\""),
+        ("machine.arm", "manual", "auto", "the profile says \"manual\""),
+    ] {
+        let with = |value: &str, allow: &str| {
+            let text = match key {
+                "machine.arm" if value == "auto" => {
+                    GRINDER.replacen("[machine]\n", "[machine]\narm = \"manual\"\n", 1)
+                }
+                _ => GRINDER.to_owned(),
+            };
+            let text = text.replacen("[machine]\n", &format!("[machine]\n{allow}"), 1);
+            isotherm_profile::parse(Path::new("machine.toml"), &text, &pairs(&[(key, value)]), &[])
+        };
+        assert!(with(tighter, "").is_ok(), "{key} = {tighter}");
+        let found = errors(with(looser, ""));
+        let error = found.iter().find(|error| error.message.contains(words));
+        let error = error.unwrap_or_else(|| panic!("{}", Errors(found.clone())));
+        assert_eq!(error.file, format!("--set {key}"));
+        let guard = if key.starts_with("axis.z.on_fault") { "axis.z.on_fault" } else { key };
+        let allow = format!("allow_override = [\"{guard}\"]\n");
+        assert!(error.help.as_ref().unwrap().contains(allow.trim()), "{error}");
+        // What else is wrong with it is not about the layers any more.
+        let allowed = with(looser, &allow);
+        let reported = allowed.map_or_else(|errors| errors.to_string(), |_| String::new());
+        assert!(!reported.contains("of the profile"), "{reported}");
+    }
+}
+
+#[test]
+fn the_file_beside_the_profile_is_a_layer_too_and_each_layer_is_judged_at_its_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("machine.toml");
+    std::fs::write(&path, GRINDER).unwrap();
+    std::fs::write(folder.path().join("machine.local.toml"), "[axis.z]\nlimit = 50.0\n").unwrap();
+    let found = errors(isotherm_profile::load(&path, &pairs(&[("axis.z.limit", "30")]), &[]));
+    assert_eq!(found.len(), 1, "{}", Errors(found.clone()));
+    assert!(found[0].file.ends_with("machine.local.toml"), "{}", found[0]);
+    assert_eq!((found[0].line, found[0].column), (Some(2), Some(9)));
+}
+
+#[test]
+fn an_axis_that_only_a_layer_has_gets_no_guard_from_it_unless_the_profile_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("machine.toml");
+    let axis =
+        "[axis.y]\nlimit = 5.0\nstep = 1.0\nrate = 0.5\nevery = \"10s\"\non_fault = { action = \"hold\" }\n";
+    std::fs::write(folder.path().join("machine.local.toml"), axis).unwrap();
+    std::fs::write(&path, GRINDER).unwrap();
+    let found = errors(isotherm_profile::load(&path, &[], &[]));
+    let keys: Vec<&str> = found.iter().map(|error| error.key.as_str()).collect();
+    assert_eq!(keys, ["axis.y.limit", "axis.y.step", "axis.y.rate", "axis.y.on_fault.action"]);
+    assert!(found[0].message.contains("the profile has no `axis.y.limit`"), "{}", found[0]);
+    let names = ["limit", "step", "rate", "on_fault"].map(|key| format!("\"axis.y.{key}\"")).join(", ");
+    std::fs::write(
+        &path,
+        GRINDER.replacen("[machine]\n", &format!("[machine]\nallow_override = [{names}]\n"), 1),
+    )
+    .unwrap();
+    let loaded = isotherm_profile::load(&path, &[], &[]).unwrap_or_else(|errors| panic!("{errors}")).profile;
+    assert_eq!(loaded.axes.len(), 2);
+    let [only] = loaded.overridden.as_slice() else { panic!("{:?}", loaded.overridden) };
+    assert!(
+        only.key == "axis.y" && only.profile.is_none() && only.from.ends_with("machine.local.toml:1"),
+        "{only}"
+    );
+}
+
+#[test]
+fn only_the_profile_itself_says_what_may_be_loosened_and_only_guards_can_be_named() {
+    let found =
+        errors(layered(&[], &[("machine.allow_override", "[\"axis.z.limit\"]"), ("axis.z.limit", "50")]));
+    assert_eq!(found.len(), 2, "{}", Errors(found.clone()));
+    assert!(found[0].message.contains("by the profile itself"), "{}", found[0]);
+    for (entry, nearest) in
+        [("axis.z.limt", "axis.z.limit"), ("axis.x.rate", "axis.z.rate"), ("machine.am", "machine.arm")]
+    {
+        let text =
+            GRINDER.replacen("[machine]\n", &format!("[machine]\nallow_override = [\"{entry}\"]\n"), 1);
+        let error = only_error(&text, "machine.allow_override[0]", &format!("\"{entry}\""));
+        assert!(error.to_string().contains(&format!("did you mean `{nearest}`?")), "{error}");
+    }
+}
+
+#[test]
+fn what_layers_above_the_profile_set_is_listed_with_both_values_and_where_from() {
+    assert_eq!(parse(GRINDER).unwrap().profile.overridden, []);
+    let environment = [("ISOTHERM__AXIS__Z__LIMIT", "30"), ("ISOTHERM__SIGNAL__BED__MAX_AGE", "9s")];
+    let loaded = layered(&environment, &[("axis.z.limit", "20.5"), ("web.language", "de")]).unwrap();
+    let told: Vec<String> = loaded.profile.overridden.iter().map(ToString::to_string).collect();
+    assert_eq!(
+        told,
+        [
+            "axis.z.limit = 20.5 instead of the profile's 40.0, from --set axis.z.limit",
+            "signal.bed.max_age = \"9s\", which the profile does not have, from environment ISOTHERM__SIGNAL__BED__MAX_AGE",
+            "web.language = \"de\", which the profile does not have, from --set web.language",
+        ]
+    );
+    let preview = isotherm_profile::preview::Preview::of(&loaded.profile);
+    assert!(preview.to_string().contains(&format!("set above the profile\n  {}\n", told[0])), "{preview}");
+    let document = serde_json::to_value(preview).unwrap();
+    assert_eq!(document["overridden"][0]["profile"], "40.0");
+}
+
+#[test]
+fn a_variable_that_only_looks_like_ours_is_a_warning_and_one_warning_for_all_of_them() {
+    let set: Vec<String> = (1..=7).map(|port| format!("ISOTHERM_PORT_808{port}_TCP")).collect();
+    let mut environment: Vec<(&str, &str)> =
+        set.iter().map(|name| (name.as_str(), "tcp://10.0.0.1:1")).collect();
+    environment.push(("ISOTHERM_LOG", "debug"));
+    let loaded = layered(&environment, &[]).unwrap();
+    let [only] = loaded.warnings.as_slice() else { panic!("{:?}", loaded.warnings) };
+    let only = only.to_string();
+    assert!(only.contains("ISOTHERM_PORT_8081_TCP") && only.contains("and 2 more"), "{only}");
+    assert!(only.contains("ISOTHERM__BUS__CELL__ADDRESS") && !only.contains("debug"), "{only}");
+    assert_eq!(layered(&[("ISOTHERM_LOG", "debug")], &[]).unwrap().warnings, []);
+}

@@ -220,3 +220,14 @@ fn a_machines_name_is_no_longer_than_its_files_may_be() {
     let found = errors(named(300));
     assert!(found.len() == 1 && found[0].message.contains("300 characters"), "{found:?}");
 }
+
+#[test]
+fn texts_and_names_that_end_a_line_or_steer_a_terminal_are_refused_at_their_place() {
+    let words = &["not seen, or end a line"];
+    refused("\"Surface grinder\"", "\"a\\u001b[2J\"", "machine.description", "\"a", words);
+    refused("\"Surface grinder\"", "\"a\\nb\"", "machine.description", "\"a", words);
+    refused("name = \"bed only\"", "name = \"bed\\u202eonly\"", "axis.z.model[1].name", "\"bed", words);
+    refused("\"Kz * (A", "\"\\u009bKz * (A", "axis.z.model[1].formula", "\"", words);
+    let key = "axis.z.model[1].constants.\"x\\u{7}\"";
+    refused("Kz = 2.4, b", "Kz = 2.4, \"x\\u0007\" = 1, b", key, "\"x", words);
+}

@@ -4,6 +4,8 @@ use std::fmt;
 
 use serde::Serialize;
 
+use crate::unseen::{lines, one_line};
+
 /// One thing that is wrong, or worth a warning.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct ProfileError {
@@ -50,22 +52,22 @@ impl ProfileError {
 
 impl fmt::Display for ProfileError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}:", self.file)?;
+        write!(f, "{}:", one_line(&self.file))?;
         if let (Some(line), Some(column)) = (self.line, self.column) {
             write!(f, "{line}:{column}:")?;
         }
         if !self.key.is_empty() {
-            write!(f, " {}:", self.key)?;
+            write!(f, " {}:", one_line(&self.key))?;
         }
-        write!(f, " {}", self.message)?;
+        write!(f, " {}", one_line(&self.message))?;
         if let (Some(excerpt), Some(column)) = (&self.excerpt, self.column) {
+            let before: String = excerpt.chars().take(column - 1).collect();
             // Tabs stay tabs, so that the caret stands under its character in every terminal.
-            let blank: String =
-                excerpt.chars().take(column - 1).map(|c| if c == '\t' { '\t' } else { ' ' }).collect();
-            write!(f, "\n    {excerpt}\n    {blank}^")?;
+            let blank: String = lines(&before).chars().map(|c| if c == '\t' { '\t' } else { ' ' }).collect();
+            write!(f, "\n    {}\n    {blank}^", lines(excerpt))?;
         }
         if let Some(help) = &self.help {
-            write!(f, "\n  help: {help}")?;
+            write!(f, "\n  help: {}", one_line(help))?;
         }
         Ok(())
     }

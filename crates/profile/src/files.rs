@@ -1,8 +1,12 @@
 //! Where the files that a profile names are: beside it, or, for one that is part of the program, in the program.
 
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
 use crate::regular;
+
+/// Those who are neither the owner nor in its group may read, or write.
+const OF_OTHERS: u32 = 0o006;
 
 /// The files of one profile.
 #[derive(Clone, Copy, Debug)]
@@ -36,6 +40,13 @@ impl Files<'_> {
             Files::Beside(directory) => directory.join(name).display().to_string(),
             Files::Inside(_) => name.to_owned(),
         }
+    }
+
+    /// Whether anybody on this computer may read or change it.
+    pub(crate) fn is_open_to_all(&self, name: &str) -> bool {
+        let Files::Beside(directory) = self else { return false };
+        let found = directory.join(name).metadata();
+        found.is_ok_and(|found| found.permissions().mode() & OF_OTHERS != 0)
     }
 
     /// The names in a directory that end so, without that end.

@@ -4,8 +4,9 @@
 //! once with its place, and gives a [`Profile`] in which each name has become an index and each text a type.
 //!
 //! # Layout
-//! - `load`, `merge`, `walk`, `span`: the layers, each against the schema, and where every key was written.
-//! - [`regular`]: files that a person names.
+//! - `load`, `merge`, `walk`, `span`, `overridden`: the layers, each against the schema, where every key was written, and what
+//!   those above the profile change.
+//! - [`regular`]: files that a person names. `unseen`: texts of others, as people may see them.
 //! - `template`, `dbc`: what device templates and DBC files bring.
 //! - `tables`: a file for each table of the profile: as written, checked, resolved, and what `isotherm check` says of it.
 //! - [`plan`], [`preview`]: which requests read a device; the tables' previews and the load of each line in one document.
@@ -24,6 +25,7 @@ mod error;
 mod files;
 mod load;
 mod merge;
+mod overridden;
 pub mod plan;
 pub mod preview;
 pub mod regular;
@@ -31,10 +33,12 @@ mod size;
 mod span;
 mod tables;
 pub mod template;
+mod unseen;
 mod walk;
 
 pub use error::{Errors, ProfileError, allowed, nearest};
 pub use load::{Loaded, environment, load, parse, parse_with};
+pub use overridden::Overridden;
 pub use tables::axis::Axis;
 pub use tables::axis::model::network;
 pub use tables::axis::probe::ProbeInput;
@@ -65,6 +69,7 @@ pub use tables::signal::counter::Capture;
 pub use tables::signal::{Signal, Unit};
 pub use tables::web::{Language, Web};
 pub use template::Template;
+pub use unseen::{lines, one_line};
 
 /// One physical line: its place in the profile's list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -123,6 +128,8 @@ pub struct Profile {
     pub web: Option<Web>,
     /// Where state and logs are kept.
     pub history: History,
+    /// What layers above the file have set.
+    pub overridden: Vec<Overridden>,
 }
 
 impl Profile {

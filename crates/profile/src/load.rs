@@ -9,6 +9,7 @@ use toml::de::DeValue;
 
 use crate::error::{Errors, ProfileError, allowed};
 use crate::files::Files;
+use crate::overridden::{Above, loosened};
 use crate::regular;
 use crate::schema;
 use crate::span::{Spans, child};
@@ -18,6 +19,12 @@ use crate::{Profile, merge, template};
 
 /// Variables that begin with this are a layer of the profile.
 const PREFIX: &str = "ISOTHERM__";
+/// Variables that begin with this are meant for this program, or look as if they were.
+const FAMILY: &str = "ISOTHERM_";
+/// The one of them that is no layer.
+const LOG: &str = "ISOTHERM_LOG";
+/// So many variables are named in a warning.
+const NAMED: usize = 5;
 
 /// A good profile, and what is worth a second look.
 #[derive(Clone, Debug, PartialEq)]
@@ -77,12 +84,12 @@ pub fn parse_with(
     layered(&[(name.to_owned(), text.to_owned())], &Files::Inside(files), settings, environment)
 }
 
-/// The variables of this process that are a layer of the profile.
+/// The variables of this process that are a layer of the profile, or might have been meant as one.
 pub fn environment() -> Vec<(String, String)> {
     let text = |os: std::ffi::OsString| os.to_string_lossy().into_owned();
     let mut variables: Vec<_> = std::env::vars_os()
         .map(|(name, value)| (text(name), text(value)))
-        .filter(|(name, _)| is_ours(name))
+        .filter(|(name, _)| name.starts_with(FAMILY))
         .collect();
     variables.sort();
     variables
@@ -90,6 +97,24 @@ pub fn environment() -> Vec<(String, String)> {
 
 fn is_ours(name: &str) -> bool {
     name.starts_with(PREFIX)
+}
+
+/// Variables that look like ours and are not: an orchestrator sets such of a service of this name, a person forgets an
+/// underscore.
+fn strangers(environment: &[(String, String)]) -> Option<ProfileError> {
+    let names = environment.iter().map(|(name, _)| name.as_str());
+    let names: Vec<&str> =
+        names.filter(|name| name.starts_with(FAMILY) && !is_ours(name) && *name != LOG).collect();
+    let more = match names.len().saturating_sub(NAMED) {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    let listed = names.iter().take(NAMED).copied().collect::<Vec<_>>().join(", ");
+    let help = format!(
+        "a key of the profile has two underscores between its names, as {PREFIX}BUS__CELL__ADDRESS; what is logged is {LOG}"
+    );
+    let message = format!("not used, because it is no setting: {listed}{more}");
+    (!names.is_empty()).then(|| ProfileError::about("environment", message, Some(help)))
 }
 
 fn unreadable(name: &str, why: &std::io::Error) -> ProfileError {
@@ -118,6 +143,7 @@ fn layered(
         spans: Spans::default(),
         errors: Vec::new(),
         layers: Vec::new(),
+        files: 0,
         broken: false,
     };
     for (path, text) in layers {
@@ -128,10 +154,10 @@ fn layered(
     let below = if settings.is_empty() && ours().next().is_none() {
         Value::Null
     } else {
-        merged(loader.layers.clone(), &mut loader.errors)
+        merge_all(&loader.layers, &mut loader.errors)
     };
     for (name, value) in ours() {
-        let path = name.trim_start_matches(PREFIX).to_lowercase();
+        let path = name.strip_prefix(PREFIX).unwrap_or_default().to_lowercase();
         let parts: Vec<&str> = path.split("__").collect();
         loader.setting(&format!("environment {name}"), &parts, value, &below, true);
     }
@@ -140,14 +166,19 @@ fn layered(
         loader.setting(&format!("--set {key}"), &parts, value, &below, false);
     }
     let path = layers.first().map(|(path, _)| path.clone()).unwrap_or_default();
-    loader.finish(path, files)
+    let mut loaded = loader.finish(path, files)?;
+    loaded.warnings.extend(strangers(environment));
+    Ok(loaded)
 }
 
 struct Loader<'a> {
     schema: &'a Value,
     spans: Spans,
     errors: Vec<ProfileError>,
+    /// The first is the profile, unless that is broken.
     layers: Vec<Value>,
+    /// So many of them are files.
+    files: usize,
     /// A file is no TOML: what it would have said is unknown, so nothing is said to be missing.
     broken: bool,
 }
@@ -163,10 +194,19 @@ impl Loader<'_> {
         if is_whole {
             let schema = self.schema;
             let right = self.walk(layer).table(schema, "", &table);
-            self.layers.push(right);
+            self.files += 1;
+            self.layer(right);
         } else {
             self.broken = true;
         }
+    }
+
+    /// Puts a layer over those that are there.
+    fn layer(&mut self, layer: Value) {
+        if let Some(profile) = self.layers.first().filter(|_| !self.broken) {
+            self.errors.extend(loosened(profile, &layer, &self.spans));
+        }
+        self.layers.push(layer);
     }
 
     /// One value from the environment or the command line.
@@ -186,12 +226,22 @@ impl Loader<'_> {
         let value = scalar(&types(self.schema, schema), text);
         if let Some(value) = self.walk(layer).value(schema, &path, &value) {
             let nest = |inner, key: &String| Value::Object(Map::from_iter([(key.clone(), inner)]));
-            self.layers.push(keys.iter().rev().fold(value, nest));
+            self.layer(keys.iter().rev().fold(value, nest));
         }
     }
 
     fn finish(mut self, path: PathBuf, files: &Files<'_>) -> Result<Loaded, Errors> {
-        let mut merged = merged(std::mem::take(&mut self.layers), &mut self.errors);
+        let layers = std::mem::take(&mut self.layers);
+        let (mut merged, mut overridden) = (Value::Null, Vec::new());
+        if layers.len() > 1 {
+            merged = merge_all(&layers, &mut self.errors);
+            let files = self.files.saturating_sub(1);
+            let (profile, layers) = (&layers[0], &layers[1..]);
+            overridden = Above { profile, layers, files, merged: &merged, spans: &self.spans }.list();
+        } else if let Some(only) = layers.into_iter().next() {
+            // A copy of a large machine would be a large part of the memory.
+            merged = only;
+        }
         let mut checked = None;
         if !self.broken {
             let templates = template::fill(&mut merged, files, &mut self.spans, &mut self.errors);
@@ -209,7 +259,8 @@ impl Loader<'_> {
             }
             None => (None, Vec::new()),
         };
-        if let Some(profile) = profile.filter(|_| self.errors.is_empty()) {
+        if let Some(mut profile) = profile.filter(|_| self.errors.is_empty()) {
+            profile.overridden = overridden;
             self.spans.sort(&mut warnings);
             return Ok(Loaded { profile, warnings });
         }
@@ -223,12 +274,9 @@ impl Loader<'_> {
     }
 }
 
-/// The layers in one. A single one is what it is: a copy of a large machine would be a large part of the memory.
-fn merged(mut layers: Vec<Value>, errors: &mut Vec<ProfileError>) -> Value {
-    if layers.len() == 1 {
-        return layers.remove(0);
-    }
-    merge::merged(&layers).unwrap_or_else(|why| {
+/// The layers in one.
+fn merge_all(layers: &[Value], errors: &mut Vec<ProfileError>) -> Value {
+    merge::merged(layers).unwrap_or_else(|why| {
         errors.push(ProfileError::about("the layers", why.to_string(), None));
         Value::Null
     })

@@ -37,6 +37,13 @@ impl Preview {
         section.entry("machine", name);
         section.entry("label", &profile.label);
         section.entry("description", description);
+        if !profile.overridden.is_empty() {
+            section.line("");
+            section.line("set above the profile");
+            section.lines("  ", &profile.overridden);
+            section.line("");
+        }
+        section.entry("overridden", &profile.overridden);
         let buses = profile.buses.iter().enumerate().map(|(place, bus)| {
             let id = BusId(place);
             let serial = match bus.transport {

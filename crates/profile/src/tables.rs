@@ -256,6 +256,7 @@ impl Check<'_> {
             heartbeat,
             web,
             history,
+            overridden: Vec::new(),
         };
         axis::doubts::warn(self, &profile);
         Some(profile)

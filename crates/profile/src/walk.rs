@@ -8,6 +8,7 @@ use toml::de::{DeTable, DeValue};
 use crate::duration::Timespan;
 use crate::error::{ProfileError, allowed};
 use crate::span::{Spans, child, element};
+use crate::unseen::is_unseen;
 
 /// Walks one layer.
 pub(crate) struct Walk<'a> {
@@ -66,6 +67,15 @@ impl Walk<'_> {
                 );
                 continue;
             };
+            if name.contains(is_unseen) {
+                self.error(
+                    key.span().start,
+                    &path,
+                    format!("the name `{name}` {UNSEEN}"),
+                    Some(SEEN.to_owned()),
+                );
+                continue;
+            }
             if let Some(value) = self.value(inner, &path, value) {
                 right.insert(name.to_owned(), value);
             }
@@ -212,8 +222,15 @@ impl Walk<'_> {
     }
 }
 
+/// What steers a terminal or ends a line forges what stands behind it, on every screen and in every log.
+const UNSEEN: &str = "has characters that are not seen, or end a line";
+const SEEN: &str = "write it in one line, of characters that are seen";
+
 /// What is wrong with a text, and the remedy.
 fn wrong_text(schema: &Value, is_duration: bool, text: &str) -> Option<(String, String)> {
+    if text.contains(is_unseen) {
+        return Some((format!("the text `{text}` {UNSEEN}"), SEEN.to_owned()));
+    }
     let words = schema.get("enum").and_then(Value::as_array);
     let words: Option<Vec<&str>> = words.map(|words| words.iter().filter_map(Value::as_str).collect());
     if let Some(words) = words.filter(|words| !words.contains(&text)) {

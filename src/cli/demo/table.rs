@@ -5,7 +5,7 @@ use std::io::{IsTerminal, Write};
 use std::net::SocketAddr;
 use std::time::Duration;
 
-use crate::cli::say::Out;
+use crate::cli::say::{Out, Screen};
 use crate::observe::status::{AxisStatus, Status, TruthStatus};
 use crate::virtual_machine::Summary;
 
@@ -73,7 +73,7 @@ impl Table {
             let _ = writeln!(text, "\x1b[2K{line}");
         }
         self.drawn = lines.len();
-        let mut out = Out;
+        let mut out = Screen;
         out.write_all(text.as_bytes())?;
         out.flush()
     }

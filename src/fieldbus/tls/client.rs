@@ -2,18 +2,20 @@
 
 use std::io;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use tokio::net::TcpStream;
 use tokio_rustls::TlsConnector;
 use tokio_rustls::client::TlsStream;
-use tokio_rustls::rustls::client::WebPkiServerVerifier;
 use tokio_rustls::rustls::client::danger::{HandshakeSignatureValid, ServerCertVerified, ServerCertVerifier};
+use tokio_rustls::rustls::client::{ResolvesClientCert, WebPkiServerVerifier};
 use tokio_rustls::rustls::crypto::ring::default_provider;
 use tokio_rustls::rustls::pki_types::pem::PemObject;
 use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer, ServerName, UnixTime};
+use tokio_rustls::rustls::sign::CertifiedKey;
 use tokio_rustls::rustls::{
-    CertificateError, ClientConfig, DigitallySignedStruct, Error, InconsistentKeys, RootCertStore,
-    SignatureScheme,
+    CertificateError, ClientConfig, DigitallySignedStruct, Error, HandshakeKind, InconsistentKeys,
+    RootCertStore, SignatureScheme,
 };
 
 use super::tls_fault;
@@ -27,6 +29,7 @@ use isotherm_profile::{Errors, Profile, ProfileError, Tls};
 pub(in crate::fieldbus) struct Client {
     name: ServerName<'static>,
     config: Arc<ClientConfig>,
+    shown: Arc<Shown>,
 }
 
 /// What is wrong with the TLS files of a profile, at the keys that name them.
@@ -53,7 +56,11 @@ impl Client {
         let key = private_key(&tls.key.bytes).map_err(|why| tls.key.wrong(&why));
         match (name, trust, chain, key) {
             (name, Ok(trust), Ok(chain), Ok(key)) => match (name, config(tls, trust, chain, key)) {
-                (Ok(name), Ok(config)) => Ok(Client { name, config: Arc::new(config) }),
+                (Ok(name), Ok(mut config)) => {
+                    let shown = Arc::new(Shown::instead_of(config.client_auth_cert_resolver));
+                    config.client_auth_cert_resolver = shown.clone();
+                    Ok(Client { name, config: Arc::new(config), shown })
+                }
                 (name, config) => {
                     Err([name.err(), config.err().map(|error| *error)].into_iter().flatten().collect())
                 }
@@ -68,7 +75,7 @@ impl Client {
     pub(in crate::fieldbus) async fn secure(&self, stream: TcpStream) -> Result<TlsStream<Eager>, Fault> {
         let peer = stream.peer_addr().ok();
         let connector = TlsConnector::from(self.config.clone());
-        connector.connect(self.name.clone(), Eager::new(stream)).await.map_err(|error| {
+        let connected = connector.connect(self.name.clone(), Eager::new(stream)).await.map_err(|error| {
             tracing::debug!(?peer, %error, "no TLS connection");
             // An end in the middle of the handshake without a word is also what a plain Modbus server does.
             tls_fault(&error).unwrap_or(Fault::Link(match error.kind() {
@@ -77,7 +84,46 @@ impl Client {
                 }
                 _ => LinkFault::Broken,
             }))
-        })
+        })?;
+        // A connection that goes on from an earlier one asks nobody again.
+        if connected.get_ref().1.handshake_kind() == Some(HandshakeKind::Full) {
+            self.shown.warn(&self.name.to_str());
+        }
+        Ok(connected)
+    }
+}
+
+/// The gateway's certificate, and whether the device wants to see it.
+#[derive(Debug)]
+struct Shown {
+    certificate: Arc<dyn ResolvesClientCert>,
+    is_asked: AtomicBool,
+    is_told: AtomicBool,
+}
+
+impl Shown {
+    fn instead_of(certificate: Arc<dyn ResolvesClientCert>) -> Shown {
+        Shown { certificate, is_asked: AtomicBool::new(false), is_told: AtomicBool::new(false) }
+    }
+
+    /// Once, where the device has not asked for it.
+    fn warn(&self, device: &str) {
+        if !self.is_asked.load(Ordering::Relaxed) && !self.is_told.swap(true, Ordering::Relaxed) {
+            tracing::warn!(
+                "{device} asks for no certificate: TLS hides what is said to it, and anybody who reaches it may command it; have                  it take the gateway's certificate only"
+            );
+        }
+    }
+}
+
+impl ResolvesClientCert for Shown {
+    fn resolve(&self, hints: &[&[u8]], schemes: &[SignatureScheme]) -> Option<Arc<CertifiedKey>> {
+        self.is_asked.store(true, Ordering::Relaxed);
+        self.certificate.resolve(hints, schemes)
+    }
+
+    fn has_certs(&self) -> bool {
+        self.certificate.has_certs()
     }
 }
 

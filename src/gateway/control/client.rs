@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use socket2::{Domain, SockAddr, Socket, Type};
 
-use super::{LONGEST_TRACE, SLACK, STATUS};
+use super::{LONGEST_TRACE, SLACK, STATUS, user};
 use crate::clock::Passing;
 use crate::observe::asker::PATIENCE;
 use crate::observe::status::{Answer, Command};
@@ -24,9 +24,7 @@ pub enum Failure {
     #[error("no gateway of this machine is running here ({0}); start it with `isotherm run`")]
     NoGateway(String),
     /// Its socket is another user's.
-    #[error(
-        "{0}: this user may not ask the gateway there: run this as the user who runs it, or as a member of the group of that file"
-    )]
+    #[error("{0}")]
     Forbidden(String),
     /// The gateway says why not.
     #[error("{0}")]
@@ -114,18 +112,35 @@ fn with_axis(command: &str, axis: Option<&str>) -> String {
     axis.map_or_else(|| command.to_owned(), |axis| format!("{command} axis={axis}"))
 }
 
-/// Somebody is there to be asked.
-pub fn answers(path: &Path) -> bool {
-    !matches!(connect(path, Duration::ZERO), Err(Failure::NoGateway(_) | Failure::Forbidden(_)))
+/// Whether somebody is at a command socket.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Presence {
+    /// A gateway, which can be asked.
+    Answers,
+    /// This user may not ask.
+    Forbidden,
+    /// Nobody.
+    Nobody,
+}
+
+/// Whether somebody is there to be asked.
+pub fn presence(path: &Path) -> Presence {
+    match connect(path, Duration::ZERO) {
+        Err(Failure::NoGateway(_)) => Presence::Nobody,
+        Err(Failure::Forbidden(_)) => Presence::Forbidden,
+        _ => Presence::Answers,
+    }
 }
 
 /// A queue that is full keeps whoever connects waiting: he asks again until `until` has passed since the computer was
 /// started.
 fn connect(path: &Path, until: Duration) -> Result<UnixStream, Failure> {
     let no_gateway = |error: std::io::Error| {
+        if error.kind() == std::io::ErrorKind::PermissionDenied {
+            return Failure::Forbidden(user::forbidden(path));
+        }
         let path = path.display();
         match error.kind() {
-            std::io::ErrorKind::PermissionDenied => Failure::Forbidden(path.to_string()),
             std::io::ErrorKind::NotFound => Failure::NoGateway(format!("there is no {path}")),
             std::io::ErrorKind::ConnectionRefused => Failure::NoGateway(format!("nobody answers at {path}")),
             _ => Failure::NoGateway(format!("{path}: {error}")),

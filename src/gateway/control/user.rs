@@ -1,27 +1,55 @@
-//! Who is at the other end of the socket.
+//! Users of this computer: who is at the other end of the socket, and whose a socket is.
 
+use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 
-use isotherm_profile::regular;
+use isotherm_profile::{one_line, regular};
 use tokio::net::UnixStream;
+
+use super::sockets::listening;
+
+const USERS: &str = "/etc/passwd";
+const GROUPS: &str = "/etc/group";
 
 /// The name of a user, and his number.
 pub(super) fn name(stream: &UnixStream) -> String {
     let Ok(peer) = stream.peer_cred() else { return "somebody".to_owned() };
     let uid = peer.uid();
-    let users = regular::read_text(Path::new("/etc/passwd")).unwrap_or_default();
-    match found(&users, uid) {
+    match named(USERS, uid) {
         Some(name) => format!("{name} (uid {uid})"),
         None => format!("uid {uid}"),
     }
 }
 
-/// The user of this number, in the lines `name:x:1000:…`.
-fn found(users: &str, uid: u32) -> Option<&str> {
-    users.lines().find_map(|line| {
+/// Why this user may not ask there: whose the socket or the directory is, as far as he may see, and who may.
+pub fn forbidden(path: &Path) -> String {
+    let seen = path.ancestors().find_map(|place| std::fs::metadata(place).ok());
+    let who = seen.map_or_else(String::new, |seen| {
+        let (uid, gid) = (seen.uid(), seen.gid());
+        let user = named(USERS, uid).unwrap_or_else(|| uid.to_string());
+        let group = named(GROUPS, gid).unwrap_or_else(|| gid.to_string());
+        format!(": run this as user {user}, or as a member of group {group}")
+    });
+    let absolute = std::path::absolute(path).unwrap_or_default();
+    let machine = path.file_stem().unwrap_or_default().to_string_lossy();
+    match listening(&machine).contains(&absolute) {
+        true => format!("it runs; you may not command it ({}){who}", path.display()),
+        false => format!("{}: you may not look there{who}", path.display()),
+    }
+}
+
+/// What a user or a group of this number is called.
+fn named(list: &str, number: u32) -> Option<String> {
+    let list = regular::read_text(Path::new(list)).ok()?;
+    found(&list, number).map(|name| one_line(name).into_owned())
+}
+
+/// The user or group of this number, in the lines `name:x:1000:…`.
+fn found(list: &str, number: u32) -> Option<&str> {
+    list.lines().find_map(|line| {
         let mut fields = line.split(':');
-        let (name, number) = (fields.next()?, fields.nth(1)?);
-        (number.parse() == Ok(uid)).then_some(name)
+        let (name, own) = (fields.next()?, fields.nth(1)?);
+        (own.parse() == Ok(number)).then_some(name)
     })
 }
 

@@ -11,6 +11,7 @@ use super::{Room, parameter};
 use crate::observe::events::Entry;
 use crate::observe::events::file::{Found, begin};
 use isotherm_core::quantity::time;
+use isotherm_profile::one_line;
 
 /// Since when, where nothing is said.
 const SINCE: &str = "12h";
@@ -33,7 +34,7 @@ pub(super) async fn since(State(room): State<Room>, RawQuery(query): RawQuery) -
     let read = tokio::task::spawn_blocking(move || read(&room, &since)).await;
     match read {
         Ok(Ok(events)) => Json(events).into_response(),
-        Ok(Err((code, why))) => (code, format!("{why}\n")).into_response(),
+        Ok(Err((code, why))) => (code, format!("{}\n", one_line(&why))).into_response(),
         Err(error) => (StatusCode::INTERNAL_SERVER_ERROR, format!("{error}\n")).into_response(),
     }
 }

@@ -22,6 +22,7 @@ use crate::observe::events::file::begin;
 use crate::observe::past::{self, Column, Question};
 use crate::observe::status::{AxisStatus, Status};
 use isotherm_core::quantity::{Moment, time};
+use isotherm_profile::one_line;
 
 /// So many spans are read at once.
 pub(super) const AT_ONCE: usize = 2;
@@ -127,7 +128,7 @@ fn busy() -> Response {
 }
 
 fn answered((code, why): Refused) -> Response {
-    (code, format!("{why}\n")).into_response()
+    (code, format!("{}\n", one_line(&why))).into_response()
 }
 
 /// What is asked for, and the logs that may have it.

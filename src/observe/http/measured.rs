@@ -11,6 +11,7 @@ use super::peer::Peer;
 use super::{Room, answered};
 use crate::observe::asker::Asker;
 use crate::observe::status::Answer;
+use isotherm_profile::one_line;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -35,8 +36,11 @@ pub(super) async fn learn(
     match serde_json::from_slice::<Measured>(&body) {
         Ok(measured) => answer(&room, &axis, Some(measured.error_um), &room.asker(&peer, &headers)),
         Err(error) => {
-            let text =
-                format!("Send {{ \"error_um\": 3.2 }}, a number in µm, actual minus commanded ({error}).\n");
+            let why = error.to_string();
+            let text = format!(
+                "Send {{ \"error_um\": 3.2 }}, a number in µm, actual minus commanded ({}).\n",
+                one_line(&why)
+            );
             (StatusCode::BAD_REQUEST, text).into_response()
         }
     }
@@ -55,7 +59,7 @@ fn answer(room: &Room, axis: &str, error_um: Option<f64>, asker: &Asker) -> Resp
     let axes = room.source.status().axes;
     if !axes.iter().any(|known| known.name == axis) {
         let names: Vec<&str> = axes.iter().map(|axis| axis.name.as_str()).collect();
-        let text = format!("There is no axis {axis}; there are {}.\n", names.join(", "));
+        let text = format!("There is no axis {}; there are {}.\n", one_line(axis), names.join(", "));
         return (StatusCode::NOT_FOUND, text).into_response();
     }
     answered(room.source.measured(axis, error_um, asker).map(Answer::Done))

@@ -5,7 +5,7 @@ import { enableAxes, showAxes } from "./axis.js";
 import { follow } from "./live.js";
 import { showPast } from "./past.js";
 import { SIGNS, overall } from "./states.js";
-import { showEvents, showOlder, showTables } from "./tables.js";
+import { showEvents, showOlder, showOverridden, showTables } from "./tables.js";
 import { bothTimes, clock, say, span } from "./text.js";
 import * as which from "./which.js";
 import { known, t } from "./words.js";
@@ -38,6 +38,7 @@ function show(status) {
   showAlarms(by("alarms"), status, acknowledge, mayCommand);
   showPast(status);
   showTables(status);
+  showOverridden(status);
   showEvents(by("events"), status.events, now);
   enable(mayCommand && !status.stopping);
 }

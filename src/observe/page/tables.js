@@ -52,6 +52,7 @@ function shares({ shares }) {
 const outputs = new Table("outputs");
 const devices = new Table("devices");
 const buses = new Table("buses");
+const overridden = new Table("overridden");
 
 // In English as the gateway says it, with what to do; elsewhere its word, with the raw value that the device sent. The
 // sentence stands at the device then.
@@ -104,6 +105,14 @@ export function showTables(status) {
       { text: count(bus.cycles), figure: true },
       { text: count(bus.overruns), figure: true },
     ]);
+  }
+}
+
+// What was set above the profile stays as long as the gateway runs.
+export function showOverridden(status) {
+  document.getElementById("set-above").hidden = status.overridden.length === 0;
+  for (const { key, profile, now, from } of status.overridden) {
+    overridden.row(key, [{ text: key }, { text: profile ?? "–" }, { text: now }, { text: from }]);
   }
 }
 

@@ -7,6 +7,8 @@ use serde::Deserialize;
 
 use super::{At, label};
 use crate::duration::Timespan;
+use crate::error::allowed;
+use crate::overridden::guard_keys;
 use isotherm_core::compensation::settings::MachineSettings;
 
 /// What the machine is.
@@ -31,6 +33,9 @@ pub(crate) struct RawMachine {
     arm: Option<Arm>,
     /// How long a request to arm that cannot be served yet waits, visibly. Default "10min".
     arm_timeout: Option<Timespan>,
+    /// Guard keys that a layer above this file may loosen, as "axis.z.limit": `limit`, `step`, `rate` and `on_fault` of an axis,
+    /// and "machine.arm". Default: none; layers may make limits smaller, and `arm` "manual".
+    allow_override: Option<Vec<String>>,
 }
 
 /// With a date and an ending it is the name of a file.
@@ -85,6 +90,14 @@ pub(super) fn resolve(at: &At<'_>, raw: Option<&RawMachine>) -> Machine {
     if arm_timeout > LONGEST_ARM_TIMEOUT {
         let message = "a request to arm would wait for more than a day".to_owned();
         at.key("arm_timeout").wrong(message, "write at most \"24h\"");
+    }
+    let list = at.key("allow_override");
+    let guards = guard_keys(&at.check.axes.names);
+    for (place, key) in raw.allow_override.iter().flatten().enumerate() {
+        if !guards.contains(key) {
+            let help = allowed(key, guards.iter().map(String::as_str));
+            list.item(place).wrong(format!("`{key}` is no key that guards an axis"), help);
+        }
     }
     Machine {
         name,

@@ -119,5 +119,6 @@ pub(crate) fn profile() -> Profile {
         heartbeat: None,
         web: None,
         history: History { directory: None, keep: Duration::from_secs(86_400), max_size: u64::MAX },
+        overridden: Vec::new(),
     }
 }

@@ -1,0 +1,64 @@
+//! Texts that somebody else wrote (a profile, a device, a file's name, whoever asks over the network), as people see them:
+//! nothing in them ends a line, steers a terminal or turns the direction of what stands behind it.
+
+use std::borrow::Cow;
+use std::fmt::Write as _;
+
+/// What is not seen, and does something.
+pub(crate) fn is_unseen(one: char) -> bool {
+    one.is_control()
+        || matches!(one, '\u{200b}'..='\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2060}'..='\u{206f}' | '\u{feff}')
+}
+
+/// The text in one line. What is not seen stands there as JSON writes it: `\n`, `\u001b`.
+pub fn one_line(text: &str) -> Cow<'_, str> {
+    escaped(text, is_unseen)
+}
+
+/// The same of a text of several lines: its line ends and tabs stay. JSON stays what it is.
+pub fn lines(text: &str) -> Cow<'_, str> {
+    escaped(text, |one| is_unseen(one) && !matches!(one, '\n' | '\t'))
+}
+
+fn escaped(text: &str, is_unwanted: impl Fn(char) -> bool) -> Cow<'_, str> {
+    if !text.chars().any(&is_unwanted) {
+        return Cow::Borrowed(text);
+    }
+    let mut escaped = String::with_capacity(text.len() + 16);
+    for one in text.chars() {
+        match one {
+            one if !is_unwanted(one) => escaped.push(one),
+            '\n' => escaped += "\\n",
+            '\r' => escaped += "\\r",
+            '\t' => escaped += "\\t",
+            one => {
+                // Writing to a string never fails.
+                let _ = write!(escaped, "\\u{:04x}", u32::from(one));
+            }
+        }
+    }
+    Cow::Owned(escaped)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_that_is_not_seen_is_left_and_everything_else_stays() {
+        let hostile = "bed\u{1b}[2J\r\naxis z: armed\t\u{9b}31m\u{202e}\u{7f}";
+        assert_eq!(one_line(hostile), "bed\\u001b[2J\\r\\naxis z: armed\\t\\u009b31m\\u202e\\u007f");
+        assert_eq!(lines("a\u{1b}\n\tb\r\n"), "a\\u001b\n\tb\\r\n");
+        for plain in ["", "床温 23.5 °C → Ä", "a\\nb"] {
+            assert!(matches!(one_line(plain), Cow::Borrowed(same) if same == plain));
+        }
+    }
+
+    #[test]
+    fn json_says_the_same_after_it() {
+        let hostile = "a\u{1b}\u{9b}\u{202e}\n";
+        let json = serde_json::to_string_pretty(&[hostile]).unwrap();
+        let back: Vec<String> = serde_json::from_str(&lines(&json)).unwrap();
+        assert_eq!(back, [hostile]);
+    }
+}

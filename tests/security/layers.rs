@@ -1,0 +1,76 @@
+//! Layers above the profile: whoever sets the environment of a gateway loosens no guard, and everybody sees what he has set.
+
+use std::process::Output;
+
+use serde_json::Value;
+
+use crate::process::{Running, file, isotherm, until};
+
+const MACHINE: &str = include_str!("../interop/machine.toml");
+
+fn both(output: &Output) -> (String, String) {
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (text(&output.stdout), text(&output.stderr))
+}
+
+#[test]
+fn a_limit_that_the_environment_makes_larger_keeps_the_gateway_from_starting_with_a_sentence() {
+    let home = tempfile::tempdir().unwrap();
+    let profile = file(home.path(), "machine.toml", MACHINE);
+    for (name, value, words) in [
+        ("ISOTHERM__AXIS__Z__LIMIT", "5000", "5000 is more than the 40.0 of the profile"),
+        ("ISOTHERM__AXIS__Z__ON_FAULT__ACTION", "hold", "\"hold\" is not the \"ramp\" of the profile"),
+        ("ISOTHERM__AXIS__Z__LIMTI", "30", "did you mean `limit`?"),
+    ] {
+        let run = isotherm(home.path()).env(name, value).arg("run").arg(&profile).output().unwrap();
+        let (_, said) = both(&run);
+        assert_eq!(run.status.code(), Some(64), "{name}: {said}");
+        assert!(said.contains(&format!("environment {name}: ")) && said.contains(words), "{said}");
+    }
+}
+
+#[test]
+fn what_is_set_above_the_profile_is_in_the_log_in_check_in_status_and_where_the_page_reads() {
+    let home = tempfile::tempdir().unwrap();
+    let profile = file(home.path(), "machine.toml", MACHINE);
+    file(home.path(), "machine.local.toml", "[bus.cell]\naddress = \"127.0.0.1:9\"\n");
+    let variables = [("ISOTHERM__AXIS__Z__LIMIT", "30"), ("ISOTHERM_PORT_8080_TCP", "tcp://10.0.0.1:8080")];
+    let lines = [
+        "axis.z.limit = 30 instead of the profile's 40.0, from environment ISOTHERM__AXIS__Z__LIMIT",
+        "bus.cell.address = \"127.0.0.1:9\" instead of the profile's \"127.0.0.1:1\", from ",
+        "device.cnc.quirks.max_gap = 3, which the profile does not have, from --set device.cnc.quirks.max_gap",
+    ];
+    let set = ["--set", "device.cnc.quirks.max_gap=3"];
+    let checked =
+        isotherm(home.path()).envs(variables).arg("check").arg(&profile).args(set).output().unwrap();
+    let (shown, said) = both(&checked);
+    lines.iter().for_each(|line| assert!(shown.contains(line), "{line}\nis not in\n{shown}{said}"));
+    assert!(shown.contains("machine.local.toml:2\n"), "{shown}");
+    assert!(said.contains("not used, because it is no setting: ISOTHERM_PORT_8080_TCP"), "{said}");
+
+    let state = home.path().join("state");
+    let mut run = isotherm(home.path());
+    run.envs(variables)
+        .arg("run")
+        .arg(&profile)
+        .args(set)
+        .args(["--listen", "127.0.0.1:0", "--state"])
+        .arg(&state);
+    let mut gateway = Running::start(&mut run);
+    gateway.hears("the gateway runs");
+    let said = gateway.said.join("\n");
+    lines.iter().for_each(|line| assert!(said.contains(line), "{line}\nis not in\n{said}"));
+    let status = |more: &[&str]| {
+        let mut status = isotherm(home.path());
+        status.arg("status").arg(&profile).arg("--state").arg(&state).args(more).output().unwrap()
+    };
+    let (shown, said) = both(&status(&[]));
+    let line = "axis.z.limit = 30, in the profile 40.0, from environment ISOTHERM__AXIS__Z__LIMIT";
+    assert!(shown.contains("set above the profile\n") && shown.contains(line), "{shown}{said}");
+    until("the document of the status has it too", || {
+        let document: Value = serde_json::from_str(&both(&status(&["--json"])).0).unwrap_or_default();
+        let first = document["overridden"][0].clone();
+        let is_told = first["key"] == "axis.z.limit" && first["profile"] == "40.0" && first["now"] == "30";
+        if is_told { Ok(()) } else { Err(first.to_string()) }
+    });
+}
