@@ -4,7 +4,7 @@ use std::process::Output;
 
 use serde_json::Value;
 
-use crate::process::{Running, file, isotherm, until};
+use crate::process::{PATIENCE, Running, file, isotherm, until};
 
 const MACHINE: &str = include_str!("../interop/machine.toml");
 
@@ -22,9 +22,10 @@ fn a_limit_that_the_environment_makes_larger_keeps_the_gateway_from_starting_wit
         ("ISOTHERM__AXIS__Z__ON_FAULT__ACTION", "hold", "\"hold\" is not the \"ramp\" of the profile"),
         ("ISOTHERM__AXIS__Z__LIMTI", "30", "did you mean `limit`?"),
     ] {
-        let run = isotherm(home.path()).env(name, value).arg("run").arg(&profile).output().unwrap();
-        let (_, said) = both(&run);
-        assert_eq!(run.status.code(), Some(64), "{name}: {said}");
+        let mut run = Running::start(isotherm(home.path()).env(name, value).arg("run").arg(&profile));
+        let status = run.ends_within(PATIENCE);
+        let said = run.said.join("\n");
+        assert_eq!(status.code(), Some(64), "{name}: {said}");
         assert!(said.contains(&format!("environment {name}: ")) && said.contains(words), "{said}");
     }
 }
