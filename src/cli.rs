@@ -18,9 +18,11 @@ use crate::observe::status::Command;
 
 #[cfg(any(feature = "identify", feature = "place"))]
 mod beside;
+mod certificate;
 mod check;
 mod command;
 mod demo;
+mod descriptors;
 mod events;
 mod gauge;
 #[cfg(feature = "identify")]
@@ -31,6 +33,7 @@ mod machines;
 mod measured;
 #[cfg(feature = "place")]
 mod place;
+mod port;
 #[cfg(any(feature = "identify", feature = "place"))]
 mod progress;
 mod read;

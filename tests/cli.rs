@@ -198,14 +198,8 @@ fn an_unknown_machine_is_reported_the_known_ones() {
 }
 
 #[test]
-fn a_taken_port_and_a_missing_gateway_are_reported_in_words() {
+fn a_missing_gateway_and_a_page_open_to_the_network_are_reported_in_words() {
     let home = tempfile::tempdir().unwrap();
-    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
-    let address = taken.local_addr().unwrap().to_string();
-    let refused = ended(isotherm(home.path()).args(["run", "surface-grinder", "--listen", &address]));
-    assert_eq!(refused.code, Some(1));
-    assert!(refused.said.contains(&format!("the page cannot listen on {address}")), "{}", refused.said);
-    assert!(refused.said.contains("--listen"), "{}", refused.said);
     for verb in ["arm", "disarm", "zero"] {
         let alone = ended(isotherm(home.path()).args([verb, "surface-grinder"]));
         assert_eq!(alone.code, Some(1), "{verb}");
@@ -227,6 +221,13 @@ fn a_taken_port_and_a_missing_gateway_are_reported_in_words() {
     let open = ended(isotherm(home.path()).args(["run", "surface-grinder", "--listen", "0.0.0.0:0"]));
     assert_eq!(open.code, Some(1));
     assert!(open.said.contains("token_file"), "{}", open.said);
+    file(home.path(), "token", "of sixteen characters and more");
+    let token = home.path().join("token").display().to_string();
+    let web = format!("\n[web]\nlisten = \"127.0.0.1:0\"\ntoken_file = \"{token}\"\n");
+    let profile = file(home.path(), "machine.toml", &(machine(home.path()).0 + &web));
+    let open = ended(isotherm(home.path()).arg("run").arg(&profile).args(["--listen", "0.0.0.0:0"]));
+    assert_eq!(open.code, Some(1));
+    assert!(open.said.contains("in plain text") && open.said.contains("`plain = true`"), "{}", open.said);
 }
 
 #[test]

@@ -13,7 +13,7 @@ use rustix::pty::OpenptFlags;
 
 mod process;
 
-use process::{file, free_port, isotherm};
+use process::{Running, file, free_port, isotherm};
 
 /// What it writes to both streams.
 fn said(command: &mut Command) -> String {
@@ -142,6 +142,7 @@ fn a_page_s_port_that_is_taken_says_who_may_have_it() {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap().to_string();
     let profile = file(home.path(), "machine.toml", &profile(&tcp("127.0.0.1:1"), ""));
-    let run = said(isotherm(home.path()).arg("run").arg(profile).args(["--listen", &address]));
-    assert!(run.contains("perhaps a gateway that is running") && !run.contains("os error"), "{run}");
+    let mut run = Running::start(isotherm(home.path()).arg("run").arg(profile).args(["--listen", &address]));
+    let said = run.hears("the page cannot listen");
+    assert!(said.contains("perhaps a gateway that is running") && !said.contains("os error"), "{said}");
 }

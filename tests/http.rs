@@ -530,7 +530,8 @@ async fn metrics_are_valid_and_leave_out_what_is_not_known() {
 async fn many_readers_at_once_are_all_answered() {
     let door = Door::open(None).await;
     let mut streams = Vec::new();
-    for _ in 0..20 {
+    // As many as one address may have, but one.
+    for _ in 0..15 {
         streams.push(door.stream("/api/live").await);
     }
     for stream in &mut streams {

@@ -2,7 +2,6 @@
 
 use std::cell::Cell;
 use std::io::IsTerminal;
-use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -102,7 +101,7 @@ async fn show(
     profile: Profile,
     (plant, mill): (PlantSpec, Option<Mill>),
     sockets: Sockets,
-    page: SocketAddr,
+    page: String,
 ) -> anyhow::Result<Outcome> {
     let published = plant.published().cloned();
     let speed = arguments.speed.unwrap_or(if mill.is_some() { 60.0 } else { 600.0 });
@@ -120,11 +119,12 @@ async fn show(
     let logs = Logs::make();
     let directory = logs.as_ref().map(Logs::path);
     let options = Options { directory, disk: Arc::new(Forgetful), ..Options::default() };
+    let lines = profile.buses.len();
     let gateway = Gateway::new(profile, &clock, options);
     let log = logs.as_ref().map(|logs| logs.path().join("truth.csv"));
     let with_truth = Arc::new(WithTruth { source: gateway.source(), window: window.clone(), log });
     let source: Arc<dyn Source> = with_truth.clone();
-    let _services = sockets.serve(&source, gateway.wire_log())?;
+    let _services = sockets.serve(&source, gateway.wire_log(), lines)?;
     drop(hold);
     let is_over = Cell::new(false);
     let mut reported = Ok(());
@@ -140,7 +140,7 @@ async fn show(
         drop(last);
         reported = report(arguments, &window.summary(), clock.now().since(begun), published.as_ref());
         if is_whole && arguments.stay && reported.is_ok() {
-            let stays = format!("the page stays open at http://{page} until Enter or Ctrl-C");
+            let stays = format!("the page stays open at {page} until Enter or Ctrl-C");
             if arguments.json {
                 say_beside!("{stays}");
             } else {
@@ -155,7 +155,7 @@ async fn show(
     let outcome = tokio::select! {
         outcome = gateway.run(over, std::future::pending()) => outcome,
         error = machine.failure() => return Err(error.into()),
-        error = draw(arguments, (&with_truth, &clock), (page, &is_over)) => return Err(error.into()),
+        error = draw(arguments, (&with_truth, &clock), (&page, &is_over)) => return Err(error.into()),
     };
     reported?;
     if let Some(mill) = &mut mill {
@@ -192,7 +192,7 @@ fn usable(profile: &Profile) -> anyhow::Result<()> {
 }
 
 /// The page is worth having, but no reason to refuse a demo: where its port is taken, any other will do.
-fn open_page(sockets: &mut Sockets, listen: Option<&str>, web: Option<&Web>) -> anyhow::Result<SocketAddr> {
+fn open_page(sockets: &mut Sockets, listen: Option<&str>, web: Option<&Web>) -> anyhow::Result<String> {
     let at = |listen: &str| Web { listen: listen.to_owned(), ..Web::default() };
     if let Some(listen) = listen {
         return sockets.open_page(&at(listen));
@@ -205,7 +205,7 @@ fn open_page(sockets: &mut Sockets, listen: Option<&str>, web: Option<&Web>) -> 
 async fn draw(
     arguments: &Arguments,
     (source, clock): (&WithTruth, &Clock),
-    (page, is_over): (SocketAddr, &Cell<bool>),
+    (page, is_over): (&str, &Cell<bool>),
 ) -> std::io::Error {
     let mut table = Table::new(arguments.json, page, arguments.span);
     loop {

@@ -1,6 +1,5 @@
 //! `isotherm run`: the gateway.
 
-use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -58,10 +57,11 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
     };
     may_start(&options, &profile).map_err(anyhow::Error::msg)?;
     let mut sockets = Sockets::default();
-    if let Some(web) = web(arguments.listen.as_deref(), &profile) {
-        let address = sockets.open_page(&web)?;
+    if let Some(web) = web(arguments.listen.as_deref(), &profile)
+        && let Some(url) = sockets.open_page_now_or_later(&web)?
+    {
         // A machine does not stand still because nobody reads this.
-        let _ = say!("page http://{}", to_open(address, &hostname()));
+        let _ = say!("page {url}");
     }
     sockets.open_control(&directory, &profile.name)?;
     for (place, device) in profile.devices.iter().enumerate() {
@@ -78,8 +78,9 @@ pub(super) fn run(arguments: &Arguments) -> anyhow::Result<()> {
             let mut signals = signals.clone();
             async move { drop(signals.wait_for(|count| *count >= times).await) }
         };
+        let lines = profile.buses.len();
         let gateway = Gateway::new(profile, &Clock::wall(), options);
-        let _services = sockets.serve(&gateway.source(), gateway.wire_log())?;
+        let _services = sockets.serve(&gateway.source(), gateway.wire_log(), lines)?;
         anyhow::Ok(gateway.run(after(1), after(2)).await)
     })?;
     anyhow::ensure!(!outcome.failed, "something failed inside (see above); {}", outcome.left);
@@ -119,35 +120,4 @@ pub(super) fn known_directory(named: Option<&Path>) -> PathBuf {
         of_service.or_else(|| of_person.map(|base| base.join("isotherm")))
     };
     named.map(Path::to_owned).or_else(platform).unwrap_or_else(|| PathBuf::from("/var/lib/isotherm"))
-}
-
-/// What a person can open: a page that listens on every address of this computer has its name.
-fn to_open(address: SocketAddr, hostname: &str) -> String {
-    match address.ip().is_unspecified() {
-        true => format!("{hostname}:{}", address.port()),
-        false => address.to_string(),
-    }
-}
-
-fn hostname() -> String {
-    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
-    let name = name.trim();
-    if name.is_empty() { "localhost".to_owned() } else { name.to_owned() }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_page_on_every_address_is_shown_with_the_name_of_the_computer() {
-        for (address, shown) in [
-            ("0.0.0.0:8080", "press-7:8080"),
-            ("[::]:8080", "press-7:8080"),
-            ("127.0.0.1:8080", "127.0.0.1:8080"),
-            ("192.168.4.7:80", "192.168.4.7:80"),
-        ] {
-            assert_eq!(to_open(address.parse().unwrap(), "press-7"), shown);
-        }
-    }
 }

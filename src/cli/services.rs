@@ -1,23 +1,23 @@
 //! What runs beside the loop, on a thread and a runtime of its own: the page and the command socket.
 
-use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
-use anyhow::Context;
 use tokio::sync::watch;
 
-use crate::fieldbus::explain;
+use super::certificate::Certificate;
+use super::descriptors::Shares;
+use super::port::Port;
 use crate::gateway::{WireLog, control};
-use crate::observe::http;
+use crate::observe::http::{self, Door, Limits};
 use crate::observe::status::Source;
-use isotherm_profile::{Web, regular};
+use isotherm_profile::Web;
 
 /// Sockets that are open and not yet served: whatever is wrong with them is known before the loop starts.
 #[derive(Debug, Default)]
 pub(super) struct Sockets {
-    page: Option<(TcpListener, Option<String>)>,
+    page: Option<Port>,
     control: Option<(std::os::unix::net::UnixListener, PathBuf)>,
 }
 
@@ -29,36 +29,29 @@ pub(super) struct Services {
 }
 
 impl Sockets {
-    /// Opens the page's port. Port 0 takes any free one.
-    pub(super) fn open_page(&mut self, web: &Web) -> anyhow::Result<SocketAddr> {
-        let token = match &web.token_file {
-            Some(path) => {
-                let token = regular::read_text(path)
-                    .with_context(|| format!("the token file {} cannot be read", path.display()))?;
-                let token = token.trim().to_owned();
-                anyhow::ensure!(!token.is_empty(), "the token file {} is empty", path.display());
-                Some(token)
-            }
-            None => None,
-        };
-        let addresses: Vec<SocketAddr> = web
-            .listen
-            .to_socket_addrs()
-            .with_context(|| format!("`{}` is no address to listen on; write 127.0.0.1:8080", web.listen))?
-            .collect();
-        anyhow::ensure!(
-            token.is_some() || addresses.iter().all(|address| address.ip().is_loopback()),
-            "the page may listen on {} only with web.token_file in the profile; without one, on loopback",
-            web.listen
-        );
-        let listener = TcpListener::bind(addresses.as_slice()).map_err(|error| {
-            let why = explain::system(&error);
-            anyhow::anyhow!("the page cannot listen on {} (another address: --listen): {why}", web.listen)
-        })?;
-        listener.set_nonblocking(true)?;
-        let address = listener.local_addr()?;
-        self.page = Some((listener, token));
-        Ok(address)
+    /// Opens the page's port; its URL with the name of this computer, where it listens on every address. Port 0 takes any free
+    /// one.
+    pub(super) fn open_page(&mut self, web: &Web) -> anyhow::Result<String> {
+        let mut port = Port::new(web)?;
+        port.open().map_err(|error| anyhow::anyhow!("{}", port.closed(&error)))?;
+        let url = port.url();
+        self.page = Some(port);
+        Ok(url)
+    }
+
+    /// The same; `None` where another program has the port, or this computer does not have the address yet. That does not keep
+    /// a machine from being held: it is tried again while the gateway runs.
+    pub(super) fn open_page_now_or_later(&mut self, web: &Web) -> anyhow::Result<Option<String>> {
+        let mut port = Port::new(web)?;
+        let opened = port.open();
+        if let Err(error) = &opened
+            && !Port::may_open_later(error)
+        {
+            anyhow::bail!("{}", port.closed(error));
+        }
+        let url = opened.is_ok().then(|| port.url());
+        self.page = Some(port);
+        Ok(url)
     }
 
     /// Opens the command socket.
@@ -68,34 +61,39 @@ impl Sockets {
         Ok(())
     }
 
-    /// Serves what has been opened.
-    pub(super) fn serve(self, source: &Arc<dyn Source>, wire_log: WireLog) -> anyhow::Result<Services> {
+    /// Serves what has been opened beside so many lines.
+    pub(super) fn serve(
+        self,
+        source: &Arc<dyn Source>,
+        wire_log: WireLog,
+        lines: usize,
+    ) -> anyhow::Result<Services> {
         let (stop, stopped) = watch::channel(false);
         let source = source.clone();
         let control = self.control.as_ref().map(|(_, path)| path.clone());
         let runtime = super::runtime()?;
+        let shares = Shares::now(lines);
         let thread = std::thread::Builder::new().name("services".to_owned()).spawn(move || {
-            runtime.block_on(self.all(source, wire_log, stopped));
+            runtime.block_on(self.all(source, wire_log, shares, stopped));
         })?;
         Ok(Services { stop: Some(stop), thread: Some(thread), control })
     }
 
-    async fn all(self, source: Arc<dyn Source>, wire_log: WireLog, stopped: watch::Receiver<bool>) {
+    async fn all(
+        self,
+        source: Arc<dyn Source>,
+        wire_log: WireLog,
+        shares: Shares,
+        stopped: watch::Receiver<bool>,
+    ) {
         let control = async {
-            match self.control {
-                Some((listener, _)) => {
-                    report("the command socket", control::serve(listener, source.clone(), wire_log).await)
-                }
-                None => std::future::pending().await,
-            }
+            let Some((listener, _)) = self.control else { return std::future::pending().await };
+            let served = control::serve(listener, source.clone(), wire_log, shares.commands).await;
+            report("the command socket", served);
         };
         let page = async {
-            let Some((listener, token)) = self.page else { return std::future::pending().await };
-            let served = match tokio::net::TcpListener::from_std(listener) {
-                Ok(listener) => http::serve(listener, source.clone(), token, until(stopped.clone())).await,
-                Err(error) => Err(error),
-            };
-            report("the page", served);
+            let Some(port) = self.page else { return std::future::pending().await };
+            report("the page", serve_page(port, &source, shares.page, stopped.clone()).await);
         };
         // A service that fails has said so; the loop goes on without it.
         let both = async { tokio::join!(control, page) };
@@ -106,6 +104,28 @@ impl Sockets {
                 tokio::time::sleep(std::time::Duration::from_millis(200)).await;
             }
         }
+    }
+}
+
+/// Serves the page, once its port is open.
+async fn serve_page(
+    port: Port,
+    source: &Arc<dyn Source>,
+    connections: usize,
+    stopped: watch::Receiver<bool>,
+) -> std::io::Result<()> {
+    let (listener, token, certificate) = port.listen(source.as_ref()).await?;
+    let shown = certificate.as_ref().map(Certificate::shown);
+    let renewing = async {
+        match certificate {
+            Some(certificate) => certificate.keep().await,
+            None => std::future::pending().await,
+        }
+    };
+    let door = Door::from(listener).secured(shown).within(Limits::of(connections));
+    tokio::select! {
+        served = http::serve(door, source.clone(), token, until(stopped)) => served,
+        () = renewing => Ok(()),
     }
 }
 

@@ -9,9 +9,12 @@ use tokio_rustls::rustls::{AlertDescription, CertificateError, Error};
 use super::error::{Fault, LinkFault, TlsFault};
 
 mod client;
+mod pem;
+mod server;
 
 pub(super) use client::Client;
 pub use client::check;
+pub use server::{Wrong, server};
 
 /// Controllers without a processor for it take a second or two for the two signatures of a handshake.
 pub(super) const HANDSHAKE: Duration = Duration::from_secs(5);

@@ -21,9 +21,12 @@
 //! One command has an answer of many lines: the exchanges of a device as they happen (`isotherm trace`). `trace cnc 60 text`
 //! → `ok listening to cnc`, two lines an exchange (or with `json` one), and at last `end` with their number. It ends by
 //! itself after that many seconds, or as soon as the asker is gone.
+//!
+//! Connections are counted: who comes when all are taken waits for one that ends, as each without a whole line soon does. Half of
+//! them are for those who stay, so that a command that is soon done finds another.
 
 use std::io::{Error, ErrorKind};
-use std::os::fd::{AsFd, OwnedFd};
+use std::os::fd::AsFd;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::path::Path;
 use std::sync::Arc;
@@ -32,12 +35,13 @@ use std::time::Duration;
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt};
 use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::net::{UnixListener, UnixStream};
+use tokio::sync::Semaphore;
 
 use super::WireLog;
 use super::disk::make_directory;
 use crate::fieldbus::explain::system;
 use crate::fieldbus::trace::{Exchange, Listening};
-use crate::observe::asker::{Asker, Attendance, PATIENCE, Way};
+use crate::observe::asker::{Asker, Attendance, Connection, PATIENCE, Way};
 use crate::observe::status::{Answer, Command, Source, Status};
 use isotherm_profile::one_line;
 
@@ -59,6 +63,9 @@ const STILL: Duration = Duration::from_secs(1);
 const LONGEST: u64 = 256;
 /// It is looked this often whether somebody has deleted the socket.
 const DELETED: Duration = Duration::from_secs(1);
+
+/// Said to one more of those who stay.
+const TOO_MANY: &str = "error as many wait or listen here as may at once: end one of them, and come again\n";
 
 /// Who only looks.
 const STATUS: &str = "status";
@@ -121,7 +128,17 @@ pub fn open(path: &Path) -> std::io::Result<std::os::unix::net::UnixListener> {
     Ok(listener)
 }
 
-/// Answers commands until the task is dropped.
+/// What each connection has at hand.
+#[derive(Clone)]
+struct Desk {
+    source: Arc<dyn Source>,
+    wire_log: WireLog,
+    attendance: Attendance,
+    /// Places for those who stay.
+    stays: Arc<Semaphore>,
+}
+
+/// Answers commands until the task is dropped, on at most `most` connections at once.
 ///
 /// # Errors
 /// Where the listener cannot be used by this runtime.
@@ -129,11 +146,16 @@ pub async fn serve(
     listener: std::os::unix::net::UnixListener,
     source: Arc<dyn Source>,
     wire_log: WireLog,
+    most: usize,
 ) -> std::io::Result<()> {
     let mut listener = UnixListener::from_std(listener)?;
     let attendance = Attendance::default();
+    let stays = Arc::new(Semaphore::new(most.div_ceil(2)));
+    let desk = Desk { source, wire_log, attendance: attendance.clone(), stays };
+    let places = Arc::new(Semaphore::new(most));
     let accepting = async {
-        loop {
+        // It is never closed.
+        while let Ok(place) = places.clone().acquire_owned().await {
             let accepted = tokio::select! {
                 accepted = listener.accept() => accepted,
                 () = tokio::time::sleep(DELETED) => {
@@ -145,10 +167,11 @@ pub async fn serve(
                 tokio::time::sleep(Duration::from_millis(100)).await;
                 continue;
             };
-            let (source, wire_log, attendance) = (source.clone(), wire_log.clone(), attendance.clone());
+            let desk = desk.clone();
             tokio::spawn(async move {
                 // It ends with its asker.
-                let _ = serve_one(stream, &source, &wire_log, &attendance).await;
+                let _ = desk.serve(stream).await;
+                drop(place);
             });
         }
     };
@@ -166,35 +189,43 @@ fn made_again(listener: UnixListener) -> UnixListener {
     again.unwrap_or(listener)
 }
 
-async fn serve_one(
-    stream: UnixStream,
-    source: &Arc<dyn Source>,
-    wire_log: &WireLog,
-    attendance: &Attendance,
-) -> std::io::Result<()> {
-    let who = user::name(&stream);
-    let connection = stream.as_fd().try_clone_to_owned()?;
-    let (mut reader, mut writer) = stream.into_split();
-    let heard = tokio::time::timeout(PATIENCE, hear(&mut reader)).await;
-    let heard = heard.ok().flatten().unwrap_or_default();
-    if let Some(request) = TraceRequest::parse(heard.trim()) {
-        return serve_trace(request, wire_log, reader, writer).await;
+impl Desk {
+    async fn serve(&self, stream: UnixStream) -> std::io::Result<()> {
+        let who = user::name(&stream);
+        let connection: Arc<Connection> = Arc::new(stream.as_fd().try_clone_to_owned()?);
+        let (mut reader, mut writer) = stream.into_split();
+        let heard = tokio::time::timeout(PATIENCE, hear(&mut reader)).await;
+        let heard = heard.ok().flatten().unwrap_or_default();
+        let (trace, line) = (TraceRequest::parse(heard.trim()), Line::parse(heard.trim()));
+        let stays = trace.is_some() || line.as_ref().is_some_and(|line| line.stays);
+        let _place = match stays.then(|| self.stays.try_acquire()).transpose() {
+            Ok(place) => place,
+            Err(_) => return say(&mut writer, TOO_MANY).await,
+        };
+        if let Some(request) = trace {
+            return serve_trace(request, &self.wire_log, reader, writer).await;
+        }
+        if heard.trim() == STATUS {
+            return say(&mut writer, &format!("ok {}\n", document(&self.source.status()))).await;
+        }
+        let Some(line) = line else {
+            let known =
+                "error this socket understands arm, disarm, zero, cancel, sign, measured, trace, status\n";
+            return say(&mut writer, known).await;
+        };
+        let asker = line.asker(who, &connection, &self.attendance);
+        let said = match line.execute(self.source.as_ref(), &asker) {
+            Ok(Answer::Waits(_)) => return follow(self.source.as_ref(), &line, &mut writer).await,
+            Ok(Answer::Done(said)) => said_in_a_line("ok", &said),
+            Err(why) => said_in_a_line("error", &why),
+        };
+        say(&mut writer, &said).await
     }
-    if heard.trim() == STATUS {
-        return writer.write_all(format!("ok {}\n", document(&source.status())).as_bytes()).await;
-    }
-    let Some(line) = Line::parse(heard.trim()) else {
-        let known =
-            "error this socket understands arm, disarm, zero, cancel, sign, measured, trace, status\n";
-        return writer.write_all(known.as_bytes()).await;
-    };
-    let asker = line.asker(who, connection, attendance);
-    let said = match line.execute(source.as_ref(), &asker) {
-        Ok(Answer::Waits(_)) => return follow(source.as_ref(), &line, &mut writer).await,
-        Ok(Answer::Done(said)) => said_in_a_line("ok", &said),
-        Err(why) => said_in_a_line("error", &why),
-    };
-    writer.write_all(said.as_bytes()).await
+}
+
+/// One who does not read it does not keep his place.
+async fn say(writer: &mut OwnedWriteHalf, text: &str) -> std::io::Result<()> {
+    tokio::time::timeout(PATIENCE, writer.write_all(text.as_bytes())).await?
 }
 
 /// One line of an answer, whatever stands in it.
@@ -211,18 +242,18 @@ async fn follow(source: &dyn Source, line: &Line<'_>, writer: &mut OwnedWriteHal
             _ => source.arming(line.axis),
         };
         let text = match progress {
-            Ok(Answer::Done(text)) => return writer.write_all(said_in_a_line("ok", &text).as_bytes()).await,
-            Err(why) => return writer.write_all(said_in_a_line("error", &why).as_bytes()).await,
+            Ok(Answer::Done(text)) => return say(writer, &said_in_a_line("ok", &text)).await,
+            Err(why) => return say(writer, &said_in_a_line("error", &why)).await,
             Ok(Answer::Waits(text)) => text,
         };
         if !line.stays && waited >= ARMING {
-            return writer.write_all(said_in_a_line("waits", &text).as_bytes()).await;
+            return say(writer, &said_in_a_line("waits", &text)).await;
         }
         if line.stays && waited >= SHORTLY && text != said {
-            writer.write_all(said_in_a_line("waits", &text).as_bytes()).await?;
+            say(writer, &said_in_a_line("waits", &text)).await?;
             (said, still) = (text, Duration::ZERO);
         } else if line.stays && still >= STILL {
-            writer.write_all(b"still\n").await?;
+            say(writer, "still\n").await?;
             still = Duration::ZERO;
         }
         tokio::time::sleep(LOOK_AGAIN).await;
@@ -278,9 +309,9 @@ impl<'a> Line<'a> {
         matches!(self.what, What::Command(Command::Arm | Command::Sign))
     }
 
-    fn asker(&self, who: String, connection: OwnedFd, attendance: &Attendance) -> Arc<Asker> {
+    fn asker(&self, who: String, connection: &Arc<Connection>, attendance: &Attendance) -> Arc<Asker> {
         let until = self.until.unwrap_or_else(|| attendance.until());
-        let asker = Asker::new(Way::Socket, who).until(until).at(Arc::new(connection));
+        let asker = Asker::new(Way::Socket, who).until(until).at(connection);
         Arc::new(if self.stays { asker.staying() } else { asker })
     }
 
@@ -340,9 +371,9 @@ async fn serve_trace(
 ) -> std::io::Result<()> {
     let mut listening = match wire_log.listen(&request.device) {
         Ok(listening) => listening,
-        Err(why) => return writer.write_all(said_in_a_line("error", &why).as_bytes()).await,
+        Err(why) => return say(&mut writer, &format!("error {why}\n")).await,
     };
-    writer.write_all(format!("ok listening to {}\n", request.device).as_bytes()).await?;
+    say(&mut writer, &format!("ok listening to {}\n", request.device)).await?;
     let mut count = 0_u64;
     let over = tokio::time::timeout(request.span, async {
         let mut nothing = [0];
@@ -357,8 +388,7 @@ async fn serve_trace(
     }
     let dropped = listening.dropped();
     drop(listening);
-    // One who reads nothing does not keep it.
-    tokio::time::timeout(SLACK, writer.write_all(ended(count, dropped).as_bytes())).await?
+    say(&mut writer, &ended(count, dropped)).await
 }
 
 async fn show(

@@ -81,6 +81,10 @@ impl Source for Panel {
         self.commands.0.report(&reported(command.to_owned(), Vec::new(), asker, Err(why)));
     }
 
+    fn report(&self, event: &Event) {
+        self.page.shared.report(event);
+    }
+
     fn events(&self, since: Moment, found: &mut dyn FnMut(Found)) -> std::io::Result<()> {
         self.page.events(since, found)
     }

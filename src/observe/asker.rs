@@ -6,9 +6,9 @@
 //! looked at the sockets for so long ([`Attendance`]).
 
 use std::fmt;
-use std::os::fd::{AsFd, OwnedFd};
-use std::sync::Arc;
+use std::os::fd::AsFd;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Weak};
 use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -50,6 +50,9 @@ impl Way {
     }
 }
 
+/// By which somebody is known to be there.
+pub type Connection = dyn AsFd + Send + Sync;
+
 /// Whoever asks.
 pub struct Asker {
     /// By which way.
@@ -58,8 +61,8 @@ pub struct Asker {
     pub who: String,
     /// Until when he waits, in time since the computer was started.
     until: Option<Duration>,
-    /// He has gone when its other end is closed.
-    connection: Option<Arc<OwnedFd>>,
+    /// He has gone when its other end is closed, or this one: a wish keeps no descriptor.
+    connection: Option<Weak<Connection>>,
     stays: bool,
 }
 
@@ -85,8 +88,8 @@ impl Asker {
 
     /// He waits at the other end of this connection.
     #[must_use]
-    pub fn at(self, connection: Arc<OwnedFd>) -> Asker {
-        Asker { connection: Some(connection), ..self }
+    pub fn at(self, connection: &Arc<Connection>) -> Asker {
+        Asker { connection: Some(Arc::downgrade(connection)), ..self }
     }
 
     /// What he asks for ends when he goes, however late that is.
@@ -112,6 +115,7 @@ impl Asker {
     /// over TCP the two look alike, and nobody does that there.
     fn is_gone(&self) -> bool {
         let Some(connection) = &self.connection else { return false };
+        let Some(connection) = connection.upgrade() else { return true };
         let mut one = [PollFd::from_borrowed_fd(connection.as_fd(), PollFlags::RDHUP)];
         if poll(&mut one, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })).is_err() {
             return false;
@@ -176,14 +180,15 @@ mod tests {
     use super::*;
     use std::os::unix::net::UnixStream;
 
-    fn asker(way: Way) -> (Asker, UnixStream) {
+    fn asker(way: Way) -> (Asker, Arc<Connection>, UnixStream) {
         let (here, there) = UnixStream::pair().unwrap();
-        (Asker::new(way, "somebody").at(Arc::new(here.into())), there)
+        let here: Arc<Connection> = Arc::new(here);
+        (Asker::new(way, "somebody").at(&here), here, there)
     }
 
     #[test]
     fn who_waits_is_there_who_has_gone_is_not_and_who_only_says_no_more_waits() {
-        let (asker, there) = asker(Way::Socket);
+        let (asker, _here, there) = asker(Way::Socket);
         assert_eq!(asker.has_lapsed(), None);
         there.shutdown(std::net::Shutdown::Write).unwrap();
         assert_eq!(asker.has_lapsed(), None);
@@ -193,9 +198,17 @@ mod tests {
     }
 
     #[test]
+    fn whose_connection_was_closed_here_has_gone() {
+        let (asker, here, _there) = asker(Way::Api);
+        assert_eq!(asker.has_lapsed(), None);
+        drop(here);
+        assert_eq!(asker.has_lapsed().unwrap(), "whoever asked for it has gone");
+    }
+
+    #[test]
     fn nobody_waits_longer_than_he_says_nor_than_five_seconds() {
         let now = Passing::default().passed();
-        let (asker, _there) = asker(Way::Socket);
+        let (asker, _here, _there) = asker(Way::Socket);
         let asker = asker.until(now);
         assert_eq!(asker.has_lapsed().unwrap(), "its turn came later than 5 s after it was asked for");
         let patient = Asker::new(Way::Api, "somebody").until(now + Duration::from_secs(3600));

@@ -20,10 +20,12 @@ mod data;
 pub mod file;
 mod handshake;
 mod journal;
+mod page;
 
 pub use alarms::{Alarm, Seen};
 pub use handshake::HandshakeFault;
 pub use journal::{Entry, Journal};
+pub use page::PagePort;
 
 /// Something that happened, in the names of the profile. Its fields are its data for programs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -257,6 +259,8 @@ pub enum Event {
     EventsFull { bytes: usize },
     /// The state or the log is kept again.
     KeptAgain { what: String },
+    /// The page's port is taken, or free at last.
+    Page(PagePort),
 }
 
 /// How much an event matters.
@@ -589,6 +593,7 @@ impl Event {
                 ),
             ),
             Event::KeptAgain { what } => info("kept-again", format!("{what} is kept again")),
+            Event::Page(port) => port.described(),
         }
     }
 }

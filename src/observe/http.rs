@@ -1,36 +1,41 @@
 //! The gateway's door for people and programs: page, status, live stream, metrics, health, commands.
 //!
 //! ```text
-//! request ──► access (who may) ──► route ──► Source::status / Source::command
-//!                                    ▲
-//!                      live: one status a second, shared by every open page
+//! door (how many) ──► request (for one host) ──► access (who may) ──► request (whole) ──► route
+//!                                                                                           │
+//!                                              Source::status / Source::command  ◄──────────┤
+//!                      live: one status a second, shared by every open page  ◄──────────────┘
 //! ```
 //!
 //! Nothing here is awaited by the loop: a slow or silent reader costs only itself.
 
 mod access;
 mod alarms;
+mod connection;
+mod crowd;
+mod door;
 mod events;
 mod history;
 mod live;
 mod measured;
 mod peer;
+mod request;
 
 use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::body::Bytes;
-use axum::extract::rejection::BytesRejection;
-use axum::extract::{ConnectInfo, DefaultBodyLimit, Path, RawQuery, State};
+use axum::extract::{ConnectInfo, Path, RawQuery, State};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode, header};
 use axum::response::{Html, IntoResponse, Json, Response};
 use axum::routing::{get, post};
 use axum::{Router, middleware};
 use percent_encoding::percent_decode_str;
 use serde::Serialize;
-use tokio::net::TcpListener;
 use tokio::sync::{Semaphore, watch};
+
+pub use self::crowd::Limits;
+pub use self::door::{Door, Shown};
 
 use self::access::{Access, Entered};
 use self::peer::Peer;
@@ -42,8 +47,6 @@ use isotherm_profile::one_line;
 
 /// How long open requests may take to end once the gateway stops.
 const GRACE: Duration = Duration::from_millis(500);
-/// Commands have no body worth more.
-const LARGEST_BODY: usize = 1024;
 
 /// On every answer. The page loads nothing from elsewhere, runs no script but its own, and stands in no frame,
 /// so that nobody can lay something over its buttons.
@@ -66,6 +69,8 @@ struct Room {
     attendance: Attendance,
     /// Turns to read what was.
     readers: Arc<Semaphore>,
+    /// The turn to read the events.
+    events: Arc<Semaphore>,
 }
 
 impl Room {
@@ -81,7 +86,7 @@ struct Said {
     answer: String,
 }
 
-/// Answers on `listener` until `shutdown` completes; then ends the live streams and returns within a second.
+/// Answers at `door` until `shutdown` completes; then ends the live streams and returns within a second.
 ///
 /// With a `token`, everything but `/healthz` asks for it. Without one, requests must name this computer by
 /// `localhost` or by address, and commands are taken from this computer only.
@@ -89,7 +94,7 @@ struct Said {
 /// # Errors
 /// When the listener has no address, or the token is empty.
 pub async fn serve(
-    listener: TcpListener,
+    door: impl Into<Door>,
     source: Arc<dyn Source>,
     token: Option<String>,
     shutdown: impl Future<Output = ()> + Send + 'static,
@@ -100,14 +105,17 @@ pub async fn serve(
             "the token is empty: leave it out or set one",
         ));
     }
-    let access = Arc::new(Access::new(token, listener.local_addr()?.ip()));
+    let door = door.into();
+    let access = Arc::new(Access::new(token, door.address()?.ip(), door.scheme()));
+    let limits = door.limits();
     let (stop, stopped) = watch::channel(());
-    let live = live::Live::start(Arc::clone(&source), stopped.clone());
+    let live = live::Live::start(Arc::clone(&source), limits.streams, stopped.clone());
     let attendance = Attendance::default();
     let readers = Arc::new(Semaphore::new(history::AT_ONCE));
-    let app = router(Room { source, access, live, attendance: attendance.clone(), readers });
-    let service = app.into_make_service_with_connect_info::<Peer>();
-    let serving = axum::serve(listener, service).with_graceful_shutdown(ended(stopped.clone()));
+    let events = Arc::new(Semaphore::new(1));
+    let room = Room { source, access, live, attendance: attendance.clone(), readers, events };
+    let router = router(room, limits.body);
+    let serving = door.serve(router, stopped);
     // A peer that never finishes its request must not keep the gateway from stopping.
     let overdue = async {
         shutdown.await;
@@ -115,10 +123,11 @@ pub async fn serve(
         tokio::time::sleep(GRACE).await;
     };
     tokio::select! {
-        served = serving => served,
-        () = overdue => Ok(()),
-        () = attendance.keep() => Ok(()),
+        () = serving => {}
+        () = overdue => {}
+        () = attendance.keep() => {}
     }
+    Ok(())
 }
 
 /// Completes when the sender is gone.
@@ -126,15 +135,14 @@ async fn ended(mut stopped: watch::Receiver<()>) {
     while stopped.changed().await.is_ok() {}
 }
 
-fn router(room: Room) -> Router {
+fn router(room: Room, body_within: Duration) -> Router {
     let guard = middleware::from_fn_with_state(room.clone(), access::check);
     let commands = Command::ALL.into_iter().fold(Router::new(), |router, (name, command)| {
         let take = move |State(room): State<Room>,
                          ConnectInfo(peer): ConnectInfo<Peer>,
                          RawQuery(query): RawQuery,
-                         headers: HeaderMap,
-                         body| async move {
-            take(&room, command, query.as_deref(), &room.asker(&peer, &headers), body)
+                         headers: HeaderMap| async move {
+            take(&room, command, query.as_deref(), &room.asker(&peer, &headers))
         };
         router.route(&format!("/api/{name}"), post(take))
     });
@@ -158,8 +166,9 @@ fn router(room: Room) -> Router {
                 "This address does not take that method; see the Allow header.\n",
             )
         })
-        .layer(DefaultBodyLimit::max(LARGEST_BODY))
+        .layer(middleware::from_fn_with_state(body_within, request::whole))
         .layer(guard)
+        .layer(middleware::from_fn(request::for_one_host))
         .layer(middleware::map_response(with_headers))
         .with_state(room)
 }
@@ -204,20 +213,16 @@ async fn status(State(room): State<Room>) -> Json<Status> {
 }
 
 async fn stream(State(room): State<Room>) -> Response {
-    room.live.stream().into_response()
+    match room.live.stream() {
+        Some(stream) => stream.into_response(),
+        None => {
+            let text = "As many watch this machine as may at once. Close a page, or ask for /api/status.\n";
+            (StatusCode::SERVICE_UNAVAILABLE, [(header::RETRY_AFTER, "10")], text).into_response()
+        }
+    }
 }
 
-fn take(
-    room: &Room,
-    command: Command,
-    query: Option<&str>,
-    asker: &Arc<Asker>,
-    body: Result<Bytes, BytesRejection>,
-) -> Response {
-    if let Err(refused) = body {
-        return (refused.status(), "A command needs no body, and certainly not such a long one.\n")
-            .into_response();
-    }
+fn take(room: &Room, command: Command, query: Option<&str>, asker: &Arc<Asker>) -> Response {
     let axis = query.and_then(|query| parameter(query, "axis"));
     answered(room.source.command(command, axis.as_deref(), asker))
 }

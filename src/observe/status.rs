@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::asker::Asker;
 use super::events::file::Found;
-use super::events::{Alarm, Entry};
+use super::events::{Alarm, Entry, Event};
 use isotherm_core::compensation::AxisState;
 use isotherm_core::quantity::Moment;
 use isotherm_profile::{Language, Overridden};
@@ -54,6 +54,9 @@ pub trait Source: Send + Sync + 'static {
 
     /// A command did not even come as far as that.
     fn turned_away(&self, command: &str, asker: &Asker, why: &str);
+
+    /// Something happened to whoever shows it.
+    fn report(&self, event: &Event);
 
     /// What happened since this moment, before this run too, oldest first.
     ///

@@ -125,6 +125,7 @@ pub(crate) struct State {
     offset: i16,
     pub(crate) seen: Vec<Seen>,
     hangs_up: bool,
+    is_down: bool,
     /// Temperatures are not answered for now.
     holds: bool,
     /// How many wait for that.
@@ -152,7 +153,7 @@ impl Device {
             listener,
             move |_| {
                 accepting.0.gate.passes(Place(Of::Connection, At::Come));
-                Ok(())
+                if accepting.state().is_down { server::hang_up() } else { Ok(()) }
             },
             move |question: &Question, stream: &mut TcpStream| answering.answer(question, stream),
         );
@@ -214,6 +215,11 @@ impl Device {
         }
     }
 
+    /// Whoever connects or asks finds the connection closed, until it is up again.
+    pub(crate) fn is_down(&self, is_down: bool) {
+        self.state().is_down = is_down;
+    }
+
     /// Whoever asks next finds the connection closed.
     pub(crate) fn hangs_up(&self) {
         self.state().hangs_up = true;
@@ -226,7 +232,11 @@ impl Device {
 
     fn answer(&self, question: &Question, stream: &mut TcpStream) -> Result<()> {
         let at = self.now();
-        if std::mem::take(&mut self.state().hangs_up) {
+        let hangs_up = {
+            let mut state = self.state();
+            std::mem::take(&mut state.hangs_up) || state.is_down
+        };
+        if hangs_up {
             return server::hang_up();
         }
         let has_written = matches!(self.state().seen.last(), Some(Seen { what: What::Wrote { .. }, .. }));

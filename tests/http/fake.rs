@@ -1,6 +1,7 @@
 //! A gateway that is not there, behind the real door, and a client that speaks HTTP/1.1 by hand.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a helper of tests")]
+#![allow(dead_code, reason = "each of the tests uses its part")]
 
 use std::collections::BTreeMap;
 use std::io;
@@ -11,7 +12,7 @@ use std::sync::{Arc, Mutex};
 
 use isotherm::observe::asker::Asker;
 use isotherm::observe::events::file::Found;
-use isotherm::observe::events::{Entry, Level};
+use isotherm::observe::events::{Entry, Event, Level};
 use isotherm::observe::http::serve;
 use isotherm::observe::status::{
     Answer, AxisStatus, BusStatus, Command, DeviceStatus, GainStatus, OutputStatus, ProbeStatus,
@@ -88,6 +89,10 @@ impl Source for Fake {
 
     fn turned_away(&self, command: &str, asker: &Asker, why: &str) {
         self.askers.lock().unwrap().push(format!("{asker:?} {command} turned away: {why}"));
+    }
+
+    fn report(&self, event: &Event) {
+        self.askers.lock().unwrap().push(format!("{event:?}"));
     }
 
     fn events(&self, since: Moment, found: &mut dyn FnMut(Found)) -> io::Result<()> {

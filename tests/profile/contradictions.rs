@@ -188,7 +188,39 @@ fn a_page_for_the_network_wants_a_token() {
     );
     refused("listen = \"127.0.0.1:0\"", "listen = \"8080\"", "web.listen", "\"8080\"", &["host and port"]);
     assert!(with("listen = \"127.0.0.1:0\"", "listen = \"[::1]:8080\"").is_ok());
-    assert!(with("listen = \"127.0.0.1:0\"", "listen = \"0.0.0.0:80\"\ntoken_file = \"/etc/token\"").is_ok());
+}
+
+#[test]
+fn a_page_for_the_network_wants_tls_or_that_somebody_says_it_may_be_plain() {
+    let listen = "listen = \"127.0.0.1:0\"";
+    let open = "listen = \"0.0.0.0:80\"\ntoken_file = \"/etc/token\"\n";
+    let to = |more: &str| with(listen, &format!("{open}{more}"));
+    for more in ["", "plain = false"] {
+        let wrong = Errors(errors(to(more))).to_string();
+        assert!(wrong.contains("web.listen: `0.0.0.0:80` is open to the network in plain text"), "{wrong}");
+        assert!(wrong.contains("tls = {") && wrong.contains("plain = true"), "{wrong}");
+    }
+    let plain = to("plain = true").unwrap();
+    let warned: Vec<String> = plain.warnings.iter().map(ToString::to_string).collect();
+    assert!(plain.profile.web.unwrap().plain);
+    assert!(
+        warned.iter().any(|warning| warning.contains("web.plain") && warning.contains("reads the token")),
+        "{warned:?}"
+    );
+    let secured = to("tls = { cert = \"page.pem\", key = \"/etc/page.key\" }").unwrap();
+    assert!(secured.warnings.iter().all(|warning| !warning.to_string().contains("web.")));
+    let tls = secured.profile.web.unwrap().tls.unwrap();
+    assert!(tls.cert.ends_with("page.pem") && tls.key.is_absolute());
+    let half = Errors(errors(to("tls = { cert = \"page.pem\" }"))).to_string();
+    assert!(half.contains("web.tls.key") && half.contains("docs/page.md"), "{half}");
+    // On this computer nobody else listens.
+    assert!(
+        with(listen, &format!("{listen}\nplain = true"))
+            .unwrap()
+            .warnings
+            .iter()
+            .all(|warning| !warning.to_string().contains("web."))
+    );
 }
 
 #[test]

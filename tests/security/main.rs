@@ -1,8 +1,20 @@
-//! What somebody tries who means no good, and what stands afterwards.
-#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+//! What somebody tries who means no good, and what stands afterwards. Each module is one kind of attack.
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot go on fails")]
 
 mod another_user;
+#[path = "../certificates/mod.rs"]
+mod certificates;
+mod crowd;
+#[path = "../device/mod.rs"]
+mod device;
+#[path = "../http/fake.rs"]
+mod fake;
+mod https;
 mod layers;
+mod port;
 #[path = "../process/mod.rs"]
 mod process;
+mod requests;
+mod rig;
+mod starved;
 mod unseen;

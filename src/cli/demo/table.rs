@@ -2,7 +2,6 @@
 
 use std::fmt::Write as _;
 use std::io::{IsTerminal, Write};
-use std::net::SocketAddr;
 use std::time::Duration;
 
 use crate::cli::say::{Out, Screen};
@@ -15,7 +14,7 @@ const ROW_EVERY: f64 = 1800.0;
 /// What is drawn, and how.
 pub(super) struct Table {
     mode: Mode,
-    page: SocketAddr,
+    page: String,
     span: Duration,
     next_row: f64,
     drawn: usize,
@@ -32,14 +31,14 @@ enum Mode {
 }
 
 impl Table {
-    pub(super) fn new(json: bool, page: SocketAddr, span: Duration) -> Table {
+    pub(super) fn new(json: bool, page: &str, span: Duration) -> Table {
         let mode = match (json, std::io::stdout().is_terminal(), std::io::stderr().is_terminal()) {
             (false, true, _) => Mode::Live,
             (false, false, _) => Mode::Rows,
             (true, _, true) => Mode::Progress,
             (true, _, false) => Mode::Nothing,
         };
-        Table { mode, page, span, next_row: 0.0, drawn: 0 }
+        Table { mode, page: page.to_owned(), span, next_row: 0.0, drawn: 0 }
     }
 
     pub(super) fn draw(&mut self, status: &Status, summary: &Summary) -> std::io::Result<()> {
@@ -81,7 +80,7 @@ impl Table {
     fn lines(&self, status: &Status, summary: &Summary, share: f64) -> Vec<String> {
         let mut lines = vec![
             format!("{} — {}", status.machine, status.description),
-            format!("page  http://{}", self.page),
+            format!("page  {}", self.page),
             format!(
                 "time  {}   {} {:>4.1} h of {:.1} h",
                 clock(&status.now),
@@ -130,7 +129,7 @@ impl Table {
         }
         let mut out = Out;
         if self.next_row < ROW_EVERY {
-            writeln!(out, "{} — {}\npage  http://{}\n", status.machine, status.description, self.page)?;
+            writeln!(out, "{} — {}\npage  {}\n", status.machine, status.description, self.page)?;
             writeln!(
                 out,
                 "{:>6}  {:<5}{:>12}{:>12}{:>20}   state",

@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use crate::clock::Clock;
 use crate::observe::asker::Asker;
+use crate::observe::events::Event;
 use crate::observe::events::file::Found;
 use crate::observe::status::{Answer, Command, Source, Status, TruthStatus};
 use crate::virtual_machine::Window;
@@ -84,6 +85,10 @@ impl Source for WithTruth {
 
     fn turned_away(&self, command: &str, asker: &Asker, why: &str) {
         self.source.turned_away(command, asker, why);
+    }
+
+    fn report(&self, event: &Event) {
+        self.source.report(event);
     }
 
     fn events(&self, since: Moment, found: &mut dyn FnMut(Found)) -> std::io::Result<()> {

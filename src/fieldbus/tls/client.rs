@@ -10,7 +10,6 @@ use tokio_rustls::client::TlsStream;
 use tokio_rustls::rustls::client::danger::{HandshakeSignatureValid, ServerCertVerified, ServerCertVerifier};
 use tokio_rustls::rustls::client::{ResolvesClientCert, WebPkiServerVerifier};
 use tokio_rustls::rustls::crypto::ring::default_provider;
-use tokio_rustls::rustls::pki_types::pem::PemObject;
 use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer, ServerName, UnixTime};
 use tokio_rustls::rustls::sign::CertifiedKey;
 use tokio_rustls::rustls::{
@@ -18,6 +17,7 @@ use tokio_rustls::rustls::{
     RootCertStore, SignatureScheme,
 };
 
+use super::pem::{certificates, private_key};
 use super::tls_fault;
 use crate::fieldbus::eager::Eager;
 use crate::fieldbus::error::{Fault, LinkFault, TlsFault};
@@ -152,31 +152,6 @@ fn config(
         })
     })
 }
-
-fn certificates(text: &[u8]) -> Result<Vec<CertificateDer<'static>>, String> {
-    let found: Result<Vec<_>, _> = CertificateDer::pem_slice_iter(text).collect();
-    match found {
-        Ok(found) if found.is_empty() => {
-            Err("there is no certificate in it in PEM form (-----BEGIN CERTIFICATE-----)".to_owned())
-        }
-        Ok(found) => Ok(found),
-        Err(error) => Err(format!("it is not in PEM form: {error}")),
-    }
-}
-
-fn private_key(text: &[u8]) -> Result<PrivateKeyDer<'static>, String> {
-    if text.windows(ENCRYPTED.len()).any(|window| window == ENCRYPTED) {
-        return Err(
-            "the key is encrypted, and nobody is there to type its password when the gateway starts; \
-                    write it in clear with `openssl pkey`, readable for the gateway's user only"
-                .to_owned(),
-        );
-    }
-    PrivateKeyDer::from_pem_slice(text)
-        .map_err(|_| "there is no private key in it in PEM form (-----BEGIN PRIVATE KEY-----)".to_owned())
-}
-
-const ENCRYPTED: &[u8] = b"ENCRYPTED";
 
 /// Trusts what the authorities in a file have signed, and the very certificates in it.
 ///

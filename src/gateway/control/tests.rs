@@ -2,6 +2,7 @@ use std::path::PathBuf;
 use std::sync::Mutex;
 
 use super::*;
+use crate::observe::events::Event;
 use crate::observe::events::file::Found;
 use crate::observe::status::Status;
 use isotherm_core::quantity::Moment;
@@ -50,6 +51,8 @@ impl Source for Fake {
 
     fn turned_away(&self, _: &str, _: &Asker, _: &str) {}
 
+    fn report(&self, _: &Event) {}
+
     fn events(&self, _: Moment, _: &mut dyn FnMut(Found)) -> std::io::Result<()> {
         Ok(())
     }
@@ -72,7 +75,7 @@ async fn beside<T: Send + 'static>(
     act: impl FnOnce() -> T + Send + 'static,
 ) -> (T, Vec<Command>) {
     let fake = Arc::new(Fake::default());
-    let serving = tokio::spawn(serve(open(path).unwrap(), fake.clone(), wire_log()));
+    let serving = tokio::spawn(serve(open(path).unwrap(), fake.clone(), wire_log(), 32));
     let result = tokio::task::spawn_blocking(act).await.unwrap();
     serving.abort();
     let commands = fake.0.lock().unwrap().clone();

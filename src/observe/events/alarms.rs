@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::{Entry, Event, Level};
+use super::{Entry, Event, Level, PagePort};
 
 /// One that stands.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -121,6 +121,8 @@ impl Event {
             Event::NotKept { what, .. } => raises("keeping", what),
             Event::KeptAgain { what } => ends(&[("keeping", what)]),
             Event::TaskFailed { task, .. } => raises("task", task),
+            Event::Page(PagePort::Closed { listen, .. }) => raises("page at", listen),
+            Event::Page(PagePort::Open { listen }) => ends(&[("page at", listen)]),
             _ => (None, Vec::new()),
         }
     }

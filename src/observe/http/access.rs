@@ -31,6 +31,8 @@ pub(super) struct Entered;
 pub(super) struct Access {
     token: Option<String>,
     listens_at: IpAddr,
+    /// `http`, or `https`.
+    scheme: &'static str,
     /// When a command was turned away that was reported, in seconds since the computer was started.
     reported: AtomicU64,
 }
@@ -79,8 +81,8 @@ fn changes(request: &Request) -> bool {
 }
 
 impl Access {
-    pub(super) fn new(token: Option<String>, listens_at: IpAddr) -> Access {
-        Access { token, listens_at, reported: AtomicU64::default() }
+    pub(super) fn new(token: Option<String>, listens_at: IpAddr, scheme: &'static str) -> Access {
+        Access { token, listens_at, scheme, reported: AtomicU64::default() }
     }
 
     /// One that was turned away is reported once in a while: who guesses tokens must not fill the disk with it.
@@ -109,7 +111,7 @@ impl Access {
             return match () {
                 () if !self.knows_host(headers) => Err(Refusal::StrangeHost),
                 () if changes && !peer.to_canonical().is_loopback() => Err(Refusal::NotFromHere),
-                () if changes && !is_own_page(headers) => Err(Refusal::StrangeOrigin),
+                () if changes && !self.is_own_page(headers) => Err(Refusal::StrangeOrigin),
                 () => Ok(None),
             };
         };
@@ -117,7 +119,11 @@ impl Access {
             return Ok(None);
         }
         if cookies(headers).any(|given| same(given, &hexadecimal(token))) {
-            return if changes && !is_own_page(headers) { Err(Refusal::StrangeOrigin) } else { Ok(None) };
+            return if changes && !self.is_own_page(headers) {
+                Err(Refusal::StrangeOrigin)
+            } else {
+                Ok(None)
+            };
         }
         let in_address = request.uri().query().and_then(|query| parameter(query, "token"));
         match in_address {
@@ -141,19 +147,19 @@ impl Access {
             named.is_loopback() || named == ours || ours.is_unspecified()
         })
     }
-}
 
-/// A browser says where a request comes from; a program that sends no `Origin` is no browser.
-fn is_own_page(headers: &HeaderMap) -> bool {
-    match text(headers, "origin") {
-        Some(origin) => {
-            let place = origin.strip_prefix("http://").or_else(|| origin.strip_prefix("https://"));
-            let host = text(headers, "host");
-            place.zip(host).is_some_and(|(place, host)| place.eq_ignore_ascii_case(host))
-        }
-        None => {
-            !headers.contains_key("origin")
-                && text(headers, "sec-fetch-site").is_none_or(|site| site == "same-origin")
+    /// A browser says where a request comes from; a program that sends no `Origin` is no browser.
+    fn is_own_page(&self, headers: &HeaderMap) -> bool {
+        match text(headers, "origin") {
+            Some(origin) => {
+                let place = origin.strip_prefix(self.scheme).and_then(|rest| rest.strip_prefix("://"));
+                let host = text(headers, "host");
+                place.zip(host).is_some_and(|(place, host)| place.eq_ignore_ascii_case(host))
+            }
+            None => {
+                !headers.contains_key("origin")
+                    && text(headers, "sec-fetch-site").is_none_or(|site| site == "same-origin")
+            }
         }
     }
 }

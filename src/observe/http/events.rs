@@ -1,6 +1,7 @@
 //! `GET /api/events?since=12h`: what happened, before the last restart too.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use axum::extract::{RawQuery, State};
 use axum::http::StatusCode;
@@ -30,8 +31,13 @@ struct Events {
 
 pub(super) async fn since(State(room): State<Room>, RawQuery(query): RawQuery) -> Response {
     let since = query.and_then(|query| parameter(&query, "since")).unwrap_or_else(|| SINCE.to_owned());
+    let turn = Arc::clone(&room.events).acquire_owned().await;
     // Files are read where nobody else waits.
-    let read = tokio::task::spawn_blocking(move || read(&room, &since)).await;
+    let read = tokio::task::spawn_blocking(move || {
+        let _turn = turn;
+        read(&room, &since)
+    });
+    let read = read.await;
     match read {
         Ok(Ok(events)) => Json(events).into_response(),
         Ok(Err((code, why))) => (code, format!("{}\n", one_line(&why))).into_response(),

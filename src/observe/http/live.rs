@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::response::sse::{Event, Sse};
-use tokio::sync::watch;
+use tokio::sync::{Semaphore, watch};
 use tokio::time::MissedTickBehavior;
 use tokio_stream::wrappers::WatchStream;
 use tokio_stream::{Stream, StreamExt};
@@ -22,23 +22,31 @@ pub(super) struct Live {
     source: Arc<dyn Source>,
     /// Shared, so that beside it there are as many receivers as streams.
     latest: Arc<watch::Receiver<Arc<str>>>,
+    places: Arc<Semaphore>,
 }
 
 impl Live {
-    /// Starts the ticking. It stops, and every stream ends, when the sender of `stopped` is gone.
-    pub(super) fn start(source: Arc<dyn Source>, stopped: watch::Receiver<()>) -> Live {
+    /// Starts the ticking, for at most so many streams at once. It stops, and every stream ends, when the sender of
+    /// `stopped` is gone.
+    pub(super) fn start(source: Arc<dyn Source>, streams: usize, stopped: watch::Receiver<()>) -> Live {
         let (sender, latest) = watch::channel(Arc::from(""));
         tokio::spawn(tick(Arc::clone(&source), sender, stopped));
-        Live { source, latest: Arc::new(latest) }
+        Live { source, latest: Arc::new(latest), places: Arc::new(Semaphore::new(streams)) }
     }
 
-    /// The status now, then one a second. A reader that is too slow misses some, and gets the newest.
-    pub(super) fn stream(&self) -> Sse<impl Stream<Item = Result<Event, Infallible>> + use<>> {
+    /// The status now, then one a second. A reader that is too slow misses some, and gets the newest. `None` where as many
+    /// listen as may.
+    pub(super) fn stream(&self) -> Option<Sse<impl Stream<Item = Result<Event, Infallible>> + use<>>> {
+        let place = self.places.clone().try_acquire_owned().ok()?;
         let first = event(&to_json(self.source.as_ref())).retry(RETRY);
         let mut latest = self.latest.as_ref().clone();
         latest.mark_unchanged();
         let rest = WatchStream::from_changes(latest).map(|text| event(&text));
-        Sse::new(tokio_stream::once(first).chain(rest).map(Ok))
+        Some(Sse::new(tokio_stream::once(first).chain(rest).map(move |event| {
+            // Free again when the stream is dropped.
+            let _taken = &place;
+            Ok(event)
+        })))
     }
 }
 

@@ -1,7 +1,6 @@
 //! `POST /api/axes/z/measured` with `{ "error_um": 3.2 }`: an axis's measured error. `DELETE` takes back what was learned.
 
 use axum::body::Bytes;
-use axum::extract::rejection::BytesRejection;
 use axum::extract::{ConnectInfo, Path, State};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
@@ -25,14 +24,8 @@ pub(super) async fn learn(
     ConnectInfo(peer): ConnectInfo<Peer>,
     Path(axis): Path<String>,
     headers: HeaderMap,
-    body: Result<Bytes, BytesRejection>,
+    body: Bytes,
 ) -> Response {
-    let body = match body {
-        Ok(body) => body,
-        Err(refused) => {
-            return (refused.status(), "A measured error is not as long as that.\n").into_response();
-        }
-    };
     match serde_json::from_slice::<Measured>(&body) {
         Ok(measured) => answer(&room, &axis, Some(measured.error_um), &room.asker(&peer, &headers)),
         Err(error) => {

@@ -1,0 +1,153 @@
+//! The page's port: opened when the gateway starts, or as soon as it is free.
+
+use std::io::{Error, ErrorKind};
+use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
+use std::time::Duration;
+
+use anyhow::Context;
+
+use super::certificate::Certificate;
+use crate::cli::say::say;
+use crate::fieldbus::explain;
+use crate::observe::events::{Event, PagePort};
+use crate::observe::status::Source;
+use isotherm_profile::{PLAIN, Web, regular};
+
+/// How often a port that is taken is tried.
+const AGAIN: Duration = Duration::from_secs(10);
+
+/// Where the page listens, and what it asks and shows there.
+#[derive(Debug)]
+pub(super) struct Port {
+    listen: String,
+    addresses: Vec<SocketAddr>,
+    token: Option<String>,
+    certificate: Option<Certificate>,
+    opened: Result<TcpListener, String>,
+}
+
+/// What a page is served by: its listener, its token, its certificate.
+type Opened = (tokio::net::TcpListener, Option<String>, Option<Certificate>);
+
+impl Port {
+    /// Reads what it asks and shows; nothing is opened.
+    pub(super) fn new(web: &Web) -> anyhow::Result<Port> {
+        let token = match &web.token_file {
+            Some(path) => {
+                let token = regular::read_text(path)
+                    .with_context(|| format!("the token file {} cannot be read", path.display()))?;
+                let token = token.trim().to_owned();
+                anyhow::ensure!(!token.is_empty(), "the token file {} is empty", path.display());
+                Some(token)
+            }
+            None => None,
+        };
+        let addresses: Vec<SocketAddr> = web
+            .listen
+            .to_socket_addrs()
+            .with_context(|| format!("`{}` is no address to listen on; write 127.0.0.1:8080", web.listen))?
+            .collect();
+        let is_local = addresses.iter().all(|address| address.ip().is_loopback());
+        anyhow::ensure!(
+            token.is_some() || is_local,
+            "the page may listen on {} only with web.token_file in the profile; without one, on loopback",
+            web.listen
+        );
+        anyhow::ensure!(
+            web.tls.is_some() || web.plain || is_local,
+            "the page would listen on {} in plain text: {PLAIN}",
+            web.listen
+        );
+        let certificate = web.tls.as_ref().map(Certificate::open).transpose()?;
+        let opened = Err("not opened yet".to_owned());
+        Ok(Port { listen: web.listen.clone(), addresses, token, certificate, opened })
+    }
+
+    pub(super) fn open(&mut self) -> std::io::Result<()> {
+        let bound = TcpListener::bind(self.addresses.as_slice()).and_then(|listener| {
+            listener.set_nonblocking(true)?;
+            Ok(listener)
+        });
+        match bound {
+            Ok(listener) => {
+                self.opened = Ok(listener);
+                Ok(())
+            }
+            Err(error) => {
+                self.opened = Err(explain::system(&error));
+                Err(error)
+            }
+        }
+    }
+
+    /// It is not wrong for ever: a program that has the port ends, an address comes with its network.
+    pub(super) fn may_open_later(error: &Error) -> bool {
+        matches!(error.kind(), ErrorKind::AddrInUse | ErrorKind::AddrNotAvailable)
+    }
+
+    /// What is said of a port that cannot be opened.
+    pub(super) fn closed(&self, error: &Error) -> String {
+        let why = explain::system(error);
+        format!("the page cannot listen on {} (another address: --listen): {why}", self.listen)
+    }
+
+    /// What a person opens.
+    pub(super) fn url(&self) -> String {
+        let scheme = if self.certificate.is_some() { "https" } else { "http" };
+        let address = self.opened.as_ref().ok().and_then(|listener| listener.local_addr().ok());
+        match address {
+            Some(address) => format!("{scheme}://{}", to_open(address, &hostname())),
+            None => format!("{scheme}://{}", self.listen),
+        }
+    }
+
+    /// Its listener, as soon as there is one.
+    pub(super) async fn listen(mut self, source: &dyn Source) -> std::io::Result<Opened> {
+        if let Err(why) = &self.opened {
+            let closed = PagePort::Closed { listen: self.listen.clone(), why: why.clone() };
+            source.report(&Event::Page(closed));
+            loop {
+                tokio::time::sleep(AGAIN).await;
+                if self.open().is_ok() {
+                    break;
+                }
+            }
+            // A machine does not stand still because nobody reads this.
+            let _ = say!("page {}", self.url());
+            source.report(&Event::Page(PagePort::Open { listen: self.listen.clone() }));
+        }
+        let listener = tokio::net::TcpListener::from_std(self.opened.map_err(Error::other)?)?;
+        Ok((listener, self.token, self.certificate))
+    }
+}
+
+/// What a person can open: a page that listens on every address of this computer has its name.
+fn to_open(address: SocketAddr, hostname: &str) -> String {
+    match address.ip().is_unspecified() {
+        true => format!("{hostname}:{}", address.port()),
+        false => address.to_string(),
+    }
+}
+
+fn hostname() -> String {
+    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
+    let name = name.trim();
+    if name.is_empty() { "localhost".to_owned() } else { name.to_owned() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_page_on_every_address_is_shown_with_the_name_of_the_computer() {
+        for (address, shown) in [
+            ("0.0.0.0:8080", "press-7:8080"),
+            ("[::]:8080", "press-7:8080"),
+            ("127.0.0.1:8080", "127.0.0.1:8080"),
+            ("192.168.4.7:80", "192.168.4.7:80"),
+        ] {
+            assert_eq!(to_open(address.parse().unwrap(), "press-7"), shown);
+        }
+    }
+}

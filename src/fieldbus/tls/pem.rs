@@ -1,0 +1,37 @@
+//! Certificates and keys as their files have them.
+
+use tokio_rustls::rustls::pki_types::pem::PemObject;
+use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
+
+const ENCRYPTED: &[u8] = b"ENCRYPTED";
+
+/// The certificates in a file.
+///
+/// # Errors
+/// A sentence: what is wrong with it.
+pub(super) fn certificates(text: &[u8]) -> Result<Vec<CertificateDer<'static>>, String> {
+    let found: Result<Vec<_>, _> = CertificateDer::pem_slice_iter(text).collect();
+    match found {
+        Ok(found) if found.is_empty() => {
+            Err("there is no certificate in it in PEM form (-----BEGIN CERTIFICATE-----)".to_owned())
+        }
+        Ok(found) => Ok(found),
+        Err(error) => Err(format!("it is not in PEM form: {error}")),
+    }
+}
+
+/// The private key in a file.
+///
+/// # Errors
+/// A sentence: what is wrong with it.
+pub(super) fn private_key(text: &[u8]) -> Result<PrivateKeyDer<'static>, String> {
+    if text.windows(ENCRYPTED.len()).any(|window| window == ENCRYPTED) {
+        return Err(
+            "the key is encrypted, and nobody is there to type its password when the gateway starts; \
+                    write it in clear with `openssl pkey`, readable for the gateway's user only"
+                .to_owned(),
+        );
+    }
+    PrivateKeyDer::from_pem_slice(text)
+        .map_err(|_| "there is no private key in it in PEM form (-----BEGIN PRIVATE KEY-----)".to_owned())
+}

@@ -1,0 +1,249 @@
+//! One connection of the page: HTTP/1.1 over TCP, or inside TLS, and its end where nothing comes of it any more.
+//!
+//! | it is | and ends after |
+//! |---|---|
+//! | in the handshake or a head, from its first byte on | `head` |
+//! | answered | `stall` without a byte taken |
+//! | idle, or with the end of an answer on its way | `idle` |
+
+use std::io;
+use std::net::{Shutdown, SocketAddr};
+use std::os::fd::{AsFd, BorrowedFd};
+use std::pin::{Pin, pin};
+use std::sync::Arc;
+use std::task::{Context, Poll, ready};
+
+use axum::Router;
+use axum::body::{Body, Bytes, HttpBody};
+use axum::extract::ConnectInfo;
+use hyper::Request;
+use hyper::body::{Frame, Incoming, SizeHint};
+use hyper::server::conn::http1;
+use hyper::service::{Service, service_fn};
+use hyper_util::rt::TokioIo;
+use hyper_util::service::TowerToHyperService;
+use socket2::SockRef;
+use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
+use tokio::net::TcpStream;
+use tokio::sync::watch;
+use tokio_rustls::TlsAcceptor;
+use tokio_rustls::rustls::ServerConfig;
+
+use super::crowd::{Limits, Place};
+use super::ended;
+use super::peer::Peer;
+
+/// Heads are no longer than this, and so much of an answer waits for its reader.
+const BUFFER: usize = 64 * 1024;
+
+/// The connection itself, for all who hold it; its place is free when the last of them lets go.
+#[derive(Debug)]
+pub(super) struct Line {
+    stream: TcpStream,
+    phase: watch::Sender<Phase>,
+    _place: Place,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    Head,
+    Answering,
+    Idle,
+}
+
+/// Serves it to its end.
+pub(super) async fn serve(
+    line: Arc<Line>,
+    address: SocketAddr,
+    (router, shown): (Router, Option<Arc<ServerConfig>>),
+    limits: Limits,
+    stopped: watch::Receiver<()>,
+) {
+    let peer = Peer::new(address, line.clone());
+    let wire = Wire(line.clone());
+    let served = async {
+        match shown {
+            None => converse(wire, &line, peer, router, stopped).await,
+            Some(shown) => match TlsAcceptor::from(shown).accept(wire).await {
+                Ok(secured) => converse(secured, &line, peer, router, stopped).await,
+                Err(error) => tracing::debug!(%address, %error, "no TLS connection to the page"),
+            },
+        }
+    };
+    tokio::select! {
+        () = served => {}
+        () = overdue(line.phase.subscribe(), limits) => {}
+    }
+}
+
+async fn converse<S>(stream: S, line: &Arc<Line>, peer: Peer, router: Router, stopped: watch::Receiver<()>)
+where
+    S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
+{
+    let router = TowerToHyperService::new(router);
+    let service = service_fn(move |mut request: Request<Incoming>| {
+        request.extensions_mut().insert(ConnectInfo(peer.clone()));
+        let answering = Answering::begin(line);
+        let answer = router.call(request);
+        async move { answer.await.map(|answer| answer.map(|body| Answer { body, _answering: answering })) }
+    });
+    let serving = http1::Builder::new().max_buf_size(BUFFER).serve_connection(TokioIo::new(stream), service);
+    let mut serving = pin!(serving);
+    let mut closing = pin!(ended(stopped));
+    tokio::select! {
+        // How it ended concerns the peer alone.
+        _ = serving.as_mut() => return,
+        () = &mut closing => serving.as_mut().graceful_shutdown(),
+    }
+    let _ = serving.await;
+}
+
+/// Completes when it has been in one phase for longer than it may.
+async fn overdue(mut phase: watch::Receiver<Phase>, limits: Limits) {
+    loop {
+        let longest = match *phase.borrow_and_update() {
+            Phase::Head => limits.head,
+            Phase::Answering => limits.stall,
+            Phase::Idle => limits.idle,
+        };
+        if tokio::time::timeout(longest, phase.changed()).await.is_err() {
+            return;
+        }
+    }
+}
+
+impl Line {
+    pub(super) fn new(stream: TcpStream, place: Place) -> Line {
+        Line { stream, phase: watch::Sender::new(Phase::Head), _place: place }
+    }
+
+    /// Whoever was idle begins something.
+    fn hears(&self) {
+        self.phase.send_if_modified(|phase| {
+            let begins = *phase == Phase::Idle;
+            if begins {
+                *phase = Phase::Head;
+            }
+            begins
+        });
+    }
+
+    /// Its reader takes something.
+    fn is_read(&self) {
+        self.phase.send_if_modified(|phase| *phase != Phase::Head);
+    }
+}
+
+impl AsFd for Line {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.stream.as_fd()
+    }
+}
+
+/// From a request to the end of its answer.
+struct Answering(Arc<Line>);
+
+impl Answering {
+    fn begin(line: &Arc<Line>) -> Answering {
+        line.phase.send_replace(Phase::Answering);
+        Answering(line.clone())
+    }
+}
+
+impl Drop for Answering {
+    fn drop(&mut self) {
+        self.0.phase.send_replace(Phase::Idle);
+    }
+}
+
+/// The body of an answer.
+struct Answer {
+    body: Body,
+    _answering: Answering,
+}
+
+impl HttpBody for Answer {
+    type Data = Bytes;
+    type Error = axum::Error;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, axum::Error>>> {
+        Pin::new(&mut self.body).poll_frame(cx)
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.body.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.body.size_hint()
+    }
+}
+
+/// The connection as a stream of bytes.
+struct Wire(Arc<Line>);
+
+impl AsyncRead for Wire {
+    fn poll_read(self: Pin<&mut Self>, cx: &mut Context<'_>, into: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
+        let stream = &self.0.stream;
+        loop {
+            ready!(stream.poll_read_ready(cx))?;
+            match stream.try_read(into.initialize_unfilled()) {
+                Ok(count) => {
+                    into.advance(count);
+                    self.0.hears();
+                    return Poll::Ready(Ok(()));
+                }
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+                Err(error) => return Poll::Ready(Err(error)),
+            }
+        }
+    }
+}
+
+impl Wire {
+    fn write(
+        &self,
+        cx: &mut Context<'_>,
+        attempt: impl Fn(&TcpStream) -> io::Result<usize>,
+    ) -> Poll<io::Result<usize>> {
+        loop {
+            ready!(self.0.stream.poll_write_ready(cx))?;
+            match attempt(&self.0.stream) {
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+                written => {
+                    self.0.is_read();
+                    return Poll::Ready(written);
+                }
+            }
+        }
+    }
+}
+
+impl AsyncWrite for Wire {
+    fn poll_write(self: Pin<&mut Self>, cx: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
+        self.write(cx, |stream| stream.try_write(bytes))
+    }
+
+    fn poll_write_vectored(
+        self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+        parts: &[io::IoSlice<'_>],
+    ) -> Poll<io::Result<usize>> {
+        self.write(cx, |stream| stream.try_write_vectored(parts))
+    }
+
+    fn is_write_vectored(&self) -> bool {
+        true
+    }
+
+    fn poll_flush(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Poll::Ready(Ok(()))
+    }
+
+    fn poll_shutdown(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<io::Result<()>> {
+        Poll::Ready(SockRef::from(&self.0.stream).shutdown(Shutdown::Write))
+    }
+}

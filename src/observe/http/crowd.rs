@@ -1,0 +1,133 @@
+//! Who is inside the page, how many at once, and of one address.
+
+use std::collections::HashMap;
+use std::net::{IpAddr, Ipv6Addr};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+/// How much the page may take, and how long.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Limits {
+    /// Connections at once.
+    pub connections: usize,
+    /// Of these from one address; of IPv6, from one network of 64 bits.
+    pub of_one_address: usize,
+    /// Streams of the status at once (`/api/live`).
+    pub streams: usize,
+    /// For the head of a request, from the connection on; the handshake of TLS is part of it.
+    pub head: Duration,
+    /// For the body of a request.
+    pub body: Duration,
+    /// Between two requests.
+    pub idle: Duration,
+    /// Without a byte of an answer taken.
+    pub stall: Duration,
+}
+
+impl Default for Limits {
+    fn default() -> Limits {
+        Limits::of(64)
+    }
+}
+
+impl Limits {
+    /// What so many connections at once leave to each.
+    pub fn of(connections: usize) -> Limits {
+        Limits {
+            connections,
+            of_one_address: (connections - connections / 4).min(16),
+            streams: connections.div_ceil(2),
+            head: Duration::from_secs(10),
+            body: Duration::from_secs(10),
+            idle: Duration::from_secs(60),
+            stall: Duration::from_secs(120),
+        }
+    }
+}
+
+/// Who is inside, by address.
+#[derive(Debug)]
+pub(super) struct Crowd {
+    limits: Limits,
+    inside: Mutex<HashMap<IpAddr, usize>>,
+}
+
+/// A place inside, which is free again when this is dropped.
+#[derive(Debug)]
+pub(super) struct Place {
+    crowd: Arc<Crowd>,
+    address: IpAddr,
+}
+
+impl Crowd {
+    pub(super) fn new(limits: Limits) -> Crowd {
+        Crowd { limits, inside: Mutex::default() }
+    }
+
+    /// A place, where there is one for this address.
+    pub(super) fn admit(self: &Arc<Crowd>, address: IpAddr) -> Option<Place> {
+        let address = counted(address);
+        let mut inside = self.inside.lock().unwrap_or_else(PoisonError::into_inner);
+        let (all, of_it) = (inside.values().sum::<usize>(), inside.get(&address).copied().unwrap_or(0));
+        if all >= self.limits.connections || of_it >= self.limits.of_one_address {
+            return None;
+        }
+        inside.insert(address, of_it + 1);
+        Some(Place { crowd: Arc::clone(self), address })
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        let mut inside = self.crowd.inside.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(count) = inside.get_mut(&self.address) {
+            *count -= 1;
+            if *count == 0 {
+                inside.remove(&self.address);
+            }
+        }
+    }
+}
+
+/// By what a peer is counted: whoever has an IPv6 address has a whole network of them.
+fn counted(address: IpAddr) -> IpAddr {
+    match address.to_canonical() {
+        IpAddr::V6(address) if !address.is_loopback() => {
+            IpAddr::V6(Ipv6Addr::from_bits(address.to_bits() & !u128::from(u64::MAX)))
+        }
+        address => address,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_network_of_ipv6_counts_as_one_and_ipv4_within_ipv6_as_itself() {
+        for (address, as_this) in [
+            ("2001:db8:1:2:3:4:5:6", "2001:db8:1:2::"),
+            ("::ffff:192.0.2.7", "192.0.2.7"),
+            ("::1", "::1"),
+            ("10.0.0.7", "10.0.0.7"),
+        ] {
+            assert_eq!(counted(address.parse().unwrap()), as_this.parse::<IpAddr>().unwrap());
+        }
+    }
+
+    #[test]
+    fn a_place_is_free_again_when_it_is_left_and_one_address_never_has_all() {
+        let crowd = Arc::new(Crowd::new(Limits::of(8)));
+        let [here, there] = ["127.0.0.1", "127.0.0.2"].map(|address| address.parse().unwrap());
+        let mut places: Vec<Place> = std::iter::from_fn(|| crowd.admit(here)).collect();
+        assert_eq!(places.len(), 6);
+        let others: Vec<Place> = std::iter::from_fn(|| crowd.admit(there)).collect();
+        assert_eq!(others.len(), 2);
+        drop(others);
+        assert!(crowd.admit(here).is_none());
+        places.pop();
+        assert!(crowd.admit(here).is_some());
+        drop(places);
+        assert!(crowd.inside.lock().unwrap().is_empty());
+    }
+}

@@ -1,0 +1,57 @@
+//! What a request must be before anybody looks who sent it: for one host, and whole in time.
+
+use std::time::Duration;
+
+use axum::body::{Body, HttpBody, to_bytes};
+use axum::extract::{Request, State};
+use axum::http::{StatusCode, header};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+
+/// Commands have no body worth more, in bytes.
+const LARGEST_BODY: usize = 1024;
+
+/// One request for two hosts is read differently by whoever passes it on and by us.
+pub(super) async fn for_one_host(request: Request, next: Next) -> Response {
+    match names_one_host(&request) {
+        true => next.run(request).await,
+        false => {
+            (StatusCode::BAD_REQUEST, "This request is for more than one host: it names them differently.\n")
+                .into_response()
+        }
+    }
+}
+
+fn names_one_host(request: &Request) -> bool {
+    let mut hosts = request.headers().get_all(header::HOST).into_iter();
+    let host = hosts.next();
+    // "GET http://host/ HTTP/1.1": what a proxy is asked.
+    let is_so = |authority: &axum::http::uri::Authority| {
+        host.is_some_and(|host| host.as_bytes().eq_ignore_ascii_case(authority.as_str().as_bytes()))
+    };
+    hosts.next().is_none() && request.uri().authority().is_none_or(is_so)
+}
+
+/// Hands on a body that has come as a whole, within `longest`.
+pub(super) async fn whole(State(longest): State<Duration>, request: Request, next: Next) -> Response {
+    if request.body().is_end_stream() {
+        return next.run(request).await;
+    }
+    let (head, body) = request.into_parts();
+    let is_too_long = body.size_hint().lower() > LARGEST_BODY as u64;
+    let read = match is_too_long {
+        true => Ok(None),
+        false => tokio::time::timeout(longest, to_bytes(body, LARGEST_BODY)).await.map(Result::ok),
+    };
+    match read {
+        Ok(Some(body)) => next.run(Request::from_parts(head, Body::from(body))).await,
+        Ok(None) => {
+            let text = format!("A body here has at most {LARGEST_BODY} bytes, and comes as a whole.\n");
+            (StatusCode::PAYLOAD_TOO_LARGE, text).into_response()
+        }
+        Err(_) => {
+            let text = format!("The body did not come within {} s.\n", longest.as_secs());
+            (StatusCode::REQUEST_TIMEOUT, [(header::CONNECTION, "close")], text).into_response()
+        }
+    }
+}

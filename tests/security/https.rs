@@ -1,0 +1,114 @@
+//! The page behind TLS: nothing of it without, and a certificate that is renewed while it is served.
+
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use isotherm::clock::Passing;
+use tokio_rustls::rustls::crypto::ring::default_provider;
+use tokio_rustls::rustls::pki_types::pem::PemObject;
+use tokio_rustls::rustls::pki_types::{CertificateDer, ServerName};
+use tokio_rustls::rustls::{ClientConfig, ClientConnection, RootCertStore, StreamOwned};
+
+use crate::certificates::{Authority, Signed};
+use crate::process::until;
+use crate::rig::{Machine, ask, get};
+
+const WEB: &str = "[web]\nlisten = \"127.0.0.1:0\"\ntls = { cert = \"page.pem\", key = \"page.key\" }\n";
+
+/// Asks whoever shows a certificate of this authority.
+fn asks(authority: &str, page: SocketAddr, request: &str) -> Result<String, String> {
+    let mut roots = RootCertStore::empty();
+    roots.add(CertificateDer::from_pem_slice(authority.as_bytes()).unwrap()).unwrap();
+    let config = ClientConfig::builder_with_provider(Arc::new(default_provider()))
+        .with_safe_default_protocol_versions()
+        .unwrap()
+        .with_root_certificates(roots)
+        .with_no_client_auth();
+    let name = ServerName::from(page.ip());
+    let stream = TcpStream::connect(page).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+    let mut secured = StreamOwned::new(ClientConnection::new(Arc::new(config), name).unwrap(), stream);
+    secured.write_all(request.as_bytes()).map_err(|error| error.to_string())?;
+    let mut answer = String::new();
+    secured.read_to_string(&mut answer).map_err(|error| error.to_string())?;
+    Ok(answer)
+}
+
+/// As a program that renews certificates does it: each file in one go, one after the other.
+fn lay(home: &Path, signed: &Signed) {
+    for (name, text) in [("page.pem", &signed.cert), ("page.key", &signed.key)] {
+        std::fs::write(home.join("new"), text).unwrap();
+        std::fs::rename(home.join("new"), home.join(name)).unwrap();
+    }
+}
+
+#[test]
+fn the_page_speaks_tls_alone_and_shows_what_lies_in_its_files_now() {
+    let [first, second] = [Authority::named("first"), Authority::named("second")];
+    let home = tempfile::tempdir().unwrap();
+    lay(home.path(), &first.signs("127.0.0.1", (2020, 2090)));
+    let files = ["page.pem", "page.key"].map(|name| home.path().join(name).display().to_string());
+    let web = WEB.replace("page.pem", &files[0]).replace("page.key", &files[1]);
+    let mut machine = Machine::start(None, &[], &web);
+    let said = machine.gateway.hears("page https://127.0.0.1:");
+    let page: SocketAddr = said.rsplit('/').next().unwrap().parse().unwrap();
+    let silent = TcpStream::connect(page).unwrap();
+    let begun = Passing::default().passed();
+
+    let healthy = |authority: &Authority| asks(&authority.cert, page, &get(page, "/healthz"));
+    let answer = healthy(&first).unwrap();
+    assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+    assert!(ask(page, &get(page, "/healthz")).is_none_or(|answer| !answer.starts_with("HTTP/1.1")));
+    for (scheme, code) in [("https", 200), ("http", 403)] {
+        let head = format!("POST /api/disarm HTTP/1.1\r\nHost: {page}\r\nOrigin: {scheme}://{page}\r\n");
+        let answer = asks(&first.cert, page, &format!("{head}Connection: close\r\n\r\n")).unwrap();
+        assert!(answer.starts_with(&format!("HTTP/1.1 {code}")), "{scheme}: {answer}");
+    }
+
+    lay(home.path(), &second.signs("127.0.0.1", (2020, 2090)));
+    until("the new certificate is shown", || healthy(&second).map(drop));
+    assert!(healthy(&first).is_err(), "the old one is shown no more");
+    std::fs::write(&files[0], "no certificate").unwrap();
+    machine.gateway.hears("the page still shows its old certificate");
+    healthy(&second).unwrap();
+
+    // The handshake has as long as a head.
+    let mut silent = silent;
+    silent.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+    assert_eq!(silent.read(&mut [0; 16]).unwrap_or(0), 0, "it is still open");
+    let took = Passing::default().passed() - begun;
+    assert!(took >= Duration::from_secs(9), "{took:?}");
+    let said = machine.gateway.so_far().join("\n");
+    assert_eq!(said.matches("still shows its old certificate").count(), 1, "{said}");
+}
+
+#[test]
+fn a_page_without_its_certificate_is_refused_at_the_start_with_the_file_and_what_is_wrong() {
+    let authority = Authority::new();
+    let [one, other] = ["127.0.0.1", "localhost"].map(|name| authority.signs(name, (2020, 2090)));
+    for (cert, key, words) in [
+        (None, Some(&one.key), "page.pem cannot be read (web.tls)"),
+        (Some(&one.key), Some(&one.key), "page.pem (web.tls): there is no certificate in it"),
+        (Some(&one.cert), Some(&one.cert), "page.key (web.tls): there is no private key in it"),
+        (
+            Some(&one.cert),
+            Some(&other.key),
+            "page.key (web.tls): this key does not belong to the certificate",
+        ),
+    ] {
+        let home = tempfile::tempdir().unwrap();
+        for (name, text) in [("page.pem", cert), ("page.key", key)] {
+            if let Some(text) = text {
+                std::fs::write(home.path().join(name), text).unwrap();
+            }
+        }
+        let files = ["page.pem", "page.key"].map(|name| home.path().join(name).display().to_string());
+        let web = WEB.replace("page.pem", &files[0]).replace("page.key", &files[1]);
+        let mut machine = Machine::start(None, &[], &web);
+        machine.gateway.hears(words);
+        assert_eq!(machine.gateway.ends_within(Duration::from_secs(30)).code(), Some(1), "{words}");
+    }
+}

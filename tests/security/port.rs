@@ -1,0 +1,30 @@
+//! The page's port is somebody else's: the machine is held all the same.
+
+use std::net::TcpListener;
+use std::time::Duration;
+
+use crate::process::until;
+use crate::rig::{Machine, Witness, ask, get};
+
+#[test]
+fn a_taken_port_keeps_no_machine_from_being_held_and_the_page_comes_when_it_is_free() {
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let page = taken.local_addr().unwrap();
+    let witness = Witness::new();
+    let begun = witness.now();
+    let mut machine = Machine::start(None, &["--listen", &page.to_string()], "");
+    machine.is_held();
+    let polled = machine.polls()[0].since(begun);
+    println!("polled after {polled:?}");
+    machine.gateway.hears(&format!("the page cannot listen on {page}"));
+    drop(taken);
+    machine.gateway.hears(&format!("page http://{page}"));
+    until("the page answers", || match ask(page, &get(page, "/api/status")) {
+        Some(answer) if answer.contains("\"page-closed\":1") && answer.contains("\"page-open\":1") => Ok(()),
+        other => Err(format!("{other:?}")),
+    });
+    let events = machine.verb("events").output().unwrap();
+    let events = String::from_utf8_lossy(&events.stdout).into_owned();
+    assert_eq!(events.matches("perhaps a gateway that is running").count(), 1, "{events}");
+    assert!(polled < Duration::from_secs(10), "{polled:?}");
+}

@@ -1,0 +1,139 @@
+//! Whoever only connects, and says nothing: the page's share is theirs at the most.
+
+use std::io::{ErrorKind, Read};
+use std::net::{SocketAddr, TcpStream};
+use std::os::unix::net::UnixStream;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+
+use crate::process::until;
+use crate::rig::{Machine, Witness, ask, get};
+
+/// Sockets that are open and silent; one that is closed is opened again a second later.
+struct Silent {
+    ends: Arc<AtomicBool>,
+    thread: Option<JoinHandle<usize>>,
+}
+
+impl Silent {
+    fn attack(page: SocketAddr, count: usize) -> Silent {
+        let limit = getrlimit(Resource::Nofile);
+        setrlimit(Resource::Nofile, Rlimit { current: limit.maximum, ..limit }).unwrap();
+        let ends = Arc::new(AtomicBool::new(false));
+        let until = Arc::clone(&ends);
+        let thread = std::thread::spawn(move || {
+            let mut sockets: Vec<Option<TcpStream>> = (0..count).map(|_| None).collect();
+            let mut opened = 0;
+            while !until.load(Ordering::Relaxed) {
+                for socket in &mut sockets {
+                    if socket.as_mut().is_none_or(is_closed) {
+                        *socket = TcpStream::connect_timeout(&page, Duration::from_millis(100)).ok();
+                        if let Some(socket) = socket {
+                            socket.set_nonblocking(true).unwrap();
+                            opened += 1;
+                        }
+                    }
+                    if until.load(Ordering::Relaxed) {
+                        break;
+                    }
+                }
+                std::thread::sleep(Duration::from_secs(1));
+            }
+            opened
+        });
+        Silent { ends, thread: Some(thread) }
+    }
+
+    /// How many connections it took.
+    fn end(mut self) -> usize {
+        self.ends.store(true, Ordering::Relaxed);
+        self.thread.take().unwrap().join().unwrap()
+    }
+}
+
+fn is_closed(socket: &mut TcpStream) -> bool {
+    match socket.read(&mut [0; 256]) {
+        Ok(count) => count == 0,
+        Err(error) => error.kind() != ErrorKind::WouldBlock,
+    }
+}
+
+/// The bytes of the file that the gateway kept most recently whose name ends so.
+fn kept(machine: &Machine, end: &str) -> u64 {
+    let entries = std::fs::read_dir(machine.home.path()).unwrap().map(|entry| entry.unwrap());
+    let sizes = entries.filter(|entry| entry.file_name().to_string_lossy().ends_with(end));
+    sizes.map(|entry| entry.metadata().unwrap().len()).max().unwrap_or(0)
+}
+
+#[test]
+fn two_thousand_silent_sockets_take_nothing_from_lines_commands_and_files() {
+    let mut machine = Machine::start(Some(64), &["--listen", "127.0.0.1:0"], "");
+    let page = machine.page();
+    machine.is_held();
+    let witness = Witness::new();
+    let attack = Silent::attack(page, 2000);
+    until("the page is full", || match ask(page, &get(page, "/healthz")) {
+        Some(answer) if answer.starts_with("HTTP/1.1 200") => Err(answer),
+        _ => Ok(()),
+    });
+    let (begun, rows) = (witness.now(), kept(&machine, ".csv"));
+    std::thread::sleep(Duration::from_secs(3));
+    let attacked = (begun, witness.now());
+
+    // The line has to connect anew.
+    machine.device.is_down(true);
+    std::thread::sleep(Duration::from_secs(6));
+    let returned = machine.comes_back();
+
+    let asked = witness.now();
+    let disarm = machine.verb("disarm").output().unwrap();
+    let disarmed = witness.now().since(asked);
+    assert!(disarm.status.success(), "{}", String::from_utf8_lossy(&disarm.stderr));
+    assert!(disarmed < Duration::from_secs(5), "disarm took {disarmed:?}");
+    until("the log goes on", || {
+        let now = kept(&machine, ".csv");
+        if now > rows { Ok(()) } else { Err(format!("{now} bytes, {rows} before")) }
+    });
+    let events = machine.verb("events").output().unwrap();
+    let events = String::from_utf8_lossy(&events.stdout).into_owned();
+    assert!(!events.contains("cannot be kept"), "{events}");
+    assert!(events.contains("off: "), "{events}");
+    let opened = attack.end();
+    until("the page is there again", || match ask(page, &get(page, "/healthz")) {
+        Some(answer) if answer.starts_with("HTTP/1.1 200") => Ok(()),
+        other => Err(format!("{other:?}")),
+    });
+    let late = machine.late(attacked, &witness);
+    println!(
+        "{opened} connections; device back after {returned:?}, disarm within {disarmed:?}; late: {late:?}"
+    );
+    assert!(late.is_empty(), "{late:?}");
+    let said = machine.gateway.so_far().join("\n");
+    assert_eq!(said.matches("connections at once").count(), 1, "{said}");
+}
+
+#[test]
+fn a_hundred_silent_commands_keep_nobody_from_the_command_socket_for_long() {
+    let mut machine = Machine::start(Some(64), &["--listen", "127.0.0.1:0"], "");
+    let page = machine.page();
+    machine.is_held();
+    let socket = machine.home.path().join("walker.sock");
+    let silent: Vec<UnixStream> = (0..100).filter_map(|_| UnixStream::connect(&socket).ok()).collect();
+    assert!(ask(page, &get(page, "/healthz")).is_some_and(|answer| answer.starts_with("HTTP/1.1 200")));
+    machine.device.is_down(true);
+    std::thread::sleep(Duration::from_secs(1));
+    machine.comes_back();
+    drop(silent);
+    until("disarm", || {
+        let disarm = machine.verb("disarm").output().unwrap();
+        if disarm.status.success() {
+            Ok(())
+        } else {
+            Err(String::from_utf8_lossy(&disarm.stderr).into_owned())
+        }
+    });
+}
