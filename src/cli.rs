@@ -7,10 +7,10 @@ use std::process::ExitCode;
 use clap::{Args, CommandFactory, Parser, Subcommand};
 use tracing_appender::non_blocking::{NonBlockingBuilder, WorkerGuard};
 
+use isotherm_profile::regular::without_numbers;
 use isotherm_profile::{Axis, Loaded, Profile, one_line};
 
 use crate::cli::say::{Out, say, say_beside};
-use crate::fieldbus::explain::without_numbers;
 use crate::fieldbus::tls;
 use crate::gateway::control::Failure;
 use crate::gateway::how_to_find_a_model;

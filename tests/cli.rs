@@ -486,7 +486,7 @@ fn status_has_the_content_of_the_page_for_people_programs_and_a_watchdog() {
     });
     let Ended { code, out, said } = status(&[]);
     assert_eq!(code, Some(0), "{said}");
-    for part in ["axis z: ", "Cz ", "signals\n", "devices\n", "clock "] {
+    for part in ["axis z: ", "Cz ", "signals\n", "outputs\n", "devices\n", "last events\n", "clock "] {
         assert!(out.contains(part), "{part}: {out}");
     }
     let json: Value = serde_json::from_str(&status(&["--json"]).out).unwrap();

@@ -13,7 +13,7 @@ use rustix::pty::OpenptFlags;
 
 mod process;
 
-use process::{Running, file, free_port, isotherm};
+use process::{Running, file, free_port, isotherm, until};
 
 /// What it writes to both streams.
 fn said(command: &mut Command) -> String {
@@ -53,7 +53,7 @@ fn all_say(verbs: &[(&str, String)], words: &str) {
     }
 }
 
-/// Answers every request with this, behind function and header.
+/// Answers every request with this, behind the header; an exception is one of the function that was asked for.
 fn answers(pdu: &'static [u8]) -> SocketAddr {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
@@ -64,8 +64,12 @@ fn answers(pdu: &'static [u8]) -> SocketAddr {
                 let mut question = [0; 12];
                 while stream.read_exact(&mut question).is_ok() {
                     let length = u8::try_from(pdu.len() + 1).unwrap();
+                    let mut pdu = pdu.to_vec();
+                    if pdu[0] > 0x80 {
+                        pdu[0] = question[7] | 0x80;
+                    }
                     let head = [question[0], question[1], 0, 0, 0, length, question[6]];
-                    if stream.write_all(&[&head, pdu].concat()).is_err() {
+                    if stream.write_all(&[&head[..], &pdu].concat()).is_err() {
                         return;
                     }
                 }
@@ -121,6 +125,45 @@ fn an_exception_has_its_code_and_its_words_and_a_device_behind_a_gateway_that_sa
         "exception 11 (gateway target does not respond): the gateway answers, but not the device",
     );
     assert!(!asked[0].1.contains("module: ok"), "{}", asked[0].1);
+}
+
+/// The running gateway, by its log, its status and its answer to `arm`.
+#[test]
+fn a_fault_of_the_running_gateway_is_explained_as_the_other_verbs_explain_it() {
+    const AXIS: &str = "[axis.z]\nlimit = 10.0\nstep = 1.0\nrate = 1.0\ndeadband = 0.1\nevery = \"1s\"\n\
+                        on_fault = { action = \"hold\" }\n[[axis.z.model]]\nname = \"bed\"\nkind = \"linear\"\n\
+                        offset = 0.0\nterms = [{ signal = \"bed\", gain = 1.0, reference = 20.0 }]\n\
+                        [output.z]\naxis = \"z\"\ndevice = \"module\"\nwrites = \"offset\"\nregister = \"holding:0\"\n\
+                        type = \"i16\"\nscale = 0.1\nverify = \"read-back\"\n[web]\nlisten = \"127.0.0.1:0\"\n";
+    let home = tempfile::tempdir().unwrap();
+    let closed = format!("127.0.0.1:{}", free_port()).parse().unwrap();
+    for (index, (address, words)) in [
+        (closed, "nothing listens there: is the port right (Modbus TCP has 502)"),
+        (answers(&[0x84, 2]), "exception 2 (illegal data address): the device has no such register"),
+        (
+            answers(&[0x84, 11]),
+            "exception 11 (gateway target does not respond): the gateway answers, but not the device",
+        ),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let text = profile(&tcp(address), "").replace("unit = 1\n", "unit = 1\nevery = \"200ms\"\n") + AXIS;
+        let machine = file(home.path(), "machine.toml", &text);
+        let state = home.path().join(index.to_string());
+        let mut gateway =
+            Running::start(isotherm(home.path()).arg("run").arg(&machine).arg("--state").arg(&state));
+        gateway.hears(words);
+        let says =
+            |verb: &[&str]| said(isotherm(home.path()).args(verb).arg(&machine).arg("--state").arg(&state));
+        until("the status says it", || {
+            let said = says(&["status"]);
+            if said.contains(words) { Ok(()) } else { Err(said) }
+        });
+        // It answers after three seconds of waiting.
+        let mut armed = (0..4).map(|_| says(&["arm", "--no-wait"]));
+        assert!(armed.any(|said| said.contains(words)), "arm does not say `{words}`");
+    }
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! One look at every device, reading only: the gateway in a dry run, until each signal has been read or has failed.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -61,9 +62,15 @@ fn is_complete(source: &Arc<dyn Source>) -> bool {
 /// A device that cannot be read is a failure of the verb.
 pub(super) fn judge(status: &Status) -> anyhow::Result<()> {
     let bad = status.signals.iter().filter(|signal| signal.quality != "good");
-    let bad: Vec<String> = bad.map(|signal| format!("{} ({})", signal.name, signal.reason)).collect();
-    let (count, all) = (bad.len(), status.signals.len());
-    anyhow::ensure!(bad.is_empty(), "{count} of {all} signals cannot be used: {}", bad.join(", "));
+    let mut of_reason: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    bad.for_each(|signal| of_reason.entry(&signal.reason).or_default().push(&signal.name));
+    let (count, all) = (of_reason.values().map(Vec::len).sum::<usize>(), status.signals.len());
+    let bad = of_reason.iter().map(|(reason, names)| format!("{} ({reason})", names.join(", ")));
+    anyhow::ensure!(
+        count == 0,
+        "{count} of {all} signals cannot be used: {}",
+        bad.collect::<Vec<_>>().join("; ")
+    );
     Ok(())
 }
 

@@ -106,6 +106,14 @@ impl Contact {
         }
     }
 
+    /// Why a device did not do what it was asked for, with what to do.
+    pub(super) fn why_of_device(&self, id: DeviceId, fault: Fault) -> String {
+        match &self.devices[id.0].lost {
+            Some(lost) if fault.is_of_the_line() && !lost.fault.is_empty() => lost.fault.clone(),
+            _ => explain(fault),
+        }
+    }
+
     /// A device has answered, or a frame of it came.
     pub(super) fn answers(&mut self, id: DeviceId, now: Moment, events: &mut Vec<Event>) {
         let count = &mut self.devices[id.0];

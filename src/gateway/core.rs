@@ -501,6 +501,7 @@ impl Core {
             arming: &self.arming[axis],
             decision: self.compensation.decision(axis)?,
             outputs: &self.outputs,
+            contact: &self.contact,
             seen: self.board.seen(),
             has_run: self.compensation.machine().on_time(now).is_some(),
             stopping: self.stopping,

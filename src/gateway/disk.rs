@@ -9,6 +9,7 @@ use std::io::{self, ErrorKind, Write};
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
 use std::path::Path;
 
+use crate::fieldbus::explain::system;
 use isotherm_profile::regular;
 
 /// A document is no larger than this, in bytes.
@@ -109,7 +110,7 @@ fn replace(path: &Path, document: &[u8]) -> io::Result<()> {
 
 /// The same error, that says about what.
 fn about(path: &Path, error: &io::Error) -> io::Error {
-    io::Error::new(error.kind(), format!("{}: {error}", path.display()))
+    io::Error::new(error.kind(), format!("{}: {}", path.display(), system(error)))
 }
 
 /// Makes a directory, and those above it, where it is not there.

@@ -87,6 +87,7 @@ impl Picture {
             arming: &self.arming[axis],
             decision: &self.decisions[axis],
             outputs: &self.outputs,
+            contact: &self.contact,
             seen: &self.seen,
             has_run: self.machine_on.is_some(),
             stopping: self.stopping,

@@ -5,6 +5,7 @@ use isotherm_core::reading::{Quality, Reading, Reason, SignalId};
 use isotherm_profile::{Arm, Profile};
 
 use super::arming::{Arming, has_its_reference};
+use super::contact::Contact;
 use super::extrapolation;
 use super::output::{Outputs, Standing};
 
@@ -16,6 +17,7 @@ pub(super) struct Reasons<'a> {
     pub(super) arming: &'a Arming,
     pub(super) decision: &'a Decision,
     pub(super) outputs: &'a Outputs,
+    pub(super) contact: &'a Contact,
     /// The readings as they were last looked at.
     pub(super) seen: &'a [Reading],
     /// The machine has been seen running.
@@ -71,7 +73,10 @@ impl Reasons<'_> {
                 let cause = state.cause.filter(|_| state.failures > 0);
                 match (state.handshake.failed, cause) {
                     (Some(failed), _) => format!("{stands}: {}", failed.message()),
-                    (None, Some(fault)) => format!("{stands}: {fault}, {} times", state.failures),
+                    (None, Some(fault)) => {
+                        let why = self.contact.why_of_device(output.device, fault);
+                        format!("{stands}, {} times: {why}", state.failures)
+                    }
                     (None, None) => stands,
                 }
             });
@@ -110,6 +115,9 @@ impl Reasons<'_> {
                 match quality {
                     Some(Quality::Bad(Reason::OpenCircuit)) => format!("{} has an open circuit", name(id)),
                     Some(Quality::Bad(Reason::ShortCircuit)) => format!("{} has a short circuit", name(id)),
+                    Some(Quality::Bad(reason)) => {
+                        format!("{}: {}", name(id), self.contact.why(self.profile.signal(id), reason))
+                    }
                     _ => format!(
                         "{}: {}",
                         name(id),

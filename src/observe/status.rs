@@ -242,7 +242,12 @@ impl AxisStatus {
 impl OutputStatus {
     /// The unit of its value.
     pub fn unit(&self) -> &'static str {
-        match self.writes {
+        OutputStatus::unit_of(self.writes)
+    }
+
+    /// The unit of what is written so.
+    pub fn unit_of(writes: &str) -> &'static str {
+        match writes {
             "corrected" | "reference" => "mm",
             "slope" => "µm/mm",
             _ => "µm",

@@ -72,8 +72,13 @@ impl Files<'_> {
         match self {
             Files::Beside(directory) => {
                 let path = directory.join(name);
-                regular::read(&path, regular::LARGEST)
-                    .map_err(|why| format!("{} cannot be read: {why}", path.display()))
+                regular::read(&path, regular::LARGEST).map_err(|why| {
+                    format!(
+                        "{} cannot be read: {}",
+                        path.display(),
+                        regular::without_numbers(&why.to_string())
+                    )
+                })
             }
             Files::Inside(files) => match files.iter().find(|(known, _)| *known == name) {
                 Some((_, bytes)) => Ok(bytes.to_vec()),

@@ -10,7 +10,7 @@ use toml::de::DeValue;
 use crate::error::{Errors, ProfileError, allowed};
 use crate::files::Files;
 use crate::overridden::{Above, loosened};
-use crate::regular;
+use crate::regular::{self, without_numbers};
 use crate::schema;
 use crate::span::{Spans, child};
 use crate::tables::RawProfile;
@@ -124,7 +124,11 @@ fn unreadable(name: &str, why: &std::io::Error) -> ProfileError {
         std::io::ErrorKind::FileTooLarge => "is it a profile?",
         _ => "is it a file, and may this user read it?",
     };
-    ProfileError::about(name, format!("the profile cannot be read: {why}"), Some(help.to_owned()))
+    ProfileError::about(
+        name,
+        format!("the profile cannot be read: {}", without_numbers(&why.to_string())),
+        Some(help.to_owned()),
+    )
 }
 
 fn local_beside(path: &Path) -> PathBuf {

@@ -47,6 +47,19 @@ pub fn read_text(path: &Path) -> io::Result<String> {
         .map_err(|_| io::Error::new(ErrorKind::InvalidData, "it is no text in UTF-8"))
 }
 
+/// A sentence in which the system's words stand, without its " (os error N)".
+pub fn without_numbers(sentence: &str) -> String {
+    let mut left = String::with_capacity(sentence.len());
+    let mut rest = sentence;
+    while let Some((before, after)) = rest.split_once(" (os error ") {
+        left.push_str(before);
+        rest = after.trim_start_matches(|digit: char| digit.is_ascii_digit());
+        rest = rest.strip_prefix(')').unwrap_or(rest);
+    }
+    left.push_str(rest);
+    left
+}
+
 /// The first line, and all of it, with every line ended by a line feed alone. Of a line without an end its beginning.
 ///
 /// # Errors
@@ -138,5 +151,16 @@ mod tests {
         std::fs::write(&path, [7; 9]).unwrap();
         assert_eq!(read(&path, 9).unwrap(), [7; 9]);
         assert_eq!(read(&path, 8).unwrap_err().kind(), ErrorKind::FileTooLarge);
+    }
+
+    #[test]
+    fn the_systems_numbers_are_left_out_of_a_sentence() {
+        for (said, left) in [
+            ("a.csv: No such file or directory (os error 2)", "a.csv: No such file or directory"),
+            ("a (os error 13): b (os error 5)", "a: b"),
+            ("nothing of it", "nothing of it"),
+        ] {
+            assert_eq!(without_numbers(said), left);
+        }
     }
 }

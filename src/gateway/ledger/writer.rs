@@ -13,6 +13,7 @@ use tokio::sync::watch;
 use super::WHAT;
 use super::file::{Entries, Entry, LedgerFile};
 use crate::clock::{Clock, Patience};
+use crate::fieldbus::explain::system;
 use crate::observe::events::{Event, Journal};
 
 /// Where it cannot be kept.
@@ -173,7 +174,7 @@ impl Saving {
                 self.journal.report(self.clock.now(), &Event::KeptAgain { what: what() });
             }
             Err(error) if !std::mem::replace(&mut self.is_failing, true) => {
-                let why = format!("{error}; {OTHERWISE}");
+                let why = format!("{}; {OTHERWISE}", system(error));
                 self.journal.report(self.clock.now(), &Event::NotKept { what: what(), why });
             }
             _ => {}

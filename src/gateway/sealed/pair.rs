@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::named::Named;
 use super::{Found, Seal, SealedFile, Unfit, open};
+use crate::fieldbus::explain::system;
 use crate::gateway::disk::Disk;
 use isotherm_core::quantity::Moment;
 
@@ -176,7 +177,7 @@ fn look(disk: &dyn Disk, directory: &Path, which: Which, machine: &str) -> Looke
         found: match disk.read(&path) {
             Ok(bytes) => open(&bytes, (which, which.version()), machine).map(Some),
             Err(error) if matches!(error.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => Ok(None),
-            Err(error) => Err(Unfit::Because(error.to_string())),
+            Err(error) => Err(Unfit::Because(system(&error))),
         },
         path,
         is_begun,

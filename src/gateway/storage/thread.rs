@@ -17,6 +17,7 @@ use super::events::EventsFile;
 use super::keeping::{Keep, breaks, day, logs, superfluous};
 use super::outputs::Tears;
 use super::stamps::Stamped;
+use crate::fieldbus::explain::system;
 use crate::gateway::disk::{append, make_directory};
 use crate::gateway::log::outputs::{ENDING, HEADER};
 use crate::gateway::sealed::SealedFile;
@@ -247,7 +248,7 @@ impl StorageThread {
             }
             Err(error) => {
                 if self.failing.insert(what, ()).is_none() {
-                    let why = format!("{}: {error}", self.directory.display());
+                    let why = format!("{}: {}", self.directory.display(), system(&error));
                     self.journal.report(at, &Event::NotKept { what: what.to_owned(), why });
                 }
             }

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Entry;
 use isotherm_core::quantity::{Moment, time};
-use isotherm_profile::regular;
+use isotherm_profile::regular::{self, without_numbers};
 
 /// What stands behind the day in the name of a file.
 const ENDING: &str = ".events.jsonl";
@@ -216,7 +216,11 @@ pub fn since(
             _ => found(one),
         });
         if let Err(error) = read {
-            found(Found::Damage(format!("{} cannot be read: {error}", path.display())));
+            found(Found::Damage(format!(
+                "{} cannot be read: {}",
+                path.display(),
+                without_numbers(&error.to_string())
+            )));
         }
     }
     Ok(())

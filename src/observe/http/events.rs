@@ -13,6 +13,7 @@ use crate::observe::events::Entry;
 use crate::observe::events::file::{Found, begin};
 use isotherm_core::quantity::time;
 use isotherm_profile::one_line;
+use isotherm_profile::regular::without_numbers;
 
 /// Since when, where nothing is said.
 const SINCE: &str = "12h";
@@ -59,6 +60,11 @@ fn read(room: &Room, since: &str) -> Result<Events, (StatusCode, String)> {
             found.events.push_back(entry);
         }
     });
-    read.map_err(|error| (StatusCode::INTERNAL_SERVER_ERROR, format!("the events cannot be read: {error}")))?;
+    read.map_err(|error| {
+        (
+            StatusCode::INTERNAL_SERVER_ERROR,
+            format!("the events cannot be read: {}", without_numbers(&error.to_string())),
+        )
+    })?;
     Ok(found)
 }

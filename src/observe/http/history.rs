@@ -23,6 +23,7 @@ use crate::observe::past::{self, Column, Question};
 use crate::observe::status::{AxisStatus, Status};
 use isotherm_core::quantity::{Moment, time};
 use isotherm_profile::one_line;
+use isotherm_profile::regular::without_numbers;
 
 /// So many spans are read at once.
 pub(super) const AT_ONCE: usize = 2;
@@ -67,9 +68,10 @@ pub(super) async fn course(State(room): State<Room>, RawQuery(query): RawQuery) 
             let text = format!("reading takes more than {} s: ask for a shorter span", LONGEST.as_secs());
             answered((StatusCode::SERVICE_UNAVAILABLE, text))
         }
-        Ok(Err(error)) => {
-            answered((StatusCode::INTERNAL_SERVER_ERROR, format!("a log cannot be read: {error}")))
-        }
+        Ok(Err(error)) => answered((
+            StatusCode::INTERNAL_SERVER_ERROR,
+            format!("a log cannot be read: {}", without_numbers(&error.to_string())),
+        )),
         Err(error) => answered((StatusCode::INTERNAL_SERVER_ERROR, error.to_string())),
     }
 }

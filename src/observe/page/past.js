@@ -49,9 +49,9 @@ export function showPast(status) {
     by("past-tools").append(...spans.values(), ...tools);
     const ofAxis = (axis, index) => [
       ["cz", "Cz", []], ["raw", t("raw"), [5, 4]],
-      ...axis.truth ? [["error", t("true_error"), [2, 3]], ["left", t("true_left"), [9, 3]]] : [],
-    ].map(([column, title, dash]) =>
-      ({ column: `${axis.name}_${column}_um`, label: `${title} ${labelled(axis)}`, unit: "um", dash, index }));
+      ...axis.truth ? [["error", t("true_error"), [2, 3], true], ["left", t("true_left"), [9, 3], true]] : [],
+    ].map(([column, title, dash, isTruth]) =>
+      ({ column: `${axis.name}_${column}_um`, label: `${title} ${labelled(axis)}`, unit: "um", dash, index, isTruth }));
     const temperatures = status.signals.filter(({ unit }) => unit === "degC" || unit === "K");
     lines = [
       status.axes.flatMap(ofAxis),
@@ -68,9 +68,12 @@ async function load() {
   const mine = (asked += 1);
   spans.forEach((button, span) => button.setAttribute("aria-pressed", view.to === null && span === view.span));
   const moment = (seconds) => new Date(seconds * 1000).toISOString();
-  const columns = lines.flat().map(({ column }) => column).slice(0, 64).join(",");
-  const question = new URLSearchParams({ from: moment(end() - view.span), to: moment(end()), columns });
+  const columns = (some) => some.map(({ column }) => column).slice(0, 64).join(",");
+  const question = new URLSearchParams({ from: moment(end() - view.span), to: moment(end()) });
+  // Only a virtual machine knows the truth, and it has no rows beside those of the log.
+  question.set("columns", columns(lines.flat().filter(({ isTruth }) => !isTruth)));
   by("past-download").href = `/api/history.csv?${question}`;
+  question.set("columns", columns(lines.flat()));
   question.set("points", Math.max(100, Math.min(1000, by("past-charts").clientWidth)));
   try {
     const response = await fetch(`/api/history?${question}`);

@@ -1,0 +1,157 @@
+//! The status as a person reads it in a terminal: what the page shows, from top to bottom.
+
+use std::fmt::Write as _;
+use std::time::Duration;
+
+use serde_json::Value;
+
+use crate::observe::status::OutputStatus;
+use isotherm_profile::{Unit, labelled};
+
+/// So many of the last events are shown; `isotherm events` shows all.
+const LAST_EVENTS: usize = 5;
+
+pub(super) fn of(status: &Value) -> String {
+    let mut text = head(status);
+    for (name, axis) in status["axes"].as_object().into_iter().flatten() {
+        text += &axis_lines(name, axis, status["dry_run"] == true);
+    }
+    text += &rows("set above the profile", &status["overridden"], |one| {
+        let profile = one["profile"].as_str().unwrap_or("nothing");
+        let (key, now, from) = (word(&one["key"]), word(&one["now"]), word(&one["from"]));
+        format!("  {key} = {now}, in the profile {profile}, from {from}\n")
+    });
+    text += &rows("signals", &status["signals"], signal);
+    text += &rows("outputs", &status["outputs"], output);
+    text += &rows("devices", &status["devices"], device);
+    let events = status["events"].as_array().map_or(&[][..], Vec::as_slice);
+    let last = Value::Array(events[events.len().saturating_sub(LAST_EVENTS)..].to_vec());
+    text + &rows("last events", &last, |event| {
+        format!("  {}  {}\n", moment(&event["at"]), word(&event["text"]))
+    })
+}
+
+/// Machine, clock, whether it stops or writes nothing, and the alarms that stand.
+fn head(status: &Value) -> String {
+    let mut text = format!(
+        "{} at {} UTC, clock {}, up for {}\n",
+        labelled(word(&status["machine"]), word(&status["label"])),
+        moment(&status["now"]),
+        word(&status["clock"]),
+        span(&status["uptime_s"])
+    );
+    if status["stopping"] == true {
+        text += "the gateway is stopping, as it was asked to\n";
+    }
+    if status["dry_run"] == true {
+        text += "dry run: it computes and shows, and writes nothing\n";
+    }
+    text + &rows("alarms", &status["alarms"], alarm)
+}
+
+fn alarm(alarm: &Value) -> String {
+    let seen = match &alarm["acknowledged"] {
+        Value::Null => String::new(),
+        seen => format!(" (seen at {} {})", moment(&seen["at"]), word(&seen["by"])),
+    };
+    format!("  {}  {}{seen}\n", moment(&alarm["since"]), word(&alarm["text"]))
+}
+
+fn axis_lines(name: &str, axis: &Value, dry_run: bool) -> String {
+    let mut text = format!("\naxis {}: {}\n", labelled(name, word(&axis["label"])), word(&axis["display"]));
+    // Writing to a string never fails.
+    let why = word(&axis["why"]);
+    if !why.is_empty() {
+        let _ = writeln!(text, "  {why}");
+    }
+    if let waiting @ Value::Object(_) = &axis["waiting"] {
+        let _ = writeln!(
+            text,
+            "  asked for {}; given up in {}",
+            word(&waiting["asked"]),
+            span(&waiting["expires_s"])
+        );
+    }
+    if axis["has_model"] == false {
+        return text;
+    }
+    let age = axis["verified_age_s"].as_f64().map_or(String::new(), |age| format!(", {age:.0} s ago"));
+    let writes = if dry_run {
+        "nothing is written".to_owned()
+    } else {
+        format!("{} verified{age}", micron(&axis["verified_um"]))
+    };
+    let limit = axis["limit_um"].as_f64().unwrap_or_default();
+    let _ = writeln!(text, "  Cz {} wanted, of ±{limit} µm; {writes}", micron(&axis["cz_um"]));
+    if let Some(model) = axis["model"].as_str() {
+        let acted: Vec<&str> =
+            axis["acted"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+        let guard = if acted.is_empty() { String::new() } else { format!("; guard: {}", acted.join(", ")) };
+        let _ = writeln!(text, "  model {model} asks for {}{guard}", micron(&axis["raw_um"]));
+    }
+    if let outside @ Value::Object(_) = &axis["extrapolating"] {
+        let _ = writeln!(text, "  {}", word(&outside["text"]));
+    }
+    text
+}
+
+fn signal(signal: &Value) -> String {
+    let unit = Unit::named(word(&signal["unit"])).map_or(String::new(), |unit| unit.to_string());
+    let (value, unit) = match signal["value"].as_f64() {
+        Some(value) if unit == "bool" => (if value > 0.0 { "on" } else { "off" }.to_owned(), ""),
+        Some(value) => (format!("{value:.3}"), unit.as_str()),
+        None => ("—".to_owned(), unit.as_str()),
+    };
+    let quality = if signal["quality"] == "good" { "good" } else { word(&signal["reason"]) };
+    format!("  {:<16}{value:>12} {unit:<6} {quality}{}\n", word(&signal["name"]), aside(signal))
+}
+
+fn output(output: &Value) -> String {
+    let unit = OutputStatus::unit_of(word(&output["writes"]));
+    let decimals = if unit == "µm" { 1 } else { 4 };
+    let value = output["value"].as_f64().map_or("—".to_owned(), |value| format!("{value:.decimals$}"));
+    let notes = [&output["note"], &output["handshake"]].map(word);
+    let notes: String =
+        notes.iter().filter(|note| !note.is_empty()).map(|note| format!(": {note}")).collect();
+    let name = word(&output["name"]);
+    let (state, device, register) =
+        (word(&output["state"]), word(&output["device"]), word(&output["register"]));
+    format!("  {name:<16}{value:>12} {unit:<6} {state}{notes}  ({device}, {register})\n")
+}
+
+fn device(device: &Value) -> String {
+    let fault = word(&device["fault"]);
+    let fault = if fault.is_empty() { String::new() } else { format!(": {fault}") };
+    format!("  {:<16}{}{fault}{}\n", word(&device["name"]), word(&device["state"]), aside(device))
+}
+
+/// A heading and a line each, or nothing where there are none.
+fn rows(heading: &str, of: &Value, row: impl Fn(&Value) -> String) -> String {
+    let rows: String = of.as_array().into_iter().flatten().map(row).collect();
+    if rows.is_empty() { rows } else { format!("\n{heading}\n{rows}") }
+}
+
+pub(super) fn word(value: &Value) -> &str {
+    value.as_str().unwrap_or_default()
+}
+
+fn micron(value: &Value) -> String {
+    value.as_f64().map_or("—".to_owned(), |value| format!("{value:+.1} µm"))
+}
+
+fn span(value: &Value) -> String {
+    let span = Duration::try_from_secs_f64(value.as_f64().unwrap_or_default()).unwrap_or_default();
+    humantime::format_duration(Duration::from_secs(span.as_secs())).to_string()
+}
+
+fn moment(value: &Value) -> String {
+    word(value).get(..19).unwrap_or_default().replace('T', " ")
+}
+
+/// What people call it, at the end of its line: characters of some scripts are wider than others.
+fn aside(what: &Value) -> String {
+    match word(&what["label"]) {
+        "" => String::new(),
+        label => format!("  ({label})"),
+    }
+}
