@@ -2,6 +2,7 @@
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
@@ -50,11 +51,16 @@ fn the_page_speaks_tls_alone_and_shows_what_lies_in_its_files_now() {
     let [first, second] = [Authority::named("first"), Authority::named("second")];
     let home = tempfile::tempdir().unwrap();
     lay(home.path(), &first.signs("127.0.0.1", (2020, 2090)));
+    std::fs::set_permissions(home.path().join("page.key"), std::fs::Permissions::from_mode(0o644)).unwrap();
     let files = ["page.pem", "page.key"].map(|name| home.path().join(name).display().to_string());
     let web = WEB.replace("page.pem", &files[0]).replace("page.key", &files[1]);
     let mut machine = Machine::start(None, &[], &web);
     let said = machine.gateway.hears("page https://127.0.0.1:");
     let page: SocketAddr = said.rsplit('/').next().unwrap().parse().unwrap();
+    until("its key is warned of", || {
+        let said = machine.gateway.so_far().join("\n");
+        if said.contains("anybody on this computer may read") { Ok(()) } else { Err(said) }
+    });
     let silent = TcpStream::connect(page).unwrap();
     let begun = Passing::default().passed();
 

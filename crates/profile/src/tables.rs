@@ -376,6 +376,16 @@ impl<'c> At<'c> {
         self.check.warnings.borrow_mut().push(warning);
     }
 
+    /// The file that it names is a private key.
+    fn secret(&self, name: Option<&String>) {
+        if let Some(name) = name.filter(|name| self.check.files.is_open_to_all(name)) {
+            let file = self.check.files.path(name);
+            let message =
+                format!("anybody on this computer may read {file}, and speak in the gateway's name with it");
+            self.warn(message, format!("take that away: `chmod o= {file}`"));
+        }
+    }
+
     /// That it is there is worth a second look.
     fn warn_key(&self, message: impl Into<String>, help: Option<&str>) {
         let warning = self.check.spans.at_key(&self.path, message, help.map(str::to_owned));

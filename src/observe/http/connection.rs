@@ -60,7 +60,7 @@ pub(super) async fn serve(
     stopped: watch::Receiver<()>,
 ) {
     let peer = Peer::new(address, line.clone());
-    let wire = Wire(line.clone());
+    let wire = Wire { line: line.clone(), has_read: false };
     let served = async {
         match shown {
             None => converse(wire, &line, peer, router, stopped).await,
@@ -183,17 +183,29 @@ impl HttpBody for Answer {
 }
 
 /// The connection as a stream of bytes.
-struct Wire(Arc<Line>);
+struct Wire {
+    line: Arc<Line>,
+    has_read: bool,
+}
 
 impl AsyncRead for Wire {
-    fn poll_read(self: Pin<&mut Self>, cx: &mut Context<'_>, into: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
-        let stream = &self.0.stream;
+    fn poll_read(
+        mut self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+        into: &mut ReadBuf<'_>,
+    ) -> Poll<io::Result<()>> {
+        // A request is begun before it is seen that its peer has gone: that nobody waited for it is told then.
+        if std::mem::take(&mut self.has_read) {
+            cx.waker().wake_by_ref();
+            return Poll::Pending;
+        }
         loop {
-            ready!(stream.poll_read_ready(cx))?;
-            match stream.try_read(into.initialize_unfilled()) {
+            ready!(self.line.stream.poll_read_ready(cx))?;
+            match self.line.stream.try_read(into.initialize_unfilled()) {
                 Ok(count) => {
                     into.advance(count);
-                    self.0.hears();
+                    self.has_read = true;
+                    self.line.hears();
                     return Poll::Ready(Ok(()));
                 }
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
@@ -210,11 +222,11 @@ impl Wire {
         attempt: impl Fn(&TcpStream) -> io::Result<usize>,
     ) -> Poll<io::Result<usize>> {
         loop {
-            ready!(self.0.stream.poll_write_ready(cx))?;
-            match attempt(&self.0.stream) {
+            ready!(self.line.stream.poll_write_ready(cx))?;
+            match attempt(&self.line.stream) {
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
                 written => {
-                    self.0.is_read();
+                    self.line.is_read();
                     return Poll::Ready(written);
                 }
             }
@@ -244,6 +256,6 @@ impl AsyncWrite for Wire {
     }
 
     fn poll_shutdown(self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<io::Result<()>> {
-        Poll::Ready(SockRef::from(&self.0.stream).shutdown(Shutdown::Write))
+        Poll::Ready(SockRef::from(&self.line.stream).shutdown(Shutdown::Write))
     }
 }

@@ -139,6 +139,7 @@ impl RawWebTls {
             }
             name.map(|name| PathBuf::from(at.check.files.path(name)))
         };
+        at.key("key").secret(self.key.as_ref());
         let cert = file("cert", self.cert.as_ref(), "the page's certificate");
         let key = file("key", self.key.as_ref(), "the private key of the certificate in `cert`");
         Some(WebTls { cert: cert?, key: key? })

@@ -123,12 +123,7 @@ impl RawTls {
             self.key.as_ref(),
             "name a PEM file beside the profile with the private key of the certificate in `cert`",
         );
-        if let Some(name) = self.key.as_ref().filter(|name| at.check.files.is_open_to_all(name)) {
-            let file = at.check.files.path(name);
-            let message =
-                format!("anybody on this computer may read {file}, and speak in the gateway's name with it");
-            at.key("key").warn(message, format!("take that away: `chmod o= {file}`"));
-        }
+        at.key("key").secret(self.key.as_ref());
         Some(Tls { ca: ca?, cert: cert?, key: key?, name: name.to_owned(), name_at })
     }
 }
