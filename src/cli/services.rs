@@ -97,12 +97,14 @@ impl Sockets {
         };
         // A service that fails has said so; the loop goes on without it.
         let both = async { tokio::join!(control, page) };
+        // The page ends its open streams by itself, and tells them that the gateway stops; this is how long that may take.
+        let end = async {
+            until(stopped.clone()).await;
+            tokio::time::sleep(std::time::Duration::from_millis(200)).await;
+        };
         tokio::select! {
             _ = both => {}
-            () = until(stopped.clone()) => {
-                // The page ends its open streams by itself; this is how long it may take.
-                tokio::time::sleep(std::time::Duration::from_millis(200)).await;
-            }
+            () = end => {}
         }
     }
 }
